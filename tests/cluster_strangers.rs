@@ -1,4 +1,5 @@
-//! Requests of a client that is not magline's to a cluster: nothing without its key, and with it nothing but tasks of magline.
+//! Requests of a client that is not magline's to a cluster: nothing without its key, and with it nothing but tasks of
+//! magline.
 
 use std::{fs, net::TcpListener, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration};
 
@@ -18,7 +19,7 @@ use datafusion_proto::{
     physical_plan::{AsExecutionPlan, DefaultPhysicalExtensionCodec},
     protobuf::{LogicalPlanNode, PhysicalPlanNode},
 };
-use pipeline::run::ballista::Trust;
+use pipeline::run::ballista::ClusterTrust;
 use prost::Message;
 use tokio::runtime::Runtime;
 use tokio_rustls::rustls::{
@@ -217,7 +218,7 @@ fn user_who_does_not_hold_the_key_has_a_cluster_do_nothing() {
     let mut scene = Scene::new();
     let other = scene.bench.path("other.key");
     write_key(&other, "another-key-of-a-test-7d1e4b0c9a");
-    let other = Trust::read(Some(&other), false).unwrap();
+    let other = ClusterTrust::read(Some(&other), false).unwrap();
     let endpoint = |scheme: &str, at: &str| Endpoint::from_shared(format!("{scheme}://{at}")).unwrap();
     let strangers = |at: &str| {
         let careless = endpoint("https", at);
@@ -270,7 +271,7 @@ fn user_who_does_not_hold_the_key_has_a_cluster_do_nothing() {
 #[test]
 fn user_who_holds_the_key_can_have_tasks_of_magline_computed_and_nothing_else() {
     let mut scene = Scene::new();
-    let trust = Trust::read(Some(&scene.bench.path(KEY_FILE)), false).unwrap();
+    let trust = ClusterTrust::read(Some(&scene.bench.path(KEY_FILE)), false).unwrap();
     scene.runtime.block_on(async {
         let channel = |at: &str| trust.endpoint(at).unwrap().connect_lazy();
         for (what, plan) in &scene.plans.physical {

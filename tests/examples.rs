@@ -149,8 +149,8 @@ fn user_a_map_at_the_height_flown_follows_the_stinger() {
         };
         (0..values.len()).filter(wanted).map(|i| values[i]).fold(0.0, f64::max)
     };
-    // The stinger's noise is 0.02 nT. The simulated field is the spline of the map in latitude and longitude, the stage's
-    // that of the map on its own grid: they agree at the map's nodes.
+    // The stinger's noise is 0.02 nT. The simulated field is the spline of the map in latitude and longitude, the
+    // stage's that of the map on its own grid: they agree at the map's nodes.
     assert!(std("scores_level", "cubic", false) < 0.1);
     assert!(std("scores_level", "linear", false) > 0.3);
     // The boxes are flown 2500 m above the map: there the level map is off by all of the short anomalies, the
@@ -159,7 +159,8 @@ fn user_a_map_at_the_height_flown_follows_the_stinger() {
     assert!(std("scores_flown", "cubic", true) < 1.0);
 }
 
-/// The root mean square over lines of a metric, of the rows where the text columns have these values and the numbers these.
+/// The root mean square over lines of a metric, of the rows where the text columns have these values and the numbers
+/// these.
 fn rms(folder: &Path, table: &str, words: &[(&str, &str)], figures: &[(&str, f64)]) -> f64 {
     let scores = read(&folder.join("store/tables").join(table));
     let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));

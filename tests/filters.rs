@@ -106,7 +106,8 @@ fn law_every_filter_is_as_good_as_it_says_and_near_the_bound() {
     let (drms, nees, nis) = (means(&bench, "drms"), means(&bench, "nees"), means(&bench, "nis"));
     let ins = drms["ins_only"].0;
     for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf"] {
-        // Two coordinates: 2. The errors of a flight last for minutes, so that a flight is one draw. Four standard errors.
+        // Two coordinates: 2. The errors of a flight last for minutes, so that a flight is one draw. Four standard
+        // errors.
         let (mean, error) = nees[filter];
         assert!((mean - 2.0).abs() < 4.0 * error && error < 0.5, "{filter}: NEES {mean} ± {error}");
         let (mean, error) = nis[filter];
@@ -201,8 +202,8 @@ fn law_a_noise_that_changes_is_believed_where_a_column_says_so() {
     // Told half of it and left to learn the factor, it is nearly as good; left to learn all of it, it is not.
     assert!(of("learnt", "nees").0 < 3.0 && of("learnt", "drms").0 < 1.25 * best);
     assert!(of("blind", "nees").0 > of("learnt", "nees").0 && of("blind", "drms").0 > of("learnt", "drms").0);
-    // One number for all is wrong either way: the filter is lost with the noise of the quiet times, and with the mean of both it
-    // has the right innovations on average, and no use of the quiet times.
+    // One number for all is wrong either way: the filter is lost with the noise of the quiet times, and with the mean
+    // of both it has the right innovations on average, and no use of the quiet times.
     assert!(of("fixed", "nees").0 > 100.0 && of("fixed", "nis").0 > 100.0);
     assert!(of("mean", "drms").0 > 1.5 * best, "{} {best}", of("mean", "drms").0);
 }

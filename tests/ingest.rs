@@ -132,8 +132,8 @@ fn ref_binary_logs_come_in_through_their_mappings() {
     assert!((numbers(&mag, "tt")[0] - (start + 20.310_847)).abs() < 0.02, "{}", numbers(&mag, "tt")[0]);
     let gps = file(&folder.path().join("px4/gps/sample_log_small.parquet"));
     assert!((numbers(&gps, "lat")[0] - 63.417_062_2).abs() < 1e-9 && (numbers(&gps, "alt")[0] - 106.766).abs() < 1e-9);
-    // ArduPilot: pymavlink shows MAG (217, 4, -586) with the offsets (-97, 118, 213) at 11.477 s; the cut ends before the first
-    // fix, so that nothing says when the log began.
+    // ArduPilot: pymavlink shows MAG (217, 4, -586) with the offsets (-97, 118, 213) at 11.477 s; the cut ends before
+    // the first fix, so that nothing says when the log began.
     let cut = sample("logs/log171_cut.bin");
     let output = magline(folder.path(), &["ingest", &cut, "--to", "ap", "--mapping", "ardupilot_dataflash_timems"]);
     if output.status.code() == Some(2) {
@@ -495,7 +495,8 @@ fn val_the_uav_example_has_the_figures_of_numpy() {
                     cells[0] == model && calibrations[*i] == cells[1] && lines[*i] == cells[2] && metrics[*i] == metric
                 });
                 let Some(at) = at else { continue };
-                // numpy has a constant core field, which differs by 30 nT from IGRF at the place, and its own grid of times.
+                // numpy has a constant core field, which differs by 30 nT from IGRF at the place, and its own grid of
+                // times.
                 assert!((values[at] / expected - 1.0).abs() < 0.04, "{row}: {}", values[at]);
                 compared += 1;
             }

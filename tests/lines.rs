@@ -1,4 +1,5 @@
-//! Lines of a log: from a table of times, found along the track, shown and used; and the quality of a log in the report.
+//! Lines of a log: from a table of times, found along the track, shown and used; and the quality of a log in the
+//! report.
 
 use std::{collections::BTreeMap, fs, path::Path};
 

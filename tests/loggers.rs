@@ -13,7 +13,8 @@ fn file(path: &Path) -> Vec<RecordBatch> {
     reader.build().unwrap().map(Result::unwrap).collect()
 }
 
-/// Logs that `datasets/reference/logs.py` writes by the message definitions of ArduPilot 4.1 and 3.6, and pymavlink reads.
+/// Logs that `datasets/reference/logs.py` writes by the message definitions of ArduPilot 4.1 and 3.6, and pymavlink
+/// reads.
 #[test]
 fn ref_ardupilot_logs_of_today_and_of_2018_come_in_through_their_mappings() {
     let folder = TempDir::new().unwrap();

@@ -98,8 +98,8 @@ fn r10_linear_is_bilinear_on_the_nodes_of_a_projected_map_and_keeps_its_edges() 
         steepest = steepest.max(slope);
         most = most.max((found[i] - value).abs());
         squares += (found[i] - value).powi(2);
-        // Slopes per metre on the ground: the scale of UTM is within 4e-4 of 1 here; the length does not turn. On a line of
-        // nodes rounding decides which cell is meant, and the slope of a bilinear surface jumps there.
+        // Slopes per metre on the ground: the scale of UTM is within 4e-4 of 1 here; the length does not turn. On a
+        // line of nodes rounding decides which cell is meant, and the slope of a bilinear surface jumps there.
         let on_node = |x: f64| (x - x.round()).abs() < 1e-6;
         if !on_node(map.x.node(easting)) && !on_node(map.y.node(northing)) {
             let length = north[i].hypot(east[i]);

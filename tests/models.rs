@@ -1,6 +1,6 @@
 //! Linear models as a user of the command line gets them, held against other programs' and exact answers.
 
-use numerics::random::Normals;
+use numerics::random::NormalGenerator;
 use std::{collections::BTreeMap, fmt::Write, fs};
 
 use arrow_array::RecordBatch;
@@ -310,8 +310,9 @@ fn gold_entries_that_are_not_there() {
     assert!(bench.run(&[]).stderr.contains("duplicate entry `a0`"));
 }
 
-/// A line of movements all round, whose magnetometers read what eighteen coefficients make of the exact terms, and noise.
-fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut Normals) -> RecordBatch {
+/// A line of movements all round, whose magnetometers read what eighteen coefficients make of the exact terms, and
+/// noise.
+fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut NormalGenerator) -> RecordBatch {
     let t = |i: usize| 0.1 * i as f64;
     let angle = |i: usize, w: f64, a: f64| a * (w * t(i) + line as f64).sin();
     let vector: Vec<[f64; 3]> = (0..rows)
@@ -379,7 +380,7 @@ fn flown_bench(lines: &[RecordBatch], axes: &str, more: &str) -> Bench {
 
 #[test]
 fn law_coefficients_of_a_noise_free_flight_are_recovered() {
-    let mut normals = Normals::new(1);
+    let mut normals = NormalGenerator::new(1);
     let lines: Vec<RecordBatch> = (0..3).map(|k| flown(k, 1500, &AIRCRAFT, 0.0, &mut normals)).collect();
     for more in ["", "low_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n"] {
         let bench = flown_bench(&lines, "", more);
@@ -394,7 +395,7 @@ fn law_coefficients_of_a_noise_free_flight_are_recovered() {
 
 #[test]
 fn law_errors_from_noise_are_as_large_as_predicted() {
-    let mut normals = Normals::new(2);
+    let mut normals = NormalGenerator::new(2);
     const REPEATS: usize = 240;
     let lines: Vec<RecordBatch> = (0..REPEATS).map(|k| flown(k, 300, &AIRCRAFT, 0.5, &mut normals)).collect();
     let names: Vec<String> = (0..REPEATS).map(|k| format!("\"L{k:03}\"")).collect();

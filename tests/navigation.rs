@@ -269,7 +269,8 @@ fn r10_a_map_at_another_height_has_an_error_to_expect() {
         assert!(all.len() == 4 && all.iter().all(|x| (x - all[0]).abs() < 1e-9), "{all:?}");
         all[0]
     };
-    // The map is at 300 m. Its waves are some 2.5 km long, 100 nT rms: 200 m higher 100 (1 - exp(-2 pi 0.08)) nT are lost.
+    // The map is at 300 m. Its waves are some 2.5 km long, 100 nT rms: 200 m higher 100 (1 - exp(-2 pi 0.08)) nT are
+    // lost.
     assert!(error(300.0, &[]) < 1e-6);
     let high = error(500.0, &[]);
     assert!((20.0..70.0).contains(&high), "{high}");

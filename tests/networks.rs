@@ -194,8 +194,8 @@ fn user_the_report_shows_trainings_and_which_inputs_matter() {
     );
 }
 
-/// Flights of the survey aircraft with sensors as real ones are, and of another one of the type: other fields at a magnetometer in
-/// the cabin, and other currents' draws.
+/// Flights of the survey aircraft with sensors as real ones are, and of another one of the type: other fields at a
+/// magnetometer in the cabin, and other currents' draws.
 fn aircraft(flight: &str, seed: u32, lines: &[(&str, f64, f64)], magnetometer: &str) -> String {
     let map = crate::support::repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
     let line = |(name, start_s, duration_s): &(&str, f64, f64)| {

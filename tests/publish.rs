@@ -1,5 +1,5 @@
-//! `magline publish` and `magline verify DIR`: a set that is whole, true to itself, the same each time, and holds nothing
-//! that is restricted.
+//! `magline publish` and `magline verify DIR`: a set that is whole, true to itself, the same each time, and holds
+//! nothing that is restricted.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

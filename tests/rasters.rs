@@ -1,9 +1,9 @@
-//! Maps and survey points whose numbers are not what they seem: values that cannot be, points without heights, the seam of
-//! a map around the earth, and formats that are not read.
+//! Maps and survey points whose numbers are not what they seem: values that cannot be, points without heights, the seam
+//! of a map around the earth, and formats that are not read.
 
 use std::{fs, path::PathBuf};
 
-use datasets::{AnomalyGrid, Crs, Height, write_grid};
+use datasets::{AnomalyGrid, Crs, GridHeight, write_grid};
 use numerics::maps::plane_grid::EvenAxis;
 
 use crate::support::{Bench, batch, numbers, read, repository, stderr, stdout, with_keys, write};
@@ -107,7 +107,7 @@ fn user_points_without_heights_are_gridded_by_minimum_curvature() {
         assert!(done.status.success() && text.contains("the points have no heights"), "{text}");
     }
     let map = datasets::read_grid(&bench.path("g.tif"), &datasets::MapOptions::default()).unwrap();
-    assert!(matches!(map.height, Height::Level(alt_m) if alt_m.is_nan()));
+    assert!(matches!(map.height, GridHeight::Level(alt_m) if alt_m.is_nan()));
     let (x, y) = map.crs.project(-21.982, 140.03).unwrap();
     let (column, row) = (map.x.node(x).round(), map.y.node(y).round());
     let (lat, lon) = map.crs.unproject(map.x.at(column), map.y.at(row)).unwrap();
@@ -128,7 +128,7 @@ fn globe(bench: &Bench, name: &str, west: f64, columns: usize) {
     let (x, y) = (axis(west, 2.0, columns), axis(-60.0, 2.0, 61));
     let values =
         y.coordinates().iter().flat_map(|lat| x.coordinates().into_iter().map(|lon| field(*lat, lon))).collect();
-    let map = AnomalyGrid::new(x, y, Crs::wgs84().unwrap(), values, Height::Level(4000.0)).unwrap();
+    let map = AnomalyGrid::new(x, y, Crs::wgs84().unwrap(), values, GridHeight::Level(4000.0)).unwrap();
     write_grid(&bench.path(name), &map, None).unwrap();
 }
 

@@ -10,8 +10,8 @@ use crate::support::{Bench, batch, numbers, read, texts, with_keys, write};
 const RATE_HZ: f64 = 40.0;
 const FIELD_NT: f64 = 52_000.0;
 
-/// A line at 40 Hz with slow manoeuvres, whose magnetometer has permanent and induced fields and eddy currents of the true
-/// rate of change.
+/// A line at 40 Hz with slow manoeuvres, whose magnetometer has permanent and induced fields and eddy currents of the
+/// true rate of change.
 fn line(name: &str, seed: f64) -> RecordBatch {
     let rows = 6000;
     let vector = |t: f64| {

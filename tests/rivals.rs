@@ -142,8 +142,8 @@ fn user_the_error_without_each_input_is_a_sweep_over_subsets() {
     let answer = bench.magline(&["sql", "--store", "store", "--format", "csv", grows]);
     let lines: Vec<String> = stdout(&answer).lines().skip(1).map(str::to_owned).collect();
     assert_eq!(lines.len(), 4, "{}{}", stdout(&answer), stderr(&answer));
-    // The field of these flights turns most from side to side, then fore and aft, and hardly up and down; `yy` is no part of what
-    // the aircraft makes.
+    // The field of these flights turns most from side to side, then fore and aft, and hardly up and down; `yy` is no
+    // part of what the aircraft makes.
     let order: Vec<&str> = lines.iter().filter_map(|line| line.split(',').next()).collect();
     assert_eq!(order[..2], ["x+z+yy", "y+z+yy"], "{lines:?}");
 }

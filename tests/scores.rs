@@ -47,8 +47,8 @@ fn bench(text: &str) -> Bench {
     bench
 }
 
-/// One magnetometer and one vector magnetometer over three ridge parameters, changed; calibrated on the lines `%.01`. The
-/// assumed errors are those of [`flown`], so that only the track of the largest ridge parameter is flagged.
+/// One magnetometer and one vector magnetometer over three ridge parameters, changed; calibrated on the lines `%.01`.
+/// The assumed errors are those of [`flown`], so that only the track of the largest ridge parameter is flagged.
 fn spec(changes: &[(&str, &str)]) -> String {
     let small = [
         ("[\"mag_4_uc\", \"mag_5_uc\"]", "[\"mag_4_uc\"]"),

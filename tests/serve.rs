@@ -21,7 +21,7 @@ use arrow_flight::{
 };
 use arrow_schema::{DataType, Field, Schema};
 use futures::TryStreamExt;
-use pipeline::serve::{Settings, Token, serve};
+use pipeline::serve::{ServerSettings, Token, serve};
 use tokio::{runtime::Runtime, sync::watch};
 use tonic::transport::{Certificate, Channel, ClientTlsConfig};
 
@@ -41,9 +41,9 @@ struct Served {
     runtime: Runtime,
 }
 
-fn settings(bench: &Bench) -> Settings {
+fn settings(bench: &Bench) -> ServerSettings {
     fs::create_dir_all(bench.path("spill")).unwrap();
-    Settings {
+    ServerSettings {
         program: env!("CARGO_BIN_EXE_magline").into(),
         store: bench.path("store"),
         bind: "127.0.0.1:0".parse().unwrap(),
@@ -57,13 +57,13 @@ fn settings(bench: &Bench) -> Settings {
 }
 
 /// Why a server does not start.
-fn refused(settings: Settings) -> String {
+fn refused(settings: ServerSettings) -> String {
     let (_keep, stopped) = watch::channel(false);
     serve(settings, |address| panic!("it serves at {address}"), stopped).unwrap_err().to_string()
 }
 
 impl Served {
-    fn new(bench: &Bench, change: impl FnOnce(&mut Settings)) -> Served {
+    fn new(bench: &Bench, change: impl FnOnce(&mut ServerSettings)) -> Served {
         let mut settings = settings(bench);
         change(&mut settings);
         let (stop, stopped) = watch::channel(false);
@@ -329,9 +329,9 @@ fn user_a_server_that_cannot_serve_says_why() {
     let bench = ran();
     let pem = |name: &str| fs::read(repository().join("tests/reference/serve").join(name)).unwrap();
     let served = Served::new(&bench, |_| {});
-    let taken = refused(Settings { bind: served.address, ..settings(&bench) });
+    let taken = refused(ServerSettings { bind: served.address, ..settings(&bench) });
     assert!(taken.contains(&format!("cannot listen on {}", served.address)), "{taken}");
-    let open = refused(Settings { bind: "0.0.0.0:0".parse().unwrap(), ..settings(&bench) });
+    let open = refused(ServerSettings { bind: "0.0.0.0:0".parse().unwrap(), ..settings(&bench) });
     assert!(open.contains("the server has no token"), "{open}");
     let (certificate, key) = (pem("localhost.pem"), pem("localhost.key"));
     let half = |pem: &[u8]| pem[..pem.len() / 2].to_vec();
@@ -342,7 +342,7 @@ fn user_a_server_that_cannot_serve_says_why() {
         ("the certificate of another key", pem("ca.pem"), key.clone()),
         ("keys in place of certificates", key.clone(), key.clone()),
     ] {
-        let wrong = refused(Settings { tls: Some((certificate, key)), ..settings(&bench) });
+        let wrong = refused(ServerSettings { tls: Some((certificate, key)), ..settings(&bench) });
         assert!(wrong.contains("the certificate or its key is invalid"), "{what}: {wrong}");
     }
 }

@@ -48,8 +48,8 @@ fn metadata(file: &Path) -> ParquetMetaData {
     SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap().metadata().clone()
 }
 
-/// The rows that parquet-mr reads of a file in splits of `split` bytes: it takes a row group with the split that the middle
-/// of its bytes lies in, and reckons these from the offset of the first chunk and the sizes of all.
+/// The rows that parquet-mr reads of a file in splits of `split` bytes: it takes a row group with the split that the
+/// middle of its bytes lies in, and reckons these from the offset of the first chunk and the sizes of all.
 fn rows_in_splits(file: &Path, split: i64) -> i64 {
     let metadata = metadata(file);
     let size = fs::metadata(file).unwrap().len() as i64;

@@ -205,8 +205,8 @@ pub fn batch(columns: &[(&str, Vec<f64>)]) -> RecordBatch {
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }
 
-/// One line: a straight track with pitch, roll and yaw movements, an aircraft field that is exactly Tolles-Lawson's, and a
-/// small slow INS error.
+/// One line: a straight track with pitch, roll and yaw movements, an aircraft field that is exactly Tolles-Lawson's,
+/// and a small slow INS error.
 pub fn line_of(flight: &str, line: &str, rows: usize) -> RecordBatch {
     let seed = line.bytes().map(u32::from).sum::<u32>() as f64;
     let t = |i: usize| i as f64 * 0.1;

@@ -7,7 +7,7 @@
 use std::fmt::Write;
 
 use arrow_array::{Array, FixedSizeListArray, Float64Array, RecordBatch};
-use schemas::{Entry, KindDoc};
+use schemas::{ChoiceDoc, StageEntry};
 
 use crate::support::{Bench, SPEC, read, repository, stdout};
 
@@ -35,12 +35,12 @@ fn head() -> String {
 }
 
 /// The name of the table of a kind.
-fn table_of(entry: &Entry, kind: &KindDoc) -> String {
+fn table_of(entry: &StageEntry, kind: &ChoiceDoc) -> String {
     format!("{}_{}", entry.name, kind.name)
 }
 
 /// The example of a stage with one of the kinds that its key chooses, in place of the one that the example has.
-fn example_of(entry: &Entry, kind: &KindDoc) -> String {
+fn example_of(entry: &StageEntry, kind: &ChoiceDoc) -> String {
     let is_of_kinds = |key: &str| key == kind.key || entry.params.iter().any(|p| p.name == key && !p.owners.is_empty());
     let key = |line: &str| line.split('=').next().unwrap().trim().to_owned();
     let mut text = String::new();
@@ -58,7 +58,8 @@ fn gold_an_answer_that_moves_needs_a_new_version() {
     let bench = Bench::new();
     let catalogue = stages::catalogue();
     let examples: String = catalogue.iter().map(|e| e.example).collect();
-    let kinds: Vec<(&Entry, &KindDoc)> = catalogue.iter().flat_map(|e| e.kinds.iter().map(move |k| (e, k))).collect();
+    let kinds: Vec<(&StageEntry, &ChoiceDoc)> =
+        catalogue.iter().flat_map(|e| e.kinds.iter().map(move |k| (e, k))).collect();
     let each: String = kinds.iter().map(|(entry, kind)| example_of(entry, kind)).collect();
     bench.spec(&(head() + &examples + &each));
     let checked = bench.magline(&["check", "spec.toml"]);

@@ -2,7 +2,7 @@
 //!
 //! The list is a floor, not the proof of a good text.
 
-use std::process::Command;
+use std::{collections::BTreeMap, process::Command};
 
 use crate::support::repository;
 
@@ -93,4 +93,43 @@ fn user_doc_comments_begin_with_a_noun_or_a_verb() {
     }
     let rate = 1000.0 * found.len() as f64 / comments as f64;
     assert!(rate < MOST_BEGINNINGS, "{rate:.1} in a thousand lines of comments:\n{}", found.join("\n"));
+}
+
+/// Largest share of type names that another type has too. No name needs to be shared today.
+const MOST_SHARED: f64 = 0.01;
+
+/// Name of the type that a line of code defines.
+fn defined(line: &str) -> Option<&str> {
+    let words = line.trim_start();
+    let words = match words.strip_prefix("pub").map(str::trim_start) {
+        Some(rest) => rest.strip_prefix('(').and_then(|rest| rest.split_once(") ")).map_or(rest, |(_, rest)| rest),
+        None => words,
+    };
+    let (keyword, rest) = words.split_once(' ')?;
+    // An indented alias is the associated type of a trait.
+    let defines =
+        matches!(keyword, "struct" | "enum" | "trait" | "union") || keyword == "type" && !line.starts_with(' ');
+    let name = rest.split(|c: char| !c.is_alphanumeric() && c != '_').next()?;
+    (defines && name.starts_with(char::is_uppercase)).then_some(name)
+}
+
+#[test]
+fn user_a_type_name_means_one_type() {
+    let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for (path, text) in files(&[".rs"]) {
+        let parts: Vec<&str> = path.split('/').collect();
+        let tests = |part: &&str| matches!(*part, "tests" | "benches" | "fuzz" | "examples" | "tests.rs");
+        if parts.iter().any(tests) || path.ends_with("_tests.rs") {
+            continue;
+        }
+        let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+        for name in code.lines().filter_map(defined) {
+            places.entry(name.to_owned()).or_default().push(path.clone());
+        }
+    }
+    let all: usize = places.values().map(Vec::len).sum();
+    places.retain(|_, files| files.len() > 1);
+    let shared: usize = places.values().map(Vec::len).sum();
+    assert!(all > 1500, "{all} types");
+    assert!(shared as f64 <= MOST_SHARED * all as f64, "{shared} of {all}: {places:#?}");
 }

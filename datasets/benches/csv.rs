@@ -1,5 +1,6 @@
-//! Reads flight logs in text as fast as it can: `cargo bench -p magline-datasets --bench csv --profile dev [megabytes [path]]`. The
-//! files are written first, the CSV to `path` where that is given, so that another program can read the same.
+//! Reads flight logs in text as fast as it can: `cargo bench -p magline-datasets --bench csv --profile dev [megabytes
+//! [path]]`. The files are written first, the CSV to `path` where that is given, so that another program can read the
+//! same.
 
 use std::{
     error::Error,
@@ -10,7 +11,7 @@ use std::{
 };
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
-use datasets::{FlightOptions, PointOptions, Reading, open_flight_with, read_points};
+use datasets::{FlightOptions, PointOptions, ReadHints, open_flight_with, read_points};
 
 /// Columns of numbers: half of them the contract's, the others of a type that has to be found.
 const NUMBERS: usize = 40;
@@ -153,23 +154,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     for threads in [1, 2] {
         let mut found = None;
         let both = measured(&path, || {
-            let reader = open_flight_with(&path, &options, &Reading { found: None, threads })?;
+            let reader = open_flight_with(&path, &options, &ReadHints { found: None, threads })?;
             found = reader.found().map(str::to_owned);
             check(reader, rows)
         })?;
         let types = measured(&path, || {
-            open_flight_with(&path, &options, &Reading { found: None, threads })?;
+            open_flight_with(&path, &options, &ReadHints { found: None, threads })?;
             Ok(())
         })?;
         let values = measured(&path, || {
-            check(open_flight_with(&path, &options, &Reading { found: found.clone(), threads })?, rows)
+            check(open_flight_with(&path, &options, &ReadHints { found: found.clone(), threads })?, rows)
         })?;
         println!("csv, {threads} threads: {both}; types alone {types}; values alone {values}");
     }
     let survey = folder.join("survey.xyz");
     let rows = write_xyz(&survey, megabytes * 1_000_000)?;
     let speed = measured(&survey, || {
-        let reader = open_flight_with(&survey, &options, &Reading::default())?;
+        let reader = open_flight_with(&survey, &options, &ReadHints::default())?;
         let read: usize = reader.map(|b| b.map(|b| b.num_rows())).sum::<Result<_, _>>()?;
         assert_eq!(read, rows);
         Ok(())

@@ -1,10 +1,10 @@
-//! Reads binary logs as fast as it can: `cargo bench -p magline-datasets --bench logs --profile dev [megabytes [folder]]`. The
-//! files are the real samples over and over, written to `folder` where that is given, so that other programs can read
-//! the same (`logs.py`).
+//! Reads binary logs as fast as it can: `cargo bench -p magline-datasets --bench logs --profile dev [megabytes
+//! [folder]]`. The files are the real samples over and over, written to `folder` where that is given, so that other
+//! programs can read the same (`logs.py`).
 
 use std::{error::Error, fs, io::Write, path::Path, time::Instant};
 
-use datasets::{FlightOptions, Reading, open_raw, samples, topics};
+use datasets::{FlightOptions, ReadHints, open_raw, samples, topics};
 
 const RUNS: usize = 5;
 
@@ -69,7 +69,7 @@ fn thread_s() -> f64 {
 /// Reads all rows and columns of a topic.
 fn read(path: &Path, topic: &str, rows: usize) -> Result<(), Box<dyn Error>> {
     let options = FlightOptions { topic: Some(topic.to_owned()), ..FlightOptions::default() };
-    let reader = open_raw(path, &options, &Reading::default())?;
+    let reader = open_raw(path, &options, &ReadHints::default())?;
     let read: usize = reader.map(|b| b.map(|b| b.num_rows())).sum::<Result<_, _>>()?;
     assert_eq!(read, rows, "{topic}");
     Ok(())

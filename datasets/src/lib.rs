@@ -20,8 +20,11 @@ pub mod table;
 pub const VERSION: &str = "8";
 
 pub use formats::{
-    FlightOptions, FlightReader, MapOptions, MapTable, Part, PointOptions, RawReader, Reading, RowFault, SurveyPoints,
-    Topic, TopicColumn, check_output, doubts, map_files, map_gives_error, open_flight, open_flight_among,
-    open_flight_with, open_raw, open_raw_among, read_grid, read_map, read_points, topics, topics_among, write_grid,
+    FlightBatch, FlightOptions, FlightReader, LogTopic, MapOptions, MapTable, PointOptions, RawReader, ReadHints,
+    RowFault, SurveyPointSet, TopicColumn, check_output, doubts, map_files, map_gives_error, open_flight,
+    open_flight_among, open_flight_with, open_raw, open_raw_among, read_grid, read_map, read_points, topics,
+    topics_among, write_grid,
 };
-pub use grids::{AnomalyGrid, Crs, Figure, Height, LineType, MapSummary, ReadError, Registration, geographic};
+pub use grids::{
+    AnomalyGrid, Crs, GridHeight, LineType, MapSummary, ReadError, Registration, SummaryValue, geographic,
+};

@@ -1,9 +1,9 @@
 //! The mappings included in magline: the meaning of columns in logs of known programs. `mappings/README.md` describes
 //! their form.
 
-/// A mapping by name.
+/// A mapping included in magline: its name and its text.
 #[derive(Clone, Copy, Debug)]
-pub struct Ready {
+pub struct BuiltinMapping {
     /// Its name for `mapping`.
     pub name: &'static str,
     /// Its text.
@@ -13,8 +13,8 @@ pub struct Ready {
 macro_rules! ready {
     ($($name:literal),+ $(,)?) => {
         /// All of them; each is a file in `mappings`.
-        pub const READY: &[Ready] = &[
-            $(Ready {
+        pub const READY: &[BuiltinMapping] = &[
+            $(BuiltinMapping {
                 name: $name,
                 text: include_str!(concat!("../mappings/", $name, ".toml")),
             }),+

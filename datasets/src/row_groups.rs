@@ -9,11 +9,11 @@ const MANY_GROUPS: usize = 16_384;
 /// The least number of rows of the further row groups of a file of many.
 const LEAST_ROWS_OF_MANY: usize = 131_072;
 
-/// Whether a row group ends with the line that was written last. `rows` are those of the unfinished row group, `groups` is
-/// the number of finished ones.
+/// Whether a row group ends with the line that was written last. `rows` are those of the unfinished row group, `groups`
+/// is the number of finished ones.
 ///
-/// A line of 256 rows or more has a row group of its own, so that reading it decodes no other line. In a file of more than
-/// 16,384 row groups the further ones have 131,072 rows or more: 2e9 rows fit.
+/// A line of 256 rows or more has a row group of its own, so that reading it decodes no other line. In a file of more
+/// than 16,384 row groups the further ones have 131,072 rows or more: 2e9 rows fit.
 pub fn ends_with_line(rows: usize, groups: usize) -> bool {
     rows >= if groups < MANY_GROUPS { LEAST_ROWS } else { LEAST_ROWS_OF_MANY }
 }

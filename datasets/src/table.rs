@@ -10,7 +10,7 @@ use crate::{ReadError, row_fault::RowFault};
 
 /// The values of a column.
 #[derive(Clone, Debug)]
-pub enum Values {
+pub enum ColumnValues {
     /// Numbers; NaN is missing.
     Number(Vec<f64>),
     /// Whole numbers, such as the year.
@@ -19,42 +19,42 @@ pub enum Values {
     Text(Vec<String>),
 }
 
-impl Values {
+impl ColumnValues {
     pub(crate) fn len(&self) -> usize {
         match self {
-            Values::Number(x) => x.len(),
-            Values::Whole(x) => x.len(),
-            Values::Text(x) => x.len(),
+            ColumnValues::Number(x) => x.len(),
+            ColumnValues::Whole(x) => x.len(),
+            ColumnValues::Text(x) => x.len(),
         }
     }
 }
 
 /// Named columns in the file's order, each with the unit of its values.
 #[derive(Clone, Debug, Default)]
-pub struct Table {
-    columns: Vec<(Field, Values)>,
+pub struct ColumnTable {
+    columns: Vec<(Field, ColumnValues)>,
 }
 
-impl Table {
+impl ColumnTable {
     /// Appends a column; an empty unit means the canonical one.
-    pub fn push(&mut self, name: &str, unit: &str, values: Values) {
+    pub fn push(&mut self, name: &str, unit: &str, values: ColumnValues) {
         self.push_described(name, unit, flight::describe(name).description, values);
     }
 
     /// Appends a column with its own description.
-    pub fn push_described(&mut self, name: &str, unit: &str, description: &str, values: Values) {
+    pub fn push_described(&mut self, name: &str, unit: &str, description: &str, values: ColumnValues) {
         let known = flight::describe(name);
         let unit = if unit.is_empty() { known.unit } else { unit };
         let data_type = match values {
-            Values::Number(_) => DataType::Float64,
-            Values::Whole(_) => DataType::Int64,
-            Values::Text(_) => DataType::Utf8,
+            ColumnValues::Number(_) => DataType::Float64,
+            ColumnValues::Whole(_) => DataType::Int64,
+            ColumnValues::Text(_) => DataType::Utf8,
         };
         self.columns.push((field(name, data_type, unit, known.role, description), values));
     }
 
     /// Puts a column in front of all others.
-    pub fn push_front(&mut self, name: &str, values: Values) {
+    pub fn push_front(&mut self, name: &str, values: ColumnValues) {
         self.push(name, "", values);
         self.columns.rotate_right(1);
     }
@@ -62,7 +62,7 @@ impl Table {
     /// The numbers of the column `name`, if it exists and is numeric.
     pub fn numbers(&self, name: &str) -> Option<&[f64]> {
         self.columns.iter().find(|(f, _)| f.name() == name).and_then(|(_, v)| match v {
-            Values::Number(x) => Some(x.as_slice()),
+            ColumnValues::Number(x) => Some(x.as_slice()),
             _ => None,
         })
     }
@@ -73,7 +73,7 @@ impl Table {
     }
 
     /// Removes the column `name`.
-    pub fn take(&mut self, name: &str) -> Option<Values> {
+    pub fn take(&mut self, name: &str) -> Option<ColumnValues> {
         let at = self.columns.iter().position(|(f, _)| f.name() == name)?;
         Some(self.columns.remove(at).1)
     }
@@ -100,16 +100,16 @@ impl Table {
 }
 
 /// The values as an Arrow column.
-pub(crate) fn array(values: Values) -> ArrayRef {
+pub(crate) fn array(values: ColumnValues) -> ArrayRef {
     match values {
-        Values::Number(x) => Arc::new(Float64Array::from(x)),
-        Values::Whole(x) => Arc::new(Int64Array::from(x)),
-        Values::Text(x) => Arc::new(StringArray::from(x)),
+        ColumnValues::Number(x) => Arc::new(Float64Array::from(x)),
+        ColumnValues::Whole(x) => Arc::new(Int64Array::from(x)),
+        ColumnValues::Text(x) => Arc::new(StringArray::from(x)),
     }
 }
 
 /// Numbers that must be whole, such as the year; NaN is missing, as are fractions, each with its fault.
-pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (Values, Vec<RowFault>) {
+pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (ColumnValues, Vec<RowFault>) {
     let mut faults = vec![];
     let mut one = |(row, x): (usize, &f64)| match *x {
         x if x.is_nan() => None,
@@ -122,5 +122,5 @@ pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (Values, Vec<Ro
         }
     };
     let whole = numbers.iter().enumerate().map(&mut one).collect();
-    (Values::Whole(whole), faults)
+    (ColumnValues::Whole(whole), faults)
 }

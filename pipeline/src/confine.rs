@@ -1,5 +1,5 @@
-//! Processes of this program for queries, those of `sql` and of `serve`: they end with their parent, and the kernel limits their
-//! memory, so that a query that takes too much ends alone.
+//! Processes of this program for queries, those of `sql` and of `serve`: they end with their parent, and the kernel
+//! limits their memory, so that a query that takes too much ends alone.
 
 use std::{
     fs,
@@ -49,8 +49,8 @@ pub fn bytes_of(process: &str, key: &str) -> Option<usize> {
     line.trim().trim_end_matches("kB").trim().parse::<usize>().ok()?.checked_mul(1024)
 }
 
-/// Whether a process ended because it had no memory left: an allocation that fails aborts it, and the kernel kills it where
-/// there is none in the machine.
+/// Whether a process ended because it had no memory left: an allocation that fails aborts it, and the kernel kills it
+/// where there is none in the machine.
 pub fn ran_out(status: ExitStatus) -> bool {
     matches!(status.signal(), Some(libc_signal::ABORT | libc_signal::SEGV | libc_signal::KILL))
 }

@@ -7,47 +7,47 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
 /// 128 bits of BLAKE3 over length-prefixed parts.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Key([u8; 16]);
+pub struct HashKey([u8; 16]);
 
 /// Hash of [`arithmetic::probe`] on this machine, a part of the key of every result. The last bits of results depend on
 /// it as well as on inputs, version and parameters.
-pub static ARITHMETIC: LazyLock<Key> =
-    LazyLock::new(|| Key::of(arithmetic::probe().iter().map(|x| x.to_bits().to_le_bytes())));
+pub static ARITHMETIC: LazyLock<HashKey> =
+    LazyLock::new(|| HashKey::from_parts(arithmetic::probe().iter().map(|x| x.to_bits().to_le_bytes())));
 
 /// The arithmetic of this machine, for people: the processor and its [`ARITHMETIC`].
 pub fn arithmetic_in_words() -> String {
     format!("{} {}", arithmetic::processor(), *ARITHMETIC)
 }
 
-impl Key {
+impl HashKey {
     /// The key of an ordered list of parts. Parts are length-prefixed, so `["ab"]` and `["a", "b"]` differ.
-    pub fn of<P: AsRef<[u8]>>(parts: impl IntoIterator<Item = P>) -> Key {
+    pub fn from_parts<P: AsRef<[u8]>>(parts: impl IntoIterator<Item = P>) -> HashKey {
         let mut hasher = blake3::Hasher::new();
         for part in parts {
             let part = part.as_ref();
             hasher.update(&(part.len() as u64).to_le_bytes()).update(part);
         }
-        Key::finish(&hasher)
+        HashKey::finish(&hasher)
     }
 
     /// The key that `hasher` has come to.
-    pub fn finish(hasher: &blake3::Hasher) -> Key {
+    pub fn finish(hasher: &blake3::Hasher) -> HashKey {
         let mut short = [0; 16];
         short.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
-        Key(short)
+        HashKey(short)
     }
 
     /// The key of these bytes.
-    pub fn from_bytes(bytes: [u8; 16]) -> Key {
-        Key(bytes)
+    pub fn from_bytes(bytes: [u8; 16]) -> HashKey {
+        HashKey(bytes)
     }
 
     /// The key of `bytes` without framing. They begin with a word that is unique to their use, and the caller that
     /// joins parts keeps the parts apart.
-    pub fn of_bytes(bytes: &[u8]) -> Key {
+    pub fn of_bytes(bytes: &[u8]) -> HashKey {
         let mut short = [0; 16];
         short.copy_from_slice(&blake3::hash(bytes).as_bytes()[..16]);
-        Key(short)
+        HashKey(short)
     }
 
     /// The key as two numbers.
@@ -56,13 +56,13 @@ impl Key {
         [bits as u64, (bits >> 64) as u64]
     }
 
-    /// The key of these [`Key::words`].
-    pub fn from_words([low, high]: [u64; 2]) -> Key {
-        Key((u128::from(low) | u128::from(high) << 64).to_le_bytes())
+    /// The key of these [`HashKey::words`].
+    pub fn from_words([low, high]: [u64; 2]) -> HashKey {
+        HashKey((u128::from(low) | u128::from(high) << 64).to_le_bytes())
     }
 
     /// The key spelt by [`fmt::Display`].
-    pub fn parse(hex: &str) -> Option<Key> {
+    pub fn parse(hex: &str) -> Option<HashKey> {
         let mut bytes = [0; 16];
         if hex.len() != 32 || !hex.is_ascii() {
             return None;
@@ -70,36 +70,36 @@ impl Key {
         for (i, b) in bytes.iter_mut().enumerate() {
             *b = u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).ok()?;
         }
-        Some(Key(bytes))
+        Some(HashKey(bytes))
     }
 }
 
-impl AsRef<[u8]> for Key {
+impl AsRef<[u8]> for HashKey {
     fn as_ref(&self) -> &[u8] {
         &self.0
     }
 }
 
-impl fmt::Display for Key {
+impl fmt::Display for HashKey {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         self.0.iter().try_for_each(|b| write!(f, "{b:02x}"))
     }
 }
 
-impl Serialize for Key {
+impl Serialize for HashKey {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
 }
 
-impl<'de> Deserialize<'de> for Key {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Key, D::Error> {
+impl<'de> Deserialize<'de> for HashKey {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<HashKey, D::Error> {
         let text = String::deserialize(deserializer)?;
-        Key::parse(&text).ok_or_else(|| D::Error::custom(format!("`{text}` is not a key of 32 hexadecimal digits")))
+        HashKey::parse(&text).ok_or_else(|| D::Error::custom(format!("`{text}` is not a key of 32 hexadecimal digits")))
     }
 }
 
-impl fmt::Debug for Key {
+impl fmt::Debug for HashKey {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{self}")
     }
@@ -111,11 +111,11 @@ mod tests {
 
     #[test]
     fn unit_keys_tell_parts_apart() {
-        assert_ne!(Key::of(["ab"]), Key::of(["a", "b"]));
-        assert_ne!(Key::of(["a", ""]), Key::of(["a"]));
-        let key = Key::of(["x"]);
-        assert_eq!(Key::parse(&key.to_string()), Some(key));
-        assert_eq!(Key::parse("xy"), None);
-        assert_eq!(Key::from_words(key.words()), key);
+        assert_ne!(HashKey::from_parts(["ab"]), HashKey::from_parts(["a", "b"]));
+        assert_ne!(HashKey::from_parts(["a", ""]), HashKey::from_parts(["a"]));
+        let key = HashKey::from_parts(["x"]);
+        assert_eq!(HashKey::parse(&key.to_string()), Some(key));
+        assert_eq!(HashKey::parse("xy"), None);
+        assert_eq!(HashKey::from_words(key.words()), key);
     }
 }

@@ -31,16 +31,16 @@ pub mod views;
 
 use std::path::{Path, PathBuf};
 
-use schemas::{Entry, Fault};
-use spec::{Faults, Spec};
+use schemas::{Fault, StageEntry};
+use spec::{Spec, SpecFaults};
 
 /// Reads the spec at `path` and applies the assignments of `--set`.
 ///
 /// # Errors
 /// When it cannot be read or is wrong in form.
-pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
+pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, SpecFaults> {
     let file = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| Faults {
+    let text = std::fs::read_to_string(path).map_err(|e| SpecFaults {
         file: file.clone(),
         text: String::new(),
         sets: vec![],
@@ -60,6 +60,6 @@ pub use expressions::deep;
 pub use stages::Catalogue;
 
 /// The built-in stages.
-pub fn catalogue() -> Vec<Entry> {
+pub fn catalogue() -> Vec<StageEntry> {
     stages::catalogue()
 }

@@ -16,12 +16,12 @@ use datafusion::{
     physical_expr::PhysicalExpr,
 };
 use expressions::{deep, parse, physical, schema_of};
-use schemas::{Fault, Shape};
+use schemas::{Fault, TableShape};
 
 /// Name of the predicate in a fault.
 const SUBJECT: &str = "`where`";
 
-/// A `where` that has been checked against the columns it sees.
+/// A `where` expression, checked against the columns of its input.
 #[derive(Clone, Debug)]
 pub struct Predicate {
     lines: Option<Arc<dyn PhysicalExpr>>,
@@ -38,11 +38,11 @@ impl Predicate {
     /// # Errors
     /// Fails when it is not SQL, not a predicate, refers to a column that does not exist, is nested too deep, or is
     /// more than a function of one row.
-    pub fn new(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
+    pub fn new(sql: &str, shape: &TableShape) -> Result<Predicate, Fault> {
         deep::over(sql, || Self::read(sql, shape))?
     }
 
-    fn read(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
+    fn read(sql: &str, shape: &TableShape) -> Result<Predicate, Fault> {
         let schema = schema_of(shape);
         let expr = parse(sql, shape, SUBJECT).map_err(|fault| match fault.help {
             Some(_) => fault,
@@ -118,9 +118,9 @@ mod tests {
 
     use super::*;
 
-    fn shape() -> Shape {
+    fn shape() -> TableShape {
         let columns = vec![Column::text("flight", ""), Column::text("line", ""), Column::float("tt", "s", "")];
-        Shape { columns, rate_hz: None }
+        TableShape { columns, rate_hz: None }
     }
 
     #[test]

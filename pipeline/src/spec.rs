@@ -9,21 +9,21 @@ mod set;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf, time::Duration};
 
-use schemas::{Args, Fault, Given, Literal, Section, paths};
+use schemas::{Fault, Literal, SpecEntries, SpecEntry, SpecSection, paths};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
 
-use crate::remote::{Address, Place, cache, place, supported};
-pub use course::{Course, Fate, Row, Scored, best};
-pub use faults::Faults;
-use publish::{Protection, PublishFacts};
-pub use search::{Direction, Halving, Search, Searched, TRIAL, reference as search_reference};
-use set::Assignment;
+use crate::remote::{ObjectAddress, StorageLocation, cache, place, supported};
+pub use course::{RungOutcome, SearchState, SearchTrial, SearchTrialScore, best};
+pub use faults::SpecFaults;
+use publish::{ProtectionKeys, PublishFacts};
+pub use search::{GoalDirection, SearchAxis, SearchSpec, SuccessiveHalving, TRIAL, reference as search_reference};
+use set::SetAssignment;
 
 /// Bytes of the spec; those of the `--set` assignments follow those of the file.
-pub type Span = Range<usize>;
+pub type SpecSpan = Range<usize>;
 
 /// A parsed spec. Nothing of it is checked against the catalogue or the data yet.
 #[derive(Clone, Debug)]
@@ -43,17 +43,17 @@ pub struct Spec {
     /// The store's folder.
     pub store: PathBuf,
     /// Its address and where that stands, where it is in an object store; the folder is then its copy.
-    pub store_at: Option<(Address, Span)>,
+    pub store_at: Option<(ObjectAddress, SpecSpan)>,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
     /// The axes of the sweep, those that are searched at the end.
-    pub axes: Vec<Axis>,
+    pub axes: Vec<SweepAxis>,
     /// The positions of the axes that are searched: each of their values belongs to the same one of the others.
     pub searched: Range<usize>,
     /// Search of the spec.
-    pub search: Option<Search>,
+    pub search: Option<SearchSpec>,
     /// The trials whose values the axes that are searched have.
-    pub trials: Vec<Row>,
+    pub trials: Vec<SearchTrial>,
     /// The stages.
     pub stages: Vec<StageDecl>,
     /// The facts of a data set published from it, or what is wrong with them. Faults matter to `magline publish` only.
@@ -71,22 +71,22 @@ pub struct SourceDecl {
     /// Its name in the spec.
     pub name: String,
     /// Where it is declared.
-    pub at: Span,
+    pub at: SpecSpan,
     /// Its path, and where that stands.
-    pub path: (String, Span),
+    pub path: (String, SpecSpan),
     /// Restrictions on publishing.
-    pub protection: Protection,
+    pub protection: ProtectionKeys,
     /// Everything else that was said of it.
-    pub options: Args,
+    pub options: SpecEntries,
 }
 
 /// One axis: a key column and its values.
 #[derive(Clone, Debug)]
-pub struct Axis {
+pub struct SweepAxis {
     /// The column's name.
     pub name: String,
     /// Where it is declared.
-    pub at: Span,
+    pub at: SpecSpan,
     /// The values, in the spec's order, of one type: lists too, whose key column is their entries joined by `+`.
     pub values: Vec<Literal>,
 }
@@ -97,19 +97,19 @@ pub struct StageDecl {
     /// The name of the table it yields.
     pub name: String,
     /// Where the name stands.
-    pub at: Span,
+    pub at: SpecSpan,
     /// The kind of stage, and where that stands.
-    pub stage: (String, Span),
+    pub stage: (String, SpecSpan),
     /// Its `where`, if any.
-    pub predicate: Option<(String, Span)>,
+    pub predicate: Option<(String, SpecSpan)>,
     /// Whether its table is written out for others to read; later stages see it in any case.
     pub publish: bool,
     /// Columns that pass through it and that its published table is to hold too, each with where it stands.
-    pub carry: Vec<(String, Span)>,
+    pub carry: Vec<(String, SpecSpan)>,
     /// Whether what it computes is kept in the store; otherwise it is made again where it is needed.
-    pub keep: (bool, Span),
+    pub keep: (bool, SpecSpan),
     /// Inputs and parameters, axes not yet put in.
-    pub args: Args,
+    pub args: SpecEntries,
 }
 
 /// More stages than this are made by a program that should use an axis; each may be a level of the plan.
@@ -140,28 +140,28 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
 const TOP: [&str; 8] = ["name", "seed", "store", "tables", "axes", "search", "stages", "publish"];
 
 impl Spec {
-    /// Reads the spec `text` of `file`, whose relative paths start from `folder`, with each of `sets` put into it first:
-    /// `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER` (`stages.STAGE.PARAMETER` too), `=`
-    /// and a value. The value is TOML; what is not TOML is taken as text.
+    /// Reads the spec `text` of `file`, whose relative paths start from `folder`, with each of `sets` put into it
+    /// first: `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER`
+    /// (`stages.STAGE.PARAMETER` too), `=` and a value. The value is TOML; what is not TOML is taken as text.
     ///
     /// # Errors
     /// Everything that is wrong with its form, each with its position.
-    pub fn parse(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, Faults> {
-        let mut read = Reading::default();
+    pub fn parse(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, SpecFaults> {
+        let mut read = SpecParser::default();
         let spec = read.document(file, folder, &text, sets);
         match spec {
             Some(spec) if read.faults.is_empty() => Ok(spec),
-            _ => Err(Faults { file: file.to_owned(), text, sets: sets.to_vec(), faults: read.faults }),
+            _ => Err(SpecFaults { file: file.to_owned(), text, sets: sets.to_vec(), faults: read.faults }),
         }
     }
 
     /// The faults as something to show, with this spec's text.
-    pub fn faults(&self, faults: Vec<Fault>) -> Faults {
-        Faults { file: self.file.clone(), text: self.text.clone(), sets: self.sets.clone(), faults }
+    pub fn faults(&self, faults: Vec<Fault>) -> SpecFaults {
+        SpecFaults { file: self.file.clone(), text: self.text.clone(), sets: self.sets.clone(), faults }
     }
 
     /// The same with the trials `rows` as the values of the axes that are searched; unchanged where there are none.
-    pub fn with_trials(&self, rows: &[Row]) -> Spec {
+    pub fn with_trials(&self, rows: &[SearchTrial]) -> Spec {
         let mut spec = self.clone();
         if let Some(search) = &self.search {
             spec.axes.truncate(self.searched.start);
@@ -178,21 +178,21 @@ impl Spec {
     }
 }
 
-fn given(value: Literal, key_at: Span, at: Span) -> Given {
-    Given { value, key_at, at }
+fn given(value: Literal, key_at: SpecSpan, at: SpecSpan) -> SpecEntry {
+    SpecEntry { value, key_at, at }
 }
 
 #[derive(Default)]
-struct Reading {
+struct SpecParser {
     faults: Vec<Fault>,
 }
 
-impl Reading {
+impl SpecParser {
     fn document(&mut self, file: &str, folder: PathBuf, text: &str, sets: &[String]) -> Option<Spec> {
         let starts = faults::starts(text, sets);
         let mut assignments = vec![];
         for (set, start) in sets.iter().zip(starts) {
-            match Assignment::new(set, start) {
+            match SetAssignment::new(set, start) {
                 Ok(assignment) => assignments.push(assignment),
                 Err(fault) => self.faults.push(fault),
             }
@@ -228,7 +228,7 @@ impl Reading {
         let seed = self.seed(root);
         let (store, store_at) = self.store(root);
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
-        let axes: Vec<Axis> = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
+        let axes: Vec<SweepAxis> = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
         let search = self.search(root, seed, &axes);
         let stages = self.stages(root);
         let publish = self.publish(root);
@@ -254,7 +254,7 @@ impl Reading {
             settle: None,
         };
         // The first trials are known without any scores.
-        let first = spec.search.as_ref().map(|search| Course::new(search).rows());
+        let first = spec.search.as_ref().map(|search| SearchState::new(search).rows());
         Some(match first {
             Some(rows) => spec.with_trials(&rows),
             None => spec,
@@ -262,7 +262,7 @@ impl Reading {
     }
 
     /// The table `search`.
-    fn search(&mut self, root: &DeTable, seed: u64, listed: &[Axis]) -> Option<Search> {
+    fn search(&mut self, root: &DeTable, seed: u64, listed: &[SweepAxis]) -> Option<SearchSpec> {
         let search = search::read(root.get("search")?, seed, listed).map_err(|f| self.faults.extend(f)).ok()?;
         for (name, at) in search.columns() {
             self.identifier(name, at.clone());
@@ -278,12 +278,12 @@ impl Reading {
     }
 
     /// The store's folder, as it is given, or that of its copy and its address.
-    fn store(&mut self, root: &DeTable) -> (PathBuf, Option<(Address, Span)>) {
+    fn store(&mut self, root: &DeTable) -> (PathBuf, Option<(ObjectAddress, SpecSpan)>) {
         let Some((store, at)) = self.text(root, "store") else { return ("store".into(), None) };
         if store.contains("://") {
             let found = place(&store).and_then(|place| match place {
-                Place::Path(path) => Ok((path, None)),
-                Place::Object(address) => {
+                StorageLocation::Path(path) => Ok((path, None)),
+                StorageLocation::Object(address) => {
                     supported()?;
                     Ok((cache::of_store(&address)?, Some((address, at.clone()))))
                 }
@@ -316,7 +316,7 @@ impl Reading {
             self.faults.push(Fault::new("`publish` must be a table: `[publish]`").at(value.span()));
             return None;
         };
-        Some(Section::of(table, value.span()).and_then(|section| publish::read_facts(&section)))
+        Some(SpecSection::from_table(table, value.span()).and_then(|section| publish::read_facts(&section)))
     }
 
     fn seed(&mut self, root: &DeTable) -> u64 {
@@ -331,7 +331,7 @@ impl Reading {
     }
 
     /// Names become folders and SQL identifiers, so they are kept plain.
-    fn identifier(&mut self, name: &str, at: Span) -> bool {
+    fn identifier(&mut self, name: &str, at: SpecSpan) -> bool {
         if let Err(help) = paths::check_name(name) {
             let long = name.is_ascii() && name.len() > paths::LONGEST_NAME;
             let what = if long {
@@ -345,7 +345,7 @@ impl Reading {
         true
     }
 
-    fn text(&mut self, table: &DeTable, key: &str) -> Option<(String, Span)> {
+    fn text(&mut self, table: &DeTable, key: &str) -> Option<(String, SpecSpan)> {
         let value = table.get(key)?;
         match value.get_ref().as_str() {
             Some(text) => Some((text.to_owned(), value.span())),
@@ -383,7 +383,7 @@ impl Reading {
             }
             return None;
         };
-        let mut options = match Section::of(table, value.span()) {
+        let mut options = match SpecSection::from_table(table, value.span()) {
             Ok(section) => section.keys,
             Err(faults) => {
                 self.faults.extend(faults);
@@ -391,7 +391,7 @@ impl Reading {
             }
         };
         options.remove("path");
-        let protection = match Protection::take(name.get_ref(), &mut options, name.span()) {
+        let protection = match ProtectionKeys::take(name.get_ref(), &mut options, name.span()) {
             Ok(protection) => protection,
             Err(faults) => {
                 self.faults.extend(faults);
@@ -401,10 +401,10 @@ impl Reading {
         Some(SourceDecl { name: name.get_ref().clone(), at: name.span(), path, protection, options })
     }
 
-    fn axis(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<Axis> {
+    fn axis(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<SweepAxis> {
         self.identifier(name.get_ref(), name.span());
         match axis::values(name.get_ref(), value) {
-            Ok(values) => Some(Axis { name: name.get_ref().clone(), at: name.span(), values }),
+            Ok(values) => Some(SweepAxis { name: name.get_ref().clone(), at: name.span(), values }),
             Err(faults) => {
                 self.faults.extend(faults);
                 None
@@ -454,7 +454,7 @@ impl Reading {
     }
 
     /// The key `key` of a stage, which is true unless it is given.
-    fn choice(&mut self, table: &DeTable, key: &str) -> (bool, Span) {
+    fn choice(&mut self, table: &DeTable, key: &str) -> (bool, SpecSpan) {
         let Some(value) = table.get(key) else { return (true, 0..0) };
         let chosen = value.get_ref().as_bool();
         if chosen.is_none() {
@@ -464,7 +464,7 @@ impl Reading {
     }
 
     /// The names of a stage's `carry`.
-    fn carry(&mut self, table: &DeTable) -> Vec<(String, Span)> {
+    fn carry(&mut self, table: &DeTable) -> Vec<(String, SpecSpan)> {
         let Some(value) = table.get("carry") else { return vec![] };
         let items = value.get_ref().as_array();
         let names = items.and_then(|items| {
@@ -480,8 +480,8 @@ impl Reading {
         })
     }
 
-    fn args(&mut self, table: &DeTable, but: &[&str]) -> Args {
-        let mut args: Args = BTreeMap::new();
+    fn args(&mut self, table: &DeTable, but: &[&str]) -> SpecEntries {
+        let mut args: SpecEntries = BTreeMap::new();
         for (key, value) in table.iter().filter(|(k, _)| !but.contains(&k.get_ref().as_ref())) {
             match argument(value) {
                 Ok(x) => {

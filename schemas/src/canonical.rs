@@ -6,17 +6,17 @@ use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray, cast:
 use arrow_cast::cast;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
-use crate::{Described, Fault, Role, convert, describe_field, field, flight};
+use crate::{ColumnDescription, Fault, Role, convert, describe_field, field, flight};
 
 /// Conversion of each column of a file to a column of the flight table.
 #[derive(Clone, Debug)]
-pub struct Canonical {
+pub struct FlightConversion {
     schema: SchemaRef,
-    steps: Vec<(usize, Step)>,
+    steps: Vec<(usize, ColumnConversion)>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Step {
+enum ColumnConversion {
     Text,
     Number(f64),
     /// A scalar magnetometer: the earth's field is never 0 nT, so a reading of exactly 0 is a dropout.
@@ -25,7 +25,7 @@ enum Step {
     Keep,
 }
 
-impl Canonical {
+impl FlightConversion {
     /// The conversion from `source` to the flight table.
     ///
     /// Text and numbers become `flight` and `line`; every column with a canonical unit becomes Float64 in it; other
@@ -35,7 +35,7 @@ impl Canonical {
     ///
     /// # Errors
     /// Every missing key, wrong unit and wrong type, each naming its column.
-    pub fn new(source: &Schema) -> Result<Canonical, Vec<Fault>> {
+    pub fn new(source: &Schema) -> Result<FlightConversion, Vec<Fault>> {
         let names: Vec<&str> = source.fields().iter().map(|f| f.name().as_str()).collect();
         let mut faults: Vec<Fault> = flight::KEYS
             .iter()
@@ -59,7 +59,11 @@ impl Canonical {
                 Err(fault) => faults.push(fault),
             }
         }
-        if faults.is_empty() { Ok(Canonical { schema: Arc::new(Schema::new(fields)), steps }) } else { Err(faults) }
+        if faults.is_empty() {
+            Ok(FlightConversion { schema: Arc::new(Schema::new(fields)), steps })
+        } else {
+            Err(faults)
+        }
     }
 
     /// The schema of the flight table.
@@ -75,7 +79,7 @@ impl Canonical {
         self.cells(batch, false)
     }
 
-    /// [`Canonical::apply`] without the removal of zeros of scalar magnetometers, for callers that count them.
+    /// [`FlightConversion::apply`] without the removal of zeros of scalar magnetometers, for callers that count them.
     ///
     /// # Errors
     /// A value that does not fit its column's type.
@@ -88,14 +92,16 @@ impl Canonical {
             let wrong = |e: arrow_schema::ArrowError| Fault::data(e.to_string()).in_column(field.name());
             let array = batch.column(*i);
             match step {
-                Step::Keep => Ok(array.clone()),
-                Step::Cast => cast(array, field.data_type()).map_err(wrong),
-                Step::Text => identifiers(array).map_err(wrong),
-                Step::Number(factor) => cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong),
-                Step::Scalar(factor) if zeros => {
+                ColumnConversion::Keep => Ok(array.clone()),
+                ColumnConversion::Cast => cast(array, field.data_type()).map_err(wrong),
+                ColumnConversion::Text => identifiers(array).map_err(wrong),
+                ColumnConversion::Number(factor) => {
                     cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong)
                 }
-                Step::Scalar(factor) => {
+                ColumnConversion::Scalar(factor) if zeros => {
+                    cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong)
+                }
+                ColumnConversion::Scalar(factor) => {
                     cast(array, &DataType::Float64).map(|a| without_zeros(&numbers(&a, *factor))).map_err(wrong)
                 }
             }
@@ -106,7 +112,7 @@ impl Canonical {
 }
 
 /// The conversion of one column, and the resulting field.
-fn step(source: &Field) -> Result<(Step, Field), Fault> {
+fn step(source: &Field) -> Result<(ColumnConversion, Field), Fault> {
     let name = source.name();
     let known = flight::describe(name);
     let kind = flattened(source.data_type());
@@ -121,7 +127,7 @@ fn step(source: &Field) -> Result<(Step, Field), Fault> {
     if name == "flight" || name == "line" {
         let fine = is_text(&kind) || kind.is_numeric();
         let wrong = || Fault::data(format!("must be text, not {kind}")).in_column(name);
-        return if fine { Ok((Step::Text, as_field(DataType::Utf8, "", Role::Key))) } else { Err(wrong()) };
+        return if fine { Ok((ColumnConversion::Text, as_field(DataType::Utf8, "", Role::Key))) } else { Err(wrong()) };
     }
     let given = source.metadata().get("unit").map_or("", String::as_str);
     if !known.unit.is_empty() {
@@ -130,20 +136,24 @@ fn step(source: &Field) -> Result<(Step, Field), Fault> {
             let what = format!("must be numbers in {}, not {kind}", known.unit);
             return Err(Fault::data(what).in_column(name).help("convert the column, or rename it with `rename`"));
         }
-        let step = if flight::is_scalar_reading(name) { Step::Scalar(factor) } else { Step::Number(factor) };
+        let step = if flight::is_scalar_reading(name) {
+            ColumnConversion::Scalar(factor)
+        } else {
+            ColumnConversion::Number(factor)
+        };
         return Ok((step, as_field(DataType::Float64, known.unit, known.role)));
     }
     let (step, to) = match &kind {
-        DataType::Float64 | DataType::Float32 | DataType::Float16 => (Step::Number(1.0), DataType::Float64),
-        t if t.is_integer() => (Step::Cast, DataType::Int64),
-        t if is_text(t) => (Step::Cast, DataType::Utf8),
-        DataType::Boolean => (Step::Cast, DataType::Boolean),
-        _ => (Step::Keep, source.data_type().clone()),
+        DataType::Float64 | DataType::Float32 | DataType::Float16 => (ColumnConversion::Number(1.0), DataType::Float64),
+        t if t.is_integer() => (ColumnConversion::Cast, DataType::Int64),
+        t if is_text(t) => (ColumnConversion::Cast, DataType::Utf8),
+        DataType::Boolean => (ColumnConversion::Cast, DataType::Boolean),
+        _ => (ColumnConversion::Keep, source.data_type().clone()),
     };
     Ok((step, as_field(to, given, known.role)))
 }
 
-fn unit_factor(name: &str, given: &str, known: &Described) -> Result<f64, Fault> {
+fn unit_factor(name: &str, given: &str, known: &ColumnDescription) -> Result<f64, Fault> {
     if given.is_empty() {
         return Ok(1.0);
     }
@@ -268,7 +278,7 @@ mod tests {
             Arc::new(Int32Array::from(vec![1, 2])),
         ];
         let batch = RecordBatch::try_new(Arc::new(schema.clone()), columns).unwrap();
-        let out = Canonical::new(&schema).unwrap().apply(&batch).unwrap();
+        let out = FlightConversion::new(&schema).unwrap().apply(&batch).unwrap();
         let names: Vec<_> = out.schema().fields().iter().map(|f| f.name().clone()).collect();
         assert_eq!(names, ["flight", "line", "tt", "ins_lat", "counter"]);
         assert_eq!(out.column(1).as_string::<i32>().value(0), "1003.02");
@@ -302,7 +312,7 @@ mod tests {
     fn unit_a_name_of_its_own_keeps_its_role_and_a_known_name_has_that_of_the_contract() {
         let fields = ["flight", "line", "tt", "reference", "lat", "other"]
             .map(|n| crate::field(n, DataType::Float64, "", if n == "other" { Role::Key } else { Role::Truth }, ""));
-        let out = Canonical::new(&Schema::new(fields.to_vec())).unwrap();
+        let out = FlightConversion::new(&Schema::new(fields.to_vec())).unwrap();
         let roles: Vec<&str> = out.schema().fields().iter().map(|f| f.metadata()["role"].as_str()).collect();
         assert_eq!(roles, ["key", "key", "time", "truth", "truth", "aux"]);
     }
@@ -315,7 +325,7 @@ mod tests {
             Field::new("lat", DataType::Utf8, true),
             with_unit("mag_2_uc", DataType::Float64, "V"),
         ]);
-        let faults = Canonical::new(&schema).unwrap_err();
+        let faults = FlightConversion::new(&schema).unwrap_err();
         let said: Vec<String> = faults.iter().map(Fault::to_string).collect();
         assert_eq!(
             said,
@@ -336,7 +346,7 @@ mod tests {
         );
         let columns = (0..5).map(|_| Arc::new(Float64Array::from(vec![0.0, 50_000.0])) as ArrayRef).collect();
         let batch = RecordBatch::try_new(Arc::new(schema.clone()), columns).unwrap();
-        let out = Canonical::new(&schema).unwrap().apply(&batch).unwrap();
+        let out = FlightConversion::new(&schema).unwrap().apply(&batch).unwrap();
         let numbers = |i: usize| out.column(i).as_primitive::<arrow_array::types::Float64Type>().values().to_vec();
         assert!(numbers(3)[0].is_nan() && numbers(3)[1] == 50_000.0);
         // An anomaly may well be zero.

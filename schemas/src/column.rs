@@ -4,7 +4,7 @@ use std::{collections::HashMap, fmt};
 
 use arrow_schema::{DataType, Field, Schema};
 
-use crate::{Correction, Fault, Removed, Sampling, removed};
+use crate::{CorrectionSet, Fault, MagneticCorrection, RateDependence, removed};
 
 /// Permitted use of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +45,7 @@ impl Role {
 
 /// Unit, role and meaning of a column with a fixed name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Described {
+pub struct ColumnDescription {
     /// Canonical unit; empty for none.
     pub unit: &'static str,
     /// Permitted use.
@@ -105,11 +105,11 @@ pub struct Column {
     /// The columns it was made from: (position of the input, column name).
     pub from: Vec<(usize, String)>,
     /// The entries of a list that depend on the sample rate.
-    pub sampling: Sampling,
+    pub sampling: RateDependence,
     /// The corrections that a magnetic reading has had.
-    pub removed: Removed,
+    pub removed: CorrectionSet,
     /// The correction of a reading that the subtraction of this column makes.
-    pub correction: Option<Correction>,
+    pub correction: Option<MagneticCorrection>,
 }
 
 impl Column {
@@ -117,15 +117,15 @@ impl Column {
     pub fn float(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>) -> Self {
         let name = name.into();
         Self {
-            correction: Correction::by_column(&name),
+            correction: MagneticCorrection::by_column(&name),
             name,
             column_type: ColumnType::Float,
             unit: unit.into(),
             role: Role::Derived,
             doc: doc.into(),
             from: vec![],
-            sampling: Sampling::default(),
-            removed: Removed::new(),
+            sampling: RateDependence::default(),
+            removed: CorrectionSet::new(),
         }
     }
 
@@ -142,7 +142,7 @@ impl Column {
     /// A derived fixed-size list of Float64 with the entries `terms`. Names such as `xx_dot` and `a_lag_3` mark entries
     /// that depend on the sample rate; [`Column::sampling`] can override them.
     pub fn list(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>, terms: Vec<String>) -> Self {
-        let sampling = Sampling::of_names(&terms);
+        let sampling = RateDependence::of_names(&terms);
         Self { column_type: ColumnType::List(terms), sampling, ..Self::float(name, unit, doc) }
     }
 
@@ -159,7 +159,7 @@ impl Column {
     }
 
     /// Sets the corrections that were applied.
-    pub fn without(mut self, removed: Removed) -> Self {
+    pub fn without(mut self, removed: CorrectionSet) -> Self {
         self.removed = removed;
         self
     }
@@ -190,8 +190,8 @@ pub fn describe_field(field: &Field) -> Column {
     };
     let role = Role::parse(&get("role")).unwrap_or(Role::Aux);
     let sampling = match &column_type {
-        ColumnType::List(terms) => Sampling::read(terms, field.metadata()),
-        _ => Sampling::default(),
+        ColumnType::List(terms) => RateDependence::read(terms, field.metadata()),
+        _ => RateDependence::default(),
     };
     let removed = removed::read(field.name(), field.metadata());
     let correction = removed::correction(field.name(), field.metadata());
@@ -213,17 +213,17 @@ impl fmt::Display for Column {
 
 /// The columns on one edge of the plan, and the sample rate if known.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shape {
+pub struct TableShape {
     /// The columns in the table's order.
     pub columns: Vec<Column>,
     /// Samples per second, if an upstream stage made the sampling even.
     pub rate_hz: Option<f64>,
 }
 
-impl Shape {
+impl TableShape {
     /// The shape of a table with an Arrow schema, at an unknown rate.
-    pub fn of(schema: &Schema) -> Shape {
-        Shape { columns: schema.fields().iter().map(|field| describe_field(field)).collect(), rate_hz: None }
+    pub fn from_schema(schema: &Schema) -> TableShape {
+        TableShape { columns: schema.fields().iter().map(|field| describe_field(field)).collect(), rate_hz: None }
     }
 
     /// The column `name`, if the table has it.

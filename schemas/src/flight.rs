@@ -2,7 +2,7 @@
 //!
 //! Names follow the SGL and MagNav.jl communities; units are canonical.
 
-use crate::{Described, Role};
+use crate::{ColumnDescription, Role};
 
 /// The version of the flight table's contract.
 pub const VERSION: u32 = 1;
@@ -10,12 +10,12 @@ pub const VERSION: u32 = 1;
 /// The columns that every flight table has.
 pub const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
-const fn d(unit: &'static str, role: Role, description: &'static str) -> Described {
-    Described { unit, role, description }
+const fn d(unit: &'static str, role: Role, description: &'static str) -> ColumnDescription {
+    ColumnDescription { unit, role, description }
 }
 
 /// The columns with fixed names, in the contract's order.
-pub const COLUMNS: &[(&str, Described)] = &[
+pub const COLUMNS: &[(&str, ColumnDescription)] = &[
     ("flight", d("", Role::Key, "flight identifier")),
     ("line", d("", Role::Key, "line identifier")),
     ("tt", d("s", Role::Time, "seconds past midnight UTC")),
@@ -68,7 +68,7 @@ pub const COLUMNS: &[(&str, Described)] = &[
 ];
 
 /// Unit, role and meaning of the column `name` of a flight table; unknown columns are auxiliary, without unit.
-pub fn describe(name: &str) -> Described {
+pub fn describe(name: &str) -> ColumnDescription {
     if let Some((_, known)) = COLUMNS.iter().find(|(n, _)| *n == name) {
         return *known;
     }

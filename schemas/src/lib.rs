@@ -14,17 +14,19 @@ mod sampling;
 mod stage;
 mod unit;
 
-pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, field};
+pub use column::{Column, ColumnDescription, ColumnType, Role, TableShape, describe_field, field};
 pub use params::{
-    Args, Chosen, Fault, Given, Kind, Kinds, Lists, Literal, Nested, OrAuto, Own, Owner, Param, ParamDoc, Params,
-    Place, Reader, Rule, Section, Sections, Several, Value, Word, choice, collect_doc, first, literal, nearest,
-    no_text, obeys, one_line, params, paths, render, visible, words_rule,
+    ChoiceKeys, ChoiceKind, ChoiceList, ChoiceRegistry, ChoiceSelection, ChoiceSubset, DataLocation, Fault, FaultOwner,
+    Literal, NestedParams, NumberOrAuto, Param, ParamDoc, ParamReader, ParamValue, Params, ParamsList, Rule,
+    SpecEntries, SpecEntry, SpecSection, VerbatimText, choice, collect_doc, first, literal, nearest, no_text, obeys,
+    one_line, params, paths, render, visible, words_rule,
 };
-pub use removed::{Correction, Removed};
-pub use sampling::{RateLaw, Sampling, is_same_rate};
+pub use removed::{CorrectionSet, MagneticCorrection};
+pub use sampling::{RateDependence, RateLaw, is_same_rate};
 pub use stage::{
-    AnyLinePoint, AnyStage, AnySurveyPoint, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind,
-    KindDoc, LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Product, Stage,
-    StageDyn, SurveyPoint, SurveyStage, SurveyStageDyn, Table, TableKind, Unattended, Work, Yield, is_optional,
+    AnyLinePart, AnyLinePoint, AnySharedData, AnyStage, AnySurveyPoint, CheckpointMonitor, ChoiceDoc, Grain, InputDecl,
+    InputKind, LineInput, LineOutput, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, NullMonitor,
+    PassThroughColumns, Stage, StageBuilder, StageDyn, StageEntry, StageHeader, StageOutput, StageSchema,
+    SurveyAggregator, SurveyAggregatorDyn, SurveyPoint, SurveyStage, SurveyStageDyn, Table, TableKind, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

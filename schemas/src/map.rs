@@ -9,17 +9,20 @@
 
 use arrow_schema::{DataType, Field, Schema};
 
-use crate::{Column, Described, Fault, Passes, Role, Shape, Yield, field};
+use crate::{Column, ColumnDescription, Fault, PassThroughColumns, Role, StageSchema, TableShape, field};
 
 /// The version of the map table's contract.
 pub const VERSION: u32 = 1;
 
 /// Its columns: name, unit and meaning.
-pub const COLUMNS: [(&str, Described); 4] = [
-    ("lat", Described { unit: "deg", role: Role::Key, description: "latitude of the node, WGS-84" }),
-    ("lon", Described { unit: "deg", role: Role::Key, description: "longitude of the node, WGS-84" }),
-    ("alt", Described { unit: "m", role: Role::Aux, description: "height above the WGS-84 ellipsoid" }),
-    ("anomaly", Described { unit: "nT", role: Role::Aux, description: "total field anomaly; NaN where unknown" }),
+pub const COLUMNS: [(&str, ColumnDescription); 4] = [
+    ("lat", ColumnDescription { unit: "deg", role: Role::Key, description: "latitude of the node, WGS-84" }),
+    ("lon", ColumnDescription { unit: "deg", role: Role::Key, description: "longitude of the node, WGS-84" }),
+    ("alt", ColumnDescription { unit: "m", role: Role::Aux, description: "height above the WGS-84 ellipsoid" }),
+    (
+        "anomaly",
+        ColumnDescription { unit: "nT", role: Role::Aux, description: "total field anomaly; NaN where unknown" },
+    ),
 ];
 
 /// The column of a map with the standard deviation of the error of each node, in nT, if the source of the map gives it.
@@ -31,13 +34,13 @@ pub fn error_column() -> Column {
 }
 
 /// The shape of every map.
-pub fn shape() -> Shape {
+pub fn shape() -> TableShape {
     let columns = COLUMNS.iter().map(|(name, d)| Column::float(*name, d.unit, d.description).role(d.role));
-    Shape { columns: columns.collect(), rate_hz: None }
+    TableShape { columns: columns.collect(), rate_hz: None }
 }
 
 /// The shape of a map that gives the error of each node.
-pub fn shape_with_error() -> Shape {
+pub fn shape_with_error() -> TableShape {
     let mut shape = shape();
     shape.columns.push(error_column());
     shape
@@ -68,7 +71,7 @@ pub fn made_columns(unit: &str) -> Vec<Column> {
 }
 
 /// The yield of a stage that makes a map from the columns `reads` of each of its inputs, with values in `unit`.
-pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
+pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> StageSchema {
     let among = |names: &[String], wanted: &[&str]| -> Vec<String> {
         names.iter().filter(|n| wanted.contains(&n.as_str())).cloned().collect()
     };
@@ -79,9 +82,9 @@ pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
             _ => c.from(i, &among(names, &["lat", "lon"])),
         })
     };
-    Yield {
+    StageSchema {
         columns: made_columns(unit).into_iter().map(from).collect(),
-        passes: Passes::None,
+        passes: PassThroughColumns::None,
         reads,
         rate_hz: None,
         features: vec![],
@@ -96,7 +99,7 @@ pub const OWN_COLUMNS: [&str; 4] = ["northing", "easting", "alt", "anomaly"];
 /// Metadata of the fields `northing` and `easting` of a map on its native grid, in addition to unit, role and
 /// description.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OwnGrid {
+pub struct NativeGrid {
     /// The EPSG code of the coordinate system.
     pub epsg: u16,
     /// Its definition as a PROJ string.
@@ -109,7 +112,7 @@ pub struct OwnGrid {
     pub lon_deg: [f64; 2],
 }
 
-impl OwnGrid {
+impl NativeGrid {
     /// The fields of the table.
     pub fn fields(&self) -> Vec<Field> {
         let of = |name: &str, unit: &str, text: &str| field(name, DataType::Float64, unit, Role::Key, text);
@@ -138,7 +141,7 @@ impl OwnGrid {
     ///
     /// # Errors
     /// Fails for incomplete or non-numeric metadata.
-    pub fn of(schema: &Schema) -> Result<Option<OwnGrid>, Fault> {
+    pub fn from_schema(schema: &Schema) -> Result<Option<NativeGrid>, Fault> {
         let [Ok(northing), Ok(easting)] = ["northing", "easting"].map(|name| schema.field_with_name(name)) else {
             return Ok(None);
         };
@@ -157,7 +160,7 @@ impl OwnGrid {
         let ends =
             |field: &Field| -> Result<[f64; 2], Fault> { Ok([number(field, "from_deg")?, number(field, "to_deg")?]) };
         let code = text(northing, "epsg")?;
-        Ok(Some(OwnGrid {
+        Ok(Some(NativeGrid {
             epsg: code.parse().map_err(|_| {
                 Fault::machine(format!("`epsg` in the map's metadata must be an EPSG code, not `{code}`"))
             })?,
@@ -176,7 +179,7 @@ mod tests {
 
     #[test]
     fn unit_what_a_table_says_of_its_grid_is_read_back_to_the_last_bit() {
-        let own = OwnGrid {
+        let own = NativeGrid {
             epsg: 32754,
             definition: "+proj=utm +zone=54 +south".to_owned(),
             unit_m: [0.1 + 0.2, 1.0 / 3.0],
@@ -186,11 +189,11 @@ mod tests {
         let schema = Schema::new(own.fields());
         let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
         assert_eq!(names, OWN_COLUMNS);
-        assert_eq!(OwnGrid::of(&schema).unwrap().unwrap(), own);
+        assert_eq!(NativeGrid::from_schema(&schema).unwrap().unwrap(), own);
         let geographic: Vec<Field> = shape().columns.iter().map(Column::field).collect();
-        assert_eq!(OwnGrid::of(&Schema::new(geographic)).unwrap(), None);
+        assert_eq!(NativeGrid::from_schema(&Schema::new(geographic)).unwrap(), None);
         let bare: Vec<Field> =
             schema.fields().iter().map(|f| f.as_ref().clone().with_metadata(Default::default())).collect();
-        assert!(OwnGrid::of(&Schema::new(bare)).unwrap_err().to_string().contains("`epsg`"));
+        assert!(NativeGrid::from_schema(&Schema::new(bare)).unwrap_err().to_string().contains("`epsg`"));
     }
 }

@@ -13,16 +13,16 @@ pub struct Metric {
     /// Meaning, as a sentence without a full stop.
     pub meaning: &'static str,
     /// Pooling rule over lines.
-    pub pool: Pool,
+    pub pool: PoolingRule,
     /// Preferred values.
-    pub better: Better,
+    pub better: MetricPreference,
     /// Places where it is shown, in addition to the table of scores.
-    pub shown: Shown,
+    pub shown: MetricDisplay,
 }
 
 /// Pooling rule over lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pool {
+pub enum PoolingRule {
     /// Root mean square weighted by samples: errors.
     Rms,
     /// Mean weighted by samples: ratios, rates and signed means.
@@ -37,17 +37,17 @@ pub enum Pool {
 
 /// The score of one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Weighed<'a> {
+pub struct WeightedScore<'a> {
     /// The value, in the metric's unit.
     pub value: f64,
     /// The weight: samples or pairs behind the value.
     pub n: f64,
-    /// For [`Pool::Quantile`]: sorted values, each of which represents an equal share of the samples; see [`spread`].
-    /// Empty for other rules.
+    /// For [`PoolingRule::Quantile`]: sorted values, each of which represents an equal share of the samples; see
+    /// [`spread`]. Empty for other rules.
     pub spread: &'a [f64],
 }
 
-impl From<(f64, f64)> for Weighed<'_> {
+impl From<(f64, f64)> for WeightedScore<'_> {
     /// A value and its weight, without a spread.
     fn from((value, n): (f64, f64)) -> Self {
         Self { value, n, spread: &[] }
@@ -79,14 +79,14 @@ fn between(at: f64, value: impl Fn(usize) -> f64) -> f64 {
     below + (at - at.floor()) * (value(at.ceil() as usize) - below)
 }
 
-impl Pool {
+impl PoolingRule {
     /// The value of all lines together; NaN without lines, and for quantiles where a line has no spread.
-    pub fn value<'a>(self, lines: impl Iterator<Item = Weighed<'a>>) -> f64 {
+    pub fn value<'a>(self, lines: impl Iterator<Item = WeightedScore<'a>>) -> f64 {
         if let Self::Quantile(percent) = self {
             return quantile_of_all(f64::from(percent) / 100.0, &lines.collect::<Vec<_>>());
         }
         let (mut sum, mut weight) = (0.0, 0.0);
-        for Weighed { value, n, .. } in lines {
+        for WeightedScore { value, n, .. } in lines {
             weight += n;
             sum += match self {
                 Self::Rms => n * value * value,
@@ -119,8 +119,8 @@ impl Pool {
 
 /// The quantile at `part` of the samples of several lines, from their spreads: linear between order statistics, as
 /// numpy's default.
-fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
-    let lines: Vec<&Weighed> = lines.iter().filter(|line| line.n > 0.0).collect();
+fn quantile_of_all(part: f64, lines: &[WeightedScore]) -> f64 {
+    let lines: Vec<&WeightedScore> = lines.iter().filter(|line| line.n > 0.0).collect();
     if let [one] = lines.as_slice() {
         return one.value;
     }
@@ -128,7 +128,7 @@ fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
         return f64::NAN;
     }
     // Each value with the number of samples that it represents.
-    let weighed = |line: &&Weighed| {
+    let weighed = |line: &&WeightedScore| {
         let weight = line.n / line.spread.len() as f64;
         line.spread.iter().map(move |x| (*x, weight)).collect::<Vec<_>>()
     };
@@ -154,7 +154,7 @@ fn quantile_of_all(part: f64, lines: &[Weighed]) -> f64 {
 
 /// Preferred values of a metric.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Better {
+pub enum MetricPreference {
     /// Small ones.
     Lower,
     /// Large ones.
@@ -165,32 +165,32 @@ pub enum Better {
     Neither,
 }
 
-impl Better {
+impl MetricPreference {
     /// A cost that is smaller for the better of two values; `None` without a preference.
     pub fn cost(self, value: f64) -> Option<f64> {
         let cost = match self {
-            Better::Lower => value,
-            Better::Higher => -value,
-            Better::Near(target) => (value / target).ln().abs(),
-            Better::Neither => return None,
+            MetricPreference::Lower => value,
+            MetricPreference::Higher => -value,
+            MetricPreference::Near(target) => (value / target).ln().abs(),
+            MetricPreference::Neither => return None,
         };
         cost.is_finite().then_some(cost)
     }
 
-    /// The preferred values in words; empty for [`Better::Neither`].
+    /// The preferred values in words; empty for [`MetricPreference::Neither`].
     pub fn words(self) -> String {
         match self {
-            Better::Lower => "smaller".to_owned(),
-            Better::Higher => "larger".to_owned(),
-            Better::Near(target) => format!("near {target}"),
-            Better::Neither => String::new(),
+            MetricPreference::Lower => "smaller".to_owned(),
+            MetricPreference::Higher => "larger".to_owned(),
+            MetricPreference::Near(target) => format!("near {target}"),
+            MetricPreference::Neither => String::new(),
         }
     }
 }
 
 /// Places where a metric is shown. Positions are multiples of ten, which leaves room for new ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shown {
+pub struct MetricDisplay {
     /// Position among the columns of pooled scores, from the left; `None` if it is not shown there.
     pub column: Option<u16>,
     /// Weight of the column. On a narrow terminal, columns of least weight are omitted first.
@@ -202,7 +202,7 @@ pub struct Shown {
     pub heat_map: bool,
 }
 
-impl Shown {
+impl MetricDisplay {
     /// Only the table of scores.
     pub const NOWHERE: Self = Self { column: None, weight: 0, rank: None, heat_map: false };
 
@@ -228,12 +228,12 @@ mod tests {
 
     #[test]
     fn unit_errors_pool_by_squares_ratios_by_means_and_numbers_add_up() {
-        let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter().map(Weighed::from);
-        assert_eq!(Pool::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
-        assert_eq!((Pool::Mean.value(lines()), Pool::Sum.value(lines())), (3.75, 7.0));
+        let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter().map(WeightedScore::from);
+        assert_eq!(PoolingRule::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
+        assert_eq!((PoolingRule::Mean.value(lines()), PoolingRule::Sum.value(lines())), (3.75, 7.0));
         // Equal errors of equal weights fall with the root of their number.
-        assert_eq!(Pool::Error.value([(0.4, 9.0); 4].into_iter().map(Weighed::from)), 0.2);
-        let all = [Pool::Rms, Pool::Mean, Pool::Sum, Pool::Quantile(50)];
+        assert_eq!(PoolingRule::Error.value([(0.4, 9.0); 4].into_iter().map(WeightedScore::from)), 0.2);
+        let all = [PoolingRule::Rms, PoolingRule::Mean, PoolingRule::Sum, PoolingRule::Quantile(50)];
         assert!(all.iter().all(|p| p.value(std::iter::empty()).is_nan()));
     }
 
@@ -255,26 +255,26 @@ mod tests {
             all.sort_by(f64::total_cmp);
             for percent in [50, 95] {
                 let part = f64::from(percent) / 100.0;
-                let scored = lines.iter().zip(&spreads).map(|(samples, spread)| Weighed {
+                let scored = lines.iter().zip(&spreads).map(|(samples, spread)| WeightedScore {
                     value: quantile(samples, part),
                     n: samples.len() as f64,
                     spread,
                 });
-                let (pooled, exact) = (Pool::Quantile(percent).value(scored), quantile(&all, part));
+                let (pooled, exact) = (PoolingRule::Quantile(percent).value(scored), quantile(&all, part));
                 assert!((pooled / exact - 1.0).abs() < tolerance, "{percent}: {pooled} {exact}");
             }
         }
-        assert_eq!(Pool::Quantile(50).value(std::iter::once((3.0, 7.0).into())), 3.0);
+        assert_eq!(PoolingRule::Quantile(50).value(std::iter::once((3.0, 7.0).into())), 3.0);
         // A value shows no single sample.
         assert_eq!((spread(&[1.0, 2.0, 9.0]), spread(&[]).len(), spread(&line(0, 57, 1.0)).len()), (vec![2.0], 0, 5));
-        let unknown = [(3.0, 7.0), (4.0, 7.0)].into_iter().map(Weighed::from);
-        assert!(Pool::Quantile(50).value(unknown).is_nan(), "no spread, no quantile");
+        let unknown = [(3.0, 7.0), (4.0, 7.0)].into_iter().map(WeightedScore::from);
+        assert!(PoolingRule::Quantile(50).value(unknown).is_nan(), "no spread, no quantile");
     }
 
     #[test]
     fn unit_a_ratio_is_as_far_from_its_target_above_as_below() {
-        assert_eq!(Better::Near(2.0).cost(8.0), Better::Near(2.0).cost(0.5));
-        assert!(Better::Higher.cost(3.0) < Better::Higher.cost(2.0));
-        assert_eq!((Better::Neither.cost(1.0), Better::Lower.cost(f64::NAN)), (None, None));
+        assert_eq!(MetricPreference::Near(2.0).cost(8.0), MetricPreference::Near(2.0).cost(0.5));
+        assert!(MetricPreference::Higher.cost(3.0) < MetricPreference::Higher.cost(2.0));
+        assert_eq!((MetricPreference::Neither.cost(1.0), MetricPreference::Lower.cost(f64::NAN)), (None, None));
     }
 }

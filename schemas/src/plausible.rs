@@ -5,7 +5,7 @@ use crate::{choice, convert, flight};
 
 choice! {
     /// Plausibility checks that a table of flights can disable.
-    pub enum Accept {
+    pub enum PlausibilityCheck {
         /// Accepts values outside the limits of their column, and columns that contradict each other.
         Range = "range",
     }
@@ -13,7 +13,7 @@ choice! {
 
 /// Quantity that a column measures, which determines its limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum PhysicalQuantity {
     /// Seconds past midnight.
     Time,
     /// Geodetic latitude.
@@ -50,27 +50,27 @@ pub enum Kind {
 
 /// Treatment of a few values outside the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outlier {
+pub enum OutlierTreatment {
     /// Rejects the line: occasional errors of a position, an attitude or a date have a systematic cause.
     Fault,
     /// Treats them as missing values: sensors have spikes and dropouts.
     Missing,
 }
 
-/// The values that a column can have.
+/// Plausible values of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct PlausibleRange {
     /// Quantity that the column measures.
-    pub kind: Kind,
+    pub kind: PhysicalQuantity,
     /// Minimum, in the canonical unit.
     pub low: f64,
     /// Maximum, in the canonical unit.
     pub high: f64,
     /// Treatment of a few values outside.
-    pub outlier: Outlier,
+    pub outlier: OutlierTreatment,
 }
 
-impl Limits {
+impl PlausibleRange {
     /// Whether a finite value lies within, with a tolerance for rounding (a yaw of π in single precision is 180.000005
     /// degrees).
     pub fn holds(&self, x: f64) -> bool {
@@ -79,72 +79,95 @@ impl Limits {
     }
 }
 
-impl Kind {
+impl PhysicalQuantity {
     /// The name with its article, for a sentence such as '95 deg is not a latitude'.
     pub fn noun(self) -> &'static str {
         match self {
-            Kind::Time => "a time of day",
-            Kind::Latitude => "a latitude",
-            Kind::Longitude => "a longitude",
-            Kind::Height => "a height of an aircraft",
-            Kind::Ground => "a height of the ground or above the ground",
-            Kind::Speed => "a velocity of an aircraft",
-            Kind::Angle => "an attitude angle",
-            Kind::Rate => "an angular rate of an aircraft",
-            Kind::SpecificForce => "a specific force on an aircraft",
-            Kind::TotalField => "a total field of the earth",
-            Kind::VectorField => "a magnitude of a vector magnetometer in the earth's field",
-            Kind::FieldComponent => "a component of the earth's field",
-            Kind::Anomaly => "a magnetic anomaly",
-            Kind::Variation => "a temporal variation of the field",
-            Kind::Year => "a year of a flight",
-            Kind::Day => "a day of a year",
+            PhysicalQuantity::Time => "a time of day",
+            PhysicalQuantity::Latitude => "a latitude",
+            PhysicalQuantity::Longitude => "a longitude",
+            PhysicalQuantity::Height => "a height of an aircraft",
+            PhysicalQuantity::Ground => "a height of the ground or above the ground",
+            PhysicalQuantity::Speed => "a velocity of an aircraft",
+            PhysicalQuantity::Angle => "an attitude angle",
+            PhysicalQuantity::Rate => "an angular rate of an aircraft",
+            PhysicalQuantity::SpecificForce => "a specific force on an aircraft",
+            PhysicalQuantity::TotalField => "a total field of the earth",
+            PhysicalQuantity::VectorField => "a magnitude of a vector magnetometer in the earth's field",
+            PhysicalQuantity::FieldComponent => "a component of the earth's field",
+            PhysicalQuantity::Anomaly => "a magnetic anomaly",
+            PhysicalQuantity::Variation => "a temporal variation of the field",
+            PhysicalQuantity::Year => "a year of a flight",
+            PhysicalQuantity::Day => "a day of a year",
         }
     }
 
     /// Units in which such a value occurs, the canonical one first.
     fn units(self) -> &'static [&'static str] {
         match self {
-            Kind::Time => &["s", "ms", "us", "ns"],
+            PhysicalQuantity::Time => &["s", "ms", "us", "ns"],
             // Positioning receivers log whole multiples of 1e-7 degrees.
-            Kind::Latitude | Kind::Longitude => &["deg", "rad", "degE7"],
-            Kind::Angle => &["deg", "rad"],
-            Kind::Height | Kind::Ground => &["m", "ft", "km"],
-            Kind::Speed => &["m/s", "km/h", "kn"],
-            Kind::Rate => &["deg/s", "rad/s"],
-            Kind::TotalField | Kind::VectorField => &["nT", "uT", "mgauss", "gauss", "mT", "T"],
+            PhysicalQuantity::Latitude | PhysicalQuantity::Longitude => &["deg", "rad", "degE7"],
+            PhysicalQuantity::Angle => &["deg", "rad"],
+            PhysicalQuantity::Height | PhysicalQuantity::Ground => &["m", "ft", "km"],
+            PhysicalQuantity::Speed => &["m/s", "km/h", "kn"],
+            PhysicalQuantity::Rate => &["deg/s", "rad/s"],
+            PhysicalQuantity::TotalField | PhysicalQuantity::VectorField => &["nT", "uT", "mgauss", "gauss", "mT", "T"],
             // Without a lower limit too many units would fit.
-            Kind::SpecificForce | Kind::FieldComponent | Kind::Anomaly | Kind::Variation | Kind::Year | Kind::Day => {
-                &[]
-            }
+            PhysicalQuantity::SpecificForce
+            | PhysicalQuantity::FieldComponent
+            | PhysicalQuantity::Anomaly
+            | PhysicalQuantity::Variation
+            | PhysicalQuantity::Year
+            | PhysicalQuantity::Day => &[],
         }
     }
 }
 
 /// The magnitude of a vector magnetometer. Its limits allow for the biases and scale errors of raw fluxgates, but
 /// detect a factor of ten: the earth's field is 22,000 to 67,000 nT.
-pub const VECTOR: Limits = Limits { kind: Kind::VectorField, low: 7_500.0, high: 150_000.0, outlier: Outlier::Missing };
+pub const VECTOR: PlausibleRange = PlausibleRange {
+    kind: PhysicalQuantity::VectorField,
+    low: 7_500.0,
+    high: 150_000.0,
+    outlier: OutlierTreatment::Missing,
+};
 
 /// The total field that a scalar magnetometer reads.
-const TOTAL: Limits = Limits { kind: Kind::TotalField, low: 15_000.0, high: 80_000.0, outlier: Outlier::Missing };
+const TOTAL: PlausibleRange = PlausibleRange {
+    kind: PhysicalQuantity::TotalField,
+    low: 15_000.0,
+    high: 80_000.0,
+    outlier: OutlierTreatment::Missing,
+};
 
 /// A reading without the core field, such as the aircraft field alone.
-const RESIDUAL: Limits = Limits { kind: Kind::Anomaly, low: -50_000.0, high: 50_000.0, outlier: Outlier::Missing };
+const RESIDUAL: PlausibleRange = PlausibleRange {
+    kind: PhysicalQuantity::Anomaly,
+    low: -50_000.0,
+    high: 50_000.0,
+    outlier: OutlierTreatment::Missing,
+};
 
 /// The anomaly of a map or a survey. Rocks cause a few thousand nT at flying height, and more than these limits only at
 /// the ground above iron ore. The weakest total field of the earth is 22,000 nT (IGRF-14, South Atlantic), above the
 /// limit.
-const CRUST: Limits = Limits { kind: Kind::Anomaly, low: -20_000.0, high: 20_000.0, outlier: Outlier::Fault };
+const CRUST: PlausibleRange = PlausibleRange {
+    kind: PhysicalQuantity::Anomaly,
+    low: -20_000.0,
+    high: 20_000.0,
+    outlier: OutlierTreatment::Fault,
+};
 
 /// The limits of the values of a map or a survey, nT: those of a total field if most values are one, else of an
 /// anomaly.
-pub fn survey(values: impl Iterator<Item = f64>) -> Limits {
+pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
     let (mut known, mut total) = (0_usize, 0_usize);
     for x in values.filter(|x| !x.is_nan()) {
         known += 1;
         total += usize::from(!CRUST.holds(x) && TOTAL.holds(x));
     }
-    if 2 * total > known { Limits { outlier: Outlier::Fault, ..TOTAL } } else { CRUST }
+    if 2 * total > known { PlausibleRange { outlier: OutlierTreatment::Fault, ..TOTAL } } else { CRUST }
 }
 
 /// Minimum interquartile range of a residual field as a fraction of its median, for lines of fewer samples than
@@ -154,8 +177,8 @@ const LONG_LINE: usize = 1_000;
 
 /// The limits of the residual field, if `values` of a column of total field are a residual field: few of them are a
 /// total field, and they are negative or vary too much for a total field in another unit.
-pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
-    if limits.kind != Kind::TotalField {
+pub fn residual(limits: &PlausibleRange, values: &[f64]) -> Option<PlausibleRange> {
+    if limits.kind != PhysicalQuantity::TotalField {
         return None;
     }
     let known = || values.iter().copied().filter(|x| x.is_finite() && *x != 0.0);
@@ -172,39 +195,39 @@ pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
 }
 
 /// The limits of the column `name` in its canonical unit; `None` without limits.
-pub fn limits(name: &str) -> Option<Limits> {
-    let fault = |kind, low, high| Some(Limits { kind, low, high, outlier: Outlier::Fault });
-    let missing = |kind, low, high| Some(Limits { kind, low, high, outlier: Outlier::Missing });
+pub fn limits(name: &str) -> Option<PlausibleRange> {
+    let fault = |kind, low, high| Some(PlausibleRange { kind, low, high, outlier: OutlierTreatment::Fault });
+    let missing = |kind, low, high| Some(PlausibleRange { kind, low, high, outlier: OutlierTreatment::Missing });
     match name {
         // A flight may begin before midnight and run past the next.
-        "tt" => fault(Kind::Time, -86_400.0, 259_200.0),
-        "lat" | "ins_lat" => fault(Kind::Latitude, -90.0, 90.0),
-        "lon" | "ins_lon" => fault(Kind::Longitude, -180.0, 360.0),
-        "alt" | "ins_alt" => fault(Kind::Height, -1_000.0, 100_000.0),
-        "msl" | "baro" => missing(Kind::Height, -1_000.0, 100_000.0),
-        "radar" | "topo" | "dem" | "drape" => missing(Kind::Ground, -12_000.0, 100_000.0),
-        "vn" | "ve" | "vd" | "ins_vn" | "ins_ve" | "ins_vd" => fault(Kind::Speed, -1_000.0, 1_000.0),
-        "roll" | "ins_roll" => fault(Kind::Angle, -180.0, 180.0),
-        "pitch" | "ins_pitch" => fault(Kind::Angle, -90.0, 90.0),
-        "yaw" | "ins_yaw" => fault(Kind::Angle, -180.0, 360.0),
-        "roll_rate" | "pitch_rate" | "yaw_rate" => missing(Kind::Rate, -2_000.0, 2_000.0),
-        "ins_fn" | "ins_fe" | "ins_fd" => missing(Kind::SpecificForce, -500.0, 500.0),
-        "diurnal" => missing(Kind::Variation, -5_000.0, 5_000.0),
-        "mag_1_igrf" | "anomaly_truth" => missing(Kind::Anomaly, -50_000.0, 50_000.0),
+        "tt" => fault(PhysicalQuantity::Time, -86_400.0, 259_200.0),
+        "lat" | "ins_lat" => fault(PhysicalQuantity::Latitude, -90.0, 90.0),
+        "lon" | "ins_lon" => fault(PhysicalQuantity::Longitude, -180.0, 360.0),
+        "alt" | "ins_alt" => fault(PhysicalQuantity::Height, -1_000.0, 100_000.0),
+        "msl" | "baro" => missing(PhysicalQuantity::Height, -1_000.0, 100_000.0),
+        "radar" | "topo" | "dem" | "drape" => missing(PhysicalQuantity::Ground, -12_000.0, 100_000.0),
+        "vn" | "ve" | "vd" | "ins_vn" | "ins_ve" | "ins_vd" => fault(PhysicalQuantity::Speed, -1_000.0, 1_000.0),
+        "roll" | "ins_roll" => fault(PhysicalQuantity::Angle, -180.0, 180.0),
+        "pitch" | "ins_pitch" => fault(PhysicalQuantity::Angle, -90.0, 90.0),
+        "yaw" | "ins_yaw" => fault(PhysicalQuantity::Angle, -180.0, 360.0),
+        "roll_rate" | "pitch_rate" | "yaw_rate" => missing(PhysicalQuantity::Rate, -2_000.0, 2_000.0),
+        "ins_fn" | "ins_fe" | "ins_fd" => missing(PhysicalQuantity::SpecificForce, -500.0, 500.0),
+        "diurnal" => missing(PhysicalQuantity::Variation, -5_000.0, 5_000.0),
+        "mag_1_igrf" | "anomaly_truth" => missing(PhysicalQuantity::Anomaly, -50_000.0, 50_000.0),
         "igrf" | "mag_1_lag" | "mag_1_dc" => Some(TOTAL),
-        "year" => fault(Kind::Year, 1900.0, 2100.0),
-        "doy" => fault(Kind::Day, 1.0, 366.0),
+        "year" => fault(PhysicalQuantity::Year, 1900.0, 2100.0),
+        "doy" => fault(PhysicalQuantity::Day, 1.0, 366.0),
         _ if flight::is_scalar_reading(name) || flight::is_compensated(name) => Some(TOTAL),
         _ => match flight::vector_part(name)? {
             (_, 't') => Some(VECTOR),
-            _ => missing(Kind::FieldComponent, -150_000.0, 150_000.0),
+            _ => missing(PhysicalQuantity::FieldComponent, -150_000.0, 150_000.0),
         },
     }
 }
 
 /// Probable cause of a value outside its limits.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Likely {
+pub enum ProbableCause {
     /// The same reading in another unit: the unit, and the value in the canonical one.
     Unit(&'static str, f64),
     /// Degrees and minutes as receivers write them (NMEA `ddmm.mm`): the value in degrees.
@@ -217,7 +240,7 @@ pub enum Likely {
 
 /// The probable cause of a `value` outside `limits` if its unit is not `declared` (the unit in the file or the spec;
 /// without one, the canonical unit).
-pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
+pub fn likely(limits: &PlausibleRange, value: f64, declared: &str) -> Option<ProbableCause> {
     let canonical = *limits.kind.units().first()?;
     let declared = if declared.is_empty() { canonical } else { declared };
     let reading = value / convert(declared, canonical)?;
@@ -226,33 +249,34 @@ pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
         let other = convert(declared, canonical) != Some(factor);
         let value = reading * factor;
         // Within 1 km of the origin, any number fits in a small unit.
-        let origin = matches!(limits.kind, Kind::Latitude | Kind::Longitude) && value.abs() < 0.01;
+        let origin =
+            matches!(limits.kind, PhysicalQuantity::Latitude | PhysicalQuantity::Longitude) && value.abs() < 0.01;
         (other && !origin && limits.holds(value)).then_some((*unit, value))
     };
     let mut fitting = limits.kind.units().iter().filter_map(in_unit);
     let (first, second) = (fitting.next(), fitting.next());
-    let unit = first.map(|(unit, value)| Likely::Unit(unit, value));
+    let unit = first.map(|(unit, value)| ProbableCause::Unit(unit, value));
     match limits.kind {
         // Several small units fit a time of day; the largest is the most likely.
-        Kind::Time => seconds(reading).or(unit),
-        Kind::Latitude | Kind::Longitude => unit.or_else(|| degrees(limits, reading)),
+        PhysicalQuantity::Time => seconds(reading).or(unit),
+        PhysicalQuantity::Latitude | PhysicalQuantity::Longitude => unit.or_else(|| degrees(limits, reading)),
         _ => unit.filter(|_| second.is_none()),
     }
 }
 
-fn degrees(limits: &Limits, x: f64) -> Option<Likely> {
+fn degrees(limits: &PlausibleRange, x: f64) -> Option<ProbableCause> {
     let (whole, minutes) = ((x.abs() / 100.0).trunc(), x.abs() % 100.0);
     let value = (whole + minutes / 60.0).copysign(x);
-    (minutes < 60.0 && limits.holds(value)).then_some(Likely::DegreesMinutes(value))
+    (minutes < 60.0 && limits.holds(value)).then_some(ProbableCause::DegreesMinutes(value))
 }
 
-fn seconds(x: f64) -> Option<Likely> {
+fn seconds(x: f64) -> Option<ProbableCause> {
     const DAY: f64 = 86_400.0;
     if (0.0..7.0 * DAY).contains(&x) {
-        return Some(Likely::GpsWeek((x / DAY) as u32, x % DAY));
+        return Some(ProbableCause::GpsWeek((x / DAY) as u32, x % DAY));
     }
     // 1980 to 2100.
-    (3.1e8..4.1e9).contains(&x).then_some(Likely::Unix(x % DAY))
+    (3.1e8..4.1e9).contains(&x).then_some(ProbableCause::Unix(x % DAY))
 }
 
 /// A number for messages: with thousands separators and without superfluous digits.
@@ -310,16 +334,16 @@ mod tests {
     #[test]
     fn r10_an_impossible_value_is_possible_in_one_unit() {
         let of = |name: &str, value: f64, unit: &str| likely(&limits(name).unwrap(), value, unit);
-        assert_eq!(of("mag_3_uc", 5.4e7, "uT"), Some(Likely::Unit("nT", 54_000.0)));
-        assert_eq!(of("mag_3_uc", 54.0, ""), Some(Likely::Unit("uT", 54_000.0)));
-        assert!(matches!(of("mag_3_uc", 5.4e-5, ""), Some(Likely::Unit("T", x)) if (x - 54_000.0).abs() < 1e-6));
+        assert_eq!(of("mag_3_uc", 5.4e7, "uT"), Some(ProbableCause::Unit("nT", 54_000.0)));
+        assert_eq!(of("mag_3_uc", 54.0, ""), Some(ProbableCause::Unit("uT", 54_000.0)));
+        assert!(matches!(of("mag_3_uc", 5.4e-5, ""), Some(ProbableCause::Unit("T", x)) if (x - 54_000.0).abs() < 1e-6));
         assert_eq!(of("mag_3_uc", 1e300, ""), None);
         assert!(
-            matches!(of("lat", 45.0f64.to_degrees(), "rad"), Some(Likely::Unit("deg", x)) if (x - 45.0).abs() < 1e-9)
+            matches!(of("lat", 45.0f64.to_degrees(), "rad"), Some(ProbableCause::Unit("deg", x)) if (x - 45.0).abs() < 1e-9)
         );
-        assert!(matches!(of("lat", 2603.0, ""), Some(Likely::DegreesMinutes(x)) if (x - 26.05).abs() < 1e-9));
+        assert!(matches!(of("lat", 2603.0, ""), Some(ProbableCause::DegreesMinutes(x)) if (x - 26.05).abs() < 1e-9));
         assert_eq!(of("lat", 95.0, ""), None);
-        assert_eq!(of("tt", 300_000.0, ""), Some(Likely::GpsWeek(3, 40_800.0)));
+        assert_eq!(of("tt", 300_000.0, ""), Some(ProbableCause::GpsWeek(3, 40_800.0)));
     }
 
     #[test]

@@ -12,7 +12,7 @@ const CORRECTION: &str = "correction";
 
 /// A correction of a magnetic reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Correction {
+pub enum MagneticCorrection {
     /// The core field was subtracted.
     Core,
     /// The temporal variation was subtracted.
@@ -25,60 +25,65 @@ pub enum Correction {
     Levelling,
 }
 
-impl Correction {
-    const ALL: [Correction; 5] =
-        [Correction::Core, Correction::Diurnal, Correction::Lag, Correction::Heading, Correction::Levelling];
+impl MagneticCorrection {
+    const ALL: [MagneticCorrection; 5] = [
+        MagneticCorrection::Core,
+        MagneticCorrection::Diurnal,
+        MagneticCorrection::Lag,
+        MagneticCorrection::Heading,
+        MagneticCorrection::Levelling,
+    ];
 
     /// The word in the field metadata.
     pub fn word(self) -> &'static str {
         match self {
-            Correction::Core => "core",
-            Correction::Diurnal => "diurnal",
-            Correction::Lag => "lag",
-            Correction::Heading => "heading",
-            Correction::Levelling => "levelling",
+            MagneticCorrection::Core => "core",
+            MagneticCorrection::Diurnal => "diurnal",
+            MagneticCorrection::Lag => "lag",
+            MagneticCorrection::Heading => "heading",
+            MagneticCorrection::Levelling => "levelling",
         }
     }
 
-    fn parse(word: &str) -> Option<Correction> {
+    fn parse(word: &str) -> Option<MagneticCorrection> {
         Self::ALL.into_iter().find(|c| c.word() == word)
     }
 
     /// The correction that the subtraction of a column of this name makes: `igrf` is the core field, `diurnal` the
     /// temporal variation.
-    pub fn by_column(name: &str) -> Option<Correction> {
+    pub fn by_column(name: &str) -> Option<MagneticCorrection> {
         match name {
-            "igrf" => Some(Correction::Core),
-            "diurnal" => Some(Correction::Diurnal),
+            "igrf" => Some(MagneticCorrection::Core),
+            "diurnal" => Some(MagneticCorrection::Diurnal),
             _ => None,
         }
     }
 }
 
-impl fmt::Display for Correction {
+impl fmt::Display for MagneticCorrection {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
-            Correction::Core => "the core field",
-            Correction::Diurnal => "the diurnal variation",
-            Correction::Lag => "the lag",
-            Correction::Heading => "the heading error",
-            Correction::Levelling => "the levelling",
+            MagneticCorrection::Core => "the core field",
+            MagneticCorrection::Diurnal => "the diurnal variation",
+            MagneticCorrection::Lag => "the lag",
+            MagneticCorrection::Heading => "the heading error",
+            MagneticCorrection::Levelling => "the levelling",
         })
     }
 }
 
 /// The corrections applied to a column.
-pub type Removed = BTreeSet<Correction>;
+pub type CorrectionSet = BTreeSet<MagneticCorrection>;
 
 /// Writes the corrections applied to the column `name`, and the one that its subtraction makes, to its field's
 /// metadata.
 pub(crate) fn write(
     name: &str,
-    removed: &Removed,
-    correction: Option<Correction>,
+    removed: &CorrectionSet,
+    correction: Option<MagneticCorrection>,
     metadata: &mut HashMap<String, String>,
 ) {
-    if let Some(correction) = correction.filter(|own| Correction::by_column(name) != Some(*own)) {
+    if let Some(correction) = correction.filter(|own| MagneticCorrection::by_column(name) != Some(*own)) {
         metadata.insert(CORRECTION.to_owned(), correction.word().to_owned());
     }
     if !removed.is_empty() {
@@ -88,25 +93,30 @@ pub(crate) fn write(
 }
 
 /// The correction that the subtraction of the column `name` makes.
-pub(crate) fn correction(name: &str, metadata: &HashMap<String, String>) -> Option<Correction> {
-    metadata.get(CORRECTION).and_then(|word| Correction::parse(word)).or_else(|| Correction::by_column(name))
+pub(crate) fn correction(name: &str, metadata: &HashMap<String, String>) -> Option<MagneticCorrection> {
+    metadata
+        .get(CORRECTION)
+        .and_then(|word| MagneticCorrection::parse(word))
+        .or_else(|| MagneticCorrection::by_column(name))
 }
 
 /// The corrections in the metadata of a field; without metadata, those defined for a column of this name.
-pub(crate) fn read(name: &str, metadata: &HashMap<String, String>) -> Removed {
+pub(crate) fn read(name: &str, metadata: &HashMap<String, String>) -> CorrectionSet {
     match metadata.get(REMOVED) {
-        Some(words) => words.split(',').filter_map(Correction::parse).collect(),
+        Some(words) => words.split(',').filter_map(MagneticCorrection::parse).collect(),
         None => by_name(name),
     }
 }
 
 /// The corrections of the columns of the contract: those of the SGL data sets.
-fn by_name(name: &str) -> Removed {
+fn by_name(name: &str) -> CorrectionSet {
     match name {
-        "mag_1_lag" => Removed::from([Correction::Lag]),
-        "mag_1_dc" => Removed::from([Correction::Lag, Correction::Diurnal]),
-        "mag_1_igrf" => Removed::from([Correction::Lag, Correction::Diurnal, Correction::Core]),
-        _ => Removed::new(),
+        "mag_1_lag" => CorrectionSet::from([MagneticCorrection::Lag]),
+        "mag_1_dc" => CorrectionSet::from([MagneticCorrection::Lag, MagneticCorrection::Diurnal]),
+        "mag_1_igrf" => {
+            CorrectionSet::from([MagneticCorrection::Lag, MagneticCorrection::Diurnal, MagneticCorrection::Core])
+        }
+        _ => CorrectionSet::new(),
     }
 }
 
@@ -119,14 +129,17 @@ mod tests {
     fn law_metadata_hold_what_was_removed_and_names_of_the_contract_imply_it() {
         let mut column = Column::float("target", "nT", "");
         assert!(!column.field().metadata().contains_key("removed"));
-        column.removed = Correction::ALL.into();
+        column.removed = MagneticCorrection::ALL.into();
         assert_eq!(column.field().metadata()["removed"], "core,diurnal,lag,heading,levelling");
         assert_eq!(describe_field(&column.field()).removed, column.removed);
-        let base = Column { correction: Some(Correction::Diurnal), ..Column::float("base", "nT", "") };
-        assert_eq!(describe_field(&base.field()).correction, Some(Correction::Diurnal));
-        assert_eq!(Column::float("igrf", "nT", "").correction, Some(Correction::Core));
+        let base = Column { correction: Some(MagneticCorrection::Diurnal), ..Column::float("base", "nT", "") };
+        assert_eq!(describe_field(&base.field()).correction, Some(MagneticCorrection::Diurnal));
+        assert_eq!(Column::float("igrf", "nT", "").correction, Some(MagneticCorrection::Core));
         let of = |name: &str| describe_field(&Column::float(name, "nT", "").field()).removed;
-        assert_eq!(of("mag_1_c"), Removed::new());
-        assert_eq!(of("mag_1_igrf"), Removed::from([Correction::Core, Correction::Diurnal, Correction::Lag]));
+        assert_eq!(of("mag_1_c"), CorrectionSet::new());
+        assert_eq!(
+            of("mag_1_igrf"),
+            CorrectionSet::from([MagneticCorrection::Core, MagneticCorrection::Diurnal, MagneticCorrection::Lag])
+        );
     }
 }

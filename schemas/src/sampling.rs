@@ -64,18 +64,18 @@ pub fn is_same_rate(one_hz: f64, other_hz: f64) -> bool {
 
 /// The entries of a list column that depend on the sample rate.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sampling {
+pub struct RateDependence {
     /// The rate at which they were made, Hz; `None` if it differs between lines or is unknown before the run.
     pub rate_hz: Option<f64>,
     /// Each entry with its rate dependence; all others do not depend on the rate.
     pub entries: Vec<(String, RateLaw)>,
 }
 
-impl Sampling {
+impl RateDependence {
     /// The rate dependence that the names of entries imply.
-    pub fn of_names(names: &[String]) -> Sampling {
+    pub fn of_names(names: &[String]) -> RateDependence {
         let law = |name: &String| Some((name.clone(), RateLaw::of_name(name)?));
-        Sampling { rate_hz: None, entries: names.iter().filter_map(law).collect() }
+        RateDependence { rate_hz: None, entries: names.iter().filter_map(law).collect() }
     }
 
     /// The rate dependence of an entry; `None` if there is none.
@@ -85,7 +85,7 @@ impl Sampling {
 
     /// Writes the sampling to the metadata of a field with these entries.
     pub(crate) fn write(&self, names: &[String], metadata: &mut HashMap<String, String>) {
-        if *self == Sampling::default() && Sampling::of_names(names).entries.is_empty() {
+        if *self == RateDependence::default() && RateDependence::of_names(names).entries.is_empty() {
             return;
         }
         let entries: Vec<String> = self.entries.iter().map(|(name, law)| format!("{name}:{}", law.word())).collect();
@@ -94,14 +94,16 @@ impl Sampling {
     }
 
     /// Reads the metadata of a field with these entries; without metadata, the names decide.
-    pub(crate) fn read(names: &[String], metadata: &HashMap<String, String>) -> Sampling {
+    pub(crate) fn read(names: &[String], metadata: &HashMap<String, String>) -> RateDependence {
         let rate_hz = metadata.get(RATE).and_then(|rate| rate.parse().ok()).filter(|rate: &f64| *rate > 0.0);
-        let Some(listed) = metadata.get(PER_SAMPLE) else { return Sampling { rate_hz, ..Sampling::of_names(names) } };
+        let Some(listed) = metadata.get(PER_SAMPLE) else {
+            return RateDependence { rate_hz, ..RateDependence::of_names(names) };
+        };
         let one = |entry: &str| {
             let (name, law) = entry.rsplit_once(':')?;
             Some((name.to_owned(), RateLaw::parse(law)?))
         };
-        Sampling { rate_hz, entries: listed.split(',').filter_map(one).collect() }
+        RateDependence { rate_hz, entries: listed.split(',').filter_map(one).collect() }
     }
 }
 
@@ -126,11 +128,12 @@ mod tests {
         let laws = [("xx_dot", RateLaw::Difference(1)), ("m_dot4", RateLaw::Difference(4)), ("m_lag_3", RateLaw::Lag)];
         assert_eq!(column.sampling.entries, laws.map(|(name, law)| (name.to_owned(), law)));
         assert_eq!(describe_field(&column.field()).sampling, column.sampling);
-        column.sampling = Sampling { rate_hz: Some(10.0), entries: vec![("x".to_owned(), RateLaw::Difference(1))] };
+        column.sampling =
+            RateDependence { rate_hz: Some(10.0), entries: vec![("x".to_owned(), RateLaw::Difference(1))] };
         assert_eq!(describe_field(&column.field()).sampling, column.sampling);
         assert_eq!(column.field().metadata()["rate_hz"], "10");
         // A column whose names mislead says so.
-        column.sampling = Sampling::default();
-        assert_eq!(describe_field(&column.field()).sampling, Sampling::default());
+        column.sampling = RateDependence::default();
+        assert_eq!(describe_field(&column.field()).sampling, RateDependence::default());
     }
 }

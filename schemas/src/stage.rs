@@ -14,19 +14,19 @@ use std::any::Any;
 use arrow_array::{ArrayRef, RecordBatch};
 
 pub use self::{
-    entry::{Build, Entry, Head, KindDoc, is_optional},
+    entry::{ChoiceDoc, StageBuilder, StageEntry, StageHeader, is_optional},
     erased::{
-        AnyLinePoint, AnyStage, AnySurveyPoint, Arrays, GatherDyn, LineStageDyn, MapStageDyn, Part, Prepared, StageDyn,
-        SurveyStageDyn,
+        AnyLinePart, AnyLinePoint, AnySharedData, AnyStage, AnySurveyPoint, LineOutput, LineStageDyn, MapStageDyn,
+        StageDyn, SurveyAggregatorDyn, SurveyStageDyn,
     },
-    table::{Grain, InputDecl, InputKind, Passes, Table, TableKind, Yield},
-    work::{Unattended, Work},
+    table::{Grain, InputDecl, InputKind, PassThroughColumns, StageSchema, Table, TableKind},
+    work::{CheckpointMonitor, NullMonitor},
 };
 use crate::{Fault, Params};
 
 /// The input of a stage for one line: only the declared columns.
 #[derive(Clone)]
-pub struct LineIn {
+pub struct LineInput {
     /// The flight identifier.
     pub flight: String,
     /// The line identifier.
@@ -40,16 +40,16 @@ pub struct LineIn {
 
 /// The result of a survey or map stage.
 #[derive(Clone, Debug)]
-pub struct Product {
+pub struct StageOutput {
     /// Arrays for the columns of [`Stage::yields`], in that order.
     pub columns: Vec<ArrayRef>,
     /// Warnings about untrustworthy results, one sentence each: rows of the table `warnings`.
     pub warnings: Vec<String>,
 }
 
-impl From<Vec<ArrayRef>> for Product {
-    fn from(columns: Vec<ArrayRef>) -> Product {
-        Product { columns, warnings: vec![] }
+impl From<Vec<ArrayRef>> for StageOutput {
+    fn from(columns: Vec<ArrayRef>) -> StageOutput {
+        StageOutput { columns, warnings: vec![] }
     }
 }
 
@@ -59,7 +59,7 @@ pub trait Stage: Params + Any + Send + Sync {
     ///
     /// # Errors
     /// Fails with all faults of the parameters or the tables, before anything runs.
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
 
     /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
     /// effect. The key of a result omits such parameters, so that points of a sweep that differ in nothing else are
@@ -115,7 +115,7 @@ pub trait LineStage: Stage {
     ///
     /// # Errors
     /// Fails for a line that cannot be computed; the other lines are still computed.
-    fn run(&self, line: &LineIn, prepared: &Self::Prepared) -> Arrays;
+    fn run(&self, line: &LineInput, prepared: &Self::Prepared) -> LineOutput;
 
     /// [`LineStage::run`] for several points of a sweep over one line, for a stage that shares work between them.
     ///
@@ -124,7 +124,7 @@ pub trait LineStage: Stage {
     /// does not depend on the other points, and a fault of one does not affect the others. All results are in memory
     /// together. A panic aborts the whole call; a caller that needs the other points catches it and runs them one at a
     /// time.
-    fn run_points(points: &[LinePoint<Self>]) -> Vec<Arrays>
+    fn run_points(points: &[LinePoint<Self>]) -> Vec<LineOutput>
     where
         Self: Sized,
     {
@@ -137,7 +137,7 @@ pub struct LinePoint<'a, S: LineStage> {
     /// The stage with the parameters of the point.
     pub stage: &'a S,
     /// The line.
-    pub line: &'a LineIn,
+    pub line: &'a LineInput,
     /// The prepared data of the stage.
     pub prepared: &'a S::Prepared,
 }
@@ -153,10 +153,10 @@ impl<S: LineStage> Copy for LinePoint<'_, S> {}
 /// A stage that works on all lines of a survey that its `where` selects.
 pub trait SurveyStage: Stage {
     /// The gathering of lines.
-    type Gather: Gather;
+    type Gather: SurveyAggregator;
 
     /// Solves together the points of a sweep that use the same lines. A fault in the models or maps of one point is
-    /// reported for its table in [`Gather::finish`] and does not affect the others.
+    /// reported for its table in [`SurveyAggregator::finish`] and does not affect the others.
     fn gather(points: Vec<SurveyPoint<Self>>) -> Self::Gather
     where
         Self: Sized;
@@ -166,7 +166,8 @@ pub trait SurveyStage: Stage {
 pub struct SurveyPoint<'a, S: SurveyStage> {
     /// The stage with the parameters of the point.
     pub stage: &'a S,
-    /// Its inputs: models, maps and records whole; tables of lines are empty batches, since [`Gather::map`] sees them.
+    /// Its inputs: models, maps and records whole; tables of lines are empty batches, since [`SurveyAggregator::map`]
+    /// sees them.
     pub inputs: &'a [RecordBatch],
 }
 
@@ -180,7 +181,7 @@ impl<S: SurveyStage> Copy for SurveyPoint<'_, S> {}
 
 /// Points of a survey stage during computation: `map` may run on many lines concurrently; `finish` gets the parts in
 /// line order.
-pub trait Gather: Send + Sync + 'static {
+pub trait SurveyAggregator: Send + Sync + 'static {
     /// The reduction of one line.
     type Part: Send + 'static;
 
@@ -188,17 +189,17 @@ pub trait Gather: Send + Sync + 'static {
     ///
     /// # Errors
     /// Fails for a line that cannot be used; the computation continues without it.
-    fn map(&self, line: &LineIn) -> Result<Self::Part, Fault>;
+    fn map(&self, line: &LineInput) -> Result<Self::Part, Fault>;
 
     /// The points that cannot use a reduced line, by position, and the reasons. They continue without the line, as all
-    /// points do without a line that [`Gather::map`] rejected.
+    /// points do without a line that [`SurveyAggregator::map`] rejected.
     fn refused(&self, _part: &Self::Part) -> Vec<(usize, Fault)> {
         vec![]
     }
 
     /// The table of each point, in the points' order. A computation of minutes keeps its state in `work`, so that an
     /// interrupted run resumes from it and gives the same bytes.
-    fn finish(&self, parts: Vec<Self::Part>, work: &dyn Work) -> Vec<Result<Product, Fault>>;
+    fn finish(&self, parts: Vec<Self::Part>, work: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>>;
 }
 
 /// A stage that works on maps.
@@ -208,7 +209,7 @@ pub trait MapStage: Stage {
     ///
     /// # Errors
     /// Fails for a map that cannot be computed.
-    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
+    fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault>;
 }
 
 #[cfg(test)]

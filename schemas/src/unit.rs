@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 /// Dimension of a unit. Units of one dimension convert into each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Dimension {
+enum PhysicalDimension {
     Field,
     Angle,
     AngularRate,
@@ -22,13 +22,14 @@ enum Dimension {
     Fahrenheit,
 }
 
-use Dimension as D;
+use PhysicalDimension as D;
 
 /// The US survey foot, m. [NIST Special Publication 811, appendix B.6]
 const US_FOOT: f64 = 1200.0 / 3937.0;
 
-/// Every unit: its spellings with blanks for `_` and `-`, the usual one first, its dimension, and its size in base units.
-const UNITS: &[(&[&str], Dimension, f64)] = &[
+/// Every unit: its spellings with blanks for `_` and `-`, the usual one first, its dimension, and its size in base
+/// units.
+const UNITS: &[(&[&str], PhysicalDimension, f64)] = &[
     (&["nT", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
     (&["pT", "picotesla"], D::Field, 1e-3),
     (&["uT", "µt", "μt", "microtesla"], D::Field, 1e3),
@@ -144,12 +145,12 @@ pub fn convertible_to(unit: &str) -> Vec<&'static str> {
 }
 
 /// The dimension of a unit and its size in base units; several for a spelling that two units share.
-fn measures(unit: &str) -> impl Iterator<Item = (Dimension, f64)> + Clone {
+fn measures(unit: &str) -> impl Iterator<Item = (PhysicalDimension, f64)> + Clone {
     found(unit).map(|(_, d, f)| (*d, *f))
 }
 
 /// The units of a spelling; case does not matter, and `_` and `-` are blanks.
-fn found(unit: &str) -> impl Iterator<Item = &'static (&'static [&'static str], Dimension, f64)> + Clone {
+fn found(unit: &str) -> impl Iterator<Item = &'static (&'static [&'static str], PhysicalDimension, f64)> + Clone {
     let unit = unit.trim().to_lowercase().replace(['_', '-'], " ");
     UNITS.iter().filter(move |(spellings, ..)| spellings.iter().any(|s| s.to_lowercase() == unit))
 }

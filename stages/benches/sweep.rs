@@ -15,10 +15,10 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use flight::{Flight, flight};
-use numerics::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use numerics::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use osborne::{core_field, grid};
 use processor::processor_s;
-use schemas::{AnyLinePoint, AnyStage, Args, Given, LineIn, LineStageDyn, Literal};
+use schemas::{AnyLinePoint, AnyStage, LineInput, LineStageDyn, Literal, SpecEntries, SpecEntry};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -78,7 +78,7 @@ fn sweep_points() -> Result<Vec<AnyStage>, Failure> {
         for sigma_nt in [4.0, 5.0, 7.0] {
             for (interpolation, tau_s) in [("linear", 600.0), ("cubic", 600.0), ("cubic", 300.0)] {
                 let text = |word: &str| Literal::Text(word.to_owned());
-                let args: Args = [
+                let args: SpecEntries = [
                     ("mag", text(mag)),
                     ("map_interpolation", text(interpolation)),
                     ("measurement_sigma_nt", Literal::Float(sigma_nt)),
@@ -86,7 +86,7 @@ fn sweep_points() -> Result<Vec<AnyStage>, Failure> {
                     ("decimal_year", Literal::Float(osborne::DECIMAL_YEAR)),
                 ]
                 .into_iter()
-                .map(|(name, value)| (name.to_owned(), Given { value, key_at: 0..0, at: 0..0 }))
+                .map(|(name, value)| (name.to_owned(), SpecEntry { value, key_at: 0..0, at: 0..0 }))
                 .collect();
                 points.push((entry.build)(&args).map_err(|faults| format!("{faults:?}"))?);
             }
@@ -112,7 +112,7 @@ fn sweep(grid: &GeographicGrid, flight: &Flight) -> Result<(), Failure> {
             }
         };
         let (flight, name, inputs) = ("1".to_owned(), "1".to_owned(), vec![line.clone(), map.clone()]);
-        lines.push(LineIn { flight, line: name, inputs, keep: None });
+        lines.push(LineInput { flight, line: name, inputs, keep: None });
         ready.push(prepared.clone());
     }
     let each = points.iter().zip(&lines).zip(&ready);
@@ -154,7 +154,7 @@ fn sweep(grid: &GeographicGrid, flight: &Flight) -> Result<(), Failure> {
 
 fn main() -> Result<(), Failure> {
     let (grid, core) = (grid()?, core_field()?);
-    let map = MapSurface::new(&grid, Interpolation::Cubic);
+    let map = MapSurface::new(&grid, MapInterpolation::Cubic);
     let flight = flight(&map, &core, SWEEP_SAMPLES as u32)?;
     sweep(&grid, &flight)
 }

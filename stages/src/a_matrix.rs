@@ -4,10 +4,10 @@ use std::ops::Range;
 
 use arrow_array::RecordBatch;
 use numerics::{
-    compensation::tolles_lawson::{Field, Terms, matrix_in_runs},
-    signal::segments::Usable,
+    compensation::tolles_lawson::{BodyFieldColumns, TermSelection, matrix_in_runs},
+    signal::segments::RowMask,
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, stage};
 
 use crate::columns::{data, even_rate_hz, faults_of, floats, list, no_truth, shape, vector_axes};
 
@@ -49,13 +49,13 @@ vector = "flux_a"
 }
 
 impl AMatrix {
-    fn terms(&self) -> Result<Terms, Fault> {
-        Terms::new(&self.terms).map_err(|e| Fault::new(e.to_string()).of_param("terms"))
+    fn terms(&self) -> Result<TermSelection, Fault> {
+        TermSelection::new(&self.terms).map_err(|e| Fault::new(e.to_string()).of_param("terms"))
     }
 }
 
 impl Stage for AMatrix {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let axes = vector_axes(&self.vector);
         let mut faults = vec![];
@@ -86,7 +86,7 @@ impl Stage for AMatrix {
         reads.extend(self.scalar.as_deref());
         let mut tl = Column::list("tl", "", "Tolles-Lawson terms", names).from(0, &reads);
         tl.sampling.rate_hz = shape.rate_hz.filter(|_| !tl.sampling.entries.is_empty());
-        Ok(Yield::append(vec![tl], &reads))
+        Ok(StageSchema::append(vec![tl], &reads))
     }
 }
 
@@ -97,7 +97,7 @@ impl LineStage for AMatrix {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let [x, y, z] = vector_axes(&self.vector);
@@ -105,7 +105,7 @@ impl LineStage for AMatrix {
         let bt = self.scalar.as_ref().map(|s| floats(batch, s)).transpose()?;
         let terms = self.terms()?;
         let runs = runs_of(&terms, tt, [x, y, z])?;
-        let rows = matrix_in_runs(&Field { x, y, z, bt }, &terms, self.bt_scale_nt, &runs).map_err(data)?;
+        let rows = matrix_in_runs(&BodyFieldColumns { x, y, z, bt }, &terms, self.bt_scale_nt, &runs).map_err(data)?;
         Ok(vec![list(rows, terms.len())?])
     }
 }
@@ -115,8 +115,8 @@ impl LineStage for AMatrix {
 ///
 /// # Errors
 /// If a term is a difference and the samples are not evenly spaced.
-pub fn runs_of(terms: &Terms, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Vec<Range<usize>>, Fault> {
-    let usable = Usable::all(tt_s.len()).and_finite(x).and_finite(y).and_finite(z);
+pub fn runs_of(terms: &TermSelection, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Vec<Range<usize>>, Fault> {
+    let usable = RowMask::all(tt_s.len()).and_finite(x).and_finite(y).and_finite(z);
     if !terms.names().iter().any(|name| name.ends_with("_dot")) {
         return Ok(usable.runs());
     }
@@ -130,7 +130,7 @@ mod tests {
     use std::sync::Arc;
 
     use arrow_array::{Array, ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
-    use schemas::{ColumnType, Role, Shape};
+    use schemas::{ColumnType, Role, TableShape};
 
     use super::*;
 
@@ -153,7 +153,7 @@ mod tests {
     }
 
     fn table(columns: Vec<Column>) -> Table {
-        Table::Lines(Shape { columns, rate_hz: None })
+        Table::Lines(TableShape { columns, rate_hz: None })
     }
 
     /// The names and rows of three samples whose vector is (x, -10,000, 20,000) nT.
@@ -162,7 +162,7 @@ mod tests {
         let sensors = [("tt", [0.0, 0.1, 0.2]), ("flux_a_x", x), ("flux_a_y", y), ("flux_a_z", z), ("mag_4_uc", mag)];
         let array = |values: [f64; 3]| Arc::new(Float64Array::from(values.to_vec())) as ArrayRef;
         let batch = RecordBatch::try_from_iter(sensors.map(|(name, values)| (name, array(values)))).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
         let yields = stage.yields(&[&table(columns())]).unwrap();
         let ColumnType::List(names) = yields.columns[0].column_type.clone() else { unreachable!("a list") };
         let arrays = stage.run(&line, &()).unwrap();

@@ -1,13 +1,13 @@
 //! Band-pass filters columns.
 
 use arrow_array::RecordBatch;
-use numerics::signal::filter::{Band, ZeroPhase};
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Stage, Table, Yield, stage};
+use numerics::signal::filter::{FilterBand, ZeroPhaseFilter};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Role, Rule, Stage, StageSchema, Table, stage};
 
 use crate::{
     columns::{band, data, faults_of, shape},
     corrections::like,
-    filtered::{Angles, filtered},
+    filtered::{AngleTreatment, filtered},
 };
 
 stage! {
@@ -44,19 +44,19 @@ columns = ["mag_4_uc"]
 /// Filter for two corner frequencies, Hz. 0 removes a corner. `None` if both are 0.
 ///
 /// # Errors
-/// The same as [`ZeroPhase::new`].
-pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhase>, Fault> {
+/// The same as [`ZeroPhaseFilter::new`].
+pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhaseFilter>, Fault> {
     let band = match (low_hz > 0.0, high_hz > 0.0) {
-        (true, true) => Band::Band { low_hz, high_hz },
-        (true, false) => Band::High { low_hz },
-        (false, true) => Band::Low { high_hz },
+        (true, true) => FilterBand::Band { low_hz, high_hz },
+        (true, false) => FilterBand::High { low_hz },
+        (false, true) => FilterBand::Low { high_hz },
         (false, false) => return Ok(None),
     };
-    ZeroPhase::new(band, rate_hz, order).map(Some).map_err(data)
+    ZeroPhaseFilter::new(band, rate_hz, order).map(Some).map_err(data)
 }
 
 impl Stage for Bandpass {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults =
             faults_of(self.columns.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), "columns");
@@ -78,7 +78,7 @@ impl Stage for Bandpass {
             like(column, shape, c).role(role).from(0, &["tt", c])
         });
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
-        Ok(Yield::append(made.collect(), &reads))
+        Ok(StageSchema::append(made.collect(), &reads))
     }
 }
 
@@ -89,8 +89,8 @@ impl LineStage for Bandpass {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
-        filtered(&line.inputs[0], &self.columns, Angles::AsNumbers, |rate_hz| {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
+        filtered(&line.inputs[0], &self.columns, AngleTreatment::AsNumbers, |rate_hz| {
             design(self.low_hz, self.high_hz, self.order, rate_hz)?
                 .ok_or_else(|| Fault::new("the filter has no corner frequency"))
         })
@@ -103,7 +103,7 @@ mod tests {
     use std::{f64::consts::TAU, sync::Arc};
 
     use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
-    use schemas::Shape;
+    use schemas::TableShape;
 
     use super::*;
 
@@ -118,7 +118,7 @@ mod tests {
     fn run(stage: &Bandpass, tt: Vec<f64>, x: Vec<f64>) -> Result<Vec<f64>, Fault> {
         let column = |values: Vec<f64>| Arc::new(Float64Array::from(values)) as ArrayRef;
         let batch = RecordBatch::try_from_iter([("tt", column(tt)), ("x", column(x))]).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
         stage.run(&line, &()).map(|arrays| arrays[0].as_primitive::<Float64Type>().values().to_vec())
     }
 
@@ -179,7 +179,7 @@ mod tests {
             Column::float("mag_4_uc", "nT", ""),
             Column::float("mag_1_c", "nT", "").role(Role::Truth),
         ];
-        let table = |rate_hz| Table::Lines(Shape { columns: columns.clone(), rate_hz });
+        let table = |rate_hz| Table::Lines(TableShape { columns: columns.clone(), rate_hz });
         let said = |stage: &Bandpass, rate_hz: Option<f64>| {
             let faults = stage.yields(&[&table(rate_hz)]).unwrap_err();
             faults.iter().map(|f| format!("{} [{}]", f.what, f.param.clone().unwrap_or_default())).collect::<Vec<_>>()

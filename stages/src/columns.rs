@@ -3,7 +3,7 @@
 use arrow_array::{Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field};
 use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
-use schemas::{Column, ColumnType, Fault, Role, Sampling, Shape, Table};
+use schemas::{Column, ColumnType, Fault, RateDependence, Role, Table, TableShape};
 use std::sync::Arc;
 
 /// Values of a column of numbers, borrowed.
@@ -54,7 +54,7 @@ pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
 ///
 /// # Errors
 /// If the metadata have no `rate_hz` and the samples are not evenly spaced.
-pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fault> {
+pub fn list_rate_hz(batch: &RecordBatch, sampling: &RateDependence) -> Result<f64, Fault> {
     match sampling.rate_hz {
         Some(rate_hz) => Ok(rate_hz),
         None => even_rate_hz(floats(batch, "tt")?),
@@ -65,7 +65,7 @@ pub fn list_rate_hz(batch: &RecordBatch, sampling: &Sampling) -> Result<f64, Fau
 ///
 /// # Errors
 /// If the column is missing, or its rate is needed and unknown.
-pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
+pub fn sampling(batch: &RecordBatch, name: &str) -> Result<RateDependence, Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
     let mut sampling = schemas::describe_field(field).sampling;
@@ -81,7 +81,7 @@ pub fn sampling(batch: &RecordBatch, name: &str) -> Result<Sampling, Fault> {
 /// # Errors
 /// If the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that
 /// rate.
-pub fn rate_factor(sampling: &Sampling, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
+pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
     let (Some(law), Some(from_hz)) = (sampling.law(entry), sampling.rate_hz) else { return Ok(1.0) };
     let Some(to_hz) = to_hz else {
         let what = format!("`{entry}` is a difference per sample, but the model table has no `rate_hz`");
@@ -116,7 +116,7 @@ pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
 ///
 /// # Errors
 /// If the input is missing.
-pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a Shape, Vec<Fault>> {
+pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a TableShape, Vec<Fault>> {
     inputs.get(i).map(|t| t.shape()).ok_or_else(|| vec![Fault::new("an input is missing")])
 }
 
@@ -138,14 +138,14 @@ pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault
 }
 
 /// Role of a column that is computed from the columns `names`: truth if one of them is truth.
-pub fn role_of<S: AsRef<str>>(shape: &Shape, names: &[S]) -> Role {
+pub fn role_of<S: AsRef<str>>(shape: &TableShape, names: &[S]) -> Role {
     let truth = names.iter().filter_map(|name| shape.get(name.as_ref())).any(|column| column.role == Role::Truth);
     if truth { Role::Truth } else { Role::Derived }
 }
 
 /// Faults of `names`, the value of `param`: an empty list, a duplicate, and columns that are missing or do not hold
 /// numbers.
-pub fn not_numbers_among(shape: &Shape, names: &[String], param: &str) -> Vec<Fault> {
+pub fn not_numbers_among(shape: &TableShape, names: &[String], param: &str) -> Vec<Fault> {
     let mut faults = faults_of(names.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), param);
     if names.is_empty() {
         faults.push(Fault::new("the list of columns is empty").of_param(param));
@@ -157,7 +157,7 @@ pub fn not_numbers_among(shape: &Shape, names: &[String], param: &str) -> Vec<Fa
 
 /// Columns `<name><suffix>`, each computed from one of `names` and the time. `unit` maps the unit of the source.
 pub fn made_of_each(
-    shape: &Shape,
+    shape: &TableShape,
     names: &[String],
     suffix: &str,
     done: &str,

@@ -2,19 +2,21 @@
 
 use arrow_array::RecordBatch;
 use numerics::regression::statistics;
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Removed, Stage, Table, Yield, choice, stage};
+use schemas::{
+    Column, CorrectionSet, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, choice, stage,
+};
 
 use crate::{
     columns::{array, faults_of, floats, no_truth, shape},
     corrections::had,
-    fitted::Fitted,
+    fitted::FittedModel,
     model_columns::{RATE, RESIDUAL},
-    trained::Prediction,
+    trained::FieldPrediction,
 };
 
 choice! {
     /// Quantity that a model predicts.
-    pub enum Predicts {
+    pub enum PredictedQuantity {
         /// Aircraft field.
         Aircraft = "aircraft",
         /// Anomaly, without core field and diurnal variation.
@@ -60,7 +62,7 @@ mag   = "mag_4_uc"
     mag: String, unit "nT";
     /// Quantity that the model was fitted to predict. `aircraft` is the aircraft field. `anomaly` is the anomaly, to
     /// which `igrf` and `diurnal` are added (targets `a` and `b`). `field` is the total field.
-    predicts: Predicts, unit "", default Predicts::Aircraft;
+    predicts: PredictedQuantity, unit "", default PredictedQuantity::Aircraft;
     /// Terms of the model that are not part of the aircraft field and are not subtracted, such as `easting` and
     /// `northing`.
     without: Vec<String>, unit "", default Vec::<String>::new();
@@ -71,7 +73,7 @@ mag   = "mag_4_uc"
 }
 
 impl Stage for Compensate {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let lines = shape(inputs, 0)?;
         let Some(Table::Model { features, shape }) = inputs.get(1) else {
             return Err(vec![Fault::new("`model` is not a model table")]);
@@ -93,23 +95,26 @@ impl Stage for Compensate {
                 );
             }
         }
-        if self.predicts == Predicts::Anomaly {
+        if self.predicts == PredictedQuantity::Anomaly {
             faults.extend(faults_of(EARTH.iter().map(|name| lines.number(name, "nT")), "predicts"));
         }
-        if self.predicts != Predicts::Aircraft && self.detrend {
+        if self.predicts != PredictedQuantity::Aircraft && self.detrend {
             faults.push(Fault::new("`detrend` requires `predicts = \"aircraft\"`").of_param("detrend"));
         }
         if !faults.is_empty() {
             return Err(faults);
         }
         let mut reads = vec![self.mag.clone()];
-        reads.extend(EARTH.iter().filter(|_| self.predicts == Predicts::Anomaly).map(|name| (*name).to_owned()));
+        reads.extend(
+            EARTH.iter().filter(|_| self.predicts == PredictedQuantity::Anomaly).map(|name| (*name).to_owned()),
+        );
         reads.extend(features.iter().cloned());
         let rate = shape.get(RATE).map(|_| RATE);
         let of_model: Vec<&str> = ["term", "value"].into_iter().chain(rate).collect();
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
         // The prediction of a model of the anomaly or of the total field includes all corrections.
-        let removed = if self.predicts == Predicts::Aircraft { had(lines, &self.mag) } else { Removed::new() };
+        let removed =
+            if self.predicts == PredictedQuantity::Aircraft { had(lines, &self.mag) } else { CorrectionSet::new() };
         let mut columns = vec![
             made("mag_c", "compensated field").without(removed),
             made("mag_aircraft", "predicted aircraft field, which was subtracted"),
@@ -121,23 +126,23 @@ impl Stage for Compensate {
         ));
         // A model of a window of samples needs the order of the samples.
         reads.push("tt".to_owned());
-        let mut yields = Yield::append(columns, &reads);
+        let mut yields = StageSchema::append(columns, &reads);
         yields.reads.push(of_model.into_iter().chain(RESIDUAL).map(str::to_owned).collect());
         Ok(yields)
     }
 }
 
 impl LineStage for Compensate {
-    type Prepared = Model;
+    type Prepared = CompensationModel;
 
-    fn run(&self, line: &LineIn, model: &Model) -> Arrays {
+    fn run(&self, line: &LineInput, model: &CompensationModel) -> LineOutput {
         let mag = floats(&line.inputs[0], &self.mag)?;
         let noise = model.noise.map(|x| array(vec![x; mag.len()]));
-        let Prediction { field_nt: mut aircraft, sigma_nt } = model.fitted.predict(&line.inputs[0], mag.len())?;
+        let FieldPrediction { field_nt: mut aircraft, sigma_nt } = model.fitted.predict(&line.inputs[0], mag.len())?;
         let noise = noise.into_iter().chain([array(sigma_nt.unwrap_or_else(|| vec![f64::NAN; mag.len()]))]);
-        if self.predicts != Predicts::Aircraft {
+        if self.predicts != PredictedQuantity::Aircraft {
             let mut field = aircraft;
-            for name in EARTH.iter().filter(|_| self.predicts == Predicts::Anomaly) {
+            for name in EARTH.iter().filter(|_| self.predicts == PredictedQuantity::Anomaly) {
                 field.iter_mut().zip(floats(&line.inputs[0], name)?).for_each(|(f, x)| *f += x);
             }
             let off = mag.iter().zip(&field).map(|(m, f)| m - f).collect();
@@ -151,14 +156,14 @@ impl LineStage for Compensate {
         Ok([array(clean), array(aircraft)].into_iter().chain(noise).collect())
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Model, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<CompensationModel, Fault> {
         let table = inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?;
-        let fitted = Fitted::read(table, &self.without)?;
+        let fitted = FittedModel::read(table, &self.without)?;
         let mut noise = [f64::NAN; 3];
         for (to, name) in noise.iter_mut().zip(RESIDUAL) {
             *to = floats(table, name)?.first().copied().unwrap_or(f64::NAN);
         }
-        Ok(Model { fitted, noise })
+        Ok(CompensationModel { fitted, noise })
     }
 
     fn prepare_key(&self) -> String {
@@ -182,8 +187,8 @@ pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
     NOISE.iter().zip(docs).map(|((name, unit), doc)| Column::float(*name, *unit, doc).from(1, model)).collect()
 }
 
-pub struct Model {
-    fitted: Fitted,
+pub struct CompensationModel {
+    fitted: FittedModel,
     /// The values of [`NOISE`].
     noise: [f64; 3],
 }
@@ -195,7 +200,7 @@ mod tests {
 
     use arrow_array::{ArrayRef, StringArray, cast::AsArray, types::Float64Type};
     use arrow_schema::{Field, Schema};
-    use schemas::{Role, Shape};
+    use schemas::{Role, TableShape};
 
     use super::*;
     use crate::columns::list;
@@ -203,7 +208,7 @@ mod tests {
     fn compensate() -> Compensate {
         Compensate {
             mag: "mag_4_uc".into(),
-            predicts: Predicts::Aircraft,
+            predicts: PredictedQuantity::Aircraft,
             without: vec![],
             detrend: false,
             allow_truth: false,
@@ -217,7 +222,7 @@ mod tests {
     }
 
     /// Three samples, the last without a term.
-    fn line() -> LineIn {
+    fn line() -> LineInput {
         let arrays = vec![
             list(vec![1.0, 10.0, 2.0, 20.0, 3.0, f64::NAN], 2).unwrap(),
             array(vec![5.0, 6.0, 7.0]),
@@ -227,7 +232,7 @@ mod tests {
         ];
         let fields: Vec<Field> = columns().iter().map(Column::field).collect();
         let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap();
-        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+        LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
     /// 3 y - 2 cur_1 + 40, and what the fit left.
@@ -266,14 +271,14 @@ mod tests {
 
     #[test]
     fn law_an_anomaly_becomes_a_field_with_core_field_and_diurnal_variation() {
-        let of = |predicts: Predicts| fields(&Compensate { predicts, ..compensate() });
-        assert_eq!(of(Predicts::Anomaly), [[50_070.0, 50_098.0], [30.0, 102.0]]);
-        assert_eq!(of(Predicts::Field), [[60.0, 88.0], [50_040.0, 50_112.0]]);
+        let of = |predicts: PredictedQuantity| fields(&Compensate { predicts, ..compensate() });
+        assert_eq!(of(PredictedQuantity::Anomaly), [[50_070.0, 50_098.0], [30.0, 102.0]]);
+        assert_eq!(of(PredictedQuantity::Field), [[60.0, 88.0], [50_040.0, 50_112.0]]);
     }
 
     #[test]
     fn unit_every_sample_has_the_noise_of_the_model() {
-        for predicts in [Predicts::Aircraft, Predicts::Field] {
+        for predicts in [PredictedQuantity::Aircraft, PredictedQuantity::Field] {
             let made = made(&Compensate { predicts, ..compensate() });
             assert_eq!(made[2..5], [vec![0.5; 3], vec![3.0; 3], vec![120.0; 3]]);
         }
@@ -287,7 +292,7 @@ mod tests {
         assert_eq!(fault.param.as_deref(), Some("without"));
 
         let features = ["tl", "cur_1"].map(str::to_owned).to_vec();
-        let shape = |columns: Vec<Column>| Shape { columns, rate_hz: None };
+        let shape = |columns: Vec<Column>| TableShape { columns, rate_hz: None };
         let fitted =
             Table::Model { shape: shape(vec![Column::text("term", ""), Column::float("value", "", "")]), features };
         let yields = |stage: &Compensate, columns: Vec<Column>, model: &Table| {
@@ -306,7 +311,7 @@ mod tests {
         );
         let expected = "the model was fitted with `cur_1`, but there is no column `cur_1` [input]";
         assert_eq!(said(&compensate(), only(&["tl", "mag_4_uc"]), &fitted), [expected]);
-        let anomaly = Compensate { predicts: Predicts::Anomaly, detrend: true, ..compensate() };
+        let anomaly = Compensate { predicts: PredictedQuantity::Anomaly, detrend: true, ..compensate() };
         let expected = [
             "there is no column `igrf` [predicts]",
             "there is no column `diurnal` [predicts]",

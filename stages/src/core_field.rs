@@ -4,9 +4,12 @@ use arrow_array::RecordBatch;
 use nalgebra::Vector3;
 use numerics::earth::{
     attitude::body_to_ned,
-    core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
+    core_field::{CoreFieldError, CoreFieldModel, CoreFieldTrack, GeodeticCoordinate, NedField},
 };
-use schemas::{Arrays, Column, Correction, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{
+    Column, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, Rule, Stage, StageSchema, Table, TableShape,
+    choice, stage,
+};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
@@ -36,20 +39,20 @@ input        = "resample"
 decimal_year = 2020.5
 "#;
     /// Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
-    model: CoreModel, unit "", default CoreModel::Igrf14;
+    model: CoreFieldModel, unit "", default CoreFieldModel::Igrf14;
     /// Name of the column of the magnitude. The names of the components extend it.
     column: String, unit "", default "igrf";
     /// Position at which the field is computed: true (`lat`, `lon`, `alt`) or of the INS.
-    position: PositionOf, unit "", default PositionOf::Truth;
+    position: PositionSource, unit "", default PositionSource::Truth;
     /// Attitude that rotates the field into the body frame.
-    attitude: Option<AttitudeOf>, unit "", absent "the attitude of the INS if present, otherwise the true attitude if present";
+    attitude: Option<AttitudeSource>, unit "", absent "the attitude of the INS if present, otherwise the true attitude if present";
     /// Date of all samples, instead of the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
 }
 
 choice! {
     /// Source of the position.
-    pub enum PositionOf {
+    pub enum PositionSource {
         /// True position.
         Truth = "truth",
         /// Position of the INS.
@@ -57,19 +60,19 @@ choice! {
     }
 }
 
-impl PositionOf {
+impl PositionSource {
     /// Latitude, longitude and height.
     pub(crate) fn columns(self) -> [&'static str; 3] {
         match self {
-            PositionOf::Truth => ["lat", "lon", "alt"],
-            PositionOf::Ins => ["ins_lat", "ins_lon", "ins_alt"],
+            PositionSource::Truth => ["lat", "lon", "alt"],
+            PositionSource::Ins => ["ins_lat", "ins_lon", "ins_alt"],
         }
     }
 }
 
 choice! {
     /// Source of the attitude.
-    pub enum AttitudeOf {
+    pub enum AttitudeSource {
         /// True attitude.
         Truth = "truth",
         /// Attitude of the INS.
@@ -79,25 +82,25 @@ choice! {
     }
 }
 
-impl AttitudeOf {
+impl AttitudeSource {
     /// Roll, pitch and yaw.
     fn columns(self) -> Option<[&'static str; 3]> {
         match self {
-            AttitudeOf::Truth => Some(["roll", "pitch", "yaw"]),
-            AttitudeOf::Ins => Some(["ins_roll", "ins_pitch", "ins_yaw"]),
-            AttitudeOf::None => None,
+            AttitudeSource::Truth => Some(["roll", "pitch", "yaw"]),
+            AttitudeSource::Ins => Some(["ins_roll", "ins_pitch", "ins_yaw"]),
+            AttitudeSource::None => None,
         }
     }
 }
 
 impl CoreFieldStage {
     /// Columns of the attitude. `None` if the body frame is omitted.
-    fn attitude_columns(&self, shape: &Shape) -> Option<[&'static str; 3]> {
+    fn attitude_columns(&self, shape: &TableShape) -> Option<[&'static str; 3]> {
         match self.attitude {
             Some(whose) => whose.columns(),
-            None => [AttitudeOf::Ins, AttitudeOf::Truth]
+            None => [AttitudeSource::Ins, AttitudeSource::Truth]
                 .into_iter()
-                .filter_map(AttitudeOf::columns)
+                .filter_map(AttitudeSource::columns)
                 .find(|c| c.iter().all(|n| shape.get(n).is_some())),
         }
     }
@@ -108,9 +111,9 @@ impl CoreFieldStage {
         match e {
             CoreFieldError::Position { coordinate, row, .. } => {
                 let column = match coordinate {
-                    Coordinate::Latitude => lat,
-                    Coordinate::Longitude => lon,
-                    Coordinate::Height => alt,
+                    GeodeticCoordinate::Latitude => lat,
+                    GeodeticCoordinate::Longitude => lon,
+                    GeodeticCoordinate::Height => alt,
                 };
                 data(e).in_column(column).in_row(row as u64)
             }
@@ -123,7 +126,7 @@ impl CoreFieldStage {
         let column =
             |suffix: &str, doc: &str| Column::float(format!("{name}{suffix}"), "nT", doc.to_owned()).from(0, reads);
         let mut made = vec![
-            Column { correction: Some(Correction::Core), ..column("", "magnitude of the core field") },
+            Column { correction: Some(MagneticCorrection::Core), ..column("", "magnitude of the core field") },
             column("_n", "north component of the core field"),
             column("_e", "east component of the core field"),
             column("_d", "down component of the core field"),
@@ -138,7 +141,7 @@ impl CoreFieldStage {
 }
 
 impl Stage for CoreFieldStage {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let place = self.position.columns();
         let units = ["deg", "deg", "m"];
@@ -159,7 +162,7 @@ impl Stage for CoreFieldStage {
         if self.decimal_year.is_none() {
             reads.extend(["tt", "year", "doy"].map(str::to_owned));
         }
-        Ok(Yield::append(self.made(&reads, attitude.is_some()), &reads))
+        Ok(StageSchema::append(self.made(&reads, attitude.is_some()), &reads))
     }
 }
 
@@ -170,7 +173,7 @@ impl LineStage for CoreFieldStage {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let [lat, lon, alt] = self.position.columns();
         let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);
@@ -178,8 +181,8 @@ impl LineStage for CoreFieldStage {
             Some(year) => vec![year; lat.len()],
             None => years(batch)?,
         };
-        let field = CoreTrack::new(self.model).field(lat, lon, alt, &year).map_err(|e| self.placed(e))?;
-        let shape = Shape::of(&batch.schema());
+        let field = CoreFieldTrack::new(self.model).field(lat, lon, alt, &year).map_err(|e| self.placed(e))?;
+        let shape = TableShape::from_schema(&batch.schema());
         let body = self.attitude_columns(&shape).map(|attitude| in_body_frame(batch, attitude, &field)).transpose()?;
         let magnitude = field.magnitude_nt();
         let mut arrays = vec![array(magnitude), array(field.north_nt), array(field.east_nt), array(field.down_nt)];
@@ -189,7 +192,7 @@ impl LineStage for CoreFieldStage {
 }
 
 /// The field's components towards nose, right wing and down.
-fn in_body_frame(batch: &RecordBatch, attitude: [&str; 3], field: &Ned) -> Result<[Vec<f64>; 3], Fault> {
+fn in_body_frame(batch: &RecordBatch, attitude: [&str; 3], field: &NedField) -> Result<[Vec<f64>; 3], Fault> {
     let [roll, pitch, yaw] = attitude;
     let (roll, pitch, yaw) = (floats(batch, roll)?, floats(batch, pitch)?, floats(batch, yaw)?);
     let mut body = [(); 3].map(|()| Vec::with_capacity(roll.len()));
@@ -213,9 +216,9 @@ mod tests {
 
     fn core_field(decimal_year: Option<f64>) -> CoreFieldStage {
         CoreFieldStage {
-            model: CoreModel::Igrf14,
+            model: CoreFieldModel::Igrf14,
             column: "igrf".into(),
-            position: PositionOf::Truth,
+            position: PositionSource::Truth,
             attitude: None,
             decimal_year,
         }
@@ -224,7 +227,7 @@ mod tests {
     fn run(stage: &CoreFieldStage, columns: &[(&str, &[f64])]) -> Result<Vec<Vec<f64>>, Fault> {
         let column = |values: &[f64]| Arc::new(Float64Array::from(values.to_vec())) as ArrayRef;
         let batch = RecordBatch::try_from_iter(columns.iter().map(|(name, values)| (*name, column(values)))).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
         let arrays = stage.run(&line, &())?;
         Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
     }
@@ -279,7 +282,7 @@ mod tests {
             }
         }
         assert!(made[4..].iter().all(|axis| axis[3].is_nan()) && made[..4].iter().all(|ned| ned[3].is_finite()));
-        let level = CoreFieldStage { attitude: Some(AttitudeOf::None), ..core_field(Some(2020.5)) };
+        let level = CoreFieldStage { attitude: Some(AttitudeSource::None), ..core_field(Some(2020.5)) };
         assert_eq!(run(&level, &columns).unwrap().len(), 4);
     }
 
@@ -287,7 +290,7 @@ mod tests {
     fn unit_a_date_that_nobody_said_is_a_fault_with_the_way_out() {
         let table = |names: &[(&str, &str)]| {
             let columns = names.iter().map(|(name, unit)| Column::float(*name, *unit, "")).collect();
-            Table::Lines(Shape { columns, rate_hz: None })
+            Table::Lines(TableShape { columns, rate_hz: None })
         };
         let place = [("tt", "s"), ("lat", "deg"), ("lon", "deg"), ("alt", "m")];
         let undated = table(&place);

@@ -1,15 +1,15 @@
 //! Corrections of magnetic readings: the record of those already made, and the check that none is made twice.
 
 use expressions::Expression;
-use schemas::{Column, Correction, Fault, Removed, Shape, flight};
+use schemas::{Column, CorrectionSet, Fault, MagneticCorrection, TableShape, flight};
 
 /// Corrections that the reading `name` has had. Empty if the column is missing.
-pub fn had(shape: &Shape, name: &str) -> Removed {
+pub fn had(shape: &TableShape, name: &str) -> CorrectionSet {
     shape.get(name).map(|column| column.removed.clone()).unwrap_or_default()
 }
 
 /// Whether all readings have had a correction. `None` if only some of them have.
-fn all_had(shape: &Shape, readings: &[String], correction: Correction) -> Option<bool> {
+fn all_had(shape: &TableShape, readings: &[String], correction: MagneticCorrection) -> Option<bool> {
     let mut each = readings.iter().map(|name| had(shape, name).contains(&correction));
     let first = each.next().unwrap_or(false);
     each.all(|other| other == first).then_some(first)
@@ -17,9 +17,9 @@ fn all_had(shape: &Shape, readings: &[String], correction: Correction) -> Option
 
 /// Whether a stage makes a correction of its readings: `given`, otherwise `default` unless they have had it.
 pub fn corrects(
-    shape: &Shape,
+    shape: &TableShape,
     readings: &[String],
-    correction: Correction,
+    correction: MagneticCorrection,
     given: Option<bool>,
     default: bool,
 ) -> bool {
@@ -27,22 +27,22 @@ pub fn corrects(
 }
 
 /// Key of a correction, and the setting that switches it off.
-pub type Key = (&'static str, &'static str);
+pub type CorrectionKey = (&'static str, &'static str);
 /// Key `remove_core`.
-pub const REMOVE_CORE: Key = ("remove_core", "set `remove_core = false`");
+pub const REMOVE_CORE: CorrectionKey = ("remove_core", "set `remove_core = false`");
 /// Key `remove_diurnal`.
-pub const REMOVE_DIURNAL: Key = ("remove_diurnal", "set `remove_diurnal = false`");
+pub const REMOVE_DIURNAL: CorrectionKey = ("remove_diurnal", "set `remove_diurnal = false`");
 
 /// Key `core_field` of stages that predict or remove the core field.
-pub const CORE_FIELD: Key = ("core_field", "set `core_field = false`");
+pub const CORE_FIELD: CorrectionKey = ("core_field", "set `core_field = false`");
 
 /// Fault of a correction that its key requests although the readings have already had it.
 pub fn twice(
-    shape: &Shape,
+    shape: &TableShape,
     readings: &[String],
-    correction: Correction,
+    correction: MagneticCorrection,
     given: Option<bool>,
-    (param, off): Key,
+    (param, off): CorrectionKey,
 ) -> Option<Fault> {
     let names = || readings.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
     let what = match (all_had(shape, readings, correction), given) {
@@ -57,7 +57,12 @@ pub fn twice(
 }
 
 /// Note that a default correction is skipped because the readings have already had it.
-pub fn note(shape: &Shape, readings: &[String], correction: Correction, given: Option<bool>) -> Option<String> {
+pub fn note(
+    shape: &TableShape,
+    readings: &[String],
+    correction: MagneticCorrection,
+    given: Option<bool>,
+) -> Option<String> {
     let skipped = given.is_none() && all_had(shape, readings, correction) == Some(true);
     let names = || readings.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
     skipped.then(|| format!("{correction} has already been removed from {} and is not removed again", names()))
@@ -66,8 +71,8 @@ pub fn note(shape: &Shape, readings: &[String], correction: Correction, given: O
 /// Corrections of the value of an expression: those of its terms, and those that it makes by subtraction.
 ///
 /// The difference of two readings at the same time holds neither core field nor diurnal variation.
-pub fn of_expression(expression: &Expression, shape: &Shape) -> Removed {
-    let mut removed = Removed::new();
+pub fn of_expression(expression: &Expression, shape: &TableShape) -> CorrectionSet {
+    let mut removed = CorrectionSet::new();
     let reading = |name: &str| {
         let known = flight::is_scalar_reading(name) || flight::is_compensated(name) || name == "mag_c";
         known || !had(shape, name).is_empty()
@@ -84,7 +89,7 @@ pub fn of_expression(expression: &Expression, shape: &Shape) -> Removed {
                 removed.remove(&correction);
             }
             (None, -1) if reading(name) && added.iter().any(|other| reading(other)) => {
-                removed.extend([Correction::Core, Correction::Diurnal]);
+                removed.extend([MagneticCorrection::Core, MagneticCorrection::Diurnal]);
             }
             _ => {}
         }
@@ -93,7 +98,7 @@ pub fn of_expression(expression: &Expression, shape: &Shape) -> Removed {
 }
 
 /// Copies the corrections of a reading to a column made from it.
-pub fn like(column: Column, shape: &Shape, reading: &str) -> Column {
+pub fn like(column: Column, shape: &TableShape, reading: &str) -> Column {
     column.without(had(shape, reading))
 }
 
@@ -102,14 +107,14 @@ pub fn like(column: Column, shape: &Shape, reading: &str) -> Column {
 mod tests {
     use super::*;
 
-    fn shape() -> Shape {
+    fn shape() -> TableShape {
         let names = ["mag_4_uc", "mag_5_uc", "mag_1_igrf", "igrf", "diurnal", "cur_1"];
         let column = |name: &str| {
             let removed = schemas::describe_field(&Column::float(name, "nT", "").field()).removed;
             Column::float(name, "nT", "").without(removed)
         };
-        let target = Column::float("target", "nT", "").without([Correction::Diurnal].into());
-        Shape { columns: names.map(column).into_iter().chain([target]).collect(), rate_hz: None }
+        let target = Column::float("target", "nT", "").without([MagneticCorrection::Diurnal].into());
+        TableShape { columns: names.map(column).into_iter().chain([target]).collect(), rate_hz: None }
     }
 
     #[test]
@@ -141,9 +146,9 @@ mod tests {
         let (plain, had) = (["mag_4_uc".to_owned()], ["target".to_owned()]);
         let mixed = [plain.clone(), had.clone()].concat();
         let diurnal = |readings: &[String], given| {
-            let makes = corrects(&shape(), readings, Correction::Diurnal, given, true);
-            let fault = twice(&shape(), readings, Correction::Diurnal, given, REMOVE_DIURNAL);
-            (makes, fault.is_some(), note(&shape(), readings, Correction::Diurnal, given).is_some())
+            let makes = corrects(&shape(), readings, MagneticCorrection::Diurnal, given, true);
+            let fault = twice(&shape(), readings, MagneticCorrection::Diurnal, given, REMOVE_DIURNAL);
+            (makes, fault.is_some(), note(&shape(), readings, MagneticCorrection::Diurnal, given).is_some())
         };
         assert_eq!(diurnal(&plain, None), (true, false, false));
         assert_eq!(diurnal(&plain, Some(true)), (true, false, false));

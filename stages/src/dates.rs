@@ -2,12 +2,12 @@
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
 use numerics::earth::dates::{day_number, decimal_year};
-use schemas::{Fault, Shape};
+use schemas::{Fault, TableShape};
 
 use crate::columns::{data, floats};
 
 /// Returns whether the flight has the columns of a date.
-pub fn dated_by_flight(shape: &Shape) -> bool {
+pub fn dated_by_flight(shape: &TableShape) -> bool {
     ["year", "doy"].iter().all(|c| shape.get(c).is_some())
 }
 
@@ -80,7 +80,7 @@ pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> 
 }
 
 /// Columns of a date that a table has.
-pub fn date_columns(shape: &Shape) -> &'static [&'static str] {
+pub fn date_columns(shape: &TableShape) -> &'static [&'static str] {
     if dated_by_flight(shape) { &["year", "doy"] } else { &[] }
 }
 

@@ -4,12 +4,12 @@ use arrow_array::RecordBatch;
 use numerics::{
     angle::unwrapped_deg,
     signal::{
-        difference::{Scheme, difference},
+        difference::{DifferenceScheme, difference},
         savitzky_golay::SavitzkyGolay,
-        segments::Usable,
+        segments::RowMask,
     },
 };
-use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, choice, stage};
 
 use crate::columns::{array, even_rate_hz, floats, is_angle, made_of_each, not_numbers_among, shape};
 
@@ -36,7 +36,7 @@ method  = "savitzky_golay"
     /// Columns to differentiate.
     columns: Vec<String>, unit "";
     /// Method of differentiation.
-    method: How, unit "", default How::Central;
+    method: DerivativeMethod, unit "", default DerivativeMethod::Central;
     /// For `savitzky_golay`: number of samples of a window, odd.
     window: Option<usize>, unit "", absent "5", rule Rule::Between(3.0, 10001.0);
     /// For `savitzky_golay`: degree of the polynomial.
@@ -45,7 +45,7 @@ method  = "savitzky_golay"
 
 choice! {
     /// Method of differentiation.
-    pub enum How {
+    pub enum DerivativeMethod {
         /// Central difference.
         Central = "central",
         /// Least-squares polynomials over a window.
@@ -54,34 +54,34 @@ choice! {
 }
 
 /// Differentiator of a run, per sample.
-enum Slope {
+enum Differentiator {
     Central,
     Fitted(SavitzkyGolay),
 }
 
-impl Slope {
-    fn of(&self, x: &[f64]) -> Option<Vec<f64>> {
+impl Differentiator {
+    fn apply(&self, x: &[f64]) -> Option<Vec<f64>> {
         match self {
-            Slope::Central => difference(x, Scheme::Central),
-            Slope::Fitted(polynomial) => polynomial.apply(x),
+            Differentiator::Central => difference(x, DifferenceScheme::Central),
+            Differentiator::Fitted(polynomial) => polynomial.apply(x),
         }
     }
 
     fn least_rows(&self) -> usize {
         match self {
-            Slope::Central => Scheme::Central.least_rows(),
-            Slope::Fitted(polynomial) => polynomial.window(),
+            Differentiator::Central => DifferenceScheme::Central.least_rows(),
+            Differentiator::Fitted(polynomial) => polynomial.window(),
         }
     }
 }
 
 impl Derivative {
-    fn slope(&self) -> Result<Slope, Fault> {
+    fn slope(&self) -> Result<Differentiator, Fault> {
         match self.method {
-            How::Central => Ok(Slope::Central),
-            How::SavitzkyGolay => {
+            DerivativeMethod::Central => Ok(Differentiator::Central),
+            DerivativeMethod::SavitzkyGolay => {
                 let fitted = SavitzkyGolay::new(self.window.unwrap_or(5), self.degree.unwrap_or(2), 1);
-                fitted.map(Slope::Fitted).map_err(|e| Fault::new(e.to_string()).of_param("window"))
+                fitted.map(Differentiator::Fitted).map_err(|e| Fault::new(e.to_string()).of_param("window"))
             }
         }
     }
@@ -98,7 +98,7 @@ fn per_second(unit: &str) -> String {
 }
 
 impl Stage for Derivative {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = not_numbers_among(shape, &self.columns, "columns");
         faults.extend(self.slope().err());
@@ -107,11 +107,11 @@ impl Stage for Derivative {
         }
         let made = made_of_each(shape, &self.columns, "_dot", "rate of change", per_second);
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
-        Ok(Yield::append(made, &reads))
+        Ok(StageSchema::append(made, &reads))
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let fitted = self.method == How::SavitzkyGolay;
+        let fitted = self.method == DerivativeMethod::SavitzkyGolay;
         let idle = !fitted && (key == "window" || key == "degree");
         idle.then(|| Fault::new(format!("`{key}` has no effect with the method `central`")))
     }
@@ -124,7 +124,7 @@ impl LineStage for Derivative {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
@@ -135,9 +135,9 @@ impl LineStage for Derivative {
             let values = turned.as_deref().unwrap_or(x);
             let mut made = vec![f64::NAN; x.len()];
             let mut any = false;
-            for run in Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz) {
+            for run in RowMask::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz) {
                 let (Some(from), Some(to)) = (values.get(run.clone()), made.get_mut(run)) else { continue };
-                if let Some(rates) = slope.of(from) {
+                if let Some(rates) = slope.apply(from) {
                     to.iter_mut().zip(rates).for_each(|(to, rate)| *to = rate * rate_hz);
                     any = true;
                 }
@@ -162,7 +162,7 @@ mod tests {
 
     const RATE_HZ: f64 = 20.0;
 
-    fn derivative(method: How) -> Derivative {
+    fn derivative(method: DerivativeMethod) -> Derivative {
         Derivative { columns: vec!["x".into()], method, window: None, degree: None }
     }
 
@@ -174,10 +174,10 @@ mod tests {
     #[test]
     fn law_a_parabola_has_its_slope_per_second() {
         let x = sampled(0.0, RATE_HZ, 200, |t| 50_000.0 + 3.0 * t - 0.5 * t * t);
-        for method in [How::Central, How::SavitzkyGolay] {
+        for method in [DerivativeMethod::Central, DerivativeMethod::SavitzkyGolay] {
             let y = run(&derivative(method), "nT", x.clone()).unwrap();
             // One-sided differences at the ends are those of half a step further in.
-            let inside = if method == How::Central { 1..199 } else { 0..200 };
+            let inside = if method == DerivativeMethod::Central { 1..199 } else { 0..200 };
             for k in inside {
                 assert!((y[k] - (3.0 - k as f64 / RATE_HZ)).abs() < 1e-8, "{k}: {}", y[k]);
             }
@@ -188,16 +188,18 @@ mod tests {
     fn law_a_turn_through_north_goes_on_at_its_rate_and_a_gap_stays_one() {
         let mut x = sampled(0.0, RATE_HZ, 400, |t| (300.0 + 12.0 * t).rem_euclid(360.0));
         x[250] = f64::NAN;
-        let y = run(&derivative(How::Central), "deg", x).unwrap();
+        let y = run(&derivative(DerivativeMethod::Central), "deg", x).unwrap();
         assert!(y.iter().enumerate().all(|(k, y)| if k == 250 { y.is_nan() } else { (y - 12.0).abs() < 1e-9 }));
     }
 
     #[test]
     fn law_noise_is_amplified_by_what_the_weights_say() {
-        let mut normals = numerics::random::Normals::new(3);
+        let mut normals = numerics::random::NormalGenerator::new(3);
         let x: Vec<f64> = (0..20_000).map(|_| normals.draw()).collect();
         // Half of √2, and the root of (2² + 1 + 1 + 2²)/10².
-        for (method, factor) in [(How::Central, 0.5_f64.sqrt()), (How::SavitzkyGolay, 0.1_f64.sqrt())] {
+        for (method, factor) in
+            [(DerivativeMethod::Central, 0.5_f64.sqrt()), (DerivativeMethod::SavitzkyGolay, 0.1_f64.sqrt())]
+        {
             let y = run(&derivative(method), "nT", x.clone()).unwrap();
             let rms = (y.iter().map(|y| y * y).sum::<f64>() / y.len() as f64).sqrt() / RATE_HZ;
             assert!((rms / factor - 1.0).abs() < 0.03, "{rms} {factor}");
@@ -210,7 +212,7 @@ mod tests {
         let stage = |window| Derivative {
             columns: ["yaw", "ins_vn", "mag_4_uc"].map(str::to_owned).to_vec(),
             window,
-            ..derivative(How::SavitzkyGolay)
+            ..derivative(DerivativeMethod::SavitzkyGolay)
         };
         let made = stage(None).yields(&[&lines]).unwrap().columns;
         let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
@@ -224,7 +226,12 @@ mod tests {
             ]
         );
         assert!(said(stage(Some(4)).yields(&[&lines]).unwrap_err()).ends_with("[window]"));
-        assert!(derivative(How::Central).idle("window").is_some() && stage(None).idle("window").is_none());
-        assert!(run(&derivative(How::SavitzkyGolay), "nT", vec![1.0; 4]).unwrap_err().what.contains("5 samples"));
+        assert!(derivative(DerivativeMethod::Central).idle("window").is_some() && stage(None).idle("window").is_none());
+        assert!(
+            run(&derivative(DerivativeMethod::SavitzkyGolay), "nT", vec![1.0; 4])
+                .unwrap_err()
+                .what
+                .contains("5 samples")
+        );
     }
 }

@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 
 use arrow_array::RecordBatch;
 use arrow_schema::DataType;
-use expressions::{Expression, Unit};
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Removed, Shape, Stage, Table, Yield, flight, stage};
+use expressions::{Expression, ExpressionUnit};
+use schemas::{
+    Column, CorrectionSet, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, TableShape, flight,
+    stage,
+};
 
 use crate::{
     columns::{array, is_key, role_of, shape},
@@ -45,7 +48,7 @@ units   = { heading = "deg" }
 }
 
 impl Derive {
-    fn expression(name: &str, sql: &str, shape: &Shape) -> Result<Expression, Fault> {
+    fn expression(name: &str, sql: &str, shape: &TableShape) -> Result<Expression, Fault> {
         let expression = Expression::new(sql, shape, &format!("`{name}`"))?;
         match &expression.data_type {
             kind if kind.is_numeric() => Ok(expression),
@@ -58,11 +61,11 @@ impl Derive {
         }
     }
 
-    fn unit(&self, name: &str, found: &Unit) -> Result<String, Fault> {
+    fn unit(&self, name: &str, found: &ExpressionUnit) -> Result<String, Fault> {
         let given = self.units.get(name);
         let other = |unit: &String| given.filter(|given| *given != unit);
         let unit = match (found, given) {
-            (Unit::Of(unit), _) if !unit.is_empty() => match other(unit) {
+            (ExpressionUnit::Of(unit), _) if !unit.is_empty() => match other(unit) {
                 Some(given) => {
                     let fault = Fault::new(format!("`{name}` is in {unit}, not in {given}"));
                     return Err(fault
@@ -72,14 +75,14 @@ impl Derive {
                 None => unit.clone(),
             },
             (_, Some(given)) => given.clone(),
-            (Unit::Of(unit) | Unit::Scaled(unit), None) => unit.clone(),
+            (ExpressionUnit::Of(unit) | ExpressionUnit::Scaled(unit), None) => unit.clone(),
             // Such as the year.
-            (Unit::Any, None)
+            (ExpressionUnit::Any, None)
                 if flight::COLUMNS.iter().any(|(known, about)| *known == name && about.unit.is_empty()) =>
             {
                 String::new()
             }
-            (Unit::Any | Unit::Unknown, None) => {
+            (ExpressionUnit::Any | ExpressionUnit::Unknown, None) => {
                 let fault = Fault::new(format!("the unit of `{name}` cannot be inferred from its expression"));
                 return Err(fault
                     .help(format!("set it, for example `units = {{ {name} = \"nT\" }}`"))
@@ -94,7 +97,7 @@ impl Derive {
         Ok(unit)
     }
 
-    fn column(&self, name: &str, sql: &str, shape: &Shape) -> Result<Column, Fault> {
+    fn column(&self, name: &str, sql: &str, shape: &TableShape) -> Result<Column, Fault> {
         if is_key(name) {
             return Err(Fault::new(format!(
                 "`{name}` is a key of every line and cannot be replaced; choose another name"
@@ -111,7 +114,7 @@ impl Derive {
         let reads = &expression.columns;
         // A constant column has as many rows as the line.
         let from: Vec<&str> = if reads.is_empty() { vec!["tt"] } else { reads.iter().map(String::as_str).collect() };
-        let removed = if unit == "nT" { of_expression(&expression, shape) } else { Removed::new() };
+        let removed = if unit == "nT" { of_expression(&expression, shape) } else { CorrectionSet::new() };
         Ok(Column::float(name, unit, doc).role(role_of(shape, reads)).from(0, &from).without(removed))
     }
 }
@@ -121,7 +124,7 @@ impl Stage for Derive {
         self.columns.iter().map(|(name, sql)| (Some(name.as_str()), sql.as_str())).collect()
     }
 
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let (mut made, mut faults) = (vec![], vec![]);
         if self.columns.is_empty() {
@@ -147,7 +150,7 @@ impl Stage for Derive {
                 reads.push(name.clone());
             }
         }
-        Ok(Yield::append(made, &reads))
+        Ok(StageSchema::append(made, &reads))
     }
 }
 
@@ -158,9 +161,9 @@ impl LineStage for Derive {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
-        let shape = Shape::of(&batch.schema());
+        let shape = TableShape::from_schema(&batch.schema());
         let one = |(name, sql): (&String, &String)| Ok(array(Self::expression(name, sql, &shape)?.numbers(batch)?));
         self.columns.iter().map(|pair| one(pair).map_err(|fault: Fault| fault.in_column(pair.0))).collect()
     }

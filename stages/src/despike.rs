@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
-    segments::{STEP_TOLERANCE, Usable, check_increasing, sample_rate},
+    segments::{RowMask, STEP_TOLERANCE, check_increasing, sample_rate},
     spikes::{fourth_difference, hampel},
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, choice, stage};
 
 use crate::columns::{array, data, floats, made_of_each, not_numbers_among, role_of, shape};
 
@@ -43,18 +43,18 @@ columns = ["mag_4_uc"]
     /// Columns to despike.
     columns: Vec<String>, unit "";
     /// Method of detection.
-    method: Search, unit "", default Search::Hampel;
+    method: SpikeDetection, unit "", default SpikeDetection::Hampel;
     /// Threshold, in standard deviations of the noise.
     threshold: f64, unit "1", default 6.0, rule Rule::Positive;
     /// For `hampel`: number of samples of a window, odd.
     window: Option<usize>, unit "", absent "11", rule Rule::Between(3.0, 10001.0);
     /// Replacement of a spike.
-    replace: Replace, unit "", default Replace::Nan;
+    replace: SpikeReplacement, unit "", default SpikeReplacement::Nan;
 }
 
 choice! {
     /// Method of detection.
-    pub enum Search {
+    pub enum SpikeDetection {
         /// Running median.
         Hampel = "hampel",
         /// Fourth difference.
@@ -64,7 +64,7 @@ choice! {
 
 choice! {
     /// Replacement of a spike.
-    pub enum Replace {
+    pub enum SpikeReplacement {
         /// Missing value.
         Nan = "nan",
         /// Linear interpolation between the neighbours.
@@ -82,16 +82,16 @@ impl Despike {
 
     fn found(&self, run: &[f64]) -> Vec<bool> {
         match self.method {
-            Search::Hampel => hampel(run, self.window() / 2, self.threshold),
-            Search::FourthDifference => fourth_difference(run, self.threshold),
+            SpikeDetection::Hampel => hampel(run, self.window() / 2, self.threshold),
+            SpikeDetection::FourthDifference => fourth_difference(run, self.threshold),
         }
     }
 
     /// Sample rate from the median step, Hz. The fourth difference requires even steps.
     fn rate_hz(&self, tt: &[f64]) -> Result<f64, Fault> {
         let tolerance = match self.method {
-            Search::Hampel => f64::INFINITY,
-            Search::FourthDifference => STEP_TOLERANCE,
+            SpikeDetection::Hampel => f64::INFINITY,
+            SpikeDetection::FourthDifference => STEP_TOLERANCE,
         };
         check_increasing(tt).and_then(|()| sample_rate(tt, tolerance)).map_err(|e| data(e).in_column("tt"))
     }
@@ -99,7 +99,7 @@ impl Despike {
     /// Column without its spikes, and their locations.
     fn column(&self, tt: &[f64], x: &[f64], rate_hz: f64) -> Result<[ArrayRef; 2], Fault> {
         let (mut made, mut spikes) = (x.to_vec(), vec![false; x.len()]);
-        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+        let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
         for run in &runs {
             let (Some(from), Some(to)) = (x.get(run.clone()), spikes.get_mut(run.clone())) else { continue };
             to.copy_from_slice(&self.found(from));
@@ -114,8 +114,10 @@ impl Despike {
             for i in run.filter(|i| spikes[*i]) {
                 let after = good.partition_point(|g| *g < i);
                 made[i] = match (self.replace, after.checked_sub(1).and_then(|b| good.get(b)), good.get(after)) {
-                    (Replace::Linear, Some(&a), Some(&b)) => x[a] + (x[b] - x[a]) * (tt[i] - tt[a]) / (tt[b] - tt[a]),
-                    (Replace::Linear | Replace::Nan, _, _) => f64::NAN,
+                    (SpikeReplacement::Linear, Some(&a), Some(&b)) => {
+                        x[a] + (x[b] - x[a]) * (tt[i] - tt[a]) / (tt[b] - tt[a])
+                    }
+                    (SpikeReplacement::Linear | SpikeReplacement::Nan, _, _) => f64::NAN,
                 };
             }
         }
@@ -125,7 +127,7 @@ impl Despike {
 }
 
 impl Stage for Despike {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = not_numbers_among(shape, &self.columns, "columns");
         if self.window().is_multiple_of(2) {
@@ -142,11 +144,11 @@ impl Stage for Despike {
         };
         let made = clean.into_iter().zip(&self.columns).flat_map(|(clean, name)| [clean, flag(name)]).collect();
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
-        Ok(Yield::append(made, &reads))
+        Ok(StageSchema::append(made, &reads))
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let idle = key == "window" && self.method == Search::FourthDifference;
+        let idle = key == "window" && self.method == SpikeDetection::FourthDifference;
         idle.then(|| Fault::new("`window` has no effect with the method `fourth_difference`"))
     }
 }
@@ -158,7 +160,7 @@ impl LineStage for Despike {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = self.rate_hz(tt)?;
@@ -182,7 +184,7 @@ mod tests {
     use super::*;
     use crate::testing::{batch, line, said, sampled, table};
 
-    fn despike(method: Search, replace: Replace) -> Despike {
+    fn despike(method: SpikeDetection, replace: SpikeReplacement) -> Despike {
         Despike { columns: vec!["x".into()], method, threshold: 6.0, window: None, replace }
     }
 
@@ -194,7 +196,7 @@ mod tests {
     }
 
     fn field(rows: usize) -> Vec<f64> {
-        let mut normals = numerics::random::Normals::new(8);
+        let mut normals = numerics::random::NormalGenerator::new(8);
         let smooth = sampled(0.0, 10.0, rows, |t| 50_000.0 + 8.0 * (0.3 * t).sin());
         smooth.into_iter().map(|x| x + 0.1 * normals.draw()).collect()
     }
@@ -206,11 +208,11 @@ mod tests {
         let mut x = clean.clone();
         let at = [200, 431, 700];
         at.iter().for_each(|i| x[*i] -= 120.0);
-        for method in [Search::Hampel, Search::FourthDifference] {
-            let (y, spikes) = run(&despike(method, Replace::Nan), &tt, x.clone()).unwrap();
+        for method in [SpikeDetection::Hampel, SpikeDetection::FourthDifference] {
+            let (y, spikes) = run(&despike(method, SpikeReplacement::Nan), &tt, x.clone()).unwrap();
             assert_eq!(spikes, at);
             assert!((0..1000).all(|i| if at.contains(&i) { y[i].is_nan() } else { y[i] == clean[i] }));
-            let (y, _) = run(&despike(method, Replace::Linear), &tt, x.clone()).unwrap();
+            let (y, _) = run(&despike(method, SpikeReplacement::Linear), &tt, x.clone()).unwrap();
             assert!(at.iter().all(|i| (y[*i] - 0.5 * (clean[i - 1] + clean[i + 1])).abs() < 1e-9));
         }
     }
@@ -222,12 +224,21 @@ mod tests {
         let value = |i: usize| minute(i / 600) + (minute(i / 600 + 1) - minute(i / 600)) * (i % 600) as f64 / 600.0;
         let tt = sampled(0.0, 10.0, 36_000, |t| t);
         let mut x: Vec<f64> = (0..36_000).map(value).collect();
-        for method in [Search::Hampel, Search::FourthDifference] {
-            assert!(run(&despike(method, Replace::Nan), &tt, x.clone()).unwrap().1.is_empty(), "{}", method.word());
+        for method in [SpikeDetection::Hampel, SpikeDetection::FourthDifference] {
+            assert!(
+                run(&despike(method, SpikeReplacement::Nan), &tt, x.clone()).unwrap().1.is_empty(),
+                "{}",
+                method.word()
+            );
         }
         x[9000] += 50.0;
-        for method in [Search::Hampel, Search::FourthDifference] {
-            assert_eq!(run(&despike(method, Replace::Nan), &tt, x.clone()).unwrap().1, [9000], "{}", method.word());
+        for method in [SpikeDetection::Hampel, SpikeDetection::FourthDifference] {
+            assert_eq!(
+                run(&despike(method, SpikeReplacement::Nan), &tt, x.clone()).unwrap().1,
+                [9000],
+                "{}",
+                method.word()
+            );
         }
     }
 
@@ -242,23 +253,26 @@ mod tests {
         x[0] += 90.0;
         x[300..303].iter_mut().for_each(|x| *x += 70.0);
         x[800] = f64::NAN;
-        let (y, spikes) = run(&despike(Search::Hampel, Replace::Linear), &tt, x.clone()).unwrap();
+        let (y, spikes) = run(&despike(SpikeDetection::Hampel, SpikeReplacement::Linear), &tt, x.clone()).unwrap();
         assert_eq!(spikes, [0, 300, 301, 302]);
         assert!(y[0].is_nan() && y[800].is_nan(), "no straight line beyond the end");
         let on = |i: usize| y[299] + (y[303] - y[299]) * (tt[i] - tt[299]) / (tt[303] - tt[299]);
         assert!((300..303).all(|i| (y[i] - on(i)).abs() < 1e-9));
-        let uneven = run(&despike(Search::FourthDifference, Replace::Nan), &tt, x).unwrap_err();
+        let uneven = run(&despike(SpikeDetection::FourthDifference, SpikeReplacement::Nan), &tt, x).unwrap_err();
         assert!(uneven.what.contains("not evenly spaced"), "{uneven}");
     }
 
     #[test]
     fn unit_a_signal_of_spikes_and_a_window_without_a_middle_are_refused() {
         let tt = sampled(0.0, 10.0, 1000, |t| t);
-        let many = Despike { threshold: 0.1, ..despike(Search::Hampel, Replace::Nan) };
+        let many = Despike { threshold: 0.1, ..despike(SpikeDetection::Hampel, SpikeReplacement::Nan) };
         assert!(run(&many, &tt, field(1000)).unwrap_err().what.contains("of 1000 samples are detected as spikes"));
         let lines = table(&[("tt", "s"), ("mag_1_c", "nT")], None);
-        let even =
-            Despike { columns: vec!["mag_1_c".into()], window: Some(10), ..despike(Search::Hampel, Replace::Nan) };
+        let even = Despike {
+            columns: vec!["mag_1_c".into()],
+            window: Some(10),
+            ..despike(SpikeDetection::Hampel, SpikeReplacement::Nan)
+        };
         assert!(said(even.yields(&[&lines]).unwrap_err()).ends_with("[window]"));
         let made = Despike { window: None, ..even }.yields(&[&lines]).unwrap().columns;
         let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();

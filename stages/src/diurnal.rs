@@ -6,15 +6,16 @@ use arrow_array::{Array, RecordBatch, cast::AsArray};
 use numerics::{
     earth::{dates::day_number, geodesy::ecef_m},
     regression::statistics::median,
-    signal::resample::{Method, Plan},
+    signal::resample::{ResamplePlan, SampleInterpolation},
 };
 use schemas::{
-    Arrays, Column, Correction, Fault, LineIn, LineStage, Role, Rule, Shape, Stage, Table, Yield, choice, stage,
+    Column, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, Role, Rule, Stage, StageSchema, Table,
+    TableShape, choice, stage,
 };
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
-    core_field::PositionOf,
+    core_field::PositionSource,
     dates::{DAY_S, WAYS_OUT_OF_NO_DAY, dated_by_flight, first_midnight, whole_numbers},
 };
 
@@ -48,22 +49,22 @@ record = "observatory"
     /// Name of the new column.
     column: String, unit "nT", default "diurnal";
     /// Interpolation between samples of the record.
-    method: Method, unit "", default Method::Linear;
+    method: SampleInterpolation, unit "", default SampleInterpolation::Linear;
     /// Longest gap between samples of the record that is interpolated.
     max_gap_s: f64, unit "s", default 180.0, rule Rule::Positive;
     /// Level that is subtracted from each record.
-    level: Level, unit "", default Level::Record;
+    level: DiurnalBaseline, unit "", default DiurnalBaseline::Record;
     /// Level that is subtracted from the record of each station, by station name.
     level_nt: Option<BTreeMap<String, f64>>, unit "nT", absent "set by `level`", rule Rule::Finite;
     /// For several stations: power of the distance in the inverse-distance weights.
     power: f64, unit "1", default 1.0, rule Rule::NotNegative;
     /// For several stations: source of the position from which distances are measured.
-    position: PositionOf, unit "", default PositionOf::Truth;
+    position: PositionSource, unit "", default PositionSource::Truth;
 }
 
 choice! {
     /// Level that is subtracted from a record.
-    pub enum Level {
+    pub enum DiurnalBaseline {
         /// Mean of the whole record.
         Record = "record",
         /// Mean at the times of the line.
@@ -88,38 +89,38 @@ pub struct Station {
     value_nt: Vec<f64>,
 }
 
-/// The stations, and the day that their times count from.
+/// Stations, and the day from which their times are counted.
 #[derive(Debug)]
 pub struct Stations {
     first_day: i64,
     all: Vec<Station>,
 }
 
-/// The samples of a station as the tables have them: day, seconds and value.
+/// Samples of a station from its tables: day, seconds and value.
 #[derive(Default)]
-struct Samples {
+struct StationSamples {
     place_deg: Option<(f64, f64)>,
     rows: Vec<(i64, f64, f64)>,
 }
 
 impl Diurnal {
     /// The columns of the line that say where it is; none where it has no position.
-    fn position_of(&self, input: &Shape) -> &'static [&'static str] {
+    fn position_of(&self, input: &TableShape) -> &'static [&'static str] {
         let columns: &'static [&'static str] = match self.position {
-            PositionOf::Truth => &["lat", "lon"],
-            PositionOf::Ins => &["ins_lat", "ins_lon"],
+            PositionSource::Truth => &["lat", "lon"],
+            PositionSource::Ins => &["ins_lat", "ins_lon"],
         };
         if columns.iter().all(|name| input.get(name).is_some()) { columns } else { &[] }
     }
 
-    fn reads_of(&self, record: &Shape) -> Vec<String> {
+    fn reads_of(&self, record: &TableShape) -> Vec<String> {
         let place = PLACE.iter().filter(|_| PLACE.iter().all(|name| record.get(name).is_some()));
         let reads = ["flight", "year", "doy", "tt", &self.element];
         reads.iter().chain(place).map(ToString::to_string).collect()
     }
 
     /// The samples of the stations of one table.
-    fn gather(&self, record: &RecordBatch, found: &mut BTreeMap<String, Samples>) -> Result<(), Fault> {
+    fn gather(&self, record: &RecordBatch, found: &mut BTreeMap<String, StationSamples>) -> Result<(), Fault> {
         let names = record.column_by_name("flight").and_then(|c| c.as_string_opt::<i32>());
         let names = names.ok_or_else(|| Fault::data("the record has no column `flight` with the station's name"))?;
         let (year, doy) = (whole_numbers(record, "year")?, whole_numbers(record, "doy")?);
@@ -148,8 +149,8 @@ impl Diurnal {
             return *level;
         }
         let values = match self.level {
-            Level::Record => &station.value_nt,
-            Level::Line => on_line,
+            DiurnalBaseline::Record => &station.value_nt,
+            DiurnalBaseline::Line => on_line,
         };
         let finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
         // Relative to the first value, so that a sum of thousands of fields keeps its precision.
@@ -159,7 +160,7 @@ impl Diurnal {
 }
 
 impl Station {
-    fn new(name: String, samples: Samples, first_day: i64, max_gap_s: f64) -> Result<Station, Fault> {
+    fn new(name: String, samples: StationSamples, first_day: i64, max_gap_s: f64) -> Result<Station, Fault> {
         let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
         let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -188,9 +189,10 @@ impl Station {
     }
 
     /// The values at ascending times.
-    fn at(&self, times_s: &[f64], method: Method, max_gap_s: f64) -> Result<Vec<f64>, Fault> {
+    fn at(&self, times_s: &[f64], method: SampleInterpolation, max_gap_s: f64) -> Result<Vec<f64>, Fault> {
         // The rate sets the tolerance for equal times: a millionth of a second.
-        let plan = Plan::onto(&self.t_s, times_s.to_vec(), 1.0, max_gap_s).map_err(|e| data(e).in_column("tt"))?;
+        let plan =
+            ResamplePlan::onto(&self.t_s, times_s.to_vec(), 1.0, max_gap_s).map_err(|e| data(e).in_column("tt"))?;
         plan.column(&self.value_nt, method).map_err(data)
     }
 
@@ -201,7 +203,7 @@ impl Station {
 }
 
 impl Stage for Diurnal {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let input = shape(inputs, INPUT)?;
         let records = inputs.get(INPUT + 1..).unwrap_or_default();
         let mut faults = vec![];
@@ -237,8 +239,8 @@ impl Stage for Diurnal {
             Column::float(&self.column, "nT", "diurnal variation of the field, from the records of stations")
                 .role(Role::Sensor)
                 .from(INPUT, &ours);
-        column.correction = Some(Correction::Diurnal);
-        let mut yields = Yield::append(vec![], &ours);
+        column.correction = Some(MagneticCorrection::Diurnal);
+        let mut yields = StageSchema::append(vec![], &ours);
         for (i, record) in records.iter().enumerate() {
             let reads = self.reads_of(record.shape());
             column = column.from(INPUT + 1 + i, &reads);
@@ -253,7 +255,7 @@ impl LineStage for Diurnal {
     type Prepared = Stations;
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Stations, Fault> {
-        let mut found: BTreeMap<String, Samples> = BTreeMap::new();
+        let mut found: BTreeMap<String, StationSamples> = BTreeMap::new();
         for record in inputs.iter().skip(INPUT + 1) {
             self.gather(record, &mut found)?;
         }
@@ -271,7 +273,7 @@ impl LineStage for Diurnal {
         Ok(Stations { first_day, all: all.collect::<Result<_, Fault>>()? })
     }
 
-    fn run(&self, line: &LineIn, stations: &Stations) -> Arrays {
+    fn run(&self, line: &LineInput, stations: &Stations) -> LineOutput {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let midnight = first_midnight(batch)?;
         let midnight = midnight.ok_or_else(|| Fault::data("the line has no date").help(WAYS_OUT_OF_NO_DAY))?;
@@ -350,22 +352,22 @@ mod tests {
     use arrow_array::{ArrayRef, StringArray};
 
     use super::*;
-    use crate::testing::{Columns, batch, line, numbers, said, sampled, table};
+    use crate::testing::{StageTestColumns, batch, line, numbers, said, sampled, table};
 
     fn diurnal() -> Diurnal {
         Diurnal {
             element: "field_f".into(),
             column: "diurnal".into(),
-            method: Method::Linear,
+            method: SampleInterpolation::Linear,
             max_gap_s: 180.0,
-            level: Level::Record,
+            level: DiurnalBaseline::Record,
             level_nt: None,
             power: 1.0,
-            position: PositionOf::Truth,
+            position: PositionSource::Truth,
         }
     }
 
-    fn with_station(station: &str, columns: Columns) -> RecordBatch {
+    fn with_station(station: &str, columns: StageTestColumns) -> RecordBatch {
         let numbers = batch(columns);
         let flight = Arc::new(StringArray::from(vec![station; numbers.num_rows()])) as ArrayRef;
         let schema = numbers.schema();
@@ -420,7 +422,7 @@ mod tests {
             assert!((x - (slope(86_000.0 + k as f64) - mean)).abs() < 1e-8, "{k}: {x}");
         }
         let of_line = run(
-            &Diurnal { level: Level::Line, ..diurnal() },
+            &Diurnal { level: DiurnalBaseline::Line, ..diurnal() },
             flown(86_000.0, 901),
             vec![record("ABC", 60.0, 2, 45.0, slope)],
         )

@@ -5,23 +5,26 @@ use std::cell::OnceCell;
 use arrow_array::RecordBatch;
 use numerics::{
     compensation::{
-        attitude_terms::{Attitude, PRODUCTS},
-        model_terms::{CORE_TERMS, Group, Slope, core_term_names, core_terms, cosines, extended_terms},
-        tolles_lawson::{Field, Terms, matrix_in_runs},
+        attitude_terms::{AttitudeColumns, PRODUCTS},
+        model_terms::{
+            AnomalySlopeModel, CORE_TERMS, ExtendedTermGroup, core_term_names, core_terms, cosines, extended_terms,
+        },
+        tolles_lawson::{BodyFieldColumns, TermSelection, matrix_in_runs},
     },
     signal::{
-        difference::{Scheme, difference},
-        segments::{Usable, filter_column},
+        difference::{DifferenceScheme, difference},
+        segments::{RowMask, filter_column},
     },
 };
 use schemas::{
-    Arrays, Column, ColumnType, Fault, LineIn, LineStage, RateLaw, Rule, Sampling, Shape, Stage, Table, Yield, stage,
+    Column, ColumnType, Fault, LineInput, LineOutput, LineStage, RateDependence, RateLaw, Rule, Stage, StageSchema,
+    Table, TableShape, stage,
 };
 
 use crate::{
     bandpass::design,
     columns::{data, even_rate_hz, floats, list, no_truth, shape, vector_axes},
-    core_field::PositionOf,
+    core_field::PositionSource,
 };
 
 stage! {
@@ -50,8 +53,8 @@ stage! {
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
     /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.
     ///
-    /// Source: Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019, appendix B; names
-    /// of MagNav.jl.
+    /// Source: Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019, appendix B;
+    /// names of MagNav.jl.
     Features = "features", version 3, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -75,7 +78,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     /// Latitude and longitude, in degrees, of the origin of `slope`.
     origin: Option<Vec<f64>>, unit "deg", absent "the line's first sample";
     /// Position used by `slope`.
-    position: PositionOf, unit "", default PositionOf::Ins;
+    position: PositionSource, unit "", default PositionSource::Ins;
     /// Allows truth columns as features.
     allow_truth: bool, unit "", default false;
 }
@@ -91,9 +94,9 @@ const MOST_LAG: usize = 1000;
 
 /// One feature, parsed.
 #[derive(Clone, Debug, PartialEq)]
-enum Recipe {
+enum FeatureDefinition {
     Plain(String),
-    Difference(String, Scheme),
+    Difference(String, DifferenceScheme),
     Lag(String, usize),
     /// Its name, and the two columns.
     Between(String, [String; 2]),
@@ -101,9 +104,9 @@ enum Recipe {
     Dcm(usize),
     Product(String),
     TollesLawson(String),
-    Extended(String, Group),
+    Extended(String, ExtendedTermGroup),
     Core(String),
-    Slope(Slope),
+    Slope(AnomalySlopeModel),
 }
 
 /// `mag_2_3_uc` as `mag_2_uc` and `mag_3_uc`.
@@ -113,51 +116,63 @@ fn gradient(name: &str) -> Option<(String, String)> {
     matches!(kind, "uc" | "c").then(|| (format!("mag_{one}_{kind}"), format!("mag_{other}_{kind}")))
 }
 
-impl Recipe {
+impl FeatureDefinition {
     /// Columns that the feature reads.
     fn reads(&self, stage: &Features) -> Vec<String> {
         let own = |names: [&str; 3]| names.map(str::to_owned).to_vec();
         match self {
-            Recipe::Plain(c) | Recipe::Difference(c, _) | Recipe::Lag(c, _) | Recipe::LowPass(c) => vec![c.clone()],
-            Recipe::Between(_, pair) => pair.to_vec(),
-            Recipe::Dcm(_) | Recipe::Product(_) => own(ATTITUDE),
-            Recipe::TollesLawson(v) => vector_axes(v).to_vec(),
-            Recipe::Extended(c, group) => {
-                let vector = stage.vector.as_deref().filter(|_| *group != Group::Raw).map(vector_axes);
+            FeatureDefinition::Plain(c)
+            | FeatureDefinition::Difference(c, _)
+            | FeatureDefinition::Lag(c, _)
+            | FeatureDefinition::LowPass(c) => vec![c.clone()],
+            FeatureDefinition::Between(_, pair) => pair.to_vec(),
+            FeatureDefinition::Dcm(_) | FeatureDefinition::Product(_) => own(ATTITUDE),
+            FeatureDefinition::TollesLawson(v) => vector_axes(v).to_vec(),
+            FeatureDefinition::Extended(c, group) => {
+                let vector = stage.vector.as_deref().filter(|_| *group != ExtendedTermGroup::Raw).map(vector_axes);
                 std::iter::once(c.clone()).chain(vector.into_iter().flatten()).collect()
             }
-            Recipe::Core(v) => vector_axes(v).into_iter().chain(own(CORE)).collect(),
-            Recipe::Slope(_) => stage.place().map(str::to_owned).to_vec(),
+            FeatureDefinition::Core(v) => vector_axes(v).into_iter().chain(own(CORE)).collect(),
+            FeatureDefinition::Slope(_) => stage.place().map(str::to_owned).to_vec(),
         }
     }
 
     /// Rate law of a name that depends on the sample rate.
     fn law(&self, name: &str) -> Option<RateLaw> {
         match self {
-            Recipe::Difference(_, Scheme::Fourth) => Some(RateLaw::Difference(4)),
-            Recipe::Difference(..) | Recipe::Extended(_, Group::ProjectedChange) => Some(RateLaw::Difference(1)),
-            Recipe::Lag(..) => Some(RateLaw::Lag),
-            Recipe::TollesLawson(_) | Recipe::Core(_) => name.ends_with("_dot").then_some(RateLaw::Difference(1)),
+            FeatureDefinition::Difference(_, DifferenceScheme::Fourth) => Some(RateLaw::Difference(4)),
+            FeatureDefinition::Difference(..) | FeatureDefinition::Extended(_, ExtendedTermGroup::ProjectedChange) => {
+                Some(RateLaw::Difference(1))
+            }
+            FeatureDefinition::Lag(..) => Some(RateLaw::Lag),
+            FeatureDefinition::TollesLawson(_) | FeatureDefinition::Core(_) => {
+                name.ends_with("_dot").then_some(RateLaw::Difference(1))
+            }
             // A recorded column has the same meaning at any rate, even if its name ends in a derivative.
-            Recipe::Plain(_) | Recipe::Between(..) | Recipe::LowPass(_) | Recipe::Dcm(_) | Recipe::Product(_) => None,
-            Recipe::Extended(_, Group::Raw | Group::Projected) | Recipe::Slope(_) => None,
+            FeatureDefinition::Plain(_)
+            | FeatureDefinition::Between(..)
+            | FeatureDefinition::LowPass(_)
+            | FeatureDefinition::Dcm(_)
+            | FeatureDefinition::Product(_) => None,
+            FeatureDefinition::Extended(_, ExtendedTermGroup::Raw | ExtendedTermGroup::Projected)
+            | FeatureDefinition::Slope(_) => None,
         }
     }
 
-    fn names(&self, terms: &Terms) -> Vec<String> {
+    fn names(&self, terms: &TermSelection) -> Vec<String> {
         match self {
-            Recipe::Plain(c) => vec![c.clone()],
-            Recipe::Difference(c, Scheme::Fourth) => vec![format!("{c}_dot4")],
-            Recipe::Difference(c, _) => vec![format!("{c}_dot")],
-            Recipe::Lag(c, n) => vec![format!("{c}_lag_{n}")],
-            Recipe::Between(name, _) => vec![name.clone()],
-            Recipe::LowPass(c) => vec![format!("lpf_{c}")],
-            Recipe::Dcm(k) => vec![format!("dcm_{k}")],
-            Recipe::Product(name) => vec![name.clone()],
-            Recipe::TollesLawson(v) => terms.names().iter().map(|t| format!("TL_A_{v}_{t}")).collect(),
-            Recipe::Extended(c, group) => group.suffixes().iter().map(|k| format!("{c}_{k}")).collect(),
-            Recipe::Core(_) => core_term_names(),
-            Recipe::Slope(slope) => slope.names().iter().map(|n| (*n).to_owned()).collect(),
+            FeatureDefinition::Plain(c) => vec![c.clone()],
+            FeatureDefinition::Difference(c, DifferenceScheme::Fourth) => vec![format!("{c}_dot4")],
+            FeatureDefinition::Difference(c, _) => vec![format!("{c}_dot")],
+            FeatureDefinition::Lag(c, n) => vec![format!("{c}_lag_{n}")],
+            FeatureDefinition::Between(name, _) => vec![name.clone()],
+            FeatureDefinition::LowPass(c) => vec![format!("lpf_{c}")],
+            FeatureDefinition::Dcm(k) => vec![format!("dcm_{k}")],
+            FeatureDefinition::Product(name) => vec![name.clone()],
+            FeatureDefinition::TollesLawson(v) => terms.names().iter().map(|t| format!("TL_A_{v}_{t}")).collect(),
+            FeatureDefinition::Extended(c, group) => group.suffixes().iter().map(|k| format!("{c}_{k}")).collect(),
+            FeatureDefinition::Core(_) => core_term_names(),
+            FeatureDefinition::Slope(slope) => slope.names().iter().map(|n| (*n).to_owned()).collect(),
         }
     }
 }
@@ -168,10 +183,11 @@ impl Features {
         [lat, lon]
     }
 
-    fn terms(&self) -> Result<Terms, Fault> {
+    fn terms(&self) -> Result<TermSelection, Fault> {
         let changes = if self.features.iter().any(|f| SETS.contains(&f.as_str())) { "derivative" } else { "eddy" };
         let usual = || ["permanent", "induced", changes].map(str::to_owned).to_vec();
-        Terms::new(&self.terms.clone().unwrap_or_else(usual)).map_err(|e| Fault::new(e.to_string()).of_param("terms"))
+        TermSelection::new(&self.terms.clone().unwrap_or_else(usual))
+            .map_err(|e| Fault::new(e.to_string()).of_param("terms"))
     }
 
     /// Features of a set; any other name is returned unchanged.
@@ -196,7 +212,7 @@ impl Features {
     }
 
     /// All features, parsed with the available columns.
-    fn recipes(&self, has: &dyn Fn(&str) -> bool) -> Result<Vec<Recipe>, Vec<Fault>> {
+    fn recipes(&self, has: &dyn Fn(&str) -> bool) -> Result<Vec<FeatureDefinition>, Vec<Fault>> {
         let (mut out, mut faults) = (vec![], vec![]);
         for given in &self.features {
             match self.spelt(given) {
@@ -210,64 +226,65 @@ impl Features {
         if faults.is_empty() { Ok(out) } else { Err(faults) }
     }
 
-    fn recipe(&self, name: &str, has: &dyn Fn(&str) -> bool) -> Vec<Recipe> {
-        let plain = || vec![Recipe::Plain(name.to_owned())];
+    fn recipe(&self, name: &str, has: &dyn Fn(&str) -> bool) -> Vec<FeatureDefinition> {
+        let plain = || vec![FeatureDefinition::Plain(name.to_owned())];
         // A column of that name takes precedence; a recorded value is not computed again.
         if has(name) {
             return plain();
         }
         if name == "dcm" {
-            return (1..=9).map(Recipe::Dcm).collect();
+            return (1..=9).map(FeatureDefinition::Dcm).collect();
         }
         if let Some(k) = name.strip_prefix("dcm_").and_then(|k| k.parse().ok()).filter(|k| (1..=9).contains(k)) {
-            return vec![Recipe::Dcm(k)];
+            return vec![FeatureDefinition::Dcm(k)];
         }
         if PRODUCTS.contains(&name) {
-            return vec![Recipe::Product(name.to_owned())];
+            return vec![FeatureDefinition::Product(name.to_owned())];
         }
         match name {
-            "slope" => return vec![Recipe::Slope(Slope::Planar)],
-            "slope_quadratic" => return vec![Recipe::Slope(Slope::Quadratic)],
+            "slope" => return vec![FeatureDefinition::Slope(AnomalySlopeModel::Planar)],
+            "slope_quadratic" => return vec![FeatureDefinition::Slope(AnomalySlopeModel::Quadratic)],
             _ => {}
         }
         if let Some(vector) = name.strip_prefix("TL_A_") {
-            return vec![Recipe::TollesLawson(vector.to_owned())];
+            return vec![FeatureDefinition::TollesLawson(vector.to_owned())];
         }
         if let Some(column) = name.strip_prefix("ETL_") {
             return self.extended(column);
         }
         if let Some(vector) = name.strip_prefix("core_") {
-            return vec![Recipe::Core(vector.to_owned())];
+            return vec![FeatureDefinition::Core(vector.to_owned())];
         }
         if let Some(column) = name.strip_prefix("lpf_") {
-            return vec![Recipe::LowPass(column.to_owned())];
+            return vec![FeatureDefinition::LowPass(column.to_owned())];
         }
         if let Some(column) = name.strip_suffix("_dot4") {
-            return vec![Recipe::Difference(column.to_owned(), Scheme::Fourth)];
+            return vec![FeatureDefinition::Difference(column.to_owned(), DifferenceScheme::Fourth)];
         }
         if let Some(column) = name.strip_suffix("_dot") {
-            return vec![Recipe::Difference(column.to_owned(), Scheme::Central)];
+            return vec![FeatureDefinition::Difference(column.to_owned(), DifferenceScheme::Central)];
         }
         if let Some((column, n)) = name.rsplit_once("_lag_")
             && let Some(n) = n.parse().ok().filter(|n| (1..=MOST_LAG).contains(n))
         {
-            return vec![Recipe::Lag(column.to_owned(), n)];
+            return vec![FeatureDefinition::Lag(column.to_owned(), n)];
         }
         match gradient(name).filter(|(a, b)| has(a) && has(b)) {
-            Some((a, b)) => vec![Recipe::Between(name.to_owned(), [a, b])],
+            Some((a, b)) => vec![FeatureDefinition::Between(name.to_owned(), [a, b])],
             None => plain(),
         }
     }
 
-    fn extended(&self, column: &str) -> Vec<Recipe> {
-        let groups = [Group::Raw, Group::Projected, Group::ProjectedChange];
+    fn extended(&self, column: &str) -> Vec<FeatureDefinition> {
+        let groups = [ExtendedTermGroup::Raw, ExtendedTermGroup::Projected, ExtendedTermGroup::ProjectedChange];
         let wanted = groups.into_iter().enumerate().filter(|(i, _)| self.groups.contains(&(i + 1)));
-        wanted.map(|(_, group)| Recipe::Extended(column.to_owned(), group)).collect()
+        wanted.map(|(_, group)| FeatureDefinition::Extended(column.to_owned(), group)).collect()
     }
 
     /// First fault of a feature.
-    fn check(&self, recipe: &Recipe, shape: &Shape) -> Option<Fault> {
-        if matches!(recipe, Recipe::Extended(_, g) if *g != Group::Raw) && self.vector.is_none() {
+    fn check(&self, recipe: &FeatureDefinition, shape: &TableShape) -> Option<Fault> {
+        if matches!(recipe, FeatureDefinition::Extended(_, g) if *g != ExtendedTermGroup::Raw) && self.vector.is_none()
+        {
             let what = "`ETL_...` projects its inputs on the direction of a vector magnetometer; set `vector`";
             return Some(Fault::new(what).of_param("features"));
         }
@@ -276,7 +293,7 @@ impl Features {
                 ColumnType::Float => no_truth(c, "features", self.allow_truth),
                 _ => Err(Fault::new(format!("column `{name}` does not hold numbers"))),
             });
-            let help = matches!(recipe, Recipe::Core(_)) && CORE.contains(&name.as_str());
+            let help = matches!(recipe, FeatureDefinition::Core(_)) && CORE.contains(&name.as_str());
             let fault = found.err()?;
             let fault = if help { fault.help("add a `core_field` stage before this one") } else { fault };
             Some(fault.of_param("features"))
@@ -285,7 +302,7 @@ impl Features {
 }
 
 impl Stage for Features {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let recipes = self.recipes(&|name| shape.get(name).is_some())?;
         let mut faults: Vec<Fault> = recipes.iter().filter_map(|r| self.check(r, shape)).collect();
@@ -318,8 +335,8 @@ impl Stage for Features {
         let entries: Vec<(String, RateLaw)> = laws.filter_map(|(law, name)| Some((name, law?))).collect();
         let rate_hz = shape.rate_hz.filter(|_| !entries.is_empty());
         let column = Column::list("features", "", "features of a compensation model", names).from(0, &reads);
-        let column = Column { sampling: Sampling { rate_hz, entries }, ..column };
-        Ok(Yield::append(vec![column], &reads))
+        let column = Column { sampling: RateDependence { rate_hz, entries }, ..column };
+        Ok(StageSchema::append(vec![column], &reads))
     }
 }
 
@@ -330,12 +347,12 @@ impl LineStage for Features {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let recipes = self.recipes(&|name| batch.column_by_name(name).is_some());
         let recipes = recipes.map_err(|f| f.into_iter().next().unwrap_or_else(|| Fault::data("no feature")))?;
         let (tt, terms, direction) = (floats(batch, "tt")?, self.terms()?, OnceCell::new());
-        let source = Samples { stage: self, batch, tt, terms, direction };
+        let source = FeatureSamples { stage: self, batch, tt, terms, direction };
         let mut columns: Vec<Vec<f64>> = vec![];
         for recipe in &recipes {
             columns.extend(source.columns(recipe)?);
@@ -350,44 +367,46 @@ impl LineStage for Features {
 }
 
 /// The samples of one line.
-struct Samples<'a> {
+struct FeatureSamples<'a> {
     stage: &'a Features,
     batch: &'a RecordBatch,
     tt: &'a [f64],
-    terms: Terms,
+    terms: TermSelection,
     /// Direction cosines of the vector magnetometer that inputs are projected on, computed on first use.
     direction: OnceCell<[Vec<f64>; 3]>,
 }
 
-impl Samples<'_> {
-    fn columns(&self, recipe: &Recipe) -> Result<Vec<Vec<f64>>, Fault> {
+impl FeatureSamples<'_> {
+    fn columns(&self, recipe: &FeatureDefinition) -> Result<Vec<Vec<f64>>, Fault> {
         let column = |name: &String| floats(self.batch, name);
         let one = |x: Vec<f64>| Ok(vec![x]);
         match recipe {
-            Recipe::Plain(c) => one(column(c)?.to_vec()),
-            Recipe::Difference(c, scheme) => one(self.in_runs(column(c)?, |x| difference(x, *scheme))?),
-            Recipe::Lag(c, n) => one(self.in_runs(column(c)?, |x| Some(lagged(x, *n)))?),
-            Recipe::Between(_, [a, b]) => one(column(a)?.iter().zip(column(b)?).map(|(a, b)| a - b).collect()),
-            Recipe::LowPass(c) => one(self.low_passed(c)?),
-            Recipe::Dcm(k) => {
+            FeatureDefinition::Plain(c) => one(column(c)?.to_vec()),
+            FeatureDefinition::Difference(c, scheme) => one(self.in_runs(column(c)?, |x| difference(x, *scheme))?),
+            FeatureDefinition::Lag(c, n) => one(self.in_runs(column(c)?, |x| Some(lagged(x, *n)))?),
+            FeatureDefinition::Between(_, [a, b]) => {
+                one(column(a)?.iter().zip(column(b)?).map(|(a, b)| a - b).collect())
+            }
+            FeatureDefinition::LowPass(c) => one(self.low_passed(c)?),
+            FeatureDefinition::Dcm(k) => {
                 let made = self.attitude()?.direction_cosine(*k);
                 one(made.ok_or_else(|| Fault::data(format!("there is no direction cosine {k}")))?)
             }
-            Recipe::Product(name) => {
+            FeatureDefinition::Product(name) => {
                 let made = self.attitude()?.product(name);
                 one(made.ok_or_else(|| Fault::data(format!("there is no product {name}")))?)
             }
-            Recipe::TollesLawson(v) => self.tolles_lawson(v),
-            Recipe::Extended(c, group) => self.extended(column(c)?, *group),
-            Recipe::Core(v) => self.core(v),
-            Recipe::Slope(slope) => self.slope(*slope),
+            FeatureDefinition::TollesLawson(v) => self.tolles_lawson(v),
+            FeatureDefinition::Extended(c, group) => self.extended(column(c)?, *group),
+            FeatureDefinition::Core(v) => self.core(v),
+            FeatureDefinition::Slope(slope) => self.slope(*slope),
         }
     }
 
-    fn attitude(&self) -> Result<Attitude<'_>, Fault> {
+    fn attitude(&self) -> Result<AttitudeColumns<'_>, Fault> {
         let [roll, pitch, yaw] = ATTITUDE;
         let angle = |name| floats(self.batch, name);
-        Ok(Attitude { roll_deg: angle(roll)?, pitch_deg: angle(pitch)?, yaw_deg: angle(yaw)? })
+        Ok(AttitudeColumns { roll_deg: angle(roll)?, pitch_deg: angle(pitch)?, yaw_deg: angle(yaw)? })
     }
 
     fn rate_hz(&self) -> Result<f64, Fault> {
@@ -397,7 +416,7 @@ impl Samples<'_> {
     /// Applies `of` to each run without gaps. NaN elsewhere, and where `of` returns nothing.
     fn in_runs(&self, x: &[f64], of: impl Fn(&[f64]) -> Option<Vec<f64>>) -> Result<Vec<f64>, Fault> {
         let mut out = vec![f64::NAN; x.len()];
-        for run in Usable::all(x.len()).and_finite(x).runs_in_time(self.tt, self.rate_hz()?) {
+        for run in RowMask::all(x.len()).and_finite(x).runs_in_time(self.tt, self.rate_hz()?) {
             if let Some(made) = of(&x[run.clone()]) {
                 out[run].copy_from_slice(&made);
             }
@@ -409,7 +428,7 @@ impl Samples<'_> {
         let (x, rate_hz) = (floats(self.batch, name)?, self.rate_hz()?);
         let filter = design(0.0, LOW_PASS.0, LOW_PASS.1, rate_hz)?
             .ok_or_else(|| Fault::new("the filter has no corner frequency"))?;
-        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(self.tt, rate_hz);
+        let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(self.tt, rate_hz);
         filter_column(&filter, x, &runs).map(|(y, _)| y).map_err(|e| data(e).in_column(name))
     }
 
@@ -420,14 +439,14 @@ impl Samples<'_> {
 
     fn tolles_lawson(&self, name: &str) -> Result<Vec<Vec<f64>>, Fault> {
         let [x, y, z] = self.vector(name)?;
-        let usable = Usable::all(self.tt.len()).and_finite(x).and_finite(y).and_finite(z);
+        let usable = RowMask::all(self.tt.len()).and_finite(x).and_finite(y).and_finite(z);
         let runs = usable.runs_in_time(self.tt, self.rate_hz()?);
-        let rows = matrix_in_runs(&Field { x, y, z, bt: None }, &self.terms, self.stage.bt_scale_nt, &runs);
+        let rows = matrix_in_runs(&BodyFieldColumns { x, y, z, bt: None }, &self.terms, self.stage.bt_scale_nt, &runs);
         Ok(transposed(&rows.map_err(data)?, self.terms.len()))
     }
 
-    fn extended(&self, input: &[f64], group: Group) -> Result<Vec<Vec<f64>>, Fault> {
-        let Some(vector) = self.stage.vector.as_ref().filter(|_| group != Group::Raw) else {
+    fn extended(&self, input: &[f64], group: ExtendedTermGroup) -> Result<Vec<Vec<f64>>, Fault> {
+        let Some(vector) = self.stage.vector.as_ref().filter(|_| group != ExtendedTermGroup::Raw) else {
             return Ok(vec![input.to_vec()]);
         };
         let u = match self.direction.get() {
@@ -438,7 +457,7 @@ impl Samples<'_> {
             }
         };
         let mut out = vec![vec![f64::NAN; input.len()]; group.suffixes().len()];
-        for run in Usable::all(input.len()).and_finite(input).runs_in_time(self.tt, self.rate_hz()?) {
+        for run in RowMask::all(input.len()).and_finite(input).runs_in_time(self.tt, self.rate_hz()?) {
             let of_run = u.each_ref().map(|u| &u[run.clone()]);
             for (column, term) in
                 out.iter_mut().zip(extended_terms(&input[run.clone()], of_run, group).unwrap_or_default())
@@ -452,7 +471,7 @@ impl Samples<'_> {
     fn core(&self, name: &str) -> Result<Vec<Vec<f64>>, Fault> {
         let vector = self.vector(name)?;
         let core = [floats(self.batch, CORE[0])?, floats(self.batch, CORE[1])?, floats(self.batch, CORE[2])?];
-        let usable = vector.iter().chain(&core).fold(Usable::all(self.tt.len()), |u, x| u.and_finite(x));
+        let usable = vector.iter().chain(&core).fold(RowMask::all(self.tt.len()), |u, x| u.and_finite(x));
         let mut out = vec![vec![f64::NAN; self.tt.len()]; CORE_TERMS];
         for run in usable.runs_in_time(self.tt, self.rate_hz()?) {
             let of_run = |v: [&'_ [f64]; 3]| v.map(|x| x[run.clone()].to_vec());
@@ -468,7 +487,7 @@ impl Samples<'_> {
         Ok(out)
     }
 
-    fn slope(&self, slope: Slope) -> Result<Vec<Vec<f64>>, Fault> {
+    fn slope(&self, slope: AnomalySlopeModel) -> Result<Vec<Vec<f64>>, Fault> {
         let [lat, lon] = self.stage.place();
         let (lat, lon) = (floats(self.batch, lat)?, floats(self.batch, lon)?);
         let first = || lat.iter().zip(lon).find(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (*a, *b));

@@ -4,18 +4,18 @@ use arrow_array::RecordBatch;
 use numerics::{
     angle::unwrapped_deg,
     signal::{
-        filter::ZeroPhase,
+        filter::ZeroPhaseFilter,
         resample::AngleRange,
-        segments::{Usable, filter_column},
+        segments::{RowMask, filter_column},
     },
 };
-use schemas::{Arrays, Fault};
+use schemas::{Fault, LineOutput};
 
 use crate::columns::{array, data, even_rate_hz, floats, is_angle};
 
 /// Treatment of angles (unit deg).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Angles {
+pub enum AngleTreatment {
     /// Unchanged: a crossing of north is a step of 360 degrees.
     AsNumbers,
     /// Unwrapped, filtered, and wrapped back into their original range.
@@ -31,16 +31,16 @@ pub enum Angles {
 pub fn filtered(
     batch: &RecordBatch,
     columns: &[String],
-    angles: Angles,
-    design: impl FnOnce(f64) -> Result<ZeroPhase, Fault>,
-) -> Arrays {
+    angles: AngleTreatment,
+    design: impl FnOnce(f64) -> Result<ZeroPhaseFilter, Fault>,
+) -> LineOutput {
     let tt = floats(batch, "tt")?;
     let rate_hz = even_rate_hz(tt)?;
     let filter = design(rate_hz)?;
     let one = |name: &String| {
         let x = floats(batch, name)?;
-        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
-        let turned = (angles == Angles::Unwrapped && is_angle(batch, name)).then(|| unwrapped_deg(x));
+        let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+        let turned = (angles == AngleTreatment::Unwrapped && is_angle(batch, name)).then(|| unwrapped_deg(x));
         let values = turned.as_deref().unwrap_or(x);
         let (mut y, report) = filter_column(&filter, values, &runs).map_err(|e| data(e).in_column(name))?;
         if report.rows == 0 {
@@ -48,7 +48,7 @@ pub fn filtered(
             return Err(Fault::data(what).in_column(name));
         }
         if turned.is_some() {
-            let range = AngleRange::of(x);
+            let range = AngleRange::from_degrees(x);
             y.iter_mut().filter(|y| y.is_finite()).for_each(|y| *y = range.wrap(*y));
         }
         Ok(array(y))

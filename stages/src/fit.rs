@@ -40,31 +40,32 @@ mod wide;
 use std::{collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
-use point::Point;
-use question::{Matrix, Question, Targets};
+use point::FitPoint;
+use question::{DesignMatrixKey, FitRequest, TargetColumns};
 use rayon::prelude::*;
 use residual::residual_noise;
-use rows::{MOST_WITH_ERRORS, Part};
+use rows::{FitLineSummary, MOST_WITH_ERRORS};
 use schemas::{
-    Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
-    SurveyPoint, SurveyStage, Table, Work, Yield, stage,
+    CheckpointMonitor, ChoiceRegistry, ChoiceSelection, Column, ColumnType, Fault, LineInput, PassThroughColumns, Role,
+    Rule, Stage, StageEntry, StageOutput, StageSchema, SurveyAggregator, SurveyPoint, SurveyStage, Table, TableShape,
+    stage,
 };
-use solve::{Row, Solved, solve};
+use solve::{FitSolution, ModelTableRow, solve};
 use wide::EARTH;
 
-pub use model::{Answer, FitModel, Learnt, Model, model};
+pub use model::{FitModel, FitModelDecl, LearningResult, LinearFitResult, model};
 pub use models::MODELS;
-pub use numerics::regression::least_squares::{LinearFit, Prepared};
-pub use problem::Problem;
+pub use numerics::regression::least_squares::{LinearFit, ScaledFactor};
+pub use problem::FitProblem;
 pub use ridge::ridge;
-pub use samples::Samples;
-pub use settings::{Choose, Divisor, MadeOf, Settings};
+pub use samples::FitSamples;
+pub use settings::{Divisor, FitData, FitSettings, ModelSelection};
 
 use crate::{
     columns::{array, band, faults_of, no_truth, shape},
-    fitted::{Body, Fitted},
+    fitted::{FittedModel, FittedModelForm},
     model_columns::RATE,
-    trained::Learned,
+    trained::LearnedModel,
 };
 
 stage! {
@@ -128,8 +129,8 @@ stage! {
     /// its weights require. Its constant is replaced by that of the new lines. Trained coefficients (`m2c`) start from
     /// its values. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
     ///
-    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.2.1 and
-    /// Figure 4.2.
+    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.2.1
+    /// and Figure 4.2.
     Fit = "fit", version 5, grain Survey, inputs [input: Lines, warm_start: Model optional],
     example r#"
 [[stages]]
@@ -142,7 +143,7 @@ target = "mag_4_uc"
 lambda = 0.025
 "#;
     /// Compensation model.
-    model: Chosen<Model>, unit "";
+    model: ChoiceSelection<FitModelDecl>, unit "";
     /// Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage `target`.
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
@@ -152,7 +153,7 @@ lambda = 0.025
     /// choices, so a sweep over them is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
-    choose: Choose, unit "", default Choose::Given;
+    choose: ModelSelection, unit "", default ModelSelection::Given;
     /// With cross-validation: selects the simplest model whose error is within one standard error of the smallest.
     one_standard_error: bool, unit "", default false;
     /// Divisor of the columns before the penalty is applied. `standardise` divides by the standard deviation over n -
@@ -178,16 +179,16 @@ lambda = 0.025
 }
 
 /// Entry of the catalogue, with `models` to choose from.
-pub fn entry(models: Vec<&'static Model>) -> Entry {
+pub fn entry(models: Vec<&'static FitModelDecl>) -> StageEntry {
     let kinds = models.iter().map(|model| model.document()).collect();
-    Entry { kinds, ..Fit::entry_with(Lists::default().with(models)) }
+    StageEntry { kinds, ..Fit::entry_with(ChoiceRegistry::default().with(models)) }
 }
 
 impl Fit {
     /// Settings with the defaults of the model.
-    fn settings(&self) -> Settings {
+    fn settings(&self) -> FitSettings {
         let (model, whiten) = (self.model.kind, self.whiten.filter(|_| self.model.takes("whiten")));
-        Settings {
+        FitSettings {
             scaling: self.scaling.unwrap_or(model.scaling).scaling(),
             // Components are computed from centred columns, so they require a constant.
             intercept: self.intercept.unwrap_or(model.intercept || whiten.is_some()),
@@ -198,19 +199,21 @@ impl Fit {
     }
 
     /// The fit with its words resolved.
-    fn point(&self) -> Point {
+    fn point(&self) -> FitPoint {
         // A nonlinear model does not commute with a filter.
         let (filter, trim) = match self.model.kind.made_of {
-            MadeOf::Samples => ((0.0_f64.to_bits(), 0.0_f64.to_bits(), 1), 0),
-            MadeOf::Moments | MadeOf::Rows => ((self.low_hz.to_bits(), self.high_hz.to_bits(), self.order), self.trim),
+            FitData::Samples => ((0.0_f64.to_bits(), 0.0_f64.to_bits(), 1), 0),
+            FitData::Moments | FitData::Rows => {
+                ((self.low_hz.to_bits(), self.high_hz.to_bits(), self.order), self.trim)
+            }
         };
-        Point {
+        FitPoint {
             kind: self.model.kind,
             model: self.model.keys.clone(),
             settings: self.settings(),
             target: self.target.clone(),
             entries: self.entries.clone(),
-            matrix: Matrix { features: self.features.clone(), filter, trim },
+            matrix: DesignMatrixKey { features: self.features.clone(), filter, trim },
         }
     }
 
@@ -240,7 +243,7 @@ impl Fit {
     }
 
     /// Faults of the columns.
-    fn column_faults(&self, shape: &Shape) -> Vec<Fault> {
+    fn column_faults(&self, shape: &TableShape) -> Vec<Fault> {
         let point = self.point();
         let more = point.model.with_targets();
         let mut faults = faults_of([shape.number(&self.target, "nT")], "target");
@@ -278,7 +281,7 @@ impl Fit {
 
 impl Fit {
     /// Note that a fit has too many terms for errors of its coefficients.
-    fn too_wide_for_errors(&self, shape: &Shape) -> Option<String> {
+    fn too_wide_for_errors(&self, shape: &TableShape) -> Option<String> {
         let terms = self.features.iter().filter_map(|name| shape.get(name)).flat_map(terms_of).count();
         let none = terms >= MOST_WITH_ERRORS && self.model.keys.wants_errors();
         none.then(|| {
@@ -291,7 +294,7 @@ impl Fit {
 }
 
 /// Fault of the model that training starts from.
-fn warm_start_faults(model: &Chosen<Model>, start: Option<&&Table>) -> Option<Fault> {
+fn warm_start_faults(model: &ChoiceSelection<FitModelDecl>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
         Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no column `term`".to_owned(),
         Table::Model { .. } if model.keys.network().is_some() => return None,
@@ -325,7 +328,7 @@ impl Stage for Fit {
     }
 
     fn memorises(&self) -> bool {
-        self.model.kind.made_of == MadeOf::Samples
+        self.model.kind.made_of == FitData::Samples
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
@@ -338,7 +341,7 @@ impl Stage for Fit {
             .or_else(own)
     }
 
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = self.column_faults(shape);
         faults.extend(self.contradictions());
@@ -390,8 +393,8 @@ impl Stage for Fit {
             made(Column::float("residual_fogm_tau", "s", "time constant of the Gauss-Markov residual noise")),
             made(Column::float(RATE, "Hz", "sample rate of the first line, at which terms are differences per sample")),
         ];
-        let mut yields = Yield::append(columns, &reads);
-        yields.passes = Passes::None;
+        let mut yields = StageSchema::append(columns, &reads);
+        yields.passes = PassThroughColumns::None;
         yields.features = self.features.clone();
         yields.notes.extend(self.too_wide_for_errors(shape));
         if !warm.is_empty() {
@@ -402,28 +405,28 @@ impl Stage for Fit {
 }
 
 impl SurveyStage for Fit {
-    type Gather = FitGather;
+    type Gather = FitAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> FitGather {
+    fn gather(points: Vec<SurveyPoint<Self>>) -> FitAggregator {
         let starts = points.iter().map(|point| point.inputs.get(1).map(start).transpose()).collect();
-        let points: Vec<Point> = points.into_iter().map(|point| point.stage.point()).collect();
-        FitGather { questions: questions(&points), points, starts }
+        let points: Vec<FitPoint> = points.into_iter().map(|point| point.stage.point()).collect();
+        FitAggregator { questions: questions(&points), points, starts }
     }
 }
 
 /// Model that training starts from.
-struct Start {
-    model: Learned,
+struct TrainingStart {
+    model: LearnedModel,
     /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not state it.
     rate_hz: Option<f64>,
 }
 
 /// Reads the model that training starts from.
-fn start(table: &RecordBatch) -> Result<Start, Fault> {
-    let Fitted { body, rate_hz } = Fitted::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?;
+fn start(table: &RecordBatch) -> Result<TrainingStart, Fault> {
+    let FittedModel { body, rate_hz } = FittedModel::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?;
     match body {
-        Body::Learned(learned) => Ok(Start { model: *learned, rate_hz }),
-        Body::Linear { .. } => {
+        FittedModelForm::Learned(learned) => Ok(TrainingStart { model: *learned, rate_hz }),
+        FittedModelForm::Linear { .. } => {
             let fault = Fault::data("the model of `warm_start` is linear and has no weights");
             Err(fault.of_param("warm_start").help("name the table of a fit of a network"))
         }
@@ -431,20 +434,20 @@ fn start(table: &RecordBatch) -> Result<Start, Fault> {
 }
 
 /// Points of a sweep that are fitted to the same lines.
-pub struct FitGather {
-    points: Vec<Point>,
-    questions: BTreeMap<Matrix, Question>,
+pub struct FitAggregator {
+    points: Vec<FitPoint>,
+    questions: BTreeMap<DesignMatrixKey, FitRequest>,
     /// Start of the training of each point, if given.
-    starts: Vec<Result<Option<Start>, Fault>>,
+    starts: Vec<Result<Option<TrainingStart>, Fault>>,
 }
 
 /// Questions to each line.
-fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
-    let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
+fn questions(points: &[FitPoint]) -> BTreeMap<DesignMatrixKey, FitRequest> {
+    let mut all: BTreeMap<DesignMatrixKey, FitRequest> = BTreeMap::new();
     for point in points {
         let question = all.entry(point.matrix.clone()).or_default();
         let targets = point.targets();
-        if point.kind.made_of != MadeOf::Moments && !question.keeps_rows.contains(&targets) {
+        if point.kind.made_of != FitData::Moments && !question.keeps_rows.contains(&targets) {
             question.keeps_rows.push(targets.clone());
         }
         if point.model.wants_errors() && point.settings.whiten.is_none() && !question.wants_errors.contains(&targets) {
@@ -457,13 +460,18 @@ fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
     all
 }
 
-impl FitGather {
+impl FitAggregator {
     /// Models of the points at `places`, which have one matrix, one target, the same entries and one kind of
     /// components.
-    fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize], work: &dyn Work) -> Vec<Result<Solved, Fault>> {
+    fn solved(
+        &self,
+        whole: &Result<FitProblem, Fault>,
+        places: &[usize],
+        work: &dyn CheckpointMonitor,
+    ) -> Vec<Result<FitSolution, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
         let cut = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first.places(&whole.terms)?));
-        if first.kind.made_of == MadeOf::Samples {
+        if first.kind.made_of == FitData::Samples {
             return self.learnt(&cut, places, work);
         }
         let mut problem = match cut.and_then(|p| p.whitened(first.settings.whiten)) {
@@ -471,8 +479,8 @@ impl FitGather {
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
         let ridge = |i: &usize| Some((self.points[*i].settings, self.points[*i].given_ridge()?));
-        let ridges: Vec<(Settings, f64)> = places.iter().filter_map(ridge).collect();
-        let mut done: Vec<Settings> = vec![];
+        let ridges: Vec<(FitSettings, f64)> = places.iter().filter_map(ridge).collect();
+        let mut done: Vec<FitSettings> = vec![];
         for (settings, _) in &ridges {
             if !done.iter().any(|d| d.same_scale(settings)) {
                 done.push(*settings);
@@ -486,35 +494,35 @@ impl FitGather {
     }
 }
 
-impl Gather for FitGather {
-    type Part = Part;
+impl SurveyAggregator for FitAggregator {
+    type Part = FitLineSummary;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
-        Part::new(line, &self.questions)
+    fn map(&self, line: &LineInput) -> Result<FitLineSummary, Fault> {
+        FitLineSummary::new(line, &self.questions)
     }
 
-    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
-        let why = |point: &Point| part.refused.get(&(point.matrix.clone(), point.targets())).cloned();
+    fn refused(&self, part: &FitLineSummary) -> Vec<(usize, Fault)> {
+        let why = |point: &FitPoint| part.refused.get(&(point.matrix.clone(), point.targets())).cloned();
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Vec<Result<Product, Fault>> {
-        let parts: Vec<&Part> = parts.iter().collect();
-        type At = (Matrix, Targets);
+    fn finish(&self, parts: Vec<FitLineSummary>, work: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
+        let parts: Vec<&FitLineSummary> = parts.iter().collect();
+        type At = (DesignMatrixKey, TargetColumns);
         type Kind = (Option<Vec<String>>, Option<u64>, bool);
         let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
             let of_matrix = problems.entry((point.matrix.clone(), point.targets())).or_default();
-            let learns = point.kind.made_of == MadeOf::Samples;
+            let learns = point.kind.made_of == FitData::Samples;
             let kind = (point.entries.clone(), point.settings.whiten.map(f64::to_bits), learns);
             of_matrix.entry(kind).or_default().push(i);
         }
         let problems: Vec<(At, Vec<Vec<usize>>)> =
             problems.into_iter().map(|(at, cuts)| (at, cuts.into_values().collect())).collect();
-        let solved: Vec<(usize, Result<Solved, Fault>)> = problems
+        let solved: Vec<(usize, Result<FitSolution, Fault>)> = problems
             .into_par_iter()
             .flat_map(|(at, cuts)| {
-                let whole = Problem::new(&parts, &at);
+                let whole = FitProblem::new(&parts, &at);
                 let answers = |places: Vec<usize>| {
                     let answers = self.solved(&whole, &places, work);
                     places.into_iter().zip(answers).collect::<Vec<_>>()
@@ -530,10 +538,10 @@ impl Gather for FitGather {
     }
 }
 
-impl Solved {
-    fn columns(&self, point: &Point, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
+impl FitSolution {
+    fn columns(&self, point: &FitPoint, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
         let rows = self.table.len();
-        let each = |of: &dyn Fn(&Row) -> f64| -> ArrayRef { array(self.table.iter().map(of).collect()) };
+        let each = |of: &dyn Fn(&ModelTableRow) -> f64| -> ArrayRef { array(self.table.iter().map(of).collect()) };
         let text = |x: &str| -> ArrayRef { Arc::new(StringArray::from(vec![x; rows])) };
         let count = |n: usize| -> ArrayRef { Arc::new(Int64Array::from(vec![n as i64; rows])) };
         let number = |x: f64| -> ArrayRef { array(vec![x; rows]) };

@@ -3,32 +3,32 @@
 use std::{cell::OnceCell, ops::Range};
 
 use arrow_array::{RecordBatch, cast::AsArray};
-use numerics::signal::segments::Usable;
-use schemas::{ColumnType, Fault, Sampling};
+use numerics::signal::segments::RowMask;
+use schemas::{ColumnType, Fault, RateDependence};
 
 use crate::{
     columns::{even_rate_hz, floats, matrix, rate_factor, sampling},
     model_columns::{INTERCEPT, RATE},
-    trained::{Learned, Prediction},
+    trained::{FieldPrediction, LearnedModel},
 };
 
 /// Form of a model.
-pub enum Body {
+pub enum FittedModelForm {
     /// Coefficients and terms of a linear model.
     Linear { terms: Vec<String>, values: Vec<f64> },
     /// Nonlinear model.
-    Learned(Box<Learned>),
+    Learned(Box<LearnedModel>),
 }
 
 /// Model read from the table of a `fit`.
-pub struct Fitted {
+pub struct FittedModel {
     /// Form of the model.
-    pub body: Body,
+    pub body: FittedModelForm,
     /// Rate at which its terms were differences per sample, Hz. `None` if the table does not state it.
     pub rate_hz: Option<f64>,
 }
 
-impl Fitted {
+impl FittedModel {
     /// Reads the model of a table and omits the terms `without`.
     ///
     /// # Errors
@@ -39,12 +39,12 @@ impl Fitted {
         let terms = terms.ok_or_else(|| Fault::data("the model table has no column `term`"))?;
         let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
         let rate_hz = rate_of(table);
-        if let Some(learned) = Learned::read(&terms, values)? {
+        if let Some(learned) = LearnedModel::read(&terms, values)? {
             if !without.is_empty() {
                 let what = "the model is nonlinear, so `without` cannot omit terms";
                 return Err(Fault::data(what).of_param("without"));
             }
-            return Ok(Self { body: Body::Learned(Box::new(learned)), rate_hz });
+            return Ok(Self { body: FittedModelForm::Learned(Box::new(learned)), rate_hz });
         }
         if let Some(name) = without.iter().find(|w| !terms.contains(w)) {
             return Err(
@@ -53,7 +53,7 @@ impl Fitted {
         }
         let kept = terms.into_iter().zip(values.iter().copied()).filter(|(t, _)| !without.contains(t));
         let (terms, values) = kept.unzip();
-        Ok(Self { body: Body::Linear { terms, values }, rate_hz })
+        Ok(Self { body: FittedModelForm::Linear { terms, values }, rate_hz })
     }
 
     /// Prediction for a line with `rows` rows. NaN where a required column is NaN. Entries that are differences per
@@ -61,101 +61,101 @@ impl Fitted {
     ///
     /// # Errors
     /// If the line lacks a column, or an entry cannot be converted.
-    pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<Prediction, Fault> {
-        predict(&Sources::new(line, self.rate_hz)?, &self.body, rows)
+    pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<FieldPrediction, Fault> {
+        predict(&ModelInputColumns::new(line, self.rate_hz)?, &self.body, rows)
     }
 
     /// Entries of the features that the model requires.
     pub fn columns(&self) -> Vec<String> {
         match &self.body {
-            Body::Linear { terms, .. } => terms.iter().filter(|t| *t != INTERCEPT).cloned().collect(),
-            Body::Learned(learned) => learned.columns().to_vec(),
+            FittedModelForm::Linear { terms, .. } => terms.iter().filter(|t| *t != INTERCEPT).cloned().collect(),
+            FittedModelForm::Learned(learned) => learned.columns().to_vec(),
         }
     }
 
-    /// Values of [`Fitted::columns`] in each row of a line at the rate of the model, column by column.
+    /// Values of [`FittedModel::columns`] in each row of a line at the rate of the model, column by column.
     ///
     /// # Errors
-    /// The same as [`Fitted::predict`].
+    /// The same as [`FittedModel::predict`].
     pub fn inputs(&self, line: &RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
-        let sources = Sources::new(line, self.rate_hz)?;
+        let sources = ModelInputColumns::new(line, self.rate_hz)?;
         self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()
     }
 
-    /// Coefficients of [`Fitted::columns`] of a linear model, and its constant.
+    /// Coefficients of [`FittedModel::columns`] of a linear model, and its constant.
     pub fn coefficients(&self) -> Option<(Vec<f64>, f64)> {
-        let Body::Linear { terms, values } = &self.body else { return None };
+        let FittedModelForm::Linear { terms, values } = &self.body else { return None };
         let of = |constant: bool| terms.iter().zip(values).filter(move |(t, _)| (*t == INTERCEPT) == constant);
         Some((of(false).map(|(_, v)| *v).collect(), of(true).map(|(_, v)| v).sum()))
     }
 
-    /// Predicted field for rows of [`Fitted::columns`], nT. Rows are row-major and finite.
+    /// Predicted field for rows of [`FittedModel::columns`], nT. Rows are row-major and finite.
     pub fn field_nt(&self, x: &[f64]) -> Vec<f64> {
         match (&self.body, self.coefficients()) {
-            (Body::Learned(learned), _) => {
+            (FittedModelForm::Learned(learned), _) => {
                 learned.predict(x, &vec![1; x.len() / learned.columns().len().max(1)]).field_nt
             }
-            (Body::Linear { .. }, Some((b, constant))) => {
+            (FittedModelForm::Linear { .. }, Some((b, constant))) => {
                 let rows = x.chunks_exact(b.len().max(1));
                 rows.map(|row| constant + row.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>()).collect()
             }
-            (Body::Linear { .. }, None) => vec![],
+            (FittedModelForm::Linear { .. }, None) => vec![],
         }
     }
 }
 
 /// Source of the values of a term: an entry of a list column, or a column.
-enum Source<'a> {
+enum TermSource<'a> {
     Entry { rows: &'a [f64], width: usize, at: usize, factor: f64 },
     Column(&'a [f64]),
 }
 
-impl Source<'_> {
+impl TermSource<'_> {
     fn values(&self) -> impl Iterator<Item = f64> + '_ {
         let (rows, at, width, factor) = match self {
-            Source::Entry { rows, width, at, factor } => (*rows, *at, *width, *factor),
-            Source::Column(x) => (*x, 0, 1, 1.0),
+            TermSource::Entry { rows, width, at, factor } => (*rows, *at, *width, *factor),
+            TermSource::Column(x) => (*x, 0, 1, 1.0),
         };
         rows.iter().skip(at).step_by(width.max(1)).map(move |x| factor * x)
     }
 }
 
 /// Columns of a line, and entries of its list columns.
-struct Sources<'a> {
+struct ModelInputColumns<'a> {
     batch: &'a RecordBatch,
-    lists: Vec<List<'a>>,
+    lists: Vec<ListColumn<'a>>,
     /// Rate of the model, Hz.
     rate_hz: Option<f64>,
 }
 
-struct List<'a> {
+struct ListColumn<'a> {
     column: String,
     rows: &'a [f64],
     names: Vec<String>,
-    sampling: OnceCell<Result<Sampling, Fault>>,
+    sampling: OnceCell<Result<RateDependence, Fault>>,
 }
 
-impl<'a> Sources<'a> {
+impl<'a> ModelInputColumns<'a> {
     fn new(batch: &'a RecordBatch, rate_hz: Option<f64>) -> Result<Self, Fault> {
         let mut lists = vec![];
         for field in batch.schema_ref().fields() {
             if matches!(schemas::describe_field(field).column_type, ColumnType::List(_)) {
                 let (rows, names) = matrix(batch, field.name())?;
-                lists.push(List { column: field.name().clone(), rows, names, sampling: OnceCell::new() });
+                lists.push(ListColumn { column: field.name().clone(), rows, names, sampling: OnceCell::new() });
             }
         }
         Ok(Self { batch, lists, rate_hz })
     }
 
-    fn find(&self, term: &str) -> Result<Source<'a>, Fault> {
-        let place = |list: &'_ List<'a>| list.names.iter().position(|n| n == term);
+    fn find(&self, term: &str) -> Result<TermSource<'a>, Fault> {
+        let place = |list: &'_ ListColumn<'a>| list.names.iter().position(|n| n == term);
         let Some((list, at)) = self.lists.iter().find_map(|list| Some((list, place(list)?))) else {
-            return floats(self.batch, term).map(Source::Column);
+            return floats(self.batch, term).map(TermSource::Column);
         };
         let own = list.sampling.get_or_init(|| sampling(self.batch, &list.column)).as_ref();
         let factor = own.map_err(Fault::clone).and_then(|own| rate_factor(own, term, self.rate_hz));
         let factor = factor.map_err(|fault| fault.in_column(&list.column))?;
-        Ok(Source::Entry { rows: list.rows, width: list.names.len(), at, factor })
+        Ok(TermSource::Entry { rows: list.rows, width: list.names.len(), at, factor })
     }
 }
 
@@ -165,9 +165,9 @@ pub fn rate_of(table: &RecordBatch) -> Option<f64> {
 }
 
 /// Predicted field of each sample, nT.
-fn predict(sources: &Sources, body: &Body, rows: usize) -> Result<Prediction, Fault> {
+fn predict(sources: &ModelInputColumns, body: &FittedModelForm, rows: usize) -> Result<FieldPrediction, Fault> {
     match body {
-        Body::Linear { terms, values } => {
+        FittedModelForm::Linear { terms, values } => {
             let mut sum = vec![0.0; rows];
             for (term, value) in terms.iter().zip(values) {
                 if term == INTERCEPT {
@@ -176,14 +176,14 @@ fn predict(sources: &Sources, body: &Body, rows: usize) -> Result<Prediction, Fa
                     sum.iter_mut().zip(sources.find(term)?.values()).for_each(|(s, x)| *s += value * x);
                 }
             }
-            Ok(Prediction { field_nt: sum, sigma_nt: None })
+            Ok(FieldPrediction { field_nt: sum, sigma_nt: None })
         }
-        Body::Learned(learned) => predict_rows(sources, learned, rows),
+        FittedModelForm::Learned(learned) => predict_rows(sources, learned, rows),
     }
 }
 
 /// Prediction of a nonlinear model. NaN where a required column is NaN.
-fn predict_rows(sources: &Sources, learned: &Learned, rows: usize) -> Result<Prediction, Fault> {
+fn predict_rows(sources: &ModelInputColumns, learned: &LearnedModel, rows: usize) -> Result<FieldPrediction, Fault> {
     let columns = learned.columns().iter().map(|name| sources.find(name)).collect::<Result<Vec<_>, Fault>>()?;
     let columns: Vec<Vec<f64>> = columns.iter().map(|source| source.values().collect()).collect();
     let whole: Vec<usize> = (0..rows).filter(|&row| columns.iter().all(|x| x[row].is_finite())).collect();
@@ -192,7 +192,7 @@ fn predict_rows(sources: &Sources, learned: &Learned, rows: usize) -> Result<Pre
         let tt = floats(sources.batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         learned.check_rate(rate_hz)?;
-        let usable = columns.iter().fold(Usable::all(rows), |usable, x| usable.and_finite(x));
+        let usable = columns.iter().fold(RowMask::all(rows), |usable, x| usable.and_finite(x));
         usable.runs_in_time(tt, rate_hz).iter().map(Range::len).collect()
     } else {
         vec![whole.len()]
@@ -203,5 +203,5 @@ fn predict_rows(sources: &Sources, learned: &Learned, rows: usize) -> Result<Pre
         whole.iter().zip(values).for_each(|(&row, value)| out[row] = value);
         out
     };
-    Ok(Prediction { field_nt: spread(made.field_nt), sigma_nt: made.sigma_nt.map(spread) })
+    Ok(FieldPrediction { field_nt: spread(made.field_nt), sigma_nt: made.sigma_nt.map(spread) })
 }

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
-    noise::{FitBy, fit},
-    segments::Usable,
+    noise::{NoiseFitStatistic, fit},
+    segments::RowMask,
 };
 use schemas::{
-    Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyPoint, SurveyStage, Table, Work, Yield, stage,
+    CheckpointMonitor, Column, Fault, LineInput, PassThroughColumns, Stage, StageOutput, StageSchema, SurveyAggregator,
+    SurveyPoint, SurveyStage, Table, stage,
 };
 
 use crate::{
@@ -51,26 +52,26 @@ truth  = "mag_1_c"
     /// Column to subtract, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "nothing";
     /// Statistic that is fitted.
-    method: FitBy, unit "", default FitBy::Autocorrelation;
+    method: NoiseFitStatistic, unit "", default NoiseFitStatistic::Autocorrelation;
 }
 
 impl FogmNoise {
     /// Residual of a line, run by run.
-    fn runs(&self, batch: &RecordBatch, line: &LineIn) -> Result<Runs, Fault> {
+    fn runs(&self, batch: &RecordBatch, line: &LineInput) -> Result<ResidualRuns, Fault> {
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         let mut left = floats(batch, &self.column)?.to_vec();
         if let Some(truth) = &self.truth {
             left.iter_mut().zip(floats(batch, truth)?).for_each(|(l, x)| *l -= x);
         }
-        let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
+        let selected = line.keep.as_ref().map_or_else(|| RowMask::all(tt.len()), |keep| RowMask::selected(keep));
         let runs = selected.and_finite(&left).runs_in_time(tt, rate_hz);
-        Ok(Runs { rate_hz, runs: runs.into_iter().map(|run| left[run].to_vec()).collect() })
+        Ok(ResidualRuns { rate_hz, runs: runs.into_iter().map(|run| left[run].to_vec()).collect() })
     }
 }
 
 impl Stage for FogmNoise {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let named = [(Some(&self.column), "column"), (self.truth.as_ref(), "truth")];
         let named = || named.iter().filter_map(|(name, param)| name.map(|name| (name, *param)));
@@ -87,46 +88,46 @@ impl Stage for FogmNoise {
             Column::integer("n", "", "number of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
-        Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
+        Ok(StageSchema { passes: PassThroughColumns::None, ..StageSchema::append(columns, &reads) })
     }
 }
 
 impl SurveyStage for FogmNoise {
-    type Gather = FogmGather;
+    type Gather = FogmAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> FogmGather {
-        FogmGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> FogmAggregator {
+        FogmAggregator { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
-/// Gathers the points of a sweep over the lines of a residual.
-pub struct FogmGather {
+/// Points of a sweep over the residuals of the same lines.
+pub struct FogmAggregator {
     points: Vec<FogmNoise>,
 }
 
 /// Residual of one line at each point of a sweep.
-pub struct Part {
-    lines: Vec<Result<Runs, Fault>>,
+pub struct FogmLineResidual {
+    lines: Vec<Result<ResidualRuns, Fault>>,
 }
 
 /// Runs of samples without a gap.
 #[derive(Clone)]
-struct Runs {
+struct ResidualRuns {
     rate_hz: f64,
     runs: Vec<Vec<f64>>,
 }
 
-impl Gather for FogmGather {
-    type Part = Part;
+impl SurveyAggregator for FogmAggregator {
+    type Part = FogmLineResidual;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+    fn map(&self, line: &LineInput) -> Result<FogmLineResidual, Fault> {
         let lines = self.points.iter().map(|p| p.runs(&line.inputs[0], line));
-        Ok(Part { lines: lines.map(|l| l.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
+        Ok(FogmLineResidual { lines: lines.map(|l| l.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
     }
 
-    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<FogmLineResidual>, _: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
         let of = |(i, point): (usize, &FogmNoise)| {
-            let lines: Vec<&Runs> =
+            let lines: Vec<&ResidualRuns> =
                 parts.iter().map(|p| p.lines[i].as_ref().map_err(Clone::clone)).collect::<Result<_, _>>()?;
             found(point, &lines)
         };
@@ -135,7 +136,7 @@ impl Gather for FogmGather {
 }
 
 /// Noise of all lines.
-fn found(point: &FogmNoise, lines: &[&Runs]) -> Result<Product, Fault> {
+fn found(point: &FogmNoise, lines: &[&ResidualRuns]) -> Result<StageOutput, Fault> {
     let rate_hz = lines.first().map_or(1.0, |line| line.rate_hz);
     if let Some(other) = lines.iter().find(|line| (line.rate_hz / rate_hz - 1.0).abs() > 1e-6) {
         let what = format!("the lines have different sample rates: {rate_hz} and {} Hz", other.rate_hz);
@@ -159,46 +160,47 @@ mod tests {
         cast::AsArray,
         types::{Float64Type, Int64Type},
     };
-    use numerics::{random::Normals, signal::gauss_markov::GaussMarkov};
-    use schemas::Shape;
+    use numerics::{random::NormalGenerator, signal::gauss_markov::GaussMarkov};
+    use schemas::TableShape;
 
     use super::*;
 
     const PROCESS: GaussMarkov = GaussMarkov { sigma: 4.0, tau_s: 20.0 };
 
-    fn stage(method: FitBy, truth: Option<&str>) -> FogmNoise {
+    fn stage(method: NoiseFitStatistic, truth: Option<&str>) -> FogmNoise {
         FogmNoise { column: "residual".into(), truth: truth.map(str::to_owned), method }
     }
 
-    fn line(rate_hz: f64, columns: Vec<(&str, Vec<f64>)>) -> LineIn {
+    fn line(rate_hz: f64, columns: Vec<(&str, Vec<f64>)>) -> LineInput {
         let tt = (0..columns[0].1.len()).map(|k| k as f64 / rate_hz).collect();
         let columns = [("tt", tt)].into_iter().chain(columns);
         let batch = RecordBatch::try_from_iter(columns.map(|(name, values)| (name, array(values)))).unwrap();
-        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+        LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
     /// Noise of the process with a white part of 1 nT, at 10 Hz.
     fn noisy(seconds: f64, seed: u64) -> Vec<f64> {
         let tt: Vec<f64> = (0..(10.0 * seconds) as usize).map(|k| 0.1 * k as f64).collect();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let lasting = PROCESS.realisation(&tt, || normals.draw());
         lasting.into_iter().map(|x| x + normals.draw()).collect()
     }
 
     /// White part, sigma and time constant, and the samples behind them.
-    fn of(stage: &FogmNoise, lines: &[LineIn]) -> Result<([f64; 3], i64), Fault> {
+    fn estimate_noise(stage: &FogmNoise, lines: &[LineInput]) -> Result<([f64; 3], i64), Fault> {
         let gather = FogmNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-        let columns = gather.finish(parts, &schemas::Unattended).remove(0)?.columns;
+        let columns = gather.finish(parts, &schemas::NullMonitor).remove(0)?.columns;
         let figure = |k: usize| columns[k].as_primitive::<Float64Type>().value(0);
         Ok(([0, 1, 2].map(figure), columns[3].as_primitive::<Int64Type>().value(0)))
     }
 
     #[test]
     fn law_sigma_and_time_constant_of_a_known_noise_are_found_over_its_lines() {
-        for method in [FitBy::Autocorrelation, FitBy::Allan] {
-            let lines: Vec<LineIn> = (0..12).map(|seed| line(10.0, vec![("residual", noisy(600.0, seed))])).collect();
-            let ([white, sigma, tau], n) = of(&stage(method, None), &lines).unwrap();
+        for method in [NoiseFitStatistic::Autocorrelation, NoiseFitStatistic::Allan] {
+            let lines: Vec<LineInput> =
+                (0..12).map(|seed| line(10.0, vec![("residual", noisy(600.0, seed))])).collect();
+            let ([white, sigma, tau], n) = estimate_noise(&stage(method, None), &lines).unwrap();
             assert_eq!(n, 12 * 6000);
             // 7200 s are 360 time constants: sigma to 4 %, the time constant to 11 %; two and a half of each.
             assert!((white - 1.0).abs() < 0.03, "{white}");
@@ -210,23 +212,29 @@ mod tests {
     fn law_what_is_taken_off_and_what_is_not_selected_does_not_matter() {
         let (noise, truth) = (noisy(3000.0, 1), (0..30_000).map(|k| 5e4 + 0.1 * f64::from(k)).collect::<Vec<_>>());
         let sum: Vec<f64> = noise.iter().zip(&truth).map(|(a, b)| a + b).collect();
-        let (plain, less) = (stage(FitBy::Autocorrelation, None), stage(FitBy::Autocorrelation, Some("mag_1_c")));
-        let alone = of(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
-        let together = of(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
+        let (plain, less) = (
+            stage(NoiseFitStatistic::Autocorrelation, None),
+            stage(NoiseFitStatistic::Autocorrelation, Some("mag_1_c")),
+        );
+        let alone = estimate_noise(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
+        let together = estimate_noise(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
         // Rounding of 50,000, seen by the minimum of a flat curve: its root.
         assert!((0..3).all(|k| (alone.0[k] / together.0[k] - 1.0).abs() < 1e-4), "{alone:?} {together:?}");
         let (mut spoilt, mut missing) = (noise.clone(), noise);
         spoilt[20_000..].fill(1e6);
         missing[20_000..].fill(f64::NAN);
         let keep = Some((0..30_000).map(|k| k < 20_000).collect());
-        let selected = LineIn { keep, ..line(10.0, vec![("residual", spoilt)]) };
-        assert_eq!(of(&plain, &[selected]).unwrap(), of(&plain, &[line(10.0, vec![("residual", missing)])]).unwrap());
+        let selected = LineInput { keep, ..line(10.0, vec![("residual", spoilt)]) };
+        assert_eq!(
+            estimate_noise(&plain, &[selected]).unwrap(),
+            estimate_noise(&plain, &[line(10.0, vec![("residual", missing)])]).unwrap()
+        );
     }
 
     #[test]
     fn unit_records_that_do_not_tell_are_refused_with_the_way_out() {
-        let plain = stage(FitBy::Autocorrelation, None);
-        let fault = |lines: &[LineIn]| of(&plain, lines).unwrap_err();
+        let plain = stage(NoiseFitStatistic::Autocorrelation, None);
+        let fault = |lines: &[LineInput]| estimate_noise(&plain, lines).unwrap_err();
         let short = fault(&[line(10.0, vec![("residual", noisy(60.0, 2))])]);
         assert!(short.what.contains("too short for its correlation time"), "{short}");
         assert!(short.help.unwrap().contains("`residual_noise`"));
@@ -242,8 +250,8 @@ mod tests {
     #[test]
     fn unit_what_is_missing_is_told_with_its_parameter() {
         let columns = vec![Column::float("tt", "s", ""), Column::float("residual", "m", "")];
-        let table = Table::Lines(Shape { columns, rate_hz: None });
-        let faults = stage(FitBy::Allan, Some("mag_1_c")).yields(&[&table]).unwrap_err();
+        let table = Table::Lines(TableShape { columns, rate_hz: None });
+        let faults = stage(NoiseFitStatistic::Allan, Some("mag_1_c")).yields(&[&table]).unwrap_err();
         let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
         let expected =
             [("column `residual` is in m, but nT is needed", "column"), ("there is no column `mag_1_c`", "truth")];

@@ -7,18 +7,21 @@ mod weights;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Passes, Role, Rule, Stage, Table, Yield, choice, stage};
-use weights::{Found, Rows, Weight};
+use schemas::{
+    Column, Fault, LineInput, LineOutput, LineStage, PassThroughColumns, Role, Rule, Stage, StageSchema, Table, choice,
+    stage,
+};
+use weights::{GroupImportance, ImportanceRows, LineImportance};
 
 use crate::{
     columns::{array, faults_of, list, shape},
-    fitted::{Body, Fitted},
+    fitted::{FittedModel, FittedModelForm},
     model_columns::RATE,
 };
 
 choice! {
     /// Method that computes the importance.
-    pub enum Method {
+    pub enum ImportanceMethod {
         /// Increase of the mean square error when blocks of time of a group are exchanged.
         Permutation = "permutation",
         /// Mean absolute Shapley value over the samples.
@@ -39,25 +42,27 @@ choice! {
     }
 }
 
-impl Method {
+impl ImportanceMethod {
     /// Returns whether the method gives each sample its own value.
     fn explains_samples(self) -> bool {
         match self {
-            Method::Shapley | Method::ExpectedGradients => true,
-            Method::Permutation
-            | Method::Pearson
-            | Method::Spearman
-            | Method::HardThresholding
-            | Method::GroupLasso => false,
+            ImportanceMethod::Shapley | ImportanceMethod::ExpectedGradients => true,
+            ImportanceMethod::Permutation
+            | ImportanceMethod::Pearson
+            | ImportanceMethod::Spearman
+            | ImportanceMethod::HardThresholding
+            | ImportanceMethod::GroupLasso => false,
         }
     }
 
     /// Unit of the values.
     fn unit(self) -> &'static str {
         match self {
-            Method::Permutation => "nT2",
-            Method::Shapley | Method::ExpectedGradients | Method::HardThresholding => "nT",
-            Method::Pearson | Method::Spearman | Method::GroupLasso => "1",
+            ImportanceMethod::Permutation => "nT2",
+            ImportanceMethod::Shapley | ImportanceMethod::ExpectedGradients | ImportanceMethod::HardThresholding => {
+                "nT"
+            }
+            ImportanceMethod::Pearson | ImportanceMethod::Spearman | ImportanceMethod::GroupLasso => "1",
         }
     }
 }
@@ -107,7 +112,7 @@ block_s = 1.0
     /// Target of the fitted model, such as `mag_4_uc`.
     target: String, unit "nT";
     /// Method that computes the importance.
-    method: Method, unit "", default Method::Permutation;
+    method: ImportanceMethod, unit "", default ImportanceMethod::Permutation;
     /// Groups of entries: each a name, or a prefix of names before a `_`, such as `TL_A_flux_a`.
     groups: Vec<String>, unit "", default Vec::<String>::new();
     /// Length of the exchanged blocks. It must exceed the correlation time of the target and the inputs.
@@ -134,7 +139,7 @@ impl Stage for Importance {
         self.repeats as f64
     }
 
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let lines = shape(inputs, 0)?;
         let Some(Table::Model { features, shape }) = inputs.get(1) else {
             return Err(vec![Fault::new("`model` is not a model table").of_param("model")]);
@@ -182,18 +187,18 @@ impl Stage for Importance {
                 "value of the input for these samples, in its unit; NaN for a group of several",
             ));
         }
-        let mut yields = Yield::append(columns, &reads);
-        yields.passes = Passes::None;
+        let mut yields = StageSchema::append(columns, &reads);
+        yields.passes = PassThroughColumns::None;
         yields.reads.push(of_model.into_iter().map(str::to_owned).collect());
         Ok(yields)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let needs = |methods: &str| Some(Fault::new(format!("`{key}` has no effect without the method {methods}")));
-        let (permuted, explained) = (self.method == Method::Permutation, self.method.explains_samples());
+        let (permuted, explained) = (self.method == ImportanceMethod::Permutation, self.method.explains_samples());
         match key {
             "block_s" | "repeats" if !permuted => needs("`permutation`"),
-            "terms" if self.method != Method::HardThresholding => needs("`hard_thresholding`"),
+            "terms" if self.method != ImportanceMethod::HardThresholding => needs("`hard_thresholding`"),
             "samples" | "background" | "draws" | "kept_samples" if !explained => {
                 needs("`shapley` or `expected_gradients`")
             }
@@ -204,12 +209,12 @@ impl Stage for Importance {
 }
 
 impl LineStage for Importance {
-    type Prepared = Fitted;
+    type Prepared = FittedModel;
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Fitted, Fault> {
-        let fitted = Fitted::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<FittedModel, Fault> {
+        let fitted = FittedModel::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
         // Samples are exchanged individually, without their predecessors.
-        if matches!(&fitted.body, Body::Learned(learned) if learned.sees_a_window()) {
+        if matches!(&fitted.body, FittedModelForm::Learned(learned) if learned.sees_a_window()) {
             let what = "the model uses a window of samples, but `importance` requires a model of single samples";
             return Err(Fault::data(what).of_param("model"));
         }
@@ -220,12 +225,12 @@ impl LineStage for Importance {
         String::new()
     }
 
-    fn run(&self, line: &LineIn, fitted: &Fitted) -> Arrays {
-        let rows = Rows::of(self, line, fitted)?;
+    fn run(&self, line: &LineInput, fitted: &FittedModel) -> LineOutput {
+        let rows = ImportanceRows::new(self, line, fitted)?;
         let (names, groups) = self.grouped(&fitted.columns())?;
-        let Found { weights: found, samples } = self.weights(&rows, fitted, &groups)?;
+        let LineImportance { weights: found, samples } = self.weights(&rows, fitted, &groups)?;
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; names.len()])) };
-        let figure = |of: fn(&Weight) -> f64| array(found.iter().map(of).collect());
+        let figure = |of: fn(&GroupImportance) -> f64| array(found.iter().map(of).collect());
         let mut arrays = vec![
             same(&line.flight),
             same(&line.line),

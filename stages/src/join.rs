@@ -3,10 +3,13 @@
 use arrow_array::{ArrayRef, RecordBatch, UInt64Array};
 use arrow_select::take::take;
 use numerics::signal::{
-    resample::{Method, Plan},
+    resample::{ResamplePlan, SampleInterpolation},
     segments::check_increasing,
 };
-use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{
+    Column, ColumnType, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, TableShape, choice,
+    stage,
+};
 
 use crate::{
     columns::{array, data, floats, is_key, list, matrix, shape},
@@ -17,11 +20,12 @@ use crate::{
 stage! {
     /// Appends columns of another table (`with`) to each line, from its line of the same flight and name, by time.
     ///
-    /// `exact` takes the row of the same time, within a microsecond, and a row without one is an error: for tables on one
-    /// grid, such as two that came from the same `resample`. `nearest` takes the nearest row within `tolerance_s`, the
-    /// earlier of two. `linear` interpolates between the rows around it, angles (unit deg) along the shorter arc, where
-    /// they are not more than `tolerance_s` apart; text, integers and booleans take the nearest of them, and whole numbers
-    /// without a unit stay whole, as in `resample`. Where there is no such row the value is missing (NaN or null). Where both tables have a date, their times count from the same midnight.
+    /// `exact` takes the row of the same time, within a microsecond, and a row without one is an error: for tables on
+    /// one grid, such as two that came from the same `resample`. `nearest` takes the nearest row within `tolerance_s`,
+    /// the earlier of two. `linear` interpolates between the rows around it, angles (unit deg) along the shorter arc,
+    /// where they are not more than `tolerance_s` apart; text, integers and booleans take the nearest of them, and
+    /// whole numbers without a unit stay whole, as in `resample`. Where there is no such row the value is missing (NaN
+    /// or null). Where both tables have a date, their times count from the same midnight.
     ///
     /// A line that `with` does not have is left out, and so is named neither here nor in what follows. A column that
     /// `input` has too is an error, unless `suffix` gives it another name. Repeated or backward time is an error.
@@ -37,7 +41,7 @@ columns = ["mag_4_uc_bp"]
     /// The columns that are appended.
     columns: Option<Vec<String>>, unit "", absent "all that `input` does not have";
     /// How a row finds its partner.
-    method: Partner, unit "", default Partner::Exact;
+    method: JoinMethod, unit "", default JoinMethod::Exact;
     /// How far the nearest row may be away, or the two that are interpolated apart.
     tolerance_s: f64, unit "s", default 1.0, rule Rule::Positive;
     /// Suffix of the name of each column.
@@ -45,8 +49,8 @@ columns = ["mag_4_uc_bp"]
 }
 
 choice! {
-    /// How a row finds its partner in another table.
-    pub enum Partner {
+    /// Method that matches a row to the rows of another table.
+    pub enum JoinMethod {
         /// By the same time.
         Exact = "exact",
         /// By the nearest time.
@@ -65,7 +69,7 @@ const WITH: usize = 1;
 
 impl Join {
     /// The columns to append, as `with` has them.
-    fn chosen<'a>(&self, input: &Shape, with: &'a Shape) -> Result<Vec<&'a Column>, Vec<Fault>> {
+    fn chosen<'a>(&self, input: &TableShape, with: &'a TableShape) -> Result<Vec<&'a Column>, Vec<Fault>> {
         let Some(names) = &self.columns else {
             let new = with.columns.iter().filter(|c| !is_key(&c.name));
             let new = new.filter(|c| input.get(&format!("{}{}", c.name, self.suffix)).is_none());
@@ -94,14 +98,14 @@ impl Join {
 }
 
 impl Stage for Join {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let (input, with) = (shape(inputs, INPUT)?, shape(inputs, WITH)?);
         let chosen = self.chosen(input, with)?;
         if chosen.is_empty() {
             let fault = Fault::new("there is no column to append: `input` has all that `with` has");
             return Err(vec![fault.of_param("with")]);
         }
-        let times = |shape: &Shape| -> Vec<&'static str> {
+        let times = |shape: &TableShape| -> Vec<&'static str> {
             std::iter::once("tt").chain(date_columns(shape).iter().copied()).collect()
         };
         let (ours, theirs) = (times(input), times(with));
@@ -113,7 +117,7 @@ impl Stage for Join {
             let column = Column { from: vec![], name: format!("{}{}", c.name, self.suffix), ..(*c).clone() };
             column.from(INPUT, &ours).from(WITH, &from)
         });
-        let mut yields = Yield::append(made.collect(), &ours);
+        let mut yields = StageSchema::append(made.collect(), &ours);
         let mut reads: Vec<String> = chosen.iter().map(|c| c.name.clone()).collect();
         reads.extend(theirs.iter().filter(|name| !chosen.iter().any(|c| c.name == **name)).map(ToString::to_string));
         yields.reads.push(reads);
@@ -121,8 +125,8 @@ impl Stage for Join {
     }
 }
 
-/// The row that goes with each time, `None` where there is none within `within_s`, of rows at the times `tt`. Both increase;
-/// of two rows equally near the earlier one.
+/// The row that goes with each time, `None` where there is none within `within_s`, of rows at the times `tt`. Both
+/// increase; of two rows equally near the earlier one.
 fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
     let mut first = 0;
     let one = |time: &f64| {
@@ -141,7 +145,7 @@ impl LineStage for Join {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let [input, with] = line.inputs.as_slice() else { return Err(Fault::bug("a join of other than two tables")) };
         let times = floats(input, "tt")?;
         let shift = offset_s(input, with)?;
@@ -149,14 +153,14 @@ impl LineStage for Join {
         for (tt, whose) in [(times, "`input`"), (&tt, "`with`")] {
             check_increasing(tt).map_err(|e| Fault::data(format!("of {whose}: {e}")).in_column("tt"))?;
         }
-        let shape = Shape::of(&with.schema());
+        let shape = TableShape::from_schema(&with.schema());
         let chosen = match &self.columns {
             Some(names) => names.iter().map(|name| shape.need(name)).collect::<Result<_, Fault>>()?,
-            None => self.chosen(&Shape::of(&input.schema()), &shape).unwrap_or_default(),
+            None => self.chosen(&TableShape::from_schema(&input.schema()), &shape).unwrap_or_default(),
         };
         let chosen = chosen.into_iter();
         match self.method {
-            Partner::Exact => {
+            JoinMethod::Exact => {
                 let rows = nearest(times, &tt, SAME_S);
                 if let Some(row) = rows.iter().position(Option::is_none) {
                     let time = times.get(row).copied().unwrap_or(f64::NAN);
@@ -166,16 +170,16 @@ impl LineStage for Join {
                 }
                 chosen.map(|c| taken(with, c, &rows)).collect()
             }
-            Partner::Nearest => {
+            JoinMethod::Nearest => {
                 let rows = nearest(times, &tt, self.tolerance_s);
                 chosen.map(|c| taken(with, c, &rows)).collect()
             }
-            Partner::Linear => {
+            JoinMethod::Linear => {
                 let step_s = times.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
                 // A single row has no step; any rate does.
                 let rate_hz = if step_s.is_finite() { 1.0 / step_s } else { 1.0 };
-                let plan =
-                    Plan::onto(&tt, times.to_vec(), rate_hz, self.tolerance_s).map_err(|e| data(e).in_column("tt"))?;
+                let plan = ResamplePlan::onto(&tt, times.to_vec(), rate_hz, self.tolerance_s)
+                    .map_err(|e| data(e).in_column("tt"))?;
                 chosen.map(|c| interpolated(with, c, &plan).map_err(|e| e.in_column(&c.name))).collect()
             }
         }
@@ -209,11 +213,11 @@ fn taken(with: &RecordBatch, column: &Column, rows: &[Option<u64>]) -> Result<Ar
     }
 }
 
-fn interpolated(with: &RecordBatch, column: &Column, plan: &Plan) -> Result<ArrayRef, Fault> {
+fn interpolated(with: &RecordBatch, column: &Column, plan: &ResamplePlan) -> Result<ArrayRef, Fault> {
     let name = column.name.as_str();
     match &column.column_type {
         ColumnType::Float => {
-            between_samples(plan, column, floats(with, name)?, Method::Linear).map(array).map_err(data)
+            between_samples(plan, column, floats(with, name)?, SampleInterpolation::Linear).map(array).map_err(data)
         }
         ColumnType::List(_) | ColumnType::Text | ColumnType::Other(_) => {
             let rows: Vec<Option<u64>> = plan.nearest_rows().into_iter().map(|row| row.map(|row| row as u64)).collect();
@@ -232,7 +236,7 @@ mod tests {
     use super::*;
     use crate::testing::{batch, line, numbers, said, sampled, table};
 
-    fn join(method: Partner, tolerance_s: f64) -> Join {
+    fn join(method: JoinMethod, tolerance_s: f64) -> Join {
         Join { columns: None, method, tolerance_s, suffix: String::new() }
     }
 
@@ -249,8 +253,8 @@ mod tests {
         let values = sampled(100.0, 10.0, 70, |t| t * t);
         // It begins before the line and ends behind it.
         let with = batch(vec![("x", "nT", values.clone()), ("tt", "s", sampled(99.0, 10.0, 70, |t| t))]);
-        assert_eq!(run(&join(Partner::Exact, 1.0), with.clone()).unwrap(), [values[10..60].to_vec()]);
-        let fault = run(&join(Partner::Exact, 1.0), with.slice(0, 40)).unwrap_err();
+        assert_eq!(run(&join(JoinMethod::Exact, 1.0), with.clone()).unwrap(), [values[10..60].to_vec()]);
+        let fault = run(&join(JoinMethod::Exact, 1.0), with.slice(0, 40)).unwrap_err();
         assert!(fault.what.contains("no row at 103"), "{fault}");
         assert_eq!(fault.place.row, Some(30));
     }
@@ -263,7 +267,7 @@ mod tests {
         let of = |f: &dyn Fn(f64) -> f64| tt.iter().map(|t| f(*t)).collect::<Vec<_>>();
         let with = batch(vec![("x", "nT", of(&slow)), ("h", "deg", of(&heading)), ("tt", "s", tt.clone())]);
         let times = sampled(100.0, 10.0, 50, |t| t);
-        let linear = run(&join(Partner::Linear, 1.5), with.clone()).unwrap();
+        let linear = run(&join(JoinMethod::Linear, 1.5), with.clone()).unwrap();
         for (k, t) in times.iter().enumerate() {
             if *t > 101.55 + 1e-9 && *t < 103.55 - 1e-9 {
                 assert!(linear[0][k].is_nan() && linear[1][k].is_nan(), "{t}");
@@ -272,7 +276,7 @@ mod tests {
             let off = (linear[1][k] - heading(*t)).abs();
             assert!((linear[0][k] - slow(*t)).abs() < 1e-9 && off.min((off - 360.0).abs()) < 1e-9, "{t}");
         }
-        let nearest = run(&join(Partner::Nearest, 0.46), with).unwrap();
+        let nearest = run(&join(JoinMethod::Nearest, 0.46), with).unwrap();
         for (k, t) in times.iter().enumerate() {
             let distance = |s: &&f64| (*s - t).abs();
             let closest = tt.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
@@ -288,11 +292,11 @@ mod tests {
         let words = Arc::new(StringArray::from(vec!["a", "b"])) as ArrayRef;
         let tt = Arc::new(arrow_array::Float64Array::from(vec![100.0, 101.0])) as ArrayRef;
         let with = RecordBatch::try_from_iter([("pilot", words), ("tt", tt)]).unwrap();
-        let made = join(Partner::Nearest, 0.2).run(&line(vec![input(), with]), &()).unwrap();
+        let made = join(JoinMethod::Nearest, 0.2).run(&line(vec![input(), with]), &()).unwrap();
         let pilots: Vec<Option<&str>> = made[0].as_string::<i32>().iter().collect();
         assert_eq!((pilots[0], pilots[5], pilots[9]), (Some("a"), None, Some("b")));
         let clock = batch(vec![("x", "nT", vec![1.0, 2.0]), ("tt", "s", vec![100.0, 100.0])]);
-        assert!(run(&join(Partner::Nearest, 0.2), clock).unwrap_err().what.contains("of `with`"));
+        assert!(run(&join(JoinMethod::Nearest, 0.2), clock).unwrap_err().what.contains("of `with`"));
     }
 
     #[test]
@@ -307,7 +311,7 @@ mod tests {
         };
         let with =
             batch(vec![("x", "nT", sampled(100.0, 10.0, 50, |t| t)), ("tt", "s", sampled(100.0, 10.0, 50, |t| t))]);
-        let stage = Join { columns: Some(vec!["x".into()]), ..join(Partner::Nearest, 1.0) };
+        let stage = Join { columns: Some(vec!["x".into()]), ..join(JoinMethod::Nearest, 1.0) };
         let run =
             |doy: f64| numbers(stage.run(&line(vec![dated(input(), 7.0), dated(with.clone(), doy)]), &())).unwrap();
         assert!(run(7.0)[0].iter().all(|x| x.is_finite()) && run(8.0)[0].iter().all(|x| x.is_nan()));
@@ -320,7 +324,7 @@ mod tests {
         let stage = |columns: Option<&[&str]>, suffix: &str| Join {
             columns: columns.map(|names| names.iter().map(ToString::to_string).collect()),
             suffix: suffix.into(),
-            ..join(Partner::Exact, 1.0)
+            ..join(JoinMethod::Exact, 1.0)
         };
         let made = stage(None, "").yields(&[&ours, &theirs]).unwrap();
         let columns: Vec<_> = made.columns.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();

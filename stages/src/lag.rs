@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
 use numerics::signal::{
-    lag::{Lag, lag_of},
-    segments::{Usable, filter_column},
+    lag::{SignalLag, lag_of},
+    segments::{RowMask, filter_column},
 };
 use schemas::{
-    Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyPoint, SurveyStage, Table, Work, Yield,
-    stage,
+    CheckpointMonitor, Column, Fault, LineInput, PassThroughColumns, Role, Rule, Stage, StageOutput, StageSchema,
+    SurveyAggregator, SurveyPoint, SurveyStage, Table, stage,
 };
 
 use crate::{
@@ -61,8 +61,8 @@ low_hz    = 0.05
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// Lag of a column, or the reason why it has none.
-type Found = Result<Lag, String>;
+/// Lag of a column, or the reason for its absence.
+type LagResult = Result<SignalLag, String>;
 
 impl LagStage {
     /// Column as it is correlated. NaN where it is missing or not selected.
@@ -77,7 +77,7 @@ impl LagStage {
         let filtered = match design(self.low_hz, self.high_hz, self.order, rate_hz)? {
             None => x.to_vec(),
             Some(filter) => {
-                let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+                let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
                 filter_column(&filter, x, &runs).map_err(|e| data(e).in_column(name))?.0
             }
         };
@@ -86,12 +86,12 @@ impl LagStage {
     }
 
     /// Lag of each column.
-    fn lags(&self, line: &LineIn) -> Result<Vec<Found>, Fault> {
+    fn lags(&self, line: &LineInput) -> Result<Vec<LagResult>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         // Pairs are counted by rows, so rows must be present in a gap in time.
-        let whole = Usable::all(tt.len()).runs_in_time(tt, rate_hz).len();
+        let whole = RowMask::all(tt.len()).runs_in_time(tt, rate_hz).len();
         if whole > 1 {
             let fault = Fault::data(format!("the line has {} gaps in time", whole - 1)).in_column("tt");
             return Err(fault.help("`resample` keeps the times inside a gap; select rows with `where` of this stage"));
@@ -107,7 +107,7 @@ impl LagStage {
 }
 
 impl Stage for LagStage {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = not_numbers_among(shape, &self.columns, "columns");
         faults.extend(not_numbers_among(shape, std::slice::from_ref(&self.reference), "reference"));
@@ -135,51 +135,51 @@ impl Stage for LagStage {
             Column::integer("n", "", "number of pairs of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
-        Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
+        Ok(StageSchema { passes: PassThroughColumns::None, ..StageSchema::append(columns, &reads) })
     }
 }
 
 impl SurveyStage for LagStage {
-    type Gather = LagGather;
+    type Gather = LagAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> LagGather {
-        LagGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> LagAggregator {
+        LagAggregator { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
-/// Gathers the points of a sweep over the same lines.
-pub struct LagGather {
+/// Points of a sweep over the same lines.
+pub struct LagAggregator {
     points: Vec<LagStage>,
 }
 
 /// Lags of one line at each point of a sweep.
-pub struct Part {
+pub struct LineLags {
     flight: String,
     line: String,
-    lags: Vec<Result<Vec<Found>, Fault>>,
+    lags: Vec<Result<Vec<LagResult>, Fault>>,
 }
 
-impl Gather for LagGather {
-    type Part = Part;
+impl SurveyAggregator for LagAggregator {
+    type Part = LineLags;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+    fn map(&self, line: &LineInput) -> Result<LineLags, Fault> {
         let lags = self.points.iter().map(|point| point.lags(line)).collect();
-        Ok(Part { flight: line.flight.clone(), line: line.line.clone(), lags })
+        Ok(LineLags { flight: line.flight.clone(), line: line.line.clone(), lags })
     }
 
-    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
+    fn refused(&self, part: &LineLags) -> Vec<(usize, Fault)> {
         part.lags.iter().enumerate().filter_map(|(i, lags)| Some((i, lags.as_ref().err()?.clone()))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<LineLags>, _: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
         self.points.iter().enumerate().map(|(i, point)| Ok(table(point, i, &parts))).collect()
     }
 }
 
 /// Table of one point.
-fn table(point: &LagStage, i: usize, parts: &[Part]) -> Product {
+fn table(point: &LagStage, i: usize, parts: &[LineLags]) -> StageOutput {
     let mut warnings = vec![];
-    let mut rows: Vec<([&str; 3], Option<&Lag>)> = vec![];
+    let mut rows: Vec<([&str; 3], Option<&SignalLag>)> = vec![];
     for part in parts {
         let Some(Ok(lags)) = part.lags.get(i) else { continue };
         for (name, lag) in point.columns.iter().zip(lags) {
@@ -191,7 +191,7 @@ fn table(point: &LagStage, i: usize, parts: &[Part]) -> Product {
     }
     let text =
         |k: usize| -> ArrayRef { Arc::new(rows.iter().map(|(keys, _)| keys.get(k).copied()).collect::<StringArray>()) };
-    let figure = |of: fn(&Lag) -> f64| array(rows.iter().map(|(_, lag)| lag.map_or(f64::NAN, of)).collect());
+    let figure = |of: fn(&SignalLag) -> f64| array(rows.iter().map(|(_, lag)| lag.map_or(f64::NAN, of)).collect());
     let n = Int64Array::from_iter_values(rows.iter().map(|(_, lag)| lag.map_or(0, |lag| lag.pairs as i64)));
     let columns = vec![
         text(0),
@@ -203,7 +203,7 @@ fn table(point: &LagStage, i: usize, parts: &[Part]) -> Product {
         figure(|lag| lag.next_peak),
         Arc::new(n),
     ];
-    Product { columns, warnings }
+    StageOutput { columns, warnings }
 }
 
 #[cfg(test)]
@@ -235,7 +235,7 @@ mod tests {
         (0.9 * t).sin() + 0.7 * (2.3 * t + 1.0).sin() + 0.5 * (4.1 * t).cos()
     }
 
-    fn flown(late_s: f64, trend: f64) -> LineIn {
+    fn flown(late_s: f64, trend: f64) -> LineInput {
         line(vec![batch(vec![
             ("tt", "s", sampled(500.0, RATE_HZ, 2400, |t| t)),
             ("mag_1_uc", "nT", sampled(500.0, RATE_HZ, 2400, |t| 50_000.0 + waves(t))),
@@ -244,10 +244,10 @@ mod tests {
         ])])
     }
 
-    fn found(stage: &LagStage, lines: &[LineIn]) -> (Vec<f64>, Product) {
+    fn found(stage: &LagStage, lines: &[LineInput]) -> (Vec<f64>, StageOutput) {
         let gather = LagStage::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-        let product = gather.finish(parts, &schemas::Unattended).remove(0).unwrap();
+        let product = gather.finish(parts, &schemas::NullMonitor).remove(0).unwrap();
         (product.columns[3].as_primitive::<Float64Type>().values().to_vec(), product)
     }
 
@@ -288,7 +288,7 @@ mod tests {
         let part = gather.map(&gap).unwrap();
         assert!(gather.refused(&part)[0].1.what.contains("1 gaps in time"));
         let keep = Some((0..2400).map(|k| k < 1000).collect());
-        let (lags, product) = found(&stage, &[LineIn { keep, ..flown(0.06, 0.0) }]);
+        let (lags, product) = found(&stage, &[LineInput { keep, ..flown(0.06, 0.0) }]);
         assert!((lags[0] - 0.06).abs() < 1e-3);
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [999]);
     }

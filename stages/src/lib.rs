@@ -50,7 +50,7 @@ mod track_map;
 pub mod trained;
 mod whole_numbers;
 
-use schemas::Entry;
+use schemas::StageEntry;
 
 /// Stages, models, filters and metrics of a program. [`Catalogue::default`] holds the built-in ones. A program with its
 /// own parts adds to it and passes [`Catalogue::entries`] on.
@@ -61,13 +61,13 @@ use schemas::Entry;
 /// ```
 pub struct Catalogue {
     /// Models of `fit`.
-    pub models: Vec<&'static fit::Model>,
+    pub models: Vec<&'static fit::FitModelDecl>,
     /// Filters of `navigate`.
-    pub filters: Vec<&'static navigate::Filter>,
+    pub filters: Vec<&'static navigate::FilterDecl>,
     /// Metrics of `score`.
     pub metrics: Vec<&'static score::Scorer>,
     /// Stages in addition to the built-in ones.
-    pub stages: Vec<Entry>,
+    pub stages: Vec<StageEntry>,
 }
 
 impl Default for Catalogue {
@@ -83,7 +83,7 @@ impl Default for Catalogue {
 
 impl Catalogue {
     /// Every stage, in the order of the reference.
-    pub fn entries(&self) -> Vec<Entry> {
+    pub fn entries(&self) -> Vec<StageEntry> {
         let built_in = [
             resample::Resample::entry(),
             core_field::CoreFieldStage::entry(),
@@ -125,6 +125,6 @@ impl Catalogue {
 }
 
 /// Every built-in stage, in the order of the reference.
-pub fn catalogue() -> Vec<Entry> {
+pub fn catalogue() -> Vec<StageEntry> {
     Catalogue::default().entries()
 }

@@ -2,14 +2,14 @@
 
 use arrow_array::RecordBatch;
 use numerics::signal::{
-    filter::{Band, ZeroPhase},
+    filter::{FilterBand, ZeroPhaseFilter},
     resample::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER},
 };
-use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+use schemas::{Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, stage};
 
 use crate::{
     columns::{band, data, made_of_each, not_numbers_among, shape},
-    filtered::{Angles, filtered},
+    filtered::{AngleTreatment, filtered},
 };
 
 stage! {
@@ -58,7 +58,7 @@ impl Lowpass {
 }
 
 impl Stage for Lowpass {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = not_numbers_among(shape, &self.columns, "columns");
         let param = if self.for_rate_hz.is_some() { "for_rate_hz" } else { "corner_hz" };
@@ -78,7 +78,7 @@ impl Stage for Lowpass {
         }
         let made = made_of_each(shape, &self.columns, "_lp", "low-passed", str::to_owned);
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
-        Ok(Yield::append(made, &reads))
+        Ok(StageSchema::append(made, &reads))
     }
 }
 
@@ -89,10 +89,10 @@ impl LineStage for Lowpass {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let high_hz = self.corner().ok_or_else(|| Fault::new("the filter has no corner frequency"))?;
-        filtered(&line.inputs[0], &self.columns, Angles::Unwrapped, |rate_hz| {
-            ZeroPhase::new(Band::Low { high_hz }, rate_hz, self.order()).map_err(data)
+        filtered(&line.inputs[0], &self.columns, AngleTreatment::Unwrapped, |rate_hz| {
+            ZeroPhaseFilter::new(FilterBand::Low { high_hz }, rate_hz, self.order()).map_err(data)
         })
     }
 }

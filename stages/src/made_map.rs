@@ -6,7 +6,7 @@ use numerics::maps::{
     fill::{FillError, SmoothFill, smooth},
     plane_grid::PlaneGrid,
 };
-use schemas::{Fault, Product};
+use schemas::{Fault, StageOutput};
 
 /// Columns of a map that a stage reads.
 pub fn whole_map() -> Vec<String> {
@@ -25,8 +25,8 @@ pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
 ///
 /// # Errors
 /// If the map has no known value.
-pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<Product, Fault> {
-    Ok(Product { columns: map.made()?, warnings })
+pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<StageOutput, Fault> {
+    Ok(StageOutput { columns: map.made()?, warnings })
 }
 
 /// Map with its unknown nodes filled by minimum curvature, for transforms of the whole map.
@@ -44,7 +44,7 @@ pub mod testing {
 
     use std::path::Path;
 
-    use grids::{Crs, Height};
+    use grids::{Crs, GridHeight};
     use numerics::maps::plane_grid::EvenAxis;
 
     use super::*;
@@ -70,7 +70,7 @@ pub mod testing {
             .map(|i| field_nt(STEP_M * (i % NODES) as f64, STEP_M * (i / NODES) as f64, 0.0))
             .collect();
         let crs = Crs::from_epsg(Path::new(""), 32632).unwrap();
-        AnomalyGrid::new(axis(500_000.0), axis(5_000_000.0), crs, values, Height::Level(LEVEL_M)).unwrap()
+        AnomalyGrid::new(axis(500_000.0), axis(5_000_000.0), crs, values, GridHeight::Level(LEVEL_M)).unwrap()
     }
 
     /// The values of the middle third of a map, with their distances from its south-west corner.

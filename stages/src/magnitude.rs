@@ -1,7 +1,7 @@
 //! The magnitude of a vector magnetometer.
 
 use arrow_array::RecordBatch;
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, stage};
 
 use crate::columns::{array, faults_of, floats, no_truth, shape, vector_axes};
 
@@ -27,7 +27,7 @@ vector = "flux_a"
 }
 
 impl Stage for Magnitude {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let axes = vector_axes(&self.vector);
         let fine = |name: &String| shape.number(name, "nT").and_then(|c| no_truth(c, "vector", self.allow_truth));
@@ -36,7 +36,7 @@ impl Stage for Magnitude {
             return Err(faults);
         }
         let column = Column::float(format!("{}_t", self.vector), "nT", "magnitude of the vector magnetometer");
-        Ok(Yield::append(vec![column.from(0, &axes)], &axes))
+        Ok(StageSchema::append(vec![column.from(0, &axes)], &axes))
     }
 }
 
@@ -47,7 +47,7 @@ impl LineStage for Magnitude {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let [x, y, z] = vector_axes(&self.vector);
         let of = |name: &str| floats(&line.inputs[0], name);
         let rows = of(&x)?.iter().zip(of(&y)?).zip(of(&z)?);
@@ -70,7 +70,7 @@ mod tests {
         let columns =
             [("flux_a_x", column(2.0, 1.0)), ("flux_a_y", column(-3.0, f64::NAN)), ("flux_a_z", column(6.0, 1.0))];
         let batch = RecordBatch::try_from_iter(columns).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1".into(), inputs: vec![batch], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1".into(), inputs: vec![batch], keep: None };
         let made = Magnitude { vector: "flux_a".into(), allow_truth: false }.run(&line, &()).unwrap();
         let made = made[0].as_primitive::<Float64Type>().values();
         assert_eq!(made[0], 7.0);

@@ -1,15 +1,15 @@
 //! Continues a map to another height.
 
 use arrow_array::RecordBatch;
-use grids::{AnomalyGrid, Height};
+use grids::{AnomalyGrid, GridHeight};
 use numerics::maps::{
     continuation::{
-        Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,
-        edge_error, is_far, level_to_drape, masked_like, upward,
+        DrapeOptions, LCurve, MAGNAV_ALPHA_M2, MapDerivative, MapSpectrum, Padding, Regularisation, downward,
+        drape_to_level, edge_error, is_far, level_to_drape, masked_like, upward,
     },
     plane_grid::PlaneGrid,
 };
-use schemas::{Fault, MapStage, OrAuto, Product, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Fault, MapStage, NumberOrAuto, Rule, Stage, StageOutput, StageSchema, Table, choice, stage};
 
 use crate::{
     columns::data,
@@ -18,7 +18,7 @@ use crate::{
 
 choice! {
     /// Direction of differentiation.
-    pub enum Along {
+    pub enum DerivativeDirection {
         /// Up.
         Up = "up",
         /// North, along the northing of the map.
@@ -55,15 +55,15 @@ to_m  = 400.0
     /// Height above the WGS-84 ellipsoid to which the map is continued.
     to_m: Option<f64>, unit "m", absent "the map's own height, or the heights of `drape`";
     /// Returns a derivative in nT/m (`up2`: nT/m2) instead of the field.
-    derivative: Option<Along>, unit "", absent "the field itself";
+    derivative: Option<DerivativeDirection>, unit "", absent "the field itself";
     /// Damping of downward continuation. `auto` uses the corner of the L-curve.
-    alpha_m2: OrAuto, unit "m2", default OrAuto::Auto, rule Rule::NotNegative;
+    alpha_m2: NumberOrAuto, unit "m2", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Keeps values at nodes where the input map has none.
     keep_filled: bool, unit "", default false;
 }
 
 /// Result of a continuation.
-pub struct Continued {
+pub struct ContinuationResult {
     /// The map.
     pub map: AnomalyGrid,
     /// Notes on the processing.
@@ -77,7 +77,7 @@ pub struct Continued {
 }
 
 /// Map during processing.
-struct Job<'a> {
+struct ContinuationJob<'a> {
     stage: &'a MapContinue,
     map: &'a AnomalyGrid,
     /// The map with its gaps.
@@ -119,34 +119,35 @@ impl MapContinue {
     ///
     /// # Errors
     /// See [`MapContinue`].
-    pub fn apply(&self, map: &AnomalyGrid, drape: Option<&AnomalyGrid>) -> Result<Continued, Fault> {
+    pub fn apply(&self, map: &AnomalyGrid, drape: Option<&AnomalyGrid>) -> Result<ContinuationResult, Fault> {
         self.check(drape.is_some())?;
         let original = map.plane();
         let plane = without_gaps(&original).map_err(data)?;
         let (notes, warnings) = (vec![], vec![]);
-        let mut job = Job { stage: self, map, original, plane, notes, warnings, curve: None, edge_error: None };
+        let mut job =
+            ContinuationJob { stage: self, map, original, plane, notes, warnings, curve: None, edge_error: None };
         let gaps = job.original.unknown();
         if gaps > 0 {
             job.notes.push(format!("{gaps} unknown nodes are filled from their surroundings for the transform"));
         }
         let (plane, height) = match (drape, &map.height) {
-            (Some(drape), Height::Level(level_m)) => job.onto(*level_m, drape)?,
-            (Some(_), Height::Cells(_)) => {
+            (Some(drape), GridHeight::Level(level_m)) => job.onto(*level_m, drape)?,
+            (Some(_), GridHeight::Cells(_)) => {
                 return Err(Fault::data("the map is draped, so it cannot be continued to `drape`")
                     .help("continue it to a level first with `map_continue` and `to_m`"));
             }
-            (None, Height::Cells(_)) if self.derivative.is_some() => {
+            (None, GridHeight::Cells(_)) if self.derivative.is_some() => {
                 let fault = Fault::data("a draped map cannot be differentiated");
                 return Err(fault.help("continue it to a level first with `map_continue` and `to_m`"));
             }
-            (None, Height::Cells(heights)) => job.drape_to(heights, self.to_m.unwrap_or(f64::NAN))?,
-            (None, Height::Level(level_m)) => job.level_to(*level_m)?,
+            (None, GridHeight::Cells(heights)) => job.drape_to(heights, self.to_m.unwrap_or(f64::NAN))?,
+            (None, GridHeight::Level(level_m)) => job.level_to(*level_m)?,
         };
         job.finish(plane, height)
     }
 }
 
-impl Job<'_> {
+impl ContinuationJob<'_> {
     fn known_level(&self, level_m: f64) -> Result<f64, Fault> {
         let help = "set `alt_m` of the map, in metres above the WGS-84 ellipsoid";
         let fault = || Fault::data("the height of the map is unknown").help(help);
@@ -178,12 +179,12 @@ impl Job<'_> {
     }
 
     /// Continues from one level to another, or differentiates at either.
-    fn level_to(&mut self, level_m: f64) -> Result<(PlaneGrid, Height), Fault> {
+    fn level_to(&mut self, level_m: f64) -> Result<(PlaneGrid, GridHeight), Fault> {
         let padding = Padding::default();
         let Some(to_m) = self.stage.to_m else {
-            let along = self.stage.derivative.map_or(Derivative::Up, which);
-            let spectrum = Spectrum::new(&self.plane, 0.0, &padding).map_err(data)?;
-            return Ok((spectrum.derivative(along, 0.0, 0.0).map_err(data)?, Height::Level(level_m)));
+            let along = self.stage.derivative.map_or(MapDerivative::Up, which);
+            let spectrum = MapSpectrum::new(&self.plane, 0.0, &padding).map_err(data)?;
+            return Ok((spectrum.derivative(along, 0.0, 0.0).map_err(data)?, GridHeight::Level(level_m)));
         };
         let up_m = to_m - self.known_level(level_m)?;
         self.warn_if_far(up_m);
@@ -201,7 +202,7 @@ impl Job<'_> {
         };
         let plane = match self.stage.derivative {
             Some(along) => {
-                let spectrum = Spectrum::new(&self.plane, up_m, &padding).map_err(data)?;
+                let spectrum = MapSpectrum::new(&self.plane, up_m, &padding).map_err(data)?;
                 spectrum.derivative(which(along), up_m, alpha_m2).map_err(data)?
             }
             None => plane,
@@ -213,21 +214,21 @@ impl Job<'_> {
             ));
             self.edge_error = Some(error.map);
         }
-        Ok((plane, Height::Level(to_m)))
+        Ok((plane, GridHeight::Level(to_m)))
     }
 
-    fn drape_to(&mut self, heights: &[f64], to_m: f64) -> Result<(PlaneGrid, Height), Fault> {
+    fn drape_to(&mut self, heights: &[f64], to_m: f64) -> Result<(PlaneGrid, GridHeight), Fault> {
         let heights = self.complete(heights)?;
         self.warn_if_far(heights.iter().map(|h| (to_m - h).abs()).fold(0.0, f64::max));
         let alpha_m2 = self.alpha_m2(heights.iter().map(|h| h - to_m).fold(0.0, f64::max))?;
-        let drape = Drape { alpha_m2, ..Drape::default() };
+        let drape = DrapeOptions { alpha_m2, ..DrapeOptions::default() };
         let plane = drape_to_level(&self.plane, &heights, to_m, &drape).map_err(data)?;
-        Ok((plane, Height::Level(to_m)))
+        Ok((plane, GridHeight::Level(to_m)))
     }
 
-    fn onto(&mut self, level_m: f64, drape: &AnomalyGrid) -> Result<(PlaneGrid, Height), Fault> {
+    fn onto(&mut self, level_m: f64, drape: &AnomalyGrid) -> Result<(PlaneGrid, GridHeight), Fault> {
         let level_m = self.known_level(level_m)?;
-        let Height::Cells(heights) = &drape.height else {
+        let GridHeight::Cells(heights) = &drape.height else {
             let fault = Fault::data("the map `drape` has one height for all nodes");
             return Err(fault.help("set `to_m` to that height"));
         };
@@ -242,9 +243,9 @@ impl Job<'_> {
         let heights = self.complete(heights)?;
         self.warn_if_far(heights.iter().map(|h| (level_m - h).abs()).fold(0.0, f64::max));
         let alpha_m2 = self.alpha_m2(heights.iter().map(|h| level_m - h).fold(0.0, f64::max))?;
-        let drape = Drape { alpha_m2, ..Drape::default() };
+        let drape = DrapeOptions { alpha_m2, ..DrapeOptions::default() };
         let plane = level_to_drape(&self.plane, level_m, &heights, &drape).map_err(data)?;
-        Ok((plane, Height::Cells(heights)))
+        Ok((plane, GridHeight::Cells(heights)))
     }
 
     /// Heights of all nodes. Unknown heights are filled from their surroundings.
@@ -253,42 +254,42 @@ impl Job<'_> {
         heights.map(|grid| grid.values).map_err(data)
     }
 
-    fn finish(self, plane: PlaneGrid, height: Height) -> Result<Continued, Fault> {
+    fn finish(self, plane: PlaneGrid, height: GridHeight) -> Result<ContinuationResult, Fault> {
         let plane = if self.stage.keep_filled { plane } else { masked_like(plane, &self.original) };
         let value_unit = unit(self.stage.derivative);
         let map = AnomalyGrid { height, value_unit, ..self.map.with_plane_values(plane.values)? };
-        let Job { notes, warnings, curve, edge_error, .. } = self;
-        Ok(Continued { map, notes, warnings, curve, edge_error })
+        let ContinuationJob { notes, warnings, curve, edge_error, .. } = self;
+        Ok(ContinuationResult { map, notes, warnings, curve, edge_error })
     }
 }
 
-fn which(along: Along) -> Derivative {
+fn which(along: DerivativeDirection) -> MapDerivative {
     match along {
-        Along::Up => Derivative::Up,
-        Along::North => Derivative::North,
-        Along::East => Derivative::East,
-        Along::Up2 => Derivative::UpTwice,
+        DerivativeDirection::Up => MapDerivative::Up,
+        DerivativeDirection::North => MapDerivative::North,
+        DerivativeDirection::East => MapDerivative::East,
+        DerivativeDirection::Up2 => MapDerivative::UpTwice,
     }
 }
 
 /// Unit of the values of a map, or of its derivative.
-fn unit(derivative: Option<Along>) -> &'static str {
+fn unit(derivative: Option<DerivativeDirection>) -> &'static str {
     match derivative {
         None => schemas::map::ANOMALY_UNIT,
-        Some(Along::Up | Along::North | Along::East) => "nT/m",
-        Some(Along::Up2) => "nT/m2",
+        Some(DerivativeDirection::Up | DerivativeDirection::North | DerivativeDirection::East) => "nT/m",
+        Some(DerivativeDirection::Up2) => "nT/m2",
     }
 }
 
 impl Stage for MapContinue {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         self.check(inputs.len() > 1).map_err(|fault| vec![fault])?;
         Ok(schemas::map::yields(unit(self.derivative), vec![whole_map(); inputs.len()]))
     }
 }
 
 impl MapStage for MapContinue {
-    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
+    fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let done = match grids(maps)?.as_slice() {
             [map] => self.apply(map, None)?,
             [map, drape, ..] => self.apply(map, Some(drape))?,
@@ -304,16 +305,16 @@ mod tests {
     use super::*;
     use crate::made_map::testing::{K, LEVEL_M, NODES, STEP_M, field_nt, map, middle};
 
-    fn continued(to_m: Option<f64>, derivative: Option<Along>) -> MapContinue {
-        MapContinue { to_m, derivative, alpha_m2: OrAuto::Auto, keep_filled: false }
+    fn continued(to_m: Option<f64>, derivative: Option<DerivativeDirection>) -> MapContinue {
+        MapContinue { to_m, derivative, alpha_m2: NumberOrAuto::Auto, keep_filled: false }
     }
 
     #[test]
     fn law_a_wave_decays_upward_and_its_slope_is_known() {
         let up = continued(Some(LEVEL_M + 100.0), None).apply(&map(), None).unwrap();
-        assert_eq!((up.map.height.clone(), up.map.value_unit), (Height::Level(400.0), "nT"));
-        let slope = continued(None, Some(Along::Up)).apply(&map(), None).unwrap();
-        assert_eq!((slope.map.height.clone(), slope.map.value_unit), (Height::Level(300.0), "nT/m"));
+        assert_eq!((up.map.height.clone(), up.map.value_unit), (GridHeight::Level(400.0), "nT"));
+        let slope = continued(None, Some(DerivativeDirection::Up)).apply(&map(), None).unwrap();
+        assert_eq!((slope.map.height.clone(), slope.map.value_unit), (GridHeight::Level(300.0), "nT/m"));
         let k = K[0].hypot(K[1]);
         for ((east, north, value), (_, _, slope)) in middle(&up.map).into_iter().zip(middle(&slope.map)) {
             // The field past the edges is estimated, which costs a part in thirty at 100 m.
@@ -340,12 +341,14 @@ mod tests {
         let refused = |stage: MapContinue, map: &AnomalyGrid, drape: Option<&AnomalyGrid>| {
             stage.apply(map, drape).err().map(|f| f.to_string()).unwrap_or_default()
         };
-        let unknown = AnomalyGrid { height: Height::Level(f64::NAN), ..map() };
+        let unknown = AnomalyGrid { height: GridHeight::Level(f64::NAN), ..map() };
         assert!(refused(continued(Some(400.0), None), &unknown, None).contains("height of the map is unknown"));
         assert!(refused(continued(None, None), &map(), None).contains("no continuation and no derivative"));
         assert!(refused(continued(None, None), &map(), Some(&map())).contains("one height"));
-        let draped = AnomalyGrid { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
-        assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("cannot be differentiated"));
+        let draped = AnomalyGrid { height: GridHeight::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
+        assert!(
+            refused(continued(None, Some(DerivativeDirection::Up)), &draped, None).contains("cannot be differentiated")
+        );
         assert!(refused(continued(None, None), &draped, Some(&draped)).contains("the map is draped"));
         assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("cannot be combined"));
         let mut shifted = draped.clone();

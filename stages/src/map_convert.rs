@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use arrow_array::RecordBatch;
-use grids::{AnomalyGrid, Height};
+use grids::{AnomalyGrid, GridHeight};
 use numerics::maps::{continuation::expand, plane_grid::EvenAxis};
-use schemas::{Fault, MapStage, Product, Rule, Stage, Table, Yield, stage};
+use schemas::{Fault, MapStage, Rule, Stage, StageOutput, StageSchema, Table, stage};
 
 use crate::{
     columns::data,
@@ -127,8 +127,8 @@ fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<A
         rows.clone().flat_map(|j| row(j).to_vec()).collect()
     };
     let height = match &map.height {
-        Height::Level(alt_m) => Height::Level(*alt_m),
-        Height::Cells(cells) => Height::Cells(of(cells)),
+        GridHeight::Level(alt_m) => GridHeight::Level(*alt_m),
+        GridHeight::Cells(cells) => GridHeight::Cells(of(cells)),
     };
     let (x, y) = (part(&map.x, &columns), part(&map.y, &rows));
     let cut = AnomalyGrid { x, y, anomaly_nt: of(&map.anomaly_nt), error_nt: None, height, ..map.clone() };
@@ -139,7 +139,7 @@ fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<A
 }
 
 fn expanded(map: &AnomalyGrid, nodes: usize) -> Result<AnomalyGrid, Fault> {
-    let Height::Level(alt_m) = map.height else {
+    let GridHeight::Level(alt_m) = map.height else {
         let fault = Fault::data("a draped map cannot be extended periodically");
         return Err(fault.help("continue it to a level first with `map_continue`"));
     };
@@ -149,11 +149,11 @@ fn expanded(map: &AnomalyGrid, nodes: usize) -> Result<AnomalyGrid, Fault> {
         return Err(fault.help("fill it first with `map_fill`"));
     }
     let (wide, _) = expand(&plane, nodes).map_err(data)?;
-    Ok(map.with_plane(wide, Height::Level(alt_m))?)
+    Ok(map.with_plane(wide, GridHeight::Level(alt_m))?)
 }
 
 impl Stage for MapConvert {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         self.check().map_err(|fault| vec![fault])?;
         if let Some(code) = self.to_epsg.and_then(|code| u16::try_from(code).ok()) {
             let known = grids::Crs::from_epsg(std::path::Path::new(""), code);
@@ -164,7 +164,7 @@ impl Stage for MapConvert {
 }
 
 impl MapStage for MapConvert {
-    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
+    fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let maps = grids(maps)?;
         let map = maps.first().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
         made(&self.apply(map)?, vec![])

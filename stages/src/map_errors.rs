@@ -5,7 +5,7 @@ use numerics::{
     maps::{
         continuation::{MAGNAV_ALPHA_M2, RadialPower},
         map_stack::FieldMap,
-        map_surface::Interpolation,
+        map_surface::MapInterpolation,
         plane_grid::PlaneGrid,
     },
     navigation::{line::NavigationLine, map_noise},
@@ -42,11 +42,11 @@ impl MapErrors {
     ///
     /// # Errors
     /// When the table is not a grid, or lacks that column.
-    pub fn of(map: &RecordBatch, levels_m: Option<&[f64]>, bilinear: bool, own: bool) -> Result<Self, Fault> {
+    pub fn new(map: &RecordBatch, levels_m: Option<&[f64]>, bilinear: bool, own: bool) -> Result<Self, Fault> {
         let plane = plane(map)?;
         let known: Vec<f64> = floats(map, "alt")?.iter().copied().filter(|a| a.is_finite()).collect();
         let own_m = known.iter().sum::<f64>() / known.len() as f64;
-        let power = RadialPower::of(&plane).map_err(data)?;
+        let power = RadialPower::from_map(&plane).map_err(data)?;
         let height = match levels_m {
             None => HeightError::AsItIs { own_m, power },
             Some(levels_m) => {
@@ -55,7 +55,7 @@ impl MapErrors {
             }
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
-        let own = own.then(|| column_map(map, ERROR, Interpolation::Linear, None)).transpose()?;
+        let own = own.then(|| column_map(map, ERROR, MapInterpolation::Linear, None)).transpose()?;
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own, cell_m })
     }
 
@@ -184,14 +184,14 @@ mod tests {
             ("error", of(&|_, column| column)),
         ];
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
-        assert!(MapErrors::of(&map, None, true, true).unwrap().own.is_some());
-        assert!(MapErrors::of(&map, None, true, false).unwrap().own.is_none());
+        assert!(MapErrors::new(&map, None, true, true).unwrap().own.is_some());
+        assert!(MapErrors::new(&map, None, true, false).unwrap().own.is_none());
         // A sum of n samples whose errors last for L and are a way s apart has n 2L/s times the variance of one.
         assert_eq!(lasting_factor(50.0, 400.0), 4.0);
         // An error that ends within a sample is white already.
         assert_eq!(lasting_factor(50.0, 10.0), 1.0);
         let without = RecordBatch::try_from_iter(columns[..4].to_vec()).unwrap();
-        assert!(MapErrors::of(&without, None, true, true).is_err());
+        assert!(MapErrors::new(&without, None, true, true).is_err());
     }
 
     #[test]

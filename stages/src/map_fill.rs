@@ -1,14 +1,14 @@
 //! Fills the gaps of a map, from other maps and from its surroundings.
 
 use arrow_array::RecordBatch;
-use grids::{AnomalyGrid, Height};
+use grids::{AnomalyGrid, GridHeight};
 use numerics::maps::{
-    combine::{BiasModel, Blend, CombineOptions, Combined, Piece, combine},
+    combine::{BiasModel, BlendMethod, CombineOptions, CombinedMap, WeightedMap, combine},
     continuation::{Padding, masked_like, upward},
-    fill::{NearestFill, SmoothFill, Weights, nearest, smooth},
+    fill::{NearestFill, NeighbourWeights, SmoothFill, nearest, smooth},
     plane_grid::{EvenAxis, PlaneGrid},
 };
-use schemas::{Fault, MapStage, Product, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Fault, MapStage, Rule, Stage, StageOutput, StageSchema, Table, choice, stage};
 
 use crate::{
     columns::data,
@@ -17,7 +17,7 @@ use crate::{
 
 choice! {
     /// Method that fills gaps from their surroundings.
-    pub enum Method {
+    pub enum GapFillMethod {
         /// Mean of the nearest known nodes.
         Knn = "knn",
         /// Harmonic surface, which stays between the values around the gap.
@@ -31,7 +31,7 @@ choice! {
 
 choice! {
     /// Difference to the map, estimated in the overlap, that is removed from other maps.
-    pub enum Bias {
+    pub enum MapOverlapBias {
         /// No difference.
         Nothing = "nothing",
         /// Constant difference.
@@ -64,7 +64,7 @@ method = "minimum_curvature"
     /// Method that fills gaps from their surroundings: `knn`, the mean of the nearest known nodes; `harmonic`, a
     /// harmonic surface, which stays between the values around the gap; `minimum_curvature`, which continues the slope
     /// at the gap's edge; or `none`.
-    method: Method, unit "", default Method::Knn;
+    method: GapFillMethod, unit "", default GapFillMethod::Knn;
     /// Number of neighbours in a mean.
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
     /// Weights neighbours by 1/distance^`power`.
@@ -74,13 +74,13 @@ method = "minimum_curvature"
     /// Width of the transition between a map and the next at its edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
     /// Difference to the map, estimated in the overlap, that is removed from the other maps.
-    bias: Bias, unit "", default Bias::Constant;
+    bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;
     /// Extends the map to the extent of all maps together.
     extend: bool, unit "", default false;
 }
 
 /// Result of filling a map.
-pub struct Filled {
+pub struct MapFillResult {
     /// The map.
     pub map: AnomalyGrid,
     /// Notes on the processing.
@@ -95,7 +95,7 @@ impl MapFill {
     /// # Errors
     /// The parameter and the remedy.
     pub fn check(&self, others: bool) -> Result<(), Fault> {
-        if others || !(self.extend || self.method == Method::None) {
+        if others || !(self.extend || self.method == GapFillMethod::None) {
             return Ok(());
         }
         let (param, help) = match self.extend {
@@ -109,7 +109,7 @@ impl MapFill {
     ///
     /// # Errors
     /// See [`MapFill`].
-    pub fn apply(&self, map: &AnomalyGrid, others: &[(String, AnomalyGrid)]) -> Result<Filled, Fault> {
+    pub fn apply(&self, map: &AnomalyGrid, others: &[(String, AnomalyGrid)]) -> Result<MapFillResult, Fault> {
         let (mut notes, mut warnings) = (vec![], vec![]);
         let before = map.plane().unknown();
         let mut map = map.clone();
@@ -118,7 +118,7 @@ impl MapFill {
         }
         let filled = self.surroundings(&map.plane())?;
         notes.push(format!("{before} unknown nodes before, {} after", filled.unknown()));
-        Ok(Filled { map: map.with_plane_values(filled.values)?, notes, warnings })
+        Ok(MapFillResult { map: map.with_plane_values(filled.values)?, notes, warnings })
     }
 
     fn surroundings(&self, plane: &PlaneGrid) -> Result<PlaneGrid, Fault> {
@@ -127,11 +127,11 @@ impl MapFill {
             smooth(plane, &options).map(|(grid, _)| grid).map_err(data)
         };
         match self.method {
-            Method::None => Ok(plane.clone()),
-            Method::Harmonic => surface(false),
-            Method::MinimumCurvature => surface(true),
-            Method::Knn => {
-                let weights = self.power.map_or(Weights::Equal, Weights::InverseDistance);
+            GapFillMethod::None => Ok(plane.clone()),
+            GapFillMethod::Harmonic => surface(false),
+            GapFillMethod::MinimumCurvature => surface(true),
+            GapFillMethod::Knn => {
+                let weights = self.power.map_or(NeighbourWeights::Equal, NeighbourWeights::InverseDistance);
                 let options = NearestFill { neighbours: self.neighbours, weights, max_distance_m: self.within_m };
                 nearest(plane, &options).map_err(data)
             }
@@ -146,12 +146,12 @@ impl MapFill {
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<AnomalyGrid, Fault> {
-        let Height::Level(level_m) = map.height else { return Err(draped()) };
+        let GridHeight::Level(level_m) = map.height else { return Err(draped()) };
         let mut planes = vec![map.plane()];
         let (unit_x, unit_y) = map.unit_m();
         for (name, other) in others {
             let other = other.to_crs(map.crs.code(), None).map_err(|e| Fault::from(e).in_file(name))?;
-            let Height::Level(from_m) = other.height else { return Err(draped().in_file(name)) };
+            let GridHeight::Level(from_m) = other.height else { return Err(draped().in_file(name)) };
             let (east_m, north_m) = (in_metres(&other.x, unit_x), in_metres(&other.y, unit_y));
             let plane = PlaneGrid { east_m, north_m, values: other.anomaly_nt };
             let up_m = level_m - from_m;
@@ -167,15 +167,15 @@ impl MapFill {
             false => (planes[0].east_m, planes[0].north_m),
         };
         let bias = match self.bias {
-            Bias::Nothing => BiasModel::Nothing,
-            Bias::Constant => BiasModel::Constant,
-            Bias::Plane => BiasModel::Plane,
+            MapOverlapBias::Nothing => BiasModel::Nothing,
+            MapOverlapBias::Constant => BiasModel::Constant,
+            MapOverlapBias::Plane => BiasModel::Plane,
         };
-        let options = CombineOptions { blend: Blend::Priority, feather_m: self.feather_m, bias };
-        let pieces: Vec<Piece> = planes.iter().map(|grid| Piece { grid, weight: 1.0 }).collect();
+        let options = CombineOptions { blend: BlendMethod::Priority, feather_m: self.feather_m, bias };
+        let pieces: Vec<WeightedMap> = planes.iter().map(|grid| WeightedMap { grid, weight: 1.0 }).collect();
         let done = combine(&pieces, east_m, north_m, &options).map_err(data)?;
         notes.extend(compared(others, &done));
-        Ok(map.with_plane(done.grid, Height::Level(level_m))?)
+        Ok(map.with_plane(done.grid, GridHeight::Level(level_m))?)
     }
 }
 
@@ -184,9 +184,9 @@ fn draped() -> Fault {
     Fault::data("a draped map cannot be combined with others").help(help)
 }
 
-fn compared(others: &[(String, AnomalyGrid)], done: &Combined) -> Vec<String> {
+fn compared(others: &[(String, AnomalyGrid)], done: &CombinedMap) -> Vec<String> {
     let name = |i: usize| i.checked_sub(1).and_then(|i| others.get(i)).map_or("the map", |(name, _)| name.as_str());
-    let one = |o: &numerics::maps::combine::Overlap| {
+    let one = |o: &numerics::maps::combine::MapOverlap| {
         format!(
             "{} minus {} at {} nodes: median {:.2} nT, rms {:.2} nT; after levelling {:.2} and {:.2} nT",
             name(o.first),
@@ -230,20 +230,20 @@ fn extended(planes: &[PlaneGrid], of: impl Fn(&PlaneGrid) -> EvenAxis) -> EvenAx
 }
 
 impl Stage for MapFill {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         self.check(inputs.len() > 1).map_err(|fault| vec![fault])?;
         Ok(schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![whole_map(); inputs.len()]))
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let of_knn = ["neighbours", "power", "within_m"].contains(&key) && self.method != Method::Knn;
+        let of_knn = ["neighbours", "power", "within_m"].contains(&key) && self.method != GapFillMethod::Knn;
         let what = format!("`{key}` belongs to the method `knn`, not to `{}`", self.method.word());
         of_knn.then(|| Fault::new(what).help(format!("remove `{key}`, or set `method = \"knn\"`")))
     }
 }
 
 impl MapStage for MapFill {
-    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
+    fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         let mut all = grids(maps)?.into_iter();
         let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
         let others: Vec<(String, AnomalyGrid)> =
@@ -259,14 +259,14 @@ mod tests {
     use super::*;
     use crate::made_map::testing::{NODES, field_nt, map, middle};
 
-    fn fill(method: Method) -> MapFill {
+    fn fill(method: GapFillMethod) -> MapFill {
         MapFill {
             method,
             neighbours: 3,
             power: None,
             within_m: None,
             feather_m: 0.0,
-            bias: Bias::Constant,
+            bias: MapOverlapBias::Constant,
             extend: false,
         }
     }
@@ -283,11 +283,11 @@ mod tests {
 
     #[test]
     fn law_a_small_gap_is_filled_best_by_a_smooth_surface() {
-        let curvature = worst(&fill(Method::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
-        let harmonic = worst(&fill(Method::Harmonic).apply(&holed(), &[]).unwrap().map);
+        let curvature = worst(&fill(GapFillMethod::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
+        let harmonic = worst(&fill(GapFillMethod::Harmonic).apply(&holed(), &[]).unwrap().map);
         // The field of 100 nT has a fifth of a wave in the gap.
         assert!(curvature < 8.0 && curvature < harmonic, "{curvature} {harmonic}");
-        let near = MapFill { within_m: Some(100.0), ..fill(Method::Knn) }.apply(&holed(), &[]).unwrap();
+        let near = MapFill { within_m: Some(100.0), ..fill(GapFillMethod::Knn) }.apply(&holed(), &[]).unwrap();
         assert!(near.map.anomaly_nt[21 * NODES + 25].is_nan() && !near.map.anomaly_nt[20 * NODES + 24].is_nan());
     }
 
@@ -295,13 +295,13 @@ mod tests {
     fn law_another_map_fills_a_gap_at_the_level_of_the_map() {
         let mut other = map();
         other.anomaly_nt.iter_mut().for_each(|v| *v += 40.0);
-        let filled = fill(Method::None).apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();
+        let filled = fill(GapFillMethod::None).apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();
         assert!(worst(&filled.map) < 1e-6, "{}", worst(&filled.map));
-        let kept = MapFill { bias: Bias::Nothing, ..fill(Method::None) };
+        let kept = MapFill { bias: MapOverlapBias::Nothing, ..fill(GapFillMethod::None) };
         let kept = kept.apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();
         assert!((worst(&kept.map) - 40.0).abs() < 1e-6);
-        let higher = AnomalyGrid { height: Height::Level(900.0), ..other };
-        let refused = fill(Method::None).apply(&holed(), &[("other".to_owned(), higher)]).err().unwrap();
+        let higher = AnomalyGrid { height: GridHeight::Level(900.0), ..other };
+        let refused = fill(GapFillMethod::None).apply(&holed(), &[("other".to_owned(), higher)]).err().unwrap();
         assert!(refused.to_string().contains("600 m above"), "{refused}");
     }
 }

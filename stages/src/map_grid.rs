@@ -8,15 +8,18 @@ mod tests;
 use std::path::Path;
 
 use arrow_array::ArrayRef;
-use grids::{AnomalyGrid, Crs, Height, SurveyPoints};
+use grids::{AnomalyGrid, Crs, GridHeight, SurveyPointSet};
 use numerics::maps::{
-    gridding::{self, CleanOptions, Folds, GridError, GridOptions, GridReport, Gridded, Method, Region},
-    levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines, tie_lines},
+    gridding::{
+        self, CleaningOptions, GridRegion, GriddingError, GriddingMethod, GriddingOptions, GriddingReport,
+        GriddingResult, LineFolds,
+    },
+    levelling::{CrossoverOptions, LevellingOptions, LevellingResult, find_crossovers, level_lines, tie_lines},
     plane_grid::PlaneGrid,
 };
 use schemas::{
-    Column, ColumnType, Correction, Fault, Place, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, choice,
-    stage,
+    Column, ColumnType, DataLocation, Fault, MagneticCorrection, Rule, Stage, StageSchema, SurveyPoint, SurveyStage,
+    Table, TableShape, choice, stage,
 };
 
 use crate::{
@@ -27,7 +30,7 @@ use crate::{
 
 choice! {
     /// Method that makes a surface from points.
-    pub enum Surface {
+    pub enum GridSurfaceMethod {
         /// Equivalent sources below the points: a potential field at any height.
         EquivalentSources = "equivalent_sources",
         /// Minimum curvature at the heights flown.
@@ -37,7 +40,7 @@ choice! {
 
 choice! {
     /// Source of the core field that is subtracted.
-    pub enum Core {
+    pub enum CoreFieldSource {
         /// No core field is subtracted.
         None = "none",
         /// IGRF-14.
@@ -81,7 +84,7 @@ level_m   = 300.0
     /// Column of the values.
     value: String, unit "nT", default "anomaly";
     /// Core field to subtract: magnitude of IGRF-14, of the World Magnetic Model, or the column `igrf`.
-    core_field: Core, unit "", default Core::None;
+    core_field: CoreFieldSource, unit "", default CoreFieldSource::None;
     /// Date of the core field, instead of the date of each point.
     decimal_year: Option<f64>, unit "a", absent "the date of each point, from `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal`.
@@ -91,7 +94,7 @@ level_m   = 300.0
     /// Largest height difference of two lines at a crossing.
     crossing_height_m: f64, unit "m", default 50.0, rule Rule::NotNegative;
     /// Method that makes the surface between the points.
-    method: Surface, unit "", default Surface::EquivalentSources;
+    method: GridSurfaceMethod, unit "", default GridSurfaceMethod::EquivalentSources;
     /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "half the distance between lines", rule Rule::Positive;
     /// Height of the map above the WGS-84 ellipsoid, for equivalent sources.
@@ -115,21 +118,21 @@ level_m   = 300.0
 }
 
 /// Map of a survey.
-pub struct Mapped {
+pub struct SurveyMap {
     /// The map.
     pub map: AnomalyGrid,
     /// Expected error of each node, nT, if lines were omitted in turn.
     pub error: Option<AnomalyGrid>,
     /// Report of the gridding.
-    pub report: GridReport,
+    pub report: GriddingReport,
     /// Report of the levelling.
-    pub levelled: Option<Levelled>,
+    pub levelled: Option<LevellingResult>,
 }
 
 pub use points::without_far;
 
 /// Receives the current step, the amount done and the total.
-pub type Progress<'a> = gridding::Progress<'a>;
+pub type MapGridProgress<'a> = gridding::GriddingProgress<'a>;
 
 impl MapGrid {
     /// Rejects invalid parameters, independent of the points.
@@ -139,7 +142,7 @@ impl MapGrid {
     pub fn check(&self) -> Result<(), Fault> {
         gridding::check(&self.options()?).map_err(|e| refused(&e))?;
         let Some(code) = self.epsg()? else { return Ok(()) };
-        let of_param = |fault: Fault| Fault { place: Place::default(), ..fault }.of_param("to_epsg");
+        let of_param = |fault: Fault| Fault { place: DataLocation::default(), ..fault }.of_param("to_epsg");
         let crs = Crs::from_epsg(Path::new(""), code).map_err(|e| of_param(e.into()))?;
         match crs.is_geographic() {
             true => Err(of_param(Fault::new(format!("EPSG:{code} is in degrees, but gridding requires metres")))),
@@ -159,11 +162,11 @@ impl MapGrid {
     ///
     /// # Errors
     /// See [`MapGrid`].
-    pub fn apply(&self, points: &mut SurveyPoints, progress: Progress) -> Result<Mapped, Fault> {
+    pub fn apply(&self, points: &mut SurveyPointSet, progress: MapGridProgress) -> Result<SurveyMap, Fault> {
         let options = self.options()?;
         points::reduce(self, points)?;
         let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
-        let flat = (self.method == Surface::MinimumCurvature).then(|| points::any_heights(points));
+        let flat = (self.method == GridSurfaceMethod::MinimumCurvature).then(|| points::any_heights(points));
         let survey = survey_at(points, &line, flat.as_deref());
         let levelled = self
             .level_order
@@ -175,10 +178,10 @@ impl MapGrid {
         let survey = survey_at(points, &line, flat.as_deref());
         self.fits(survey)?;
         let gridded = gridding::grid(survey, &options, progress).map_err(|e| match e {
-            GridError::NoPoints => points::nothing_left(survey, &options.clean),
+            GriddingError::NoPoints => points::nothing_left(survey, &options.clean),
             e => refused(&e),
         })?;
-        let Gridded { grid, error, report } = gridded;
+        let GriddingResult { grid, error, report } = gridded;
         if grid.rows() < 2 || grid.columns() < 2 {
             let what = format!(
                 "the map would have {} x {} nodes, {:.0} m apart",
@@ -194,11 +197,11 @@ impl MapGrid {
             return Err(fault.help("increase `mask_m`, or set `bounds` around the points").of_param("mask_m"));
         }
         let height = match report.level_m {
-            Some(level_m) => Height::Level(level_m),
+            Some(level_m) => GridHeight::Level(level_m),
             None => flown(points, &line, &grid, progress)?,
         };
         let error = error.map(|error| points.grid(error, height.clone())).transpose()?;
-        Ok(Mapped { map: points.grid(grid, height)?, error, report, levelled })
+        Ok(SurveyMap { map: points.grid(grid, height)?, error, report, levelled })
     }
 
     /// Rejects a spacing that is wider than the area of the points.
@@ -225,8 +228,8 @@ impl MapGrid {
         survey: gridding::SurveyPoints,
         order: usize,
         ties: Vec<usize>,
-        progress: Progress,
-    ) -> Result<Levelled, Fault> {
+        progress: MapGridProgress,
+    ) -> Result<LevellingResult, Fault> {
         progress("levelling lines", 0, 1);
         let crossings = CrossoverOptions { most_height_m: self.crossing_height_m, ..CrossoverOptions::default() };
         let found = find_crossovers(survey, &crossings);
@@ -236,31 +239,35 @@ impl MapGrid {
             let help = "remove `level_order`, or increase `crossing_height_m`";
             return Err(Fault::data(what).help(help).of_param("level_order"));
         }
-        Ok(level_lines(survey, &found, &LevelOptions { order, ties: Some(ties), ..LevelOptions::default() }))
+        Ok(level_lines(survey, &found, &LevellingOptions { order, ties: Some(ties), ..LevellingOptions::default() }))
     }
 
-    fn options(&self) -> Result<GridOptions, Fault> {
+    fn options(&self) -> Result<GriddingOptions, Fault> {
         let method = match self.method {
-            Surface::EquivalentSources => {
-                Method::EquivalentSources { layers: None, damping: self.damping, level_m: self.level_m }
+            GridSurfaceMethod::EquivalentSources => {
+                GriddingMethod::EquivalentSources { layers: None, damping: self.damping, level_m: self.level_m }
             }
-            Surface::MinimumCurvature => match Method::minimum_curvature() {
-                Method::MinimumCurvature(relaxation) => {
-                    Method::MinimumCurvature(gridding::Relaxation { tension: self.tension, ..relaxation })
+            GridSurfaceMethod::MinimumCurvature => match GriddingMethod::minimum_curvature() {
+                GriddingMethod::MinimumCurvature(relaxation) => {
+                    GriddingMethod::MinimumCurvature(gridding::RelaxationOptions {
+                        tension: self.tension,
+                        ..relaxation
+                    })
                 }
-                other @ Method::EquivalentSources { .. } => other,
+                other @ GriddingMethod::EquivalentSources { .. } => other,
             },
         };
-        let region = |[west, south, east, north]: [f64; 4]| Region { east_m: [west, east], north_m: [south, north] };
-        let kept = CleanOptions { sigmas: 0.0, without_far: false, ..CleanOptions::default() };
-        Ok(GridOptions {
+        let region =
+            |[west, south, east, north]: [f64; 4]| GridRegion { east_m: [west, east], north_m: [south, north] };
+        let kept = CleaningOptions { sigmas: 0.0, without_far: false, ..CleaningOptions::default() };
+        Ok(GriddingOptions {
             spacing_m: self.spacing_m,
             block_m: self.block_m,
             mask_m: self.mask_m,
-            folds: self.cross_validate.map(Folds::all),
+            folds: self.cross_validate.map(LineFolds::all),
             region: self.bounds.as_deref().map(bounds_of).transpose()?.map(region),
-            clean: if self.keep_outliers { kept } else { CleanOptions::default() },
-            ..GridOptions::of(method)
+            clean: if self.keep_outliers { kept } else { CleaningOptions::default() },
+            ..GriddingOptions::new(method)
         })
     }
 
@@ -271,29 +278,29 @@ impl MapGrid {
             reads.push("diurnal");
         }
         match self.core_field {
-            Core::None => {}
-            Core::Column => reads.push("igrf"),
-            Core::Igrf | Core::Wmm if self.decimal_year.is_some() => {}
-            Core::Igrf | Core::Wmm => reads.extend(["year", "doy", "tt"]),
+            CoreFieldSource::None => {}
+            CoreFieldSource::Column => reads.push("igrf"),
+            CoreFieldSource::Igrf | CoreFieldSource::Wmm if self.decimal_year.is_some() => {}
+            CoreFieldSource::Igrf | CoreFieldSource::Wmm => reads.extend(["year", "doy", "tt"]),
         }
         reads.dedup();
         reads
     }
 
     /// Faults of corrections that the values have already had.
-    fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
+    fn corrections_twice(&self, shape: &TableShape) -> Vec<Fault> {
         let value = std::slice::from_ref(&self.value);
         let core = ("core_field", "set `core_field = \"none\"`");
         let again = [
-            (Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL),
-            (Correction::Core, self.core_field != Core::None, core),
-            (Correction::Levelling, self.level_order.is_some(), ("level_order", "remove `level_order`")),
+            (MagneticCorrection::Diurnal, self.remove_diurnal, REMOVE_DIURNAL),
+            (MagneticCorrection::Core, self.core_field != CoreFieldSource::None, core),
+            (MagneticCorrection::Levelling, self.level_order.is_some(), ("level_order", "remove `level_order`")),
         ];
         again.into_iter().filter_map(|(which, asked, key)| twice(shape, value, which, Some(asked), key)).collect()
     }
 
     /// Faults of the columns of the lines.
-    fn missing(&self, shape: &Shape) -> Vec<Fault> {
+    fn missing(&self, shape: &TableShape) -> Vec<Fault> {
         let mut faults: Vec<Fault> = [("lat", "deg"), ("lon", "deg"), ("alt", "m")]
             .into_iter()
             .filter_map(|(name, unit)| shape.number(name, unit).err())
@@ -304,8 +311,10 @@ impl MapGrid {
             faults.extend(shape.number("diurnal", "nT").err().map(|f| f.of_param("remove_diurnal")));
         }
         match self.core_field {
-            Core::Column => faults.extend(shape.number("igrf", "nT").err().map(|f| f.of_param("core_field"))),
-            Core::Igrf | Core::Wmm if self.decimal_year.is_none() => {
+            CoreFieldSource::Column => {
+                faults.extend(shape.number("igrf", "nT").err().map(|f| f.of_param("core_field")))
+            }
+            CoreFieldSource::Igrf | CoreFieldSource::Wmm if self.decimal_year.is_none() => {
                 let dated = ["year", "doy"].iter().all(|name| {
                     let known = |c: &Column| matches!(c.column_type, ColumnType::Float | ColumnType::Other(_));
                     shape.get(name).is_some_and(known)
@@ -319,7 +328,7 @@ impl MapGrid {
                     );
                 }
             }
-            Core::None | Core::Igrf | Core::Wmm => {}
+            CoreFieldSource::None | CoreFieldSource::Igrf | CoreFieldSource::Wmm => {}
         }
         faults
     }
@@ -327,7 +336,7 @@ impl MapGrid {
 
 /// The points, at these heights if given.
 fn survey_at<'a>(
-    points: &'a SurveyPoints,
+    points: &'a SurveyPointSet,
     line: &'a [usize],
     height_m: Option<&'a [f64]>,
 ) -> gridding::SurveyPoints<'a> {
@@ -349,41 +358,47 @@ pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
 }
 
 /// Fault of invalid options or points, with its remedy.
-fn refused(error: &GridError) -> Fault {
+fn refused(error: &GriddingError) -> Fault {
     match error {
-        GridError::BelowSources { lowest_m, .. } => {
+        GriddingError::BelowSources { lowest_m, .. } => {
             let lowest_m = lowest_m.ceil();
             let help = "or remove `level_m` to use the height of the highest point";
             let fault = Fault::data(error.to_string()).of_param("level_m");
             fault.help(format!("set `level_m = {lowest_m:.0}` or higher, {help}"))
         }
-        GridError::Option { name, .. } => Fault::new(error.to_string()).of_param(name),
-        GridError::NoPoints | GridError::Lengths { .. } | GridError::NotFinite { .. } | GridError::TooLarge { .. } => {
-            data(error)
-        }
+        GriddingError::Option { name, .. } => Fault::new(error.to_string()).of_param(name),
+        GriddingError::NoPoints
+        | GriddingError::Lengths { .. }
+        | GriddingError::NotFinite { .. }
+        | GriddingError::TooLarge { .. } => data(error),
     }
 }
 
 /// Heights flown at each node, if the surface is at these heights.
-fn flown(points: &SurveyPoints, line: &[usize], grid: &PlaneGrid, progress: Progress) -> Result<Height, Fault> {
+fn flown(
+    points: &SurveyPointSet,
+    line: &[usize],
+    grid: &PlaneGrid,
+    progress: MapGridProgress,
+) -> Result<GridHeight, Fault> {
     if points.height_m.iter().all(|h| !h.is_finite()) {
-        return Ok(Height::Level(f64::NAN));
+        return Ok(GridHeight::Level(f64::NAN));
     }
     let heights = gridding::SurveyPoints { value_nt: &points.height_m, ..points::survey(points, line) };
-    let mut options = GridOptions::of(Method::minimum_curvature());
+    let mut options = GriddingOptions::new(GriddingMethod::minimum_curvature());
     options.clean.sigmas = 0.0;
     options.spacing_m = Some(grid.east_m.step);
-    options.region = Some(Region {
+    options.region = Some(GridRegion {
         east_m: [grid.east_m.first, grid.east_m.last()],
         north_m: [grid.north_m.first, grid.north_m.last()],
     });
     options.mask_m = Some(f64::INFINITY);
     let heights = gridding::grid(heights, &options, progress).map_err(|e| refused(&e))?;
-    Ok(Height::Cells(heights.grid.values))
+    Ok(GridHeight::Cells(heights.grid.values))
 }
 
 impl Stage for MapGrid {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let mut faults: Vec<Fault> = self.check().err().into_iter().collect();
         faults.extend(self.missing(shape(inputs, 0)?));
         if !faults.is_empty() {
@@ -403,9 +418,9 @@ impl Stage for MapGrid {
             Some(fault.help(format!("remove `{key}`, or set `{param} = {word}`")))
         };
         match (key, self.method, self.core_field) {
-            ("tension", Surface::EquivalentSources, _) => of("method", "\"minimum_curvature\""),
-            ("level_m" | "damping", Surface::MinimumCurvature, _) => of("method", "\"equivalent_sources\""),
-            ("decimal_year", _, Core::None | Core::Column) => of("core_field", "\"igrf\""),
+            ("tension", GridSurfaceMethod::EquivalentSources, _) => of("method", "\"minimum_curvature\""),
+            ("level_m" | "damping", GridSurfaceMethod::MinimumCurvature, _) => of("method", "\"equivalent_sources\""),
+            ("decimal_year", _, CoreFieldSource::None | CoreFieldSource::Column) => of("core_field", "\"igrf\""),
             ("crossing_height_m", _, _) if self.level_order.is_none() => of("level_order", "0"),
             _ => None,
         }
@@ -413,15 +428,15 @@ impl Stage for MapGrid {
 }
 
 impl SurveyStage for MapGrid {
-    type Gather = gather::Survey;
+    type Gather = gather::MapGridAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> gather::Survey {
-        gather::Survey::new(points.into_iter().map(|point| point.stage).collect())
+    fn gather(points: Vec<SurveyPoint<Self>>) -> gather::MapGridAggregator {
+        gather::MapGridAggregator::new(points.into_iter().map(|point| point.stage).collect())
     }
 }
 
 /// Columns of a map that a survey makes.
-fn columns(mapped: &Mapped) -> Result<Vec<ArrayRef>, Fault> {
+fn columns(mapped: &SurveyMap) -> Result<Vec<ArrayRef>, Fault> {
     let mut columns = mapped.map.made()?;
     columns.extend(mapped.error.as_ref().map(|error| crate::columns::array(error.anomaly_nt.clone())));
     Ok(columns)

@@ -5,15 +5,15 @@ use numerics::{
     maps::{
         information::{WindowInformation, sample_bound_m, window_bounds_m},
         map_stack::FieldMap,
-        map_surface::Interpolation,
+        map_surface::MapInterpolation,
     },
     signal::segments::check_increasing,
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, stage};
 
 use crate::{
     columns::{array, data, faults_of, floats, role_of, shape},
-    core_field::PositionOf,
+    core_field::PositionSource,
     map_value::looked_up,
     maps::{check_levels, field_map},
 };
@@ -51,7 +51,7 @@ window_s = 20.0
 "#;
     /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
     /// columns have the role truth and require `allow_truth` as features.
-    position: PositionOf, unit "", default PositionOf::Truth;
+    position: PositionSource, unit "", default PositionSource::Truth;
     /// Standard deviation of the error of a measurement: sensor, map and residual of the compensation, per sample.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
     /// Length of the window about each sample.
@@ -59,13 +59,13 @@ window_s = 20.0
     /// Treats a constant of the measurement as unknown.
     unknown_constant: bool, unit "", default false;
     /// Interpolation of the map: bilinear, or a natural cubic spline.
-    map_interpolation: Interpolation, unit "", default Interpolation::Linear;
+    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
 }
 
 impl Stage for MapQuality {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let place = self.position.columns();
         let units = ["deg", "deg", "m"];
@@ -97,14 +97,14 @@ impl Stage for MapQuality {
         ];
         let map = ["lat", "lon", "alt", "anomaly"].map(str::to_owned).to_vec();
         let reads: Vec<String> = ["tt"].into_iter().chain(place).map(str::to_owned).collect();
-        Ok(Yield { reads: vec![reads.clone(), map], ..Yield::append(columns, &reads) })
+        Ok(StageSchema { reads: vec![reads.clone(), map], ..StageSchema::append(columns, &reads) })
     }
 }
 
 impl LineStage for MapQuality {
     type Prepared = FieldMap;
 
-    fn run(&self, line: &LineIn, map: &FieldMap) -> Arrays {
+    fn run(&self, line: &LineInput, map: &FieldMap) -> LineOutput {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         check_increasing(tt).map_err(|e| data(e).in_column("tt"))?;
@@ -132,7 +132,7 @@ impl LineStage for MapQuality {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use arrow_array::{cast::AsArray, types::Float64Type};
-    use schemas::Shape;
+    use schemas::TableShape;
 
     use super::*;
 
@@ -141,11 +141,11 @@ mod tests {
 
     fn map_quality() -> MapQuality {
         MapQuality {
-            position: PositionOf::Truth,
+            position: PositionSource::Truth,
             sigma_nt: 5.0,
             window_s: 60.0,
             unknown_constant: false,
-            map_interpolation: Interpolation::Cubic,
+            map_interpolation: MapInterpolation::Cubic,
             map_levels_m: None,
         }
     }
@@ -175,7 +175,7 @@ mod tests {
             ("alt", vec![0.0; places.len()]),
         ]);
         let prepared = stage.prepare(&[flown.slice(0, 0), map.clone()]).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
         let arrays = stage.run(&line, &prepared)?;
         Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
     }
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn unit_a_bound_at_the_true_position_is_truth() {
-        let role = |position: PositionOf| {
+        let role = |position: PositionSource| {
             let place = position.columns();
             let of = |name: &str| if name.starts_with("ins") { schemas::Role::Sensor } else { schemas::Role::Truth };
             let mut columns: Vec<Column> = place
@@ -246,27 +246,28 @@ mod tests {
                 .map(|(name, unit)| Column::float(*name, unit, "").role(of(name)))
                 .collect();
             columns.push(Column::float("tt", "s", ""));
-            let (lines, map) = (Table::Lines(Shape { columns, rate_hz: None }), Table::Map(schemas::map::shape()));
+            let (lines, map) = (Table::Lines(TableShape { columns, rate_hz: None }), Table::Map(schemas::map::shape()));
             let made = MapQuality { position, ..map_quality() }.yields(&[&lines, &map]).unwrap().columns;
             assert!(made.iter().all(|column| column.role == made[0].role));
             made[0].role
         };
-        assert_eq!(role(PositionOf::Truth), schemas::Role::Truth);
-        assert_eq!(role(PositionOf::Ins), schemas::Role::Derived);
+        assert_eq!(role(PositionSource::Truth), schemas::Role::Truth);
+        assert_eq!(role(PositionSource::Ins), schemas::Role::Derived);
     }
 
     #[test]
     fn unit_missing_positions_are_told_and_time_must_ascend() {
-        let lines = Table::Lines(Shape { columns: vec![Column::float("ins_lat", "rad", "")], rate_hz: None });
+        let lines = Table::Lines(TableShape { columns: vec![Column::float("ins_lat", "rad", "")], rate_hz: None });
         let map_table = Table::Map(schemas::map::shape());
-        let stage = MapQuality { position: PositionOf::Ins, map_levels_m: Some(vec![400.0, 300.0]), ..map_quality() };
+        let stage =
+            MapQuality { position: PositionSource::Ins, map_levels_m: Some(vec![400.0, 300.0]), ..map_quality() };
         let faults = stage.yields(&[&lines, &map_table]).unwrap_err();
         let params: Vec<_> = faults.iter().filter_map(|f| f.param.as_deref()).collect();
         assert_eq!(params, ["position", "position", "position", "map_levels_m"], "{faults:?}");
         let twice =
             batch(vec![("tt", vec![1.0, 1.0]), ("lat", vec![45.0; 2]), ("lon", vec![-75.0; 2]), ("alt", vec![0.0; 2])]);
         let prepared = map_quality().prepare(&[twice.slice(0, 0), map(|_, _| 0.0)]).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![twice], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![twice], keep: None };
         assert_eq!(map_quality().run(&line, &prepared).unwrap_err().place.column.as_deref(), Some("tt"));
     }
 }

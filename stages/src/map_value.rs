@@ -3,13 +3,13 @@
 use arrow_array::RecordBatch;
 use numerics::{
     earth::geodesy::EarthModel,
-    maps::{map_stack::FieldMap, map_surface::Interpolation},
+    maps::{map_stack::FieldMap, map_surface::MapInterpolation},
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Shape, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Role, Stage, StageSchema, Table, TableShape, stage};
 
 use crate::{
     columns::{array, faults_of, floats, role_of, shape},
-    core_field::PositionOf,
+    core_field::PositionSource,
     maps::{check_levels, field_map},
 };
 
@@ -38,9 +38,9 @@ map_levels_m = [300.0, 400.0]
 "#;
     /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
     /// columns have the role truth and require `allow_truth` as features.
-    position: Option<PositionOf>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
+    position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
     /// Interpolation of the map: bilinear, or a natural cubic spline.
-    map_interpolation: Interpolation, unit "", default Interpolation::Linear;
+    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
 }
@@ -51,24 +51,24 @@ pub(crate) const MAP_ANOMALY: &str = "map_anomaly";
 impl MapValue {
     /// Columns of the position, for a table with the columns `has`.
     fn place(&self, has: impl Fn(&str) -> bool) -> [&'static str; 3] {
-        let ins = PositionOf::Ins.columns();
-        let found = if ins.iter().all(|name| has(name)) { PositionOf::Ins } else { PositionOf::Truth };
+        let ins = PositionSource::Ins.columns();
+        let found = if ins.iter().all(|name| has(name)) { PositionSource::Ins } else { PositionSource::Truth };
         self.position.unwrap_or(found).columns()
     }
 }
 
 /// Note on a table whose `map_anomaly` is at the INS position, for a stage that uses it as the true field.
-pub(crate) fn note_of_ins_position(shape: &Shape) -> Option<String> {
+pub(crate) fn note_of_ins_position(shape: &TableShape) -> Option<String> {
     let derived = shape.get(MAP_ANOMALY).is_some_and(|column| column.role == Role::Derived);
     let is_known =
-        PositionOf::Truth.columns().iter().all(|name| shape.get(name).is_some_and(|c| c.role == Role::Truth));
+        PositionSource::Truth.columns().iter().all(|name| shape.get(name).is_some_and(|c| c.role == Role::Truth));
     let what = "`map_anomaly` is evaluated at the INS position and includes the INS error; set `position = \
                 \"truth\"` in `map_value` for the true field";
     (derived && is_known).then(|| what.to_owned())
 }
 
 impl Stage for MapValue {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let place = self.place(|name| shape.get(name).is_some());
         let units = ["deg", "deg", "m"];
@@ -90,14 +90,14 @@ impl Stage for MapValue {
         ];
         let map = ["lat", "lon", "alt", "anomaly"].map(str::to_owned).to_vec();
         let place = place.map(str::to_owned).to_vec();
-        Ok(Yield { reads: vec![place.clone(), map], ..Yield::append(columns, &place) })
+        Ok(StageSchema { reads: vec![place.clone(), map], ..StageSchema::append(columns, &place) })
     }
 }
 
 impl LineStage for MapValue {
     type Prepared = FieldMap;
 
-    fn run(&self, line: &LineIn, map: &FieldMap) -> Arrays {
+    fn run(&self, line: &LineInput, map: &FieldMap) -> LineOutput {
         let batch = &line.inputs[0];
         let [lat, lon, alt] = self.place(|name| batch.column_by_name(name).is_some());
         let columns = looked_up(map, floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?)?;
@@ -150,7 +150,7 @@ mod tests {
     use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
 
     fn map_value() -> MapValue {
-        MapValue { position: None, map_interpolation: Interpolation::Linear, map_levels_m: None }
+        MapValue { position: None, map_interpolation: MapInterpolation::Linear, map_levels_m: None }
     }
 
     fn batch(columns: Vec<(&str, Vec<f64>)>) -> RecordBatch {
@@ -179,7 +179,7 @@ mod tests {
     fn run(stage: &MapValue, lat: &[f64], lon: &[f64]) -> Result<Vec<Vec<f64>>, Fault> {
         let flown = batch(vec![("lat", lat.to_vec()), ("lon", lon.to_vec()), ("alt", vec![0.0; lat.len()])]);
         let prepared = stage.prepare(&[flown.slice(0, 0), map()]).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
         let arrays = stage.run(&line, &prepared)?;
         Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
     }
@@ -188,7 +188,7 @@ mod tests {
     fn law_a_plane_is_found_between_its_nodes_with_its_slopes() {
         // On a node, between nodes, and in the corners of the map.
         let (lat, lon) = ([45.0, 45.00037, 44.99951, 44.995, 45.005], [-75.0, -75.00062, -74.99923, -75.004, -74.996]);
-        for map_interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+        for map_interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
             let made = run(&MapValue { map_interpolation, ..map_value() }, &lat, &lon).unwrap();
             for k in 0..lat.len() {
                 // Degrees of 75 are rounded to 1.4e-14, at 500 nT a degree.
@@ -219,14 +219,14 @@ mod tests {
         let named = |names: [&str; 3], role: schemas::Role| {
             let columns =
                 names.iter().zip(["deg", "deg", "m"]).map(|(name, unit)| Column::float(*name, unit, "").role(role));
-            Table::Lines(Shape { columns: columns.collect(), rate_hz: None })
+            Table::Lines(TableShape { columns: columns.collect(), rate_hz: None })
         };
         let map = Table::Map(schemas::map::shape());
         let role = |stage: MapValue, lines: &Table| stage.yields(&[lines, &map]).unwrap().columns[0].role;
         let truth = named(["lat", "lon", "alt"], schemas::Role::Truth);
         assert_eq!(role(map_value(), &truth), schemas::Role::Truth);
         let ins = named(["ins_lat", "ins_lon", "ins_alt"], schemas::Role::Sensor);
-        assert_eq!(role(MapValue { position: Some(PositionOf::Ins), ..map_value() }, &ins), schemas::Role::Derived);
+        assert_eq!(role(MapValue { position: Some(PositionSource::Ins), ..map_value() }, &ins), schemas::Role::Derived);
         assert_eq!(role(map_value(), &ins), schemas::Role::Derived);
     }
 
@@ -241,10 +241,10 @@ mod tests {
         let both = batch(truth.clone().into_iter().chain(ins.clone()).collect());
         let of = |stage: &MapValue, flown: &RecordBatch| {
             let prepared = stage.prepare(&[flown.slice(0, 0), map()]).unwrap();
-            let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![flown.clone()], keep: None };
+            let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![flown.clone()], keep: None };
             stage.run(&line, &prepared).unwrap()[0].as_primitive::<Float64Type>().value(0)
         };
-        let asked = MapValue { position: Some(PositionOf::Truth), ..map_value() };
+        let asked = MapValue { position: Some(PositionSource::Truth), ..map_value() };
         assert!((of(&map_value(), &both) - plane(45.001, -75.0)).abs() < 1e-9);
         assert!((of(&asked, &both) - plane(45.0, -75.0)).abs() < 1e-9);
         assert!((of(&map_value(), &batch(truth.to_vec())) - plane(45.0, -75.0)).abs() < 1e-9);
@@ -252,7 +252,7 @@ mod tests {
         let part = batch(truth.into_iter().chain(ins.into_iter().take(2)).collect());
         assert!((of(&map_value(), &part) - plane(45.0, -75.0)).abs() < 1e-9);
         // The whole table tells the plan which columns are read.
-        let shape = |batch: &RecordBatch| Shape {
+        let shape = |batch: &RecordBatch| TableShape {
             columns: batch
                 .schema()
                 .fields()
@@ -282,9 +282,10 @@ mod tests {
     #[test]
     fn unit_missing_positions_and_heights_that_do_not_ascend_are_told_at_once() {
         let place = [("ins_lat", "deg"), ("ins_lon", "rad")].map(|(name, unit)| Column::float(name, unit, ""));
-        let lines = Table::Lines(Shape { columns: place.to_vec(), rate_hz: None });
+        let lines = Table::Lines(TableShape { columns: place.to_vec(), rate_hz: None });
         let map = Table::Map(schemas::map::shape());
-        let stage = MapValue { position: Some(PositionOf::Ins), map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };
+        let stage =
+            MapValue { position: Some(PositionSource::Ins), map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };
         let faults = stage.yields(&[&lines, &map]).unwrap_err();
         let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
         let expected = [

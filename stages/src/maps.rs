@@ -2,28 +2,28 @@
 
 use arrow_array::RecordBatch;
 use numerics::maps::{
-    continuation::{Derivative, MAGNAV_ALPHA_M2, Padding, Spectrum, masked_like},
+    continuation::{MAGNAV_ALPHA_M2, MapDerivative, MapSpectrum, Padding, masked_like},
     fill,
-    grid_projection::{Area, GridProjection},
+    grid_projection::{GeographicArea, GridProjection},
     map_stack::{FieldMap, MapStack, ProjectedMap, StackOptions},
-    map_surface::{GeographicGrid, Interpolation, MapSurface, VerticalDerivative},
+    map_surface::{GeographicGrid, MapInterpolation, MapSurface, VerticalDerivative},
     plane_grid::{EvenAxis, PlaneGrid},
     projection::Projection,
 };
-use schemas::{Fault, map::OwnGrid};
+use schemas::{Fault, map::NativeGrid};
 
 use crate::columns::{data, floats};
 
 /// Map of a table, unchanged or continued to the heights `levels_m` (metres above the WGS-84 ellipsoid, ascending).
-/// Between these heights, the value and all three slopes are interpolated. A table with a native grid ([`OwnGrid`]) is
-/// interpolated on that grid.
+/// Between these heights, the value and all three slopes are interpolated. A table with a native grid ([`NativeGrid`])
+/// is interpolated on that grid.
 ///
 /// # Errors
 /// If the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. If levels
 /// are given for a map that is draped or whose height is unknown.
 pub fn field_map(
     table: &RecordBatch,
-    interpolation: Interpolation,
+    interpolation: MapInterpolation,
     levels_m: Option<&[f64]>,
 ) -> Result<FieldMap, Fault> {
     column_map(table, "anomaly", interpolation, levels_m)
@@ -36,15 +36,15 @@ pub fn field_map(
 pub fn column_map(
     table: &RecordBatch,
     column: &str,
-    interpolation: Interpolation,
+    interpolation: MapInterpolation,
     levels_m: Option<&[f64]>,
 ) -> Result<FieldMap, Fault> {
     let values = floats(table, column)?;
-    let Some(own) = OwnGrid::of(&table.schema())? else {
+    let Some(own) = NativeGrid::from_schema(&table.schema())? else {
         let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, values).map_err(data)?;
         return Ok(match looked_up(table, &grid, || grid.plane(), interpolation, levels_m)? {
-            Looked::Flat(map) => FieldMap::Flat(map),
-            Looked::Stack(stack) => FieldMap::Stack(stack),
+            MapInterpolant::Flat(map) => FieldMap::Flat(map),
+            MapInterpolant::Stack(stack) => FieldMap::Stack(stack),
         });
     };
     let [columns, rows] = own_axes(table)?;
@@ -52,8 +52,8 @@ pub fn column_map(
     let projection = projected(&own, &rows, &columns)?;
     let plane = || own_plane(&own, &rows, &columns, values);
     Ok(FieldMap::Projected(Box::new(match looked_up(table, &grid, plane, interpolation, levels_m)? {
-        Looked::Flat(map) => ProjectedMap::flat(projection, map),
-        Looked::Stack(stack) => ProjectedMap::stack(projection, stack),
+        MapInterpolant::Flat(map) => ProjectedMap::flat(projection, map),
+        MapInterpolant::Stack(stack) => ProjectedMap::stack(projection, stack),
     })))
 }
 
@@ -63,7 +63,7 @@ pub fn column_map(
 /// If the table is not a grid.
 pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
     let anomaly = floats(table, "anomaly")?;
-    let Some(own) = OwnGrid::of(&table.schema())? else {
+    let Some(own) = NativeGrid::from_schema(&table.schema())? else {
         let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly);
         return Ok(grid.map_err(data)?.plane());
     };
@@ -71,7 +71,7 @@ pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
     Ok(own_plane(&own, &rows, &columns, anomaly))
 }
 
-fn own_plane(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis, anomaly: &[f64]) -> PlaneGrid {
+fn own_plane(own: &NativeGrid, rows: &EvenAxis, columns: &EvenAxis, anomaly: &[f64]) -> PlaneGrid {
     let in_metres = |axis: &EvenAxis, unit_m: f64| EvenAxis { first: 0.0, step: axis.step * unit_m, len: axis.len };
     PlaneGrid {
         east_m: in_metres(columns, own.unit_m[0]),
@@ -81,7 +81,7 @@ fn own_plane(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis, anomaly: &[f64]
 }
 
 /// Map at one height, or at several.
-enum Looked {
+enum MapInterpolant {
     Flat(MapSurface),
     Stack(MapStack),
 }
@@ -90,20 +90,20 @@ fn looked_up(
     table: &RecordBatch,
     grid: &GeographicGrid,
     plane: impl Fn() -> PlaneGrid,
-    interpolation: Interpolation,
+    interpolation: MapInterpolation,
     levels_m: Option<&[f64]>,
-) -> Result<Looked, Fault> {
-    let Some(levels_m) = levels_m else { return Ok(Looked::Flat(MapSurface::new(grid, interpolation))) };
+) -> Result<MapInterpolant, Fault> {
+    let Some(levels_m) = levels_m else { return Ok(MapInterpolant::Flat(MapSurface::new(grid, interpolation))) };
     let up_m = above(table, levels_m)?;
     let (maps, slopes) = continued(grid, &plane(), &up_m)?;
     match maps.as_slice() {
         [only] => {
             let vertical = VerticalDerivative { d_alt_nt_per_m: &slopes[0], alt_m: levels_m[0] };
-            MapSurface::with_vertical(only, vertical, interpolation).map(Looked::Flat).map_err(data)
+            MapSurface::with_vertical(only, vertical, interpolation).map(MapInterpolant::Flat).map_err(data)
         }
         _ => {
             let options = StackOptions { interpolation, ..StackOptions::default() };
-            MapStack::with_vertical(levels_m, &maps, &slopes, options).map(Looked::Stack).map_err(data)
+            MapStack::with_vertical(levels_m, &maps, &slopes, options).map(MapInterpolant::Stack).map_err(data)
         }
     }
 }
@@ -129,7 +129,7 @@ fn own_axes(table: &RecordBatch) -> Result<[EvenAxis; 2], Fault> {
 }
 
 /// Projection of latitudes and longitudes onto a native grid.
-fn projected(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<GridProjection, Fault> {
+fn projected(own: &NativeGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<GridProjection, Fault> {
     let system = Projection::new(&own.definition)
         .map_err(|e| Fault::data(format!("the map's coordinate system EPSG:{} cannot be used: {e}", own.epsg)))?;
     let middle_deg = 0.5 * (columns.first + columns.last());
@@ -139,7 +139,7 @@ fn projected(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<GridP
         let rounds = if system.is_geographic() { ((middle_deg - easting) / 360.0).round() } else { 0.0 };
         Some((easting + 360.0 * rounds, northing))
     };
-    let area = Area { lat_deg: own.lat_deg, lon_deg: own.lon_deg };
+    let area = GeographicArea { lat_deg: own.lat_deg, lon_deg: own.lon_deg };
     GridProjection::new(project, area, rows, columns).map_err(|e| {
         let help = "convert the map to a UTM zone or to latitude and longitude with `magline map convert`";
         data(e).help(help)
@@ -171,13 +171,13 @@ fn continued(
         plane.clone()
     };
     let furthest = up_m.iter().fold(0.0_f64, |most, up| most.max(up.abs()));
-    let spectrum = Spectrum::new(&full, furthest, &Padding::default()).map_err(data)?;
+    let spectrum = MapSpectrum::new(&full, furthest, &Padding::default()).map_err(data)?;
     drop(full);
     let (mut maps, mut slopes) = (vec![], vec![]);
     for up in up_m {
         let level = masked_like(spectrum.at_height(*up, MAGNAV_ALPHA_M2).map_err(data)?, plane);
         maps.push(grid.with_values(level.values).map_err(data)?);
-        slopes.push(spectrum.derivative(Derivative::Up, *up, MAGNAV_ALPHA_M2).map_err(data)?.values);
+        slopes.push(spectrum.derivative(MapDerivative::Up, *up, MAGNAV_ALPHA_M2).map_err(data)?.values);
     }
     Ok((maps, slopes))
 }
@@ -219,7 +219,7 @@ mod tests {
         let [columns, rows] = axes();
         let nodes: Vec<(f64, f64)> =
             rows.coordinates().iter().flat_map(|y| columns.coordinates().into_iter().map(|x| (x, *y))).collect();
-        let own = OwnGrid {
+        let own = NativeGrid {
             epsg: 32754,
             definition: UTM.to_owned(),
             unit_m: [1.0, 1.0],
@@ -250,7 +250,7 @@ mod tests {
         // Bilinear in easting and northing, so what lies between the nodes is known.
         let plane =
             |x: f64, y: f64| 3.0 + 0.02 * (x - 450_000.0) - 0.05 * (y - 7.56e6) + 1e-6 * (x - 4.5e5) * (y - 7.56e6);
-        let map = field_map(&table(plane), Interpolation::Linear, None).unwrap();
+        let map = field_map(&table(plane), MapInterpolation::Linear, None).unwrap();
         let system = Projection::new(UTM).unwrap();
         let [columns, rows] = axes();
         let corners = [(0.0, 0.0), (60.0, 0.0), (0.0, 40.0), (60.0, 40.0), (60.0, 17.5), (22.5, 40.0)];
@@ -272,7 +272,7 @@ mod tests {
 
     #[test]
     fn jac_slopes_of_a_projected_map_are_those_of_its_values() {
-        for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+        for interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
             for levels in [None, Some(&[ALT_M, ALT_M + 40.0][..])] {
                 let map = field_map(&table(hills), interpolation, levels).unwrap();
                 for (lat, lon) in places() {
@@ -298,7 +298,7 @@ mod tests {
 
     #[test]
     fn law_many_places_are_looked_up_as_one_is() {
-        let map = field_map(&table(hills), Interpolation::Cubic, None).unwrap();
+        let map = field_map(&table(hills), MapInterpolation::Cubic, None).unwrap();
         let (lat, lon): (Vec<f64>, Vec<f64>) = places().into_iter().chain([(0.0, 0.0)]).unzip();
         let mut many = numerics::maps::map_surface::FieldColumns::default();
         map.at_many(&lat, &lon, &vec![ALT_M; lat.len()], &mut many).unwrap();
@@ -316,10 +316,10 @@ mod tests {
     fn gold_what_is_no_own_grid() {
         let whole = table(hills);
         let cut = whole.slice(0, whole.num_rows() - 1);
-        let fault = field_map(&cut, Interpolation::Linear, None).unwrap_err().to_string();
+        let fault = field_map(&cut, MapInterpolation::Linear, None).unwrap_err().to_string();
         assert_eq!(fault, "column `northing`: the rows of the map are not a complete grid");
         let one_row = whole.slice(0, 61);
-        let fault = field_map(&one_row, Interpolation::Linear, None).unwrap_err().to_string();
+        let fault = field_map(&one_row, MapInterpolation::Linear, None).unwrap_err().to_string();
         assert!(fault.contains("at least two"), "{fault}");
     }
 }

@@ -30,23 +30,24 @@ mod ukf;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
-use numerics::{maps::map_surface::Interpolation, navigation::ins_error::GradedIns};
-use prepared::PreparedMaps;
+use numerics::{maps::map_surface::MapInterpolation, navigation::ins_error::InsErrorSpec};
+use prepared::NavigationMaps;
 use schemas::{
-    Arrays, Chosen, Column, Correction, Entry, Fault, LineIn, LinePoint, LineStage, Lists, OrAuto, Passes, Rule, Shape,
-    Stage, Table, Yield, stage,
+    ChoiceRegistry, ChoiceSelection, Column, Fault, LineInput, LineOutput, LinePoint, LineStage, MagneticCorrection,
+    NumberOrAuto, PassThroughColumns, Rule, Stage, StageEntry, StageSchema, Table, TableShape, stage,
 };
 
-use aiding::{Aiding, Gnss};
-pub(crate) use aiding::{GNSS_UPDATE, GnssUpdate};
-pub use calibrations::Calibration;
+use aiding::{Aiding, GnssPositions};
+pub(crate) use aiding::{GNSS_UPDATE, GnssOutcome};
+pub use calibrations::CalibrationPrior;
 pub use filter::{
-    Filter, Flight, Flown, Magnetometer, NavigationFilter, Point, Track, Update, filter, navigate_points,
+    FilterDecl, FilterFlight, FilterInput, FilterMagnetometer, FilterPoint, FilterTrack, NavigationFilter,
+    UpdateOutcome, filter, navigate_points,
 };
 pub use filters::FILTERS;
 pub use geometry::{DeadZones, SensorGeometry};
-pub use prepared::Prepared;
-pub use start::{Start, StartFrom};
+pub use prepared::NavigationResources;
+pub use start::{StartKeys, StartSource};
 pub use tuning::{MeasurementNoise, Tuning};
 pub(crate) use {crlb::DRMS_BOUND, further::MAP_SLOPE};
 
@@ -88,7 +89,7 @@ stage! {
     /// interpolation between nodes is added to the white noise.
     Navigate = "navigate", version 7, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
-    groups [noise: MeasurementNoise, start: Start, geometry: SensorGeometry, ins: GradedIns], example r#"
+    groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
 [[stages]]
 name            = "navigate"
 stage           = "navigate"
@@ -98,7 +99,7 @@ offset_window_s = 1.0
 core_field      = false
 "#;
     /// Navigation filter.
-    filter: Chosen<Filter>, unit "";
+    filter: ChoiceSelection<FilterDecl>, unit "";
     /// Source of unset parameters. `auto` estimates the noise of each line from the likelihood of its innovations,
     /// rejects outliers, and continues a map of known height to the flight heights. `magnav` uses the defaults of
     /// MagNav.jl, no gate, and the map at its own height. A key in the spec overrides either.
@@ -115,7 +116,7 @@ core_field      = false
     /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Interpolation of the map: bilinear, or natural cubic spline.
-    map_interpolation: Interpolation, unit "", default Interpolation::Linear;
+    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
     /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated
     /// linearly.
     map_levels_m: Option<Vec<f64>>, unit "m",
@@ -157,9 +158,9 @@ fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterato
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
 /// The row of the catalogue, with `filters` to choose from.
-pub fn entry(filters: Vec<&'static Filter>) -> Entry {
+pub fn entry(filters: Vec<&'static FilterDecl>) -> StageEntry {
     let kinds = filters.iter().map(|filter| filter.document()).collect();
-    Entry { kinds, ..Navigate::entry_with(Lists::default().with(filters)) }
+    StageEntry { kinds, ..Navigate::entry_with(ChoiceRegistry::default().with(filters)) }
 }
 
 impl Navigate {
@@ -169,23 +170,24 @@ impl Navigate {
     }
 
     /// Whether the temporal variation is subtracted.
-    fn removes_diurnal(&self, shape: &Shape) -> bool {
+    fn removes_diurnal(&self, shape: &TableShape) -> bool {
         let there = shape.get(DIURNAL).is_some();
-        corrects(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal, there)
+        corrects(shape, self.magnetometers(), MagneticCorrection::Diurnal, self.remove_diurnal, there)
             && self.filter.keys.takes_field()
     }
 
     /// Faults of corrections that were made before.
-    fn corrections_twice(&self, shape: &Shape) -> Vec<Fault> {
+    fn corrections_twice(&self, shape: &TableShape) -> Vec<Fault> {
         let mags = self.magnetometers();
         let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();
-        let diurnal = twice(shape, mags, Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL).filter(|_| there);
-        let core = twice(shape, mags, Correction::Core, Some(self.core_field), CORE_FIELD);
+        let diurnal =
+            twice(shape, mags, MagneticCorrection::Diurnal, self.remove_diurnal, REMOVE_DIURNAL).filter(|_| there);
+        let core = twice(shape, mags, MagneticCorrection::Core, Some(self.core_field), CORE_FIELD);
         diurnal.into_iter().chain(core).collect()
     }
 
     /// The columns of the flight that are read: those of the INS that are there, and its date.
-    fn reads(&self, shape: &Shape) -> Vec<String> {
+    fn reads(&self, shape: &TableShape) -> Vec<String> {
         let mut reads: Vec<&str> = vec!["tt"];
         reads.extend(self.magnetometers().iter().map(String::as_str));
         reads.extend(POSITION);
@@ -200,7 +202,7 @@ impl Navigate {
         if self.removes_diurnal(shape) {
             reads.push(DIURNAL);
         }
-        reads.extend(self.of_calibration().iter().filter(|f| f.0 == Some(OrAuto::Auto)).map(|f| f.2));
+        reads.extend(self.of_calibration().iter().filter(|f| f.0 == Some(NumberOrAuto::Auto)).map(|f| f.2));
         let of_start = self.start_reads(shape);
         reads.extend(of_start.iter().map(String::as_str));
         reads.extend(self.noise_column());
@@ -213,14 +215,14 @@ impl Navigate {
         all
     }
 
-    fn dated_by_flight(&self, shape: &Shape) -> bool {
+    fn dated_by_flight(&self, shape: &TableShape) -> bool {
         self.core_field && self.decimal_year.is_none() && dated_by_flight(shape)
     }
 
-    fn notes(&self, shape: &Shape) -> Vec<String> {
+    fn notes(&self, shape: &TableShape) -> Vec<String> {
         let mut notes = vec![];
         notes.extend(self.start_note(shape));
-        notes.extend(note(shape, self.magnetometers(), Correction::Diurnal, self.remove_diurnal));
+        notes.extend(note(shape, self.magnetometers(), MagneticCorrection::Diurnal, self.remove_diurnal));
         if self.remove_diurnal.is_none() && self.removes_diurnal(shape) {
             notes.push(format!(
                 "`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it"
@@ -257,7 +259,7 @@ impl Stage for Navigate {
         self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
     }
 
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = faults_of(self.magnetometers().iter().map(|mag| shape.number(mag, "nT")), "mag");
         if self.mag.is_empty() {
@@ -281,7 +283,7 @@ impl Stage for Navigate {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
             faults.push(Fault::new(what).help(WAYS_OUT).of_param("decimal_year"));
         }
-        let flight = Flight {
+        let flight = FilterFlight {
             shape,
             mags: &self.mag,
             has_direction: self.geometry.vector.is_some(),
@@ -334,7 +336,7 @@ impl Stage for Navigate {
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
-        let mut yields = Yield::append(columns, &reads);
+        let mut yields = StageSchema::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {
             model @ Table::Model { .. } => of_model(model).into_iter().map(str::to_owned).collect(),
             Table::Map(_) | Table::Lines(_) | Table::Scores(_) => {
@@ -342,28 +344,28 @@ impl Stage for Navigate {
                 [ANOMALY, "alt"].into_iter().chain(own_error).map(str::to_owned).collect()
             }
         }));
-        yields.passes = Passes::Only(schemas::flight::KEYS.map(str::to_owned).to_vec());
+        yields.passes = PassThroughColumns::Only(schemas::flight::KEYS.map(str::to_owned).to_vec());
         yields.notes = self.notes(shape);
         Ok(yields)
     }
 }
 
 impl LineStage for Navigate {
-    type Prepared = Prepared;
+    type Prepared = NavigationResources;
 
-    fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays {
+    fn run(&self, line: &LineInput, prepared: &NavigationResources) -> LineOutput {
         let answer = Self::run_points(&[LinePoint { stage: self, line, prepared }]).pop();
         answer.unwrap_or_else(|| Err(Fault::bug("a point was lost")))
     }
 
-    fn run_points(points: &[LinePoint<Self>]) -> Vec<Arrays> {
+    fn run_points(points: &[LinePoint<Self>]) -> Vec<LineOutput> {
         flown::run(points)
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<NavigationResources, Fault> {
         let (map, models) = map_and_models(inputs);
-        let models = models.map(Calibration::of).collect::<Result<_, Fault>>()?;
-        Ok(Prepared { map: map.map(|map| PreparedMaps::of(map, self)).transpose()?, models })
+        let models = models.map(CalibrationPrior::from_table).collect::<Result<_, Fault>>()?;
+        Ok(NavigationResources { map: map.map(|map| NavigationMaps::new(map, self)).transpose()?, models })
     }
 
     fn prepare_key(&self) -> String {
@@ -404,7 +406,7 @@ impl Navigate {
     /// Measurement of a magnetometer, minus the diurnal variation where it is removed.
     fn measured(&self, batch: &RecordBatch, mag: &str) -> Result<Vec<f64>, Fault> {
         let mut measured = floats(batch, mag)?.to_vec();
-        if self.removes_diurnal(&Shape::of(&batch.schema())) {
+        if self.removes_diurnal(&TableShape::from_schema(&batch.schema())) {
             let diurnal = floats(batch, DIURNAL).map_err(|f| f.help("set `remove_diurnal = false`"))?;
             measured.iter_mut().zip(diurnal).for_each(|(m, d)| *m -= d);
         }
@@ -412,9 +414,10 @@ impl Navigate {
     }
 
     /// The track as arrays; every column must have a value for each sample.
-    fn arrays(&self, track: Track, flown: &Flown, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
+    fn arrays(&self, track: FilterTrack, flown: &FilterInput, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
         let rows = flown.ins.len();
-        let fate = |(row, update): (usize, &Update)| flown.left_out.get(row).copied().flatten().unwrap_or(*update);
+        let fate =
+            |(row, update): (usize, &UpdateOutcome)| flown.left_out.get(row).copied().flatten().unwrap_or(*update);
         let update = track.update.iter().enumerate().map(|at| Some(fate(at).word())).collect::<StringArray>();
         let mut arrays: Vec<ArrayRef> = vec![
             array(track.lat_deg),
@@ -433,7 +436,7 @@ impl Navigate {
         ];
         arrays.extend(self.noise_arrays(flown));
         arrays.extend(track.more);
-        arrays.extend(flown.gnss.as_ref().map(Gnss::array));
+        arrays.extend(flown.gnss.as_ref().map(GnssPositions::array));
         if arrays.iter().any(|array| arrow_array::Array::len(array) != rows) {
             let what =
                 format!("the filter `{}` returns columns whose length differs from the line's", self.filter.kind.name);

@@ -2,12 +2,12 @@
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
-    noise::{Blocks, noise},
-    segments::Usable,
+    noise::{BlockMeans, noise},
+    segments::RowMask,
 };
 use schemas::{
-    Arrays, Column, Correction, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyPoint,
-    SurveyStage, Table, Work, Yield, stage,
+    CheckpointMonitor, Column, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, PassThroughColumns, Stage,
+    StageOutput, StageSchema, SurveyAggregator, SurveyPoint, SurveyStage, Table, TableShape, stage,
 };
 
 use crate::{
@@ -63,10 +63,10 @@ const DIURNAL: &str = "diurnal";
 
 impl ResidualNoise {
     /// Columns that are subtracted from the signal.
-    fn less(&self, shape: &Shape) -> Vec<String> {
+    fn less(&self, shape: &TableShape) -> Vec<String> {
         let Some(truth) = &self.truth else {
             let removed = had(shape, &self.mag);
-            let left = |name: &&str| Correction::by_column(name).is_none_or(|c| !removed.contains(&c));
+            let left = |name: &&str| MagneticCorrection::by_column(name).is_none_or(|c| !removed.contains(&c));
             let diurnal = shape.get(DIURNAL).map(|_| DIURNAL);
             let all = ["igrf", MAP_ANOMALY].into_iter().chain(diurnal).filter(left);
             return all.map(str::to_owned).collect();
@@ -74,7 +74,7 @@ impl ResidualNoise {
         vec![truth.clone()]
     }
 
-    fn needs(&self, shape: &Shape, name: &str) -> Result<(), Fault> {
+    fn needs(&self, shape: &TableShape, name: &str) -> Result<(), Fault> {
         let found = shape.number(name, "nT").map(|_| ());
         found.map_err(|fault| match name {
             "igrf" => {
@@ -88,20 +88,20 @@ impl ResidualNoise {
         })
     }
 
-    fn blocks(&self, batch: &RecordBatch, line: &LineIn) -> Result<Blocks, Fault> {
+    fn blocks(&self, batch: &RecordBatch, line: &LineInput) -> Result<BlockMeans, Fault> {
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         let mut left = floats(batch, &self.mag)?.to_vec();
-        for name in self.less(&Shape::of(&batch.schema())) {
+        for name in self.less(&TableShape::from_schema(&batch.schema())) {
             left.iter_mut().zip(floats(batch, &name)?).for_each(|(l, x)| *l -= x);
         }
-        let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
-        Ok(Blocks::of(&left, &selected.and_finite(&left).runs_in_time(tt, rate_hz), rate_hz))
+        let selected = line.keep.as_ref().map_or_else(|| RowMask::all(tt.len()), |keep| RowMask::selected(keep));
+        Ok(BlockMeans::from_runs(&left, &selected.and_finite(&left).runs_in_time(tt, rate_hz), rate_hz))
     }
 }
 
 impl Stage for ResidualNoise {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut reads = vec![self.mag.clone()];
         reads.extend(self.less(shape));
@@ -117,44 +117,44 @@ impl Stage for ResidualNoise {
             Column::integer("n", "", "number of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
-        let mut yields = Yield { passes: Passes::None, ..Yield::append(columns, &reads) };
+        let mut yields = StageSchema { passes: PassThroughColumns::None, ..StageSchema::append(columns, &reads) };
         yields.notes.extend(note_of_ins_position(shape).filter(|_| reads.iter().any(|name| name == MAP_ANOMALY)));
         Ok(yields)
     }
 }
 
 impl SurveyStage for ResidualNoise {
-    type Gather = NoiseGather;
+    type Gather = ResidualNoiseAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> NoiseGather {
-        NoiseGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> ResidualNoiseAggregator {
+        ResidualNoiseAggregator { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
-/// Gathers the points of a sweep over lines with a known field.
-pub struct NoiseGather {
+/// Points of a sweep over lines with a known field.
+pub struct ResidualNoiseAggregator {
     points: Vec<ResidualNoise>,
 }
 
 /// Residual of one line at each point of a sweep.
-pub struct Part {
-    blocks: Vec<Result<Blocks, Fault>>,
+pub struct LineResidualBlocks {
+    blocks: Vec<Result<BlockMeans, Fault>>,
 }
 
-impl Gather for NoiseGather {
-    type Part = Part;
+impl SurveyAggregator for ResidualNoiseAggregator {
+    type Part = LineResidualBlocks;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+    fn map(&self, line: &LineInput) -> Result<LineResidualBlocks, Fault> {
         let blocks = self.points.iter().map(|p| p.blocks(&line.inputs[0], line));
-        Ok(Part { blocks: blocks.map(|b| b.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
+        Ok(LineResidualBlocks { blocks: blocks.map(|b| b.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
     }
 
-    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<LineResidualBlocks>, _: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
         (0..self.points.len())
             .map(|i| {
-                let lines: Vec<Blocks> = parts.iter().map(|p| p.blocks[i].clone()).collect::<Result<_, _>>()?;
+                let lines: Vec<BlockMeans> = parts.iter().map(|p| p.blocks[i].clone()).collect::<Result<_, _>>()?;
                 let found = noise(&lines).map_err(|e| data(e).help("select longer lines with `where`"))?;
-                let block = |l: &Blocks| (l.block_s / l.step_s).round() as i64;
+                let block = |l: &BlockMeans| (l.block_s / l.step_s).round() as i64;
                 let n: i64 = lines.iter().map(|l| block(l) * l.runs.iter().map(Vec::len).sum::<usize>() as i64).sum();
                 let one = |x: f64| array(vec![x]);
                 let n: ArrayRef = std::sync::Arc::new(Int64Array::from(vec![n]));
@@ -165,7 +165,7 @@ impl Gather for NoiseGather {
 }
 
 impl Stage for AssumeNoise {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let noise = shape(inputs, 1)?;
         if RESIDUAL.iter().any(|name| noise.get(name).is_none()) {
             let what = "`noise` has no noise columns";
@@ -173,7 +173,7 @@ impl Stage for AssumeNoise {
                 Fault::new(what).help("name the table of a `residual_noise`, `fogm_noise` or `fit`").of_param("noise"),
             ]);
         }
-        let mut yields = Yield::append(noise_columns(&RESIDUAL), &["tt"]);
+        let mut yields = StageSchema::append(noise_columns(&RESIDUAL), &["tt"]);
         yields.reads.push(RESIDUAL.map(str::to_owned).to_vec());
         Ok(yields)
     }
@@ -182,7 +182,7 @@ impl Stage for AssumeNoise {
 impl LineStage for AssumeNoise {
     type Prepared = [f64; 3];
 
-    fn run(&self, line: &LineIn, noise: &[f64; 3]) -> Arrays {
+    fn run(&self, line: &LineInput, noise: &[f64; 3]) -> LineOutput {
         let rows = floats(&line.inputs[0], "tt")?.len();
         Ok(noise.iter().map(|x| array(vec![*x; rows])).collect())
     }
@@ -207,7 +207,7 @@ mod tests {
         cast::AsArray,
         types::{Float64Type, Int64Type},
     };
-    use numerics::random::Normals;
+    use numerics::random::NormalGenerator;
 
     use super::*;
 
@@ -215,16 +215,16 @@ mod tests {
     const SIGMA_NT: f64 = 2.0;
 
     /// A line at 10 Hz.
-    fn line(columns: Vec<(&str, Vec<f64>)>) -> LineIn {
+    fn line(columns: Vec<(&str, Vec<f64>)>) -> LineInput {
         let tt = (0..columns[0].1.len()).map(|k| 0.1 * k as f64).collect();
         let columns = [("tt", tt)].into_iter().chain(columns);
         let arrays = columns.map(|(name, values)| (name, Arc::new(Float64Array::from(values)) as ArrayRef));
         let batch = RecordBatch::try_from_iter(arrays).unwrap();
-        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+        LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
     fn white(seed: u64, rows: usize) -> Vec<f64> {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         (0..rows).map(|_| SIGMA_NT * normals.draw()).collect()
     }
 
@@ -242,10 +242,10 @@ mod tests {
     }
 
     /// The white part, and the samples behind it.
-    fn found(stage: &ResidualNoise, lines: &[LineIn]) -> Result<(f64, i64), Fault> {
+    fn found(stage: &ResidualNoise, lines: &[LineInput]) -> Result<(f64, i64), Fault> {
         let gather = ResidualNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-        let columns = gather.finish(parts, &schemas::Unattended).remove(0)?.columns;
+        let columns = gather.finish(parts, &schemas::NullMonitor).remove(0)?.columns;
         Ok((columns[0].as_primitive::<Float64Type>().value(0), columns[3].as_primitive::<Int64Type>().value(0)))
     }
 
@@ -289,8 +289,8 @@ mod tests {
         mag[3 * ROWS / 4] = 1e6;
         let spiked = line(vec![("mag_c", mag), ("mag_1_c", truth)]);
         let keep = Some((0..ROWS).map(|k| k < ROWS / 2).collect());
-        let of = |line: LineIn| found(&stage(Some("mag_1_c")), &[line]);
-        assert_eq!(of(LineIn { keep, ..spiked }).unwrap(), of(half).unwrap());
+        let of = |line: LineInput| found(&stage(Some("mag_1_c")), &[line]);
+        assert_eq!(of(LineInput { keep, ..spiked }).unwrap(), of(half).unwrap());
         // 15 s.
         let fault = of(line(vec![("mag_c", white(1, 150)), ("mag_1_c", vec![0.0; 150])])).unwrap_err();
         assert!(fault.what.contains("at least 16 s"), "{fault}");
@@ -313,7 +313,7 @@ mod tests {
     fn unit_what_is_missing_is_told_with_its_parameter() {
         let shape = |names: &[&str]| {
             let columns = names.iter().map(|name| Column::float(*name, "", "")).collect();
-            Shape { columns, rate_hz: None }
+            TableShape { columns, rate_hz: None }
         };
         let said = |faults: Vec<Fault>| {
             let one = |f: &Fault| format!("{f} [{}]", f.param.clone().unwrap_or_default());

@@ -1,12 +1,12 @@
 //! Removes power-line frequencies from columns.
 
 use arrow_array::RecordBatch;
-use numerics::signal::filter::{ZeroPhase, alias_hz};
-use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+use numerics::signal::filter::{ZeroPhaseFilter, alias_hz};
+use schemas::{Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, stage};
 
 use crate::{
     columns::{data, made_of_each, not_numbers_among, shape},
-    filtered::{Angles, filtered},
+    filtered::{AngleTreatment, filtered},
 };
 
 stage! {
@@ -74,7 +74,7 @@ impl Notch {
 }
 
 impl Stage for Notch {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = not_numbers_among(shape, &self.columns, "columns");
         if let Some(rate_hz) = shape.rate_hz {
@@ -85,7 +85,7 @@ impl Stage for Notch {
         }
         let made = made_of_each(shape, &self.columns, "_nt", "without power lines", str::to_owned);
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
-        Ok(Yield::append(made, &reads))
+        Ok(StageSchema::append(made, &reads))
     }
 }
 
@@ -96,9 +96,9 @@ impl LineStage for Notch {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
-        filtered(&line.inputs[0], &self.columns, Angles::Unwrapped, |rate_hz| {
-            ZeroPhase::notches(&self.aliases(rate_hz)?, self.width_hz, rate_hz).map_err(data)
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
+        filtered(&line.inputs[0], &self.columns, AngleTreatment::Unwrapped, |rate_hz| {
+            ZeroPhaseFilter::notches(&self.aliases(rate_hz)?, self.width_hz, rate_hz).map_err(data)
         })
     }
 }

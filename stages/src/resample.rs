@@ -4,10 +4,10 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray, UInt64Array};
 use arrow_select::take::take;
-use numerics::signal::resample::{Method, Plan, even_grid};
+use numerics::signal::resample::{ResamplePlan, SampleInterpolation, even_grid};
 use schemas::{
-    Arrays, Column, ColumnType, Correction, Fault, LineIn, LineStage, Passes, RateLaw, Rule, Shape, Stage, Table,
-    Yield, choice, stage,
+    Column, ColumnType, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, PassThroughColumns, RateLaw, Rule,
+    Stage, StageSchema, Table, TableShape, choice, stage,
 };
 
 use crate::{
@@ -20,16 +20,16 @@ stage! {
     /// Brings every column of a line onto evenly spaced times, whole multiples of 1/`rate_hz`.
     ///
     /// Numbers are interpolated, angles (unit deg) along the shorter arc; text, integers and booleans take the nearest
-    /// sample. Whole numbers without a unit stay whole: codes and flags, whose few values recur, take the nearest sample;
-    /// counts are interpolated and rounded. A column with a unit, or of the role sensor or truth, is measured: it is
-    /// interpolated even if its values are whole. State the unit of a measured column in `units` of its table.
+    /// sample. Whole numbers without a unit stay whole: codes and flags, whose few values recur, take the nearest
+    /// sample; counts are interpolated and rounded. A column with a unit, or of the role sensor or truth, is measured:
+    /// it is interpolated even if its values are whole. State the unit of a measured column in `units` of its table.
     ///
     /// The grid begins at the first multiple at or after the first sample and ends at or before the last,
     /// so that all sensors and lines of a flight share their times.
     ///
-    /// Times inside of a gap longer than `max_gap_s` are kept, with NaN (or null) in every column but `flight`, `line` and
-    /// `tt`. A missing value of one column counts as a gap of that column; a column that a line lacks, but others have, is
-    /// missing throughout. Repeated or backward time is an error.
+    /// Times inside of a gap longer than `max_gap_s` are kept, with NaN (or null) in every column but `flight`, `line`
+    /// and `tt`. A missing value of one column counts as a gap of that column; a column that a line lacks, but others
+    /// have, is missing throughout. Repeated or backward time is an error.
     ///
     /// Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`. A line combines the
     /// same flight and line of each of them. The columns of all are brought onto one grid, over the time that all of
@@ -41,11 +41,12 @@ stage! {
     /// `lag_s` and `input_lag_s` take out how late a sensor reports: with a lag of 0.06 s, what is stamped t was so at
     /// t - 0.06 s, and a value at t is what is stamped t + 0.06 s. `lag` finds lags of this sign.
     ///
-    /// Entries of lists that are differences per sample, such as those of `tl`, become differences at the new rate. A list that
-    /// holds values of earlier samples is an error: make it afterwards. A lag that was taken out before is an error too.
+    /// Entries of lists that are differences per sample, such as those of `tl`, become differences at the new rate. A
+    /// list that holds values of earlier samples is an error: make it afterwards. A lag that was taken out before is an
+    /// error too.
     ///
-    /// Nothing is filtered: when going to a lower rate, what is faster than half of it folds back. Use `lowpass` or `bandpass`
-    /// before.
+    /// Nothing is filtered: when going to a lower rate, what is faster than half of it folds back. Use `lowpass` or
+    /// `bandpass` before.
     Resample = "resample", version 3, grain Line, inputs [input: ManyLines],
     example r#"
 [[stages]]
@@ -57,13 +58,13 @@ rate_hz = 10.0
     /// Samples per second of the new grid.
     rate_hz: f64, unit "Hz", rule Rule::Positive;
     /// How values between samples are found; `cubic` is Akima's.
-    method: Method, unit "", default Method::Linear;
+    method: SampleInterpolation, unit "", default SampleInterpolation::Linear;
     /// The longest gap that is bridged: one for all inputs, or one for each.
     max_gap_s: Vec<f64>, unit "s", default vec![1.0], rule Rule::Positive;
     /// Time that the grid covers, with several inputs.
-    span: Span, unit "", default Span::All;
-    /// How late columns report, by their name; of a vector magnetometer by that, such as `flux_a` for its `x`, `y`, `z` and
-    /// `t`. It takes the place of the lag of the column's input.
+    span: GridSpan, unit "", default GridSpan::All;
+    /// How late columns report, by their name; of a vector magnetometer by that, such as `flux_a` for its `x`, `y`, `z`
+    /// and `t`. It takes the place of the lag of the column's input.
     lag_s: BTreeMap<String, f64>, unit "s", default BTreeMap::new(), rule Rule::Finite;
     /// How late the sensors of each input report, one for each.
     input_lag_s: Option<Vec<f64>>, unit "s", absent "0 for all", rule Rule::Finite;
@@ -71,7 +72,7 @@ rate_hz = 10.0
 
 choice! {
     /// The time that a grid of several tables covers.
-    pub enum Span {
+    pub enum GridSpan {
         /// Time that all of them cover.
         All = "all",
         /// Time that the first covers; the others have NaN where they have no samples.
@@ -92,7 +93,7 @@ impl Resample {
 
     /// Why the lag of a column cannot be taken out: it was before.
     fn lag_again(&self, i: usize, column: &Column) -> Option<Fault> {
-        let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&Correction::Lag);
+        let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&MagneticCorrection::Lag);
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
         again.then(|| {
             let what = format!("the lag of `{}` was taken out before", column.name);
@@ -109,7 +110,7 @@ impl Resample {
     }
 
     /// Contradictions between the parameters and the inputs.
-    fn contradictions(&self, shapes: &[&Shape]) -> Vec<Fault> {
+    fn contradictions(&self, shapes: &[&TableShape]) -> Vec<Fault> {
         let mut faults = vec![];
         let n = shapes.len();
         let mut count = |given: usize, param: &str| {
@@ -158,7 +159,7 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
 }
 
 /// The columns of the input `i` that are brought onto the grid: those that no input before it has brought.
-fn own_columns<'a>(shapes: &[&'a Shape], i: usize) -> Result<Vec<&'a Column>, Fault> {
+fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
     for column in shapes.get(i).map_or(&[][..], |shape| shape.columns.as_slice()) {
         let before = shapes.iter().take(i).position(|shape| shape.get(&column.name).is_some());
@@ -177,9 +178,9 @@ fn own_columns<'a>(shapes: &[&'a Shape], i: usize) -> Result<Vec<&'a Column>, Fa
 }
 
 impl Stage for Resample {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         shape(inputs, 0)?;
-        let shapes: Vec<&Shape> = inputs.iter().map(|table| table.shape()).collect();
+        let shapes: Vec<&TableShape> = inputs.iter().map(|table| table.shape()).collect();
         let mut faults = self.contradictions(&shapes);
         let own: Vec<Vec<&Column>> = (0..shapes.len())
             .filter_map(|i| own_columns(&shapes, i).map_err(|fault| faults.push(fault)).ok())
@@ -208,7 +209,7 @@ impl Stage for Resample {
             let rated = !column.sampling.entries.is_empty();
             column.sampling.rate_hz = rated.then_some(self.rate_hz);
             if self.lag_of(i, &c.name) != 0.0 && is_field(c) {
-                column.removed.insert(Correction::Lag);
+                column.removed.insert(MagneticCorrection::Lag);
             }
             column
         });
@@ -219,17 +220,17 @@ impl Stage for Resample {
             names.extend(missing);
             names
         };
-        let mut yields = Yield::append(made.collect(), &[""; 0]);
+        let mut yields = StageSchema::append(made.collect(), &[""; 0]);
         yields.reads = own.iter().enumerate().map(reads).collect();
-        yields.passes = Passes::None;
+        yields.passes = PassThroughColumns::None;
         yields.lenient = true;
         yields.rate_hz = Some(self.rate_hz);
         Ok(yields)
     }
 }
 
-/// The samples of one input: their times from the midnight that those of the first count from.
-struct Samples<'a> {
+/// Samples of one input, with times in s from midnight of the first input's day.
+struct ResampleInput<'a> {
     batch: &'a RecordBatch,
     tt: Vec<f64>,
 }
@@ -241,14 +242,14 @@ impl LineStage for Resample {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let inputs = self.samples(line)?;
         let grid = self.grid(&inputs)?;
         if grid.is_empty() {
             return Err(Fault::data(format!("the line is too short to hold a sample at {} Hz", self.rate_hz)));
         }
-        let shapes: Vec<Shape> = inputs.iter().map(|i| Shape::of(&i.batch.schema())).collect();
-        let shapes: Vec<&Shape> = shapes.iter().collect();
+        let shapes: Vec<TableShape> = inputs.iter().map(|i| TableShape::from_schema(&i.batch.schema())).collect();
+        let shapes: Vec<&TableShape> = shapes.iter().collect();
         let mut made = vec![];
         for (i, samples) in inputs.iter().enumerate() {
             let plan = self.plan(samples, &grid, i)?;
@@ -257,7 +258,8 @@ impl LineStage for Resample {
                 let array = match more == 0.0 {
                     true => self.column(samples.batch, &plan, column, line),
                     false => {
-                        let later = Samples { batch: samples.batch, tt: samples.tt.iter().map(|t| t - more).collect() };
+                        let later =
+                            ResampleInput { batch: samples.batch, tt: samples.tt.iter().map(|t| t - more).collect() };
                         let plan = self.plan(&later, &grid, i)?;
                         self.column(samples.batch, &plan, column, line)
                     }
@@ -271,29 +273,29 @@ impl LineStage for Resample {
 
 impl Resample {
     /// The inputs with their times, less the lag of each.
-    fn samples<'a>(&self, line: &'a LineIn) -> Result<Vec<Samples<'a>>, Fault> {
+    fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
         let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {
             let shift = if i == 0 { 0.0 } else { offset_s(first, batch)? } - self.lag_of_input(i);
-            Ok(Samples { batch, tt: floats(batch, "tt")?.iter().map(|t| t + shift).collect() })
+            Ok(ResampleInput { batch, tt: floats(batch, "tt")?.iter().map(|t| t + shift).collect() })
         };
         line.inputs.iter().enumerate().map(one).collect()
     }
 
-    fn plan<'a>(&self, samples: &'a Samples, grid: &[f64], i: usize) -> Result<Plan<'a>, Fault> {
-        Plan::onto(&samples.tt, grid.to_vec(), self.rate_hz, self.max_gap_of(i)).map_err(data)
+    fn plan<'a>(&self, samples: &'a ResampleInput, grid: &[f64], i: usize) -> Result<ResamplePlan<'a>, Fault> {
+        ResamplePlan::onto(&samples.tt, grid.to_vec(), self.rate_hz, self.max_gap_of(i)).map_err(data)
     }
 
     /// The times of the grid.
-    fn grid(&self, inputs: &[Samples]) -> Result<Vec<f64>, Fault> {
+    fn grid(&self, inputs: &[ResampleInput]) -> Result<Vec<f64>, Fault> {
         let counted = match self.span {
-            Span::All => inputs,
-            Span::First => inputs.get(..1).unwrap_or_default(),
+            GridSpan::All => inputs,
+            GridSpan::First => inputs.get(..1).unwrap_or_default(),
         };
         let mut ends = vec![];
         for (i, samples) in counted.iter().enumerate() {
             // A faulty clock has no first and last time to speak of.
-            Plan::onto(&samples.tt, vec![], self.rate_hz, self.max_gap_of(i)).map_err(data)?;
+            ResamplePlan::onto(&samples.tt, vec![], self.rate_hz, self.max_gap_of(i)).map_err(data)?;
             if let (Some(first), Some(last)) = (samples.tt.first(), samples.tt.last()) {
                 ends.push((*first, *last));
             } else {
@@ -310,7 +312,13 @@ impl Resample {
         even_grid(first_s, last_s, self.rate_hz).map_err(data)
     }
 
-    fn column(&self, batch: &RecordBatch, plan: &Plan, column: &Column, line: &LineIn) -> Result<ArrayRef, Fault> {
+    fn column(
+        &self,
+        batch: &RecordBatch,
+        plan: &ResamplePlan,
+        column: &Column,
+        line: &LineInput,
+    ) -> Result<ArrayRef, Fault> {
         let rows = plan.grid().len();
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows])) };
         match (column.name.as_str(), &column.column_type) {
@@ -330,7 +338,7 @@ impl Resample {
     }
 
     /// A list column, entry by entry: differences per sample become those of the new rate.
-    fn entries(&self, batch: &RecordBatch, plan: &Plan, name: &str) -> Result<ArrayRef, Fault> {
+    fn entries(&self, batch: &RecordBatch, plan: &ResamplePlan, name: &str) -> Result<ArrayRef, Fault> {
         let (values, terms) = matrix(batch, name)?;
         let (own, width) = (sampling(batch, name)?, terms.len());
         let mut out = vec![0.0; plan.grid().len() * width];

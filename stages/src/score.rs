@@ -21,25 +21,25 @@ use arrow_array::{
     types::Float64Type,
 };
 use arrow_schema::{DataType, Field};
-pub use numerics::regression::statistics::Figure;
+pub use numerics::regression::statistics::SampleStatistic;
 use schemas::{
-    Arrays, Column, ColumnType, Entry, Fault, LineIn, LineStage, Lists, Passes, Role, Rule, Several, Shape, Stage,
-    Table, Yield,
+    ChoiceRegistry, ChoiceSubset, Column, ColumnType, Fault, LineInput, LineOutput, LineStage, PassThroughColumns,
+    Role, Rule, Stage, StageEntry, StageSchema, Table, TableShape,
     metric::{Metric, spread},
     stage,
 };
 
 pub use self::{
-    line::{Line, Offsets, Signals},
+    line::{CompensationSignals, HorizontalErrors, ScoreLine},
     map::MAP_STD_ERROR,
-    metric::{Scorer, Spread, metric},
+    metric::{QuantileSamplesFn, Scorer, metric},
     metrics::SCORERS,
     signal::STD_ERROR,
-    source::Source,
+    source::ScoreSource,
 };
 use self::{
     signal::{ANOMALY_RETENTION, ANOMALY_RETENTION_SE},
-    source::Places,
+    source::ScoreSourceIndex,
 };
 use crate::columns::{faults_of, floats, shape};
 
@@ -54,8 +54,8 @@ pub const IN_SAMPLE: &str = "in_sample";
 pub const POOLED_IN_SAMPLE: &str =
     "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter";
 
-/// Whether a pooled score is that of lines in sample: it is where no held-out line has a value. `held_out` and `in_sample`
-/// are the numbers of lines with a value.
+/// Whether a pooled score is that of lines in sample: it is where no held-out line has a value. `held_out` and
+/// `in_sample` are the numbers of lines with a value.
 pub fn is_pooled_in_sample(held_out: usize, in_sample: usize) -> bool {
     held_out == 0 && in_sample > 0
 }
@@ -105,7 +105,7 @@ truth = "mag_1_c"
     /// Column with the true signal, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "metrics that require the truth are not scored";
     /// Metrics to score.
-    metrics: Several<Scorer>, unit "", absent "all metrics that the inputs allow";
+    metrics: ChoiceSubset<Scorer>, unit "", absent "all metrics that the inputs allow";
     /// Column of the compensated signal.
     mag: String, unit "nT", default "mag_c";
     /// Lower corner frequency for `improvement_ratio_band` and `figure_of_merit`.
@@ -119,23 +119,23 @@ truth = "mag_1_c"
 }
 
 /// The row of the catalogue, with `scorers` to score by.
-pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
+pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
     let metrics = scorers.iter().map(|scorer| scorer.metric).collect();
-    Entry { metrics, ..Score::entry_with(Lists::default().with(scorers)) }
+    StageEntry { metrics, ..Score::entry_with(ChoiceRegistry::default().with(scorers)) }
 }
 
 impl Score {
     /// Description of the source that a metric lacks.
-    fn lacks(&self, places: &Places, scorer: &Scorer) -> Option<String> {
+    fn lacks(&self, places: &ScoreSourceIndex, scorer: &Scorer) -> Option<String> {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
     }
 
     /// Notes on the metrics that lack only a truth.
-    fn not_scored(&self, places: &Places) -> Vec<String> {
-        let is_missing = |source: &&Source| places.get(**source).is_none();
+    fn not_scored(&self, places: &ScoreSourceIndex) -> Vec<String> {
+        let is_missing = |source: &&ScoreSource| places.get(**source).is_none();
         let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());
         let mut notes = vec![];
-        for truth in Source::TRUTHS.iter().filter(is_missing) {
+        for truth in ScoreSource::TRUTHS.iter().filter(is_missing) {
             let lacks_it_first = |scorer: &&&Scorer| scorer.needs.iter().find(is_missing) == Some(truth);
             let found = self.metrics.wanted().collect::<Vec<_>>();
             let found = found.iter().filter(lacks_it_first).filter(lacks_truth_alone);
@@ -148,7 +148,7 @@ impl Score {
     }
 
     /// Requested metrics that can be computed.
-    fn chosen(&self, places: &Places) -> Vec<&'static Scorer> {
+    fn chosen(&self, places: &ScoreSourceIndex) -> Vec<&'static Scorer> {
         let mut chosen: Vec<_> = self.metrics.wanted().filter(|s| self.lacks(places, s).is_none()).collect();
         // A retention is always scored with its standard error.
         let at = |chosen: &[&Scorer], scorer: &Scorer| chosen.iter().position(|s| s.metric.name == scorer.metric.name);
@@ -159,10 +159,11 @@ impl Score {
     }
 
     /// Faults of the requested metrics on these tables.
-    fn faults(&self, shapes: &[&Shape], places: &Places) -> Vec<Fault> {
+    fn faults(&self, shapes: &[&TableShape], places: &ScoreSourceIndex) -> Vec<Fault> {
         let mut faults = vec![];
         if let Some(truth) = &self.truth {
-            let all: Shape = Shape { columns: shapes.iter().flat_map(|s| s.columns.clone()).collect(), rate_hz: None };
+            let all: TableShape =
+                TableShape { columns: shapes.iter().flat_map(|s| s.columns.clone()).collect(), rate_hz: None };
             faults.extend(faults_of([all.number(truth, "nT")], "truth"));
         }
         for scorer in self.metrics.named() {
@@ -178,7 +179,7 @@ impl Score {
     }
 
     /// The columns that the chosen metrics read of each of `inputs` tables.
-    fn reads(&self, places: &Places, inputs: usize) -> Vec<Vec<String>> {
+    fn reads(&self, places: &ScoreSourceIndex, inputs: usize) -> Vec<Vec<String>> {
         let chosen = self.chosen(places);
         let mut reads = vec![vec!["tt".to_owned()]; inputs];
         for (_, place) in places.iter().filter(|(source, _)| chosen.iter().any(|s| s.reads(*source))) {
@@ -193,9 +194,9 @@ impl Score {
 }
 
 impl Stage for Score {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
-        let shapes: Vec<&Shape> = (0..inputs.len()).map(|i| shape(inputs, i)).collect::<Result<_, _>>()?;
-        let places = Places::find(self, &shapes);
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
+        let shapes: Vec<&TableShape> = (0..inputs.len()).map(|i| shape(inputs, i)).collect::<Result<_, _>>()?;
+        let places = ScoreSourceIndex::find(self, &shapes);
         let faults = self.faults(&shapes, &places);
         if !faults.is_empty() {
             return Err(faults);
@@ -213,9 +214,9 @@ impl Stage for Score {
             Column { column_type: ColumnType::Other(spread_type()), ..Column::float(SPREAD, "", spread) },
         ];
         let columns = columns.into_iter().map(|c| reads.iter().enumerate().fold(c, |c, (i, names)| c.from(i, names)));
-        Ok(Yield {
+        Ok(StageSchema {
             columns: columns.collect(),
-            passes: Passes::None,
+            passes: PassThroughColumns::None,
             reads,
             rate_hz: None,
             features: vec![],
@@ -232,14 +233,16 @@ impl LineStage for Score {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         same_samples(line)?;
-        let shapes: Vec<Shape> = line.inputs.iter().map(|batch| Shape::of(&batch.schema())).collect();
-        let places = Places::find(self, &shapes.iter().collect::<Vec<_>>());
-        let columns = Line::new(self, line, &places);
-        let rows: Vec<Row> = self.chosen(&places).into_iter().map(|scorer| Row::new(scorer, &columns)).collect();
+        let shapes: Vec<TableShape> =
+            line.inputs.iter().map(|batch| TableShape::from_schema(&batch.schema())).collect();
+        let places = ScoreSourceIndex::find(self, &shapes.iter().collect::<Vec<_>>());
+        let columns = ScoreLine::new(self, line, &places);
+        let rows: Vec<LineMetricRow> =
+            self.chosen(&places).into_iter().map(|scorer| LineMetricRow::new(scorer, &columns)).collect();
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows.len()])) };
-        let value = |row: &Row| Some(row.figure.value).filter(|v| v.is_finite());
+        let value = |row: &LineMetricRow| Some(row.figure.value).filter(|v| v.is_finite());
         let mut spreads = ListBuilder::new(Float64Builder::new());
         for row in &rows {
             spreads.append_option(row.spread.as_ref().map(|values| values.iter().copied().map(Some)));
@@ -258,23 +261,23 @@ impl LineStage for Score {
 }
 
 /// One metric of a line.
-struct Row {
+struct LineMetricRow {
     metric: &'static Metric,
-    figure: Figure,
+    figure: SampleStatistic,
     spread: Option<Vec<f64>>,
     /// Reason for a missing value.
     note: Option<String>,
 }
 
-impl Row {
-    fn new(scorer: &'static Scorer, line: &Line) -> Row {
+impl LineMetricRow {
+    fn new(scorer: &'static Scorer, line: &ScoreLine) -> LineMetricRow {
         let spread = || scorer.spread.map(|samples| samples(line).map(spread)).transpose();
         let metric = &scorer.metric;
         match (scorer.score)(line).and_then(|figure| Ok((figure, spread()?))) {
-            Ok((figure, spread)) => Row { metric, figure, spread, note: None },
+            Ok((figure, spread)) => LineMetricRow { metric, figure, spread, note: None },
             Err(fault) => {
                 let note = Some(fault.to_string());
-                Row { metric, figure: Figure { value: f64::NAN, n: 0 }, spread: None, note }
+                LineMetricRow { metric, figure: SampleStatistic { value: f64::NAN, n: 0 }, spread: None, note }
             }
         }
     }
@@ -293,7 +296,7 @@ pub fn spread_at(spreads: Option<&ListArray>, row: usize) -> Vec<f64> {
 }
 
 /// Checks that the tables have the same samples.
-fn same_samples(line: &LineIn) -> Result<(), Fault> {
+fn same_samples(line: &LineInput) -> Result<(), Fault> {
     let first = floats(&line.inputs[0], "tt")?;
     for batch in &line.inputs[1..] {
         if floats(batch, "tt")? != first {

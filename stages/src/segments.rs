@@ -7,10 +7,10 @@ use numerics::{
     angle::unwrapped_deg,
     signal::{
         savitzky_golay::SavitzkyGolay,
-        segments::{Usable, filter_column},
+        segments::{RowMask, filter_column},
     },
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, stage};
 
 use crate::{
     bandpass::design,
@@ -62,20 +62,20 @@ attitude = ["heading"]
 
 /// Kind of a part of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum LineSegmentKind {
     None,
     Straight,
     Turn,
     Manoeuvre,
 }
 
-impl Kind {
+impl LineSegmentKind {
     const fn word(self) -> &'static str {
         match self {
-            Kind::None => "none",
-            Kind::Straight => "straight",
-            Kind::Turn => "turn",
-            Kind::Manoeuvre => "manoeuvre",
+            LineSegmentKind::None => "none",
+            LineSegmentKind::Straight => "straight",
+            LineSegmentKind::Turn => "turn",
+            LineSegmentKind::Manoeuvre => "manoeuvre",
         }
     }
 }
@@ -99,7 +99,7 @@ impl Segments {
     }
 
     /// Straight parts and turns of a run with the unwrapped heading `heading`. `None` if it is shorter than the window.
-    fn turns(&self, heading: &[f64], rate_hz: f64) -> Result<Option<Vec<Kind>>, Fault> {
+    fn turns(&self, heading: &[f64], rate_hz: f64) -> Result<Option<Vec<LineSegmentKind>>, Fault> {
         let slope = SavitzkyGolay::new(self.window(rate_hz), 2, 1);
         let slope = slope.map_err(|e| Fault::data(e.to_string()).help("lower `window_s`"))?;
         let Some(rates) = slope.apply(heading) else { return Ok(None) };
@@ -116,19 +116,19 @@ impl Segments {
                 sides[between.clone()].fill(to);
             }
         }
-        let mut kinds = vec![Kind::Straight; heading.len()];
+        let mut kinds = vec![LineSegmentKind::Straight; heading.len()];
         for run in runs(&sides).into_iter().filter(|run| sides[run.start] != 0.0) {
             let change = heading[run.end - 1] - heading[run.start];
             if change.abs() >= self.turn_deg {
-                kinds[run].fill(Kind::Turn);
+                kinds[run].fill(LineSegmentKind::Turn);
             }
         }
         let least = (self.least_s * rate_hz).round() as usize;
         let parts = runs(&kinds);
         for (i, part) in parts.iter().enumerate() {
             let between = i > 0 && i + 1 < parts.len();
-            if between && kinds[part.start] == Kind::Straight && part.len() < least {
-                kinds[part.clone()].fill(Kind::Turn);
+            if between && kinds[part.start] == LineSegmentKind::Straight && part.len() < least {
+                kinds[part.clone()].fill(LineSegmentKind::Turn);
             }
         }
         Ok(Some(kinds))
@@ -140,7 +140,7 @@ impl Segments {
         for name in &self.attitude {
             let x = floats(batch, name)?;
             let filter = design(self.low_hz, self.high_hz, 4, rate_hz)?;
-            let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+            let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
             let y = match &filter {
                 Some(filter) => filter_column(filter, x, &runs).map_err(|e| data(e).in_column(name))?.0,
                 None => x.to_vec(),
@@ -169,18 +169,18 @@ impl Segments {
         Ok(found)
     }
 
-    fn kinds(&self, batch: &RecordBatch) -> Result<Vec<(usize, Kind)>, Fault> {
+    fn kinds(&self, batch: &RecordBatch) -> Result<Vec<(usize, LineSegmentKind)>, Fault> {
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         let heading = unwrapped_deg(floats(batch, &self.heading)?);
         let busy = self.manoeuvres(batch, tt, rate_hz)?;
         // The end of a run ends a segment, and so does a change of kind.
-        let mut found = vec![(0, Kind::None); tt.len()];
-        for (n, run) in Usable::all(tt.len()).and_finite(&heading).runs_in_time(tt, rate_hz).into_iter().enumerate() {
+        let mut found = vec![(0, LineSegmentKind::None); tt.len()];
+        for (n, run) in RowMask::all(tt.len()).and_finite(&heading).runs_in_time(tt, rate_hz).into_iter().enumerate() {
             let Some(kinds) = self.turns(&heading[run.clone()], rate_hz)? else { continue };
             for (row, kind) in run.zip(kinds) {
-                let busy = kind == Kind::Straight && busy[row];
-                found[row] = (n + 1, if busy { Kind::Manoeuvre } else { kind });
+                let busy = kind == LineSegmentKind::Straight && busy[row];
+                found[row] = (n + 1, if busy { LineSegmentKind::Manoeuvre } else { kind });
             }
         }
         Ok(found)
@@ -188,7 +188,7 @@ impl Segments {
 }
 
 impl Stage for Segments {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = vec![];
         if let Err(fault) = shape.number(&self.heading, "deg") {
@@ -221,7 +221,7 @@ impl Stage for Segments {
             Column::integer("segment", "", "number of the part of the line, from 1").role(role),
             Column::text("segment_kind", "straight, turn, manoeuvre or none").role(role),
         ];
-        Ok(Yield::append(columns.into_iter().map(|c| c.from(0, &reads)).collect(), &reads))
+        Ok(StageSchema::append(columns.into_iter().map(|c| c.from(0, &reads)).collect(), &reads))
     }
 }
 
@@ -232,7 +232,7 @@ impl LineStage for Segments {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let kinds = self.kinds(batch)?;
         let mut numbers = vec![0; kinds.len()];
@@ -270,7 +270,8 @@ mod tests {
         }
     }
 
-    /// A box: legs of 80 s, turns to the right of 30 s at 3 degrees a second, and rolls of 5 degrees amid each leg, from 30 to 50 s.
+    /// A box: legs of 80 s, turns to the right of 30 s at 3 degrees a second, and rolls of 5 degrees amid each leg,
+    /// from 30 to 50 s.
     fn heading(t: f64) -> f64 {
         let (leg, s) = ((t / 110.0).floor(), t.rem_euclid(110.0));
         // On the legs a yaw of 3 degrees that turns at up to 3 degrees a second.

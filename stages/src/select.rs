@@ -4,7 +4,9 @@ use arrow_array::{BooleanArray, RecordBatch};
 use arrow_schema::DataType;
 use arrow_select::filter::filter;
 use expressions::Expression;
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Passes, Shape, Stage, Table, Yield, stage};
+use schemas::{
+    Column, Fault, LineInput, LineOutput, LineStage, PassThroughColumns, Stage, StageSchema, Table, TableShape, stage,
+};
 
 use crate::columns::{data, is_key, shape};
 
@@ -43,7 +45,7 @@ impl Select {
         is_key(name) || named && !self.drop.iter().any(|n| n == name)
     }
 
-    fn predicate(&self, shape: &Shape) -> Result<Option<Expression>, Fault> {
+    fn predicate(&self, shape: &TableShape) -> Result<Option<Expression>, Fault> {
         let Some(sql) = &self.rows else { return Ok(None) };
         let predicate = Expression::new(sql, shape, SUBJECT)?;
         match &predicate.data_type {
@@ -58,7 +60,7 @@ impl Stage for Select {
         self.rows.iter().map(|sql| (None, sql.as_str())).collect()
     }
 
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = vec![];
         let named = self.columns.iter().flatten().map(|name| (name, "columns"));
@@ -87,7 +89,10 @@ impl Stage for Select {
                 .iter()
                 .filter(|c| c.name == "tt")
                 .map(|c| Column { from: vec![], ..(*c).clone() }.from(0, &["tt"]));
-            return Ok(Yield { passes: Passes::Only(names), ..Yield::append(time.collect(), &["tt"]) });
+            return Ok(StageSchema {
+                passes: PassThroughColumns::Only(names),
+                ..StageSchema::append(time.collect(), &["tt"])
+            });
         };
         let made = kept.iter().map(|c| {
             let mut from = predicate.columns.clone();
@@ -99,7 +104,7 @@ impl Stage for Select {
         let mut reads: Vec<String> = kept.iter().map(|c| c.name.clone()).collect();
         reads.extend(predicate.columns.iter().filter(|name| !kept.iter().any(|c| c.name == **name)).cloned());
         let made: Vec<Column> = made.collect();
-        Ok(Yield { passes: Passes::None, lenient: true, ..Yield::append(made, &reads) })
+        Ok(StageSchema { passes: PassThroughColumns::None, lenient: true, ..StageSchema::append(made, &reads) })
     }
 }
 
@@ -110,11 +115,11 @@ impl LineStage for Select {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let schema = batch.schema();
         let kept = schema.fields().iter().zip(batch.columns()).filter(|(field, _)| self.keeps(field.name()));
-        let Some(predicate) = self.predicate(&Shape::of(&schema))? else {
+        let Some(predicate) = self.predicate(&TableShape::from_schema(&schema))? else {
             return Ok(kept.map(|(_, array)| array.clone()).collect());
         };
         let mask = predicate.mask(batch)?;
@@ -160,11 +165,11 @@ mod tests {
     fn unit_what_is_kept_is_read_and_the_time_is_always_there() {
         let made = select(Some("radar > 3"), Some(&["mag_4_uc"]), &[]).yields(&[&lines()]).unwrap();
         let names: Vec<&str> = made.columns.iter().map(|c| c.name.as_str()).collect();
-        assert_eq!((names, made.passes), (vec!["tt", "mag_4_uc"], Passes::None));
+        assert_eq!((names, made.passes), (vec!["tt", "mag_4_uc"], PassThroughColumns::None));
         assert_eq!(made.reads, [["tt", "mag_4_uc", "radar"]]);
         assert!(made.columns[1].from.contains(&(0, "radar".into())));
         let made = select(None, None, &["radar"]).yields(&[&lines()]).unwrap();
-        assert_eq!(made.passes, Passes::Only(vec!["alt".into(), "mag_4_uc".into()]));
+        assert_eq!(made.passes, PassThroughColumns::Only(vec!["alt".into(), "mag_4_uc".into()]));
         assert_eq!((made.columns[0].name.as_str(), made.reads), ("tt", vec![vec!["tt".to_owned()]]));
     }
 

@@ -4,17 +4,19 @@ use arrow_array::RecordBatch;
 use numerics::{
     navigation::{
         ins_error::{
-            Draws, GradedIns, InsErrorModel, MechanisedExtras, errors_along, faulty_ins, horizontal_m,
+            InsErrorModel, InsErrorSpec, MechanisationErrors, NormalStreams, errors_along, faulty_ins, horizontal_m,
             mechanised_errors_along,
         },
         ins_series::InsSeries,
         pinson::StateVector,
         strapdown,
     },
-    random::{Normals, seed_of},
+    random::{NormalGenerator, seed_of},
     signal::local_fit::smoothed,
 };
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, flight, stage};
+use schemas::{
+    Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, TableShape, choice, flight, stage,
+};
 
 use crate::columns::{array, data, faults_of, floats, shape};
 
@@ -37,7 +39,7 @@ stage! {
     /// an INS with an error above 1,000 km. An existing INS is rejected unless `replace = true`.
     ///
     /// Source: Gnadt 2022, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: Lee 2019, Tables 9 and 10.
-    SimulateIns = "simulate_ins", version 2, grain Line, inputs [input: Lines], groups [ins: GradedIns],
+    SimulateIns = "simulate_ins", version 2, grain Line, inputs [input: Lines], groups [ins: InsErrorSpec],
     example r#"
 [[stages]]
 name      = "simulate_ins"
@@ -48,7 +50,7 @@ replace   = true
 "#;
     /// Propagation of the errors: the linear error model that `navigate` uses, or a strapdown mechanisation of faulty
     /// readings, which is accurate for errors of any size.
-    method: Method, unit "", default Method::ErrorModel;
+    method: ErrorPropagation, unit "", default ErrorPropagation::ErrorModel;
     /// Length of the window over which positions and velocities are smoothed, by parabolas whose weights fall to 0 at
     /// its ends. 0 does not smooth.
     smooth_s: f64, unit "s", default 5.0, rule Rule::NotNegative;
@@ -60,7 +62,7 @@ replace   = true
 
 choice! {
     /// Propagation of the errors.
-    pub enum Method {
+    pub enum ErrorPropagation {
         /// The linear error model.
         ErrorModel = "error_model",
         /// A strapdown mechanisation.
@@ -94,33 +96,33 @@ const ERROR_LIMIT_M: f64 = 1e6;
 
 impl SimulateIns {
     /// Columns that are read: all of a group, or none.
-    fn reads(shape: &Shape) -> Vec<(&'static str, &'static str)> {
+    fn reads(shape: &TableShape) -> Vec<(&'static str, &'static str)> {
         let there = |group: &&[(&str, &str); 3]| group.iter().all(|(name, _)| shape.get(name).is_some());
         POSITION.into_iter().chain([&VELOCITY, &ATTITUDE].into_iter().filter(there).copied().flatten()).collect()
     }
 
     /// Fault of an existing INS that is not to be replaced.
-    fn kept(&self, shape: &Shape) -> Option<Fault> {
+    fn kept(&self, shape: &TableShape) -> Option<Fault> {
         let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");
         Some(Fault::new(what).help("set `replace = true` to replace it by the simulated INS").of_param("replace"))
     }
 
     fn model(&self) -> InsErrorModel {
-        InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(self.ins.sources) }
+        InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::from_sources(self.ins.sources) }
     }
 
     /// Realisation of a line: truth minus INS, one value per sample.
-    fn errors(&self, truth: &InsSeries, line: &LineIn) -> Result<Vec<StateVector>, Fault> {
-        let normals = |what| Normals::new(seed_of(self.seed as u64, &[&line.flight, &line.line, what]));
+    fn errors(&self, truth: &InsSeries, line: &LineInput) -> Result<Vec<StateVector>, Fault> {
+        let normals = |what| NormalGenerator::new(seed_of(self.seed as u64, &[&line.flight, &line.line, what]));
         let (mut block, mut within) = (normals("ins"), normals("ins within a second"));
         let model = self.model();
-        let draws = &mut Draws { block: &mut || block.draw(), within: &mut || within.draw() };
+        let draws = &mut NormalStreams { block: &mut || block.draw(), within: &mut || within.draw() };
         let start = model.initial_error(truth.lat_deg[0].to_radians(), truth.alt_m[0], draws.block);
         let errors = match self.method {
-            Method::ErrorModel => errors_along(truth, &model, &start, draws),
-            Method::Mechanisation => {
-                mechanised_errors_along(truth, &model, &MechanisedExtras::default(), &start, draws)
+            ErrorPropagation::ErrorModel => errors_along(truth, &model, &start, draws),
+            ErrorPropagation::Mechanisation => {
+                mechanised_errors_along(truth, &model, &MechanisationErrors::default(), &start, draws)
             }
         };
         errors.map_err(data)
@@ -128,13 +130,13 @@ impl SimulateIns {
 }
 
 /// True motion along a line: smoothed, with missing columns derived.
-struct Truth<'a> {
+struct TrueMotion<'a> {
     tt_s: &'a [f64],
     columns: [Vec<f64>; 12],
 }
 
-impl<'a> Truth<'a> {
-    fn of(batch: &'a RecordBatch, smooth_s: f64) -> Result<Truth<'a>, Fault> {
+impl<'a> TrueMotion<'a> {
+    fn new(batch: &'a RecordBatch, smooth_s: f64) -> Result<TrueMotion<'a>, Fault> {
         let tt_s = floats(batch, "tt")?;
         let read = |columns: [(&'static str, &str); 3]| -> Result<Option<[Vec<f64>; 3]>, Fault> {
             if columns.iter().any(|(name, _)| batch.column_by_name(name).is_none()) {
@@ -159,13 +161,13 @@ impl<'a> Truth<'a> {
             None => strapdown::level_attitude_deg(&vn, &ve).map_err(series)?,
         };
         let [force_n, force_e, force_d] = force;
-        Ok(Truth { tt_s, columns: [lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] })
+        Ok(TrueMotion { tt_s, columns: [lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] })
     }
 
     fn series(&self) -> InsSeries<'_> {
         let [lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] =
             self.columns.each_ref().map(Vec::as_slice);
-        InsSeries::of([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
+        InsSeries::from_columns([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
     }
 }
 
@@ -205,7 +207,7 @@ fn check_limit(truth: &InsSeries, errors: &[StateVector]) -> Result<(), Fault> {
 }
 
 impl Stage for SimulateIns {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let reads = SimulateIns::reads(shape);
         let mut faults = faults_of(reads.iter().map(|(name, unit)| shape.number(name, unit)), "input");
@@ -218,7 +220,7 @@ impl Stage for SimulateIns {
             let known = flight::describe(name);
             Column::float(name, known.unit, format!("simulated {}", known.description)).from(0, &reads)
         };
-        let mut yields = Yield::append(MADE.map(made).to_vec(), &reads);
+        let mut yields = StageSchema::append(MADE.map(made).to_vec(), &reads);
         for (three, from) in [(VELOCITY, "the positions"), (ATTITUDE, "the course, level")] {
             if !reads.contains(&three[0].0) {
                 let names = three.map(|(name, _)| name).join(", ");
@@ -236,8 +238,8 @@ impl LineStage for SimulateIns {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
-        let truth = Truth::of(&line.inputs[0], self.smooth_s)?;
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
+        let truth = TrueMotion::new(&line.inputs[0], self.smooth_s)?;
         let series = truth.series();
         let errors = self.errors(&series, line)?;
         check_limit(&series, &errors)?;

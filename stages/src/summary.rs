@@ -8,11 +8,11 @@ use arrow_array::{
     types::{Float64Type, Int64Type},
 };
 use arrow_schema::DataType;
-use numerics::regression::bootstrap::{Interval, Resamples};
+use numerics::regression::bootstrap::{BootstrapResamples, PercentileInterval};
 use schemas::{
-    Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyPoint,
-    SurveyStage, Table, Work, Yield,
-    metric::{Better, Metric, Pool, Shown, Weighed},
+    CheckpointMonitor, ChoiceRegistry, ChoiceSubset, Column, ColumnType, Fault, LineInput, PassThroughColumns, Role,
+    Rule, Stage, StageEntry, StageOutput, StageSchema, SurveyAggregator, SurveyPoint, SurveyStage, Table,
+    metric::{Metric, MetricDisplay, MetricPreference, PoolingRule, WeightedScore},
     stage,
 };
 
@@ -24,13 +24,14 @@ use crate::{
 stage! {
     /// Pools the scores of lines, each figure with a confidence interval.
     ///
-    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means, both weighted by samples; `cep` and
-    /// `r95` are the radii of all samples together; numbers of samples are added. The interval is that of percentiles over `draws` resamples of whole lines with replacement: the
-    /// samples of a line err together, so they are no independent evidence. One line alone has no interval (null).
+    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means, both weighted by samples; `cep`
+    /// and `r95` are the radii of all samples together; numbers of samples are added. The interval is that of
+    /// percentiles over `draws` resamples of whole lines with replacement: the samples of a line err together, so they
+    /// are no independent evidence. One line alone has no interval (null).
     ///
-    /// Each metric is pooled over the held-out lines. Where no held-out line has a value, it is pooled over the lines in
-    /// sample, and `in_sample` is true. A line is in sample if a model, noise or map behind its scores was made from it, or a
-    /// search chose by it. `scores_pooled` also pools the lines in sample, where there are others.
+    /// Each metric is pooled over the held-out lines. Where no held-out line has a value, it is pooled over the lines
+    /// in sample, and `in_sample` is true. A line is in sample if a model, noise or map behind its scores was made from
+    /// it, or a search chose by it. `scores_pooled` also pools the lines in sample, where there are others.
     ///
     /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
     /// `std_error` (without it, the rms of `map_std_error`) of all other lines, in sample or not, over that of these; 1
@@ -46,7 +47,7 @@ stage = "summary"
 input = "score"
 "#;
     /// Metrics to pool.
-    metrics: Several<Scorer>, unit "", absent "everything that was scored";
+    metrics: ChoiceSubset<Scorer>, unit "", absent "everything that was scored";
     /// The lines that a model was fitted on, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
     /// The confidence level of the interval.
@@ -58,8 +59,8 @@ input = "score"
 }
 
 /// The row of the catalogue, with `scorers` to pool.
-pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
-    Entry { metrics: METRICS.to_vec(), ..Summary::entry_with(Lists::default().with(scorers)) }
+pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
+    StageEntry { metrics: METRICS.to_vec(), ..Summary::entry_with(ChoiceRegistry::default().with(scorers)) }
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
@@ -71,13 +72,13 @@ const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",
     unit: "1",
     meaning: "error of all other lines over that of the lines that the model was fitted on",
-    pool: Pool::Mean,
-    better: Better::Lower,
-    shown: Shown::NOWHERE,
+    pool: PoolingRule::Mean,
+    better: MetricPreference::Lower,
+    shown: MetricDisplay::NOWHERE,
 };
 
 impl Stage for Summary {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         if READS.iter().any(|name| shape.get(name).is_none()) {
             return Err(vec![Fault::new("`input` is not a score table").of_param("input")]);
@@ -96,24 +97,24 @@ impl Stage for Summary {
                 ..Column::float(IN_SAMPLE, "", POOLED_IN_SAMPLE).role(Role::Key)
             }),
         ];
-        let mut yields = Yield::append(columns, &READS);
+        let mut yields = StageSchema::append(columns, &READS);
         yields.reads.iter_mut().for_each(|reads| reads.push(IN_SAMPLE.to_owned()));
-        yields.passes = Passes::None;
+        yields.passes = PassThroughColumns::None;
         Ok(yields)
     }
 }
 
 impl SurveyStage for Summary {
-    type Gather = SummaryGather;
+    type Gather = SummaryAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> SummaryGather {
-        SummaryGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> SummaryAggregator {
+        SummaryAggregator { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
 /// One score of one line.
 #[derive(Clone, Debug)]
-struct Score {
+struct SummaryScore {
     metric: &'static Metric,
     value: f64,
     n: i64,
@@ -121,7 +122,7 @@ struct Score {
     in_sample: bool,
 }
 
-impl Score {
+impl SummaryScore {
     /// A score of a held-out line.
     fn new(known: &[&'static Scorer], metric: &str, value: f64, n: i64, spread: Vec<f64>) -> Result<Self, Fault> {
         let declared = known.iter().map(|scorer| &scorer.metric).find(|m| m.name == metric);
@@ -130,26 +131,26 @@ impl Score {
     }
 
     /// Its value and its weight.
-    fn weighed(&self) -> Weighed<'_> {
-        Weighed { value: self.value, n: self.n as f64, spread: &self.spread }
+    fn weighed(&self) -> WeightedScore<'_> {
+        WeightedScore { value: self.value, n: self.n as f64, spread: &self.spread }
     }
 }
 
 /// Contribution of one line.
-pub struct Part {
+pub struct SummaryLine {
     line: String,
-    scores: Vec<Score>,
+    scores: Vec<SummaryScore>,
 }
 
 /// The points of a sweep over the scores of the same lines.
-pub struct SummaryGather {
+pub struct SummaryAggregator {
     points: Vec<Summary>,
 }
 
-impl Gather for SummaryGather {
-    type Part = Part;
+impl SurveyAggregator for SummaryAggregator {
+    type Part = SummaryLine;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+    fn map(&self, line: &LineInput) -> Result<SummaryLine, Fault> {
         let batch = &line.inputs[0];
         let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
         let value = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
@@ -164,45 +165,45 @@ impl Gather for SummaryGather {
         let in_sample = |i: usize| seen.is_some_and(|a| a.is_valid(i) && a.value(i));
         let scores = metric.iter().zip(value.iter().zip(n.iter())).enumerate();
         let scores = scores.filter_map(|(i, (metric, (value, n)))| {
-            let score = Score::new(known, metric?, value?, n?, score::spread_at(spreads, i));
-            Some(score.map(|score| Score { in_sample: in_sample(i), ..score }))
+            let score = SummaryScore::new(known, metric?, value?, n?, score::spread_at(spreads, i));
+            Some(score.map(|score| SummaryScore { in_sample: in_sample(i), ..score }))
         });
-        Ok(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
+        Ok(SummaryLine { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
     }
 
-    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
-        let parts: Vec<&Part> = parts.iter().collect();
-        self.points.iter().map(|point| point.table(&parts).map(Product::from)).collect()
+    fn finish(&self, parts: Vec<SummaryLine>, _: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
+        let parts: Vec<&SummaryLine> = parts.iter().collect();
+        self.points.iter().map(|point| point.table(&parts).map(StageOutput::from)).collect()
     }
 }
 
 /// A pooled figure.
-struct Pooled {
+struct SummaryFigure {
     metric: &'static Metric,
     value: f64,
-    interval: Option<Interval>,
+    interval: Option<PercentileInterval>,
     lines: usize,
     n: i64,
     in_sample: bool,
 }
 
 impl Summary {
-    fn table(&self, parts: &[&Part]) -> Result<Vec<ArrayRef>, Fault> {
+    fn table(&self, parts: &[&SummaryLine]) -> Result<Vec<ArrayRef>, Fault> {
         for name in &self.train {
             if !parts.iter().any(|p| p.line == *name) {
                 let what = format!("`train` names the line `{name}`, which was not scored");
                 return Err(Fault::data(what).help("name lines of the table of scores"));
             }
         }
-        let mut rows: Vec<Pooled> =
+        let mut rows: Vec<SummaryFigure> =
             self.metrics_of(parts).into_iter().map(|metric| self.pooled(metric, parts)).collect();
         if !self.train.is_empty() {
             rows.extend(self.overfitting(parts));
         }
-        let ends = |end: fn(&Interval) -> f64| -> ArrayRef {
+        let ends = |end: fn(&PercentileInterval) -> f64| -> ArrayRef {
             Arc::new(rows.iter().map(|r| r.interval.as_ref().map(end)).collect::<arrow_array::Float64Array>())
         };
-        let text = |of: fn(&Pooled) -> &str| -> ArrayRef {
+        let text = |of: fn(&SummaryFigure) -> &str| -> ArrayRef {
             Arc::new(rows.iter().map(|r| Some(of(r))).collect::<StringArray>())
         };
         Ok(vec![
@@ -218,9 +219,9 @@ impl Summary {
     }
 
     /// The metrics to pool, in the order in which they first appear.
-    fn metrics_of(&self, parts: &[&Part]) -> Vec<&'static Metric> {
+    fn metrics_of(&self, parts: &[&SummaryLine]) -> Vec<&'static Metric> {
         let mut found: Vec<&'static Metric> = vec![];
-        for Score { metric, .. } in parts.iter().flat_map(|p| &p.scores) {
+        for SummaryScore { metric, .. } in parts.iter().flat_map(|p| &p.scores) {
             let wanted = self.metrics.wanted().any(|scorer| scorer.metric.name == metric.name);
             if wanted && !found.iter().any(|m| m.name == metric.name) {
                 found.push(metric);
@@ -229,14 +230,14 @@ impl Summary {
         found
     }
 
-    fn pooled(&self, metric: &'static Metric, parts: &[&Part]) -> Pooled {
+    fn pooled(&self, metric: &'static Metric, parts: &[&SummaryLine]) -> SummaryFigure {
         let mut scores = scores_of(metric, parts);
         let seen = scores.iter().filter(|s| s.in_sample).count();
         let in_sample = is_pooled_in_sample(scores.len() - seen, seen);
         scores.retain(|s| s.in_sample == in_sample);
-        let draws = Resamples::new(scores.len(), self.draws, self.seed as u64);
+        let draws = BootstrapResamples::new(scores.len(), self.draws, self.seed as u64);
         let drawn = draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())));
-        Pooled {
+        SummaryFigure {
             metric,
             value: metric.pool.value(scores.iter().map(|s| s.weighed())),
             interval: of_several(scores.len(), drawn, self.level),
@@ -247,19 +248,20 @@ impl Summary {
     }
 
     /// The error of the other lines over that of the training lines.
-    fn overfitting(&self, parts: &[&Part]) -> Option<Pooled> {
-        let (train, test): (Vec<&Part>, Vec<&Part>) = parts.iter().partition(|p| self.train.contains(&p.line));
+    fn overfitting(&self, parts: &[&SummaryLine]) -> Option<SummaryFigure> {
+        let (train, test): (Vec<&SummaryLine>, Vec<&SummaryLine>) =
+            parts.iter().partition(|p| self.train.contains(&p.line));
         let metric = OVERFITTING.into_iter().find(|m| !scores_of(m, &train).is_empty())?;
         let (train, test) = (scores_of(metric, &train), scores_of(metric, &test));
-        let drawn = |scores: &[&Score], seed: u64| {
-            let draws = Resamples::new(scores.len(), self.draws, seed);
+        let drawn = |scores: &[&SummaryScore], seed: u64| {
+            let draws = BootstrapResamples::new(scores.len(), self.draws, seed);
             draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())))
         };
-        let all = |scores: &[&Score]| metric.pool.value(scores.iter().map(|s| s.weighed()));
+        let all = |scores: &[&SummaryScore]| metric.pool.value(scores.iter().map(|s| s.weighed()));
         // Both sides are drawn by their own streams, the second beginning where no seed of a user's does.
         let (new, own) = (drawn(&test, self.seed as u64), drawn(&train, !(self.seed as u64)));
         let ratios = new.iter().zip(&own).map(|(new, own)| new / own).collect();
-        Some(Pooled {
+        Some(SummaryFigure {
             metric: &OVERFITTING_RATIO,
             value: all(&test) / all(&train),
             interval: of_several(test.len(), ratios, self.level),
@@ -271,11 +273,11 @@ impl Summary {
 }
 
 /// The interval of a figure of some lines; of one alone there is none, for it says nothing of another.
-fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<Interval> {
-    if lines < 2 { None } else { Interval::central(drawn, level) }
+fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<PercentileInterval> {
+    if lines < 2 { None } else { PercentileInterval::central(drawn, level) }
 }
 
-fn scores_of<'a>(metric: &Metric, parts: &[&'a Part]) -> Vec<&'a Score> {
+fn scores_of<'a>(metric: &Metric, parts: &[&'a SummaryLine]) -> Vec<&'a SummaryScore> {
     let scores = parts.iter().flat_map(|p| &p.scores);
     scores.filter(|s| s.metric.name == metric.name && s.value.is_finite() && s.n > 0).collect()
 }
@@ -283,14 +285,14 @@ fn scores_of<'a>(metric: &Metric, parts: &[&'a Part]) -> Vec<&'a Score> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use schemas::Kinds;
+    use schemas::ChoiceList;
 
     use super::*;
     use crate::score::SCORERS;
 
     fn summary(train: &[&str]) -> Summary {
         Summary {
-            metrics: Several::new(Arc::new(Kinds::new(SCORERS.to_vec())), None),
+            metrics: ChoiceSubset::new(Arc::new(ChoiceList::new(SCORERS.to_vec())), None),
             train: train.iter().map(ToString::to_string).collect(),
             level: 0.9,
             draws: 500,
@@ -298,10 +300,11 @@ mod tests {
         }
     }
 
-    fn part(line: &str, std_nt: f64, n: i64) -> Part {
+    fn part(line: &str, std_nt: f64, n: i64) -> SummaryLine {
         let scores = [("std_error", std_nt), ("nees", 2.0), ("samples_used", 10.0)];
-        let scores = scores.map(|(metric, value)| Score::new(SCORERS, metric, value, n, vec![]).unwrap()).to_vec();
-        Part { line: line.into(), scores }
+        let scores =
+            scores.map(|(metric, value)| SummaryScore::new(SCORERS, metric, value, n, vec![]).unwrap()).to_vec();
+        SummaryLine { line: line.into(), scores }
     }
 
     fn column(table: &[ArrayRef], i: usize) -> Vec<f64> {
@@ -320,7 +323,7 @@ mod tests {
 
     #[test]
     fn law_what_no_stage_declares_is_not_pooled_by_a_guess() {
-        assert!(Score::new(SCORERS, "std_eror", 1.0, 1, vec![]).unwrap_err().to_string().contains("`std_eror`"));
+        assert!(SummaryScore::new(SCORERS, "std_eror", 1.0, 1, vec![]).unwrap_err().to_string().contains("`std_eror`"));
     }
 
     #[test]
@@ -333,14 +336,14 @@ mod tests {
 
     #[test]
     fn law_lines_in_sample_are_pooled_only_where_there_are_no_others() {
-        let seen = |part: Part| {
-            let scores = part.scores.into_iter().map(|score| Score { in_sample: true, ..score }).collect();
-            Part { scores, ..part }
+        let seen = |part: SummaryLine| {
+            let scores = part.scores.into_iter().map(|score| SummaryScore { in_sample: true, ..score }).collect();
+            SummaryLine { scores, ..part }
         };
         let (mut held_out, others) = (part("1", 3.0, 100), [seen(part("2", 4.0, 300)), seen(part("3", 1.0, 100))]);
         // Without a value in the held-out line, `nees` is that of the others.
         held_out.scores[1].value = f64::NAN;
-        let parts: Vec<&Part> = std::iter::once(&held_out).chain(&others).collect();
+        let parts: Vec<&SummaryLine> = std::iter::once(&held_out).chain(&others).collect();
         let table = summary(&[]).table(&parts).unwrap();
         assert_eq!(column(&table, 1), [3.0, 2.0, 10.0]);
         let lines = table[5].as_primitive::<Int64Type>().values();

@@ -2,12 +2,13 @@
 
 use arrow_array::RecordBatch;
 use schemas::{
-    Arrays, Column, Correction, Fault, LineIn, LineStage, Removed, Role, Shape, Stage, Table, Yield, choice, stage,
+    Column, CorrectionSet, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, Role, Stage, StageSchema,
+    Table, TableShape, choice, stage,
 };
 
 use crate::{
     columns::{array, floats, shape},
-    corrections::{Key, REMOVE_CORE, REMOVE_DIURNAL, corrects, had, note, twice},
+    corrections::{CorrectionKey, REMOVE_CORE, REMOVE_DIURNAL, corrects, had, note, twice},
     map_value::{MAP_ANOMALY as MAP, note_of_ins_position},
 };
 
@@ -70,10 +71,10 @@ truth = "mag_1_c"
 
 impl Target {
     /// Corrections of the first column: each with its key, and the column to subtract.
-    fn corrections(&self) -> [(Correction, Option<bool>, Key, &'static str); 2] {
+    fn corrections(&self) -> [(MagneticCorrection, Option<bool>, CorrectionKey, &'static str); 2] {
         [
-            (Correction::Core, self.remove_core, REMOVE_CORE, "igrf"),
-            (Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL, "diurnal"),
+            (MagneticCorrection::Core, self.remove_core, REMOVE_CORE, "igrf"),
+            (MagneticCorrection::Diurnal, self.remove_diurnal, REMOVE_DIURNAL, "diurnal"),
         ]
     }
 
@@ -83,19 +84,20 @@ impl Target {
     }
 
     /// Corrections that the target has had.
-    fn removed(&self, shape: &Shape, from: &str, less: &[String]) -> Removed {
-        let both = [Correction::Core, Correction::Diurnal];
+    fn removed(&self, shape: &TableShape, from: &str, less: &[String]) -> CorrectionSet {
+        let both = [MagneticCorrection::Core, MagneticCorrection::Diurnal];
         match self.kind {
             TargetType::B => both.into(),
             TargetType::D => had(shape, from).into_iter().chain(both).collect(),
-            TargetType::A | TargetType::C | TargetType::E => {
-                had(shape, from).into_iter().chain(less.iter().filter_map(|name| Correction::by_column(name))).collect()
-            }
+            TargetType::A | TargetType::C | TargetType::E => had(shape, from)
+                .into_iter()
+                .chain(less.iter().filter_map(|name| MagneticCorrection::by_column(name)))
+                .collect(),
         }
     }
 
     /// First column, and the columns to subtract from it.
-    fn parts(&self, shape: &Shape) -> Result<(String, Vec<String>), Fault> {
+    fn parts(&self, shape: &TableShape) -> Result<(String, Vec<String>), Fault> {
         let mag = || {
             let missing = || Fault::new(format!("type `{}` requires `mag`", self.kind.word())).of_param("kind");
             self.mag.clone().ok_or_else(missing)
@@ -118,7 +120,7 @@ impl Target {
         }
     }
 
-    fn needs(&self, shape: &Shape, name: &str) -> Result<(), Fault> {
+    fn needs(&self, shape: &TableShape, name: &str) -> Result<(), Fault> {
         let found = shape.number(name, "nT").map(|_| ());
         found.map_err(|fault| match name {
             MAP => fault.help("add a `map_value` stage before this one").of_param("kind"),
@@ -133,7 +135,7 @@ impl Target {
 }
 
 impl Stage for Target {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let (from, less) = self.parts(shape).map_err(|f| vec![f])?;
         let removed = self.removed(shape, &from, &less);
@@ -149,8 +151,9 @@ impl Stage for Target {
         let corrections = || self.corrections().into_iter().filter(|_| self.is_reduced());
         faults.extend(corrections().filter_map(|(c, given, key, _)| twice(shape, &own, c, given, key)));
         if self.kind == TargetType::D {
-            let part =
-                |name: &str| -> Removed { had(shape, name).into_iter().filter(|c| *c != Correction::Lag).collect() };
+            let part = |name: &str| -> CorrectionSet {
+                had(shape, name).into_iter().filter(|c| *c != MagneticCorrection::Lag).collect()
+            };
             if part(&own[0]) != part(&self.truth) {
                 let what = format!(
                     "`{}` and `{}` have had different corrections, so their difference is not an aircraft field",
@@ -165,7 +168,7 @@ impl Stage for Target {
         }
         let doc = format!("target of a model: type {} of Gnadt 2022, section 3.7", self.kind.word());
         let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads).without(removed);
-        let mut yields = Yield::append(vec![column], &reads);
+        let mut yields = StageSchema::append(vec![column], &reads);
         yields.notes.extend(note_of_ins_position(shape).filter(|_| reads.iter().any(|name| name == MAP)));
         yields.notes.extend(corrections().filter_map(|(c, given, ..)| note(shape, &own, c, given)));
         Ok(yields)
@@ -179,9 +182,9 @@ impl LineStage for Target {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
-        let (from, less) = self.parts(&Shape::of(&batch.schema()))?;
+        let (from, less) = self.parts(&TableShape::from_schema(&batch.schema()))?;
         let mut target = floats(batch, &from)?.to_vec();
         for name in less {
             target.iter_mut().zip(floats(batch, &name)?).for_each(|(t, x)| *t -= x);
@@ -197,7 +200,7 @@ mod tests {
 
     use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 
-    use schemas::Value;
+    use schemas::ParamValue;
 
     use super::*;
 
@@ -211,12 +214,12 @@ mod tests {
         }
     }
 
-    fn line() -> LineIn {
+    fn line() -> LineInput {
         let column = |x: f64| Arc::new(arrow_array::Float64Array::from(vec![x, f64::NAN])) as arrow_array::ArrayRef;
         let columns =
             [("mag_4_uc", 50_300.0), ("mag_1_c", 50_110.0), ("igrf", 50_000.0), ("diurnal", 10.0), (MAP, 99.0)];
         let batch = RecordBatch::try_from_iter(columns.map(|(n, x)| (n, column(x)))).unwrap();
-        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+        LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
     #[test]
@@ -235,7 +238,7 @@ mod tests {
     #[test]
     fn law_what_is_missing_is_named_with_the_way_out() {
         let columns = ["mag_4_uc", "mag_1_c", "igrf"].map(|n| Column::float(n, "nT", ""));
-        let table = Table::Lines(Shape { columns: columns.to_vec(), rate_hz: None });
+        let table = Table::Lines(TableShape { columns: columns.to_vec(), rate_hz: None });
         let said = |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();
         assert!(said(&target("c")).contains("map_value"));
         assert!(said(&target("e")).contains("remove_diurnal"));
@@ -251,7 +254,7 @@ mod tests {
             let mut columns: Vec<Column> =
                 place.map(|(name, unit)| Column::float(name, unit, "").role(Role::Truth)).to_vec();
             columns.push(Column::float("map_anomaly", "nT", "").role(role));
-            target("b").yields(&[&Table::Lines(Shape { columns, rate_hz: None })]).unwrap().notes
+            target("b").yields(&[&Table::Lines(TableShape { columns, rate_hz: None })]).unwrap().notes
         };
         assert!(notes(Role::Truth).is_empty());
         assert!(notes(Role::Derived)[0].contains("`position = \"truth\"`"), "{:?}", notes(Role::Derived));

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{Field, Schema};
-use schemas::{Arrays, Column, Fault, LineIn, Shape, SurveyPoint, SurveyStage, Table};
+use schemas::{Column, Fault, LineInput, LineOutput, SurveyPoint, SurveyStage, Table, TableShape};
 
 /// Columns of numbers: name, unit, values.
-pub type Columns<'a> = Vec<(&'a str, &'a str, Vec<f64>)>;
+pub type StageTestColumns<'a> = Vec<(&'a str, &'a str, Vec<f64>)>;
 
-pub fn batch(columns: Columns) -> RecordBatch {
+pub fn batch(columns: StageTestColumns) -> RecordBatch {
     let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) = columns
         .into_iter()
         .map(|(name, unit, values)| {
@@ -27,12 +27,12 @@ pub fn point<S: SurveyStage>(stage: &S) -> SurveyPoint<'_, S> {
 }
 
 /// A line of one input after another.
-pub fn line(inputs: Vec<RecordBatch>) -> LineIn {
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
+pub fn line(inputs: Vec<RecordBatch>) -> LineInput {
+    LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
 }
 
 /// The numbers of what a stage made, column by column.
-pub fn numbers(made: Arrays) -> Result<Vec<Vec<f64>>, Fault> {
+pub fn numbers(made: LineOutput) -> Result<Vec<Vec<f64>>, Fault> {
     Ok(made?.iter().map(|array| array.as_primitive::<Float64Type>().values().to_vec()).collect())
 }
 
@@ -45,7 +45,7 @@ pub fn table(columns: &[(&str, &str)], rate_hz: Option<f64>) -> Table {
             Column::float(*name, *unit, "").role(known.role)
         })
         .collect();
-    Table::Lines(Shape { columns, rate_hz })
+    Table::Lines(TableShape { columns, rate_hz })
 }
 
 /// Faults with the parameter that each is of.

@@ -4,17 +4,20 @@ mod gather;
 #[cfg(test)]
 mod tests;
 
-use grids::{Height, SurveyPoints};
+use grids::{GridHeight, SurveyPointSet};
 use numerics::{
     maps::plane_grid::{EvenAxis, PlaneGrid},
     navigation::{
-        slam::{Covariance, HyperparameterSource, Kernel},
+        slam::{AnomalyKernel, CovarianceFunction, HyperparameterSource},
         track_map::{self, TrackMapError, TrackMapParameters, TrackSample},
     },
 };
-use schemas::{Column, Correction, Fault, Product, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, stage};
+use schemas::{
+    Column, Fault, MagneticCorrection, Rule, Stage, StageOutput, StageSchema, SurveyPoint, SurveyStage, Table,
+    TableShape, stage,
+};
 
-use self::gather::Measured;
+use self::gather::AnomalyMeasurement;
 use crate::{
     columns::{array, data, faults_of, shape},
     corrections::{CORE_FIELD, REMOVE_DIURNAL, corrects, note, twice},
@@ -79,7 +82,7 @@ spacing_m       = 500.0
     /// covariance, such as that of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
-    covariance: Covariance, unit "", default Covariance::Matern52;
+    covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
     /// Standard deviation of the anomaly.
     sigma_se_nt: Option<f64>, unit "nT", absent "50 nT", rule Rule::Positive;
     /// Correlation length of the anomaly; if it is fitted, the initial value of the search.
@@ -121,13 +124,13 @@ const LACKING: f64 = 1e-3;
 const MISFIT: f64 = 2.0;
 
 impl TrackMap {
-    fn removes_diurnal(&self, shape: &Shape) -> bool {
+    fn removes_diurnal(&self, shape: &TableShape) -> bool {
         let there = shape.get(DIURNAL).is_some();
-        corrects(shape, std::slice::from_ref(&self.mag), Correction::Diurnal, self.remove_diurnal, there)
+        corrects(shape, std::slice::from_ref(&self.mag), MagneticCorrection::Diurnal, self.remove_diurnal, there)
     }
 
     /// The columns of the lines that are read.
-    fn reads(&self, shape: &Shape, tracked: bool) -> Vec<String> {
+    fn reads(&self, shape: &TableShape, tracked: bool) -> Vec<String> {
         let mut reads = vec!["tt", self.mag.as_str()];
         if !tracked {
             reads.extend(PLACE);
@@ -142,11 +145,11 @@ impl TrackMap {
     }
 
     /// Faults of the lines and the track.
-    fn faults(&self, lines: &Shape, track: Option<&Shape>) -> Vec<Fault> {
+    fn faults(&self, lines: &TableShape, track: Option<&TableShape>) -> Vec<Fault> {
         let mut faults = faults_of([lines.number(&self.mag, "nT")], "mag");
         let mag = std::slice::from_ref(&self.mag);
-        faults.extend(twice(lines, mag, Correction::Diurnal, self.remove_diurnal, REMOVE_DIURNAL));
-        faults.extend(twice(lines, mag, Correction::Core, Some(self.core_field), CORE_FIELD));
+        faults.extend(twice(lines, mag, MagneticCorrection::Diurnal, self.remove_diurnal, REMOVE_DIURNAL));
+        faults.extend(twice(lines, mag, MagneticCorrection::Core, Some(self.core_field), CORE_FIELD));
         let places = PLACE.iter().zip(["deg", "deg", "m"]);
         match track {
             None => faults.extend(faults_of(places.map(|(c, unit)| lines.number(c, unit)), "input")),
@@ -169,9 +172,9 @@ impl TrackMap {
     }
 
     fn parameters(&self) -> TrackMapParameters {
-        let kernel = Kernel::default();
+        let kernel = AnomalyKernel::default();
         TrackMapParameters {
-            kernel: Kernel {
+            kernel: AnomalyKernel {
                 covariance: self.covariance,
                 sigma_se_nt: self.sigma_se_nt.unwrap_or(kernel.sigma_se_nt),
                 length_m: self.length_m.unwrap_or(kernel.length_m),
@@ -185,10 +188,10 @@ impl TrackMap {
     }
 
     /// The map of all lines.
-    fn mapped(&self, lines: &[(&str, &[Measured])]) -> Result<Product, Fault> {
+    fn mapped(&self, lines: &[(&str, &[AnomalyMeasurement])]) -> Result<StageOutput, Fault> {
         let all = || lines.iter().flat_map(|(_, line)| line.iter());
-        let places = |of: fn(&Measured) -> f64| all().map(of).collect::<Vec<f64>>();
-        let points = SurveyPoints::at(places(|m| m.lat_deg), places(|m| m.lon_deg), epsg_of(self.to_epsg)?)?;
+        let places = |of: fn(&AnomalyMeasurement) -> f64| all().map(of).collect::<Vec<f64>>();
+        let points = SurveyPointSet::at(places(|m| m.lat_deg), places(|m| m.lon_deg), epsg_of(self.to_epsg)?)?;
         let mut flights: Vec<&str> = vec![];
         let mut samples = vec![];
         let mut at = points.easting_m.iter().zip(&points.northing_m);
@@ -215,7 +218,7 @@ impl TrackMap {
         let bounds = self.bounds.as_deref().map(bounds_of).transpose()?;
         let parameters = self.parameters();
         let map = match bounds {
-            None => track_map::TrackMap::of(&parameters, &samples),
+            None => track_map::TrackMap::new(&parameters, &samples),
             Some(bounds) => within(&parameters, samples.clone(), bounds),
         };
         let map = map.map_err(|e| refused(&e))?;
@@ -233,10 +236,10 @@ impl TrackMap {
             let help = "increase `max_sd_nt`, or add lines in between";
             return Err(Fault::data(what).help(help).of_param("max_sd_nt"));
         }
-        let made = points.grid(PlaneGrid { east_m, north_m, values }, Height::Level(report.alt_m))?;
+        let made = points.grid(PlaneGrid { east_m, north_m, values }, GridHeight::Level(report.alt_m))?;
         let mut columns = made.made()?;
         columns.push(array(sd_nt));
-        Ok(Product { columns, warnings: self.warnings(&report) })
+        Ok(StageOutput { columns, warnings: self.warnings(&report) })
     }
 
     /// Warnings about untrustworthy results.
@@ -319,7 +322,7 @@ fn refused(error: &TrackMapError) -> Fault {
 }
 
 impl Stage for TrackMap {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let lines = shape(inputs, 0)?;
         let track = inputs.get(1).map(|table| table.shape());
         let faults = self.faults(lines, track);
@@ -334,7 +337,7 @@ impl Stage for TrackMap {
         let sd = Column::float(SD, "nT", "standard deviation of the anomaly; NaN where unknown");
         yields.columns.push(reads.iter().enumerate().fold(sd, |sd, (i, names)| sd.from(i, names)));
         let mag = std::slice::from_ref(&self.mag);
-        yields.notes.extend(note(lines, mag, Correction::Diurnal, self.remove_diurnal));
+        yields.notes.extend(note(lines, mag, MagneticCorrection::Diurnal, self.remove_diurnal));
         if self.remove_diurnal.is_none() && self.removes_diurnal(lines) {
             let what =
                 format!("`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it");
@@ -358,9 +361,9 @@ impl Stage for TrackMap {
 }
 
 impl SurveyStage for TrackMap {
-    type Gather = gather::Lines;
+    type Gather = gather::TrackMapAggregator;
 
-    fn gather(points: Vec<SurveyPoint<Self>>) -> gather::Lines {
-        gather::Lines::new(points.into_iter().map(|point| point.stage).collect())
+    fn gather(points: Vec<SurveyPoint<Self>>) -> gather::TrackMapAggregator {
+        gather::TrackMapAggregator::new(points.into_iter().map(|point| point.stage).collect())
     }
 }

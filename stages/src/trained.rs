@@ -10,22 +10,22 @@ mod terms;
 mod windowed;
 
 use learning::{
-    inputs::Inputs,
-    network::{Shape, Windowed},
+    inputs::InputScaling,
+    network::{NetworkShape, WindowedNetworkShape},
 };
 use schemas::{Fault, choice};
 
 pub use boosted_trees::BoostedTrees;
-pub use network::Network;
-pub use random_features::Kernel;
-pub use terms::{Reading, Term, list, term};
+pub use network::NetworkEnsemble;
+pub use random_features::RandomFourierModel;
+pub use terms::{TermLookup, TermValue, list, term};
 pub use windowed::WindowedNetwork;
 
 use terms::broken;
 
 choice! {
     /// Form of a nonlinear model.
-    pub enum Family {
+    pub enum LearnedModelFamily {
         /// Network of layers, alone or together with a linear model.
         Network = "network",
         /// Network over a window of samples.
@@ -47,7 +47,7 @@ fn is_of_training(name: &str) -> bool {
 
 /// Prediction of a model.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Prediction {
+pub struct FieldPrediction {
     /// Predicted field of each row, nT.
     pub field_nt: Vec<f64>,
     /// Standard deviation of the prediction, nT. `None` if the model does not provide one.
@@ -56,24 +56,24 @@ pub struct Prediction {
 
 /// Layers of a network.
 #[derive(Clone, Copy, Debug)]
-pub enum Layers<'a> {
+pub enum NetworkLayers<'a> {
     /// Layers of a network that sees one sample.
-    Dense(&'a Shape),
+    Dense(&'a NetworkShape),
     /// Layers of a network that sees a window of samples at a rate, Hz.
-    Windowed(&'a Windowed, f64),
+    Windowed(&'a WindowedNetworkShape, f64),
 }
 
 /// Parts of a network, from which another training can start.
 #[derive(Clone, Copy, Debug)]
-pub struct Parts<'a> {
+pub struct NetworkParts<'a> {
     /// Names of the inputs.
     pub inputs: &'a [String],
     /// Scaling of the inputs.
-    pub scaling: &'a Inputs,
+    pub scaling: &'a InputScaling,
     /// Names of the linear terms.
     pub linear: &'a [String],
     /// Layers of the network.
-    pub layers: Layers<'a>,
+    pub layers: NetworkLayers<'a>,
     /// Parameters of each member.
     pub members: &'a [Vec<f64>],
     /// Scale of the target, nT.
@@ -82,54 +82,54 @@ pub struct Parts<'a> {
 
 /// Nonlinear model.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Learned {
-    /// See [`Network`].
-    Network(Network),
+pub enum LearnedModel {
+    /// See [`NetworkEnsemble`].
+    Network(NetworkEnsemble),
     /// See [`WindowedNetwork`].
     Windowed(WindowedNetwork),
     /// See [`BoostedTrees`].
     BoostedTrees(BoostedTrees),
-    /// See [`Kernel`].
-    RandomFeatures(Kernel),
+    /// See [`RandomFourierModel`].
+    RandomFeatures(RandomFourierModel),
 }
 
-impl Learned {
-    /// Entries of the features that the model requires, in the order of [`Learned::predict`].
+impl LearnedModel {
+    /// Entries of the features that the model requires, in the order of [`LearnedModel::predict`].
     pub fn columns(&self) -> &[String] {
         match self {
-            Learned::Network(network) => network.columns(),
-            Learned::Windowed(network) => network.columns(),
-            Learned::BoostedTrees(trees) => trees.columns(),
-            Learned::RandomFeatures(kernel) => kernel.columns(),
+            LearnedModel::Network(network) => network.columns(),
+            LearnedModel::Windowed(network) => network.columns(),
+            LearnedModel::BoostedTrees(trees) => trees.columns(),
+            LearnedModel::RandomFeatures(kernel) => kernel.columns(),
         }
     }
 
-    /// Prediction for rows of [`Learned::columns`], row-major and finite. `runs` are the lengths of runs of consecutive
-    /// rows. Only a network over a window uses them.
-    pub fn predict(&self, x: &[f64], runs: &[usize]) -> Prediction {
+    /// Prediction for rows of [`LearnedModel::columns`], row-major and finite. `runs` are the lengths of runs of
+    /// consecutive rows. Only a network over a window uses them.
+    pub fn predict(&self, x: &[f64], runs: &[usize]) -> FieldPrediction {
         match self {
-            Learned::Network(network) => network.predict(x),
-            Learned::Windowed(network) => network.predict(x, runs),
-            Learned::BoostedTrees(trees) => trees.predict(x),
-            Learned::RandomFeatures(kernel) => kernel.predict(x),
+            LearnedModel::Network(network) => network.predict(x),
+            LearnedModel::Windowed(network) => network.predict(x, runs),
+            LearnedModel::BoostedTrees(trees) => trees.predict(x),
+            LearnedModel::RandomFeatures(kernel) => kernel.predict(x),
         }
     }
 
     /// Derivatives of the predicted field with respect to each column, row-major. `None` if the model has none.
     pub fn gradient(&self, x: &[f64]) -> Option<Vec<f64>> {
         match self {
-            Learned::Network(network) => Some(network.gradient(x)),
-            Learned::BoostedTrees(_) | Learned::Windowed(_) => None,
-            Learned::RandomFeatures(kernel) => Some(kernel.gradient(x)),
+            LearnedModel::Network(network) => Some(network.gradient(x)),
+            LearnedModel::BoostedTrees(_) | LearnedModel::Windowed(_) => None,
+            LearnedModel::RandomFeatures(kernel) => Some(kernel.gradient(x)),
         }
     }
 
     /// Parts of a network. `None` for other models.
-    pub fn parts(&self) -> Option<Parts<'_>> {
+    pub fn parts(&self) -> Option<NetworkParts<'_>> {
         match self {
-            Learned::Network(network) => Some(network.parts()),
-            Learned::Windowed(network) => Some(network.parts()),
-            Learned::BoostedTrees(_) | Learned::RandomFeatures(_) => None,
+            LearnedModel::Network(network) => Some(network.parts()),
+            LearnedModel::Windowed(network) => Some(network.parts()),
+            LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) => None,
         }
     }
 
@@ -139,26 +139,26 @@ impl Learned {
     /// If the model sees a window of samples at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
-            Learned::Windowed(network) => network.check_rate(rate_hz),
-            Learned::Network(_) | Learned::BoostedTrees(_) | Learned::RandomFeatures(_) => Ok(()),
+            LearnedModel::Windowed(network) => network.check_rate(rate_hz),
+            LearnedModel::Network(_) | LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) => Ok(()),
         }
     }
 
     /// Returns whether the model sees more than one sample at a time.
     pub fn sees_a_window(&self) -> bool {
         match self {
-            Learned::Windowed(_) => true,
-            Learned::Network(_) | Learned::BoostedTrees(_) | Learned::RandomFeatures(_) => false,
+            LearnedModel::Windowed(_) => true,
+            LearnedModel::Network(_) | LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) => false,
         }
     }
 
     /// Terms of the model's table.
-    pub fn terms(&self) -> Vec<Term> {
+    pub fn terms(&self) -> Vec<TermValue> {
         let (family, rest) = match self {
-            Learned::Network(network) => (Family::Network, network.terms()),
-            Learned::Windowed(network) => (Family::Windowed, network.terms()),
-            Learned::BoostedTrees(trees) => (Family::BoostedTrees, trees.terms()),
-            Learned::RandomFeatures(kernel) => (Family::RandomFeatures, kernel.terms()),
+            LearnedModel::Network(network) => (LearnedModelFamily::Network, network.terms()),
+            LearnedModel::Windowed(network) => (LearnedModelFamily::Windowed, network.terms()),
+            LearnedModel::BoostedTrees(trees) => (LearnedModelFamily::BoostedTrees, trees.terms()),
+            LearnedModel::RandomFeatures(kernel) => (LearnedModelFamily::RandomFeatures, kernel.terms()),
         };
         std::iter::once(term(format!("{FAMILY} {}", family.word()), 1.0)).chain(rest).collect()
     }
@@ -167,18 +167,18 @@ impl Learned {
     ///
     /// # Errors
     /// If terms are missing, duplicate or inconsistent, because the table is incomplete.
-    pub fn read(names: &[String], values: &[f64]) -> Result<Option<Learned>, Fault> {
+    pub fn read(names: &[String], values: &[f64]) -> Result<Option<LearnedModel>, Fault> {
         if !names.iter().any(|name| name.strip_prefix(FAMILY).is_some_and(|rest| rest.starts_with(' '))) {
             return Ok(None);
         }
         let model = names.iter().zip(values).filter(|(name, _)| !is_of_training(name));
         let (names, values): (Vec<String>, Vec<f64>) = model.map(|(name, value)| (name.clone(), *value)).unzip();
-        let reading = Reading::new(&names, &values)?;
+        let reading = TermLookup::new(&names, &values)?;
         let learned = match reading.choice(FAMILY)? {
-            Family::Network => Learned::Network(Network::read(&reading)?),
-            Family::Windowed => Learned::Windowed(WindowedNetwork::read(&reading)?),
-            Family::BoostedTrees => Learned::BoostedTrees(BoostedTrees::read(&reading)?),
-            Family::RandomFeatures => Learned::RandomFeatures(Kernel::read(&reading)?),
+            LearnedModelFamily::Network => LearnedModel::Network(NetworkEnsemble::read(&reading)?),
+            LearnedModelFamily::Windowed => LearnedModel::Windowed(WindowedNetwork::read(&reading)?),
+            LearnedModelFamily::BoostedTrees => LearnedModel::BoostedTrees(BoostedTrees::read(&reading)?),
+            LearnedModelFamily::RandomFeatures => LearnedModel::RandomFeatures(RandomFourierModel::read(&reading)?),
         };
         if learned.terms().len() != names.len() {
             return Err(broken("its terms do not match its layout".to_owned()));

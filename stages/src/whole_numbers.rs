@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use numerics::signal::resample::{Method, Plan, ResampleError};
+use numerics::signal::resample::{ResampleError, ResamplePlan, SampleInterpolation};
 use schemas::{Column, Role};
 
 /// The maximum number of distinct values of a code: those of one byte.
@@ -10,9 +10,9 @@ const MOST_CODES: usize = 256;
 /// Distinct values up to which a column holds codes even if none recurs, as on a short line.
 const FEW_CODES: usize = 16;
 
-/// How the values of a column between two samples are found.
+/// Interpolation rule of a column between two samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Between {
+enum ColumnInterpolation {
     /// Interpolated along the shorter arc, in degrees.
     Angle,
     /// Interpolated.
@@ -25,34 +25,39 @@ enum Between {
 
 /// The values `x` of a column on the grid of `plan`; NaN in gaps.
 ///
-/// A column with a unit, or of the role sensor or truth, is measured. Any other column whose finite values are all whole
-/// stays whole. It holds codes if its values recur: if at most half as many are distinct as there are samples, within
-/// [`FEW_CODES`] to [`MOST_CODES`]. Otherwise it holds counts.
+/// A column with a unit, or of the role sensor or truth, is measured. Any other column whose finite values are all
+/// whole stays whole. It holds codes if its values recur: if at most half as many are distinct as there are samples,
+/// within [`FEW_CODES`] to [`MOST_CODES`]. Otherwise it holds counts.
 ///
 /// # Errors
 /// Fails for a column that is not as long as the times of the plan.
-pub fn between_samples(plan: &Plan, column: &Column, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
+pub fn between_samples(
+    plan: &ResamplePlan,
+    column: &Column,
+    x: &[f64],
+    method: SampleInterpolation,
+) -> Result<Vec<f64>, ResampleError> {
     match between(column, x) {
-        Between::Angle => plan.angle_deg(x, method),
-        Between::Number => plan.column(x, method),
-        Between::Count => Ok(plan.column(x, method)?.into_iter().map(f64::round).collect()),
-        Between::Code => plan.column(x, Method::Nearest),
+        ColumnInterpolation::Angle => plan.angle_deg(x, method),
+        ColumnInterpolation::Number => plan.column(x, method),
+        ColumnInterpolation::Count => Ok(plan.column(x, method)?.into_iter().map(f64::round).collect()),
+        ColumnInterpolation::Code => plan.column(x, SampleInterpolation::Nearest),
     }
 }
 
-fn between(column: &Column, x: &[f64]) -> Between {
+fn between(column: &Column, x: &[f64]) -> ColumnInterpolation {
     let finite = || x.iter().filter(|x| x.is_finite());
     let has_unit = !matches!(column.unit.as_str(), "" | "1");
     if column.unit == "deg" {
-        Between::Angle
+        ColumnInterpolation::Angle
     } else if has_unit || matches!(column.role, Role::Sensor | Role::Truth) || finite().any(|x| x.fract() != 0.0) {
-        Between::Number
+        ColumnInterpolation::Number
     } else {
         let most = (finite().count() / 2).clamp(FEW_CODES, MOST_CODES);
         let mut distinct = HashSet::new();
         // The sum of -0 and 0 is 0.
         let many = finite().any(|x| distinct.insert((x + 0.0).to_bits()) && distinct.len() > most);
-        if many { Between::Count } else { Between::Code }
+        if many { ColumnInterpolation::Count } else { ColumnInterpolation::Code }
     }
 }
 
@@ -67,8 +72,8 @@ mod tests {
 
     fn doubled(column: &Column, x: &[f64]) -> Vec<f64> {
         let tt: Vec<f64> = (0..x.len()).map(|k| k as f64).collect();
-        let plan = Plan::new(&tt, 2.0, 2.0).unwrap();
-        between_samples(&plan, column, x, Method::Linear).unwrap()
+        let plan = ResamplePlan::new(&tt, 2.0, 2.0).unwrap();
+        between_samples(&plan, column, x, SampleInterpolation::Linear).unwrap()
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::{cell::OnceCell, fs};
 
-use datasets::{FlightOptions, Reading, open_raw, topics};
+use datasets::{FlightOptions, ReadHints, open_raw, topics};
 use tempfile::TempDir;
 
 thread_local! {
@@ -18,7 +18,7 @@ pub fn reads_or_errs(format: &str, bytes: &[u8]) {
         let of = |topic| FlightOptions { format: Some(format.to_owned()), topic, ..FlightOptions::default() };
         let Ok(listed) = topics(&path, &of(None)) else { return };
         for topic in listed.into_iter().take(8) {
-            if let Ok(reader) = open_raw(&path, &of(Some(topic.name)), &Reading::default()) {
+            if let Ok(reader) = open_raw(&path, &of(Some(topic.name)), &ReadHints::default()) {
                 reader.for_each(drop);
             }
         }

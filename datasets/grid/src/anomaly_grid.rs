@@ -13,7 +13,7 @@ use schemas::map::ERROR;
 
 /// The height of a map above the ellipsoid, in metres.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Height {
+pub enum GridHeight {
     /// One height for all nodes; NaN if unknown.
     Level(f64),
     /// One height per node, as for a draped map, in the order of the values.
@@ -45,7 +45,7 @@ pub struct AnomalyGrid {
     /// The unit of the values: `nT`, or for derivatives of the anomaly `nT/m` or `nT/m2`.
     pub value_unit: &'static str,
     /// The height above the WGS-84 ellipsoid.
-    pub height: Height,
+    pub height: GridHeight,
     /// The meaning of the file's coordinates.
     pub registration: Registration,
     /// The name of the format it was read in; empty for a computed map.
@@ -75,7 +75,7 @@ impl AnomalyGrid {
         y: EvenAxis,
         crs: Crs,
         anomaly_nt: Vec<f64>,
-        height: Height,
+        height: GridHeight,
     ) -> Result<AnomalyGrid, ReadError> {
         let (registration, source) = (Registration::Node, PathBuf::new());
         let value_unit = NANOTESLA;
@@ -124,8 +124,8 @@ impl AnomalyGrid {
             self.check_error(error_nt)?;
         }
         match &self.height {
-            Height::Level(alt_m) if alt_m.is_infinite() => {}
-            Height::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
+            GridHeight::Level(alt_m) if alt_m.is_infinite() => {}
+            GridHeight::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
             _ => return Ok(()),
         }
         Err(self.fault("the map has a height that is not a number").in_column("alt"))
@@ -170,16 +170,16 @@ impl AnomalyGrid {
     /// The height of a node in metres; NaN where it is unknown.
     pub fn height_at(&self, node: usize) -> f64 {
         match &self.height {
-            Height::Level(alt_m) => *alt_m,
-            Height::Cells(cells) => cells.get(node).copied().unwrap_or(f64::NAN),
+            GridHeight::Level(alt_m) => *alt_m,
+            GridHeight::Cells(cells) => cells.get(node).copied().unwrap_or(f64::NAN),
         }
     }
 
     /// The heights of all nodes, in metres.
     pub fn heights(&self) -> Vec<f64> {
         match &self.height {
-            Height::Level(alt_m) => vec![*alt_m; self.nodes()],
-            Height::Cells(cells) => cells.clone(),
+            GridHeight::Level(alt_m) => vec![*alt_m; self.nodes()],
+            GridHeight::Cells(cells) => cells.clone(),
         }
     }
 
@@ -268,7 +268,7 @@ impl AnomalyGrid {
     ///
     /// # Errors
     /// Fails as [`AnomalyGrid::new`].
-    pub fn with_plane(&self, grid: PlaneGrid, height: Height) -> Result<AnomalyGrid, ReadError> {
+    pub fn with_plane(&self, grid: PlaneGrid, height: GridHeight) -> Result<AnomalyGrid, ReadError> {
         let (x, y) = self.unit_m();
         let (x, y) = (scaled(&grid.east_m, 1.0 / x), scaled(&grid.north_m, 1.0 / y));
         let map = AnomalyGrid {

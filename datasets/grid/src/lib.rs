@@ -18,13 +18,13 @@ mod resample;
 mod summary;
 mod survey_points;
 
-pub use anomaly_grid::{AnomalyGrid, DERIVATIVES, Height, NANOTESLA, Registration, node_on};
+pub use anomaly_grid::{AnomalyGrid, DERIVATIVES, GridHeight, NANOTESLA, Registration, node_on};
 pub use crs::{Crs, WGS84, epsg_of_name, epsg_of_wkt, unit_of_wkt};
 pub use error::ReadError;
 pub use line_type::LineType;
 pub use own::geographic;
-pub use summary::{Figure, MapSummary, PERCENTILES};
-pub use survey_points::{Extra, SurveyPoints, metres, no_metres, plane};
+pub use summary::{MapSummary, PERCENTILES, SummaryValue};
+pub use survey_points::{ReductionColumns, SurveyPointSet, metres, no_metres, plane};
 
 /// An anomaly map on a regular grid, the contract's map table.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,7 +42,7 @@ pub struct MapTable {
 
 impl MapTable {
     /// The table of a map in degrees of WGS-84.
-    pub(crate) fn of(map: &AnomalyGrid) -> Result<MapTable, ReadError> {
+    pub(crate) fn from_grid(map: &AnomalyGrid) -> Result<MapTable, ReadError> {
         map.check()?;
         map.check_anomaly()?;
         let (n_lat, n_lon) = (map.y.len, map.x.len);

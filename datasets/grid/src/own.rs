@@ -6,9 +6,9 @@ use arrow_array::{Array, ArrayRef, Float64Array, Int64Array, RecordBatch};
 use arrow_schema::Schema;
 use numerics::maps::plane_grid::EvenAxis;
 use rayon::prelude::*;
-use schemas::map::OwnGrid;
+use schemas::map::NativeGrid;
 
-use super::{AnomalyGrid, Crs, Height, MapTable, WGS84};
+use super::{AnomalyGrid, Crs, GridHeight, MapTable, WGS84};
 use crate::ReadError;
 
 /// Margin of an area beyond the nodes of its border, as a fraction of its extent. Parallels curve between nodes, and a
@@ -17,20 +17,20 @@ const MARGIN: f64 = 0.01;
 
 impl AnomalyGrid {
     /// The map as stages use it: the map table if its coordinates are WGS-84 degrees (within 1 m), else its native grid
-    /// with eastings and northings ([`OwnGrid`]). Nothing is interpolated.
+    /// with eastings and northings ([`NativeGrid`]). Nothing is interpolated.
     ///
     /// # Errors
     /// Fails for coordinates that are invalid in their system, and as [`AnomalyGrid::new`].
     pub fn table(&self) -> Result<RecordBatch, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
-            return Ok(MapTable::of(self)?.batch);
+            return Ok(MapTable::from_grid(self)?.batch);
         }
         self.check()?;
         self.check_anomaly()?;
         let [lat_deg, lon_deg] = self.area_deg()?;
         let (x, y) = self.unit_m();
         let (epsg, definition) = (self.crs.code(), self.crs.definition().to_owned());
-        let own = OwnGrid { epsg, definition, unit_m: [x, y], lat_deg, lon_deg };
+        let own = NativeGrid { epsg, definition, unit_m: [x, y], lat_deg, lon_deg };
         let width = self.x.len;
         let northing = self.y.coordinates().iter().flat_map(|y| std::iter::repeat_n(*y, width)).collect();
         let easting = self.x.coordinates().repeat(self.y.len);
@@ -90,7 +90,7 @@ impl AnomalyGrid {
     /// # Errors
     /// Fails for a table that is not a map.
     pub fn of_table(table: &RecordBatch) -> Result<AnomalyGrid, ReadError> {
-        let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
+        let own = NativeGrid::from_schema(&table.schema()).map_err(|e| wrong(e.to_string()))?;
         let (names, epsg) = match &own {
             Some(own) => (["easting", "northing"], own.epsg),
             None => (["lon", "lat"], WGS84),
@@ -153,7 +153,7 @@ fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<Anomaly
     let alt = column("alt")?;
     let level_m = alt.first().copied().unwrap_or(f64::NAN);
     let level = alt.iter().all(|a| *a == level_m || a.is_nan() && level_m.is_nan());
-    let height = if level { Height::Level(level_m) } else { Height::Cells(alt) };
+    let height = if level { GridHeight::Level(level_m) } else { GridHeight::Cells(alt) };
     let mut map = AnomalyGrid::new(x, y, crs, column("anomaly")?, height)?;
     if table.column_by_name(schemas::map::ERROR).is_some() {
         map.error_nt = Some(column(schemas::map::ERROR)?);

@@ -9,7 +9,7 @@ use numerics::{
 use rayon::prelude::*;
 
 use super::{
-    AnomalyGrid, Crs, Height, MapTable, WGS84,
+    AnomalyGrid, Crs, GridHeight, MapTable, WGS84,
     anomaly_grid::{Registration, ground_m, node_on},
     interpolate, longitude,
 };
@@ -25,7 +25,7 @@ const LEAST_NODES: usize = 4;
 const MOST_NODES: f64 = 1e9;
 
 /// The smallest and the largest coordinate.
-type Ends = (f64, f64);
+type CoordinateRange = (f64, f64);
 
 impl AnomalyGrid {
     /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
@@ -37,9 +37,9 @@ impl AnomalyGrid {
     /// system.
     pub fn to_geographic(&self) -> Result<MapTable, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
-            return MapTable::of(self);
+            return MapTable::from_grid(self);
         }
-        MapTable::of(&self.to_crs(WGS84, None)?)
+        MapTable::from_grid(&self.to_crs(WGS84, None)?)
     }
 
     /// The map in another coordinate system, on a grid that covers it. The nodes are whole multiples of `spacing` (in
@@ -62,8 +62,8 @@ impl AnomalyGrid {
         let (x, y) = self.axes_in(&target, spacing)?;
         let (anomaly_nt, heights) = self.beyond_the_seam().values_on(&target, &x, &y);
         let height = match &self.height {
-            Height::Level(alt_m) => Height::Level(*alt_m),
-            Height::Cells(_) => Height::Cells(heights),
+            GridHeight::Level(alt_m) => GridHeight::Level(*alt_m),
+            GridHeight::Cells(_) => GridHeight::Cells(heights),
         };
         let mut notes = self.notes.clone();
         notes.push(self.note_of(&target));
@@ -100,8 +100,8 @@ impl AnomalyGrid {
         let step = 360.0 / round as f64;
         let x = EvenAxis { first: self.x.first - SEAM as f64 * step, step, len: round + 2 * SEAM };
         let height = match &self.height {
-            Height::Level(alt_m) => Height::Level(*alt_m),
-            Height::Cells(cells) => Height::Cells(turned(cells)),
+            GridHeight::Level(alt_m) => GridHeight::Level(*alt_m),
+            GridHeight::Cells(cells) => GridHeight::Cells(turned(cells)),
         };
         Cow::Owned(AnomalyGrid { x, anomaly_nt: turned(&self.anomaly_nt), height, ..self.clone() })
     }
@@ -124,8 +124,8 @@ impl AnomalyGrid {
     /// Values and heights at the nodes of another grid.
     fn values_on(&self, target: &Crs, x: &EvenAxis, y: &EvenAxis) -> (Vec<f64>, Vec<f64>) {
         let cells = match &self.height {
-            Height::Cells(cells) => cells.as_slice(),
-            Height::Level(_) => &[],
+            GridHeight::Cells(cells) => cells.as_slice(),
+            GridHeight::Level(_) => &[],
         };
         let row = |j: usize| {
             let places: Vec<_> = (0..x.len).map(|i| self.place_of(target, x.at(i as f64), y.at(j as f64))).collect();
@@ -171,7 +171,7 @@ impl AnomalyGrid {
         if nodes.is_nan() || nodes >= MOST_NODES {
             return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("choose a larger spacing"));
         }
-        let axis = |ends: Ends, step: f64| match spacing {
+        let axis = |ends: CoordinateRange, step: f64| match spacing {
             Some(_) => multiples(ends, step),
             None => covering(ends, step),
         };
@@ -183,7 +183,7 @@ impl AnomalyGrid {
     }
 
     /// Steps in degrees that are at most the map's steps on the ground. They are equal where a degree is longest.
-    fn degrees_of_steps(&self, lat: Ends) -> (f64, f64) {
+    fn degrees_of_steps(&self, lat: CoordinateRange) -> (f64, f64) {
         let longest = lat.0.abs().max(lat.1.abs()).to_radians();
         let widest = if lat.0 <= 0.0 && lat.1 >= 0.0 { 0.0 } else { lat.0.abs().min(lat.1.abs()).to_radians() };
         let (x_m, y_m) = self.steps_m();
@@ -217,7 +217,7 @@ impl AnomalyGrid {
     ///
     /// # Errors
     /// Fails for a border that leaves the coordinate system or surrounds a pole.
-    pub fn bounds_deg(&self) -> Result<(Ends, Ends), ReadError> {
+    pub fn bounds_deg(&self) -> Result<(CoordinateRange, CoordinateRange), ReadError> {
         let (mut lat, mut lon) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
         let (mut before, mut first) = (None, None);
         for (x, y) in self.outline() {
@@ -239,7 +239,7 @@ impl AnomalyGrid {
         Ok((lat, (lon.0 - rounds, lon.1 - rounds)))
     }
 
-    fn bounds_in(&self, target: &Crs) -> Result<(Ends, Ends), ReadError> {
+    fn bounds_in(&self, target: &Crs) -> Result<(CoordinateRange, CoordinateRange), ReadError> {
         let (mut x_ends, mut y_ends) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
         for (x, y) in self.outline() {
             let (lat, lon) = self.crs.unproject(x, y).ok_or_else(|| self.no_place(x, y, &self.crs))?;
@@ -268,13 +268,13 @@ impl AnomalyGrid {
 }
 
 /// An axis from end to end whose step is at most `step`.
-fn covering(ends: Ends, step: f64) -> EvenAxis {
+fn covering(ends: CoordinateRange, step: f64) -> EvenAxis {
     let steps = ((ends.1 - ends.0) / step).ceil().max(1.0);
     EvenAxis { first: ends.0, step: (ends.1 - ends.0) / steps, len: steps as usize + 1 }
 }
 
 /// The multiples of `step` within the ends.
-fn multiples(ends: Ends, step: f64) -> EvenAxis {
+fn multiples(ends: CoordinateRange, step: f64) -> EvenAxis {
     // A node on the edge must survive the rounding of a projection forward and back.
     const SLACK: f64 = 1e-6;
     let (first, last) = ((ends.0 / step - SLACK).ceil(), (ends.1 / step + SLACK).floor());

@@ -1,12 +1,12 @@
 //! The summary of a map: its extent, spacing, height, gaps and statistics.
 
-use super::{AnomalyGrid, Height, Registration};
+use super::{AnomalyGrid, GridHeight, Registration};
 use crate::ReadError;
 use numerics::regression::statistics::quantile;
 
 /// A value of a summary.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Figure {
+pub enum SummaryValue {
     /// A number.
     Number(f64),
     /// A word or a name.
@@ -105,8 +105,8 @@ impl AnomalyGrid {
 
     fn height_range(&self) -> (f64, f64) {
         match &self.height {
-            Height::Level(alt_m) => (*alt_m, *alt_m),
-            Height::Cells(cells) => {
+            GridHeight::Level(alt_m) => (*alt_m, *alt_m),
+            GridHeight::Cells(cells) => {
                 let known = || cells.iter().copied().filter(|a| !a.is_nan());
                 (known().reduce(f64::min).unwrap_or(f64::NAN), known().reduce(f64::max).unwrap_or(f64::NAN))
             }
@@ -131,13 +131,13 @@ impl AnomalyGrid {
 
 impl MapSummary {
     /// The summary as names, values and units, in display order; unknown values are omitted.
-    pub fn figures(&self) -> Vec<(String, Figure, &'static str)> {
-        let (unit, number) = (self.unit, Figure::Number);
+    pub fn figures(&self) -> Vec<(String, SummaryValue, &'static str)> {
+        let (unit, number) = (self.unit, SummaryValue::Number);
         let mut all = vec![
-            ("format", Figure::Text(self.format.clone()), ""),
+            ("format", SummaryValue::Text(self.format.clone()), ""),
             ("epsg", number(f64::from(self.epsg)), ""),
-            ("system", Figure::Text(self.system.clone()), ""),
-            ("registration", Figure::Text(self.registration_word().to_owned()), ""),
+            ("system", SummaryValue::Text(self.system.clone()), ""),
+            ("registration", SummaryValue::Text(self.registration_word().to_owned()), ""),
             ("columns", number(self.nodes.0 as f64), ""),
             ("rows", number(self.nodes.1 as f64), ""),
             ("west", number(self.x.0), unit),

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
 
-use crate::{AnomalyGrid, Crs, Height, LineType, ReadError};
+use crate::{AnomalyGrid, Crs, GridHeight, LineType, ReadError};
 
 /// Survey points in the file's order. Every vector except `lines` and `types` has one entry per point.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SurveyPoints {
+pub struct SurveyPointSet {
     /// The projection of eastings and northings.
     pub crs: Crs,
     /// Eastings, in metres for every unit of the projection.
@@ -31,7 +31,7 @@ pub struct SurveyPoints {
     /// The type of each line; `None` where the file does not give it.
     pub types: Vec<Option<LineType>>,
     /// Additional columns of the file for reductions.
-    pub extra: Extra,
+    pub extra: ReductionColumns,
     /// The row of the file that each point comes from, the first being 0.
     pub row: Vec<u64>,
     /// Notes on the file and its processing.
@@ -40,7 +40,7 @@ pub struct SurveyPoints {
 
 /// Optional columns of a survey, one entry per point.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Extra {
+pub struct ReductionColumns {
     /// Seconds past midnight UTC.
     pub tt_s: Option<Vec<f64>>,
     /// The temporal variation, in nT.
@@ -53,14 +53,14 @@ pub struct Extra {
     pub doy: Option<Vec<f64>>,
 }
 
-impl SurveyPoints {
+impl SurveyPointSet {
     /// Points at finite WGS-84 latitudes and longitudes, on the plane of `to_epsg`, by default of their UTM zone. They
     /// have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
     /// Fails without points, for an unknown system or one in degrees, without a UTM zone, and for points that are
     /// invalid in the system.
-    pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPoints, ReadError> {
+    pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPointSet, ReadError> {
         let nowhere = Path::new("");
         if lat_deg.is_empty() {
             return Err(ReadError::data(nowhere, "no point has a position"));
@@ -71,7 +71,7 @@ impl SurveyPoints {
         let mut notes = vec![];
         let (easting_m, northing_m) = metres(nowhere, &crs, (&lat_deg, &lon_deg), &row, &mut notes)?;
         let unknown = vec![f64::NAN; lat_deg.len()];
-        Ok(SurveyPoints {
+        Ok(SurveyPointSet {
             crs,
             easting_m,
             northing_m,
@@ -82,7 +82,7 @@ impl SurveyPoints {
             line: vec![0; row.len()],
             lines: vec![String::new()],
             types: vec![None],
-            extra: Extra::default(),
+            extra: ReductionColumns::default(),
             row,
             notes,
         })
@@ -92,14 +92,14 @@ impl SurveyPoints {
     ///
     /// # Errors
     /// Fails as [`AnomalyGrid::new`].
-    pub fn grid(&self, grid: PlaneGrid, height: Height) -> Result<AnomalyGrid, ReadError> {
+    pub fn grid(&self, grid: PlaneGrid, height: GridHeight) -> Result<AnomalyGrid, ReadError> {
         let unit_m = self.crs.unit_m();
         let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
         AnomalyGrid::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
     }
 
-    /// The lines that are ties, of those that look like ties: the type of a line takes precedence, where the points have
-    /// ties by their type.
+    /// The lines that are ties, of those that look like ties: the type of a line takes precedence, where the points
+    /// have ties by their type.
     pub fn ties(&self, alike: &[usize]) -> Vec<usize> {
         let of = |line: usize| self.types.get(line).copied().flatten();
         let typed = self.types.contains(&Some(LineType::Tie));

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use datasets::{
     ReadError,
-    formats::{FlightFormat, FlightOptions, Head, MadeFrom, Part, Raw, Reading},
+    formats::{FileHead, FlightBatch, FlightFormat, FlightInputs, FlightOptions, RawFlight, ReadHints},
 };
 
 use crate::Simulation;
@@ -14,19 +14,19 @@ pub const FORMAT: FlightFormat = FlightFormat {
     name: "synth",
     about: "a synth spec: simulated flights with known truth",
     extensions: &["synth.toml"],
-    recognise: |head: &Head| head.path().to_string_lossy().ends_with(".synth.toml"),
+    recognise: |head: &FileHead| head.path().to_string_lossy().ends_with(".synth.toml"),
     open,
     topics: None,
     made_from: Some(made_from),
 };
 
-fn made_from(path: &Path) -> Result<MadeFrom, ReadError> {
+fn made_from(path: &Path) -> Result<FlightInputs, ReadError> {
     let simulation = Simulation::open(path)?;
     let files = simulation.inputs().into_iter().map(Path::to_path_buf).collect();
-    Ok(MadeFrom { files, lines: simulation.spec().flights.iter().map(|f| f.lines.len()).sum() })
+    Ok(FlightInputs { files, lines: simulation.spec().flights.iter().map(|f| f.lines.len()).sum() })
 }
 
-fn open(path: &Path, _: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, _: &FlightOptions, reading: &ReadHints) -> Result<RawFlight, ReadError> {
     let simulation = Simulation::open(path)?;
     let schema = simulation.schema();
     let (path, mut done) = (path.to_path_buf(), false);
@@ -37,9 +37,9 @@ fn open(path: &Path, _: &FlightOptions, reading: &Reading) -> Result<Raw, ReadEr
         }
         let batch = lines.next()?.and_then(|line| line.into_batch(&path));
         done = batch.is_err();
-        Some(batch.map(Part::whole))
+        Some(batch.map(FlightBatch::whole))
     });
-    Ok(Raw::new(schema, Box::new(parts)))
+    Ok(RawFlight::new(schema, Box::new(parts)))
 }
 
 #[cfg(test)]
@@ -58,12 +58,12 @@ mod tests {
     fn law_the_synth_spec_is_a_format() {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
         let formats = flight_formats(&[FORMAT]);
-        let mut reader = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap();
+        let mut reader = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap();
         assert_eq!(reader.format(), "synth");
         let first = reader.next().unwrap().unwrap();
         assert_eq!(&first.schema(), reader.schema());
         assert_eq!(first.column_by_name("line").unwrap().as_string::<i32>().value(0), "1.01");
-        schemas::canonical::Canonical::new(reader.schema()).unwrap();
+        schemas::canonical::FlightConversion::new(reader.schema()).unwrap();
         let schema = Schema::new(vec![Field::new("x", DataType::Float64, true)]);
         assert_ne!(reader.schema().as_ref(), &schema);
     }
@@ -72,7 +72,7 @@ mod tests {
     fn law_a_synth_spec_says_what_it_is_made_from_and_how_many_lines_come_out() {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
         let formats = flight_formats(&[FORMAT]);
-        let reader = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap();
+        let reader = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap();
         let said = reader.made_from().unwrap()(&path).unwrap();
         let mut lines: Vec<String> = vec![];
         for batch in reader {
@@ -92,7 +92,7 @@ mod tests {
         let path = folder.path().join("a.dat");
         std::fs::write(&path, "\0\u{1}\u{2}").unwrap();
         let formats = flight_formats(&[FORMAT]);
-        let said = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap_err();
+        let said = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap_err();
         let known = "known here: parquet, synth, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, magnav_csv, iaga2002, imf, mfam, csv, points; choose one with `format`";
         assert_eq!(said.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
     }

@@ -18,7 +18,7 @@ use std::{
 };
 
 use arrow_schema::{DataType, Schema, SchemaRef};
-use datasets::{ReadError, row_groups::ends_with_line, table::Table};
+use datasets::{ReadError, row_groups::ends_with_line, table::ColumnTable};
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -27,7 +27,7 @@ use parquet::{
 use rayon::prelude::*;
 use schemas::{field, flight};
 
-use self::lines::Lines;
+use self::lines::LineSimulator;
 
 mod aircraft;
 mod earth;
@@ -43,22 +43,26 @@ mod spec;
 mod trajectory;
 
 pub use aircraft::{
-    Aircraft, Channel, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature,
-    Thermostat, Vector, Voltage, Wire,
+    Aircraft, AircraftFieldSpec, ChannelErrors, ControlQuantity, ControlSignal, Current, CurrentControl,
+    EngineThrottle, HeadingErrorModel, QuantitySpec, ScalarMagnetometer, SensorSampling, Temperature, Thermostat,
+    VectorMagnetometer, Voltage, Wire,
 };
-pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
+pub use earth::{BuriedBody, BuriedSource, Diurnal, Pulsations, Storm, SynthEarth};
 pub use format::FORMAT;
-pub use ins::spec::{Align, InitialErrors, Ins, Method};
-pub use reading::{COMPONENTS, Components, PRESETS};
+pub use ins::spec::{InsAlignment, InsErrorPropagation, InsInitialErrors, SynthIns};
+pub use reading::{COMPONENTS, ComponentSwitches, PRESETS};
 pub use reference::reference;
-pub use spec::Spec;
-pub use trajectory::{Air, Dynamics, Flight, Grid, Heights, Line, Orbit, Path2d, Turbulence, Wind};
+pub use spec::SynthSpec;
+pub use trajectory::{
+    Dynamics, FlightConditions, HorizontalPath, LineHeights, Orbit, SurveyLineGrid, SynthFlight, SynthLine, Turbulence,
+    Wind,
+};
 
-/// A spec about to be simulated.
+/// Simulation of a checked spec, before its run.
 #[derive(Debug)]
 pub struct Simulation {
     path: PathBuf,
-    spec: Spec,
+    spec: SynthSpec,
 }
 
 impl Simulation {
@@ -67,7 +71,7 @@ impl Simulation {
     /// # Errors
     /// Fails with all faults of the spec, and for a map that does not exist.
     pub fn open(path: &Path) -> Result<Simulation, ReadError> {
-        let spec = Spec::read(path)?;
+        let spec = SynthSpec::read(path)?;
         if let Some((what, file)) = spec.earth.files().into_iter().find(|(_, file)| !file.exists()) {
             return Err(ReadError::options(path, format!("the {what} `{}` does not exist", file.display())));
         }
@@ -75,7 +79,7 @@ impl Simulation {
     }
 
     /// The spec.
-    pub fn spec(&self) -> &Spec {
+    pub fn spec(&self) -> &SynthSpec {
         &self.spec
     }
 
@@ -103,9 +107,9 @@ impl Simulation {
     }
 
     /// The lines of all flights, simulated on demand, a number of them in parallel.
-    pub(crate) fn into_lines(self, at_once: usize) -> Lines {
+    pub(crate) fn into_lines(self, at_once: usize) -> LineSimulator {
         let flights = 0..self.spec.flights.len();
-        Lines::new(Arc::new(World::new(self)), flights, at_once)
+        LineSimulator::new(Arc::new(SimulationContext::new(self)), flights, at_once)
     }
 }
 
@@ -131,32 +135,32 @@ const TRUTH: [&str; 17] = [
 
 const FIELD: [&str; 3] = ["diurnal", "igrf", "anomaly_truth"];
 
-/// The data that all flights share.
-struct World {
+/// Data shared by all flights: the simulation and the earth's field.
+struct SimulationContext {
     simulation: Simulation,
-    field: Mutex<Option<Arc<earth::Field>>>,
+    field: Mutex<Option<Arc<earth::EarthFieldModel>>>,
 }
 
-impl World {
-    fn new(simulation: Simulation) -> World {
-        World { simulation, field: Mutex::default() }
+impl SimulationContext {
+    fn new(simulation: Simulation) -> SimulationContext {
+        SimulationContext { simulation, field: Mutex::default() }
     }
 
     /// The earth's field. It is computed without the lock: a thread that waits for its own transform may take up
     /// another flight meanwhile, which needs the field too.
-    fn field(&self) -> Result<Arc<earth::Field>, ReadError> {
+    fn field(&self) -> Result<Arc<earth::EarthFieldModel>, ReadError> {
         let known = || self.field.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(field) = &*known() {
             return Ok(field.clone());
         }
-        let field = Arc::new(earth::Field::new(&self.simulation.path, &self.simulation.spec)?);
+        let field = Arc::new(earth::EarthFieldModel::new(&self.simulation.path, &self.simulation.spec)?);
         Ok(known().get_or_insert(field).clone())
     }
 }
 
 /// Simulates a spec into flight tables: in the folder `to` one Parquet file per flight, one row group per
-/// line (short lines share one). Flights and lines are simulated in parallel, on the threads of the current pool; each file
-/// is written under a temporary name and all are renamed when the last is complete. Returns the files.
+/// line (short lines share one). Flights and lines are simulated in parallel, on the threads of the current pool; each
+/// file is written under a temporary name and all are renamed when the last is complete. Returns the files.
 ///
 /// # Errors
 /// Fails with all faults of the spec, for a line that leaves the map, and when a file cannot be written. Then there
@@ -185,7 +189,8 @@ pub fn synthesise_with(
     let all = simulation.spec.flights.iter().map(|f| f.lines.len()).sum();
     let threads = rayon::current_num_threads();
     let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
-    let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
+    let (world, done, failed) =
+        (Arc::new(SimulationContext::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
     // Once, before the flights need it in parallel.
     world.field()?;
     // Two programs that write into one folder have partial files of their own.
@@ -197,7 +202,7 @@ pub fn synthesise_with(
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
         // Flights after one that failed are skipped; those before it may have an earlier fault to report.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
-        let lines = Lines::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
+        let lines = LineSimulator::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
         let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
         let written = if wanted() { write(spec, partial, &schema, told) } else { Ok(()) };
         if written.is_err() {
@@ -225,7 +230,7 @@ fn write(
     spec: &Path,
     to: &Path,
     schema: &SchemaRef,
-    lines: impl Iterator<Item = Result<Table, ReadError>>,
+    lines: impl Iterator<Item = Result<ColumnTable, ReadError>>,
 ) -> Result<(), ReadError> {
     let file = File::create(to).map_err(|e| ReadError::io(to, &e))?;
     let failed = |e: parquet::errors::ParquetError| ReadError::io(to, &std::io::Error::other(e));

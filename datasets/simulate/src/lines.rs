@@ -6,32 +6,32 @@
 
 use std::{collections::VecDeque, sync::Arc};
 
-use datasets::{ReadError, table::Table};
+use datasets::{ReadError, table::ColumnTable};
 use rayon::prelude::*;
 
-use super::{World, ins, scene::Scene, trajectory::Trajectory};
+use super::{SimulationContext, ins, scene::SynthLineContext, trajectory::TrueTrajectory};
 
 /// The INS output along some lines of a flight, up to the first on which it fails.
-type Said = Vec<Result<[Vec<f64>; 13], ReadError>>;
+type InsLineOutputs = Vec<Result<[Vec<f64>; 13], ReadError>>;
 
-/// The state of the simulation of lines.
-pub(crate) struct Lines {
-    world: Arc<World>,
+/// Iterator over the simulated lines, several of which are computed in parallel.
+pub(crate) struct LineSimulator {
+    world: Arc<SimulationContext>,
     /// Flight and line of those that are not started.
     left: VecDeque<(usize, usize)>,
     /// The number of lines that are simulated in parallel.
     at_once: usize,
     /// The current flight, and its INS.
-    ins: Option<(usize, ins::Run)>,
-    ready: VecDeque<Result<Table, ReadError>>,
+    ins: Option<(usize, ins::FlightIns)>,
+    ready: VecDeque<Result<ColumnTable, ReadError>>,
 }
 
-impl Lines {
-    pub(super) fn new(world: Arc<World>, flights: std::ops::Range<usize>, at_once: usize) -> Lines {
+impl LineSimulator {
+    pub(super) fn new(world: Arc<SimulationContext>, flights: std::ops::Range<usize>, at_once: usize) -> LineSimulator {
         let all = &world.simulation.spec.flights;
         let lines = |flight: usize| all.get(flight).map_or(0, |f| f.lines.len());
         let left = flights.flat_map(|flight| (0..lines(flight)).map(move |line| (flight, line))).collect();
-        Lines { world, left, at_once: at_once.max(1), ins: None, ready: VecDeque::new() }
+        LineSimulator { world, left, at_once: at_once.max(1), ins: None, ready: VecDeque::new() }
     }
 
     /// Simulates the next lines, up to the first that fails.
@@ -42,10 +42,11 @@ impl Lines {
         let field = world.field()?;
         let scene = |&(flight, line): &(usize, usize)| {
             let flight = &spec.flights[flight];
-            Scene { path, spec, flight, line: &flight.lines[line] }
+            SynthLineContext { path, spec, flight, line: &flight.lines[line] }
         };
-        let scenes: Vec<Scene> = next.iter().map(scene).collect();
-        let lines: Vec<(&Scene, Trajectory)> = scenes.iter().zip(each(scenes.iter().collect(), Scene::fly)).collect();
+        let scenes: Vec<SynthLineContext> = next.iter().map(scene).collect();
+        let lines: Vec<(&SynthLineContext, TrueTrajectory)> =
+            scenes.iter().zip(each(scenes.iter().collect(), SynthLineContext::fly)).collect();
         let mut flights = vec![];
         for (flight, lines) in next.iter().map(|(flight, _)| *flight).zip(&lines) {
             match flights.last_mut() {
@@ -76,9 +77,12 @@ impl Lines {
 }
 
 /// Advances the INS of a flight along its next lines.
-fn navigate(run: Option<ins::Run>, lines: &[&(&Scene, Trajectory)]) -> (Said, Option<ins::Run>) {
+fn navigate(
+    run: Option<ins::FlightIns>,
+    lines: &[&(&SynthLineContext, TrueTrajectory)],
+) -> (InsLineOutputs, Option<ins::FlightIns>) {
     let Some((first, _)) = lines.first() else { return (vec![], run) };
-    let begun = run.map_or_else(|| ins::Run::of(first.path, first.spec, first.flight), Ok);
+    let begun = run.map_or_else(|| ins::FlightIns::new(first.path, first.spec, first.flight), Ok);
     let mut run = match begun {
         Ok(run) => run,
         Err(fault) => return (vec![Err(fault)], None),
@@ -105,8 +109,8 @@ fn each<T: Send, R: Send>(mut all: Vec<T>, one: impl Fn(T) -> R + Send + Sync) -
     }
 }
 
-impl Iterator for Lines {
-    type Item = Result<Table, ReadError>;
+impl Iterator for LineSimulator {
+    type Item = Result<ColumnTable, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.ready.is_empty()

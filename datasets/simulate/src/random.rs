@@ -7,14 +7,14 @@ use rand_chacha::{
 };
 
 /// A stream of random numbers.
-pub(super) struct Random {
+pub(super) struct RandomStream {
     generator: ChaCha12Rng,
     spare: Option<f64>,
 }
 
-impl Random {
+impl RandomStream {
     /// The stream of the quantity identified by `names`.
-    pub(super) fn of(seed: u64, names: &[&str]) -> Random {
+    pub(super) fn new(seed: u64, names: &[&str]) -> RandomStream {
         let mut hash = blake3::Hasher::new_derive_key("magline synth 1: streams of random numbers");
         hash.update(&seed.to_le_bytes());
         for name in names {
@@ -22,7 +22,7 @@ impl Random {
             hash.update(&(name.len() as u64).to_le_bytes());
             hash.update(name.as_bytes());
         }
-        Random { generator: ChaCha12Rng::from_seed(*hash.finalize().as_bytes()), spare: None }
+        RandomStream { generator: ChaCha12Rng::from_seed(*hash.finalize().as_bytes()), spare: None }
     }
 
     /// Uniform above 0, up to 1.
@@ -63,15 +63,15 @@ mod tests {
 
     #[test]
     fn law_streams_are_repeatable_and_apart() {
-        let first = |names: &[&str]| Random::of(7, names).normal().to_bits();
+        let first = |names: &[&str]| RandomStream::new(7, names).normal().to_bits();
         assert_eq!(first(&["1", "1.01", "mag_3_uc"]), first(&["1", "1.01", "mag_3_uc"]));
         assert_ne!(first(&["ab", "c"]), first(&["a", "bc"]));
-        assert_ne!(Random::of(7, &["a"]).normal(), Random::of(8, &["a"]).normal());
+        assert_ne!(RandomStream::new(7, &["a"]).normal(), RandomStream::new(8, &["a"]).normal());
     }
 
     #[test]
     fn law_normals_have_mean_0_and_variance_1() {
-        let mut random = Random::of(1, &["test"]);
+        let mut random = RandomStream::new(1, &["test"]);
         let x: Vec<f64> = (0..200_000).map(|_| random.normal()).collect();
         let mean = x.iter().sum::<f64>() / 2e5;
         let (variance, fourth) =

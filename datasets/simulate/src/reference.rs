@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
-use schemas::{Lists, ParamDoc, Params, collect_doc};
+use schemas::{ChoiceRegistry, ParamDoc, Params, collect_doc};
 
 use crate::{
     aircraft::spec::{electric, sensor},
     earth::spec as earth,
     ins::spec as ins,
-    reading::{COMPONENTS, variant::Variant},
+    reading::{COMPONENTS, variant::SynthVariant},
     spec::RootKeys,
     trajectory::{air, spec as trajectory},
 };
@@ -18,7 +18,7 @@ const PAGE: &str = include_str!("reference/page.md");
 
 /// The reference of the synth spec, as Markdown.
 pub fn reference() -> String {
-    let none = Lists::default();
+    let none = ChoiceRegistry::default();
     let kinds = [electric::kinds(), electric::signals(), trajectory::kinds()];
     let tables: [(&str, String); 18] = [
         ("root", keys(&RootKeys::docs(&none))),
@@ -26,25 +26,30 @@ pub fn reference() -> String {
         (
             "lines",
             table("[[flights.lines]]", &trajectory::LineKeys::docs(&kinds[2]))
-                + &variants::<trajectory::Way>(&kinds[2]),
+                + &variants::<trajectory::LinePathKeys>(&kinds[2]),
         ),
         ("wind", table("[wind]", &air::Wind::docs(&none))),
         ("turbulence", table("[turbulence]", &air::TurbulenceKeys::docs(&none))),
         ("dynamics", table("[dynamics]", &air::Dynamics::docs(&none))),
-        ("ins", table("[ins]", &ins::Keys::docs(&none))),
+        ("ins", table("[ins]", &ins::InsKeys::docs(&none))),
         ("core_field", table("[core_field]", &earth::CoreKeys::docs(&none))),
         ("map", table("[map]", &earth::MapKeys::docs(&none))),
-        ("sources", table("[[sources]]", &earth::SourceKeys::docs(&none))),
+        ("sources", table("[[sources]]", &earth::BuriedSourceKeys::docs(&none))),
         ("diurnal", table("[diurnal]", &earth::DiurnalKeys::docs(&none))),
         ("magnetometers", table("[[magnetometers]]", &sensor::ScalarKeys::docs(&none))),
         ("vector_magnetometers", table("[[vector_magnetometers]]", &sensor::VectorKeys::docs(&none))),
         (
             "currents",
-            table("[[currents]]", &electric::CurrentKeys::docs(&kinds[0])) + &variants::<electric::Kind>(&kinds[0]),
+            table("[[currents]]", &electric::CurrentKeys::docs(&kinds[0]))
+                + &variants::<electric::CurrentControl>(&kinds[0]),
         ),
         ("wires", table("[[wires]]", &electric::WireKeys::docs(&none))),
         ("voltages", table("[[voltages]]", &electric::VoltageKeys::docs(&none))),
-        ("inputs", table("[[inputs]]", &electric::InputKeys::docs(&kinds[1])) + &variants::<electric::Told>(&kinds[1])),
+        (
+            "inputs",
+            table("[[inputs]]", &electric::InputKeys::docs(&kinds[1]))
+                + &variants::<electric::NamedControlQuantity>(&kinds[1]),
+        ),
         ("temperature", table("[temperature]", &electric::TemperatureKeys::docs(&none))),
     ];
     let names: Vec<String> = COMPONENTS.iter().map(|name| format!("`{name}`")).collect();
@@ -61,9 +66,9 @@ fn table(name: &str, docs: &[ParamDoc]) -> String {
 }
 
 /// The kinds of a table, each with its own keys.
-fn variants<T: crate::reading::variant::Varied>(lists: &Lists) -> String {
+fn variants<T: crate::reading::variant::SynthVariantValue>(lists: &ChoiceRegistry) -> String {
     let mut out = String::new();
-    for kind in lists.get::<Variant<T>>().iter().flat_map(|kinds| kinds.all()) {
+    for kind in lists.get::<SynthVariant<T>>().iter().flat_map(|kinds| kinds.all()) {
         // Writing into a String cannot fail.
         let _ = write!(out, "\n#### `kind = \"{}\"`\n\n{}\n", kind.name, collect_doc(kind.doc));
         let docs = (kind.docs)();

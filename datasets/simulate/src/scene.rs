@@ -5,23 +5,23 @@ use std::path::Path;
 use datasets::ReadError;
 
 use super::{
-    random::Random,
-    spec::Spec,
-    trajectory::{Flight, Line},
+    random::RandomStream,
+    spec::SynthSpec,
+    trajectory::{SynthFlight, SynthLine},
 };
 
-/// A line to simulate.
-pub(super) struct Scene<'a> {
+/// Inputs of the simulation of one line: the spec, the flight and the line.
+pub(super) struct SynthLineContext<'a> {
     pub(super) path: &'a Path,
-    pub(super) spec: &'a Spec,
-    pub(super) flight: &'a Flight,
-    pub(super) line: &'a Line,
+    pub(super) spec: &'a SynthSpec,
+    pub(super) flight: &'a SynthFlight,
+    pub(super) line: &'a SynthLine,
 }
 
-impl Scene<'_> {
+impl SynthLineContext<'_> {
     /// The stream of random numbers of one component of this line.
-    pub(super) fn random(&self, what: &str) -> Random {
-        Random::of(self.spec.seed, &["line", &self.flight.name, &self.line.name, what])
+    pub(super) fn random(&self, what: &str) -> RandomStream {
+        RandomStream::new(self.spec.seed, &["line", &self.flight.name, &self.line.name, what])
     }
 
     /// A fault that names the line.

@@ -9,15 +9,15 @@ use toml::de::DeTable;
 
 use crate::{
     aircraft::spec::{self as aircraft, Aircraft},
-    earth::spec::{self as earth, Earth},
-    ins::spec::{self as ins, Ins},
-    reading::{Components, Faults, Section, preset},
-    trajectory::{self, Air, Flight},
+    earth::spec::{self as earth, SynthEarth},
+    ins::spec::{self as ins, SynthIns},
+    reading::{ComponentSwitches, SynthFaultList, SynthSection, preset},
+    trajectory::{self, FlightConditions, SynthFlight},
 };
 
 /// A synth spec, checked.
 #[derive(Clone, Debug)]
-pub struct Spec {
+pub struct SynthSpec {
     /// Seed of all random draws.
     pub seed: u64,
     /// Calendar year and day of the year, UTC.
@@ -25,35 +25,35 @@ pub struct Spec {
     /// Sampling rate.
     pub rate_hz: f64,
     /// Components that are switched off.
-    pub components: Components,
+    pub components: ComponentSwitches,
     /// Standard deviation of small motions in roll, pitch and yaw, in degrees.
     pub gusts_deg: [f64; 3],
     /// Wind, turbulence and the performance of the aircraft.
-    pub air: Air,
+    pub air: FlightConditions,
     /// The INS.
-    pub ins: Ins,
+    pub ins: SynthIns,
     /// The earth's field.
-    pub earth: Earth,
+    pub earth: SynthEarth,
     /// The aircraft and its sensors.
     pub aircraft: Aircraft,
     /// The flights.
-    pub flights: Vec<Flight>,
+    pub flights: Vec<SynthFlight>,
 }
 
-impl Spec {
+impl SynthSpec {
     /// Reads a spec.
     ///
     /// # Errors
     /// Fails with all faults of the spec, each with file, line and column.
-    pub fn read(path: &Path) -> Result<Spec, ReadError> {
+    pub fn read(path: &Path) -> Result<SynthSpec, ReadError> {
         let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, &e))?;
         let root = DeTable::parse(&text).map_err(|e| {
             let fault = Fault::new(e.message()).at(e.span().unwrap_or(0..0));
             ReadError::spec(path, &text, &[fault])
         })?;
-        let faults = Faults::default();
+        let faults = SynthFaultList::default();
         let root = preset::applied(root.into_inner(), &faults);
-        let section = Section::new("synth", &root, 0..0, &faults);
+        let section = SynthSection::new("synth", &root, 0..0, &faults);
         let spec = spec(&section, path.parent().unwrap_or(Path::new("")));
         section.finish();
         let mut found = std::mem::take(&mut *faults.borrow_mut());
@@ -80,11 +80,11 @@ params! {
     component_columns: bool, unit "", default false;
 }
 
-fn spec(root: &Section, folder: &Path) -> Spec {
+fn spec(root: &SynthSection, folder: &Path) -> SynthSpec {
     let keys: RootKeys = root.some_keys().unwrap_or_default();
-    let components = Components::read(root);
+    let components = ComponentSwitches::read(root);
     let air = trajectory::air::air(root);
-    Spec {
+    SynthSpec {
         seed: keys.seed as u64,
         date: date(root, &keys),
         rate_hz: keys.rate_hz,
@@ -98,7 +98,7 @@ fn spec(root: &Section, folder: &Path) -> Spec {
     }
 }
 
-fn date(root: &Section, keys: &RootKeys) -> (i32, u32) {
+fn date(root: &SynthSection, keys: &RootKeys) -> (i32, u32) {
     let (year, doy) = (keys.year as i32, keys.doy as u32);
     let days = dates::days_in_year(year);
     if doy > days {

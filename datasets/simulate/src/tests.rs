@@ -3,13 +3,13 @@
 use std::{fs, path::PathBuf};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use datasets::{MapOptions, motion::Track, samples};
+use datasets::{MapOptions, motion::GeodeticTrack, samples};
 use nalgebra::Vector3;
 use numerics::{
     earth::{attitude::body_to_ned, core_field::CoreField, dates::decimal_year, geodesy::EarthModel},
     maps::{
         map_stack::FieldMap,
-        map_surface::{GeographicGrid, Interpolation, MapSurface},
+        map_surface::{GeographicGrid, MapInterpolation, MapSurface},
     },
     navigation::{
         ekf::{self, EkfParameters},
@@ -86,7 +86,7 @@ fn flat(line: &RecordBatch, names: [&str; 3]) -> Vec<Vector3<f64>> {
 #[test]
 fn law_velocity_and_force_are_the_derivatives_of_position() {
     for line in lines(&example()).iter().take(2) {
-        let track = Track {
+        let track = GeodeticTrack {
             tt: column(line, "tt"),
             lat_deg: column(line, "lat"),
             lon_deg: column(line, "lon"),
@@ -104,7 +104,7 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
         }
         let truth =
             Simulation::open(&example()).unwrap().spec.flights[0].lines[usize::from(name(line) != "1.01")].clone();
-        let flown = truth.fly(10.0, [0.0; 3], &mut random::Random::of(0, &[]));
+        let flown = truth.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
         let force = track.specific_force_mps2(&flown.velocity_mps);
         for axis in 0..3 {
             let mut sum = 0.0;
@@ -128,7 +128,7 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
 #[test]
 fn law_a_coordinated_turn_feels_no_sideways_force() {
     let line = Simulation::open(&example()).unwrap().spec.flights[0].lines[1].clone();
-    let flown = line.fly(10.0, [0.0; 3], &mut random::Random::of(0, &[]));
+    let flown = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
     let most_bank = flown.attitude_deg[0].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
     assert!(most_bank > 15.0, "there is a turn");
     for i in 0..flown.tt_s.len() {
@@ -143,7 +143,7 @@ fn law_a_coordinated_turn_feels_no_sideways_force() {
 #[test]
 fn law_the_box_has_four_headings_and_its_manoeuvres() {
     let line = Simulation::open(&example()).unwrap().spec.flights[0].lines[0].clone();
-    let flown = line.fly(10.0, [0.0; 3], &mut random::Random::of(0, &[]));
+    let flown = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
     for (axis, amplitude) in [(0, 9.0), (1, 4.5), (2, 5.0)] {
         let steady: Vec<f64> = (0..flown.tt_s.len()).map(|i| line_manoeuvre(&line, &flown, i)[axis]).collect();
         let most = steady.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
@@ -157,7 +157,7 @@ fn law_the_box_has_four_headings_and_its_manoeuvres() {
     assert!((end - 270.0).abs() < 0.05, "three right-angled turns to the right: {end}");
 }
 
-fn line_manoeuvre(line: &Line, flown: &trajectory::Trajectory, i: usize) -> [f64; 3] {
+fn line_manoeuvre(line: &SynthLine, flown: &trajectory::TrueTrajectory, i: usize) -> [f64; 3] {
     line.manoeuvre_deg(flown.tt_s[i] - line.start_tt_s)
 }
 
@@ -302,7 +302,7 @@ const IN_SERIES: [&str; 12] = [
 fn navigated(line: &RecordBatch, anomaly: &MapSurface) -> (f64, f64, f64) {
     let c = |n: &str| column(line, n);
     let columns: Vec<&[f64]> = std::iter::once("tt").chain(IN_SERIES).map(c).collect();
-    let ins = InsSeries::of(columns.try_into().unwrap());
+    let ins = InsSeries::from_columns(columns.try_into().unwrap());
     let core = CoreField::at(decimal_year(2020, 185, c("tt")[0]).unwrap()).unwrap();
     let parameters = EkfParameters { measurement_sigma_nt: 5.0, ..EkfParameters::default() };
     let out = ekf::run(&parameters, &ins, c("mag_1_c"), &FieldMap::Flat(anomaly.clone()), Some(&core)).unwrap();
@@ -327,7 +327,7 @@ fn law_the_filter_finds_its_way_over_osborne() {
     let map =
         datasets::read_map(&samples::path("osborne/osborne_anomaly_100m_at_500m.tif"), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let anomaly = MapSurface::new(&grid, Interpolation::Cubic);
+    let anomaly = MapSurface::new(&grid, MapInterpolation::Cubic);
     let simulated = lines(&example());
     let surveys: Vec<_> = simulated.iter().filter(|l| !name(l).ends_with(".01")).collect();
     assert_eq!(surveys.len(), 6);

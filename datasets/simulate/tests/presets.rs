@@ -51,7 +51,8 @@ fn ref_tolles_lawson_on_the_cessna_leaves_what_it_left_in_table_2_3() {
 fn ref_core_field_tolles_lawson_improves_the_drone_as_in_table_4_2() {
     // The random values of a flight change its ratio by a factor of two: the median of seven flights is compared.
     let flights = seeds(&spec("drone"), 1..=7).unwrap();
-    // Van der Meer 2025, Tables 4.1 to 4.3: means of the uncompensated standard deviations and of the improvement ratios.
+    // Van der Meer 2025, Tables 4.1 to 4.3: means of the uncompensated standard deviations and of the improvement
+    // ratios.
     let published = [
         ("mag_1_uc", "flux_a", 37.85, 4.90),
         ("mag_2_uc", "flux_b", 27.45, 4.03),

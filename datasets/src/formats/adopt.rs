@@ -7,12 +7,12 @@ use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use schemas::{convert, convertible_to, field, flight};
 
-use super::{FlightOptions, Part, Raw, missing::Missing, unit_name};
+use super::{FlightBatch, FlightOptions, RawFlight, missing::MissingMarkers, unit_name};
 use crate::ReadError;
 
 /// The column of the flight table that a column of the file becomes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Named {
+pub(super) struct FlightColumnTarget {
     /// Its name in the flight table.
     pub(super) name: String,
     /// The unit that its values have; empty for the canonical unit, where none is given.
@@ -32,12 +32,12 @@ pub(super) fn named(
     own: &[&str],
     said: Option<&str>,
     options: &FlightOptions,
-) -> Result<Named, ReadError> {
+) -> Result<FlightColumnTarget, ReadError> {
     let first = own.first().copied().unwrap_or_default();
     let renamed = own.iter().find_map(|n| options.rename.get(*n)).map(String::as_str);
     let name = renamed.or(own.last().copied()).unwrap_or_default();
     let wanted = flight::describe(name).unit;
-    let done = |unit: &str| Ok(Named { name: name.to_owned(), unit: unit.to_owned() });
+    let done = |unit: &str| Ok(FlightColumnTarget { name: name.to_owned(), unit: unit.to_owned() });
     let said = said.filter(|u| !u.is_empty());
     if let Some(unit) = own.iter().find_map(|n| options.units.get(*n)) {
         let fits = wanted.is_empty() || convert(unit, wanted).is_some();
@@ -60,10 +60,10 @@ pub(super) fn named(
         }
         (Some(said), _) => done(said),
         (None, Ok(unit)) => done(&unit.unwrap_or_default()),
-        (None, Err(unit_name::Unsettled::Other(unit))) => {
+        (None, Err(unit_name::UnitNameError::Other(unit))) => {
             Err(other_unit(path, first, name, "its name says", &unit, wanted))
         }
-        (None, Err(unit_name::Unsettled::Ambiguous(unit))) => {
+        (None, Err(unit_name::UnitNameError::Ambiguous(unit))) => {
             let what = format!("the `{unit}` at the end of its name may be a unit, while `{name}` is in {wanted}");
             Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
         }
@@ -115,7 +115,7 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
 /// # Errors
 /// Fails for a renamed column that the file does not have, units that do not convert, duplicate column names, or no
 /// flight or line.
-pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Raw, ReadError> {
+pub(super) fn adopt(path: &Path, raw: RawFlight, options: &FlightOptions) -> Result<RawFlight, ReadError> {
     let names: Vec<String> = raw.schema.fields().iter().map(|f| f.name().clone()).collect();
     check_names(path, raw.own.as_deref().unwrap_or(&names), &names, options)?;
     let one = |f: &Arc<Field>| match &raw.own {
@@ -139,31 +139,31 @@ pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Ra
     let (to, path) = (schema.clone(), path.to_path_buf());
     let raw = without_fillers(&path, raw, options);
     let parts = raw.parts.map(move |part| {
-        let Part { batch, faults } = part?;
+        let FlightBatch { batch, faults } = part?;
         let constant = |v: &String| Arc::new(StringArray::from(vec![v.as_str(); batch.num_rows()])) as ArrayRef;
         let columns = keys.iter().map(|(_, v)| constant(v)).chain(batch.columns().iter().cloned()).collect();
         let batch = RecordBatch::try_new(to.clone(), columns).map_err(|e| ReadError::data(&path, e.to_string()))?;
-        Ok(Part { batch, faults })
+        Ok(FlightBatch { batch, faults })
     });
-    Ok(Raw { schema, parts: Box::new(parts), ..raw })
+    Ok(RawFlight { schema, parts: Box::new(parts), ..raw })
 }
 
 /// The rows with nulls for the numbers that mark missing values, where there still are such.
-pub(super) fn without_fillers(path: &Path, raw: Raw, options: &FlightOptions) -> Raw {
+pub(super) fn without_fillers(path: &Path, raw: RawFlight, options: &FlightOptions) -> RawFlight {
     if !raw.fillers {
         return raw;
     }
-    let (missing, path) = (Missing::of(options), path.to_path_buf());
+    let (missing, path) = (MissingMarkers::from_options(options), path.to_path_buf());
     let parts = raw.parts.map(move |part| {
-        let Part { batch, faults } = part?;
+        let FlightBatch { batch, faults } = part?;
         let columns = batch.columns().iter().map(|c| missing.nulled(c)).collect();
         let nullable =
             batch.schema().fields().iter().map(|f| f.as_ref().clone().with_nullable(true)).collect::<Vec<_>>();
         let batch = RecordBatch::try_new(Arc::new(Schema::new(nullable)), columns);
-        Ok(Part { batch: batch.map_err(|e| ReadError::data(&path, e.to_string()))?, faults })
+        Ok(FlightBatch { batch: batch.map_err(|e| ReadError::data(&path, e.to_string()))?, faults })
     });
     let nullable = raw.schema.fields().iter().map(|f| f.as_ref().clone().with_nullable(true)).collect::<Vec<_>>();
-    Raw { schema: Arc::new(Schema::new(nullable)), parts: Box::new(parts), fillers: false, ..raw }
+    RawFlight { schema: Arc::new(Schema::new(nullable)), parts: Box::new(parts), fillers: false, ..raw }
 }
 
 /// The flight and line to add, where the file has none.
@@ -189,7 +189,8 @@ fn added_keys(
 /// The field that a column becomes; nullable, since values may be found missing.
 fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions) -> Result<Field, ReadError> {
     let metadata = source.metadata();
-    let Named { name, unit } = named(path, &[source.name()], metadata.get("unit").map(String::as_str), options)?;
+    let FlightColumnTarget { name, unit } =
+        named(path, &[source.name()], metadata.get("unit").map(String::as_str), options)?;
     let wanted = flight::describe(&name).unit;
     if unstated && unit.is_empty() && !wanted.is_empty() {
         let what = format!("the file does not say its unit, and `{name}` is in {wanted}");
@@ -223,7 +224,7 @@ pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
 pub(super) fn in_counted_unit(
     path: &Path,
     own: &str,
-    named: &Named,
+    named: &FlightColumnTarget,
     counted: &str,
     values: Vec<f64>,
 ) -> Result<(String, Vec<f64>), ReadError> {

@@ -14,7 +14,7 @@ use flate2::{Compression as Deflate, write::ZlibEncoder};
 use hdf5_pure::{AttrValue, FileBuilder};
 use tempfile::TempDir;
 
-use super::{FlightOptions, MapOptions, Reading, open_raw, read_grid};
+use super::{FlightOptions, MapOptions, ReadHints, open_raw, read_grid};
 
 struct Case {
     folder: TempDir,
@@ -34,7 +34,7 @@ impl Case {
     /// The error of reading a flight to its end.
     fn flight(&self, name: &str, bytes: &[u8]) -> String {
         let path = self.file(name, bytes);
-        let read = || open_raw(&path, &FlightOptions::default(), &Reading::default())?.collect::<Result<Vec<_>, _>>();
+        let read = || open_raw(&path, &FlightOptions::default(), &ReadHints::default())?.collect::<Result<Vec<_>, _>>();
         let said = read().map(|all| all.len()).expect_err("a bomb").to_string();
         assert!(said.contains(name), "{said}");
         said
@@ -81,7 +81,7 @@ fn bug_a_text_of_a_dictionary_is_not_repeated_in_memory() {
     let texts: Vec<String> = (0..40).map(|k| "é".repeat(k)).collect();
     let batch = table(vec![("line".into(), Arc::new(StringArray::from(texts)))]);
     let path = case.file("plain.parquet", &parquet(&batch));
-    let mut read = open_raw(&path, &FlightOptions::default(), &Reading::default()).unwrap();
+    let mut read = open_raw(&path, &FlightOptions::default(), &ReadHints::default()).unwrap();
     assert_eq!(read.next().unwrap().unwrap().column(0), batch.column(0));
 }
 
@@ -111,7 +111,7 @@ fn bug_an_hdf5_file_that_declares_much_is_refused() {
     assert!(bytes.len() < 1_000_000);
     let options = FlightOptions { format: Some("sgl_hdf5".into()), ..FlightOptions::default() };
     let path = case.file("zeros.h5", &bytes);
-    let said = open_raw(&path, &options, &Reading::default()).map(|_| ()).unwrap_err().to_string();
+    let said = open_raw(&path, &options, &ReadHints::default()).map(|_| ()).unwrap_err().to_string();
     assert!(said.contains("zeros.h5") && said.contains("of values in a file of"), "{said}");
 }
 
@@ -204,7 +204,7 @@ fn magnetometer(attributes: &[(&str, AttrValue)], stored: &[i16]) -> Result<(Vec
     let case = Case::new();
     let path = case.file("packed.h5", &packed(attributes, stored));
     let options = FlightOptions { format: Some("magnav_hdf5".into()), ..FlightOptions::default() };
-    let mut reader = open_raw(&path, &options, &Reading::default()).map_err(|e| e.to_string())?;
+    let mut reader = open_raw(&path, &options, &ReadHints::default()).map_err(|e| e.to_string())?;
     let batch = reader.next().unwrap().map_err(|e| e.to_string())?;
     Ok((super::log_tests::numbers(&batch, "mag_1_uc"), reader.notes().to_vec()))
 }

@@ -16,7 +16,7 @@ const POWERS: [f64; 23] = [
 /// an exponent or without, and exact. The caller checks the character after it.
 #[inline(always)]
 pub(super) fn number(text: &[u8], start: usize) -> Option<(f64, usize)> {
-    let Spelt { negative, digits, count, exponent, end } = spelt(text, start)?;
+    let DecimalLiteral { negative, digits, count, exponent, end } = spelt(text, start)?;
     if count > 19 || digits > 1 << 53 {
         return None;
     }
@@ -36,8 +36,8 @@ pub(super) fn end(text: &[u8], start: usize) -> Option<usize> {
     spelt(text, start).map(|s| s.end)
 }
 
-/// A number as written.
-struct Spelt {
+/// Decimal number as written: sign, digits, exponent and end position.
+struct DecimalLiteral {
     negative: bool,
     /// Those before and after the point; right up to 19 of them.
     digits: u64,
@@ -49,7 +49,7 @@ struct Spelt {
 }
 
 #[inline(always)]
-fn spelt(text: &[u8], start: usize) -> Option<Spelt> {
+fn spelt(text: &[u8], start: usize) -> Option<DecimalLiteral> {
     let sign = *text.get(start)?;
     let first = start + usize::from(sign == b'-' || sign == b'+');
     let (mut digits, mut end) = run(text, first, 0);
@@ -75,7 +75,7 @@ fn spelt(text: &[u8], start: usize) -> Option<Spelt> {
         exponent += if sign == Some(&b'-') { -power } else { power };
         end = after;
     }
-    Some(Spelt { negative: sign == b'-', digits, count, exponent, end })
+    Some(DecimalLiteral { negative: sign == b'-', digits, count, exponent, end })
 }
 
 /// `value` continued by the digits at `at`, and the position after them.

@@ -8,11 +8,11 @@ use numerics::{
     earth::{core_field::CoreField, dates::decimal_year},
 };
 
-use super::iaga2002::{Kind, ObservatoryRecord};
+use super::iaga2002::{ComponentConversion, ObservatoryRecord};
 use crate::ReadError;
 
 /// A converted sample, and the angles used in its conversion.
-pub(super) struct Sighting {
+pub(super) struct DeclinationSample {
     /// North, east and down, nT.
     pub(super) ned_nt: [f64; 3],
     /// The declination that was added to that of the sample, or the direction of H.
@@ -22,7 +22,7 @@ pub(super) struct Sighting {
     /// A baseline of the header that was not added.
     pub(super) unused_rad: Option<f64>,
     /// The components.
-    pub(super) kind: Kind,
+    pub(super) kind: ComponentConversion,
     /// Year and day of the year.
     pub(super) date: (i32, u32),
 }
@@ -51,14 +51,18 @@ pub(super) fn baseline_of(comment: &str) -> Option<&str> {
 ///
 /// # Errors
 /// Fails if a declination or an inclination agrees with the IGRF only in another unit or with another baseline.
-pub(super) fn check(path: &Path, record: &mut ObservatoryRecord, sighting: &Sighting) -> Result<(), ReadError> {
+pub(super) fn check(
+    path: &Path,
+    record: &mut ObservatoryRecord,
+    sighting: &DeclinationSample,
+) -> Result<(), ReadError> {
     let Some(igrf) = igrf(record, sighting.date) else { return Ok(()) };
     let magnitude = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let (found, expected) = (magnitude(&sighting.ned_nt), magnitude(&igrf));
     if found < 0.5 * expected {
         let what = "the components are relative to base values that the file lacks";
         let mut note = format!("{what}: their magnitude is {found:.0} nT, but the IGRF gives {expected:.0} nT");
-        if matches!(sighting.kind, Kind::Hdz(_) | Kind::Dif(_)) {
+        if matches!(sighting.kind, ComponentConversion::Hdz(_) | ComponentConversion::Dif(_)) {
             disoriented(record);
             note += "; `field_n` and `field_e` are unknown: add the base value of each component to its column";
         }
@@ -91,7 +95,7 @@ pub(super) fn check(path: &Path, record: &mut ObservatoryRecord, sighting: &Sigh
         return Ok(());
     }
     let compared = format!("the declination would be {found_deg:.2} deg, but the IGRF gives {igrf_deg:.2} deg");
-    if sighting.baseline_rad == 0.0 && !matches!(sighting.kind, Kind::Xyz(_)) {
+    if sighting.baseline_rad == 0.0 && !matches!(sighting.kind, ComponentConversion::Xyz(_)) {
         disoriented(record);
         let remedy = "set the baseline of the declination in the header (`DECBAS`, tenths of minutes of arc)";
         record.notes.push(format!("{compared}: `field_n` and `field_e` are unknown; {remedy}"));
@@ -103,12 +107,12 @@ pub(super) fn check(path: &Path, record: &mut ObservatoryRecord, sighting: &Sigh
 
 /// The cause of a wrong declination and its remedy, if `fits` accepts the declination without the cause.
 fn explanation(
-    sighting: &Sighting,
+    sighting: &DeclinationSample,
     found_rad: f64,
     fits: impl Fn(f64) -> bool,
 ) -> Option<(&'static str, &'static str)> {
     const DECBAS: &str = "correct `DECBAS` in the header; its unit is tenths of minutes of arc";
-    let Sighting { baseline_rad: base, own_rad, unused_rad, .. } = *sighting;
+    let DeclinationSample { baseline_rad: base, own_rad, unused_rad, .. } = *sighting;
     let without = found_rad - base;
     let of_own = own_rad.and_then(|own| {
         if fits(60.0 * own + base) {
@@ -133,8 +137,8 @@ fn explanation(
 }
 
 /// Rejects an inclination in degrees.
-fn check_dip(path: &Path, sighting: &Sighting, igrf: &[f64; 3]) -> Result<(), ReadError> {
-    if !matches!(sighting.kind, Kind::Dif(_)) {
+fn check_dip(path: &Path, sighting: &DeclinationSample, igrf: &[f64; 3]) -> Result<(), ReadError> {
+    if !matches!(sighting.kind, ComponentConversion::Dif(_)) {
         return Ok(());
     }
     let dip_deg = |v: &[f64; 3]| v[2].atan2(v[0].hypot(v[1])).to_degrees();

@@ -1,15 +1,15 @@
 //! Formats that magline does not read, identified by their first bytes, each with its name and the required conversion.
 
-use super::Head;
+use super::FileHead;
 use crate::ReadError;
 
 /// Position of a signature, its bytes, the name of the format, and the remedy.
-type Signature = (usize, &'static [u8], &'static str, &'static str);
+type FormatSignature = (usize, &'static [u8], &'static str, &'static str);
 
 const UNPACK: &str = "unpack it and use the file inside";
 const EXPORT: &str = "export the data as GeoTIFF, NetCDF, GXF, CSV or Parquet";
 
-const SIGNATURES: &[Signature] = &[
+const SIGNATURES: &[FormatSignature] = &[
     (0, b"%PDF", "a PDF document", EXPORT),
     (0, b"PK\x03\x04", "a zip archive", UNPACK),
     (0, b"\x1f\x8b", "a gzip file", UNPACK),
@@ -46,7 +46,7 @@ const SIGNATURES: &[Signature] = &[
 ];
 
 /// The kind of a file, and the remedy; `None` if its first bytes are unknown.
-fn known(head: &Head) -> Option<(&'static str, &'static str)> {
+fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
     let holds = |name: &str| head.path.is_dir() && head.path.join(name).is_file();
     if holds("hdr.adf") {
         return Some(("an Esri binary grid", "convert the folder with `gdal_translate` to GeoTIFF"));
@@ -85,7 +85,7 @@ fn known(head: &Head) -> Option<(&'static str, &'static str)> {
 
 /// Whether the first bytes are those of a Geosoft grid: bytes per element (plus 1024 if compressed), its sign, counts
 /// and ordering, then the geometry in double precision, 512 bytes in total. [Geosoft, GRD file format]
-fn geosoft(head: &Head) -> bool {
+fn geosoft(head: &FileHead) -> bool {
     let word = |i: usize| Some(i32::from_le_bytes(head.bytes.get(4 * i..4 * i + 4)?.try_into().ok()?));
     let real = |i: usize| Some(f64::from_le_bytes(head.bytes.get(20 + 8 * i..28 + 8 * i)?.try_into().ok()?));
     let found = || {
@@ -102,6 +102,6 @@ fn geosoft(head: &Head) -> bool {
 }
 
 /// The error of a file in a known format that magline does not read; `None` for an unknown format.
-pub(super) fn refused(head: &Head) -> Option<ReadError> {
+pub(super) fn refused(head: &FileHead) -> Option<ReadError> {
     known(head).map(|(what, help)| ReadError::data(head.path, format!("the file is {what}")).help(help))
 }

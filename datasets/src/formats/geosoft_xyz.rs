@@ -1,9 +1,9 @@
-//! Geosoft's XYZ exports: comments after `/`, the last of them before the data names the columns, a record such as `Line 10`
-//! or `Tie T5` before the rows of each line, `//Flight` and `//Date` before those that they are of, `*` for what is missing.
-//! [Seequent, Oasis montaj, Geosoft XYZ file format]
+//! Geosoft's XYZ exports: comments after `/`, the last of them before the data names the columns, a record such as
+//! `Line 10` or `Tie T5` before the rows of each line, `//Flight` and `//Date` before those that they are of, `*` for
+//! what is missing. [Seequent, Oasis montaj, Geosoft XYZ file format]
 //!
-//! Columns keep the file's names; records become `line`, `flight`, `year` and `doy`. The file is read twice: once to settle
-//! which columns are numbers, once for the values.
+//! Columns keep the file's names; records become `line`, `flight`, `year` and `doy`. The file is read twice: once to
+//! settle which columns are numbers, once for the values.
 
 use std::{
     io::{BufRead, BufReader},
@@ -14,27 +14,27 @@ use arrow_schema::SchemaRef;
 use numerics::earth::dates::day_of_year;
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, csv,
-    line_records::{Names, Reads, Record, read, unknown},
-    missing::Missing,
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault, csv,
+    line_records::{GeosoftLineNames, GeosoftLineRecord, LineRecordMatch, read, unknown},
+    missing::MissingMarkers,
     text_end::{TextFile, is_whole},
 };
 use crate::{
     ReadError,
-    table::{Table, Values},
+    table::{ColumnTable, ColumnValues},
 };
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "geosoft_xyz",
     about: "XYZ export of Geosoft, with a record before each line: `Line 10`",
     extensions: &[],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let mut kinds = head.text_lines().map(|line| kind(&line, None));
         let first = kinds.next();
         match first {
-            Some(Kind::Record(_) | Kind::Flight(_) | Kind::Date(_)) => true,
+            Some(GeosoftTextLine::Record(_) | GeosoftTextLine::Flight(_) | GeosoftTextLine::Date(_)) => true,
             // Comments first: those of the SGL surveys have no records.
-            Some(Kind::Comment(_)) => kinds.any(|k| matches!(k, Kind::Record(_))),
+            Some(GeosoftTextLine::Comment(_)) => kinds.any(|k| matches!(k, GeosoftTextLine::Record(_))),
             _ => false,
         }
     },
@@ -48,41 +48,41 @@ const ROWS: usize = 65_536;
 
 /// A line of text.
 #[derive(Debug, PartialEq)]
-enum Kind {
+enum GeosoftTextLine {
     Blank,
     Comment(Vec<String>),
     Flight(String),
     Date(String),
-    Record(Record),
+    Record(GeosoftLineRecord),
     /// A text like a line record that is none.
     Unknown(Vec<String>),
     Row(Vec<String>),
 }
 
 /// The kind of a line of text; `width` is the number of values in a row, where that is known.
-fn kind(text: &str, width: Option<usize>) -> Kind {
+fn kind(text: &str, width: Option<usize>) -> GeosoftTextLine {
     let text = text.trim().trim_start_matches('\u{feff}');
     if text.is_empty() {
-        return Kind::Blank;
+        return GeosoftTextLine::Blank;
     }
     let stated = |word: &str| {
         let (head, rest) = text.strip_prefix("//")?.trim().split_once(char::is_whitespace)?;
         head.eq_ignore_ascii_case(word).then(|| rest.trim().to_owned())
     };
     if let Some(flight) = stated("flight") {
-        return Kind::Flight(flight);
+        return GeosoftTextLine::Flight(flight);
     }
     if let Some(date) = stated("date") {
-        return Kind::Date(date);
+        return GeosoftTextLine::Date(date);
     }
     let words = words(text.trim_start_matches('/'));
     if text.starts_with('/') {
-        return Kind::Comment(words);
+        return GeosoftTextLine::Comment(words);
     }
     match read(&words, width) {
-        Reads::Record(record) => Kind::Record(record),
-        Reads::Unknown => Kind::Unknown(words),
-        Reads::No => Kind::Row(words),
+        LineRecordMatch::Record(record) => GeosoftTextLine::Record(record),
+        LineRecordMatch::Unknown => GeosoftTextLine::Unknown(words),
+        LineRecordMatch::No => GeosoftTextLine::Row(words),
     }
 }
 
@@ -97,13 +97,13 @@ fn words(text: &str) -> Vec<String> {
 
 /// Result of the first pass.
 #[derive(Default)]
-struct Found {
+struct GeosoftScan {
     names: Vec<String>,
     /// Whether each column is of numbers.
     numbers: Vec<bool>,
     flights: bool,
     /// The line records.
-    lines: Names,
+    lines: GeosoftLineNames,
     /// Texts like line records, with the first one's place in the file.
     unknown: Option<(u64, Vec<String>, usize)>,
     dates: bool,
@@ -124,28 +124,28 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> 
     }))
 }
 
-fn scan(path: &Path, missing: &Missing) -> Result<Found, ReadError> {
-    let (mut found, mut comments) = (Found::default(), vec![]);
+fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError> {
+    let (mut found, mut comments) = (GeosoftScan::default(), vec![]);
     // The columns of rows of a word and a number, which are unknown line records if there are other rows.
     let mut pairs = vec![];
     for (at, line) in (1..).zip(lines(path)?) {
         let width = Some(found.numbers.len()).filter(|width| *width > 0);
         match kind(&line?, width) {
-            Kind::Blank => {}
-            Kind::Comment(words) if found.numbers.is_empty() => comments.push(words),
-            Kind::Comment(_) => {}
-            Kind::Flight(_) => found.flights = true,
-            Kind::Date(text) => match date(&text) {
+            GeosoftTextLine::Blank => {}
+            GeosoftTextLine::Comment(words) if found.numbers.is_empty() => comments.push(words),
+            GeosoftTextLine::Comment(_) => {}
+            GeosoftTextLine::Flight(_) => found.flights = true,
+            GeosoftTextLine::Date(text) => match date(&text) {
                 Some(_) => found.dates = true,
                 None => found.unread = Some(text),
             },
-            Kind::Record(record) => found.lines.add(&record),
-            Kind::Unknown(words) => found.add_unknown(at, words),
-            Kind::Row(words) if width.is_none() && looks_unknown(&words) => {
+            GeosoftTextLine::Record(record) => found.lines.add(&record),
+            GeosoftTextLine::Unknown(words) => found.add_unknown(at, words),
+            GeosoftTextLine::Row(words) if width.is_none() && looks_unknown(&words) => {
                 numbers(&mut pairs, &words, missing);
                 found.add_unknown(at, words);
             }
-            Kind::Row(words) => numbers(&mut found.numbers, &words, missing),
+            GeosoftTextLine::Row(words) => numbers(&mut found.numbers, &words, missing),
         }
     }
     if found.numbers.is_empty() {
@@ -175,11 +175,11 @@ fn scan(path: &Path, missing: &Missing) -> Result<Found, ReadError> {
 
 /// Whether the words would be an unknown line record before a row of three values.
 fn looks_unknown(words: &[String]) -> bool {
-    words.len() == 2 && read(words, Some(3)) == Reads::Unknown
+    words.len() == 2 && read(words, Some(3)) == LineRecordMatch::Unknown
 }
 
 /// Narrows the columns of numbers to those that are so in a row.
-fn numbers(columns: &mut Vec<bool>, words: &[String], missing: &Missing) {
+fn numbers(columns: &mut Vec<bool>, words: &[String], missing: &MissingMarkers) {
     if columns.is_empty() {
         *columns = vec![true; words.len()];
     }
@@ -189,7 +189,7 @@ fn numbers(columns: &mut Vec<bool>, words: &[String], missing: &Missing) {
     }
 }
 
-impl Found {
+impl GeosoftScan {
     fn has_lines(&self) -> bool {
         !self.lines.is_empty() || self.unknown.is_some()
     }
@@ -214,8 +214,8 @@ impl Found {
     }
 }
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    let missing = Missing::of(options);
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
+    let missing = MissingMarkers::from_options(options);
     let found = scan(path, &missing)?;
     let file = path.display();
     let mut notes = vec![];
@@ -235,48 +235,50 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             "{file}: the file does not end with a newline, so it may be cut short inside its last value"
         ));
     }
-    let empty = Gathered::new(found.names.len());
+    let empty = GeosoftBatch::new(found.names.len());
     let schema = empty.table(&found).schema();
     let line_types = found.lines.types();
-    let rows = Rows {
+    let rows = GeosoftBatchReader {
         path: path.to_path_buf(),
         lines: Box::new(lines(path)?),
         found,
         missing,
-        now: Now::default(),
+        now: GeosoftRowContext::default(),
         unknown: None,
         row: 0,
         text_line: 0,
         done: false,
         schema: schema.clone(),
     };
-    Ok(Raw { notes, line_types, ..Raw::new(schema, Box::new(rows)) })
+    Ok(RawFlight { notes, line_types, ..RawFlight::new(schema, Box::new(rows)) })
 }
 
-/// Values from the records for the rows after them.
+/// Flight, line and date in force for a row, from the records before it.
 #[derive(Clone, Default)]
-struct Now {
+struct GeosoftRowContext {
     flight: String,
     line: String,
     date: Option<(i32, u32)>,
 }
 
-/// The rows of a batch.
-struct Gathered {
-    rows: Vec<Now>,
+/// Rows of one batch, with their values by column and their faults.
+struct GeosoftBatch {
+    rows: Vec<GeosoftRowContext>,
     numbers: Vec<Vec<f64>>,
     words: Vec<Vec<String>>,
     faults: Vec<RowFault>,
 }
 
-impl Gathered {
-    fn new(width: usize) -> Gathered {
-        Gathered { rows: vec![], numbers: vec![vec![]; width], words: vec![vec![]; width], faults: vec![] }
+impl GeosoftBatch {
+    fn new(width: usize) -> GeosoftBatch {
+        GeosoftBatch { rows: vec![], numbers: vec![vec![]; width], words: vec![vec![]; width], faults: vec![] }
     }
 
-    fn table(self, found: &Found) -> Table {
-        let mut table = Table::default();
-        let text = |of: fn(&Now) -> &String| Values::Text(self.rows.iter().map(|now| of(now).clone()).collect());
+    fn table(self, found: &GeosoftScan) -> ColumnTable {
+        let mut table = ColumnTable::default();
+        let text = |of: fn(&GeosoftRowContext) -> &String| {
+            ColumnValues::Text(self.rows.iter().map(|now| of(now).clone()).collect())
+        };
         let has = |name: &str| found.names.iter().any(|n| n == name);
         if found.flights && !has("flight") {
             table.push("flight", "", text(|now| &now.flight));
@@ -285,25 +287,26 @@ impl Gathered {
             table.push("line", "", text(|now| &now.line));
         }
         if found.dates && !has("year") && !has("doy") {
-            let of =
-                |pick: fn((i32, u32)) -> i64| Values::Whole(self.rows.iter().map(|now| now.date.map(pick)).collect());
+            let of = |pick: fn((i32, u32)) -> i64| {
+                ColumnValues::Whole(self.rows.iter().map(|now| now.date.map(pick)).collect())
+            };
             table.push("year", "", of(|(year, _)| i64::from(year)));
             table.push("doy", "", of(|(_, day)| i64::from(day)));
         }
         let columns = found.names.iter().zip(&found.numbers).zip(self.numbers.into_iter().zip(self.words));
         for ((name, number), (numbers, words)) in columns {
-            table.push(name, "", if *number { Values::Number(numbers) } else { Values::Text(words) });
+            table.push(name, "", if *number { ColumnValues::Number(numbers) } else { ColumnValues::Text(words) });
         }
         table
     }
 }
 
-struct Rows {
+struct GeosoftBatchReader {
     path: PathBuf,
     lines: Box<dyn Iterator<Item = Result<String, ReadError>> + Send>,
-    found: Found,
-    missing: Missing,
-    now: Now,
+    found: GeosoftScan,
+    missing: MissingMarkers,
+    now: GeosoftRowContext,
     /// The fault of a text like a line record, for the first row after it.
     unknown: Option<ReadError>,
     row: u64,
@@ -312,26 +315,26 @@ struct Rows {
     schema: SchemaRef,
 }
 
-impl Iterator for Rows {
-    type Item = Result<Part, ReadError>;
+impl Iterator for GeosoftBatchReader {
+    type Item = Result<FlightBatch, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         let width = self.found.names.len();
-        let mut gathered = Gathered::new(width);
+        let mut gathered = GeosoftBatch::new(width);
         while !self.done && gathered.rows.len() < ROWS {
             match self.lines.next() {
                 Some(Ok(line)) => {
                     self.text_line += 1;
                     match kind(&line, Some(width)) {
-                        Kind::Blank | Kind::Comment(_) => {}
-                        Kind::Flight(flight) => self.now.flight = flight,
-                        Kind::Date(text) => self.now.date = date(&text),
-                        Kind::Record(record) => {
+                        GeosoftTextLine::Blank | GeosoftTextLine::Comment(_) => {}
+                        GeosoftTextLine::Flight(flight) => self.now.flight = flight,
+                        GeosoftTextLine::Date(text) => self.now.date = date(&text),
+                        GeosoftTextLine::Record(record) => {
                             (self.now.line, self.unknown) = (self.found.lines.name(&record), None);
                         }
-                        Kind::Unknown(words) if self.found.has_numbers_first() => self.begin_unknown(&words),
-                        Kind::Unknown(words) => self.gather(&words, &mut gathered),
-                        Kind::Row(words) => self.gather(&words, &mut gathered),
+                        GeosoftTextLine::Unknown(words) if self.found.has_numbers_first() => self.begin_unknown(&words),
+                        GeosoftTextLine::Unknown(words) => self.gather(&words, &mut gathered),
+                        GeosoftTextLine::Row(words) => self.gather(&words, &mut gathered),
                     }
                 }
                 Some(Err(error)) => {
@@ -347,11 +350,11 @@ impl Iterator for Rows {
         let faults = std::mem::take(&mut gathered.faults);
         let batch = gathered.table(&self.found).into_batch(&self.path);
         debug_assert!(batch.as_ref().is_ok_and(|b| b.schema() == self.schema));
-        Some(batch.map(|batch| Part { batch, faults }))
+        Some(batch.map(|batch| FlightBatch { batch, faults }))
     }
 }
 
-impl Rows {
+impl GeosoftBatchReader {
     /// Begins a line of a record that is not one, whose rows are of no other line.
     fn begin_unknown(&mut self, words: &[String]) {
         self.now.line = words.join(" ");
@@ -359,7 +362,7 @@ impl Rows {
         self.unknown = Some(fault.help(format!("line {} of the file", self.text_line)));
     }
 
-    fn gather(&mut self, words: &[String], to: &mut Gathered) {
+    fn gather(&mut self, words: &[String], to: &mut GeosoftBatch) {
         let width = self.found.names.len();
         let whole = words.len() == width;
         if let Some(fault) = self.unknown.take() {

@@ -13,16 +13,16 @@ use tiff::{
     tags::Tag,
 };
 
-use super::{grid_bytes::bytes_of, guarded, limits::Limit, tiff_directories::directories};
+use super::{grid_bytes::bytes_of, guarded, limits::DecodeLimit, tiff_directories::directories};
 use crate::{ReadError, grid::is_marker};
 
-pub(super) type Reader = Decoder<BufReader<File>>;
+pub(super) type TiffDecoder = Decoder<BufReader<File>>;
 
 /// Opens a file.
 ///
 /// # Errors
 /// Fails for a file that cannot be read.
-pub(super) fn decoder(path: &Path) -> Result<Reader, ReadError> {
+pub(super) fn decoder(path: &Path) -> Result<TiffDecoder, ReadError> {
     let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
     let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
     limited(path, BufReader::new(file), bytes)
@@ -31,7 +31,7 @@ pub(super) fn decoder(path: &Path) -> Result<Reader, ReadError> {
 /// Rejects a size that the file cannot hold, so that a damaged size does not exhaust memory.
 fn limited<R: Read + Seek>(path: &Path, from: R, bytes: u64) -> Result<Decoder<R>, ReadError> {
     let mut limits = Limits::default();
-    let most = Limit::new(bytes).most_here();
+    let most = DecodeLimit::new(bytes).most_here();
     limits.decoding_buffer_size = most;
     limits.intermediate_buffer_size = most;
     limits.ifd_value_size = most.min(1 << 28);
@@ -46,7 +46,7 @@ pub(super) fn damaged(path: &Path, error: &tiff::TiffError) -> ReadError {
 ///
 /// # Errors
 /// Fails for a band of colours, a mask that cannot be read, and a no-data value that is not a number.
-pub(super) fn values(path: &Path, decoder: &mut Reader) -> Result<(Vec<f64>, usize), ReadError> {
+pub(super) fn values(path: &Path, decoder: &mut TiffDecoder) -> Result<(Vec<f64>, usize), ReadError> {
     let (width, height) = decoder.dimensions().map_err(|e| damaged(path, &e))?;
     let (width, height) = (width as usize, height as usize);
     let no_data = decoder.get_tag_ascii_string(Tag::GdalNodata).ok();
@@ -90,19 +90,19 @@ fn samples<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<usiz
 }
 
 /// Decoded samples.
-struct Samples(DecodingResult);
+struct TiffSamples(DecodingResult);
 
-fn image<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<Samples, ReadError> {
+fn image<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<TiffSamples, ReadError> {
     let mut result = DecodingResult::U8(vec![]);
     let layout = decoder.read_image_to_buffer(&mut result).map_err(|e| damaged(path, &e))?;
     if result.as_buffer(0).byte_len() < layout.complete_len {
         return Err(ReadError::data(path, "the planes of the file do not match its size"));
     }
-    Ok(Samples(result))
+    Ok(TiffSamples(result))
 }
 
 /// The stored samples of an image. The decoder would invert a white-is-zero image and does not read masks.
-fn plain_image(path: &Path, index: usize) -> Result<Samples, ReadError> {
+fn plain_image(path: &Path, index: usize) -> Result<TiffSamples, ReadError> {
     let mut bytes = bytes_of(path)?;
     let found = directories(&bytes).get(index).map(|d| d.black_is_zero(&mut bytes));
     if found != Some(true) {
@@ -164,11 +164,11 @@ fn split<T: Copy>(all: &mut Vec<T>, planar: bool) -> Vec<T> {
     second
 }
 
-impl Samples {
+impl TiffSamples {
     /// Takes the second of two samples of each cell.
-    fn split(&mut self, planar: bool) -> Samples {
+    fn split(&mut self, planar: bool) -> TiffSamples {
         use DecodingResult::{F16, F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
-        Samples(match &mut self.0 {
+        TiffSamples(match &mut self.0 {
             U8(v) => U8(split(v, planar)),
             U16(v) => U16(split(v, planar)),
             U32(v) => U32(split(v, planar)),

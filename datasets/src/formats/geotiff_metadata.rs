@@ -7,13 +7,13 @@ use crate::{ReadError, grid::PLAIN};
 
 /// The items of the file and of its first band.
 #[derive(Debug)]
-pub(super) struct Metadata<'a> {
+pub(super) struct GdalMetadata<'a> {
     path: &'a Path,
-    items: Vec<Item>,
+    items: Vec<GdalMetadataItem>,
 }
 
 #[derive(Debug)]
-struct Item {
+struct GdalMetadataItem {
     name: String,
     /// The band, from 0; `None` for an item of the whole file.
     sample: Option<u16>,
@@ -21,12 +21,12 @@ struct Item {
     text: String,
 }
 
-impl<'a> Metadata<'a> {
+impl<'a> GdalMetadata<'a> {
     /// Reads the text of the tag.
     ///
     /// # Errors
     /// Fails for an item without an end, and for a band that is not a number.
-    pub(super) fn read(path: &'a Path, xml: &str) -> Result<Metadata<'a>, ReadError> {
+    pub(super) fn read(path: &'a Path, xml: &str) -> Result<GdalMetadata<'a>, ReadError> {
         let broken = |what: &str| {
             ReadError::data(path, format!("GDAL's metadata (tag 42112) {what}"))
                 .help("repair the tag, for example with `gdal_translate`")
@@ -41,14 +41,14 @@ impl<'a> Metadata<'a> {
             };
             let text = if head.ends_with('/') { "" } else { rest.split('<').next().unwrap_or_default() };
             let sample = attribute("sample").map(|s| s.trim().parse::<u16>());
-            items.push(Item {
+            items.push(GdalMetadataItem {
                 name: attribute("name").unwrap_or_default(),
                 sample: sample.transpose().map_err(|_| broken("has a band that is not a number"))?,
                 role: attribute("role").unwrap_or_default(),
                 text: unescaped(text.trim()),
             });
         }
-        Ok(Metadata { path, items })
+        Ok(GdalMetadata { path, items })
     }
 
     /// The first item of the file or its first band that has one of the names, with its name.
@@ -68,7 +68,8 @@ impl<'a> Metadata<'a> {
     pub(super) fn packing(&self) -> Result<[f64; 2], ReadError> {
         let mut packing = PLAIN;
         for (value, role) in packing.iter_mut().zip(["scale", "offset"]) {
-            let meant = |i: &&Item| i.role == role || i.role.is_empty() && i.name == role.to_ascii_uppercase();
+            let meant =
+                |i: &&GdalMetadataItem| i.role == role || i.role.is_empty() && i.name == role.to_ascii_uppercase();
             let mut found = self.items.iter().filter(meant).filter(|i| i.sample.is_none_or(|s| s == 0));
             let Some(item) = found.next() else { continue };
             let wrong = |what: String| {
@@ -102,7 +103,7 @@ mod tests {
 
     fn packing(items: &str) -> Result<[f64; 2], String> {
         let xml = format!("<GDALMetadata>\n{items}\n</GDALMetadata>");
-        let metadata = Metadata::read(Path::new("m.tif"), &xml).map_err(|e| e.to_string())?;
+        let metadata = GdalMetadata::read(Path::new("m.tif"), &xml).map_err(|e| e.to_string())?;
         metadata.packing().map_err(|e| e.to_string())
     }
 

@@ -3,11 +3,11 @@
 use std::{io::Write, path::Path};
 
 use super::{
-    output::{Outputs, Sink},
+    output::{MapFileSink, MapOutputFiles},
     text_end,
 };
 use crate::ReadError;
-use grids::{AnomalyGrid, Height};
+use grids::{AnomalyGrid, GridHeight};
 
 /// The value of blank nodes in Surfer's grids; all larger values are blank too.
 pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
@@ -76,15 +76,15 @@ fn not_a_number(path: &Path, word: &str, at: usize) -> ReadError {
     ReadError::data(path, format!("`{word}` is not a number")).in_row(at as u64)
 }
 
-/// Bytes taken field by field.
-pub(super) struct Fields<'a> {
+/// Cursor over bytes that are read field by field.
+pub(super) struct FieldCursor<'a> {
     path: &'a Path,
     bytes: &'a [u8],
 }
 
-impl<'a> Fields<'a> {
-    pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> Fields<'a> {
-        Fields { path, bytes }
+impl<'a> FieldCursor<'a> {
+    pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> FieldCursor<'a> {
+        FieldCursor { path, bytes }
     }
 
     /// The number of bytes left.
@@ -139,8 +139,8 @@ pub(super) fn rows(map: &AnomalyGrid, north_first: bool) -> impl Iterator<Item =
 /// # Errors
 /// Fails for a file that cannot be written.
 pub(super) fn write_rows(
-    outputs: &Outputs,
-    sink: &mut Sink,
+    outputs: &MapOutputFiles,
+    sink: &mut MapFileSink,
     map: &AnomalyGrid,
     north_first: bool,
     across: usize,
@@ -179,10 +179,10 @@ pub(super) fn range(values: &[f64]) -> (f64, f64) {
 ///
 /// # Errors
 /// Fails for heights that vary.
-pub(super) fn level_m(outputs: &Outputs, map: &AnomalyGrid, format: &str) -> Result<f64, ReadError> {
+pub(super) fn level_m(outputs: &MapOutputFiles, map: &AnomalyGrid, format: &str) -> Result<f64, ReadError> {
     match map.height {
-        Height::Level(alt_m) => Ok(alt_m),
-        Height::Cells(_) => {
+        GridHeight::Level(alt_m) => Ok(alt_m),
+        GridHeight::Cells(_) => {
             let what = format!("the height of the map varies, which `{format}` cannot store");
             Err(ReadError::options(outputs.path(), what)
                 .help("write parquet, netcdf, xyz or magnav_hdf5, or continue the map to one level first"))

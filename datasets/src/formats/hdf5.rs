@@ -17,9 +17,9 @@ use netcdf_reader::NcType;
 
 use super::{
     guarded,
-    hdf5_early::{Early, bytes, early},
-    limits::Limit,
-    netcdf_values::{ATTRIBUTES, Attribute, Storage},
+    hdf5_early::{Hdf5LegacyLayout, bytes, early},
+    limits::DecodeLimit,
+    netcdf_values::{ATTRIBUTES, NetcdfAttribute, NetcdfEncoding},
 };
 use crate::ReadError;
 
@@ -27,12 +27,12 @@ use crate::ReadError;
 pub(super) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// An HDF5 file with data sets at its root.
-pub(super) struct Hdf5 {
+pub(super) struct Hdf5Source {
     path: PathBuf,
     root: Group,
     names: Vec<String>,
     groups: Vec<String>,
-    limit: Arc<Limit>,
+    limit: Arc<DecodeLimit>,
     /// Whether NetCDF wrote the file; its default fill values then mark missing values.
     netcdf: bool,
     notes: Arc<Mutex<Vec<String>>>,
@@ -59,14 +59,14 @@ macro_rules! of_kind {
     };
 }
 
-impl Hdf5 {
+impl Hdf5Source {
     /// Opens a file and lists its data sets.
-    pub(super) fn open(path: &Path) -> Result<Hdf5, ReadError> {
+    pub(super) fn open(path: &Path) -> Result<Hdf5Source, ReadError> {
         let bytes = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?.len();
         let (root, groups, names, base) = guarded(path, || {
             // Plain reads instead of a memory map report a file that is truncated during reading as an error.
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
-            let most = Limit::new(bytes).most_here();
+            let most = DecodeLimit::new(bytes).most_here();
             let options = OpenOptions::default()
                 .with_max_object_header_bytes(1 << 24)
                 .with_max_chunk_bytes(most)
@@ -84,8 +84,8 @@ impl Hdf5 {
             let (groups, names) = members(path, &root)?;
             Ok((root, groups, names, file.superblock().base_address))
         })?;
-        let (limit, notes) = (Arc::new(Limit::new(bytes)), Arc::default());
-        let mut file = Hdf5 { path: path.to_path_buf(), root, names, groups, limit, netcdf: false, notes, base };
+        let (limit, notes) = (Arc::new(DecodeLimit::new(bytes)), Arc::default());
+        let mut file = Hdf5Source { path: path.to_path_buf(), root, names, groups, limit, netcdf: false, notes, base };
         file.netcdf = file.has_attribute("_NCProperties");
         Ok(file)
     }
@@ -107,7 +107,7 @@ impl Hdf5 {
     }
 
     /// The group `name`, as the root of its members.
-    pub(super) fn group(&self, name: &str) -> Result<Hdf5, ReadError> {
+    pub(super) fn group(&self, name: &str) -> Result<Hdf5Source, ReadError> {
         let path = &self.path;
         let (root, groups, names) = guarded(path, || {
             let root = self.root.group(name).map_err(|e| damaged(path, &e).in_column(name))?;
@@ -115,7 +115,7 @@ impl Hdf5 {
             Ok((root, groups, names))
         })?;
         let (limit, notes) = (self.limit.clone(), self.notes.clone());
-        Ok(Hdf5 { path: path.clone(), root, names, groups, limit, netcdf: self.netcdf, notes, base: self.base })
+        Ok(Hdf5Source { path: path.clone(), root, names, groups, limit, netcdf: self.netcdf, notes, base: self.base })
     }
 
     /// The data sets at the root, sorted.
@@ -129,7 +129,7 @@ impl Hdf5 {
     }
 
     /// The data set `name`, or an error that names it.
-    pub(super) fn need(&self, name: &str) -> Result<Values, ReadError> {
+    pub(super) fn need(&self, name: &str) -> Result<Hdf5Dataset, ReadError> {
         if !self.has(name) {
             let what = format!("the file holds no data set `{name}`");
             return Err(ReadError::data(&self.path, what).nearest(name, &self.names));
@@ -144,7 +144,7 @@ impl Hdf5 {
             let part = format!("{name} {}", set.address());
             self.limit.check_part(&path, &part, bytes).map_err(|e| e.in_column(name))?;
             let storage = storage(&path, name, &set, self.netcdf)?;
-            Ok(Values { path, name: name.to_owned(), shape, set, early, storage, notes: self.notes.clone() })
+            Ok(Hdf5Dataset { path, name: name.to_owned(), shape, set, early, storage, notes: self.notes.clone() })
         })
     }
 }
@@ -158,30 +158,30 @@ fn members(path: &Path, of: &Group) -> Result<(Vec<String>, Vec<String>), ReadEr
 }
 
 /// One data set of numbers.
-pub(super) struct Values {
+pub(super) struct Hdf5Dataset {
     path: PathBuf,
     name: String,
     /// Rows first.
     pub(super) shape: Vec<u64>,
     set: Dataset,
     /// Position of the values in a layout that the reader does not support.
-    early: Option<Early>,
+    early: Option<Hdf5LegacyLayout>,
     /// The conversion of the stored numbers, if attributes describe one.
-    storage: Option<Storage>,
+    storage: Option<NetcdfEncoding>,
     notes: Arc<Mutex<Vec<String>>>,
 }
 
 /// The storage of a data set of numbers; `None` if no conversion is needed.
-fn storage(path: &Path, name: &str, set: &Dataset, netcdf: bool) -> Result<Option<Storage>, ReadError> {
+fn storage(path: &Path, name: &str, set: &Dataset, netcdf: bool) -> Result<Option<NetcdfEncoding>, ReadError> {
     let Some(kind) = kind_of(set.dtype()) else { return Ok(None) };
     let (all, mut found) = (set.attributes(), BTreeMap::new());
     for known in ATTRIBUTES {
         let Some(attribute) = all.iter().find(|a| a.name == known) else { continue };
         let real = matches!(attribute.datatype, Datatype::FloatingPoint { .. });
         let read = if kind_of(&attribute.datatype).is_some() {
-            numbers_of(attribute).map(|numbers| Attribute::Numbers(numbers, real))
+            numbers_of(attribute).map(|numbers| NetcdfAttribute::Numbers(numbers, real))
         } else {
-            attribute.read_string().ok().map(|text| Attribute::Text(text.trim_end_matches('\0').to_owned()))
+            attribute.read_string().ok().map(|text| NetcdfAttribute::Text(text.trim_end_matches('\0').to_owned()))
         };
         let read = read
             .ok_or_else(|| ReadError::data(path, format!("the attribute `{known}` cannot be read")).in_column(name))?;
@@ -190,7 +190,7 @@ fn storage(path: &Path, name: &str, set: &Dataset, netcdf: bool) -> Result<Optio
     if found.is_empty() && !netcdf {
         return Ok(None);
     }
-    Storage::of(path, name, kind, &found, netcdf).map(Some)
+    NetcdfEncoding::from_attributes(path, name, kind, &found, netcdf).map(Some)
 }
 
 /// The numbers of an attribute.
@@ -220,7 +220,7 @@ fn kind_of(of: &Datatype) -> Option<NcType> {
     })
 }
 
-impl Values {
+impl Hdf5Dataset {
     /// Whether its values are numbers.
     pub(super) fn is_numeric(&self) -> bool {
         matches!(self.set.dtype(), Datatype::FixedPoint { .. } | Datatype::FloatingPoint { .. })
@@ -281,8 +281,8 @@ impl Values {
                 }
                 guarded(&self.path, || self.read_numbers(&slice))
             }
-            Some(Early::Contiguous(at)) => self.read_early(at, rows),
-            Some(Early::Other) => {
+            Some(Hdf5LegacyLayout::Contiguous(at)) => self.read_early(at, rows),
+            Some(Hdf5LegacyLayout::Other) => {
                 let error = self.damaged("has a non-contiguous layout of HDF5 before 1.6.3, which is not supported");
                 Err(error.help("rewrite the file with a later version of MATLAB or the HDF5 library"))
             }

@@ -15,9 +15,9 @@ const BLOCK: u64 = 1 << 20;
 const LAYOUT: u16 = 0x0008;
 const CONTINUATION: u16 = 0x0010;
 
-/// Position of the values of a data set.
+/// Position of the values of a data set in the layout of HDF5 before 1.6.3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Early {
+pub(super) enum Hdf5LegacyLayout {
     /// One block, this many bytes from the start of the file.
     Contiguous(u64),
     /// In chunks, or in the header itself.
@@ -26,7 +26,7 @@ pub(super) enum Early {
 
 /// The values of a data set with an early layout, whose header is `header` bytes after `base`, the start of the HDF5
 /// data in the file. `None` for any other layout, and for a damaged header, which the reader reports.
-pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Early> {
+pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Hdf5LegacyLayout> {
     let mut file = File::open(path).ok()?;
     let first = bytes(&mut file, base.checked_add(header)?, 16)?;
     // A header of version 2 begins with its signature, and is of a later library.
@@ -60,10 +60,10 @@ pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Early> {
 }
 
 /// Version, dimensions, class, five reserved bytes, and an address.
-fn layout(body: &[u8], base: u64) -> Option<Early> {
+fn layout(body: &[u8], base: u64) -> Option<Hdf5LegacyLayout> {
     match (body.first()?, body.get(2)?) {
-        (1 | 2, 1) => Some(Early::Contiguous(base.checked_add(u64_at(body, 8)?)?)),
-        (1 | 2, _) => Some(Early::Other),
+        (1 | 2, 1) => Some(Hdf5LegacyLayout::Contiguous(base.checked_add(u64_at(body, 8)?)?)),
+        (1 | 2, _) => Some(Hdf5LegacyLayout::Other),
         _ => None,
     }
 }
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn unit_an_early_layout_is_told_from_later_ones_and_from_damage() {
         let old = log("matlab/testhdf5_7.4_GLNX86.mat");
-        assert_eq!(early(&old, 512, HEADER), Some(Early::Contiguous(512 + 0xe00)));
+        assert_eq!(early(&old, 512, HEADER), Some(Hdf5LegacyLayout::Contiguous(512 + 0xe00)));
         assert_eq!(early(&old, 512, 0), None);
         assert_eq!(early(&old, 512, u64::MAX - 3), None);
         assert_eq!(early(&reference("made_v73.mat"), 512, HEADER), None);

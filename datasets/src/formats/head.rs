@@ -5,15 +5,15 @@ use std::{collections::BTreeMap, fs::File, io::Read, path::Path};
 use super::{hdf5, text_end};
 use crate::ReadError;
 
-/// The start of a file, by which it is recognised.
-pub struct Head<'a> {
+/// Path and first bytes of a file, for recognition of its format.
+pub struct FileHead<'a> {
     pub(super) path: &'a Path,
     pub(super) bytes: Vec<u8>,
     pub(super) rename: Option<&'a BTreeMap<String, String>>,
 }
 
-impl Head<'_> {
-    pub(super) fn read(path: &Path) -> Result<Head<'_>, ReadError> {
+impl FileHead<'_> {
+    pub(super) fn read(path: &Path) -> Result<FileHead<'_>, ReadError> {
         let mut bytes = vec![];
         refuse_special(path)?;
         if !path.is_dir() {
@@ -23,7 +23,7 @@ impl Head<'_> {
                 return Err(ReadError::data(path, "the file is empty"));
             }
         }
-        Ok(Head { path, bytes, rename: None })
+        Ok(FileHead { path, bytes, rename: None })
     }
 
     /// The file.
@@ -68,7 +68,7 @@ impl Head<'_> {
         if !self.starts_with(hdf5::MAGIC) {
             return vec![];
         }
-        let names = hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
+        let names = hdf5::Hdf5Source::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
         // The original names also identify a format, even if the options rename them.
         names.iter().flat_map(|n| [n.clone(), self.renamed(n).to_owned()]).collect()
     }

@@ -7,7 +7,7 @@ use numerics::earth::dates::{day_of_year, days_in_year};
 
 use super::{
     FlightFormat,
-    declination::{self, Sighting},
+    declination::{self, DeclinationSample},
     observatory, text_end,
 };
 use crate::ReadError;
@@ -68,7 +68,7 @@ impl ObservatoryRecord {
 
 /// The conversion of four columns to a vector, by the column of each component.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Kind {
+pub(super) enum ComponentConversion {
     /// North, east, down.
     Xyz([usize; 3]),
     /// Horizontal intensity, declination in minutes of arc, down.
@@ -79,17 +79,17 @@ pub(super) enum Kind {
     Dif([usize; 3]),
 }
 
-impl Kind {
+impl ComponentConversion {
     /// The conversion of columns with these letters; `None` if they do not form a vector.
-    pub(super) fn of(letters: &[char]) -> Option<Kind> {
+    pub(super) fn from_letters(letters: &[char]) -> Option<ComponentConversion> {
         let columns = |wanted: [char; 3]| {
             let mut found = wanted.iter().filter_map(|w| letters.iter().position(|l| l == w));
             Some([found.next()?, found.next()?, found.next()?])
         };
-        let xyz = columns(['X', 'Y', 'Z']).map(Kind::Xyz);
-        let hdz = || columns(['H', 'D', 'Z']).map(Kind::Hdz);
-        let hez = || columns(['H', 'E', 'Z']).map(Kind::Hez);
-        let dif = || columns(['D', 'I', 'F']).map(Kind::Dif);
+        let xyz = columns(['X', 'Y', 'Z']).map(ComponentConversion::Xyz);
+        let hdz = || columns(['H', 'D', 'Z']).map(ComponentConversion::Hdz);
+        let hez = || columns(['H', 'E', 'Z']).map(ComponentConversion::Hez);
+        let dif = || columns(['D', 'I', 'F']).map(ComponentConversion::Dif);
         xyz.or_else(hdz).or_else(hez).or_else(dif)
     }
 
@@ -98,18 +98,18 @@ impl Kind {
         let pick = |columns: [usize; 3]| columns.map(|c| values.get(c).copied().unwrap_or(f64::NAN));
         let minutes = |arc: f64| (arc / 60.0).to_radians();
         match self {
-            Kind::Xyz(columns) => pick(columns),
-            Kind::Hdz(columns) => {
+            ComponentConversion::Xyz(columns) => pick(columns),
+            ComponentConversion::Hdz(columns) => {
                 let [h, d, z] = pick(columns);
                 let (sin, cos) = (baseline_rad + minutes(d)).sin_cos();
                 [h * cos, h * sin, z]
             }
-            Kind::Hez(columns) => {
+            ComponentConversion::Hez(columns) => {
                 let [h, e, z] = pick(columns);
                 let (sin, cos) = baseline_rad.sin_cos();
                 [h * cos - e * sin, h * sin + e * cos, z]
             }
-            Kind::Dif(columns) => {
+            ComponentConversion::Dif(columns) => {
                 let [d, i, f] = pick(columns);
                 let ((sin_d, cos_d), (sin_i, cos_i)) = ((baseline_rad + minutes(d)).sin_cos(), minutes(i).sin_cos());
                 [f * cos_i * cos_d, f * cos_i * sin_d, f * sin_i]
@@ -120,17 +120,19 @@ impl Kind {
     /// The declination of a line's values without its baseline, in radians; `None` for a vector without the component
     /// D.
     pub(super) fn own_declination_rad(self, values: &[f64]) -> Option<f64> {
-        let (Kind::Hdz([_, column, _]) | Kind::Dif([column, ..])) = self else { return None };
+        let (ComponentConversion::Hdz([_, column, _]) | ComponentConversion::Dif([column, ..])) = self else {
+            return None;
+        };
         values.get(column).map(|arc| (arc / 60.0).to_radians())
     }
 
     /// Whether north and east depend on a baseline. `relative` states whether D, if present, is relative to it.
     fn needs_baseline(self, relative: Option<bool>) -> bool {
         match self {
-            Kind::Xyz(_) => false,
-            Kind::Hez(_) => true,
+            ComponentConversion::Xyz(_) => false,
+            ComponentConversion::Hez(_) => true,
             // With unknown data, D may be either.
-            Kind::Hdz(_) | Kind::Dif(_) => relative != Some(false),
+            ComponentConversion::Hdz(_) | ComponentConversion::Dif(_) => relative != Some(false),
         }
     }
 }
@@ -147,10 +149,10 @@ pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f
 }
 
 /// A sample: its time in seconds past the first day's midnight; north, east, down and total in nT.
-pub(super) type Sample = (f64, [f64; 4]);
+pub(super) type ObservatorySample = (f64, [f64; 4]);
 
-/// The header.
-struct Head {
+/// Header of an IAGA-2002 file: station, position, baseline and components.
+struct IagaHeader {
     station: String,
     lat_deg: f64,
     lon_deg: f64,
@@ -160,7 +162,7 @@ struct Head {
     baseline_rad: Option<f64>,
     /// The reported components in the header.
     reported: String,
-    kind: Option<(Kind, String)>,
+    kind: Option<(ComponentConversion, String)>,
 }
 
 /// Reads an IAGA-2002 file: samples a second, a minute or an hour apart, of one day or of days one after the other.
@@ -179,7 +181,7 @@ pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
 }
 
 pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
-    let mut head = Head {
+    let mut head = IagaHeader {
         station: String::new(),
         lat_deg: f64::NAN,
         lon_deg: f64::NAN,
@@ -189,7 +191,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
         reported: String::new(),
         kind: None,
     };
-    let mut samples: Vec<Sample> = vec![];
+    let mut samples: Vec<ObservatorySample> = vec![];
     let mut first_day = None;
     let (mut unoriented, mut sighting) = (None, None);
     for (row, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -221,8 +223,14 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
         } else if sighting.is_none() && ned_nt.iter().all(|x| x.is_finite()) {
             let own_rad = kind.own_declination_rad(&values);
             let unused_rad = head.baseline_rad.filter(|_| own_rad.is_some() && head.relative == Some(false));
-            sighting =
-                Some(Sighting { ned_nt, baseline_rad, own_rad, unused_rad, kind: *kind, date: (date.0, date.1) });
+            sighting = Some(DeclinationSample {
+                ned_nt,
+                baseline_rad,
+                own_rad,
+                unused_rad,
+                kind: *kind,
+                date: (date.0, date.1),
+            });
         }
         samples.push((days as f64 * 86_400.0 + date.2, [north, east, down, total]));
     }
@@ -232,7 +240,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
     let (step_s, values) = even(path, &samples)?;
     let start_tt_s = samples.first().map_or(0.0, |s| s.0);
     let (ned_nt, total_nt) = values.into_iter().map(|[n, e, d, total]| ([n, e, d], total)).unzip();
-    let Head { station, lat_deg, lon_deg, msl_m, .. } = head;
+    let IagaHeader { station, lat_deg, lon_deg, msl_m, .. } = head;
     let mut record = ObservatoryRecord {
         station,
         lat_deg,
@@ -252,7 +260,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
     Ok(record)
 }
 
-impl Head {
+impl IagaHeader {
     fn read(&mut self, path: &Path, line: &str) -> Result<(), ReadError> {
         let line = line.trim_end().trim_end_matches('|').trim();
         let value_of = |label: &str| {
@@ -284,11 +292,11 @@ impl Head {
             let letters: Vec<char> =
                 names.iter().filter_map(|n| n.chars().last()).map(|l| l.to_ascii_uppercase()).collect();
             let text: String = letters.iter().collect();
-            let kind = Kind::of(&letters).ok_or_else(|| {
+            let kind = ComponentConversion::from_letters(&letters).ok_or_else(|| {
                 let what = format!("the components {text} do not form a vector");
                 ReadError::data(path, what).help("a record requires XYZ, HDZ, HEZ or DIF")
             })?;
-            let reported = Kind::of(&self.reported.chars().collect::<Vec<char>>());
+            let reported = ComponentConversion::from_letters(&self.reported.chars().collect::<Vec<char>>());
             if reported.is_some_and(|said| discriminant(&said) != discriminant(&kind)) {
                 let what = format!("`Reported` is {}, but the columns are {}", self.reported, names.join(", "));
                 return Err(
@@ -304,13 +312,13 @@ impl Head {
     ///
     /// # Errors
     /// Returns a note for the user if north and east require a baseline that the header lacks.
-    fn baseline(&self, kind: Kind) -> Result<f64, String> {
+    fn baseline(&self, kind: ComponentConversion) -> Result<f64, String> {
         if !kind.needs_baseline(self.relative) {
             return Ok(0.0);
         }
         let (what, remedy) = match (kind, self.baseline_rad, self.relative) {
-            (Kind::Hez(_), Some(baseline), _) | (_, Some(baseline), Some(_)) => return Ok(baseline),
-            (Kind::Hez(_), None, _) => (
+            (ComponentConversion::Hez(_), Some(baseline), _) | (_, Some(baseline), Some(_)) => return Ok(baseline),
+            (ComponentConversion::Hez(_), None, _) => (
                 "H and E are relative to a direction that the file lacks",
                 "add the declination of H to the header, as `# DECBAS <tenths of minutes of arc, east>`",
             ),
@@ -373,7 +381,7 @@ pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
 ///
 /// # Errors
 /// Fails for samples that do not ascend in time or are at uneven times.
-pub(super) fn even(path: &Path, samples: &[Sample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
+pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
     /// Maximum steps of any record: a month of seconds.
     const FREE: f64 = 3e6;
     /// Additional steps per sample; the others are gaps.

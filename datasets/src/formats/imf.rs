@@ -7,8 +7,8 @@ use numerics::earth::dates::day_of_year;
 
 use super::{
     FlightFormat,
-    declination::{self, Sighting},
-    iaga2002::{Kind, ObservatoryRecord, Sample, days_between, even, total_nt},
+    declination::{self, DeclinationSample},
+    iaga2002::{ComponentConversion, ObservatoryRecord, ObservatorySample, days_between, even, total_nt},
     observatory, text_end,
 };
 use crate::ReadError;
@@ -18,7 +18,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: a station is a flight, a day a line",
     // The extension is the code of the station.
     extensions: &["imf"],
-    recognise: |head| head.first_line().is_some_and(|line| Block::of(&line).is_some()),
+    recognise: |head| head.first_line().is_some_and(|line| ImfBlockHeader::from_line(&line).is_some()),
     open: |path, _, _| observatory::raw(path, &read_imf(path)?),
     topics: None,
     made_from: None,
@@ -30,7 +30,7 @@ const MONTHS: [&str; 12] = ["JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AU
 const LINES_A_BLOCK: usize = 30;
 
 /// The header of a block: station, date, hour, components, place and baseline declination.
-struct Block {
+struct ImfBlockHeader {
     station: String,
     year: i32,
     doy: u32,
@@ -44,9 +44,9 @@ struct Block {
     baseline: f64,
 }
 
-impl Block {
+impl ImfBlockHeader {
     /// Reads a header; `None` for other lines.
-    fn of(line: &str) -> Option<Block> {
+    fn from_line(line: &str) -> Option<ImfBlockHeader> {
         let words: Vec<&str> = line.split_whitespace().collect();
         let [station, date, doy, hour, letters, _, _, place, baseline, ..] = words.as_slice() else { return None };
         let (month, day, year) = (date.get(..3)?, date.get(3..5)?, date.get(5..7)?);
@@ -57,7 +57,7 @@ impl Block {
         let year = if year < 80 { 2000 + year } else { 1900 + year };
         let (colatitude, longitude) = (number(place.get(..4)?)?, number(place.get(4..8)?)?);
         let fits = date.len() == 7 && place.len() == 8 && letters.len() == 4;
-        fits.then_some(Block {
+        fits.then_some(ImfBlockHeader {
             station: (*station).to_owned(),
             year,
             doy: day_of_year(year, month, number(day)?).ok()?,
@@ -85,20 +85,21 @@ pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
 }
 
 pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
-    let mut samples: Vec<Sample> = vec![];
-    let mut first: Option<Block> = None;
+    let mut samples: Vec<ObservatorySample> = vec![];
+    let mut first: Option<ImfBlockHeader> = None;
     let mut sighting = None;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     while let Some((row, line)) = lines.next() {
         let wrong = |row: usize, what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
-        let block = Block::of(line).ok_or_else(|| wrong(row, "the header of an hour is invalid"))?;
+        let block = ImfBlockHeader::from_line(line).ok_or_else(|| wrong(row, "the header of an hour is invalid"))?;
         if block.doy != block.said_doy {
             return Err(wrong(
                 row,
                 &format!("the date is day {} of the year, but the header gives {},", block.doy, block.said_doy),
             ));
         }
-        let kind = Kind::of(&block.letters).ok_or_else(|| wrong(row, "the components do not form a vector"))?;
+        let kind = ComponentConversion::from_letters(&block.letters)
+            .ok_or_else(|| wrong(row, "the components do not form a vector"))?;
         let start = first.as_ref().unwrap_or(&block);
         if start.station != block.station || start.letters != block.letters {
             return Err(wrong(row, "the station or the components change"));
@@ -118,7 +119,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
                 if sighting.is_none() && ned_nt.iter().all(|x| x.is_finite()) {
                     let own_rad = kind.own_declination_rad(&scaled);
                     let date = (block.year, block.doy);
-                    sighting = Some(Sighting { ned_nt, baseline_rad, own_rad, unused_rad: None, kind, date });
+                    sighting = Some(DeclinationSample { ned_nt, baseline_rad, own_rad, unused_rad: None, kind, date });
                 }
                 samples.push((hour_s + 60.0 * (2 * pair + minute) as f64, [north, east, down, total]));
             }
@@ -202,7 +203,7 @@ mod tests {
             assert!((a - b).abs() < 0.08, "{a} {b}");
         }
         assert!(imf.total_nt.iter().zip(&iaga.total_nt).all(|(a, b)| (a - b).abs() < 0.051));
-        assert!(Block::of(text.lines().next().unwrap()).is_some());
+        assert!(ImfBlockHeader::from_line(text.lines().next().unwrap()).is_some());
     }
 
     #[test]

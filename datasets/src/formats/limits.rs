@@ -18,16 +18,16 @@ pub(super) const MOST_COLUMNS: usize = 16_384;
 
 /// The decoded bytes that a file may declare.
 #[derive(Debug)]
-pub(super) struct Limit {
+pub(super) struct DecodeLimit {
     file: u64,
     /// The declared bytes of each part so far.
     parts: Mutex<BTreeMap<String, u64>>,
 }
 
-impl Limit {
+impl DecodeLimit {
     /// The limit of a file of `bytes` bytes.
-    pub(super) fn new(file: u64) -> Limit {
-        Limit { file, parts: Mutex::default() }
+    pub(super) fn new(file: u64) -> DecodeLimit {
+        DecodeLimit { file, parts: Mutex::default() }
     }
 
     /// The largest number of decoded bytes.
@@ -35,7 +35,7 @@ impl Limit {
         self.file.saturating_mul(MOST_EXPANSION).max(FREE)
     }
 
-    /// [`Limit::most`] as a size in memory.
+    /// [`DecodeLimit::most`] as a size in memory.
     pub(super) fn most_here(&self) -> usize {
         usize::try_from(self.most()).unwrap_or(usize::MAX)
     }
@@ -54,7 +54,7 @@ impl Limit {
     /// Checks the decoded bytes of one of several parts of a file, together with those of earlier parts.
     ///
     /// # Errors
-    /// Fails as [`Limit::check`].
+    /// Fails as [`DecodeLimit::check`].
     pub(super) fn check_part(&self, path: &Path, part: &str, declared: Option<u64>) -> Result<(), ReadError> {
         self.add(part, declared).map_err(|what| refused(path, what))
     }
@@ -121,9 +121,9 @@ mod tests {
     #[test]
     fn law_a_file_declares_no_more_than_its_size_allows() {
         let path = Path::new("a.h5");
-        let small = Limit::new(1000);
+        let small = DecodeLimit::new(1000);
         assert!(small.check(path, Some(256 << 20)).is_ok() && small.check(path, Some((256 << 20) + 1)).is_err());
-        let large = Limit::new(100 << 20);
+        let large = DecodeLimit::new(100 << 20);
         assert!(large.check(path, Some(25 << 30)).is_ok() && large.check(path, Some((25 << 30) + 1)).is_err());
         let said = small.check(path, None).unwrap_err().to_string();
         assert!(
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn law_parts_count_once_and_together() {
-        let (path, limit) = (Path::new("a.h5"), Limit::new(1000));
+        let (path, limit) = (Path::new("a.h5"), DecodeLimit::new(1000));
         for part in ["a", "a", "b"] {
             limit.check_part(path, part, Some(100 << 20)).unwrap();
         }

@@ -11,17 +11,17 @@ use super::missing;
 
 /// A line record.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Record {
+pub(super) struct GeosoftLineRecord {
     pub(super) kind: LineType,
     /// The name as the file has it.
     pub(super) name: String,
 }
 
-/// The meaning of the words of a text line.
+/// Result of matching a text line with the form of a line record.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Reads {
+pub(super) enum LineRecordMatch {
     /// A line record.
-    Record(Record),
+    Record(GeosoftLineRecord),
     /// A text like a line record, of a type that does not exist or with more words than a name.
     Unknown,
     /// Anything else.
@@ -29,10 +29,10 @@ pub(super) enum Reads {
 }
 
 /// Reads the words of a text line of a table with rows of `width` values, where that is known.
-pub(super) fn read<S: Borrow<str>>(words: &[S], width: Option<usize>) -> Reads {
+pub(super) fn read<S: Borrow<str>>(words: &[S], width: Option<usize>) -> LineRecordMatch {
     let digit = |name: &str| name.chars().any(|c| c.is_ascii_digit());
     let other = width.is_some_and(|width| width != words.len());
-    let record = |kind, name: &str| Reads::Record(Record { kind, name: name.to_owned() });
+    let record = |kind, name: &str| LineRecordMatch::Record(GeosoftLineRecord { kind, name: name.to_owned() });
     match words {
         [name] => {
             let name: &str = name.borrow();
@@ -42,20 +42,20 @@ pub(super) fn read<S: Borrow<str>>(words: &[S], width: Option<usize>) -> Reads {
             let usual = matches!(kind, Some(LineType::Line | LineType::Tie | LineType::Base));
             match kind.filter(|_| number && (usual || width != Some(1))) {
                 Some(kind) => record(kind, name),
-                None if other && name.starts_with(char::is_alphabetic) && digit(name) => Reads::Unknown,
-                None => Reads::No,
+                None if other && name.starts_with(char::is_alphabetic) && digit(name) => LineRecordMatch::Unknown,
+                None => LineRecordMatch::No,
             }
         }
         [word, name, more @ ..] => {
             let (word, name): (&str, &str) = (word.borrow(), name.borrow());
             match LineType::of_word(word) {
                 Some(kind) if more.is_empty() && (digit(name) || other) => record(kind, name),
-                Some(_) if other && digit(name) => Reads::Unknown,
-                None if other && more.is_empty() && is_word(word) && digit(name) => Reads::Unknown,
-                _ => Reads::No,
+                Some(_) if other && digit(name) => LineRecordMatch::Unknown,
+                None if other && more.is_empty() && is_word(word) && digit(name) => LineRecordMatch::Unknown,
+                _ => LineRecordMatch::No,
             }
         }
-        [] => Reads::No,
+        [] => LineRecordMatch::No,
     }
 }
 
@@ -72,23 +72,23 @@ pub(super) fn unknown<S: Borrow<str>>(words: &[S]) -> String {
 /// The names of the lines of a file. A line has the letter of its type in front if it is not of the type `Line` and has
 /// the number of a line of another type. For example, `Tie 10` is named T10 in a file with `Line 10`.
 #[derive(Debug, Default)]
-pub(super) struct Names {
+pub(super) struct GeosoftLineNames {
     types: BTreeMap<String, BTreeSet<LineType>>,
 }
 
-impl Names {
+impl GeosoftLineNames {
     /// Whether the file has no records.
     pub(super) fn is_empty(&self) -> bool {
         self.types.is_empty()
     }
 
     /// Adds a record of the file.
-    pub(super) fn add(&mut self, record: &Record) {
+    pub(super) fn add(&mut self, record: &GeosoftLineRecord) {
         self.types.entry(record.name.clone()).or_default().insert(record.kind);
     }
 
     /// The name of the line of a record, after all records of the file are added.
-    pub(super) fn name(&self, record: &Record) -> String {
+    pub(super) fn name(&self, record: &GeosoftLineRecord) -> String {
         let shared = self.types.get(&record.name).is_some_and(|types| types.len() > 1);
         let mut name = record.name.clone();
         if shared && record.kind != LineType::Line {
@@ -99,9 +99,9 @@ impl Names {
         name
     }
 
-    fn records(&self) -> impl Iterator<Item = Record> {
+    fn records(&self) -> impl Iterator<Item = GeosoftLineRecord> {
         let of = |(name, types): (&String, &BTreeSet<LineType>)| {
-            let record = |kind: &LineType| Record { kind: *kind, name: name.clone() };
+            let record = |kind: &LineType| GeosoftLineRecord { kind: *kind, name: name.clone() };
             types.iter().map(record).collect::<Vec<_>>()
         };
         self.types.iter().flat_map(of)
@@ -114,7 +114,8 @@ impl Names {
 
     /// The note on lines that got a letter.
     pub(super) fn note(&self) -> Option<String> {
-        let renamed: Vec<Record> = self.records().filter(|record| self.name(record) != record.name).collect();
+        let renamed: Vec<GeosoftLineRecord> =
+            self.records().filter(|record| self.name(record) != record.name).collect();
         let first = renamed.first()?;
         let more = if renamed.len() > 1 { format!(", and so on for {} lines", renamed.len()) } else { String::new() };
         Some(format!(
@@ -130,31 +131,35 @@ impl Names {
 mod tests {
     use super::*;
 
-    fn record(kind: LineType, name: &str) -> Record {
-        Record { kind, name: name.to_owned() }
+    fn record(kind: LineType, name: &str) -> GeosoftLineRecord {
+        GeosoftLineRecord { kind, name: name.to_owned() }
     }
 
     #[test]
     fn ref_seven_types_in_any_case_and_names_with_a_letter() {
         for kind in LineType::ALL {
             for word in [kind.word().to_owned(), kind.word().to_uppercase(), kind.word().to_lowercase()] {
-                assert_eq!(read(&[word.as_str(), "10"], Some(7)), Reads::Record(record(kind, "10")), "{word}");
+                assert_eq!(
+                    read(&[word.as_str(), "10"], Some(7)),
+                    LineRecordMatch::Record(record(kind, "10")),
+                    "{word}"
+                );
             }
             let name = format!("{}10:2", kind.letter());
-            assert_eq!(read(&[name.as_str()], Some(7)), Reads::Record(record(kind, &name)));
+            assert_eq!(read(&[name.as_str()], Some(7)), LineRecordMatch::Record(record(kind, &name)));
         }
         for (words, width, reads) in [
-            (&["Line", "A"][..], Some(7), Reads::Record(record(LineType::Line, "A"))),
-            (&["line", "name"], None, Reads::No),
-            (&["Foo", "1"], Some(7), Reads::Unknown),
-            (&["Foo", "1"], Some(2), Reads::No),
-            (&["Foo", "1"], None, Reads::No),
-            (&["Z10"], Some(7), Reads::Unknown),
-            (&["Line", "10", "north"], Some(7), Reads::Unknown),
-            (&["Line", "10", "north"], Some(3), Reads::No),
-            (&["nan", "1.5"], Some(7), Reads::No),
-            (&["1.0", "2.0"], Some(7), Reads::No),
-            (&["*"], Some(7), Reads::No),
+            (&["Line", "A"][..], Some(7), LineRecordMatch::Record(record(LineType::Line, "A"))),
+            (&["line", "name"], None, LineRecordMatch::No),
+            (&["Foo", "1"], Some(7), LineRecordMatch::Unknown),
+            (&["Foo", "1"], Some(2), LineRecordMatch::No),
+            (&["Foo", "1"], None, LineRecordMatch::No),
+            (&["Z10"], Some(7), LineRecordMatch::Unknown),
+            (&["Line", "10", "north"], Some(7), LineRecordMatch::Unknown),
+            (&["Line", "10", "north"], Some(3), LineRecordMatch::No),
+            (&["nan", "1.5"], Some(7), LineRecordMatch::No),
+            (&["1.0", "2.0"], Some(7), LineRecordMatch::No),
+            (&["*"], Some(7), LineRecordMatch::No),
         ] {
             assert_eq!(read(words, width), reads, "{words:?}");
         }
@@ -162,7 +167,7 @@ mod tests {
 
     #[test]
     fn unit_lines_of_one_number_and_two_types_have_two_names() {
-        let mut names = Names::default();
+        let mut names = GeosoftLineNames::default();
         let all = [(LineType::Line, "1"), (LineType::Tie, "1"), (LineType::Tie, "9001"), (LineType::Base, "2")];
         let all = all.map(|(kind, name)| record(kind, name));
         all.iter().for_each(|r| names.add(r));

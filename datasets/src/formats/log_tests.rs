@@ -16,7 +16,7 @@ use arrow_array::{
 use arrow_schema::DataType;
 use arrow_select::concat::concat_batches;
 
-use super::{FlightOptions, Reading, open_raw, topics};
+use super::{FlightOptions, ReadHints, open_raw, topics};
 use crate::{ReadError, samples};
 
 pub(super) fn reference(name: &str) -> PathBuf {
@@ -33,7 +33,7 @@ pub(super) fn topic(name: &str) -> FlightOptions {
 
 /// All rows of a topic.
 pub(super) fn read(path: &Path, options: &FlightOptions) -> Result<RecordBatch, ReadError> {
-    let reader = open_raw(path, options, &Reading::default())?;
+    let reader = open_raw(path, options, &ReadHints::default())?;
     let schema = reader.schema().clone();
     let batches = reader.collect::<Result<Vec<_>, _>>()?;
     assert!(batches.iter().all(|b| b.schema() == schema), "every batch has the reader's schema");
@@ -41,7 +41,7 @@ pub(super) fn read(path: &Path, options: &FlightOptions) -> Result<RecordBatch, 
 }
 
 pub(super) fn notes(path: &Path, options: &FlightOptions) -> Vec<String> {
-    open_raw(path, options, &Reading::default()).unwrap().notes().to_vec()
+    open_raw(path, options, &ReadHints::default()).unwrap().notes().to_vec()
 }
 
 pub(super) fn numbers(batch: &RecordBatch, name: &str) -> Vec<f64> {
@@ -82,8 +82,8 @@ fn is(column: &ArrayRef, row: usize, printed: &str) -> bool {
     }
 }
 
-/// A file against its reference: the same topics, columns and rows, the same values of every 500th row and the last, and
-/// the same sum.
+/// A file against its reference: the same topics, columns and rows, the same values of every 500th row and the last,
+/// and the same sum.
 fn agrees(path: &Path) {
     let name = path.file_name().unwrap().to_str().unwrap();
     let text = fs::read_to_string(reference(&format!("{name}.tsv"))).unwrap();
@@ -234,11 +234,11 @@ fn survives(path: &Path, format: &str, bytes: &[u8]) -> usize {
     fs::write(path, bytes).unwrap();
     let of =
         |name: Option<String>| FlightOptions { format: Some(format.into()), topic: name, ..FlightOptions::default() };
-    let _ = open_raw(path, &of(None), &Reading::default()).map(|r| r.take(3).count());
+    let _ = open_raw(path, &of(None), &ReadHints::default()).map(|r| r.take(3).count());
     let Ok(listed) = topics(path, &of(None)) else { return 0 };
     let mut whole = 0;
     for found in listed.iter().take(6) {
-        let Ok(mut reader) = open_raw(path, &of(Some(found.name.clone())), &Reading::default()) else { continue };
+        let Ok(mut reader) = open_raw(path, &of(Some(found.name.clone())), &ReadHints::default()) else { continue };
         let mut rows = 0;
         while let Some(Ok(part)) = reader.next_part() {
             rows += part.batch.num_rows() as u64;

@@ -8,8 +8,8 @@ use schemas::canonical::identifier;
 use super::{FlightOptions, RowFault};
 use crate::{
     ReadError,
-    motion::Track,
-    table::{Table, Values, whole},
+    motion::GeodeticTrack,
+    table::{ColumnTable, ColumnValues, whole},
 };
 
 /// The required columns.
@@ -26,9 +26,9 @@ pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
 /// Faults of single rows are returned with the table.
 pub(super) fn finish(
     path: &Path,
-    mut table: Table,
+    mut table: ColumnTable,
     options: &FlightOptions,
-) -> Result<(Table, Vec<RowFault>), ReadError> {
+) -> Result<(ColumnTable, Vec<RowFault>), ReadError> {
     let mut faults = vec![];
     for name in NEEDED {
         if !table.has(name) {
@@ -41,7 +41,7 @@ pub(super) fn finish(
         push_specific_force(&mut table);
     }
     for name in ["year", "doy"] {
-        if let Some(Values::Number(x)) = table.take(name) {
+        if let Some(ColumnValues::Number(x)) = table.take(name) {
             let (values, wrong) = whole(path, name, &x);
             faults.extend(wrong);
             table.push(name, "", values);
@@ -50,19 +50,19 @@ pub(super) fn finish(
     let rows = table.rows();
     for (name, given) in [("line", &options.line), ("flight", &options.flight)] {
         let values = match table.take(name) {
-            Some(Values::Number(x)) => {
+            Some(ColumnValues::Number(x)) => {
                 x.iter().map(|x| if x.is_finite() { identifier(*x) } else { String::new() }).collect()
             }
-            Some(Values::Text(x)) => x,
+            Some(ColumnValues::Text(x)) => x,
             _ => vec![given.clone().unwrap_or_else(|| "1".to_owned()); rows],
         };
-        table.push_front(name, Values::Text(values));
+        table.push_front(name, ColumnValues::Text(values));
     }
     Ok((table, faults))
 }
 
 /// Velocity from position, for the truth or with the prefix `ins_`.
-fn push_motion(table: &mut Table, prefix: &str) {
+fn push_motion(table: &mut ColumnTable, prefix: &str) {
     let names = ["vn", "ve", "vd"].map(|n| format!("{prefix}{n}"));
     if names.iter().all(|n| table.has(n)) {
         return;
@@ -71,14 +71,14 @@ fn push_motion(table: &mut Table, prefix: &str) {
     let columns =
         [table.numbers("tt"), table.numbers(&places[0]), table.numbers(&places[1]), table.numbers(&places[2])];
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
-    let velocity = Track { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
+    let velocity = GeodeticTrack { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
     for (name, values) in names.iter().zip(velocity) {
         table.take(name);
-        table.push_described(name, "m/s", "velocity, by differences of the positions", Values::Number(values));
+        table.push_described(name, "m/s", "velocity, by differences of the positions", ColumnValues::Number(values));
     }
 }
 
-fn push_specific_force(table: &mut Table) {
+fn push_specific_force(table: &mut ColumnTable) {
     let forces = ["ins_fn", "ins_fe", "ins_fd"];
     if forces.iter().all(|n| table.has(n)) {
         return;
@@ -87,9 +87,14 @@ fn push_specific_force(table: &mut Table) {
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
     let velocity = ["ins_vn", "ins_ve", "ins_vd"].map(|n| table.numbers(n).map(<[f64]>::to_vec));
     let [Some(vn), Some(ve), Some(vd)] = velocity else { return };
-    let force = Track { tt, lat_deg, lon_deg, alt_m }.specific_force_mps2(&[vn, ve, vd]);
+    let force = GeodeticTrack { tt, lat_deg, lon_deg, alt_m }.specific_force_mps2(&[vn, ve, vd]);
     for (name, values) in forces.into_iter().zip(force) {
         table.take(name);
-        table.push_described(name, "m/s2", "specific force, by differences of the velocity", Values::Number(values));
+        table.push_described(
+            name,
+            "m/s2",
+            "specific force, by differences of the velocity",
+            ColumnValues::Number(values),
+        );
     }
 }

@@ -7,20 +7,20 @@ use arrow_schema::{DataType, SchemaRef};
 use arrow_select::concat::concat_batches;
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Parts, Raw, Reading, RowFault,
+    FileHead, FlightBatch, FlightBatches, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault,
     adopt::{in_counted_unit, named},
     csv, magnav,
 };
 use crate::{
     ReadError,
-    table::{Table, Values},
+    table::{ColumnTable, ColumnValues},
 };
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "magnav_csv",
     about: "simple flight of MagNav.jl (XYZ0, XYZ1) in CSV",
     extensions: &[],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let header = head.first_line().unwrap_or_default();
         let names: Vec<&str> = header.split(',').map(|n| head.renamed(n.trim())).collect();
         let has = |n: &str| names.contains(&n);
@@ -31,20 +31,25 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-fn open(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<RawFlight, ReadError> {
     let plain = (csv::FORMAT.open)(path, options, reading)?;
     let own = plain.schema.fields().iter().map(|f| f.name().clone()).collect();
     let none = RecordBatch::new_empty(plain.schema.clone());
     let schema = magnav::finish(path, table(path, &none, options)?, options)?.0.schema();
-    let Raw { schema: in_file, parts, notes, found, .. } = plain;
+    let RawFlight { schema: in_file, parts, notes, found, .. } = plain;
     let (path, options) = (path.to_path_buf(), options.clone());
     let mut parts = Some((in_file, parts));
     let whole = std::iter::from_fn(move || parts.take().map(|(schema, parts)| flight(&path, &schema, parts, &options)));
-    Ok(Raw { own: Some(own), notes, found, ..Raw::new(schema, Box::new(whole)) })
+    Ok(RawFlight { own: Some(own), notes, found, ..RawFlight::new(schema, Box::new(whole)) })
 }
 
 /// The whole flight: derived columns depend on all of it.
-fn flight(path: &Path, schema: &SchemaRef, parts: Parts, options: &FlightOptions) -> Result<Part, ReadError> {
+fn flight(
+    path: &Path,
+    schema: &SchemaRef,
+    parts: FlightBatches,
+    options: &FlightOptions,
+) -> Result<FlightBatch, ReadError> {
     let (mut batches, mut faults, mut rows) = (vec![], vec![], 0);
     for part in parts {
         let part = part?;
@@ -59,11 +64,11 @@ fn flight(path: &Path, schema: &SchemaRef, parts: Parts, options: &FlightOptions
     let (table, more) = magnav::finish(path, table(path, &whole, options)?, options)?;
     faults.extend(more);
     faults.sort_by_key(|f| f.row);
-    Ok(Part { batch: table.into_batch(path)?, faults })
+    Ok(FlightBatch { batch: table.into_batch(path)?, faults })
 }
 
-fn table(path: &Path, batch: &RecordBatch, options: &FlightOptions) -> Result<Table, ReadError> {
-    let mut table = Table::default();
+fn table(path: &Path, batch: &RecordBatch, options: &FlightOptions) -> Result<ColumnTable, ReadError> {
+    let mut table = ColumnTable::default();
     for (field, column) in batch.schema().fields().iter().zip(batch.columns()) {
         let own = field.name();
         let named = named(path, &[own], None, options)?;
@@ -75,12 +80,12 @@ fn table(path: &Path, batch: &RecordBatch, options: &FlightOptions) -> Result<Ta
             DataType::Float64 => {
                 let numbers = column.as_primitive::<Float64Type>().values().to_vec();
                 let (unit, numbers) = in_counted_unit(path, own, &named, counted, numbers)?;
-                (unit, Values::Number(numbers))
+                (unit, ColumnValues::Number(numbers))
             }
-            DataType::Int64 => (named.unit, Values::Whole(column.as_primitive::<Int64Type>().iter().collect())),
+            DataType::Int64 => (named.unit, ColumnValues::Whole(column.as_primitive::<Int64Type>().iter().collect())),
             _ => {
                 let texts = column.as_string::<i32>().iter().map(|x| x.unwrap_or_default().to_owned());
-                (named.unit, Values::Text(texts.collect()))
+                (named.unit, ColumnValues::Text(texts.collect()))
             }
         };
         table.push(&named.name, &unit, values);

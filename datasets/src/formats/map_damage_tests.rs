@@ -267,7 +267,7 @@ fn unit_texts_of_other_habits() {
     assert_eq!(&map.anomaly_nt[2..], [1.0, 2.0]);
     let said = "# EPSG:32630 unit=uT height_m=75\n1 1 0.1\n2 1 0.2\n1 2 *\n2 2 0.4\n";
     let map = read("a.xyz", said, &plain);
-    assert_eq!((map.crs.code(), &map.height), (32630, &crate::Height::Level(75.0)));
+    assert_eq!((map.crs.code(), &map.height), (32630, &crate::GridHeight::Level(75.0)));
     assert!((map.anomaly_nt[0] - 100.0).abs() < 1e-12 && map.anomaly_nt[2].is_nan());
     let esri = "NCOLS 2\nNROWS 2\nXLLCENTER 100\nYLLCENTER 200\nCELLSIZE 10\nNODATA_VALUE 7\n1 2\n3 7\n";
     let map = read("b.asc", esri, &given());

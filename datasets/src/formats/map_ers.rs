@@ -10,14 +10,14 @@ use std::{
 };
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     grid_bytes::{bytes_of, level_m, nodes, rows, text, text_of},
     map_esri::unused,
-    output::Outputs,
+    output::MapOutputFiles,
 };
 use crate::{
     ReadError,
-    grid::{AxisUnit, Draft, FileAxis, System, is_marker},
+    grid::{AxisUnit, FileAxis, FileCrs, MapDraft, is_marker},
 };
 use grids::{AnomalyGrid, Registration};
 
@@ -25,7 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "er_mapper",
     about: "ER Mapper raster: .ers header with a binary file of values",
     extensions: &["ers"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         head.first_line().is_some_and(|l| l.trim_start().to_ascii_lowercase().starts_with("datasetheader begin"))
     },
     beside: Some(|path| cells_of(path).map(|cells| vec![cells])),
@@ -38,7 +38,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// # Errors
 /// Fails for a header that cannot be read.
 fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
-    let header = Header::of(path, &text_of(path)?);
+    let header = ErsHeader::parse(path, &text_of(path)?);
     // A name in the header refers to the folder of the header; other folders are not searched.
     let named = header.text("datafile").and_then(|n| n.rsplit(['/', '\\']).next().map(str::to_owned));
     Ok(match named.filter(|n| !n.is_empty()) {
@@ -48,7 +48,7 @@ fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
 }
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let header = Header::of(path, &text_of(path)?);
+    let header = ErsHeader::parse(path, &text_of(path)?);
     let cells = cells_of(path)?;
     if cells == path {
         return Err(ReadError::data(path, "the header names itself as the file of its values"));
@@ -61,7 +61,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         return Err(ReadError::data(path, "the grid is rotated").help("warp the grid to north-up first"));
     }
     let bytes = bytes_of(&cells)?;
-    let kind = Cell::of(path, &header)?;
+    let kind = ErsCellType::from_header(path, &header)?;
     let offset = header.number_or("headeroffset", 0.0)?.max(0.0) as usize;
     let bytes = bytes.get(offset..).unwrap_or_default();
     let (columns, lines) = (header.number("rasterinfo.nrofcellsperline")?, header.number("rasterinfo.nroflines")?);
@@ -70,7 +70,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let known = |v: f64| if is_marker(v, unknown) { f64::NAN } else { v };
     let values = bytes.chunks_exact(kind.size).take(width * height).map(|b| known(kind.value(b))).collect();
     let (x, y) = header.axes(width, height)?;
-    let mut draft = Draft::new(path, x, y, values, header.system());
+    let mut draft = MapDraft::new(path, x, y, values, header.system());
     draft.registration = Registration::Pixel;
     draft.axis_unit = header.axis_unit()?;
     draft.unit = header.text("rasterinfo.bandid.units").filter(|u| !u.is_empty());
@@ -78,13 +78,13 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
 }
 
 /// The entries of the header by their blocks, lower case: `rasterinfo.cellinfo.xdimension`.
-struct Header<'a> {
+struct ErsHeader<'a> {
     path: &'a Path,
     entries: BTreeMap<String, String>,
 }
 
-impl<'a> Header<'a> {
-    fn of(path: &'a Path, text: &str) -> Header<'a> {
+impl<'a> ErsHeader<'a> {
+    fn parse(path: &'a Path, text: &str) -> ErsHeader<'a> {
         let mut blocks: Vec<String> = vec![];
         let mut entries = BTreeMap::new();
         for line in text.lines().map(str::trim) {
@@ -99,7 +99,7 @@ impl<'a> Header<'a> {
                 entries.entry(path.join(".")).or_insert_with(|| value.trim().trim_matches('"').to_owned());
             }
         }
-        Header { path, entries }
+        ErsHeader { path, entries }
     }
 
     fn text(&self, key: &str) -> Option<String> {
@@ -145,17 +145,17 @@ impl<'a> Header<'a> {
     }
 
     /// The coordinate system of a datum and a projection.
-    fn system(&self) -> System {
+    fn system(&self) -> FileCrs {
         let upper = |key: &str| self.text(key).unwrap_or_default().to_ascii_uppercase();
         let (datum, projection) = (upper("coordinatespace.datum"), upper("coordinatespace.projection"));
         let named = projection.strip_prefix("EPSG:").or_else(|| datum.strip_prefix("EPSG:"));
         let code = named.map_or_else(|| code_of(&datum, &projection), |c| c.trim().parse().ok());
         match code {
-            Some(code) => System::Epsg(code),
-            None if upper("coordinatespace.coordinatetype") == "RAW" || projection.is_empty() => System::Unknown,
-            None if projection == "GEODETIC" => System::Unknown,
-            None if ["RAW", "LOCAL"].contains(&projection.as_str()) => System::Unknown,
-            None => System::Projected,
+            Some(code) => FileCrs::Epsg(code),
+            None if upper("coordinatespace.coordinatetype") == "RAW" || projection.is_empty() => FileCrs::Unknown,
+            None if projection == "GEODETIC" => FileCrs::Unknown,
+            None if ["RAW", "LOCAL"].contains(&projection.as_str()) => FileCrs::Unknown,
+            None => FileCrs::Projected,
         }
     }
 }
@@ -211,15 +211,15 @@ fn angle(text: &str) -> Option<f64> {
 }
 
 /// The type of a cell.
-struct Cell {
+struct ErsCellType {
     size: usize,
     float: bool,
     signed: bool,
     big: bool,
 }
 
-impl Cell {
-    fn of(path: &Path, header: &Header) -> Result<Cell, ReadError> {
+impl ErsCellType {
+    fn from_header(path: &Path, header: &ErsHeader) -> Result<ErsCellType, ReadError> {
         let name = header.text("rasterinfo.celltype").unwrap_or_default().to_ascii_lowercase();
         let big = header.text("byteorder").is_some_and(|o| o.eq_ignore_ascii_case("MSBFirst"));
         let kinds = [
@@ -235,7 +235,7 @@ impl Cell {
         let found = kinds.iter().find(|k| k.0 == name);
         let (_, size, float, signed) =
             *found.ok_or_else(|| ReadError::data(path, format!("the cell type `{name}` is not supported")))?;
-        Ok(Cell { size, float, signed, big })
+        Ok(ErsCellType { size, float, signed, big })
     }
 
     /// The value of its bytes.
@@ -260,7 +260,7 @@ impl Cell {
     }
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let path = outputs.path().to_path_buf();
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ers")) {

@@ -6,13 +6,13 @@
 use std::{collections::BTreeMap, io::Write, path::Path};
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     grid_bytes::{level_m, nodes, numbers, text_of, write_rows},
-    output::Outputs,
+    output::MapOutputFiles,
 };
 use crate::{
     ReadError,
-    grid::{AxisUnit, Draft, FileAxis, System, is_marker},
+    grid::{AxisUnit, FileAxis, FileCrs, MapDraft, is_marker},
 };
 use grids::{AnomalyGrid, Registration, epsg_of_wkt, unit_of_wkt};
 
@@ -20,7 +20,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "esri_ascii",
     about: "Esri ASCII grid",
     extensions: &["asc"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let first = head.first_line().unwrap_or_default().to_ascii_lowercase();
         first.starts_with("ncols") || first.starts_with("nrows")
     },
@@ -60,8 +60,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let north = south + dy * (height - 1) as f64;
     let (x, y) = (FileAxis::new(path, "x", west, dx, width)?, FileAxis::new(path, "y", north, -dy, height)?);
     let wkt = std::fs::read_to_string(path.with_extension("prj")).unwrap_or_default();
-    let system = epsg_of_wkt(&wkt).map_or(System::Unknown, System::Epsg);
-    let mut draft = Draft::new(path, x, y, values, system);
+    let system = epsg_of_wkt(&wkt).map_or(FileCrs::Unknown, FileCrs::Epsg);
+    let mut draft = MapDraft::new(path, x, y, values, system);
     draft.axis_unit = unit_of_wkt(&wkt).map(|(name, metres)| AxisUnit::Length(name, metres));
     if head.contains_key("xllcorner") {
         draft.registration = Registration::Pixel;
@@ -69,7 +69,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let pixel = map.registration == Registration::Pixel;
     let (word, west, south) = match pixel {

@@ -6,18 +6,18 @@ use std::path::Path;
 use tiff::tags::Tag;
 
 use super::{
-    Head, MapFormat, MapOptions,
-    geotiff_band::{self, Reader, damaged},
+    FileHead, MapFormat, MapOptions,
+    geotiff_band::{self, TiffDecoder, damaged},
     geotiff_keys::{
         ANGULAR_UNIT, GDAL_METADATA, GEOGRAPHIC_CODE, LINEAR_UNIT, LINEAR_UNIT_SIZE, MODEL_TYPE, PROJECTED_CODE,
         RASTER_TYPE, unit_of_code,
     },
-    geotiff_metadata::Metadata,
+    geotiff_metadata::GdalMetadata,
     guarded, map_geotiff_write,
 };
 use crate::{
     ReadError,
-    grid::{AxisUnit, Draft, FileAxis, System},
+    grid::{AxisUnit, FileAxis, FileCrs, MapDraft},
 };
 use grids::{AnomalyGrid, Registration};
 
@@ -25,7 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "geotiff",
     about: "GeoTIFF with one band of float or integer values",
     extensions: &["tif", "tiff"],
-    recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(m)),
+    recognise: |head: &FileHead| MAGICS.iter().any(|m| head.starts_with(m)),
     beside: None,
     read,
     write: Some(map_geotiff_write::write),
@@ -44,12 +44,12 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         Ok((place, values, metadata, further))
     })?;
     let system = match place.epsg {
-        Some(code) => System::Epsg(code),
-        None if place.geographic => System::Degrees,
-        None => System::Projected,
+        Some(code) => FileCrs::Epsg(code),
+        None if place.geographic => FileCrs::Degrees,
+        None => FileCrs::Projected,
     };
-    let metadata = Metadata::read(path, &metadata)?;
-    let mut draft = Draft::new(path, place.x, place.y, values, system);
+    let metadata = GdalMetadata::read(path, &metadata)?;
+    let mut draft = MapDraft::new(path, place.x, place.y, values, system);
     draft.registration = place.registration;
     draft.raster_rows = true;
     draft.axis_unit = place.unit;
@@ -83,7 +83,7 @@ struct Georeference {
 }
 
 impl Georeference {
-    fn read(path: &Path, decoder: &mut Reader, width: usize, height: usize) -> Result<Georeference, ReadError> {
+    fn read(path: &Path, decoder: &mut TiffDecoder, width: usize, height: usize) -> Result<Georeference, ReadError> {
         if width < 2 || height < 2 {
             return Err(ReadError::data(path, format!("a map requires at least 2 x 2 nodes, not {width} x {height}")));
         }
@@ -116,7 +116,7 @@ impl Georeference {
 const USER_DEFINED: u16 = 32_767;
 
 /// The length that the file defines as its unit, in metres.
-fn own_unit(path: &Path, decoder: &mut Reader, keys: &[u16]) -> Result<AxisUnit, ReadError> {
+fn own_unit(path: &Path, decoder: &mut TiffDecoder, keys: &[u16]) -> Result<AxisUnit, ReadError> {
     let doubles = decoder.get_tag_f64_vec(Tag::GeoDoubleParamsTag).unwrap_or_default();
     let entry = keys.chunks_exact(4).skip(1).find(|k| k[0] == LINEAR_UNIT_SIZE);
     let size = entry.and_then(|k| doubles.get(usize::from(k[3]))).copied().filter(|m| m.is_finite() && *m > 0.0);
@@ -128,7 +128,7 @@ fn own_unit(path: &Path, decoder: &mut Reader, keys: &[u16]) -> Result<AxisUnit,
 }
 
 /// x of column 0 and its step, y of row 0 and its step.
-fn affine(path: &Path, decoder: &mut Reader) -> Result<[f64; 4], ReadError> {
+fn affine(path: &Path, decoder: &mut TiffDecoder) -> Result<[f64; 4], ReadError> {
     let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap_or_default();
     let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap_or_default();
     if let ([dx, dy, ..], [column, row, _, x, y, _]) = (scale.as_slice(), tie.as_slice()) {
@@ -148,7 +148,7 @@ fn affine(path: &Path, decoder: &mut Reader) -> Result<[f64; 4], ReadError> {
 }
 
 /// The height of the map: an item of GDAL's metadata with a height in metres.
-fn height_m(metadata: &Metadata, notes: &mut Vec<String>) -> Option<f64> {
+fn height_m(metadata: &GdalMetadata, notes: &mut Vec<String>) -> Option<f64> {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
     let (name, text) = metadata.item(&NAMES)?;
     let alt_m = text.parse::<f64>().ok().filter(|x| x.is_finite())?;

@@ -10,7 +10,7 @@ use super::{
     geotiff_keys::{GDAL_METADATA, GEOGRAPHIC_CODE, MODEL_TYPE, PROJECTED_CODE, RASTER_TYPE},
     grid_bytes::{level_m, rows},
     guarded,
-    output::{Outputs, Sink},
+    output::{MapFileSink, MapOutputFiles},
 };
 use crate::ReadError;
 use grids::{AnomalyGrid, Registration};
@@ -25,7 +25,7 @@ const STRIP_VALUES: usize = 65_536;
 ///
 /// # Errors
 /// Fails for heights that vary, more than 2^32 nodes per side, and a path that cannot be written.
-pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     let level_m = level_m(outputs, map, "geotiff")?;
     let mut sink = outputs.create()?;
     let path = outputs.path().to_path_buf();
@@ -44,7 +44,11 @@ pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), Read
     outputs.finish(sink)
 }
 
-fn encode<K: TiffKind>(tiff: TiffEncoder<&mut Sink, K>, map: &AnomalyGrid, level_m: f64) -> Result<(), TiffError> {
+fn encode<K: TiffKind>(
+    tiff: TiffEncoder<&mut MapFileSink, K>,
+    map: &AnomalyGrid,
+    level_m: f64,
+) -> Result<(), TiffError> {
     let mut tiff = tiff.with_compression(Compression::Deflate(DeflateLevel::Balanced));
     let (width, height) = (u32::try_from(map.x.len)?, u32::try_from(map.y.len)?);
     let mut image = tiff.new_image::<Gray64Float>(width, height)?;

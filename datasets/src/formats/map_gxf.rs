@@ -6,15 +6,15 @@
 use std::{collections::BTreeMap, io::Write, path::Path};
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     grid_bytes::{level_m, nodes, numbers, range, text_of, write_rows},
-    limits::Limit,
+    limits::DecodeLimit,
     map_esri::unused,
-    output::Outputs,
+    output::MapOutputFiles,
 };
 use crate::{
     ReadError,
-    grid::{AxisUnit, Draft, FileAxis, System, is_marker},
+    grid::{AxisUnit, FileAxis, FileCrs, MapDraft, is_marker},
 };
 use grids::{AnomalyGrid, epsg_of_name};
 
@@ -22,7 +22,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "gxf",
     about: "Geosoft Grid eXchange File, revision 3",
     extensions: &["gxf"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let text = String::from_utf8_lossy(&head.bytes);
         text.lines().any(|l| l.starts_with("#POINTS") || l.starts_with("#PTSEP") || l.starts_with("#GTYPE"))
     },
@@ -32,21 +32,21 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 };
 
 /// The labels and their values; the first four letters identify a label.
-struct Objects<'a> {
+struct GxfObjects<'a> {
     path: &'a Path,
     values: BTreeMap<String, Vec<&'a str>>,
 }
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let text = text_of(path)?;
-    let (objects, grid) = Objects::of(path, &text)?;
+    let (objects, grid) = GxfObjects::parse(path, &text)?;
     if objects.number("ROTA", 0.0)? != 0.0 {
         return Err(ReadError::data(path, "the grid is rotated").help("warp the grid to north-up first"));
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
     let bytes = text.len() as u64 + 1;
     // A run of a packed grid has any length.
-    let bytes = if packed == 0 { bytes } else { Limit::new(bytes).most() / 8 };
+    let bytes = if packed == 0 { bytes } else { DecodeLimit::new(bytes).most() / 8 };
     let (points, lines) = (objects.number("POIN", f64::NAN)?, objects.number("ROWS", f64::NAN)?);
     let (points, lines) = nodes(path, points as i64, lines as i64, if packed == 0 { 2 } else { 1 }, bytes)?;
     let values = match packed {
@@ -59,9 +59,9 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-impl<'a> Objects<'a> {
+impl<'a> GxfObjects<'a> {
     /// The objects before the values, and the text of the values.
-    fn of(path: &'a Path, text: &'a str) -> Result<(Objects<'a>, &'a str), ReadError> {
+    fn parse(path: &'a Path, text: &'a str) -> Result<(GxfObjects<'a>, &'a str), ReadError> {
         let mut values: BTreeMap<String, Vec<&str>> = BTreeMap::new();
         let mut label = String::new();
         let mut at = 0;
@@ -77,7 +77,7 @@ impl<'a> Objects<'a> {
                     label = word.to_ascii_uppercase();
                 }
                 if label == "GRID" {
-                    return Ok((Objects { path, values }, text.get(at..).unwrap_or_default()));
+                    return Ok((GxfObjects { path, values }, text.get(at..).unwrap_or_default()));
                 }
                 values.entry(label.clone()).or_default().extend((!behind.is_empty()).then_some(behind));
             } else if line.starts_with('#') {
@@ -118,7 +118,7 @@ impl<'a> Objects<'a> {
         let Some(text) = self.text("UNIT") else { return Ok(None) };
         let (name, factor) = text.split_once(',').unwrap_or((text, ""));
         let (name, factor) = (name.trim().trim_matches('"'), factor.trim().parse::<f64>().ok());
-        let known = AxisUnit::of(name);
+        let known = AxisUnit::from_text(name);
         match (known, factor.filter(|m| m.is_finite() && *m > 0.0)) {
             (Some(AxisUnit::Angle(deg)), _) => Ok(Some(AxisUnit::Angle(deg))),
             (_, Some(_)) if name.to_ascii_lowercase().starts_with("deg") => Ok(Some(AxisUnit::Angle(1.0))),
@@ -133,7 +133,7 @@ impl<'a> Objects<'a> {
     }
 
     /// Rows and columns in the order of `#SENSE`; the origin is the bottom left corner for any sense.
-    fn draft(&self, values: Vec<f64>, points: usize, lines: usize) -> Result<Draft<'a>, ReadError> {
+    fn draft(&self, values: Vec<f64>, points: usize, lines: usize) -> Result<MapDraft<'a>, ReadError> {
         let sense = self.number("SENS", 1.0)?;
         // The position of the first point, and whether the first row runs along x.
         let (from_east, from_north, across) = match sense as i64 {
@@ -159,21 +159,21 @@ impl<'a> Objects<'a> {
         };
         let x = axis("x", west, dx, width, from_east)?;
         let y = axis("y", south, dy, height, from_north)?;
-        let mut draft = Draft::new(self.path, x, y, values, self.system());
+        let mut draft = MapDraft::new(self.path, x, y, values, self.system());
         if from_east || from_north {
             draft.notes.push("the origin of the file is read as its bottom left corner, as GXF defines it".to_owned());
         }
         Ok(draft)
     }
 
-    fn system(&self) -> System {
+    fn system(&self) -> FileCrs {
         let projection = self.values.get("MAP_PROJECTION").map(Vec::as_slice).unwrap_or_default();
         let name = projection.first().map_or("", |l| l.split('"').nth(1).unwrap_or(l));
         match epsg_of_name(name) {
-            Some(code) => System::Epsg(code),
-            None if projection.iter().any(|l| l.to_ascii_lowercase().contains("geographic")) => System::Unknown,
-            None if projection.is_empty() => System::Unknown,
-            None => System::Projected,
+            Some(code) => FileCrs::Epsg(code),
+            None if projection.iter().any(|l| l.to_ascii_lowercase().contains("geographic")) => FileCrs::Unknown,
+            None if projection.is_empty() => FileCrs::Unknown,
+            None => FileCrs::Projected,
         }
     }
 }
@@ -230,7 +230,7 @@ fn base_90(pack: &[u8]) -> Option<f64> {
     pack.iter().try_fold(0.0, |sum, b| (37..=126).contains(b).then(|| sum * 90.0 + f64::from(b - 37)))
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let dummy = unused(&map.anomaly_nt);
     let (least, most) = range(&map.anomaly_nt);

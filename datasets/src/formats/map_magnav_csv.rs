@@ -4,14 +4,14 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     csv::number,
     map_magnav_hdf5::{NOTE, unknown_where_zero},
     text_end,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{FileAxis, FileCrs, MapDraft},
 };
 use grids::AnomalyGrid;
 
@@ -19,7 +19,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_csv",
     about: "folder of MagNav.jl: map.csv, xx.csv, yy.csv, alt.csv",
     extensions: &["map.csv"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file())
     },
     beside: None,
@@ -40,29 +40,29 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let all = |name: &str| numbers(&folder.join(name));
     let (lon, lat) = (all("xx.csv")?.concat(), all("yy.csv")?.concat());
     let rows = all("map.csv")?;
-    let cells = Cells { folder: &folder, n_lat: lat.len(), n_lon: lon.len() };
-    let values = unknown_where_zero(cells.of("map.csv", rows)?);
-    let (x, y) = (FileAxis::of(path, "lon", &lon)?, FileAxis::of(path, "lat", &lat)?);
-    let mut draft = Draft::new(path, x, y, values, System::Degrees);
+    let cells = MagnavCsvShape { folder: &folder, n_lat: lat.len(), n_lon: lon.len() };
+    let values = unknown_where_zero(cells.flatten("map.csv", rows)?);
+    let (x, y) = (FileAxis::from_coordinates(path, "lon", &lon)?, FileAxis::from_coordinates(path, "lat", &lat)?);
+    let mut draft = MapDraft::new(path, x, y, values, FileCrs::Degrees);
     draft.notes.push(NOTE.to_owned());
     if options.alt_m.is_none() && folder.join("alt.csv").is_file() {
         match all("alt.csv")?.as_slice() {
             [row] if row.len() == 1 => draft.level_m = row.first().copied(),
-            rows => draft.heights = Some(cells.of("alt.csv", rows.to_vec())?),
+            rows => draft.heights = Some(cells.flatten("alt.csv", rows.to_vec())?),
         }
     }
     draft.finish(options)
 }
 
-struct Cells<'a> {
+struct MagnavCsvShape<'a> {
     folder: &'a Path,
     n_lat: usize,
     n_lon: usize,
 }
 
-impl Cells<'_> {
+impl MagnavCsvShape<'_> {
     /// The rows one after another, each as long as there are longitudes.
-    fn of(&self, name: &str, rows: Vec<Vec<f64>>) -> Result<Vec<f64>, ReadError> {
+    fn flatten(&self, name: &str, rows: Vec<Vec<f64>>) -> Result<Vec<f64>, ReadError> {
         let path = self.folder.join(name);
         if rows.len() != self.n_lat {
             let what = format!("has {} rows where yy.csv has {} latitudes", rows.len(), self.n_lat);

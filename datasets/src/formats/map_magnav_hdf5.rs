@@ -5,13 +5,13 @@
 use std::path::Path;
 
 use super::{
-    Head, MapFormat, MapOptions,
-    hdf5::{Hdf5, Values},
+    FileHead, MapFormat, MapOptions,
+    hdf5::{Hdf5Dataset, Hdf5Source},
     map_magnav_write,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{FileAxis, FileCrs, MapDraft},
 };
 use grids::AnomalyGrid;
 
@@ -19,7 +19,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_hdf5",
     about: "map of MagNav.jl in HDF5",
     extensions: &["h5", "hdf5"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let names = head.hdf5_names();
         ["map", "xx", "yy"].iter().all(|n| names.iter().any(|m| m == n))
     },
@@ -32,16 +32,16 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 pub(super) const NOTE: &str = "nodes of exactly 0 are unknown, as in MagNav.jl";
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let file = Hdf5::open(path)?;
+    let file = Hdf5Source::open(path)?;
     let (lon, lat) = (vector(&file, "xx")?, vector(&file, "yy")?);
     let map = file.need("map")?;
-    let (x, y) = (FileAxis::of(path, "lon", &lon)?, FileAxis::of(path, "lat", &lat)?);
+    let (x, y) = (FileAxis::from_coordinates(path, "lon", &lon)?, FileAxis::from_coordinates(path, "lat", &lat)?);
     let mut values = unknown_where_zero(transposed(&map, &lon, &lat)?);
     if file.has("mask") {
         let mask = transposed(&file.need("mask")?, &lon, &lat)?;
         values.iter_mut().zip(mask).filter(|(_, m)| *m == 0.0).for_each(|(v, _)| *v = f64::NAN);
     }
-    let mut draft = Draft::new(path, x, y, values, System::Degrees);
+    let mut draft = MapDraft::new(path, x, y, values, FileCrs::Degrees);
     draft.notes.push(NOTE.to_owned());
     draft.notes.extend(file.notes());
     let alt = file.need("alt")?;
@@ -64,13 +64,13 @@ pub(super) fn unknown_where_zero(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-fn vector(file: &Hdf5, name: &str) -> Result<Vec<f64>, ReadError> {
+fn vector(file: &Hdf5Source, name: &str) -> Result<Vec<f64>, ReadError> {
     let set = file.need(name)?;
     if set.shape.len() > 1 { Err(set.damaged("must have one dimension")) } else { set.all() }
 }
 
 /// Values stored with the longitudes first, by rows of one latitude each.
-fn transposed(set: &Values, lon: &[f64], lat: &[f64]) -> Result<Vec<f64>, ReadError> {
+fn transposed(set: &Hdf5Dataset, lon: &[f64], lat: &[f64]) -> Result<Vec<f64>, ReadError> {
     let (n_lon, n_lat) = (lon.len(), lat.len());
     if set.shape != [n_lon as u64, n_lat as u64] {
         let what = format!("must have the shape [{n_lon}, {n_lat}] of `xx` and `yy`, not {:?}", set.shape);

@@ -3,16 +3,16 @@
 
 use hdf5_pure::FileBuilder;
 
-use super::{guarded, output::Outputs};
+use super::{guarded, output::MapOutputFiles};
 use crate::ReadError;
-use grids::{AnomalyGrid, Height, WGS84};
+use grids::{AnomalyGrid, GridHeight, WGS84};
 
 /// Unknown nodes are 0 with a mask of 0. MagNav.jl would treat a known value of exactly 0 as unknown, so the smallest
 /// nonzero number replaces it.
 ///
 /// # Errors
 /// Fails for a map that is not in WGS-84 degrees, and a path that cannot be written.
-pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     if map.crs.code() != WGS84 {
         let what = format!("a MagNav.jl map must be in WGS-84 latitude and longitude, not {}", map.crs);
         return Err(ReadError::options(outputs.path(), what).help("convert the map to EPSG:4326 first"));
@@ -37,8 +37,8 @@ fn encoded(map: &AnomalyGrid) -> Result<Vec<u8>, String> {
     file.create_dataset("xx").with_f64_data(&map.x.coordinates()).with_shape(&[width]);
     file.create_dataset("yy").with_f64_data(&map.y.coordinates()).with_shape(&[height]);
     match &map.height {
-        Height::Level(alt_m) => file.create_dataset("alt").with_f64_data(&[*alt_m]).with_shape(&[]),
-        Height::Cells(_) => {
+        GridHeight::Level(alt_m) => file.create_dataset("alt").with_f64_data(&[*alt_m]).with_shape(&[]),
+        GridHeight::Cells(_) => {
             let heights = by_columns(map, |node| map.height_at(node));
             file.create_dataset("alt").with_f64_data(&heights).with_shape(&[width, height])
         }

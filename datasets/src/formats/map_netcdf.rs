@@ -7,17 +7,17 @@ use std::path::Path;
 use netcdf_reader::{NcFile, NcMetadataMode, NcOpenOptions, NcType, NcVariable};
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     grid_bytes::bytes_of,
     guarded, hdf5,
-    limits::Limit,
+    limits::DecodeLimit,
     map_parquet::{EASTINGS, LATITUDES, LONGITUDES, NORTHINGS},
-    netcdf_values::Storage,
+    netcdf_values::NetcdfEncoding,
     netcdf_write,
 };
 use crate::{
     ReadError,
-    grid::{AxisUnit, Draft, FileAxis, System},
+    grid::{AxisUnit, FileAxis, FileCrs, MapDraft},
 };
 use grids::{AnomalyGrid, Registration, epsg_of_wkt};
 
@@ -25,7 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "netcdf",
     about: "NetCDF grid of GMT, GDAL or xarray, classic or NetCDF-4",
     extensions: &["nc", "grd", "nc4"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let classic = [b"CDF\x01", b"CDF\x02", b"CDF\x05"].iter().any(|m| head.starts_with(*m));
         let lower = head.path.to_string_lossy().to_ascii_lowercase();
         classic || head.starts_with(hdf5::MAGIC) && FORMAT.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")))
@@ -46,11 +46,11 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     if bytes.starts_with(hdf5::MAGIC) {
         // Checks that the file is complete.
-        hdf5::Hdf5::open(path)?;
+        hdf5::Hdf5Source::open(path)?;
     }
     let draft = guarded(path, || {
         let size = bytes.len() as u64;
-        let most = Limit::new(size).most_here();
+        let most = DecodeLimit::new(size).most_here();
         let limits = NcOpenOptions {
             metadata_mode: NcMetadataMode::Lossy,
             max_chunk_bytes: most,
@@ -59,7 +59,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
             ..NcOpenOptions::default()
         };
         let file = NcFile::from_bytes_with_options(&bytes, limits).map_err(|e| damaged(path, &e))?;
-        let grid = Grid { path, file: &file, bytes: size, classic: !bytes.starts_with(hdf5::MAGIC) };
+        let grid = NetcdfGridFile { path, file: &file, bytes: size, classic: !bytes.starts_with(hdf5::MAGIC) };
         if grid.find("x_range").is_some() && grid.find("dimension").is_some() { grid.oldest() } else { grid.draft() }
     })?;
     draft.finish(options)
@@ -69,15 +69,15 @@ fn damaged(path: &Path, error: &netcdf_reader::Error) -> ReadError {
     ReadError::data(path, format!("the file is not a complete NetCDF file: {error}"))
 }
 
-/// An open file.
-struct Grid<'p, 'a> {
+/// An open NetCDF file, its size in bytes, and whether it is classic.
+struct NetcdfGridFile<'p, 'a> {
     path: &'p Path,
     file: &'a NcFile,
     bytes: u64,
     classic: bool,
 }
 
-impl<'p, 'a> Grid<'p, 'a> {
+impl<'p, 'a> NetcdfGridFile<'p, 'a> {
     fn variables(&self) -> &'a [NcVariable] {
         self.file.variables().unwrap_or_default()
     }
@@ -98,7 +98,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         let wrong = |what: &str| ReadError::data(self.path, what).in_column(variable.name());
         let count = variable.shape().iter().try_fold(1_u64, |n, d| n.checked_mul(*d));
         let size = variable.dtype().size().map_err(|_| wrong("holds no numbers"))? as u64;
-        let most = if self.classic { self.bytes } else { Limit::new(self.bytes).most() };
+        let most = if self.classic { self.bytes } else { DecodeLimit::new(self.bytes).most() };
         if count.and_then(|n| n.checked_mul(size)).is_none_or(|n| n > most) {
             return Err(wrong("its shape does not match the size of the file"));
         }
@@ -108,12 +108,12 @@ impl<'p, 'a> Grid<'p, 'a> {
 
     /// The numbers of coordinates.
     fn numbers(&self, variable: &NcVariable) -> Result<Vec<f64>, ReadError> {
-        Ok(Storage::of_variable(self.path, variable)?.unpacked(self.stored(variable)?))
+        Ok(NetcdfEncoding::of_variable(self.path, variable)?.unpacked(self.stored(variable)?))
     }
 
     /// The stored numbers of the map, NaN where unknown, with their scale and offset.
     fn values(&self, map: &NcVariable, notes: &mut Vec<String>) -> Result<(Vec<f64>, [f64; 2]), ReadError> {
-        let storage = Storage::of_variable(self.path, map)?;
+        let storage = NetcdfEncoding::of_variable(self.path, map)?;
         Ok((storage.known(self.stored(map)?, notes), storage.packing))
     }
 
@@ -170,7 +170,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         }
     }
 
-    fn draft(&self) -> Result<Draft<'p>, ReadError> {
+    fn draft(&self) -> Result<MapDraft<'p>, ReadError> {
         let map = self.map()?;
         let names: Vec<String> = map.dimensions().iter().filter(|d| d.size > 1).map(|d| d.name.clone()).collect();
         let [outer, inner] = names.as_slice() else {
@@ -181,7 +181,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         let swapped = self.is_y(inner) && !self.is_y(outer) || self.is_x(outer) && !self.is_x(inner);
         let (x, y) = if swapped { (outer, inner) } else { (inner, outer) };
         let mut notes = vec![];
-        let axis = |v: &NcVariable| FileAxis::of(self.path, v.name(), &self.numbers(v)?);
+        let axis = |v: &NcVariable| FileAxis::from_coordinates(self.path, v.name(), &self.numbers(v)?);
         let (x_axis, y_axis) = (axis(x)?, axis(y)?);
         if y_axis.descends() {
             notes.push("the file's rows run from north to south and are reversed".to_owned());
@@ -189,7 +189,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
         let (values, packing) = self.values(map, &mut notes)?;
         let system = self.system(map, x, y);
-        let mut draft = Draft::new(self.path, x_axis, y_axis, ordered(values), system);
+        let mut draft = MapDraft::new(self.path, x_axis, y_axis, ordered(values), system);
         draft.packing = packing;
         draft.axis_unit = self.axis_unit(x, y)?;
         self.describe(&mut draft, map);
@@ -201,7 +201,7 @@ impl<'p, 'a> Grid<'p, 'a> {
     }
 
     /// Unit, height and registration.
-    fn describe(&self, draft: &mut Draft, map: &NcVariable) {
+    fn describe(&self, draft: &mut MapDraft, map: &NcVariable) {
         let at = |name: &str| self.number(Some(map), name).or_else(|| self.number(None, name));
         draft.unit = self.text(Some(map), "units");
         draft.level_m = ["height_m", "level_height_m", "alt_m", "altitude_m"].into_iter().find_map(at);
@@ -241,13 +241,13 @@ impl<'p, 'a> Grid<'p, 'a> {
 
     /// The coordinate system: of the grid mapping, otherwise of the whole file, otherwise that of the coordinates'
     /// units.
-    fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> System {
+    fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> FileCrs {
         let mapping = self.text(Some(map), "grid_mapping").and_then(|n| self.find(n.split([':', ' ']).next()?));
         for from in [mapping, None].into_iter().skip(usize::from(mapping.is_none())) {
             let code = ["epsg_code", "epsg"].into_iter().find_map(|k| self.code(from, k));
             let wkt = || ["crs_wkt", "spatial_ref", "esri_pe_string"].into_iter().find_map(|k| self.text(from, k));
             if let Some(code) = code.or_else(|| epsg_of_wkt(&wkt()?)) {
-                return System::Epsg(code);
+                return FileCrs::Epsg(code);
             }
         }
         let degrees = |v: &NcVariable| {
@@ -256,9 +256,9 @@ impl<'p, 'a> Grid<'p, 'a> {
         };
         let mapped = mapping.and_then(|m| self.text(Some(m), "grid_mapping_name"));
         match mapped.as_deref() {
-            Some(name) if name != "latitude_longitude" => System::Projected,
-            _ if degrees(x) && degrees(y) => System::Degrees,
-            _ => System::Unknown,
+            Some(name) if name != "latitude_longitude" => FileCrs::Projected,
+            _ if degrees(x) && degrees(y) => FileCrs::Degrees,
+            _ => FileCrs::Unknown,
         }
     }
 
@@ -269,7 +269,7 @@ impl<'p, 'a> Grid<'p, 'a> {
     }
 
     /// GMT's oldest grids: one list of values from the north-west, with the ends of the axes.
-    fn oldest(&self) -> Result<Draft<'p>, ReadError> {
+    fn oldest(&self) -> Result<MapDraft<'p>, ReadError> {
         let pair = |name: &str| -> Result<(f64, f64), ReadError> {
             let values = self.numbers(self.need(name)?)?;
             match values.as_slice() {
@@ -295,10 +295,10 @@ impl<'p, 'a> Grid<'p, 'a> {
             let unit = self.find(name).and_then(|v| self.text(Some(v), "units")).unwrap_or_default();
             unit.to_ascii_lowercase().contains("degree")
         };
-        let system = if degrees("x_range") && degrees("y_range") { System::Degrees } else { System::Unknown };
+        let system = if degrees("x_range") && degrees("y_range") { FileCrs::Degrees } else { FileCrs::Unknown };
         let mut notes = vec![];
         let (values, packing) = self.values(z, &mut notes)?;
-        let mut draft = Draft::new(self.path, x, y, values, system);
+        let mut draft = MapDraft::new(self.path, x, y, values, system);
         draft.packing = packing;
         draft.notes = notes;
         let unit = |name: &str| self.find(name).and_then(|v| self.text(Some(v), "units")).unwrap_or_default();

@@ -13,10 +13,10 @@ use arrow_cast::cast;
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use schemas::{Role, field, map::ERROR};
 
-use super::{Head, MapFormat, MapOptions, output::Outputs, parquet};
+use super::{FileHead, MapFormat, MapOptions, output::MapOutputFiles, parquet};
 use crate::{
     ReadError,
-    grid::{AxisUnit, Draft, System, from_nodes, split_unit},
+    grid::{AxisUnit, FileCrs, MapDraft, from_nodes, split_unit},
 };
 use grids::{AnomalyGrid, WGS84};
 
@@ -24,7 +24,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "parquet",
     about: "Apache Parquet, one row per node",
     extensions: &["parquet", "pq"],
-    recognise: |head: &Head| head.starts_with(parquet::MAGIC),
+    recognise: |head: &FileHead| head.starts_with(parquet::MAGIC),
     beside: None,
     read,
     write: Some(write),
@@ -40,11 +40,11 @@ pub(super) const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_an
 
 /// Whether a map's file gives the error of each node; `false` for a file that cannot be read.
 pub(super) fn gives_error(path: &Path) -> bool {
-    path.is_file() && parquet::Open::new(path).is_ok_and(|open| open.schema.field_with_name(ERROR).is_ok())
+    path.is_file() && parquet::ParquetSource::new(path).is_ok_and(|open| open.schema.field_with_name(ERROR).is_ok())
 }
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let file = parquet::Open::new(path)?;
+    let file = parquet::ParquetSource::new(path)?;
     let schema = file.schema.clone();
     let names: Vec<String> = schema.fields().iter().map(|f| f.name().clone()).collect();
     let exact = |kinds: &[&str]| names.iter().find(|n| kinds.contains(&n.as_str())).cloned();
@@ -92,11 +92,11 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let errors = nodes.values.pop_if(|_| error.is_some());
     let heights = nodes.values.pop_if(|_| height.is_some());
     let system = match code {
-        Some(code) => System::Epsg(code),
-        None if projected => System::Projected,
-        None => System::Degrees,
+        Some(code) => FileCrs::Epsg(code),
+        None if projected => FileCrs::Projected,
+        None => FileCrs::Degrees,
     };
-    let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
+    let mut draft = MapDraft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
     draft.unit = unit;
     (draft.heights, draft.errors) = (heights, errors);
     draft.axis_unit = axis_unit;
@@ -143,7 +143,7 @@ fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Op
 /// Nodes per batch that is written.
 const BATCH_NODES: usize = 1 << 20;
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     let schema = schema(map);
     let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
     let sink = outputs.create()?;

@@ -7,13 +7,13 @@
 use std::{io::Write, path::Path};
 
 use super::{
-    Head, MapFormat, MapOptions,
-    grid_bytes::{Fields, blanked, bytes_of, level_m, nodes, range, rows},
-    output::Outputs,
+    FileHead, MapFormat, MapOptions,
+    grid_bytes::{FieldCursor, blanked, bytes_of, level_m, nodes, range, rows},
+    output::MapOutputFiles,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{FileAxis, FileCrs, MapDraft},
 };
 use grids::AnomalyGrid;
 
@@ -21,7 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer6",
     about: "Surfer 6 grid, binary (DSBB), single precision",
     extensions: &["grd"],
-    recognise: |head: &Head| head.starts_with(b"DSBB"),
+    recognise: |head: &FileHead| head.starts_with(b"DSBB"),
     beside: None,
     read,
     write: Some(write),
@@ -32,7 +32,7 @@ const BLANK: f32 = 1.701_41e38;
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
-    let mut fields = Fields::new(path, &bytes);
+    let mut fields = FieldCursor::new(path, &bytes);
     if fields.take(4)? != b"DSBB" {
         return Err(ReadError::data(path, "the file is not a Surfer 6 binary grid: it must begin with DSBB"));
     }
@@ -44,10 +44,10 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let values = fields.take(4 * width * height)?.chunks_exact(4).map(single).collect();
     let x = FileAxis::between(path, "x", west, east, width)?;
     let y = FileAxis::between(path, "y", south, north, height)?;
-    Draft::new(path, x, y, values, System::Unknown).finish(options)
+    MapDraft::new(path, x, y, values, FileCrs::Unknown).finish(options)
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let size = |n: usize| {
         i16::try_from(n).map_err(|_| {

@@ -6,13 +6,13 @@
 use std::{io::Write, path::Path};
 
 use super::{
-    Head, MapFormat, MapOptions,
-    grid_bytes::{Fields, SURFER_BLANK, bytes_of, level_m, nodes, range, rows},
-    output::Outputs,
+    FileHead, MapFormat, MapOptions,
+    grid_bytes::{FieldCursor, SURFER_BLANK, bytes_of, level_m, nodes, range, rows},
+    output::MapOutputFiles,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System, is_marker},
+    grid::{FileAxis, FileCrs, MapDraft, is_marker},
 };
 use grids::AnomalyGrid;
 
@@ -20,14 +20,14 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer7",
     about: "Surfer 7 grid (DSRB), double precision",
     extensions: &["grd"],
-    recognise: |head: &Head| head.starts_with(b"DSRB"),
+    recognise: |head: &FileHead| head.starts_with(b"DSRB"),
     beside: None,
     read,
     write: Some(write),
 };
 
-/// The contents of the `GRID` section.
-struct Place {
+/// Contents of the `GRID` section: axes, blank value, width and height.
+struct SurferGridHeader {
     x: FileAxis,
     y: FileAxis,
     blank: f64,
@@ -37,13 +37,13 @@ struct Place {
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
-    let mut fields = Fields::new(path, &bytes);
+    let mut fields = FieldCursor::new(path, &bytes);
     let mut place = None;
     let mut version = 1;
     loop {
         let tag = fields.take(4)?;
         let size = u32::from_le_bytes(fields.take(4)?.try_into().unwrap_or_default()) as usize;
-        let mut section = Fields::new(path, fields.take(size)?);
+        let mut section = FieldCursor::new(path, fields.take(size)?);
         match (tag, place.as_ref()) {
             (b"DSRB", None) => version = section.i32()?,
             (b"GRID", None) => place = Some(grid(path, &mut section, bytes.len() as u64)?),
@@ -55,7 +55,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     }
 }
 
-fn grid(path: &Path, section: &mut Fields, bytes: u64) -> Result<Place, ReadError> {
+fn grid(path: &Path, section: &mut FieldCursor, bytes: u64) -> Result<SurferGridHeader, ReadError> {
     let (rows, columns) = (section.i32()?, section.i32()?);
     let [west, south, dx, dy] = [section.f64()?, section.f64()?, section.f64()?, section.f64()?];
     let [_, _, rotation, blank] = [section.f64()?, section.f64()?, section.f64()?, section.f64()?];
@@ -66,25 +66,25 @@ fn grid(path: &Path, section: &mut Fields, bytes: u64) -> Result<Place, ReadErro
     let (width, height) = nodes(path, columns.into(), rows.into(), 8, bytes)?;
     let x = FileAxis::new(path, "x", west, dx, width)?;
     let y = FileAxis::new(path, "y", south, dy, height)?;
-    Ok(Place { x, y, blank, width, height })
+    Ok(SurferGridHeader { x, y, blank, width, height })
 }
 
 fn data(
     path: &Path,
     options: &MapOptions,
-    place: &Place,
+    place: &SurferGridHeader,
     version: i32,
-    section: &mut Fields,
+    section: &mut FieldCursor,
 ) -> Result<AnomalyGrid, ReadError> {
     // In version 1 all values from the blank value up are blank, in version 2 only that value.
     let blank = |v: f64| is_marker(v, place.blank) || version < 2 && v >= place.blank;
     let value = |b: &[u8]| b.try_into().map_or(f64::NAN, f64::from_le_bytes);
     let known = |v: f64| if blank(v) || v >= SURFER_BLANK { f64::NAN } else { v };
     let values = section.take(8 * place.width * place.height)?.chunks_exact(8).map(|b| known(value(b))).collect();
-    Draft::new(path, place.x, place.y, values, System::Unknown).finish(options)
+    MapDraft::new(path, place.x, place.y, values, FileCrs::Unknown).finish(options)
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let refused = || ReadError::options(outputs.path(), "a Surfer 7 grid has at most 4 GiB of values");
     let size = |n: usize| i32::try_from(n).map_err(|_| refused());

@@ -6,13 +6,13 @@
 use std::{io::Write, path::Path};
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     grid_bytes::{blanked, level_m, nodes, numbers, range, text_of, write_rows},
-    output::Outputs,
+    output::MapOutputFiles,
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, System},
+    grid::{FileAxis, FileCrs, MapDraft},
 };
 use grids::AnomalyGrid;
 
@@ -20,7 +20,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer6_text",
     about: "Surfer 6 grid, text (DSAA)",
     extensions: &["grd"],
-    recognise: |head: &Head| head.starts_with(b"DSAA"),
+    recognise: |head: &FileHead| head.starts_with(b"DSAA"),
     beside: None,
     read,
     write: Some(write),
@@ -41,10 +41,10 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let values = numbers(path, &mut words, width * height)?.into_iter().map(blanked).collect();
     let x = FileAxis::between(path, "x", *west, *east, width)?;
     let y = FileAxis::between(path, "y", *south, *north, height)?;
-    Draft::new(path, x, y, values, System::Unknown).finish(options)
+    MapDraft::new(path, x, y, values, FileCrs::Unknown).finish(options)
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let mut sink = outputs.create()?;
     let (least, most) = range(&map.anomaly_nt);

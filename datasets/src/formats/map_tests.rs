@@ -6,7 +6,7 @@ use numerics::maps::plane_grid::EvenAxis;
 use tempfile::TempDir;
 
 use super::*;
-use grids::{Crs, Height, Registration};
+use grids::{Crs, GridHeight, Registration};
 
 fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("reference/maps")
@@ -33,7 +33,7 @@ fn small(geographic: bool) -> AnomalyGrid {
         false => (axis(370_000.0, 500.0, 7), axis(5_676_500.0, 500.0, 5), 32630),
     };
     let crs = Crs::from_epsg(Path::new("small"), code).unwrap();
-    AnomalyGrid::new(x, y, crs, values, Height::Level(300.0)).unwrap()
+    AnomalyGrid::new(x, y, crs, values, GridHeight::Level(300.0)).unwrap()
 }
 
 fn same_axis(a: &EvenAxis, b: &EvenAxis) -> bool {
@@ -199,7 +199,7 @@ mod round_trips {
         let most = if kept.single { 2400.0 * f64::from(f32::EPSILON) / 2.0 } else { f64::MIN_POSITIVE };
         assert!(worst <= most, "{}: {worst}", kept.format);
         match (&back.height, &map.height) {
-            (Height::Level(a), Height::Level(b)) => assert!(if kept.height { a == b } else { a.is_nan() }),
+            (GridHeight::Level(a), GridHeight::Level(b)) => assert!(if kept.height { a == b } else { a.is_nan() }),
             (a, b) => assert_eq!(a, b, "{}", kept.format),
         }
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
@@ -226,7 +226,7 @@ mod round_trips {
     fn unit_a_drape_is_kept_or_refused() {
         let folder = TempDir::new().unwrap();
         let heights = (0..35).map(|i| 100.0 + f64::from(i) / 3.0).collect();
-        let drape = AnomalyGrid { height: Height::Cells(heights), ..small(true) };
+        let drape = AnomalyGrid { height: GridHeight::Cells(heights), ..small(true) };
         for kept in &ALL {
             if kept.varying {
                 check(&folder, kept, &drape);

@@ -6,18 +6,18 @@
 use std::{io::Write, path::Path};
 
 use super::{
-    Head, MapFormat, MapOptions,
+    FileHead, MapFormat, MapOptions,
     csv::number,
     grid_bytes::text,
     map_parquet::{ANOMALIES, EASTINGS, HEIGHTS, LATITUDES, LONGITUDES, NORTHINGS, axis_unit},
-    output::Outputs,
+    output::MapOutputFiles,
     text_table::{self, TextTable},
 };
 use crate::{
     ReadError,
-    grid::{Draft, System, from_nodes},
+    grid::{FileCrs, MapDraft, from_nodes},
 };
-use grids::{AnomalyGrid, Height};
+use grids::{AnomalyGrid, GridHeight};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "xyz",
@@ -30,7 +30,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 };
 
 /// Text whose first rows are of three numbers or more, except for a header.
-fn recognise(head: &Head) -> bool {
+fn recognise(head: &FileHead) -> bool {
     if head.text().contains(&0) {
         return false;
     }
@@ -58,17 +58,17 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let all: Vec<&[f64]> = [Some(values), heights].into_iter().flatten().collect();
     let mut nodes = from_nodes(path, (name(x), xs), (name(y), ys), &all)?;
     let heights = nodes.values.pop_if(|_| heights.is_some());
-    let said = Said::of(&table.comments);
+    let said = XyzGridComments::from_comments(&table.comments);
     if said.nodes.is_some_and(|n| n != values.len()) {
         let what = format!("the file is cut short: {} of {} rows found", values.len(), said.nodes.unwrap_or(0));
         return Err(ReadError::data(path, what));
     }
     let system = match (said.epsg, geographic) {
-        (Some(code), _) => System::Epsg(code),
-        (None, true) => System::Degrees,
-        (None, false) => System::Unknown,
+        (Some(code), _) => FileCrs::Epsg(code),
+        (None, true) => FileCrs::Degrees,
+        (None, false) => FileCrs::Unknown,
     };
-    let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
+    let mut draft = MapDraft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
     draft.heights = heights;
     draft.axis_unit = axis_unit(path, [name(x), name(y)], [None, None])?;
     draft.level_m = said.height_m;
@@ -96,23 +96,23 @@ fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool)
     }
 }
 
-/// The information in the comments.
+/// Grid properties in the comments: EPSG code, height in m, unit, number of nodes.
 #[derive(Debug, Default, PartialEq)]
-struct Said {
+struct XyzGridComments {
     epsg: Option<u16>,
     height_m: Option<f64>,
     unit: Option<String>,
     nodes: Option<usize>,
 }
 
-impl Said {
-    fn of(comments: &[String]) -> Said {
+impl XyzGridComments {
+    fn from_comments(comments: &[String]) -> XyzGridComments {
         let after = |key: &str| {
             let found = comments.iter().find_map(|c| c.split(key).nth(1))?;
             let word = found.trim_start().split([' ', ',', ';', ')']).next()?;
             Some(word.to_owned())
         };
-        Said {
+        XyzGridComments {
             epsg: after("EPSG:").and_then(|w| w.parse().ok()),
             height_m: after("height_m=").and_then(|w| w.parse().ok()),
             unit: after("unit="),
@@ -121,11 +121,11 @@ impl Said {
     }
 }
 
-fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     let names = if map.is_geographic() { "lon lat anomaly" } else { "easting northing anomaly" };
-    let cells = matches!(map.height, Height::Cells(_));
+    let cells = matches!(map.height, GridHeight::Cells(_));
     let height = match map.height {
-        Height::Level(alt_m) if !alt_m.is_nan() => format!(" height_m={alt_m}"),
+        GridHeight::Level(alt_m) if !alt_m.is_nan() => format!(" height_m={alt_m}"),
         _ => String::new(),
     };
     let comma = outputs.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));

@@ -14,23 +14,23 @@ use csv::ByteRecord;
 use numerics::earth::dates::day_of_year;
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault,
-    adopt::{Named, in_counted_unit, named},
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault,
+    adopt::{FlightColumnTarget, in_counted_unit, named},
     csv as plain,
     iaga2002::days_between,
-    missing::Missing,
+    missing::MissingMarkers,
     text_end::{TextFile, is_whole},
 };
 use crate::{
     ReadError,
-    table::{Table, Values},
+    table::{ColumnTable, ColumnValues},
 };
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "mfam",
     about: "MagArrow and MFAM magnetometers: the CSV of Geometrics' Survey Manager",
     extensions: &[],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let header = head.first_line().unwrap_or_default();
         let names: Vec<&str> = header.split(',').map(str::trim).collect();
         names.first() == Some(&"Counter")
@@ -85,13 +85,13 @@ const COMPASS: [&str; 3] = ["CompassX", "CompassY", "CompassZ"];
 const WHEN: [&str; 2] = ["Date", "Time"];
 
 /// A column of the file.
-struct Column {
+struct MfamColumn {
     header: String,
     meant: String,
-    named: Named,
+    named: FlightColumnTarget,
 }
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
     let headers = plain::header(path)?;
     let width = headers.iter().position(|h| h == SENTENCES).unwrap_or(headers.len());
     let rest = headers.len() - width;
@@ -102,11 +102,11 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
         // Date, time and compass become other columns.
         let made = WHEN.contains(&header.as_str()) || COMPASS.contains(&header.as_str());
         let named = if made {
-            Named { name: header.clone(), unit: String::new() }
+            FlightColumnTarget { name: header.clone(), unit: String::new() }
         } else {
             named(path, &[header, &meant], known.map(|(.., unit)| *unit), options)?
         };
-        Ok(Column { header: header.clone(), meant, named })
+        Ok(MfamColumn { header: header.clone(), meant, named })
     };
     let columns = headers.iter().take(width).map(column).collect::<Result<Vec<_>, ReadError>>()?;
     for needed in ["Date", "Time", "Latitude", "Longitude"] {
@@ -118,21 +118,27 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let own = own.flat_map(|c| [c.header.clone(), c.meant.clone()]).collect();
     let file = TextFile::open(path)?;
     let reader = csv::ReaderBuilder::new().flexible(true).from_reader(file);
-    let rows = Rows { path: path.to_path_buf(), columns, rest, missing: Missing::of(options), day: None };
-    let schema = rows.table(&Gathered::new(&rows.columns))?.schema();
+    let rows = MfamRowParser {
+        path: path.to_path_buf(),
+        columns,
+        rest,
+        missing: MissingMarkers::from_options(options),
+        day: None,
+    };
+    let schema = rows.table(&MfamBatch::new(&rows.columns))?.schema();
     let notes = match is_whole(path) {
         Ok(false) => vec![format!("{}: the file does not end with a newline, so it may be truncated", path.display())],
         _ => vec![],
     };
-    Ok(Raw {
+    Ok(RawFlight {
         own: Some(own),
         notes,
-        ..Raw::new(schema.clone(), Box::new(Batches { rows, reader, schema, row: 0, done: false }))
+        ..RawFlight::new(schema.clone(), Box::new(MfamBatchReader { rows, reader, schema, row: 0, done: false }))
     })
 }
 
 /// The rows of a batch, by column.
-struct Gathered {
+struct MfamBatch {
     rows: usize,
     numbers: Vec<Vec<f64>>,
     words: Vec<Vec<String>>,
@@ -140,37 +146,37 @@ struct Gathered {
     faults: Vec<RowFault>,
 }
 
-impl Gathered {
-    fn new(columns: &[Column]) -> Gathered {
+impl MfamBatch {
+    fn new(columns: &[MfamColumn]) -> MfamBatch {
         let (numbers, words) = (vec![vec![]; columns.len()], vec![vec![]; columns.len()]);
-        Gathered { rows: 0, numbers, words, tt: vec![], faults: vec![] }
+        MfamBatch { rows: 0, numbers, words, tt: vec![], faults: vec![] }
     }
 }
 
-struct Rows {
+struct MfamRowParser {
     path: PathBuf,
-    columns: Vec<Column>,
+    columns: Vec<MfamColumn>,
     /// Number of columns of the header that are not read.
     rest: usize,
-    missing: Missing,
+    missing: MissingMarkers,
     /// Year and day of the first row.
     day: Option<(i32, u32)>,
 }
 
-struct Batches {
-    rows: Rows,
+struct MfamBatchReader {
+    rows: MfamRowParser,
     reader: csv::Reader<TextFile>,
     schema: SchemaRef,
     row: u64,
     done: bool,
 }
 
-impl Iterator for Batches {
-    type Item = Result<Part, ReadError>;
+impl Iterator for MfamBatchReader {
+    type Item = Result<FlightBatch, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let Batches { rows, reader, schema, row, done } = self;
-        let (mut gathered, mut record) = (Gathered::new(&rows.columns), ByteRecord::new());
+        let MfamBatchReader { rows, reader, schema, row, done } = self;
+        let (mut gathered, mut record) = (MfamBatch::new(&rows.columns), ByteRecord::new());
         while !*done && gathered.rows < ROWS {
             match reader.read_byte_record(&mut record) {
                 Ok(true) => rows.gather(&record, *row, &mut gathered),
@@ -188,13 +194,13 @@ impl Iterator for Batches {
         let faults = std::mem::take(&mut gathered.faults);
         let batch = rows.table(&gathered).and_then(|t| t.into_batch(&rows.path));
         debug_assert!(batch.as_ref().is_ok_and(|b| b.schema() == *schema));
-        Some(batch.map(|batch| Part { batch, faults }))
+        Some(batch.map(|batch| FlightBatch { batch, faults }))
     }
 }
 
-impl Rows {
+impl MfamRowParser {
     /// Adds a row.
-    fn gather(&mut self, record: &ByteRecord, row: u64, to: &mut Gathered) {
+    fn gather(&mut self, record: &ByteRecord, row: u64, to: &mut MfamBatch) {
         let width = self.columns.len();
         // Sentences without quotes are several values; the empty ones at the end may be missing or too many.
         let spare = record.iter().skip(width + self.rest).any(|w| !w.trim_ascii().is_empty());
@@ -236,19 +242,19 @@ impl Rows {
         to.rows += 1;
     }
 
-    fn numbers<'a>(&self, gathered: &'a Gathered, header: &str) -> Option<&'a Vec<f64>> {
+    fn numbers<'a>(&self, gathered: &'a MfamBatch, header: &str) -> Option<&'a Vec<f64>> {
         gathered.numbers.get(self.columns.iter().position(|c| c.header == header)?)
     }
 
     /// The rows as a table.
-    fn table(&self, gathered: &Gathered) -> Result<Table, ReadError> {
-        let mut table = Table::default();
-        table.push("tt", "s", Values::Number(gathered.tt.clone()));
-        let whole = |x: Option<i64>| Values::Whole(vec![x; gathered.rows]);
+    fn table(&self, gathered: &MfamBatch) -> Result<ColumnTable, ReadError> {
+        let mut table = ColumnTable::default();
+        table.push("tt", "s", ColumnValues::Number(gathered.tt.clone()));
+        let whole = |x: Option<i64>| ColumnValues::Whole(vec![x; gathered.rows]);
         table.push("year", "", whole(self.day.map(|(year, _)| i64::from(year))));
         table.push("doy", "", whole(self.day.map(|(_, day)| i64::from(day))));
         for (i, column) in self.columns.iter().enumerate() {
-            let Column { header, meant, named } = column;
+            let MfamColumn { header, meant, named } = column;
             if WHEN.contains(&header.as_str()) || COMPASS.contains(&header.as_str()) {
                 continue;
             }
@@ -257,7 +263,7 @@ impl Rows {
             }
             if WORDS.contains(&meant.as_str()) {
                 let words = gathered.words.get(i).cloned().unwrap_or_default();
-                table.push(&named.name, "", Values::Text(words));
+                table.push(&named.name, "", ColumnValues::Text(words));
                 continue;
             }
             let mut values = gathered.numbers.get(i).cloned().unwrap_or_default();
@@ -268,19 +274,19 @@ impl Rows {
             }
             let counted = COLUMNS.iter().find(|(theirs, ..)| theirs == header).map_or("", |(.., unit)| *unit);
             let (unit, values) = in_counted_unit(&self.path, header, named, counted, values)?;
-            table.push(&named.name, &unit, Values::Number(values));
+            table.push(&named.name, &unit, ColumnValues::Number(values));
         }
         if let [Some(x), Some(y), Some(z)] = COMPASS.map(|c| self.numbers(gathered, c)) {
             let aft = y.iter().map(|y| -y).collect();
             for (name, values) in [("flux_a_x", aft), ("flux_a_y", x.clone()), ("flux_a_z", z.clone())] {
-                table.push(name, "nT", Values::Number(values));
+                table.push(name, "nT", ColumnValues::Number(values));
             }
         }
         let heights = ["msl", "geoid"].map(|n| table.numbers(n).map(<[f64]>::to_vec));
         if let [Some(msl), Some(geoid)] = heights
             && !table.has("alt")
         {
-            table.push("alt", "m", Values::Number(msl.iter().zip(&geoid).map(|(a, b)| a + b).collect()));
+            table.push("alt", "m", ColumnValues::Number(msl.iter().zip(&geoid).map(|(a, b)| a + b).collect()));
         }
         Ok(table)
     }
@@ -334,7 +340,7 @@ mod tests {
         fs::write(&path, ONE).unwrap();
         let mut reader = open_flight(&path, &options()).unwrap();
         assert_eq!(reader.format(), "mfam");
-        let canonical = schemas::canonical::Canonical::new(reader.schema()).unwrap();
+        let canonical = schemas::canonical::FlightConversion::new(reader.schema()).unwrap();
         let flight = canonical.apply(&reader.next().unwrap().unwrap()).unwrap();
         assert_eq!(numbers(&flight, "tt"), [86_399.3, 86_400.0]);
         assert_eq!(numbers(&flight, "lat"), [8.13484366, 8.13484113]);
@@ -366,7 +372,7 @@ mod tests {
             "3,2020/10/27,10:33:09.1,x,7,1, 1, 0, 1, 1, 0",
         ];
         fs::write(&path, format!("{header}{row}{}\n{row}", bad.join("\n"))).unwrap();
-        let mut reader = open_raw(&path, &options(), &Reading::default()).unwrap();
+        let mut reader = open_raw(&path, &options(), &ReadHints::default()).unwrap();
         let part = reader.next_part().unwrap().unwrap();
         assert_eq!(part.batch.num_rows(), 5);
         let said: Vec<(usize, String)> = part.faults.iter().map(|f| (f.row, f.fault.to_string())).collect();

@@ -21,16 +21,16 @@ pub(super) const NUMBERS: [f64; 2] = [-99_999.0, -1e32];
 
 /// The marks of a missing value in one file: the usual words, and those of the options.
 #[derive(Clone, Debug)]
-pub(super) struct Missing {
+pub(super) struct MissingMarkers {
     words: Vec<String>,
     numbers: Vec<f64>,
 }
 
-impl Missing {
-    pub(super) fn of(options: &FlightOptions) -> Missing {
+impl MissingMarkers {
+    pub(super) fn from_options(options: &FlightOptions) -> MissingMarkers {
         let words = options.missing.iter().map(|w| w.0.trim().to_owned()).collect();
         let given = options.missing.iter().filter_map(|w| w.0.trim().parse::<f64>().ok());
-        Missing { words, numbers: NUMBERS.into_iter().chain(given).filter(|x| !x.is_nan()).collect() }
+        MissingMarkers { words, numbers: NUMBERS.into_iter().chain(given).filter(|x| !x.is_nan()).collect() }
     }
 
     /// A number, NaN for a missing one; `None` for any other word.
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn ref_usual_words_and_those_of_the_options() {
-        let usual = Missing::of(&FlightOptions::default());
+        let usual = MissingMarkers::from_options(&FlightOptions::default());
         for word in ["", "*", "-", "N/A", "n/a", "NA", "null", "None", "NaN", "-99999", "-99999.00", "-1e32"] {
             assert!(usual.number(word).is_some_and(f64::is_nan), "{word}");
         }
@@ -115,7 +115,7 @@ mod tests {
             assert_eq!(usual.number(word), number, "{word}");
         }
         let given = FlightOptions { missing: vec!["-9999".into(), "dropout".into()], ..FlightOptions::default() };
-        let given = Missing::of(&given);
+        let given = MissingMarkers::from_options(&given);
         for word in ["-9999", "-9999.0", "dropout", "N/A", "-99999"] {
             assert!(given.is_text(word), "{word}");
         }
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn unit_fillers_of_other_writers_are_missing_too() {
-        let missing = Missing::of(&FlightOptions::default());
+        let missing = MissingMarkers::from_options(&FlightOptions::default());
         let floats = missing.nulled(&(Arc::new(Float64Array::from(vec![1.0, -99_999.0])) as ArrayRef));
         let whole = missing.nulled(&(Arc::new(Int32Array::from(vec![-99_999, 7])) as ArrayRef));
         assert_eq!((floats.is_null(0), floats.is_null(1)), (false, true));

@@ -76,20 +76,20 @@ mod topics;
 mod ulog;
 mod unit_name;
 
-pub use grids::{Extra, MapTable, SurveyPoints};
+pub use grids::{MapTable, ReductionColumns, SurveyPointSet};
 pub(crate) use guarded::guarded;
-pub use head::Head;
+pub use head::FileHead;
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use imf::read_imf;
 pub(crate) use options::markers;
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
 pub use points::{PointOptions, doubts, read_points};
-pub use topics::{RawReader, Topic, TopicColumn, open_raw, open_raw_among, topics, topics_among};
+pub use topics::{LogTopic, RawReader, TopicColumn, open_raw, open_raw_among, topics, topics_among};
 
 /// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Reading {
+pub struct ReadHints {
     /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned
     /// again. For a file that has changed since, it gives wrong values.
     pub found: Option<String>,
@@ -97,28 +97,28 @@ pub struct Reading {
     pub threads: usize,
 }
 
-impl Default for Reading {
-    fn default() -> Reading {
-        Reading { found: None, threads: 1 }
+impl Default for ReadHints {
+    fn default() -> ReadHints {
+        ReadHints { found: None, threads: 1 }
     }
 }
 
 /// An open flight log: its schema, and its rows in the file's order.
 ///
-/// Columns have the contract's names ([`open_flight`]) or the file's own ([`open_raw`]); each field's metadata `unit` is the
-/// unit that its values have, which `schemas::canonical` converts. A missing number is NaN or null.
+/// Columns have the contract's names ([`open_flight`]) or the file's own ([`open_raw`]); each field's metadata `unit`
+/// is the unit that its values have, which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
     format: FlightFormat,
     schema: SchemaRef,
     notes: Vec<String>,
     found: Option<String>,
     line_types: BTreeMap<String, LineType>,
-    parts: Parts,
+    parts: FlightBatches,
 }
 
 /// Some rows of a flight, and the faults of single rows.
 #[derive(Clone, Debug)]
-pub struct Part {
+pub struct FlightBatch {
     /// The rows. A value that could not be read is missing; a row that could not be split into columns has nothing
     /// but missing values, in the flight and line of the row before.
     pub batch: RecordBatch,
@@ -126,22 +126,22 @@ pub struct Part {
     pub faults: Vec<RowFault>,
 }
 
-impl Part {
+impl FlightBatch {
     /// Rows without faults.
-    pub fn whole(batch: RecordBatch) -> Part {
-        Part { batch, faults: vec![] }
+    pub fn whole(batch: RecordBatch) -> FlightBatch {
+        FlightBatch { batch, faults: vec![] }
     }
 }
 
 /// The rows of a file, as they are read.
-pub type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
+pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
 
 /// The output of a format before names and keys are settled.
-pub struct Raw {
+pub struct RawFlight {
     /// The schema of every batch.
     pub schema: SchemaRef,
     /// The rows.
-    pub parts: Parts,
+    pub parts: FlightBatches,
     /// The file's names of its columns, where the format has settled names and units itself.
     pub own: Option<Vec<String>>,
     /// Whether numbers that mark missing values are still among the values.
@@ -157,10 +157,10 @@ pub struct Raw {
     pub line_types: BTreeMap<String, LineType>,
 }
 
-impl Raw {
+impl RawFlight {
     /// Columns under the file's own names.
-    pub fn new(schema: SchemaRef, parts: Parts) -> Raw {
-        Raw {
+    pub fn new(schema: SchemaRef, parts: FlightBatches) -> RawFlight {
+        RawFlight {
             schema,
             parts,
             own: None,
@@ -180,7 +180,7 @@ impl FlightReader {
     }
 
     /// Sets the inputs of the flight, where they are not its file alone.
-    pub fn made_from(&self) -> Option<SayMadeFrom> {
+    pub fn made_from(&self) -> Option<FlightInputLister> {
         self.format.made_from
     }
 
@@ -194,7 +194,7 @@ impl FlightReader {
         &self.notes
     }
 
-    /// The result of scanning the whole file when it was opened, for [`Reading::found`]; `None` where that was not
+    /// The result of scanning the whole file when it was opened, for [`ReadHints::found`]; `None` where that was not
     /// needed.
     pub fn found(&self) -> Option<&str> {
         self.found.as_deref()
@@ -209,7 +209,7 @@ impl FlightReader {
     ///
     /// # Errors
     /// Fails for damage after which nothing more of the file can be read.
-    pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
+    pub fn next_part(&mut self) -> Option<Result<FlightBatch, ReadError>> {
         self.parts.next()
     }
 }
@@ -233,20 +233,20 @@ impl std::fmt::Debug for FlightReader {
     }
 }
 
-/// The inputs of a flight that its file refers to, as a simulation spec refers to a map.
+/// Input files of a flight that is computed from a spec, and its number of lines.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MadeFrom {
+pub struct FlightInputs {
     /// The files that its values depend on, its own first.
     pub files: Vec<PathBuf>,
     /// The number of lines.
     pub lines: usize,
 }
 
-/// Returns the tables of a file.
-pub type ListTopics = fn(&Path, &FlightOptions) -> Result<Vec<Topic>, ReadError>;
+/// Function that lists the topics of a file.
+pub type TopicLister = fn(&Path, &FlightOptions) -> Result<Vec<LogTopic>, ReadError>;
 
-/// Returns the inputs of a flight.
-pub type SayMadeFrom = fn(&Path) -> Result<MadeFrom, ReadError>;
+/// Function that lists the inputs of a computed flight.
+pub type FlightInputLister = fn(&Path) -> Result<FlightInputs, ReadError>;
 
 /// A flight format: its name, recognition and opening.
 #[derive(Clone, Copy)]
@@ -258,21 +258,21 @@ pub struct FlightFormat {
     /// Its file extensions.
     pub extensions: &'static [&'static str],
     /// Whether a file is of this format, by its start.
-    pub recognise: fn(&Head) -> bool,
+    pub recognise: fn(&FileHead) -> bool,
     /// Opens a file.
-    pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
+    pub open: fn(&Path, &FlightOptions, &ReadHints) -> Result<RawFlight, ReadError>,
     /// The tables of a file, for a format that holds several; `None` for a format of one table.
-    pub topics: Option<ListTopics>,
+    pub topics: Option<TopicLister>,
     /// Where the values are computed from a file instead of read: the inputs. That takes far less time than
     /// reading.
-    pub made_from: Option<SayMadeFrom>,
+    pub made_from: Option<FlightInputLister>,
 }
 
-/// Returns the other files of a map.
-type Beside = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
+/// Function that lists the other files of a map.
+type CompanionFileLister = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
 
-/// Writes a map into the files that it begins.
-type Write = fn(&AnomalyGrid, &mut output::Outputs) -> Result<(), ReadError>;
+/// Function that writes a map to its files.
+type MapWriter = fn(&AnomalyGrid, &mut output::MapOutputFiles) -> Result<(), ReadError>;
 
 /// A map format: its name, recognition, reading and writing.
 pub struct MapFormat {
@@ -282,11 +282,11 @@ pub struct MapFormat {
     pub about: &'static str,
     /// Its file extensions.
     pub extensions: &'static [&'static str],
-    recognise: fn(&Head) -> bool,
+    recognise: fn(&FileHead) -> bool,
     /// The other files that a map of one file is made of, where there may be some.
-    beside: Option<Beside>,
+    beside: Option<CompanionFileLister>,
     read: fn(&Path, &MapOptions) -> Result<AnomalyGrid, ReadError>,
-    write: Option<Write>,
+    write: Option<MapWriter>,
 }
 
 impl MapFormat {
@@ -343,14 +343,14 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// Fails for a file that is missing, empty, damaged or in no known format, and options that do not fit it. Faults
 /// further on in the file are returned by the reader.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
-    open_flight_with(path, options, &Reading::default())
+    open_flight_with(path, options, &ReadHints::default())
 }
 
 /// [`open_flight`] with hints.
 ///
 /// # Errors
 /// Fails as [`open_flight`].
-pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
+pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<FlightReader, ReadError> {
     open_flight_among(FLIGHT_FORMATS, path, options, reading)
 }
 
@@ -362,7 +362,7 @@ pub fn open_flight_among(
     formats: &[FlightFormat],
     path: &Path,
     options: &FlightOptions,
-    reading: &Reading,
+    reading: &ReadHints,
 ) -> Result<FlightReader, ReadError> {
     let (format, raw) = open_format(formats, path, options, reading)?;
     Ok(reader(format, adopt::adopt(path, raw, options)?))
@@ -373,8 +373,8 @@ fn open_format(
     formats: &[FlightFormat],
     path: &Path,
     options: &FlightOptions,
-    reading: &Reading,
-) -> Result<(FlightFormat, Raw), ReadError> {
+    reading: &ReadHints,
+) -> Result<(FlightFormat, RawFlight), ReadError> {
     let format = format_of(formats, path, options)?;
     if options.topic.is_some() && format.topics.is_none() {
         let what = format!("a file of the format `{}` is one table, without topics", format.name);
@@ -387,14 +387,14 @@ fn open_format(
 
 /// The format of a file.
 fn format_of(formats: &[FlightFormat], path: &Path, options: &FlightOptions) -> Result<FlightFormat, ReadError> {
-    let head = Head { rename: Some(&options.rename), ..Head::read(path)? };
-    let entries: Vec<_> = formats.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
+    let head = FileHead { rename: Some(&options.rename), ..FileHead::read(path)? };
+    let entries: Vec<_> = formats.iter().map(|f| FormatCandidate::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
     Ok(formats[chosen])
 }
 
-fn reader(format: FlightFormat, raw: Raw) -> FlightReader {
-    let Raw { schema, notes, found, parts, line_types, .. } = raw;
+fn reader(format: FlightFormat, raw: RawFlight) -> FlightReader {
+    let RawFlight { schema, notes, found, parts, line_types, .. } = raw;
     FlightReader { format, schema, notes, found, line_types, parts }
 }
 
@@ -412,8 +412,8 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError
 /// # Errors
 /// Fails as [`read_map`].
 pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
-    let head = Head::read(path)?;
-    let entries: Vec<_> = MAP_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
+    let head = FileHead::read(path)?;
+    let entries: Vec<_> = MAP_FORMATS.iter().map(|f| FormatCandidate::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "map")?;
     let format = &MAP_FORMATS[chosen];
     let map = (format.read)(path, options)?;
@@ -423,7 +423,7 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadE
 /// Whether a map's file has a column with the error of each node ([`schemas::map::ERROR`]), as Parquet may.
 pub fn map_gives_error(path: &Path, options: &MapOptions) -> bool {
     let parquet = map_parquet::FORMAT;
-    let chosen = || Head::read(path).is_ok_and(|head| (parquet.recognise)(&head));
+    let chosen = || FileHead::read(path).is_ok_and(|head| (parquet.recognise)(&head));
     options.format.as_deref().map_or_else(chosen, |format| format == parquet.name) && map_parquet::gives_error(path)
 }
 
@@ -438,7 +438,7 @@ pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
         return Ok(files);
     }
     files.extend(side_files::existing(path));
-    let head = Head::read(path)?;
+    let head = FileHead::read(path)?;
     for format in MAP_FORMATS {
         if let Some(beside) = format.beside.filter(|_| (format.recognise)(&head)) {
             files.extend(beside(path)?);
@@ -447,20 +447,20 @@ pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     Ok(files)
 }
 
-struct Choice {
+struct FormatCandidate {
     name: &'static str,
     extensions: &'static [&'static str],
-    recognise: fn(&Head) -> bool,
+    recognise: fn(&FileHead) -> bool,
 }
 
-impl Choice {
-    fn new(name: &'static str, extensions: &'static [&'static str], recognise: fn(&Head) -> bool) -> Self {
+impl FormatCandidate {
+    fn new(name: &'static str, extensions: &'static [&'static str], recognise: fn(&FileHead) -> bool) -> Self {
         Self { name, extensions, recognise }
     }
 }
 
 /// The position of the format to use, or an error that lists the known ones.
-fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Result<usize, ReadError> {
+fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind: &str) -> Result<usize, ReadError> {
     let names: Vec<&str> = known.iter().map(|c| c.name).collect();
     if let Some(name) = named {
         let found = known.iter().position(|c| c.name == name).ok_or_else(|| {
@@ -470,7 +470,7 @@ fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Res
         return foreign.map_or(Ok(found), Err);
     }
     let lower = head.path.to_string_lossy().to_ascii_lowercase();
-    let by_extension = |c: &Choice| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
+    let by_extension = |c: &FormatCandidate| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
     let recognised = known.iter().position(|c| (c.recognise)(head));
     // A text may look like a table of numbers and be another thing.
     if let Some(foreign) = foreign::refused(head) {

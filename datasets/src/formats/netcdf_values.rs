@@ -10,8 +10,8 @@ use crate::{
     grid::{PLAIN, is_marker},
 };
 
-/// The storage of a variable.
-pub(super) struct Storage {
+/// Encoding of the numbers of a variable: sign, missing values, valid range, scale and offset.
+pub(super) struct NetcdfEncoding {
     kind: NcType,
     /// Number that is added to negative values of an unsigned type, or subtracted from large values of a signed type.
     modulus: Option<f64>,
@@ -27,17 +27,17 @@ pub(super) struct Storage {
 const ANYTHING: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// An attribute.
-pub(super) enum Attribute {
+pub(super) enum NetcdfAttribute {
     /// Numbers, and whether they are floating-point.
     Numbers(Vec<f64>, bool),
     Text(String),
 }
 
-impl Attribute {
-    fn from_netcdf(value: &NcAttrValue) -> Attribute {
+impl NetcdfAttribute {
+    fn from_netcdf(value: &NcAttrValue) -> NetcdfAttribute {
         let real = matches!(value, NcAttrValue::Floats(_) | NcAttrValue::Doubles(_));
-        let numbers = value.as_f64_vec().map(|numbers| Attribute::Numbers(numbers, real));
-        numbers.unwrap_or_else(|| Attribute::Text(value.as_string().unwrap_or_default()))
+        let numbers = value.as_f64_vec().map(|numbers| NetcdfAttribute::Numbers(numbers, real));
+        numbers.unwrap_or_else(|| NetcdfAttribute::Text(value.as_string().unwrap_or_default()))
     }
 }
 
@@ -45,15 +45,16 @@ impl Attribute {
 pub(super) const ATTRIBUTES: [&str; 8] =
     ["_FillValue", "missing_value", "scale_factor", "add_offset", "valid_min", "valid_max", "valid_range", "_Unsigned"];
 
-impl Storage {
+impl NetcdfEncoding {
     /// The storage of a variable of NetCDF.
     ///
     /// # Errors
-    /// Fails as [`Storage::of`].
-    pub(super) fn of_variable(path: &Path, variable: &NcVariable) -> Result<Storage, ReadError> {
-        let read = |name: &&str| Some(((*name).to_owned(), Attribute::from_netcdf(&variable.attribute(name)?.value)));
+    /// Fails as [`NetcdfEncoding::from_attributes`].
+    pub(super) fn of_variable(path: &Path, variable: &NcVariable) -> Result<NetcdfEncoding, ReadError> {
+        let read =
+            |name: &&str| Some(((*name).to_owned(), NetcdfAttribute::from_netcdf(&variable.attribute(name)?.value)));
         let all = ATTRIBUTES.iter().filter_map(read).collect();
-        Storage::of(path, variable.name(), variable.dtype().clone(), &all, true)
+        NetcdfEncoding::from_attributes(path, variable.name(), variable.dtype().clone(), &all, true)
     }
 
     /// The storage that the attributes of a variable describe, among [`ATTRIBUTES`]. With `filled`, values that were
@@ -61,14 +62,14 @@ impl Storage {
     ///
     /// # Errors
     /// Fails for an attribute that is not a number, and a valid range that has not two numbers.
-    pub(super) fn of(
+    pub(super) fn from_attributes(
         path: &Path,
         variable: &str,
         kind: NcType,
-        attributes: &BTreeMap<String, Attribute>,
+        attributes: &BTreeMap<String, NetcdfAttribute>,
         filled: bool,
-    ) -> Result<Storage, ReadError> {
-        let attributes = Attributes { path, variable, all: attributes };
+    ) -> Result<NetcdfEncoding, ReadError> {
+        let attributes = NetcdfAttributes { path, variable, all: attributes };
         let modulus = attributes.modulus(&kind)?;
         let stored = |x: &f64| in_type(&kind, modulus, *x);
         let numbers = |name: &str| attributes.numbers(name).map(|all| all.unwrap_or_default());
@@ -101,7 +102,7 @@ impl Storage {
                 return Err(ReadError::data(path, what).in_column(variable));
             }
         }
-        Ok(Storage { kind, modulus, missing, valid, valid_unpacked, packing })
+        Ok(NetcdfEncoding { kind, modulus, missing, valid, valid_unpacked, packing })
     }
 
     /// The numbers of a coordinate variable with their sign, without missing values.
@@ -145,14 +146,14 @@ impl Storage {
     }
 }
 
-struct Attributes<'a> {
+struct NetcdfAttributes<'a> {
     path: &'a Path,
     variable: &'a str,
-    all: &'a BTreeMap<String, Attribute>,
+    all: &'a BTreeMap<String, NetcdfAttribute>,
 }
 
-impl Attributes<'_> {
-    fn get(&self, name: &str) -> Option<&Attribute> {
+impl NetcdfAttributes<'_> {
+    fn get(&self, name: &str) -> Option<&NetcdfAttribute> {
         self.all.get(name)
     }
 
@@ -164,8 +165,8 @@ impl Attributes<'_> {
     fn numbers(&self, name: &str) -> Result<Option<Vec<f64>>, ReadError> {
         let text = match self.get(name) {
             None => return Ok(None),
-            Some(Attribute::Numbers(numbers, _)) => return Ok(Some(numbers.clone())),
-            Some(Attribute::Text(text)) => text,
+            Some(NetcdfAttribute::Numbers(numbers, _)) => return Ok(Some(numbers.clone())),
+            Some(NetcdfAttribute::Text(text)) => text,
         };
         let words = text.split([',', ' ', '\0']).filter(|w| !w.is_empty());
         let numbers = words.map(|w| w.trim_end_matches(['f', 'd', 's', 'b', 'L']).parse().ok()).collect();
@@ -182,18 +183,18 @@ impl Attributes<'_> {
     }
 
     fn is_real(&self, name: &str) -> bool {
-        matches!(self.get(name), Some(Attribute::Numbers(_, true)))
+        matches!(self.get(name), Some(NetcdfAttribute::Numbers(_, true)))
     }
 
     /// 2 to the power of the bits of an integer whose sign `_Unsigned` changes.
     fn modulus(&self, kind: &NcType) -> Result<Option<f64>, ReadError> {
         let unsigned = match self.get("_Unsigned") {
             None => return Ok(None),
-            Some(Attribute::Numbers(numbers, _)) => match numbers.as_slice() {
+            Some(NetcdfAttribute::Numbers(numbers, _)) => match numbers.as_slice() {
                 [number] => *number != 0.0,
                 other => return Err(self.wrong(format!("`_Unsigned` must be true or false, not {other:?}"))),
             },
-            Some(Attribute::Text(text)) => match text.trim_matches(['\0', ' ']).to_ascii_lowercase().as_str() {
+            Some(NetcdfAttribute::Text(text)) => match text.trim_matches(['\0', ' ']).to_ascii_lowercase().as_str() {
                 "true" => true,
                 "false" => false,
                 text => return Err(self.wrong(format!("`_Unsigned` must be true or false, not `{text}`"))),

@@ -3,9 +3,9 @@
 
 use std::io::Write;
 
-use super::{grid_bytes::range, output::Outputs};
+use super::{grid_bytes::range, output::MapOutputFiles};
 use crate::ReadError;
-use grids::{AnomalyGrid, Height, Registration};
+use grids::{AnomalyGrid, GridHeight, Registration};
 
 /// Tags of the lists in a header.
 const DIMENSIONS: u32 = 10;
@@ -21,24 +21,24 @@ const DOUBLE: u32 = 6;
 const LARGE: u32 = u32::MAX;
 
 /// The value of an attribute.
-enum Value {
+enum NetcdfAttributeValue {
     Text(String),
     Int(i32),
     Doubles(Vec<f64>),
 }
 
 /// A variable: its name, dimensions, attributes, type and bytes of data.
-struct Variable {
+struct NetcdfVariable {
     name: &'static str,
     dimensions: &'static [u32],
-    attributes: Vec<(&'static str, Value)>,
+    attributes: Vec<(&'static str, NetcdfAttributeValue)>,
     kind: u32,
     bytes: u64,
 }
 
 /// Writes a map as `x`, `y` (or `lon`, `lat`) and `z`, with `crs` for its coordinate system, and `alt` where the height
 /// varies.
-pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
+pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     let variables = variables(map);
     let names = axis_names(map);
     let mut header = vec![];
@@ -54,8 +54,8 @@ pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), Read
         put(&big_endian(&axis))?;
     }
     let heights: &[f64] = match &map.height {
-        Height::Cells(cells) => cells,
-        Height::Level(_) => &[],
+        GridHeight::Cells(cells) => cells,
+        GridHeight::Level(_) => &[],
     };
     for values in [heights, &map.anomaly_nt] {
         for row in values.chunks(map.x.len.max(1)) {
@@ -65,7 +65,7 @@ pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), Read
     outputs.finish(sink)
 }
 
-fn refused(outputs: &Outputs, what: &str) -> ReadError {
+fn refused(outputs: &MapOutputFiles, what: &str) -> ReadError {
     ReadError::options(outputs.path(), format!("the map exceeds the limits of NetCDF's classic format: {what}"))
 }
 
@@ -74,14 +74,14 @@ fn axis_names(map: &AnomalyGrid) -> [&'static str; 2] {
 }
 
 /// The variables in the order of their data; the map comes last, so that it may be large.
-fn variables(map: &AnomalyGrid) -> Vec<Variable> {
+fn variables(map: &AnomalyGrid) -> Vec<NetcdfVariable> {
     let [x, y] = axis_names(map);
     let nodes = map.nodes() as u64;
-    let text = |t: &str| Value::Text(t.to_owned());
+    let text = |t: &str| NetcdfAttributeValue::Text(t.to_owned());
     let crs = vec![
         ("grid_mapping_name", text(if map.is_geographic() { "latitude_longitude" } else { "unknown" })),
         ("long_name", text(map.crs.name())),
-        ("epsg_code", Value::Text(format!("EPSG:{}", map.crs.code()))),
+        ("epsg_code", NetcdfAttributeValue::Text(format!("EPSG:{}", map.crs.code()))),
         ("crs_wkt", text(map.crs.wkt())),
         ("spatial_ref", text(map.crs.wkt())),
     ];
@@ -89,16 +89,16 @@ fn variables(map: &AnomalyGrid) -> Vec<Variable> {
     let mut z = vec![
         ("long_name", text("magnetic anomaly")),
         ("units", text(map.value_unit)),
-        ("_FillValue", Value::Doubles(vec![f64::NAN])),
-        ("actual_range", Value::Doubles(vec![least, most])),
+        ("_FillValue", NetcdfAttributeValue::Doubles(vec![f64::NAN])),
+        ("actual_range", NetcdfAttributeValue::Doubles(vec![least, most])),
         ("grid_mapping", text("crs")),
     ];
-    if let Height::Level(alt_m) = map.height
+    if let GridHeight::Level(alt_m) = map.height
         && !alt_m.is_nan()
     {
-        z.push(("height_m", Value::Doubles(vec![alt_m])));
+        z.push(("height_m", NetcdfAttributeValue::Doubles(vec![alt_m])));
     }
-    let axis = |name, dimensions, len: usize, attributes| Variable {
+    let axis = |name, dimensions, len: usize, attributes| NetcdfVariable {
         name,
         dimensions,
         attributes,
@@ -106,14 +106,15 @@ fn variables(map: &AnomalyGrid) -> Vec<Variable> {
         bytes: 8 * len as u64,
     };
     let mut all = vec![
-        Variable { name: "crs", dimensions: &[], attributes: crs, kind: CHAR, bytes: 4 },
+        NetcdfVariable { name: "crs", dimensions: &[], attributes: crs, kind: CHAR, bytes: 4 },
         axis(x, &[1], map.x.len, axis_attributes(map, 0)),
         axis(y, &[0], map.y.len, axis_attributes(map, 1)),
     ];
-    let grid = |name, attributes| Variable { name, dimensions: &[0, 1], attributes, kind: DOUBLE, bytes: 8 * nodes };
-    if matches!(map.height, Height::Cells(_)) {
+    let grid =
+        |name, attributes| NetcdfVariable { name, dimensions: &[0, 1], attributes, kind: DOUBLE, bytes: 8 * nodes };
+    if matches!(map.height, GridHeight::Cells(_)) {
         let about = text("height above the WGS-84 ellipsoid");
-        let nan = Value::Doubles(vec![f64::NAN]);
+        let nan = NetcdfAttributeValue::Doubles(vec![f64::NAN]);
         all.push(grid("alt", vec![("long_name", about), ("units", text("m")), ("_FillValue", nan)]));
     }
     all.push(grid("z", z));
@@ -121,8 +122,8 @@ fn variables(map: &AnomalyGrid) -> Vec<Variable> {
 }
 
 /// The attributes of the x axis (0) or the y axis (1).
-fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, Value)> {
-    let text = |t: &str| Value::Text(t.to_owned());
+fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, NetcdfAttributeValue)> {
+    let text = |t: &str| NetcdfAttributeValue::Text(t.to_owned());
     let (names, unit) = match (map.is_geographic(), which) {
         (true, 0) => (["longitude", "longitude"], "degrees_east"),
         (true, _) => (["latitude", "latitude"], "degrees_north"),
@@ -141,9 +142,9 @@ fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, Value)
     vec![
         ("standard_name", text(names[0])),
         ("long_name", text(names[1])),
-        ("units", Value::Text(unit)),
+        ("units", NetcdfAttributeValue::Text(unit)),
         ("axis", text(if which == 0 { "X" } else { "Y" })),
-        ("actual_range", Value::Doubles(vec![axis.first - half, axis.last() + half])),
+        ("actual_range", NetcdfAttributeValue::Doubles(vec![axis.first - half, axis.last() + half])),
     ]
 }
 
@@ -152,7 +153,7 @@ fn encode(
     out: &mut Vec<u8>,
     map: &AnomalyGrid,
     [x, y]: [&str; 2],
-    variables: &[Variable],
+    variables: &[NetcdfVariable],
     data: u64,
 ) -> Result<u64, String> {
     out.extend(b"CDF\x02");
@@ -163,11 +164,15 @@ fn encode(
         named(out, name)?;
         word(out, u32::try_from(len).map_err(|_| format!("{len} nodes along {name}"))?);
     }
-    let node_offset = Value::Int(i32::from(map.registration == Registration::Pixel));
-    let title = Value::Text("magnetic anomaly map".to_owned());
+    let node_offset = NetcdfAttributeValue::Int(i32::from(map.registration == Registration::Pixel));
+    let title = NetcdfAttributeValue::Text("magnetic anomaly map".to_owned());
     attributes(
         out,
-        &[("Conventions", Value::Text("CF-1.7".to_owned())), ("title", title), ("node_offset", node_offset)],
+        &[
+            ("Conventions", NetcdfAttributeValue::Text("CF-1.7".to_owned())),
+            ("title", title),
+            ("node_offset", node_offset),
+        ],
     )?;
     word(out, VARIABLES);
     word(out, variables.len() as u32);
@@ -205,21 +210,21 @@ fn named(out: &mut Vec<u8>, name: &str) -> Result<(), String> {
     padded(out, name.len(), name.as_bytes())
 }
 
-fn attributes(out: &mut Vec<u8>, all: &[(&'static str, Value)]) -> Result<(), String> {
+fn attributes(out: &mut Vec<u8>, all: &[(&'static str, NetcdfAttributeValue)]) -> Result<(), String> {
     word(out, ATTRIBUTES);
     word(out, all.len() as u32);
     for (name, value) in all {
         named(out, name)?;
         match value {
-            Value::Text(text) => {
+            NetcdfAttributeValue::Text(text) => {
                 word(out, CHAR);
                 padded(out, text.len(), text.as_bytes())?;
             }
-            Value::Int(x) => {
+            NetcdfAttributeValue::Int(x) => {
                 word(out, INT);
                 padded(out, 1, &x.to_be_bytes())?;
             }
-            Value::Doubles(x) => {
+            NetcdfAttributeValue::Doubles(x) => {
                 word(out, DOUBLE);
                 padded(out, x.len(), &big_endian(x))?;
             }

@@ -10,7 +10,7 @@ use numerics::{
 };
 use schemas::{Role, field, flight};
 
-use super::{ObservatoryRecord, Part, Raw};
+use super::{FlightBatch, ObservatoryRecord, RawFlight};
 use crate::ReadError;
 
 const DAY_S: f64 = 86_400.0;
@@ -28,7 +28,7 @@ const FIELD: [(&str, &str); 4] = [
 ///
 /// # Errors
 /// Fails for a record without the name of its station.
-pub(super) fn raw(path: &Path, record: &ObservatoryRecord) -> Result<Raw, ReadError> {
+pub(super) fn raw(path: &Path, record: &ObservatoryRecord) -> Result<RawFlight, ReadError> {
     if record.station.is_empty() {
         let what = "the record lacks the name of its station";
         return Err(ReadError::data(path, what).help("add the header line `IAGA CODE`"));
@@ -71,7 +71,7 @@ pub(super) fn raw(path: &Path, record: &ObservatoryRecord) -> Result<Raw, ReadEr
     let schema = Arc::new(Schema::new(fields));
     let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
     let notes = record.notes.iter().map(|note| format!("{}: {note}", path.display())).collect();
-    Ok(Raw { notes, ..Raw::new(schema, Box::new(std::iter::once(Ok(Part::whole(batch))))) })
+    Ok(RawFlight { notes, ..RawFlight::new(schema, Box::new(std::iter::once(Ok(FlightBatch::whole(batch))))) })
 }
 
 /// The day of a sample.

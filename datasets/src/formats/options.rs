@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use schemas::{Word, params, plausible::Accept};
+use schemas::{VerbatimText, params, plausible::PlausibilityCheck};
 
-use super::missing::Missing;
+use super::missing::MissingMarkers;
 use crate::ReadError;
 
 params! {
@@ -22,7 +22,7 @@ params! {
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Texts and numbers that mark a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
     /// empty cell, -99999 and Geosoft's -1e32.
-    missing: Vec<Word>, unit "", default Vec::<Word>::new();
+    missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Flight identifier, for files without one.
     flight: Option<String>, unit "", default None, absent "read from the file";
     /// Line identifier, for files without one.
@@ -30,13 +30,13 @@ params! {
     /// EPSG code of the eastings and northings of survey points (`format = "points"`).
     epsg: Option<u16>, unit "", default None, absent "read from the file";
     /// Plausibility checks that are disabled for this file.
-    accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
+    accept: Vec<PlausibilityCheck>, unit "", default Vec::<PlausibilityCheck>::new();
 }
 
 impl FlightOptions {
     /// Whether a text, such as the identifier of a line, marks a missing value.
     pub fn is_missing(&self, text: &str) -> bool {
-        Missing::of(self).is_text(text)
+        MissingMarkers::from_options(self).is_text(text)
     }
 }
 
@@ -54,17 +54,17 @@ params! {
     unit: Option<String>, unit "", default None, absent "read from the file, else nT";
     /// Numbers that mark an unknown value, in addition to those that the file names and the usual markers (the largest
     /// single-precision number, Surfer's blank, Geosoft's -1e32).
-    missing: Vec<Word>, unit "", default Vec::<Word>::new();
+    missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Plausibility checks that are disabled for this map.
-    accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
+    accept: Vec<PlausibilityCheck>, unit "", default Vec::<PlausibilityCheck>::new();
 }
 
 /// The numbers among the words of `missing`.
 ///
 /// # Errors
 /// Fails for a word that is not a number, as a map holds only numbers.
-pub(crate) fn markers(path: &Path, missing: &[Word]) -> Result<Vec<f64>, ReadError> {
-    let one = |word: &Word| {
+pub(crate) fn markers(path: &Path, missing: &[VerbatimText]) -> Result<Vec<f64>, ReadError> {
+    let one = |word: &VerbatimText| {
         let number = word.0.trim().parse::<f64>().ok();
         number.ok_or_else(|| ReadError::options(path, format!("`{}` of `missing` is not a number", word.0)))
     };

@@ -40,7 +40,7 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
         let what = format!("the map format `{}` cannot store the unit {}", chosen.name, map.value_unit);
         return Err(ReadError::options(path, what).help(format!("use one of {}", KEEP_UNIT.join(", "))));
     }
-    let mut outputs = Outputs { path, made: vec![] };
+    let mut outputs = MapOutputFiles { path, made: vec![] };
     write(map, &mut outputs)?;
     outputs.commit()
 }
@@ -95,28 +95,28 @@ fn writer_for(path: &Path, format: Option<&str>) -> Result<&'static MapFormat, R
     }
 }
 
-/// The files that a format makes.
-pub(crate) struct Outputs<'a> {
+/// Output files of a map: temporary files that are renamed when complete.
+pub(crate) struct MapOutputFiles<'a> {
     path: &'a Path,
     made: Vec<(PathBuf, PathBuf)>,
 }
 
 /// A file being written.
-pub(crate) type Sink = BufWriter<File>;
+pub(crate) type MapFileSink = BufWriter<File>;
 
-impl Outputs<'_> {
+impl MapOutputFiles<'_> {
     /// The target of the map.
     pub(crate) fn path(&self) -> &Path {
         self.path
     }
 
     /// Begins the map's file.
-    pub(crate) fn create(&mut self) -> Result<Sink, ReadError> {
+    pub(crate) fn create(&mut self) -> Result<MapFileSink, ReadError> {
         self.create_at(self.path.to_path_buf())
     }
 
     /// Begins another file of the map's.
-    pub(crate) fn create_at(&mut self, path: PathBuf) -> Result<Sink, ReadError> {
+    pub(crate) fn create_at(&mut self, path: PathBuf) -> Result<MapFileSink, ReadError> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let io = |e: &std::io::Error| ReadError::io(&path, e);
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
@@ -129,7 +129,7 @@ impl Outputs<'_> {
     }
 
     /// Ends a file and flushes it to the disk.
-    pub(crate) fn finish(&self, sink: Sink) -> Result<(), ReadError> {
+    pub(crate) fn finish(&self, sink: MapFileSink) -> Result<(), ReadError> {
         let done = sink.into_inner().map_err(|e| e.into_error()).and_then(|f| f.sync_all());
         done.map_err(|e| self.io(&e))
     }
@@ -158,7 +158,7 @@ impl Outputs<'_> {
     }
 }
 
-impl Drop for Outputs<'_> {
+impl Drop for MapOutputFiles<'_> {
     /// Files that were not renamed are removed.
     fn drop(&mut self) {
         for (part, _) in &self.made {

@@ -12,8 +12,8 @@ use parquet::{
 };
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, guarded,
-    limits::{Limit, check_columns},
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, guarded,
+    limits::{DecodeLimit, check_columns},
 };
 use crate::ReadError;
 
@@ -21,7 +21,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "parquet",
     about: "Apache Parquet, one row per sample",
     extensions: &["parquet", "pq"],
-    recognise: |head: &Head| head.starts_with(MAGIC),
+    recognise: |head: &FileHead| head.starts_with(MAGIC),
     open,
     topics: None,
     made_from: None,
@@ -34,29 +34,29 @@ const BATCH_ROWS: usize = 65_536;
 /// Maximum bytes of all texts of a batch.
 const MOST_TEXT: u64 = 256 << 20;
 
-fn open(path: &Path, _: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    let file = Open::new(path)?;
+fn open(path: &Path, _: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
+    let file = ParquetSource::new(path)?;
     let schema = file.schema.clone();
-    let parts = file.batches(path)?.map(|batch| batch.map(Part::whole));
+    let parts = file.batches(path)?.map(|batch| batch.map(FlightBatch::whole));
     // The writer's own schema metadata (such as pandas') is dropped: it describes another table.
     let schema = Arc::new(Schema::new(schema.fields().clone()));
-    Ok(Raw { fillers: true, ..Raw::new(schema, Box::new(parts)) })
+    Ok(RawFlight { fillers: true, ..RawFlight::new(schema, Box::new(parts)) })
 }
 
 /// A Parquet file with its footer read.
-pub(super) struct Open {
+pub(super) struct ParquetSource {
     /// The reader of its batches, which [`plain`] brings to the schema.
     builder: ParquetRecordBatchReaderBuilder<File>,
     /// The schema of the file.
     pub(super) schema: SchemaRef,
 }
 
-impl Open {
+impl ParquetSource {
     /// Opens a file and checks the size that it declares.
     ///
     /// # Errors
     /// Fails for an incomplete file, and for one that declares more bytes than its size permits.
-    pub(super) fn new(path: &Path) -> Result<Open, ReadError> {
+    pub(super) fn new(path: &Path) -> Result<ParquetSource, ReadError> {
         let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
         let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
         guarded(path, || {
@@ -64,10 +64,10 @@ impl Open {
             let metadata = loaded.map_err(|e| damaged(path, &e.to_string()))?;
             let schema = metadata.schema().clone();
             check_columns(path, schema.fields().len())?;
-            Limit::new(bytes).check(path, declared(metadata.metadata()))?;
+            DecodeLimit::new(bytes).check(path, declared(metadata.metadata()))?;
             let views = ArrowReaderOptions::new().with_schema(views(&schema));
             let metadata = ArrowReaderMetadata::try_new(metadata.metadata().clone(), views).unwrap_or(metadata);
-            Ok(Open { builder: ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata), schema })
+            Ok(ParquetSource { builder: ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata), schema })
         })
     }
 
@@ -79,7 +79,7 @@ impl Open {
         self,
         path: &Path,
     ) -> Result<impl Iterator<Item = Result<RecordBatch, ReadError>> + Send + use<>, ReadError> {
-        let Open { builder, schema } = self;
+        let ParquetSource { builder, schema } = self;
         let reader = guarded(path, || {
             let reader = builder.with_batch_size(BATCH_ROWS).build();
             reader.map_err(|e| damaged(path, &e.to_string()))

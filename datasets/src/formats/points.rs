@@ -4,19 +4,19 @@ use numerics::angle::wrap_deg;
 use std::path::Path;
 
 use schemas::{
-    Word,
-    plausible::{Accept, limits},
+    VerbatimText,
+    plausible::{PlausibilityCheck, limits},
 };
 
 use super::{
     markers,
-    points_table::{Column, Table, load},
+    points_table::{PointColumn, PointTable, load},
 };
 use crate::{
     ReadError,
-    grid::{AxisUnit, Origin, Unit, accepted, check_values, without_markers},
+    grid::{AxisUnit, CrsSource, ValueUnit, accepted, check_values, without_markers},
 };
-use grids::{Crs, Extra, LineType, SurveyPoints, WGS84, metres, no_metres, plane};
+use grids::{Crs, LineType, ReductionColumns, SurveyPointSet, WGS84, metres, no_metres, plane};
 
 /// Options for reading survey points. Columns without a name here are found by the usual names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -39,9 +39,9 @@ pub struct PointOptions {
     /// else the UTM zone of the middle of the points.
     pub to_epsg: Option<u16>,
     /// Numbers that mark a missing position, height or value, in the unit of the file.
-    pub missing: Vec<Word>,
+    pub missing: Vec<VerbatimText>,
     /// Plausibility checks that are disabled.
-    pub accept: Vec<Accept>,
+    pub accept: Vec<PlausibilityCheck>,
 }
 
 const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude", "lat_deg", "lat_wgs84", "latitude_wgs84", "gps_lat"];
@@ -120,9 +120,9 @@ const LINES: &[&str] = &[
 /// # Errors
 /// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in
 /// an unknown system.
-pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
+pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet, ReadError> {
     let table = load(path, options.format.as_deref())?;
-    let found = Found::of(path, &table, options)?;
+    let found = PointColumnRoles::from_table(path, &table, options)?;
     let mut points = found.points(path, options)?;
     if points.value_nt.iter().all(|v| v.is_nan()) {
         return Err(ReadError::data(path, "no point has a value").in_column(&found.value.name));
@@ -132,7 +132,7 @@ pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, 
 }
 
 /// Warnings on probable wrong units and constant values of survey points, one sentence each.
-pub fn doubts(points: &SurveyPoints) -> Vec<String> {
+pub fn doubts(points: &SurveyPointSet) -> Vec<String> {
     /// π and π/2: positions in radians read as degrees lie in this area, which is all sea.
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
     /// Minimum range of the values of a survey, nT.
@@ -152,29 +152,33 @@ pub fn doubts(points: &SurveyPoints) -> Vec<String> {
     said
 }
 
-/// The lines of points.
-struct Lines {
+/// Lines of a set of points: the line of each point, and the names and types of the lines.
+struct PointLines {
     /// The line of each point.
     line: Vec<u32>,
     lines: Vec<String>,
     types: Vec<Option<LineType>>,
 }
 
-/// The columns to read.
-struct Found<'a> {
-    table: &'a Table,
-    x: &'a Column,
-    y: &'a Column,
-    height: Option<&'a Column>,
-    value: &'a Column,
-    line: Option<&'a Column>,
+/// Columns of a table by their role, and the coordinate system of x and y.
+struct PointColumnRoles<'a> {
+    table: &'a PointTable,
+    x: &'a PointColumn,
+    y: &'a PointColumn,
+    height: Option<&'a PointColumn>,
+    value: &'a PointColumn,
+    line: Option<&'a PointColumn>,
     system: Crs,
 }
 
-impl<'a> Found<'a> {
-    fn of(path: &Path, table: &'a Table, options: &PointOptions) -> Result<Found<'a>, ReadError> {
+impl<'a> PointColumnRoles<'a> {
+    fn from_table(
+        path: &Path,
+        table: &'a PointTable,
+        options: &PointOptions,
+    ) -> Result<PointColumnRoles<'a>, ReadError> {
         let (x, y) = place_columns(path, table, options)?;
-        let degrees = |c: &Column, known: &[&str]| known.contains(&&*c.name.to_ascii_lowercase()) || c.is_angle();
+        let degrees = |c: &PointColumn, known: &[&str]| known.contains(&&*c.name.to_ascii_lowercase()) || c.is_angle();
         let code = match options.epsg {
             Some(code) => code,
             None if degrees(x, LONGITUDES) && degrees(y, LATITUDES) => WGS84,
@@ -186,7 +190,7 @@ impl<'a> Found<'a> {
         };
         let value = table.named_or(path, options.value.as_deref(), VALUES, "value")?;
         let value = value.ok_or_else(|| table.lacks(path, "values", "value", VALUES))?;
-        Ok(Found {
+        Ok(PointColumnRoles {
             table,
             x,
             y,
@@ -216,7 +220,7 @@ impl<'a> Found<'a> {
         notes
     }
 
-    fn points(&self, path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
+    fn points(&self, path: &Path, options: &PointOptions) -> Result<SurveyPointSet, ReadError> {
         let missing = markers(path, &options.missing)?;
         let usual = !accepted(&options.accept);
         let mut notes = vec![];
@@ -247,7 +251,7 @@ impl<'a> Found<'a> {
         let height_m = self.height.map(|c| self.heights(path, c, options, &missing, &mut notes)).transpose()?;
         let (factor, unit) = self.value.factor(path, "nT")?;
         let mut value_nt = pick(&self.value.numbers(path)?);
-        let Lines { line, lines, types } = self.lines(&kept);
+        let PointLines { line, lines, types } = self.lines(&kept);
         if kept.len() < self.table.rows {
             notes.push(format!("{} points without a position are skipped", self.table.rows - kept.len()));
         }
@@ -257,7 +261,7 @@ impl<'a> Found<'a> {
                 let row = kept.get(i).copied().unwrap_or(i) as u64;
                 ReadError::data(path, what).in_column(&self.value.name).in_row(row)
             };
-            check_values(&value_nt, &Unit { name: &unit, factor, canonical: "nT" }, &mut notes, wrong)?;
+            check_values(&value_nt, &ValueUnit { name: &unit, factor, canonical: "nT" }, &mut notes, wrong)?;
         }
         let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
         value_nt.iter_mut().for_each(|v| *v = finite(*v * factor));
@@ -268,7 +272,7 @@ impl<'a> Found<'a> {
         let height_m = height_m.map_or_else(|| vec![f64::NAN; kept.len()], |h| pick(&h));
         let extra = self.extra(path, &pick)?;
         let row = kept.iter().map(|row| *row as u64).collect();
-        Ok(SurveyPoints {
+        Ok(SurveyPointSet {
             crs,
             easting_m,
             northing_m,
@@ -294,12 +298,12 @@ impl<'a> Found<'a> {
         notes: &mut Vec<String>,
     ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
         let unit = AxisUnit::of_both(path, self.x.axis_unit(path)?, self.y.axis_unit(path)?)?;
-        let named = |c: &Column, known: &[&str]| known.contains(&&*c.name.to_ascii_lowercase());
+        let named = |c: &PointColumn, known: &[&str]| known.contains(&&*c.name.to_ascii_lowercase());
         let degrees = named(self.x, LONGITUDES) && named(self.y, LATITUDES);
         let unit = unit.or_else(|| degrees.then_some(AxisUnit::Angle(1.0)));
-        let origin = if options.epsg.is_some() { Origin::Given } else { Origin::File };
+        let origin = if options.epsg.is_some() { CrsSource::Given } else { CrsSource::File };
         let factor = unit.map_or(Ok(1.0), |unit| unit.to_system(path, &self.system, origin, notes))?;
-        let of = |column: &Column, notes: &mut Vec<String>| -> Result<Vec<f64>, ReadError> {
+        let of = |column: &PointColumn, notes: &mut Vec<String>| -> Result<Vec<f64>, ReadError> {
             let mut values = column.numbers(path)?;
             without_markers(&mut values, missing, false, notes);
             values.iter_mut().for_each(|v| *v *= factor);
@@ -312,7 +316,7 @@ impl<'a> Found<'a> {
     fn heights(
         &self,
         path: &Path,
-        column: &Column,
+        column: &PointColumn,
         options: &PointOptions,
         missing: &[f64],
         notes: &mut Vec<String>,
@@ -348,14 +352,14 @@ impl<'a> Found<'a> {
     }
 
     /// The line of each point, and the lines. Lines with the same name in two flights are distinct.
-    fn lines(&self, rows: &[usize]) -> Lines {
+    fn lines(&self, rows: &[usize]) -> PointLines {
         let recorded = self.line.is_none_or(|column| column.name == "line");
-        let own = self.line.map_or_else(|| self.table.recorded_lines(), Column::texts);
+        let own = self.line.map_or_else(|| self.table.recorded_lines(), PointColumn::texts);
         let kind = |row: usize| own.get(row).filter(|_| recorded).and_then(|name| self.table.types.get(name)).copied();
         let names: Vec<String> = match self.line {
             Some(_) => {
                 let names = own.clone();
-                let flights = self.table.column("flight").map(Column::texts);
+                let flights = self.table.column("flight").map(PointColumn::texts);
                 let several = flights.as_ref().is_some_and(|f| f.iter().any(|one| Some(one) != f.first()));
                 match flights.filter(|_| several) {
                     Some(flights) => flights.iter().zip(&names).map(|(f, l)| format!("{f} {l}")).collect(),
@@ -375,15 +379,15 @@ impl<'a> Found<'a> {
             })
         };
         let line = rows.iter().map(&mut of).collect();
-        Lines { line, lines, types }
+        PointLines { line, lines, types }
     }
 
-    fn extra(&self, path: &Path, pick: &dyn Fn(&[f64]) -> Vec<f64>) -> Result<Extra, ReadError> {
+    fn extra(&self, path: &Path, pick: &dyn Fn(&[f64]) -> Vec<f64>) -> Result<ReductionColumns, ReadError> {
         let column = |names: &[&str], unit: &str| -> Result<Option<Vec<f64>>, ReadError> {
             let column = names.iter().find_map(|n| self.table.column(n)).filter(|c| c.is_number());
             column.map(|c| c.in_unit(path, unit).map(|v| pick(&v))).transpose()
         };
-        Ok(Extra {
+        Ok(ReductionColumns {
             tt_s: column(&["tt", "time_s"], "s")?,
             diurnal_nt: column(&["diurnal", "diurnal_nt"], "nT")?,
             igrf_nt: column(&["igrf", "igrf_nt"], "nT")?,
@@ -397,9 +401,9 @@ impl<'a> Found<'a> {
 /// first if a projected system is given).
 fn place_columns<'a>(
     path: &Path,
-    table: &'a Table,
+    table: &'a PointTable,
     options: &PointOptions,
-) -> Result<(&'a Column, &'a Column), ReadError> {
+) -> Result<(&'a PointColumn, &'a PointColumn), ReadError> {
     let projected = match options.epsg {
         Some(code) => !Crs::from_epsg(path, code)?.is_geographic(),
         None => false,

@@ -6,7 +6,9 @@ use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use schemas::{Role, field, flight};
 
-use super::{FlightFormat, FlightOptions, Part, PointOptions, Raw, Reading, doubts, points_table, read_points};
+use super::{
+    FlightBatch, FlightFormat, FlightOptions, PointOptions, RawFlight, ReadHints, doubts, points_table, read_points,
+};
 use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -23,7 +25,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 /// Canonical columns that `rename` can assign to columns of the file.
 const ROLES: [&str; 7] = ["lon", "easting", "lat", "northing", "alt", "anomaly", "line"];
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
     let named = |roles: &[&str]| {
         let found = options.rename.iter().find(|(_, to)| roles.contains(&to.as_str()));
         found.map(|(theirs, _)| theirs.clone())
@@ -88,10 +90,10 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) = columns.into_iter().unzip();
     let schema = Arc::new(Schema::new(fields));
     let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
-    let parts = Box::new(std::iter::once(Ok(Part::whole(batch))));
+    let parts = Box::new(std::iter::once(Ok(FlightBatch::whole(batch))));
     // Renames to canonical columns were applied; the others follow later.
     let own = options.rename.iter().filter(|(_, to)| ROLES.contains(&to.as_str())).map(|(from, _)| from.clone());
-    Ok(Raw { own: Some(own.collect()), notes, ..Raw::new(schema, parts) })
+    Ok(RawFlight { own: Some(own.collect()), notes, ..RawFlight::new(schema, parts) })
 }
 
 #[cfg(test)]

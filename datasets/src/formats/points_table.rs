@@ -9,19 +9,20 @@ use grids::LineType;
 use schemas::{canonical::identifiers, convert};
 
 use super::{
-    FLIGHT_FORMATS, FlightOptions, Head, adopt, foreign, line_records::Names, open_flight, parquet, text_table,
+    FLIGHT_FORMATS, FileHead, FlightOptions, adopt, foreign, line_records::GeosoftLineNames, open_flight, parquet,
+    text_table,
 };
 use crate::{
     ReadError,
     grid::{AxisUnit, is_dummy, split_unit},
-    table::{Values, array},
+    table::{ColumnValues, array},
 };
 
 /// The name of the flight format of survey points.
 pub(super) const POINTS: &str = "points";
 
 /// A column of a table of points.
-pub(super) struct Column {
+pub(super) struct PointColumn {
     pub(super) name: String,
     /// The unit in the file or at the end of the name; empty for none.
     unit: String,
@@ -29,8 +30,8 @@ pub(super) struct Column {
 }
 
 /// A table of points.
-pub(super) struct Table {
-    pub(super) columns: Vec<Column>,
+pub(super) struct PointTable {
+    pub(super) columns: Vec<PointColumn>,
     pub(super) rows: usize,
     /// The row that follows each line record, and the name of its line.
     pub(super) records: Vec<(usize, String)>,
@@ -44,8 +45,8 @@ pub(super) struct Table {
 ///
 /// # Errors
 /// Fails for a format that is unknown, and a file that cannot be read.
-pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
-    let head = Head::read(path)?;
+pub(super) fn load(path: &Path, format: Option<&str>) -> Result<PointTable, ReadError> {
+    let head = FileHead::read(path)?;
     match format {
         Some("parquet") => from_parquet(path),
         Some("text") => from_text(path),
@@ -75,14 +76,14 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError
     }
 }
 
-fn from_parquet(path: &Path) -> Result<Table, ReadError> {
-    let file = parquet::Open::new(path)?;
+fn from_parquet(path: &Path) -> Result<PointTable, ReadError> {
+    let file = parquet::ParquetSource::new(path)?;
     let schema = file.schema.clone();
     let batches: Vec<RecordBatch> = file.batches(path)?.collect::<Result<_, _>>()?;
     Ok(of_batches(&schema, &batches))
 }
 
-fn from_flight(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
+fn from_flight(path: &Path, format: Option<&str>) -> Result<PointTable, ReadError> {
     let (flight, line) = (Some("1".to_owned()), Some("1".to_owned()));
     let options = FlightOptions { format: format.map(str::to_owned), flight, line, ..FlightOptions::default() };
     let reader = open_flight(path, &options)?;
@@ -95,18 +96,18 @@ fn from_flight(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
     let notes = if types.is_empty() { vec![] } else { notes };
     let own = format!("{}: ", path.display());
     let notes = notes.into_iter().map(|note| note.strip_prefix(&own).map(str::to_owned).unwrap_or(note)).collect();
-    Ok(Table { types, notes, ..of_batches(&schema, &batches) })
+    Ok(PointTable { types, notes, ..of_batches(&schema, &batches) })
 }
 
-fn of_batches(schema: &SchemaRef, batches: &[RecordBatch]) -> Table {
+fn of_batches(schema: &SchemaRef, batches: &[RecordBatch]) -> PointTable {
     let column = |(i, field): (usize, &std::sync::Arc<arrow_schema::Field>)| {
         let said = field.metadata().get("unit").filter(|u| !u.is_empty()).cloned();
         let unit = said.or_else(|| adopt::any_unit_of_name(field.name())).unwrap_or_default();
         let chunks = batches.iter().map(|b| b.column(i).clone()).collect();
-        Column { name: field.name().clone(), unit, chunks }
+        PointColumn { name: field.name().clone(), unit, chunks }
     };
     let rows = batches.iter().map(RecordBatch::num_rows).sum();
-    Table {
+    PointTable {
         columns: schema.fields().iter().enumerate().map(column).collect(),
         rows,
         records: vec![],
@@ -115,31 +116,31 @@ fn of_batches(schema: &SchemaRef, batches: &[RecordBatch]) -> Table {
     }
 }
 
-fn from_text(path: &Path) -> Result<Table, ReadError> {
+fn from_text(path: &Path) -> Result<PointTable, ReadError> {
     let text = text_table::read(path)?;
     let mut names = text.names;
     if !text.named && names.len() == 3 {
         names = ["x", "y", "value"].map(str::to_owned).to_vec();
     }
-    let rows = text.columns.first().map_or(0, Values::len);
-    let column = |(name, values): (String, Values)| {
+    let rows = text.columns.first().map_or(0, ColumnValues::len);
+    let column = |(name, values): (String, ColumnValues)| {
         let unit = adopt::any_unit_of_name(&name).unwrap_or_default();
-        Column { name, unit, chunks: vec![array(values)] }
+        PointColumn { name, unit, chunks: vec![array(values)] }
     };
     let columns = names.into_iter().zip(text.columns).map(column).collect();
-    let mut lines = Names::default();
+    let mut lines = GeosoftLineNames::default();
     text.records.iter().for_each(|(_, record)| lines.add(record));
     let records = text.records.iter().map(|(row, record)| (*row, lines.name(record))).collect();
-    Ok(Table { columns, rows, records, types: lines.types(), notes: lines.note().into_iter().collect() })
+    Ok(PointTable { columns, rows, records, types: lines.types(), notes: lines.note().into_iter().collect() })
 }
 
-impl Table {
+impl PointTable {
     /// The column of a name; case does not matter.
-    pub(super) fn column(&self, name: &str) -> Option<&Column> {
+    pub(super) fn column(&self, name: &str) -> Option<&PointColumn> {
         self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
     }
 
-    /// [`Table::named_or`] of a coordinate, whose name may end in a unit.
+    /// [`PointTable::named_or`] of a coordinate, whose name may end in a unit.
     ///
     /// # Errors
     /// Fails for a named column that does not exist.
@@ -149,9 +150,9 @@ impl Table {
         given: Option<&str>,
         known: &[&str],
         what: &str,
-    ) -> Result<Option<&Column>, ReadError> {
+    ) -> Result<Option<&PointColumn>, ReadError> {
         let found = self.named_or(path, given, known, what)?;
-        let base = |c: &&Column, name: &str| split_unit(&c.name).0.eq_ignore_ascii_case(name);
+        let base = |c: &&PointColumn, name: &str| split_unit(&c.name).0.eq_ignore_ascii_case(name);
         Ok(found.or_else(|| known.iter().find_map(|name| self.columns.iter().find(|c| base(c, name)))))
     }
 
@@ -165,7 +166,7 @@ impl Table {
         given: Option<&str>,
         known: &[&str],
         what: &str,
-    ) -> Result<Option<&Column>, ReadError> {
+    ) -> Result<Option<&PointColumn>, ReadError> {
         let Some(given) = given else { return Ok(known.iter().find_map(|n| self.column(n))) };
         let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
         let exact = self.columns.iter().find(|c| c.name == given).or_else(|| self.column(given));
@@ -196,7 +197,7 @@ impl Table {
     }
 }
 
-impl Column {
+impl PointColumn {
     /// Whether it has numbers.
     pub(super) fn is_number(&self) -> bool {
         self.chunks.iter().all(|c| c.data_type().is_numeric())

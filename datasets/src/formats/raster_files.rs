@@ -2,17 +2,17 @@
 
 /// One image of a TIFF: its tags of numbers, of doubles and of text, and its cells.
 #[derive(Clone, Default)]
-pub(super) struct Image {
+pub(super) struct TiffImageFixture {
     pub(super) shorts: Vec<(u16, Vec<u16>)>,
     pub(super) doubles: Vec<(u16, Vec<f64>)>,
     pub(super) texts: Vec<(u16, String)>,
     pub(super) cells: Vec<u8>,
 }
 
-impl Image {
-    /// A band of cells of some bits and a sample format (1 whole, 2 signed, 3 real) on a grid of 200 m in UTM zone 54 south
-    /// with its north-west corner at (500000, 7600000).
-    pub(super) fn band(width: u16, height: u16, bits: u16, format: u16, cells: Vec<u8>) -> Image {
+impl TiffImageFixture {
+    /// A band of cells of some bits and a sample format (1 whole, 2 signed, 3 real) on a grid of 200 m in UTM zone 54
+    /// south with its north-west corner at (500000, 7600000).
+    pub(super) fn band(width: u16, height: u16, bits: u16, format: u16, cells: Vec<u8>) -> TiffImageFixture {
         let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32754];
         let shorts = [
             (256, vec![width]),
@@ -26,25 +26,25 @@ impl Image {
             (34735, keys),
         ];
         let doubles = vec![(33550, vec![200.0, 200.0, 0.0]), (33922, vec![0.0, 0.0, 0.0, 500_000.0, 7_600_000.0, 0.0])];
-        Image { shorts: shorts.to_vec(), doubles, texts: vec![], cells }
+        TiffImageFixture { shorts: shorts.to_vec(), doubles, texts: vec![], cells }
     }
 
     /// The same image with a tag of numbers.
-    pub(super) fn with(mut self, tag: u16, numbers: &[u16]) -> Image {
+    pub(super) fn with(mut self, tag: u16, numbers: &[u16]) -> TiffImageFixture {
         self.shorts.retain(|(t, _)| *t != tag);
         self.shorts.push((tag, numbers.to_vec()));
         self
     }
 
     /// The same image with a tag of text.
-    pub(super) fn text(mut self, tag: u16, text: &str) -> Image {
+    pub(super) fn text(mut self, tag: u16, text: &str) -> TiffImageFixture {
         self.texts.push((tag, format!("{text}\0")));
         self
     }
 }
 
 /// A little-endian TIFF of images.
-pub(super) fn tiff(images: &[Image]) -> Vec<u8> {
+pub(super) fn tiff(images: &[TiffImageFixture]) -> Vec<u8> {
     let mut file = b"II*\0\0\0\0\0".to_vec();
     let mut link = 4;
     for image in images {
@@ -90,7 +90,7 @@ pub(super) fn tiff(images: &[Image]) -> Vec<u8> {
 
 /// An attribute of NetCDF.
 #[derive(Clone)]
-pub(super) enum Attribute {
+pub(super) enum NetcdfValueFixture {
     Text(&'static str),
     Bytes(Vec<i8>),
     Shorts(Vec<i16>),
@@ -99,19 +99,19 @@ pub(super) enum Attribute {
     Doubles(Vec<f64>),
 }
 
-impl Attribute {
+impl NetcdfValueFixture {
     /// The type, the number of values, and their bytes.
     pub(super) fn encoded(&self) -> (u32, u32, Vec<u8>) {
         fn all<T: Copy, const N: usize>(v: &[T], bytes: impl Fn(T) -> [u8; N]) -> (u32, Vec<u8>) {
             (v.len() as u32, v.iter().flat_map(|x| bytes(*x)).collect())
         }
         let (kind, (count, mut bytes)) = match self {
-            Attribute::Text(t) => (2, (t.len() as u32, t.as_bytes().to_vec())),
-            Attribute::Bytes(v) => (1, all(v, i8::to_be_bytes)),
-            Attribute::Shorts(v) => (3, all(v, i16::to_be_bytes)),
-            Attribute::Ints(v) => (4, all(v, i32::to_be_bytes)),
-            Attribute::Floats(v) => (5, all(v, f32::to_be_bytes)),
-            Attribute::Doubles(v) => (6, all(v, f64::to_be_bytes)),
+            NetcdfValueFixture::Text(t) => (2, (t.len() as u32, t.as_bytes().to_vec())),
+            NetcdfValueFixture::Bytes(v) => (1, all(v, i8::to_be_bytes)),
+            NetcdfValueFixture::Shorts(v) => (3, all(v, i16::to_be_bytes)),
+            NetcdfValueFixture::Ints(v) => (4, all(v, i32::to_be_bytes)),
+            NetcdfValueFixture::Floats(v) => (5, all(v, f32::to_be_bytes)),
+            NetcdfValueFixture::Doubles(v) => (6, all(v, f64::to_be_bytes)),
         };
         bytes.resize(bytes.len().next_multiple_of(4), 0);
         (kind, count, bytes)
@@ -119,15 +119,15 @@ impl Attribute {
 }
 
 /// A variable of a NetCDF: its name, dimensions, attributes and values.
-type Variable<'a> = (&'a str, Vec<u32>, Vec<(&'a str, Attribute)>, Attribute);
+type NetcdfVariableFixture<'a> = (&'a str, Vec<u32>, Vec<(&'a str, NetcdfValueFixture)>, NetcdfValueFixture);
 
 /// A classic NetCDF of one grid `z` over `y` and `x` with these attributes of `z` and units of the axes.
 pub(super) fn netcdf(
     x: &[f64],
     y: &[f64],
     units: [&'static str; 2],
-    values: Attribute,
-    attributes: &[(&str, Attribute)],
+    values: NetcdfValueFixture,
+    attributes: &[(&str, NetcdfValueFixture)],
 ) -> Vec<u8> {
     let name = |out: &mut Vec<u8>, text: &str| {
         out.extend((text.len() as u32).to_be_bytes());
@@ -135,9 +135,9 @@ pub(super) fn netcdf(
         out.resize(out.len().next_multiple_of(4), 0);
     };
     let word = |out: &mut Vec<u8>, x: u32| out.extend(x.to_be_bytes());
-    let variables: Vec<Variable> = vec![
-        ("x", vec![0], vec![("units", Attribute::Text(units[0]))], Attribute::Doubles(x.to_vec())),
-        ("y", vec![1], vec![("units", Attribute::Text(units[1]))], Attribute::Doubles(y.to_vec())),
+    let variables: Vec<NetcdfVariableFixture> = vec![
+        ("x", vec![0], vec![("units", NetcdfValueFixture::Text(units[0]))], NetcdfValueFixture::Doubles(x.to_vec())),
+        ("y", vec![1], vec![("units", NetcdfValueFixture::Text(units[1]))], NetcdfValueFixture::Doubles(y.to_vec())),
         ("z", vec![1, 0], attributes.to_vec(), values),
     ];
     let header = |offsets: &[u32]| {

@@ -8,14 +8,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use schemas::plausible::Accept;
+use schemas::plausible::PlausibilityCheck;
 use tempfile::TempDir;
 
 use super::{
-    raster_files::{Attribute, Image, netcdf, tiff},
+    raster_files::{NetcdfValueFixture, TiffImageFixture, netcdf, tiff},
     *,
 };
-use grids::{Crs, Height};
+use grids::{Crs, GridHeight};
 
 mod coordinates;
 mod implausible;
@@ -78,15 +78,19 @@ fn cells<T: Copy, const N: usize>(values: &[T], bytes: fn(T) -> [u8; N]) -> Vec<
 fn unit_packing_and_no_data_of_every_type_of_band() {
     // Four cells: a marker, 0, 10 and 100; the marker is compared as stored.
     for (name, image, no_data) in [
-        ("i16", Image::band(2, 2, 16, 2, cells(&[-9999_i16, 0, 10, 100], i16::to_le_bytes)), "-9999"),
-        ("u16", Image::band(2, 2, 16, 1, cells(&[65535_u16, 0, 10, 100], u16::to_le_bytes)), "65535"),
-        ("u8", Image::band(2, 2, 8, 1, vec![255, 0, 10, 100]), "255"),
-        ("i8", Image::band(2, 2, 8, 2, cells(&[-128_i8, 0, 10, 100], i8::to_le_bytes)), "-128"),
-        ("i32", Image::band(2, 2, 32, 2, cells(&[i32::MIN, 0, 10, 100], i32::to_le_bytes)), "-2147483648"),
-        ("f32", Image::band(2, 2, 32, 3, cells(&[-999.9_f32, 0., 10., 100.], f32::to_le_bytes)), "-999.9"),
-        ("f32 low", Image::band(2, 2, 32, 3, cells(&[f32::MIN, 0., 10., 100.], f32::to_le_bytes)), "-3.40282e+38"),
-        ("f64", Image::band(2, 2, 64, 3, cells(&[-1e4, 0., 10., 100.], f64::to_le_bytes)), "-10000"),
-        ("nan", Image::band(2, 2, 32, 3, cells(&[f32::NAN, 0., 10., 100.], f32::to_le_bytes)), "nan"),
+        ("i16", TiffImageFixture::band(2, 2, 16, 2, cells(&[-9999_i16, 0, 10, 100], i16::to_le_bytes)), "-9999"),
+        ("u16", TiffImageFixture::band(2, 2, 16, 1, cells(&[65535_u16, 0, 10, 100], u16::to_le_bytes)), "65535"),
+        ("u8", TiffImageFixture::band(2, 2, 8, 1, vec![255, 0, 10, 100]), "255"),
+        ("i8", TiffImageFixture::band(2, 2, 8, 2, cells(&[-128_i8, 0, 10, 100], i8::to_le_bytes)), "-128"),
+        ("i32", TiffImageFixture::band(2, 2, 32, 2, cells(&[i32::MIN, 0, 10, 100], i32::to_le_bytes)), "-2147483648"),
+        ("f32", TiffImageFixture::band(2, 2, 32, 3, cells(&[-999.9_f32, 0., 10., 100.], f32::to_le_bytes)), "-999.9"),
+        (
+            "f32 low",
+            TiffImageFixture::band(2, 2, 32, 3, cells(&[f32::MIN, 0., 10., 100.], f32::to_le_bytes)),
+            "-3.40282e+38",
+        ),
+        ("f64", TiffImageFixture::band(2, 2, 64, 3, cells(&[-1e4, 0., 10., 100.], f64::to_le_bytes)), "-10000"),
+        ("nan", TiffImageFixture::band(2, 2, 32, 3, cells(&[f32::NAN, 0., 10., 100.], f32::to_le_bytes)), "nan"),
     ] {
         let file = tiff(&[image.text(42113, no_data).text(42112, SCALED)]);
         let map = bytes("m.tif", &file, &MapOptions::default()).unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -97,11 +101,11 @@ fn unit_packing_and_no_data_of_every_type_of_band() {
         write_grid(&path, &map, None).unwrap();
         assert!(same(&read_grid(&path, &MapOptions::default()).unwrap(), (50.0, 100.0, 1)), "{name}");
     }
-    let broken = Image::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42113, "none");
+    let broken = TiffImageFixture::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42113, "none");
     let fault = bytes("m.tif", &tiff(&[broken]), &MapOptions::default()).unwrap_err();
     assert!(fault.contains("the no-data value `none` (tag 42113) is not a number"), "{fault}");
     let partial = SCALED.replace(" role=\"scale\"", "");
-    let broken = Image::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42112, &partial);
+    let broken = TiffImageFixture::band(2, 2, 8, 1, vec![255, 0, 10, 100]).text(42112, &partial);
     let fault = bytes("m.tif", &tiff(&[broken]), &MapOptions::default()).unwrap_err();
     assert!(fault.contains("the scale of the band (tag 42112) lacks its band and role"), "{fault}");
 }
@@ -109,11 +113,11 @@ fn unit_packing_and_no_data_of_every_type_of_band() {
 #[test]
 fn unit_masks_alpha_bands_and_white_as_zero() {
     let values = [1.0_f32, 2.0, 3.0, 4.0];
-    let band = Image::band(2, 2, 32, 3, cells(&values, f32::to_le_bytes));
+    let band = TiffImageFixture::band(2, 2, 32, 3, cells(&values, f32::to_le_bytes));
     let mask = |bits: u16, subfile: u16, cells: Vec<u8>| {
-        Image::band(2, 2, bits, 1, cells).with(254, &[subfile]).with(262, &[4])
+        TiffImageFixture::band(2, 2, bits, 1, cells).with(254, &[subfile]).with(262, &[4])
     };
-    let read = |images: &[Image]| bytes("m.tif", &tiff(images), &MapOptions::default());
+    let read = |images: &[TiffImageFixture]| bytes("m.tif", &tiff(images), &MapOptions::default());
     for (name, images) in [
         ("1 bit", vec![band.clone(), mask(1, 4, vec![0b0100_0000, 0b1100_0000])]),
         ("8 bits", vec![band.clone(), mask(8, 4, vec![0, 255, 255, 255])]),
@@ -121,9 +125,9 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
             "after an overview",
             vec![
                 band.clone(),
-                Image::band(1, 1, 32, 3, cells(&[9.0_f32], f32::to_le_bytes)).with(254, &[1]),
+                TiffImageFixture::band(1, 1, 32, 3, cells(&[9.0_f32], f32::to_le_bytes)).with(254, &[1]),
                 mask(8, 4, vec![0, 1, 1, 1]),
-                Image::band(1, 1, 8, 1, vec![0]).with(254, &[5]).with(262, &[4]),
+                TiffImageFixture::band(1, 1, 8, 1, vec![0]).with(254, &[5]).with(262, &[4]),
             ],
         ),
     ] {
@@ -131,7 +135,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
         assert!(same(&map, (2.0, 4.0, 1)), "{name}: {:?}", map.anomaly_nt);
         assert!(map.anomaly_nt[2].is_nan(), "{name}: the north-western cell");
     }
-    let small = Image::band(1, 2, 8, 1, vec![0, 1]).with(254, &[4]).with(262, &[4]);
+    let small = TiffImageFixture::band(1, 2, 8, 1, vec![0, 1]).with(254, &[4]).with(262, &[4]);
     let fault = read(&[band.clone(), small]).unwrap_err();
     assert!(fault.contains("the mask of the file has 1 x 2 cells, not 2 x 2"), "{fault}");
     let second = read(&[band.clone(), band.clone()]).unwrap();
@@ -141,17 +145,21 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     let mixed = cells(&[1.0_f32, 0.0, 2.0, 255.0, 3.0, 255.0, 4.0, 255.0], f32::to_le_bytes);
     let planes = cells(&[1.0_f32, 2.0, 3.0, 4.0, 0.0, 255.0, 255.0, 255.0], f32::to_le_bytes);
     for (extra, layout, both) in [(2, 1, mixed.clone()), (1, 1, mixed.clone()), (2, 2, planes)] {
-        let image = Image::band(2, 2, 32, 3, both).with(277, &[2]).with(338, &[extra]).with(284, &[layout]);
+        let image = TiffImageFixture::band(2, 2, 32, 3, both).with(277, &[2]).with(338, &[extra]).with(284, &[layout]);
         let image = image.with(258, &[32, 32]).with(339, &[3, 3]);
         let map = read(&[image]).unwrap();
         assert!(same(&map, (2.0, 4.0, 1)), "{:?}", map.anomaly_nt);
     }
-    let two = Image::band(2, 2, 32, 3, mixed).with(277, &[2]).with(338, &[0]).with(258, &[32, 32]).with(339, &[3, 3]);
+    let two = TiffImageFixture::band(2, 2, 32, 3, mixed)
+        .with(277, &[2])
+        .with(338, &[0])
+        .with(258, &[32, 32])
+        .with(339, &[3, 3]);
     let fault = read(&[two]).unwrap_err();
     assert!(fault.contains("a map must have one band"), "{fault}");
 
     // Photometric interpretation is for screens: the numbers are the values.
-    let white = Image::band(2, 2, 16, 1, cells(&[1_u16, 2, 3, 4], u16::to_le_bytes)).with(262, &[0]);
+    let white = TiffImageFixture::band(2, 2, 16, 1, cells(&[1_u16, 2, 3, 4], u16::to_le_bytes)).with(262, &[0]);
     assert!(same(&read(&[white]).unwrap(), (1.0, 4.0, 0)));
 }
 
@@ -159,7 +167,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
 fn unit_side_files_are_applied_and_never_to_another_file() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("m.tif");
-    let image = Image::band(2, 2, 16, 2, cells(&[7_i16, 10, 20, 100], i16::to_le_bytes));
+    let image = TiffImageFixture::band(2, 2, 16, 2, cells(&[7_i16, 10, 20, 100], i16::to_le_bytes));
     fs::write(&path, tiff(std::slice::from_ref(&image))).unwrap();
     let aux = folder.path().join("m.tif.aux.xml");
     let pam = |band: &str| format!("<PAMDataset>\n<PAMRasterBand band=\"1\">\n{band}\n</PAMRasterBand>\n</PAMDataset>");
@@ -178,7 +186,7 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
     fs::remove_file(&aux).unwrap();
     fs::write(&path, tiff(&[image])).unwrap();
     // A mask in a file: the first row is the northernmost.
-    let mask = tiff(&[Image::band(2, 2, 8, 1, vec![0, 255, 255, 255])]);
+    let mask = tiff(&[TiffImageFixture::band(2, 2, 8, 1, vec![0, 255, 255, 255])]);
     fs::write(folder.path().join("m.tif.msk"), &mask).unwrap();
     assert!(same(&read_grid(&path, &MapOptions::default()).unwrap(), (10.0, 100.0, 1)));
     let grid = folder.path().join("m.grd");
@@ -190,7 +198,7 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
 
 #[test]
 fn unit_attributes_of_netcdf_say_how_numbers_are_read() {
-    use Attribute::{Bytes, Doubles, Floats, Ints, Shorts, Text};
+    use NetcdfValueFixture::{Bytes, Doubles, Floats, Ints, Shorts, Text};
     let nt = ("units", Text("nT"));
     let scale = ("scale_factor", Doubles(vec![0.5]));
     let unsigned = ("_Unsigned", Text("true"));

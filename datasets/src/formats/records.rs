@@ -6,12 +6,12 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use schemas::{Role, field};
 
-use super::{Part, Parts, topics::TopicColumn};
+use super::{FlightBatch, FlightBatches, topics::TopicColumn};
 use crate::ReadError;
 
 /// The type of a value in a record, little endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum RecordFieldType {
     I8,
     U8,
     I16,
@@ -28,24 +28,24 @@ pub(super) enum Kind {
     Text(usize),
 }
 
-impl Kind {
+impl RecordFieldType {
     /// Its length in bytes.
     pub(super) fn bytes(self) -> usize {
         match self {
-            Kind::I8 | Kind::U8 => 1,
-            Kind::I16 | Kind::U16 | Kind::F16 => 2,
-            Kind::I32 | Kind::U32 | Kind::F32 => 4,
-            Kind::I64 | Kind::U64 | Kind::F64 => 8,
-            Kind::Text(n) => n,
+            RecordFieldType::I8 | RecordFieldType::U8 => 1,
+            RecordFieldType::I16 | RecordFieldType::U16 | RecordFieldType::F16 => 2,
+            RecordFieldType::I32 | RecordFieldType::U32 | RecordFieldType::F32 => 4,
+            RecordFieldType::I64 | RecordFieldType::U64 | RecordFieldType::F64 => 8,
+            RecordFieldType::Text(n) => n,
         }
     }
 }
 
 /// A column: its position in a record, and its meaning.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Column {
+pub(super) struct RecordColumn {
     pub(super) name: String,
-    pub(super) kind: Kind,
+    pub(super) kind: RecordFieldType,
     /// Offset of its first byte in the record.
     pub(super) offset: usize,
     /// Divisor of the stored number.
@@ -54,15 +54,15 @@ pub(super) struct Column {
     pub(super) unit: String,
 }
 
-impl Column {
+impl RecordColumn {
     pub(super) fn topic_column(&self) -> TopicColumn {
         TopicColumn { name: self.name.clone(), unit: self.unit.clone(), description: String::new() }
     }
 }
 
-/// Representation of a column of 64-bit integers: most are exact in a Float64, some are not.
+/// Column type that holds the 64-bit integers of a column without loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-enum Width {
+enum WideIntegerType {
     /// All are exact in a Float64.
     #[default]
     Float,
@@ -72,19 +72,20 @@ enum Width {
     Digits,
 }
 
-/// Looks for numbers of 64 bits that a Float64 does not hold.
+/// Search for 64-bit integers that a Float64 does not hold, by column.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Widths {
+pub(super) struct WideIntegerScan {
     /// The columns of whole numbers of 64 bits: index, offset, and whether they are unsigned.
     wide: Vec<(usize, usize, bool)>,
-    found: Vec<Width>,
+    found: Vec<WideIntegerType>,
 }
 
-impl Widths {
-    pub(super) fn new(columns: &[Column]) -> Widths {
-        let wide = columns.iter().enumerate().filter(|(_, c)| matches!(c.kind, Kind::I64 | Kind::U64));
-        let wide = wide.map(|(i, c)| (i, c.offset, c.kind == Kind::U64)).collect();
-        Widths { wide, found: vec![Width::Float; columns.len()] }
+impl WideIntegerScan {
+    pub(super) fn new(columns: &[RecordColumn]) -> WideIntegerScan {
+        let wide =
+            columns.iter().enumerate().filter(|(_, c)| matches!(c.kind, RecordFieldType::I64 | RecordFieldType::U64));
+        let wide = wide.map(|(i, c)| (i, c.offset, c.kind == RecordFieldType::U64)).collect();
+        WideIntegerScan { wide, found: vec![WideIntegerType::Float; columns.len()] }
     }
 
     /// Examines a record.
@@ -99,26 +100,26 @@ impl Widths {
         }
     }
 
-    fn of(&self, i: usize) -> Width {
+    fn column_type(&self, i: usize) -> WideIntegerType {
         self.found.get(i).copied().unwrap_or_default()
     }
 }
 
-fn width(bits: u64, unsigned: bool) -> Width {
+fn width(bits: u64, unsigned: bool) -> WideIntegerType {
     // 2^53: up to it every whole number is a Float64.
     const EXACT: u64 = 1 << 53;
     let magnitude = if unsigned { bits } else { (bits as i64).unsigned_abs() };
     match magnitude {
-        m if m <= EXACT => Width::Float,
-        m if !unsigned || i64::try_from(m).is_ok() => Width::Whole,
-        _ => Width::Digits,
+        m if m <= EXACT => WideIntegerType::Float,
+        m if !unsigned || i64::try_from(m).is_ok() => WideIntegerType::Whole,
+        _ => WideIntegerType::Digits,
     }
 }
 
 /// Records gathered for a batch.
-pub(super) struct Records {
-    columns: Vec<Column>,
-    widths: Widths,
+pub(super) struct RecordBuffer {
+    columns: Vec<RecordColumn>,
+    widths: WideIntegerScan,
     schema: SchemaRef,
     /// The length of a record.
     stride: usize,
@@ -130,18 +131,18 @@ const CELLS: usize = 6 << 20;
 /// Rows of a batch.
 const ROWS: usize = 65_536;
 
-impl Records {
-    pub(super) fn new(columns: Vec<Column>, widths: Widths, stride: usize) -> Records {
-        let of = |(i, c): (usize, &Column)| {
-            let data_type = match (c.kind, widths.of(i)) {
-                (Kind::Text(_), _) | (_, Width::Digits) => DataType::Utf8,
-                (_, Width::Whole) => DataType::Int64,
-                (_, Width::Float) => DataType::Float64,
+impl RecordBuffer {
+    pub(super) fn new(columns: Vec<RecordColumn>, widths: WideIntegerScan, stride: usize) -> RecordBuffer {
+        let of = |(i, c): (usize, &RecordColumn)| {
+            let data_type = match (c.kind, widths.column_type(i)) {
+                (RecordFieldType::Text(_), _) | (_, WideIntegerType::Digits) => DataType::Utf8,
+                (_, WideIntegerType::Whole) => DataType::Int64,
+                (_, WideIntegerType::Float) => DataType::Float64,
             };
             field(&c.name, data_type, &c.unit, Role::Aux, "")
         };
         let schema = Arc::new(Schema::new(columns.iter().enumerate().map(of).collect::<Vec<Field>>()));
-        Records { columns, widths, schema, stride: stride.max(1), bytes: vec![] }
+        RecordBuffer { columns, widths, schema, stride: stride.max(1), bytes: vec![] }
     }
 
     pub(super) fn schema(&self) -> &SchemaRef {
@@ -168,13 +169,14 @@ impl Records {
 
     /// Takes the records as a batch.
     pub(super) fn take(&mut self, path: &Path) -> Result<RecordBatch, ReadError> {
-        let columns = self.columns.iter().enumerate().map(|(i, c)| self.column(c, self.widths.of(i))).collect();
+        let columns =
+            self.columns.iter().enumerate().map(|(i, c)| self.column(c, self.widths.column_type(i))).collect();
         let batch = RecordBatch::try_new(self.schema.clone(), columns);
         self.bytes.clear();
         batch.map_err(|e| ReadError::data(path, e.to_string()))
     }
 
-    fn column(&self, column: &Column, width: Width) -> ArrayRef {
+    fn column(&self, column: &RecordColumn, width: WideIntegerType) -> ArrayRef {
         let divisor = column.divisor;
         macro_rules! numbers {
             ($t:ty, $n:literal) => {
@@ -182,25 +184,25 @@ impl Records {
             };
         }
         match (column.kind, width) {
-            (Kind::I8, _) => numbers!(i8, 1),
-            (Kind::U8, _) => numbers!(u8, 1),
-            (Kind::I16, _) => numbers!(i16, 2),
-            (Kind::U16, _) => numbers!(u16, 2),
-            (Kind::I32, _) => numbers!(i32, 4),
-            (Kind::U32, _) => numbers!(u32, 4),
-            (Kind::F32, _) => numbers!(f32, 4),
-            (Kind::F64, _) => numbers!(f64, 8),
-            (Kind::F16, _) => self.numbers(column, divisor, |b: [u8; 2]| half(u16::from_le_bytes(b))),
-            (Kind::I64, Width::Float) => numbers!(i64, 8),
-            (Kind::U64, Width::Float) => numbers!(u64, 8),
-            (Kind::I64 | Kind::U64, Width::Whole) => {
+            (RecordFieldType::I8, _) => numbers!(i8, 1),
+            (RecordFieldType::U8, _) => numbers!(u8, 1),
+            (RecordFieldType::I16, _) => numbers!(i16, 2),
+            (RecordFieldType::U16, _) => numbers!(u16, 2),
+            (RecordFieldType::I32, _) => numbers!(i32, 4),
+            (RecordFieldType::U32, _) => numbers!(u32, 4),
+            (RecordFieldType::F32, _) => numbers!(f32, 4),
+            (RecordFieldType::F64, _) => numbers!(f64, 8),
+            (RecordFieldType::F16, _) => self.numbers(column, divisor, |b: [u8; 2]| half(u16::from_le_bytes(b))),
+            (RecordFieldType::I64, WideIntegerType::Float) => numbers!(i64, 8),
+            (RecordFieldType::U64, WideIntegerType::Float) => numbers!(u64, 8),
+            (RecordFieldType::I64 | RecordFieldType::U64, WideIntegerType::Whole) => {
                 Arc::new(self.cells(column, i64::from_le_bytes).collect::<Int64Array>())
             }
-            (Kind::I64 | Kind::U64, Width::Digits) => {
+            (RecordFieldType::I64 | RecordFieldType::U64, WideIntegerType::Digits) => {
                 let digits = self.cells(column, |b| u64::from_le_bytes(b).to_string());
                 Arc::new(digits.collect::<StringArray>())
             }
-            (Kind::Text(n), _) => {
+            (RecordFieldType::Text(n), _) => {
                 let texts = self
                     .bytes
                     .chunks_exact(self.stride)
@@ -213,14 +215,19 @@ impl Records {
     /// The bytes of one column, decoded; a record that is too short for it gives none.
     fn cells<'a, const N: usize, T>(
         &'a self,
-        column: &'a Column,
+        column: &'a RecordColumn,
         decode: impl Fn([u8; N]) -> T + 'a,
     ) -> impl Iterator<Item = Option<T>> + 'a {
         let at = column.offset;
         self.bytes.chunks_exact(self.stride).map(move |r| r.get(at..)?.first_chunk::<N>().map(|b| decode(*b)))
     }
 
-    fn numbers<const N: usize>(&self, column: &Column, divisor: f64, decode: impl Fn([u8; N]) -> f64) -> ArrayRef {
+    fn numbers<const N: usize>(
+        &self,
+        column: &RecordColumn,
+        divisor: f64,
+        decode: impl Fn([u8; N]) -> f64,
+    ) -> ArrayRef {
         let scaled = |b| if divisor == 1.0 { decode(b) } else { decode(b) / divisor };
         let values: Vec<f64> = self.cells(column, scaled).map(|x| x.unwrap_or(f64::NAN)).collect();
         Arc::new(Float64Array::from(values))
@@ -252,9 +259,9 @@ fn half(bits: u16) -> f64 {
 /// topic, and returns whether there was one.
 pub(super) fn batches(
     path: &Path,
-    mut records: Records,
-    mut step: impl FnMut(&mut Records) -> Result<bool, ReadError> + Send + 'static,
-) -> Parts {
+    mut records: RecordBuffer,
+    mut step: impl FnMut(&mut RecordBuffer) -> Result<bool, ReadError> + Send + 'static,
+) -> FlightBatches {
     let (path, mut done) = (path.to_path_buf(), false);
     Box::new(std::iter::from_fn(move || {
         while !done && !records.is_full() {
@@ -266,7 +273,7 @@ pub(super) fn batches(
                 }
             }
         }
-        (!records.is_empty()).then(|| records.take(&path).map(Part::whole))
+        (!records.is_empty()).then(|| records.take(&path).map(FlightBatch::whole))
     }))
 }
 
@@ -278,19 +285,19 @@ mod tests {
 
     use super::*;
 
-    fn column(name: &str, kind: Kind, offset: usize, divisor: f64) -> Column {
-        Column { name: name.into(), kind, offset, divisor, unit: String::new() }
+    fn column(name: &str, kind: RecordFieldType, offset: usize, divisor: f64) -> RecordColumn {
+        RecordColumn { name: name.into(), kind, offset, divisor, unit: String::new() }
     }
 
     #[test]
     fn unit_every_type_of_a_record() {
         let columns = vec![
-            column("i8", Kind::I8, 0, 1.0),
-            column("u16", Kind::U16, 1, 1.0),
-            column("scaled", Kind::I32, 3, 1e7),
-            column("f32", Kind::F32, 7, 1.0),
-            column("f64", Kind::F64, 11, 1.0),
-            column("name", Kind::Text(4), 19, 1.0),
+            column("i8", RecordFieldType::I8, 0, 1.0),
+            column("u16", RecordFieldType::U16, 1, 1.0),
+            column("scaled", RecordFieldType::I32, 3, 1e7),
+            column("f32", RecordFieldType::F32, 7, 1.0),
+            column("f64", RecordFieldType::F64, 11, 1.0),
+            column("name", RecordFieldType::Text(4), 19, 1.0),
         ];
         let mut record = vec![0xff];
         record.extend(65535u16.to_le_bytes());
@@ -298,7 +305,7 @@ mod tests {
         record.extend(0.1f32.to_le_bytes());
         record.extend(f64::MIN_POSITIVE.to_le_bytes());
         record.extend(b"ab\0d");
-        let mut records = Records::new(columns, Widths::default(), record.len());
+        let mut records = RecordBuffer::new(columns, WideIntegerScan::default(), record.len());
         records.push(&record);
         records.push(&record[1..]);
         let batch = records.take(Path::new("a")).unwrap();
@@ -312,12 +319,12 @@ mod tests {
 
     #[test]
     fn unit_whole_numbers_beyond_a_float_stay_exact() {
-        let columns = vec![column("q", Kind::I64, 0, 1.0), column("Q", Kind::U64, 8, 1.0)];
+        let columns = vec![column("q", RecordFieldType::I64, 0, 1.0), column("Q", RecordFieldType::U64, 8, 1.0)];
         let of = |q: i64, u: u64| [q.to_le_bytes(), u.to_le_bytes()].concat();
         let read = |rows: &[Vec<u8>]| {
-            let mut widths = Widths::new(&columns);
+            let mut widths = WideIntegerScan::new(&columns);
             rows.iter().for_each(|r| widths.look(r));
-            let mut records = Records::new(columns.clone(), widths, 16);
+            let mut records = RecordBuffer::new(columns.clone(), widths, 16);
             rows.iter().for_each(|r| records.push(r));
             records.take(Path::new("a")).unwrap()
         };

@@ -8,8 +8,8 @@ use schemas::canonical::{as_written, identifier};
 use super::RowFault;
 use crate::{
     ReadError,
-    motion::Track,
-    table::{Table, Values, whole},
+    motion::GeodeticTrack,
+    table::{ColumnTable, ColumnValues, whole},
 };
 
 /// Names in `.xyz` headers, names in HDF5 files, and the unit where it is not the canonical one.
@@ -129,21 +129,21 @@ pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static 
 /// A column that the file lacks is absent.
 ///
 /// Faults of single rows are returned with the table.
-pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFault>), ReadError> {
+pub(super) fn finish(path: &Path, mut table: ColumnTable) -> Result<(ColumnTable, Vec<RowFault>), ReadError> {
     let mut faults = vec![];
     for (from, to, sign) in [("utm_z", "alt", 1.0), ("ins_vw", "ins_ve", -1.0), ("ins_vu", "ins_vd", -1.0)] {
-        if let Some(Values::Number(x)) = table.take(from) {
-            table.push(to, "", Values::Number(x.iter().map(|x| sign * x).collect()));
+        if let Some(ColumnValues::Number(x)) = table.take(from) {
+            table.push(to, "", ColumnValues::Number(x.iter().map(|x| sign * x).collect()));
         }
     }
     push_velocity(&mut table);
     push_specific_force(&mut table);
     if let (Some(dc), Some(anomaly)) = (table.numbers("mag_1_dc"), table.numbers("mag_1_igrf")) {
         let igrf = dc.iter().zip(anomaly).map(|(dc, anomaly)| dc - anomaly).collect();
-        table.push("igrf", "", Values::Number(igrf));
+        table.push("igrf", "", ColumnValues::Number(igrf));
     }
     for name in ["year", "doy"] {
-        if let Some(Values::Number(x)) = table.take(name) {
+        if let Some(ColumnValues::Number(x)) = table.take(name) {
             let (values, wrong) = whole(path, name, &x);
             faults.extend(wrong);
             table.push(name, "", values);
@@ -151,10 +151,10 @@ pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFau
     }
     for (name, spell) in [("line", line_text as fn(f64) -> String), ("flight", identifier)] {
         match table.take(name) {
-            Some(Values::Number(x)) => {
+            Some(ColumnValues::Number(x)) => {
                 // The merge of the lines reports a missing identifier.
                 let text = |x: &f64| if x.is_finite() { spell(*x) } else { String::new() };
-                table.push_front(name, Values::Text(x.iter().map(text).collect()));
+                table.push_front(name, ColumnValues::Text(x.iter().map(text).collect()));
             }
             Some(values) => table.push_front(name, values),
             None => {}
@@ -170,24 +170,24 @@ fn line_text(x: f64) -> String {
     if (hundredths - hundredths.round()).abs() < 1e-6 { format!("{x:.2}") } else { x.to_string() }
 }
 
-fn push_velocity(table: &mut Table) {
+fn push_velocity(table: &mut ColumnTable) {
     let columns = ["tt", "lat", "lon", "alt"].map(|n| table.numbers(n));
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
-    let velocity = Track { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
+    let velocity = GeodeticTrack { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
     for (name, values) in ["vn", "ve", "vd"].into_iter().zip(velocity) {
-        table.push_described(name, "m/s", "velocity, by differences of the positions", Values::Number(values));
+        table.push_described(name, "m/s", "velocity, by differences of the positions", ColumnValues::Number(values));
     }
 }
 
 /// The accelerometers' x axis points `wander` counter-clockwise from north, y 90° further, z up.
-fn push_specific_force(table: &mut Table) {
+fn push_specific_force(table: &mut ColumnTable) {
     let columns = ["ins_acc_x", "ins_acc_y", "ins_acc_z", "ins_wander"].map(|n| table.numbers(n));
     let [Some(x), Some(y), Some(z), Some(wander)] = columns else { return };
     let north = (0..x.len()).map(|i| x[i] * wander[i].cos() - y[i] * wander[i].sin()).collect();
     let east = (0..x.len()).map(|i| -x[i] * wander[i].sin() - y[i] * wander[i].cos()).collect();
     let down = z.iter().map(|z| -z).collect();
     for (name, values) in [("ins_fn", north), ("ins_fe", east), ("ins_fd", down)] {
-        table.push(name, "", Values::Number(values));
+        table.push(name, "", ColumnValues::Number(values));
     }
 }
 

@@ -7,22 +7,22 @@ use std::{
 };
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading,
-    adopt::{Named, in_counted_unit, named},
-    hdf5::{Hdf5, Values as DataSet},
-    missing::Missing,
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints,
+    adopt::{FlightColumnTarget, in_counted_unit, named},
+    hdf5::{Hdf5Dataset as DataSet, Hdf5Source},
+    missing::MissingMarkers,
     sgl,
 };
 use crate::{
     ReadError,
-    table::{Table, Values},
+    table::{ColumnTable, ColumnValues},
 };
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "sgl_hdf5",
     about: "SGL survey 2020 or 2021 in HDF5, one data set per field",
     extensions: &["h5", "hdf5"],
-    recognise: |head: &Head| {
+    recognise: |head: &FileHead| {
         let names = head.hdf5_names();
         ["tt", "lat", "utm_z"].iter().all(|n| names.iter().any(|m| m == n))
     },
@@ -32,14 +32,14 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 };
 
 /// A data set, and its column of the flight table.
-struct Column {
+struct SglHdf5Column {
     own: String,
-    named: Named,
+    named: FlightColumnTarget,
     set: DataSet,
 }
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    let file = Hdf5::open(path)?;
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
+    let file = Hdf5Source::open(path)?;
     let time = options.rename.iter().find(|(own, to)| *to == "tt" && file.has(own)).map_or("tt", |(own, _)| own);
     let rows = file.need(time)?.shape.first().copied().unwrap_or(0);
     if rows == 0 {
@@ -65,24 +65,25 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let ins_angle = sgl::ins_angle(first("lat"), first("ins_lat"));
     let column = |(own, set): (String, DataSet)| {
         let named = named(path, &[&own], Some(sgl::unit_of(&own, ins_angle)), options)?;
-        Ok(Column { own, named, set })
+        Ok(SglHdf5Column { own, named, set })
     };
     let sets = sets.into_iter().map(column).collect::<Result<Vec<_>, ReadError>>()?;
     let mut lines = lines(&sets, rows)?.into_iter();
-    let file = Sets { path: path.to_path_buf(), sets, ins_angle, missing: Missing::of(options) };
+    let file =
+        SglHdf5Datasets { path: path.to_path_buf(), sets, ins_angle, missing: MissingMarkers::from_options(options) };
     let schema = sgl::finish(path, file.table(0..0)?)?.0.schema();
     let next = move || {
         let part = file.table(lines.next()?).and_then(|t| {
             let (table, faults) = sgl::finish(&file.path, t)?;
-            Ok(Part { batch: table.into_batch(&file.path)?, faults })
+            Ok(FlightBatch { batch: table.into_batch(&file.path)?, faults })
         });
         Some(part)
     };
-    Ok(Raw { own: Some(own), ..Raw::new(schema, Box::new(std::iter::from_fn(next))) })
+    Ok(RawFlight { own: Some(own), ..RawFlight::new(schema, Box::new(std::iter::from_fn(next))) })
 }
 
 /// The rows of each line of the survey, in the file's order.
-fn lines(sets: &[Column], rows: u64) -> Result<Vec<Range<u64>>, ReadError> {
+fn lines(sets: &[SglHdf5Column], rows: u64) -> Result<Vec<Range<u64>>, ReadError> {
     let mut keys = vec![];
     for name in ["flight", "line"] {
         if let Some(column) = sets.iter().find(|c| c.named.name == name) {
@@ -99,17 +100,17 @@ fn lines(sets: &[Column], rows: u64) -> Result<Vec<Range<u64>>, ReadError> {
 }
 
 /// The data sets of a file.
-struct Sets {
+struct SglHdf5Datasets {
     path: PathBuf,
-    sets: Vec<Column>,
+    sets: Vec<SglHdf5Column>,
     ins_angle: &'static str,
-    missing: Missing,
+    missing: MissingMarkers,
 }
 
-impl Sets {
-    fn table(&self, rows: Range<u64>) -> Result<Table, ReadError> {
-        let mut table = Table::default();
-        for Column { own, named, set } in &self.sets {
+impl SglHdf5Datasets {
+    fn table(&self, rows: Range<u64>) -> Result<ColumnTable, ReadError> {
+        let mut table = ColumnTable::default();
+        for SglHdf5Column { own, named, set } in &self.sets {
             let values = if rows.is_empty() { vec![] } else { set.rows(rows.clone())? };
             let values = values.into_iter().map(|x| self.missing.kept(x)).collect();
             let counted = sgl::unit_of(&named.name, self.ins_angle);
@@ -117,7 +118,7 @@ impl Sets {
             if table.has(&named.name) {
                 return Err(ReadError::options(&self.path, "two columns would have this name").in_column(&named.name));
             }
-            table.push(&named.name, &unit, Values::Number(values));
+            table.push(&named.name, &unit, ColumnValues::Number(values));
         }
         Ok(table)
     }

@@ -8,30 +8,30 @@ use std::{
 };
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault,
-    adopt::{Named, in_counted_unit, named},
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault,
+    adopt::{FlightColumnTarget, in_counted_unit, named},
     decimal,
-    missing::Missing,
+    missing::MissingMarkers,
     sgl,
     text_end::{TextFile, is_whole},
 };
 use crate::{
     ReadError,
-    table::{Table, Values},
+    table::{ColumnTable, ColumnValues},
 };
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "sgl_xyz",
     about: "ASCII export of the SGL surveys, blank-separated, header after `/`",
     extensions: &["xyz"],
-    recognise: |head: &Head| head.first_line().is_some_and(|l| l.starts_with('/')),
+    recognise: |head: &FileHead| head.first_line().is_some_and(|l| l.starts_with('/')),
     open,
     topics: None,
     made_from: None,
 };
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    let mut rows = Rows::open(path, options)?;
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
+    let mut rows = SglXyzReader::open(path, options)?;
     rows.advance()?;
     let Some(first) = &rows.pending else {
         return Err(ReadError::data(path, "has a header and no rows"));
@@ -43,7 +43,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let ins_angle = sgl::ins_angle(value("lat"), value("ins_lat"));
     rows.name(ins_angle, options)?;
     let own = rows.columns.iter().flat_map(|c| [c.header.clone(), c.meant.clone()]).collect();
-    let empty = rows.table(Gathered::new(rows.columns.len()))?;
+    let empty = rows.table(SglLineBatch::new(rows.columns.len()))?;
     let schema = sgl::finish(path, empty)?.0.schema();
     let notes = match is_whole(path) {
         Ok(false) => {
@@ -61,26 +61,26 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             let (table, more) = sgl::finish(&path, table)?;
             faults.extend(more);
             faults.sort_by_key(|f| f.row);
-            Ok(Part { batch: table.into_batch(&path)?, faults })
+            Ok(FlightBatch { batch: table.into_batch(&path)?, faults })
         });
         done = part.is_err();
         Some(part)
     });
-    Ok(Raw { own: Some(own), notes, ..Raw::new(schema, Box::new(parts)) })
+    Ok(RawFlight { own: Some(own), notes, ..RawFlight::new(schema, Box::new(parts)) })
 }
 
 /// A column of the file.
-struct Column {
+struct SglXyzColumn {
     /// Name in the header.
     header: String,
     /// Meaning in the surveys.
     meant: String,
-    named: Named,
+    named: FlightColumnTarget,
 }
 
 /// A row of text.
 #[derive(Default)]
-struct Row {
+struct SglXyzRow {
     text: String,
     /// Where each word begins and ends.
     words: Vec<(usize, usize)>,
@@ -88,7 +88,7 @@ struct Row {
     text_line: u64,
 }
 
-impl Row {
+impl SglXyzRow {
     fn word(&self, i: usize) -> Option<&str> {
         self.words.get(i).and_then(|(start, end)| self.text.get(*start..*end))
     }
@@ -116,7 +116,7 @@ impl Row {
 }
 
 /// The rows of one line of the survey, by column.
-struct Gathered {
+struct SglLineBatch {
     rows: usize,
     /// None for flight and line.
     numbers: Vec<Vec<f64>>,
@@ -125,38 +125,48 @@ struct Gathered {
     faults: Vec<RowFault>,
 }
 
-impl Gathered {
-    fn new(columns: usize) -> Gathered {
-        Gathered { rows: 0, numbers: vec![vec![]; columns], key: None, faults: vec![] }
+impl SglLineBatch {
+    fn new(columns: usize) -> SglLineBatch {
+        SglLineBatch { rows: 0, numbers: vec![vec![]; columns], key: None, faults: vec![] }
     }
 }
 
-/// The rows of the file, one ahead.
-struct Rows {
+/// Reader of the rows of a file, one row ahead.
+struct SglXyzReader {
     path: PathBuf,
     input: BufReader<TextFile>,
-    columns: Vec<Column>,
-    missing: Missing,
+    columns: Vec<SglXyzColumn>,
+    missing: MissingMarkers,
     ins_angle: &'static str,
     /// The columns `flight` and `line`, as far as there are any.
     keys: Vec<usize>,
-    pending: Option<Row>,
+    pending: Option<SglXyzRow>,
     /// The row before, whose room is used again.
-    spare: Row,
+    spare: SglXyzRow,
     /// Rows taken so far, and lines of text.
     row: u64,
     text_line: u64,
 }
 
-impl Rows {
+impl SglXyzReader {
     /// Opens the file and reads up to the header.
-    fn open(path: &Path, options: &FlightOptions) -> Result<Rows, ReadError> {
+    fn open(path: &Path, options: &FlightOptions) -> Result<SglXyzReader, ReadError> {
         let input = BufReader::with_capacity(1 << 20, TextFile::open(path)?);
-        let (columns, pending, missing) = (vec![], None, Missing::of(options));
-        let (path_buf, keys, spare) = (path.to_path_buf(), vec![], Row::default());
+        let (columns, pending, missing) = (vec![], None, MissingMarkers::from_options(options));
+        let (path_buf, keys, spare) = (path.to_path_buf(), vec![], SglXyzRow::default());
         let ins_angle = "rad";
-        let mut rows =
-            Rows { path: path_buf, input, columns, missing, ins_angle, keys, pending, spare, row: 0, text_line: 0 };
+        let mut rows = SglXyzReader {
+            path: path_buf,
+            input,
+            columns,
+            missing,
+            ins_angle,
+            keys,
+            pending,
+            spare,
+            row: 0,
+            text_line: 0,
+        };
         let mut header = None;
         while rows.input.fill_buf().map_err(|e| ReadError::io(path, &e))?.first() == Some(&b'/') {
             let Some(line) = rows.text(String::new())? else { break };
@@ -168,7 +178,7 @@ impl Rows {
         let header = header.ok_or_else(|| ReadError::data(path, "no line after `/` names the columns"))?;
         let column = |header: String| {
             let meant = sgl::name_of_header(&header);
-            Column { header, named: Named { name: meant.clone(), unit: String::new() }, meant }
+            SglXyzColumn { header, named: FlightColumnTarget { name: meant.clone(), unit: String::new() }, meant }
         };
         rows.columns = header.into_iter().map(column).collect();
         for (i, column) in rows.columns.iter().enumerate() {
@@ -237,9 +247,9 @@ impl Rows {
     }
 
     /// All rows of the next line of the survey.
-    fn line(&mut self) -> Result<Option<(Table, Vec<RowFault>)>, ReadError> {
+    fn line(&mut self) -> Result<Option<(ColumnTable, Vec<RowFault>)>, ReadError> {
         let first = self.row.saturating_sub(1);
-        let mut gathered = Gathered::new(self.columns.len());
+        let mut gathered = SglLineBatch::new(self.columns.len());
         while self.pending.is_some() {
             if let Some(next) = self.key() {
                 match &gathered.key {
@@ -265,7 +275,7 @@ impl Rows {
     }
 
     /// Adds the values of a row; `first` is the first row of the line.
-    fn gather(&self, row: &Row, to: &mut Gathered, first: u64) {
+    fn gather(&self, row: &SglXyzRow, to: &mut SglLineBatch, first: u64) {
         let width = self.columns.len();
         let whole = row.words.len() == width;
         let mut wrong = |fault: ReadError| {
@@ -297,19 +307,20 @@ impl Rows {
     }
 
     /// The rows as a table; `flight` and `line` stay as they are spelt.
-    fn table(&self, gathered: Gathered) -> Result<Table, ReadError> {
-        let mut table = Table::default();
+    fn table(&self, gathered: SglLineBatch) -> Result<ColumnTable, ReadError> {
+        let mut table = ColumnTable::default();
         // A row that cannot be read is of the line of the others.
         let key = gathered.key.unwrap_or_default();
-        for (i, (Column { header, named, .. }, numbers)) in self.columns.iter().zip(gathered.numbers).enumerate() {
+        for (i, (SglXyzColumn { header, named, .. }, numbers)) in self.columns.iter().zip(gathered.numbers).enumerate()
+        {
             if let Some(k) = self.keys.iter().position(|at| *at == i) {
                 let text = key.get(k).cloned().unwrap_or_default();
-                table.push(&named.name, "", Values::Text(vec![text; gathered.rows]));
+                table.push(&named.name, "", ColumnValues::Text(vec![text; gathered.rows]));
                 continue;
             }
             let counted = sgl::unit_of(&named.name, self.ins_angle);
             let (unit, numbers) = in_counted_unit(&self.path, header, named, counted, numbers)?;
-            table.push(&named.name, &unit, Values::Number(numbers));
+            table.push(&named.name, &unit, ColumnValues::Number(numbers));
         }
         Ok(table)
     }

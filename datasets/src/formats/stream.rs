@@ -13,7 +13,7 @@ use crate::ReadError;
 const BLOCK: usize = 4 << 20;
 
 /// The bytes of a file from a position that only moves forward.
-pub(super) struct Forward<R> {
+pub(super) struct ForwardReader<R> {
     input: R,
     bytes: Vec<u8>,
     /// The position in `bytes`.
@@ -23,19 +23,19 @@ pub(super) struct Forward<R> {
     ended: bool,
 }
 
-impl Forward<File> {
+impl ForwardReader<File> {
     /// Opens a file at its start.
     ///
     /// # Errors
     /// Fails where the file cannot be opened.
-    pub(super) fn open(path: &Path) -> Result<Forward<File>, ReadError> {
-        Ok(Forward::new(File::open(path).map_err(|e| ReadError::io(path, &e))?))
+    pub(super) fn open(path: &Path) -> Result<ForwardReader<File>, ReadError> {
+        Ok(ForwardReader::new(File::open(path).map_err(|e| ReadError::io(path, &e))?))
     }
 }
 
-impl<R: Read> Forward<R> {
-    pub(super) fn new(input: R) -> Forward<R> {
-        Forward { input, bytes: vec![], at: 0, before: 0, ended: false }
+impl<R: Read> ForwardReader<R> {
+    pub(super) fn new(input: R) -> ForwardReader<R> {
+        ForwardReader { input, bytes: vec![], at: 0, before: 0, ended: false }
     }
 
     /// The bytes from the position on: at least `least` of them, fewer only where the file ends.
@@ -58,7 +58,7 @@ impl<R: Read> Forward<R> {
         Ok(())
     }
 
-    /// Moves forward, not beyond what [`Forward::ahead`] returned.
+    /// Moves forward, not beyond what [`ForwardReader::ahead`] returned.
     #[inline]
     pub(super) fn skip(&mut self, bytes: usize) {
         self.at = (self.at + bytes).min(self.bytes.len());
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn law_all_bytes_are_seen_once_whatever_the_block() {
         let bytes: Vec<u8> = (0..3 * BLOCK + 17).map(|i| (i % 251) as u8).collect();
-        let (mut forward, mut seen) = (Forward::new(bytes.as_slice()), 0);
+        let (mut forward, mut seen) = (ForwardReader::new(bytes.as_slice()), 0);
         loop {
             let ahead = forward.ahead(1000).unwrap();
             let n = ahead.len().min(777);

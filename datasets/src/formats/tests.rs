@@ -250,7 +250,7 @@ fn unit_parquet_of_other_writers_and_row_groups_across_lines() {
     assert!(batches.iter().all(|b| b.num_rows() <= 65_536));
     let whole = concat_batches(&schema, &batches).unwrap();
     assert_eq!(whole.num_rows(), n);
-    let table = schemas::canonical::Canonical::new(&schema).unwrap().apply(&whole).unwrap();
+    let table = schemas::canonical::FlightConversion::new(&schema).unwrap().apply(&whole).unwrap();
     assert_eq!(texts(&table, "line")[39_999..40_001], ["a", "b"]);
     assert_eq!(numbers(&table, "mag_1_uc")[69_999], 69_999.0);
 }
@@ -259,7 +259,7 @@ fn unit_parquet_of_other_writers_and_row_groups_across_lines() {
 fn unit_every_sample_becomes_canonical() {
     for name in ["magnavjl_sample/Flt1003_sample.xyz", "magnavjl_sample/sgl_2020.h5", "simple_magnav/xyz.h5"] {
         let flight = sample(name);
-        let table = schemas::canonical::Canonical::new(&flight.schema()).unwrap().apply(&flight).unwrap();
+        let table = schemas::canonical::FlightConversion::new(&flight.schema()).unwrap().apply(&flight).unwrap();
         let off = numbers(&table, "ins_lat")[0] - numbers(&table, "lat")[0];
         assert!(off.abs() < 0.01, "{name}: degrees in the end");
     }
@@ -369,7 +369,7 @@ fn r12_positions_in_radians_are_refused() {
     // MagNav.jl 1.3.3 saves simulated flights in radians and reads them as degrees.
     let folder = TempDir::new().unwrap();
     let tt: Vec<f64> = (0..20).map(f64::from).collect();
-    let mut table = crate::table::Table::default();
+    let mut table = crate::table::ColumnTable::default();
     for (name, values) in [
         ("tt", tt.clone()),
         ("lat", tt.iter().map(|t| 0.7 + t * 1e-5).collect()),
@@ -378,7 +378,7 @@ fn r12_positions_in_radians_are_refused() {
         ("vn", vec![63.6; 20]),
         ("ve", vec![0.0; 20]),
     ] {
-        table.push(name, "", crate::table::Values::Number(values));
+        table.push(name, "", crate::table::ColumnValues::Number(values));
     }
     let fault = magnav_hdf5::refuse_radians(folder.path(), &table).unwrap_err().to_string();
     assert!(fault.contains("has radians"), "{fault}");

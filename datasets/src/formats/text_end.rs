@@ -51,10 +51,10 @@ impl TextFile {
     /// # Errors
     /// Fails for a file that cannot be read.
     pub(super) fn open(path: &Path) -> Result<TextFile, ReadError> {
-        TextFile::of(path).map_err(|e| ReadError::io(path, &e))
+        TextFile::from_path(path).map_err(|e| ReadError::io(path, &e))
     }
 
-    fn of(path: &Path) -> io::Result<TextFile> {
+    fn from_path(path: &Path) -> io::Result<TextFile> {
         let mut file = File::open(path)?;
         let bytes = file.metadata()?.len();
         let from = bytes.saturating_sub(TAIL as u64);
@@ -95,7 +95,7 @@ pub(super) fn is_whole(path: &Path) -> io::Result<bool> {
     file.seek(SeekFrom::End(-1))?;
     let mut last = [0];
     file.read_exact(&mut last)?;
-    Ok(matches!(last, [b'\n' | b'\r']) || TextFile::of(path)?.left < u64::MAX)
+    Ok(matches!(last, [b'\n' | b'\r']) || TextFile::from_path(path)?.left < u64::MAX)
 }
 
 #[cfg(test)]

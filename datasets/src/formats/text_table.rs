@@ -6,10 +6,10 @@ use std::path::Path;
 use super::{
     csv::number,
     decimal,
-    line_records::{Reads, Record, read as read_record, unknown},
+    line_records::{GeosoftLineRecord, LineRecordMatch, read as read_record, unknown},
     missing, text_end,
 };
-use crate::{ReadError, grid::split_unit, table::Values};
+use crate::{ReadError, grid::split_unit, table::ColumnValues};
 
 /// A table of text.
 #[derive(Debug)]
@@ -19,19 +19,19 @@ pub(super) struct TextTable {
     /// Whether the file names its columns.
     pub(super) named: bool,
     /// Numbers where all values are numbers, otherwise text.
-    pub(super) columns: Vec<Values>,
+    pub(super) columns: Vec<ColumnValues>,
     /// The comments, in order, without their mark.
     pub(super) comments: Vec<String>,
     /// The row that follows each line record, and the record.
-    pub(super) records: Vec<(usize, Record)>,
+    pub(super) records: Vec<(usize, GeosoftLineRecord)>,
 }
 
 /// The kind of a line.
-enum Line<'t, 'w> {
+enum TextTableLine<'t, 'w> {
     /// Any line after the first row of names or values, to be classified by the caller.
     Text(&'t str),
     Comment(&'t str),
-    Record(Record),
+    Record(GeosoftLineRecord),
     Names(&'w [&'t str]),
     /// A row, and the number of its line from 1.
     Row(&'w [&'t str], usize),
@@ -57,7 +57,7 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let (mut rows, mut numbers) = (0, vec![]);
     scan(text, |line| {
         match line {
-            Line::Text(line) => {
+            TextTableLine::Text(line) => {
                 let width = columns.len();
                 if rows == 0 || !plain_numbers(line.as_bytes(), &mut numbers) || numbers.len() != width {
                     return Ok(false);
@@ -70,10 +70,10 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
                 }
                 rows += 1;
             }
-            Line::Comment(comment) => table.comments.push(comment.to_owned()),
-            Line::Record(record) => table.records.push((rows, record)),
-            Line::Names(names) => table.names = names.iter().map(|n| (*n).to_owned()).collect(),
-            Line::Row(words, at) => {
+            TextTableLine::Comment(comment) => table.comments.push(comment.to_owned()),
+            TextTableLine::Record(record) => table.records.push((rows, record)),
+            TextTableLine::Names(names) => table.names = names.iter().map(|n| (*n).to_owned()).collect(),
+            TextTableLine::Row(words, at) => {
                 if rows == 0 {
                     let width = if table.names.is_empty() { words.len() } else { table.names.len() };
                     columns = vec![Some(vec![]); width];
@@ -95,8 +95,8 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
         table.name(columns.len());
     }
     let column = |(i, numbers): (usize, Option<Vec<f64>>)| match numbers {
-        Some(numbers) => Ok(Values::Number(numbers)),
-        None => texts(text, i, rows).map(Values::Text),
+        Some(numbers) => Ok(ColumnValues::Number(numbers)),
+        None => texts(text, i, rows).map(ColumnValues::Text),
     };
     table.columns = columns.into_iter().enumerate().map(column).collect::<Result<_, ReadError>>()?;
     Ok(table)
@@ -104,8 +104,10 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
 
 fn unequal(path: &Path, words: &[&str], width: usize, row: usize, at: usize) -> ReadError {
     let what = match read_record(words, Some(width)) {
-        Reads::Unknown => unknown(words),
-        Reads::Record(_) | Reads::No => format!("the row has {} values where the others have {width}", words.len()),
+        LineRecordMatch::Unknown => unknown(words),
+        LineRecordMatch::Record(_) | LineRecordMatch::No => {
+            format!("the row has {} values where the others have {width}", words.len())
+        }
     };
     ReadError::data(path, what).in_row(row as u64).help(format!("line {at} of the file"))
 }
@@ -123,9 +125,9 @@ fn put(column: &mut Option<Vec<f64>>, word: &str) {
 fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadError> {
     let mut out = Vec::with_capacity(rows);
     scan(text, |line| {
-        if let Line::Row(words, _) = line {
+        if let TextTableLine::Row(words, _) = line {
             out.push(words.get(column).copied().unwrap_or_default().to_owned());
-        } else if let Line::Text(_) = line {
+        } else if let TextTableLine::Text(_) = line {
             return Ok(false);
         }
         Ok(true)
@@ -134,26 +136,29 @@ fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadErro
 }
 
 /// Visits the lines that are not blank. `visit` returns whether it has consumed the line.
-fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<bool, ReadError>) -> Result<(), ReadError> {
+fn scan<'t>(
+    text: &'t str,
+    mut visit: impl FnMut(TextTableLine<'t, '_>) -> Result<bool, ReadError>,
+) -> Result<(), ReadError> {
     let mut words: Vec<&'t str> = vec![];
     let (mut begun, mut width) = (false, None);
     for (at, line) in text.lines().enumerate() {
         let line = line.trim();
-        if line.is_empty() || (begun && visit(Line::Text(line))?) {
+        if line.is_empty() || (begun && visit(TextTableLine::Text(line))?) {
             continue;
         }
         if line.starts_with(MARKS) {
-            visit(Line::Comment(line.trim_start_matches(MARKS).trim()))?;
+            visit(TextTableLine::Comment(line.trim_start_matches(MARKS).trim()))?;
             continue;
         }
         split(line, &mut words);
-        if let Reads::Record(record) = read_record(&words, width) {
-            visit(Line::Record(record))?;
+        if let LineRecordMatch::Record(record) = read_record(&words, width) {
+            visit(TextTableLine::Record(record))?;
         } else if !begun && is_header(&words) {
-            visit(Line::Names(&words))?;
+            visit(TextTableLine::Names(&words))?;
             (begun, width) = (true, Some(words.len()));
         } else {
-            visit(Line::Row(&words, at + 1))?;
+            visit(TextTableLine::Row(&words, at + 1))?;
             (begun, width) = (true, width.or(Some(words.len())));
         }
     }
@@ -192,8 +197,8 @@ impl TextTable {
     pub(super) fn numbers(&self, path: &Path, column: usize) -> Result<&[f64], ReadError> {
         let name = self.names.get(column).map_or("", String::as_str);
         match self.columns.get(column) {
-            Some(Values::Number(numbers)) => Ok(numbers),
-            Some(Values::Text(words)) => {
+            Some(ColumnValues::Number(numbers)) => Ok(numbers),
+            Some(ColumnValues::Text(words)) => {
                 let bad = words.iter().position(|w| missing_or_number(w).is_none()).unwrap_or(0);
                 let word = words.get(bad).map_or("", String::as_str);
                 let what = format!("`{word}` is not a number");
@@ -315,7 +320,10 @@ mod tests {
     fn unit_line_records_stand_before_their_rows() {
         let table = table("/ x y mag\nLine 10\n1 2 3\n1 3 4\nTIE T20\n2 2 2\nL30:1\n5 5 5\n");
         let records = [(0, LineType::Line, "10"), (2, LineType::Tie, "T20"), (3, LineType::Line, "L30:1")];
-        assert_eq!(table.records, records.map(|(row, kind, name)| (row, Record { kind, name: name.to_owned() })));
+        assert_eq!(
+            table.records,
+            records.map(|(row, kind, name)| (row, GeosoftLineRecord { kind, name: name.to_owned() }))
+        );
         assert_eq!(table.numbers(Path::new("a"), 0).unwrap(), [1.0, 1.0, 2.0, 5.0]);
     }
 

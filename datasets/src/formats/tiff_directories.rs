@@ -7,15 +7,15 @@ const PHOTOMETRIC: u16 = 262;
 /// Maximum number of directories; more indicate a cycle.
 const MOST: usize = 4096;
 
-/// One image of a file.
+/// Directory of one image of a TIFF file: its subfile type and photometric interpretation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Directory {
+pub(super) struct TiffDirectory {
     subfile: u32,
     /// The position of the photometric interpretation, and its bytes for `BlackIsZero`.
     photometric: Option<(usize, [u8; 2])>,
 }
 
-impl Directory {
+impl TiffDirectory {
     /// Whether it is the mask of another image.
     pub(super) fn is_mask(&self) -> bool {
         self.subfile & 4 != 0
@@ -34,10 +34,10 @@ impl Directory {
 }
 
 /// The directories of a file, in the order of its images, without damaged ones.
-pub(super) fn directories(bytes: &[u8]) -> Vec<Directory> {
+pub(super) fn directories(bytes: &[u8]) -> Vec<TiffDirectory> {
     let mut found = vec![];
     let mut seen = std::collections::HashSet::new();
-    let Some(file) = Bytes::of(bytes) else { return found };
+    let Some(file) = TiffBytes::new(bytes) else { return found };
     let mut next = if file.big { file.number(8, 8) } else { file.number(4, 4) };
     while let Some(at) = next.filter(|at| *at != 0 && found.len() < MOST && seen.insert(*at)) {
         let Some((directory, following)) = file.directory(at) else { break };
@@ -47,17 +47,17 @@ pub(super) fn directories(bytes: &[u8]) -> Vec<Directory> {
     found
 }
 
-struct Bytes<'a> {
+struct TiffBytes<'a> {
     bytes: &'a [u8],
     little: bool,
     big: bool,
 }
 
-impl<'a> Bytes<'a> {
-    fn of(bytes: &'a [u8]) -> Option<Bytes<'a>> {
+impl<'a> TiffBytes<'a> {
+    fn new(bytes: &'a [u8]) -> Option<TiffBytes<'a>> {
         let little = bytes.starts_with(b"II");
-        let file = Bytes { bytes, little, big: false };
-        Some(Bytes { big: file.number(2, 2)? == 43, ..file })
+        let file = TiffBytes { bytes, little, big: false };
+        Some(TiffBytes { big: file.number(2, 2)? == 43, ..file })
     }
 
     fn number(&self, at: usize, size: usize) -> Option<usize> {
@@ -68,12 +68,12 @@ impl<'a> Bytes<'a> {
     }
 
     /// The directory at a position, and the position of the next.
-    fn directory(&self, at: usize) -> Option<(Directory, Option<usize>)> {
+    fn directory(&self, at: usize) -> Option<(TiffDirectory, Option<usize>)> {
         let (count_size, entry_size, value_at, link) = if self.big { (8, 20, 12, 8) } else { (2, 12, 8, 4) };
         let count = self.number(at, count_size)?;
         let first = at + count_size;
         let end = count.checked_mul(entry_size)?.checked_add(first).filter(|end| *end <= self.bytes.len())?;
-        let mut directory = Directory::default();
+        let mut directory = TiffDirectory::default();
         for entry in (first..end).step_by(entry_size) {
             let value = entry + value_at;
             match self.number(entry, 2)? as u16 {

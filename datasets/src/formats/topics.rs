@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::{
-    FLIGHT_FORMATS, FlightFormat, FlightOptions, FlightReader, Reading, adopt, format_of, open_format, reader,
+    FLIGHT_FORMATS, FlightFormat, FlightOptions, FlightReader, ReadHints, adopt, format_of, open_format, reader,
 };
 use crate::ReadError;
 
 /// A table of a file: a message of a log, an array or a structure.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Topic {
+pub struct LogTopic {
     /// Its name in [`FlightOptions::topic`]; empty for a format with one table.
     pub name: String,
     /// Its rows.
@@ -37,12 +37,12 @@ pub struct TopicColumn {
 /// units.
 pub type RawReader = FlightReader;
 
-/// The tables of a file. A format with one table gives one [`Topic`] with an empty name, whose rows are counted by
+/// The tables of a file. A format with one table gives one [`LogTopic`] with an empty name, whose rows are counted by
 /// reading them.
 ///
 /// # Errors
 /// Fails for a file that is missing, empty, damaged beyond reading or in no known format.
-pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<LogTopic>, ReadError> {
     topics_among(FLIGHT_FORMATS, path, options)
 }
 
@@ -50,12 +50,16 @@ pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<Topic>, ReadEr
 ///
 /// # Errors
 /// Fails as [`topics`].
-pub fn topics_among(formats: &[FlightFormat], path: &Path, options: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+pub fn topics_among(
+    formats: &[FlightFormat],
+    path: &Path,
+    options: &FlightOptions,
+) -> Result<Vec<LogTopic>, ReadError> {
     let format = format_of(formats, path, options)?;
     if let Some(list) = format.topics {
         return list(path, options);
     }
-    let mut reader = open_raw_among(&[format], path, options, &Reading::default())?;
+    let mut reader = open_raw_among(&[format], path, options, &ReadHints::default())?;
     let column = |f: &arrow_schema::Field| {
         let said = |key: &str| f.metadata().get(key).cloned().unwrap_or_default();
         TopicColumn { name: f.name().clone(), unit: said("unit"), description: said("description") }
@@ -65,7 +69,7 @@ pub fn topics_among(formats: &[FlightFormat], path: &Path, options: &FlightOptio
     while let Some(part) = reader.next_part() {
         rows += part?.batch.num_rows() as u64;
     }
-    Ok(vec![Topic { name: String::new(), rows, columns, note: String::new() }])
+    Ok(vec![LogTopic { name: String::new(), rows, columns, note: String::new() }])
 }
 
 /// Opens one table of a file with the file's names, without the flight and line that
@@ -75,7 +79,7 @@ pub fn topics_among(formats: &[FlightFormat], path: &Path, options: &FlightOptio
 /// # Errors
 /// Fails for a file that is missing, empty, damaged beyond reading or in no known format, and for a file of several
 /// tables where `topic` does not name one of them.
-pub fn open_raw(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<RawReader, ReadError> {
+pub fn open_raw(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<RawReader, ReadError> {
     open_raw_among(FLIGHT_FORMATS, path, options, reading)
 }
 
@@ -87,7 +91,7 @@ pub fn open_raw_among(
     formats: &[FlightFormat],
     path: &Path,
     options: &FlightOptions,
-    reading: &Reading,
+    reading: &ReadHints,
 ) -> Result<RawReader, ReadError> {
     let (format, raw) = open_format(formats, path, options, reading)?;
     Ok(reader(format, adopt::without_fillers(path, raw, options)))

@@ -5,7 +5,7 @@ use schemas::{convert, flight, is_unit, usual_spelling};
 
 /// The unit that a name implies.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Said {
+pub(super) enum ImpliedUnit {
     /// No unit.
     Nothing,
     /// A definite unit: in brackets, or of several letters at the end.
@@ -53,18 +53,18 @@ const AMBIGUOUS: &[&str] = &[
 
 /// The unit that the name of a column implies. A standard name implies none: the `t` of
 /// `flux_a_t` and the `a` of `flux_a` are not units.
-pub(super) fn said_by(name: &str) -> Said {
+pub(super) fn said_by(name: &str) -> ImpliedUnit {
     if is_canonical(name) {
-        return Said::Nothing;
+        return ImpliedUnit::Nothing;
     }
     let name = name.trim();
     if let Some(inside) = bracketed(name) {
         return match inside {
-            _ if is_unit(&spelt(inside)) => Said::Unit(spelt(inside)),
+            _ if is_unit(&spelt(inside)) => ImpliedUnit::Unit(spelt(inside)),
             _ if is_qualifier(inside) => {
                 said_by_end(name.get(..name.len() - inside.len() - 2).unwrap_or("").trim_end())
             }
-            _ => Said::Unknown(inside.to_owned()),
+            _ => ImpliedUnit::Unknown(inside.to_owned()),
         };
     }
     said_by_end(name)
@@ -78,21 +78,21 @@ pub(super) fn is_canonical(name: &str) -> bool {
 /// The unit that an unrenamed column keeps: one that is not ambiguous.
 pub(super) fn kept_unit(name: &str) -> Option<String> {
     match said_by(name) {
-        Said::Unit(unit) => Some(unit),
-        Said::Perhaps(unit) => ["m", "s", "T"].contains(&unit.as_str()).then_some(unit),
-        Said::Nothing | Said::Unknown(_) => None,
+        ImpliedUnit::Unit(unit) => Some(unit),
+        ImpliedUnit::Perhaps(unit) => ["m", "s", "T"].contains(&unit.as_str()).then_some(unit),
+        ImpliedUnit::Nothing | ImpliedUnit::Unknown(_) => None,
     }
 }
 
 /// A text at the end of a name, or in brackets there, that looks like a unit and is not known.
 pub(super) fn unknown_unit(name: &str) -> Option<String> {
-    if matches!(said_by(name), Said::Unit(_) | Said::Perhaps(_)) {
+    if matches!(said_by(name), ImpliedUnit::Unit(_) | ImpliedUnit::Perhaps(_)) {
         return None;
     }
     let end = bracketed(name).map_or_else(|| name.to_owned(), |inside| format!("in {inside}"));
     match unknown_end(&end) {
-        Said::Unknown(unit) => Some(unit),
-        Said::Nothing | Said::Unit(_) | Said::Perhaps(_) => None,
+        ImpliedUnit::Unknown(unit) => Some(unit),
+        ImpliedUnit::Nothing | ImpliedUnit::Unit(_) | ImpliedUnit::Perhaps(_) => None,
     }
 }
 
@@ -110,7 +110,7 @@ fn is_qualifier(word: &str) -> bool {
 }
 
 /// The longest end of the name that is a unit, after words such as `MSL` and numbers are taken off.
-fn said_by_end(name: &str) -> Said {
+fn said_by_end(name: &str) -> ImpliedUnit {
     const BETWEEN: [char; 5] = ['_', ' ', '-', ',', '.'];
     let mut name = name.trim_end_matches(BETWEEN);
     while let Some(at) = name.rfind(BETWEEN) {
@@ -129,10 +129,10 @@ fn said_by_end(name: &str) -> Said {
         // `uT` and `mA` in both cases are definite units.
         let one_case = !(end.chars().any(char::is_lowercase) && end.chars().any(char::is_uppercase));
         let ambiguous = one_case && AMBIGUOUS.contains(&unit.to_ascii_lowercase().as_str());
-        return if ambiguous { Said::Perhaps(unit) } else { Said::Unit(unit) };
+        return if ambiguous { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Unit(unit) };
     }
     // One letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` are other things.
-    if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { Said::Perhaps(unit) } else { Said::Nothing }
+    if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Nothing }
 }
 
 /// Units that do not convert, and notations of angles that no factor converts.
@@ -195,23 +195,23 @@ const PREFIXED: [&[&str]; 2] =
 /// Denominators that make a quotient of any numerator.
 const TIMES: [&str; 9] = ["s", "sec", "min", "h", "hr", "hour", "day", "week", "fortnight"];
 
-/// The end of a name that has no known unit: nothing, or a text that looks like a unit. That is a quotient, a known unit with
-/// a prefix or with more letters, or a unit that does not convert.
-fn unknown_end(name: &str) -> Said {
+/// The end of a name that has no known unit: nothing, or a text that looks like a unit. That is a quotient, a known
+/// unit with a prefix or with more letters, or a unit that does not convert.
+fn unknown_end(name: &str) -> ImpliedUnit {
     if let Some(quotient) = unknown_quotient(name) {
-        return Said::Unknown(quotient.to_owned());
+        return ImpliedUnit::Unknown(quotient.to_owned());
     }
-    let Some(at) = name.rfind(['_', ' ']) else { return Said::Nothing };
+    let Some(at) = name.rfind(['_', ' ']) else { return ImpliedUnit::Nothing };
     let word = name.get(at + 1..).unwrap_or_default();
     if let Some((unit, more)) = unit_and_more(word) {
-        return if is_qualifier(more) { Said::Unit(spelt(unit)) } else { Said::Unknown(word.to_owned()) };
+        return if is_qualifier(more) { ImpliedUnit::Unit(spelt(unit)) } else { ImpliedUnit::Unknown(word.to_owned()) };
     }
     let with = |(prefixes, units): (&[&str], &[&str])| {
         prefixes.iter().filter_map(|p| word.strip_prefix(p)).any(|rest| units.contains(&rest))
     };
     let prefixed = PREFIXES.into_iter().zip(PREFIXED).any(with);
     let listed = OTHERS.contains(&word.to_ascii_lowercase().as_str());
-    if listed || prefixed { Said::Unknown(word.to_owned()) } else { Said::Nothing }
+    if listed || prefixed { ImpliedUnit::Unknown(word.to_owned()) } else { ImpliedUnit::Nothing }
 }
 
 /// The quotient of units at the end of a name.
@@ -244,9 +244,9 @@ fn spelt(unit: &str) -> String {
     if is_unit(&slashed) { usual(&slashed) } else { unit.to_owned() }
 }
 
-/// Why a name does not determine the unit of its column.
+/// Reason why the unit of a column does not follow from its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Unsettled {
+pub(super) enum UnitNameError {
     /// It implies a unit of another dimension, or one that is not known.
     Other(String),
     /// Its last letter may be a unit or not, and the values differ.
@@ -258,20 +258,20 @@ pub(super) enum Unsettled {
 ///
 /// # Errors
 /// Fails for a name that says a unit which does not convert, or one that may mean two things.
-pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, Unsettled> {
+pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, UnitNameError> {
     let factor = |unit: &str| convert(unit, wanted);
     match said_by(name) {
-        Said::Nothing => Ok(None),
+        ImpliedUnit::Nothing => Ok(None),
         _ if wanted.is_empty() => Ok(None),
-        Said::Unknown(word) => Err(Unsettled::Other(word)),
-        Said::Unit(unit) if factor(&unit).is_none() => Err(Unsettled::Other(unit)),
-        Said::Unit(unit) => Ok(Some(unit)),
-        Said::Perhaps(unit) => match factor(&unit) {
-            None if unit == "m" => Err(Unsettled::Other(unit)),
+        ImpliedUnit::Unknown(word) => Err(UnitNameError::Other(word)),
+        ImpliedUnit::Unit(unit) if factor(&unit).is_none() => Err(UnitNameError::Other(unit)),
+        ImpliedUnit::Unit(unit) => Ok(Some(unit)),
+        ImpliedUnit::Perhaps(unit) => match factor(&unit) {
+            None if unit == "m" => Err(UnitNameError::Other(unit)),
             None => Ok(None),
             // Small `g` is a gravity; of a field it is as likely a name.
             Some(_) if unit == "g" && wanted != "m/s2" => Ok(None),
-            Some(factor) if factor != 1.0 && is_doubtful(name, ours, &unit) => Err(Unsettled::Ambiguous(unit)),
+            Some(factor) if factor != 1.0 && is_doubtful(name, ours, &unit) => Err(UnitNameError::Ambiguous(unit)),
             Some(_) => Ok(Some(unit)),
         },
     }
@@ -288,8 +288,8 @@ mod tests {
 
     use super::*;
 
-    fn unit(word: &str) -> Said {
-        Said::Unit(word.to_owned())
+    fn unit(word: &str) -> ImpliedUnit {
+        ImpliedUnit::Unit(word.to_owned())
     }
 
     #[test]
@@ -315,11 +315,11 @@ mod tests {
             ("flux_a_x_nt", "nT"),
             ("lat_degE7", "degE7"),
         ] {
-            let Said::Unit(found) = said_by(name) else { panic!("{name}: {:?}", said_by(name)) };
+            let ImpliedUnit::Unit(found) = said_by(name) else { panic!("{name}: {:?}", said_by(name)) };
             assert_eq!(convert(&found, said), Some(1.0), "{name}: {found}");
         }
-        assert_eq!(said_by("MagCabin_T"), Said::Perhaps("T".into()));
-        assert_eq!(said_by("Mag (counts)"), Said::Unknown("counts".into()));
+        assert_eq!(said_by("MagCabin_T"), ImpliedUnit::Perhaps("T".into()));
+        assert_eq!(said_by("Mag (counts)"), ImpliedUnit::Unknown("counts".into()));
         assert_eq!(said_by("Mag [T]"), unit("T"));
     }
 
@@ -328,7 +328,7 @@ mod tests {
         let families = ["mag_2_uc", "mag_1_c", "flux_a_x", "flux_a_t", "cur_x", "cur_ac_hi", "vol_bat_1", "vol_back_n"];
         let all = flight::COLUMNS.iter().map(|(name, _)| *name).chain(families);
         for name in all {
-            assert_eq!((said_by(name), kept_unit(name)), (Said::Nothing, None), "{name}");
+            assert_eq!((said_by(name), kept_unit(name)), (ImpliedUnit::Nothing, None), "{name}");
         }
         for name in
             ["flux_a", "flux_a_t", "m", "counter", "mag_c", "Mag A", "vel_ns", "event", "Flux_V", "mag_t", "time_ut"]
@@ -361,9 +361,9 @@ mod tests {
         assert_eq!(of("vel_ns", "vn", "m/s"), Ok(None));
         assert_eq!(of("time_ut", "tt", "s"), Ok(None));
         assert_eq!(of("mag_ut", "mag_4_uc", "nT"), Ok(Some("uT".into())));
-        assert_eq!(of("temp_degC", "mag_4_uc", "nT"), Err(Unsettled::Other("degC".into())));
-        assert_eq!(of("Alt (fathoms)", "alt", "m"), Err(Unsettled::Other("fathoms".into())));
-        assert_eq!(of("lat_m", "lat", "deg"), Err(Unsettled::Other("m".into())));
+        assert_eq!(of("temp_degC", "mag_4_uc", "nT"), Err(UnitNameError::Other("degC".into())));
+        assert_eq!(of("Alt (fathoms)", "alt", "m"), Err(UnitNameError::Other("fathoms".into())));
+        assert_eq!(of("lat_m", "lat", "deg"), Err(UnitNameError::Other("m".into())));
         for (name, ours, wanted, unit) in [
             ("Alt_ftUS", "alt", "m", "ftUS"),
             ("Alt (US-ft)", "alt", "m", "ftUS"),
@@ -389,7 +389,7 @@ mod tests {
             ("mag_kgauss", "mag_4_uc", "nT", "kgauss"),
             ("mag_counts", "mag_4_uc", "nT", "counts"),
         ] {
-            assert_eq!(of(name, ours, wanted), Err(Unsettled::Other(unit.into())), "{name}");
+            assert_eq!(of(name, ours, wanted), Err(UnitNameError::Other(unit.into())), "{name}");
         }
         for (name, ours, wanted) in [
             ("TotalField_comp", "mag_1_c", "nT"),
@@ -403,8 +403,8 @@ mod tests {
         ] {
             assert_eq!(of(name, ours, wanted), Ok(None), "{name}");
         }
-        assert_eq!(of("FLUXB_T", "flux_b_t", "nT"), Err(Unsettled::Ambiguous("T".into())));
-        assert_eq!(of("MAG_T", "mag_4_uc", "nT"), Err(Unsettled::Ambiguous("T".into())));
+        assert_eq!(of("FLUXB_T", "flux_b_t", "nT"), Err(UnitNameError::Ambiguous("T".into())));
+        assert_eq!(of("MAG_T", "mag_4_uc", "nT"), Err(UnitNameError::Ambiguous("T".into())));
         assert_eq!(of("TIME_S", "tt", "s"), Ok(None));
         assert_eq!(of("Event (left)", "event", ""), Ok(None));
     }

@@ -53,7 +53,7 @@ impl FileAxis {
     ///
     /// # Errors
     /// Fails for fewer than two coordinates, duplicates, and uneven spacing.
-    pub(crate) fn of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
+    pub(crate) fn from_coordinates(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
         let first = coordinates.first().copied().unwrap_or(0.0);
         let last = coordinates.last().copied().unwrap_or(0.0);
         if first == last && coordinates.len() > 1 {

@@ -18,7 +18,7 @@ pub(crate) enum AxisUnit {
 
 /// Source of the coordinate system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Origin {
+pub(crate) enum CrsSource {
     /// The options, which override the file.
     Given,
     /// The same file as the unit.
@@ -74,7 +74,7 @@ impl AxisUnit {
         if NOTHING.contains(&plain(text).as_str()) {
             return Ok(None);
         }
-        AxisUnit::of(text).map(Some).ok_or_else(|| {
+        AxisUnit::from_text(text).map(Some).ok_or_else(|| {
             ReadError::data(path, format!("the unit `{}` of the coordinates is unknown", text.trim()))
                 .in_column(column)
                 .help("convert the coordinates to m, km, ft, US survey feet or degrees, and name that unit in the file")
@@ -111,9 +111,9 @@ impl AxisUnit {
     }
 
     /// The unit of a text; `None` for one that is unknown.
-    pub(crate) fn of(text: &str) -> Option<AxisUnit> {
+    pub(crate) fn from_text(text: &str) -> Option<AxisUnit> {
         let (_, inside) = bracketed(text).unwrap_or(("", ""));
-        if let Some(unit) = Some(inside).filter(|t| !t.is_empty()).and_then(AxisUnit::of) {
+        if let Some(unit) = Some(inside).filter(|t| !t.is_empty()).and_then(AxisUnit::from_text) {
             // Unit in the form of GMT: `longitude [degrees_east]`.
             return Some(unit);
         }
@@ -124,7 +124,7 @@ impl AxisUnit {
                 AxisUnit::Angle(deg) => AxisUnit::Angle(count * deg),
                 AxisUnit::Length(_, m) => AxisUnit::Length(text.trim().to_owned(), count * m),
             };
-            return AxisUnit::of(unit).map(scaled).filter(|_| count.is_finite() && count > 0.0);
+            return AxisUnit::from_text(unit).map(scaled).filter(|_| count.is_finite() && count > 0.0);
         }
         let angle = ["degree", "degrees", "deg"]
             .iter()
@@ -147,7 +147,7 @@ impl AxisUnit {
         &self,
         path: &Path,
         crs: &Crs,
-        origin: Origin,
+        origin: CrsSource,
         notes: &mut Vec<String>,
     ) -> Result<f64, ReadError> {
         let contradiction = |said: &str, help: String| {
@@ -169,7 +169,7 @@ impl AxisUnit {
                 }
                 // A decimal multiple of the metre fits any system in metres; a foot contradicts it.
                 let decimal = metres.log10().fract().abs() < 1e-12 && crs.unit_m() == 1.0;
-                if origin == Origin::File && !decimal {
+                if origin == CrsSource::File && !decimal {
                     let help = format!(
                         "set `epsg` = {} to confirm the system; the coordinates are then converted",
                         crs.code()
@@ -217,10 +217,10 @@ pub(crate) fn split_unit(name: &str) -> (&str, &str) {
         (1..=3).rev().find_map(|words| {
             let at = name.char_indices().rev().filter(|(_, c)| ['_', ' '].contains(c)).nth(words - 1)?.0;
             let (base, end) = (name.get(..at)?, name.get(at + 1..)?);
-            AxisUnit::of(end).map(|_| (base.trim_end_matches([' ', '_']), end))
+            AxisUnit::from_text(end).map(|_| (base.trim_end_matches([' ', '_']), end))
         })
     };
-    let found = bracketed(name).filter(|(_, unit)| AxisUnit::of(unit).is_some()).or_else(end);
+    let found = bracketed(name).filter(|(_, unit)| AxisUnit::from_text(unit).is_some()).or_else(end);
     found.filter(|(base, _)| !base.is_empty()).unwrap_or((name, ""))
 }
 
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn ref_spellings_of_units_of_coordinates() {
-        let metres = |text: &str| match AxisUnit::of(text) {
+        let metres = |text: &str| match AxisUnit::from_text(text) {
             Some(AxisUnit::Length(_, m)) => m,
             other => panic!("{text}: {other:?}"),
         };
@@ -254,9 +254,9 @@ mod tests {
             assert!((metres(text) - m).abs() < 1e-12, "{text}");
         }
         for text in ["degrees_east", "degree_north", "deg", "degrees"] {
-            assert_eq!(AxisUnit::of(text), Some(AxisUnit::Angle(1.0)), "{text}");
+            assert_eq!(AxisUnit::from_text(text), Some(AxisUnit::Angle(1.0)), "{text}");
         }
-        assert!(AxisUnit::of("furlong").is_none() && AxisUnit::of("nT").is_none());
+        assert!(AxisUnit::from_text("furlong").is_none() && AxisUnit::from_text("nT").is_none());
         assert!(AxisUnit::read(Path::new("a"), "x", "user_x_unit").unwrap().is_none());
         let fault = AxisUnit::read(Path::new("a"), "x", "furlong").unwrap_err().to_string();
         assert!(fault.contains("column `x`: the unit `furlong` of the coordinates is unknown"), "{fault}");
@@ -283,16 +283,16 @@ mod tests {
     fn unit_units_and_systems_that_contradict_each_other() {
         let path = Path::new("a");
         let utm = Crs::from_epsg(path, 32754).unwrap();
-        let (feet, km) = (AxisUnit::of("US_survey_foot").unwrap(), AxisUnit::of("km").unwrap());
+        let (feet, km) = (AxisUnit::from_text("US_survey_foot").unwrap(), AxisUnit::from_text("km").unwrap());
         let notes = &mut vec![];
-        assert!((feet.to_system(path, &utm, Origin::Given, notes).unwrap() - US_FOOT).abs() < 1e-12);
-        assert_eq!(km.to_system(path, &utm, Origin::File, notes).unwrap(), 1000.0);
-        let fault = feet.to_system(path, &utm, Origin::File, notes).unwrap_err().to_string();
+        assert!((feet.to_system(path, &utm, CrsSource::Given, notes).unwrap() - US_FOOT).abs() < 1e-12);
+        assert_eq!(km.to_system(path, &utm, CrsSource::File, notes).unwrap(), 1000.0);
+        let fault = feet.to_system(path, &utm, CrsSource::File, notes).unwrap_err().to_string();
         assert!(fault.contains("in US_survey_foot, but EPSG:32754") && fault.contains("`epsg` = 32754"), "{fault}");
-        assert!(AxisUnit::Angle(1.0).to_system(path, &utm, Origin::Given, notes).is_err());
-        assert!(km.to_system(path, &Crs::wgs84().unwrap(), Origin::Given, notes).is_err());
+        assert!(AxisUnit::Angle(1.0).to_system(path, &utm, CrsSource::Given, notes).is_err());
+        assert!(km.to_system(path, &Crs::wgs84().unwrap(), CrsSource::Given, notes).is_err());
         let state = Crs::from_epsg(path, 2263).unwrap();
-        assert_eq!(feet.to_system(path, &state, Origin::File, notes).unwrap(), 1.0);
-        assert!(AxisUnit::of("m").unwrap().to_system(path, &state, Origin::File, notes).is_err());
+        assert_eq!(feet.to_system(path, &state, CrsSource::File, notes).unwrap(), 1.0);
+        assert!(AxisUnit::from_text("m").unwrap().to_system(path, &state, CrsSource::File, notes).is_err());
     }
 }

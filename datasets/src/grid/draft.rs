@@ -6,18 +6,18 @@ use schemas::convert;
 
 use super::{
     axis::FileAxis,
-    axis_unit::{AxisUnit, Origin},
+    axis_unit::{AxisUnit, CrsSource},
     markers::without_markers,
-    plausible::{self, Unit, accepted},
+    plausible::{self, ValueUnit, accepted},
 };
 use crate::{
     MapOptions, ReadError,
     formats::{markers, side_files::SideFiles},
 };
-use grids::{AnomalyGrid, Crs, DERIVATIVES, Height, NANOTESLA, Registration, WGS84, check_count, longitude};
+use grids::{AnomalyGrid, Crs, DERIVATIVES, GridHeight, NANOTESLA, Registration, WGS84, check_count, longitude};
 
 /// A map in the order of its file.
-pub(crate) struct Draft<'a> {
+pub(crate) struct MapDraft<'a> {
     pub(crate) path: &'a Path,
     /// The axis that runs fastest in `values`.
     pub(crate) x: FileAxis,
@@ -38,14 +38,14 @@ pub(crate) struct Draft<'a> {
     pub(crate) unit: Option<String>,
     /// The unit of the coordinates, where the file gives it.
     pub(crate) axis_unit: Option<AxisUnit>,
-    pub(crate) system: System,
+    pub(crate) system: FileCrs,
     pub(crate) registration: Registration,
     pub(crate) notes: Vec<String>,
 }
 
-/// The coordinate system that a file gives.
+/// Coordinate system stated by a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum System {
+pub(crate) enum FileCrs {
     /// A code.
     Epsg(u16),
     /// Degrees, of an unnamed datum.
@@ -68,10 +68,10 @@ const HEIGHTS_M: [f64; 2] = [-12_000.0, 2_000_000.0];
 /// The note on a map whose file gives no unit.
 const NO_UNIT: &str = "the file gives no unit; nT is assumed";
 
-impl<'a> Draft<'a> {
+impl<'a> MapDraft<'a> {
     /// A draft of axes and values alone.
-    pub(crate) fn new(path: &'a Path, x: FileAxis, y: FileAxis, values: Vec<f64>, system: System) -> Draft<'a> {
-        Draft {
+    pub(crate) fn new(path: &'a Path, x: FileAxis, y: FileAxis, values: Vec<f64>, system: FileCrs) -> MapDraft<'a> {
+        MapDraft {
             path,
             x,
             y,
@@ -166,18 +166,18 @@ impl<'a> Draft<'a> {
         let said = self.unit.take().filter(|u| !u.trim().is_empty());
         if said.is_none() && options.unit.is_none() {
             self.notes.push(NO_UNIT.to_owned());
-            self.check_values(&Unit { name: NANOTESLA, factor: 1.0, canonical: NANOTESLA }, options)?;
+            self.check_values(&ValueUnit { name: NANOTESLA, factor: 1.0, canonical: NANOTESLA }, options)?;
             return Ok(NANOTESLA);
         }
         let unit = options.unit.clone().or(said).unwrap_or_default();
         if let Some(derivative) = DERIVATIVES.iter().find(|d| **d == unit.trim()) {
-            self.check_values(&Unit { name: derivative, factor: 1.0, canonical: derivative }, options)?;
+            self.check_values(&ValueUnit { name: derivative, factor: 1.0, canonical: derivative }, options)?;
             return Ok(derivative);
         }
         let factor = convert(&unit, NANOTESLA).ok_or_else(|| {
             ReadError::options(self.path, format!("the unit `{unit}` does not convert to nT")).in_column("anomaly")
         })?;
-        self.check_values(&Unit { name: &unit, factor, canonical: NANOTESLA }, options)?;
+        self.check_values(&ValueUnit { name: &unit, factor, canonical: NANOTESLA }, options)?;
         if factor != 1.0 {
             // Accepted values may be too large for the factor.
             let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
@@ -187,7 +187,7 @@ impl<'a> Draft<'a> {
         Ok(NANOTESLA)
     }
 
-    fn check_values(&mut self, unit: &Unit, options: &MapOptions) -> Result<(), ReadError> {
+    fn check_values(&mut self, unit: &ValueUnit, options: &MapOptions) -> Result<(), ReadError> {
         if accepted(&options.accept) {
             return Ok(());
         }
@@ -210,14 +210,14 @@ impl<'a> Draft<'a> {
     /// file's own.
     fn crs(&mut self, options: &MapOptions) -> Result<Crs, ReadError> {
         let code = match (options.epsg, self.system) {
-            (Some(code), _) | (None, System::Epsg(code)) => code,
-            (None, System::Degrees) => WGS84,
-            (None, System::Projected) => return Err(no_epsg(self.path)),
-            (None, System::Unknown) => return Err(self.no_system()),
+            (Some(code), _) | (None, FileCrs::Epsg(code)) => code,
+            (None, FileCrs::Degrees) => WGS84,
+            (None, FileCrs::Projected) => return Err(no_epsg(self.path)),
+            (None, FileCrs::Unknown) => return Err(self.no_system()),
         };
         let crs = Crs::from_epsg(self.path, code)?;
         if let Some(unit) = self.axis_unit.take() {
-            let origin = if options.epsg.is_some() { Origin::Given } else { Origin::File };
+            let origin = if options.epsg.is_some() { CrsSource::Given } else { CrsSource::File };
             let factor = unit.to_system(self.path, &crs, origin, &mut self.notes)?;
             (self.x, self.y) = (self.x.scaled(factor), self.y.scaled(factor));
         }
@@ -235,9 +235,9 @@ impl<'a> Draft<'a> {
         ReadError::options(self.path, "the file does not give its coordinate system").help(help)
     }
 
-    fn height(&mut self, options: &MapOptions, missing: &[f64]) -> Result<Height, ReadError> {
+    fn height(&mut self, options: &MapOptions, missing: &[f64]) -> Result<GridHeight, ReadError> {
         if let Some(alt_m) = options.alt_m {
-            return Ok(Height::Level(alt_m));
+            return Ok(GridHeight::Level(alt_m));
         }
         let possible = |alt: f64| alt.is_nan() || (HEIGHTS_M[0]..=HEIGHTS_M[1]).contains(&alt);
         let possible = |alt: f64| accepted(&options.accept) || possible(alt);
@@ -256,7 +256,7 @@ impl<'a> Draft<'a> {
             } else if !possible(level_m) {
                 return Err(ReadError::data(self.path, impossible(level_m)).in_column("alt").help("set `alt_m`"));
             }
-            return Ok(Height::Level(level_m));
+            return Ok(GridHeight::Level(level_m));
         };
         check_count(self.path, cells.len(), self.values.len()).map_err(|e| e.in_column("alt"))?;
         without_markers(&mut cells, missing, !accepted(&options.accept), &mut self.notes);
@@ -269,10 +269,10 @@ impl<'a> Draft<'a> {
         match first {
             None => {
                 self.notes.push(NO_HEIGHT.to_owned());
-                Ok(Height::Level(f64::NAN))
+                Ok(GridHeight::Level(f64::NAN))
             }
-            Some(level_m) if cells.iter().all(|a| a.is_nan() || *a == level_m) => Ok(Height::Level(level_m)),
-            Some(_) => Ok(Height::Cells(cells)),
+            Some(level_m) if cells.iter().all(|a| a.is_nan() || *a == level_m) => Ok(GridHeight::Level(level_m)),
+            Some(_) => Ok(GridHeight::Cells(cells)),
         }
     }
 }
@@ -294,8 +294,8 @@ fn turn(map: &mut AnomalyGrid) {
         axis.last()
     ));
     let heights = match &mut map.height {
-        Height::Cells(cells) => Some(cells),
-        Height::Level(_) => None,
+        GridHeight::Cells(cells) => Some(cells),
+        GridHeight::Level(_) => None,
     };
     let width = map.x.len;
     for values in [Some(&mut map.anomaly_nt), heights, map.error_nt.as_mut()].into_iter().flatten() {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use numerics::maps::plane_grid::EvenAxis;
 
-use grids::{AnomalyGrid, Crs, Figure, Height};
+use grids::{AnomalyGrid, Crs, GridHeight, SummaryValue};
 
 fn crs(code: u16) -> Crs {
     Crs::from_epsg(Path::new("a"), code).unwrap()
@@ -26,7 +26,7 @@ fn made(code: u16, x: EvenAxis, y: EvenAxis) -> AnomalyGrid {
         field(lat, lon)
     };
     let values = (0..y.len).flat_map(|j| (0..x.len).map(move |i| (j, i))).map(|(j, i)| value(j, i)).collect();
-    AnomalyGrid::new(x, y, crs.clone(), values, Height::Level(100.0)).unwrap()
+    AnomalyGrid::new(x, y, crs.clone(), values, GridHeight::Level(100.0)).unwrap()
 }
 
 /// The largest error of a map of the field at its known nodes, and their number.
@@ -109,10 +109,10 @@ fn gold_a_map_around_a_pole() {
 
 #[test]
 fn gold_what_makes_no_map() {
-    let new = |x: EvenAxis, y: EvenAxis, code: u16, values: Vec<f64>, height: Height| {
+    let new = |x: EvenAxis, y: EvenAxis, code: u16, values: Vec<f64>, height: GridHeight| {
         AnomalyGrid::new(x, y, crs(code), values, height).map(|_| ()).unwrap_err().to_string()
     };
-    let (x, y, level) = (axis(0.0, 1.0, 2), axis(0.0, 1.0, 2), Height::Level(0.0));
+    let (x, y, level) = (axis(0.0, 1.0, 2), axis(0.0, 1.0, 2), GridHeight::Level(0.0));
     let four = vec![1.0; 4];
     let said = new(axis(0.0, 1.0, 1), y, 4326, four.clone(), level.clone());
     assert_eq!(said, "column `lon`: a map requires at least two nodes along each axis, not 1");
@@ -123,7 +123,7 @@ fn gold_what_makes_no_map() {
     let said = new(x, y, 4326, vec![1.0; 3], level.clone());
     assert_eq!(said, "column `anomaly`: the grid has 4 nodes but 3 values");
     assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: the map has no known value");
-    let said = new(x, y, 4326, four, Height::Cells(vec![0.0; 3]));
+    let said = new(x, y, 4326, four, GridHeight::Cells(vec![0.0; 3]));
     assert_eq!(said, "column `alt`: the map has a height that is not a number");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
     assert_eq!(
@@ -157,7 +157,7 @@ fn law_a_drape_is_resampled_with_its_map() {
     let utm = made(32630, axis(300_000.0, 1100.0, 20), axis(5_500_000.0, 1100.0, 20));
     let plane = |e: f64, n: f64| 100.0 + 1e-3 * (e - 300_000.0) + 2e-3 * (n - 5_500_000.0);
     let heights = (0..400).map(|k| plane(utm.x.at(f64::from(k % 20)), utm.y.at(f64::from(k / 20)))).collect();
-    let drape = AnomalyGrid { height: Height::Cells(heights), ..utm };
+    let drape = AnomalyGrid { height: GridHeight::Cells(heights), ..utm };
     let table = drape.to_geographic().unwrap();
     let mut known = 0;
     for (i, alt) in table.column("alt").iter().enumerate().filter(|(_, a)| !a.is_nan()) {
@@ -193,6 +193,6 @@ fn law_a_summary_says_what_the_map_is() {
     assert!((summary.spacing_m.0 - 100.0).abs() < 0.05 && (summary.spacing_m.1 - 200.0).abs() < 0.1);
     let figures = summary.figures();
     let figure = |name: &str| figures.iter().find(|f| f.0 == name).unwrap().clone();
-    assert_eq!(figure("unknown_share").1, Figure::Number(100.0 / 12.0));
+    assert_eq!(figure("unknown_share").1, SummaryValue::Number(100.0 / 12.0));
     assert_eq!((figure("west").2, figure("percentile_50").2), ("m", "nT"));
 }

@@ -8,11 +8,11 @@ mod nodes;
 mod plausible;
 
 pub(crate) use axis::FileAxis;
-pub(crate) use axis_unit::{AxisUnit, Origin, split_unit};
-pub(crate) use draft::{Draft, PLAIN, System};
+pub(crate) use axis_unit::{AxisUnit, CrsSource, split_unit};
+pub(crate) use draft::{FileCrs, MapDraft, PLAIN};
 pub(crate) use markers::{is_dummy, is_marker, without_markers};
 pub(crate) use nodes::from_nodes;
-pub(crate) use plausible::{Unit, accepted, check as check_values};
+pub(crate) use plausible::{ValueUnit, accepted, check as check_values};
 
 #[cfg(test)]
 mod map_tests;

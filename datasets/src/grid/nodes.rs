@@ -22,7 +22,7 @@ pub(crate) fn from_nodes(
     (x_name, x): (&str, &[f64]),
     (y_name, y): (&str, &[f64]),
     columns: &[&[f64]],
-) -> Result<Nodes, ReadError> {
+) -> Result<NodeGrid, ReadError> {
     let (x_axis, y_axis) = (axis_of(path, x_name, x)?, axis_of(path, y_name, y)?);
     let (x_even, y_even) = (x_axis.ascending(), y_axis.ascending());
     let cells = x_even.len.checked_mul(y_even.len).filter(|n| *n <= x.len().saturating_mul(SPARSEST));
@@ -44,7 +44,7 @@ pub(crate) fn from_nodes(
             }
         }
     }
-    Ok(Nodes { x: x_axis, y: y_axis, values })
+    Ok(NodeGrid { x: x_axis, y: y_axis, values })
 }
 
 /// The axis of the distinct coordinates.
@@ -65,11 +65,11 @@ fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, Rea
     }
     unique.sort_by(f64::total_cmp);
     unique.dedup_by(|a, b| (*a - *b).abs() <= 1e-9 * b.abs().max(1.0));
-    FileAxis::of(path, name, &unique)
+    FileAxis::from_coordinates(path, name, &unique)
 }
 
-/// The result of [`from_nodes`].
-pub(crate) struct Nodes {
+/// Axes and values of a grid that was given as a list of nodes.
+pub(crate) struct NodeGrid {
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,
     pub(crate) values: Vec<Vec<f64>>,

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use arrow_array::{Array, Float64Array, RecordBatch};
 use arrow_schema::Schema;
 use numerics::maps::plane_grid::EvenAxis;
-use schemas::map::OwnGrid;
+use schemas::map::NativeGrid;
 
-use grids::{AnomalyGrid, Crs, Height, geographic};
+use grids::{AnomalyGrid, Crs, GridHeight, geographic};
 
 use crate::{MapOptions, read_grid, read_map, samples};
 
@@ -25,7 +25,7 @@ fn law_a_projected_map_goes_to_the_stages_as_it_is() {
     assert!(column("anomaly").iter().zip(&grid.anomaly_nt).all(|(a, b)| same(a, b)));
     assert!(column("alt").iter().all(|a| *a == 500.0));
     assert_eq!((column("easting")[1], column("northing")[1]), (grid.x.at(1.0), grid.y.first));
-    let own = OwnGrid::of(&table.schema()).unwrap().unwrap();
+    let own = NativeGrid::from_schema(&table.schema()).unwrap().unwrap();
     assert_eq!((own.epsg, own.unit_m), (32754, [1.0, 1.0]));
     for (x, y) in grid.outline() {
         let (lat, lon) = grid.crs.unproject(x, y).unwrap();
@@ -67,8 +67,8 @@ fn law_a_map_in_degrees_stays_the_contracts_table() {
 fn law_a_map_around_a_pole_goes_to_the_stages_too() {
     let crs = Crs::from_epsg(std::path::Path::new("map"), 3413).unwrap();
     let axis = EvenAxis { first: -300_000.0, step: 50_000.0, len: 13 };
-    let grid = AnomalyGrid::new(axis, axis, crs, vec![1.0; 169], Height::Level(1000.0)).unwrap();
-    let own = OwnGrid::of(&grid.table().unwrap().schema()).unwrap().unwrap();
+    let grid = AnomalyGrid::new(axis, axis, crs, vec![1.0; 169], GridHeight::Level(1000.0)).unwrap();
+    let own = NativeGrid::from_schema(&grid.table().unwrap().schema()).unwrap().unwrap();
     assert_eq!((own.lat_deg[1], own.lon_deg), (90.0, [-180.0, 180.0]));
     assert!(own.lat_deg[0] < 87.0 && own.lat_deg[0] > 84.0, "{:?}", own.lat_deg);
     assert!(grid.to_geographic().is_err());

@@ -1,7 +1,7 @@
 //! The check of the values of maps and surveys. A value that can be neither an anomaly nor a total field of the earth
 //! is an error, unless the options accept it.
 
-use schemas::plausible::{Accept, Kind, Limits, shown, survey};
+use schemas::plausible::{PhysicalQuantity, PlausibilityCheck, PlausibleRange, shown, survey};
 
 use super::markers::GAP;
 use crate::ReadError;
@@ -11,8 +11,8 @@ const TOTAL_FIELD: &str =
     "the values are a total field, not an anomaly; subtract the core field if an anomaly is required";
 
 /// Whether impossible values are accepted.
-pub(crate) fn accepted(accept: &[Accept]) -> bool {
-    accept.contains(&Accept::Range)
+pub(crate) fn accepted(accept: &[PlausibilityCheck]) -> bool {
+    accept.contains(&PlausibilityCheck::Range)
 }
 
 /// A number as it is given in an option.
@@ -22,7 +22,7 @@ pub(crate) fn number(value: f64) -> String {
 }
 
 /// The unit of values before they become nT or one of the units of a derivative.
-pub(crate) struct Unit<'a> {
+pub(crate) struct ValueUnit<'a> {
     /// Its name.
     pub(crate) name: &'a str,
     /// The factor that converts to `canonical`.
@@ -38,13 +38,13 @@ pub(crate) struct Unit<'a> {
 /// of nines, such as 9999, that is far above the next.
 pub(crate) fn check(
     values: &[f64],
-    unit: &Unit,
+    unit: &ValueUnit,
     notes: &mut Vec<String>,
     wrong: impl Fn(usize, String) -> ReadError,
 ) -> Result<(), ReadError> {
     let scaled = |v: f64| v * unit.factor;
     let limits = survey(values.iter().map(|v| scaled(*v)));
-    if limits.kind == Kind::TotalField && unit.canonical == "nT" {
+    if limits.kind == PhysicalQuantity::TotalField && unit.canonical == "nT" {
         notes.push(TOTAL_FIELD.to_owned());
     }
     let mut outside = values.iter().enumerate().filter(|(_, v)| !v.is_nan() && !limits.holds(scaled(**v)));
@@ -59,7 +59,7 @@ pub(crate) fn check(
     } else {
         format!("{} {} ({} {})", spelt(*value), unit.name, spelt(scaled(*value)), unit.canonical)
     };
-    let Limits { low, high, .. } = limits;
+    let PlausibleRange { low, high, .. } = limits;
     let mut what = format!("{found} is not {noun} ({} to {} {})", shown(low), shown(high), unit.canonical);
     if count > 0 {
         what += &format!(", and {count} more of {known} values are outside too");
@@ -68,7 +68,7 @@ pub(crate) fn check(
 }
 
 /// A marker such as 9999, within the limits, far above all other values.
-fn nines(values: &[f64], unit: &Unit, wrong: impl Fn(usize, String) -> ReadError) -> Result<(), ReadError> {
+fn nines(values: &[f64], unit: &ValueUnit, wrong: impl Fn(usize, String) -> ReadError) -> Result<(), ReadError> {
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let next = values.iter().copied().filter(|v| *v < most).fold(f64::NEG_INFINITY, f64::max);
     let text = number(most);

@@ -3,7 +3,7 @@
 use super::{
     frame::{NAME, TICK},
     scale::ColourScale,
-    scene::{Anchor, BLACK, Ink, Mark, Rect, Spot, shortened, text_width},
+    scene::{BLACK, Ink, PaperPoint, Rect, SceneMark, TextAnchor, shortened, text_width},
 };
 
 /// Thickness of the bar.
@@ -16,7 +16,7 @@ const GAP: f64 = 7.0;
 const STOPS: usize = 129;
 
 /// A colour bar, with its name.
-pub struct Bar<'a> {
+pub struct ColourBar<'a> {
     /// The scale that it shows.
     pub scale: &'a ColourScale,
     /// Quantity and unit.
@@ -25,7 +25,7 @@ pub struct Bar<'a> {
     pub upward: bool,
 }
 
-impl Bar<'_> {
+impl ColourBar<'_> {
     /// Its total breadth, with numbers and name.
     pub fn breadth(&self) -> f64 {
         let apart = if self.upward { 8.0 } else { 4.0 };
@@ -34,13 +34,13 @@ impl Bar<'_> {
         THICK + GAP + name + if self.upward { widths.fold(0.0, f64::max) } else { TICK }
     }
 
-    /// The bar within `place`, whose shorter side is [`Bar::breadth`].
-    pub fn marks(&self, place: &Rect) -> Vec<Mark> {
+    /// The bar within `place`, whose shorter side is [`ColourBar::breadth`].
+    pub fn marks(&self, place: &Rect) -> Vec<SceneMark> {
         let rect = self.strip(place);
         let colours = (0..STOPS).map(|k| self.scale.colour_at(k as f64 / (STOPS - 1) as f64)).collect();
-        let mut out = vec![Mark::Fade { rect, colours, upward: self.upward }];
+        let mut out = vec![SceneMark::Fade { rect, colours, upward: self.upward }];
         out.extend(self.points(&rect));
-        out.push(Mark::Stroke { lines: vec![self.outline(&rect)], width: 1.0, ink: BLACK, within: None });
+        out.push(SceneMark::Stroke { lines: vec![self.outline(&rect)], width: 1.0, ink: BLACK, within: None });
         out.extend(self.numbers(&rect));
         out.extend(self.title(&rect, place));
         out
@@ -61,14 +61,14 @@ impl Bar<'_> {
     }
 
     /// A position at `along` the bar, 0 to 1, and `across` it, 0 on the side without numbers.
-    fn at(&self, rect: &Rect, along: f64, across: f64) -> Spot {
+    fn at(&self, rect: &Rect, along: f64, across: f64) -> PaperPoint {
         match self.upward {
             true => (rect.x + across * rect.w, rect.bottom() - along * rect.h),
             false => (rect.x + along * rect.w, rect.y + across * rect.h),
         }
     }
 
-    fn outline(&self, rect: &Rect) -> Vec<Spot> {
+    fn outline(&self, rect: &Rect) -> Vec<PaperPoint> {
         let length = if self.upward { rect.h } else { rect.w };
         let (below, above) = self.ends();
         let mut around = vec![self.at(rect, 0.0, 0.0)];
@@ -83,10 +83,10 @@ impl Bar<'_> {
     }
 
     /// The colours beyond the ends.
-    fn points(&self, rect: &Rect) -> Vec<Mark> {
+    fn points(&self, rect: &Rect) -> Vec<SceneMark> {
         let length = if self.upward { rect.h } else { rect.w };
         let (below, above) = self.ends();
-        let point = |end: f64, tip: f64| Mark::Fill {
+        let point = |end: f64, tip: f64| SceneMark::Fill {
             points: vec![self.at(rect, end, 0.0), self.at(rect, end + tip / length, 0.5), self.at(rect, end, 1.0)],
             ink: Ink::full(self.scale.colour_at(end)),
         };
@@ -94,7 +94,7 @@ impl Bar<'_> {
         ends.into_iter().filter(|(_, tip)| *tip != 0.0).map(|(end, tip)| point(end, tip)).collect()
     }
 
-    fn numbers(&self, rect: &Rect) -> Vec<Mark> {
+    fn numbers(&self, rect: &Rect) -> Vec<SceneMark> {
         let widest = self.scale.ticks(11).iter().map(|t| text_width(&t.label, TICK)).fold(0.0, f64::max);
         let most = if self.upward { rect.h / 30.0 } else { rect.w / (widest + 12.0) };
         let ticks = self.scale.ticks((most as usize).clamp(2, 11));
@@ -110,21 +110,27 @@ impl Bar<'_> {
             lines.push(vec![self.at(rect, along, 1.0), self.at(rect, along, 1.0 + 4.0 / length)]);
             let (x, y) = self.at(rect, along, 1.0 + GAP / length);
             let (at, anchor) = match self.upward {
-                true => ((x, y + 0.36 * TICK), Anchor::Start),
-                false => ((x, y + 0.8 * TICK), Anchor::Middle),
+                true => ((x, y + 0.36 * TICK), TextAnchor::Start),
+                false => ((x, y + 0.8 * TICK), TextAnchor::Middle),
             };
-            out.push(Mark::text(at, tick.label.clone(), TICK, anchor));
+            out.push(SceneMark::text(at, tick.label.clone(), TICK, anchor));
         }
-        out.push(Mark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
+        out.push(SceneMark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
         out
     }
 
-    fn title(&self, rect: &Rect, place: &Rect) -> Option<Mark> {
+    fn title(&self, rect: &Rect, place: &Rect) -> Option<SceneMark> {
         let at = match self.upward {
             true => (place.right() - 2.0, rect.y + 0.5 * rect.h),
             false => (rect.x + 0.5 * rect.w, place.bottom() - 1.0),
         };
         let text = shortened(&self.name, NAME, place.w.max(place.h) + 24.0);
-        (!text.is_empty()).then_some(Mark::Text { at, text, size: NAME, anchor: Anchor::Middle, turned: self.upward })
+        (!text.is_empty()).then_some(SceneMark::Text {
+            at,
+            text,
+            size: NAME,
+            anchor: TextAnchor::Middle,
+            turned: self.upward,
+        })
     }
 }

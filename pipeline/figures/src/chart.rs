@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::ticks::{self, Tick};
+use super::ticks::{self, AxisTick};
 
 const WIDTH: f64 = 940.0;
 /// Width of a chart in a row of two, with letters of the same size.
@@ -12,9 +12,9 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 8.0;
 const BOTTOM: f64 = 40.0;
 
-/// One axis of a plot.
+/// Label, scaling and range of an axis of a plot.
 #[derive(Clone, Debug, Default)]
-pub struct Dim {
+pub struct ChartAxis {
     /// Quantity and unit.
     pub label: String,
     /// Whether it is logarithmic.
@@ -23,21 +23,21 @@ pub struct Dim {
     pub range: Option<(f64, f64)>,
 }
 
-impl Dim {
+impl ChartAxis {
     /// An even axis.
-    pub fn new(label: impl Into<String>) -> Dim {
-        Dim { label: label.into(), ..Dim::default() }
+    pub fn new(label: impl Into<String>) -> ChartAxis {
+        ChartAxis { label: label.into(), ..ChartAxis::default() }
     }
 
     /// The same, logarithmic.
-    pub fn log(self) -> Dim {
-        Dim { log: true, ..self }
+    pub fn log(self) -> ChartAxis {
+        ChartAxis { log: true, ..self }
     }
 }
 
 /// A line through points; NaN interrupts it.
 #[derive(Clone, Debug)]
-pub struct Line {
+pub struct ChartLine {
     /// Its name.
     pub name: String,
     /// Its class in the style sheet, which gives the colour.
@@ -48,7 +48,7 @@ pub struct Line {
 
 /// The area between two curves.
 #[derive(Clone, Debug)]
-pub struct Band {
+pub struct ChartBand {
     /// Its name.
     pub name: String,
     /// Abscissa, lower and upper end.
@@ -57,19 +57,19 @@ pub struct Band {
 
 /// A plot.
 #[derive(Clone, Debug, Default)]
-pub struct Chart {
+pub struct LineChart {
     /// Its title.
     pub title: String,
     /// Its caption.
     pub caption: String,
     /// The horizontal axis.
-    pub x: Dim,
+    pub x: ChartAxis,
     /// The vertical axis.
-    pub y: Dim,
+    pub y: ChartAxis,
     /// Areas, below the lines.
-    pub bands: Vec<Band>,
+    pub bands: Vec<ChartBand>,
     /// The lines, the first at the bottom.
-    pub lines: Vec<Line>,
+    pub lines: Vec<ChartLine>,
     /// Reference values: name and value.
     pub levels: Vec<(String, f64)>,
     /// An interval of the horizontal axis to mark.
@@ -82,8 +82,8 @@ pub struct Chart {
     pub half: bool,
 }
 
-/// An axis on the picture.
-struct Side {
+/// An axis of the picture: data range and pixel range.
+struct PixelAxis {
     low: f64,
     high: f64,
     log: bool,
@@ -91,7 +91,7 @@ struct Side {
     to_px: f64,
 }
 
-impl Side {
+impl PixelAxis {
     fn at(&self, value: f64) -> f64 {
         let part = if self.log {
             (value / self.low).ln() / (self.high / self.low).ln()
@@ -102,12 +102,12 @@ impl Side {
         self.from_px + part.clamp(-2.0, 3.0) * (self.to_px - self.from_px)
     }
 
-    fn ticks(&self, most: usize) -> Vec<Tick> {
+    fn ticks(&self, most: usize) -> Vec<AxisTick> {
         if self.log { ticks::logarithmic(self.low, self.high) } else { ticks::linear(self.low, self.high, most) }
     }
 }
 
-impl Chart {
+impl LineChart {
     /// The plot with title, legend and caption; `None` where there is nothing to draw.
     pub fn draw(&self) -> Option<Markup> {
         let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
@@ -139,7 +139,7 @@ impl Chart {
         if self.half { HALF } else { WIDTH }
     }
 
-    fn picture(&self, x: &Side, y: &Side, style: Option<&str>) -> Markup {
+    fn picture(&self, x: &PixelAxis, y: &PixelAxis, style: Option<&str>) -> Markup {
         let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
         let (wide, high) = (self.width() - LEFT - RIGHT, self.height - TOP - BOTTOM);
         html! {
@@ -155,7 +155,7 @@ impl Chart {
         }
     }
 
-    fn marked(&self, x: &Side, y: &Side) -> Markup {
+    fn marked(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
         let places = self.marks.iter().filter_map(|(name, at, value)| Some((name, spot(x, y, *at, *value)?)));
         html! {
             @for (name, (left, top)) in places {
@@ -167,9 +167,9 @@ impl Chart {
         }
     }
 
-    fn side(&self, dim: &Dim, across: bool) -> Option<Side> {
+    fn side(&self, dim: &ChartAxis, across: bool) -> Option<PixelAxis> {
         let (from_px, to_px) = if across { (LEFT, self.width() - RIGHT) } else { (self.height - BOTTOM, TOP) };
-        let side = |low, high| Side { low, high, log: dim.log, from_px, to_px };
+        let side = |low, high| PixelAxis { low, high, log: dim.log, from_px, to_px };
         if let Some((low, high)) = dim.range {
             return (low < high).then(|| side(low, high));
         }
@@ -198,7 +198,7 @@ impl Chart {
         }
     }
 
-    fn grid(&self, x: &Side, y: &Side) -> Markup {
+    fn grid(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
         let (bottom, right) = (self.height - BOTTOM, self.width() - RIGHT);
         let middle = 0.5 * (TOP + bottom);
         html! {
@@ -217,7 +217,7 @@ impl Chart {
         }
     }
 
-    fn inside(&self, x: &Side, y: &Side) -> Markup {
+    fn inside(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
         html! {
             @if let Some((_, from, to)) = &self.stretch {
                 rect.stretch x=(px(x.at(*from))) width=(px(x.at(*to) - x.at(*from))) y=(TOP) height=(self.height - TOP - BOTTOM) {}
@@ -251,7 +251,7 @@ fn padded(low: f64, high: f64, log: bool, margin: f64) -> (f64, f64) {
 }
 
 /// A position on the picture; `None` where it is undefined.
-fn spot(x: &Side, y: &Side, at: f64, value: f64) -> Option<(f64, f64)> {
+fn spot(x: &PixelAxis, y: &PixelAxis, at: f64, value: f64) -> Option<(f64, f64)> {
     let there = at.is_finite() && value.is_finite() && !(x.log && at <= 0.0) && !(y.log && value <= 0.0);
     there.then(|| (x.at(at), y.at(value)))
 }
@@ -282,7 +282,7 @@ pub fn path(spots: impl Iterator<Item = Option<(f64, f64)>>) -> String {
 }
 
 /// The outline of a band: one closed shape for each interval without a gap.
-fn area(band: &Band, x: &Side, y: &Side) -> String {
+fn area(band: &ChartBand, x: &PixelAxis, y: &PixelAxis) -> String {
     let whole = |p: &(f64, f64, f64)| Some((spot(x, y, p.0, p.1)?, spot(x, y, p.0, p.2)?));
     let spots: Vec<Option<_>> = band.points.iter().map(whole).collect();
     let mut out = String::new();
@@ -301,16 +301,22 @@ mod tests {
 
     use super::*;
 
-    fn chart(points: Vec<(f64, f64)>) -> Chart {
-        let lines = vec![Line { name: "a & b".into(), class: "after", points }];
-        Chart { x: Dim::new("time, min"), y: Dim::new("error, nT"), lines, height: 240.0, ..Chart::default() }
+    fn chart(points: Vec<(f64, f64)>) -> LineChart {
+        let lines = vec![ChartLine { name: "a & b".into(), class: "after", points }];
+        LineChart {
+            x: ChartAxis::new("time, min"),
+            y: ChartAxis::new("error, nT"),
+            lines,
+            height: 240.0,
+            ..LineChart::default()
+        }
     }
 
     #[test]
     fn unit_a_plot_without_a_finite_value_is_none() {
         assert!(chart(vec![(0.0, f64::NAN)]).draw().is_none());
         assert!(chart(vec![]).draw().is_none());
-        let log = Chart { y: Dim::new("density").log(), ..chart(vec![(1.0, 0.0), (2.0, -1.0)]) };
+        let log = LineChart { y: ChartAxis::new("density").log(), ..chart(vec![(1.0, 0.0), (2.0, -1.0)]) };
         assert!(log.draw().is_none());
     }
 
@@ -333,7 +339,7 @@ mod tests {
 
     #[test]
     fn unit_logarithms_are_even() {
-        let side = Side { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
+        let side = PixelAxis { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
         assert!((side.at(10.0) - 100.0).abs() < 1e-9);
         assert_eq!(px(-0.04), "0");
         assert_eq!(px(12.34), "12.3");
@@ -341,10 +347,10 @@ mod tests {
 
     #[test]
     fn unit_a_band_is_one_shape_a_stretch() {
-        let side = |to_px| Side { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
+        let side = |to_px| PixelAxis { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
         let nan = f64::NAN;
         let points = vec![(0.0, 1.0, 2.0), (1.0, 1.0, 2.0), (2.0, nan, nan), (3.0, 0.0, 1.0), (4.0, 0.0, 1.0)];
-        let drawn = area(&Band { name: String::new(), points }, &side(10.0), &side(10.0));
+        let drawn = area(&ChartBand { name: String::new(), points }, &side(10.0), &side(10.0));
         assert_eq!(drawn, "M0 1L1 1L1 2L0 2ZM3 0L4 0L4 1L3 1Z");
     }
 }

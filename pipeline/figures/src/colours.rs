@@ -1,10 +1,10 @@
 //! The map as coloured pixels.
 
 use super::{
-    Look, MapPicture, Plane,
-    relief::{Lit, light},
+    AxisQuantity, MapPicture, MapStyle,
+    relief::{ShadedPalette, light},
     scale::ColourScale,
-    sheet::{Enlarged, Sheet, Window, sheet},
+    sheet::{DisplayGrid, MapWindow, PixelInterpolator, sheet},
 };
 use schemas::Fault;
 
@@ -15,42 +15,42 @@ const SCALE_NODES: usize = 1024;
 ///
 /// # Errors
 /// Fails as [`ColourScale::new`].
-pub fn colour_scale(picture: &MapPicture, look: &Look) -> Result<ColourScale, Fault> {
-    let reduced = sheet(picture, &Window::of(picture), (SCALE_NODES, SCALE_NODES));
+pub fn colour_scale(picture: &MapPicture, look: &MapStyle) -> Result<ColourScale, Fault> {
+    let reduced = sheet(picture, &MapWindow::from_picture(picture), (SCALE_NODES, SCALE_NODES));
     ColourScale::new(&reduced.values, look.scale, look.palette)
 }
 
 /// The ratio on the ground of a step of the map's x to one of its y.
 pub fn shrink(picture: &MapPicture) -> f64 {
     match picture.plane {
-        Plane::Metres => 1.0,
-        Plane::Degrees => (0.5 * (picture.y.first + picture.y.last())).to_radians().cos().max(0.02),
+        AxisQuantity::Metres => 1.0,
+        AxisQuantity::Degrees => (0.5 * (picture.y.first + picture.y.last())).to_radians().cos().max(0.02),
     }
 }
 
 /// A map prepared for pictures of about one size.
-pub struct Coloured<'a> {
-    sheet: Sheet,
+pub struct ColouredMap<'a> {
+    sheet: DisplayGrid,
     lights: Option<Vec<f64>>,
-    lit: Lit,
+    lit: ShadedPalette,
     scale: &'a ColourScale,
     blend: bool,
 }
 
-impl<'a> Coloured<'a> {
+impl<'a> ColouredMap<'a> {
     /// The whole map for a picture of `size` pixels.
-    pub fn new(picture: &MapPicture, look: &Look, scale: &'a ColourScale, size: (usize, usize)) -> Coloured<'a> {
-        let sheet = sheet(picture, &Window::of(picture), size);
+    pub fn new(picture: &MapPicture, look: &MapStyle, scale: &'a ColourScale, size: (usize, usize)) -> ColouredMap<'a> {
+        let sheet = sheet(picture, &MapWindow::from_picture(picture), size);
         let ground = shrink(picture) * sheet.x.step / sheet.y.step;
         let lights = look.shade.map(|shade| light(&sheet, ground, &shade));
-        Coloured { sheet, lights, lit: Lit::new(scale.palette()), scale, blend: look.blend }
+        ColouredMap { sheet, lights, lit: ShadedPalette::new(scale.palette()), scale, blend: look.blend }
     }
 
     /// Red, green, blue and opacity of the pixels of a part of the map, rows from the north; unknown ones are clear.
-    pub fn pixels(&self, window: &Window, size: (usize, usize)) -> Vec<u8> {
-        let enlarged = Enlarged::new(&self.sheet, window, size, self.blend);
-        let values = enlarged.of(&self.sheet.values);
-        let lights = self.lights.as_ref().map(|l| enlarged.of(l));
+    pub fn pixels(&self, window: &MapWindow, size: (usize, usize)) -> Vec<u8> {
+        let enlarged = PixelInterpolator::new(&self.sheet, window, size, self.blend);
+        let values = enlarged.interpolate(&self.sheet.values);
+        let lights = self.lights.as_ref().map(|l| enlarged.interpolate(l));
         let light = |k: usize| lights.as_ref().and_then(|l| l.get(k)).copied().unwrap_or(1.0);
         let colour = |(k, value): (usize, &f64)| {
             if !value.is_finite() {

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use schemas::Fault;
 
 use super::{
-    footer::Entry,
-    frame::Frame,
-    scene::{Ink, Mark, Spot},
-    sheet::{Sheet, sheet},
+    footer::LegendEntry,
+    frame::MapFrame,
+    scene::{Ink, PaperPoint, SceneMark},
+    sheet::{DisplayGrid, sheet},
 };
 use crate::ticks;
 
@@ -23,7 +23,7 @@ const CELL: f64 = 2.5;
 ///
 /// # Errors
 /// Fails when `step` is not above zero or makes too many lines.
-pub fn marks(frame: &Frame, step: f64) -> Result<(Vec<Mark>, Entry), Fault> {
+pub fn marks(frame: &MapFrame, step: f64) -> Result<(Vec<SceneMark>, LegendEntry), Fault> {
     if !(step > 0.0 && step.is_finite()) {
         return Err(Fault::new(format!("contour lines every {step} cannot be drawn")).help("give a step above zero"));
     }
@@ -41,14 +41,14 @@ pub fn marks(frame: &Frame, step: f64) -> Result<(Vec<Mark>, Entry), Fault> {
     for k in first as i64..=last as i64 {
         let lines = lines(&sheet, k as f64 * step).into_iter();
         let lines = lines.map(|line| line.into_iter().map(|(x, y)| frame.spot(x, y)).collect());
-        if k % HEAVY == 0 { heavy.extend(lines) } else { light.extend::<Vec<Vec<Spot>>>(lines.collect()) }
+        if k % HEAVY == 0 { heavy.extend(lines) } else { light.extend::<Vec<Vec<PaperPoint>>>(lines.collect()) }
     }
-    let pen = |lines: Vec<Vec<Spot>>, width: f64, opacity: f64| {
+    let pen = |lines: Vec<Vec<PaperPoint>>, width: f64, opacity: f64| {
         let ink = Ink { rgb: [0, 0, 0], opacity };
-        (!lines.is_empty()).then_some(Mark::Stroke { lines, width, ink, within: Some(frame.rect) })
+        (!lines.is_empty()).then_some(SceneMark::Stroke { lines, width, ink, within: Some(frame.rect) })
     };
     let marks = [pen(light, 0.5, 0.5), pen(heavy, 1.0, 0.65)].into_iter().flatten().collect();
-    Ok((marks, Entry::Contours(name(step, frame.picture.unit))))
+    Ok((marks, LegendEntry::Contours(name(step, frame.picture.unit))))
 }
 
 fn name(step: f64, unit: &str) -> String {
@@ -58,7 +58,7 @@ fn name(step: f64, unit: &str) -> String {
 }
 
 /// The lines of one value, in the map's coordinates: marching squares, a saddle cut by its mean.
-fn lines(sheet: &Sheet, level: f64) -> Vec<Vec<Spot>> {
+fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
     let mut links: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for row in 0..sheet.y.len.saturating_sub(1) {
         for column in 0..sheet.x.len.saturating_sub(1) {
@@ -98,7 +98,7 @@ fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
 }
 
 /// The pairs of edges of a cell that a line joins. Edge 2k runs east from node k, edge 2k + 1 north.
-fn cuts(sheet: &Sheet, row: usize, column: usize, level: f64) -> Vec<(usize, usize)> {
+fn cuts(sheet: &DisplayGrid, row: usize, column: usize, level: f64) -> Vec<(usize, usize)> {
     let width = sheet.x.len;
     let node = row * width + column;
     let corners =
@@ -121,7 +121,7 @@ fn cuts(sheet: &Sheet, row: usize, column: usize, level: f64) -> Vec<(usize, usi
 }
 
 /// The crossing of the level and an edge.
-fn crossing(sheet: &Sheet, edge: usize, level: f64) -> Spot {
+fn crossing(sheet: &DisplayGrid, edge: usize, level: f64) -> PaperPoint {
     let (node, upward) = (edge / 2, edge % 2 == 1);
     let other = node + if upward { sheet.x.len } else { 1 };
     let value = |k: usize| sheet.values.get(k).copied().unwrap_or(f64::NAN);
@@ -133,11 +133,11 @@ fn crossing(sheet: &Sheet, edge: usize, level: f64) -> Spot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{sheet::Window, tests::picture};
+    use crate::{sheet::MapWindow, tests::picture};
 
-    fn drawn(columns: usize, values: &[f64], level: f64) -> Vec<Vec<Spot>> {
+    fn drawn(columns: usize, values: &[f64], level: f64) -> Vec<Vec<PaperPoint>> {
         let map = picture(columns, values.len() / columns, values);
-        lines(&sheet(&map, &Window::of(&map), (1000, 1000)), level)
+        lines(&sheet(&map, &MapWindow::from_picture(&map), (1000, 1000)), level)
     }
 
     #[test]
@@ -158,7 +158,7 @@ mod tests {
     fn unit_a_saddle_is_cut_on_the_side_of_its_mean() {
         let saddle = [1.0, 0.0, 0.0, 1.0];
         let joined = |level: f64| {
-            let mut ends: Vec<Spot> = drawn(2, &saddle, level).into_iter().map(|l| l[0]).collect();
+            let mut ends: Vec<PaperPoint> = drawn(2, &saddle, level).into_iter().map(|l| l[0]).collect();
             ends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
             (drawn(2, &saddle, level).len(), ends)
         };

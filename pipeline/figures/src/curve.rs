@@ -1,7 +1,7 @@
 //! A curve over two logarithmic axes, such as the L-curve of a regularisation.
 
 use super::svg::{XML, clean};
-use crate::chart::{Chart, Dim, Line};
+use crate::chart::{ChartAxis, ChartLine, LineChart};
 
 /// The labels of a curve.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,14 +25,14 @@ circle.mark{fill:#fff;stroke:#d55e00;stroke-width:2.5}text.mark{font-size:13px;p
 /// that are not finite and above zero break it; `None` where no point is left.
 pub fn curve_svg(points: &[(f64, f64)], marked: Option<usize>, labels: &CurveLabels) -> Option<String> {
     let mark = marked.and_then(|k| points.get(k)).map(|(x, y)| (clean(labels.marked), *x, *y));
-    let chart = Chart {
+    let chart = LineChart {
         title: clean(labels.title),
-        x: Dim::new(clean(labels.x)).log(),
-        y: Dim::new(clean(labels.y)).log(),
-        lines: vec![Line { name: String::new(), class: "curve", points: points.to_vec() }],
+        x: ChartAxis::new(clean(labels.x)).log(),
+        y: ChartAxis::new(clean(labels.y)).log(),
+        lines: vec![ChartLine { name: String::new(), class: "curve", points: points.to_vec() }],
         marks: mark.into_iter().collect(),
         height: 560.0,
-        ..Chart::default()
+        ..LineChart::default()
     };
     Some(format!("{XML}{}\n", chart.file(STYLE)?.into_string()))
 }

@@ -4,22 +4,22 @@ use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;
 
 use super::{
-    sheet::Window,
+    sheet::MapWindow,
     thin::{kept, to_stretch},
 };
 
-/// A part of a map and where it lies on the globe.
+/// A part of a map and its position on the globe.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patch {
+pub struct GlobePatch {
     /// In the map's own longitudes, which may run past a half turn.
-    pub window: Window,
+    pub window: MapWindow,
     /// West and east within -180 to 180 degrees.
     pub lon: (f64, f64),
 }
 
 /// The parts of a map with these edges: one, or more where it crosses the date line. What goes beyond a pole or once
 /// round the earth is omitted.
-pub fn patches(window: &Window) -> Vec<Patch> {
+pub fn patches(window: &MapWindow) -> Vec<GlobePatch> {
     let south_north = (window.y.0.max(-90.0), window.y.1.min(90.0));
     let (west, east) = (window.x.0, window.x.1.min(window.x.0 + 360.0));
     let mut out = vec![];
@@ -30,7 +30,7 @@ pub fn patches(window: &Window) -> Vec<Patch> {
         // A sliver that is due to rounding is ignored.
         if to - from > 1e-9 * (east - west) {
             let lon = (from - 360.0 * turns, to - 360.0 * turns);
-            out.push(Patch { window: Window { x: (from, to), y: south_north }, lon });
+            out.push(GlobePatch { window: MapWindow { x: (from, to), y: south_north }, lon });
         }
         from = to;
     }
@@ -39,7 +39,7 @@ pub fn patches(window: &Window) -> Vec<Patch> {
 
 /// A sample of a track: degrees, degrees, metres and, where it is known, seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fix {
+pub struct TrackFix {
     /// Latitude, degrees.
     pub lat: f64,
     /// Longitude, degrees.
@@ -52,11 +52,11 @@ pub struct Fix {
 
 /// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees; at a crossing
 /// both parts include the position on the date line.
-pub fn parts(run: &[Fix]) -> Vec<Vec<Fix>> {
-    let mut out: Vec<Vec<Fix>> = vec![vec![]];
-    let mut before: Option<Fix> = None;
+pub fn parts(run: &[TrackFix]) -> Vec<Vec<TrackFix>> {
+    let mut out: Vec<Vec<TrackFix>> = vec![vec![]];
+    let mut before: Option<TrackFix> = None;
     for fix in run {
-        let here = Fix { lon: wrap_deg(fix.lon), ..*fix };
+        let here = TrackFix { lon: wrap_deg(fix.lon), ..*fix };
         if let Some(last) = before
             && (here.lon - last.lon).abs() > 180.0
         {
@@ -75,12 +75,12 @@ pub fn parts(run: &[Fix]) -> Vec<Vec<Fix>> {
 }
 
 /// The position where the straight line from `a` to `b` crosses the date line, from either side.
-fn crossing(a: &Fix, b: &Fix) -> (Fix, Fix) {
+fn crossing(a: &TrackFix, b: &TrackFix) -> (TrackFix, TrackFix) {
     let side = if a.lon > 0.0 { 180.0 } else { -180.0 };
     let beyond = b.lon + 2.0 * side;
     let part = if beyond == a.lon { 0.0 } else { (side - a.lon) / (beyond - a.lon) };
     let mix = |p: f64, q: f64| p + part * (q - p);
-    let at = |lon: f64| Fix {
+    let at = |lon: f64| TrackFix {
         lat: mix(a.lat, b.lat),
         lon,
         alt: mix(a.alt, b.alt),
@@ -91,7 +91,7 @@ fn crossing(a: &Fix, b: &Fix) -> (Fix, Fix) {
 
 /// Fewer samples of an unbroken track: dropped ones are within `tolerance_m` of the straight line between their kept
 /// neighbours; where times are known, of the position on it at that time.
-pub fn thinned(run: &[Fix], tolerance_m: f64) -> Vec<Fix> {
+pub fn thinned(run: &[TrackFix], tolerance_m: f64) -> Vec<TrackFix> {
     let Some(first) = run.first() else { return vec![] };
     let earth = EarthModel::default();
     let metres: Vec<[f64; 3]> = run
@@ -142,12 +142,12 @@ fn civil(days: i64) -> (i64, i64, i64) {
 mod tests {
     use super::*;
 
-    fn fix(lat: f64, lon: f64, time_s: Option<f64>) -> Fix {
-        Fix { lat, lon, alt: 300.0, time_s }
+    fn fix(lat: f64, lon: f64, time_s: Option<f64>) -> TrackFix {
+        TrackFix { lat, lon, alt: 300.0, time_s }
     }
 
     fn lons(x: (f64, f64)) -> Vec<(f64, f64)> {
-        patches(&Window { x, y: (-95.0, 10.0) }).into_iter().map(|p| p.lon).collect()
+        patches(&MapWindow { x, y: (-95.0, 10.0) }).into_iter().map(|p| p.lon).collect()
     }
 
     #[test]
@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(lons((-0.5, 360.5)), [(-0.5, 180.0), (-180.0, -0.5)]);
         assert_eq!(lons((190.0, 200.0)), [(-170.0, -160.0)]);
         assert_eq!(lons((-180.0, 180.0)), [(-180.0, 180.0)]);
-        let south = patches(&Window { x: (0.0, 1.0), y: (-95.0, 95.0) })[0].window.y;
+        let south = patches(&MapWindow { x: (0.0, 1.0), y: (-95.0, 95.0) })[0].window.y;
         assert_eq!(south, (-90.0, 90.0));
     }
 
@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn unit_thinned_tracks_stay_within_a_metre() {
         let circle = |k: i32| (f64::from(k) / 500.0).sin_cos();
-        let run: Vec<Fix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
+        let run: Vec<TrackFix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
         let few = thinned(&run, 1.0);
         // A chord of radius 2.2 km that is a metre off is 133 m long: a 10 km path needs 80 to 160 are needed.
         assert!((80..160).contains(&few.len()), "{}", few.len());
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn unit_a_stop_on_a_straight_way_is_kept_where_times_are_known() {
-        let way = |timed: bool| -> Vec<Fix> {
+        let way = |timed: bool| -> Vec<TrackFix> {
             let lat = |k: i32| 0.001 * f64::from(k.min(50) + (k - 80).max(0));
             (0..150).map(|k| fix(lat(k), 0.0, timed.then(|| f64::from(k)))).collect()
         };

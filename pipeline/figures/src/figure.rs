@@ -3,16 +3,16 @@
 use schemas::Fault;
 
 use super::{
-    Look, MapPicture, TrackLine,
-    bar::Bar,
+    MapPicture, MapStyle, TrackLine,
+    bar::ColourBar,
     check,
-    colours::{Coloured, colour_scale, shrink},
+    colours::{ColouredMap, colour_scale, shrink},
     contours,
-    footer::{Entry, Place, ROW, footer},
-    frame::{Frame, bottom_margin, left_margin},
+    footer::{LegendEntry, LegendPosition, ROW, footer},
+    frame::{MapFrame, bottom_margin, left_margin},
     scale::ColourScale,
-    scene::{Anchor, Mark, Rect, Scene, text_width, wrapped},
-    sheet::Window,
+    scene::{FigureScene, Rect, SceneMark, TextAnchor, text_width, wrapped},
+    sheet::MapWindow,
     tracks,
 };
 
@@ -34,7 +34,7 @@ const NARROWEST: f64 = 30.0;
 const HIGHEST: f64 = 1.3;
 
 /// The layout.
-struct Layout {
+struct FigureLayout {
     width: f64,
     frame: Rect,
     bar: Option<Rect>,
@@ -47,20 +47,20 @@ struct Layout {
 ///
 /// # Errors
 /// Fails when there is nothing to draw, sizes disagree, or `look` cannot be satisfied.
-pub fn scene(picture: &MapPicture, look: &Look, lines: &[TrackLine]) -> Result<Scene, Fault> {
+pub fn scene(picture: &MapPicture, look: &MapStyle, lines: &[TrackLine]) -> Result<FigureScene, Fault> {
     check(picture, look)?;
     let scale = colour_scale(picture, look)?;
     let width = WIDEST.min(look.width_px as f64);
     let fine = look.width_px as f64 / width;
     let (layout, bar) = layout(picture, look, &scale, (width, fine));
-    let frame = Frame { picture, window: Window::of(picture), rect: layout.frame };
-    let drawn: Result<Vec<tracks::Drawn>, Fault> =
+    let frame = MapFrame { picture, window: MapWindow::from_picture(picture), rect: layout.frame };
+    let drawn: Result<Vec<tracks::TrackDrawing>, Fault> =
         lines.iter().enumerate().map(|(k, track)| tracks::drawn(track, k, &frame, 0.4 / fine)).collect();
     let drawn = drawn?;
     let (map, holes) = map(&frame, look, &scale, fine);
     let mut marks = title(&layout);
     let mut entries = furniture(&frame, look);
-    entries.extend(Entry::tracks(&drawn));
+    entries.extend(LegendEntry::tracks(&drawn));
     marks.extend(map);
     if let Some(step) = look.contours {
         let (lines, entry) = contours::marks(&frame, step)?;
@@ -71,29 +71,29 @@ pub fn scene(picture: &MapPicture, look: &Look, lines: &[TrackLine]) -> Result<S
     marks.extend(frame.marks());
     marks.extend(layout.bar.iter().flat_map(|place| bar.marks(place)));
     if holes {
-        entries.push(Entry::Unknown);
+        entries.push(LegendEntry::Unknown);
     }
     // Below a narrow map the legend is centred, below others it begins where they do.
     let narrow = layout.frame.w < 0.5 * width;
     let centre = narrow.then_some(layout.frame.x + 0.5 * layout.frame.w);
     let left = if narrow { PAD } else { layout.frame.x };
-    let (legend, high) = footer(&entries, &Place { left, right: width - PAD, top: layout.footer, centre });
+    let (legend, high) = footer(&entries, &LegendPosition { left, right: width - PAD, top: layout.footer, centre });
     marks.extend(legend);
     let height = ((layout.footer + high + PAD) * fine).round() / fine;
-    Ok(Scene { name: picture.title.to_owned(), width, height, scale: fine, paper: true, marks })
+    Ok(FigureScene { name: picture.title.to_owned(), width, height, scale: fine, paper: true, marks })
 }
 
 fn layout<'a>(
     picture: &MapPicture,
-    look: &Look,
+    look: &MapStyle,
     scale: &'a ColourScale,
     (width, fine): (f64, f64),
-) -> (Layout, Bar<'a>) {
-    let window = Window::of(picture);
+) -> (FigureLayout, ColourBar<'a>) {
+    let window = MapWindow::from_picture(picture);
     let shape = shrink(picture) * (window.x.1 - window.x.0) / (window.y.1 - window.y.0);
     let title = wrapped(picture.title, TITLE.0, width - 2.0 * PAD, TITLE_LINES);
     let top = PAD + TITLE.1 * title.len() as f64 + if title.is_empty() { 6.0 } else { 4.0 };
-    let bar = |upward| Bar { scale, name: bar_name(picture), upward };
+    let bar = |upward| ColourBar { scale, name: bar_name(picture), upward };
     let right = |beside: bool| if beside { TO_BAR + bar(true).breadth() + PAD } else { PAD + 24.0 };
     let (frame, beside) = match fit(picture, shape, width, right(look.colour_bar)) {
         // Next to a low map a colour bar is too short to be read.
@@ -116,12 +116,12 @@ fn layout<'a>(
         }
     };
     let under = place.filter(|_| !beside).map_or(below, |p| p.bottom());
-    (Layout { width, frame, bar: place, title, footer: under + 0.4 * ROW }, bar)
+    (FigureLayout { width, frame, bar: place, title, footer: under + 0.4 * ROW }, bar)
 }
 
 /// The left margin, and width and height of the frame of a map of that shape.
 fn fit(picture: &MapPicture, shape: f64, width: f64, right: f64) -> (f64, (f64, f64)) {
-    let window = Window::of(picture);
+    let window = MapWindow::from_picture(picture);
     let size = |left: f64| {
         let w = (width - PAD - left - right).max(NARROWEST);
         let h = (w / shape).min(HIGHEST * width);
@@ -140,30 +140,30 @@ fn bar_name(picture: &MapPicture) -> String {
     }
 }
 
-fn title(layout: &Layout) -> Vec<Mark> {
+fn title(layout: &FigureLayout) -> Vec<SceneMark> {
     let line = |(k, text): (usize, &String)| {
         let half = 0.5 * text_width(text, TITLE.0);
         let (least, most) = (PAD + half, layout.width - PAD - half);
         let x = (layout.frame.x + 0.5 * layout.frame.w).min(most).max(least);
-        Mark::text((x, PAD + TITLE.0 + TITLE.1 * k as f64 - 2.0), text.clone(), TITLE.0, Anchor::Middle)
+        SceneMark::text((x, PAD + TITLE.0 + TITLE.1 * k as f64 - 2.0), text.clone(), TITLE.0, TextAnchor::Middle)
     };
     layout.title.iter().enumerate().map(line).collect()
 }
 
 /// The map itself over the hatching, and whether any hatching is visible.
-fn map(frame: &Frame, look: &Look, scale: &ColourScale, fine: f64) -> (Vec<Mark>, bool) {
+fn map(frame: &MapFrame, look: &MapStyle, scale: &ColourScale, fine: f64) -> (Vec<SceneMark>, bool) {
     let size = ((frame.rect.w * fine).round() as usize, (frame.rect.h * fine).round() as usize);
-    let pixels = Coloured::new(frame.picture, look, scale, size).pixels(&frame.window, size);
+    let pixels = ColouredMap::new(frame.picture, look, scale, size).pixels(&frame.window, size);
     let holes = pixels.iter().skip(3).step_by(4).any(|opacity| *opacity == 0);
-    let mut marks = if holes { Mark::hatch(frame.rect).to_vec() } else { vec![] };
-    marks.push(Mark::Picture { rect: frame.rect, size, pixels });
+    let mut marks = if holes { SceneMark::hatch(frame.rect).to_vec() } else { vec![] };
+    marks.push(SceneMark::Picture { rect: frame.rect, size, pixels });
     (marks, holes)
 }
 
-fn furniture(frame: &Frame, look: &Look) -> Vec<Entry> {
+fn furniture(frame: &MapFrame, look: &MapStyle) -> Vec<LegendEntry> {
     let scale = frame
         .metres_per_unit()
         .filter(|_| look.scale_bar)
-        .map(|m| Entry::scale(m, (0.3 * frame.rect.w).clamp(48.0, 160.0)));
-    scale.into_iter().chain(look.north.then_some(Entry::North)).collect()
+        .map(|m| LegendEntry::scale(m, (0.3 * frame.rect.w).clamp(48.0, 160.0)));
+    scale.into_iter().chain(look.north.then_some(LegendEntry::North)).collect()
 }

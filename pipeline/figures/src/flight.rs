@@ -1,14 +1,14 @@
-//! A flight and its parts: the track over the ground coloured by what each part is, and below it quantities over time with the
-//! cuts between the parts.
+//! A flight and its parts: the track over the ground coloured by what each part is, and below it quantities over time
+//! with the cuts between the parts.
 
 use schemas::Fault;
 
 use super::{
     decimate::{MOST, extremes},
-    footer::{Entry, Place, footer},
+    footer::{LegendEntry, LegendPosition, footer},
     frame::{NAME, TICK},
     pixels,
-    scene::{Anchor, BLACK, Ink, Mark, Rect, Scene, Spot, WHITE, shortened, text_width, wrapped},
+    scene::{BLACK, FigureScene, Ink, PaperPoint, Rect, SceneMark, TextAnchor, WHITE, shortened, text_width, wrapped},
     svg,
     thin::runs,
     ticks,
@@ -92,7 +92,7 @@ pub fn flight_svg(picture: &FlightPicture) -> Result<String, Fault> {
     svg::document(&scene(picture, WIDTH as usize)?)
 }
 
-fn scene(picture: &FlightPicture, width_px: usize) -> Result<Scene, Fault> {
+fn scene(picture: &FlightPicture, width_px: usize) -> Result<FigureScene, Fault> {
     check(picture)?;
     if !(200..=10_000).contains(&width_px) {
         let fault = Fault::new(format!("a picture {width_px} pixels wide cannot be drawn"));
@@ -101,7 +101,7 @@ fn scene(picture: &FlightPicture, width_px: usize) -> Result<Scene, Fault> {
     let mut marks = vec![];
     let mut top = PAD;
     for line in wrapped(picture.title, TITLE.0, WIDTH - 2.0 * PAD, 3) {
-        marks.push(Mark::text((0.5 * WIDTH, top + TITLE.0), line, TITLE.0, Anchor::Middle));
+        marks.push(SceneMark::text((0.5 * WIDTH, top + TITLE.0), line, TITLE.0, TextAnchor::Middle));
         top += TITLE.1;
     }
     top += 8.0;
@@ -109,13 +109,14 @@ fn scene(picture: &FlightPicture, width_px: usize) -> Result<Scene, Fault> {
         marks.extend(track);
         top = bottom;
     }
-    let entries: Vec<Entry> = used(picture).map(|(name, colour)| Entry::Track(*colour, (*name).to_owned())).collect();
-    let (legend, high) = footer(&entries, &Place { left: LEFT, right: WIDTH - PAD, top, centre: None });
+    let entries: Vec<LegendEntry> =
+        used(picture).map(|(name, colour)| LegendEntry::Track(*colour, (*name).to_owned())).collect();
+    let (legend, high) = footer(&entries, &LegendPosition { left: LEFT, right: WIDTH - PAD, top, centre: None });
     marks.extend(legend);
     top += high + BETWEEN;
     let (panels, bottom) = panels(picture, top);
     marks.extend(panels);
-    Ok(Scene {
+    Ok(FigureScene {
         name: picture.title.to_owned(),
         width: WIDTH,
         height: (bottom + PAD).round(),
@@ -160,7 +161,7 @@ fn around((low, high): (f64, f64), part: f64, least: f64) -> (f64, f64) {
 }
 
 /// The track in its frame with coordinates and names, and where it ends below; `None` where there are no positions.
-fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<Mark>, f64)> {
+fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
     let east = around(ends(picture.east_m.iter().copied())?, 0.04, 10.0);
     let north = around(ends(picture.north_m.iter().copied())?, 0.04, 10.0);
     let scale = (TRACK.0 / (east.1 - east.0)).min(TRACK.1 / (north.1 - north.0));
@@ -168,12 +169,12 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<Mark>, f64)> {
     let size = ((scale * (east.1 - east.0)).max(160.0), (scale * (north.1 - north.0)).max(120.0));
     let middle = (0.5 * (east.0 + east.1), 0.5 * (north.0 + north.1));
     let rect = Rect { x: LEFT + 0.5 * (TRACK.0 - size.0), y: top, w: size.0, h: size.1 };
-    let spot = |e: f64, n: f64| -> Spot {
+    let spot = |e: f64, n: f64| -> PaperPoint {
         (rect.x + 0.5 * rect.w + scale * (e - middle.0), rect.y + 0.5 * rect.h - scale * (n - middle.1))
     };
     let mut marks = vec![];
     for (k, (_, colour)) in picture.kinds.iter().enumerate() {
-        let mut points: Vec<Option<Spot>> = vec![];
+        let mut points: Vec<Option<PaperPoint>> = vec![];
         for (row, kind) in picture.kind.iter().enumerate() {
             let (e, n) = (picture.east_m.get(row), picture.north_m.get(row));
             let place = e.zip(n).filter(|(e, n)| e.is_finite() && n.is_finite());
@@ -181,10 +182,10 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<Mark>, f64)> {
             let next = picture.kind.get(row + 1) == Some(&k);
             points.push(place.filter(|_| *kind == k || next).map(|(e, n)| spot(*e, *n)));
         }
-        let lines: Vec<Vec<Spot>> =
+        let lines: Vec<Vec<PaperPoint>> =
             runs(points.into_iter()).into_iter().map(|run| spaced(&run)).filter(|l| l.len() > 1).collect();
         if !lines.is_empty() {
-            marks.push(Mark::Stroke { lines, width: 1.7, ink: Ink::full(*colour), within: Some(rect) });
+            marks.push(SceneMark::Stroke { lines, width: 1.7, ink: Ink::full(*colour), within: Some(rect) });
         }
     }
     let range = |middle: f64, px: f64| (middle - 0.5 * px / scale, middle + 0.5 * px / scale);
@@ -208,17 +209,17 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<Mark>, f64)> {
         if names.iter().any(covers) {
             continue;
         }
-        marks.push(Mark::Fill { points: plate.corners(), ink: Ink { opacity: 0.8, ..WHITE } });
-        marks.push(Mark::text((x, at.1), part.name.clone(), PART, Anchor::Start));
+        marks.push(SceneMark::Fill { points: plate.corners(), ink: Ink { opacity: 0.8, ..WHITE } });
+        marks.push(SceneMark::text((x, at.1), part.name.clone(), PART, TextAnchor::Start));
         names.push(plate);
     }
     Some((marks, rect.bottom() + TICK + 34.0))
 }
 
 /// Points that are not closer than a part of a pixel, with the first and the last.
-fn spaced(run: &[Spot]) -> Vec<Spot> {
+fn spaced(run: &[PaperPoint]) -> Vec<PaperPoint> {
     const LEAST: f64 = 0.5;
-    let mut out: Vec<Spot> = vec![];
+    let mut out: Vec<PaperPoint> = vec![];
     for (i, at) in run.iter().enumerate() {
         let far = out.last().is_none_or(|last| (at.0 - last.0).hypot(at.1 - last.1) >= LEAST);
         if far || i + 1 == run.len() {
@@ -229,37 +230,42 @@ fn spaced(run: &[Spot]) -> Vec<Spot> {
 }
 
 /// Frame, ticks and names of the two axes of the track, in km where it is larger than two.
-fn coordinates(rect: &Rect, east: (f64, f64), north: (f64, f64)) -> Vec<Mark> {
+fn coordinates(rect: &Rect, east: (f64, f64), north: (f64, f64)) -> Vec<SceneMark> {
     let km = (east.1 - east.0).max(north.1 - north.0) >= 2000.0;
     let (unit, factor) = if km { ("km", 1000.0) } else { ("m", 1.0) };
-    let mut out = vec![Mark::frame(rect, 1.0)];
+    let mut out = vec![SceneMark::frame(rect, 1.0)];
     let mut lines = vec![];
     let most = |length: f64| ((length / 70.0) as usize).clamp(2, 8);
     for tick in ticks::linear(east.0 / factor, east.1 / factor, most(rect.w)) {
         let x = rect.x + (tick.at * factor - east.0) / (east.1 - east.0) * rect.w;
         lines.push(vec![(x, rect.bottom()), (x, rect.bottom() + 5.0)]);
-        out.push(Mark::text((x, rect.bottom() + 5.0 + TICK), tick.label, TICK, Anchor::Middle));
+        out.push(SceneMark::text((x, rect.bottom() + 5.0 + TICK), tick.label, TICK, TextAnchor::Middle));
     }
     let mut widest = 0.0_f64;
     for tick in ticks::linear(north.0 / factor, north.1 / factor, most(rect.h)) {
         let y = rect.bottom() - (tick.at * factor - north.0) / (north.1 - north.0) * rect.h;
         lines.push(vec![(rect.x - 5.0, y), (rect.x, y)]);
         widest = widest.max(text_width(&tick.label, TICK));
-        out.push(Mark::text((rect.x - 9.0, y + 0.36 * TICK), tick.label, TICK, Anchor::End));
+        out.push(SceneMark::text((rect.x - 9.0, y + 0.36 * TICK), tick.label, TICK, TextAnchor::End));
     }
-    out.push(Mark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
+    out.push(SceneMark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
     let below = (rect.x + 0.5 * rect.w, rect.bottom() + TICK + 22.0);
-    out.push(Mark::text(below, format!("east ({unit})"), NAME, Anchor::Middle));
-    out.push(turned((rect.x - 16.0 - widest, rect.y + 0.5 * rect.h), &format!("north ({unit})"), NAME, Anchor::Middle));
+    out.push(SceneMark::text(below, format!("east ({unit})"), NAME, TextAnchor::Middle));
+    out.push(turned(
+        (rect.x - 16.0 - widest, rect.y + 0.5 * rect.h),
+        &format!("north ({unit})"),
+        NAME,
+        TextAnchor::Middle,
+    ));
     out
 }
 
-fn turned(at: Spot, text: &str, size: f64, anchor: Anchor) -> Mark {
-    Mark::Text { at, text: text.to_owned(), size, anchor, turned: true }
+fn turned(at: PaperPoint, text: &str, size: f64, anchor: TextAnchor) -> SceneMark {
+    SceneMark::Text { at, text: text.to_owned(), size, anchor, turned: true }
 }
 
 /// The panels below each other, with the parts behind them, and where they end.
-fn panels(picture: &FlightPicture, top: f64) -> (Vec<Mark>, f64) {
+fn panels(picture: &FlightPicture, top: f64) -> (Vec<SceneMark>, f64) {
     let mut marks = vec![];
     let time = (picture.time.first().copied().unwrap_or(0.0), picture.time.last().copied().unwrap_or(1.0));
     let (left, right) = (LEFT, WIDTH - PAD);
@@ -270,7 +276,7 @@ fn panels(picture: &FlightPicture, top: f64) -> (Vec<Mark>, f64) {
     let mut y = top + highest + 6.0;
     for part in picture.parts.iter().filter(|p| wide(p)) {
         let middle = 0.5 * (across(part.time.0) + across(part.time.1));
-        marks.push(turned((middle + 0.36 * PART, y - 4.0), &part.name, PART, Anchor::Start));
+        marks.push(turned((middle + 0.36 * PART, y - 4.0), &part.name, PART, TextAnchor::Start));
     }
     let first = y;
     for panel in picture.panels {
@@ -278,9 +284,9 @@ fn panels(picture: &FlightPicture, top: f64) -> (Vec<Mark>, f64) {
         for part in picture.parts {
             let (from, to) = (across(part.time.0), across(part.time.1));
             let band = Rect { x: from, y, w: (to - from).max(0.5), h: PANEL };
-            marks.push(Mark::Fill { points: band.corners(), ink: Ink { rgb: colour(part), opacity: 0.16 } });
+            marks.push(SceneMark::Fill { points: band.corners(), ink: Ink { rgb: colour(part), opacity: 0.16 } });
             let cuts = [from, to].map(|x| vec![(x, y), (x, y + PANEL)]).to_vec();
-            marks.push(Mark::Stroke { lines: cuts, width: 0.7, ink: Ink::full(colour(part)), within: Some(rect) });
+            marks.push(SceneMark::Stroke { lines: cuts, width: 0.7, ink: Ink::full(colour(part)), within: Some(rect) });
         }
         marks.extend(curves(panel, picture.time, &rect, &across));
         y += PANEL + BETWEEN;
@@ -290,21 +296,26 @@ fn panels(picture: &FlightPicture, top: f64) -> (Vec<Mark>, f64) {
     for tick in ticks::linear(time.0, time.1, 8) {
         let x = across(tick.at);
         lines.push(vec![(x, bottom), (x, bottom + 5.0)]);
-        marks.push(Mark::text((x, bottom + 5.0 + TICK), tick.label, TICK, Anchor::Middle));
+        marks.push(SceneMark::text((x, bottom + 5.0 + TICK), tick.label, TICK, TextAnchor::Middle));
     }
-    marks.push(Mark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
+    marks.push(SceneMark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
     let below = bottom + TICK + 22.0;
-    marks.push(Mark::text((0.5 * (left + right), below), picture.time_label, NAME, Anchor::Middle));
+    marks.push(SceneMark::text((0.5 * (left + right), below), picture.time_label, NAME, TextAnchor::Middle));
     (marks, below + 4.0)
 }
 
 /// The lines of one panel, with its frame, ticks and names.
-fn curves(panel: &TimePanel, time: &[f64], rect: &Rect, across: &dyn Fn(f64) -> f64) -> Vec<Mark> {
-    let mut marks = vec![Mark::frame(rect, 1.0)];
+fn curves(panel: &TimePanel, time: &[f64], rect: &Rect, across: &dyn Fn(f64) -> f64) -> Vec<SceneMark> {
+    let mut marks = vec![SceneMark::frame(rect, 1.0)];
     let label = shortened(panel.label, NAME, rect.h + 10.0);
-    marks.push(turned((NAME + 6.0, rect.y + 0.5 * rect.h), &label, NAME, Anchor::Middle));
+    marks.push(turned((NAME + 6.0, rect.y + 0.5 * rect.h), &label, NAME, TextAnchor::Middle));
     let Some(range) = ends(panel.lines.iter().flat_map(|(_, _, values)| values.iter().copied())) else {
-        marks.push(Mark::text((rect.x + 0.5 * rect.w, rect.y + 0.5 * rect.h), "not known", TICK, Anchor::Middle));
+        marks.push(SceneMark::text(
+            (rect.x + 0.5 * rect.w, rect.y + 0.5 * rect.h),
+            "not known",
+            TICK,
+            TextAnchor::Middle,
+        ));
         return marks;
     };
     let (low, high) = around(range, 0.06, 1e-3);
@@ -312,9 +323,9 @@ fn curves(panel: &TimePanel, time: &[f64], rect: &Rect, across: &dyn Fn(f64) -> 
     let mut small = vec![];
     for tick in ticks::linear(low, high, 4) {
         small.push(vec![(rect.x - 5.0, up(tick.at)), (rect.x, up(tick.at))]);
-        marks.push(Mark::text((rect.x - 8.0, up(tick.at) + 0.36 * TICK), tick.label, TICK, Anchor::End));
+        marks.push(SceneMark::text((rect.x - 8.0, up(tick.at) + 0.36 * TICK), tick.label, TICK, TextAnchor::End));
     }
-    marks.push(Mark::Stroke { lines: small, width: 1.0, ink: BLACK, within: None });
+    marks.push(SceneMark::Stroke { lines: small, width: 1.0, ink: BLACK, within: None });
     let mut at = rect.right() - 6.0;
     for (name, colour, values) in &panel.lines {
         let mut last = f64::NAN;
@@ -326,15 +337,15 @@ fn curves(panel: &TimePanel, time: &[f64], rect: &Rect, across: &dyn Fn(f64) -> 
             spots.push(v.is_finite().then(|| (across(t), up(v))));
             last = v;
         }
-        let lines: Vec<Vec<Spot>> = runs(spots.into_iter()).into_iter().filter(|line| line.len() > 1).collect();
+        let lines: Vec<Vec<PaperPoint>> = runs(spots.into_iter()).into_iter().filter(|line| line.len() > 1).collect();
         if !lines.is_empty() {
-            marks.push(Mark::Stroke { lines, width: 1.1, ink: Ink::full(*colour), within: Some(*rect) });
+            marks.push(SceneMark::Stroke { lines, width: 1.1, ink: Ink::full(*colour), within: Some(*rect) });
         }
         if panel.lines.len() > 1 {
             let width = text_width(name, PART);
             let key = vec![vec![(at - width - 20.0, rect.y + 9.0), (at - width - 5.0, rect.y + 9.0)]];
-            marks.push(Mark::Stroke { lines: key, width: 2.0, ink: Ink::full(*colour), within: None });
-            marks.push(Mark::text((at, rect.y + 9.0 + 0.36 * PART), *name, PART, Anchor::End));
+            marks.push(SceneMark::Stroke { lines: key, width: 2.0, ink: Ink::full(*colour), within: None });
+            marks.push(SceneMark::text((at, rect.y + 9.0 + 0.36 * PART), *name, PART, TextAnchor::End));
             at -= width + 34.0;
         }
     }

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use schemas::Fault;
 
 use super::{
-    Look, MapPicture, check_lengths,
+    MapPicture, MapStyle, check_lengths,
     kml::{EarthTrack, Kml, degrees, document, map, metres, placemark},
     svg::clean,
 };
@@ -39,15 +39,15 @@ pub struct EarthFolder<'a> {
     pub folders: Vec<EarthFolder<'a>>,
 }
 
-/// Folders over maps, of which there may be none; a single one has its colour bar on the screen. Pictures are called as by
-/// [`crate::kml()`]; of several maps `<stem>_1_map.png` and so on.
+/// Folders over maps, of which there may be none; a single one has its colour bar on the screen. Pictures are called as
+/// by [`crate::kml()`]; of several maps `<stem>_1_map.png` and so on.
 ///
 /// # Errors
 /// Fails when a map is not geographic or has nothing to draw, or columns of a track or an area have different lengths.
 pub fn folders_kml(
     title: &str,
     maps: &[MapPicture],
-    look: &Look,
+    look: &MapStyle,
     folders: &[EarthFolder],
     stem: &str,
 ) -> Result<Kml, Fault> {
@@ -133,7 +133,7 @@ mod tests {
             folders: vec![ellipses],
             ..EarthFolder::default()
         };
-        let made = folders_kml("held", &[], &Look::default(), &[line], "held").unwrap();
+        let made = folders_kml("held", &[], &MapStyle::default(), &[line], "held").unwrap();
         well_formed(&made.document).unwrap();
         assert!(made.files.is_empty() && made.document.matches("<Folder>").count() == 2, "{}", made.document);
         // The ring is closed, and its colour is blue, green, red behind the opacity.
@@ -147,6 +147,6 @@ mod tests {
         }
         let broken =
             EarthFolder { areas: vec![EarthArea { lat_deg: vec![0.0], ..square() }], ..EarthFolder::default() };
-        assert!(folders_kml("", &[], &Look::default(), &[broken], "a").is_err());
+        assert!(folders_kml("", &[], &MapStyle::default(), &[broken], "a").is_err());
     }
 }

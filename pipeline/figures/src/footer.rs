@@ -1,7 +1,7 @@
 //! The legend below the map: scale bar, north arrow, lines and hatching.
 
 use super::{
-    scene::{Anchor, BLACK, Ink, Mark, Rect, Spot, shortened, text_width},
+    scene::{BLACK, Ink, PaperPoint, Rect, SceneMark, TextAnchor, shortened, text_width},
     tracks,
 };
 use crate::ticks;
@@ -17,7 +17,7 @@ const NAMED: usize = 24;
 
 /// An entry of the legend.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Entry {
+pub enum LegendEntry {
     /// A length on the paper and what it is on the ground, m.
     Scale(f64, f64),
     /// The arrow to the north.
@@ -32,36 +32,36 @@ pub enum Entry {
     Contours(String),
 }
 
-impl Entry {
+impl LegendEntry {
     /// A round length of at most `most` on the paper.
-    pub fn scale(metres_per_unit: f64, most: f64) -> Entry {
+    pub fn scale(metres_per_unit: f64, most: f64) -> LegendEntry {
         let metres = ticks::round_below(most * metres_per_unit);
-        Entry::Scale(metres / metres_per_unit, metres)
+        LegendEntry::Scale(metres / metres_per_unit, metres)
     }
 
     /// The tracks, the first ones by name.
-    pub fn tracks(drawn: &[tracks::Drawn]) -> impl Iterator<Item = Entry> + '_ {
+    pub fn tracks(drawn: &[tracks::TrackDrawing]) -> impl Iterator<Item = LegendEntry> + '_ {
         let named = if drawn.len() > NAMED { NAMED - 1 } else { drawn.len() };
-        let more = (drawn.len() > named).then(|| Entry::More(drawn.len() - named));
-        drawn.iter().take(named).map(|d| Entry::Track(d.colour, d.name.clone())).chain(more)
+        let more = (drawn.len() > named).then(|| LegendEntry::More(drawn.len() - named));
+        drawn.iter().take(named).map(|d| LegendEntry::Track(d.colour, d.name.clone())).chain(more)
     }
 
     fn text(&self) -> String {
         match self {
-            Entry::Scale(_, metres) if *metres >= 1000.0 => format!("{} km", metres / 1000.0),
-            Entry::Scale(_, metres) => format!("{metres} m"),
-            Entry::North => "N".to_owned(),
-            Entry::Track(_, name) | Entry::Contours(name) => name.clone(),
-            Entry::More(count) => format!("and {count} more"),
-            Entry::Unknown => "no data".to_owned(),
+            LegendEntry::Scale(_, metres) if *metres >= 1000.0 => format!("{} km", metres / 1000.0),
+            LegendEntry::Scale(_, metres) => format!("{metres} m"),
+            LegendEntry::North => "N".to_owned(),
+            LegendEntry::Track(_, name) | LegendEntry::Contours(name) => name.clone(),
+            LegendEntry::More(count) => format!("and {count} more"),
+            LegendEntry::Unknown => "no data".to_owned(),
         }
     }
 
     fn key_width(&self) -> f64 {
         match self {
-            Entry::Scale(length, _) => *length,
-            Entry::North => 9.0,
-            Entry::More(_) => 0.0,
+            LegendEntry::Scale(length, _) => *length,
+            LegendEntry::North => 9.0,
+            LegendEntry::More(_) => 0.0,
             _ => 26.0,
         }
     }
@@ -73,21 +73,21 @@ impl Entry {
     }
 
     /// The symbol next to the text, on a row whose middle is at `y`.
-    fn key(&self, (x, y): Spot) -> Vec<Mark> {
-        let line = |width: f64, ink: Ink| Mark::Stroke {
+    fn key(&self, (x, y): PaperPoint) -> Vec<SceneMark> {
+        let line = |width: f64, ink: Ink| SceneMark::Stroke {
             lines: vec![vec![(x, y), (x + self.key_width(), y)]],
             width,
             ink,
             within: None,
         };
         match self {
-            Entry::Scale(length, _) => scale_bar(x, y, *length),
-            Entry::North => vec![Mark::Fill {
+            LegendEntry::Scale(length, _) => scale_bar(x, y, *length),
+            LegendEntry::North => vec![SceneMark::Fill {
                 points: vec![(x + 4.5, y - 8.0), (x + 9.0, y + 7.0), (x + 4.5, y + 3.5), (x, y + 7.0)],
                 ink: BLACK,
             }],
-            Entry::Track(colour, _) => {
-                let start = Mark::Disc {
+            LegendEntry::Track(colour, _) => {
+                let start = SceneMark::Disc {
                     at: (x + tracks::START, y),
                     radius: tracks::START,
                     fill: super::scene::WHITE,
@@ -95,25 +95,25 @@ impl Entry {
                 };
                 vec![line(tracks::WIDTH, Ink::full(*colour)), start]
             }
-            Entry::More(_) => vec![],
-            Entry::Unknown => {
+            LegendEntry::More(_) => vec![],
+            LegendEntry::Unknown => {
                 let swatch = Rect { x, y: y - 6.0, w: self.key_width(), h: 12.0 };
-                Mark::hatch(swatch).into_iter().chain([Mark::frame(&swatch, 0.75)]).collect()
+                SceneMark::hatch(swatch).into_iter().chain([SceneMark::frame(&swatch, 0.75)]).collect()
             }
-            Entry::Contours(_) => vec![line(0.8, BLACK)],
+            LegendEntry::Contours(_) => vec![line(0.8, BLACK)],
         }
     }
 }
 
-fn scale_bar(x: f64, y: f64, length: f64) -> Vec<Mark> {
+fn scale_bar(x: f64, y: f64, length: f64) -> Vec<SceneMark> {
     let bar = Rect { x, y: y - 3.0, w: length, h: 6.0 };
     let half = Rect { w: 0.5 * length, ..bar };
-    vec![Mark::Fill { points: half.corners(), ink: BLACK }, Mark::frame(&bar, 1.0)]
+    vec![SceneMark::Fill { points: half.corners(), ink: BLACK }, SceneMark::frame(&bar, 1.0)]
 }
 
 /// The position of the legend.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct LegendPosition {
     /// The left end of its rows.
     pub left: f64,
     /// Their right limit.
@@ -125,7 +125,7 @@ pub struct Place {
 }
 
 /// The entries in rows, and how high they are.
-pub fn footer(entries: &[Entry], place: &Place) -> (Vec<Mark>, f64) {
+pub fn footer(entries: &[LegendEntry], place: &LegendPosition) -> (Vec<SceneMark>, f64) {
     let rows = rows(entries, place.right - place.left);
     let mut out = vec![];
     for (k, (row, width)) in rows.iter().enumerate() {
@@ -135,17 +135,17 @@ pub fn footer(entries: &[Entry], place: &Place) -> (Vec<Mark>, f64) {
         for (entry, text, at) in row {
             out.extend(entry.key((from + at, middle)));
             let at = from + at + entry.before_text();
-            out.push(Mark::text((at, middle + 0.36 * SIZE), text.clone(), SIZE, Anchor::Start));
+            out.push(SceneMark::text((at, middle + 0.36 * SIZE), text.clone(), SIZE, TextAnchor::Start));
         }
     }
     (out, ROW * rows.len() as f64)
 }
 
-/// Entry, its text and where it begins; and the width of the row.
-type Row<'a> = (Vec<(&'a Entry, String, f64)>, f64);
+/// Entries of a row, each with its text and left end; and the width of the row.
+type LegendRow<'a> = (Vec<(&'a LegendEntry, String, f64)>, f64);
 
-fn rows(entries: &[Entry], room: f64) -> Vec<Row<'_>> {
-    let mut rows: Vec<Row> = vec![];
+fn rows(entries: &[LegendEntry], room: f64) -> Vec<LegendRow<'_>> {
+    let mut rows: Vec<LegendRow> = vec![];
     for entry in entries {
         let text = shortened(&entry.text(), SIZE, room - entry.before_text());
         let width = entry.before_text() + text_width(&text, SIZE);

@@ -4,11 +4,11 @@ use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;
 
 use super::{
-    MapPicture, Plane,
-    scene::{Anchor, BLACK, Mark, Rect, Spot, shortened, text_width},
-    sheet::Window,
+    AxisQuantity, MapPicture,
+    scene::{BLACK, PaperPoint, Rect, SceneMark, TextAnchor, shortened, text_width},
+    sheet::MapWindow,
 };
-use crate::ticks::{self, Tick};
+use crate::ticks::{self, AxisTick};
 
 /// Size of the letters at ticks.
 pub const TICK: f64 = 12.0;
@@ -19,7 +19,7 @@ const LENGTH: f64 = 5.0;
 
 /// One of the two axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum MapAxis {
     /// West to east.
     Across,
     /// South to north.
@@ -27,18 +27,18 @@ pub enum Side {
 }
 
 /// The frame of the map and its window.
-pub struct Frame<'a> {
+pub struct MapFrame<'a> {
     /// The map.
     pub picture: &'a MapPicture<'a>,
     /// The part of it.
-    pub window: Window,
+    pub window: MapWindow,
     /// The position on the paper.
     pub rect: Rect,
 }
 
-impl Frame<'_> {
+impl MapFrame<'_> {
     /// The position of a point of the map on the paper; north is up.
-    pub fn spot(&self, x: f64, y: f64) -> Spot {
+    pub fn spot(&self, x: f64, y: f64) -> PaperPoint {
         let (across, up) = (self.window.x, self.window.y);
         (
             self.rect.x + (x - across.0) / (across.1 - across.0) * self.rect.w,
@@ -50,7 +50,7 @@ impl Frame<'_> {
     /// because it differs by more than a tenth from south to north.
     pub fn metres_per_unit(&self) -> Option<f64> {
         let across = self.window.x.1 - self.window.x.0;
-        if self.picture.plane == Plane::Metres {
+        if self.picture.plane == AxisQuantity::Metres {
             return Some(across / self.rect.w);
         }
         let (south, north) = self.window.y;
@@ -61,39 +61,39 @@ impl Frame<'_> {
     }
 
     /// Ticks, coordinates and names of the axes, and the frame itself.
-    pub fn marks(&self) -> Vec<Mark> {
+    pub fn marks(&self) -> Vec<SceneMark> {
         let (rect, labels) = (&self.rect, labels(self.picture, self.rect.h));
         let mut out = vec![];
         let mut lines = vec![];
         let below = rect.bottom() + LENGTH;
-        for tick in ticks(self.picture, &self.window, Side::Across, rect.w) {
+        for tick in ticks(self.picture, &self.window, MapAxis::Across, rect.w) {
             let (x, _) = self.spot(tick.at, self.window.y.0);
             lines.push(vec![(x, rect.bottom()), (x, below)]);
-            out.push(Mark::text((x, below + TICK), tick.label, TICK, Anchor::Middle));
+            out.push(SceneMark::text((x, below + TICK), tick.label, TICK, TextAnchor::Middle));
         }
         let left = rect.x - LENGTH;
-        for tick in ticks(self.picture, &self.window, Side::Up, rect.h) {
+        for tick in ticks(self.picture, &self.window, MapAxis::Up, rect.h) {
             let (_, y) = self.spot(self.window.x.0, tick.at);
             lines.push(vec![(left, y), (rect.x, y)]);
-            out.push(Mark::text((left - 4.0, y + 0.36 * TICK), tick.label, TICK, Anchor::End));
+            out.push(SceneMark::text((left - 4.0, y + 0.36 * TICK), tick.label, TICK, TextAnchor::End));
         }
-        out.push(Mark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
-        out.push(Mark::frame(rect, 1.0));
+        out.push(SceneMark::Stroke { lines, width: 1.0, ink: BLACK, within: None });
+        out.push(SceneMark::frame(rect, 1.0));
         if let Some(name) = labels.0 {
             let name = shortened(&name, NAME, rect.w.max(120.0));
-            out.push(Mark::text((rect.x + 0.5 * rect.w, below + TICK + 19.0), name, NAME, Anchor::Middle));
+            out.push(SceneMark::text((rect.x + 0.5 * rect.w, below + TICK + 19.0), name, NAME, TextAnchor::Middle));
         }
         if let Some(text) = labels.1 {
             let at = (rect.x - left_margin(self.picture, &self.window, rect.h) + NAME, rect.y + 0.5 * rect.h);
-            out.push(Mark::Text { at, text, size: NAME, anchor: Anchor::Middle, turned: true });
+            out.push(SceneMark::Text { at, text, size: NAME, anchor: TextAnchor::Middle, turned: true });
         }
         out
     }
 }
 
 /// The space of the coordinates and the names of the axes to the left of the frame.
-pub fn left_margin(picture: &MapPicture, window: &Window, height: f64) -> f64 {
-    let widths = ticks(picture, window, Side::Up, height).into_iter().map(|t| text_width(&t.label, TICK));
+pub fn left_margin(picture: &MapPicture, window: &MapWindow, height: f64) -> f64 {
+    let widths = ticks(picture, window, MapAxis::Up, height).into_iter().map(|t| text_width(&t.label, TICK));
     let name = if labels(picture, height).1.is_some() { NAME + 8.0 } else { 0.0 };
     LENGTH + 4.0 + widths.fold(0.0, f64::max) + name
 }
@@ -108,10 +108,10 @@ pub fn bottom_margin(picture: &MapPicture) -> f64 {
 fn labels(picture: &MapPicture, height: f64) -> (Option<String>, Option<String>) {
     let named = |given: Option<&str>, axis: &str, range: (f64, f64)| match (given, picture.plane) {
         (Some(given), _) => Some(given.to_owned()).filter(|g| !g.trim().is_empty()),
-        (None, Plane::Degrees) => None,
-        (None, Plane::Metres) => Some(format!("{axis} ({})", if in_km(range) { "km" } else { "m" })),
+        (None, AxisQuantity::Degrees) => None,
+        (None, AxisQuantity::Metres) => Some(format!("{axis} ({})", if in_km(range) { "km" } else { "m" })),
     };
-    let window = Window::of(picture);
+    let window = MapWindow::from_picture(picture);
     let up = named(picture.y_label, "Northing", window.y).map(|n| shortened(&n, NAME, height.max(120.0)));
     (named(picture.x_label, "Easting", window.x), up.filter(|n| text_width(n, NAME) <= height + 10.0))
 }
@@ -121,41 +121,41 @@ fn in_km(range: (f64, f64)) -> bool {
 }
 
 /// Round coordinates for an axis of `length` on the paper.
-pub fn ticks(picture: &MapPicture, window: &Window, side: Side, length: f64) -> Vec<Tick> {
-    let range = if side == Side::Across { window.x } else { window.y };
+pub fn ticks(picture: &MapPicture, window: &MapWindow, side: MapAxis, length: f64) -> Vec<AxisTick> {
+    let range = if side == MapAxis::Across { window.x } else { window.y };
     let made = |most: usize| match picture.plane {
-        Plane::Degrees => degrees(range, most, side),
-        Plane::Metres if in_km(range) => {
+        AxisQuantity::Degrees => degrees(range, most, side),
+        AxisQuantity::Metres if in_km(range) => {
             let km = ticks::linear(range.0 / 1000.0, range.1 / 1000.0, most).into_iter();
-            km.map(|t| Tick { at: 1000.0 * t.at, label: t.label }).collect()
+            km.map(|t| AxisTick { at: 1000.0 * t.at, label: t.label }).collect()
         }
-        Plane::Metres => ticks::linear(range.0, range.1, most),
+        AxisQuantity::Metres => ticks::linear(range.0, range.1, most),
     };
     // Room for a label, the widest one where they are side by side, and a gap.
     let label = match side {
-        Side::Up => TICK,
-        Side::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),
+        MapAxis::Up => TICK,
+        MapAxis::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),
     };
     let few = if length > 2.0 * (label + 6.0) { 2 } else { 1 };
     made(((length / (label + 1.6 * TICK)) as usize).clamp(few, 8))
 }
 
 /// Degrees with the letter of their side instead of a sign, wrapped to a full turn.
-fn degrees(range: (f64, f64), most: usize, side: Side) -> Vec<Tick> {
+fn degrees(range: (f64, f64), most: usize, side: MapAxis) -> Vec<AxisTick> {
     let ticks = ticks::linear(range.0, range.1, most);
-    let label = |tick: Tick| {
+    let label = |tick: AxisTick| {
         let decimals = tick.label.split_once('.').map_or(0, |(_, d)| d.len());
-        let angle = if side == Side::Across { wrap_deg(tick.at) } else { tick.at };
+        let angle = if side == MapAxis::Across { wrap_deg(tick.at) } else { tick.at };
         let text = ticks::fixed(angle.abs(), decimals);
-        let bare = text.chars().all(|c| c == '0' || c == '.') || (side == Side::Across && angle <= -180.0);
+        let bare = text.chars().all(|c| c == '0' || c == '.') || (side == MapAxis::Across && angle <= -180.0);
         let letter = match (side, angle > 0.0) {
             _ if bare => "",
-            (Side::Across, true) => "E",
-            (Side::Across, false) => "W",
-            (Side::Up, true) => "N",
-            (Side::Up, false) => "S",
+            (MapAxis::Across, true) => "E",
+            (MapAxis::Across, false) => "W",
+            (MapAxis::Up, true) => "N",
+            (MapAxis::Up, false) => "S",
         };
-        Tick { at: tick.at, label: format!("{text}\u{b0}{letter}") }
+        AxisTick { at: tick.at, label: format!("{text}\u{b0}{letter}") }
     };
     ticks.into_iter().map(label).collect()
 }
@@ -168,8 +168,8 @@ mod tests {
     fn gold_degrees_are_written_with_their_side() {
         let written =
             |range, most, side| -> Vec<String> { degrees(range, most, side).into_iter().map(|t| t.label).collect() };
-        assert_eq!(written((-1.2, 1.2), 4, Side::Up), ["1\u{b0}S", "0\u{b0}", "1\u{b0}N"]);
-        assert_eq!(written((178.9, 181.1), 5, Side::Across)[..2], ["179.0\u{b0}E", "179.5\u{b0}E"]);
-        assert_eq!(written((178.9, 181.1), 5, Side::Across)[2..], ["180.0\u{b0}", "179.5\u{b0}W", "179.0\u{b0}W"]);
+        assert_eq!(written((-1.2, 1.2), 4, MapAxis::Up), ["1\u{b0}S", "0\u{b0}", "1\u{b0}N"]);
+        assert_eq!(written((178.9, 181.1), 5, MapAxis::Across)[..2], ["179.0\u{b0}E", "179.5\u{b0}E"]);
+        assert_eq!(written((178.9, 181.1), 5, MapAxis::Across)[2..], ["180.0\u{b0}", "179.5\u{b0}W", "179.0\u{b0}W"]);
     }
 }

@@ -3,7 +3,7 @@
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster};
 use tiny_skia::Pixmap;
 
-use super::scene::{Anchor, BLACK, Spot};
+use super::scene::{BLACK, PaperPoint, TextAnchor};
 
 /// Width and height of a letter's cell.
 const CELL: (usize, usize) = (7, 16);
@@ -13,20 +13,20 @@ const BASE: f64 = 13.0;
 const SIZE: f64 = 12.0;
 
 /// A line of text as coverages, 0 to 1, in rows of `width`.
-struct Strip {
+struct TextBitmap {
     width: usize,
     ink: Vec<f32>,
 }
 
 /// Draws a line of text. The letters are those of basic Latin, the degree sign, minus and dashes; accents of western
 /// European letters are dropped, other characters are boxes.
-pub fn text(pixmap: &mut Pixmap, at_px: Spot, text: &str, size_px: f64, anchor: Anchor, turned: bool) {
+pub fn text(pixmap: &mut Pixmap, at_px: PaperPoint, text: &str, size_px: f64, anchor: TextAnchor, turned: bool) {
     let strip = strip(text);
     let enlarge = size_px / SIZE;
     let back = match anchor {
-        Anchor::Start => 0.0,
-        Anchor::Middle => 0.5,
-        Anchor::End => 1.0,
+        TextAnchor::Start => 0.0,
+        TextAnchor::Middle => 0.5,
+        TextAnchor::End => 1.0,
     };
     let (long, high) = (strip.width as f64 * enlarge, CELL.1 as f64 * enlarge);
     // Upright in the frame of the text, whose origin is the upper left of its first cell; on whole pixels.
@@ -48,7 +48,7 @@ pub fn text(pixmap: &mut Pixmap, at_px: Spot, text: &str, size_px: f64, anchor: 
     }
 }
 
-impl Strip {
+impl TextBitmap {
     fn get(&self, x: i64, y: i64) -> f32 {
         let inside = x >= 0 && y >= 0 && (x as usize) < self.width;
         let ink = inside.then(|| self.ink.get(y as usize * self.width + x as usize)).flatten();
@@ -88,7 +88,7 @@ fn blend(pixmap: &mut Pixmap, x: i64, y: i64, cover: f32) {
     }
 }
 
-fn strip(text: &str) -> Strip {
+fn strip(text: &str) -> TextBitmap {
     let letters: Vec<char> = text.chars().flat_map(plain).collect();
     let width = CELL.0 * letters.len();
     let mut ink = vec![0.0; width * CELL.1];
@@ -100,7 +100,7 @@ fn strip(text: &str) -> Strip {
             }
         }
     }
-    Strip { width, ink }
+    TextBitmap { width, ink }
 }
 
 /// The substitute for a character that the font does not have.
@@ -192,21 +192,21 @@ mod tests {
     #[test]
     fn unit_letters_stand_on_their_place() {
         let mut p = paper();
-        text(&mut p, (10.0, 30.0), "H", 12.0, Anchor::Start, false);
+        text(&mut p, (10.0, 30.0), "H", 12.0, TextAnchor::Start, false);
         let rows: Vec<usize> = (0..40).filter(|y| (0..80).any(|x| dark(&p, x, *y))).collect();
         assert_eq!((rows.first(), rows.last()), (Some(&21), Some(&29)));
         let columns: Vec<usize> = (0..80).filter(|x| (0..40).any(|y| dark(&p, *x, y))).collect();
         assert_eq!((columns.first(), columns.last()), (Some(&11), Some(&15)));
         let mut end = paper();
-        text(&mut end, (17.0, 30.0), "H", 12.0, Anchor::End, false);
+        text(&mut end, (17.0, 30.0), "H", 12.0, TextAnchor::End, false);
         assert_eq!(p, end);
     }
 
     #[test]
     fn unit_turned_text_is_the_same_text_turned() {
         let (mut flat, mut turned) = (paper(), paper());
-        text(&mut flat, (2.0, 20.0), "Fg7", 12.0, Anchor::Start, false);
-        text(&mut turned, (20.0, 38.0), "Fg7", 12.0, Anchor::Start, true);
+        text(&mut flat, (2.0, 20.0), "Fg7", 12.0, TextAnchor::Start, false);
+        text(&mut turned, (20.0, 38.0), "Fg7", 12.0, TextAnchor::Start, true);
         for along in 0..30 {
             for down in -12i32..5 {
                 let (a, b) = ((2 + along, (20 + down) as usize), ((20 + down) as usize, 37 - along));

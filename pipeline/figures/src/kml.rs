@@ -7,20 +7,20 @@ use schemas::Fault;
 use zip::{CompressionMethod, DateTime, ZipWriter, write::SimpleFileOptions};
 
 use super::{
-    Look, MapPicture, Plane,
-    bar::Bar,
+    AxisQuantity, MapPicture, MapStyle,
+    bar::ColourBar,
     check, check_lengths,
-    colours::{Coloured, colour_scale, shrink},
-    earth::{Fix, Patch, instant, parts, patches, thinned},
+    colours::{ColouredMap, colour_scale, shrink},
+    earth::{GlobePatch, TrackFix, instant, parts, patches, thinned},
     pixels,
     scale::ColourScale,
-    scene::{Ink, Mark, Rect, Scene},
-    sheet::Window,
+    scene::{FigureScene, Ink, Rect, SceneMark},
+    sheet::MapWindow,
     svg::{XML, clean},
     thin::runs,
     track_colour,
 };
-use crate::png_file::{Kind, encode};
+use crate::png_file::{PixelFormat, encode};
 
 /// A track for Google Earth. NaN in any of its columns interrupts it.
 #[derive(Clone, Copy, Debug)]
@@ -83,7 +83,7 @@ const TOLERANCE_M: f64 = 1.0;
 ///
 /// # Errors
 /// Fails when the map is not geographic or has nothing to draw, or columns of a track have different lengths.
-pub fn kml(picture: &MapPicture, look: &Look, tracks: &[EarthTrack], stem: &str) -> Result<Kml, Fault> {
+pub fn kml(picture: &MapPicture, look: &MapStyle, tracks: &[EarthTrack], stem: &str) -> Result<Kml, Fault> {
     let mut files = vec![];
     let mut features = map(picture, look, look.colour_bar, stem, &mut files)?;
     for (k, track) in tracks.iter().enumerate() {
@@ -95,13 +95,13 @@ pub fn kml(picture: &MapPicture, look: &Look, tracks: &[EarthTrack], stem: &str)
 /// A map as an overlay of the ground, with its colour bar on the screen if `with_bar`.
 pub(super) fn map(
     picture: &MapPicture,
-    look: &Look,
+    look: &MapStyle,
     with_bar: bool,
     stem: &str,
     files: &mut Vec<(String, Vec<u8>)>,
 ) -> Result<Vec<Markup>, Fault> {
     check(picture, look)?;
-    if picture.plane != Plane::Degrees {
+    if picture.plane != AxisQuantity::Degrees {
         return Err(Fault::new("Google Earth needs a map of latitudes and longitudes, this one is in metres")
             .help("give the map with its coordinate system, or plot it as PNG or SVG"));
     }
@@ -131,27 +131,27 @@ pub(super) fn document(title: &str, features: &[Markup]) -> String {
 
 fn overlays(
     picture: &MapPicture,
-    look: &Look,
+    look: &MapStyle,
     scale: &ColourScale,
     stem: &str,
     files: &mut Vec<(String, Vec<u8>)>,
 ) -> Result<Vec<Markup>, Fault> {
-    let whole = Window::of(picture);
+    let whole = MapWindow::from_picture(picture);
     let shape = shrink(picture) * (whole.x.1 - whole.x.0) / (whole.y.1 - whole.y.0);
     let wide = (look.width_px as f64).min(MOST_PIXELS).min(MOST_PIXELS * shape).max(1.0);
     let dense = (wide / (whole.x.1 - whole.x.0), wide / shape / (whole.y.1 - whole.y.0));
-    let size = |w: &Window| {
+    let size = |w: &MapWindow| {
         let pixels = |ends: (f64, f64), dense: f64| ((ends.1 - ends.0) * dense).round().max(1.0) as usize;
         (pixels(w.x, dense.0), pixels(w.y, dense.1))
     };
-    let coloured = Coloured::new(picture, look, scale, size(&whole));
+    let coloured = ColouredMap::new(picture, look, scale, size(&whole));
     let parts = patches(&whole);
     let mut out = vec![];
     for (k, patch) in parts.iter().enumerate() {
         let number = if parts.len() > 1 { format!("_{}", k + 1) } else { String::new() };
         let name = format!("{stem}_map{number}.png");
         let size = size(&patch.window);
-        files.push((name.clone(), encode(&Kind::Rgba, size, &coloured.pixels(&patch.window, size))?));
+        files.push((name.clone(), encode(&PixelFormat::Rgba, size, &coloured.pixels(&patch.window, size))?));
         out.push(overlay(patch, &name, &bar_name(picture)));
     }
     Ok(out)
@@ -162,7 +162,7 @@ fn bar_name(picture: &MapPicture) -> String {
     clean(what)
 }
 
-fn overlay(patch: &Patch, file: &str, name: &str) -> Markup {
+fn overlay(patch: &GlobePatch, file: &str, name: &str) -> Markup {
     let (south, north) = patch.window.y;
     html! {
         GroundOverlay {
@@ -194,19 +194,26 @@ fn bar(picture: &MapPicture, scale: &ColourScale) -> Result<Vec<u8>, Fault> {
     const PAD: f64 = 10.0;
     let unit = picture.unit.trim();
     let name = if unit.is_empty() { picture.quantity.trim() } else { unit };
-    let bar = Bar { scale, name: name.to_owned(), upward: true };
+    let bar = ColourBar { scale, name: name.to_owned(), upward: true };
     let place = Rect { x: PAD, y: PAD, w: bar.breadth(), h: 260.0 };
     let plate = place.grown(PAD);
-    let mut marks = vec![Mark::Fill { points: plate.corners(), ink: Ink { rgb: [255; 3], opacity: 0.85 } }];
+    let mut marks = vec![SceneMark::Fill { points: plate.corners(), ink: Ink { rgb: [255; 3], opacity: 0.85 } }];
     marks.extend(bar.marks(&place));
-    pixels::png(&Scene { name: String::new(), width: plate.w.ceil(), height: plate.h, scale: 1.0, paper: false, marks })
+    pixels::png(&FigureScene {
+        name: String::new(),
+        width: plate.w.ceil(),
+        height: plate.h,
+        scale: 1.0,
+        paper: false,
+        marks,
+    })
 }
 
 pub(super) fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Fault> {
     let n = track.lat_deg.len();
     check_lengths(track.name, &[n, track.lon_deg.len(), track.alt_m.len(), track.time_unix_s.map_or(n, <[f64]>::len)])?;
     let [r, g, b] = track_colour(track.colour, index);
-    let runs: Vec<Vec<Fix>> = runs((0..n).map(|k| fix(track, k)))
+    let runs: Vec<Vec<TrackFix>> = runs((0..n).map(|k| fix(track, k)))
         .into_iter()
         .flat_map(|run| parts(&run))
         .map(|part| thinned(&part, TOLERANCE_M))
@@ -233,22 +240,22 @@ pub(super) fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Faul
 }
 
 /// A sample; `None` where it interrupts the track.
-fn fix(track: &EarthTrack, k: usize) -> Option<Fix> {
+fn fix(track: &EarthTrack, k: usize) -> Option<TrackFix> {
     let at = |column: &[f64]| column.get(k).copied().filter(|v| v.is_finite());
     let time_s = match track.time_unix_s {
         Some(times) => Some(at(times)?),
         None => None,
     };
-    Some(Fix { lat: at(track.lat_deg)?, lon: at(track.lon_deg)?, alt: at(track.alt_m)?, time_s })
+    Some(TrackFix { lat: at(track.lat_deg)?, lon: at(track.lon_deg)?, alt: at(track.alt_m)?, time_s })
 }
 
-fn line(run: &[Fix]) -> Markup {
+fn line(run: &[TrackFix]) -> Markup {
     let places = run.iter().map(|f| format!("{},{},{}", degrees(f.lon), degrees(f.lat), metres(f.alt)));
     let places: Vec<String> = places.collect();
     html! { LineString { altitudeMode { "absolute" } coordinates { (places.join(" ")) } } }
 }
 
-fn timed(run: &[Fix]) -> Markup {
+fn timed(run: &[TrackFix]) -> Markup {
     html! {
         gx:Track {
             altitudeMode { "absolute" }

@@ -1,5 +1,5 @@
-//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), a flight and its parts, the charts of a
-//! report, and their shared parts. Nothing here depends on a plan or a store.
+//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), a flight and its parts, the
+//! charts of a report, and their shared parts. Nothing here depends on a plan or a store.
 //!
 //! A figure is laid out once, as marks on a sheet of paper; two painters draw the marks, one in pixels, one as SVG.
 //! Nothing in a picture depends on a clock, a font of the system or the number of threads.
@@ -41,12 +41,12 @@ pub use flight::{FlightPart, FlightPicture, TimePanel, flight_png, flight_svg};
 pub use folders::{EarthArea, EarthFolder, folders_kml};
 pub use kml::{EarthTrack, Kml, kml};
 pub use palette::Palette;
-pub use relief::Shade;
-pub use scale::Scale;
+pub use relief::HillShading;
+pub use scale::ColourMapping;
 
 /// The quantity of the axes of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Plane {
+pub enum AxisQuantity {
     /// Longitude and latitude, in degrees.
     Degrees,
     /// Easting and northing, in metres.
@@ -63,7 +63,7 @@ pub struct MapPicture<'a> {
     /// Values by rows, the southernmost row first, each from west to east; NaN where unknown.
     pub values: &'a [f64],
     /// The quantity of the axes.
-    pub plane: Plane,
+    pub plane: AxisQuantity,
     /// The title; long titles are broken into lines.
     pub title: &'a str,
     /// The quantity, such as `Magnetic anomaly`, the label of the colour bar before the unit.
@@ -76,17 +76,17 @@ pub struct MapPicture<'a> {
     pub y_label: Option<&'a str>,
 }
 
-/// How a map is drawn.
+/// Style of a drawn map.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct MapStyle {
     /// Width of the picture in pixels, 200 to 10,000. The letters grow with it from 800 pixels on.
     pub width_px: usize,
     /// Its colours.
     pub palette: Palette,
     /// The mapping of values to colours.
-    pub scale: Scale,
+    pub scale: ColourMapping,
     /// Hill-shading; `None` for flat colours.
-    pub shade: Option<Shade>,
+    pub shade: Option<HillShading>,
     /// Draws a contour line at each multiple of this, in the map's unit.
     pub contours: Option<f64>,
     /// Whether there is a colour bar.
@@ -99,13 +99,13 @@ pub struct Look {
     pub blend: bool,
 }
 
-impl Default for Look {
+impl Default for MapStyle {
     fn default() -> Self {
         Self {
             width_px: 1600,
             palette: Palette::Turbo,
-            scale: Scale::Equalised,
-            shade: Some(Shade::default()),
+            scale: ColourMapping::Equalised,
+            shade: Some(HillShading::default()),
             contours: None,
             colour_bar: true,
             scale_bar: true,
@@ -141,7 +141,7 @@ fn track_colour(given: Option<[u8; 3]>, index: usize) -> [u8; 3] {
 ///
 /// # Errors
 /// When the map has no known value or its sizes disagree, or `look` cannot be satisfied.
-pub fn png(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<Vec<u8>, Fault> {
+pub fn png(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Result<Vec<u8>, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     pixels::png(&scene)
 }
@@ -150,13 +150,13 @@ pub fn png(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<Ve
 ///
 /// # Errors
 /// Fails as [`png()`].
-pub fn svg(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<String, Fault> {
+pub fn svg(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Result<String, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     svg::document(&scene)
 }
 
 /// Checks that a picture and its tracks can be drawn.
-fn check(picture: &MapPicture, look: &Look) -> Result<(), Fault> {
+fn check(picture: &MapPicture, look: &MapStyle) -> Result<(), Fault> {
     let (x, y) = (&picture.x, &picture.y);
     for (axis, name) in [(x, "columns"), (y, "rows")] {
         let (from, to) = (axis.at(-0.5), axis.at(axis.len as f64 - 0.5));
@@ -175,14 +175,14 @@ fn check(picture: &MapPicture, look: &Look) -> Result<(), Fault> {
         return Err(Fault::new(format!("a picture {} pixels wide cannot be drawn", look.width_px))
             .help("give a width of 200 to 10000 pixels"));
     }
-    let lit = |s: Shade| {
+    let lit = |s: HillShading| {
         s.azimuth_deg.is_finite()
             && s.elevation_deg > 0.0
             && s.elevation_deg <= 90.0
             && (0.0..=1.0).contains(&s.strength)
     };
     match look.shade.filter(|s| !lit(*s)) {
-        Some(Shade { azimuth_deg, elevation_deg, strength }) => {
+        Some(HillShading { azimuth_deg, elevation_deg, strength }) => {
             let light = format!("azimuth {azimuth_deg}, elevation {elevation_deg}, strength {strength}");
             Err(Fault::new(format!("hill-shading with {light} cannot be drawn"))
                 .help("give an elevation above 0 up to 90 degrees and a strength of 0 to 1"))

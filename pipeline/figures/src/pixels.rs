@@ -7,9 +7,9 @@ use tiny_skia::{
 
 use super::{
     glyphs,
-    scene::{Ink, Mark, Rect, Scene, Spot},
+    scene::{FigureScene, Ink, PaperPoint, Rect, SceneMark},
 };
-use crate::png_file::{Kind, encode};
+use crate::png_file::{PixelFormat, encode};
 
 /// The maximum number of pixels of a picture.
 const MOST: f64 = 200e6;
@@ -18,18 +18,22 @@ const MOST: f64 = 200e6;
 ///
 /// # Errors
 /// Fails when it has too many pixels.
-pub fn png(scene: &Scene) -> Result<Vec<u8>, Fault> {
+pub fn png(scene: &FigureScene) -> Result<Vec<u8>, Fault> {
     let pixmap = paint(scene)?;
     let size = (pixmap.width() as usize, pixmap.height() as usize);
     let plain = pixmap.pixels().iter().map(|p| p.demultiply());
     if scene.paper {
-        return encode(&Kind::Rgb, size, &plain.flat_map(|p| [p.red(), p.green(), p.blue()]).collect::<Vec<u8>>());
+        return encode(
+            &PixelFormat::Rgb,
+            size,
+            &plain.flat_map(|p| [p.red(), p.green(), p.blue()]).collect::<Vec<u8>>(),
+        );
     }
     let pixels: Vec<u8> = plain.flat_map(|p| [p.red(), p.green(), p.blue(), p.alpha()]).collect();
-    encode(&Kind::Rgba, size, &pixels)
+    encode(&PixelFormat::Rgba, size, &pixels)
 }
 
-fn paint(scene: &Scene) -> Result<Pixmap, Fault> {
+fn paint(scene: &FigureScene) -> Result<Pixmap, Fault> {
     let (width, height) = ((scene.width * scene.scale).round(), (scene.height * scene.scale).round());
     let pixmap = (width * height <= MOST).then(|| Pixmap::new(width as u32, height as u32)).flatten();
     let Some(mut pixmap) = pixmap else {
@@ -51,18 +55,18 @@ struct Painter {
 }
 
 impl Painter {
-    fn put(&mut self, mark: &Mark) {
+    fn put(&mut self, mark: &SceneMark) {
         match mark {
-            Mark::Fill { points, ink } => self.fill(outline(std::slice::from_ref(points), true), *ink),
-            Mark::Stroke { lines, width, ink, within } => self.stroke(lines, *width, *ink, within.as_ref()),
-            Mark::Disc { at, radius, fill, rim } => {
+            SceneMark::Fill { points, ink } => self.fill(outline(std::slice::from_ref(points), true), *ink),
+            SceneMark::Stroke { lines, width, ink, within } => self.stroke(lines, *width, *ink, within.as_ref()),
+            SceneMark::Disc { at, radius, fill, rim } => {
                 let circle = PathBuilder::from_circle(at.0 as f32, at.1 as f32, *radius as f32);
                 self.fill(circle.clone(), *fill);
                 self.line(circle, 1.5, *rim, None);
             }
-            Mark::Picture { rect, size, pixels } => self.picture(rect, *size, pixels),
-            Mark::Fade { rect, colours, upward } => self.fade(rect, colours, *upward),
-            Mark::Text { at, text, size, anchor, turned } => {
+            SceneMark::Picture { rect, size, pixels } => self.picture(rect, *size, pixels),
+            SceneMark::Fade { rect, colours, upward } => self.fade(rect, colours, *upward),
+            SceneMark::Text { at, text, size, anchor, turned } => {
                 let at = (at.0 * self.scale, at.1 * self.scale);
                 glyphs::text(&mut self.pixmap, at, text, size * self.scale, *anchor, *turned);
             }
@@ -79,18 +83,19 @@ impl Painter {
         self.pixmap.fill_path(&path, &paint_of(ink), FillRule::Winding, transform, None);
     }
 
-    fn stroke(&mut self, lines: &[Vec<Spot>], width: f64, ink: Ink, within: Option<&Rect>) {
-        let level = |line: &&Vec<Spot>| matches!(line[..], [a, b] if within.is_none() && (a.0 == b.0 || a.1 == b.1));
-        let (level, free): (Vec<&Vec<Spot>>, Vec<&Vec<Spot>>) = lines.iter().partition(level);
+    fn stroke(&mut self, lines: &[Vec<PaperPoint>], width: f64, ink: Ink, within: Option<&Rect>) {
+        let level =
+            |line: &&Vec<PaperPoint>| matches!(line[..], [a, b] if within.is_none() && (a.0 == b.0 || a.1 == b.1));
+        let (level, free): (Vec<&Vec<PaperPoint>>, Vec<&Vec<PaperPoint>>) = lines.iter().partition(level);
         for line in level {
             self.level(line, width, ink);
         }
-        let free: Vec<Vec<Spot>> = free.into_iter().cloned().collect();
+        let free: Vec<Vec<PaperPoint>> = free.into_iter().cloned().collect();
         self.line(outline(&free, false), width, ink, within);
     }
 
     /// A line along the pixels covers whole ones.
-    fn level(&mut self, line: &[Spot], width: f64, ink: Ink) {
+    fn level(&mut self, line: &[PaperPoint], width: f64, ink: Ink) {
         let [a, b] = line else { return };
         let pen = (width * self.scale).round().max(1.0);
         let side = |from: f64, to: f64| {
@@ -170,7 +175,7 @@ fn paint_of(ink: Ink) -> Paint<'static> {
     paint
 }
 
-fn outline(lines: &[Vec<Spot>], closed: bool) -> Option<Path> {
+fn outline(lines: &[Vec<PaperPoint>], closed: bool) -> Option<Path> {
     let mut path = PathBuilder::new();
     for line in lines {
         for (k, (x, y)) in line.iter().enumerate() {

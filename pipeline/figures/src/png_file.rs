@@ -3,7 +3,7 @@
 use schemas::Fault;
 
 /// The meaning of the bytes of a pixel.
-pub enum Kind {
+pub enum PixelFormat {
     /// Red, green, blue.
     Rgb,
     /// Red, green, blue, opacity.
@@ -16,21 +16,21 @@ pub enum Kind {
 ///
 /// # Errors
 /// Fails when there is not one pixel for each place, or none at all.
-pub fn encode(kind: &Kind, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Fault> {
+pub fn encode(kind: &PixelFormat, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Fault> {
     write(kind, size, pixels).map_err(|e| Fault::machine(format!("cannot draw the map: {e}")))
 }
 
-fn write(kind: &Kind, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
+fn write(kind: &PixelFormat, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
     let mut out = vec![];
     let mut encoder = png::Encoder::new(&mut out, u32::try_from(size.0)?, u32::try_from(size.1)?);
     encoder.set_depth(png::BitDepth::Eight);
     // A figure has millions of pixels, of which a tenth less would take ten times as long.
-    let indexed = matches!(kind, Kind::Indexed(_));
+    let indexed = matches!(kind, PixelFormat::Indexed(_));
     encoder.set_compression(if indexed { png::Compression::High } else { png::Compression::Balanced });
     match kind {
-        Kind::Rgb => encoder.set_color(png::ColorType::Rgb),
-        Kind::Rgba => encoder.set_color(png::ColorType::Rgba),
-        Kind::Indexed(colours) => {
+        PixelFormat::Rgb => encoder.set_color(png::ColorType::Rgb),
+        PixelFormat::Rgba => encoder.set_color(png::ColorType::Rgba),
+        PixelFormat::Indexed(colours) => {
             encoder.set_color(png::ColorType::Indexed);
             encoder.set_palette(colours.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect::<Vec<u8>>());
             encoder.set_trns(colours.iter().map(|c| c[3]).collect::<Vec<u8>>());
@@ -88,8 +88,8 @@ mod tests {
     #[test]
     fn unit_pixels_come_back_and_a_wrong_number_of_them_is_a_fault() {
         let pixels: Vec<u8> = (0..24).collect();
-        let png = encode(&Kind::Rgba, (3, 2), &pixels).unwrap();
+        let png = encode(&PixelFormat::Rgba, (3, 2), &pixels).unwrap();
         assert_eq!(decode(&png), Some(((3, 2), pixels.clone())));
-        assert!(encode(&Kind::Rgb, (3, 2), &pixels).is_err() && encode(&Kind::Rgb, (0, 2), &[]).is_err());
+        assert!(encode(&PixelFormat::Rgb, (3, 2), &pixels).is_err() && encode(&PixelFormat::Rgb, (0, 2), &[]).is_err());
     }
 }

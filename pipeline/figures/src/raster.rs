@@ -5,9 +5,9 @@ use schemas::Fault;
 
 use super::{
     palette::Palette,
-    png_file::{Kind, encode},
-    relief::{Lit, Shade, light},
-    sheet::Sheet,
+    png_file::{PixelFormat, encode},
+    relief::{HillShading, ShadedPalette, light},
+    sheet::DisplayGrid,
 };
 
 /// The maximum number of pixels of a picture in each direction.
@@ -42,7 +42,7 @@ pub struct Raster {
 }
 
 /// Values by rows from north to south, as many as pixels.
-struct Pixels {
+struct PixelGrid {
     values: Vec<f64>,
     width: usize,
     bounds: Bounds,
@@ -75,7 +75,7 @@ pub fn raster(grid: &GeographicGrid, bounds: &Bounds) -> Result<Option<Raster>, 
     Ok(Some(Raster { bounds: pixels.bounds, size, png, scale }))
 }
 
-impl Pixels {
+impl PixelGrid {
     /// The light on each, from the north-west.
     fn lights(&self) -> Vec<f64> {
         let turned = |rows: &[f64]| -> Vec<f64> { rows.chunks(self.width).rev().flatten().copied().collect() };
@@ -86,7 +86,7 @@ impl Pixels {
         let (x, y) = (axis(self.bounds.lon, self.width), axis(self.bounds.lat, self.values.len() / self.width));
         let shrink = (0.5 * (self.bounds.lat.0 + self.bounds.lat.1)).to_radians().cos().max(0.01);
         let ground = shrink * x.step / y.step;
-        turned(&light(&Sheet { x, y, values: turned(&self.values) }, ground, &Shade::default()))
+        turned(&light(&DisplayGrid { x, y, values: turned(&self.values) }, ground, &HillShading::default()))
     }
 }
 
@@ -98,7 +98,7 @@ fn within(first: f64, step: f64, len: usize, range: (f64, f64)) -> (usize, usize
     (low, (high as usize).max(low))
 }
 
-fn cut(grid: &GeographicGrid, bounds: &Bounds) -> Option<Pixels> {
+fn cut(grid: &GeographicGrid, bounds: &Bounds) -> Option<PixelGrid> {
     let (lat, lon) = (grid.lat(), grid.lon());
     let (r0, r1) = within(lat.first_deg(), lat.step_deg(), lat.len(), bounds.lat);
     let (c0, c1) = within(lon.first_deg(), lon.step_deg(), lon.len(), bounds.lon);
@@ -121,19 +121,19 @@ fn cut(grid: &GeographicGrid, bounds: &Bounds) -> Option<Pixels> {
         lat: edges(lat.first_deg(), lat.step_deg(), r0, height),
         lon: edges(lon.first_deg(), lon.step_deg(), c0, width),
     };
-    Some(Pixels { values: values.map(|(r, c)| mean(r, c)).collect(), width, bounds })
+    Some(PixelGrid { values: values.map(|(r, c)| mean(r, c)).collect(), width, bounds })
 }
 
 /// The colours of the scale in each light, and a transparent one for unknown cells.
-fn colours() -> Kind {
-    let lit = Lit::new(Palette::Viridis);
+fn colours() -> PixelFormat {
+    let lit = ShadedPalette::new(Palette::Viridis);
     let shade = |k: usize| {
         let strength = (k % LIGHTS) as f64 / (LIGHTS - 1) as f64;
         let part = (k / LIGHTS) as f64 / (COLOURS - 1) as f64;
         lit.colour(part, LIGHT.0 + strength * (LIGHT.1 - LIGHT.0))
     };
     let shades = (0..COLOURS * LIGHTS).map(shade).map(|[r, g, b]| [r, g, b, 255]);
-    Kind::Indexed(shades.chain([[0; 4]]).collect())
+    PixelFormat::Indexed(shades.chain([[0; 4]]).collect())
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! Hill-shading: the map as a landscape in low light, which shows lineaments that colours alone hide.
 
-use super::sheet::Sheet;
+use super::sheet::DisplayGrid;
 use crate::palette::Palette;
 
 /// The direction and the strength of the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shade {
+pub struct HillShading {
     /// Direction of the light, degrees east of north.
     pub azimuth_deg: f64,
     /// Its height above the horizon, degrees, above 0 to 90.
@@ -14,7 +14,7 @@ pub struct Shade {
     pub strength: f64,
 }
 
-impl Default for Shade {
+impl Default for HillShading {
     /// Light from the north-west, as on maps of mountains, halfway up.
     fn default() -> Self {
         Self { azimuth_deg: 315.0, elevation_deg: 45.0, strength: 0.5 }
@@ -28,7 +28,7 @@ const GENTLE: f64 = 0.9;
 /// ratio of a step along x to a step along y on the ground. Heights are scaled so that the tenth of the map that is
 /// steepest begins at 45 degrees; slopes are then flattened smoothly so that none is steeper than that, since the long
 /// tail of an anomaly's gradients would be black. [Horn, Hill shading and the reflectance map, Proc. IEEE 69, 1981]
-pub fn light(sheet: &Sheet, ground: f64, shade: &Shade) -> Vec<f64> {
+pub fn light(sheet: &DisplayGrid, ground: f64, shade: &HillShading) -> Vec<f64> {
     let slopes: Vec<(f64, f64)> = (0..sheet.values.len()).map(|k| slope(sheet, k, ground)).collect();
     let mut steep: Vec<f64> = slopes.iter().map(|(e, n)| e.hypot(*n)).filter(|s| *s > 0.0).collect();
     if steep.is_empty() {
@@ -49,7 +49,7 @@ pub fn light(sheet: &Sheet, ground: f64, shade: &Shade) -> Vec<f64> {
 }
 
 /// The rise to the east and to the north, per step along y.
-fn slope(sheet: &Sheet, node: usize, ground: f64) -> (f64, f64) {
+fn slope(sheet: &DisplayGrid, node: usize, ground: f64) -> (f64, f64) {
     let (row, column) = (node / sheet.x.len, node % sheet.x.len);
     let at = |row: Option<usize>, column: Option<usize>| {
         let (row, column) = (row.filter(|r| *r < sheet.y.len)?, column.filter(|c| *c < sheet.x.len)?);
@@ -76,16 +76,16 @@ const STEPS: usize = 1024;
 
 /// The colours of a palette in light and shade: below 1 the light multiplies the lightness (of Oklab, with its chroma,
 /// so that the hue stays and shade looks like dimmer light), above 1 it moves towards white.
-pub struct Lit {
+pub struct ShadedPalette {
     palette: Palette,
     steps: Vec<[f64; 3]>,
 }
 
-impl Lit {
+impl ShadedPalette {
     /// Prepares a palette.
-    pub fn new(palette: Palette) -> Lit {
+    pub fn new(palette: Palette) -> ShadedPalette {
         let steps = (0..=STEPS).map(|k| oklab(palette.colour(k as f64 / STEPS as f64))).collect();
-        Lit { palette, steps }
+        ShadedPalette { palette, steps }
     }
 
     /// The colour at `part` of the palette under `light`; 1 is the palette's own.
@@ -140,20 +140,20 @@ fn srgb([lightness, a, b]: [f64; 3]) -> [u8; 3] {
 mod tests {
     use super::*;
     use crate::{
-        sheet::{Window, sheet},
+        sheet::{MapWindow, sheet},
         tests::picture,
     };
 
-    fn lit(columns: usize, rows: usize, height: impl Fn(f64, f64) -> f64, shade: &Shade) -> Vec<f64> {
+    fn lit(columns: usize, rows: usize, height: impl Fn(f64, f64) -> f64, shade: &HillShading) -> Vec<f64> {
         let values: Vec<f64> =
             (0..columns * rows).map(|k| height((k % columns) as f64, (k / columns) as f64)).collect();
         let map = picture(columns, rows, &values);
-        light(&sheet(&map, &Window::of(&map), (1000, 1000)), 1.0, shade)
+        light(&sheet(&map, &MapWindow::from_picture(&map), (1000, 1000)), 1.0, shade)
     }
 
     #[test]
     fn unit_a_plane_has_one_light_which_lambert_gives() {
-        let shade = Shade { azimuth_deg: 90.0, elevation_deg: 30.0, strength: 1.0 };
+        let shade = HillShading { azimuth_deg: 90.0, elevation_deg: 30.0, strength: 1.0 };
         // 45 degrees, flattened to a rise of 1 in the root of 2, down to the east where the light comes from: the
         // cosine between the slope's upright and the light, against level ground's.
         let steep = (0.5f64).sqrt().atan();
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn unit_light_from_the_north_lights_slopes_to_the_north() {
-        let shade = Shade { azimuth_deg: 0.0, ..Shade::default() };
+        let shade = HillShading { azimuth_deg: 0.0, ..HillShading::default() };
         assert!(lit(4, 9, |_, y| -y, &shade).iter().all(|l| *l > 1.0));
         assert!(lit(4, 9, |_, y| y, &shade).iter().all(|l| *l < 1.0));
     }
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn unit_unknown_nodes_and_their_neighbours_are_not_cliffs() {
         let hole = |x: f64, y: f64| if (x, y) == (2.0, 2.0) { f64::NAN } else { 5.0 };
-        assert!(lit(5, 5, hole, &Shade::default()).iter().all(|l| *l == 1.0));
+        assert!(lit(5, 5, hole, &HillShading::default()).iter().all(|l| *l == 1.0));
     }
 
     #[test]
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn unit_shade_multiplies_lightness_and_keeps_hue() {
         for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
-            let lit = Lit::new(palette);
+            let lit = ShadedPalette::new(palette);
             for k in 0..=STEPS {
                 let part = k as f64 / STEPS as f64;
                 let own = oklab(lit.colour(part, 1.0));

@@ -5,12 +5,12 @@ use schemas::Fault;
 
 use crate::{
     palette::Palette,
-    ticks::{self, Tick},
+    ticks::{self, AxisTick},
 };
 
 /// The mapping of values to colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Scale {
+pub enum ColourMapping {
     /// Linear from the smallest to the largest value.
     Linear,
     /// By rank: each colour covers the same area, so that long tails do not dominate.
@@ -41,21 +41,21 @@ impl ColourScale {
     ///
     /// # Errors
     /// Fails when no value is known, or percentiles or range are not in order.
-    pub fn new(values: &[f64], scale: Scale, palette: Palette) -> Result<ColourScale, Fault> {
+    pub fn new(values: &[f64], scale: ColourMapping, palette: Palette) -> Result<ColourScale, Fault> {
         let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);
         let (Some(least), Some(most)) = (known.first().copied(), known.last().copied()) else {
             return Err(Fault::data("the map has no known value and cannot be drawn"));
         };
-        let equalised = scale == Scale::Equalised && most > least;
+        let equalised = scale == ColourMapping::Equalised && most > least;
         let knots = match scale {
-            Scale::Equalised if equalised => equal_areas(known, palette),
-            Scale::Equalised | Scale::Linear => even(least, most, palette),
-            Scale::Percentile(low, high) => {
+            ColourMapping::Equalised if equalised => equal_areas(known, palette),
+            ColourMapping::Equalised | ColourMapping::Linear => even(least, most, palette),
+            ColourMapping::Percentile(low, high) => {
                 in_order("percentiles", low, high, (0.0, 100.0))?;
                 even(quantile(&known, low / 100.0), quantile(&known, high / 100.0), palette)
             }
-            Scale::Range(low, high) => {
+            ColourMapping::Range(low, high) => {
                 in_order("ends of the colour scale", low, high, (f64::MIN, f64::MAX))?;
                 fixed(low, high, palette)
             }
@@ -114,7 +114,7 @@ impl ColourScale {
 
     /// At most `most` values to write at the colour bar: round ones of an even scale, those at even places of an
     /// equalised one.
-    pub fn ticks(&self, most: usize) -> Vec<Tick> {
+    pub fn ticks(&self, most: usize) -> Vec<AxisTick> {
         if !self.equalised {
             return ticks::linear(self.low(), self.high(), most);
         }
@@ -122,7 +122,7 @@ impl ColourScale {
         let values: Vec<f64> = (0..=gaps).map(|k| self.value_at(k as f64 / gaps as f64)).collect();
         let narrowest = values.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
         let decimals = (-narrowest.log10().floor()).clamp(0.0, 6.0) as usize;
-        values.into_iter().map(|at| Tick { at, label: ticks::fixed(at, decimals) }).collect()
+        values.into_iter().map(|at| AxisTick { at, label: ticks::fixed(at, decimals) }).collect()
     }
 }
 
@@ -213,7 +213,7 @@ mod tests {
     #[test]
     fn unit_equal_areas_have_equal_parts() {
         let values = tailed();
-        let scale = ColourScale::new(&values, Scale::Equalised, Palette::Turbo).unwrap();
+        let scale = ColourScale::new(&values, ColourMapping::Equalised, Palette::Turbo).unwrap();
         let mut counts = [0; 10];
         values.iter().filter(|v| v.is_finite()).for_each(|v| counts[((scale.part(*v) * 10.0) as usize).min(9)] += 1);
         // 2000 values, ten parts: knots between values may move one or two over an edge.
@@ -223,11 +223,11 @@ mod tests {
     #[test]
     fn unit_the_bar_is_the_scale_turned_round() {
         for (scale, palette) in [
-            (Scale::Linear, Palette::Viridis),
-            (Scale::Equalised, Palette::Diverging),
-            (Scale::Equalised, Palette::Turbo),
-            (Scale::Percentile(2.0, 98.0), Palette::Diverging),
-            (Scale::Range(-10.0, 300.0), Palette::Diverging),
+            (ColourMapping::Linear, Palette::Viridis),
+            (ColourMapping::Equalised, Palette::Diverging),
+            (ColourMapping::Equalised, Palette::Turbo),
+            (ColourMapping::Percentile(2.0, 98.0), Palette::Diverging),
+            (ColourMapping::Range(-10.0, 300.0), Palette::Diverging),
         ] {
             let made = ColourScale::new(&tailed(), scale, palette).unwrap();
             for k in 0..=20 {
@@ -244,7 +244,12 @@ mod tests {
 
     #[test]
     fn unit_the_diverging_palette_has_white_at_zero() {
-        for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(1.0, 90.0), Scale::Range(-7.0, 900.0)] {
+        for scale in [
+            ColourMapping::Linear,
+            ColourMapping::Equalised,
+            ColourMapping::Percentile(1.0, 90.0),
+            ColourMapping::Range(-7.0, 900.0),
+        ] {
             let made = ColourScale::new(&tailed(), scale, Palette::Diverging).unwrap();
             assert!((made.part(0.0) - 0.5).abs() < 1e-12, "{scale:?}");
             assert!((made.part(5.0) + made.part(-5.0) - 1.0).abs() < 1e-12, "{scale:?}");
@@ -254,7 +259,7 @@ mod tests {
     #[test]
     fn unit_one_value_has_a_scale_around_it() {
         for value in [0.0, -3.5, 48_000.0] {
-            for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(2.0, 98.0)] {
+            for scale in [ColourMapping::Linear, ColourMapping::Equalised, ColourMapping::Percentile(2.0, 98.0)] {
                 let made = ColourScale::new(&[value; 4], scale, Palette::Viridis).unwrap();
                 assert!(made.low() < value && value < made.high());
                 assert!((made.part(value) - 0.5).abs() < 1e-9 && !made.ticks(6).is_empty());
@@ -265,28 +270,30 @@ mod tests {
     #[test]
     fn unit_values_beyond_the_ends_are_known_to_be_there() {
         let made = |scale| ColourScale::new(&[0.0, 1.0, 2.0, 10.0], scale, Palette::Viridis).unwrap().beyond;
-        assert_eq!(made(Scale::Linear), (false, false));
-        assert_eq!(made(Scale::Range(-1.0, 5.0)), (false, true));
-        assert_eq!(made(Scale::Range(0.5, 50.0)), (true, false));
-        assert_eq!(made(Scale::Percentile(10.0, 90.0)), (true, true));
+        assert_eq!(made(ColourMapping::Linear), (false, false));
+        assert_eq!(made(ColourMapping::Range(-1.0, 5.0)), (false, true));
+        assert_eq!(made(ColourMapping::Range(0.5, 50.0)), (true, false));
+        assert_eq!(made(ColourMapping::Percentile(10.0, 90.0)), (true, true));
     }
 
     #[test]
     fn unit_plateaus_and_wrong_ends() {
         // Nine tenths zeros: their colour is the middle of their range, and the scale still ascends.
         let values: Vec<f64> = (0..100).map(|k| if k < 90 { 0.0 } else { f64::from(k) }).collect();
-        let made = ColourScale::new(&values, Scale::Equalised, Palette::Viridis).unwrap();
+        let made = ColourScale::new(&values, ColourMapping::Equalised, Palette::Viridis).unwrap();
         assert!(made.knots.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 < w[1].1));
         assert_eq!(made.low(), 0.0);
-        for scale in [Scale::Range(2.0, 2.0), Scale::Range(f64::NAN, 1.0), Scale::Percentile(-1.0, 50.0)] {
+        for scale in
+            [ColourMapping::Range(2.0, 2.0), ColourMapping::Range(f64::NAN, 1.0), ColourMapping::Percentile(-1.0, 50.0)]
+        {
             assert!(ColourScale::new(&values, scale, Palette::Viridis).is_err());
         }
-        assert!(ColourScale::new(&[f64::NAN], Scale::Linear, Palette::Viridis).is_err());
+        assert!(ColourScale::new(&[f64::NAN], ColourMapping::Linear, Palette::Viridis).is_err());
     }
 
     #[test]
     fn gold_labels_of_an_equalised_scale() {
-        let made = ColourScale::new(&tailed(), Scale::Equalised, Palette::Viridis).unwrap();
+        let made = ColourScale::new(&tailed(), ColourMapping::Equalised, Palette::Viridis).unwrap();
         let labels: Vec<String> = made.ticks(5).into_iter().map(|t| t.label).collect();
         assert_eq!(labels, ["\u{2212}49", "\u{2212}38", "98", "1751", "21867"]);
     }

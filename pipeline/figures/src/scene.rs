@@ -1,7 +1,7 @@
 //! A figure as marks on a sheet of paper: which both painters draw in the same order.
 
 /// A position on the paper, from its upper left corner.
-pub type Spot = (f64, f64);
+pub type PaperPoint = (f64, f64);
 
 /// A rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +28,12 @@ impl Rect {
     }
 
     /// Its corners, round once.
-    pub fn corners(&self) -> Vec<Spot> {
+    pub fn corners(&self) -> Vec<PaperPoint> {
         vec![(self.x, self.y), (self.right(), self.y), (self.right(), self.bottom()), (self.x, self.bottom())]
     }
 
     /// Whether a position is in it or on its edge.
-    pub fn holds(&self, (x, y): Spot) -> bool {
+    pub fn holds(&self, (x, y): PaperPoint) -> bool {
         (self.x..=self.right()).contains(&x) && (self.y..=self.bottom()).contains(&y)
     }
 
@@ -66,7 +66,7 @@ pub const WHITE: Ink = Ink::full([255, 255, 255]);
 
 /// The part of a text that is at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Anchor {
+pub enum TextAnchor {
     /// Its beginning.
     Start,
     /// Its middle.
@@ -77,18 +77,18 @@ pub enum Anchor {
 
 /// One mark.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mark {
+pub enum SceneMark {
     /// A filled outline.
     Fill {
         /// Its corners.
-        points: Vec<Spot>,
+        points: Vec<PaperPoint>,
         /// Its colour.
         ink: Ink,
     },
     /// Lines of one pen.
     Stroke {
         /// Each with at least two positions.
-        lines: Vec<Vec<Spot>>,
+        lines: Vec<Vec<PaperPoint>>,
         /// Width of the pen.
         width: f64,
         /// Its colour.
@@ -99,7 +99,7 @@ pub enum Mark {
     /// A circle with a rim.
     Disc {
         /// Its centre.
-        at: Spot,
+        at: PaperPoint,
         /// Its radius, to the middle of the rim.
         radius: f64,
         /// Inside.
@@ -128,48 +128,48 @@ pub enum Mark {
     /// A line of text.
     Text {
         /// The position of its anchor, on the base line.
-        at: Spot,
+        at: PaperPoint,
         /// Its text.
         text: String,
         /// Size of its letters.
         size: f64,
         /// The part of the text at `at`.
-        anchor: Anchor,
+        anchor: TextAnchor,
         /// Whether it is rotated to read upwards.
         turned: bool,
     },
 }
 
-impl Mark {
+impl SceneMark {
     /// A frame of a rectangle.
-    pub fn frame(rect: &Rect, width: f64) -> Mark {
+    pub fn frame(rect: &Rect, width: f64) -> SceneMark {
         let corners = rect.corners();
         let sides = (0..4).map(|k| vec![corners[k], corners[(k + 1) % 4]]).collect();
-        Mark::Stroke { lines: sides, width, ink: BLACK, within: None }
+        SceneMark::Stroke { lines: sides, width, ink: BLACK, within: None }
     }
 
     /// Upright text.
-    pub fn text(at: Spot, text: impl Into<String>, size: f64, anchor: Anchor) -> Mark {
-        Mark::Text { at, text: text.into(), size, anchor, turned: false }
+    pub fn text(at: PaperPoint, text: impl Into<String>, size: f64, anchor: TextAnchor) -> SceneMark {
+        SceneMark::Text { at, text: text.into(), size, anchor, turned: false }
     }
 
     /// Light grey with slanted lines, for what is not known.
-    pub fn hatch(rect: Rect) -> [Mark; 2] {
+    pub fn hatch(rect: Rect) -> [SceneMark; 2] {
         const EVERY: f64 = 7.0;
         let count = ((rect.w + rect.h) / EVERY) as usize;
         let from = |k: usize| rect.x - rect.h + EVERY * (k as f64 + 0.5);
         let lines = (0..=count).map(|k| vec![(from(k), rect.bottom()), (from(k) + rect.h, rect.y)]);
         let grey = Ink::full([204, 204, 204]);
         [
-            Mark::Fill { points: rect.corners(), ink: Ink::full([243, 243, 243]) },
-            Mark::Stroke { lines: lines.collect(), width: 1.0, ink: grey, within: Some(rect) },
+            SceneMark::Fill { points: rect.corners(), ink: Ink::full([243, 243, 243]) },
+            SceneMark::Stroke { lines: lines.collect(), width: 1.0, ink: grey, within: Some(rect) },
         ]
     }
 }
 
 /// A figure.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Scene {
+pub struct FigureScene {
     /// Its description, for screen readers.
     pub name: String,
     /// Width of the paper.
@@ -181,7 +181,7 @@ pub struct Scene {
     /// Whether there is white paper under it.
     pub paper: bool,
     /// From the lowest to the uppermost.
-    pub marks: Vec<Mark>,
+    pub marks: Vec<SceneMark>,
 }
 
 /// Width of a letter, of letters of size 1: that of the letters of the pixel painter, a little more than what most
@@ -230,8 +230,8 @@ pub fn shortened(text: &str, size: f64, width: f64) -> String {
 }
 
 /// The parts of a line within a rectangle. [Liang and Barsky 1984]
-pub fn clipped(line: &[Spot], rect: &Rect) -> Vec<Vec<Spot>> {
-    let mut out: Vec<Vec<Spot>> = vec![];
+pub fn clipped(line: &[PaperPoint], rect: &Rect) -> Vec<Vec<PaperPoint>> {
+    let mut out: Vec<Vec<PaperPoint>> = vec![];
     let mut joined = false;
     for ends in line.windows(2) {
         let Some((from, to)) = clip(ends[0], ends[1], rect) else {
@@ -247,7 +247,7 @@ pub fn clipped(line: &[Spot], rect: &Rect) -> Vec<Vec<Spot>> {
     out
 }
 
-fn clip(a: Spot, b: Spot, rect: &Rect) -> Option<(Spot, Spot)> {
+fn clip(a: PaperPoint, b: PaperPoint, rect: &Rect) -> Option<(PaperPoint, PaperPoint)> {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let sides = [(-dx, a.0 - rect.x), (dx, rect.right() - a.0), (-dy, a.1 - rect.y), (dy, rect.bottom() - a.1)];
     let (mut from, mut to) = (0.0f64, 1.0f64);

@@ -6,24 +6,24 @@ use super::MapPicture;
 
 /// A part of a map, by its edges, in the map's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Window {
+pub struct MapWindow {
     /// West and east.
     pub x: (f64, f64),
     /// South and north.
     pub y: (f64, f64),
 }
 
-impl Window {
+impl MapWindow {
     /// The whole map: half a step beyond its outermost nodes.
-    pub fn of(picture: &MapPicture) -> Window {
+    pub fn from_picture(picture: &MapPicture) -> MapWindow {
         let edges = |a: &EvenAxis| (a.at(-0.5), a.at(a.len as f64 - 0.5));
-        Window { x: edges(&picture.x), y: edges(&picture.y) }
+        MapWindow { x: edges(&picture.x), y: edges(&picture.y) }
     }
 }
 
 /// Values on nodes that are no denser than the pixels they are for, rows from the south.
 #[derive(Clone, Debug)]
-pub struct Sheet {
+pub struct DisplayGrid {
     /// Coordinates of the columns.
     pub x: EvenAxis,
     /// Coordinates of the rows.
@@ -33,14 +33,14 @@ pub struct Sheet {
 }
 
 /// Consecutive nodes and their weights.
-struct Share {
+struct NodeWeights {
     first: usize,
     weights: Vec<f64>,
 }
 
 /// The values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node a pixel
 /// the nodes are averaged, each by the area of its cell that the pixel covers; along other axes they are unchanged.
-pub fn sheet(picture: &MapPicture, window: &Window, size: (usize, usize)) -> Sheet {
+pub fn sheet(picture: &MapPicture, window: &MapWindow, size: (usize, usize)) -> DisplayGrid {
     let (x, across) = shares(&picture.x, window.x, size.0);
     let (y, up) = shares(&picture.y, window.y, size.1);
     let row = |r: usize| picture.values.get(r * picture.x.len..(r + 1) * picture.x.len).unwrap_or_default();
@@ -53,10 +53,10 @@ pub fn sheet(picture: &MapPicture, window: &Window, size: (usize, usize)) -> She
         }
         values.extend(sums.iter().map(|(sum, weight)| if *weight > 0.0 { sum / weight } else { f64::NAN }));
     }
-    Sheet { x, y, values }
+    DisplayGrid { x, y, values }
 }
 
-fn add(row: &[f64], across: &[Share], weight: f64, sums: &mut [(f64, f64)]) {
+fn add(row: &[f64], across: &[NodeWeights], weight: f64, sums: &mut [(f64, f64)]) {
     for (share, sum) in across.iter().zip(sums) {
         for (value, part) in row.iter().skip(share.first).zip(&share.weights).filter(|(v, _)| v.is_finite()) {
             sum.0 += weight * part * value;
@@ -66,7 +66,7 @@ fn add(row: &[f64], across: &[Share], weight: f64, sums: &mut [(f64, f64)]) {
 }
 
 /// The axis of a sheet, and the nodes that each of its nodes averages.
-fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<Share>) {
+fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<NodeWeights>) {
     let place = |x: f64| (axis.node(x) + 0.5).clamp(0.0, axis.len as f64);
     let (from, to) = (place(range.0), place(range.1));
     let per_pixel = (to - from) / pixels as f64;
@@ -80,51 +80,51 @@ fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<S
     let first = (from.floor() as usize).saturating_sub(1).min(axis.len - 1);
     let last = (to.ceil() as usize).clamp(first, axis.len - 1);
     let sheet = EvenAxis { first: axis.at(first as f64), step: axis.step, len: last - first + 1 };
-    (sheet, (first..=last).map(|first| Share { first, weights: vec![1.0] }).collect())
+    (sheet, (first..=last).map(|first| NodeWeights { first, weights: vec![1.0] }).collect())
 }
 
 /// The cells from `from` to `to`, where cell k lies from k to k + 1.
-fn covered(from: f64, to: f64, len: usize) -> Share {
+fn covered(from: f64, to: f64, len: usize) -> NodeWeights {
     let first = (from.floor() as usize).min(len - 1);
     let last = (to.ceil() as usize).clamp(first + 1, len);
     let share = |k: usize| (to.min((k + 1) as f64) - from.max(k as f64)).max(0.0);
-    Share { first, weights: (first..last).map(share).collect() }
+    NodeWeights { first, weights: (first..last).map(share).collect() }
 }
 
-/// Two neighbouring nodes and the fraction of a position between them.
+/// Two neighbouring nodes and the fraction of a position between them, 0 to 1.
 #[derive(Clone, Copy)]
-struct Between {
+struct NodeBracket {
     low: usize,
     high: usize,
     part: f64,
 }
 
-/// The positions of the pixels of a picture on a sheet.
-pub struct Enlarged<'a> {
-    sheet: &'a Sheet,
-    across: Vec<Between>,
-    down: Vec<Between>,
+/// Interpolation of values on the nodes of a grid at the pixels of a picture.
+pub struct PixelInterpolator<'a> {
+    sheet: &'a DisplayGrid,
+    across: Vec<NodeBracket>,
+    down: Vec<NodeBracket>,
     known: Vec<bool>,
 }
 
-impl<'a> Enlarged<'a> {
+impl<'a> PixelInterpolator<'a> {
     /// A picture of `size` pixels of `window`, its cells interpolated or uniform.
-    pub fn new(sheet: &'a Sheet, window: &Window, size: (usize, usize), blend: bool) -> Enlarged<'a> {
+    pub fn new(sheet: &'a DisplayGrid, window: &MapWindow, size: (usize, usize), blend: bool) -> PixelInterpolator<'a> {
         let centre = |ends: (f64, f64), k: usize, n: usize| ends.0 + (ends.1 - ends.0) * (k as f64 + 0.5) / n as f64;
         let across = (0..size.0).map(|k| between(&sheet.x, centre(window.x, k, size.0), blend)).collect();
         let down = (0..size.1).map(|k| between(&sheet.y, centre((window.y.1, window.y.0), k, size.1), blend)).collect();
         let known = sheet.values.iter().map(|v| v.is_finite()).collect();
-        Enlarged { sheet, across, down, known }
+        PixelInterpolator { sheet, across, down, known }
     }
 
     /// At each pixel, rows from the north, `values` (one per node of the sheet) there: NaN where the nearest
     /// part of the sheet is unknown, the known nodes alone where only some are.
-    pub fn of(&self, values: &[f64]) -> Vec<f64> {
+    pub fn interpolate(&self, values: &[f64]) -> Vec<f64> {
         let pixels = self.down.iter().flat_map(|down| self.across.iter().map(move |across| (down, across)));
         pixels.map(|(down, across)| self.blended(values, down, across)).collect()
     }
 
-    fn blended(&self, values: &[f64], down: &Between, across: &Between) -> f64 {
+    fn blended(&self, values: &[f64], down: &NodeBracket, across: &NodeBracket) -> f64 {
         let corners = [
             (down.low, across.low, (1.0 - down.part) * (1.0 - across.part)),
             (down.low, across.high, (1.0 - down.part) * across.part),
@@ -144,14 +144,14 @@ impl<'a> Enlarged<'a> {
     }
 }
 
-fn between(axis: &EvenAxis, at: f64, blend: bool) -> Between {
+fn between(axis: &EvenAxis, at: f64, blend: bool) -> NodeBracket {
     let node = axis.node(at).clamp(0.0, (axis.len - 1) as f64);
     if !blend {
         let nearest = node.round() as usize;
-        return Between { low: nearest, high: nearest, part: 0.0 };
+        return NodeBracket { low: nearest, high: nearest, part: 0.0 };
     }
     let low = (node.floor() as usize).min(axis.len - 1);
-    Between { low, high: (low + 1).min(axis.len - 1), part: node - low as f64 }
+    NodeBracket { low, high: (low + 1).min(axis.len - 1), part: node - low as f64 }
 }
 
 #[cfg(test)]
@@ -160,9 +160,9 @@ mod tests {
     use crate::tests::picture;
 
     fn drawn(map: &MapPicture, size: (usize, usize), blend: bool) -> Vec<f64> {
-        let window = Window::of(map);
+        let window = MapWindow::from_picture(map);
         let sheet = sheet(map, &window, size);
-        Enlarged::new(&sheet, &window, size, blend).of(&sheet.values)
+        PixelInterpolator::new(&sheet, &window, size, blend).interpolate(&sheet.values)
     }
 
     #[test]
@@ -223,10 +223,10 @@ mod tests {
     fn unit_a_part_is_the_same_part_of_the_whole() {
         let values: Vec<f64> = (0..24).map(|k| f64::from(k * 7 % 11)).collect();
         let map = picture(6, 4, &values);
-        let all = Window::of(&map);
-        let half = Window { x: (all.x.0, 0.5 * (all.x.0 + all.x.1)), ..all };
+        let all = MapWindow::from_picture(&map);
+        let half = MapWindow { x: (all.x.0, 0.5 * (all.x.0 + all.x.1)), ..all };
         let part = sheet(&map, &half, (30, 40));
-        let part = Enlarged::new(&part, &half, (30, 40), true).of(&part.values);
+        let part = PixelInterpolator::new(&part, &half, (30, 40), true).interpolate(&part.values);
         let whole = drawn(&map, (60, 40), true);
         for (k, value) in part.iter().enumerate() {
             // The same place computed from another edge.

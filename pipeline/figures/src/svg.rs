@@ -3,18 +3,18 @@
 use maud::{Markup, html};
 use schemas::Fault;
 
-use super::scene::{Anchor, BLACK, Ink, Mark, Rect, Scene, Spot};
+use super::scene::{BLACK, FigureScene, Ink, PaperPoint, Rect, SceneMark, TextAnchor};
 use crate::{
     chart,
     palette::hex,
-    png_file::{Kind, data_url, encode},
+    png_file::{PixelFormat, data_url, encode},
 };
 
 /// The scene as an SVG file.
 ///
 /// # Errors
 /// Fails when its picture cannot be encoded.
-pub fn document(scene: &Scene) -> Result<String, Fault> {
+pub fn document(scene: &FigureScene) -> Result<String, Fault> {
     let marks: Result<Vec<Markup>, Fault> = scene.marks.iter().enumerate().map(|(k, mark)| element(mark, k)).collect();
     let (width, height) = (px(scene.width), px(scene.height));
     let svg = html! {
@@ -37,27 +37,27 @@ pub fn clean(text: &str) -> String {
     text.chars().filter(|c| !c.is_control() && !matches!(c, '\u{fffe}' | '\u{ffff}')).collect()
 }
 
-fn element(mark: &Mark, index: usize) -> Result<Markup, Fault> {
+fn element(mark: &SceneMark, index: usize) -> Result<Markup, Fault> {
     Ok(match mark {
-        Mark::Fill { points, ink } => {
+        SceneMark::Fill { points, ink } => {
             html! { path d=(closed(points)) fill=(hex(ink.rgb)) fill-opacity=[opacity(*ink)] {} }
         }
-        Mark::Stroke { lines, width, ink, within } => stroke(lines, *width, *ink, within.as_ref(), index),
-        Mark::Disc { at, radius, fill, rim } => html! {
+        SceneMark::Stroke { lines, width, ink, within } => stroke(lines, *width, *ink, within.as_ref(), index),
+        SceneMark::Disc { at, radius, fill, rim } => html! {
             circle cx=(px(at.0)) cy=(px(at.1)) r=(px(*radius)) fill=(hex(fill.rgb)) stroke=(hex(rim.rgb)) stroke-width="1.5" {}
         },
-        Mark::Picture { rect, size, pixels } => {
-            let png = encode(&Kind::Rgba, *size, pixels)?;
+        SceneMark::Picture { rect, size, pixels } => {
+            let png = encode(&PixelFormat::Rgba, *size, pixels)?;
             html! {
                 image x=(px(rect.x)) y=(px(rect.y)) width=(px(rect.w)) height=(px(rect.h)) preserveAspectRatio="none" href=(data_url(&png)) {}
             }
         }
-        Mark::Fade { rect, colours, upward } => fade(rect, colours, *upward, index),
-        Mark::Text { at, text, size, anchor, turned } => self::text(*at, text, *size, *anchor, *turned),
+        SceneMark::Fade { rect, colours, upward } => fade(rect, colours, *upward, index),
+        SceneMark::Text { at, text, size, anchor, turned } => self::text(*at, text, *size, *anchor, *turned),
     })
 }
 
-fn stroke(lines: &[Vec<Spot>], width: f64, ink: Ink, within: Option<&Rect>, index: usize) -> Markup {
+fn stroke(lines: &[Vec<PaperPoint>], width: f64, ink: Ink, within: Option<&Rect>, index: usize) -> Markup {
     let d: String = lines.iter().map(|line| chart::path(line.iter().copied().map(Some))).collect();
     let clip = within.map(|_| format!("url(#clip{index})"));
     html! {
@@ -82,11 +82,11 @@ fn fade(rect: &Rect, colours: &[[u8; 3]], upward: bool, index: usize) -> Markup 
     }
 }
 
-fn text(at: Spot, text: &str, size: f64, anchor: Anchor, turned: bool) -> Markup {
+fn text(at: PaperPoint, text: &str, size: f64, anchor: TextAnchor, turned: bool) -> Markup {
     let anchor = match anchor {
-        Anchor::Start => None,
-        Anchor::Middle => Some("middle"),
-        Anchor::End => Some("end"),
+        TextAnchor::Start => None,
+        TextAnchor::Middle => Some("middle"),
+        TextAnchor::End => Some("end"),
     };
     let (x, y) = (px(at.0), px(at.1));
     let turn = turned.then(|| format!("rotate(-90 {x} {y})"));
@@ -97,7 +97,7 @@ fn opacity(ink: Ink) -> Option<String> {
     (ink.opacity < 1.0).then(|| px(ink.opacity))
 }
 
-fn closed(points: &[Spot]) -> String {
+fn closed(points: &[PaperPoint]) -> String {
     format!("{}Z", chart::path(points.iter().copied().map(Some)))
 }
 

@@ -10,7 +10,7 @@ pub fn picture(columns: usize, rows: usize, values: &[f64]) -> MapPicture<'_> {
         x: axis(columns),
         y: axis(rows),
         values,
-        plane: Plane::Metres,
+        plane: AxisQuantity::Metres,
         title: "",
         quantity: "Magnetic anomaly",
         unit: "nT",
@@ -20,16 +20,16 @@ pub fn picture(columns: usize, rows: usize, values: &[f64]) -> MapPicture<'_> {
 }
 
 /// Colours alone: no shading, nothing around it that could be left out.
-pub fn bare() -> Look {
-    Look {
+pub fn bare() -> MapStyle {
+    MapStyle {
         width_px: 400,
         palette: Palette::Viridis,
-        scale: Scale::Linear,
+        scale: ColourMapping::Linear,
         shade: None,
         colour_bar: false,
         scale_bar: false,
         north: false,
-        ..Look::default()
+        ..MapStyle::default()
     }
 }
 
@@ -46,20 +46,21 @@ fn anomalies() -> Vec<f64> {
         .collect()
 }
 
-fn marks(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Vec<scene::Mark> {
+fn marks(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Vec<scene::SceneMark> {
     figure::scene(picture, look, tracks).unwrap().marks
 }
 
-fn map_of(marks: &[scene::Mark]) -> (scene::Rect, (usize, usize), Vec<u8>) {
+fn map_of(marks: &[scene::SceneMark]) -> (scene::Rect, (usize, usize), Vec<u8>) {
     let found = marks.iter().find_map(|m| match m {
-        scene::Mark::Picture { rect, size, pixels } => Some((*rect, *size, pixels.clone())),
+        scene::SceneMark::Picture { rect, size, pixels } => Some((*rect, *size, pixels.clone())),
         _ => None,
     });
     found.unwrap()
 }
 
-fn texts(marks: &[scene::Mark]) -> Vec<String> {
-    let text = |m: &scene::Mark| if let scene::Mark::Text { text, .. } = m { Some(text.clone()) } else { None };
+fn texts(marks: &[scene::SceneMark]) -> Vec<String> {
+    let text =
+        |m: &scene::SceneMark| if let scene::SceneMark::Text { text, .. } = m { Some(text.clone()) } else { None };
     marks.iter().filter_map(text).collect()
 }
 
@@ -129,8 +130,13 @@ fn unit_every_known_cell_has_its_colour_and_north_is_up() {
     let values = anomalies();
     let map = picture(40, 30, &values);
     for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
-        for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(2.0, 98.0), Scale::Range(-100.0, 300.0)] {
-            let look = Look { palette, scale, blend: false, ..bare() };
+        for scale in [
+            ColourMapping::Linear,
+            ColourMapping::Equalised,
+            ColourMapping::Percentile(2.0, 98.0),
+            ColourMapping::Range(-100.0, 300.0),
+        ] {
+            let look = MapStyle { palette, scale, blend: false, ..bare() };
             let colours = colours::colour_scale(&map, &look).unwrap();
             let (_, (w, h), pixels) = map_of(&marks(&map, &look, &[]));
             for (k, value) in values.iter().enumerate() {
@@ -179,21 +185,21 @@ fn unit_the_colour_bar_ends_where_the_scale_ends() {
     let values = anomalies();
     let map = picture(40, 30, &values);
     for (scale, palette) in [
-        (Scale::Linear, Palette::Turbo),
-        (Scale::Equalised, Palette::Viridis),
-        (Scale::Percentile(5.0, 95.0), Palette::Diverging),
-        (Scale::Range(-50.0, 700.0), Palette::Diverging),
+        (ColourMapping::Linear, Palette::Turbo),
+        (ColourMapping::Equalised, Palette::Viridis),
+        (ColourMapping::Percentile(5.0, 95.0), Palette::Diverging),
+        (ColourMapping::Range(-50.0, 700.0), Palette::Diverging),
     ] {
-        let look = Look { scale, palette, colour_bar: true, ..bare() };
+        let look = MapStyle { scale, palette, colour_bar: true, ..bare() };
         let made = colours::colour_scale(&map, &look).unwrap();
         let drawn = marks(&map, &look, &[]);
         let stops = drawn
             .iter()
-            .find_map(|m| if let scene::Mark::Fade { colours, .. } = m { Some(colours.clone()) } else { None });
+            .find_map(|m| if let scene::SceneMark::Fade { colours, .. } = m { Some(colours.clone()) } else { None });
         let stops = stops.unwrap();
         assert_eq!(stops.first(), Some(&palette.colour(made.part(made.low()))));
         assert_eq!(stops.last(), Some(&palette.colour(made.part(made.high()))));
-        if scale == Scale::Equalised {
+        if scale == ColourMapping::Equalised {
             let known = || values.iter().copied().filter(|v| v.is_finite());
             let ends = [known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max)];
             for end in ends {
@@ -211,7 +217,7 @@ fn unit_the_same_map_gives_the_same_bytes() {
     let map = picture(40, 30, &values);
     let (x, y) = ([2.0, 30.0, f64::NAN, 12.0, 13.0], [3.0, 25.0, 4.0, 4.0, 20.0]);
     let line = TrackLine { name: "1003.02", x: &x, y: &y, colour: None };
-    let look = Look { width_px: 500, contours: Some(100.0), ..Look::default() };
+    let look = MapStyle { width_px: 500, contours: Some(100.0), ..MapStyle::default() };
     let drawn = || (png(&map, &look, &[line]).unwrap(), svg(&map, &look, &[line]).unwrap());
     assert_eq!(drawn(), drawn());
 }
@@ -229,7 +235,7 @@ fn unit_svg_is_well_formed_whatever_the_names() {
         ..picture(40, 30, &values)
     };
     let line = TrackLine { name: wild, x: &[1.0, 9.0], y: &[1.0, 9.0], colour: None };
-    let drawn = svg(&map, &Look { contours: Some(50.0), ..Look::default() }, &[line]).unwrap();
+    let drawn = svg(&map, &MapStyle { contours: Some(50.0), ..MapStyle::default() }, &[line]).unwrap();
     assert!(well_formed(&drawn).unwrap() > 150);
     let chart =
         curve_svg(&[(1.0, 2.0), (3.0, 1.0)], Some(0), &CurveLabels { title: wild, x: wild, y: wild, marked: wild });
@@ -244,7 +250,7 @@ fn unit_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
     let drawn = marks(&map, &bare(), &[TrackLine { name: "t", x: &x, y: &y, colour: Some([1, 2, 3]) }]);
     let rect = map_of(&drawn).0;
     let own = drawn.iter().find_map(|m| match m {
-        scene::Mark::Stroke { lines, ink, within: Some(w), .. } if ink.rgb == [1, 2, 3] && *w == rect => {
+        scene::SceneMark::Stroke { lines, ink, within: Some(w), .. } if ink.rgb == [1, 2, 3] && *w == rect => {
             Some(lines.clone())
         }
         _ => None,
@@ -253,7 +259,7 @@ fn unit_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
     assert_eq!(lines.len(), 2);
     assert!(lines.iter().flatten().all(|s| rect.grown(4.01).holds(*s)));
     // It begins off the map, so that no beginning is marked there: only in the legend.
-    let discs = drawn.iter().filter(|m| matches!(m, scene::Mark::Disc { .. })).count();
+    let discs = drawn.iter().filter(|m| matches!(m, scene::SceneMark::Disc { .. })).count();
     assert_eq!(discs, 1);
 }
 
@@ -261,7 +267,7 @@ fn unit_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
 fn unit_a_longitude_of_another_turn_is_the_same_track() {
     let values = vec![1.0; 100];
     let axis = |first| EvenAxis { first, step: 1.0, len: 10 };
-    let map = MapPicture { x: axis(175.0), y: axis(-5.0), plane: Plane::Degrees, ..picture(10, 10, &values) };
+    let map = MapPicture { x: axis(175.0), y: axis(-5.0), plane: AxisQuantity::Degrees, ..picture(10, 10, &values) };
     let drawn =
         |x: [f64; 3]| marks(&map, &bare(), &[TrackLine { name: "t", x: &x, y: &[0.0, 1.0, 3.0], colour: None }]);
     assert_eq!(drawn([178.0, 180.5, 183.0]), drawn([178.0, -179.5, -177.0]));
@@ -274,12 +280,14 @@ fn unit_maps_of_all_shapes_stay_on_the_paper() {
     for (columns, rows, width_px) in
         [(2, 2, 1600), (1, 1, 200), (300, 2, 800), (2, 300, 800), (400, 40, 200), (40, 400, 300), (1000, 3, 1600)]
     {
-        for (plane, step) in [(Plane::Metres, 500.0), (Plane::Degrees, 0.05), (Plane::Metres, 1e-3)] {
+        for (plane, step) in
+            [(AxisQuantity::Metres, 500.0), (AxisQuantity::Degrees, 0.05), (AxisQuantity::Metres, 1e-3)]
+        {
             let values: Vec<f64> = (0..columns * rows).map(|k| (k % 7) as f64 - 3.0).collect();
             let axis = |len| EvenAxis { first: 47.0, step, len };
             let map =
                 MapPicture { x: axis(columns), y: axis(rows), plane, title: &title, ..picture(columns, rows, &values) };
-            let look = Look { width_px, ..Look::default() };
+            let look = MapStyle { width_px, ..MapStyle::default() };
             let scene = figure::scene(&map, &look, &[]).unwrap();
             assert!(scene.height < 4.0 * scene.width, "{columns} x {rows}: {} high", scene.height);
             for mark in &scene.marks {
@@ -294,24 +302,24 @@ fn unit_maps_of_all_shapes_stay_on_the_paper() {
 }
 
 /// The rectangle around a mark, from its upper left to its lower right corner.
-fn extent(mark: &scene::Mark) -> (scene::Spot, scene::Spot) {
-    let around = |spots: Vec<scene::Spot>| {
+fn extent(mark: &scene::SceneMark) -> (scene::PaperPoint, scene::PaperPoint) {
+    let around = |spots: Vec<scene::PaperPoint>| {
         let fold =
             |f: fn(f64, f64) -> f64, start: f64| spots.iter().fold((start, start), |a, s| (f(a.0, s.0), f(a.1, s.1)));
         (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY))
     };
     match mark {
-        scene::Mark::Fill { points, .. } => around(points.clone()),
-        scene::Mark::Stroke { within: Some(rect), .. } => around(rect.corners()),
-        scene::Mark::Stroke { lines, .. } => around(lines.concat()),
-        scene::Mark::Disc { at, .. } => (*at, *at),
-        scene::Mark::Picture { rect, .. } | scene::Mark::Fade { rect, .. } => around(rect.corners()),
-        scene::Mark::Text { at, text, size, anchor, turned } => {
+        scene::SceneMark::Fill { points, .. } => around(points.clone()),
+        scene::SceneMark::Stroke { within: Some(rect), .. } => around(rect.corners()),
+        scene::SceneMark::Stroke { lines, .. } => around(lines.concat()),
+        scene::SceneMark::Disc { at, .. } => (*at, *at),
+        scene::SceneMark::Picture { rect, .. } | scene::SceneMark::Fade { rect, .. } => around(rect.corners()),
+        scene::SceneMark::Text { at, text, size, anchor, turned } => {
             let long = scene::text_width(text, *size);
             let back = match anchor {
-                scene::Anchor::Start => 0.0,
-                scene::Anchor::Middle => 0.5 * long,
-                scene::Anchor::End => long,
+                scene::TextAnchor::Start => 0.0,
+                scene::TextAnchor::Middle => 0.5 * long,
+                scene::TextAnchor::End => long,
             };
             if *turned {
                 ((at.0 - 0.75 * size, at.1 + back - long), (at.0 + 0.2 * size, at.1 + back))
@@ -323,9 +331,9 @@ fn extent(mark: &scene::Mark) -> (scene::Spot, scene::Spot) {
 }
 
 /// Two texts that lie on each other, or a text on the map.
-fn overlap(marks: &[scene::Mark]) -> Option<(String, String)> {
-    let solid = |m: &&scene::Mark| {
-        matches!(m, scene::Mark::Text { .. } | scene::Mark::Picture { .. } | scene::Mark::Fade { .. })
+fn overlap(marks: &[scene::SceneMark]) -> Option<(String, String)> {
+    let solid = |m: &&scene::SceneMark| {
+        matches!(m, scene::SceneMark::Text { .. } | scene::SceneMark::Picture { .. } | scene::SceneMark::Fade { .. })
     };
     let boxes: Vec<_> = marks.iter().filter(solid).map(|m| (format!("{m:.0?}"), extent(m))).collect();
     for (k, (a, (from, to))) in boxes.iter().enumerate() {
@@ -341,12 +349,15 @@ fn overlap(marks: &[scene::Mark]) -> Option<(String, String)> {
 #[test]
 fn unit_what_cannot_be_drawn_is_a_fault() {
     let nan = [f64::NAN; 4];
-    let what = |map: &MapPicture, look: &Look| png(map, look, &[]).unwrap_err().what;
+    let what = |map: &MapPicture, look: &MapStyle| png(map, look, &[]).unwrap_err().what;
     assert!(what(&picture(2, 2, &nan), &bare()).contains("no known value"));
     assert!(what(&picture(2, 3, &nan), &bare()).contains("4 values for 3 rows of 2 columns"));
-    assert!(what(&picture(2, 2, &[1.0; 4]), &Look { width_px: 3, ..bare() }).contains("3 pixels"));
-    for shade in [Shade { elevation_deg: 0.0, ..Shade::default() }, Shade { strength: f64::NAN, ..Shade::default() }] {
-        assert!(what(&picture(2, 2, &[1.0; 4]), &Look { shade: Some(shade), ..bare() }).contains("hill-shading"));
+    assert!(what(&picture(2, 2, &[1.0; 4]), &MapStyle { width_px: 3, ..bare() }).contains("3 pixels"));
+    for shade in [
+        HillShading { elevation_deg: 0.0, ..HillShading::default() },
+        HillShading { strength: f64::NAN, ..HillShading::default() },
+    ] {
+        assert!(what(&picture(2, 2, &[1.0; 4]), &MapStyle { shade: Some(shade), ..bare() }).contains("hill-shading"));
     }
     let no_step = MapPicture { x: EvenAxis { first: 1e6, step: 1e-12, len: 2 }, ..picture(2, 2, &[1.0; 4]) };
     assert!(what(&no_step, &bare()).contains("columns"));
@@ -354,8 +365,8 @@ fn unit_what_cannot_be_drawn_is_a_fault() {
     assert!(what(&backwards, &bare()).contains("columns"));
     let values = anomalies();
     let map = picture(40, 30, &values);
-    assert!(what(&map, &Look { contours: Some(0.0), ..bare() }).contains("every 0"));
-    assert!(what(&map, &Look { contours: Some(0.01), ..bare() }).contains("lines"));
+    assert!(what(&map, &MapStyle { contours: Some(0.0), ..bare() }).contains("every 0"));
+    assert!(what(&map, &MapStyle { contours: Some(0.01), ..bare() }).contains("lines"));
     let line = TrackLine { name: "t", x: &[1.0], y: &[], colour: None };
     assert!(svg(&map, &bare(), &[line]).unwrap_err().what.contains("`t`"));
 }
@@ -364,7 +375,7 @@ fn unit_what_cannot_be_drawn_is_a_fault() {
 fn unit_a_map_of_one_value_is_drawn() {
     let values = [48_000.0; 12];
     let map = picture(4, 3, &values);
-    let (_, _, pixels) = map_of(&marks(&map, &Look { width_px: 300, ..Look::default() }, &[]));
+    let (_, _, pixels) = map_of(&marks(&map, &MapStyle { width_px: 300, ..MapStyle::default() }, &[]));
     let [r, g, b] = Palette::Turbo.colour(0.5);
     // The middle of the scale lies between two whole colours, which rounding decides.
     assert!(pixels.chunks_exact(4).all(|p| p.iter().zip([r, g, b, 255]).all(|(a, b)| a.abs_diff(b) <= 1)));
@@ -382,7 +393,7 @@ fn unit_unknown_cells_are_hatched_and_named_only_where_there_are_any() {
 #[test]
 fn gold_a_small_svg() {
     let map = MapPicture { title: "Two by two", ..picture(2, 2, &[0.0, 1.0, 2.0, f64::NAN]) };
-    let look = Look { width_px: 240, ..bare() };
+    let look = MapStyle { width_px: 240, ..bare() };
     let line = TrackLine { name: "1003.02", x: &[0.0, 1.0], y: &[0.0, 0.5], colour: None };
     let drawn = svg(&map, &look, &[line]).unwrap();
     let (head, tail) = drawn.split_once("data:image/png;base64,").unwrap();
@@ -393,13 +404,19 @@ fn gold_a_small_svg() {
 /// A map of 2 x 2 degrees that crosses the date line.
 fn at_the_date_line(values: &[f64]) -> MapPicture<'_> {
     let axis = |first| EvenAxis { first, step: 0.1, len: 20 };
-    MapPicture { x: axis(179.05), y: axis(-1.0), plane: Plane::Degrees, title: "A & B", ..picture(20, 20, values) }
+    MapPicture {
+        x: axis(179.05),
+        y: axis(-1.0),
+        plane: AxisQuantity::Degrees,
+        title: "A & B",
+        ..picture(20, 20, values)
+    }
 }
 
 #[test]
 fn unit_kml_lies_where_the_map_lies() {
     let values: Vec<f64> = (0..400).map(|k| f64::from(k % 20)).collect();
-    let made = kml(&at_the_date_line(&values), &Look { width_px: 400, ..Look::default() }, &[], "rio").unwrap();
+    let made = kml(&at_the_date_line(&values), &MapStyle { width_px: 400, ..MapStyle::default() }, &[], "rio").unwrap();
     well_formed(&made.document).unwrap();
     let names: Vec<&str> = made.files.iter().map(|f| f.0.as_str()).collect();
     assert_eq!(names, ["rio_map_1.png", "rio_map_2.png", "rio_bar.png"]);
@@ -438,7 +455,7 @@ fn unit_kml_tracks_are_broken_wrapped_and_timed() {
         time_unix_s: None,
         colour: Some([255, 0, 128]),
     };
-    let look = Look { width_px: 200, colour_bar: false, ..Look::default() };
+    let look = MapStyle { width_px: 200, colour_bar: false, ..MapStyle::default() };
     let plain = kml(&map, &look, &[track], "m").unwrap().document;
     well_formed(&plain).unwrap();
     let lines: Vec<&str> = plain.split("<coordinates>").skip(1).filter_map(|c| c.split('<').next()).collect();
@@ -460,7 +477,7 @@ fn unit_kml_tracks_are_broken_wrapped_and_timed() {
 #[test]
 fn unit_kmz_holds_the_document_and_its_pictures_and_no_clock() {
     let values = vec![1.0; 400];
-    let made = kml(&at_the_date_line(&values), &Look { width_px: 200, ..Look::default() }, &[], "m").unwrap();
+    let made = kml(&at_the_date_line(&values), &MapStyle { width_px: 200, ..MapStyle::default() }, &[], "m").unwrap();
     let zipped = made.kmz().unwrap();
     assert_eq!(zipped, made.kmz().unwrap());
     let mut archive = zip::ZipArchive::new(std::io::Cursor::new(&zipped)).unwrap();

@@ -2,7 +2,7 @@
 
 /// A position on an axis and its label; minor ticks of a logarithmic axis have none.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tick {
+pub struct AxisTick {
     /// The value.
     pub at: f64,
     /// Its label.
@@ -10,7 +10,7 @@ pub struct Tick {
 }
 
 /// Steps of 1, 2 or 5 times a power of ten: at most `most` ticks within `low` to `high`.
-pub fn linear(low: f64, high: f64, most: usize) -> Vec<Tick> {
+pub fn linear(low: f64, high: f64, most: usize) -> Vec<AxisTick> {
     let span = high - low;
     if !(span > 0.0 && span.is_finite()) || most == 0 {
         return vec![];
@@ -22,7 +22,7 @@ pub fn linear(low: f64, high: f64, most: usize) -> Vec<Tick> {
     let decimals = decimals_of(step);
     let first = (low / step - 1e-9).ceil() as i64;
     let last = (high / step + 1e-9).floor() as i64;
-    (first..=last).map(|k| k as f64 * step).map(|at| Tick { at, label: fixed(at, decimals) }).collect()
+    (first..=last).map(|k| k as f64 * step).map(|at| AxisTick { at, label: fixed(at, decimals) }).collect()
 }
 
 /// Decimals that distinguish multiples of `step`.
@@ -42,7 +42,7 @@ pub fn fixed(x: f64, decimals: usize) -> String {
 }
 
 /// Powers of ten within `low` to `high`, both above zero; where there are fewer than three, their 2- and 5-folds too.
-pub fn logarithmic(low: f64, high: f64) -> Vec<Tick> {
+pub fn logarithmic(low: f64, high: f64) -> Vec<AxisTick> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return vec![];
     }
@@ -54,10 +54,12 @@ pub fn logarithmic(low: f64, high: f64) -> Vec<Tick> {
         let shown: Vec<i32> = decades.into_iter().filter(|k| k % every == 0).collect();
         let plain = shown.iter().all(|k| (-3..=4).contains(k));
         let label = |k: i32| if plain { fixed(10f64.powi(k), (-k).max(0) as usize) } else { power_of_ten(k) };
-        return shown.into_iter().map(|k| Tick { at: 10f64.powi(k), label: label(k) }).collect();
+        return shown.into_iter().map(|k| AxisTick { at: 10f64.powi(k), label: label(k) }).collect();
     }
     let all = (first..=last).flat_map(|k| [1.0, 2.0, 5.0].map(|m| (m * 10f64.powi(k), k)));
-    all.filter(|(x, _)| inside(x)).map(|(at, k)| Tick { at, label: fixed(at, (-k).clamp(0, 12) as usize) }).collect()
+    all.filter(|(x, _)| inside(x))
+        .map(|(at, k)| AxisTick { at, label: fixed(at, (-k).clamp(0, 12) as usize) })
+        .collect()
 }
 
 /// 10 with its exponent, as all labels of an axis that goes beyond 0.001 to 10000.
@@ -86,7 +88,7 @@ pub fn round_below(most: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn labels(ticks: &[Tick]) -> Vec<&str> {
+    fn labels(ticks: &[AxisTick]) -> Vec<&str> {
         ticks.iter().map(|t| t.label.as_str()).collect()
     }
 

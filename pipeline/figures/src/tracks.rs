@@ -4,9 +4,9 @@ use numerics::angle::wrap_deg;
 use schemas::Fault;
 
 use super::{
-    Plane, TrackLine, check_lengths,
-    frame::Frame,
-    scene::{Ink, Mark, Spot, WHITE, clipped},
+    AxisQuantity, TrackLine, check_lengths,
+    frame::MapFrame,
+    scene::{Ink, PaperPoint, SceneMark, WHITE, clipped},
     thin::{kept, runs, to_stretch},
     track_colour,
 };
@@ -19,9 +19,9 @@ pub const RIM: f64 = 1.8;
 pub const START: f64 = 4.2;
 
 /// A track drawn on the map.
-pub struct Drawn {
+pub struct TrackDrawing {
     /// Its marks.
-    pub marks: Vec<Mark>,
+    pub marks: Vec<SceneMark>,
     /// Its colour.
     pub colour: [u8; 3],
     /// Its legend.
@@ -32,37 +32,38 @@ pub struct Drawn {
 ///
 /// # Errors
 /// Fails when its coordinates have different lengths.
-pub fn drawn(track: &TrackLine, index: usize, frame: &Frame, tolerance: f64) -> Result<Drawn, Fault> {
+pub fn drawn(track: &TrackLine, index: usize, frame: &MapFrame, tolerance: f64) -> Result<TrackDrawing, Fault> {
     check_lengths(track.name, &[track.x.len(), track.y.len()])?;
     let colour = track_colour(track.colour, index);
     let runs = runs(spots(track, frame).into_iter());
     let start = runs.first().and_then(|run| run.first()).copied().filter(|s| frame.rect.holds(*s));
     let near = frame.rect.grown(4.0);
-    let lines: Vec<Vec<Spot>> = runs.iter().flat_map(|run| clipped(&thinned(run, tolerance), &near)).collect();
+    let lines: Vec<Vec<PaperPoint>> = runs.iter().flat_map(|run| clipped(&thinned(run, tolerance), &near)).collect();
     let name = if lines.is_empty() && start.is_none() {
         format!("{} (off the map)", track.name)
     } else {
         track.name.to_owned()
     };
-    let stroke = |width: f64, ink: Ink| Mark::Stroke { lines: lines.clone(), width, ink, within: Some(frame.rect) };
+    let stroke =
+        |width: f64, ink: Ink| SceneMark::Stroke { lines: lines.clone(), width, ink, within: Some(frame.rect) };
     let mut marks = vec![];
     if !lines.is_empty() {
         marks.push(stroke(WIDTH + RIM, Ink { opacity: 0.85, ..WHITE }));
         marks.push(stroke(WIDTH, Ink::full(colour)));
     }
-    marks.extend(start.map(|at| Mark::Disc { at, radius: START, fill: WHITE, rim: Ink::full(colour) }));
-    Ok(Drawn { marks, colour, name })
+    marks.extend(start.map(|at| SceneMark::Disc { at, radius: START, fill: WHITE, rim: Ink::full(colour) }));
+    Ok(TrackDrawing { marks, colour, name })
 }
 
 /// The positions of a track on the paper. A longitude is shifted by a full turn to the map; where it then jumps
 /// to the other side of the earth the line is broken.
-fn spots(track: &TrackLine, frame: &Frame) -> Vec<Option<Spot>> {
+fn spots(track: &TrackLine, frame: &MapFrame) -> Vec<Option<PaperPoint>> {
     let middle = 0.5 * (frame.window.x.0 + frame.window.x.1);
     let mut out = Vec::with_capacity(track.x.len());
     let mut before = f64::NAN;
     for (x, y) in track.x.iter().zip(track.y) {
-        let x = if frame.picture.plane == Plane::Degrees { middle + wrap_deg(x - middle) } else { *x };
-        if frame.picture.plane == Plane::Degrees && (x - before).abs() > 180.0 {
+        let x = if frame.picture.plane == AxisQuantity::Degrees { middle + wrap_deg(x - middle) } else { *x };
+        if frame.picture.plane == AxisQuantity::Degrees && (x - before).abs() > 180.0 {
             out.push(None);
         }
         before = x;
@@ -71,7 +72,7 @@ fn spots(track: &TrackLine, frame: &Frame) -> Vec<Option<Spot>> {
     out
 }
 
-fn thinned(run: &[Spot], tolerance: f64) -> Vec<Spot> {
+fn thinned(run: &[PaperPoint], tolerance: f64) -> Vec<PaperPoint> {
     let pair = |k: usize| run.get(k).map_or([0.0; 2], |s| [s.0, s.1]);
     let kept = kept(run.len(), tolerance, |a, b, k| to_stretch(&pair(a), &pair(b), &pair(k)));
     kept.into_iter().filter_map(|k| run.get(k).copied()).collect()

@@ -1,8 +1,8 @@
 //! Result tables of magline as Polars [`LazyFrame`]s.
 //!
-//! A published table is a folder of plain Parquet files, `<store>/tables/<pipeline>/<table>/`, with the axes of the sweep,
-//! flight, line and time as columns before those that the stage made. [`scan`] opens one by the name that `magline sql`
-//! gives it; filters and projections are pushed down into the files.
+//! A published table is a folder of plain Parquet files, `<store>/tables/<pipeline>/<table>/`, with the axes of the
+//! sweep, flight, line and time as columns before those that the stage made. [`scan`] opens one by the name that
+//! `magline sql` gives it; filters and projections are pushed down into the files.
 //!
 //! ```no_run
 //! use polars::prelude::*;

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_select::concat::concat_batches;
-use datasets::{FlightOptions, Reading};
+use datasets::{FlightOptions, ReadHints};
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -16,7 +16,7 @@ use super::{TEST_FLIGHT, shown};
 use crate::sources::open_flight;
 
 /// One line of a flight, with all its columns.
-pub struct Flight {
+pub struct BenchLine {
     /// The flight.
     pub flight: String,
     /// The line.
@@ -25,7 +25,7 @@ pub struct Flight {
     pub rows: RecordBatch,
 }
 
-impl Flight {
+impl BenchLine {
     /// A column of numbers.
     ///
     /// # Errors
@@ -43,14 +43,14 @@ impl Flight {
 ///
 /// # Errors
 /// When they cannot be read.
-pub fn open(path: &Path) -> Result<Vec<Flight>, Fault> {
+pub fn open(path: &Path) -> Result<Vec<BenchLine>, Fault> {
     if !path.exists() {
         let fault = Fault::new(format!("there is no file {}", path.display()));
         return Err(
             fault.help("run the command in a clone of magline, or give the spec of the flights with `--flights`")
         );
     }
-    let reading = Reading { found: None, threads: rayon::current_num_threads() };
+    let reading = ReadHints { found: None, threads: rayon::current_num_threads() };
     let reader = open_flight(path, &FlightOptions::default(), &reading).map_err(Fault::from)?;
     let mut parts: Vec<(String, String, Vec<RecordBatch>)> = vec![];
     for batch in reader {
@@ -78,7 +78,7 @@ pub fn open(path: &Path) -> Result<Vec<Flight>, Fault> {
     let whole = |(flight, line, rows): (String, String, Vec<RecordBatch>)| {
         let first = rows.first().map(RecordBatch::schema).ok_or_else(|| Fault::bug("a line without rows"))?;
         let rows = concat_batches(&first, &rows).map_err(|e| Fault::machine(e.to_string()))?;
-        Ok(Flight { flight, line, rows })
+        Ok(BenchLine { flight, line, rows })
     };
     parts.into_iter().map(whole).collect()
 }
@@ -95,7 +95,7 @@ fn is_open(field: &arrow_schema::Field) -> bool {
 ///
 /// # Errors
 /// When the folder is not empty, or the file system refuses.
-pub fn data(flights: &[Flight], to: &Path) -> Result<Vec<String>, Fault> {
+pub fn data(flights: &[BenchLine], to: &Path) -> Result<Vec<String>, Fault> {
     let fail = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot write {}: {e}", to.display()));
     if fs::read_dir(to).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(Fault::new(format!("{} is not empty", to.display())).help("give a new or empty folder"));
@@ -107,7 +107,7 @@ pub fn data(flights: &[Flight], to: &Path) -> Result<Vec<String>, Fault> {
         let test = name == TEST_FLIGHT;
         let folder = to.join(if test { "test" } else { "train" });
         fs::create_dir_all(&folder).map_err(|e| fail(&e))?;
-        let lines: Vec<&Flight> = flights.iter().filter(|f| f.flight == name).collect();
+        let lines: Vec<&BenchLine> = flights.iter().filter(|f| f.flight == name).collect();
         let Some(first) = lines.first() else { continue };
         let schema = first.rows.schema();
         let kept: Vec<usize> =

@@ -1,7 +1,7 @@
 //! magline-bench: predictions of any program, scored on the test flight of a simulated data set whose truth is known.
 //!
-//! The tasks are fixed: their columns, lines and measures are those of [`TASKS`]. A score is given where every sample of
-//! a line is predicted; a line that lacks samples has failed, and so has its task.
+//! The tasks are fixed: their columns, lines and measures are those of [`TASKS`]. A score is given where every sample
+//! of a line is predicted; a line that lacks samples has failed, and so has its task.
 
 mod flights;
 mod predictions;
@@ -11,11 +11,11 @@ use std::path::Path;
 
 use numerics::{
     earth::EarthModel,
-    regression::statistics::{self, Figure},
+    regression::statistics::{self, SampleStatistic},
 };
 use schemas::Fault;
 
-pub use flights::{Flight, data, open};
+pub use flights::{BenchLine, data, open};
 pub use predictions::Predictions;
 pub use table::{as_json, as_text, write};
 
@@ -26,36 +26,36 @@ pub const TEST_FLIGHT: &str = "3";
 /// Its lines that are scored; its calibration box `3.01` is not.
 pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
 
-/// How a column of predictions is measured.
+/// Error measure of a column of predictions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Measure {
+pub enum BenchMetric {
     /// The standard deviation of prediction minus truth, in nT: a constant is left undetermined by compensation.
     StdError,
     /// The distance root mean square of two columns, latitude and longitude, in m.
     Drms,
 }
 
-impl Measure {
+impl BenchMetric {
     /// Its name in the table of results.
     pub fn name(self) -> &'static str {
         match self {
-            Measure::StdError => "std_error",
-            Measure::Drms => "drms",
+            BenchMetric::StdError => "std_error",
+            BenchMetric::Drms => "drms",
         }
     }
 
     /// Its unit.
     pub fn unit(self) -> &'static str {
         match self {
-            Measure::StdError => "nT",
-            Measure::Drms => "m",
+            BenchMetric::StdError => "nT",
+            BenchMetric::Drms => "m",
         }
     }
 }
 
-/// One thing to predict.
+/// A prediction task of the benchmark.
 #[derive(Clone, Copy, Debug)]
-pub struct Task {
+pub struct BenchTask {
     /// The task.
     pub name: &'static str,
     /// The columns of predictions that it needs.
@@ -65,19 +65,19 @@ pub struct Task {
     /// The columns of the flight that are the naive baseline.
     pub naive: &'static [&'static str],
     /// How it is measured.
-    pub measure: Measure,
+    pub measure: BenchMetric,
     /// Task and permitted inputs.
     pub about: &'static str,
 }
 
 macro_rules! compensate {
     ($column:literal, $naive:literal) => {
-        Task {
+        BenchTask {
             name: "compensate",
             columns: &[$column],
             truth: &["mag_1_c"],
             naive: &[$naive],
-            measure: Measure::StdError,
+            measure: BenchMetric::StdError,
             about: "the total field without the aircraft field, for each magnetometer",
         }
     };
@@ -85,19 +85,19 @@ macro_rules! compensate {
 
 macro_rules! navigate {
     ($name:literal, $lat:literal, $lon:literal, $about:literal) => {
-        Task {
+        BenchTask {
             name: $name,
             columns: &[$lat, $lon],
             truth: &["lat", "lon"],
             naive: &["ins_lat", "ins_lon"],
-            measure: Measure::Drms,
+            measure: BenchMetric::Drms,
             about: $about,
         }
     };
 }
 
 /// The tasks, a row for each thing that is scored.
-pub const TASKS: [Task; 8] = [
+pub const TASKS: [BenchTask; 8] = [
     compensate!("mag_1_comp", "mag_1_uc"),
     compensate!("mag_2_comp", "mag_2_uc"),
     compensate!("mag_3_comp", "mag_3_uc"),
@@ -113,9 +113,9 @@ pub const TASKS: [Task; 8] = [
     navigate!("map_free", "free_lat", "free_lon", "the position without the map"),
 ];
 
-/// The score of one thing on one line, or on all.
+/// The score of a prediction on one line, or on all.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Score {
+pub struct BenchScore {
     /// The task.
     pub task: &'static str,
     /// Predicted columns, joined by `+`.
@@ -123,7 +123,7 @@ pub struct Score {
     /// The line; `None` for all lines together.
     pub line: Option<String>,
     /// The measure.
-    pub measure: Measure,
+    pub measure: BenchMetric,
     /// The score; `None` where it failed.
     pub value: Option<f64>,
     /// The score of the naive baseline.
@@ -138,11 +138,11 @@ pub struct Score {
 /// columns for.
 ///
 /// # Errors
-/// Predictions that are no answer to the tasks: unknown or missing columns, samples that no line has, duplicates, missing
-/// values, and values that are in another unit.
-pub fn score(flights: &[Flight], predictions: &Predictions, wanted: &[String]) -> Result<Vec<Score>, Fault> {
+/// Predictions that are no answer to the tasks: unknown or missing columns, samples that no line has, duplicates,
+/// missing values, and values that are in another unit.
+pub fn score(flights: &[BenchLine], predictions: &Predictions, wanted: &[String]) -> Result<Vec<BenchScore>, Fault> {
     let tasks = chosen(predictions, wanted)?;
-    let lines: Vec<&Flight> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
+    let lines: Vec<&BenchLine> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
     if lines.len() != TEST_LINES.len() {
         let what = format!("the flights lack some of the lines {}", TEST_LINES.join(", "));
         return Err(Fault::new(what)
@@ -164,15 +164,15 @@ pub fn score(flights: &[Flight], predictions: &Predictions, wanted: &[String]) -
 }
 
 /// The tasks to be scored.
-fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static Task>, Fault> {
+fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static BenchTask>, Fault> {
     let mut names: Vec<&str> = TASKS.iter().map(|t| t.name).collect();
     names.dedup();
     if let Some(unknown) = wanted.iter().find(|w| !names.contains(&w.as_str())) {
         return Err(Fault::new(format!("there is no task `{unknown}`")).nearest(unknown, &names));
     }
-    let has = |task: &&Task| task.columns.iter().any(|c| predictions.has(c));
-    let asked = |task: &&Task| wanted.iter().any(|w| w == task.name);
-    let tasks: Vec<&Task> = TASKS.iter().filter(|t| has(t) && (wanted.is_empty() || asked(t))).collect();
+    let has = |task: &&BenchTask| task.columns.iter().any(|c| predictions.has(c));
+    let asked = |task: &&BenchTask| wanted.iter().any(|w| w == task.name);
+    let tasks: Vec<&BenchTask> = TASKS.iter().filter(|t| has(t) && (wanted.is_empty() || asked(t))).collect();
     let unanswered = wanted.iter().find(|w| !tasks.iter().any(|t| t.name == w.as_str()));
     if let Some(name) = unanswered.or((tasks.is_empty()).then_some(&wanted.first().cloned().unwrap_or_default())) {
         let columns: Vec<String> = TASKS
@@ -192,12 +192,12 @@ fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static T
 
 /// The score of a task on one line, whose samples have their predictions in `rows`.
 fn score_line(
-    task: &Task,
-    line: &Flight,
+    task: &BenchTask,
+    line: &BenchLine,
     rows: &[Option<usize>],
     columns: &[&[f64]],
     predictions: &Predictions,
-) -> Result<Score, Fault> {
+) -> Result<BenchScore, Fault> {
     let known: Vec<(usize, usize)> =
         rows.iter().enumerate().filter_map(|(sample, row)| Some((sample, (*row)?))).collect();
     let truth = task.truth.iter().map(|c| line.column(c)).collect::<Result<Vec<_>, Fault>>()?;
@@ -205,12 +205,12 @@ fn score_line(
     let all: Vec<(usize, usize)> = (0..rows.len()).map(|i| (i, i)).collect();
     let baseline = measured(task.measure, &truth, &naive, &all);
     let value = measured(task.measure, &truth, columns, &known);
-    if task.measure == Measure::Drms {
+    if task.measure == BenchMetric::Drms {
         in_radians(task, line, &truth, columns, &known, predictions)?;
     }
     constant(task, line, columns, &known, predictions)?;
     let missing = rows.len() - known.len();
-    Ok(Score {
+    Ok(BenchScore {
         task: task.name,
         column: task.columns.join("+"),
         line: Some(line.line.clone()),
@@ -223,16 +223,16 @@ fn score_line(
 }
 
 /// The measure of predictions against the truth, over pairs of a sample and its row.
-fn measured(measure: Measure, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(usize, usize)]) -> Figure {
+fn measured(measure: BenchMetric, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(usize, usize)]) -> SampleStatistic {
     let at = |columns: &[&[f64]], column: usize, row: usize| {
         columns.get(column).and_then(|c| c.get(row)).copied().unwrap_or(f64::NAN)
     };
     match measure {
-        Measure::StdError => {
+        BenchMetric::StdError => {
             let errors: Vec<f64> = pairs.iter().map(|(i, row)| at(predicted, 0, *row) - at(truth, 0, *i)).collect();
             statistics::std(&errors)
         }
-        Measure::Drms => {
+        BenchMetric::Drms => {
             let offset = |(i, row): &(usize, usize)| {
                 let (from, to) =
                     ((at(truth, 0, *i), at(truth, 1, *i)), (at(predicted, 0, *row), at(predicted, 1, *row)));
@@ -244,11 +244,11 @@ fn measured(measure: Measure, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(
     }
 }
 
-/// Refuses a column that has one value on the whole line: its standard error is the spread of the truth, which may be less than
-/// that of an honest prediction.
+/// Refuses a column that has one value on the whole line: its standard error is the spread of the truth, which may be
+/// less than that of an honest prediction.
 fn constant(
-    task: &Task,
-    line: &Flight,
+    task: &BenchTask,
+    line: &BenchLine,
     columns: &[&[f64]],
     pairs: &[(usize, usize)],
     predictions: &Predictions,
@@ -269,8 +269,8 @@ fn constant(
 
 /// Refuses positions that are right in radians.
 fn in_radians(
-    task: &Task,
-    line: &Flight,
+    task: &BenchTask,
+    line: &BenchLine,
     truth: &[&[f64]],
     columns: &[&[f64]],
     pairs: &[(usize, usize)],
@@ -292,14 +292,14 @@ fn in_radians(
 }
 
 /// All lines together: the root mean square over their samples, which is that of all samples; failed where one is.
-fn pooled(lines: &[Score]) -> Option<Score> {
+fn pooled(lines: &[BenchScore]) -> Option<BenchScore> {
     let first = lines.first()?;
     let samples: usize = lines.iter().map(|s| s.samples).sum();
-    let mean = |of: &dyn Fn(&Score) -> Option<f64>| -> Option<f64> {
+    let mean = |of: &dyn Fn(&BenchScore) -> Option<f64>| -> Option<f64> {
         let squares = lines.iter().map(|s| Some(of(s)?.powi(2) * s.samples as f64)).sum::<Option<f64>>()?;
         Some((squares / samples as f64).sqrt())
     };
-    Some(Score {
+    Some(BenchScore {
         line: None,
         value: mean(&|s| s.value),
         naive: mean(&|s| Some(s.naive)).unwrap_or(f64::NAN),
@@ -320,11 +320,11 @@ mod tests {
 
     #[test]
     fn unit_a_line_that_failed_fails_its_task() {
-        let line = |value: Option<f64>, samples: usize, missing: usize| Score {
+        let line = |value: Option<f64>, samples: usize, missing: usize| BenchScore {
             task: "compensate",
             column: "mag_4_comp".into(),
             line: Some("3.02".into()),
-            measure: Measure::StdError,
+            measure: BenchMetric::StdError,
             value,
             naive: 10.0,
             samples,

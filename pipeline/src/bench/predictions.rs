@@ -14,13 +14,13 @@ use arrow_select::concat::concat_batches;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use schemas::Fault;
 
-use super::{Flight, Measure, TASKS, Task, shown};
+use super::{BenchLine, BenchMetric, BenchTask, TASKS, shown};
 
 /// Resolution of time stamps: one millisecond.
 const TICKS_PER_S: f64 = 1000.0;
 
 /// The samples of a line by their times, in ticks.
-type Samples = HashMap<i64, usize>;
+type TickIndex = HashMap<i64, usize>;
 
 /// Predictions, a row for each sample.
 #[derive(Debug)]
@@ -42,10 +42,10 @@ impl Predictions {
         let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         let file = shown(path);
         let batch = if is_csv { csv(path) } else { whole(path) }.map_err(|f| f.in_file(&file))?;
-        Predictions::of(&file, &batch).map_err(|f| f.in_file(&file))
+        Predictions::from_batch(&file, &batch).map_err(|f| f.in_file(&file))
     }
 
-    fn of(file: &str, batch: &RecordBatch) -> Result<Predictions, Fault> {
+    fn from_batch(file: &str, batch: &RecordBatch) -> Result<Predictions, Fault> {
         let known: Vec<&str> =
             ["flight", "line", "tt"].into_iter().chain(TASKS.iter().flat_map(|t| t.columns).copied()).collect();
         let schema = batch.schema();
@@ -82,7 +82,7 @@ impl Predictions {
     ///
     /// # Errors
     /// When one of them is not there.
-    pub fn columns(&self, task: &Task) -> Result<Vec<&[f64]>, Fault> {
+    pub fn columns(&self, task: &BenchTask) -> Result<Vec<&[f64]>, Fault> {
         let of = |name: &&str| {
             let missing = || {
                 let what = format!("the task `{}` requires the columns `{}`", task.name, task.columns.join("` and `"));
@@ -97,10 +97,10 @@ impl Predictions {
     ///
     /// # Errors
     /// Rows of a line that is not scored, of a time that no sample has, and duplicate rows.
-    pub fn places(&self, lines: &[&Flight]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
+    pub fn places(&self, lines: &[&BenchLine]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
         // By flight and line: the line, and its samples by time.
-        let mut at: HashMap<(&str, &str), (usize, Samples)> = HashMap::new();
+        let mut at: HashMap<(&str, &str), (usize, TickIndex)> = HashMap::new();
         let mut places = vec![];
         for (i, line) in lines.iter().enumerate() {
             let times = line.column("tt")?;
@@ -203,20 +203,20 @@ fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
 fn possible(name: &str, values: &[f64]) -> Result<(), Fault> {
     let Some(task) = TASKS.iter().find(|t| t.columns.contains(&name)) else { return Ok(()) };
     let (from, to, what) = match task.measure {
-        Measure::StdError => (10_000.0, 100_000.0, "the total field, in nT"),
-        Measure::Drms if task.columns.first() == Some(&name) => (-90.0, 90.0, "a latitude, in degrees"),
-        Measure::Drms => (-360.0, 360.0, "a longitude, in degrees"),
+        BenchMetric::StdError => (10_000.0, 100_000.0, "the total field, in nT"),
+        BenchMetric::Drms if task.columns.first() == Some(&name) => (-90.0, 90.0, "a latitude, in degrees"),
+        BenchMetric::Drms => (-360.0, 360.0, "a longitude, in degrees"),
     };
     match values.iter().enumerate().find(|(_, x)| !(from..=to).contains(*x)) {
         None => Ok(()),
         Some((row, x)) => {
             let fault = Fault::data(format!("{x} is not {what}")).in_column(name).in_row(row as u64);
             let scale = |factor: f64| (from..=to).contains(&(x * factor));
-            let help = if task.measure == Measure::StdError && scale(1e-3) {
+            let help = if task.measure == BenchMetric::StdError && scale(1e-3) {
                 "the value is probably in pT; convert it to nT".to_owned()
-            } else if task.measure == Measure::StdError && scale(1e9) {
+            } else if task.measure == BenchMetric::StdError && scale(1e9) {
                 "the value is probably in T; convert it to nT".to_owned()
-            } else if task.measure == Measure::StdError && scale(1e3) {
+            } else if task.measure == BenchMetric::StdError && scale(1e3) {
                 "the value is probably in uT; convert it to nT".to_owned()
             } else {
                 format!("permitted values are {from} to {to}")

@@ -8,7 +8,7 @@ use parquet::arrow::ArrowWriter;
 use schemas::Fault;
 use serde_json::json;
 
-use super::Score;
+use super::BenchScore;
 use crate::views::{report, text::columns};
 
 /// A figure with as many digits as can be trusted of it.
@@ -23,7 +23,7 @@ fn figure(x: Option<f64>) -> String {
 
 const HEAD: [&str; 8] = ["task", "prediction", "line", "measure", "score", "naive", "unit", "missing"];
 
-fn row(s: &Score) -> Vec<String> {
+fn row(s: &BenchScore) -> Vec<String> {
     let line = s.line.clone().unwrap_or_else(|| "all".to_owned());
     let missing = format!("{} of {}", s.missing, s.samples);
     [s.task, &s.column, &line, s.measure.name(), &figure(s.value), &figure(Some(s.naive)), s.measure.unit(), &missing]
@@ -32,15 +32,15 @@ fn row(s: &Score) -> Vec<String> {
 }
 
 /// The results for a terminal.
-pub fn as_text(scores: &[Score]) -> String {
+pub fn as_text(scores: &[BenchScore]) -> String {
     let rows: Vec<Vec<String>> =
         std::iter::once(HEAD.map(str::to_owned).to_vec()).chain(scores.iter().map(row)).collect();
     columns(&rows, 4)
 }
 
 /// The results as JSON, one object a line.
-pub fn as_json(scores: &[Score]) -> String {
-    let one = |s: &Score| {
+pub fn as_json(scores: &[BenchScore]) -> String {
+    let one = |s: &BenchScore| {
         let value = json!({
             "task": s.task, "prediction": s.column, "line": s.line, "measure": s.measure.name(), "score": s.value,
             "naive": s.naive, "unit": s.measure.unit(), "samples": s.samples, "missing": s.missing,
@@ -50,7 +50,7 @@ pub fn as_json(scores: &[Score]) -> String {
     scores.iter().map(one).collect()
 }
 
-fn as_markdown(scores: &[Score]) -> String {
+fn as_markdown(scores: &[BenchScore]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let head = HEAD.map(str::to_owned);
     line(&head) + "|:--|:--|:--|:--|--:|--:|:--|--:|\n" + &scores.iter().map(|s| line(&row(s))).collect::<String>()
@@ -60,7 +60,7 @@ fn as_markdown(scores: &[Score]) -> String {
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write(path: &Path, scores: &[Score]) -> Result<(), Fault> {
+pub fn write(path: &Path, scores: &[BenchScore]) -> Result<(), Fault> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
         return report::write(path, &parquet(scores)?);
     }
@@ -71,10 +71,10 @@ pub fn write(path: &Path, scores: &[Score]) -> Result<(), Fault> {
     report::write(path, as_markdown(scores).as_bytes())
 }
 
-fn parquet(scores: &[Score]) -> Result<Vec<u8>, Fault> {
+fn parquet(scores: &[BenchScore]) -> Result<Vec<u8>, Fault> {
     let fail = |e: &dyn std::fmt::Display| Fault::machine(e.to_string());
-    let text = |of: &dyn Fn(&Score) -> Option<String>| Arc::new(scores.iter().map(of).collect::<StringArray>());
-    let whole = |of: &dyn Fn(&Score) -> usize| {
+    let text = |of: &dyn Fn(&BenchScore) -> Option<String>| Arc::new(scores.iter().map(of).collect::<StringArray>());
+    let whole = |of: &dyn Fn(&BenchScore) -> usize| {
         Arc::new(scores.iter().map(|s| i64::try_from(of(s)).ok()).collect::<Int64Array>())
     };
     let kinds = [

@@ -17,12 +17,12 @@ use parquet::{
 };
 use schemas::{Fault, visible};
 
-use super::{say, temporary::Temporary};
-use crate::views::sql::Sink;
+use super::{say, temporary::TemporaryFile};
+use crate::views::sql::BatchSink;
 
-/// The form of an answer.
+/// Output format of a query result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Format {
+pub enum AnswerFormat {
     /// An aligned table.
     #[default]
     Table,
@@ -40,43 +40,43 @@ pub fn unfinished(path: &Path, process: u32) -> PathBuf {
     path.with_file_name(format!(".{name}.{process}"))
 }
 
-/// An answer being written to a file or to standard output.
-pub struct Answer {
-    format: Format,
+/// Writer of a query result to a file or to standard output.
+pub struct AnswerWriter {
+    format: AnswerFormat,
     output: Option<PathBuf>,
-    tmp: Option<Temporary>,
-    writer: Option<Writer>,
+    tmp: Option<TemporaryFile>,
+    writer: Option<BatchWriter>,
 }
 
-type Out = Box<dyn Write + Send>;
+type AnswerOutput = Box<dyn Write + Send>;
 
-enum Writer {
+enum BatchWriter {
     /// The columns are as wide as their widest cell, so all rows are buffered.
-    Table(Out, Vec<RecordBatch>),
-    Csv(Box<arrow_csv::Writer<Out>>),
-    Json(arrow_json::LineDelimitedWriter<Out>),
-    Parquet(Box<ArrowWriter<Out>>),
+    Table(AnswerOutput, Vec<RecordBatch>),
+    Csv(Box<arrow_csv::Writer<AnswerOutput>>),
+    Json(arrow_json::LineDelimitedWriter<AnswerOutput>),
+    Parquet(Box<ArrowWriter<AnswerOutput>>),
 }
 
-impl Answer {
+impl AnswerWriter {
     /// An answer to `output`, or to standard output.
     ///
     /// # Errors
     /// Fails when it cannot be written there in this form.
-    pub fn new(format: Format, output: Option<&Path>) -> Result<Answer, Fault> {
-        if format == Format::Parquet && output.is_none() {
+    pub fn new(format: AnswerFormat, output: Option<&Path>) -> Result<AnswerWriter, Fault> {
+        if format == AnswerFormat::Parquet && output.is_none() {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");
             return Err(fault.help("give an output file with `-o`"));
         }
-        let tmp = output.map(|path| Temporary::new(unfinished(path, std::process::id())));
-        Ok(Answer { format, output: output.map(Path::to_owned), tmp, writer: None })
+        let tmp = output.map(|path| TemporaryFile::new(unfinished(path, std::process::id())));
+        Ok(AnswerWriter { format, output: output.map(Path::to_owned), tmp, writer: None })
     }
 
-    fn out(&self) -> Result<Out, Fault> {
+    fn out(&self) -> Result<AnswerOutput, Fault> {
         match &self.tmp {
             None => {
                 let terminal = io::stdout().is_terminal().then(Vec::new);
-                Ok(Box::new(BufWriter::with_capacity(1 << 16, Standard { terminal })))
+                Ok(Box::new(BufWriter::with_capacity(1 << 16, StandardOutput { terminal })))
             }
             Some(tmp) => {
                 let file = File::create(tmp.path()).map_err(|e| self.failed(&e))?;
@@ -85,7 +85,7 @@ impl Answer {
         }
     }
 
-    fn writer(&mut self, schema: &SchemaRef) -> Result<&mut Writer, Fault> {
+    fn writer(&mut self, schema: &SchemaRef) -> Result<&mut BatchWriter, Fault> {
         let writer = match self.writer.take() {
             Some(writer) => writer,
             None => self.begin(schema)?,
@@ -93,13 +93,15 @@ impl Answer {
         Ok(self.writer.insert(writer))
     }
 
-    fn begin(&self, schema: &SchemaRef) -> Result<Writer, Fault> {
+    fn begin(&self, schema: &SchemaRef) -> Result<BatchWriter, Fault> {
         let out = self.out()?;
         Ok(match self.format {
-            Format::Table => Writer::Table(out, vec![]),
-            Format::Csv => Writer::Csv(Box::new(arrow_csv::WriterBuilder::new().with_header(true).build(out))),
-            Format::Json => Writer::Json(arrow_json::LineDelimitedWriter::new(out)),
-            Format::Parquet => {
+            AnswerFormat::Table => BatchWriter::Table(out, vec![]),
+            AnswerFormat::Csv => {
+                BatchWriter::Csv(Box::new(arrow_csv::WriterBuilder::new().with_header(true).build(out)))
+            }
+            AnswerFormat::Json => BatchWriter::Json(arrow_json::LineDelimitedWriter::new(out)),
+            AnswerFormat::Parquet => {
                 let properties = WriterProperties::builder()
                     .set_created_by("magline".to_owned())
                     .set_writer_version(WriterVersion::PARQUET_1_0)
@@ -107,7 +109,7 @@ impl Answer {
                     .set_max_row_group_row_count(Some(1 << 17))
                     .build();
                 let writer = ArrowWriter::try_new(out, schema.clone(), Some(properties));
-                Writer::Parquet(Box::new(writer.map_err(|e| self.failed(&e))?))
+                BatchWriter::Parquet(Box::new(writer.map_err(|e| self.failed(&e))?))
             }
         })
     }
@@ -127,37 +129,37 @@ impl Answer {
     }
 }
 
-impl Writer {
+impl BatchWriter {
     fn write(&mut self, batch: RecordBatch) -> io::Result<()> {
         match self {
-            Writer::Table(_, kept) => {
+            BatchWriter::Table(_, kept) => {
                 kept.push(batch);
                 Ok(())
             }
-            Writer::Csv(csv) => csv.write(&batch).map_err(io::Error::other),
-            Writer::Json(json) => json.write(&batch).map_err(io::Error::other),
-            Writer::Parquet(parquet) => parquet.write(&batch).map_err(io::Error::other),
+            BatchWriter::Csv(csv) => csv.write(&batch).map_err(io::Error::other),
+            BatchWriter::Json(json) => json.write(&batch).map_err(io::Error::other),
+            BatchWriter::Parquet(parquet) => parquet.write(&batch).map_err(io::Error::other),
         }
     }
 
     fn finish(self) -> io::Result<()> {
         match self {
-            Writer::Table(mut out, batches) => {
+            BatchWriter::Table(mut out, batches) => {
                 let shown = pretty_format_batches(&batches).map_err(io::Error::other)?.to_string();
                 writeln!(out, "{}", visible(&shown))?;
                 out.flush()
             }
-            Writer::Csv(csv) => csv.into_inner().flush(),
-            Writer::Json(mut json) => {
+            BatchWriter::Csv(csv) => csv.into_inner().flush(),
+            BatchWriter::Json(mut json) => {
                 json.finish().map_err(io::Error::other)?;
                 json.into_inner().flush()
             }
-            Writer::Parquet(parquet) => parquet.into_inner().map_err(io::Error::other)?.flush(),
+            BatchWriter::Parquet(parquet) => parquet.into_inner().map_err(io::Error::other)?.flush(),
         }
     }
 }
 
-impl Sink for Answer {
+impl BatchSink for AnswerWriter {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
         let written = self.writer(&batch.schema())?.write(batch);
         self.outcome(written)
@@ -169,10 +171,10 @@ impl Sink for Answer {
         let bytes =
             |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());
         match self.format {
-            Format::Table => {
+            AnswerFormat::Table => {
                 batch.columns().iter().map(bytes).sum::<usize>() + CELL * batch.num_rows() * batch.num_columns()
             }
-            Format::Csv | Format::Json | Format::Parquet => 0,
+            AnswerFormat::Csv | AnswerFormat::Json | AnswerFormat::Parquet => 0,
         }
     }
 
@@ -192,12 +194,12 @@ impl Sink for Answer {
 }
 
 /// Standard output, whose failures are kept for the exit status. A file or a pipe gets the bytes as they are.
-struct Standard {
+struct StandardOutput {
     /// For a terminal, the bytes of a character that is not complete.
     terminal: Option<Vec<u8>>,
 }
 
-impl Write for Standard {
+impl Write for StandardOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Some(begun) = &mut self.terminal else { return kept(io::stdout().write(bytes)) };
         begun.extend_from_slice(bytes);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::{Stop, counted, progress::Progress, say};
+use super::{ExitReason, counted, progress::ProgressDisplay, say};
 use crate::bench;
 
 #[derive(Subcommand)]
@@ -40,7 +40,7 @@ pub struct ScoreArgs {
     json: bool,
 }
 
-pub fn run(command: &BenchCommand) -> Result<(), Stop> {
+pub fn run(command: &BenchCommand) -> Result<(), ExitReason> {
     match command {
         BenchCommand::Score(args) => score(args),
         BenchCommand::Data { to, flights } => {
@@ -50,13 +50,13 @@ pub fn run(command: &BenchCommand) -> Result<(), Stop> {
     }
 }
 
-fn simulated(flights: &std::path::Path) -> Result<Vec<bench::Flight>, Stop> {
-    let progress = Progress::new(false);
+fn simulated(flights: &std::path::Path) -> Result<Vec<bench::BenchLine>, ExitReason> {
+    let progress = ProgressDisplay::new(false);
     progress.stage("simulating flights");
     Ok(bench::open(flights)?)
 }
 
-fn score(args: &ScoreArgs) -> Result<(), Stop> {
+fn score(args: &ScoreArgs) -> Result<(), ExitReason> {
     // Predictions that are no answer are refused before anything is simulated.
     let predictions = bench::Predictions::open(&args.predictions)?;
     let flights = simulated(&args.flights)?;
@@ -82,6 +82,6 @@ fn score(args: &ScoreArgs) -> Result<(), Stop> {
     if failed.is_empty() {
         Ok(())
     } else {
-        Err(Stop::Failed(format!("{} failed:\n  {}", failed.len(), failed.join("\n  "))))
+        Err(ExitReason::Failed(format!("{} failed:\n  {}", failed.len(), failed.join("\n  "))))
     }
 }

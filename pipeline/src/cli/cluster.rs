@@ -13,9 +13,9 @@ use std::{
 use clap::Args;
 use log::LevelFilter;
 
-use super::{Stop, engine, note, task, tend::age, threads};
+use super::{ExitReason, engine, note, task, tend::age, threads};
 use crate::{
-    run::ballista::{self, Ended, Trust, WorkerConfig},
+    run::ballista::{self, ClusterTrust, WorkerConfig, WorkerExit},
     store::shown,
 };
 
@@ -24,7 +24,7 @@ const AGAIN_AFTER: Duration = Duration::from_secs(1);
 
 /// How the members of a cluster know each other.
 #[derive(Args)]
-struct TrustArgs {
+struct ClusterKeyArgs {
     /// The file with the key that scheduler, workers and runs of a cluster share. Connections are encrypted; a
     /// connection without the key is rejected. By default the key is in the environment variable MAGLINE_CLUSTER_KEY.
     #[arg(long, value_name = "FILE")]
@@ -35,9 +35,9 @@ struct TrustArgs {
     insecure_loopback: bool,
 }
 
-impl TrustArgs {
-    fn read(&self) -> Result<Trust, Stop> {
-        Ok(Trust::read(self.key_file.as_deref(), self.insecure_loopback)?)
+impl ClusterKeyArgs {
+    fn read(&self) -> Result<ClusterTrust, ExitReason> {
+        Ok(ClusterTrust::read(self.key_file.as_deref(), self.insecure_loopback)?)
     }
 }
 
@@ -55,7 +55,7 @@ pub struct SchedulerArgs {
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = age)]
     worker_timeout: Duration,
     #[command(flatten)]
-    trust: TrustArgs,
+    trust: ClusterKeyArgs,
     /// Suppress notes.
     #[arg(short, long)]
     quiet: bool,
@@ -90,7 +90,7 @@ pub struct WorkerArgs {
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = age)]
     heartbeat: Duration,
     #[command(flatten)]
-    trust: TrustArgs,
+    trust: ClusterKeyArgs,
     /// Suppress notes and the errors of units; receipts contain the errors.
     #[arg(short, long)]
     quiet: bool,
@@ -121,7 +121,7 @@ fn is_loopback(host: &str) -> bool {
 ///
 /// # Errors
 /// Fails when the address cannot be listened on.
-pub fn scheduler(args: &SchedulerArgs) -> Result<(), Stop> {
+pub fn scheduler(args: &SchedulerArgs) -> Result<(), ExitReason> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();
     let listening = ballista::listen(args.bind, args.advertise.as_deref(), args.worker_timeout, args.trust.read()?)?;
@@ -140,14 +140,14 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), Stop> {
 ///
 /// # Errors
 /// Fails when the scheduler is another version or cannot reach this worker.
-pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
+pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();
     let trust = args.trust.read()?;
     let (host, port) = args.scheduler.clone();
     let at = engine::at(&host, port);
     if args.bind.is_loopback() && !is_loopback(&host) {
-        return Err(Stop::Wrong(format!(
+        return Err(ExitReason::Wrong(format!(
             "error: the scheduler at {at} cannot connect to this worker on {}\n  help: give an address of this host \
              with `--bind`, such as `--bind 0.0.0.0`",
             args.bind
@@ -172,13 +172,13 @@ pub fn worker(args: &WorkerArgs) -> Result<(), Stop> {
     ballista::await_scheduler(&at, &config.trust, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
     note(&format!("{} registered with the scheduler at {at}", super::counted(config.cores, "core")));
     match ballista::work(&config, Box::new(task::print))? {
-        Ended::Told => Ok(()),
-        Ended::Alone => {
+        WorkerExit::Told => Ok(()),
+        WorkerExit::Alone => {
             note(&format!("the connection to the scheduler at {at} is lost; restarting the worker"));
             sleep(AGAIN_AFTER);
             // In place of this process, of which parts of Ballista cannot be started twice.
             let e = Command::new(&config.program).args(std::env::args_os().skip(1)).exec();
-            Err(Stop::Failed(format!("error: cannot start {}: {e}", config.program.display())))
+            Err(ExitReason::Failed(format!("error: cannot start {}: {e}", config.program.display())))
         }
     }
 }

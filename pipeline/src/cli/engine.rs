@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use url::Url;
 
-use super::{Stop, tend, threads};
+use super::{ExitReason, tend, threads};
 use crate::run;
 
 /// The port of a scheduler that is named without one.
@@ -86,11 +86,11 @@ pub fn scheduler(text: &str) -> Result<(String, u16), String> {
 }
 
 /// The requested engine, with `threads` threads or processes.
-pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::Engine>, Stop> {
+pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::TaskEngine>, ExitReason> {
     let unit_timeout = args.unit_timeout;
     match &args.engine {
-        EngineName::Local if unit_timeout.is_none() => Ok(Box::new(run::Local)),
-        EngineName::Local => Err(Stop::Wrong(
+        EngineName::Local if unit_timeout.is_none() => Ok(Box::new(run::LocalEngine)),
+        EngineName::Local => Err(ExitReason::Wrong(
             "error: the engine `local` cannot stop a unit after a time limit\n  help: use `--engine processes` with \
              `--unit-timeout`"
                 .to_owned(),
@@ -98,13 +98,13 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
         EngineName::Processes => {
             let program = program()?;
             let count = threads.unwrap_or_else(threads::cores);
-            Ok(Box::new(run::Processes { program, count, retries: args.retries, unit_timeout }))
+            Ok(Box::new(run::ProcessEngine { program, count, retries: args.retries, unit_timeout }))
         }
         #[cfg(feature = "cluster")]
         EngineName::Ballista(authority) => {
-            let limits = run::ballista::Limits { retries: args.retries, unit_timeout, patience: args.patience };
-            let trust = run::ballista::Trust::read(args.key_file.as_deref(), args.insecure_loopback)?;
-            Ok(Box::new(run::ballista::Ballista::connect(authority, &trust, limits)?))
+            let limits = run::ballista::DispatchLimits { retries: args.retries, unit_timeout, patience: args.patience };
+            let trust = run::ballista::ClusterTrust::read(args.key_file.as_deref(), args.insecure_loopback)?;
+            Ok(Box::new(run::ballista::BallistaEngine::connect(authority, &trust, limits)?))
         }
         #[cfg(not(feature = "cluster"))]
         EngineName::Ballista(_) => Err(without_cluster()),
@@ -112,14 +112,14 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
 }
 
 /// This program.
-pub fn program() -> Result<std::path::PathBuf, Stop> {
-    std::env::current_exe().map_err(|e| Stop::Failed(format!("error: cannot find the magline executable: {e}")))
+pub fn program() -> Result<std::path::PathBuf, ExitReason> {
+    std::env::current_exe().map_err(|e| ExitReason::Failed(format!("error: cannot find the magline executable: {e}")))
 }
 
 /// A program that cannot be part of a cluster.
 #[cfg(not(feature = "cluster"))]
-pub fn without_cluster() -> Stop {
-    Stop::Wrong(
+pub fn without_cluster() -> ExitReason {
+    ExitReason::Wrong(
         "error: this magline was built without the feature `cluster`\n  help: build it with `cargo build \
          --features cluster`, or use \
          `--engine processes`"

@@ -7,28 +7,28 @@ use serde_json::{Map, Value, json};
 use super::{say::out, schedule::compared};
 use crate::{
     clock,
-    plan::Point,
-    run::{Count, Event, Failure, Listener, Summary},
-    spec::{Scored, Search},
+    plan::SweepPoint,
+    run::{Event, Failure, Listener, OutcomeCounts, RunSummary},
+    spec::{SearchSpec, SearchTrialScore},
     views::{
-        scores::{InSample, Scores},
+        scores::{InSampleScores, Scores},
         warnings::Warning,
     },
 };
 
 /// JSON events on standard output.
-pub struct Json {
+pub struct JsonEvents {
     begun: Instant,
 }
 
-impl Json {
+impl JsonEvents {
     /// Begins to count the time.
-    pub fn new() -> Json {
-        Json { begun: Instant::now() }
+    pub fn new() -> JsonEvents {
+        JsonEvents { begun: Instant::now() }
     }
 }
 
-impl Listener for Json {
+impl Listener for JsonEvents {
     fn hear(&self, event: &Event) {
         // A reader that has gone away does not stop the run; a full disk shows in its exit status.
         match event {
@@ -41,7 +41,7 @@ impl Listener for Json {
     }
 }
 
-impl Json {
+impl JsonEvents {
     fn as_json(&self, event: &Event) -> Value {
         match event {
             Event::Reading { table, step } => json!({
@@ -103,7 +103,7 @@ impl Json {
         }
     }
 
-    fn finished(&self, summary: &Summary) -> Value {
+    fn finished(&self, summary: &RunSummary) -> Value {
         let tables = summary.tables.iter().zip(&summary.seconds);
         let tables: Map<_, _> = tables
             .map(|((name, count), seconds)| (name.clone(), merged(counts(count), json!({ "seconds": seconds }))))
@@ -129,7 +129,7 @@ impl Json {
 }
 
 /// The number of units by outcome.
-pub(super) fn counts(c: &Count) -> Value {
+pub(super) fn counts(c: &OutcomeCounts) -> Value {
     json!({ "computed": c.computed, "reused": c.reused, "failed": c.failed, "skipped": c.skipped })
 }
 
@@ -141,7 +141,7 @@ pub(super) fn merged(mut base: Value, more: Value) -> Value {
     base
 }
 
-fn point_json(point: &Point) -> Value {
+fn point_json(point: &SweepPoint) -> Value {
     point.iter().map(|(k, v)| (k.clone(), literal(v))).collect::<Map<_, _>>().into()
 }
 
@@ -160,7 +160,7 @@ fn literal(value: &schemas::Literal) -> Value {
 }
 
 /// One trial of a search at one rung.
-fn trial(search: &Search, one: &Scored, best: Option<&Scored>) -> Value {
+fn trial(search: &SearchSpec, one: &SearchTrialScore, best: Option<&SearchTrialScore>) -> Value {
     let names = search.columns().into_iter().map(|(name, _)| name.to_owned());
     let axes: Map<_, _> = names.zip(one.row.literals(search)).skip(1).map(|(name, v)| (name, literal(&v))).collect();
     json!({
@@ -176,7 +176,7 @@ fn trial(search: &Search, one: &Scored, best: Option<&Scored>) -> Value {
     })
 }
 
-fn best_json(best: Option<&Scored>) -> Value {
+fn best_json(best: Option<&SearchTrialScore>) -> Value {
     best.map_or(Value::Null, |b| json!({ "trial": b.row.trial, "goal": b.goal }))
 }
 
@@ -216,7 +216,7 @@ fn scores(table: &str, scores: &Scores) -> Vec<Value> {
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));
     let one = |(row, (key, values)): (usize, &(Vec<String>, Vec<Option<f64>>))| {
         let axes: Map<_, _> = scores.axes.iter().cloned().zip(key.iter().map(|k| json!(k))).collect();
-        let none = InSample { held_out: scores.lines, ..InSample::default() };
+        let none = InSampleScores { held_out: scores.lines, ..InSampleScores::default() };
         let apart = scores.in_sample.get(row).unwrap_or(&none);
         let only: Vec<&str> = (0..scores.metrics.len())
             .filter(|m| scores.is_in_sample(row, *m))

@@ -1,7 +1,8 @@
 //! The process of a query of `sql`, whose memory is watched by the process that starts it and limited by the kernel.
 //!
-//! DataFusion accounts for the memory of sorts, joins and aggregates. Results of functions and windows are not accounted for, and an
-//! allocation that fails ends the process. So a query runs in a child process, and its end is reported in words.
+//! DataFusion accounts for the memory of sorts, joins and aggregates. Results of functions and windows are not
+//! accounted for, and an allocation that fails ends the process. So a query runs in a child process, and its end is
+//! reported in words.
 
 use std::{
     env, fs, io,
@@ -18,7 +19,7 @@ use nix::{
 };
 use schemas::Fault;
 
-use super::Stop;
+use super::ExitReason;
 use crate::{confine, views::sql::memory};
 
 /// The variable that names the folder for temporary files, and marks the child.
@@ -45,8 +46,8 @@ fn most(memory: usize) -> usize {
     memory.saturating_add(OWN.max(memory / 2))
 }
 
-/// Limits this process, the child: it ends with its parent, an allocation far beyond its limit fails before the parent sees it,
-/// and panics are reported by the error of the query alone.
+/// Limits this process, the child: it ends with its parent, an allocation far beyond its limit fails before the parent
+/// sees it, and panics are reported by the error of the query alone.
 pub fn limit(memory: usize) {
     std::panic::set_hook(Box::new(|_| {}));
     confine::end_with_parent();
@@ -56,12 +57,12 @@ pub fn limit(memory: usize) {
     let _ = confine::limit_memory(most(memory).saturating_add(reserved));
 }
 
-/// Runs this command again as a child process, in which `folder` is for temporary files, and waits for its end. `unfinished` is
-/// the file that the child of a number leaves behind when it is killed.
+/// Runs this command again as a child process, in which `folder` is for temporary files, and waits for its end.
+/// `unfinished` is the file that the child of a number leaves behind when it is killed.
 ///
 /// # Errors
 /// The end of the child, where it is not that of success. Its own message is out already.
-pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<PathBuf>) -> Result<(), Stop> {
+pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<PathBuf>) -> Result<(), ExitReason> {
     let failed = |e: &io::Error| Fault::machine(format!("cannot start the process of the query: {e}"));
     let program = env::current_exe().map_err(|e| failed(&e))?;
     let started = confine::command(&program).args(env::args_os().skip(1)).env(CHILD, folder).spawn();
@@ -79,7 +80,7 @@ pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<Path
     CHILD_PID.store(0, Ordering::SeqCst);
     match ended.code() {
         Some(0) => return Ok(()),
-        Some(code) if code != PANICKED => return Err(Stop::Told(u8::try_from(code).unwrap_or(1))),
+        Some(code) if code != PANICKED => return Err(ExitReason::Told(u8::try_from(code).unwrap_or(1))),
         _ => {}
     }
     if let Some(file) = unfinished(child.id()) {

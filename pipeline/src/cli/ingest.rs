@@ -13,16 +13,18 @@ use std::{
 use clap::Args;
 use datasets::FlightOptions;
 use rayon::prelude::*;
-use schemas::{Fault, Owner, Role, flight, plausible::Accept, render};
+use schemas::{Fault, FaultOwner, Role, flight, plausible::PlausibilityCheck, render};
 use serde_json::json;
 
-use super::{Stop, counted, is_quiet, lines, note, progress::Progress, say, temporary::Temporary, threads};
+use super::{
+    ExitReason, counted, is_quiet, lines, note, progress::ProgressDisplay, say, temporary::TemporaryFile, threads,
+};
 use crate::{
     sources::{
-        checks::{Figure, Measure},
-        export::{Export, Exported, LineOf},
+        checks::{QualityFigure, QualityMeasure},
+        export::{ExportLine, ExportOutcome, LogExport},
         find, flight_formats, hive,
-        mapping::{Mapped, Mapping, suggest},
+        mapping::{Mapping, MappingTable, suggest},
     },
     store::{make_folder, own_folder, sweep},
     views::text::{columns, number},
@@ -81,22 +83,22 @@ pub struct IngestArgs {
 }
 
 /// One log and one table of it.
-struct Work {
+struct IngestItem {
     input: PathBuf,
-    mapped: Option<Mapped>,
+    mapped: Option<MappingTable>,
     folder: PathBuf,
     name: String,
 }
 
-impl Work {
+impl IngestItem {
     /// The table, for messages.
     fn table(&self) -> &str {
-        self.mapped.as_ref().map_or("", Mapped::name)
+        self.mapped.as_ref().map_or("", MappingTable::name)
     }
 }
 
 /// Runs the command.
-pub fn run(args: &IngestArgs) -> Result<(), Stop> {
+pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     if args.suggest {
         return suggested(args);
     }
@@ -108,26 +110,26 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
         format: args.format.clone(),
         flight: args.flight.clone(),
         line: args.line.clone(),
-        accept: if args.accept_range { vec![Accept::Range] } else { vec![] },
+        accept: if args.accept_range { vec![PlausibilityCheck::Range] } else { vec![] },
         ..FlightOptions::default()
     };
     let options = lines::options(&args.divided, options);
-    let logs: Vec<lines::Log> =
-        works.iter().map(|w| lines::Log { input: &w.input, mapped: w.mapped.as_ref() }).collect();
+    let logs: Vec<lines::LogInput> =
+        works.iter().map(|w| lines::LogInput { input: &w.input, mapped: w.mapped.as_ref() }).collect();
     let divided = lines::lines(&args.divided, &logs, &options, args.to.as_deref(), args.replace, args.json)?;
     if args.to.is_none() {
         return Ok(());
     }
     let hidden = to.join(".ingest");
-    let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write to {}: {e}", to.display()));
+    let failed = |e: std::io::Error| ExitReason::Failed(format!("error: cannot write to {}: {e}", to.display()));
     let (unfinished, lock) = working_folder(&hidden).map_err(failed)?;
-    let unfinished = Temporary::new(unfinished);
-    let progress = Progress::new(args.quiet || args.json);
+    let unfinished = TemporaryFile::new(unfinished);
+    let progress = ProgressDisplay::new(args.quiet || args.json);
     progress.stage("ingesting logs");
     progress.detail("tables", "");
     let done = AtomicUsize::new(0);
-    let one = |(number, work): (usize, &Work)| {
-        let export = Export {
+    let one = |(number, work): (usize, &IngestItem)| {
+        let export = LogExport {
             input: &work.input,
             options: hive(&work.input, &options),
             mapped: work.mapped.clone(),
@@ -144,7 +146,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
         exported
     };
     let pool = threads::pool(args.threads)?;
-    let results: Vec<Result<Exported, Fault>> = pool.install(|| works.par_iter().enumerate().map(one).collect());
+    let results: Vec<Result<ExportOutcome, Fault>> = pool.install(|| works.par_iter().enumerate().map(one).collect());
     drop(progress);
     drop(lock);
     drop(unfinished);
@@ -170,21 +172,21 @@ fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
 }
 
 /// The files and tables, in the order of the inputs; two of one name are refused before anything is read.
-fn works(args: &IngestArgs, to: &Path) -> Result<Vec<Work>, Stop> {
+fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
     let mapping = args.mapping.as_ref().map(|name| Mapping::load(name, Path::new(".")).map(Arc::new)).transpose()?;
-    let mut works: Vec<Work> = vec![];
+    let mut works: Vec<IngestItem> = vec![];
     for input in &args.inputs {
         let found = find(input, Path::new(""), args.format.is_some())?;
         for path in found {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let Some(mapping) = &mapping else {
-                works.push(Work { input: path, mapped: None, folder: to.to_owned(), name });
+                works.push(IngestItem { input: path, mapped: None, folder: to.to_owned(), name });
                 continue;
             };
             let several = args.table.is_none() && mapping.tables().len() > 1;
             for table in tables_in(args, mapping, &path)? {
                 let folder = if several { to.join(table.name()) } else { to.to_owned() };
-                works.push(Work { input: path.clone(), mapped: Some(table), folder, name: name.clone() });
+                works.push(IngestItem { input: path.clone(), mapped: Some(table), folder, name: name.clone() });
             }
         }
     }
@@ -204,7 +206,7 @@ fn works(args: &IngestArgs, to: &Path) -> Result<Vec<Work>, Stop> {
 }
 
 /// The tables of a mapping that a file holds.
-fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<Vec<Mapped>, Stop> {
+fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<Vec<MappingTable>, ExitReason> {
     let names: Vec<String> = match &args.table {
         Some(name) => vec![name.clone()],
         None => mapping.tables().into_iter().map(str::to_owned).collect(),
@@ -220,15 +222,15 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
         return Ok(tables);
     }
     let options = FlightOptions {
-        format: args.format.clone().or(tables.iter().find_map(Mapped::format)),
+        format: args.format.clone().or(tables.iter().find_map(MappingTable::format)),
         ..FlightOptions::default()
     };
     let topics = datasets::topics_among(flight_formats(), path, &options).map_err(Fault::from)?;
     // Without a number a topic is the first instance.
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
     let of = |topic: &str| topics.iter().find(|known| plain(&known.name) == plain(topic));
-    let there = |t: &Mapped| t.topic().is_none_or(|topic| of(topic).is_some_and(|known| known.note.is_empty()));
-    let (there, missing): (Vec<Mapped>, Vec<Mapped>) = tables.into_iter().partition(there);
+    let there = |t: &MappingTable| t.topic().is_none_or(|topic| of(topic).is_some_and(|known| known.note.is_empty()));
+    let (there, missing): (Vec<MappingTable>, Vec<MappingTable>) = tables.into_iter().partition(there);
     for table in &missing {
         let topic = table.topic().unwrap_or_default();
         let why = match of(topic) {
@@ -249,10 +251,10 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
 /// Says what came of it.
 fn told(
     args: &IngestArgs,
-    works: &[Work],
-    results: &[Result<Exported, Fault>],
-    divided: &lines::Lines,
-) -> Result<(), Stop> {
+    works: &[IngestItem],
+    results: &[Result<ExportOutcome, Fault>],
+    divided: &lines::LogLines,
+) -> Result<(), ExitReason> {
     let mut faults: Vec<&Fault> = vec![];
     let mut noted: BTreeSet<&str> = BTreeSet::new();
     let (mut written, mut lost) = (0, 0);
@@ -297,9 +299,9 @@ fn told(
         text.push(format!("{} written, {} rejected", counted(written, "line"), counted(lost, "line")));
     }
     // Where nothing was written, the input is wrong, unless the machine is.
-    let ours = faults.iter().all(|f| f.owner == Owner::Spec || f.owner == Owner::Data);
+    let ours = faults.iter().all(|f| f.owner == FaultOwner::Spec || f.owner == FaultOwner::Data);
     let text = text.join("\n");
-    Err(if written == 0 && ours { Stop::Wrong(text) } else { Stop::Failed(text) })
+    Err(if written == 0 && ours { ExitReason::Wrong(text) } else { ExitReason::Failed(text) })
 }
 
 fn clock(tt: f64) -> String {
@@ -310,12 +312,12 @@ fn clock(tt: f64) -> String {
     format!("{:02}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
 }
 
-fn value_of(line: &LineOf, column: &str, check: Figure) -> Option<f64> {
+fn value_of(line: &ExportLine, column: &str, check: QualityFigure) -> Option<f64> {
     line.measures.iter().find(|m| m.column == column && m.check == check).map(|m| m.value)
 }
 
 /// The lines of one table of one log.
-fn summary(work: &Work, exported: &Exported) -> String {
+fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
     let mut text = format!("\n{}", work.input.display());
     if !work.table().is_empty() {
         text += &format!(", {}", work.table());
@@ -338,7 +340,7 @@ fn summary(work: &Work, exported: &Exported) -> String {
             clock(line.tt.0),
             clock(line.tt.1),
             line.rows.to_string(),
-            number(value_of(line, "tt", Figure::Rate)),
+            number(value_of(line, "tt", QualityFigure::Rate)),
         ]);
     }
     text += &columns(&rows, 3);
@@ -353,32 +355,34 @@ fn summary(work: &Work, exported: &Exported) -> String {
 }
 
 /// Whether a figure is shown on the terminal: irregularities, and the properties of magnetometers.
-fn is_told(measure: &Measure) -> bool {
+fn is_told(measure: &QualityMeasure) -> bool {
     match measure.check {
-        Figure::Rate | Figure::Jitter | Figure::Midnight => false,
+        QualityFigure::Rate | QualityFigure::Jitter | QualityFigure::Midnight => false,
         // Estimates step at each fix.
-        Figure::Spikes => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth,
-        Figure::Noise | Figure::Quantisation => {
+        QualityFigure::Spikes => {
+            !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth
+        }
+        QualityFigure::Noise | QualityFigure::Quantisation => {
             flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some()
         }
-        Figure::Gaps
-        | Figure::LongestGap
-        | Figure::RepeatedTime
-        | Figure::BackwardTime
-        | Figure::Dropouts
-        | Figure::Stuck
-        | Figure::Saturation
-        | Figure::Preferred
-        | Figure::DeadZone
-        | Figure::PolarDeadZone
-        | Figure::EquatorialDeadZone
-        | Figure::Lag
-        | Figure::Found(_) => true,
+        QualityFigure::Gaps
+        | QualityFigure::LongestGap
+        | QualityFigure::RepeatedTime
+        | QualityFigure::BackwardTime
+        | QualityFigure::Dropouts
+        | QualityFigure::Stuck
+        | QualityFigure::Saturation
+        | QualityFigure::Preferred
+        | QualityFigure::DeadZone
+        | QualityFigure::PolarDeadZone
+        | QualityFigure::EquatorialDeadZone
+        | QualityFigure::Lag
+        | QualityFigure::Found(_) => true,
     }
 }
 
 /// The shown figures of all lines.
-fn quality(works: &[Work], results: &[Result<Exported, Fault>]) -> String {
+fn quality(works: &[IngestItem], results: &[Result<ExportOutcome, Fault>]) -> String {
     /// Rows of the table on the terminal.
     const SHOWN: usize = 60;
     let words = |w: &[&str]| w.iter().map(|x| (*x).to_owned()).collect::<Vec<String>>();
@@ -412,9 +416,9 @@ fn quality(works: &[Work], results: &[Result<Exported, Fault>]) -> String {
     format!("\nquality\n{}{more}", columns(&rows, 5))
 }
 
-fn as_json(work: &Work, exported: &Exported, line: &LineOf) -> serde_json::Value {
+fn as_json(work: &IngestItem, exported: &ExportOutcome, line: &ExportLine) -> serde_json::Value {
     let finite = |x: f64| x.is_finite().then_some(x);
-    let measure = |m: &Measure| {
+    let measure = |m: &QualityMeasure| {
         json!({
             "column": m.column, "check": m.check.as_str(), "value": finite(m.value), "unit": m.unit, "count": m.count,
             "first_tt": finite(m.first_tt),
@@ -441,7 +445,7 @@ fn as_json(work: &Work, exported: &Exported, line: &LineOf) -> serde_json::Value
 }
 
 /// Writes a mapping for a log.
-fn suggested(args: &IngestArgs) -> Result<(), Stop> {
+fn suggested(args: &IngestArgs) -> Result<(), ExitReason> {
     let [input] = args.inputs.as_slice() else {
         return Err(Fault::new("`--suggest` requires exactly one log").into());
     };
@@ -452,7 +456,7 @@ fn suggested(args: &IngestArgs) -> Result<(), Stop> {
         say::out_text(text);
         return Ok(());
     };
-    let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write {}: {e}", to.display()));
+    let failed = |e: std::io::Error| ExitReason::Failed(format!("error: cannot write {}: {e}", to.display()));
     // An older mapping of that name is somebody's work.
     let mut file = fs::File::create_new(to).map_err(failed)?;
     std::io::Write::write_all(&mut file, text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)

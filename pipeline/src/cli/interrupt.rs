@@ -52,18 +52,18 @@ pub fn stop(status: u8, said: &str) {
     }
 }
 
-/// Action before an interrupt ends the process at once, with its exit status.
-type Last = Box<dyn FnOnce(u8) + Send>;
+/// Action before an interrupt ends the process at once; its argument is the exit status.
+type ExitAction = Box<dyn FnOnce(u8) + Send>;
 
-static LAST: Mutex<Option<Last>> = Mutex::new(None);
+static LAST: Mutex<Option<ExitAction>> = Mutex::new(None);
 
 /// Sets what is done before an interrupt ends the process at once.
 pub fn at_exit(last: impl FnOnce(u8) + Send + 'static) {
     *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(last));
 }
 
-/// From now on this process ends when `parent` no longer is its parent: whoever gave it its tasks is gone, which is not the fault
-/// of a unit.
+/// From now on this process ends when `parent` no longer is its parent: whoever gave it its tasks is gone, which is not
+/// the fault of a unit.
 pub fn with_parent(parent: u32) {
     const LOOKS_EVERY: Duration = Duration::from_millis(500);
     // Without a spare thread it ends after its task.

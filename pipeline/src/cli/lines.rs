@@ -7,17 +7,17 @@ use std::{
 };
 
 use clap::Args;
-use datasets::{FlightOptions, Reading};
+use datasets::{FlightOptions, ReadHints};
 use schemas::Fault;
 use serde_json::json;
 
-use super::{Stop, note, say};
+use super::{ExitReason, note, say};
 use crate::{
     sources::{
-        AUTO, Division, LineTable, WHOLE, division,
-        find_lines::{self, Collector, Found},
+        AUTO, FlightDivision, LineTable, WHOLE, division,
+        find_lines::{self, ChannelCollector, LineDetection},
         hive,
-        mapping::Mapped,
+        mapping::MappingTable,
         open_log,
     },
     store::make_folder,
@@ -40,24 +40,24 @@ pub struct LineArgs {
     pub write_lines: Option<PathBuf>,
 }
 
-/// A log, a table of it or all of it, and how it is read.
-pub struct Log<'a> {
+/// A log, or one table of it, with the mapping of its columns.
+pub struct LogInput<'a> {
     /// The file.
     pub input: &'a Path,
     /// Meaning of its columns.
-    pub mapped: Option<&'a Mapped>,
+    pub mapped: Option<&'a MappingTable>,
 }
 
 /// The lines that logs are divided into.
 #[derive(Default)]
-pub struct Lines {
+pub struct LogLines {
     table: Option<LineTable>,
 }
 
 /// Width of a PNG.
 const WIDTH_PX: usize = 1600;
 
-impl Lines {
+impl LogLines {
     /// The table, where they are not the logs' own.
     pub fn table(&self) -> Option<&LineTable> {
         self.table.as_ref()
@@ -75,35 +75,36 @@ pub fn options(args: &LineArgs, options: FlightOptions) -> FlightOptions {
     FlightOptions { line, ..options }
 }
 
-/// The lines of the logs, written and drawn where that is asked for. `to` is the folder of the tables, where there is one.
+/// The lines of the logs, written and drawn where that is asked for. `to` is the folder of the tables, where there is
+/// one.
 pub fn lines(
     args: &LineArgs,
-    logs: &[Log],
+    logs: &[LogInput],
     options: &FlightOptions,
     to: Option<&Path>,
     replace: bool,
     json: bool,
-) -> Result<Lines, Stop> {
-    let Some(name) = &args.lines else { return Ok(Lines::default()) };
+) -> Result<LogLines, ExitReason> {
+    let Some(name) = &args.lines else { return Ok(LogLines::default()) };
     if let Some(picture) = &args.picture {
-        Form::of(picture)?;
+        PictureFormat::from_path(picture)?;
     }
     let given = match division(name, Path::new(""))? {
-        Division::Table(table) => Some(table),
-        Division::Found => None,
+        FlightDivision::Table(table) => Some(table),
+        FlightDivision::Found => None,
     };
     if given.is_some() && args.write_lines.is_some() {
         let fault = Fault::new("`--write-lines` writes only lines that magline finds");
         return Err(fault.help(format!("use `--lines {AUTO}`, or remove `--write-lines`")).into());
     }
     if given.is_some() && args.picture.is_none() {
-        return Ok(Lines { table: given });
+        return Ok(LogLines { table: given });
     }
-    let mut collector = Collector::default();
+    let mut collector = ChannelCollector::default();
     for log in logs {
-        let reading = Reading { found: None, threads: 1 };
+        let reading = ReadHints { found: None, threads: 1 };
         let opened = open_log(log.input, &hive(log.input, options), log.mapped, &reading).map_err(Fault::from)?;
-        collector.read(opened, log.mapped.map_or("", Mapped::name))?;
+        collector.read(opened, log.mapped.map_or("", MappingTable::name))?;
     }
     let mut flights = collector.found();
     if let Some(table) = given {
@@ -111,7 +112,7 @@ pub fn lines(
         flights.retain(|(_, found)| !found.lines.is_empty());
         let pictures = drawn(args, &flights)?;
         pictures.iter().for_each(|path| note(&format!("{} shows the lines", path.display())));
-        return Ok(Lines { table: Some(table) });
+        return Ok(LogLines { table: Some(table) });
     }
     let missing: Vec<Fault> = flights.iter().filter_map(|(flight, found)| found.missing(flight)).collect();
     flights.retain(|(_, found)| !found.lines.is_empty());
@@ -128,17 +129,17 @@ pub fn lines(
         say::out_text(summary(&flights, written.iter().chain(&pictures)));
     }
     let spans = flights.iter().map(|(flight, found)| (flight.clone(), found.spans()));
-    Ok(Lines { table: Some(LineTable::of("the lines that were found", spans)) })
+    Ok(LogLines { table: Some(LineTable::new("the lines that were found", spans)) })
 }
 
 /// Writes the table of the lines that were found.
 fn written(
     args: &LineArgs,
-    logs: &[Log],
-    flights: &[(String, Found)],
+    logs: &[LogInput],
+    flights: &[(String, LineDetection)],
     to: Option<&Path>,
     replace: bool,
-) -> Result<Option<PathBuf>, Stop> {
+) -> Result<Option<PathBuf>, ExitReason> {
     let of_one = logs.first().filter(|first| logs.iter().all(|log| log.input == first.input));
     let stem = of_one.and_then(|log| log.input.file_stem()).map_or("lines".into(), |stem| stem.to_string_lossy());
     let beside = || to.map(|to| to.join("_lines").join(format!("{stem}.csv")));
@@ -154,22 +155,22 @@ fn written(
         return Err(Fault::new(format!("{} already contains other lines", path.display())).help(help).into());
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let failed = |e| Stop::Failed(format!("error: cannot write {}: {e}", path.display()));
+    let failed = |e| ExitReason::Failed(format!("error: cannot write {}: {e}", path.display()));
     make_folder(&std::path::absolute(folder).map_err(failed)?).map_err(failed)?;
     write(&path, text.as_bytes())?;
     Ok(Some(path))
 }
 
-/// The form of a picture.
-enum Form {
+/// File format of a picture.
+enum PictureFormat {
     Svg,
     Png,
 }
 
-impl Form {
-    fn of(path: &Path) -> Result<Form, Fault> {
+impl PictureFormat {
+    fn from_path(path: &Path) -> Result<PictureFormat, Fault> {
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        let known = [("svg", Form::Svg), ("png", Form::Png)];
+        let known = [("svg", PictureFormat::Svg), ("png", PictureFormat::Png)];
         let found = known.into_iter().find(|(name, _)| ending.as_deref() == Some(*name));
         found.map(|(_, form)| form).ok_or_else(|| {
             Fault::new(format!("`{}` is not a supported image format", path.display()))
@@ -179,9 +180,9 @@ impl Form {
 }
 
 /// Draws a picture of each flight; of several, each has the flight in its name.
-fn drawn(args: &LineArgs, flights: &[(String, Found)]) -> Result<Vec<PathBuf>, Stop> {
+fn drawn(args: &LineArgs, flights: &[(String, LineDetection)]) -> Result<Vec<PathBuf>, ExitReason> {
     let Some(path) = &args.picture else { return Ok(vec![]) };
-    let form = Form::of(path)?;
+    let form = PictureFormat::from_path(path)?;
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
     for (flight, found) in flights {
         let mut to = if flights.len() > 1 { beside(path, &plain(flight)) } else { path.clone() };
@@ -192,8 +193,8 @@ fn drawn(args: &LineArgs, flights: &[(String, Found)]) -> Result<Vec<PathBuf>, S
         }
         let title = format!("Flight {flight}: {}", super::counted(found.lines.len(), "line"));
         let bytes = match form {
-            Form::Svg => find_lines::svg(&title, found)?.into_bytes(),
-            Form::Png => find_lines::png(&title, found, WIDTH_PX)?,
+            PictureFormat::Svg => find_lines::svg(&title, found)?.into_bytes(),
+            PictureFormat::Png => find_lines::png(&title, found, WIDTH_PX)?,
         };
         write(&to, &bytes)?;
     }
@@ -211,7 +212,7 @@ fn beside(path: &Path, flight: &str) -> PathBuf {
     path.with_file_name(format!("{}-{flight}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
 }
 
-fn summary<'a>(flights: &[(String, Found)], files: impl Iterator<Item = &'a PathBuf>) -> String {
+fn summary<'a>(flights: &[(String, LineDetection)], files: impl Iterator<Item = &'a PathBuf>) -> String {
     /// Lines that are listed.
     const SHOWN: usize = 60;
     let heads = ["  flight", "line", "kind", "t_start", "t_end", "course", "length m", "height m"];
@@ -240,7 +241,7 @@ fn summary<'a>(flights: &[(String, Found)], files: impl Iterator<Item = &'a Path
     text
 }
 
-fn as_json(flights: &[(String, Found)]) {
+fn as_json(flights: &[(String, LineDetection)]) {
     for (flight, found) in flights {
         for line in &found.lines {
             let (from, to) = found.times_s(line);

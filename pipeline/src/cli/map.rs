@@ -15,9 +15,9 @@ use std::{
 
 use clap::{Args, Subcommand};
 use datasets::{AnomalyGrid, MapOptions, check_output, read_grid, write_grid};
-use schemas::{Fault, Word, plausible::Accept};
+use schemas::{Fault, VerbatimText, plausible::PlausibilityCheck};
 
-use super::{Stop, note, say, tell, threads};
+use super::{ExitReason, note, say, tell, threads};
 
 /// Anomaly maps.
 #[derive(Subcommand)]
@@ -52,12 +52,12 @@ pub struct InputArgs {
     #[arg(long)]
     unit: Option<String>,
     #[command(flatten)]
-    doubtful: DoubtfulArgs,
+    doubtful: InvalidValueArgs,
 }
 
 /// Values that are missing or look impossible.
 #[derive(Args, Clone, Default)]
-pub struct DoubtfulArgs {
+pub struct InvalidValueArgs {
     /// Numbers that represent missing values, in the unit of the file, separated by commas.
     #[arg(long, value_name = "NUMBER", value_delimiter = ',', allow_hyphen_values = true)]
     missing: Vec<String>,
@@ -66,13 +66,13 @@ pub struct DoubtfulArgs {
     accept: Option<String>,
 }
 
-impl DoubtfulArgs {
-    fn missing(&self) -> Vec<Word> {
-        self.missing.iter().map(|text| Word(text.clone())).collect()
+impl InvalidValueArgs {
+    fn missing(&self) -> Vec<VerbatimText> {
+        self.missing.iter().map(|text| VerbatimText(text.clone())).collect()
     }
 
-    fn accept(&self) -> Vec<Accept> {
-        self.accept.iter().map(|_| Accept::Range).collect()
+    fn accept(&self) -> Vec<PlausibilityCheck> {
+        self.accept.iter().map(|_| PlausibilityCheck::Range).collect()
     }
 }
 
@@ -96,7 +96,7 @@ pub struct ThreadArgs {
 }
 
 impl InputArgs {
-    fn read(&self, path: &Path) -> Result<AnomalyGrid, Stop> {
+    fn read(&self, path: &Path) -> Result<AnomalyGrid, ExitReason> {
         let options = MapOptions {
             format: self.format.clone(),
             epsg: self.epsg,
@@ -113,18 +113,18 @@ impl InputArgs {
 
 impl OutputArgs {
     /// Whether a map made of `inputs` can be written there, before it is made.
-    fn check<'a>(&self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Stop> {
+    fn check<'a>(&self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ExitReason> {
         apart(&self.output, inputs)?;
         Ok(check_output(&self.output, self.output_format.as_deref()).map_err(Fault::from)?)
     }
 
-    fn write(&self, map: &AnomalyGrid) -> Result<(), Stop> {
+    fn write(&self, map: &AnomalyGrid) -> Result<(), ExitReason> {
         write_to(&self.output, map, self.output_format.as_deref())
     }
 }
 
 /// Refuses an output that is one of the inputs: the map written may hold less than that.
-fn apart<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Stop> {
+fn apart<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ExitReason> {
     let Ok(there) = output.canonicalize() else { return Ok(()) };
     if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|input| input == there)) {
         let what = format!("the output would overwrite the input {}", output.display());
@@ -133,25 +133,25 @@ fn apart<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Re
     Ok(())
 }
 
-fn write_to(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), Stop> {
+fn write_to(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), ExitReason> {
     write_grid(path, map, format).map_err(Fault::from)?;
     say(format!("{}\n", path.display()))
 }
 
 impl ThreadArgs {
-    fn run<T: Send>(&self, work: impl FnOnce() -> Result<T, Stop> + Send) -> Result<T, Stop> {
+    fn run<T: Send>(&self, work: impl FnOnce() -> Result<T, ExitReason> + Send) -> Result<T, ExitReason> {
         threads::pool(self.threads)?.install(work)
     }
 }
 
 /// Fault of a map or of a request for it.
-fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
-    Stop::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
+fn wrong(path: &Path, e: &dyn std::fmt::Display) -> ExitReason {
+    ExitReason::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
 }
 
 /// Fault of a stage in the data of a file that the user named.
-fn of_file(path: &Path, fault: Fault) -> Stop {
-    Stop::from(fault.in_file(&path.display().to_string()))
+fn of_file(path: &Path, fault: Fault) -> ExitReason {
+    ExitReason::from(fault.in_file(&path.display().to_string()))
 }
 
 fn warn(text: &str) {
@@ -159,7 +159,7 @@ fn warn(text: &str) {
 }
 
 /// Runs the command; a quiet one says nothing but errors and warnings.
-pub fn run(command: &MapCommand, quiet: bool) -> Result<(), Stop> {
+pub fn run(command: &MapCommand, quiet: bool) -> Result<(), ExitReason> {
     super::QUIET.store(quiet, Ordering::Relaxed);
     match command {
         MapCommand::Info(args) => info::run(args),

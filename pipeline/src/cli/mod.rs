@@ -34,17 +34,17 @@ use std::{
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use nix::sys::signal::{SigSet, Signal};
-use progress::Progress;
+use progress::ProgressDisplay;
 use say::err;
-use schemas::{Entry, Fault, render};
+use schemas::{Fault, StageEntry, render};
 
 use crate::{
     cost,
-    plan::{Graph, Plan},
+    plan::{Plan, PlanGraph},
     read_spec,
-    run::{Event, Listener, Tick, foreseen, settled},
-    sources::{self, Flights, ReadStep},
-    spec::{Faults, Spec, search_reference},
+    run::{Event, Listener, SourceReadCallback, foreseen, settled},
+    sources::{self, Flights, ReadProgress},
+    spec::{Spec, SpecFaults, search_reference},
     store::{self, Store, pulled},
     views,
 };
@@ -149,7 +149,7 @@ enum Command {
         store: PathBuf,
         /// The output format.
         #[arg(long, value_enum, default_value_t)]
-        format: views::Format,
+        format: views::LineageFormat,
     },
     /// List the stages, or describe one.
     Stages {
@@ -219,7 +219,7 @@ struct ExplainArgs {
     threads: Option<usize>,
 }
 
-/// The form of a cost.
+/// Output format of a cost.
 #[derive(Clone, Copy, Default, ValueEnum)]
 enum CostFormat {
     /// Aligned columns, values to two significant digits.
@@ -234,8 +234,8 @@ fn located(text: &str) -> Result<PathBuf, String> {
     store::located(text).map_err(|fault| fault.to_string())
 }
 
-/// The reasons for which a command ends, with their exit status.
-enum Stop {
+/// Reason for the end of a command, which determines the exit status.
+enum ExitReason {
     /// The spec, an argument or an input is wrong; nothing was run.
     Wrong(String),
     /// Something failed while running.
@@ -250,22 +250,22 @@ enum Stop {
     Told(u8),
 }
 
-impl From<Faults> for Stop {
-    fn from(faults: Faults) -> Stop {
+impl From<SpecFaults> for ExitReason {
+    fn from(faults: SpecFaults) -> ExitReason {
         let passing = faults.faults.iter().any(|f| !f.owner.is_lasting());
-        if passing { Stop::Failed(faults.to_string()) } else { Stop::Wrong(faults.to_string()) }
+        if passing { ExitReason::Failed(faults.to_string()) } else { ExitReason::Wrong(faults.to_string()) }
     }
 }
 
-impl From<Fault> for Stop {
-    fn from(fault: Fault) -> Stop {
+impl From<Fault> for ExitReason {
+    fn from(fault: Fault) -> ExitReason {
         let text = render(&fault, "", "");
-        if fault.owner.is_lasting() { Stop::Wrong(text) } else { Stop::Failed(text) }
+        if fault.owner.is_lasting() { ExitReason::Wrong(text) } else { ExitReason::Failed(text) }
     }
 }
 
 /// Runs the command with the stages of `catalogue`.
-pub fn main(catalogue: &[Entry]) -> ExitCode {
+pub fn main(catalogue: &[StageEntry]) -> ExitCode {
     // A file that grows beyond a limit of the system is then an error of writing, and no silent end.
     let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
@@ -305,7 +305,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Sql(args) => sql::run(&args),
         Command::Serve(args) => serve::run(&args),
         #[cfg(feature = "serve")]
-        Command::AnswerQuery => crate::serve::answer().map_err(Stop::from),
+        Command::AnswerQuery => crate::serve::answer().map_err(ExitReason::from),
         Command::Ls { pipeline, store } => tend::ls(&store, pipeline.as_deref()),
         Command::Rm { name, store } => tend::rm(&store, &name),
         Command::Runs { pipeline, from, to, store } => tend::runs(&store, pipeline.as_deref(), from.zip(to)),
@@ -313,7 +313,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Verify { folder, store } => verify(folder, &store),
         Command::Lineage { table, store, format } => {
             let found = pulled(&store).and_then(|()| views::lineage(&store, &table, format));
-            found.map_err(Stop::from).and_then(say)
+            found.map_err(ExitReason::from).and_then(say)
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
@@ -326,24 +326,24 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
     };
     match done {
         Ok(()) => ended(0),
-        Err(Stop::Failed(text)) => {
+        Err(ExitReason::Failed(text)) => {
             tell(&text);
             ended(1)
         }
-        Err(Stop::Wrong(text)) => {
+        Err(ExitReason::Wrong(text)) => {
             err!("{text}");
             ended(2)
         }
-        Err(Stop::Locked(text)) => {
+        Err(ExitReason::Locked(text)) => {
             err!("{text}");
             ended(schedule::LOCKED)
         }
-        Err(Stop::OutOfTime) => {
+        Err(ExitReason::OutOfTime) => {
             err!("{}", schedule::STOPPED);
             ended(schedule::OUT_OF_TIME)
         }
-        Err(Stop::Told(status)) => ended(status),
-        Err(Stop::Interrupted) => {
+        Err(ExitReason::Told(status)) => ended(status),
+        Err(ExitReason::Interrupted) => {
             err!("{}", interrupt::SAID);
             ended(interrupt::STATUS)
         }
@@ -362,7 +362,7 @@ fn ended(status: u8) -> ExitCode {
 }
 
 /// Prints to standard output; a reader that has gone away ends the command quietly.
-fn say(text: String) -> Result<(), Stop> {
+fn say(text: String) -> Result<(), ExitReason> {
     say::out_text(text);
     // A failure shows in the exit status, when the command ends.
     Ok(())
@@ -395,15 +395,15 @@ fn counted(n: usize, thing: &str) -> String {
     format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
 }
 
-fn plan(catalogue: &[Entry], args: &SpecArgs) -> Result<Plan, Faults> {
+fn plan(catalogue: &[StageEntry], args: &SpecArgs) -> Result<Plan, SpecFaults> {
     Plan::new(read_spec(&args.spec, &args.sets)?, catalogue)
 }
 
-fn open(spec: &Spec) -> Result<Store, Faults> {
+fn open(spec: &Spec) -> Result<Store, SpecFaults> {
     Store::open(&spec.store).map_err(|f| spec.faults(vec![f]))
 }
 
-fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
+fn check(catalogue: &[StageEntry], args: &SpecArgs) -> Result<(), ExitReason> {
     let plan = plan(catalogue, args)?;
     let implausible = |f: &Flights| {
         let at = plan.spec.tables.iter().find(|t| t.name == f.name).map(|t| t.path.1.clone());
@@ -422,7 +422,7 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
     say(format!("{} is valid: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
 }
 
-fn explain(catalogue: &[Entry], args: &ExplainArgs) -> Result<(), Stop> {
+fn explain(catalogue: &[StageEntry], args: &ExplainArgs) -> Result<(), ExitReason> {
     if !args.cost {
         return with_graph(catalogue, &args.spec, |graph, store| Ok(views::explain(graph, store)));
     }
@@ -437,11 +437,11 @@ fn explain(catalogue: &[Entry], args: &ExplainArgs) -> Result<(), Stop> {
 }
 
 fn with_graph(
-    catalogue: &[Entry],
+    catalogue: &[StageEntry],
     args: &SpecArgs,
-    view: impl Fn(&Graph, &Store) -> Result<String, Stop>,
-) -> Result<(), Stop> {
-    let known = |plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick| {
+    view: impl Fn(&PlanGraph, &Store) -> Result<String, ExitReason>,
+) -> Result<(), ExitReason> {
+    let known = |plan: Plan, catalogue: &[StageEntry], store: &Store, tick: &SourceReadCallback| {
         settled(plan, catalogue, store, tick).map(|plan| (plan, ()))
     };
     with_plan(catalogue, args, known, |graph, store, ()| view(graph, store))
@@ -449,22 +449,22 @@ fn with_graph(
 
 /// Shows the graph of a plan, with the trials of a search that `trials` says it has.
 fn with_plan<T>(
-    catalogue: &[Entry],
+    catalogue: &[StageEntry],
     args: &SpecArgs,
-    trials: impl Fn(Plan, &[Entry], &Store, &Tick) -> Result<(Plan, T), Faults>,
-    view: impl Fn(&Graph, &Store, T) -> Result<String, Stop>,
-) -> Result<(), Stop> {
+    trials: impl Fn(Plan, &[StageEntry], &Store, &SourceReadCallback) -> Result<(Plan, T), SpecFaults>,
+    view: impl Fn(&PlanGraph, &Store, T) -> Result<String, ExitReason>,
+) -> Result<(), ExitReason> {
     let plan = plan(catalogue, args)?;
     let store = open(&plan.spec)?;
-    let progress = Progress::new(false);
-    let tick = |table: &str, step: &ReadStep| progress.hear(&Event::Reading { table, step });
+    let progress = ProgressDisplay::new(false);
+    let tick = |table: &str, step: &ReadProgress| progress.hear(&Event::Reading { table, step });
     let (plan, more) = trials(plan, catalogue, &store, &tick)?;
-    let graph = Graph::new(&plan, &store, &tick)?;
+    let graph = PlanGraph::new(&plan, &store, &tick)?;
     drop(progress);
     say(view(&graph, &store, more)?)
 }
 
-fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
+fn stages(all: &[StageEntry], name: Option<&str>, markdown: bool) -> Result<(), ExitReason> {
     match name {
         // The simulator, mappings and searches are no stages, and have references of the same kind.
         Some("synth") => say(simulate::reference()),
@@ -477,16 +477,16 @@ fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop>
 }
 
 /// A folder is what it holds: a store, or else a published data set.
-fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), Stop> {
+fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), ExitReason> {
     match folder {
         Some(folder) if !tend::is_store(&folder) => publish::verify(&folder),
-        Some(folder) => tend::verify(&tend::StoreArgs::of(folder)),
+        Some(folder) => tend::verify(&tend::StoreArgs::new(folder)),
         None => tend::verify(store),
     }
 }
 
-fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<(), Stop> {
-    let progress = Progress::new(quiet);
+fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<(), ExitReason> {
+    let progress = ProgressDisplay::new(quiet);
     progress.stage("simulating flights");
     progress.detail("lines", "");
     let simulation = simulate::Simulation::open(spec).map_err(Fault::from)?;

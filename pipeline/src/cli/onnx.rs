@@ -6,12 +6,12 @@ use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::SchemaRef;
 use clap::Args;
 use schemas::Fault;
-use stages::trained::Learned;
+use stages::trained::LearnedModel;
 
-use super::{Stop, located, say::err, temporary::Private};
+use super::{ExitReason, located, say::err, temporary::TemporaryFolder};
 use crate::{
     store::pulled,
-    views::sql::{Question, Sink, memory, sql},
+    views::sql::{BatchSink, StoreQuery, memory, sql},
 };
 
 #[derive(Args)]
@@ -30,14 +30,14 @@ pub struct OnnxArgs {
     output: PathBuf,
 }
 
-/// The terms of a model.
+/// Names and values of the terms of a model.
 #[derive(Default)]
-struct Terms {
+struct OnnxTerms {
     names: Vec<String>,
     values: Vec<f64>,
 }
 
-impl Sink for Terms {
+impl BatchSink for OnnxTerms {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
         let wrong = || Fault::new("the table is not made by a `fit`: it has no terms and values");
         let names = batch.column(0).as_string_opt::<i32>().ok_or_else(wrong)?;
@@ -57,14 +57,14 @@ impl Sink for Terms {
 }
 
 /// Writes the file.
-pub fn run(args: &OnnxArgs) -> Result<(), Stop> {
+pub fn run(args: &OnnxArgs) -> Result<(), ExitReason> {
     let condition = args.condition.as_ref().map(|c| format!(" WHERE {c}")).unwrap_or_default();
     let query = format!("SELECT arrow_cast(term, 'Utf8'), value FROM {}{condition}", args.table);
-    let spill = Private::new()?;
+    let spill = TemporaryFolder::new()?;
     let question =
-        Question { store: &args.store, query: &query, memory: memory::by_default(), spill: spill.path().to_owned() };
+        StoreQuery { store: &args.store, query: &query, memory: memory::by_default(), spill: spill.path().to_owned() };
     pulled(&args.store)?;
-    let mut terms = Terms::default();
+    let mut terms = OnnxTerms::default();
     sql(&question, &mut terms)?;
     let mut sorted = terms.names.clone();
     sorted.sort_unstable();
@@ -72,7 +72,7 @@ pub fn run(args: &OnnxArgs) -> Result<(), Stop> {
         let fault = Fault::new(format!("{} has several models", args.table));
         return Err(fault.help("select one by its axes with `--where`").into());
     }
-    let Some(Learned::Network(network)) = Learned::read(&terms.names, &terms.values)? else {
+    let Some(LearnedModel::Network(network)) = LearnedModel::read(&terms.names, &terms.values)? else {
         let fault = Fault::new(format!("{} has no dense network", args.table));
         return Err(fault.help("only the models `m1`, `m2a` to `m2d`, `tlnn` and `etlnn` can be exported").into());
     };

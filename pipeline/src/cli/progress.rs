@@ -14,7 +14,7 @@ use schemas::one_line;
 use super::counted;
 use crate::{
     run::{Event, Listener},
-    spec::{Row, Scored},
+    spec::{SearchTrial, SearchTrialScore},
     views::text::number,
 };
 
@@ -24,35 +24,39 @@ const INTERVAL: Duration = Duration::from_secs(10);
 const KNOWN_AFTER: Duration = Duration::from_secs(1);
 
 /// Progress on standard error, until it is dropped. All methods may be called from several threads concurrently.
-pub struct Progress(Option<Shown>);
+pub struct ProgressDisplay(Option<ProgressOutput>);
 
-struct Shown {
-    shared: Arc<Shared>,
+struct ProgressOutput {
+    shared: Arc<ProgressShared>,
     bar: Option<ProgressBar>,
     writer: Option<JoinHandle<()>>,
 }
 
-struct Shared {
+struct ProgressShared {
     begun: Instant,
-    state: Mutex<State>,
+    state: Mutex<ProgressState>,
     over: Condvar,
 }
 
-impl Progress {
+impl ProgressDisplay {
     /// Progress on standard error; none where `quiet`.
-    pub fn new(quiet: bool) -> Progress {
+    pub fn new(quiet: bool) -> ProgressDisplay {
         if quiet {
-            return Progress(None);
+            return ProgressDisplay(None);
         }
         if std::io::stderr().is_terminal() {
-            return Progress(Some(Shown { shared: Shared::new(INTERVAL), bar: Some(bar()), writer: None }));
+            return ProgressDisplay(Some(ProgressOutput {
+                shared: ProgressShared::new(INTERVAL),
+                bar: Some(bar()),
+                writer: None,
+            }));
         }
-        Progress::lines(INTERVAL, std::io::stderr())
+        ProgressDisplay::lines(INTERVAL, std::io::stderr())
     }
 
     /// A line on `out` every `interval`, whether or not there is news.
-    fn lines(interval: Duration, mut out: impl Write + Send + 'static) -> Progress {
-        let shared = Shared::new(interval);
+    fn lines(interval: Duration, mut out: impl Write + Send + 'static) -> ProgressDisplay {
+        let shared = ProgressShared::new(interval);
         let of_thread = shared.clone();
         let write = move || {
             let mut state = of_thread.lock();
@@ -67,7 +71,7 @@ impl Progress {
         };
         // Without a spare thread there is no progress display.
         let writer = std::thread::Builder::new().name("progress".to_owned()).spawn(write).ok();
-        Progress(Some(Shown { shared, bar: None, writer }))
+        ProgressDisplay(Some(ProgressOutput { shared, bar: None, writer }))
     }
 
     /// Starts another stage. The estimate of the time left restarts; repeating the current stage has no effect.
@@ -85,7 +89,7 @@ impl Progress {
         self.change(|state, _| (state.parts, state.at) = (parts.to_owned(), at.to_owned()));
     }
 
-    fn change(&self, how: impl FnOnce(&mut State, Duration)) {
+    fn change(&self, how: impl FnOnce(&mut ProgressState, Duration)) {
         let Some(shown) = &self.0 else { return };
         let now = shown.shared.begun.elapsed();
         let mut state = shown.shared.lock();
@@ -102,7 +106,7 @@ impl Progress {
     }
 }
 
-impl Drop for Progress {
+impl Drop for ProgressDisplay {
     fn drop(&mut self) {
         let Some(shown) = &mut self.0 else { return };
         shown.shared.lock().over = true;
@@ -117,13 +121,13 @@ impl Drop for Progress {
     }
 }
 
-impl Shared {
-    fn new(interval: Duration) -> Arc<Shared> {
-        let state = Mutex::new(State { interval, next: interval, ..State::default() });
-        Arc::new(Shared { begun: Instant::now(), state, over: Condvar::new() })
+impl ProgressShared {
+    fn new(interval: Duration) -> Arc<ProgressShared> {
+        let state = Mutex::new(ProgressState { interval, next: interval, ..ProgressState::default() });
+        Arc::new(ProgressShared { begun: Instant::now(), state, over: Condvar::new() })
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, ProgressState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -142,7 +146,7 @@ fn style(measured: bool) -> ProgressStyle {
 
 /// The current stage and its start. It does not read a clock: the time since the beginning is an argument.
 #[derive(Debug, Default)]
-struct State {
+struct ProgressState {
     /// Prefix of each stage.
     within: String,
     what: String,
@@ -158,10 +162,10 @@ struct State {
     over: bool,
 }
 
-impl State {
+impl ProgressState {
     fn stage(&mut self, now: Duration, what: &str) {
         if self.what != what {
-            *self = State {
+            *self = ProgressState {
                 within: std::mem::take(&mut self.within),
                 what: what.to_owned(),
                 begun: now,
@@ -169,7 +173,7 @@ impl State {
                 interval: self.interval,
                 next: self.next,
                 over: self.over,
-                ..State::default()
+                ..ProgressState::default()
             };
         }
     }
@@ -212,7 +216,7 @@ impl State {
 }
 
 /// Which trials of a search are at work, and the best so far.
-fn within(rows: &[Row], trials: usize, best: Option<&Scored>) -> String {
+fn within(rows: &[SearchTrial], trials: usize, best: Option<&SearchTrialScore>) -> String {
     let ends = rows.first().zip(rows.last()).map(|(first, last)| match (first.rung, first.trial == last.trial) {
         (1, true) => format!("trial {} of {trials}", first.trial),
         (1, false) => format!("trials {} to {} of {trials}", first.trial, last.trial),
@@ -231,7 +235,7 @@ fn spelt(time: Duration) -> String {
     }
 }
 
-impl Listener for Progress {
+impl Listener for ProgressDisplay {
     fn hear(&self, event: &Event) {
         match event {
             Event::Reading { table, step } => {
@@ -252,7 +256,7 @@ impl Listener for Progress {
                 self.stage(&format!("computing {table}"));
                 self.set(0, *units);
             }
-            Event::Unit { outcome: crate::run::Outcome::Computed | crate::run::Outcome::Failed, .. } => {
+            Event::Unit { outcome: crate::run::UnitOutcome::Computed | crate::run::UnitOutcome::Failed, .. } => {
                 self.change(|state, _| state.done = (state.done + 1).min(state.all));
             }
             Event::Unit { .. } => {}
@@ -284,7 +288,7 @@ mod tests {
 
     #[test]
     fn r10_no_estimate_before_there_is_one() {
-        let mut state = State { interval: seconds(10), next: seconds(10), ..State::default() };
+        let mut state = ProgressState { interval: seconds(10), next: seconds(10), ..ProgressState::default() };
         state.stage(seconds(0), "simulating flights");
         assert_eq!(state.text(seconds(60)), "simulating flights");
         (state.done, state.all, state.parts) = (0, 9, "lines".to_owned());
@@ -301,7 +305,7 @@ mod tests {
 
     #[test]
     fn r10_a_line_is_due_every_ten_seconds() {
-        let mut state = State { interval: seconds(10), next: seconds(10), ..State::default() };
+        let mut state = ProgressState { interval: seconds(10), next: seconds(10), ..ProgressState::default() };
         assert_eq!(state.due(seconds(10)), None, "there is nothing to say yet");
         state.stage(seconds(10), "gridding");
         let told: Vec<u64> = (10..=75).filter(|s| state.due(seconds(*s)).is_some()).collect();
@@ -326,7 +330,7 @@ mod tests {
     #[test]
     fn r10_lines_come_by_themselves_and_are_plain() {
         let kept = Kept::default();
-        let progress = Progress::lines(Duration::from_millis(5), kept.clone());
+        let progress = ProgressDisplay::lines(Duration::from_millis(5), kept.clone());
         progress.stage("computing track");
         progress.set(1, 4);
         // The thread gets no messages while it waits, as from a stage that works for minutes.
@@ -345,27 +349,34 @@ mod tests {
 
     #[test]
     fn r10_what_is_read_or_simulated_is_named() {
-        use crate::sources::ReadStep;
-        let progress = Progress::lines(seconds(60), Kept::default());
+        use crate::sources::ReadProgress;
+        let progress = ProgressDisplay::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
         let file = std::path::Path::new("flights/osborne.synth.toml");
-        let step = ReadStep { simulated: true, lines: 3, of_lines: Some(9), ..ReadStep::of_file(file, 0, 1) };
+        let step = ReadProgress { simulated: true, lines: 3, of_lines: Some(9), ..ReadProgress::of_file(file, 0, 1) };
         progress.hear(&Event::Reading { table: "flights", step: &step });
         assert_eq!(text(), "simulating flights, osborne.synth.toml: 3 of 9 lines");
-        let step = ReadStep { lines: 12, ..ReadStep::of_file(std::path::Path::new("a/1003.csv"), 1, 4) };
+        let step = ReadProgress { lines: 12, ..ReadProgress::of_file(std::path::Path::new("a/1003.csv"), 1, 4) };
         progress.hear(&Event::Reading { table: "flights", step: &step });
         assert_eq!(text(), "reading flights, 1003.csv, line 12: 1 of 4 files");
     }
 
     #[test]
     fn unit_a_search_names_its_trials_and_the_best() {
-        let progress = Progress::lines(seconds(60), Kept::default());
+        let progress = ProgressDisplay::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
-        let row = |trial, rung| Row { trial, generation: 1, rung, values: vec![] };
+        let row = |trial, rung| SearchTrial { trial, generation: 1, rung, values: vec![] };
         progress.hear(&Event::Searching { rows: &[row(1, 1), row(2, 1)], trials: 8, best: None });
         progress.hear(&Event::Computing { table: "clean", units: 3 });
         assert_eq!(text(), "trials 1 to 2 of 8: computing clean: 0 of 3");
-        let best = Scored { row: row(2, 1), goal: Some(3.25), cost: Some(3.25), lines: 1, error: None, promoted: true };
+        let best = SearchTrialScore {
+            row: row(2, 1),
+            goal: Some(3.25),
+            cost: Some(3.25),
+            lines: 1,
+            error: None,
+            promoted: true,
+        };
         progress.hear(&Event::Searching { rows: &[row(2, 2)], trials: 8, best: Some(&best) });
         progress.hear(&Event::Computing { table: "terms", units: 0 });
         assert_eq!(text(), "1 trial of 8 at rung 2, best 3.250 (trial 2): computing terms");
@@ -376,7 +387,7 @@ mod tests {
 
     #[test]
     fn unit_quiet_says_nothing() {
-        let progress = Progress::new(true);
+        let progress = ProgressDisplay::new(true);
         progress.stage("x");
         progress.set(1, 2);
         assert!(progress.0.is_none());

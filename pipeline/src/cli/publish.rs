@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use clap::Args;
-use schemas::{Entry, one_line};
+use schemas::{StageEntry, one_line};
 use serde_json::json;
 
-use super::{SpecArgs, Stop, counted, note, say, temporary::Private, with_graph};
+use super::{ExitReason, SpecArgs, counted, note, say, temporary::TemporaryFolder, with_graph};
 use crate::{
     read_spec,
-    release::{self, Published, Request},
-    remote::{Place, place, supported},
+    release::{self, ReleaseRequest, ReleaseSummary},
+    remote::{StorageLocation, place, supported},
     views::report,
 };
 
@@ -38,24 +38,28 @@ pub struct PublishArgs {
     threads: Option<usize>,
 }
 
-pub fn run(catalogue: &[Entry], args: &PublishArgs) -> Result<(), Stop> {
+pub fn run(catalogue: &[StageEntry], args: &PublishArgs) -> Result<(), ExitReason> {
     // Checked before anything is opened: publishing does not create a store.
     let spec = read_spec(&args.spec.spec, &args.spec.sets)?;
     release::facts(&spec)?;
     report::was_run(&spec)?;
     let mut folder = None;
     let (to, address) = match place(&args.to)? {
-        Place::Path(path) => (path, None),
-        Place::Object(address) => {
+        StorageLocation::Path(path) => (path, None),
+        StorageLocation::Object(address) => {
             supported()?;
             // The name of the data set, in a folder of its own.
             let name = address.key.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or("set").to_owned();
-            let own = folder.insert(Private::new()?);
+            let own = folder.insert(TemporaryFolder::new()?);
             (own.path().join(name), Some(address))
         }
     };
-    let request =
-        Request { tables: &args.tables, to: &to, replace: args.replace, include_restricted: args.include_restricted };
+    let request = ReleaseRequest {
+        tables: &args.tables,
+        to: &to,
+        replace: args.replace,
+        include_restricted: args.include_restricted,
+    };
     let answer = super::threads::pool(args.threads)?.install(|| {
         with_graph(catalogue, &args.spec, |graph, store| {
             let mut done = release::release(graph, store, &request)?;
@@ -69,7 +73,7 @@ pub fn run(catalogue: &[Entry], args: &PublishArgs) -> Result<(), Stop> {
     answer
 }
 
-fn as_json(done: &Published, to: &str) -> String {
+fn as_json(done: &ReleaseSummary, to: &str) -> String {
     let rule = |name: &String| done.rules.iter().find(|(table, _)| table == name).map(|(_, rule)| rule);
     let one = |(name, rows, files): &(String, u64, usize)| json!({ "table": name, "rows": rows, "files": files, "rule": rule(name) });
     let tables: Vec<_> = done.tables.iter().map(one).collect();
@@ -80,7 +84,7 @@ fn as_json(done: &Published, to: &str) -> String {
     format!("{text}\n")
 }
 
-fn as_text(done: &Published, to: &str) -> String {
+fn as_text(done: &ReleaseSummary, to: &str) -> String {
     let mut text = String::new();
     for (name, rows, files) in &done.tables {
         let (rows, files) = (counted(usize::try_from(*rows).unwrap_or(usize::MAX), "row"), counted(*files, "file"));
@@ -111,7 +115,7 @@ fn as_text(done: &Published, to: &str) -> String {
 }
 
 /// Checks a published data set.
-pub fn verify(folder: &Path) -> Result<(), Stop> {
+pub fn verify(folder: &Path) -> Result<(), ExitReason> {
     let found = release::verify(folder)?;
     let read = format!(
         "{}, {}",
@@ -125,5 +129,5 @@ pub fn verify(folder: &Path) -> Result<(), Stop> {
     for (file, why) in &found.faults {
         text += &format!("\n  {}: {}", one_line(file), one_line(why));
     }
-    Err(Stop::Failed(text))
+    Err(ExitReason::Failed(text))
 }

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use schemas::{Entry, Fault};
+use schemas::{Fault, StageEntry};
 
-use super::{SpecArgs, Stop, with_graph};
+use super::{ExitReason, SpecArgs, with_graph};
 use crate::{
     read_spec,
-    views::report::{self, Choice},
+    views::report::{self, TrackSelection},
 };
 
 #[derive(Args)]
@@ -26,32 +26,32 @@ pub struct ReportArgs {
     line: Vec<String>,
 }
 
-/// Form of the output.
-enum Form {
+/// File format of a report.
+enum ReportFormat {
     Page,
     Kml,
     Kmz,
 }
 
-pub fn run(catalogue: &[Entry], args: &ReportArgs) -> Result<(), Stop> {
+pub fn run(catalogue: &[StageEntry], args: &ReportArgs) -> Result<(), ExitReason> {
     // Checked before anything is opened: a report does not create a store.
     report::was_run(&read_spec(&args.spec.spec, &args.spec.sets)?)?;
     let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase());
     let form = match ending.as_deref() {
-        Some("kml") => Form::Kml,
-        Some("kmz") => Form::Kmz,
-        Some("html" | "htm") | None => Form::Page,
+        Some("kml") => ReportFormat::Kml,
+        Some("kmz") => ReportFormat::Kmz,
+        Some("html" | "htm") | None => ReportFormat::Page,
         Some(other) => {
             let fault = Fault::new(format!("a report cannot be written as `.{other}`"));
             return Err(fault.help("use the extension .html for a page, or .kml or .kmz for tracks").into());
         }
     };
-    if matches!(form, Form::Page) && !(args.table.is_empty() && args.line.is_empty()) {
+    if matches!(form, ReportFormat::Page) && !(args.table.is_empty() && args.line.is_empty()) {
         let fault = Fault::new("`--table` and `--line` cannot be combined with an HTML page");
         return Err(fault.help("remove `--table` and `--line`, or use the extension .kml or .kmz").into());
     }
     let stem = args.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let choice = Choice { tables: &args.table, lines: &args.line };
+    let choice = TrackSelection { tables: &args.table, lines: &args.line };
     with_graph(catalogue, &args.spec, |graph, store| {
         let mut written = vec![];
         let mut write = |path: &Path, bytes: &[u8]| {
@@ -59,9 +59,9 @@ pub fn run(catalogue: &[Entry], args: &ReportArgs) -> Result<(), Stop> {
             report::write(path, bytes)
         };
         match form {
-            Form::Page => write(&args.output, report::report(graph, store)?.as_bytes())?,
-            Form::Kmz => write(&args.output, &report::kml(graph, store, &choice, &stem)?.kmz()?)?,
-            Form::Kml => {
+            ReportFormat::Page => write(&args.output, report::report(graph, store)?.as_bytes())?,
+            ReportFormat::Kmz => write(&args.output, &report::kml(graph, store, &choice, &stem)?.kmz()?)?,
+            ReportFormat::Kml => {
                 let made = report::kml(graph, store, &choice, &stem)?;
                 for (name, bytes) in &made.files {
                     write(&args.output.with_file_name(name), bytes)?;

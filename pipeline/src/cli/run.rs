@@ -3,17 +3,17 @@
 use std::sync::atomic::Ordering;
 
 use clap::Args;
-use schemas::{Entry, Fault};
+use schemas::{Fault, StageEntry};
 
 use super::{
-    QUIET, SpecArgs, Stop, counted, engine, events, interrupt, note, progress::Progress, say, schedule, tell, tend,
-    threads,
+    ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, progress::ProgressDisplay, say, schedule,
+    tell, tend, threads,
 };
 use crate::{
     plan::Plan,
     read_spec,
-    run::{Engine, Event, Listener, Options, Summary, again, said_once, search},
-    spec::Faults,
+    run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, said_once, search},
+    spec::SpecFaults,
     store,
     views::{self, score_table, scores, warnings},
 };
@@ -79,7 +79,7 @@ an input is wrong, nothing was run; 3 another run of the pipeline holds the lock
 ///
 /// # Errors
 /// Fails when something of it fails, and when it is stopped.
-pub fn run(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Stop> {
+pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<(), ExitReason> {
     let engine = engine::engine(&args.engine, args.threads)?;
     let watch = schedule::watch(&args.schedule, &args.spec)?;
     interrupt::listen();
@@ -105,12 +105,12 @@ fn unused(bytes: u64) -> Option<String> {
 
 /// A finished run, and its messages for the user.
 fn ran(
-    catalogue: &[Entry],
+    catalogue: &[StageEntry],
     args: &RunArgs,
     compact: bool,
-    engine: &dyn Engine,
-    watch: &schedule::Watch,
-) -> Result<(Result<(), Stop>, Summary), Stop> {
+    engine: &dyn TaskEngine,
+    watch: &schedule::RunWatch,
+) -> Result<(Result<(), ExitReason>, RunSummary), ExitReason> {
     let read = || {
         let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
         if let Some(other) = views::made_by_another(&spec).filter(|_| !args.take_over) {
@@ -126,16 +126,17 @@ fn ran(
     let (plan, store, publisher) = args.schedule.enter(&read, watch)?;
     let named = args.schedule.named(&plan)?;
     let pool = threads::pool(args.threads)?;
-    let options = Options { wait: false, compact, retries: args.engine.retries, engine, until: named.until };
+    let options = RunOptions { wait: false, compact, retries: args.engine.retries, engine, until: named.until };
     watch.begin(&plan);
     let limit = args.schedule.limit();
-    let run = |listener: &dyn Listener| -> Result<(Plan, Summary), Faults> {
-        let but_the_end = schedule::ButTheEnd(listener);
+    let run = |listener: &dyn Listener| -> Result<(Plan, RunSummary), SpecFaults> {
+        let but_the_end = schedule::FinishFilter(listener);
         let heard: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
-        let (plan, mut summary) = search(plan, catalogue, &store, &publisher, options, &schedule::Both(watch, heard))?;
+        let (plan, mut summary) =
+            search(plan, catalogue, &store, &publisher, options, &schedule::ListenerPair(watch, heard))?;
         if let Some(table) = named.force {
             if !summary.interrupted {
-                match again(&plan, &store, table, &schedule::Working(listener))? {
+                match again(&plan, &store, table, &schedule::ProgressFilter(listener))? {
                     Some(found) => schedule::told_again(&mut summary, found),
                     None => summary.interrupted = true,
                 }
@@ -145,10 +146,10 @@ fn ran(
         Ok((plan, summary))
     };
     let (plan, summary) = if args.json {
-        let json = events::Json::new();
+        let json = events::JsonEvents::new();
         pool.install(|| run(&json))?
     } else {
-        let progress = Progress::new(args.quiet);
+        let progress = ProgressDisplay::new(args.quiet);
         pool.install(|| run(&progress))?
     };
     drop(limit);
@@ -159,7 +160,7 @@ fn ran(
 }
 
 /// The summary of a run without `--json`.
-fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
+fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitReason> {
     let table = format!("{}.warnings", plan.spec.name);
     let warned = warnings::told(&summary.warnings, &table);
     if quiet {
@@ -181,7 +182,7 @@ fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
 }
 
 /// The outcome of each table.
-fn table_of(summary: &Summary) -> String {
+fn table_of(summary: &RunSummary) -> String {
     let words = |w: [&str; 5]| w.map(str::to_owned).to_vec();
     let mut rows = vec![words(["table", "computed", "reused", "failed", "skipped"])];
     for (name, c) in &summary.tables {
@@ -197,7 +198,7 @@ fn table_of(summary: &Summary) -> String {
 }
 
 /// The pooled scores of each table of scores, as wide as the terminal.
-fn scores_of(summary: &Summary) -> String {
+fn scores_of(summary: &RunSummary) -> String {
     const ROWS: usize = 100;
     let width = console::Term::stdout().size_checked().map_or(score_table::WIDTH, |(_, columns)| usize::from(columns));
     let one = |(name, found): &(String, scores::Scores)| {
@@ -206,9 +207,9 @@ fn scores_of(summary: &Summary) -> String {
     summary.scores.iter().map(one).collect()
 }
 
-fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
+fn ending(summary: &RunSummary, json: bool) -> Result<(), ExitReason> {
     if summary.interrupted {
-        return Err(if schedule::is_out_of_time() { Stop::OutOfTime } else { Stop::Interrupted });
+        return Err(if schedule::is_out_of_time() { ExitReason::OutOfTime } else { ExitReason::Interrupted });
     }
     if summary.failures.is_empty() {
         return Ok(());
@@ -237,5 +238,5 @@ fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
         let which = if differ > 0 { "failures of the run" } else { "all failures" };
         text.push_str(&format!("\n{which} are in {}", summary.folder.join("failures").display()));
     }
-    Err(Stop::Failed(if json { String::new() } else { text }))
+    Err(ExitReason::Failed(if json { String::new() } else { text }))
 }

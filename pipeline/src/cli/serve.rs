@@ -4,7 +4,7 @@ use std::{net::SocketAddr, path::PathBuf};
 
 use clap::Args;
 
-use super::Stop;
+use super::ExitReason;
 use crate::views::sql::memory;
 
 /// The arguments of a server.
@@ -41,22 +41,22 @@ pub struct ServeArgs {
 
 /// Serves until it is interrupted.
 #[cfg(not(feature = "serve"))]
-pub fn run(_: &ServeArgs) -> Result<(), Stop> {
+pub fn run(_: &ServeArgs) -> Result<(), ExitReason> {
     let what = "error: this magline was built without the feature `serve`\n  help: build it with `cargo build \
                 --features magline/serve`";
-    Err(Stop::Wrong(what.to_owned()))
+    Err(ExitReason::Wrong(what.to_owned()))
 }
 
 /// Serves until it is interrupted.
 #[cfg(feature = "serve")]
-pub fn run(args: &ServeArgs) -> Result<(), Stop> {
+pub fn run(args: &ServeArgs) -> Result<(), ExitReason> {
     use std::{fs, path::Path, time::Duration};
 
     use schemas::Fault;
     use tokio::sync::watch;
 
-    use super::{note, say::err, temporary::Private, tend};
-    use crate::serve::{Settings, Token, serve};
+    use super::{note, say::err, temporary::TemporaryFolder, tend};
+    use crate::serve::{ServerSettings, Token, serve};
 
     if !tend::is_store(&args.store) {
         let fault = Fault::new(format!("{} is not a store", args.store.display()));
@@ -88,8 +88,8 @@ pub fn run(args: &ServeArgs) -> Result<(), Stop> {
             std::process::exit(130);
         }
     });
-    let spill = Private::new()?;
-    let settings = Settings {
+    let spill = TemporaryFolder::new()?;
+    let settings = ServerSettings {
         program: super::engine::program()?,
         store: args.store.clone(),
         bind: args.bind,

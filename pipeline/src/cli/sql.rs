@@ -13,13 +13,13 @@ use clap::Args;
 use schemas::Fault;
 
 use super::{
-    Stop, answer, guard, located,
+    ExitReason, answer, guard, located,
     say::err,
-    temporary::{self, Private},
+    temporary::{self, TemporaryFolder},
 };
 use crate::{
     store::pulled,
-    views::sql::{Question, Sink, memory, sql},
+    views::sql::{BatchSink, StoreQuery, memory, sql},
 };
 
 /// The arguments of a query.
@@ -36,7 +36,7 @@ pub struct SqlArgs {
     store: PathBuf,
     /// The output format.
     #[arg(long, value_enum, default_value_t)]
-    format: answer::Format,
+    format: answer::AnswerFormat,
     /// The output file; standard output by default.
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -50,10 +50,10 @@ pub struct SqlArgs {
 }
 
 /// Runs the query.
-pub fn run(args: &SqlArgs) -> Result<(), Stop> {
+pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
     let memory = args.memory_limit.unwrap_or_else(memory::by_default);
     let Some(spill) = guard::folder() else {
-        let folder = Private::new()?;
+        let folder = TemporaryFolder::new()?;
         let unfinished = |process| args.output.as_deref().map(|path| answer::unfinished(path, process));
         return guard::run(memory, folder.path(), unfinished);
     };
@@ -69,13 +69,13 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
     }
     let query = query(args)?;
     pulled(&args.store)?;
-    let question = Question { store: &args.store, query: &query, memory, spill };
-    let answer = answer::Answer::new(args.format, args.output.as_deref())?;
+    let question = StoreQuery { store: &args.store, query: &query, memory, spill };
+    let answer = answer::AnswerWriter::new(args.format, args.output.as_deref())?;
     let Some(most) = args.max_rows else {
         let mut answer = answer;
         return Ok(answered(&question, &mut answer)?);
     };
-    let mut first = First { answer, left: most, cut: None };
+    let mut first = RowLimiter { answer, left: most, cut: None };
     answered(&question, &mut first)?;
     if let Some(schema) = first.cut.take() {
         first.answer.finish(&schema)?;
@@ -85,7 +85,7 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
 }
 
 /// Answers a question; a panic of DataFusion, such as one of a text that is too long for its offsets, is an error.
-fn answered(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
+fn answered(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     let asked = catch_unwind(AssertUnwindSafe(|| sql(question, sink)));
     asked.unwrap_or_else(|_| Err(memory::fault(question.memory)))
 }
@@ -109,15 +109,15 @@ fn query(args: &SqlArgs) -> Result<String, Fault> {
     }
 }
 
-/// The first rows of an answer.
-struct First {
-    answer: answer::Answer,
+/// Writer of the first rows of a query result, up to a limit.
+struct RowLimiter {
+    answer: answer::AnswerWriter,
     left: usize,
     /// The schema, once there are rows.
     cut: Option<SchemaRef>,
 }
 
-impl Sink for First {
+impl BatchSink for RowLimiter {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
         let rows = batch.num_rows().min(self.left);
         self.left -= rows;

@@ -9,18 +9,18 @@ use std::{
 };
 
 use clap::Args;
-use schemas::{Entry, Fault, render};
+use schemas::{Fault, StageEntry, render};
 
 use super::{
-    SpecArgs, Stop, counted, interrupt, is_quiet, located, note, open, plan,
-    progress::Progress,
+    ExitReason, SpecArgs, counted, interrupt, is_quiet, located, note, open, plan,
+    progress::ProgressDisplay,
     say::{err, out},
     tend::age,
     threads,
 };
 use crate::{
-    run::{self, Event, INTERRUPTED, Limits, Listener, Receipt, Task},
-    sources::ReadStep,
+    run::{self, Event, INTERRUPTED, Listener, Receipt, Task, WorkerLimits},
+    sources::ReadProgress,
     store::Store,
 };
 
@@ -106,16 +106,16 @@ fn share(text: &str) -> Result<(usize, usize), String> {
 ///
 /// # Errors
 /// Fails when the spec is wrong, or a source or the store cannot be read.
-pub fn tasks(catalogue: &[Entry], args: &TasksArgs) -> Result<(), Stop> {
+pub fn tasks(catalogue: &[StageEntry], args: &TasksArgs) -> Result<(), ExitReason> {
     interrupt::listen();
     super::QUIET.store(args.quiet, Ordering::Relaxed);
     let plan = plan(catalogue, &args.spec)?;
     let store = open(&plan.spec)?;
-    let progress = Progress::new(args.quiet);
-    let tick = |table: &str, step: &ReadStep| progress.hear(&Event::Reading { table, step });
+    let progress = ProgressDisplay::new(args.quiet);
+    let tick = |table: &str, step: &ReadProgress| progress.hear(&Event::Reading { table, step });
     let mut plan = run::settled(plan, catalogue, &store, &tick)?;
     plan.spec.verify_inputs = args.verify_inputs;
-    let options = run::Options { retries: args.retries, ..run::Options::default() };
+    let options = run::RunOptions { retries: args.retries, ..run::RunOptions::default() };
     let listed = run::list(&plan, &store, options, args.units, args.table.as_deref(), &tick)?;
     drop(progress);
     let mut text = String::new();
@@ -143,13 +143,13 @@ pub fn tasks(catalogue: &[Entry], args: &TasksArgs) -> Result<(), Stop> {
 ///
 /// # Errors
 /// Fails when there is no store, a task is refused, or a unit has no answer.
-pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
+pub fn task(catalogue: &[StageEntry], args: &TaskArgs) -> Result<(), ExitReason> {
     interrupt::withdraw();
     args.parent.into_iter().for_each(interrupt::with_parent);
     super::QUIET.store(args.quiet, Ordering::Relaxed);
     let store = Store::join(&args.store)?;
     let pool = threads::pool(args.threads)?;
-    let limits = Limits { retries: args.retries, unit_timeout: args.unit_timeout };
+    let limits = WorkerLimits { retries: args.retries, unit_timeout: args.unit_timeout };
     let mut wrong = 0;
     let (served, wrong) = pool.install(|| {
         let mut found =
@@ -169,7 +169,7 @@ pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
         (served, wrong)
     });
     if INTERRUPTED.load(Ordering::Relaxed) {
-        return Err(Stop::Interrupted);
+        return Err(ExitReason::Interrupted);
     }
     let mut ends = vec![];
     if served.unanswered > 0 {
@@ -177,12 +177,12 @@ pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
     }
     if served.refused + wrong > 0 {
         ends.push(format!("{} rejected", counted(served.refused + wrong, "task")));
-        return Err(Stop::Wrong(ends.join("; ")));
+        return Err(ExitReason::Wrong(ends.join("; ")));
     }
     match ends.join("; ") {
         text if text.is_empty() => Ok(()),
-        _ if args.quiet => Err(Stop::Failed(String::new())),
-        text => Err(Stop::Failed(text)),
+        _ if args.quiet => Err(ExitReason::Failed(String::new())),
+        text => Err(ExitReason::Failed(text)),
     }
 }
 

@@ -19,15 +19,15 @@ use crate::store::{own_folder, sweep};
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);
 
 /// A temporary file: removed when it goes out of scope, or when the command is interrupted.
-pub struct Temporary(PathBuf);
+pub struct TemporaryFile(PathBuf);
 
-impl Temporary {
+impl TemporaryFile {
     /// Registers a file or folder that will be made at `path`.
-    pub fn new(path: PathBuf) -> Temporary {
+    pub fn new(path: PathBuf) -> TemporaryFile {
         if let Ok(mut list) = UNFINISHED.lock() {
             list.push(path.clone());
         }
-        Temporary(path)
+        TemporaryFile(path)
     }
 
     /// Its path.
@@ -36,33 +36,33 @@ impl Temporary {
     }
 }
 
-impl Drop for Temporary {
+impl Drop for TemporaryFile {
     fn drop(&mut self) {
         remove(&self.0);
     }
 }
 
-/// A private folder for temporary files, below the system's: others can neither read nor prepare it. It is removed when it goes
-/// out of scope, and after a kill by the next command of the same user.
-pub struct Private {
-    folder: Temporary,
+/// A private folder for temporary files, below the system's: others can neither read nor prepare it. It is removed when
+/// it goes out of scope, and after a kill by the next command of the same user.
+pub struct TemporaryFolder {
+    folder: TemporaryFile,
     base: PathBuf,
     // Held as long as the folder is used, which says so to those that sweep.
     _lock: File,
 }
 
-impl Private {
+impl TemporaryFolder {
     /// A new one.
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn new() -> Result<Private, Fault> {
+    pub fn new() -> Result<TemporaryFolder, Fault> {
         let temporary = env::temp_dir();
         let make = || {
             let base = base(&temporary)?;
             sweep(&base);
             let (path, lock) = own_folder(&base)?;
-            Ok(Private { folder: Temporary::new(path), base, _lock: lock })
+            Ok(TemporaryFolder { folder: TemporaryFile::new(path), base, _lock: lock })
         };
         let failed = |e: io::Error| Fault::machine(format!("cannot make a folder in {}: {e}", temporary.display()));
         // Another command may remove the common folder when it ends.
@@ -75,7 +75,7 @@ impl Private {
     }
 }
 
-impl Drop for Private {
+impl Drop for TemporaryFolder {
     fn drop(&mut self) {
         remove(self.folder.path());
         // Only the last one finds it empty.

@@ -8,7 +8,7 @@ use std::{
 use clap::Args;
 use schemas::{Fault, one_line};
 
-use super::{Stop, counted, located, progress::Progress, say};
+use super::{ExitReason, counted, located, progress::ProgressDisplay, say};
 use crate::{
     store::{Store, is_copy, pulled, scrub, shown, tend},
     views::{history, text},
@@ -29,7 +29,7 @@ pub fn is_store(folder: &Path) -> bool {
 
 impl StoreArgs {
     /// The store in a folder.
-    pub fn of(store: PathBuf) -> StoreArgs {
+    pub fn new(store: PathBuf) -> StoreArgs {
         StoreArgs { store }
     }
 
@@ -99,9 +99,9 @@ pub fn bytes(n: u64) -> String {
 }
 
 /// Removes results that no version references.
-pub fn gc(args: &GcArgs) -> Result<(), Stop> {
+pub fn gc(args: &GcArgs) -> Result<(), ExitReason> {
     let store = args.store.open()?;
-    let what = tend::Collect { keep: args.keep, older_than: args.older_than, dry: !args.yes };
+    let what = tend::GcOptions { keep: args.keep, older_than: args.older_than, dry: !args.yes };
     let done = tend::collect(&store, what)?;
     let verb = if args.yes { "removed" } else { "would remove" };
     let packs = format!("{} of unreferenced results ({})", counted(done.packs, "file"), bytes(done.bytes));
@@ -123,7 +123,7 @@ pub fn gc(args: &GcArgs) -> Result<(), Stop> {
 }
 
 /// Lists the tables.
-pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), Stop> {
+pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), ExitReason> {
     let root = args.root()?;
     let found = tend::list(root)?;
     let names = tend::pipelines(root);
@@ -144,7 +144,7 @@ pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), Stop> {
 }
 
 /// Removes a pipeline or a table.
-pub fn rm(args: &StoreArgs, name: &str) -> Result<(), Stop> {
+pub fn rm(args: &StoreArgs, name: &str) -> Result<(), ExitReason> {
     let store = args.open()?;
     let (pipeline, table) = name.split_once('.').map_or((name, None), |(p, t)| (p, Some(t)));
     tend::remove(&store, pipeline, table)?;
@@ -152,7 +152,7 @@ pub fn rm(args: &StoreArgs, name: &str) -> Result<(), Stop> {
 }
 
 /// The history of runs, or what changed between two.
-pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)>) -> Result<(), Stop> {
+pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)>) -> Result<(), ExitReason> {
     let root = args.root()?;
     say(match (pipeline, between) {
         (Some(pipeline), Some((a, b))) => history::between(root, pipeline, a, b)?,
@@ -161,11 +161,11 @@ pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)
 }
 
 /// Reads every byte.
-pub fn verify(args: &StoreArgs) -> Result<(), Stop> {
+pub fn verify(args: &StoreArgs) -> Result<(), ExitReason> {
     let root = args.root()?;
     let damaged_mark = scrub::mark_is_damaged(root);
     let store = Store::open(root);
-    let progress = Progress::new(false);
+    let progress = ProgressDisplay::new(false);
     progress.stage("reading the store");
     progress.detail("files", "");
     let tick = |i, all| progress.set(i, all);
@@ -188,5 +188,5 @@ pub fn verify(args: &StoreArgs) -> Result<(), Stop> {
         text += &format!("\n  {}: {}", one_line(&path.to_string_lossy()), one_line(why));
     }
     text += "\nrun the specs again: damaged results are recomputed and published again";
-    Err(Stop::Failed(text))
+    Err(ExitReason::Failed(text))
 }

@@ -4,7 +4,7 @@ use std::thread::available_parallelism;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::Stop;
+use super::ExitReason;
 
 /// This number of threads is accepted on any machine, so that a script for a larger one still runs.
 const ALWAYS: usize = 64;
@@ -38,7 +38,7 @@ pub fn count(text: &str) -> Result<usize, String> {
 ///
 /// # Errors
 /// Fails when the system refuses the threads.
-pub fn pool(threads: Option<usize>) -> Result<ThreadPool, Stop> {
+pub fn pool(threads: Option<usize>) -> Result<ThreadPool, ExitReason> {
     let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_else(cores)).build();
-    pool.map_err(|e| Stop::Failed(format!("error: cannot start threads: {e}")))
+    pool.map_err(|e| ExitReason::Failed(format!("error: cannot start threads: {e}")))
 }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-/// One observation: the amounts of each kind of work, and what all of it together cost.
+/// One observation: the amounts of each kind of work, and their total cost.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sample {
+pub struct CostSample {
     /// Names and amounts.
     pub amounts: Vec<(String, f64)>,
     /// Measured value.
@@ -15,7 +15,7 @@ pub struct Sample {
 
 /// Cost of a unit of each kind of work.
 #[derive(Clone, Debug)]
-pub struct Prices {
+pub struct UnitPrices {
     found: BTreeMap<String, f64>,
     usual: fn(&str) -> f64,
 }
@@ -23,8 +23,8 @@ pub struct Prices {
 /// Passes over all samples.
 const PASSES: usize = 3000;
 
-/// Amounts that one price multiplies.
-struct Column<'a> {
+/// Weighted amounts of one kind of work in all samples, and its price.
+struct PriceColumn<'a> {
     name: &'a str,
     /// Weighted amount in each sample that has some of it.
     rows: Vec<(usize, f64)>,
@@ -32,16 +32,16 @@ struct Column<'a> {
     price: f64,
 }
 
-impl Prices {
+impl UnitPrices {
     /// The prices, all of them `usual`.
-    pub fn usual(usual: fn(&str) -> f64) -> Prices {
-        Prices { found: BTreeMap::new(), usual }
+    pub fn usual(usual: fn(&str) -> f64) -> UnitPrices {
+        UnitPrices { found: BTreeMap::new(), usual }
     }
 
-    /// The prices that fit `samples` best: the least sum of squares of weight times error, none of them negative. They begin
-    /// as `usual`, which is positive, and each pass multiplies them by what the samples ask for over what they give, so that
-    /// prices which the samples do not tell apart keep their proportion. [Lee & Seung 2001, theorem 1]
-    pub fn of(samples: &[Sample], usual: fn(&str) -> f64) -> Prices {
+    /// The prices that fit `samples` best: the least sum of squares of weight times error, none of them negative. They
+    /// begin as `usual`, which is positive, and each pass multiplies them by what the samples ask for over what they
+    /// give, so that prices which the samples do not tell apart keep their proportion. [Lee & Seung 2001, theorem 1]
+    pub fn fit(samples: &[CostSample], usual: fn(&str) -> f64) -> UnitPrices {
         let mut columns: BTreeMap<&str, Vec<(usize, f64)>> = BTreeMap::new();
         for (row, sample) in samples.iter().enumerate() {
             for (name, amount) in sample.amounts.iter().filter(|(_, amount)| *amount > 0.0) {
@@ -50,14 +50,14 @@ impl Prices {
         }
         let wanted: Vec<f64> = samples.iter().map(|s| s.weight * s.total).collect();
         let times_rows = |rows: &[(usize, f64)], y: &[f64]| rows.iter().map(|(row, x)| x * y[*row]).sum::<f64>();
-        let mut columns: Vec<Column> =
-            columns.into_iter().map(|(name, rows)| Column { name, rows, price: 1.0 }).collect();
+        let mut columns: Vec<PriceColumn> =
+            columns.into_iter().map(|(name, rows)| PriceColumn { name, rows, price: 1.0 }).collect();
         for _ in 0..PASSES {
             let mut given = vec![0.0; samples.len()];
-            for Column { rows, price, .. } in &columns {
+            for PriceColumn { rows, price, .. } in &columns {
                 rows.iter().for_each(|(row, x)| given[*row] += price * x);
             }
-            for Column { rows, price, .. } in &mut columns {
+            for PriceColumn { rows, price, .. } in &mut columns {
                 let gives = times_rows(rows, &given);
                 if gives > 0.0 {
                     *price *= times_rows(rows, &wanted) / gives;
@@ -65,7 +65,7 @@ impl Prices {
             }
         }
         let found = columns.into_iter().map(|c| (c.name.to_owned(), c.price * usual(c.name))).collect();
-        Prices { found, usual }
+        UnitPrices { found, usual }
     }
 
     /// Cost of `amounts`.
@@ -79,9 +79,9 @@ impl Prices {
 mod tests {
     use super::*;
 
-    fn sample(amounts: &[(&str, f64)], total: f64) -> Sample {
+    fn sample(amounts: &[(&str, f64)], total: f64) -> CostSample {
         let amounts = amounts.iter().map(|(n, x)| ((*n).to_owned(), *x)).collect();
-        Sample { amounts, total, weight: 1.0 / total }
+        CostSample { amounts, total, weight: 1.0 / total }
     }
 
     #[test]
@@ -89,11 +89,11 @@ mod tests {
         // 3 a unit and 0.002 a row; what is mixed with it costs 5.
         let total = |u: f64, r: f64, m: f64| 3.0 * u + 0.002 * r + 5.0 * m;
         let shapes = [(1.0, 10.0, 0.0), (2.0, 9000.0, 0.0), (50.0, 100.0, 1.0), (7.0, 70_000.0, 20.0), (4.0, 1.0, 3.0)];
-        let samples: Vec<Sample> = shapes
+        let samples: Vec<CostSample> = shapes
             .iter()
             .map(|(u, r, m)| sample(&[("unit", *u), ("row", *r), ("mixed", *m)], total(*u, *r, *m)))
             .collect();
-        let prices = Prices::of(&samples, |_| 0.1);
+        let prices = UnitPrices::fit(&samples, |_| 0.1);
         let asked = [("unit".to_owned(), 11.0), ("row".to_owned(), 1e6), ("mixed".to_owned(), 2.0)];
         let answer = prices.total(&asked);
         // Passes come near slowly where amounts are alike.
@@ -103,18 +103,18 @@ mod tests {
     #[test]
     fn law_no_price_is_negative_and_what_is_not_known_is_as_usual() {
         let samples = [sample(&[("a", 1.0), ("b", 1.0)], 1.0), sample(&[("a", 1.0), ("b", 2.0)], 0.5)];
-        let prices = Prices::of(&samples, |_| 0.25);
+        let prices = UnitPrices::fit(&samples, |_| 0.25);
         for name in ["a", "b"] {
             assert!(prices.total(&[(name.to_owned(), 1.0)]) >= 0.0);
         }
         assert_eq!(prices.total(&[("never seen".to_owned(), 4.0)]), 1.0);
-        assert_eq!(Prices::usual(|_| 0.25).total(&[("a".to_owned(), 4.0)]), 1.0);
+        assert_eq!(UnitPrices::usual(|_| 0.25).total(&[("a".to_owned(), 4.0)]), 1.0);
     }
 
     #[test]
     fn law_work_that_is_only_seen_together_is_split_and_adds_up() {
         let samples = [sample(&[("a", 10.0), ("b", 10.0)], 40.0)];
-        let prices = Prices::of(&samples, |_| 1.0);
+        let prices = UnitPrices::fit(&samples, |_| 1.0);
         let both = prices.total(&[("a".to_owned(), 10.0), ("b".to_owned(), 10.0)]);
         assert!((both - 40.0).abs() < 1e-3, "{both}");
         let one = prices.total(&[("a".to_owned(), 10.0)]);

@@ -26,8 +26,8 @@ const REFERENCE_S: f64 = 0.000_031_1;
 const TRIES: usize = 15;
 const SAMPLES: usize = 4096;
 
-/// How fast a processor of this machine is, the one of the built-in figures being 1: a band-pass and a checksum, as short
-/// as they come. Takes some milliseconds.
+/// How fast a processor of this machine is, the one of the built-in figures being 1: a band-pass and a checksum, as
+/// short as they come. Takes some milliseconds.
 pub fn speed() -> f64 {
     let x: Vec<f64> = (0..SAMPLES).map(|i| (i as f64 * 0.1).sin()).collect();
     let bytes: Vec<u8> = (0..SAMPLES * 32).map(|i| (i % 251) as u8).collect();

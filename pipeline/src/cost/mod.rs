@@ -1,9 +1,10 @@
 //! Cost of a run before it starts: rows, bytes, processor time and memory of each table that it would compute.
 //!
-//! Runs measure their tables ([`Watch`]) and keep the figures in the store, where they are part of no key. An estimate adds up
-//! the amounts of work that a plan asks for (`work`) at the prices that fit these figures, and those that magline comes
-//! with, best (`fit`): a price for each unit, row and number that is read, by stage and by what the stage chooses by
-//! name. Processor time is that of a machine of speed 1, and is divided by the speed of the one at hand.
+//! Runs measure their tables ([`CostMeter`]) and keep the figures in the store, where they are part of no key. An
+//! estimate adds up the amounts of work that a plan asks for (`work`) at the prices that fit these figures, and those
+//! that magline comes with, best (`fit`): a price for each unit, row and number that is read, by stage and by what the
+//! stage chooses by name. Processor time is that of a machine of speed 1, and is divided by the speed of the one at
+//! hand.
 
 mod fit;
 mod machine;
@@ -14,11 +15,11 @@ mod work;
 use schemas::Fault;
 
 pub use observed::{FOLDER, is_whole};
-pub use watch::Watch;
+pub use watch::CostMeter;
 
-use crate::{plan::Graph, store::Store};
-use observed::Known;
-use work::Amounts;
+use crate::{plan::PlanGraph, store::Store};
+use observed::CostModel;
+use work::WorkEstimator;
 
 /// The cost of a table.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,7 +50,7 @@ pub struct TableCost {
 
 /// The cost of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Cost {
+pub struct RunCost {
     /// Its tables, in the order of the plan.
     pub tables: Vec<TableCost>,
     /// Processor time of everything else: keys, scores, publishing, s.
@@ -66,7 +67,7 @@ pub struct Cost {
     pub assumed: usize,
 }
 
-impl Cost {
+impl RunCost {
     /// Processor time, s.
     pub fn seconds(&self) -> f64 {
         self.tables.iter().map(|t| t.seconds).sum::<f64>() + self.beside
@@ -99,14 +100,14 @@ impl Cost {
 ///
 /// # Errors
 /// Fails for a table that has no files, since a column has types that no file holds.
-pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fault> {
-    let known = Known::new(store.root());
+pub fn estimate(graph: &PlanGraph, store: &Store, threads: usize) -> Result<RunCost, Fault> {
+    let known = CostModel::new(store.root());
     let threads = threads.max(1);
     let (speed, sync_s) = (machine::speed(), machine::sync_s(&store.temporary()));
-    let amounts = Amounts::new(graph, store, &known.rows, threads);
+    let amounts = WorkEstimator::new(graph, store, &known.rows, threads);
     let (mut tables, mut numbers) = (vec![], 0.0);
     for (t, node) in graph.plan.tables.iter().enumerate() {
-        let asked = amounts.of(t)?;
+        let asked = amounts.missing_work(t)?;
         let mut one = TableCost {
             table: node.name.clone(),
             stage: node.entry.name.to_owned(),
@@ -134,25 +135,25 @@ pub fn estimate(graph: &Graph, store: &Store, threads: usize) -> Result<Cost, Fa
         beside = (START_S + known.seconds.total(&watch::of_run(graph, numbers).time(0.0))) / speed;
         beside_clock = beside + SYNCS_A_TABLE * tables.len() as f64 * sync_s;
     }
-    Ok(Cost { tables, beside, beside_clock, threads, speed, measured: known.own, assumed: 0 })
+    Ok(RunCost { tables, beside, beside_clock, threads, speed, measured: known.own, assumed: 0 })
 }
 
 /// Expected times of units, which determine the size of a task.
-pub struct Rates {
-    known: Known,
+pub struct UnitTimeModel {
+    known: CostModel,
     speed: f64,
 }
 
-impl Rates {
+impl UnitTimeModel {
     /// By what magline comes with and what `store` has measured.
-    pub fn new(store: &Store) -> Rates {
-        Rates { known: Known::new(store.root()), speed: machine::speed() }
+    pub fn new(store: &Store) -> UnitTimeModel {
+        UnitTimeModel { known: CostModel::new(store.root()), speed: machine::speed() }
     }
 
-    /// The processor time of a unit of the table `t` on this machine, s: the mean of those that are missing in `store`; 0 where
-    /// there is none.
-    pub fn unit_s(&self, graph: &Graph, store: &Store, t: usize) -> f64 {
-        let asked = Amounts::new(graph, store, &self.known.rows, 1).of(t).unwrap_or_default();
+    /// The processor time of a unit of the table `t` on this machine, s: the mean of those that are missing in `store`;
+    /// 0 where there is none.
+    pub fn unit_s(&self, graph: &PlanGraph, store: &Store, t: usize) -> f64 {
+        let asked = WorkEstimator::new(graph, store, &self.known.rows, 1).missing_work(t).unwrap_or_default();
         match asked.missing.len() {
             0 => 0.0,
             n => self.known.seconds.total(&asked.work.time(asked.rows)) / self.speed / n as f64,

@@ -9,8 +9,8 @@ use std::{
 use schemas::paths;
 use serde::{Deserialize, Serialize};
 
-use super::fit::{Prices, Sample};
-use crate::{keys::Key, store::Store};
+use super::fit::{CostSample, UnitPrices};
+use crate::{keys::HashKey, store::Store};
 
 /// The folder of a store that holds them.
 pub const FOLDER: &str = "costs";
@@ -22,9 +22,9 @@ const BUILT_IN: f64 = 0.3;
 /// The records of the examples, on the machine whose speed is 1: `pipeline/benches/costs.py` measures them.
 const MEASURED: &str = include_str!("measured.json");
 
-/// The work of some units of one kind: a stage, and what it chooses by name, such as the filter.
+/// Work of the units of one kind: a stage, and its named choice such as the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Part {
+pub struct WorkAmounts {
     /// Units.
     pub units: f64,
     /// Rows of the lines of each unit, times the effort that the stage says a row is at its parameters.
@@ -37,11 +37,11 @@ pub struct Part {
 
 /// The work of a table.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Work {
+pub struct TableWork {
     /// Its stage.
     pub stage: String,
     /// By kind.
-    pub parts: BTreeMap<String, Part>,
+    pub parts: BTreeMap<String, WorkAmounts>,
     /// Units.
     pub units: f64,
     /// Rows that reach these units.
@@ -56,11 +56,11 @@ pub struct Work {
     pub held: f64,
 }
 
-/// A table that was computed.
+/// Measured cost of one computed table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Observation {
+pub struct CostObservation {
     /// Its work.
-    pub work: Work,
+    pub work: TableWork,
     /// Rows that came of it.
     pub rows: f64,
     /// Bytes of its files, where all of them are new.
@@ -74,7 +74,7 @@ pub struct Observation {
 /// The name of the work of a run that no table has.
 pub const RUN: &str = "(run)";
 
-impl Work {
+impl TableWork {
     /// The work that takes time, `rows` of it written.
     pub fn time(&self, rows: f64) -> Vec<(String, f64)> {
         let mut found = vec![];
@@ -102,7 +102,7 @@ impl Work {
     /// Predictors of the memory.
     pub fn memory(&self) -> Vec<(String, f64)> {
         let mut found = vec![("program".to_owned(), 1.0), ("held".to_owned(), self.held)];
-        let gathered = |part: &&Part| part.squares > 0.0;
+        let gathered = |part: &&WorkAmounts| part.squares > 0.0;
         let kinds = self.parts.iter().filter(|(_, part)| gathered(part));
         found.extend(kinds.map(|(kind, part)| (format!("{kind}/gathered"), part.values)));
         found
@@ -154,55 +154,58 @@ pub fn usual_memory(name: &str) -> f64 {
 }
 
 /// Cost of work, from all records.
-pub struct Known {
+pub struct CostModel {
     /// Processor time, s, of a machine whose speed is 1.
-    pub seconds: Prices,
+    pub seconds: UnitPrices,
     /// Rows.
-    pub rows: Prices,
+    pub rows: UnitPrices,
     /// Bytes.
-    pub bytes: Prices,
+    pub bytes: UnitPrices,
     /// Memory, bytes.
-    pub memory: Prices,
+    pub memory: UnitPrices,
     /// Records of this store.
     pub own: usize,
 }
 
-impl Known {
+impl CostModel {
     /// By what magline comes with and what the store at `root` has measured.
-    pub fn new(root: &Path) -> Known {
+    pub fn new(root: &Path) -> CostModel {
         let own = of_store(root);
         let all = || own.iter().map(|o| (o, 1.0)).chain(built_in_ref().map(|o| (o, BUILT_IN)));
-        let sample =
-            |amounts, total: f64, floor: f64, counts: f64| Sample { amounts, total, weight: counts / (total + floor) };
-        // By the root, so that neither the long tables nor the many short ones have all the say.
-        let time = |(o, w): (&Observation, f64)| {
-            let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
-            Sample { amounts, total: o.seconds, weight }
+        let sample = |amounts, total: f64, floor: f64, counts: f64| CostSample {
+            amounts,
+            total,
+            weight: counts / (total + floor),
         };
-        let seconds: Vec<Sample> = all().map(time).collect();
-        let rows: Vec<Sample> = all().map(|(o, w)| sample(o.work.rows(), o.rows, 1.0, w)).collect();
-        let bytes = |(o, w): (&Observation, f64)| Some(sample(o.work.bytes(o.rows), o.bytes?, 1000.0, w));
-        let bytes: Vec<Sample> = all().filter_map(bytes).collect();
-        let memory = |(o, w): (&Observation, f64)| Some(sample(o.work.memory(), o.memory?, 1e7, w));
-        let memory: Vec<Sample> = all().filter_map(memory).collect();
-        Known {
-            seconds: Prices::of(&seconds, usual_seconds),
-            rows: Prices::of(&rows, usual_rows),
-            bytes: Prices::of(&bytes, usual_bytes),
-            memory: Prices::of(&memory, usual_memory),
+        // By the root, so that neither the long tables nor the many short ones have all the say.
+        let time = |(o, w): (&CostObservation, f64)| {
+            let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
+            CostSample { amounts, total: o.seconds, weight }
+        };
+        let seconds: Vec<CostSample> = all().map(time).collect();
+        let rows: Vec<CostSample> = all().map(|(o, w)| sample(o.work.rows(), o.rows, 1.0, w)).collect();
+        let bytes = |(o, w): (&CostObservation, f64)| Some(sample(o.work.bytes(o.rows), o.bytes?, 1000.0, w));
+        let bytes: Vec<CostSample> = all().filter_map(bytes).collect();
+        let memory = |(o, w): (&CostObservation, f64)| Some(sample(o.work.memory(), o.memory?, 1e7, w));
+        let memory: Vec<CostSample> = all().filter_map(memory).collect();
+        CostModel {
+            seconds: UnitPrices::fit(&seconds, usual_seconds),
+            rows: UnitPrices::fit(&rows, usual_rows),
+            bytes: UnitPrices::fit(&bytes, usual_bytes),
+            memory: UnitPrices::fit(&memory, usual_memory),
             own: own.len(),
         }
     }
 }
 
-fn built_in_ref() -> impl Iterator<Item = &'static Observation> {
-    static ALL: std::sync::OnceLock<Vec<Observation>> = std::sync::OnceLock::new();
+fn built_in_ref() -> impl Iterator<Item = &'static CostObservation> {
+    static ALL: std::sync::OnceLock<Vec<CostObservation>> = std::sync::OnceLock::new();
     ALL.get_or_init(built_in).iter()
 }
 
 /// The records that magline comes with.
-fn built_in() -> Vec<Observation> {
-    serde_json::from_str::<Vec<Observation>>(MEASURED).unwrap_or_default().into_iter().filter(is_sound).collect()
+fn built_in() -> Vec<CostObservation> {
+    serde_json::from_str::<Vec<CostObservation>>(MEASURED).unwrap_or_default().into_iter().filter(is_sound).collect()
 }
 
 fn path(root: &Path, pipeline: &str) -> PathBuf {
@@ -210,15 +213,15 @@ fn path(root: &Path, pipeline: &str) -> PathBuf {
 }
 
 /// The text of a file: a checksum of the second line, then the records.
-fn spelt(records: &[Observation]) -> Option<String> {
+fn spelt(records: &[CostObservation]) -> Option<String> {
     let text = serde_json::to_string(records).ok()?;
-    Some(format!("{}\n{text}\n", Key::of([&text])))
+    Some(format!("{}\n{text}\n", HashKey::from_parts([&text])))
 }
 
 /// The records in the text of a file, as they are written there; `None` where it is damaged.
 fn whole(text: &str) -> Option<&str> {
     let (sum, records) = text.strip_suffix('\n')?.split_once('\n')?;
-    (Key::of([records]).to_string() == sum).then_some(records)
+    (HashKey::from_parts([records]).to_string() == sum).then_some(records)
 }
 
 /// Whether a file of records verifies.
@@ -227,23 +230,23 @@ pub fn is_whole(bytes: &[u8]) -> bool {
 }
 
 /// The records in a file; none where it is not there or damaged: they are only a guide.
-fn read(path: &Path) -> Vec<Observation> {
+fn read(path: &Path) -> Vec<CostObservation> {
     let text = paths::read_regular(path).ok().and_then(|bytes| String::from_utf8(bytes).ok()).unwrap_or_default();
     let records = whole(&text);
-    let records = records.and_then(|r| serde_json::from_str::<Vec<Observation>>(r).ok());
+    let records = records.and_then(|r| serde_json::from_str::<Vec<CostObservation>>(r).ok());
     records.unwrap_or_default().into_iter().filter(is_sound).collect()
 }
 
 /// Whether all numbers can be computed with.
-fn is_sound(o: &Observation) -> bool {
-    let Work { parts, units, rows_in, reads, packs, width, held, .. } = &o.work;
+fn is_sound(o: &CostObservation) -> bool {
+    let TableWork { parts, units, rows_in, reads, packs, width, held, .. } = &o.work;
     let parts = parts.values().flat_map(|p| [p.units, p.samples, p.values, p.squares]);
     let rest = [*units, *rows_in, *reads, *packs, *width, *held, o.rows, o.seconds];
     parts.chain(rest).chain(o.bytes).chain(o.memory).all(|x| x.is_finite() && (0.0..1e18).contains(&x))
 }
 
 /// The records of all pipelines of the store at `root`.
-pub fn of_store(root: &Path) -> Vec<Observation> {
+pub fn of_store(root: &Path) -> Vec<CostObservation> {
     let entries = fs::read_dir(root.join(FOLDER)).into_iter().flatten().flatten();
     let mut paths: Vec<PathBuf> =
         entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x == "json")).collect();
@@ -251,9 +254,10 @@ pub fn of_store(root: &Path) -> Vec<Observation> {
     paths.iter().flat_map(|p| read(p)).collect()
 }
 
-/// Adds what a run of `pipeline`, which holds the lock of the pipeline, has measured. The same work replaces what was known
-/// of it. What cannot be written is lost: it is only a guide, and the disk's fault shows when results are written.
-pub fn keep(store: &Store, pipeline: &str, new: Vec<Observation>) {
+/// Adds what a run of `pipeline`, which holds the lock of the pipeline, has measured. The same work replaces what was
+/// known of it. What cannot be written is lost: it is only a guide, and the disk's fault shows when results are
+/// written.
+pub fn keep(store: &Store, pipeline: &str, new: Vec<CostObservation>) {
     if new.is_empty() {
         return;
     }
@@ -275,11 +279,11 @@ mod tests {
 
     use super::*;
 
-    fn one(stage: &str, units: f64, seconds: f64) -> Observation {
-        let part = Part { units, samples: 100.0 * units, values: 1e3, squares: 0.0 };
+    fn one(stage: &str, units: f64, seconds: f64) -> CostObservation {
+        let part = WorkAmounts { units, samples: 100.0 * units, values: 1e3, squares: 0.0 };
         let parts = [(stage.to_owned(), part)].into();
-        let work = Work { stage: stage.to_owned(), parts, units, packs: 1.0, width: 2.0, ..Work::default() };
-        Observation { work, rows: 100.0 * units, bytes: Some(1e4), seconds, memory: None }
+        let work = TableWork { stage: stage.to_owned(), parts, units, packs: 1.0, width: 2.0, ..TableWork::default() };
+        CostObservation { work, rows: 100.0 * units, bytes: Some(1e4), seconds, memory: None }
     }
 
     #[test]

@@ -7,17 +7,17 @@ use std::{
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
-use schemas::{ColumnType, Fault, Grain, InputKind, Passes, TableKind};
+use schemas::{ColumnType, Fault, Grain, InputKind, PassThroughColumns, TableKind};
 
 use super::{
-    fit::Prices,
-    observed::{Part, Work},
+    fit::UnitPrices,
+    observed::{TableWork, WorkAmounts},
 };
 use crate::{
-    keys::Key,
-    plan::{Graph, Instance, LineId, Ref, Unit},
-    run::{Cut, Layout},
-    store::{Place, Store, row_bytes},
+    keys::HashKey,
+    plan::{LineId, PlanGraph, PlanUnit, StageInstance, TableRef},
+    run::{TableAssembler, TableLayout},
+    store::{RowLocation, Store, row_bytes},
 };
 
 /// Points of one line that are computed together.
@@ -25,9 +25,9 @@ const TOGETHER: usize = 8;
 /// Lines that are looked at for the rate of a table of flights.
 const LOOKED_AT: usize = 16;
 
-/// A table, and what is missing of it.
+/// Missing units of a table, and their work.
 #[derive(Clone, Debug, Default)]
-pub struct Asked {
+pub struct MissingWork {
     /// Its units.
     pub units: usize,
     /// Those that are in the store already, have failed for good, or repeat another.
@@ -35,29 +35,29 @@ pub struct Asked {
     /// Rows that are in the store already.
     pub rows_there: usize,
     /// The work that is left.
-    pub work: Work,
+    pub work: TableWork,
     /// Rows that it makes.
     pub rows: f64,
     /// Into how many parts that may run at once it can be divided.
     pub tasks: usize,
     /// The units to compute, each key once.
-    pub missing: Vec<Unit>,
+    pub missing: Vec<PlanUnit>,
 }
 
-/// The properties of a point that its work follows from.
+/// Properties of a sweep point that determine its work.
 #[derive(Clone)]
-struct Point {
+struct PointEffort {
     kind: String,
     effort: f64,
     /// Numbers of a row that it reads.
     width: f64,
 }
 
-/// The columns that the points of a table read, each list of them once.
+/// Column lists that the points of a table read; equal lists are stored once.
 #[derive(Default)]
-struct Read {
+struct ColumnLists {
     /// The number of each column, by the stage that made it and its name there.
-    numbers: HashMap<(Ref, String), usize>,
+    numbers: HashMap<(TableRef, String), usize>,
     /// Numbers of a row, by column.
     widths: Vec<f64>,
     /// The number of each list of columns.
@@ -66,9 +66,9 @@ struct Read {
     by_list: Vec<Vec<usize>>,
 }
 
-impl Read {
+impl ColumnLists {
     /// The number of a list of columns, by who made them and their names there, with the numbers of a row of each.
-    fn list(&mut self, columns: impl Iterator<Item = (Ref, String, f64)>) -> usize {
+    fn list(&mut self, columns: impl Iterator<Item = (TableRef, String, f64)>) -> usize {
         let mut list = vec![];
         for (made_by, name, width) in columns {
             let next = self.widths.len();
@@ -87,16 +87,16 @@ impl Read {
     }
 }
 
-/// Columns that the points of one kind read of a line or of a set of lines.
+/// Columns that points of one kind share on a line or a set of lines.
 #[derive(Default)]
-struct Shared {
+struct SharedColumns {
     rows: f64,
     lists: BTreeSet<usize>,
 }
 
-impl Shared {
+impl SharedColumns {
     /// Numbers that are read, each column once; and the squares of the numbers of a row, summed over the lists.
-    fn amounts(&self, read: &Read) -> (f64, f64) {
+    fn amounts(&self, read: &ColumnLists) -> (f64, f64) {
         let columns: BTreeSet<usize> = self.lists.iter().flat_map(|list| read.by_list[*list].iter().copied()).collect();
         let width = |columns: &mut dyn Iterator<Item = &usize>| columns.map(|c| read.widths[*c]).sum::<f64>();
         let squares = self.lists.iter().map(|list| width(&mut read.by_list[*list].iter()).powi(2));
@@ -104,40 +104,40 @@ impl Shared {
     }
 }
 
-/// Finds the work of tables.
-pub struct Amounts<'a> {
-    graph: &'a Graph<'a>,
+/// Estimator of the work of tables.
+pub struct WorkEstimator<'a> {
+    graph: &'a PlanGraph<'a>,
     store: &'a Store,
-    rows: &'a Prices,
+    rows: &'a UnitPrices,
     threads: usize,
     /// Samples per second of each table of flights, once they were looked at.
     rates: RefCell<HashMap<usize, Option<f64>>>,
 }
 
-impl<'a> Amounts<'a> {
+impl<'a> WorkEstimator<'a> {
     /// Amounts for the tables of `graph` on `threads` threads. The prices `rows` give the numbers of rows that no plan
     /// gives.
-    pub fn new(graph: &'a Graph<'a>, store: &'a Store, rows: &'a Prices, threads: usize) -> Amounts<'a> {
-        Amounts { graph, store, rows, threads, rates: RefCell::default() }
+    pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store, rows: &'a UnitPrices, threads: usize) -> WorkEstimator<'a> {
+        WorkEstimator { graph, store, rows, threads, rates: RefCell::default() }
     }
 
     /// Missing units of the table `t`.
     ///
     /// # Errors
     /// Fails for a table that has no files, since a column has types that no file holds.
-    pub fn of(&self, t: usize) -> Result<Asked, Fault> {
+    pub fn missing_work(&self, t: usize) -> Result<MissingWork, Fault> {
         let node = &self.graph.plan.tables[t];
-        let mut asked = Asked::default();
+        let mut asked = MissingWork::default();
         if !node.keep {
             return Ok(asked);
         }
-        let mut first: HashSet<Key> = HashSet::new();
+        let mut first: HashSet<HashKey> = HashSet::new();
         for unit in self.graph.units(t) {
             asked.units += 1;
             // A unit that cannot be computed has no key.
             let Ok(key) = self.graph.key(unit) else { continue };
             match self.store.find(key) {
-                Some(Place { rows, .. }) => {
+                Some(RowLocation { rows, .. }) => {
                     asked.there += 1;
                     asked.rows_there += rows.unwrap_or(0);
                 }
@@ -151,11 +151,11 @@ impl<'a> Amounts<'a> {
         Ok(asked)
     }
 
-    fn measure(&self, t: usize, asked: &mut Asked) -> Result<(), Fault> {
+    fn measure(&self, t: usize, asked: &mut MissingWork) -> Result<(), Fault> {
         let node = &self.graph.plan.tables[t];
-        let cut = Cut::new(self.graph, t)?;
-        let layout = Layout::new(self.graph, t, &cut);
-        let wanted: HashSet<Unit> = asked.missing.iter().copied().collect();
+        let cut = TableAssembler::new(self.graph, t)?;
+        let layout = TableLayout::new(self.graph, t, &cut);
+        let wanted: HashSet<PlanUnit> = asked.missing.iter().copied().collect();
         let written =
             |range: &&std::ops::Range<usize>| layout.units[(*range).clone()].iter().any(|u| wanted.contains(u));
         let chunks: Vec<f64> = layout
@@ -169,17 +169,17 @@ impl<'a> Amounts<'a> {
             .collect();
         let mut largest = chunks.clone();
         largest.sort_by(|a, b| b.total_cmp(a));
-        let mut work = Work {
+        let mut work = TableWork {
             stage: node.entry.name.to_owned(),
             packs: chunks.len() as f64,
             held: largest.iter().take(self.threads).sum(),
-            ..Work::default()
+            ..TableWork::default()
         };
-        let mut points: HashMap<(Key, usize), Point> = HashMap::new();
+        let mut points: HashMap<(HashKey, usize), PointEffort> = HashMap::new();
         // Columns that are read of a line or of a set of lines, by kind: each column once for all points.
-        let mut shared: HashMap<(String, Option<LineId>, u32), Shared> = HashMap::new();
-        let (mut read, mut lists) = (Read::default(), HashMap::new());
-        let mut unkept: HashSet<Unit> = HashSet::new();
+        let mut shared: HashMap<(String, Option<LineId>, u32), SharedColumns> = HashMap::new();
+        let (mut read, mut lists) = (ColumnLists::default(), HashMap::new());
+        let mut unkept: HashSet<PlanUnit> = HashSet::new();
         let mut numbers = 0.0;
         for unit in &asked.missing {
             let it = self.graph.plan.instance(unit.table, unit.instance);
@@ -228,7 +228,7 @@ impl<'a> Amounts<'a> {
     }
 
     /// Work of a point of a table for each row.
-    fn point(&self, it: &Instance) -> Point {
+    fn point(&self, it: &StageInstance) -> PointEffort {
         let entry = &it.node.entry;
         let (mut kind, mut effort) = (entry.name.to_owned(), 1.0);
         if let Ok(stage) = it.stage() {
@@ -245,14 +245,14 @@ impl<'a> Amounts<'a> {
             }
         }
         let inputs = it.inputs();
-        let of = |(r, reads): (&Ref, &Vec<String>)| reads.iter().map(|c| self.numbers(*r, c)).sum::<f64>();
+        let of = |(r, reads): (&TableRef, &Vec<String>)| reads.iter().map(|c| self.numbers(*r, c)).sum::<f64>();
         let width = inputs.iter().zip(&it.yields.reads).map(of);
-        Point { kind, effort: if effort.is_finite() { effort.max(0.0) } else { 1.0 }, width: width.sum() }
+        PointEffort { kind, effort: if effort.is_finite() { effort.max(0.0) } else { 1.0 }, width: width.sum() }
     }
 
     /// The columns that a point reads.
-    fn columns<'b>(&'b self, it: &'b Instance) -> impl Iterator<Item = (Ref, String, f64)> + 'b {
-        let of = move |(r, reads): (Ref, &'b Vec<String>)| {
+    fn columns<'b>(&'b self, it: &'b StageInstance) -> impl Iterator<Item = (TableRef, String, f64)> + 'b {
+        let of = move |(r, reads): (TableRef, &'b Vec<String>)| {
             reads.iter().map(move |name| {
                 let origin = self.graph.origin(r, name);
                 (origin.made_by, origin.column, self.numbers(r, name))
@@ -262,24 +262,24 @@ impl<'a> Amounts<'a> {
     }
 
     /// Numbers of a row in the column `name` of `r`.
-    fn numbers(&self, r: Ref, name: &str) -> f64 {
+    fn numbers(&self, r: TableRef, name: &str) -> f64 {
         let plan = self.graph.plan;
         let found = match r {
-            Ref::Flights(i) => plan.flights[i].shape.get(name),
-            Ref::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
-            Ref::Map(_) => None,
+            TableRef::Flights(i) => plan.flights[i].shape.get(name),
+            TableRef::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
+            TableRef::Map(_) => None,
         };
         found.map_or(1.0, |c| numbers(&c.column_type))
     }
 
     /// The bytes of a unit in memory.
-    fn bytes(&self, unit: Unit, of_row: usize) -> f64 {
+    fn bytes(&self, unit: PlanUnit, of_row: usize) -> f64 {
         let it = self.graph.plan.instance(unit.table, unit.instance);
         self.rows_of(unit, &it, self.rows_of_inputs(unit, &it), 1.0) * of_row as f64
     }
 
     /// Rows that reach a unit: of its line, of all its lines, or of its maps.
-    fn rows_of_inputs(&self, unit: Unit, it: &Instance) -> f64 {
+    fn rows_of_inputs(&self, unit: PlanUnit, it: &StageInstance) -> f64 {
         match (it.node.entry.grain, unit.line) {
             (Grain::Map, _) => it.inputs().iter().map(|r| self.rows_of_map(*r)).sum(),
             (_, Some(line)) => self.rows_of_line(it, line),
@@ -291,27 +291,29 @@ impl<'a> Amounts<'a> {
     }
 
     /// Rows of a line in the first input of lines, which the others are brought to.
-    fn rows_of_line(&self, it: &Instance, line: LineId) -> f64 {
+    fn rows_of_line(&self, it: &StageInstance, line: LineId) -> f64 {
         let first = it.node.inputs(it.index).find(|(kind, _)| kind.is_by_line());
         first.map_or(0.0, |(_, r)| self.rows_in(r, line))
     }
 
-    fn rows_in(&self, r: Ref, line: LineId) -> f64 {
-        let Ref::Stage(table, instance) = r else {
-            let Ref::Flights(i) = r else { return 0.0 };
+    fn rows_in(&self, r: TableRef, line: LineId) -> f64 {
+        let TableRef::Stage(table, instance) = r else {
+            let TableRef::Flights(i) = r else { return 0.0 };
             return self.graph.records[i].get(&line).map_or(0.0, |l| l.rows as f64);
         };
         let it = self.graph.plan.instance(table, instance);
-        let unit = Unit { table, instance, line: Some(line) };
+        let unit = PlanUnit { table, instance, line: Some(line) };
         self.rows_of(unit, &it, self.rows_of_line(&it, line), 0.0)
     }
 
     /// Rows that a unit makes of `rows`, each with `reads` numbers.
-    fn rows_of(&self, unit: Unit, it: &Instance, rows: f64, reads: f64) -> f64 {
-        if it.node.entry.grain == Grain::Line && it.yields.passes != Passes::None {
+    fn rows_of(&self, unit: PlanUnit, it: &StageInstance, rows: f64, reads: f64) -> f64 {
+        if it.node.entry.grain == Grain::Line && it.yields.passes != PassThroughColumns::None {
             return rows;
         }
-        if let Some(Place { rows: Some(rows), .. }) = self.graph.key(unit).ok().and_then(|key| self.store.find(key)) {
+        if let Some(RowLocation { rows: Some(rows), .. }) =
+            self.graph.key(unit).ok().and_then(|key| self.store.find(key))
+        {
             return rows as f64;
         }
         let by_rate = || {
@@ -320,30 +322,35 @@ impl<'a> Amounts<'a> {
             Some(rows * rate_hz / self.rate(first)?)
         };
         by_rate().unwrap_or_else(|| {
-            let work =
-                Work { stage: it.node.entry.name.to_owned(), units: 1.0, rows_in: rows, reads, ..Work::default() };
+            let work = TableWork {
+                stage: it.node.entry.name.to_owned(),
+                units: 1.0,
+                rows_in: rows,
+                reads,
+                ..TableWork::default()
+            };
             self.rows.total(&work.rows())
         })
     }
 
-    fn rows_of_map(&self, r: Ref) -> f64 {
+    fn rows_of_map(&self, r: TableRef) -> f64 {
         let there = self.graph.whole(r).ok().and_then(|key| self.store.find(key)).and_then(|place| place.rows);
         match (there, r) {
             (Some(rows), _) => rows as f64,
-            (None, Ref::Stage(table, instance)) => {
+            (None, TableRef::Stage(table, instance)) => {
                 let it = self.graph.plan.instance(table, instance);
-                let unit = Unit { table, instance, line: None };
+                let unit = PlanUnit { table, instance, line: None };
                 self.rows_of(unit, &it, self.rows_of_inputs(unit, &it), 0.0)
             }
-            (None, Ref::Map(_) | Ref::Flights(_)) => 0.0,
+            (None, TableRef::Map(_) | TableRef::Flights(_)) => 0.0,
         }
     }
 
     /// Samples per second of a table of lines: what a stage made of it, or what the flights below it have.
-    fn rate(&self, r: Ref) -> Option<f64> {
+    fn rate(&self, r: TableRef) -> Option<f64> {
         match r {
-            Ref::Map(_) => None,
-            Ref::Flights(i) => {
+            TableRef::Map(_) => None,
+            TableRef::Flights(i) => {
                 if let Some(known) = self.rates.borrow().get(&i) {
                     return *known;
                 }
@@ -351,7 +358,7 @@ impl<'a> Amounts<'a> {
                 self.rates.borrow_mut().insert(i, found);
                 found
             }
-            Ref::Stage(t, i) => {
+            TableRef::Stage(t, i) => {
                 let it = self.graph.plan.instance(t, i);
                 let below = || self.rate(it.node.inputs(i).find(|(kind, _)| kind.is_by_line())?.1);
                 it.yields.rate_hz.or_else(below)
@@ -377,7 +384,7 @@ impl<'a> Amounts<'a> {
     }
 
     /// The units of tables that are not kept which `unit` is made from, and which are made again for it.
-    fn unkept(&self, unit: Unit, it: &Instance, found: &mut HashSet<Unit>) {
+    fn unkept(&self, unit: PlanUnit, it: &StageInstance, found: &mut HashSet<PlanUnit>) {
         if self.graph.plan.tables.iter().all(|node| node.keep) {
             return;
         }
@@ -390,12 +397,12 @@ impl<'a> Amounts<'a> {
                 continue;
             }
             for made_by in reads.iter().map(|name| self.graph.origin(r, name).made_by) {
-                let Ref::Stage(table, instance) = made_by else { continue };
+                let TableRef::Stage(table, instance) = made_by else { continue };
                 if self.graph.plan.tables[table].keep {
                     continue;
                 }
                 for line in &lines {
-                    let above = Unit { table, instance, line: Some(*line) };
+                    let above = PlanUnit { table, instance, line: Some(*line) };
                     if found.insert(above) {
                         self.unkept(above, &self.graph.plan.instance(table, instance), found);
                     }
@@ -404,8 +411,8 @@ impl<'a> Amounts<'a> {
         }
     }
 
-    fn made_again(&self, units: &HashSet<Unit>, parts: &mut BTreeMap<String, Part>) {
-        let mut points: HashMap<(usize, usize), Point> = HashMap::new();
+    fn made_again(&self, units: &HashSet<PlanUnit>, parts: &mut BTreeMap<String, WorkAmounts>) {
+        let mut points: HashMap<(usize, usize), PointEffort> = HashMap::new();
         for unit in units {
             let it = self.graph.plan.instance(unit.table, unit.instance);
             let point = points.entry((unit.table, unit.instance)).or_insert_with(|| self.point(&it));
@@ -419,7 +426,7 @@ impl<'a> Amounts<'a> {
 }
 
 /// Numbers of a row that a unit writes; what is the same in all its rows takes no room.
-fn width(it: &Instance, axes: usize, cut: &Cut) -> f64 {
+fn width(it: &StageInstance, axes: usize, cut: &TableAssembler) -> f64 {
     let made: f64 = it.yields.columns.iter().map(|c| numbers(&c.column_type)).sum();
     let passed = cut.schema.fields().iter().skip(axes).filter(|f| it.makes(f.name()).is_none());
     let passed = passed.map(|f| match f.data_type() {
@@ -445,15 +452,16 @@ mod tests {
 
     #[test]
     fn law_a_column_is_read_once_and_points_that_read_the_same_have_their_products_once() {
-        let mut read = Read::default();
-        let column = |table: usize, name: &str, width: f64| (Ref::Stage(table, 0), name.to_owned(), width);
-        // Eighteen terms for two magnetometers, one of them by two points; then the terms of another vector magnetometer.
+        let mut read = ColumnLists::default();
+        let column = |table: usize, name: &str, width: f64| (TableRef::Stage(table, 0), name.to_owned(), width);
+        // Eighteen terms for two magnetometers, one of them by two points; then the terms of another vector
+        // magnetometer.
         let lists: Vec<usize> = [(0, "mag_4"), (0, "mag_5"), (0, "mag_4"), (1, "mag_4")]
             .into_iter()
             .map(|(terms, mag)| read.list([column(2, mag, 1.0), column(terms, "tl", 18.0)].into_iter()))
             .collect();
         assert_eq!(lists, [0, 1, 0, 2]);
-        let of = |lists: &[usize]| Shared { rows: 100.0, lists: lists.iter().copied().collect() }.amounts(&read);
+        let of = |lists: &[usize]| SharedColumns { rows: 100.0, lists: lists.iter().copied().collect() }.amounts(&read);
         let product = 100.0 * 19.0 * 19.0;
         assert_eq!(of(&[0]), (1900.0, product));
         assert_eq!(of(&[0, 1, 0]), (2000.0, 2.0 * product));

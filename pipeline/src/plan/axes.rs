@@ -1,9 +1,9 @@
 //! `$axis`: references to an axis in a stage, and the substitution of its value.
 
-use schemas::{Args, Fault, Given, Literal, Section};
+use schemas::{Fault, Literal, SpecEntries, SpecEntry, SpecSection};
 
-use super::grid::Point;
-use crate::spec::{Span, Spec, StageDecl, TRIAL};
+use super::grid::SweepPoint;
+use crate::spec::{Spec, SpecSpan, StageDecl, TRIAL};
 
 /// The names after `$` in a text, with `$$` standing for the sign itself.
 fn mentions(text: &str) -> Vec<&str> {
@@ -36,7 +36,7 @@ fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
 /// # Errors
 /// Fails for a mention of an axis that the spec does not have.
 pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault>> {
-    let mut found: Vec<(&str, Span)> = vec![];
+    let mut found: Vec<(&str, SpecSpan)> = vec![];
     for given in stage.args.values() {
         let mut names = vec![];
         mentions_in(&given.value, &mut names);
@@ -94,7 +94,7 @@ fn known(names: Vec<&str>, spec: &Spec) -> Vec<usize> {
 
 /// A value with the axes substituted: `"$axis"` gives the value with its type, a reference inside of a text its
 /// spelling.
-pub fn put_in(value: &Literal, point: &Point) -> Literal {
+pub fn put_in(value: &Literal, point: &SweepPoint) -> Literal {
     match value {
         Literal::Text(text) => match text.strip_prefix('$').and_then(|name| point.get(name)) {
             Some(value) => value.clone(),
@@ -109,14 +109,14 @@ pub fn put_in(value: &Literal, point: &Point) -> Literal {
             Literal::List(items.iter().flat_map(flat).collect())
         }
         Literal::Section(section) => {
-            Literal::Section(Section { keys: args_at(&section.keys, point), at: section.at.clone() })
+            Literal::Section(SpecSection { keys: args_at(&section.keys, point), at: section.at.clone() })
         }
         other => other.clone(),
     }
 }
 
 /// The text with every mention spelt out.
-pub fn spelt_in(text: &str, point: &Point) -> String {
+pub fn spelt_in(text: &str, point: &SweepPoint) -> String {
     let mut out = String::new();
     let mut rest = text;
     while let Some(i) = rest.find('$') {
@@ -143,8 +143,8 @@ fn spelt(value: &Literal) -> String {
 }
 
 /// All arguments of a stage at one point.
-pub fn args_at(args: &Args, point: &Point) -> Args {
-    args.iter().map(|(k, g)| (k.clone(), Given { value: put_in(&g.value, point), ..g.clone() })).collect()
+pub fn args_at(args: &SpecEntries, point: &SweepPoint) -> SpecEntries {
+    args.iter().map(|(k, g)| (k.clone(), SpecEntry { value: put_in(&g.value, point), ..g.clone() })).collect()
 }
 
 #[cfg(test)]
@@ -153,11 +153,11 @@ mod tests {
 
     #[test]
     fn unit_a_mention_keeps_its_type_and_a_text_its_rest() {
-        let point: Point =
+        let point: SweepPoint =
             [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
         assert_eq!(put_in(&Literal::Text("$lambda".into()), &point), Literal::Float(0.5));
         assert_eq!(spelt_in("line = '$line' and $$x < $lambda", &point), "line = '7' and $x < 0.5");
-        let lists: Point =
+        let lists: SweepPoint =
             [("tl".to_owned(), Literal::List(vec![Literal::Text("a".into()), Literal::Text("b".into())]))].into();
         let mentions_of = |names: &[&str]| Literal::List(names.iter().map(|n| Literal::Text((*n).into())).collect());
         assert_eq!(put_in(&Literal::Text("$tl".into()), &lists), mentions_of(&["a", "b"]));

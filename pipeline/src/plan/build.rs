@@ -2,19 +2,20 @@
 
 use std::collections::HashSet;
 
-use schemas::{Column, Entry, Fault, Grain, Role};
+use schemas::{Column, Fault, Grain, Role, StageEntry};
 
 use super::{
-    Plan, Recorded, TableNode, axes::mentioned, builder::Builder, grid::Grid, seen::IN_SAMPLE, variants::Variants,
+    Plan, RecordedPlan, TableNode, axes::mentioned, builder::PlanBuilder, grid::SweepGrid, seen::IN_SAMPLE,
+    variants::StageVariants,
 };
-use crate::spec::{Faults, Spec, StageDecl};
+use crate::spec::{Spec, SpecFaults, StageDecl};
 
 /// More points than this are more likely a slip than a wish.
 const MOST_POINTS: usize = 10_000_000;
 
 /// See [`Plan::new`]; with a record the inputs are not opened.
-pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Result<Plan, Faults> {
-    let mut builder = Builder::new(&spec, catalogue, recorded);
+pub fn build(spec: Spec, catalogue: &[StageEntry], recorded: Option<&RecordedPlan>) -> Result<Plan, SpecFaults> {
+    let mut builder = PlanBuilder::new(&spec, catalogue, recorded);
     builder.names();
     for i in builder.order() {
         if builder.stage(i).is_none() {
@@ -24,7 +25,7 @@ pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Re
     if let Some(search) = &builder.spec.search {
         builder.search(search);
     }
-    let Builder { mut faults, flights, maps, tables, mut notes, .. } = builder;
+    let PlanBuilder { mut faults, flights, maps, tables, mut notes, .. } = builder;
     if let Some(Err(wrong)) = &spec.publish {
         let all: Vec<String> = wrong.iter().map(ToString::to_string).collect();
         notes.push(format!("`[publish]` is incomplete, so `magline publish` will reject it: {}", all.join("; ")));
@@ -44,7 +45,7 @@ const BESIDE: [(&str, &str); 5] = [
     ("trials", "the trials of a search"),
 ];
 
-impl Builder<'_> {
+impl PlanBuilder<'_> {
     /// Every table has one name.
     fn names(&mut self) {
         let sources = self.spec.tables.iter().map(|t| (&t.name, &t.at));
@@ -121,7 +122,7 @@ impl Builder<'_> {
         }
         axes.sort_unstable();
         axes.dedup();
-        let grid = Grid::new(&axes, spec);
+        let grid = SweepGrid::new(&axes, spec);
         if grid.len() > MOST_POINTS {
             self.faults.push(self.too_many(decl, &axes));
             return None;
@@ -155,7 +156,7 @@ impl Builder<'_> {
                 self.notes.push(note);
             }
         }
-        let Variants { variants, variant, tables, table, questions } = made;
+        let StageVariants { variants, variant, tables, table, questions } = made;
         let carry = self.carry(decl, entry, &axes, &variants, &tables)?;
         let (name, at) = (decl.name.clone(), decl.at.clone());
         let node = TableNode {

@@ -5,9 +5,9 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Entry, Fault, Table};
+use schemas::{Fault, StageEntry, Table};
 
-use super::{Recorded, TableNode, node::Target};
+use super::{RecordedPlan, TableNode, node::InputTarget};
 use crate::{
     predicate::Predicate,
     sources::{Flights, MapSource},
@@ -19,7 +19,7 @@ pub const MOST_FAULTS: usize = 20;
 
 /// Use of a table of files by a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Use {
+pub enum TableUse {
     /// Flight lines.
     Flights,
     /// A map.
@@ -28,12 +28,12 @@ pub enum Use {
     Model,
 }
 
-/// A plan in the making.
-pub struct Builder<'a> {
+/// A plan under construction.
+pub struct PlanBuilder<'a> {
     pub spec: &'a Spec,
-    pub catalogue: &'a [Entry],
+    pub catalogue: &'a [StageEntry],
     /// Recorded facts that replace reading the inputs.
-    pub recorded: Option<&'a Recorded>,
+    pub recorded: Option<&'a RecordedPlan>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
     /// The table that each of `flights` is to a stage.
@@ -44,7 +44,7 @@ pub struct Builder<'a> {
     /// The table that each of `maps` is to a stage.
     pub wholes: Vec<Arc<Table>>,
     /// Tables of files already opened, by name and use; `None` where that failed.
-    pub sources: BTreeMap<(String, Use), Option<Target>>,
+    pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,
     pub tables: Vec<TableNode>,
     /// Faulty stages; their dependents are not checked.
     pub broken: Vec<String>,
@@ -53,10 +53,10 @@ pub struct Builder<'a> {
     pub predicates: HashMap<(String, Option<*const Table>), Arc<Predicate>>,
 }
 
-impl<'a> Builder<'a> {
+impl<'a> PlanBuilder<'a> {
     /// Nothing planned yet.
-    pub fn new(spec: &'a Spec, catalogue: &'a [Entry], recorded: Option<&'a Recorded>) -> Self {
-        Builder {
+    pub fn new(spec: &'a Spec, catalogue: &'a [StageEntry], recorded: Option<&'a RecordedPlan>) -> Self {
+        PlanBuilder {
             spec,
             catalogue,
             recorded,

@@ -2,19 +2,19 @@
 
 use std::{collections::HashSet, sync::Arc};
 
-use schemas::{Entry, Fault, Grain, Role, Table};
+use schemas::{Fault, Grain, Role, StageEntry, Table};
 
-use super::{builder::Builder, node::Variant};
+use super::{builder::PlanBuilder, node::StageVariant};
 use crate::spec::StageDecl;
 
-impl Builder<'_> {
+impl PlanBuilder<'_> {
     /// The columns of `carry` that only pass through; the others are written in any case.
     pub fn carry(
         &mut self,
         decl: &StageDecl,
-        entry: &Entry,
+        entry: &StageEntry,
         axes: &[usize],
-        variants: &[Variant],
+        variants: &[StageVariant],
         tables: &[Arc<Table>],
     ) -> Option<Vec<String>> {
         let before = self.faults.len();

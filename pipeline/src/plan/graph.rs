@@ -10,21 +10,21 @@ use arrow_array::RecordBatch;
 use schemas::{Fault, Grain};
 
 use super::{
-    Instance, Plan, Ref,
-    keys::{Name, Names, NodeKeys, columns_of},
+    Plan, StageInstance, TableRef,
+    keys::{ColumnNames, ColumnNumber, NodeKeys, columns_of},
     lines::{LineId, LineSets},
-    memo::Memo,
-    seen::Seen,
+    memo::KeyCache,
+    seen::InSampleLines,
 };
 use crate::{
-    keys::Key,
-    sources::{Bytes, LineRecord, Lines, ReadStep, made_map_batch, map_batch},
-    spec::Faults,
+    keys::HashKey,
+    sources::{FileDigest, FlightLines, LineRecord, ReadProgress, made_map_batch, map_batch},
+    spec::SpecFaults,
     store::Store,
 };
 
 /// A plan whose sources have been read.
-pub struct Graph<'a> {
+pub struct PlanGraph<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// Every (flight, line) of all sources, sorted.
@@ -32,28 +32,28 @@ pub struct Graph<'a> {
     /// The records of each table of flights.
     pub records: Vec<BTreeMap<LineId, LineRecord>>,
     /// The files behind each table of flights, then behind each map.
-    pub bytes: Vec<Vec<Bytes>>,
+    pub bytes: Vec<Vec<FileDigest>>,
     /// The folders of the figures of the quality of each table of flights.
     pub quality: Vec<Vec<PathBuf>>,
     /// The key of each map.
-    pub maps: Vec<Key>,
+    pub maps: Vec<HashKey>,
     /// The lines of each point.
     pub(super) sets: LineSets,
     /// The names of columns.
-    pub(super) names: Names,
+    pub(super) names: ColumnNames,
     /// For each table of flights, the keys of each column that stages read, by line.
-    pub(super) sources: Vec<HashMap<Name, Vec<Option<Key>>>>,
+    pub(super) sources: Vec<HashMap<ColumnNumber, Vec<Option<HashKey>>>>,
     /// The keys' part of each table.
     pub(super) nodes: Vec<NodeKeys>,
     /// The keys that are known.
-    pub(super) memo: Memo,
+    pub(super) memo: KeyCache,
     /// The lines in sample of each table of scores, when they are first asked for.
-    pub(super) seen: Vec<OnceLock<Result<Seen, Fault>>>,
+    pub(super) seen: Vec<OnceLock<Result<InSampleLines, Fault>>>,
 }
 
-/// One thing to compute: an instance of a table, on one line or on all of them.
+/// Unit of computation: an instance of a table, on one line or on all lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Unit {
+pub struct PlanUnit {
     /// The table.
     pub table: usize,
     /// Its point.
@@ -62,23 +62,27 @@ pub struct Unit {
     pub line: Option<LineId>,
 }
 
-/// The location of the values of a column.
+/// Location of the values of a column: a stage and the column's name there.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Origin {
+pub struct ColumnLocation {
     /// The stage that made it.
-    pub made_by: Ref,
+    pub made_by: TableRef,
     /// Its name there.
     pub column: String,
 }
 
-impl<'a> Graph<'a> {
+impl<'a> PlanGraph<'a> {
     /// Reads the sources of `plan` into `store`, where they are missing.
     ///
     /// # Errors
     /// Fails for files that cannot be read.
-    pub fn new(plan: &'a Plan, store: &Store, tick: &(dyn Fn(&str, &ReadStep) + Sync)) -> Result<Graph<'a>, Faults> {
+    pub fn new(
+        plan: &'a Plan,
+        store: &Store,
+        tick: &(dyn Fn(&str, &ReadProgress) + Sync),
+    ) -> Result<PlanGraph<'a>, SpecFaults> {
         let mut faults = vec![];
-        let mut sources: Vec<Lines> = vec![];
+        let mut sources: Vec<FlightLines> = vec![];
         for flights in &plan.flights {
             match flights.lines(store, &|step| tick(&flights.name, step)) {
                 Ok(lines) => sources.push(lines),
@@ -87,7 +91,7 @@ impl<'a> Graph<'a> {
         }
         let (mut maps, mut map_bytes) = (vec![], vec![]);
         for map in &plan.maps {
-            tick(&map.name, &ReadStep::of_file(&map.path, 0, 1));
+            tick(&map.name, &ReadProgress::of_file(&map.path, 0, 1));
             match map.load(store) {
                 Ok((key, bytes)) => {
                     maps.push(key);
@@ -101,20 +105,20 @@ impl<'a> Graph<'a> {
         }
         let bytes = sources.iter().map(|s| s.files.clone()).chain(map_bytes).collect();
         let quality = sources.iter().map(|s| s.quality.clone()).collect();
-        let graph = Graph::of(plan, sources.into_iter().map(|s| s.lines).collect(), bytes, maps)?;
-        Ok(Graph { quality, ..graph })
+        let graph = PlanGraph::from_records(plan, sources.into_iter().map(|s| s.lines).collect(), bytes, maps)?;
+        Ok(PlanGraph { quality, ..graph })
     }
 
     /// The graph of what was read: the lines of each table of flights, and the key of each map.
     ///
     /// # Errors
     /// Fails for a `where` that selects nothing.
-    pub(super) fn of(
+    pub(super) fn from_records(
         plan: &'a Plan,
         sources: Vec<Vec<LineRecord>>,
-        bytes: Vec<Vec<Bytes>>,
-        maps: Vec<Key>,
-    ) -> Result<Graph<'a>, Faults> {
+        bytes: Vec<Vec<FileDigest>>,
+        maps: Vec<HashKey>,
+    ) -> Result<PlanGraph<'a>, SpecFaults> {
         let names: BTreeSet<(String, String)> =
             sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
         let lines: Vec<(String, String)> = names.into_iter().collect();
@@ -127,14 +131,14 @@ impl<'a> Graph<'a> {
             let at = plan.decl(t).and_then(|d| d.predicate.clone()).map_or(plan.tables[t].at.clone(), |(_, at)| at);
             plan.spec.faults(vec![fault.at(at)])
         })?;
-        let mut names = Names::default();
+        let mut names = ColumnNames::default();
         let mut numbers = 0;
         let mut nodes: Vec<NodeKeys> = vec![];
         for (t, node) in plan.tables.iter().enumerate() {
             nodes.push(NodeKeys::new(plan, node, &sets, t, &mut names, &mut numbers));
         }
         let sources = records.iter().map(|r| columns_of(r, lines.len(), &names)).collect();
-        Ok(Graph {
+        Ok(PlanGraph {
             plan,
             lines,
             records,
@@ -145,32 +149,32 @@ impl<'a> Graph<'a> {
             names,
             sources,
             nodes,
-            memo: Memo::new(numbers),
+            memo: KeyCache::new(numbers),
             seen: plan.tables.iter().map(|_| OnceLock::new()).collect(),
         })
     }
 
     /// The inputs that are tables of flight lines, with their positions.
-    pub fn line_inputs(&self, instance: &Instance) -> Vec<(usize, Ref)> {
+    pub fn line_inputs(&self, instance: &StageInstance) -> Vec<(usize, TableRef)> {
         let inputs = instance.node.inputs(instance.index).enumerate();
         inputs.filter(|(_, (kind, _))| kind.is_by_line()).map(|(i, (_, r))| (i, r)).collect()
     }
 
     /// The lines of a record, those of a file that could not be read left out.
-    pub fn lines_in(&self, r: Ref) -> Vec<LineId> {
+    pub fn lines_in(&self, r: TableRef) -> Vec<LineId> {
         match r {
-            Ref::Flights(i) => {
+            TableRef::Flights(i) => {
                 let records = self.records.get(i).into_iter().flatten();
                 records.filter(|(_, record)| record.fault.is_none()).map(|(line, _)| *line).collect()
             }
-            Ref::Stage(t, i) => self.lines_of(t, i).to_vec(),
-            Ref::Map(_) => vec![],
+            TableRef::Stage(t, i) => self.lines_of(t, i).to_vec(),
+            TableRef::Map(_) => vec![],
         }
     }
 
     /// The lines of an instance.
     pub fn lines_of(&self, table: usize, instance: usize) -> &[LineId] {
-        self.sets.of(table, instance)
+        self.sets.point_lines(table, instance)
     }
 
     /// The number of the set of lines of an instance: equal sets have equal numbers.
@@ -190,15 +194,15 @@ impl<'a> Graph<'a> {
     }
 
     /// Everything there is to compute of one table.
-    pub fn units(&self, table: usize) -> impl Iterator<Item = Unit> + '_ {
+    pub fn units(&self, table: usize) -> impl Iterator<Item = PlanUnit> + '_ {
         let node = &self.plan.tables[table];
         let grain = node.entry.grain;
         (0..node.len()).flat_map(move |instance| {
-            let (survey, lines): (Option<Unit>, &[LineId]) = match grain {
-                Grain::Survey | Grain::Map => (Some(Unit { table, instance, line: None }), &[]),
+            let (survey, lines): (Option<PlanUnit>, &[LineId]) = match grain {
+                Grain::Survey | Grain::Map => (Some(PlanUnit { table, instance, line: None }), &[]),
                 Grain::Line => (None, self.lines_of(table, instance)),
             };
-            survey.into_iter().chain(lines.iter().map(move |l| Unit { table, instance, line: Some(*l) }))
+            survey.into_iter().chain(lines.iter().map(move |l| PlanUnit { table, instance, line: Some(*l) }))
         })
     }
 
@@ -212,17 +216,17 @@ impl<'a> Graph<'a> {
     }
 
     /// The location of the column `column` of `r`: the stage that made it, at the end of the chain.
-    pub fn origin(&self, r: Ref, column: &str) -> Origin {
+    pub fn origin(&self, r: TableRef, column: &str) -> ColumnLocation {
         let made_by = match self.names.known.get(column) {
             Some(name) => self.made_by(r, *name).0,
             None => self.bottom(r),
         };
-        Origin { made_by, column: column.to_owned() }
+        ColumnLocation { made_by, column: column.to_owned() }
     }
 
     /// The stage that made a column of `r`, and the index of the column there.
-    pub(super) fn made_by(&self, mut r: Ref, name: Name) -> (Ref, Option<usize>) {
-        while let Ref::Stage(t, i) = r {
+    pub(super) fn made_by(&self, mut r: TableRef, name: ColumnNumber) -> (TableRef, Option<usize>) {
+        while let TableRef::Stage(t, i) = r {
             let node = &self.plan.tables[t];
             if self.nodes[t].makes.binary_search(&name).is_ok() {
                 let made = &self.nodes[t].variants[node.variant(i)].made;
@@ -239,8 +243,8 @@ impl<'a> Graph<'a> {
     }
 
     /// The source of a column that no stage makes.
-    pub(super) fn bottom(&self, mut r: Ref) -> Ref {
-        while let Ref::Stage(t, i) = r
+    pub(super) fn bottom(&self, mut r: TableRef) -> TableRef {
+        while let TableRef::Stage(t, i) = r
             && let Some((_, first)) = self.plan.tables[t].inputs(i).next()
         {
             r = first;
@@ -252,11 +256,11 @@ impl<'a> Graph<'a> {
     ///
     /// # Errors
     /// When it is not in the store, or is not a map.
-    pub fn map(&self, store: &Store, r: Ref) -> Result<RecordBatch, Fault> {
+    pub fn map(&self, store: &Store, r: TableRef) -> Result<RecordBatch, Fault> {
         let key = self.whole(r)?;
         match r {
-            Ref::Stage(..) => made_map_batch(store, key),
-            Ref::Map(_) | Ref::Flights(_) => map_batch(store, key),
+            TableRef::Stage(..) => made_map_batch(store, key),
+            TableRef::Map(_) | TableRef::Flights(_) => map_batch(store, key),
         }
     }
 }

@@ -7,17 +7,17 @@ use schemas::Literal;
 use crate::spec::Spec;
 
 /// The values of the axes at one point of a sweep.
-pub type Point = BTreeMap<String, Literal>;
+pub type SweepPoint = BTreeMap<String, Literal>;
 
-/// The points over some axes, the last axis running fastest.
+/// Grid of sweep points over some axes; the last axis varies fastest.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Grid {
-    sides: Vec<Side>,
+pub struct SweepGrid {
+    sides: Vec<SweepGridSide>,
     len: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Side {
+struct SweepGridSide {
     /// The axis, as a position in the spec; of axes that are searched together the first.
     axis: usize,
     /// The number of axes that go together, from it on.
@@ -28,9 +28,9 @@ struct Side {
     stride: usize,
 }
 
-impl Grid {
+impl SweepGrid {
     /// The points over `axes`, which are positions in the spec; in any order.
-    pub fn new(axes: &[usize], spec: &Spec) -> Grid {
+    pub fn new(axes: &[usize], spec: &Spec) -> SweepGrid {
         let searched = spec.searched.clone();
         let first = |i: &usize| if searched.contains(i) { searched.start } else { *i };
         let mut axes: Vec<usize> = axes.iter().map(first).collect();
@@ -38,19 +38,19 @@ impl Grid {
         axes.dedup();
         let together = |i: usize| if searched.contains(&i) { searched.len() } else { 1 };
         let side = |i: usize| spec.axes.get(i).map(|a| (i, together(i), a.values.len()));
-        Grid::over(axes.into_iter().filter_map(side).collect())
+        SweepGrid::over(axes.into_iter().filter_map(side).collect())
     }
 
     /// Over axes given by their first position, how many go together, and the number of their values.
-    fn over(axes: Vec<(usize, usize, usize)>) -> Grid {
+    fn over(axes: Vec<(usize, usize, usize)>) -> SweepGrid {
         let mut len = 1usize;
         let mut sides = vec![];
         for (axis, together, length) in axes.into_iter().rev() {
-            sides.push(Side { axis, together, length, stride: len });
+            sides.push(SweepGridSide { axis, together, length, stride: len });
             len = len.saturating_mul(length);
         }
         sides.reverse();
-        Grid { sides, len }
+        SweepGrid { sides, len }
     }
 
     /// The number of points, saturating.
@@ -75,7 +75,7 @@ impl Grid {
     }
 
     /// The values of the point `i`.
-    pub fn point(&self, i: usize, spec: &Spec) -> Point {
+    pub fn point(&self, i: usize, spec: &Spec) -> SweepPoint {
         let value = |(axis, at): (usize, usize)| {
             let axis = spec.axes.get(axis)?;
             Some((axis.name.clone(), axis.values.get(at)?.clone()))
@@ -99,43 +99,43 @@ impl Grid {
     }
 
     /// The positions of the points of this grid in `other`; an axis that only `other` has is at its first value.
-    pub fn onto(&self, other: &Grid) -> Onto {
-        let mut steps: Vec<Step> = vec![];
+    pub fn onto(&self, other: &SweepGrid) -> SweepPointMap {
+        let mut steps: Vec<SweepStride> = vec![];
         for own in &self.sides {
             let Some(there) = other.sides.iter().find(|s| s.axis == own.axis) else { continue };
-            let step = Step { own: own.stride, length: own.length, there: there.stride };
+            let step = SweepStride { own: own.stride, length: own.length, there: there.stride };
             // Axes that follow each other in both are merged.
             match steps.last_mut() {
                 Some(l) if l.own == step.own * step.length && l.there == step.there * step.length => {
-                    *l = Step { length: l.length * step.length, ..step };
+                    *l = SweepStride { length: l.length * step.length, ..step };
                 }
                 _ => steps.push(step),
             }
         }
-        Onto { steps }
+        SweepPointMap { steps }
     }
 
     /// The axes that this grid does not share with `other`.
-    pub fn without(&self, other: &Grid) -> Grid {
+    pub fn without(&self, other: &SweepGrid) -> SweepGrid {
         let own = self.sides.iter().filter(|s| !other.axes().any(|a| a == s.axis));
-        Grid::over(own.map(|s| (s.axis, s.together, s.length)).collect())
+        SweepGrid::over(own.map(|s| (s.axis, s.together, s.length)).collect())
     }
 }
 
 /// The mapping from the points of one grid to those of another.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Onto {
-    steps: Vec<Step>,
+pub struct SweepPointMap {
+    steps: Vec<SweepStride>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Step {
+struct SweepStride {
     own: usize,
     length: usize,
     there: usize,
 }
 
-impl Onto {
+impl SweepPointMap {
     /// The point there of the point `i` here.
     pub fn at(&self, i: usize) -> usize {
         self.steps.iter().map(|s| i / s.own % s.length * s.there).sum()
@@ -144,25 +144,25 @@ impl Onto {
 
 /// Values that depend on the position of a point on some of its axes.
 #[derive(Clone, Debug)]
-pub struct Over<T> {
-    grid: Grid,
-    onto: Onto,
+pub struct SweepValues<T> {
+    grid: SweepGrid,
+    onto: SweepPointMap,
     values: Vec<T>,
 }
 
-impl<T: Clone + PartialEq> Over<T> {
+impl<T: Clone + PartialEq> SweepValues<T> {
     /// `values` for the points of `grid`, asked for by the points of `whole`. Axes without effect are dropped.
-    pub fn new(whole: &Grid, grid: Grid, values: Vec<T>) -> Over<T> {
+    pub fn new(whole: &SweepGrid, grid: SweepGrid, values: Vec<T>) -> SweepValues<T> {
         let (grid, values) = reduced(grid, values);
-        Over { onto: whole.onto(&grid), grid, values }
+        SweepValues { onto: whole.onto(&grid), grid, values }
     }
 
     /// The axes it depends on.
-    pub fn grid(&self) -> &Grid {
+    pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }
 
-    /// The value at each point of [`Over::grid`].
+    /// The value at each point of [`SweepValues::grid`].
     pub fn values(&self) -> &[T] {
         &self.values
     }
@@ -173,7 +173,7 @@ impl<T: Clone + PartialEq> Over<T> {
     }
 }
 
-fn reduced<T: Clone + PartialEq>(mut grid: Grid, mut values: Vec<T>) -> (Grid, Vec<T>) {
+fn reduced<T: Clone + PartialEq>(mut grid: SweepGrid, mut values: Vec<T>) -> (SweepGrid, Vec<T>) {
     let axes: Vec<usize> = grid.sides.iter().map(|s| s.axis).collect();
     for axis in axes {
         let Some(side) = grid.sides.iter().copied().find(|s| s.axis == axis) else { continue };
@@ -181,7 +181,7 @@ fn reduced<T: Clone + PartialEq>(mut grid: Grid, mut values: Vec<T>) -> (Grid, V
         if (0..values.len()).all(|i| values[i] == values[first(i)]) {
             values = (0..values.len()).filter(|i| first(*i) == *i).map(|i| values[i].clone()).collect();
             let rest = grid.sides.iter().filter(|s| s.axis != axis);
-            grid = Grid::over(rest.map(|s| (s.axis, s.together, s.length)).collect());
+            grid = SweepGrid::over(rest.map(|s| (s.axis, s.together, s.length)).collect());
         }
     }
     values.shrink_to_fit();
@@ -192,8 +192,8 @@ fn reduced<T: Clone + PartialEq>(mut grid: Grid, mut values: Vec<T>) -> (Grid, V
 mod tests {
     use super::*;
 
-    fn grid(axes: &[usize]) -> Grid {
-        Grid::over(axes.iter().map(|a| (*a, 1, [2, 1, 3, 4][*a])).collect())
+    fn grid(axes: &[usize]) -> SweepGrid {
+        SweepGrid::over(axes.iter().map(|a| (*a, 1, [2, 1, 3, 4][*a])).collect())
     }
 
     #[test]
@@ -230,34 +230,34 @@ mod tests {
         let all = grid(&[0, 1, 2, 3]);
         let part = grid(&[0, 1, 2]);
         let values: Vec<usize> = (0..part.len()).map(|i| i % 3).collect();
-        let over = Over::new(&all, part, values);
+        let over = SweepValues::new(&all, part, values);
         assert_eq!(over.grid().axes().collect::<Vec<_>>(), [2]);
         assert_eq!(over.values(), [0, 1, 2]);
         assert!((0..all.len()).all(|i| *over.at(i) == i / 4 % 3));
-        let same = Over::new(&all, grid(&[2, 3]), vec!["x"; 12]);
+        let same = SweepValues::new(&all, grid(&[2, 3]), vec!["x"; 12]);
         assert_eq!((same.grid().len(), *same.at(17)), (1, "x"));
     }
 
     #[test]
     fn unit_axes_that_are_searched_together_are_one_side() {
         // The axes 1 to 3 go together: two values of the axis 0, five trials.
-        let all = Grid::over(vec![(0, 1, 2), (1, 3, 5)]);
+        let all = SweepGrid::over(vec![(0, 1, 2), (1, 3, 5)]);
         assert_eq!((all.len(), all.axes().collect::<Vec<_>>()), (10, vec![0, 1, 2, 3]));
         assert_eq!(all.sides().collect::<Vec<_>>(), [0..1, 1..4]);
         assert_eq!(all.place(7).collect::<Vec<_>>(), [(0, 1), (1, 2), (2, 2), (3, 2)]);
         assert_eq!(all.number(&[1, 2]), Some(7));
         assert_eq!(all.along(7, 1).collect::<Vec<_>>(), [5, 6, 7, 8, 9]);
         assert_eq!(all.along(7, 2).collect::<Vec<_>>(), [7]);
-        let trials = Grid::over(vec![(1, 3, 5)]);
+        let trials = SweepGrid::over(vec![(1, 3, 5)]);
         assert_eq!((0..10).map(|i| all.onto(&trials).at(i)).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 0, 1, 2, 3, 4]);
         assert_eq!(all.without(&trials).axes().collect::<Vec<_>>(), [0]);
-        let over = Over::new(&all, trials, vec!["x"; 5]);
+        let over = SweepValues::new(&all, trials, vec!["x"; 5]);
         assert_eq!((over.grid().len(), *over.at(9)), (1, "x"));
     }
 
     #[test]
     fn unit_more_points_than_any_number_are_counted_as_the_largest() {
-        let wide = Grid::over((0..40).map(|a| (a, 1, 1000)).collect());
+        let wide = SweepGrid::over((0..40).map(|a| (a, 1, 1000)).collect());
         assert_eq!(wide.len(), usize::MAX);
     }
 }

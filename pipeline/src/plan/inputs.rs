@@ -5,29 +5,29 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Entry, Fault, Given, InputDecl, InputKind, Literal, Table, map::ANOMALY_UNIT};
+use schemas::{Fault, InputDecl, InputKind, Literal, SpecEntry, StageEntry, Table, map::ANOMALY_UNIT};
 
 use super::{
     axes::{axes_of, put_in},
-    builder::{Builder, MOST_FAULTS, Use},
-    grid::{Grid, Over},
-    node::{Slot, Target},
+    builder::{MOST_FAULTS, PlanBuilder, TableUse},
+    grid::{SweepGrid, SweepValues},
+    node::{InputSlot, InputTarget},
 };
 use crate::{
-    sources::{Flights, MapSource, Trust},
+    sources::{Flights, MapSource, ReusePolicy},
     spec::{SourceDecl, StageDecl},
 };
 
 /// The maximum number of names that one text can expand to.
 const MOST_NAMES: usize = 1_000_000;
 
-impl Builder<'_> {
+impl PlanBuilder<'_> {
     /// The names a stage takes its inputs from, at any point of the sweep.
     pub fn inputs_of(&self, decl: &StageDecl) -> Vec<String> {
         let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0) else { return vec![] };
         let mut names = BTreeSet::new();
         for item in entry.inputs.iter().filter_map(|i| decl.args.get(i.name)).flat_map(|g| items(&g.value)) {
-            let grid = Grid::new(&axes_of(item, self.spec), self.spec);
+            let grid = SweepGrid::new(&axes_of(item, self.spec), self.spec);
             // A stage with more of them is rejected later.
             for i in 0..grid.len().min(MOST_NAMES) {
                 names.extend(texts(&put_in(item, &grid.point(i, self.spec))));
@@ -37,7 +37,7 @@ impl Builder<'_> {
     }
 
     /// The table of each input, at every point of `grid`.
-    pub fn slots(&mut self, decl: &StageDecl, entry: &Entry, grid: &Grid) -> Option<Vec<Slot>> {
+    pub fn slots(&mut self, decl: &StageDecl, entry: &StageEntry, grid: &SweepGrid) -> Option<Vec<InputSlot>> {
         let mut slots = vec![];
         let mut fine = true;
         for input in entry.inputs {
@@ -79,7 +79,7 @@ impl Builder<'_> {
     /// Whether an entry of an input refers to names everywhere; a list of names only where there may be several.
     fn is_right(&self, item: &Literal, many: bool) -> bool {
         let Literal::Text(_) = item else { return false };
-        let grid = Grid::new(&axes_of(item, self.spec), self.spec);
+        let grid = SweepGrid::new(&axes_of(item, self.spec), self.spec);
         (0..grid.len().min(MOST_NAMES)).all(|i| match put_in(item, &grid.point(i, self.spec)) {
             Literal::Text(_) => true,
             Literal::List(names) => many && names.iter().all(|n| n.as_text().is_some()),
@@ -88,11 +88,17 @@ impl Builder<'_> {
     }
 
     /// Target of one entry of an input, and the minimum number of its tables at a point.
-    fn slot(&mut self, item: &Literal, input: &InputDecl, given: &Given, grid: &Grid) -> Option<(Slot, usize)> {
+    fn slot(
+        &mut self,
+        item: &Literal,
+        input: &InputDecl,
+        given: &SpecEntry,
+        grid: &SweepGrid,
+    ) -> Option<(InputSlot, usize)> {
         let spec = self.spec;
-        let names = Grid::new(&axes_of(item, spec), spec);
-        let mut known: HashMap<String, Option<Target>> = HashMap::new();
-        let mut choices: Vec<Arc<[Target]>> = vec![];
+        let names = SweepGrid::new(&axes_of(item, spec), spec);
+        let mut known: HashMap<String, Option<InputTarget>> = HashMap::new();
+        let mut choices: Vec<Arc<[InputTarget]>> = vec![];
         let before = self.faults.len();
         for i in 0..names.len() {
             let mut targets = vec![];
@@ -116,10 +122,10 @@ impl Builder<'_> {
             return None;
         }
         let fewest = choices.iter().map(|c| c.len()).min().unwrap_or(0);
-        Some((Slot { kind: input.kind, targets: Over::new(grid, names, choices) }, fewest))
+        Some((InputSlot { kind: input.kind, targets: SweepValues::new(grid, names, choices) }, fewest))
     }
 
-    fn refer(&mut self, name: &str, input: &InputDecl, given: &Given, grid: &Grid) -> Option<Target> {
+    fn refer(&mut self, name: &str, input: &InputDecl, given: &SpecEntry, grid: &SweepGrid) -> Option<InputTarget> {
         let spec = self.spec;
         if let Some(t) = self.tables.iter().position(|t| t.name == name) {
             let node = &self.tables[t];
@@ -142,7 +148,7 @@ impl Builder<'_> {
                 self.faults.push(fault.at(given.at.clone()));
                 return None;
             }
-            return Some(Target::Stage(t, Arc::new(grid.onto(&node.grid))));
+            return Some(InputTarget::Stage(t, Arc::new(grid.onto(&node.grid))));
         }
         if spec.tables.iter().any(|t| t.name == name) {
             return self.source(name, input, given);
@@ -159,11 +165,11 @@ impl Builder<'_> {
     }
 
     /// A table of files, opened at its first use.
-    fn source(&mut self, name: &str, input: &InputDecl, given: &Given) -> Option<Target> {
+    fn source(&mut self, name: &str, input: &InputDecl, given: &SpecEntry) -> Option<InputTarget> {
         let used = match input.kind {
-            InputKind::Map | InputKind::ManyMaps => Use::Map,
-            InputKind::Model | InputKind::ManyModels => Use::Model,
-            InputKind::Lines | InputKind::ManyLines | InputKind::Record | InputKind::ManyRecords => Use::Flights,
+            InputKind::Map | InputKind::ManyMaps => TableUse::Map,
+            InputKind::Model | InputKind::ManyModels => TableUse::Model,
+            InputKind::Lines | InputKind::ManyLines | InputKind::Record | InputKind::ManyRecords => TableUse::Flights,
             InputKind::Scores => {
                 let what =
                     format!("`{}` requires {}, but `{name}` is a table of files", input.name, kind_words(input.kind));
@@ -176,22 +182,22 @@ impl Builder<'_> {
         }
         let decl = self.spec.tables.iter().find(|t| t.name == name)?;
         let opened = match used {
-            Use::Map => self.open_map(decl).map(|map| self.whole(map)),
-            Use::Model => self.open_model(decl).map(|model| self.whole(model)),
-            Use::Flights => self.open_flights(decl).map(|f| {
+            TableUse::Map => self.open_map(decl).map(|map| self.whole(map)),
+            TableUse::Model => self.open_model(decl).map(|model| self.whole(model)),
+            TableUse::Flights => self.open_flights(decl).map(|f| {
                 self.notes.extend(f.notes.iter().cloned());
                 self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
                 self.flights.push(f);
-                Target::Flights(self.flights.len() - 1)
+                InputTarget::Flights(self.flights.len() - 1)
             }),
         };
         let found = opened.map_err(|faults| self.faults.extend(faults)).ok();
         let known: Vec<String> = match &found {
-            Some(Target::Flights(i)) => {
+            Some(InputTarget::Flights(i)) => {
                 self.flights.get(*i).iter().flat_map(|f| &f.shape.columns).map(|c| c.name.clone()).collect()
             }
-            Some(Target::Map(i)) => self.maps.get(*i).map(MapSource::columns).unwrap_or_default(),
-            Some(Target::Stage(..)) | None => vec![],
+            Some(InputTarget::Map(i)) => self.maps.get(*i).map(MapSource::columns).unwrap_or_default(),
+            Some(InputTarget::Stage(..)) | None => vec![],
         };
         if found.is_some() {
             let known: Vec<&str> = known.iter().map(String::as_str).collect();
@@ -203,13 +209,13 @@ impl Builder<'_> {
     }
 
     /// A map or a model, opened.
-    fn whole(&mut self, mut source: MapSource) -> Target {
+    fn whole(&mut self, mut source: MapSource) -> InputTarget {
         source.read_all = self.spec.verify_inputs;
         // Maps are alike to a stage, so that points which differ in their map share what is planned.
         let map = &self.map_shapes[usize::from(source.gives_error())];
         self.wholes.push(source.model().map_or_else(|| map.clone(), Arc::new));
         self.maps.push(source);
-        Target::Map(self.maps.len() - 1)
+        InputTarget::Map(self.maps.len() - 1)
     }
 
     fn open_map(&self, decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
@@ -234,7 +240,7 @@ impl Builder<'_> {
             return Ok(Flights::recorded(&decl.name, schema));
         }
         let trust =
-            Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs, settle: self.spec.settle };
+            ReusePolicy { store: Some(&self.spec.store), read_all: self.spec.verify_inputs, settle: self.spec.settle };
         Flights::open_trusting(decl, &self.spec.folder, trust)
     }
 }
@@ -247,7 +253,7 @@ fn derivative(name: &str, table: &Table) -> Option<Fault> {
     (unit != ANOMALY_UNIT).then(|| Fault::new(what))
 }
 
-fn wrong_name(input: &InputDecl, given: &Given) -> Fault {
+fn wrong_name(input: &InputDecl, given: &SpecEntry) -> Fault {
     Fault::new(format!("`{}` must be the name of {}", input.name, kind_words(input.kind))).at(given.at.clone())
 }
 

@@ -5,31 +5,31 @@ use std::collections::{BTreeMap, HashMap};
 use schemas::{Fault, Grain, InputKind};
 
 use super::{
-    Instance, Plan, Ref,
-    graph::{Graph, Unit},
-    grid::{Grid, Onto},
+    Plan, StageInstance, TableRef,
+    graph::{PlanGraph, PlanUnit},
+    grid::{SweepGrid, SweepPointMap},
     lines::{LineId, LineSets},
-    node::{TableNode, Target, Variant},
+    node::{InputTarget, StageVariant, TableNode},
     seen::IN_SAMPLE,
 };
-use crate::{keys::Key, sources::LineRecord};
+use crate::{keys::HashKey, sources::LineRecord};
 
-/// The name of a column, as a number.
-pub(super) type Name = u32;
+/// Number of a column name.
+pub(super) type ColumnNumber = u32;
 
 /// The names of columns that stages make or read.
 #[derive(Default)]
-pub(super) struct Names {
+pub(super) struct ColumnNames {
     words: Vec<String>,
-    pub(super) known: HashMap<String, Name>,
+    pub(super) known: HashMap<String, ColumnNumber>,
 }
 
-impl Names {
-    fn number(&mut self, word: &str) -> Name {
+impl ColumnNames {
+    fn number(&mut self, word: &str) -> ColumnNumber {
         if let Some(known) = self.known.get(word) {
             return *known;
         }
-        let next = self.words.len() as Name;
+        let next = self.words.len() as ColumnNumber;
         self.known.insert(word.to_owned(), next);
         self.words.push(word.to_owned());
         next
@@ -40,9 +40,9 @@ impl Names {
 pub(super) struct NodeKeys {
     pub(super) variants: Vec<VariantKeys>,
     /// The columns that it makes at any point.
-    pub(super) makes: Vec<Name>,
+    pub(super) makes: Vec<ColumnNumber>,
     /// From its points to those between which the data that are read differ.
-    to_data: Onto,
+    to_data: SweepPointMap,
     /// Lines of the point that has most; 1 for a survey stage.
     width: u64,
     /// Numbers for the memo: of units, of their data, of their columns.
@@ -53,29 +53,29 @@ pub(super) struct NodeKeys {
 
 /// The properties of a variant that keys need.
 pub(super) struct VariantKeys {
-    pub(super) made: Vec<Name>,
+    pub(super) made: Vec<ColumnNumber>,
     /// The inputs of each of those.
-    from: Vec<Vec<(usize, Name)>>,
+    from: Vec<Vec<(usize, ColumnNumber)>>,
     /// The columns that are read of each input.
-    reads: Vec<Vec<Name>>,
+    reads: Vec<Vec<ColumnNumber>>,
     /// The rows it is restricted to.
-    rows: Key,
+    rows: HashKey,
 }
 
 impl VariantKeys {
-    fn new(variant: &Variant, names: &mut Names) -> VariantKeys {
+    fn new(variant: &StageVariant, names: &mut ColumnNames) -> VariantKeys {
         let columns = &variant.yields.columns;
         let made = columns.iter().map(|c| names.number(&c.name)).collect();
         let from = columns.iter().map(|c| c.from.iter().map(|(i, n)| (*i, names.number(n))).collect()).collect();
         let inputs = variant.yields.reads.len().max(usize::from(variant.predicate.is_some()));
         let reads = (0..inputs).map(|i| read(variant, i).iter().map(|n| names.number(n)).collect()).collect();
         let rows = variant.predicate.as_ref().map(|p| p.canonical.as_str()).unwrap_or_default();
-        VariantKeys { made, from, reads, rows: Key::of(["rows", rows]) }
+        VariantKeys { made, from, reads, rows: HashKey::from_parts(["rows", rows]) }
     }
 }
 
 /// The columns handed over from input `i`, those of `where` among them.
-fn read(variant: &Variant, i: usize) -> Vec<String> {
+fn read(variant: &StageVariant, i: usize) -> Vec<String> {
     let mut columns = variant.yields.reads.get(i).cloned().unwrap_or_default();
     if i == 0
         && let Some(p) = &variant.predicate
@@ -86,12 +86,12 @@ fn read(variant: &Variant, i: usize) -> Vec<String> {
     columns
 }
 
-impl Graph<'_> {
+impl PlanGraph<'_> {
     /// The key of the columns `columns` of all lines of a record.
     ///
     /// # Errors
     /// Fails when one of its lines lacks an input.
-    pub fn record(&self, r: Ref, columns: &[String]) -> Result<Key, Fault> {
+    pub fn record(&self, r: TableRef, columns: &[String]) -> Result<HashKey, Fault> {
         let mut text = b"record".to_vec();
         for line in self.lines_in(r) {
             let (flight, name) = &self.lines[line];
@@ -101,20 +101,20 @@ impl Graph<'_> {
                 self.part(&mut text, column, self.column(r, line, column), true)?;
             }
         }
-        Ok(Key::of_bytes(&text))
+        Ok(HashKey::of_bytes(&text))
     }
 
     /// The object that holds what `r` makes of `line`.
     ///
     /// # Errors
     /// Fails when the line lacks a column that is needed for it.
-    pub fn object(&self, r: Ref, line: LineId) -> Result<Key, Fault> {
+    pub fn object(&self, r: TableRef, line: LineId) -> Result<HashKey, Fault> {
         match r {
-            Ref::Flights(i) => self.records[i].get(&line).map(|l| l.object).ok_or_else(|| self.no_line(line)),
-            Ref::Map(i) => Ok(self.maps[i]),
-            Ref::Stage(t, i) => {
+            TableRef::Flights(i) => self.records[i].get(&line).map(|l| l.object).ok_or_else(|| self.no_line(line)),
+            TableRef::Map(i) => Ok(self.maps[i]),
+            TableRef::Stage(t, i) => {
                 let of_lines = self.plan.tables[t].entry.grain == Grain::Line;
-                self.key(Unit { table: t, instance: i, line: of_lines.then_some(line) })
+                self.key(PlanUnit { table: t, instance: i, line: of_lines.then_some(line) })
             }
         }
     }
@@ -123,13 +123,15 @@ impl Graph<'_> {
     ///
     /// # Errors
     /// Fails when one of its inputs is missing, or when `r` has lines.
-    pub fn whole(&self, r: Ref) -> Result<Key, Fault> {
+    pub fn whole(&self, r: TableRef) -> Result<HashKey, Fault> {
         match r {
-            Ref::Map(i) => Ok(self.maps[i]),
-            Ref::Stage(t, i) if self.plan.tables[t].entry.grain != Grain::Line => {
-                self.key(Unit { table: t, instance: i, line: None })
+            TableRef::Map(i) => Ok(self.maps[i]),
+            TableRef::Stage(t, i) if self.plan.tables[t].entry.grain != Grain::Line => {
+                self.key(PlanUnit { table: t, instance: i, line: None })
             }
-            Ref::Stage(..) | Ref::Flights(_) => Err(Fault::bug("a table of lines where a model or a map is needed")),
+            TableRef::Stage(..) | TableRef::Flights(_) => {
+                Err(Fault::bug("a table of lines where a model or a map is needed"))
+            }
         }
     }
 
@@ -149,7 +151,7 @@ impl Graph<'_> {
         }
     }
 
-    fn remembered(&self, number: Option<u64>, make: impl FnOnce() -> Result<Key, Fault>) -> Result<Key, Fault> {
+    fn remembered(&self, number: Option<u64>, make: impl FnOnce() -> Result<HashKey, Fault>) -> Result<HashKey, Fault> {
         let Some(number) = number else { return make() };
         if let Some(known) = self.memo.get(number) {
             return Ok(known);
@@ -163,8 +165,8 @@ impl Graph<'_> {
     ///
     /// # Errors
     /// Fails when a line lacks a column that is read.
-    pub fn key(&self, unit: Unit) -> Result<Key, Fault> {
-        let Unit { table: t, instance: i, line } = unit;
+    pub fn key(&self, unit: PlanUnit) -> Result<HashKey, Fault> {
+        let PlanUnit { table: t, instance: i, line } = unit;
         let keys = &self.nodes[t];
         let at = self.position(t, i, line);
         self.remembered(at.map(|at| keys.units + i as u64 * keys.width + at), || {
@@ -176,12 +178,12 @@ impl Graph<'_> {
             text[4..20].copy_from_slice(node.questions.at(i).as_ref());
             text[20..36].copy_from_slice(keys.variants[node.variant(i)].rows.as_ref());
             text[36..].copy_from_slice(data.as_ref());
-            Ok(Key::of_bytes(&text))
+            Ok(HashKey::of_bytes(&text))
         })
     }
 
     /// The key of all that a unit reads.
-    fn data(&self, t: usize, i: usize, line: Option<LineId>) -> Result<Key, Fault> {
+    fn data(&self, t: usize, i: usize, line: Option<LineId>) -> Result<HashKey, Fault> {
         let node = &self.plan.tables[t];
         let v = node.variant(i);
         let keys = &self.nodes[t].variants[v];
@@ -190,7 +192,7 @@ impl Graph<'_> {
             Some(line) => std::slice::from_ref(line),
             None => self.lines_of(t, i),
         };
-        let inputs: Vec<(InputKind, Ref)> = node.inputs(i).collect();
+        let inputs: Vec<(InputKind, TableRef)> = node.inputs(i).collect();
         let mut text = b"data".to_vec();
         for line in lines {
             let (flight, name) = &self.lines[*line];
@@ -213,17 +215,22 @@ impl Graph<'_> {
             let key = if kind.is_record() { self.record(*r, &read(&node.variants[v], n))? } else { self.whole(*r)? };
             text.extend(key.as_ref());
         }
-        Ok(Key::of_bytes(&text))
+        Ok(HashKey::of_bytes(&text))
     }
 
     /// Whether a line is in sample of the scores that are read, where the column that is read says so.
-    fn read_in_sample(&self, (kind, r): (InputKind, Ref), line: LineId, column: Name) -> Result<Option<bool>, Fault> {
+    fn read_in_sample(
+        &self,
+        (kind, r): (InputKind, TableRef),
+        line: LineId,
+        column: ColumnNumber,
+    ) -> Result<Option<bool>, Fault> {
         let asked = kind == InputKind::Scores && self.names.words[column as usize] == IN_SAMPLE;
         if asked { self.in_sample(r, line) } else { Ok(None) }
     }
 
     /// One column among what something is made from.
-    fn part(&self, text: &mut Vec<u8>, name: &str, key: Result<Key, Fault>, lenient: bool) -> Result<(), Fault> {
+    fn part(&self, text: &mut Vec<u8>, name: &str, key: Result<HashKey, Fault>, lenient: bool) -> Result<(), Fault> {
         match key {
             Ok(key) => {
                 word(text, name);
@@ -240,7 +247,7 @@ impl Graph<'_> {
     }
 
     /// The columns handed over from input `i`, those of `where` among them.
-    pub fn read(&self, it: &Instance, i: usize) -> Vec<String> {
+    pub fn read(&self, it: &StageInstance, i: usize) -> Vec<String> {
         read(it.variant, i)
     }
 
@@ -248,43 +255,45 @@ impl Graph<'_> {
     ///
     /// # Errors
     /// Fails when the line lacks it or one of its inputs.
-    pub fn column(&self, r: Ref, line: LineId, name: &str) -> Result<Key, Fault> {
+    pub fn column(&self, r: TableRef, line: LineId, name: &str) -> Result<HashKey, Fault> {
         match (self.names.known.get(name), self.bottom(r)) {
             (Some(number), _) => self.column_of(r, line, *number),
-            (None, Ref::Flights(i)) => {
+            (None, TableRef::Flights(i)) => {
                 let record = self.records[i].get(&line).ok_or_else(|| self.no_line(line))?;
                 record.columns.get(name).copied().ok_or_else(|| lacks(record, name))
             }
-            (None, Ref::Map(i)) => Ok(Key::of([self.maps[i].as_ref(), name.as_bytes()])),
-            (None, r @ Ref::Stage(..)) => Ok(Key::of([self.object(r, line)?.as_ref(), name.as_bytes()])),
+            (None, TableRef::Map(i)) => Ok(HashKey::from_parts([self.maps[i].as_ref(), name.as_bytes()])),
+            (None, r @ TableRef::Stage(..)) => {
+                Ok(HashKey::from_parts([self.object(r, line)?.as_ref(), name.as_bytes()]))
+            }
         }
     }
 
-    fn column_of(&self, r: Ref, line: LineId, name: Name) -> Result<Key, Fault> {
+    fn column_of(&self, r: TableRef, line: LineId, name: ColumnNumber) -> Result<HashKey, Fault> {
         let (made_by, at) = self.made_by(r, name);
         let word = || self.names.words[name as usize].as_str();
         match made_by {
-            Ref::Flights(i) => {
+            TableRef::Flights(i) => {
                 let known = self.sources[i].get(&name).and_then(|lines| lines.get(line)).copied().flatten();
                 known.ok_or_else(|| match self.records[i].get(&line) {
                     Some(record) => lacks(record, word()),
                     None => self.no_line(line),
                 })
             }
-            Ref::Map(i) => Ok(Key::of([self.maps[i].as_ref(), word().as_bytes()])),
-            Ref::Stage(t, i) => self.made(t, i, line, name, at),
+            TableRef::Map(i) => Ok(HashKey::from_parts([self.maps[i].as_ref(), word().as_bytes()])),
+            TableRef::Stage(t, i) => self.made(t, i, line, name, at),
         }
     }
 
-    fn made(&self, t: usize, i: usize, line: LineId, name: Name, at: Option<usize>) -> Result<Key, Fault> {
+    fn made(&self, t: usize, i: usize, line: LineId, name: ColumnNumber, at: Option<usize>) -> Result<HashKey, Fault> {
         let node = &self.plan.tables[t];
         let keys = &self.nodes[t];
         let v = node.variant(i);
-        let from: &[(usize, Name)] = at.and_then(|at| keys.variants[v].from.get(at)).map_or(&[], Vec::as_slice);
+        let from: &[(usize, ColumnNumber)] = at.and_then(|at| keys.variants[v].from.get(at)).map_or(&[], Vec::as_slice);
         let of_lines = node.entry.grain == Grain::Line;
         if !of_lines || from.is_empty() {
-            let whole = self.key(Unit { table: t, instance: i, line: of_lines.then_some(line) })?;
-            return Ok(Key::of([whole.as_ref(), self.names.words[name as usize].as_bytes()]));
+            let whole = self.key(PlanUnit { table: t, instance: i, line: of_lines.then_some(line) })?;
+            return Ok(HashKey::from_parts([whole.as_ref(), self.names.words[name as usize].as_bytes()]));
         }
         let column = keys.makes.binary_search(&name).ok();
         let number = column
@@ -292,7 +301,7 @@ impl Graph<'_> {
             .map(|(column, at)| keys.columns + (column as u64 * node.len() as u64 + i as u64) * keys.width + at);
         self.remembered(number, || {
             let lenient = node.variants[v].yields.lenient;
-            let inputs: Vec<(InputKind, Ref)> = node.inputs(i).collect();
+            let inputs: Vec<(InputKind, TableRef)> = node.inputs(i).collect();
             let mut text = b"column".to_vec();
             text.extend(node.questions.at(i).as_ref());
             text.extend(keys.variants[v].rows.as_ref());
@@ -303,13 +312,15 @@ impl Graph<'_> {
                     .ok_or_else(|| Fault::new("a column is made from an input that does not exist"))?;
                 let name = &self.names.words[*column as usize];
                 let key = match r {
-                    Ref::Stage(..) | Ref::Flights(_) if kind.is_record() => self.record(*r, std::slice::from_ref(name)),
-                    Ref::Stage(..) | Ref::Flights(_) => self.column_of(*r, line, *column),
-                    Ref::Map(_) => self.object(*r, line),
+                    TableRef::Stage(..) | TableRef::Flights(_) if kind.is_record() => {
+                        self.record(*r, std::slice::from_ref(name))
+                    }
+                    TableRef::Stage(..) | TableRef::Flights(_) => self.column_of(*r, line, *column),
+                    TableRef::Map(_) => self.object(*r, line),
                 };
                 self.part(&mut text, name, key, lenient)?;
             }
-            Ok(Key::of_bytes(&text))
+            Ok(HashKey::of_bytes(&text))
         })
     }
 }
@@ -321,23 +332,23 @@ impl NodeKeys {
         node: &TableNode,
         sets: &LineSets,
         t: usize,
-        names: &mut Names,
+        names: &mut ColumnNames,
         numbers: &mut u64,
     ) -> NodeKeys {
         let variants: Vec<VariantKeys> = node.variants.iter().map(|v| VariantKeys::new(v, names)).collect();
-        let mut makes: Vec<Name> = variants.iter().flat_map(|v| v.made.iter().copied()).collect();
+        let mut makes: Vec<ColumnNumber> = variants.iter().flat_map(|v| v.made.iter().copied()).collect();
         makes.sort_unstable();
         makes.dedup();
         let mut axes: Vec<usize> = node.variant.grid().axes().chain(sets.grid(t).axes()).collect();
         for slot in &node.slots {
             axes.extend(slot.targets.grid().axes());
             for target in slot.targets.values().iter().flat_map(|t| t.iter()) {
-                if let Target::Stage(t, _) = target {
+                if let InputTarget::Stage(t, _) = target {
                     axes.extend(plan.tables[*t].grid.axes());
                 }
             }
         }
-        let data = Grid::new(&axes, &plan.spec);
+        let data = SweepGrid::new(&axes, &plan.spec);
         let width = match node.entry.grain {
             Grain::Survey | Grain::Map => 1,
             Grain::Line => sets.each(t, 1).map(|(set, _)| set.len() as u64).max().unwrap_or(0).max(1),
@@ -359,9 +370,9 @@ impl NodeKeys {
 pub(super) fn columns_of(
     records: &BTreeMap<LineId, LineRecord>,
     lines: usize,
-    names: &Names,
-) -> HashMap<Name, Vec<Option<Key>>> {
-    let mut found: HashMap<Name, Vec<Option<Key>>> = HashMap::new();
+    names: &ColumnNames,
+) -> HashMap<ColumnNumber, Vec<Option<HashKey>>> {
+    let mut found: HashMap<ColumnNumber, Vec<Option<HashKey>>> = HashMap::new();
     for (line, record) in records {
         for (name, key) in &record.columns {
             if let Some(number) = names.known.get(name) {

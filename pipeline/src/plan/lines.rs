@@ -6,12 +6,12 @@ use schemas::Fault;
 
 use super::{
     Plan,
-    grid::{Grid, Onto, Over},
-    node::{Slot, TableNode, Target},
+    grid::{SweepGrid, SweepPointMap, SweepValues},
+    node::{InputSlot, InputTarget, TableNode},
 };
 use crate::predicate::Predicate;
 
-/// A line, as a position in the lines of a [graph](super::Graph).
+/// A line, as a position in the lines of a [graph](super::PlanGraph).
 pub type LineId = usize;
 
 /// The lines of the points of all tables.
@@ -21,12 +21,12 @@ pub struct LineSets {
     sets: Vec<Vec<LineId>>,
     known: HashMap<Vec<LineId>, u32>,
     /// The set of each point of each table, as a position in `sets`.
-    of: Vec<Over<u32>>,
+    of: Vec<SweepValues<u32>>,
 }
 
 impl LineSets {
     /// The lines of the point `i` of the table `t`, sorted.
-    pub fn of(&self, t: usize, i: usize) -> &[LineId] {
+    pub fn point_lines(&self, t: usize, i: usize) -> &[LineId] {
         &self.sets[self.set(t, i) as usize]
     }
 
@@ -36,7 +36,7 @@ impl LineSets {
     }
 
     /// The axes that the lines of the table `t` depend on.
-    pub fn grid(&self, t: usize) -> &Grid {
+    pub fn grid(&self, t: usize) -> &SweepGrid {
         self.of[t].grid()
     }
 
@@ -77,13 +77,13 @@ impl LineSets {
         node: &TableNode,
         flights: &[u32],
         lines: &[(String, String)],
-    ) -> Result<Over<u32>, Fault> {
-        let slots: Vec<&Slot> = node.slots.iter().filter(|s| s.kind.is_by_line()).collect();
+    ) -> Result<SweepValues<u32>, Fault> {
+        let slots: Vec<&InputSlot> = node.slots.iter().filter(|s| s.kind.is_by_line()).collect();
         let mut axes: Vec<usize> = vec![];
         for slot in &slots {
             axes.extend(slot.targets.grid().axes());
             for target in slot.targets.values().iter().flat_map(|t| t.iter()) {
-                if let Target::Stage(t, _) = target {
+                if let InputTarget::Stage(t, _) = target {
                     axes.extend(self.of[*t].grid().axes());
                 }
             }
@@ -91,9 +91,9 @@ impl LineSets {
         if node.variants.iter().any(|v| v.predicate.is_some()) {
             axes.extend(node.variant.grid().axes());
         }
-        let grid = Grid::new(&axes, &plan.spec);
-        let to_slots: Vec<Onto> = slots.iter().map(|s| grid.onto(s.targets.grid())).collect();
-        let to_sets: Vec<Onto> = self.of.iter().map(|of| grid.onto(of.grid())).collect();
+        let grid = SweepGrid::new(&axes, &plan.spec);
+        let to_slots: Vec<SweepPointMap> = slots.iter().map(|s| grid.onto(s.targets.grid())).collect();
+        let to_sets: Vec<SweepPointMap> = self.of.iter().map(|of| grid.onto(of.grid())).collect();
         let to_variant = grid.onto(node.variant.grid());
         let mut known: HashMap<(Vec<u32>, Option<*const Predicate>), u32> = HashMap::new();
         let mut found = Vec::with_capacity(grid.len());
@@ -102,9 +102,9 @@ impl LineSets {
             for (slot, to) in slots.iter().zip(&to_slots) {
                 for target in slot.targets.values()[to.at(g)].iter() {
                     match target {
-                        Target::Flights(i) => inputs.push(flights[*i]),
-                        Target::Stage(t, _) => inputs.push(self.of[*t].values()[to_sets[*t].at(g)]),
-                        Target::Map(_) => {}
+                        InputTarget::Flights(i) => inputs.push(flights[*i]),
+                        InputTarget::Stage(t, _) => inputs.push(self.of[*t].values()[to_sets[*t].at(g)]),
+                        InputTarget::Map(_) => {}
                     }
                 }
             }
@@ -123,7 +123,7 @@ impl LineSets {
                 }
             });
         }
-        Ok(Over::new(&node.grid, grid, found))
+        Ok(SweepValues::new(&node.grid, grid, found))
     }
 
     /// The intersection of these sets of lines.

@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 /// The maximum number of cached keys: 100 MB of them.
 const MOST: u64 = 1 << 22;
@@ -11,19 +11,19 @@ const SHARDS: u64 = 64;
 
 /// Keys by a number. Where there are more numbers than room, a key replaces an older one, which is
 /// recomputed on demand.
-pub struct Memo {
+pub struct KeyCache {
     shards: Vec<Mutex<Vec<[u64; 3]>>>,
     room: u64,
 }
 
-impl Memo {
+impl KeyCache {
     /// For numbers below `numbers`.
-    pub fn new(numbers: u64) -> Memo {
-        Memo::with_room(numbers.min(MOST))
+    pub fn new(numbers: u64) -> KeyCache {
+        KeyCache::with_room(numbers.min(MOST))
     }
 
-    fn with_room(keys: u64) -> Memo {
-        Memo { shards: (0..SHARDS).map(|_| Mutex::default()).collect(), room: keys.div_ceil(SHARDS).max(1) }
+    fn with_room(keys: u64) -> KeyCache {
+        KeyCache { shards: (0..SHARDS).map(|_| Mutex::default()).collect(), room: keys.div_ceil(SHARDS).max(1) }
     }
 
     fn place(&self, number: u64) -> (&Mutex<Vec<[u64; 3]>>, usize) {
@@ -31,15 +31,15 @@ impl Memo {
     }
 
     /// The key of `number`, if it is cached.
-    pub fn get(&self, number: u64) -> Option<Key> {
+    pub fn get(&self, number: u64) -> Option<HashKey> {
         let (shard, at) = self.place(number);
         let keys = shard.lock().ok()?;
         let [owner, low, high] = *keys.get(at)?;
-        (owner == number + 1).then(|| Key::from_words([low, high]))
+        (owner == number + 1).then(|| HashKey::from_words([low, high]))
     }
 
     /// Caches the key of `number`.
-    pub fn put(&self, number: u64, key: Key) {
+    pub fn put(&self, number: u64, key: HashKey) {
         let (shard, at) = self.place(number);
         let Ok(mut keys) = shard.lock() else { return };
         if keys.is_empty() {
@@ -57,8 +57,8 @@ mod tests {
 
     #[test]
     fn unit_a_memo_forgets_but_never_mistakes() {
-        let memo = Memo::with_room(100);
-        let key = |n: u64| Key::of([n.to_string()]);
+        let memo = KeyCache::with_room(100);
+        let key = |n: u64| HashKey::from_parts([n.to_string()]);
         assert_eq!(memo.get(3), None);
         (0..1000).for_each(|n| memo.put(n, key(n)));
         let known = (0..1000).filter(|n| memo.get(*n).is_some()).count();

@@ -21,19 +21,19 @@ mod variants;
 
 use std::collections::BTreeSet;
 
-use schemas::{Entry, Fault, metric::Metric};
+use schemas::{Fault, StageEntry, metric::Metric};
 
-pub use graph::{Graph, Origin, Unit};
-pub use grid::{Grid, Point};
+pub use graph::{ColumnLocation, PlanGraph, PlanUnit};
+pub use grid::{SweepGrid, SweepPoint};
 pub use lines::LineId;
-pub use node::{Instance, TableNode, Variant};
-pub use recorded::Recorded;
-pub use search::Goal;
-pub use seen::{IN_SAMPLE, InSample, Seen};
+pub use node::{StageInstance, StageVariant, TableNode};
+pub use recorded::RecordedPlan;
+pub use search::SearchGoal;
+pub use seen::{IN_SAMPLE, InSampleColumn, InSampleLines};
 
 use crate::{
     sources::{Flights, MapSource},
-    spec::{Faults, Spec, StageDecl},
+    spec::{Spec, SpecFaults, StageDecl},
 };
 
 #[cfg(test)]
@@ -55,7 +55,7 @@ pub struct Plan {
 
 /// The target of an input of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Ref {
+pub enum TableRef {
     /// A table of flights, as a position in [`Plan::flights`].
     Flights(usize),
     /// A map or a model of files, as a position in [`Plan::maps`].
@@ -69,18 +69,18 @@ impl Plan {
     ///
     /// # Errors
     /// Fails with all faults, one message per mistake.
-    pub fn new(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
+    pub fn new(spec: Spec, catalogue: &[StageEntry]) -> Result<Plan, SpecFaults> {
         build::build(spec, catalogue, None)
     }
 
     /// The stage of the table `table` at its point `index`.
-    pub fn instance(&self, table: usize, index: usize) -> Instance<'_> {
+    pub fn instance(&self, table: usize, index: usize) -> StageInstance<'_> {
         let node = &self.tables[table];
-        Instance { plan: self, node, index, variant: &node.variants[node.variant(index)] }
+        StageInstance { plan: self, node, index, variant: &node.variants[node.variant(index)] }
     }
 
     /// The stage of the table `table` at each of its points.
-    pub fn instances(&self, table: usize) -> impl Iterator<Item = Instance<'_>> {
+    pub fn instances(&self, table: usize) -> impl Iterator<Item = StageInstance<'_>> {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
     }
 
@@ -116,13 +116,13 @@ impl Plan {
     }
 
     /// The nearest table above `from`, or `from` itself, that `stage` made.
-    pub fn upstream(&self, from: &[Ref], stage: &str) -> Option<Ref> {
-        let mut queue: Vec<Ref> = from.to_vec();
-        let mut seen: BTreeSet<Ref> = BTreeSet::new();
+    pub fn upstream(&self, from: &[TableRef], stage: &str) -> Option<TableRef> {
+        let mut queue: Vec<TableRef> = from.to_vec();
+        let mut seen: BTreeSet<TableRef> = BTreeSet::new();
         let mut next = 0;
         while let Some(r) = queue.get(next).copied() {
             next += 1;
-            let Ref::Stage(t, i) = r else { continue };
+            let TableRef::Stage(t, i) = r else { continue };
             if !seen.insert(r) {
                 continue;
             }
@@ -140,7 +140,7 @@ impl Plan {
         let mut queue = vec![table];
         while let Some(t) = queue.pop() {
             for r in self.tables[t].sources() {
-                if let Ref::Stage(s, _) = r
+                if let TableRef::Stage(s, _) = r
                     && found.insert(s)
                 {
                     queue.push(s);
@@ -156,11 +156,11 @@ impl Plan {
     }
 
     /// The name of a reference in the spec.
-    pub fn name_of(&self, r: Ref) -> &str {
+    pub fn name_of(&self, r: TableRef) -> &str {
         match r {
-            Ref::Flights(i) => &self.flights[i].name,
-            Ref::Map(i) => &self.maps[i].name,
-            Ref::Stage(t, _) => &self.tables[t].name,
+            TableRef::Flights(i) => &self.flights[i].name,
+            TableRef::Map(i) => &self.maps[i].name,
+            TableRef::Stage(t, _) => &self.tables[t].name,
         }
     }
 }

@@ -2,17 +2,17 @@
 
 use std::{collections::HashSet, ops::Deref, sync::Arc};
 
-use schemas::{AnyStage, Args, Column, Entry, Fault, InputKind, Literal, Table, Yield};
+use schemas::{AnyStage, Column, Fault, InputKind, Literal, SpecEntries, StageEntry, StageSchema, Table};
 
 use super::{
-    Plan, Ref,
+    Plan, TableRef,
     axes::args_at,
-    grid::{Grid, Onto, Over, Point},
+    grid::{SweepGrid, SweepPoint, SweepPointMap, SweepValues},
 };
 use crate::{
-    keys::Key,
+    keys::HashKey,
     predicate::Predicate,
-    spec::{Span, Spec, StageDecl},
+    spec::{Spec, SpecSpan, StageDecl},
 };
 
 /// One table: a stage at every point of the axes it depends on.
@@ -20,42 +20,42 @@ pub struct TableNode {
     /// Its name in the spec.
     pub name: String,
     /// The position of its declaration.
-    pub at: Span,
+    pub at: SpecSpan,
     /// Its declaration, as a position in the spec's stages.
     pub decl: usize,
     /// The stage.
-    pub entry: Entry,
+    pub entry: StageEntry,
     /// The axes it depends on, as positions in the spec.
     pub axes: Vec<usize>,
     /// Its inputs and outputs: one for all points at which they are equal, in order of first appearance.
-    pub variants: Vec<Variant>,
+    pub variants: Vec<StageVariant>,
     /// The columns that pass through the stage and that its published table is to hold too.
     pub carry: Vec<String>,
     /// Whether its results are kept; otherwise they are made again where they are needed.
     pub keep: bool,
-    pub(super) grid: Grid,
-    pub(super) slots: Vec<Slot>,
+    pub(super) grid: SweepGrid,
+    pub(super) slots: Vec<InputSlot>,
     /// A position in `variants`.
-    pub(super) variant: Over<u32>,
+    pub(super) variant: SweepValues<u32>,
     /// A position in `tables`.
-    pub(super) table: Over<u32>,
+    pub(super) table: SweepValues<u32>,
     /// The different tables that it yields.
     pub(super) tables: Vec<Arc<Table>>,
     /// The computation at a point: the stage, its version and its parameters.
-    pub(super) questions: Over<Key>,
+    pub(super) questions: SweepValues<HashKey>,
 }
 
 /// The inputs and outputs of a stage at some points of the sweep.
-pub struct Variant {
+pub struct StageVariant {
     /// Its inputs and outputs.
-    pub yields: Yield,
+    pub yields: StageSchema,
     /// Its table as later stages see it.
     pub table: Arc<Table>,
     /// The rows it is restricted to.
     pub predicate: Option<Arc<Predicate>>,
 }
 
-impl Variant {
+impl StageVariant {
     /// The column `name` where this stage makes it.
     pub fn makes(&self, name: &str) -> Option<&Column> {
         self.yields.columns.iter().find(|c| c.name == name)
@@ -63,28 +63,28 @@ impl Variant {
 }
 
 /// One name, or list of names, among the inputs of a stage.
-pub(super) struct Slot {
+pub(super) struct InputSlot {
     /// Its kind.
     pub kind: InputKind,
     /// Its target; the name may depend on axes.
-    pub targets: Over<Arc<[Target]>>,
+    pub targets: SweepValues<Arc<[InputTarget]>>,
 }
 
 /// The target of an input at the points of the stage that uses it.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Target {
+pub(super) enum InputTarget {
     Flights(usize),
     Map(usize),
-    Stage(usize, Arc<Onto>),
+    Stage(usize, Arc<SweepPointMap>),
 }
 
-impl Target {
+impl InputTarget {
     /// The target at the point `i` of the stage.
-    pub fn at(&self, i: usize) -> Ref {
+    pub fn at(&self, i: usize) -> TableRef {
         match self {
-            Target::Flights(t) => Ref::Flights(*t),
-            Target::Map(m) => Ref::Map(*m),
-            Target::Stage(t, onto) => Ref::Stage(*t, onto.at(i)),
+            InputTarget::Flights(t) => TableRef::Flights(*t),
+            InputTarget::Map(m) => TableRef::Map(*m),
+            InputTarget::Stage(t, onto) => TableRef::Stage(*t, onto.at(i)),
         }
     }
 }
@@ -101,7 +101,7 @@ impl TableNode {
     }
 
     /// Its points, as numbers.
-    pub fn grid(&self) -> &Grid {
+    pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }
 
@@ -116,16 +116,16 @@ impl TableNode {
     }
 
     /// The inputs at the point `i`, each with its kind, in the order of the stage's inputs.
-    pub fn inputs(&self, i: usize) -> impl Iterator<Item = (InputKind, Ref)> + '_ {
+    pub fn inputs(&self, i: usize) -> impl Iterator<Item = (InputKind, TableRef)> + '_ {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
 
     /// The tables that it is made from at any point, each once, a stage's at its first point.
-    pub fn sources(&self) -> Vec<Ref> {
+    pub fn sources(&self) -> Vec<TableRef> {
         let mut found = vec![];
         for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
             let r = match target.at(0) {
-                Ref::Stage(t, _) => Ref::Stage(t, 0),
+                TableRef::Stage(t, _) => TableRef::Stage(t, 0),
                 other => other,
             };
             if !found.contains(&r) {
@@ -136,7 +136,7 @@ impl TableNode {
     }
 
     /// Names and values of the axis columns at one point.
-    pub fn axis_columns<'a>(&self, instance: &Instance, spec: &'a Spec) -> Vec<(&'a str, &'a Literal)> {
+    pub fn axis_columns<'a>(&self, instance: &StageInstance, spec: &'a Spec) -> Vec<(&'a str, &'a Literal)> {
         let value = |(axis, at): (usize, usize)| {
             let axis = spec.axes.get(axis)?;
             Some((axis.name.as_str(), axis.values.get(at)?))
@@ -160,7 +160,7 @@ impl TableNode {
     pub fn examples(&self, spec: &Spec) -> impl Iterator<Item = usize> + '_ {
         let names = self.slots.iter().flat_map(|s| s.targets.grid().axes());
         let axes: Vec<usize> = self.variant.grid().axes().chain(names).collect();
-        let grid = Grid::new(&axes, spec);
+        let grid = SweepGrid::new(&axes, spec);
         let back = grid.onto(&self.grid);
         (0..grid.len()).map(move |i| back.at(i))
     }
@@ -179,7 +179,7 @@ impl TableNode {
 
 /// A stage at one point of the sweep. It is made on demand and costs nothing to copy.
 #[derive(Clone, Copy)]
-pub struct Instance<'p> {
+pub struct StageInstance<'p> {
     /// The plan it belongs to.
     pub plan: &'p Plan,
     /// Its table.
@@ -187,30 +187,30 @@ pub struct Instance<'p> {
     /// The point, counted with the last axis running fastest.
     pub index: usize,
     /// Its inputs and outputs there.
-    pub variant: &'p Variant,
+    pub variant: &'p StageVariant,
 }
 
-impl Deref for Instance<'_> {
-    type Target = Variant;
+impl Deref for StageInstance<'_> {
+    type Target = StageVariant;
 
-    fn deref(&self) -> &Variant {
+    fn deref(&self) -> &StageVariant {
         self.variant
     }
 }
 
-impl<'p> Instance<'p> {
+impl<'p> StageInstance<'p> {
     /// The values of the table's axes.
-    pub fn point(&self) -> Point {
+    pub fn point(&self) -> SweepPoint {
         self.node.grid.point(self.index, &self.plan.spec)
     }
 
     /// Its inputs, in the order of the stage's inputs.
-    pub fn inputs(&self) -> Vec<Ref> {
+    pub fn inputs(&self) -> Vec<TableRef> {
         self.node.inputs(self.index).map(|(_, r)| r).collect()
     }
 
     /// Its first input.
-    pub fn first_input(&self) -> Option<Ref> {
+    pub fn first_input(&self) -> Option<TableRef> {
         self.node.inputs(self.index).next().map(|(_, r)| r)
     }
 
@@ -236,13 +236,13 @@ impl<'p> Instance<'p> {
     }
 
     /// The computation here, without the data: equal for the same stage, version and parameters.
-    pub fn question(&self) -> Key {
+    pub fn question(&self) -> HashKey {
         *self.node.questions.at(self.index)
     }
 }
 
 /// The parameters among the arguments of a stage.
-pub(super) fn own_args(decl: &StageDecl, entry: &Entry) -> Args {
+pub(super) fn own_args(decl: &StageDecl, entry: &StageEntry) -> SpecEntries {
     let is_input = |name: &str| entry.inputs.iter().any(|i| i.name == name);
     decl.args.iter().filter(|(k, _)| !is_input(k)).map(|(k, g)| (k.clone(), g.clone())).collect()
 }

@@ -4,32 +4,32 @@
 
 use arrow_ipc::convert::{IpcSchemaEncoder, fb_to_schema};
 use arrow_schema::{Schema, SchemaRef};
-use learning::search::Value;
+use learning::search::TrialValue;
 use numerics::arithmetic::processor;
-use schemas::{Entry, Fault};
+use schemas::{Fault, StageEntry};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::Path};
 
-use super::{Graph, Plan, build};
+use super::{Plan, PlanGraph, build};
 use crate::{
-    keys::{ARITHMETIC, Key},
+    keys::{ARITHMETIC, HashKey},
     sources::{LineRecord, MapSource},
-    spec::{Faults, Row, Spec},
+    spec::{SearchTrial, Spec, SpecFaults},
     store::{NoteFault, Store},
 };
 
 /// The form of the record.
 const FORM: u32 = 2;
 
-/// All that a plan and its keys follow from.
+/// Record of all facts that determine a plan and its keys.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recorded {
+pub struct RecordedPlan {
     form: u32,
     magline: String,
     /// The machine's, for people and to compare.
     arithmetic: String,
-    arithmetic_key: Key,
+    arithmetic_key: HashKey,
     /// The name of the spec's file, which names a pipeline that has no name.
     file: String,
     text: String,
@@ -76,8 +76,8 @@ struct RecordedLine {
     flight: String,
     line: String,
     rows: usize,
-    object: Key,
-    columns: BTreeMap<String, Key>,
+    object: HashKey,
+    columns: BTreeMap<String, HashKey>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fault: Option<NoteFault>,
 }
@@ -87,7 +87,7 @@ struct RecordedLine {
 #[serde(deny_unknown_fields)]
 struct RecordedMap {
     name: String,
-    key: Key,
+    key: HashKey,
     /// The columns of a model, as those of flights; none of a map.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     schema: Option<String>,
@@ -105,35 +105,35 @@ fn schema_of(hex: &str) -> Option<Schema> {
 }
 
 impl RecordedTrial {
-    fn of(row: &Row) -> RecordedTrial {
-        let value = |value: &Value| match value {
-            Value::Real(x) => RecordedValue::Real(format!("{x:?}")),
-            Value::Whole(n) => RecordedValue::Whole(*n),
-            Value::Choice(i) => RecordedValue::Choice(*i),
+    fn from_row(row: &SearchTrial) -> RecordedTrial {
+        let value = |value: &TrialValue| match value {
+            TrialValue::Real(x) => RecordedValue::Real(format!("{x:?}")),
+            TrialValue::Whole(n) => RecordedValue::Whole(*n),
+            TrialValue::Choice(i) => RecordedValue::Choice(*i),
         };
-        let Row { trial, generation, rung, ref values } = *row;
+        let SearchTrial { trial, generation, rung, ref values } = *row;
         RecordedTrial { trial, generation, rung, values: values.iter().map(value).collect() }
     }
 
-    fn row(&self) -> Option<Row> {
+    fn row(&self) -> Option<SearchTrial> {
         let value = |value: &RecordedValue| {
             Some(match value {
-                RecordedValue::Real(text) => Value::Real(text.parse().ok()?),
-                RecordedValue::Whole(n) => Value::Whole(*n),
-                RecordedValue::Choice(i) => Value::Choice(*i),
+                RecordedValue::Real(text) => TrialValue::Real(text.parse().ok()?),
+                RecordedValue::Whole(n) => TrialValue::Whole(*n),
+                RecordedValue::Choice(i) => TrialValue::Choice(*i),
             })
         };
         let RecordedTrial { trial, generation, rung, ref values } = *self;
-        Some(Row { trial, generation, rung, values: values.iter().map(value).collect::<Option<_>>()? })
+        Some(SearchTrial { trial, generation, rung, values: values.iter().map(value).collect::<Option<_>>()? })
     }
 }
 
-impl Recorded {
+impl RecordedPlan {
     /// Writes the record of `graph` into `store`, and returns its name.
     ///
     /// # Errors
     /// Fails when the store cannot be written.
-    pub fn keep(graph: &Graph, store: &Store) -> Result<Key, Fault> {
+    pub fn keep(graph: &PlanGraph, store: &Store) -> Result<HashKey, Fault> {
         let plan = graph.plan;
         let spec = &plan.spec;
         let file = Path::new(&spec.file).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -151,12 +151,12 @@ impl Recorded {
             lines: records.values().map(line).collect(),
         });
         let maps = plan.maps.iter().zip(&graph.maps);
-        let whole = |(map, key): (&MapSource, &Key)| RecordedMap {
+        let whole = |(map, key): (&MapSource, &HashKey)| RecordedMap {
             name: map.name.clone(),
             key: *key,
             schema: map.schema().map(|schema| hexadecimal(schema)),
         };
-        let recorded = Recorded {
+        let recorded = RecordedPlan {
             form: FORM,
             magline: env!("CARGO_PKG_VERSION").to_owned(),
             arithmetic: processor(),
@@ -164,7 +164,7 @@ impl Recorded {
             file,
             text: spec.text.clone(),
             sets: spec.sets.clone(),
-            trials: spec.trials.iter().map(RecordedTrial::of).collect(),
+            trials: spec.trials.iter().map(RecordedTrial::from_row).collect(),
             flights: flights.collect(),
             maps: maps.map(whole).collect(),
         };
@@ -176,8 +176,8 @@ impl Recorded {
     ///
     /// # Errors
     /// Fails when it is not there, damaged, or of another version.
-    pub fn find(store: &Store, key: Key) -> Result<Recorded, Fault> {
-        let recorded: Recorded = serde_json::from_slice(&store.plan(key)?)
+    pub fn find(store: &Store, key: HashKey) -> Result<RecordedPlan, Fault> {
+        let recorded: RecordedPlan = serde_json::from_slice(&store.plan(key)?)
             .map_err(|e| Fault::new(format!("the plan {key} was made by another version of magline: {e}")))?;
         if recorded.form != FORM || recorded.magline != env!("CARGO_PKG_VERSION") {
             let what = format!(
@@ -206,9 +206,9 @@ impl Recorded {
     ///
     /// # Errors
     /// Fails when these are not the stages that it was made with.
-    pub fn plan(&self, catalogue: &[Entry]) -> Result<Plan, Faults> {
+    pub fn plan(&self, catalogue: &[StageEntry]) -> Result<Plan, SpecFaults> {
         let spec = Spec::parse(&self.file, ".".into(), self.text.clone(), &self.sets)?;
-        let rows: Option<Vec<Row>> = self.trials.iter().map(RecordedTrial::row).collect();
+        let rows: Option<Vec<SearchTrial>> = self.trials.iter().map(RecordedTrial::row).collect();
         let rows = rows.ok_or_else(|| spec.faults(vec![Fault::new("a trial of the plan is unreadable")]))?;
         let spec = if spec.search.is_some() { spec.with_trials(&rows) } else { spec };
         build::build(spec, catalogue, Some(self))
@@ -218,7 +218,7 @@ impl Recorded {
     ///
     /// # Errors
     /// Fails for a record that is not of the plan.
-    pub fn graph<'a>(&self, plan: &'a Plan) -> Result<Graph<'a>, Faults> {
+    pub fn graph<'a>(&self, plan: &'a Plan) -> Result<PlanGraph<'a>, SpecFaults> {
         let unknown = |name: &str| plan.spec.faults(vec![lacking(name)]);
         let record = |l: &RecordedLine| LineRecord {
             flight: l.flight.clone(),
@@ -240,7 +240,7 @@ impl Recorded {
             let same = |m: &&RecordedMap| m.name == map.name && m.schema.is_some() == map.schema().is_some();
             maps.push(self.maps.iter().find(same).ok_or_else(|| unknown(&map.name))?.key);
         }
-        Graph::of(plan, lines, vec![], maps)
+        PlanGraph::from_records(plan, lines, vec![], maps)
     }
 
     /// The columns of the table of flights `name`.
@@ -284,7 +284,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         let of = |arithmetic_key| {
-            let recorded = Recorded {
+            let recorded = RecordedPlan {
                 form: FORM,
                 magline: env!("CARGO_PKG_VERSION").to_owned(),
                 arithmetic: "a processor".to_owned(),
@@ -296,10 +296,10 @@ mod tests {
                 flights: vec![],
                 maps: vec![],
             };
-            Recorded::find(&store, store.keep_plan(&serde_json::to_vec(&recorded).unwrap()).unwrap())
+            RecordedPlan::find(&store, store.keep_plan(&serde_json::to_vec(&recorded).unwrap()).unwrap())
         };
         assert!(of(*ARITHMETIC).is_ok());
-        let fault = of(Key::of(["other"])).err().unwrap().to_string();
+        let fault = of(HashKey::from_parts(["other"])).err().unwrap().to_string();
         assert!(fault.contains("(a processor) differ in their last bits") && fault.contains(&processor()), "{fault}");
     }
 }

@@ -2,28 +2,28 @@
 
 use schemas::{
     Fault, Grain, Literal, TableKind,
-    metric::{Better, Metric},
+    metric::{Metric, MetricPreference},
 };
 
-use super::{Plan, axes::unused, builder::Builder};
+use super::{Plan, axes::unused, builder::PlanBuilder};
 use crate::{
     predicate::Predicate,
-    spec::{Direction, Search},
+    spec::{GoalDirection, SearchSpec},
 };
 
 /// The goal of a search, checked.
-pub struct Goal {
+pub struct SearchGoal {
     /// Its table of scores, as a position in the plan.
     pub table: usize,
     /// Its metric.
     pub metric: Metric,
     /// Which values are good.
-    better: Better,
+    better: MetricPreference,
     /// The lines that it is of; all where there is none.
     pub lines: Option<Predicate>,
 }
 
-impl Goal {
+impl SearchGoal {
     /// A cost that is smaller for the better of two values; `None` for one that is no number.
     pub fn cost(&self, value: f64) -> Option<f64> {
         self.better.cost(value)
@@ -35,7 +35,7 @@ impl Plan {
     ///
     /// # Errors
     /// Never fails for a checked plan.
-    pub fn goal(&self) -> Result<Option<Goal>, Fault> {
+    pub fn goal(&self) -> Result<Option<SearchGoal>, Fault> {
         let Some(search) = &self.spec.search else { return Ok(None) };
         let table = self.table(&search.table)?;
         let node = &self.tables[table];
@@ -43,18 +43,18 @@ impl Plan {
         let metric = metric.ok_or_else(|| Fault::bug("the goal of a search has no metric"))?;
         let better = match search.direction {
             None => metric.better,
-            Some(Direction::Minimise) => Better::Lower,
-            Some(Direction::Maximise) => Better::Higher,
+            Some(GoalDirection::Minimise) => MetricPreference::Lower,
+            Some(GoalDirection::Maximise) => MetricPreference::Higher,
         };
         let shape = node.tables.first().map(|t| t.shape().clone()).unwrap_or_default();
         let lines = search.predicate.as_ref().map(|(text, _)| Predicate::new(text, &shape)).transpose()?;
-        Ok(Some(Goal { table, metric, better, lines }))
+        Ok(Some(SearchGoal { table, metric, better, lines }))
     }
 }
 
-impl Builder<'_> {
+impl PlanBuilder<'_> {
     /// Checks the search against the stages: what it searches is used, and its goal is there and depends on it.
-    pub fn search(&mut self, search: &Search) {
+    pub fn search(&mut self, search: &SearchSpec) {
         for name in unused(self.spec) {
             let at =
                 search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
@@ -84,7 +84,7 @@ impl Builder<'_> {
             self.faults.push(goal(fault.nearest(&search.metric, &known)));
             return;
         };
-        if metric.better == Better::Neither && search.direction.is_none() {
+        if metric.better == MetricPreference::Neither && search.direction.is_none() {
             let what = format!("the metric `{}` has no preferred direction", metric.name);
             self.faults.push(goal(Fault::new(what).help("set `direction = \"minimise\"` or `\"maximise\"`")));
         }

@@ -9,11 +9,11 @@ use schemas::{Fault, Grain, InputKind, TableKind};
 pub use stages::score::IN_SAMPLE;
 use stages::score::POOLED_IN_SAMPLE;
 
-use super::{Graph, LineId, Ref, TableNode, Unit};
+use super::{LineId, PlanGraph, PlanUnit, TableNode, TableRef};
 
 impl TableNode {
-    /// The meaning of the column [`IN_SAMPLE`] of its published table, which tables of scores of lines and those that pool
-    /// them have; `None` for others.
+    /// The meaning of the column [`IN_SAMPLE`] of its published table, which tables of scores of lines and those that
+    /// pool them have; `None` for others.
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
@@ -26,23 +26,23 @@ impl TableNode {
     }
 }
 
-impl Graph<'_> {
+impl PlanGraph<'_> {
     /// The lines that each point of the table of scores `t` used, found once.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
-    pub fn seen(&self, t: usize) -> Result<&Seen, Fault> {
+    pub fn seen(&self, t: usize) -> Result<&InSampleLines, Fault> {
         let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
-        seen.get_or_init(|| Seen::new(self, t)).as_ref().map_err(Clone::clone)
+        seen.get_or_init(|| InSampleLines::new(self, t)).as_ref().map_err(Clone::clone)
     }
 
-    /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a table
-    /// without that column, or with its own.
+    /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a
+    /// table without that column, or with its own.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
-    pub fn in_sample(&self, r: Ref, line: LineId) -> Result<Option<bool>, Fault> {
-        let Ref::Stage(t, i) = r else { return Ok(None) };
+    pub fn in_sample(&self, r: TableRef, line: LineId) -> Result<Option<bool>, Fault> {
+        let TableRef::Stage(t, i) = r else { return Ok(None) };
         if self.plan.tables[t].in_sample_meaning().is_none() {
             return Ok(None);
         }
@@ -51,18 +51,18 @@ impl Graph<'_> {
 }
 
 /// The column [`IN_SAMPLE`] of one table.
-pub struct InSample<'a> {
-    graph: &'a Graph<'a>,
+pub struct InSampleColumn<'a> {
+    graph: &'a PlanGraph<'a>,
     /// Data that the points of each table of scores used.
-    seen: BTreeMap<usize, &'a Seen>,
+    seen: BTreeMap<usize, &'a InSampleLines>,
 }
 
-impl<'a> InSample<'a> {
+impl<'a> InSampleColumn<'a> {
     /// Creates the in-sample test of the table `t`; `None` where it has no such column.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
-    pub fn new(graph: &'a Graph<'a>, t: usize) -> Result<Option<InSample<'a>>, Fault> {
+    pub fn new(graph: &'a PlanGraph<'a>, t: usize) -> Result<Option<InSampleColumn<'a>>, Fault> {
         let node = &graph.plan.tables[t];
         if node.in_sample_meaning().is_none() {
             return Ok(None);
@@ -73,11 +73,11 @@ impl<'a> InSample<'a> {
                 new.insert(graph.seen(scores)?);
             }
         }
-        Ok(Some(InSample { graph, seen }))
+        Ok(Some(InSampleColumn { graph, seen }))
     }
 
     /// The number of lines in sample behind the rows of a unit, and of all.
-    pub fn lines(&self, unit: Unit) -> (usize, usize) {
+    pub fn lines(&self, unit: PlanUnit) -> (usize, usize) {
         let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
         let all: &[LineId] = match &unit.line {
             Some(line) => std::slice::from_ref(line),
@@ -89,27 +89,27 @@ impl<'a> InSample<'a> {
 }
 
 /// The table of scores of a point, and the point there: the table itself, or what a pooling stage pools.
-fn scores_of(graph: &Graph, t: usize, i: usize) -> Option<(usize, usize)> {
+fn scores_of(graph: &PlanGraph, t: usize, i: usize) -> Option<(usize, usize)> {
     let node = &graph.plan.tables[t];
     if node.entry.grain == Grain::Line {
         return Some((t, i));
     }
     node.inputs(i).find_map(|(kind, r)| match r {
-        Ref::Stage(t, i) if kind == InputKind::Scores => Some((t, i)),
+        TableRef::Stage(t, i) if kind == InputKind::Scores => Some((t, i)),
         _ => None,
     })
 }
 
-/// The lines that each point of one table saw, sorted.
-pub struct Seen(Vec<Arc<BTreeSet<LineId>>>);
+/// Lines in sample at each point of one table, sorted.
+pub struct InSampleLines(Vec<Arc<BTreeSet<LineId>>>);
 
-impl Seen {
+impl InSampleLines {
     /// For the table `t`: the lines of every stage of a whole survey above a point, such as fits and noises, at any
     /// distance; and of a table that depends on a search the lines of its goal.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
-    fn new(graph: &Graph, t: usize) -> Result<Seen, Fault> {
+    fn new(graph: &PlanGraph, t: usize) -> Result<InSampleLines, Fault> {
         let node = &graph.plan.tables[t];
         let searched = node.axes.iter().any(|axis| graph.plan.spec.searched.contains(axis));
         let goal = graph.plan.goal()?.filter(|_| searched);
@@ -126,12 +126,12 @@ impl Seen {
             }
             None => BTreeSet::new(),
         };
-        let mut above = Above { graph, known: HashMap::new(), sets: HashMap::new() };
+        let mut above = UpstreamLines { graph, known: HashMap::new(), sets: HashMap::new() };
         let one = |i| {
-            let seen = above.of(Ref::Stage(t, i));
+            let seen = above.upstream_lines(TableRef::Stage(t, i));
             if chosen.is_subset(&seen) { seen } else { above.shared(seen.union(&chosen).copied().collect()) }
         };
-        Ok(Seen((0..node.len()).map(one).collect()))
+        Ok(InSampleLines((0..node.len()).map(one).collect()))
     }
 
     /// Whether the point `i` saw a line.
@@ -140,29 +140,29 @@ impl Seen {
     }
 }
 
-/// The lines that stages saw; equal sets are stored once.
-struct Above<'a> {
-    graph: &'a Graph<'a>,
-    known: HashMap<Ref, Arc<BTreeSet<LineId>>>,
+/// Lines used upstream of each stage; equal sets are stored once.
+struct UpstreamLines<'a> {
+    graph: &'a PlanGraph<'a>,
+    known: HashMap<TableRef, Arc<BTreeSet<LineId>>>,
     sets: HashMap<BTreeSet<LineId>, Arc<BTreeSet<LineId>>>,
 }
 
-impl Above<'_> {
+impl UpstreamLines<'_> {
     fn shared(&mut self, set: BTreeSet<LineId>) -> Arc<BTreeSet<LineId>> {
         self.sets.entry(set).or_insert_with_key(|set| Arc::new(set.clone())).clone()
     }
 
-    fn of(&mut self, r: Ref) -> Arc<BTreeSet<LineId>> {
+    fn upstream_lines(&mut self, r: TableRef) -> Arc<BTreeSet<LineId>> {
         if let Some(known) = self.known.get(&r) {
             return known.clone();
         }
-        let Ref::Stage(t, i) = r else { return self.shared(BTreeSet::new()) };
+        let TableRef::Stage(t, i) = r else { return self.shared(BTreeSet::new()) };
         let gathers = self.graph.plan.tables[t].entry.grain == Grain::Survey;
         let own: BTreeSet<LineId> =
             if gathers { self.graph.lines_of(t, i).iter().copied().collect() } else { BTreeSet::new() };
         let mut all = self.shared(own);
         for input in self.graph.plan.instance(t, i).inputs() {
-            let more = self.of(input);
+            let more = self.upstream_lines(input);
             if !more.is_subset(&all) {
                 all = if all.is_empty() { more } else { self.shared(all.union(&more).copied().collect()) };
             }

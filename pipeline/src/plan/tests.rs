@@ -93,8 +93,8 @@ fn unit_every_point_is_as_if_it_were_planned_alone() {
     flights(&folder);
     let store = Store::open(&folder.path().join("store")).unwrap();
     let whole = planned(spec(&folder, MIXED));
-    let graph = Graph::new(&whole, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
-    let all = Grid::new(&[0, 1, 2, 3], &whole.spec);
+    let graph = PlanGraph::new(&whole, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
+    let all = SweepGrid::new(&[0, 1, 2, 3], &whole.spec);
     assert_eq!(all.len(), 24);
     let mut seen = HashSet::new();
     for p in 0..all.len() {
@@ -102,11 +102,11 @@ fn unit_every_point_is_as_if_it_were_planned_alone() {
         let mut one = whole.spec.clone();
         one.axes.iter_mut().for_each(|a| a.values = vec![point[&a.name].clone()]);
         let alone = planned(one);
-        let graph_alone = Graph::new(&alone, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
+        let graph_alone = PlanGraph::new(&alone, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
         for (s, node) in alone.tables.iter().enumerate() {
             let t = whole.table(&node.name).unwrap();
-            let same = |i: &Instance| i.point().iter().all(|(axis, value)| point[axis] == *value);
-            let there: Vec<Instance> = whole.instances(t).filter(same).collect();
+            let same = |i: &StageInstance| i.point().iter().all(|(axis, value)| point[axis] == *value);
+            let there: Vec<StageInstance> = whole.instances(t).filter(same).collect();
             // A name that is the same everywhere brings in fewer axes than one that is not.
             let (here, there) = (alone.instance(s, 0), there[0]);
             assert_eq!(node.len(), 1);
@@ -116,24 +116,26 @@ fn unit_every_point_is_as_if_it_were_planned_alone() {
             assert_eq!(here.yields, there.yields);
             assert_eq!(here.table.shape(), there.table.shape());
             assert_eq!(here.kinds(), there.kinds());
-            let canonical = |i: &Instance| i.predicate.as_ref().map(|p| p.canonical.clone());
+            let canonical = |i: &StageInstance| i.predicate.as_ref().map(|p| p.canonical.clone());
             assert_eq!(canonical(&here), canonical(&there));
-            let names = |plan: &Plan, i: &Instance| -> Vec<String> {
+            let names = |plan: &Plan, i: &StageInstance| -> Vec<String> {
                 i.inputs().into_iter().map(|r| plan.name_of(r).to_owned()).collect()
             };
             assert_eq!(names(&alone, &here), names(&whole, &there));
             for r in there.inputs() {
-                if let Ref::Stage(u, k) = r {
+                if let TableRef::Stage(u, k) = r {
                     assert!(whole.instance(u, k).point().iter().all(|(axis, value)| point[axis] == *value));
                 }
             }
             assert_eq!(graph_alone.lines_of(s, 0), graph.lines_of(t, there.index));
             assert_eq!(graph_alone.unit_count(s), graph_alone.units(s).count());
             for unit in graph_alone.units(s) {
-                let key = graph.key(Unit { table: t, instance: there.index, ..unit }).unwrap();
+                let key = graph.key(PlanUnit { table: t, instance: there.index, ..unit }).unwrap();
                 assert_eq!(graph_alone.key(unit).unwrap(), key, "{} at {point:?}", node.name);
                 for column in here.table.shape().columns.iter().filter(|_| unit.line.is_some()) {
-                    let of = |g: &Graph, t, i| g.column(Ref::Stage(t, i), unit.line.unwrap(), &column.name).unwrap();
+                    let of = |g: &PlanGraph, t, i| {
+                        g.column(TableRef::Stage(t, i), unit.line.unwrap(), &column.name).unwrap()
+                    };
                     assert_eq!(of(&graph_alone, s, 0), of(&graph, t, there.index), "{}", column.name);
                 }
                 seen.insert((t, unit.line, key));
@@ -202,20 +204,20 @@ fn unit_a_million_points_are_counted_and_not_made() {
     assert_eq!(lens, [100, 10_000, 1_000_000, 1_000_000, 1_000_000]);
     assert!(plan.tables.iter().all(|t| t.variants.len() == 1));
     let store = Store::open(&folder.path().join("store")).unwrap();
-    let graph = Graph::new(&plan, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
+    let graph = PlanGraph::new(&plan, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
     assert_eq!(graph.unit_count(4), 2_000_000);
     let last = graph.units(4).nth(1_999_999).unwrap();
-    assert_eq!(last, Unit { table: 4, instance: 999_999, line: Some(1) });
+    assert_eq!(last, PlanUnit { table: 4, instance: 999_999, line: Some(1) });
     let it = plan.instance(4, 123_456);
     let value = |x: f64| Literal::Float(x);
-    let point = Point::from(
+    let point = SweepPoint::from(
         [("a", 0.1 + 12.0 * 1e-3), ("b", 0.1 + 34.0 * 1e-3), ("c", 1.0 + 56.0 * 1e-3)]
             .map(|(n, x)| (n.to_owned(), value(x))),
     );
     assert_eq!(it.point(), point);
     // Two points that differ have different keys, whichever axis they differ in.
     let keys: HashSet<_> = [0, 1, 100, 10_000, 123_456, 999_999]
-        .map(|instance| graph.key(Unit { table: 4, instance, line: Some(0) }).unwrap().to_string())
+        .map(|instance| graph.key(PlanUnit { table: 4, instance, line: Some(0) }).unwrap().to_string())
         .into();
     assert_eq!(keys.len(), 6);
 }
@@ -228,7 +230,7 @@ fn measure_keys_of_a_million_units() {
     let started = std::time::Instant::now();
     let plan = planned(spec(&folder, &cube(80)));
     let store = Store::open(&folder.path().join("store")).unwrap();
-    let graph = Graph::new(&plan, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
+    let graph = PlanGraph::new(&plan, &store, &|_, _| ()).unwrap_or_else(|f| panic!("{f}"));
     eprintln!("planned in {:.3} s", started.elapsed().as_secs_f64());
     for t in 0..plan.tables.len() {
         let started = std::time::Instant::now();

@@ -7,55 +7,58 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{AnyStage, Args, Column, Entry, Fault, Given, Grain, Passes, Shape, Table, TableKind, Yield};
+use schemas::{
+    AnyStage, Column, Fault, Grain, PassThroughColumns, SpecEntries, SpecEntry, StageEntry, StageSchema, Table,
+    TableKind, TableShape,
+};
 
 use super::{
     axes::{args_at, axes_in, axes_of, spelt_in},
-    builder::{Builder, MOST_FAULTS},
-    grid::{Grid, Onto, Over},
-    node::{Slot, Target, Variant, own_args},
+    builder::{MOST_FAULTS, PlanBuilder},
+    grid::{SweepGrid, SweepPointMap, SweepValues},
+    node::{InputSlot, InputTarget, StageVariant, own_args},
 };
 use crate::{
-    keys::{ARITHMETIC, Key},
+    keys::{ARITHMETIC, HashKey},
     predicate::Predicate,
     spec::{Spec, StageDecl},
 };
 
 /// The differences between the points of a table.
-pub struct Variants {
-    pub variants: Vec<Variant>,
-    pub variant: Over<u32>,
+pub struct StageVariants {
+    pub variants: Vec<StageVariant>,
+    pub variant: SweepValues<u32>,
     pub tables: Vec<Arc<Table>>,
-    pub table: Over<u32>,
-    pub questions: Over<Key>,
+    pub table: SweepValues<u32>,
+    pub questions: SweepValues<HashKey>,
 }
 
-/// The tables that reach a stage, and the rows it is restricted to.
-struct Situation {
+/// Input tables of a stage, and the predicate on its rows.
+struct StageContext {
     tables: Vec<Arc<Table>>,
     predicate: Option<Arc<Predicate>>,
 }
 
-/// The situations of a stage over the axes that they depend on.
-struct Reach {
-    grid: Grid,
+/// Contexts of a stage over the axes that they depend on.
+struct StageContexts {
+    grid: SweepGrid,
     at: Vec<u32>,
-    all: Vec<Situation>,
+    all: Vec<StageContext>,
 }
 
-impl Builder<'_> {
+impl PlanBuilder<'_> {
     /// The axes that the parameters of a stage mention.
-    fn own_axes(&self, own: &Args) -> Grid {
+    fn own_axes(&self, own: &SpecEntries) -> SweepGrid {
         let axes: Vec<usize> = own.values().flat_map(|g| axes_of(&g.value, self.spec)).collect();
-        Grid::new(&axes, self.spec)
+        SweepGrid::new(&axes, self.spec)
     }
 
     /// Checks the parameters where nothing else can be.
-    pub fn parameters(&mut self, decl: &StageDecl, entry: &Entry) {
+    pub fn parameters(&mut self, decl: &StageDecl, entry: &StageEntry) {
         let own = own_args(decl, entry);
         let grid = self.own_axes(&own);
         let before = self.faults.len();
-        let mut silent = Silent::new(&own, self.spec);
+        let mut silent = UnusedParameters::new(&own, self.spec);
         for p in 0..grid.len() {
             silent.hear(self.made(decl, entry, &own, &grid, p).as_ref());
             if self.faults.len() > before + MOST_FAULTS {
@@ -65,7 +68,14 @@ impl Builder<'_> {
         self.faults.extend(silent.faults());
     }
 
-    fn made(&mut self, decl: &StageDecl, entry: &Entry, own: &Args, grid: &Grid, p: usize) -> Option<AnyStage> {
+    fn made(
+        &mut self,
+        decl: &StageDecl,
+        entry: &StageEntry,
+        own: &SpecEntries,
+        grid: &SweepGrid,
+        p: usize,
+    ) -> Option<AnyStage> {
         let made = if grid.len() == 1 && grid.axes().next().is_none() {
             (entry.build)(own)
         } else {
@@ -75,21 +85,27 @@ impl Builder<'_> {
     }
 
     /// The differences between the points of `whole`; `None` where there is a fault.
-    pub fn variants(&mut self, decl: &StageDecl, entry: &Entry, whole: &Grid, slots: &[Slot]) -> Option<Variants> {
+    pub fn variants(
+        &mut self,
+        decl: &StageDecl,
+        entry: &StageEntry,
+        whole: &SweepGrid,
+        slots: &[InputSlot],
+    ) -> Option<StageVariants> {
         let before = self.faults.len();
         let own = own_args(decl, entry);
         let grid = self.own_axes(&own);
         let reach = self.reach(decl, entry, slots);
         let rest = reach.grid.without(&grid);
         let axes: Vec<usize> = grid.axes().chain(rest.axes()).collect();
-        let vary = Grid::new(&axes, self.spec);
+        let vary = SweepGrid::new(&axes, self.spec);
         let (own_reach, rest_reach) = (grid.onto(&reach.grid), rest.onto(&reach.grid));
         let (own_vary, rest_vary) = (grid.onto(&vary), rest.onto(&vary));
         let mut questions = vec![];
         let mut values = vec![0u32; vary.len()];
-        let mut found = Found::default();
+        let mut found = VariantCollector::default();
         let mut here: HashMap<u32, Option<u32>> = HashMap::new();
-        let mut silent = Silent::new(&own, self.spec);
+        let mut silent = UnusedParameters::new(&own, self.spec);
         for p in 0..grid.len() {
             // A fault that is repeated at thousands of points is reported once.
             if self.faults.len() > before + MOST_FAULTS {
@@ -117,38 +133,38 @@ impl Builder<'_> {
         if self.faults.len() > before {
             return None;
         }
-        let Found { variants, tables, table, .. } = found.in_order(&mut values);
+        let VariantCollector { variants, tables, table, .. } = found.in_order(&mut values);
         let of: Vec<u32> = values.iter().map(|v| table[*v as usize]).collect();
-        Some(Variants {
+        Some(StageVariants {
             variants,
-            variant: Over::new(whole, vary.clone(), values),
+            variant: SweepValues::new(whole, vary.clone(), values),
             tables,
-            table: Over::new(whole, vary, of),
-            questions: Over::new(whole, grid, questions),
+            table: SweepValues::new(whole, vary, of),
+            questions: SweepValues::new(whole, grid, questions),
         })
     }
 
     /// The tables and rows that reach a stage.
-    fn reach(&mut self, decl: &StageDecl, entry: &Entry, slots: &[Slot]) -> Reach {
+    fn reach(&mut self, decl: &StageDecl, entry: &StageEntry, slots: &[InputSlot]) -> StageContexts {
         let spec = self.spec;
         let of_where = decl.predicate.as_ref().map(|(text, _)| axes_in(text, spec)).unwrap_or_default();
         let mut axes = of_where.clone();
         for slot in slots {
             axes.extend(slot.targets.grid().axes());
             for target in slot.targets.values().iter().flat_map(|t| t.iter()) {
-                if let Target::Stage(t, _) = target {
+                if let InputTarget::Stage(t, _) = target {
                     axes.extend(self.tables[*t].table.grid().axes());
                 }
             }
         }
-        let grid = Grid::new(&axes, spec);
-        let of_where = Grid::new(&of_where, spec);
+        let grid = SweepGrid::new(&axes, spec);
+        let of_where = SweepGrid::new(&of_where, spec);
         let to_where = grid.onto(&of_where);
-        let to_slots: Vec<Onto> = slots.iter().map(|s| grid.onto(s.targets.grid())).collect();
-        let to_tables: Vec<Onto> = self.tables.iter().map(|t| grid.onto(t.table.grid())).collect();
+        let to_slots: Vec<SweepPointMap> = slots.iter().map(|s| grid.onto(s.targets.grid())).collect();
+        let to_tables: Vec<SweepPointMap> = self.tables.iter().map(|t| grid.onto(t.table.grid())).collect();
         let before = self.faults.len();
         let mut known: HashMap<(Vec<usize>, usize), u32> = HashMap::new();
-        let mut reach = Reach { at: Vec::with_capacity(grid.len()), grid, all: vec![] };
+        let mut reach = StageContexts { at: Vec::with_capacity(grid.len()), grid, all: vec![] };
         for w in 0..reach.grid.len() {
             if self.faults.len() > before + MOST_FAULTS {
                 break;
@@ -157,9 +173,9 @@ impl Builder<'_> {
             for (slot, to) in slots.iter().zip(&to_slots) {
                 for target in slot.targets.values()[to.at(w)].iter() {
                     tables.push(match target {
-                        Target::Flights(i) => self.shapes[*i].clone(),
-                        Target::Map(i) => self.wholes[*i].clone(),
-                        Target::Stage(t, _) => {
+                        InputTarget::Flights(i) => self.shapes[*i].clone(),
+                        InputTarget::Map(i) => self.wholes[*i].clone(),
+                        InputTarget::Stage(t, _) => {
                             let node = &self.tables[*t];
                             node.tables[node.table.values()[to_tables[*t].at(w)] as usize].clone()
                         }
@@ -176,14 +192,19 @@ impl Builder<'_> {
                     let found = self.predicate(&text, entry, tables.first());
                     found.map_err(|fault| self.faults.push(fault.at(at))).ok()
                 });
-                reach.all.push(Situation { tables, predicate });
+                reach.all.push(StageContext { tables, predicate });
             }
             reach.at.push(situation);
         }
         reach
     }
 
-    fn predicate(&mut self, text: &str, entry: &Entry, seen: Option<&Arc<Table>>) -> Result<Arc<Predicate>, Fault> {
+    fn predicate(
+        &mut self,
+        text: &str,
+        entry: &StageEntry,
+        seen: Option<&Arc<Table>>,
+    ) -> Result<Arc<Predicate>, Fault> {
         let key = (text.to_owned(), seen.map(Arc::as_ptr));
         if let Some(known) = self.predicates.get(&key) {
             return Ok(known.clone());
@@ -204,13 +225,13 @@ impl Builder<'_> {
     fn variant(
         &mut self,
         decl: &StageDecl,
-        entry: &Entry,
+        entry: &StageEntry,
         stage: &AnyStage,
-        reach: &Reach,
+        reach: &StageContexts,
         situation: u32,
-        found: &mut Found,
+        found: &mut VariantCollector,
     ) -> Option<u32> {
-        let Situation { tables, predicate } = reach.all.get(situation as usize)?;
+        let StageContext { tables, predicate } = reach.all.get(situation as usize)?;
         let seen: Vec<&Table> = tables.iter().map(AsRef::as_ref).collect();
         match stage.yields(&seen) {
             Ok(yields) => Some(found.add(entry, yields, tables.first(), predicate.as_ref())),
@@ -224,16 +245,16 @@ impl Builder<'_> {
 
 /// Parameters that the spec gives outright and that have had no effect at any point so far. For the values of an axis
 /// that is not a fault: the axis serves other points, or another model.
-struct Silent<'a> {
-    keys: Vec<(&'a str, &'a Given, Option<Fault>)>,
+struct UnusedParameters<'a> {
+    keys: Vec<(&'a str, &'a SpecEntry, Option<Fault>)>,
     /// Whether a point was rejected, so that the effect of its parameters is unknown.
     refused: bool,
 }
 
-impl<'a> Silent<'a> {
-    fn new(own: &'a Args, spec: &Spec) -> Silent<'a> {
+impl<'a> UnusedParameters<'a> {
+    fn new(own: &'a SpecEntries, spec: &Spec) -> UnusedParameters<'a> {
         let outright = own.iter().filter(|(_, given)| axes_of(&given.value, spec).is_empty());
-        Silent { keys: outright.map(|(key, given)| (key.as_str(), given, None)).collect(), refused: false }
+        UnusedParameters { keys: outright.map(|(key, given)| (key.as_str(), given, None)).collect(), refused: false }
     }
 
     /// Parameters with an effect at another point are no longer without effect.
@@ -258,10 +279,10 @@ impl<'a> Silent<'a> {
     }
 }
 
-/// Variants found so far, the same ones once.
+/// Collector of distinct variants of a stage and their tables.
 #[derive(Default)]
-struct Found {
-    variants: Vec<Variant>,
+struct VariantCollector {
+    variants: Vec<StageVariant>,
     /// The first table that each of them sees.
     first: Vec<Option<usize>>,
     /// The position of the table of each of them.
@@ -272,11 +293,11 @@ struct Found {
     tables_alike: HashMap<u64, Vec<u32>>,
 }
 
-impl Found {
+impl VariantCollector {
     fn add(
         &mut self,
-        entry: &Entry,
-        yields: Yield,
+        entry: &StageEntry,
+        yields: StageSchema,
         first: Option<&Arc<Table>>,
         predicate: Option<&Arc<Predicate>>,
     ) -> u32 {
@@ -295,7 +316,7 @@ impl Found {
         let table = self.table(outcome(entry, &yields, first.map(AsRef::as_ref)));
         let next = self.variants.len() as u32;
         self.alike.entry(fingerprint).or_default().push(next);
-        self.variants.push(Variant {
+        self.variants.push(StageVariant {
             yields,
             table: self.tables[table as usize].clone(),
             predicate: predicate.cloned(),
@@ -319,7 +340,7 @@ impl Found {
     }
 
     /// The variants and their tables in the order in which `values` first names them, which is the order of the sweep.
-    fn in_order(self, values: &mut [u32]) -> Found {
+    fn in_order(self, values: &mut [u32]) -> VariantCollector {
         let mut place: Vec<Option<u32>> = vec![None; self.variants.len()];
         let mut order: Vec<u32> = vec![];
         for value in values.iter_mut() {
@@ -329,8 +350,8 @@ impl Found {
                 order.len() as u32 - 1
             });
         }
-        let mut all: Vec<Option<Variant>> = self.variants.into_iter().map(Some).collect();
-        let mut found = Found::default();
+        let mut all: Vec<Option<StageVariant>> = self.variants.into_iter().map(Some).collect();
+        let mut found = VariantCollector::default();
         let mut tables: HashMap<u32, u32> = HashMap::new();
         for old in order {
             let old_table = self.table[old as usize];
@@ -347,7 +368,7 @@ impl Found {
 }
 
 /// A hash of a yield.
-fn of_yield(yields: &Yield, first: Option<usize>, rows: Option<usize>) -> u64 {
+fn of_yield(yields: &StageSchema, first: Option<usize>, rows: Option<usize>) -> u64 {
     let mut hasher = DefaultHasher::new();
     (first, rows, &yields.reads, &yields.features).hash(&mut hasher);
     yields.columns.iter().for_each(|c| (&c.name, &c.unit, &c.doc, &c.from).hash(&mut hasher));
@@ -366,25 +387,29 @@ fn same_table(one: &Table, other: &Table) -> bool {
 }
 
 /// The computation on the data.
-fn question(entry: &Entry, stage: &AnyStage) -> Key {
+fn question(entry: &StageEntry, stage: &AnyStage) -> HashKey {
     let params = stage.canonical();
     let version = entry.version.to_string();
     let words = params.iter().flat_map(|(k, v)| [k.as_bytes(), v.as_bytes()]);
     let what = ["question".as_bytes(), ARITHMETIC.as_ref(), entry.name.as_bytes(), version.as_bytes()];
-    Key::of(what.into_iter().chain(words))
+    HashKey::from_parts(what.into_iter().chain(words))
 }
 
 /// The table that later stages see. The inputs of its columns belong to the stage that made them.
-fn outcome(entry: &Entry, yields: &Yield, first: Option<&Table>) -> Table {
+fn outcome(entry: &StageEntry, yields: &StageSchema, first: Option<&Table>) -> Table {
     let made = yields.columns.iter().map(|c| Column { from: vec![], ..c.clone() });
     let from = first.map(|t| t.shape().columns.as_slice()).unwrap_or_default();
     let passed: Vec<Column> = match &yields.passes {
-        Passes::All => from.iter().filter(|c| !yields.columns.iter().any(|m| m.name == c.name)).cloned().collect(),
-        Passes::Only(names) => names.iter().filter_map(|n| from.iter().find(|c| c.name == *n).cloned()).collect(),
-        Passes::None => vec![],
+        PassThroughColumns::All => {
+            from.iter().filter(|c| !yields.columns.iter().any(|m| m.name == c.name)).cloned().collect()
+        }
+        PassThroughColumns::Only(names) => {
+            names.iter().filter_map(|n| from.iter().find(|c| c.name == *n).cloned()).collect()
+        }
+        PassThroughColumns::None => vec![],
     };
     let rate_hz = yields.rate_hz.or_else(|| first.and_then(|t| t.shape().rate_hz));
-    let shape = Shape { columns: passed.into_iter().chain(made).collect(), rate_hz };
+    let shape = TableShape { columns: passed.into_iter().chain(made).collect(), rate_hz };
     match entry.yields {
         TableKind::Lines => Table::Lines(shape),
         TableKind::Model => Table::Model { shape, features: yields.features.clone() },

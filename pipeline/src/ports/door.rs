@@ -1,5 +1,5 @@
-//! Connections to a port. A client that has not proven who it is has ten seconds, and gives way to the next one when there are
-//! too many: connections that say nothing cannot lock others out.
+//! Connections to a port. A client that has not proven who it is has ten seconds, and gives way to the next one when
+//! there are too many: connections that say nothing cannot lock others out.
 
 use std::{
     collections::BTreeMap,
@@ -39,7 +39,7 @@ const WAITING: usize = 16;
 
 /// Limits of a port.
 #[derive(Clone, Copy, Debug)]
-struct Limits {
+struct ConnectionLimits {
     strangers: usize,
     /// Strangers of one address.
     of_address: usize,
@@ -47,49 +47,49 @@ struct Limits {
     patience: Duration,
 }
 
-impl Limits {
+impl ConnectionLimits {
     /// Limits for a number of file descriptors: half of them are for connections.
-    fn of(descriptors: usize) -> Limits {
+    fn from_descriptors(descriptors: usize) -> ConnectionLimits {
         let strangers = (descriptors / 8).clamp(4, MOST_STRANGERS);
         let known = (descriptors * 3 / 8).clamp(4, MOST_KNOWN);
-        Limits { strangers, of_address: (strangers / 2).max(2), known, patience: PATIENCE }
+        ConnectionLimits { strangers, of_address: (strangers / 2).max(2), known, patience: PATIENCE }
     }
 
     /// Those of this process, whose limit of file descriptors is raised as far as it may be.
-    fn of_process() -> Limits {
+    fn of_process() -> ConnectionLimits {
         let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap_or((256, 256));
         let raised = setrlimit(Resource::RLIMIT_NOFILE, hard, hard).is_ok();
-        Limits::of(usize::try_from(if raised { hard } else { soft }).unwrap_or(usize::MAX / 8))
+        ConnectionLimits::from_descriptors(usize::try_from(if raised { hard } else { soft }).unwrap_or(usize::MAX / 8))
     }
 }
 
-/// A stranger: where it is from, since when, and the way to show it out.
-struct Stranger {
+/// A client without proof of identity: address, time of connection, and the signal that disconnects it.
+struct UnverifiedClient {
     address: IpAddr,
     since: Instant,
     out: oneshot::Sender<()>,
 }
 
-/// Who is connected.
-struct Book {
-    limits: Limits,
-    entries: Mutex<Entries>,
+/// The connected clients of a port and their limits.
+struct ConnectionRegistry {
+    limits: ConnectionLimits,
+    entries: Mutex<RegistryEntries>,
 }
 
 #[derive(Default)]
-struct Entries {
+struct RegistryEntries {
     next: u64,
-    strangers: BTreeMap<u64, Stranger>,
+    strangers: BTreeMap<u64, UnverifiedClient>,
     known: usize,
 }
 
-impl Book {
-    fn entries(&self) -> MutexGuard<'_, Entries> {
+impl ConnectionRegistry {
+    fn entries(&self) -> MutexGuard<'_, RegistryEntries> {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes in a stranger; the oldest of the address with the most of them gives way where there are too many.
-    fn enter(self: &Arc<Book>, address: IpAddr) -> (Guest, oneshot::Receiver<()>) {
+    fn enter(self: &Arc<ConnectionRegistry>, address: IpAddr) -> (PortClient, oneshot::Receiver<()>) {
         let (out, told) = oneshot::channel();
         let mut entries = self.entries();
         let mut of: BTreeMap<IpAddr, usize> = BTreeMap::new();
@@ -109,15 +109,15 @@ impl Book {
         }
         entries.next += 1;
         let number = entries.next;
-        entries.strangers.insert(number, Stranger { address, since: Instant::now(), out });
-        let about = About { number, book: self.clone(), known: AtomicBool::new(false) };
-        (Guest(Arc::new(about)), told)
+        entries.strangers.insert(number, UnverifiedClient { address, since: Instant::now(), out });
+        let about = ClientRecord { number, book: self.clone(), known: AtomicBool::new(false) };
+        (PortClient(Arc::new(about)), told)
     }
 
     /// Shows out those whose time is over.
     fn sweep(&self) {
         let mut entries = self.entries();
-        let late = |s: &Stranger| s.since.elapsed() > self.limits.patience;
+        let late = |s: &UnverifiedClient| s.since.elapsed() > self.limits.patience;
         let late: Vec<u64> = entries.strangers.iter().filter(|(_, s)| late(s)).map(|(n, _)| *n).collect();
         for stranger in late.iter().filter_map(|n| entries.strangers.remove(n)).collect::<Vec<_>>() {
             let _ = stranger.out.send(());
@@ -125,13 +125,13 @@ impl Book {
     }
 }
 
-struct About {
+struct ClientRecord {
     number: u64,
-    book: Arc<Book>,
+    book: Arc<ConnectionRegistry>,
     known: AtomicBool,
 }
 
-impl Drop for About {
+impl Drop for ClientRecord {
     fn drop(&mut self) {
         let mut entries = self.book.entries();
         entries.strangers.remove(&self.number);
@@ -141,9 +141,9 @@ impl Drop for About {
 
 /// The client of a connection, among the extensions of its requests.
 #[derive(Clone)]
-pub struct Guest(Arc<About>);
+pub struct PortClient(Arc<ClientRecord>);
 
-impl Guest {
+impl PortClient {
     /// The client has proven who it is, and may stay connected. False where too many do.
     pub fn admit(&self) -> bool {
         if self.0.known.load(Ordering::Relaxed) {
@@ -162,26 +162,26 @@ impl Guest {
     }
 }
 
-/// A port that listens.
-pub struct Door {
+/// A TCP listener with limits on clients, with optional TLS.
+pub struct PortListener {
     listener: TcpListener,
     encryption: Option<Arc<ServerConfig>>,
     /// Whether the handshake of the encryption proves who a client is.
     by_handshake: bool,
-    limits: Limits,
+    limits: ConnectionLimits,
 }
 
-impl Door {
-    /// A port whose clients prove by their requests who they are: [`Guest::admit`].
+impl PortListener {
+    /// A port whose clients prove by their requests who they are: [`PortClient::admit`].
     #[cfg_attr(not(feature = "serve"), allow(dead_code))]
-    pub fn new(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> Door {
-        Door { listener, encryption, by_handshake: false, limits: Limits::of_process() }
+    pub fn new(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> PortListener {
+        PortListener { listener, encryption, by_handshake: false, limits: ConnectionLimits::of_process() }
     }
 
     /// A port whose clients prove by their certificate who they are; without encryption all are taken at their word.
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
-    pub fn by_handshake(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> Door {
-        Door { by_handshake: true, ..Door::new(listener, encryption) }
+    pub fn by_handshake(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> PortListener {
+        PortListener { by_handshake: true, ..PortListener::new(listener, encryption) }
     }
 
     /// The address.
@@ -204,7 +204,7 @@ impl Door {
     }
 
     async fn accept(self, send: mpsc::Sender<Connection>) {
-        let book = Arc::new(Book { limits: self.limits, entries: Mutex::default() });
+        let book = Arc::new(ConnectionRegistry { limits: self.limits, entries: Mutex::default() });
         let encryption = self.encryption.map(TlsAcceptor::from);
         let mut looks = interval(LOOKS_EVERY);
         loop {
@@ -237,36 +237,36 @@ impl Door {
 async fn received(
     plain: TcpStream,
     encryption: Option<TlsAcceptor>,
-    guest: Guest,
+    guest: PortClient,
     mut out: oneshot::Receiver<()>,
     by_handshake: bool,
 ) -> Option<Connection> {
     let bytes = match encryption {
-        None => Bytes::Plain(plain),
+        None => TransportStream::Plain(plain),
         Some(encryption) => tokio::select! {
             _ = &mut out => return None,
-            encrypted = encryption.accept(plain) => Bytes::Encrypted(Box::new(encrypted.ok()?)),
+            encrypted = encryption.accept(plain) => TransportStream::Encrypted(Box::new(encrypted.ok()?)),
         },
     };
     (!by_handshake || guest.admit()).then_some(Connection { bytes, guest, out: Some(out) })
 }
 
-enum Bytes {
+enum TransportStream {
     Plain(TcpStream),
     Encrypted(Box<TlsStream<TcpStream>>),
 }
 
-/// A connection. Once its client is shown out, nothing can be read from it.
+/// A connection of a client; nothing can be read from it after a disconnection.
 pub struct Connection {
-    bytes: Bytes,
-    guest: Guest,
+    bytes: TransportStream,
+    guest: PortClient,
     out: Option<oneshot::Receiver<()>>,
 }
 
 impl Connected for Connection {
-    type ConnectInfo = Guest;
+    type ConnectInfo = PortClient;
 
-    fn connect_info(&self) -> Guest {
+    fn connect_info(&self) -> PortClient {
         self.guest.clone()
     }
 }
@@ -279,8 +279,8 @@ impl AsyncRead for Connection {
             Some(Poll::Pending) | None => {}
         }
         match &mut self.bytes {
-            Bytes::Plain(bytes) => Pin::new(bytes).poll_read(cx, buffer),
-            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_read(cx, buffer),
+            TransportStream::Plain(bytes) => Pin::new(bytes).poll_read(cx, buffer),
+            TransportStream::Encrypted(bytes) => Pin::new(bytes).poll_read(cx, buffer),
         }
     }
 }
@@ -288,22 +288,22 @@ impl AsyncRead for Connection {
 impl AsyncWrite for Connection {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, data: &[u8]) -> Poll<io::Result<usize>> {
         match &mut self.bytes {
-            Bytes::Plain(bytes) => Pin::new(bytes).poll_write(cx, data),
-            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_write(cx, data),
+            TransportStream::Plain(bytes) => Pin::new(bytes).poll_write(cx, data),
+            TransportStream::Encrypted(bytes) => Pin::new(bytes).poll_write(cx, data),
         }
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         match &mut self.bytes {
-            Bytes::Plain(bytes) => Pin::new(bytes).poll_flush(cx),
-            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_flush(cx),
+            TransportStream::Plain(bytes) => Pin::new(bytes).poll_flush(cx),
+            TransportStream::Encrypted(bytes) => Pin::new(bytes).poll_flush(cx),
         }
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         match &mut self.bytes {
-            Bytes::Plain(bytes) => Pin::new(bytes).poll_shutdown(cx),
-            Bytes::Encrypted(bytes) => Pin::new(bytes).poll_shutdown(cx),
+            TransportStream::Plain(bytes) => Pin::new(bytes).poll_shutdown(cx),
+            TransportStream::Encrypted(bytes) => Pin::new(bytes).poll_shutdown(cx),
         }
     }
 }
@@ -316,9 +316,9 @@ mod tests {
 
     use super::*;
 
-    fn book(patience: Duration) -> Arc<Book> {
-        let limits = Limits { strangers: 4, of_address: 2, known: 2, patience };
-        Arc::new(Book { limits, entries: Mutex::default() })
+    fn book(patience: Duration) -> Arc<ConnectionRegistry> {
+        let limits = ConnectionLimits { strangers: 4, of_address: 2, known: 2, patience };
+        Arc::new(ConnectionRegistry { limits, entries: Mutex::default() })
     }
 
     fn address(last: u8) -> IpAddr {
@@ -361,7 +361,7 @@ mod tests {
     #[test]
     fn unit_connections_take_half_of_the_file_descriptors() {
         for descriptors in [64, 256, 1024, 1 << 20] {
-            let Limits { strangers, known, of_address, .. } = Limits::of(descriptors);
+            let ConnectionLimits { strangers, known, of_address, .. } = ConnectionLimits::from_descriptors(descriptors);
             assert!(strangers + known <= descriptors / 2 && of_address <= strangers, "{descriptors}");
         }
     }

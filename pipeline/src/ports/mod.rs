@@ -11,7 +11,7 @@ use tokio_rustls::rustls::{
     pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject},
 };
 
-pub use door::{Door, Guest};
+pub use door::{PortClient, PortListener};
 
 /// The cryptography of encrypted connections.
 ///

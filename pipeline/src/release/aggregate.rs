@@ -1,9 +1,9 @@
 //! The rules by which scores and models of restricted columns are aggregates, which may be published.
 //!
-//! A table is an aggregate if four conditions hold. It is no learned model that can hold single samples. No expression of the
-//! spec selects or weights the samples. Each value is computed from `least_samples` samples or more. There are
-//! `least_ratio` samples or more for each number of a model or of a line's scores. Aggregates that are published together must
-//! not differ by a few samples.
+//! A table is an aggregate if four conditions hold. It is no learned model that can hold single samples. No expression
+//! of the spec selects or weights the samples. Each value is computed from `least_samples` samples or more. There are
+//! `least_ratio` samples or more for each number of a model or of a line's scores. Aggregates that are published
+//! together must not differ by a few samples.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -11,10 +11,10 @@ use arrow_array::{Array, cast::AsArray, types::Int64Type};
 use expressions::is_linear;
 use schemas::{Fault, TableKind};
 
-use super::protect::Column;
+use super::protect::LineageColumn;
 use crate::{
-    plan::{Graph, Unit},
-    spec::publish::Protection,
+    plan::{PlanGraph, PlanUnit},
+    spec::publish::ProtectionKeys,
     store::Store,
 };
 
@@ -50,11 +50,11 @@ impl Aggregate {
 /// # Errors
 /// Fails when the store is damaged.
 pub fn judge(
-    graph: &Graph,
+    graph: &PlanGraph,
     store: &Store,
     t: usize,
-    reached: &HashSet<Column>,
-    protections: &[&Protection],
+    reached: &HashSet<LineageColumn>,
+    protections: &[&ProtectionKeys],
 ) -> Result<Result<Aggregate, String>, Fault> {
     if let Some(why) = chosen(graph, t, reached) {
         return Ok(Err(why));
@@ -123,7 +123,7 @@ pub fn judge(
 }
 
 /// Why values of the table `t` may be samples of the author's choice; `None` where they cannot.
-fn chosen(graph: &Graph, t: usize, reached: &HashSet<Column>) -> Option<String> {
+fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Option<String> {
     let plan = graph.plan;
     let tables: HashSet<&str> = reached.iter().map(|(table, _)| table.as_str()).collect();
     for (i, node) in plan.tables.iter().enumerate() {
@@ -153,7 +153,7 @@ fn chosen(graph: &Graph, t: usize, reached: &HashSet<Column>) -> Option<String> 
 }
 
 /// The line of a unit, or its set of lines.
-fn place(graph: &Graph, unit: Unit) -> String {
+fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
     let line = |id: usize| graph.lines.get(id).map(|(flight, line)| format!("{flight}/{line}")).unwrap_or_default();
     match unit.line {
         Some(id) => line(id),

@@ -2,10 +2,10 @@
 
 use serde_json::Value;
 
-use super::set::About;
+use super::set::ReleaseMetadata;
 
-/// A text as a scalar of YAML, of which every text of JSON is one. Control characters that YAML refuses in a document are
-/// escaped.
+/// A text as a scalar of YAML, of which every text of JSON is one. Control characters that YAML refuses in a document
+/// are escaped.
 fn scalar(text: &str) -> String {
     let quoted = Value::String(text.to_owned()).to_string();
     let escaped = |c: char| match c {
@@ -16,7 +16,7 @@ fn scalar(text: &str) -> String {
 }
 
 /// The file `CITATION.cff`.
-pub fn write(about: &About) -> String {
+pub fn write(about: &ReleaseMetadata) -> String {
     let mut text = "cff-version: 1.2.0\ntype: dataset\n".to_owned();
     let mut line = |key: &str, value: &str| text += &format!("{key}: {}\n", scalar(value));
     line("message", "If you use this data set, please cite it as below.");
@@ -57,7 +57,7 @@ pub fn write(about: &About) -> String {
 }
 
 /// The citation in one sentence.
-pub fn sentence(about: &About) -> String {
+pub fn sentence(about: &ReleaseMetadata) -> String {
     let names: Vec<&str> = about.authors.iter().map(|a| a.name.as_str()).collect();
     let year = about.date.get(..4).unwrap_or_default();
     let address = about.address().map(|a| format!(" {a}")).unwrap_or_default();
@@ -65,7 +65,7 @@ pub fn sentence(about: &About) -> String {
 }
 
 /// The citation as an entry of BibTeX.
-pub fn bibtex(about: &About) -> String {
+pub fn bibtex(about: &ReleaseMetadata) -> String {
     let braced =
         |text: &str| text.chars().map(|c| if matches!(c, '{' | '}' | '\\') { ' ' } else { c }).collect::<String>();
     let names: Vec<String> = about

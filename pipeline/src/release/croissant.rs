@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     citation, protect,
-    set::{About, Column, ColumnKind, Set, Table},
+    set::{ColumnKind, ReleaseColumn, ReleaseMetadata, ReleaseSet, ReleaseTable},
     words::address,
 };
 
@@ -62,7 +62,7 @@ fn context() -> Value {
 }
 
 /// The file `croissant.json`.
-pub fn write(set: &Set) -> Value {
+pub fn write(set: &ReleaseSet) -> Value {
     let about = &set.dictionary.about;
     let mut out = json!({
         "@context": context(),
@@ -88,7 +88,7 @@ pub fn write(set: &Set) -> Value {
     out
 }
 
-fn creators(about: &About) -> Value {
+fn creators(about: &ReleaseMetadata) -> Value {
     let one = |a: &super::set::Person| {
         let kind = if a.family.is_some() { "sc:Person" } else { "sc:Organization" };
         let mut out = json!({ "@type": kind, "name": a.name });
@@ -101,13 +101,13 @@ fn creators(about: &About) -> Value {
 }
 
 /// Notice about the restricted columns in a set.
-pub fn conditions(set: &Set) -> String {
+pub fn conditions(set: &ReleaseSet) -> String {
     let said = set.dictionary.restricted.iter().map(|h| format!("{}.{}: {}", h.table, h.column, protect::why(h)));
     format!("Restricted columns are included. {}.", said.collect::<Vec<_>>().join("; "))
 }
 
 /// The files of a table, and the set of them where there are several.
-fn distribution(table: &Table) -> Vec<Value> {
+fn distribution(table: &ReleaseTable) -> Vec<Value> {
     let mut found: Vec<Value> = table
         .files
         .iter()
@@ -136,16 +136,16 @@ fn distribution(table: &Table) -> Vec<Value> {
     found
 }
 
-fn files_of(table: &Table) -> String {
+fn files_of(table: &ReleaseTable) -> String {
     format!("{}-files", table.name)
 }
 
-fn record_set(table: &Table) -> Value {
+fn record_set(table: &ReleaseTable) -> Value {
     let source = match table.files.as_slice() {
         [one] => ("fileObject", address(&one.path)),
         _ => ("fileSet", files_of(table)),
     };
-    let field = |c: &Column| {
+    let field = |c: &ReleaseColumn| {
         let mut out = json!({
             "@type": "cr:Field",
             "@id": format!("{}/{}", table.name, address(&c.name)),
@@ -169,14 +169,14 @@ fn record_set(table: &Table) -> Value {
 }
 
 /// The meaning of a column with its unit and role, for which Croissant has no place of their own.
-fn described(c: &Column) -> String {
+fn described(c: &ReleaseColumn) -> String {
     let unit = if c.unit.is_empty() { String::new() } else { format!(" Unit: {}.", c.unit) };
     let terms = if c.terms.is_empty() { String::new() } else { format!(" Entries: {}.", c.terms.join(", ")) };
     let text = if c.description.is_empty() { &c.name } else { &c.description };
     format!("{text}.{unit} Role: {}.{terms}", if c.role.is_empty() { "aux" } else { &c.role })
 }
 
-fn data_type(c: &Column) -> &'static str {
+fn data_type(c: &ReleaseColumn) -> &'static str {
     match c.kind {
         ColumnKind::Number | ColumnKind::Numbers => "sc:Float",
         ColumnKind::Integer => "sc:Integer",

@@ -1,8 +1,9 @@
-//! `datapackage.json`: the set as a Frictionless Data Package, a resource for each file. [Data Package 1.0; Table Schema 1.0]
+//! `datapackage.json`: the set as a Frictionless Data Package, a resource for each file. [Data Package 1.0; Table
+//! Schema 1.0]
 
 use serde_json::{Map, Value, json};
 
-use super::set::{Column, ColumnKind, DataFile, Set, Table};
+use super::set::{ColumnKind, DataFile, ReleaseColumn, ReleaseSet, ReleaseTable};
 
 /// A name of a resource or package: lower case, digits and `-_.`.
 fn slug(text: &str) -> String {
@@ -18,7 +19,7 @@ pub fn schema_path(table: &str) -> String {
 }
 
 /// The file `datapackage.json`.
-pub fn write(set: &Set) -> Value {
+pub fn write(set: &ReleaseSet) -> Value {
     let about = &set.dictionary.about;
     let contributor = |a: &super::set::Person| {
         let mut out = json!({ "title": a.name, "role": "author" });
@@ -55,7 +56,7 @@ fn slug_of_licence(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-') { c } else { '-' }).collect()
 }
 
-fn resource(table: &Table, file: &DataFile) -> Value {
+fn resource(table: &ReleaseTable, file: &DataFile) -> Value {
     let mut words = vec![table.name.clone()];
     // Two identifiers may have one slug; their spelling in the path has not.
     let middle = file.path.strip_prefix("data/").and_then(|p| p.strip_suffix("/part-0.parquet"));
@@ -78,11 +79,11 @@ fn resource(table: &Table, file: &DataFile) -> Value {
 }
 
 /// The schema of a table.
-pub fn schema(table: &Table) -> Value {
+pub fn schema(table: &ReleaseTable) -> Value {
     json!({ "fields": table.columns.iter().map(field).collect::<Vec<_>>(), "missingValues": ["", "NaN"] })
 }
 
-fn field(c: &Column) -> Value {
+fn field(c: &ReleaseColumn) -> Value {
     let kind = match c.kind {
         ColumnKind::Number => "number",
         ColumnKind::Integer => "integer",
@@ -122,7 +123,7 @@ mod tests {
                 bytes: 0,
                 sha256: String::new(),
             };
-            let table = Table {
+            let table = ReleaseTable {
                 name: "Clean".into(),
                 kind: String::new(),
                 stage: None,

@@ -3,12 +3,12 @@
 use std::fmt::Write;
 
 use super::{
-    set::{Column, Set, Table},
+    set::{ReleaseColumn, ReleaseSet, ReleaseTable},
     words::{cell, counted},
 };
 
 /// The file `DICTIONARY.md`.
-pub fn write(set: &Set) -> String {
+pub fn write(set: &ReleaseSet) -> String {
     let mut text = format!("# Data dictionary of {}\n", cell(&set.dictionary.about.title));
     text += "\n`dictionary.json` is the machine-readable form. Roles: `key` identifies a flight, a line or a point \
              of the sweep; `time` is the time of a sample; `truth` is not available in operation; `sensor` is \
@@ -19,7 +19,7 @@ pub fn write(set: &Set) -> String {
     text
 }
 
-fn section(table: &Table) -> String {
+fn section(table: &ReleaseTable) -> String {
     let mut text = format!("\n## {}\n\n", table.name);
     // Writing into a String cannot fail.
     let made = table.stage.as_ref().map(|s| format!(" made by the stage `{s}`")).unwrap_or_default();
@@ -48,7 +48,7 @@ fn section(table: &Table) -> String {
     text
 }
 
-fn row(c: &Column) -> String {
+fn row(c: &ReleaseColumn) -> String {
     let number = |x: Option<f64>| x.map(|x| x.to_string()).unwrap_or_default();
     let from: Vec<String> = c.from.iter().map(|f| format!("`{f}`")).collect();
     format!(

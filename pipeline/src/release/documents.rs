@@ -1,4 +1,5 @@
-//! The documents of a set: each is made of what [`Set`] holds and of nothing else, so that it can be made again to check it.
+//! The documents of a set: each is made of what [`ReleaseSet`] holds and of nothing else, so that it can be made again
+//! to check it.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +8,7 @@ use serde::Serialize;
 
 use super::{
     citation, croissant, datapackage, dictionary, inputs, licence, readme, ro_crate,
-    set::Set,
+    set::ReleaseSet,
     words::{DICTIONARY, LICENCE, LOCK},
 };
 
@@ -15,7 +16,7 @@ use super::{
 ///
 /// # Errors
 /// Never for a set that can be spelt as JSON.
-pub fn all(set: &Set) -> Result<BTreeMap<String, String>, Fault> {
+pub fn all(set: &ReleaseSet) -> Result<BTreeMap<String, String>, Fault> {
     debug_assert!(LOCK.starts_with(inputs::FOLDER));
     let mut found: BTreeMap<String, String> = [
         (DICTIONARY, pretty(&set.dictionary)?),

@@ -10,7 +10,7 @@ use schemas::Fault;
 use super::{checksums, set::FORMAT, words::DICTIONARY};
 
 /// A folder being written; it is removed unless it is settled.
-pub struct Draft {
+pub struct FolderDraft {
     path: PathBuf,
     to: PathBuf,
     replace: bool,
@@ -20,35 +20,35 @@ fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
-/// Content at the place of a set.
-enum There {
+/// Content of the destination folder of a set.
+enum DestinationContent {
     Nothing,
     Set,
     Other(String),
 }
 
 /// Whether a folder holds a published set and nothing else.
-fn look(path: &Path) -> Result<There, Fault> {
+fn look(path: &Path) -> Result<DestinationContent, Fault> {
     let about = match fs::symlink_metadata(path) {
         Ok(about) => about,
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(There::Nothing),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(DestinationContent::Nothing),
         Err(e) => return Err(cannot("read", path, &e)),
     };
     if !about.is_dir() {
-        return Ok(There::Other("is not a folder".to_owned()));
+        return Ok(DestinationContent::Other("is not a folder".to_owned()));
     }
     let files = files(path).map_err(|e| cannot("read", path, &e))?;
     if files.is_empty() {
-        return Ok(There::Nothing);
+        return Ok(DestinationContent::Nothing);
     }
     let text = |name: &str| fs::read_to_string(path.join(name)).unwrap_or_default();
     let is_set = serde_json::from_str::<serde_json::Value>(&text(DICTIONARY)).is_ok_and(|d| d["format"] == FORMAT);
     match checksums::read(&text(checksums::NAME)).ok().filter(|_| is_set) {
-        None => Ok(There::Other("is a folder, but not a published set".to_owned())),
+        None => Ok(DestinationContent::Other("is a folder, but not a published set".to_owned())),
         Some(sums) => {
             let foreign = files.iter().find(|f| *f != checksums::NAME && !sums.contains_key(*f));
-            Ok(foreign.map_or(There::Set, |f| {
-                There::Other(format!(
+            Ok(foreign.map_or(DestinationContent::Set, |f| {
+                DestinationContent::Other(format!(
                     "contains {f}, which does not belong to the \
                 published set"
                 ))
@@ -84,12 +84,12 @@ pub fn files(folder: &Path) -> io::Result<Vec<String>> {
     Ok(found)
 }
 
-impl Draft {
+impl FolderDraft {
     /// Begins a folder that is to become `to`.
     ///
     /// # Errors
     /// When `to` holds something that must not be lost, or the file system refuses.
-    pub fn begin(to: &Path, replace: bool) -> Result<Draft, Fault> {
+    pub fn begin(to: &Path, replace: bool) -> Result<FolderDraft, Fault> {
         // Whether a set that is there is the same is known when this one is whole.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
@@ -106,7 +106,7 @@ impl Draft {
             }
             made => made.map_err(|e| cannot("make", &path, &e))?,
         }
-        Ok(Draft { path, to: to.to_owned(), replace })
+        Ok(FolderDraft { path, to: to.to_owned(), replace })
     }
 
     /// The folder.
@@ -121,14 +121,14 @@ impl Draft {
     pub fn settle(self) -> Result<bool, Fault> {
         let sums = |folder: &Path| fs::read(folder.join(checksums::NAME)).ok();
         let there = look(&self.to)?;
-        if matches!(there, There::Set) && sums(&self.to) == sums(&self.path) {
+        if matches!(there, DestinationContent::Set) && sums(&self.to) == sums(&self.path) {
             return Ok(false);
         }
         allowed(&self.to, self.replace)?;
         let fail = |e: io::Error| cannot("write", &self.to, &e);
         sync(&self.path).map_err(fail)?;
         match there {
-            There::Set => {
+            DestinationContent::Set => {
                 let old = self.path.with_extension("old");
                 fs::rename(&self.to, &old).map_err(fail)?;
                 if let Err(e) = fs::rename(&self.path, &self.to) {
@@ -138,7 +138,7 @@ impl Draft {
                 fs::remove_dir_all(&old).map_err(|e| cannot("remove", &old, &e))?;
             }
             // An empty folder is replaced by the renaming itself.
-            There::Nothing | There::Other(_) => {
+            DestinationContent::Nothing | DestinationContent::Other(_) => {
                 if let Err(e) = fs::rename(&self.path, &self.to) {
                     // Another program may have put its set there since.
                     if sums(&self.to).is_some_and(|there| Some(there) == sums(&self.path)) {
@@ -158,13 +158,13 @@ impl Draft {
 /// Whether a set may be put at `to`: a set that is there needs `--replace`, unless it turns out to be the same.
 fn allowed(to: &Path, replace: bool) -> Result<(), Fault> {
     match look(to)? {
-        There::Nothing => Ok(()),
-        There::Set if replace => Ok(()),
-        There::Set => {
+        DestinationContent::Nothing => Ok(()),
+        DestinationContent::Set if replace => Ok(()),
+        DestinationContent::Set => {
             let fault = Fault::new(format!("{} is another published set", to.display()));
             Err(fault.help("give another folder, or replace it with `--replace`"))
         }
-        There::Other(what) => {
+        DestinationContent::Other(what) => {
             let fault = Fault::new(format!("{} {what}", to.display()));
             Err(fault.help("give a new or empty folder; `--replace` replaces only a published set"))
         }
@@ -182,7 +182,7 @@ fn sync(folder: &Path) -> io::Result<()> {
     fs::File::open(folder)?.sync_all()
 }
 
-impl Drop for Draft {
+impl Drop for FolderDraft {
     fn drop(&mut self) {
         // It is gone where it was settled; otherwise nothing of it has a name that anyone reads.
         let _ = fs::remove_dir_all(&self.path);

@@ -7,19 +7,19 @@ use std::{
 
 use schemas::Fault;
 
-use super::{checksums, set::Input};
+use super::{checksums, set::ReleaseInput};
 use crate::{
-    keys::Key,
-    plan::Graph,
+    keys::HashKey,
+    plan::PlanGraph,
     sources::walk,
-    spec::{Spec, publish::Restricted},
+    spec::{Spec, publish::ColumnRestriction},
 };
 
 /// The folder of the spec in a set.
 pub const FOLDER: &str = "pipeline";
 
 /// A file that was read.
-struct Read {
+struct ReleaseSourceFile {
     table: String,
     path: PathBuf,
     /// From the spec's folder; `None` for one that is given by an absolute path.
@@ -27,11 +27,11 @@ struct Read {
 }
 
 /// The spec and the inputs of a set.
-pub struct Inputs {
+pub struct ReleaseInputs {
     /// The path of the spec in the set.
     pub spec: String,
     /// The files that were read.
-    pub files: Vec<Input>,
+    pub files: Vec<ReleaseInput>,
 }
 
 fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
@@ -62,9 +62,9 @@ fn relative(folder: &Path, path: &Path) -> Option<Vec<String>> {
 }
 
 /// All files that a run reads, with what simulations are made from.
-fn all(graph: &Graph) -> Result<Vec<Read>, Fault> {
+fn all(graph: &PlanGraph) -> Result<Vec<ReleaseSourceFile>, Fault> {
     let plan = graph.plan;
-    let mut found: Vec<Read> = vec![];
+    let mut found: Vec<ReleaseSourceFile> = vec![];
     let mut add = |table: &str, path: PathBuf| -> Result<(), Fault> {
         let mut files = vec![];
         if path.is_dir() {
@@ -75,7 +75,7 @@ fn all(graph: &Graph) -> Result<Vec<Read>, Fault> {
         for path in files {
             if !found.iter().any(|f| f.path == path && f.table == table) {
                 let relative = relative(&plan.spec.folder, &path);
-                found.push(Read { table: table.to_owned(), path, relative });
+                found.push(ReleaseSourceFile { table: table.to_owned(), path, relative });
             }
         }
         Ok(())
@@ -95,17 +95,17 @@ fn all(graph: &Graph) -> Result<Vec<Read>, Fault> {
 
 /// Whether a table of the spec is restricted, wholly or in part.
 fn is_restricted(spec: &Spec, table: &str) -> bool {
-    spec.tables.iter().any(|t| t.name == table && t.protection.now() != Restricted::None)
+    spec.tables.iter().any(|t| t.name == table && t.protection.now() != ColumnRestriction::None)
 }
 
 /// Copies the spec, and with `include` the inputs, below `root`, and describes the inputs.
 ///
 /// # Errors
 /// When an input has changed since it was read, must not be copied, or the file system refuses.
-pub fn gather(graph: &Graph, root: &Path, include: bool, include_restricted: bool) -> Result<Inputs, Fault> {
+pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted: bool) -> Result<ReleaseInputs, Fault> {
     let spec = &graph.plan.spec;
     let files = all(graph)?;
-    let place = if include { Place::of(spec, &files, include_restricted)? } else { Place::default() };
+    let place = if include { SpecFolder::new(spec, &files, include_restricted)? } else { SpecFolder::default() };
     let name = Path::new(&spec.file).file_name().and_then(|n| n.to_str());
     let name = name.ok_or_else(|| Fault::new(format!("the name of the spec {} is not valid UTF-8", spec.file)))?;
     let path = place.at(&[name.to_owned()]).ok_or_else(|| Fault::bug("a spec outside of the set"))?;
@@ -132,16 +132,16 @@ pub fn gather(graph: &Graph, root: &Path, include: bool, include_restricted: boo
             hasher.update(read);
         });
         let (bytes, sha256) = sum.map_err(|e| cannot("read", &from, &e))?;
-        let hash = Key::finish(&hasher);
+        let hash = HashKey::finish(&hasher);
         let known = graph.bytes.iter().flatten().find(|b| b.path == file.path);
         if known.is_some_and(|known| known.hash != hash) {
             let what = format!("{} has changed since magline read it", file.path.display());
             return Err(Fault::machine(what).help(format!("run `magline run {}` again", spec.file)));
         }
-        let Read { table, .. } = file;
-        listed.push(Input { table, file: shown, bytes, sha256, blake3: hash.to_string(), included });
+        let ReleaseSourceFile { table, .. } = file;
+        listed.push(ReleaseInput { table, file: shown, bytes, sha256, blake3: hash.to_string(), included });
     }
-    Ok(Inputs { spec: path, files: listed })
+    Ok(ReleaseInputs { spec: path, files: listed })
 }
 
 fn write(to: &Path, bytes: &[u8]) -> Result<(), Fault> {
@@ -149,15 +149,15 @@ fn write(to: &Path, bytes: &[u8]) -> Result<(), Fault> {
     made.and_then(|()| fs::File::open(to)?.sync_all()).map_err(|e| cannot("write", to, &e))
 }
 
-/// Where files lie in the folder of the spec in a set, so that the paths in the spec lead to them.
+/// Position of the spec's folder in a set, such that the relative paths in the spec are valid.
 #[derive(Default)]
-struct Place {
+struct SpecFolder {
     /// The folders from the outermost one that an input lies in to that of the spec.
     folders: Vec<String>,
 }
 
-impl Place {
-    fn of(spec: &Spec, files: &[Read], include_restricted: bool) -> Result<Place, Fault> {
+impl SpecFolder {
+    fn new(spec: &Spec, files: &[ReleaseSourceFile], include_restricted: bool) -> Result<SpecFolder, Fault> {
         const HELP: &str = "or remove `include_inputs`; the published set then lists the inputs with their hashes";
         let mut up = 0;
         for file in files {
@@ -180,7 +180,7 @@ impl Place {
             )
             .collect();
         match names.len().checked_sub(up) {
-            Some(from) => Ok(Place { folders: names.into_iter().skip(from).collect() }),
+            Some(from) => Ok(SpecFolder { folders: names.into_iter().skip(from).collect() }),
             None => {
                 Err(Fault::new("`include_inputs`: the path of an input leads above the root of the file system")
                     .help(HELP))
@@ -213,7 +213,7 @@ mod tests {
         assert_eq!(parts("a/b", "a/b/./x/../d.tif").as_deref(), Some("d.tif"));
         assert_eq!(parts(".", "./logs/1.csv").as_deref(), Some("logs/1.csv"));
         assert_eq!(parts("a/b", "/elsewhere/d.tif"), None);
-        let place = Place { folders: vec!["datasets".into(), "examples".into()] };
+        let place = SpecFolder { folders: vec!["datasets".into(), "examples".into()] };
         let at = |path: &str| place.at(&path.split('/').map(str::to_owned).collect::<Vec<_>>());
         assert_eq!(at("spec.toml").as_deref(), Some("pipeline/datasets/examples/spec.toml"));
         assert_eq!(at("../samples/d.tif").as_deref(), Some("pipeline/datasets/samples/d.tif"));

@@ -4,10 +4,11 @@ use std::{io::Read, path::Path};
 
 use schemas::{Fault, paths};
 
-use super::set::{About, Licence};
+use super::set::{Licence, ReleaseMetadata};
 use crate::{sources, spec::publish::PublishFacts};
 
-/// Identifier, name in full, and the address of the text, of licences in use for data and code. [SPDX License List 3.27]
+/// Identifier, name in full, and the address of the text, of licences in use for data and code. [SPDX License List
+/// 3.27]
 const KNOWN: [(&str, &str, &str); 24] = [
     ("0BSD", "BSD Zero Clause License", "https://opensource.org/license/0bsd"),
     ("Apache-2.0", "Apache License 2.0", "https://www.apache.org/licenses/LICENSE-2.0"),
@@ -67,7 +68,7 @@ const KNOWN: [(&str, &str, &str); 24] = [
 ///
 /// # Errors
 /// A name that is not known and has no address.
-pub fn of(facts: &PublishFacts) -> Result<Licence, Fault> {
+pub fn from_facts(facts: &PublishFacts) -> Result<Licence, Fault> {
     let text = facts.licence_file.is_some();
     let name = facts.licence.clone();
     match (KNOWN.iter().find(|(id, ..)| *id == name), &facts.licence_url) {
@@ -88,8 +89,8 @@ pub fn of(facts: &PublishFacts) -> Result<Licence, Fault> {
 /// The most bytes of the text of a licence.
 const LONGEST: u64 = 1 << 20;
 
-/// The text of the licence in `file`, from the spec's folder `folder`. It is published, so that nothing outside of that folder
-/// can be named, nor reached by a link.
+/// The text of the licence in `file`, from the spec's folder `folder`. It is published, so that nothing outside of that
+/// folder can be named, nor reached by a link.
 ///
 /// # Errors
 /// Fails for a path that leads out of the folder, and for a file that is missing, too large, or no text.
@@ -114,7 +115,7 @@ pub fn text(file: &str, folder: &Path) -> Result<String, Fault> {
 }
 
 /// The file `LICENSE` where there is no text of the licence: who, what, and where the text is.
-pub fn write(about: &About) -> String {
+pub fn write(about: &ReleaseMetadata) -> String {
     let names: Vec<&str> = about.authors.iter().map(|a| a.name.as_str()).collect();
     let year = about.date.get(..4).unwrap_or_default();
     let Licence { name, title, url, .. } = &about.licence;

@@ -41,23 +41,26 @@ use arrow_array::{Array, RecordBatch, cast::AsArray};
 use schemas::{Fault, TableKind};
 
 use crate::{
-    keys::{Key, arithmetic_in_words},
-    plan::{Graph, Plan},
+    keys::{HashKey, arithmetic_in_words},
+    plan::{Plan, PlanGraph},
     run::run_id,
     spec::{
-        Faults, Spec,
+        Spec, SpecFaults,
         publish::{EXAMPLE, PublishFacts},
     },
     store::{Store, Version, current, published},
     views::{described, lifted, pooled, report},
 };
-use folder::Draft;
-use set::{About, Dictionary, FORMAT, Failed, Lock, Person, Set, Stage, Table};
+use folder::FolderDraft;
+use set::{
+    DataDictionary, FORMAT, Person, ReleaseFailure, ReleaseLockfile, ReleaseMetadata, ReleaseSet, ReleaseStage,
+    ReleaseTable,
+};
 pub use upload::upload;
-pub use verify::{Verified, verify};
+pub use verify::{ReleaseVerification, verify};
 
 /// Request for a published set.
-pub struct Request<'a> {
+pub struct ReleaseRequest<'a> {
     /// The tables, by their names in the spec.
     pub tables: &'a [String],
     /// The folder of the set.
@@ -70,7 +73,7 @@ pub struct Request<'a> {
 
 /// Contents of a published set.
 #[derive(Debug)]
-pub struct Published {
+pub struct ReleaseSummary {
     /// Name, rows and files of each table.
     pub tables: Vec<(String, u64, usize)>,
     /// The number of files.
@@ -89,9 +92,9 @@ pub struct Published {
     pub run: String,
 }
 
-/// A table that is asked for.
+/// A requested table.
 #[derive(Clone, Copy)]
-enum Chosen {
+enum TableSelection {
     Stage(usize),
     Flights(usize),
     Map(usize),
@@ -103,7 +106,7 @@ enum Chosen {
 ///
 /// # Errors
 /// Where the spec has no `[publish]`, or something in it is wrong.
-pub fn facts(spec: &Spec) -> Result<&PublishFacts, Faults> {
+pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
     let none = || Fault::new(format!("{} has no `[publish]`", spec.file)).help(EXAMPLE);
     match &spec.publish {
         Some(Ok(facts)) => Ok(facts),
@@ -117,7 +120,7 @@ pub fn facts(spec: &Spec) -> Result<&PublishFacts, Faults> {
 /// # Errors
 /// When the facts are not right, a table does not exist or was not computed, restricted data would go out, the folder
 /// holds something else, or the file system refuses. Nothing is at the place of the folder then but what was there.
-pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Published, Fault> {
+pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Result<ReleaseSummary, Fault> {
     let plan = graph.plan;
     let spec = &plan.spec;
     let facts = facts(spec).map_err(|faults| Fault::new(faults.to_string()))?;
@@ -133,24 +136,24 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
         }
         protect::together(&lineage, &wanted)?;
     }
-    let draft = Draft::begin(request.to, request.replace)?;
+    let draft = FolderDraft::begin(request.to, request.replace)?;
     let root = draft.path();
     let mut tables = vec![];
     for one in &chosen {
         tables.push(match *one {
-            Chosen::Stage(t) => {
+            TableSelection::Stage(t) => {
                 let table = tables::of_stage(graph, &version, t, root)?;
                 let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
-                Table { stage: Some(node.entry.name.to_owned()), description: first(&node.entry.doc), ..table }
+                ReleaseTable { stage: Some(node.entry.name.to_owned()), description: first(&node.entry.doc), ..table }
             }
-            Chosen::Flights(i) => tables::of_flights(graph, store, i, root)?,
-            Chosen::Map(i) => tables::of_map(graph, store, i, root)?,
-            Chosen::Pooled => tables::of_pooled(graph, &version, root)?,
+            TableSelection::Flights(i) => tables::of_flights(graph, store, i, root)?,
+            TableSelection::Map(i) => tables::of_map(graph, store, i, root)?,
+            TableSelection::Pooled => tables::of_pooled(graph, &version, root)?,
         });
     }
     protect::describe(&lineage, &mut tables);
     // Looked for again in what was written: no column goes out that the plan does not know.
-    let names = |t: &Table| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
+    let names = |t: &ReleaseTable| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
     let named: Vec<(String, Vec<String>)> = tables.iter().map(names).collect();
     let restricted = protect::find(&lineage, &named);
     if !request.include_restricted && !restricted.is_empty() {
@@ -159,8 +162,8 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
     let rules = protect::rules(&lineage, &named, &restricted);
     let inputs = inputs::gather(graph, root, facts.include_inputs, request.include_restricted)?;
     let failures = failures(graph, store, &chosen)?;
-    let dictionary = Dictionary { format: FORMAT.to_owned(), about, tables, restricted, failures };
-    let set = Set { dictionary, lock: lock(graph, inputs)? };
+    let dictionary = DataDictionary { format: FORMAT.to_owned(), about, tables, restricted, failures };
+    let set = ReleaseSet { dictionary, lock: lock(graph, inputs)? };
     if let Some(file) = &facts.licence_file {
         let text = licence::text(file, &spec.folder)?;
         write(root, words::LICENCE, text.as_bytes())?;
@@ -177,8 +180,8 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
     }
     write(root, checksums::NAME, checksums::write(&sums).as_bytes())?;
     let written = draft.settle()?;
-    let Set { dictionary, lock } = set;
-    Ok(Published {
+    let ReleaseSet { dictionary, lock } = set;
+    Ok(ReleaseSummary {
         tables: dictionary.tables.iter().map(|t| (t.name.clone(), t.rows, t.files.len())).collect(),
         files: sums.len() + 1,
         written,
@@ -202,7 +205,7 @@ fn first(doc: &str) -> String {
     doc.split("\n\n").next().unwrap_or_default().trim().to_owned()
 }
 
-fn about(facts: &PublishFacts) -> Result<About, Fault> {
+fn about(facts: &PublishFacts) -> Result<ReleaseMetadata, Fault> {
     const ORCID: &str = "https://orcid.org/";
     let person = |a: &crate::spec::publish::Author| Person {
         name: a.full_name(),
@@ -211,11 +214,11 @@ fn about(facts: &PublishFacts) -> Result<About, Fault> {
         orcid: a.orcid.as_ref().map(|o| format!("{ORCID}{}", o.strip_prefix(ORCID).unwrap_or(o))),
         affiliation: a.affiliation.clone(),
     };
-    Ok(About {
+    Ok(ReleaseMetadata {
         title: facts.title.trim().to_owned(),
         description: facts.description.trim().to_owned(),
         authors: facts.authors.0.iter().map(person).collect(),
-        licence: licence::of(facts)?,
+        licence: licence::from_facts(facts)?,
         date: facts.date.clone(),
         contact: facts.contact.clone(),
         version: facts.version.clone(),
@@ -230,7 +233,7 @@ fn about(facts: &PublishFacts) -> Result<About, Fault> {
 }
 
 /// The tables that are asked for, each once.
-fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
+fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<TableSelection>, Fault> {
     let mut seen = BTreeSet::new();
     let mut found = vec![];
     for name in names.iter().filter(|n| seen.insert(n.as_str())) {
@@ -241,13 +244,13 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
                     Fault::new(format!("the table `{name}` is not published, because it has `publish = false`"));
                 return Err(fault.help("remove `publish = false`, and run the spec again"));
             }
-            found.push(Chosen::Stage(t));
+            found.push(TableSelection::Stage(t));
         } else if let Some(i) = plan.flights.iter().position(|f| f.name == *name) {
-            found.push(Chosen::Flights(i));
+            found.push(TableSelection::Flights(i));
         } else if let Some(i) = plan.maps.iter().position(|m| m.name == *name) {
-            found.push(Chosen::Map(i));
+            found.push(TableSelection::Map(i));
         } else if name == pooled::TABLE && pooled::tables(plan).next().is_some() {
-            found.push(Chosen::Pooled);
+            found.push(TableSelection::Pooled);
         } else {
             let stages = plan.tables.iter().map(|t| t.name.as_str()).chain([pooled::TABLE]);
             let sources = plan.flights.iter().map(|f| f.name.as_str()).chain(plan.maps.iter().map(|m| m.name.as_str()));
@@ -262,10 +265,10 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
 }
 
 /// The columns that the plan knows of the tables that are asked for: those of their files are some of these.
-fn columns(graph: &Graph, chosen: &[Chosen]) -> Vec<(String, Vec<String>)> {
+fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<String>)> {
     let plan = graph.plan;
-    let one = |chosen: &Chosen| match *chosen {
-        Chosen::Stage(t) => {
+    let one = |chosen: &TableSelection| match *chosen {
+        TableSelection::Stage(t) => {
             let node = plan.tables.get(t)?;
             // Columns that pass through are not in the files of a table of lines, unless they are carried.
             let makes = |name: &str| node.variants.iter().any(|v| v.makes(name).is_some());
@@ -274,20 +277,20 @@ fn columns(graph: &Graph, chosen: &[Chosen]) -> Vec<(String, Vec<String>)> {
             let in_file = |n: &String| whole || makes(n) || n == "tt" || node.carry.contains(n);
             Some((node.name.clone(), names.filter(in_file).collect()))
         }
-        Chosen::Flights(i) => {
+        TableSelection::Flights(i) => {
             let flights = plan.flights.get(i)?;
             Some((flights.name.clone(), flights.shape.columns.iter().map(|c| c.name.clone()).collect()))
         }
-        Chosen::Map(i) => plan.maps.get(i).map(|m| (m.name.clone(), m.columns())),
-        Chosen::Pooled => None,
+        TableSelection::Map(i) => plan.maps.get(i).map(|m| (m.name.clone(), m.columns())),
+        TableSelection::Pooled => None,
     };
     // Pooled scores are made from all tables of scores.
-    let scores = chosen.iter().filter(|c| matches!(c, Chosen::Pooled)).flat_map(|_| pooled::tables(plan));
-    chosen.iter().copied().chain(scores.map(Chosen::Stage)).filter_map(|chosen| one(&chosen)).collect()
+    let scores = chosen.iter().filter(|c| matches!(c, TableSelection::Pooled)).flat_map(|_| pooled::tables(plan));
+    chosen.iter().copied().chain(scores.map(TableSelection::Stage)).filter_map(|chosen| one(&chosen)).collect()
 }
 
 /// The tables of the last run, which must be of exactly this spec and data.
-fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
+fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     let spec = &graph.plan.spec;
     let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
     let run = || format!("run it first: `magline run {}{sets}`", spec.file);
@@ -298,21 +301,21 @@ fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
 }
 
 /// Failures in the tables and in those that they are made from.
-fn failures(graph: &Graph, store: &Store, chosen: &[Chosen]) -> Result<Vec<Failed>, Fault> {
+fn failures(graph: &PlanGraph, store: &Store, chosen: &[TableSelection]) -> Result<Vec<ReleaseFailure>, Fault> {
     let plan = graph.plan;
     let mut names: BTreeSet<&str> = BTreeSet::new();
-    let scores = chosen.iter().filter(|c| matches!(c, Chosen::Pooled)).flat_map(|_| pooled::tables(plan));
-    for one in chosen.iter().copied().chain(scores.map(Chosen::Stage)) {
+    let scores = chosen.iter().filter(|c| matches!(c, TableSelection::Pooled)).flat_map(|_| pooled::tables(plan));
+    for one in chosen.iter().copied().chain(scores.map(TableSelection::Stage)) {
         match one {
-            Chosen::Stage(t) => {
+            TableSelection::Stage(t) => {
                 let all = plan.rests_on(t);
                 names.extend(all.iter().filter_map(|t| plan.tables.get(*t)).flat_map(|node| {
                     let inputs = node.sources().into_iter().map(|r| plan.name_of(r));
                     inputs.chain([node.name.as_str()])
                 }));
             }
-            Chosen::Flights(i) => names.extend(plan.flights.get(i).map(|f| f.name.as_str())),
-            Chosen::Map(_) | Chosen::Pooled => {}
+            TableSelection::Flights(i) => names.extend(plan.flights.get(i).map(|f| f.name.as_str())),
+            TableSelection::Map(_) | TableSelection::Pooled => {}
         }
     }
     let folder = store.table(&plan.spec.name, "failures");
@@ -328,11 +331,14 @@ fn failures(graph: &Graph, store: &Store, chosen: &[Chosen]) -> Result<Vec<Faile
             *counted.entry((table, cell(&rows, "flight", row), cell(&rows, "line", row))).or_default() += 1;
         }
     }
-    Ok(counted.into_iter().map(|((table, flight, line), points)| Failed { table, flight, line, points }).collect())
+    Ok(counted
+        .into_iter()
+        .map(|((table, flight, line), points)| ReleaseFailure { table, flight, line, points })
+        .collect())
 }
 
 /// How the tables were made.
-fn lock(graph: &Graph, inputs: inputs::Inputs) -> Result<Lock, Fault> {
+fn lock(graph: &PlanGraph, inputs: inputs::ReleaseInputs) -> Result<ReleaseLockfile, Fault> {
     /// The points whose parameters are listed.
     const POINTS: usize = 1000;
     let plan = graph.plan;
@@ -349,7 +355,7 @@ fn lock(graph: &Graph, inputs: inputs::Inputs) -> Result<Lock, Fault> {
             }
         }
         let key = |unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
-        stages.push(Stage {
+        stages.push(ReleaseStage {
             table: node.name.clone(),
             stage: node.entry.name.to_owned(),
             version: node.entry.version,
@@ -358,10 +364,10 @@ fn lock(graph: &Graph, inputs: inputs::Inputs) -> Result<Lock, Fault> {
             axes: node.axes.iter().filter_map(|i| spec.axes.get(*i)).map(|a| a.name.clone()).collect(),
             points: node.len(),
             parameters,
-            key: Key::of(graph.units(t).map(key)).to_string(),
+            key: HashKey::from_parts(graph.units(t).map(key)).to_string(),
         });
     }
-    Ok(Lock {
+    Ok(ReleaseLockfile {
         format: FORMAT.to_owned(),
         magline: env!("CARGO_PKG_VERSION").to_owned(),
         arithmetic: arithmetic_in_words(),
@@ -377,7 +383,7 @@ fn lock(graph: &Graph, inputs: inputs::Inputs) -> Result<Lock, Fault> {
 }
 
 /// The inputs of each table.
-fn described_briefly(graph: &Graph) -> Vec<Vec<String>> {
+fn described_briefly(graph: &PlanGraph) -> Vec<Vec<String>> {
     described(graph).into_iter().map(|t| t.inputs).collect()
 }
 

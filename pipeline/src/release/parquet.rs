@@ -21,7 +21,7 @@ use parquet::{
 };
 use schemas::{Fault, paths};
 
-use super::set::{Column, ColumnKind, Values};
+use super::set::{ColumnKind, ColumnValueStatistics, ReleaseColumn};
 
 /// Rows of a row group.
 const GROUP_ROWS: usize = 100_000;
@@ -34,7 +34,7 @@ fn cannot(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
 }
 
 /// A file being written.
-pub struct Writer<'a> {
+pub struct ReleaseFileWriter<'a> {
     path: &'a Path,
     schema: SchemaRef,
     writer: ArrowWriter<File>,
@@ -43,12 +43,12 @@ pub struct Writer<'a> {
     written: u64,
 }
 
-impl<'a> Writer<'a> {
+impl<'a> ReleaseFileWriter<'a> {
     /// A file at `path` whose rows ascend by `sorted_by`.
     ///
     /// # Errors
     /// When the file system refuses.
-    pub fn new(path: &'a Path, schema: &SchemaRef, sorted_by: &[String]) -> Result<Writer<'a>, Fault> {
+    pub fn new(path: &'a Path, schema: &SchemaRef, sorted_by: &[String]) -> Result<ReleaseFileWriter<'a>, Fault> {
         let fail = |e: &dyn std::fmt::Display| cannot("write", path, e);
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(|e| fail(&e))?;
@@ -56,7 +56,7 @@ impl<'a> Writer<'a> {
         let file = File::options().write(true).create_new(true).open(path).map_err(|e| fail(&e))?;
         let properties = properties(schema, sorted_by);
         let writer = ArrowWriter::try_new(file, schema.clone(), Some(properties)).map_err(|e| fail(&e))?;
-        Ok(Writer { path, schema: schema.clone(), writer, waiting: vec![], rows: 0, written: 0 })
+        Ok(ReleaseFileWriter { path, schema: schema.clone(), writer, waiting: vec![], rows: 0, written: 0 })
     }
 
     /// Adds rows, in the columns of the schema.
@@ -92,7 +92,7 @@ impl<'a> Writer<'a> {
         if self.rows > 0 {
             self.group(self.rows)?;
         }
-        let Writer { path, writer, written, .. } = self;
+        let ReleaseFileWriter { path, writer, written, .. } = self;
         let file = writer.into_inner().map_err(|e| cannot("write", path, &e))?;
         file.sync_all().map_err(|e| cannot("write", path, &e))?;
         Ok(written)
@@ -160,11 +160,11 @@ pub fn read(path: &Path, mut each: impl FnMut(&RecordBatch) -> Result<(), String
 }
 
 /// The columns of a schema as the dictionary has them, without their values.
-pub fn columns(schema: &Schema) -> Vec<Column> {
+pub fn columns(schema: &Schema) -> Vec<ReleaseColumn> {
     let column = |field: &Arc<Field>| {
         let about = |key: &str| field.metadata().get(key).cloned().unwrap_or_default();
         let terms = about("terms");
-        Column {
+        ReleaseColumn {
             name: field.name().clone(),
             kind: kind(field.data_type()),
             unit: about("unit"),
@@ -172,7 +172,7 @@ pub fn columns(schema: &Schema) -> Vec<Column> {
             description: about("description"),
             terms: terms.split(',').filter(|t| !t.is_empty()).map(str::to_owned).collect(),
             from: vec![],
-            values: Values::default(),
+            values: ColumnValueStatistics::default(),
         }
     };
     schema.fields().iter().map(column).collect()
@@ -192,7 +192,7 @@ fn kind(kind: &DataType) -> ColumnKind {
 }
 
 /// Takes the values of a column into account.
-pub fn count(values: &mut Values, array: &ArrayRef) {
+pub fn count(values: &mut ColumnValueStatistics, array: &ArrayRef) {
     let mut number = |x: f64| {
         if x.is_finite() {
             values.min = Some(values.min.map_or(x, |m| m.min(x)));

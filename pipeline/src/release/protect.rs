@@ -1,9 +1,9 @@
-//! Restricted data in a published set: columns of tables of files that are restricted, and all that is made from them row
-//! by row.
+//! Restricted data in a published set: columns of tables of files that are restricted, and all that is made from them
+//! row by row.
 //!
-//! The lineage of columns is walked from each column that is to be published. It ends at tables of scores and models that are
-//! aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are no aggregates; nor are
-//! maps and flight lines, at any distance from the restricted column.
+//! The lineage of columns is walked from each column that is to be published. It ends at tables of scores and models
+//! that are aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are no aggregates;
+//! nor are maps and flight lines, at any distance from the restricted column.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
@@ -11,11 +11,11 @@ use schemas::Fault;
 
 use super::{
     aggregate::{self, Aggregate},
-    set::{Held, Table},
+    set::{ReleaseTable, RestrictedReleaseColumn},
 };
 use crate::{
-    plan::Graph,
-    spec::publish::{Protection, Restricted},
+    plan::PlanGraph,
+    spec::publish::{ColumnRestriction, ProtectionKeys},
     store::Store,
     views::{SnapshotTable, described},
 };
@@ -28,16 +28,16 @@ const HELP: &str = "publish tables that are not made from restricted columns row
                     or use `--include-restricted` if you have the right to publish them, and the published set will \
                     state the restrictions";
 
-/// A column of a table.
-pub type Column = (String, String);
+/// A column of a table: names of table and column.
+pub type LineageColumn = (String, String);
 
 /// The lineage of a plan's columns.
 pub struct Lineage<'a> {
     /// The tables of the stages.
     pub stages: HashMap<String, SnapshotTable>,
     /// The columns that are handed to the stage of each table, which may be in anything it makes.
-    reads: HashMap<String, Vec<Column>>,
-    sources: HashMap<&'a str, &'a Protection>,
+    reads: HashMap<String, Vec<LineageColumn>>,
+    sources: HashMap<&'a str, &'a ProtectionKeys>,
     /// The small tables that restricted columns reach, each with its figures, or why it is no aggregate.
     aggregates: HashMap<String, Result<Aggregate, String>>,
 }
@@ -47,9 +47,9 @@ impl<'a> Lineage<'a> {
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn new(graph: &'a Graph, store: &Store) -> Result<Lineage<'a>, Fault> {
+    pub fn new(graph: &'a PlanGraph, store: &Store) -> Result<Lineage<'a>, Fault> {
         let plan = graph.plan;
-        let mut reads: HashMap<String, Vec<Column>> = HashMap::new();
+        let mut reads: HashMap<String, Vec<LineageColumn>> = HashMap::new();
         for (t, node) in plan.tables.iter().enumerate() {
             let own = reads.entry(node.name.clone()).or_default();
             for i in node.examples(&plan.spec) {
@@ -76,7 +76,7 @@ impl<'a> Lineage<'a> {
     }
 
     /// The columns that a table is made from at any distance, up to the aggregates among them.
-    fn reached(&self, table: &str) -> HashSet<Column> {
+    fn reached(&self, table: &str) -> HashSet<LineageColumn> {
         let mut waiting = self.reads.get(table).cloned().unwrap_or_default();
         let mut seen = HashSet::new();
         while let Some(at) = waiting.pop() {
@@ -89,18 +89,18 @@ impl<'a> Lineage<'a> {
     }
 
     /// The protection of a column of a table of files, where it is restricted today.
-    fn restricted(&self, (table, column): &Column) -> Option<&'a Protection> {
+    fn restricted(&self, (table, column): &LineageColumn) -> Option<&'a ProtectionKeys> {
         let protection = self.sources.get(table.as_str()).filter(|_| !self.stages.contains_key(table))?;
         let is = match protection.now() {
-            Restricted::None => false,
-            Restricted::All => !IDENTIFIERS.contains(&column.as_str()),
-            Restricted::Columns(names) => names.contains(column),
+            ColumnRestriction::None => false,
+            ColumnRestriction::All => !IDENTIFIERS.contains(&column.as_str()),
+            ColumnRestriction::Columns(names) => names.contains(column),
         };
         is.then_some(*protection)
     }
 
     /// The columns that a column is made from, row by row.
-    fn above(&self, (table, column): &Column) -> Vec<Column> {
+    fn above(&self, (table, column): &LineageColumn) -> Vec<LineageColumn> {
         let Some(stage) = self.stages.get(table) else { return vec![] };
         let Some(own) = stage.columns.iter().find(|c| c.name == *column) else { return vec![] };
         if stage.tidy {
@@ -121,9 +121,9 @@ impl<'a> Lineage<'a> {
     }
 
     /// The columns from `start` to the first restricted one that it is made from.
-    fn find(&self, start: &Column) -> Option<(Vec<Column>, &'a Protection)> {
+    fn find(&self, start: &LineageColumn) -> Option<(Vec<LineageColumn>, &'a ProtectionKeys)> {
         let mut queue = VecDeque::from([start.clone()]);
-        let mut came_from: HashMap<Column, Column> = HashMap::new();
+        let mut came_from: HashMap<LineageColumn, LineageColumn> = HashMap::new();
         let mut seen = HashSet::from([start.clone()]);
         while let Some(at) = queue.pop_front() {
             if let Some(protection) = self.restricted(&at) {
@@ -146,7 +146,7 @@ impl<'a> Lineage<'a> {
 }
 
 /// Names the columns that each column of `tables` was made from.
-pub fn describe(lineage: &Lineage, tables: &mut [Table]) {
+pub fn describe(lineage: &Lineage, tables: &mut [ReleaseTable]) {
     for table in tables {
         let Some(stage) = lineage.stages.get(&table.name) else { continue };
         for column in &mut table.columns {
@@ -157,13 +157,13 @@ pub fn describe(lineage: &Lineage, tables: &mut [Table]) {
 }
 
 /// The columns of `tables` that are restricted or made from restricted ones row by row.
-pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<Held> {
+pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<RestrictedReleaseColumn> {
     let mut found = vec![];
     for (table, columns) in tables {
         for column in columns {
             if let Some((chain, protection)) = lineage.find(&(table.clone(), column.clone())) {
                 let why = chain.iter().find_map(|(t, _)| lineage.aggregates.get(t)?.as_ref().err().map(|w| (t, w)));
-                found.push(Held {
+                found.push(RestrictedReleaseColumn {
                     table: table.clone(),
                     column: column.clone(),
                     through: chain.iter().map(|(t, c)| format!("{t}.{c}")).collect(),
@@ -188,13 +188,17 @@ pub fn together(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Result<(
 }
 
 /// The rule by which each of `tables` can be published.
-pub fn rules(lineage: &Lineage, tables: &[(String, Vec<String>)], held: &[Held]) -> Vec<(String, String)> {
+pub fn rules(
+    lineage: &Lineage,
+    tables: &[(String, Vec<String>)],
+    held: &[RestrictedReleaseColumn],
+) -> Vec<(String, String)> {
     let rule = |(table, columns): &(String, Vec<String>)| {
         if held.iter().any(|h| h.table == *table) {
             return (table.clone(), "restricted, published with `--include-restricted`".to_owned());
         }
-        let mut seen: HashSet<Column> = HashSet::new();
-        let mut waiting: Vec<Column> = columns.iter().map(|c| (table.clone(), c.clone())).collect();
+        let mut seen: HashSet<LineageColumn> = HashSet::new();
+        let mut waiting: Vec<LineageColumn> = columns.iter().map(|c| (table.clone(), c.clone())).collect();
         let mut through: BTreeMap<String, String> = BTreeMap::new();
         while let Some(at) = waiting.pop() {
             if let Some(Ok(aggregate)) = lineage.aggregates.get(&at.0) {
@@ -220,7 +224,7 @@ pub fn rules(lineage: &Lineage, tables: &[(String, Vec<String>)], held: &[Held])
 }
 
 /// Why a restricted column is restricted.
-pub fn why(held: &Held) -> String {
+pub fn why(held: &RestrictedReleaseColumn) -> String {
     let until = held.embargo.as_ref().map(|day| format!("until {day}"));
     let why: Vec<String> = until.into_iter().chain(held.reason.clone()).collect();
     let source = held.through.last().map(String::as_str).unwrap_or_default();
@@ -232,12 +236,12 @@ pub fn why(held: &Held) -> String {
 }
 
 /// Where a held column comes from, in words.
-pub fn chain(held: &Held) -> String {
+pub fn chain(held: &RestrictedReleaseColumn) -> String {
     held.through.join(" <- ")
 }
 
 /// The fault of publishing what is restricted.
-pub fn refused(held: &[Held]) -> Fault {
+pub fn refused(held: &[RestrictedReleaseColumn]) -> Fault {
     const SHOWN: usize = 10;
     let mut what = "this would publish restricted data".to_owned();
     for one in held.iter().take(SHOWN) {

@@ -5,12 +5,12 @@ use std::fmt::Write;
 
 use super::{
     checksums, citation, protect,
-    set::{Set, Table},
+    set::{ReleaseSet, ReleaseTable},
     words::{cell, counted},
 };
 
 /// The file `README.md`.
-pub fn write(set: &Set) -> String {
+pub fn write(set: &ReleaseSet) -> String {
     let about = &set.dictionary.about;
     let mut text = format!("# {}\n\n{}\n\n", cell(&about.title), about.description.trim());
     // Writing into a String cannot fail.
@@ -29,7 +29,7 @@ pub fn write(set: &Set) -> String {
 }
 
 /// Notice about the restricted columns in the set.
-fn restricted(set: &Set) -> String {
+fn restricted(set: &ReleaseSet) -> String {
     if set.dictionary.restricted.is_empty() {
         return String::new();
     }
@@ -42,7 +42,7 @@ fn restricted(set: &Set) -> String {
     text
 }
 
-fn tables(set: &Set) -> String {
+fn tables(set: &ReleaseSet) -> String {
     let mut text = "\n## Tables\n\nEvery column with its unit and meaning is in [DICTIONARY.md](DICTIONARY.md).\n\n\
                     | table | kind | made by | rows | columns | files |\n|:--|:--|:--|--:|--:|--:|\n"
         .to_owned();
@@ -74,11 +74,11 @@ fn tables(set: &Set) -> String {
     text
 }
 
-fn reading(set: &Set) -> String {
+fn reading(set: &ReleaseSet) -> String {
     let mut text = "\n## Reading\n\nThe tables are Parquet files with zstd compression. The metadata of their fields \
                     have units, roles and meanings. Any Parquet reader accepts the folder of a table:\n\n```python\n"
         .to_owned();
-    let glob = |t: &Table| if t.partitions.is_empty() { "*.parquet" } else { "*/*/*.parquet" };
+    let glob = |t: &ReleaseTable| if t.partitions.is_empty() { "*.parquet" } else { "*/*/*.parquet" };
     if let Some(t) = set.dictionary.tables.first() {
         let _ = writeln!(text, "pandas.read_parquet(\"data/{}/\")", t.name);
         let _ = writeln!(text, "polars.scan_parquet(\"data/{}/\")", t.name);
@@ -94,7 +94,7 @@ fn reading(set: &Set) -> String {
     text
 }
 
-fn datasheet(set: &Set) -> String {
+fn datasheet(set: &ReleaseSet) -> String {
     let about = &set.dictionary.about;
     let mut text = "\n## Datasheet\n".to_owned();
     let mut part = |title: &str, body: &str| {
@@ -149,7 +149,7 @@ fn datasheet(set: &Set) -> String {
     text
 }
 
-fn again(set: &Set) -> String {
+fn again(set: &ReleaseSet) -> String {
     let lock = &set.lock;
     let sets: String = lock.set.iter().map(|s| format!(" --set '{}'", s.replace('\'', "'\\''"))).collect();
     let tables: Vec<&str> = set.dictionary.tables.iter().map(|t| t.name.as_str()).collect();

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::{
     croissant::conditions,
     inputs, protect,
-    set::{Input, Person, Set, Stage, Table},
+    set::{Person, ReleaseInput, ReleaseSet, ReleaseStage, ReleaseTable},
     words::{DICTIONARY, LICENCE, LOCK, address},
 };
 
@@ -22,7 +22,7 @@ const DOCUMENTS: [(&str, &str, &str); 7] = [
 ];
 
 /// The file `ro-crate-metadata.json`.
-pub fn write(set: &Set) -> Value {
+pub fn write(set: &ReleaseSet) -> Value {
     let about = &set.dictionary.about;
     let authors: Vec<String> = about.authors.iter().enumerate().map(|(i, a)| author_id(i, a)).collect();
     let (mut parts, mut graph) = (vec![], vec![]);
@@ -142,7 +142,7 @@ fn contact_key(contact: &str) -> &'static str {
     if contact.contains('@') && !contact.contains('/') { "email" } else { "url" }
 }
 
-fn table_id(table: &Table) -> String {
+fn table_id(table: &ReleaseTable) -> String {
     format!("data/{}/", address(&table.name))
 }
 
@@ -181,7 +181,7 @@ fn people(authors: &[Person], ids: &[String]) -> Vec<Value> {
     found
 }
 
-fn input_id(input: &Input) -> String {
+fn input_id(input: &ReleaseInput) -> String {
     match &input.included {
         Some(path) => address(path),
         None => format!("#input-{}", input.sha256.get(..16).unwrap_or_default()),
@@ -205,7 +205,7 @@ fn media_type(file: &str) -> &'static str {
     KNOWN.iter().find(|(end, _)| name.ends_with(end)).map_or("application/octet-stream", |(_, kind)| kind)
 }
 
-fn described_input(input: &Input) -> Value {
+fn described_input(input: &ReleaseInput) -> Value {
     let kind = if input.included.is_some() { "File" } else { "CreativeWork" };
     json!({
         "@id": input_id(input), "@type": kind, "name": input.file, "sha256": input.sha256,
@@ -214,16 +214,16 @@ fn described_input(input: &Input) -> Value {
     })
 }
 
-fn action_id(stage: &Stage) -> String {
+fn action_id(stage: &ReleaseStage) -> String {
     format!("#made-{}", address(&stage.table))
 }
 
-fn program_id(stage: &Stage) -> String {
+fn program_id(stage: &ReleaseStage) -> String {
     format!("#stage-{}-{}", stage.stage, stage.version)
 }
 
 /// One action for each table that a stage made, from the inputs on.
-fn provenance(set: &Set) -> Vec<Value> {
+fn provenance(set: &ReleaseSet) -> Vec<Value> {
     let lock = &set.lock;
     let mut found = vec![json!({
         "@id": "#magline", "@type": ["SoftwareApplication", "ComputerLanguage"], "name": "magline",
@@ -272,6 +272,6 @@ fn provenance(set: &Set) -> Vec<Value> {
     found
 }
 
-fn result_id(name: &str, table: Option<&Table>) -> String {
+fn result_id(name: &str, table: Option<&ReleaseTable>) -> String {
     table.map_or_else(|| format!("#table-{}", address(name)), table_id)
 }

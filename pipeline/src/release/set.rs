@@ -9,31 +9,31 @@ pub const FORMAT: &str = "magline published set 1";
 
 /// A published set.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Set {
+pub struct ReleaseSet {
     /// Its tables and facts: the file `dictionary.json`.
-    pub dictionary: Dictionary,
+    pub dictionary: DataDictionary,
     /// How it was made: the file `pipeline/lock.json`.
-    pub lock: Lock,
+    pub lock: ReleaseLockfile,
 }
 
 /// The facts and tables of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dictionary {
+pub struct DataDictionary {
     /// [`FORMAT`].
     pub format: String,
     /// The facts that only its authors know.
-    pub about: About,
+    pub about: ReleaseMetadata,
     /// Its tables, in the order in which they were asked for.
-    pub tables: Vec<Table>,
+    pub tables: Vec<ReleaseTable>,
     /// Restricted columns in the set.
-    pub restricted: Vec<Held>,
+    pub restricted: Vec<RestrictedReleaseColumn>,
     /// Failures in the tables and in those that they are made from.
-    pub failures: Vec<Failed>,
+    pub failures: Vec<ReleaseFailure>,
 }
 
 /// The facts that only the authors of a set know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct About {
+pub struct ReleaseMetadata {
     /// The title.
     pub title: String,
     /// Content and purpose.
@@ -64,7 +64,7 @@ pub struct About {
     pub limits: Option<String>,
 }
 
-impl About {
+impl ReleaseMetadata {
     /// The address that the set is known by: that of its DOI, or of its page.
     pub fn address(&self) -> Option<String> {
         self.doi.as_ref().map(|doi| format!("https://doi.org/{doi}")).or(self.url.clone())
@@ -103,7 +103,7 @@ pub struct Licence {
 
 /// A table of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Table {
+pub struct ReleaseTable {
     /// Its name.
     pub name: String,
     /// `flight lines`, `scores`, `model` or `map`.
@@ -121,7 +121,7 @@ pub struct Table {
     /// Its rows.
     pub rows: u64,
     /// Its columns.
-    pub columns: Vec<Column>,
+    pub columns: Vec<ReleaseColumn>,
     /// Its files, in order.
     pub files: Vec<DataFile>,
 }
@@ -172,7 +172,7 @@ impl fmt::Display for ColumnKind {
 
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Column {
+pub struct ReleaseColumn {
     /// Its name.
     pub name: String,
     /// The type of its values.
@@ -192,12 +192,12 @@ pub struct Column {
     pub from: Vec<String>,
     /// Values of the column.
     #[serde(flatten)]
-    pub values: Values,
+    pub values: ColumnValueStatistics,
 }
 
 /// Statistics of the values of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Values {
+pub struct ColumnValueStatistics {
     /// Rows without a value: null or NaN.
     pub missing: u64,
     /// The least finite number.
@@ -227,9 +227,9 @@ pub struct DataFile {
     pub sha256: String,
 }
 
-/// A restricted column that a set holds all the same.
+/// A restricted column that is included in a set.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Held {
+pub struct RestrictedReleaseColumn {
     /// The table of the set.
     pub table: String,
     /// Its column.
@@ -245,9 +245,9 @@ pub struct Held {
     pub embargo: Option<String>,
 }
 
-/// Something that could not be computed.
+/// A result that could not be computed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Failed {
+pub struct ReleaseFailure {
     /// The table.
     pub table: String,
     /// The flight, for a line.
@@ -258,9 +258,9 @@ pub struct Failed {
     pub points: u64,
 }
 
-/// How a set was made.
+/// Provenance of a set: version, spec, inputs and stages.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Lock {
+pub struct ReleaseLockfile {
     /// [`FORMAT`].
     pub format: String,
     /// The version of magline.
@@ -281,14 +281,14 @@ pub struct Lock {
     /// The hash of what was computed and of its data.
     pub run: String,
     /// Files that were read.
-    pub inputs: Vec<Input>,
+    pub inputs: Vec<ReleaseInput>,
     /// The tables of the stages, in the order of the plan.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<ReleaseStage>,
 }
 
 /// A file that was read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Input {
+pub struct ReleaseInput {
     /// The table of the spec.
     pub table: String,
     /// The file: from the spec's folder, or its name alone where it is given by an absolute path.
@@ -305,7 +305,7 @@ pub struct Input {
 
 /// A table that a stage made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Stage {
+pub struct ReleaseStage {
     /// The table.
     pub table: String,
     /// The stage.

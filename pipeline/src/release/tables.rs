@@ -1,8 +1,8 @@
 //! The rows of a published table, brought from the store into the order and the files of a set.
 //!
 //! Flight lines become one file a line, in folders by flight and line; other tables become one file. The folders' keys
-//! are `flight_id` and `line_id`, with a word before each identifier: readers of hive partitions take `line=1003.10` for
-//! the number 1003.1, and refuse a column of another type under the same name in the file.
+//! are `flight_id` and `line_id`, with a word before each identifier: readers of hive partitions take `line=1003.10`
+//! for the number 1003.1, and refuse a column of another type under the same name in the file.
 
 use std::{cmp::Ordering, collections::BTreeMap, path::Path, sync::Arc};
 
@@ -17,34 +17,34 @@ use schemas::{Fault, Role, TableKind, field};
 
 use super::{
     checksums, parquet,
-    set::{DataFile, Table, Values},
+    set::{ColumnValueStatistics, DataFile, ReleaseTable},
 };
 use crate::{
     casting::cast,
-    plan::Graph,
+    plan::PlanGraph,
     sources::map_batch,
-    store::{Sealed, Store, Version},
+    store::{SealedFile, Store, Version},
     views::pooled,
 };
 
 /// The keys of the folders of a table of flight lines.
 const PARTITIONS: [&str; 2] = ["flight_id", "line_id"];
 
-/// Where rows of one key lie: a part of a row group.
-struct Piece {
+/// Position of rows that share a key: a part of a row group.
+struct RowGroupSlice {
     file: usize,
     group: usize,
     from: usize,
     rows: usize,
     /// The values of the axes.
-    axes: Vec<Cell>,
+    axes: Vec<SortKeyValue>,
     flight: Option<String>,
     line: Option<String>,
 }
 
-/// A value of a key, in order within its type.
+/// A value of a sort key, ordered within its type.
 #[derive(Clone, Debug, PartialEq)]
-enum Cell {
+enum SortKeyValue {
     Missing,
     Flag(bool),
     Whole(i64),
@@ -52,80 +52,80 @@ enum Cell {
     Text(String),
 }
 
-impl Cell {
-    fn of(array: &ArrayRef, row: usize) -> Cell {
+impl SortKeyValue {
+    fn from_array(array: &ArrayRef, row: usize) -> SortKeyValue {
         if array.is_null(row) {
-            return Cell::Missing;
+            return SortKeyValue::Missing;
         }
         if let Some(texts) = array.as_string_opt::<i32>() {
-            Cell::Text(texts.value(row).to_owned())
+            SortKeyValue::Text(texts.value(row).to_owned())
         } else if let Some(numbers) = array.as_primitive_opt::<Float64Type>() {
-            Cell::Number(numbers.value(row))
+            SortKeyValue::Number(numbers.value(row))
         } else if let Some(numbers) = array.as_primitive_opt::<Int64Type>() {
-            Cell::Whole(numbers.value(row))
+            SortKeyValue::Whole(numbers.value(row))
         } else if let Some(flags) = array.as_boolean_opt() {
-            Cell::Flag(flags.value(row))
+            SortKeyValue::Flag(flags.value(row))
         } else {
-            Cell::Missing
+            SortKeyValue::Missing
         }
     }
 
     /// Whether it is the value of a row, without a copy of that.
     fn is(&self, array: &ArrayRef, row: usize) -> bool {
         match self {
-            Cell::Text(text) => {
+            SortKeyValue::Text(text) => {
                 array.is_valid(row) && array.as_string_opt::<i32>().is_some_and(|texts| texts.value(row) == text)
             }
-            other => Cell::of(array, row) == *other,
+            other => SortKeyValue::from_array(array, row) == *other,
         }
     }
 
     /// Missing values last.
-    fn order(&self, other: &Cell) -> Ordering {
+    fn order(&self, other: &SortKeyValue) -> Ordering {
         match (self, other) {
-            (Cell::Flag(a), Cell::Flag(b)) => a.cmp(b),
-            (Cell::Whole(a), Cell::Whole(b)) => a.cmp(b),
-            (Cell::Number(a), Cell::Number(b)) => a.total_cmp(b),
-            (Cell::Text(a), Cell::Text(b)) => a.cmp(b),
-            (a, b) => (*a == Cell::Missing).cmp(&(*b == Cell::Missing)),
+            (SortKeyValue::Flag(a), SortKeyValue::Flag(b)) => a.cmp(b),
+            (SortKeyValue::Whole(a), SortKeyValue::Whole(b)) => a.cmp(b),
+            (SortKeyValue::Number(a), SortKeyValue::Number(b)) => a.total_cmp(b),
+            (SortKeyValue::Text(a), SortKeyValue::Text(b)) => a.cmp(b),
+            (a, b) => (*a == SortKeyValue::Missing).cmp(&(*b == SortKeyValue::Missing)),
         }
     }
 }
 
-fn in_order(a: &[Cell], b: &[Cell]) -> Ordering {
+fn in_order(a: &[SortKeyValue], b: &[SortKeyValue]) -> Ordering {
     a.iter().zip(b).map(|(a, b)| a.order(b)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
 }
 
 /// The rows of some files of the store.
-struct Parts {
-    files: Vec<Sealed>,
+struct StoreFileReader {
+    files: Vec<SealedFile>,
     schema: SchemaRef,
     /// The row group that was read last.
     held: Option<(usize, usize, RecordBatch)>,
 }
 
-fn unreadable(sealed: &Sealed, e: &dyn std::fmt::Display) -> Fault {
+fn unreadable(sealed: &SealedFile, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("cannot read {}: {e}", sealed.path().display()))
         .help("run the spec again to recompute damaged results")
 }
 
-impl Parts {
-    fn open(version: &Version, table: &str) -> Result<Parts, Fault> {
+impl StoreFileReader {
+    fn open(version: &Version, table: &str) -> Result<StoreFileReader, Fault> {
         let listed = version.manifest.tables.iter().find(|t| t.name == table);
         let listed = listed.ok_or_else(|| Fault::machine(format!("the store has no table `{table}`")))?;
         version.at_hand(listed)?;
         let open = |path: &Path| {
-            Sealed::open(path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))
+            SealedFile::open(path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))
         };
         let files = listed.files.iter().map(|f| open(&version.folder.join(&f.name))).collect::<Result<Vec<_>, _>>()?;
         let schema = files.first().map(|f| f.schema().clone());
         let schema = schema.ok_or_else(|| Fault::machine(format!("the table `{table}` has no files")))?;
-        Ok(Parts { files, schema, held: None })
+        Ok(StoreFileReader { files, schema, held: None })
     }
 
     /// The rows of each key, in the order of the store.
-    fn pieces(&self, axes: &[String]) -> Result<Vec<Piece>, Fault> {
-        let mut pieces: Vec<Piece> = vec![];
+    fn pieces(&self, axes: &[String]) -> Result<Vec<RowGroupSlice>, Fault> {
+        let mut pieces: Vec<RowGroupSlice> = vec![];
         for (at, file) in self.files.iter().enumerate() {
             let place = |name: &str| file.schema().index_of(name).ok();
             let keys: Vec<usize> = axes.iter().filter_map(|a| place(a)).collect();
@@ -140,7 +140,7 @@ impl Parts {
                     array.is_valid(row).then(|| array.value(row))
                 };
                 for row in 0..to - from {
-                    let same = |p: &Piece| {
+                    let same = |p: &RowGroupSlice| {
                         p.file == at
                             && p.group == group
                             && p.flight.as_deref() == text(0, row)
@@ -149,12 +149,12 @@ impl Parts {
                     };
                     match pieces.last_mut() {
                         Some(piece) if same(piece) => piece.rows += 1,
-                        _ => pieces.push(Piece {
+                        _ => pieces.push(RowGroupSlice {
                             file: at,
                             group,
                             from: row,
                             rows: 1,
-                            axes: arrays.iter().map(|a| Cell::of(a, row)).collect(),
+                            axes: arrays.iter().map(|a| SortKeyValue::from_array(a, row)).collect(),
                             flight: text(0, row).map(str::to_owned),
                             line: text(1, row).map(str::to_owned),
                         }),
@@ -165,7 +165,7 @@ impl Parts {
         Ok(pieces)
     }
 
-    fn rows(&mut self, piece: &Piece) -> Result<RecordBatch, Fault> {
+    fn rows(&mut self, piece: &RowGroupSlice) -> Result<RecordBatch, Fault> {
         let held = self.held.as_ref().filter(|(file, group, _)| (*file, *group) == (piece.file, piece.group));
         let batch = match held {
             Some((_, _, batch)) => batch.clone(),
@@ -196,19 +196,19 @@ fn line_path(table: &str, flight: &str, line: &str) -> String {
     format!("data/{table}/{flight_key}=flight-{flight}/{line_key}=line-{line}/part-0.parquet")
 }
 
-/// Writes the files of a table and counts their values.
-struct Files<'a> {
+/// Writer of the files of a table, with statistics of their values.
+struct TableFileWriter<'a> {
     root: &'a Path,
     schema: SchemaRef,
     sorted_by: Vec<String>,
-    values: Vec<Values>,
+    values: Vec<ColumnValueStatistics>,
     files: Vec<DataFile>,
 }
 
-impl<'a> Files<'a> {
-    fn new(root: &'a Path, schema: &SchemaRef, sorted_by: Vec<String>) -> Files<'a> {
-        let values = vec![Values::default(); schema.fields().len()];
-        Files { root, schema: schema.clone(), sorted_by, values, files: vec![] }
+impl<'a> TableFileWriter<'a> {
+    fn new(root: &'a Path, schema: &SchemaRef, sorted_by: Vec<String>) -> TableFileWriter<'a> {
+        let values = vec![ColumnValueStatistics::default(); schema.fields().len()];
+        TableFileWriter { root, schema: schema.clone(), sorted_by, values, files: vec![] }
     }
 
     fn write(
@@ -218,7 +218,7 @@ impl<'a> Files<'a> {
         batches: impl IntoIterator<Item = Result<RecordBatch, Fault>>,
     ) -> Result<(), Fault> {
         let full = self.root.join(&path);
-        let mut writer = parquet::Writer::new(&full, &self.schema, &self.sorted_by)?;
+        let mut writer = parquet::ReleaseFileWriter::new(&full, &self.schema, &self.sorted_by)?;
         for batch in batches {
             let batch = batch?;
             self.values.iter_mut().zip(batch.columns()).for_each(|(values, array)| parquet::count(values, array));
@@ -232,10 +232,10 @@ impl<'a> Files<'a> {
         Ok(())
     }
 
-    fn table(self, name: &str, kind: &str, axes: &[String], by_line: bool) -> Table {
+    fn table(self, name: &str, kind: &str, axes: &[String], by_line: bool) -> ReleaseTable {
         let mut columns = parquet::columns(&self.schema);
         columns.iter_mut().zip(&self.values).for_each(|(column, values)| column.values = *values);
-        Table {
+        ReleaseTable {
             name: name.to_owned(),
             kind: kind.to_owned(),
             stage: None,
@@ -254,11 +254,11 @@ impl<'a> Files<'a> {
 ///
 /// # Errors
 /// When the store is damaged, or the file system refuses.
-pub fn of_stage(graph: &Graph, version: &Version, t: usize, root: &Path) -> Result<Table, Fault> {
+pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let plan = graph.plan;
     let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
     let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone());
-    let mut parts = Parts::open(version, &node.name)?;
+    let mut parts = StoreFileReader::open(version, &node.name)?;
     let axes: Vec<String> = axes.filter(|a| parts.schema.index_of(a).is_ok()).collect();
     let mut pieces = parts.pieces(&axes)?;
     let has = |name: &str| parts.schema.index_of(name).is_ok();
@@ -274,11 +274,11 @@ pub fn of_stage(graph: &Graph, version: &Version, t: usize, root: &Path) -> Resu
     } else if node.entry.yields == TableKind::Scores {
         sorted_by.extend(["flight", "line"].into_iter().filter(|k| has(k)).map(str::to_owned));
     }
-    let key = |p: &Piece| (p.flight.clone(), p.line.clone());
+    let key = |p: &RowGroupSlice| (p.flight.clone(), p.line.clone());
     let schema = parts.schema.clone();
-    let mut files = Files::new(root, &schema, sorted_by);
+    let mut files = TableFileWriter::new(root, &schema, sorted_by);
     if by_line {
-        let mut lines: BTreeMap<(Option<String>, Option<String>), Vec<Piece>> = BTreeMap::new();
+        let mut lines: BTreeMap<(Option<String>, Option<String>), Vec<RowGroupSlice>> = BTreeMap::new();
         pieces.into_iter().for_each(|p| lines.entry(key(&p)).or_default().push(p));
         for ((flight, line), mut pieces) in lines {
             // Rows of equal keys stay in their order, which is that of time.
@@ -298,31 +298,31 @@ pub fn of_stage(graph: &Graph, version: &Version, t: usize, root: &Path) -> Resu
 ///
 /// # Errors
 /// When the store is damaged, or the file system refuses.
-pub fn of_pooled(graph: &Graph, version: &Version, root: &Path) -> Result<Table, Fault> {
-    let mut parts = Parts::open(version, pooled::TABLE)?;
+pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<ReleaseTable, Fault> {
+    let mut parts = StoreFileReader::open(version, pooled::TABLE)?;
     let axes = graph.plan.spec.axes.iter().map(|a| a.name.clone());
     let axes: Vec<String> = axes.filter(|a| parts.schema.index_of(a).is_ok()).collect();
     let mut pieces = parts.pieces(&axes)?;
     pieces.sort_by(|a, b| in_order(&a.axes, &b.axes));
     let schema = parts.schema.clone();
-    let mut files = Files::new(root, &schema, axes.clone());
+    let mut files = TableFileWriter::new(root, &schema, axes.clone());
     files.write(format!("data/{}/part-0.parquet", pooled::TABLE), None, pieces.iter().map(|p| parts.rows(p)))?;
     let description = "Scores pooled over the lines of each point. Lines in sample are pooled separately.".to_owned();
-    Ok(Table { description, ..files.table(pooled::TABLE, "scores", &axes, false) })
+    Ok(ReleaseTable { description, ..files.table(pooled::TABLE, "scores", &axes, false) })
 }
 
 /// Writes the table of flights `i` of a plan, as it was read from files, below `root`.
 ///
 /// # Errors
 /// When the store is damaged, or the file system refuses.
-pub fn of_flights(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result<Table, Fault> {
+pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let flights = graph.plan.flights.get(i).ok_or_else(|| Fault::bug("a table that is not planned"))?;
     let keys = [("flight", "flight identifier"), ("line", "line identifier")];
     let of_keys = keys.map(|(name, about)| Arc::new(field(name, DataType::Utf8, "", Role::Key, about)));
     let others = flights.schema.fields().iter().filter(|f| keys.iter().all(|(name, _)| f.name() != name)).cloned();
     let schema: SchemaRef = Arc::new(arrow_schema::Schema::new(of_keys.into_iter().chain(others).collect::<Vec<_>>()));
     let sorted_by = schema.index_of("tt").map(|_| "tt".to_owned()).into_iter().collect();
-    let mut files = Files::new(root, &schema, sorted_by);
+    let mut files = TableFileWriter::new(root, &schema, sorted_by);
     for record in graph.records.get(i).into_iter().flat_map(BTreeMap::values).filter(|r| r.fault.is_none()) {
         let whole = store.whole(record.object)?;
         let column = |f: &Arc<arrow_schema::Field>| -> Result<ArrayRef, Fault> {
@@ -349,11 +349,11 @@ pub fn of_flights(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result
 ///
 /// # Errors
 /// When the store is damaged, or the file system refuses.
-pub fn of_map(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result<Table, Fault> {
+pub fn of_map(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let (map, key) =
         graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;
     let batch = map_batch(store, *key)?;
-    let mut files = Files::new(root, &batch.schema(), vec![]);
+    let mut files = TableFileWriter::new(root, &batch.schema(), vec![]);
     files.write(format!("data/{}/part-0.parquet", map.name), None, [Ok(batch)])?;
     Ok(files.table(&map.name, map.word(), &[], false))
 }
@@ -373,12 +373,13 @@ mod tests {
 
     #[test]
     fn law_cells_are_in_a_total_order_with_missing_ones_last() {
-        let cells = [Cell::Number(-1.0), Cell::Number(0.5), Cell::Number(10.0), Cell::Missing];
+        let cells =
+            [SortKeyValue::Number(-1.0), SortKeyValue::Number(0.5), SortKeyValue::Number(10.0), SortKeyValue::Missing];
         for (i, a) in cells.iter().enumerate() {
             for (j, b) in cells.iter().enumerate() {
                 assert_eq!(a.order(b), i.cmp(&j), "{a:?} {b:?}");
             }
         }
-        assert_eq!(Cell::Text("10".into()).order(&Cell::Text("9".into())), Ordering::Less);
+        assert_eq!(SortKeyValue::Text("10".into()).order(&SortKeyValue::Text("9".into())), Ordering::Less);
     }
 }

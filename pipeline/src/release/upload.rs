@@ -1,21 +1,21 @@
 //! A set at an address of an object store: a copy of the folder that it is written to first.
 //!
-//! `SHA256SUMS` is written last, and removed before another set takes the place of the first, so that who verifies a set
-//! finds one that is whole, or none.
+//! `SHA256SUMS` is written last, and removed before another set takes the place of the first, so that who verifies a
+//! set finds one that is whole, or none.
 
 use std::{collections::BTreeMap, path::Path};
 
 use schemas::Fault;
 
 use super::{checksums, folder::files, set::FORMAT, words::DICTIONARY};
-use crate::remote::{Address, Bucket, connect, each};
+use crate::remote::{Bucket, ObjectAddress, connect, each};
 
 /// Copies the set in `folder` to `address`. `false` where the same set is there already, which is then left as it is.
 ///
 /// # Errors
 /// Fails when there is something else that must not be lost, the set cannot be read, or the server cannot be reached or
 /// refuses.
-pub fn upload(folder: &Path, address: &Address, replace: bool) -> Result<bool, Fault> {
+pub fn upload(folder: &Path, address: &ObjectAddress, replace: bool) -> Result<bool, Fault> {
     copied(folder, &connect(address)?, replace)
 }
 
@@ -77,11 +77,11 @@ mod tests {
     use object_store::memory::InMemory;
 
     use super::*;
-    use crate::remote::{Place, place};
+    use crate::remote::{StorageLocation, place};
 
     #[test]
     fn unit_a_set_is_copied_once_and_replaces_only_a_set() {
-        let Ok(Place::Object(address)) = place("s3://b/set") else { unreachable!("an address") };
+        let Ok(StorageLocation::Object(address)) = place("s3://b/set") else { unreachable!("an address") };
         let bucket = Bucket::new(Arc::new(InMemory::new()), address);
         let folder = tempfile::tempdir().unwrap();
         let written = |files: &[(&str, &str)]| {

@@ -8,13 +8,13 @@ use schemas::{Fault, paths};
 
 use super::{
     checksums, documents, folder, parquet,
-    set::{DataFile, Dictionary, FORMAT, Lock, Set, Table, Values},
+    set::{ColumnValueStatistics, DataDictionary, DataFile, FORMAT, ReleaseLockfile, ReleaseSet, ReleaseTable},
     words::{DICTIONARY, LOCK},
 };
 
 /// The result of checking a set.
 #[derive(Debug, Default)]
-pub struct Verified {
+pub struct ReleaseVerification {
     /// Files that were read.
     pub files: usize,
     /// Rows of all tables.
@@ -23,7 +23,7 @@ pub struct Verified {
     pub faults: Vec<(String, String)>,
 }
 
-impl Verified {
+impl ReleaseVerification {
     fn push(&mut self, file: &str, why: impl Into<String>) {
         self.faults.push((file.to_owned(), why.into()));
     }
@@ -33,16 +33,16 @@ impl Verified {
 ///
 /// # Errors
 /// When there is no published set, or the folder cannot be read.
-pub fn verify(root: &Path) -> Result<Verified, Fault> {
+pub fn verify(root: &Path) -> Result<ReleaseVerification, Fault> {
     let read = |name: &str| text(root, name);
     if !root.join(checksums::NAME).exists() && !root.join(DICTIONARY).exists() {
         let fault = Fault::new(format!("{} is not a published set", root.display()));
         return Err(fault.help(format!("it has no file {}; to verify a store, use `--store`", checksums::NAME)));
     }
-    let mut found = Verified::default();
+    let mut found = ReleaseVerification::default();
     let there = folder::files(root).map_err(|e| Fault::machine(format!("cannot read {}: {e}", root.display())))?;
-    let dictionary = read(DICTIONARY).and_then(|text| parsed::<Dictionary>(&text));
-    let lock = read(LOCK).and_then(|text| parsed::<Lock>(&text));
+    let dictionary = read(DICTIONARY).and_then(|text| parsed::<DataDictionary>(&text));
+    let lock = read(LOCK).and_then(|text| parsed::<ReleaseLockfile>(&text));
     let sizes = sizes(dictionary.as_ref().ok(), lock.as_ref().ok());
     sums(root, &there, &sizes, &mut found);
     let (dictionary, lock) = match (dictionary, lock) {
@@ -59,10 +59,10 @@ pub fn verify(root: &Path) -> Result<Verified, Fault> {
             return Ok(found);
         }
     }
-    let mut set = Set { dictionary, lock };
+    let mut set = ReleaseSet { dictionary, lock };
     inputs(&set, root, &sizes, &mut found);
     listed(&set, &there, &mut found);
-    let tables: Vec<Checked> = set.dictionary.tables.par_iter().map(|table| check(root, table)).collect();
+    let tables: Vec<TableVerification> = set.dictionary.tables.par_iter().map(|table| check(root, table)).collect();
     for (table, checked) in set.dictionary.tables.iter_mut().zip(tables) {
         found.faults.extend(checked.faults);
         found.rows += checked.rows;
@@ -81,9 +81,9 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
 const DOCUMENT: u64 = 256 << 20;
 
 /// The size that the documents list for each file.
-type Sizes = BTreeMap<String, u64>;
+type DocumentedSizes = BTreeMap<String, u64>;
 
-fn sizes(dictionary: Option<&Dictionary>, lock: Option<&Lock>) -> Sizes {
+fn sizes(dictionary: Option<&DataDictionary>, lock: Option<&ReleaseLockfile>) -> DocumentedSizes {
     let files = dictionary.into_iter().flat_map(|d| &d.tables).flat_map(|t| &t.files);
     let inputs = lock.into_iter().flat_map(|l| &l.inputs);
     let inputs = inputs.filter_map(|input| Some((input.included.clone()?, input.bytes)));
@@ -102,7 +102,7 @@ fn text(root: &Path, name: &str) -> Result<String, String> {
 }
 
 /// The checksum of a file. A file of another size than it should have, such as a sparse one, is not read.
-fn sum(root: &Path, path: &str, sizes: &Sizes) -> Result<String, String> {
+fn sum(root: &Path, path: &str, sizes: &DocumentedSizes) -> Result<String, String> {
     let full = root.join(path);
     let there = fs::symlink_metadata(&full).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => "it is missing".to_owned(),
@@ -119,7 +119,7 @@ fn sum(root: &Path, path: &str, sizes: &Sizes) -> Result<String, String> {
 }
 
 /// Files against their sums.
-fn sums(root: &Path, there: &[String], sizes: &Sizes, found: &mut Verified) {
+fn sums(root: &Path, there: &[String], sizes: &DocumentedSizes, found: &mut ReleaseVerification) {
     let sums = match text(root, checksums::NAME).and_then(|text| checksums::read(&text)) {
         Ok(sums) => sums,
         Err(why) => {
@@ -145,7 +145,7 @@ fn sums(root: &Path, there: &[String], sizes: &Sizes, found: &mut Verified) {
 }
 
 /// The spec and the inputs that are included against the lock.
-fn inputs(set: &Set, root: &Path, sizes: &Sizes, found: &mut Verified) {
+fn inputs(set: &ReleaseSet, root: &Path, sizes: &DocumentedSizes, found: &mut ReleaseVerification) {
     let mut check = |path: &str, sha256: &str| {
         if !checksums::is_inside(path) {
             found.push(LOCK, format!("the path `{path}` leads outside the folder"));
@@ -162,7 +162,7 @@ fn inputs(set: &Set, root: &Path, sizes: &Sizes, found: &mut Verified) {
 }
 
 /// The files of `data/` against those that the dictionary lists.
-fn listed(set: &Set, there: &[String], found: &mut Verified) {
+fn listed(set: &ReleaseSet, there: &[String], found: &mut ReleaseVerification) {
     let listed: Vec<&String> = set.dictionary.tables.iter().flat_map(|t| t.files.iter().map(|f| &f.path)).collect();
     for path in there.iter().filter(|p| p.starts_with("data/") && !listed.contains(p)) {
         found.push(path, format!("it is not in {DICTIONARY}"));
@@ -170,14 +170,18 @@ fn listed(set: &Set, there: &[String], found: &mut Verified) {
 }
 
 /// Contents of the files of a table.
-struct Checked {
+struct TableVerification {
     faults: Vec<(String, String)>,
     rows: u64,
-    values: Vec<Values>,
+    values: Vec<ColumnValueStatistics>,
 }
 
-fn check(root: &Path, table: &Table) -> Checked {
-    let mut checked = Checked { faults: vec![], rows: 0, values: vec![Values::default(); table.columns.len()] };
+fn check(root: &Path, table: &ReleaseTable) -> TableVerification {
+    let mut checked = TableVerification {
+        faults: vec![],
+        rows: 0,
+        values: vec![ColumnValueStatistics::default(); table.columns.len()],
+    };
     for file in &table.files {
         let read = if checksums::is_inside(&file.path) {
             check_file(root, table, file, &mut checked.values)
@@ -193,7 +197,12 @@ fn check(root: &Path, table: &Table) -> Checked {
 }
 
 /// Reads every value of a file; its rows.
-fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]) -> Result<u64, String> {
+fn check_file(
+    root: &Path,
+    table: &ReleaseTable,
+    file: &DataFile,
+    values: &mut [ColumnValueStatistics],
+) -> Result<u64, String> {
     let path = root.join(&file.path);
     let size = fs::symlink_metadata(&path).map_err(|e| e.to_string())?;
     if !size.is_file() {
@@ -217,7 +226,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
         }
         Ok(())
     })?;
-    let bare = |c: &super::set::Column| {
+    let bare = |c: &super::set::ReleaseColumn| {
         (c.name.clone(), c.kind.clone(), c.unit.clone(), c.role.clone(), c.description.clone())
     };
     let (own, told) = (parquet::columns(&schema), &table.columns);
@@ -227,7 +236,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
     if let Some((own, told)) =
         own.iter().zip(told).find(|(own, told)| bare(own) != bare(told) || own.terms != told.terms)
     {
-        let shown = |c: &super::set::Column| format!("`{}`, {} [{}], role {}", c.name, c.kind, c.unit, c.role);
+        let shown = |c: &super::set::ReleaseColumn| format!("`{}`, {} [{}], role {}", c.name, c.kind, c.unit, c.role);
         return Err(format!("it has the column {}, but {DICTIONARY} has {}", shown(own), shown(told)));
     }
     if rows != file.rows {
@@ -237,7 +246,7 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
 }
 
 /// The documents against those that the set, with the values of its files, gives.
-fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
+fn agree(set: &ReleaseSet, root: &Path, found: &mut ReleaseVerification) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
         // The names of tables are parts of paths.
         if !checksums::is_inside(&path) {

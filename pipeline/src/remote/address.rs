@@ -6,7 +6,7 @@ use schemas::Fault;
 
 /// A kind of object store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Scheme {
+pub enum ObjectStoreScheme {
     /// Amazon S3, and servers with the same interface: MinIO, Ceph, Garage.
     S3,
     /// Google Cloud Storage.
@@ -15,59 +15,59 @@ pub enum Scheme {
     Az,
 }
 
-impl Scheme {
-    const ALL: [Scheme; 3] = [Scheme::S3, Scheme::Gs, Scheme::Az];
+impl ObjectStoreScheme {
+    const ALL: [ObjectStoreScheme; 3] = [ObjectStoreScheme::S3, ObjectStoreScheme::Gs, ObjectStoreScheme::Az];
 
     /// The scheme of an address, without `://`.
     pub fn as_str(self) -> &'static str {
         match self {
-            Scheme::S3 => "s3",
-            Scheme::Gs => "gs",
-            Scheme::Az => "az",
+            ObjectStoreScheme::S3 => "s3",
+            ObjectStoreScheme::Gs => "gs",
+            ObjectStoreScheme::Az => "az",
         }
     }
 }
 
 /// A place in an object store: a bucket, and the name of an object or the beginning of several.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Address {
+pub struct ObjectAddress {
     /// The kind of store.
-    pub scheme: Scheme,
+    pub scheme: ObjectStoreScheme,
     /// The bucket.
     pub bucket: String,
     /// The name of the object, or the beginning of several names, without slashes at its ends; may be empty.
     pub key: String,
 }
 
-impl fmt::Display for Address {
+impl fmt::Display for ObjectAddress {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{}://{}", self.scheme.as_str(), self.bucket)?;
         if self.key.is_empty() { Ok(()) } else { write!(f, "/{}", self.key) }
     }
 }
 
-/// Where something is.
+/// Location of a file: a path or an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum StorageLocation {
     /// A path, which may be relative.
     Path(PathBuf),
     /// In an object store.
-    Object(Address),
+    Object(ObjectAddress),
 }
 
 /// Reads a place: `s3://`, `gs://` or `az://` with a bucket, `file://` with an absolute path, or a path.
 ///
 /// # Errors
 /// Fails for other addresses, and for a bucket that cannot be one.
-pub fn place(text: &str) -> Result<Place, Fault> {
-    let Some((scheme, rest)) = text.split_once("://") else { return Ok(Place::Path(text.into())) };
+pub fn place(text: &str) -> Result<StorageLocation, Fault> {
+    let Some((scheme, rest)) = text.split_once("://") else { return Ok(StorageLocation::Path(text.into())) };
     if scheme == "file" {
         if rest.starts_with('/') {
-            return Ok(Place::Path(rest.into()));
+            return Ok(StorageLocation::Path(rest.into()));
         }
         return Err(Fault::new("`file://` requires an absolute path, such as `file:///data/flights`"));
     }
-    let Some(scheme) = Scheme::ALL.into_iter().find(|s| s.as_str() == scheme) else {
+    let Some(scheme) = ObjectStoreScheme::ALL.into_iter().find(|s| s.as_str() == scheme) else {
         // The rest may hold a password, and is not shown.
         let fault = Fault::new(format!("addresses that begin with `{}://` are not supported", shown(scheme)));
         return Err(fault.help("use s3://, gs://, az:// or file://"));
@@ -86,18 +86,18 @@ pub fn place(text: &str) -> Result<Place, Fault> {
         return Err(Fault::new(format!("the address in the bucket `{bucket}` is not a valid name of an object"))
             .help("remove `.`, `..`, `//` and control characters"));
     }
-    Ok(Place::Object(Address { scheme, bucket: bucket.to_owned(), key: key.to_owned() }))
+    Ok(StorageLocation::Object(ObjectAddress { scheme, bucket: bucket.to_owned(), key: key.to_owned() }))
 }
 
 fn shown(scheme: &str) -> String {
     scheme.chars().filter(char::is_ascii_alphanumeric).take(20).collect()
 }
 
-impl Address {
+impl ObjectAddress {
     /// The one of `key` below this one.
-    pub fn below(&self, key: &str) -> Address {
+    pub fn below(&self, key: &str) -> ObjectAddress {
         let joined = [self.key.as_str(), key].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/");
-        Address { key: joined, ..self.clone() }
+        ObjectAddress { key: joined, ..self.clone() }
     }
 }
 
@@ -110,15 +110,15 @@ mod tests {
     #[test]
     fn unit_places_are_paths_or_addresses_and_show_no_secret() {
         let object = |text: &str| match place(text).unwrap() {
-            Place::Object(address) => (address.bucket.clone(), address.key.clone(), address.to_string()),
-            Place::Path(path) => unreachable!("{}", path.display()),
+            StorageLocation::Object(address) => (address.bucket.clone(), address.key.clone(), address.to_string()),
+            StorageLocation::Path(path) => unreachable!("{}", path.display()),
         };
         let of = |bucket: &str, key: &str, text: &str| (bucket.to_owned(), key.to_owned(), text.to_owned());
         assert_eq!(object("s3://b/x/y/"), of("b", "x/y", "s3://b/x/y"));
         assert_eq!(object("az://c"), of("c", "", "az://c"));
         assert_eq!(object("gs://my.bucket/a*.csv").1, "a*.csv");
-        assert_eq!(place("logs/a.csv").unwrap(), Place::Path("logs/a.csv".into()));
-        assert_eq!(place("file:///x/y").unwrap(), Place::Path("/x/y".into()));
+        assert_eq!(place("logs/a.csv").unwrap(), StorageLocation::Path("logs/a.csv".into()));
+        assert_eq!(place("file:///x/y").unwrap(), StorageLocation::Path("/x/y".into()));
         for wrong in [
             "file://x",
             "s3://",

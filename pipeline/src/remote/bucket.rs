@@ -23,7 +23,7 @@ use object_store::{
 use schemas::Fault;
 use tokio::runtime::Runtime;
 
-use super::{address::Address, redact::redacted};
+use super::{address::ObjectAddress, redact::redacted};
 
 /// The bytes of a part: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
@@ -38,11 +38,11 @@ const THREADS: usize = 2;
 
 /// The version of an object, as the server names it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Tag(UpdateVersion);
+pub struct ObjectVersion(UpdateVersion);
 
-/// An object, as it is listed.
+/// An object in the listing of a bucket.
 #[derive(Clone, Debug)]
-pub struct Listed {
+pub struct ObjectEntry {
     /// Its name below the address.
     pub key: String,
     /// Its bytes.
@@ -57,11 +57,11 @@ pub struct Listed {
 #[derive(Clone)]
 pub struct Bucket {
     objects: Arc<dyn ObjectStore>,
-    address: Address,
+    address: ObjectAddress,
 }
 
-/// Runs requests on threads of their own and waits for the result: the caller's thread may belong to another runtime, which must
-/// not be blocked by one of its futures.
+/// Runs requests on threads of their own and waits for the result: the caller's thread may belong to another runtime,
+/// which must not be blocked by one of its futures.
 fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Result<T, Fault> {
     static RUNTIME: OnceLock<Option<Runtime>> = OnceLock::new();
     let build = || tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().ok();
@@ -75,7 +75,8 @@ fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Re
     receive.recv().map_err(|_| Fault::bug("a request to an object store ended without a response"))
 }
 
-/// Calls `work` on every item, several at a time. The answers are in the order of the items; the first fault ends the work.
+/// Calls `work` on every item, several at a time. The answers are in the order of the items; the first fault ends the
+/// work.
 ///
 /// # Errors
 /// Fails where `work` does.
@@ -151,21 +152,21 @@ fn is_missing(error: &Error) -> bool {
     matches!(error, Error::NotFound { .. }) && !is_missing_bucket(error)
 }
 
-fn listed(about: &ObjectMeta, prefix: &str) -> Option<Listed> {
+fn listed(about: &ObjectMeta, prefix: &str) -> Option<ObjectEntry> {
     let key = about.location.as_ref().strip_prefix(prefix)?.trim_start_matches('/').to_owned();
     let modified = SystemTime::from(about.last_modified);
-    Some(Listed { key, size: about.size, tag: about.e_tag.clone(), modified })
+    Some(ObjectEntry { key, size: about.size, tag: about.e_tag.clone(), modified })
 }
 
 impl Bucket {
     /// The objects of `objects` below `address`, whose bucket they are.
     #[cfg_attr(not(any(feature = "object-stores", test)), allow(dead_code))]
-    pub fn new(objects: Arc<dyn ObjectStore>, address: Address) -> Bucket {
+    pub fn new(objects: Arc<dyn ObjectStore>, address: ObjectAddress) -> Bucket {
         Bucket { objects, address }
     }
 
     /// The address.
-    pub fn address(&self) -> &Address {
+    pub fn address(&self) -> &ObjectAddress {
         &self.address
     }
 
@@ -178,7 +179,7 @@ impl Bucket {
         let (address, text) = (self.address.below(key), redacted(&error.to_string()));
         let what = format!("cannot {doing} {address}: {text}");
         if is_missing_bucket(error) {
-            let Address { scheme, bucket, .. } = &self.address;
+            let ObjectAddress { scheme, bucket, .. } = &self.address;
             return Fault::machine(format!("there is no bucket {}://{bucket}", scheme.as_str()))
                 .help("create it with the tools of its provider, or use another bucket");
         }
@@ -208,11 +209,12 @@ impl Bucket {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn get_tagged(&self, key: &str) -> Result<Option<(Vec<u8>, Tag)>, Fault> {
+    pub fn get_tagged(&self, key: &str) -> Result<Option<(Vec<u8>, ObjectVersion)>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let read = move || async move {
             let found = objects.get_opts(&name, GetOptions::default()).await?;
-            let tag = Tag(UpdateVersion { e_tag: found.meta.e_tag.clone(), version: found.meta.version.clone() });
+            let tag =
+                ObjectVersion(UpdateVersion { e_tag: found.meta.e_tag.clone(), version: found.meta.version.clone() });
             let size = found.meta.size;
             Ok::<_, Error>((found.bytes().await?, size, tag))
         };
@@ -246,7 +248,7 @@ impl Bucket {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn about(&self, key: &str) -> Result<Option<Listed>, Fault> {
+    pub fn about(&self, key: &str) -> Result<Option<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         match wait(async move { objects.head(&name).await })? {
             Ok(about) => Ok(listed(&about, &self.address.key)),
@@ -284,8 +286,8 @@ impl Bucket {
     /// Writes an object to the file `to`, which is on the disk when this returns. Whether there is such an object.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, the object has not `size` bytes where that is known, or the file
-    /// cannot be written.
+    /// Fails when the server cannot be reached or refuses, the object has not `size` bytes where that is known, or the
+    /// file cannot be written.
     pub fn fetch(&self, key: &str, to: &Path, size: Option<u64>) -> Result<bool, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let first = move || async move {
@@ -333,11 +335,11 @@ impl Bucket {
         Err(self.cut(key))
     }
 
-    fn put_as(&self, key: &str, bytes: Vec<u8>, mode: PutMode) -> Result<Result<Tag, Error>, Fault> {
+    fn put_as(&self, key: &str, bytes: Vec<u8>, mode: PutMode) -> Result<Result<ObjectVersion, Error>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let options = PutOptions { mode, ..PutOptions::default() };
         let done = wait(async move { objects.put_opts(&name, PutPayload::from(bytes), options).await })?;
-        Ok(done.map(|put| Tag(put.into())))
+        Ok(done.map(|put| ObjectVersion(put.into())))
     }
 
     /// Writes an object and replaces an earlier one.
@@ -361,7 +363,7 @@ impl Bucket {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn replace(&self, key: &str, bytes: &[u8], tag: Option<Tag>) -> Result<bool, Fault> {
+    pub fn replace(&self, key: &str, bytes: &[u8], tag: Option<ObjectVersion>) -> Result<bool, Fault> {
         self.on_condition(key, bytes, tag.map_or(PutMode::Create, |tag| PutMode::Update(tag.0)))
     }
 
@@ -427,7 +429,7 @@ impl Bucket {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn list(&self, folder: &str) -> Result<Vec<Listed>, Fault> {
+    pub fn list(&self, folder: &str) -> Result<Vec<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
         let list = move || async move { objects.list(Some(&name)).try_collect::<Vec<_>>().await };
         self.of_listing(folder, list)
@@ -437,13 +439,13 @@ impl Bucket {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn list_flat(&self, folder: &str) -> Result<Vec<Listed>, Fault> {
+    pub fn list_flat(&self, folder: &str) -> Result<Vec<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
         let list = move || async move { objects.list_with_delimiter(Some(&name)).await.map(|list| list.objects) };
         self.of_listing(folder, list)
     }
 
-    fn of_listing<F>(&self, folder: &str, list: impl FnOnce() -> F + Clone) -> Result<Vec<Listed>, Fault>
+    fn of_listing<F>(&self, folder: &str, list: impl FnOnce() -> F + Clone) -> Result<Vec<ObjectEntry>, Fault>
     where
         F: Future<Output = Result<Vec<ObjectMeta>, Error>> + Send + 'static,
     {
@@ -451,7 +453,7 @@ impl Bucket {
             pause(trial);
             match wait(list.clone()())? {
                 Ok(found) => {
-                    let mut all: Vec<Listed> =
+                    let mut all: Vec<ObjectEntry> =
                         found.iter().filter_map(|about| listed(about, &self.address.key)).collect();
                     all.sort_by(|a, b| a.key.cmp(&b.key));
                     return Ok(all);

@@ -4,8 +4,8 @@
 //! stores/<name>-<hash>/   a store, laid out as one in a folder is; the file REMOTE in it says of which address
 //! files/<place>/<bucket>/ inputs, under their own names, each with its version in the file `.<name>.etag`
 //! ```
-//! It is the folder `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home. All of it can be removed
-//! while no program uses it.
+//! It is the folder `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home. All of it can be
+//! removed while no program uses it.
 
 use std::{
     env,
@@ -14,8 +14,8 @@ use std::{
 
 use schemas::Fault;
 
-use super::{address::Address, connect::endpoint};
-use crate::keys::Key;
+use super::{address::ObjectAddress, connect::endpoint};
+use crate::keys::HashKey;
 
 /// The cache's folder.
 ///
@@ -34,14 +34,14 @@ fn folder() -> Result<PathBuf, Fault> {
 }
 
 fn hash(parts: &[&str], digits: usize) -> String {
-    Key::of(parts).to_string().chars().take(digits).collect()
+    HashKey::from_parts(parts).to_string().chars().take(digits).collect()
 }
 
 /// The folder of the store at `address`.
 ///
 /// # Errors
 /// Fails where the environment names no folder for the cache.
-pub fn of_store(address: &Address) -> Result<PathBuf, Fault> {
+pub fn of_store(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let text = address.to_string();
     let name: String = text.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(60).collect();
     let hash = hash(&[&text, &endpoint(address.scheme)], 16);
@@ -52,7 +52,7 @@ pub fn of_store(address: &Address) -> Result<PathBuf, Fault> {
 ///
 /// # Errors
 /// Fails where the environment names no folder for the cache.
-pub fn of_files(address: &Address) -> Result<PathBuf, Fault> {
+pub fn of_files(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let scheme = address.scheme.as_str();
     let place = match endpoint(address.scheme) {
         none if none.is_empty() => scheme.to_owned(),

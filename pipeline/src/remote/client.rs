@@ -1,4 +1,5 @@
-//! The HTTP client of object stores. It follows no redirect to another server: the headers of a request hold credentials.
+//! The HTTP client of object stores. It follows no redirect to another server: the headers of a request hold
+//! credentials.
 
 use std::time::Duration;
 
@@ -14,11 +15,11 @@ const CONNECTED: Duration = Duration::from_secs(5);
 /// Redirects within a server.
 const MOST_REDIRECTS: usize = 5;
 
-/// Makes such clients.
+/// Connector for HTTP clients that follow no redirect to another server.
 #[derive(Debug)]
-pub struct Direct;
+pub struct SameOriginConnector;
 
-impl HttpConnector for Direct {
+impl HttpConnector for SameOriginConnector {
     fn connect(&self, options: &ClientOptions) -> Result<HttpClient> {
         let set = |key: ClientConfigKey| options.get_config_value(&key);
         let is = |key| set(key).is_some_and(|v| v == "true");

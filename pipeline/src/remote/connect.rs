@@ -3,7 +3,7 @@
 use schemas::Fault;
 
 use super::{
-    address::{Address, Scheme},
+    address::{ObjectAddress, ObjectStoreScheme},
     bucket::Bucket,
 };
 
@@ -19,19 +19,20 @@ pub fn supported() -> Result<(), Fault> {
     Err(fault.help("build it with `cargo build --features object-stores`, or use a folder"))
 }
 
-/// The endpoint of a kind of store, or for Azure its account, as the environment names it; empty for the provider's own endpoint.
-pub fn endpoint(scheme: Scheme) -> String {
+/// The endpoint of a kind of store, or for Azure its account, as the environment names it; empty for the provider's own
+/// endpoint.
+pub fn endpoint(scheme: ObjectStoreScheme) -> String {
     let set = |name: &&str| std::env::var(name).ok().filter(|v| !v.is_empty());
     let names: &[&str] = match scheme {
-        Scheme::S3 => &["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT"],
-        Scheme::Gs => &["GOOGLE_BASE_URL"],
-        Scheme::Az => &["AZURE_STORAGE_ENDPOINT", "AZURE_ENDPOINT", "AZURE_STORAGE_ACCOUNT_NAME"],
+        ObjectStoreScheme::S3 => &["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT"],
+        ObjectStoreScheme::Gs => &["GOOGLE_BASE_URL"],
+        ObjectStoreScheme::Az => &["AZURE_STORAGE_ENDPOINT", "AZURE_ENDPOINT", "AZURE_STORAGE_ACCOUNT_NAME"],
     };
     let named = names.iter().find_map(set);
     #[cfg(feature = "object-stores")]
     let named = named.or_else(|| match scheme {
-        Scheme::S3 => super::profile::Profile::chosen().ok().flatten()?.endpoint_url,
-        Scheme::Gs | Scheme::Az => None,
+        ObjectStoreScheme::S3 => super::profile::AwsProfile::chosen().ok().flatten()?.endpoint_url,
+        ObjectStoreScheme::Gs | ObjectStoreScheme::Az => None,
     });
     named.unwrap_or_default()
 }
@@ -41,18 +42,18 @@ pub fn endpoint(scheme: Scheme) -> String {
 /// # Errors
 /// Fails where this program is built without object stores, and where the environment cannot be understood. Whether the
 /// bucket exists and may be used shows at the first request.
-pub fn connect(address: &Address) -> Result<Bucket, Fault> {
+pub fn connect(address: &ObjectAddress) -> Result<Bucket, Fault> {
     supported()?;
     open(address)
 }
 
 #[cfg(not(feature = "object-stores"))]
-fn open(_: &Address) -> Result<Bucket, Fault> {
+fn open(_: &ObjectAddress) -> Result<Bucket, Fault> {
     Err(Fault::bug("a connection without object stores"))
 }
 
 #[cfg(feature = "object-stores")]
-fn open(address: &Address) -> Result<Bucket, Fault> {
+fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
     use std::{sync::Arc, time::Duration};
 
     use object_store::{
@@ -62,7 +63,7 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
         gcp::{GoogleCloudStorageBuilder, GoogleConfigKey},
     };
 
-    use super::client::Direct;
+    use super::client::SameOriginConnector;
 
     /// The longest time of a request, and of its connection, unless the environment says another.
     const TIMES: [(ClientConfigKey, &str, &str); 2] = [
@@ -90,9 +91,11 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
             .help("set endpoint and credentials in the environment as described in pipeline/OBJECTS.md")
     };
     let objects: Arc<dyn ObjectStore> = match address.scheme {
-        Scheme::S3 => {
-            let mut builder =
-                AmazonS3Builder::new().with_bucket_name(bucket).with_retry(retry).with_http_connector(Direct);
+        ObjectStoreScheme::S3 => {
+            let mut builder = AmazonS3Builder::new()
+                .with_bucket_name(bucket)
+                .with_retry(retry)
+                .with_http_connector(SameOriginConnector);
             builder = builder.with_checksum_algorithm(Checksum::SHA256);
             // A variable that is empty is as good as none.
             for (name, value) in std::env::vars_os() {
@@ -103,7 +106,7 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
                     builder = builder.with_config(key, value);
                 }
             }
-            if let Some(profile) = super::profile::Profile::chosen()? {
+            if let Some(profile) = super::profile::AwsProfile::chosen()? {
                 builder = profile.into_builder(builder)?;
             }
             let endpoint = endpoint(address.scheme);
@@ -116,19 +119,19 @@ fn open(address: &Address) -> Result<Bucket, Fault> {
             }
             Arc::new(builder.build().map_err(wrong)?)
         }
-        Scheme::Gs => {
+        ObjectStoreScheme::Gs => {
             no_password(&endpoint(address.scheme))?;
             let mut builder = GoogleCloudStorageBuilder::from_env().with_bucket_name(bucket).with_retry(retry);
-            builder = builder.with_http_connector(Direct);
+            builder = builder.with_http_connector(SameOriginConnector);
             for (key, _, value) in unset("GOOGLE") {
                 builder = builder.with_config(GoogleConfigKey::Client(key), value);
             }
             Arc::new(builder.build().map_err(wrong)?)
         }
-        Scheme::Az => {
+        ObjectStoreScheme::Az => {
             no_password(&endpoint(address.scheme))?;
             let mut builder = MicrosoftAzureBuilder::from_env().with_container_name(bucket).with_retry(retry);
-            builder = builder.with_http_connector(Direct);
+            builder = builder.with_http_connector(SameOriginConnector);
             for (key, _, value) in unset("AZURE") {
                 builder = builder.with_config(AzureConfigKey::Client(key), value);
             }

@@ -12,8 +12,8 @@ use std::{
 use schemas::Fault;
 
 use super::{
-    address::{Address, Place, place},
-    bucket::{Bucket, Listed, each},
+    address::{ObjectAddress, StorageLocation, place},
+    bucket::{Bucket, ObjectEntry, each},
     cache,
     connect::connect,
 };
@@ -22,7 +22,7 @@ use super::{
 const WILD: [char; 3] = ['*', '?', '['];
 
 /// A bucket, and the folder of its copies.
-struct Copies {
+struct BucketCache {
     bucket: Bucket,
     folder: PathBuf,
 }
@@ -44,17 +44,18 @@ fn stem(key: &str) -> &str {
     key.get(..before + cut).unwrap_or(key)
 }
 
-/// Whether an object is a companion of `key`, such as the header of a grid: the same folder, and the same name up to a dot.
+/// Whether an object is a companion of `key`, such as the header of a grid: the same folder, and the same name up to a
+/// dot.
 fn is_companion(key: &str, other: &str) -> bool {
     parts(key).0 == parts(other).0
         && other.strip_prefix(stem(key)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
-impl Copies {
-    fn of(address: &Address) -> Result<Copies, Fault> {
+impl BucketCache {
+    fn from_address(address: &ObjectAddress) -> Result<BucketCache, Fault> {
         let folder = cache::of_files(address)?;
-        let root = Address { key: String::new(), ..address.clone() };
-        Ok(Copies { bucket: connect(&root)?, folder })
+        let root = ObjectAddress { key: String::new(), ..address.clone() };
+        Ok(BucketCache { bucket: connect(&root)?, folder })
     }
 
     /// The file of an object.
@@ -68,7 +69,7 @@ impl Copies {
     }
 
     /// Copies an object, unless its copy is of the same version.
-    fn bring(&self, about: &Listed) -> Result<PathBuf, Fault> {
+    fn bring(&self, about: &ObjectEntry) -> Result<PathBuf, Fault> {
         static NEXT: AtomicUsize = AtomicUsize::new(0);
         let file = self.file(&about.key)?;
         let (folder, name) = match (file.parent(), file.file_name()) {
@@ -112,11 +113,12 @@ impl Copies {
         settled.map(|()| file)
     }
 
-    fn bring_all(&self, wanted: &[&Listed]) -> Result<Vec<PathBuf>, Fault> {
+    fn bring_all(&self, wanted: &[&ObjectEntry]) -> Result<Vec<PathBuf>, Fault> {
         each(wanted, |about| self.bring(about))
     }
 
-    /// Removes the copies below `folder` that `are_of` an input and are not among the `known` ones: their objects are gone.
+    /// Removes the copies below `folder` that `are_of` an input and are not among the `known` ones: their objects are
+    /// gone.
     fn forget(&self, folder: &Path, known: &BTreeSet<PathBuf>, are_of: &dyn Fn(&Path) -> bool) {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();
@@ -136,16 +138,16 @@ fn is_hidden(key: &str, folder: &str) -> bool {
     below.split('/').any(|part| part.starts_with(['.', '_']))
 }
 
-/// The copies of the flights at an address: one object, those that match a pattern, or those of a folder whose names `fit`.
-/// Companions of the same name are copied too.
+/// The copies of the flights at an address: one object, those that match a pattern, or those of a folder whose names
+/// `fit`. Companions of the same name are copied too.
 ///
 /// # Errors
 /// Fails when there is none, or the server cannot be reached or refuses.
-pub fn find(address: &Address, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf>, Fault> {
-    let copies = Copies::of(address)?;
+pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf>, Fault> {
+    let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
     let exact = if key.is_empty() { None } else { copies.bucket.about(key)? };
-    let (all, wanted): (Vec<Listed>, Vec<String>) = match exact {
+    let (all, wanted): (Vec<ObjectEntry>, Vec<String>) = match exact {
         Some(about) => {
             let all = copies.bucket.list_flat(parts(key).0)?;
             (if all.is_empty() { vec![about] } else { all }, vec![key.to_owned()])
@@ -171,8 +173,9 @@ pub fn find(address: &Address, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf
     }
     let stems: BTreeSet<&str> = wanted.iter().map(|key| stem(key)).collect();
     // The stem of another may be longer by an extension: `a.tif` and `a.tif.aux.xml`.
-    let is_wanted = |o: &&Listed| stems.contains(stem(&o.key)) || wanted.iter().any(|key| is_companion(key, &o.key));
-    let brought: Vec<&Listed> = all.iter().filter(is_wanted).collect();
+    let is_wanted =
+        |o: &&ObjectEntry| stems.contains(stem(&o.key)) || wanted.iter().any(|key| is_companion(key, &o.key));
+    let brought: Vec<&ObjectEntry> = all.iter().filter(is_wanted).collect();
     copies.bring_all(&brought)?;
     wanted.iter().map(|key| copies.file(key)).collect()
 }
@@ -181,8 +184,8 @@ pub fn find(address: &Address, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf
 ///
 /// # Errors
 /// Fails when there is none, or the server cannot be reached or refuses.
-pub fn fixed(address: &Address) -> Result<PathBuf, Fault> {
-    let copies = Copies::of(address)?;
+pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
+    let copies = BucketCache::from_address(address)?;
     match copies.bucket.about(&address.key)? {
         Some(about) => copies.bring(&about),
         None => Err(Fault::new(format!("there is no object {address}"))),
@@ -193,12 +196,12 @@ pub fn fixed(address: &Address) -> Result<PathBuf, Fault> {
 ///
 /// # Errors
 /// Fails when there is none, or the server cannot be reached or refuses.
-pub fn whole(address: &Address) -> Result<PathBuf, Fault> {
-    let copies = Copies::of(address)?;
+pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
+    let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
     let flat = copies.bucket.list_flat(parts(key).0)?;
     if flat.iter().any(|o| o.key == key) {
-        let wanted: Vec<&Listed> = flat.iter().filter(|o| is_companion(key, &o.key)).collect();
+        let wanted: Vec<&ObjectEntry> = flat.iter().filter(|o| is_companion(key, &o.key)).collect();
         let known: BTreeSet<PathBuf> = copies.bring_all(&wanted)?.into_iter().collect();
         let file = copies.file(key)?;
         if let Some(folder) = file.parent() {
@@ -208,7 +211,7 @@ pub fn whole(address: &Address) -> Result<PathBuf, Fault> {
         return Ok(file);
     }
     let all = copies.bucket.list(key)?;
-    let wanted: Vec<&Listed> = all.iter().filter(|o| o.key != key && !is_hidden(&o.key, key)).collect();
+    let wanted: Vec<&ObjectEntry> = all.iter().filter(|o| o.key != key && !is_hidden(&o.key, key)).collect();
     if wanted.is_empty() {
         return Err(Fault::new(format!("there is no object or folder {address}")));
     }
@@ -224,11 +227,11 @@ pub fn whole(address: &Address) -> Result<PathBuf, Fault> {
 /// Fails when the server cannot be reached or refuses.
 pub fn beside(path: &Path) -> Result<(), Fault> {
     match place(&cache::shown(path))? {
-        Place::Object(address) => {
-            let copies = Copies::of(&address)?;
+        StorageLocation::Object(address) => {
+            let copies = BucketCache::from_address(&address)?;
             copies.bucket.about(&address.key)?.map_or(Ok(()), |about| copies.bring(&about).map(drop))
         }
-        Place::Path(_) => Ok(()),
+        StorageLocation::Path(_) => Ok(()),
     }
 }
 
@@ -241,11 +244,11 @@ mod tests {
     use object_store::memory::InMemory;
 
     use super::*;
-    use crate::remote::address::Scheme;
+    use crate::remote::address::ObjectStoreScheme;
 
-    fn copies(folder: &Path) -> Copies {
-        let address = Address { scheme: Scheme::S3, bucket: "b".to_owned(), key: String::new() };
-        Copies { bucket: Bucket::new(Arc::new(InMemory::new()), address), folder: folder.to_owned() }
+    fn copies(folder: &Path) -> BucketCache {
+        let address = ObjectAddress { scheme: ObjectStoreScheme::S3, bucket: "b".to_owned(), key: String::new() };
+        BucketCache { bucket: Bucket::new(Arc::new(InMemory::new()), address), folder: folder.to_owned() }
     }
 
     #[test]

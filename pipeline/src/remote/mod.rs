@@ -1,7 +1,7 @@
 //! Object stores: `s3://`, `gs://` and `az://` as places of stores, inputs and published data sets.
 //!
-//! [`Bucket`] is their interface for the rest of the crate: objects by name below an address, read and written as a whole, some
-//! of them on a condition. Copies are kept in a folder of this machine, the cache: see [`cache`].
+//! [`Bucket`] is their interface for the rest of the crate: objects by name below an address, read and written as a
+//! whole, some of them on a condition. Copies are kept in a folder of this machine, the cache: see [`cache`].
 
 mod address;
 mod bucket;
@@ -14,8 +14,8 @@ mod files;
 mod profile;
 mod redact;
 
-pub use address::{Address, Place, place};
-pub use bucket::{Bucket, Listed, each};
+pub use address::{ObjectAddress, StorageLocation, place};
+pub use bucket::{Bucket, ObjectEntry, each};
 pub use connect::{connect, supported};
 pub use files::{beside, find, fixed, whole};
 pub use redact::{address as without_password, redacted};

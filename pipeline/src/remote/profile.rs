@@ -1,7 +1,8 @@
 //! Profiles of the AWS command line: `AWS_PROFILE` in `~/.aws/credentials` and `~/.aws/config`.
 //!
-//! Access keys in these files are read, with the region and the endpoint. Credentials that a program has to ask for (single sign-on,
-//! roles, `credential_process`) are not: `aws configure export-credentials --format env` turns them into variables.
+//! Access keys in these files are read, with the region and the endpoint. Credentials that a program has to ask for
+//! (single sign-on, roles, `credential_process`) are not: `aws configure export-credentials --format env` turns them
+//! into variables.
 
 use std::{collections::HashMap, env, fs, io, path::PathBuf};
 
@@ -10,7 +11,7 @@ use schemas::Fault;
 
 /// The settings of a profile. It holds secrets, and cannot be printed.
 #[derive(Clone, Default)]
-pub struct Profile {
+pub struct AwsProfile {
     name: String,
     access_key_id: Option<String>,
     secret_access_key: Option<String>,
@@ -49,12 +50,12 @@ fn section(text: &str, name: &str) -> Option<HashMap<String, String>> {
     found
 }
 
-impl Profile {
+impl AwsProfile {
     /// The profile that the environment names, or `default` where there is one.
     ///
     /// # Errors
     /// Fails for a profile that is named and not there, and for a file that cannot be read.
-    pub fn chosen() -> Result<Option<Profile>, Fault> {
+    pub fn chosen() -> Result<Option<AwsProfile>, Fault> {
         let named = set("AWS_PROFILE").or_else(|| set("AWS_DEFAULT_PROFILE"));
         let name = named.clone().unwrap_or_else(|| "default".to_owned());
         let home = || set("HOME").map(|home| PathBuf::from(home).join(".aws"));
@@ -68,7 +69,7 @@ impl Profile {
                 Err(e) => return Err(Fault::machine(format!("cannot read {}: {e}", path.display()))),
             }
         }
-        match (Profile::of(&texts, &name), named) {
+        match (AwsProfile::from_texts(&texts, &name), named) {
             (None, Some(name)) => Err(Fault::machine(format!("there is no profile `{name}` (AWS_PROFILE)"))
                 .help("add it to ~/.aws/credentials or ~/.aws/config")),
             (found, _) => Ok(found),
@@ -76,14 +77,14 @@ impl Profile {
     }
 
     /// The profile `name` in these texts, the later ones before the earlier.
-    fn of(texts: &[String], name: &str) -> Option<Profile> {
+    fn from_texts(texts: &[String], name: &str) -> Option<AwsProfile> {
         let mut all: Option<HashMap<String, String>> = None;
         for keys in texts.iter().filter_map(|text| section(text, name)) {
             all.get_or_insert_default().extend(keys);
         }
         let mut keys = all?;
         let other = ["sso_session", "sso_start_url", "role_arn", "credential_process", "credential_source"];
-        Some(Profile {
+        Some(AwsProfile {
             name: name.to_owned(),
             other: other.iter().any(|key| keys.contains_key(*key)),
             access_key_id: keys.remove("aws_access_key_id"),
@@ -126,12 +127,12 @@ mod tests {
         let config = "[default]\nregion = eu-central-1\n\n[profile lab]\nregion=us-west-2\ns3 =\n  max_concurrent_requests = 5\nendpoint_url = http://x:1\n[profile sso]\nsso_session = a\n";
         let credentials = "# a remark\n[lab]\naws_access_key_id = ID\naws_secret_access_key = a=b/c\n[other]\naws_access_key_id = NO\n";
         let texts = [config.to_owned(), credentials.to_owned()];
-        let lab = Profile::of(&texts, "lab").unwrap();
+        let lab = AwsProfile::from_texts(&texts, "lab").unwrap();
         assert_eq!(lab.access_key_id.as_deref(), Some("ID"));
         assert_eq!(lab.secret_access_key.as_deref(), Some("a=b/c"));
         assert_eq!((lab.region.as_deref(), lab.endpoint_url.as_deref()), (Some("us-west-2"), Some("http://x:1")));
-        assert!(Profile::of(&texts, "sso").unwrap().other && !lab.other);
-        assert!(Profile::of(&texts, "none").is_none());
-        assert_eq!(Profile::of(&texts, "default").unwrap().access_key_id, None);
+        assert!(AwsProfile::from_texts(&texts, "sso").unwrap().other && !lab.other);
+        assert!(AwsProfile::from_texts(&texts, "none").is_none());
+        assert_eq!(AwsProfile::from_texts(&texts, "default").unwrap().access_key_id, None);
     }
 }

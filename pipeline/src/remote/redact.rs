@@ -12,8 +12,8 @@ const PROVIDERS: [&str; 6] = ["AWS_", "AZURE_", "GOOGLE_", "GCP_", "OPENLINEAGE_
 /// After these a server's own words follow, which may repeat what it was sent.
 const ANSWERS: [&str; 2] = ["status code: ", "error response: "];
 
-/// An error without secrets. Of a server's answer the status and the code of the error are kept: all else may repeat the
-/// headers of the request.
+/// An error without secrets. Of a server's answer the status and the code of the error are kept: all else may repeat
+/// the headers of the request.
 pub fn redacted(text: &str) -> String {
     let text = without_secrets(&without_answer(text));
     let words = text.split_whitespace().map(address).collect::<Vec<_>>().join(" ");

@@ -11,15 +11,15 @@ use schemas::Fault;
 
 use super::{Failure, Listener, as_planned};
 use crate::{
-    keys::Key,
-    plan::{Graph, Plan, Unit},
-    spec::Faults,
+    keys::HashKey,
+    plan::{Plan, PlanGraph, PlanUnit},
+    spec::SpecFaults,
     store::Store,
 };
 
 /// Outcome of the recomputation of a table.
 #[derive(Clone, Debug)]
-pub struct Compared {
+pub struct TableComparison {
     /// The table.
     pub table: String,
     /// Its units that were compared: computed before and now.
@@ -38,16 +38,17 @@ pub fn again(
     store: &Store,
     table: Option<usize>,
     listener: &dyn Listener,
-) -> Result<Option<Vec<Compared>>, Faults> {
+) -> Result<Option<Vec<TableComparison>>, SpecFaults> {
     let fail = |fault: Fault| plan.spec.faults(vec![fault]);
-    let graph = Graph::new(plan, store, &|_, _| {})?;
+    let graph = PlanGraph::new(plan, store, &|_, _| {})?;
     let tables: Vec<usize> = match table {
         Some(t) => vec![t],
         None => (0..plan.tables.len()).filter(|t| plan.tables.get(*t).is_some_and(|n| n.keep)).collect(),
     };
     let units = tables.iter().flat_map(|t| graph.units(*t));
     // A rejected unit has no result to compare.
-    let keys: HashSet<Key> = units.filter_map(|u| graph.key(u).ok()).filter(|key| store.find(*key).is_some()).collect();
+    let keys: HashSet<HashKey> =
+        units.filter_map(|u| graph.key(u).ok()).filter(|key| store.find(*key).is_some()).collect();
     let other = store.mirror(&store.temporary(), &keys).map_err(fail)?;
     if as_planned(plan, &other, table, listener)? {
         return Ok(None);
@@ -60,10 +61,16 @@ pub fn again(
         .map_err(fail)
 }
 
-fn compared(graph: &Graph, t: usize, one: &Store, other: &Store, keys: &HashSet<Key>) -> Result<Compared, Fault> {
+fn compared(
+    graph: &PlanGraph,
+    t: usize,
+    one: &Store,
+    other: &Store,
+    keys: &HashSet<HashKey>,
+) -> Result<TableComparison, Fault> {
     let table = graph.plan.table_name(t).to_owned();
-    let mut found = Compared { table: table.clone(), units: 0, differ: vec![] };
-    let mut seen: HashSet<Key> = HashSet::new();
+    let mut found = TableComparison { table: table.clone(), units: 0, differ: vec![] };
+    let mut seen: HashSet<HashKey> = HashSet::new();
     for unit in graph.units(t) {
         // Points that ask the same are one result.
         let Some(key) = graph.key(unit).ok().filter(|key| keys.contains(key) && seen.insert(*key)) else { continue };
@@ -80,7 +87,13 @@ fn compared(graph: &Graph, t: usize, one: &Store, other: &Store, keys: &HashSet<
 }
 
 /// Where two results of a unit differ.
-fn difference(graph: &Graph, unit: Unit, key: Key, one: &Store, other: &Store) -> Result<Option<String>, Fault> {
+fn difference(
+    graph: &PlanGraph,
+    unit: PlanUnit,
+    key: HashKey,
+    one: &Store,
+    other: &Store,
+) -> Result<Option<String>, Fault> {
     match (one.has(key), other.has(key)) {
         (false, false) => return Ok(None),
         (true, true) => {}

@@ -1,9 +1,9 @@
 //! The engine `ballista`: tasks go to the workers of a cluster, through Ballista's scheduler.
 //!
-//! Ballista places tasks, notices workers that are lost, and gives what they had to others. All else is done here: nothing is
-//! handed out while there is no worker; a job is some tasks of one wave, so that receipts come all the time and what goes wrong
-//! with a job costs no other; what came to nothing is handed out again; and the store says what is done where an
-//! answer is lost. `pipeline/CLUSTER.md` says what happens when.
+//! Ballista places tasks, notices workers that are lost, and gives what they had to others. All else is done here:
+//! nothing is handed out while there is no worker; a job is some tasks of one wave, so that receipts come all the time
+//! and what goes wrong with a job costs no other; what came to nothing is handed out again; and the store says what is
+//! done where an answer is lost. `pipeline/CLUSTER.md` says what happens when.
 
 mod client;
 mod closed;
@@ -24,16 +24,16 @@ use schemas::Fault;
 use tokio::runtime::{Builder, Runtime};
 
 use self::{
-    client::{Scheduler, Seen, Trouble},
-    wave::Handing,
+    client::{ClusterSnapshot, SchedulerClient, SchedulerFault},
+    wave::WaveDispatcher,
 };
 pub use self::{
-    key::Trust,
-    scheduler::{Listening, listen},
-    worker::{Config as WorkerConfig, Ended, Hear, work},
+    key::ClusterTrust,
+    scheduler::{BoundScheduler, listen},
+    worker::{ReceiptHandler, WorkerConfig, WorkerExit, work},
 };
 use super::{
-    engine::{Engine, Pace, Wave},
+    engine::{EngineCapacity, TaskEngine, TaskWave},
     task::Receipt,
 };
 
@@ -41,18 +41,18 @@ use super::{
 const TASK_S: f64 = 0.012;
 
 /// The cluster of a scheduler.
-pub struct Ballista {
-    scheduler: Scheduler,
+pub struct BallistaEngine {
+    scheduler: SchedulerClient,
     runtime: Runtime,
     /// This driver, as the scheduler knows it.
     session: String,
-    seen: Seen,
-    limits: Limits,
+    seen: ClusterSnapshot,
+    limits: DispatchLimits,
 }
 
-/// The limits of what is handed out.
+/// Limits of retries, unit time and waiting time for dispatched tasks.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct DispatchLimits {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// The longest time of a unit.
@@ -61,29 +61,29 @@ pub struct Limits {
     pub patience: Duration,
 }
 
-impl Ballista {
+impl BallistaEngine {
     /// The cluster of the scheduler at HOST:PORT.
     ///
     /// # Errors
     /// Fails when the scheduler does not answer, or is another version.
-    pub fn connect(authority: &str, trust: &Trust, limits: Limits) -> Result<Ballista, Fault> {
-        let scheduler = Scheduler::at(authority, trust)?;
+    pub fn connect(authority: &str, trust: &ClusterTrust, limits: DispatchLimits) -> Result<BallistaEngine, Fault> {
+        let scheduler = SchedulerClient::at(authority, trust)?;
         let seen = scheduler.look().map_err(|why| why.fault(authority))?;
-        Ok(Ballista { scheduler, runtime: runtime()?, session: new_instance_id(), seen, limits })
+        Ok(BallistaEngine { scheduler, runtime: runtime()?, session: new_instance_id(), seen, limits })
     }
 }
 
-impl Engine for Ballista {
+impl TaskEngine for BallistaEngine {
     fn is_local(&self) -> bool {
         false
     }
 
-    fn pace(&self) -> Pace {
-        Pace { task_s: TASK_S, at_once: self.seen.cores }
+    fn pace(&self) -> EngineCapacity {
+        EngineCapacity { task_s: TASK_S, at_once: self.seen.cores }
     }
 
-    fn run(&self, wave: &Wave) -> Vec<Option<Receipt>> {
-        Handing::new(self, wave).run()
+    fn run(&self, wave: &TaskWave) -> Vec<Option<Receipt>> {
+        WaveDispatcher::new(self, wave).run()
     }
 }
 
@@ -91,15 +91,15 @@ impl Engine for Ballista {
 ///
 /// # Errors
 /// Fails when it is another version, or has another key.
-pub fn await_scheduler(authority: &str, trust: &Trust, waits: impl FnOnce(&str)) -> Result<(), Fault> {
+pub fn await_scheduler(authority: &str, trust: &ClusterTrust, waits: impl FnOnce(&str)) -> Result<(), Fault> {
     const AGAIN_AFTER: Duration = Duration::from_millis(500);
-    let scheduler = Scheduler::at(authority, trust)?;
+    let scheduler = SchedulerClient::at(authority, trust)?;
     let mut waits = Some(waits);
     loop {
         match scheduler.name() {
             Ok(_) => return Ok(()),
-            Err(why @ (Trouble::Other(_) | Trouble::Stranger)) => return Err(why.fault(authority)),
-            Err(Trouble::Silent(why)) => {
+            Err(why @ (SchedulerFault::Other(_) | SchedulerFault::Stranger)) => return Err(why.fault(authority)),
+            Err(SchedulerFault::Silent(why)) => {
                 waits.take().into_iter().for_each(|waits| waits(&why));
                 std::thread::sleep(AGAIN_AFTER);
             }
@@ -130,15 +130,15 @@ async fn told_to_stop() {
 
 /// Time since an observation, reset by the next one.
 #[derive(Clone, Copy, Debug)]
-struct Since(Instant);
+struct ObservationTimer(Instant);
 
-impl Since {
-    fn now() -> Since {
-        Since(Instant::now())
+impl ObservationTimer {
+    fn now() -> ObservationTimer {
+        ObservationTimer(Instant::now())
     }
 
     fn seen(&mut self) {
-        *self = Since::now();
+        *self = ObservationTimer::now();
     }
 
     fn longer_than(self, time: Duration) -> bool {

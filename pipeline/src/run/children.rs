@@ -1,5 +1,5 @@
-//! Worker processes that this process starts: `magline task`, with tasks in and receipts out. A unit that kills its worker, or
-//! takes too long, takes nothing else with it.
+//! Worker processes that this process starts: `magline task`, with tasks in and receipts out. A unit that kills its
+//! worker, or takes too long, takes nothing else with it.
 
 use std::{
     fmt::Display,
@@ -17,15 +17,15 @@ use nix::{
 use schemas::Fault;
 
 use super::{
-    events::Outcome,
+    events::UnitOutcome,
     interrupt::INTERRUPTED,
-    task::{Answer, Receipt, Task},
+    task::{Receipt, Task, UnitAnswer},
 };
 use crate::store::Store;
 
-/// How worker processes are started.
+/// Command line and limits of worker processes.
 #[derive(Clone, Debug)]
-pub struct Children {
+pub struct WorkerCommand {
     /// This program.
     pub program: PathBuf,
     /// The store.
@@ -36,20 +36,20 @@ pub struct Children {
     pub unit_timeout: Option<Duration>,
 }
 
-/// Stops the worker process that computes a task, from another thread.
+/// Handle that stops the worker process of a task from another thread.
 #[derive(Clone, Debug, Default)]
-pub struct Leash(Arc<Mutex<Held>>);
+pub struct ProcessStopHandle(Arc<Mutex<ProcessStopState>>);
 
 #[derive(Debug, Default)]
-struct Held {
+struct ProcessStopState {
     stopped: bool,
     /// The process at work; none before it is started, and when it is waited for.
     process: Option<Pid>,
 }
 
 #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
-impl Leash {
-    fn held(&self) -> MutexGuard<'_, Held> {
+impl ProcessStopHandle {
+    fn held(&self) -> MutexGuard<'_, ProcessStopState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -78,15 +78,15 @@ impl Leash {
 }
 
 /// A worker process.
-pub struct Running {
+pub struct WorkerProcess {
     child: Child,
     tasks: Option<ChildStdin>,
     receipts: BufReader<ChildStdout>,
 }
 
-impl Running {
+impl WorkerProcess {
     /// Hands a task to the worker, and waits for the receipt; none where the worker is lost.
-    fn ask(&mut self, task: &str, leash: &Leash) -> Option<Receipt> {
+    fn ask(&mut self, task: &str, leash: &ProcessStopHandle) -> Option<Receipt> {
         leash.holds(i32::try_from(self.child.id()).ok().map(Pid::from_raw));
         let answer = self.asked(task);
         leash.holds(None);
@@ -102,7 +102,7 @@ impl Running {
     }
 }
 
-impl Drop for Running {
+impl Drop for WorkerProcess {
     fn drop(&mut self) {
         // A worker whose tasks have come to their end ends too; one that is lost has ended.
         self.tasks.take();
@@ -110,11 +110,16 @@ impl Drop for Running {
     }
 }
 
-impl Children {
+impl WorkerCommand {
     /// Has a task computed by `worker` or, where it is `None`, by a new worker. A lost worker is replaced by another
     /// one; the last one is in `worker` on return. The receipt is partial or `None` when this process receives a stop
     /// signal. A task that the workers reject has a receipt with the reason.
-    pub fn receipt(&self, worker: &mut Option<Running>, task: &Task, leash: &Leash) -> Option<Receipt> {
+    pub fn receipt(
+        &self,
+        worker: &mut Option<WorkerProcess>,
+        task: &Task,
+        leash: &ProcessStopHandle,
+    ) -> Option<Receipt> {
         let text = match serde_json::to_string(task) {
             Ok(text) => text,
             Err(e) => return Some(failed(task, &Fault::machine(e.to_string()))),
@@ -136,8 +141,8 @@ impl Children {
             match answer {
                 Some(mut receipt) if whole(&receipt) || !receipt.ended && leash.is_stopped() => {
                     // A result that is found after a loss was computed by the lost worker.
-                    let found = receipt.units.iter_mut().filter(|a| loss > 0 && a.outcome == Outcome::Reused);
-                    found.for_each(|a| a.outcome = Outcome::Computed);
+                    let found = receipt.units.iter_mut().filter(|a| loss > 0 && a.outcome == UnitOutcome::Reused);
+                    found.for_each(|a| a.outcome = UnitOutcome::Computed);
                     return Some(receipt);
                 }
                 Some(_) => *worker = None,
@@ -152,7 +157,7 @@ impl Children {
         Some(failed(task, &Fault::machine(format!("{most} workers ended without a receipt"))))
     }
 
-    fn start(&self) -> Result<Running, Fault> {
+    fn start(&self) -> Result<WorkerProcess, Fault> {
         let fail = |e: &dyn Display| Fault::machine(format!("cannot start {}: {e}", self.program.display()));
         let mut command = Command::new(&self.program);
         command.args(["task", "--quiet", "--threads", "1", "--retries", &self.retries.to_string(), "--store"]);
@@ -162,7 +167,7 @@ impl Children {
         }
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(|e| fail(&e))?;
         match (child.stdin.take(), child.stdout.take()) {
-            (tasks @ Some(_), Some(receipts)) => Ok(Running { child, tasks, receipts: BufReader::new(receipts) }),
+            (tasks @ Some(_), Some(receipts)) => Ok(WorkerProcess { child, tasks, receipts: BufReader::new(receipts) }),
             _ => Err(fail(&"the process has no standard streams")),
         }
     }
@@ -171,5 +176,5 @@ impl Children {
 /// A receipt all of whose units failed for the same reason.
 pub fn failed(task: &Task, fault: &Fault) -> Receipt {
     let wanted = task.units.iter().filter(|u| !u.have);
-    task.receipt(wanted.map(|u| Answer::of(u, Outcome::Failed, Some(fault.clone()))).collect())
+    task.receipt(wanted.map(|u| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()))).collect())
 }

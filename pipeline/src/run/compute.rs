@@ -8,105 +8,114 @@ use arrow_schema::Schema;
 use schemas::Fault;
 
 use super::{
-    cut::Cut,
-    engine::Told,
-    events::Outcome,
-    held::Held,
-    task::{Answer, Receipt, Task, TaskUnit},
-    work::{Made, Worker},
+    cut::TableAssembler,
+    engine::OutcomeCallback,
+    events::UnitOutcome,
+    held::LineColumnCache,
+    task::{Receipt, Task, TaskUnit, UnitAnswer},
+    work::{UnitResult, UnitWorker},
 };
 use crate::{
-    keys::Key,
-    plan::{LineId, Unit},
-    store::{NewUnit, Packed, Remarks},
+    keys::HashKey,
+    plan::{LineId, PlanUnit},
+    store::{NewUnit, PackedUnit, Remarks},
 };
 
-/// Units that are to be computed. Points of a sweep that are equal in all inputs of their stage have one key: the first of
-/// them is computed, and its result is shared by the others.
-struct Pending {
-    units: Vec<(Unit, Key)>,
+/// Units that are to be computed. Points of a sweep that are equal in all inputs of their stage have one key: the first
+/// of them is computed, and its result is shared by the others.
+struct PendingUnits {
+    units: Vec<(PlanUnit, HashKey)>,
     /// The first unit of each key, in their order.
-    first: Vec<Unit>,
-    of_key: HashMap<Key, Unit>,
+    first: Vec<PlanUnit>,
+    of_key: HashMap<HashKey, PlanUnit>,
 }
 
-impl Pending {
-    fn new(units: Vec<(Unit, Key)>) -> Pending {
+impl PendingUnits {
+    fn new(units: Vec<(PlanUnit, HashKey)>) -> PendingUnits {
         let mut of_key = HashMap::new();
-        let is_first = |(unit, key): &(Unit, Key)| *of_key.entry(*key).or_insert(*unit) == *unit;
+        let is_first = |(unit, key): &(PlanUnit, HashKey)| *of_key.entry(*key).or_insert(*unit) == *unit;
         let first = units.iter().copied().filter(is_first).map(|(unit, _)| unit).collect();
-        Pending { units, first, of_key }
+        PendingUnits { units, first, of_key }
     }
 
     /// The units whose result is shared.
-    fn repeats(&self) -> HashSet<Unit> {
+    fn repeats(&self) -> HashSet<PlanUnit> {
         self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
     }
 
     /// The results of the first units, for all units.
-    fn spread(&self, made: Vec<Made>) -> Vec<Made> {
+    fn spread(&self, made: Vec<UnitResult>) -> Vec<UnitResult> {
         if self.first.len() == self.units.len() {
             return made;
         }
-        let of: HashMap<Unit, Made> = made.into_iter().map(|m| (m.unit, m)).collect();
-        let one = |(unit, key): &(Unit, Key)| Some(Made { unit: *unit, ..of.get(self.of_key.get(key)?)?.clone() });
+        let of: HashMap<PlanUnit, UnitResult> = made.into_iter().map(|m| (m.unit, m)).collect();
+        let one = |(unit, key): &(PlanUnit, HashKey)| {
+            Some(UnitResult { unit: *unit, ..of.get(self.of_key.get(key)?)?.clone() })
+        };
         self.units.iter().filter_map(one).collect()
     }
 }
 
 /// Computes a task of the table `table`, and writes its pack. Units that an interrupt leaves out have no answer.
-pub fn compute(worker: &Worker, table: usize, task: &Task, told: &Told) -> Receipt {
+pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCallback) -> Receipt {
     let pending: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
     let cut = match worker.cut(table) {
         Ok(cut) => cut,
         Err(fault) => {
-            let failed = |u: &&TaskUnit| Answer::of(u, Outcome::Failed, Some(fault.clone()));
+            let failed = |u: &&TaskUnit| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()));
             return task.receipt(pending.iter().map(failed).collect());
         }
     };
-    let without: HashMap<Unit, &[LineId]> =
+    let without: HashMap<PlanUnit, &[LineId]> =
         pending.iter().filter(|u| !u.without.is_empty()).map(|u| (u.unit(table), u.without.as_slice())).collect();
-    let usable = |line: LineId, unit: Unit| !without.get(&unit).is_some_and(|lines| lines.contains(&line));
-    let say = |unit: Unit, made: &Made, computed: Outcome| {
-        let outcome = if made.rows.is_ok() { computed } else { Outcome::Failed };
+    let usable = |line: LineId, unit: PlanUnit| !without.get(&unit).is_some_and(|lines| lines.contains(&line));
+    let say = |unit: PlanUnit, made: &UnitResult, computed: UnitOutcome| {
+        let outcome = if made.rows.is_ok() { computed } else { UnitOutcome::Failed };
         told(unit, outcome, made.rows.as_ref().err());
     };
-    let done = |made: &[Made]| made.iter().for_each(|m| say(m.unit, m, Outcome::Computed));
-    let all = Pending::new(pending.iter().map(|u| (u.unit(table), u.key)).collect());
+    let done = |made: &[UnitResult]| made.iter().for_each(|m| say(m.unit, m, UnitOutcome::Computed));
+    let all = PendingUnits::new(pending.iter().map(|u| (u.unit(table), u.key)).collect());
     let mut made = all.spread(worker.compute(&all.first, &usable, &done));
     let repeats = all.repeats();
-    made.iter().filter(|m| repeats.contains(&m.unit)).for_each(|m| say(m.unit, m, Outcome::Reused));
+    made.iter().filter(|m| repeats.contains(&m.unit)).for_each(|m| say(m.unit, m, UnitOutcome::Reused));
     // A later run computes the units that an interrupt skips, and then writes the whole.
     let part = task.part || made.len() < pending.len();
     let lost = write(worker, cut, table, task, part, &mut made).err();
     let mut made = made.into_iter().peekable();
     let answer = |u: &&TaskUnit| {
         let unit = u.unit(table);
-        let Made { rows, .. } = made.next_if(|m| m.unit == unit)?;
-        let computed = if repeats.contains(&unit) { Outcome::Reused } else { Outcome::Computed };
+        let UnitResult { rows, .. } = made.next_if(|m| m.unit == unit)?;
+        let computed = if repeats.contains(&unit) { UnitOutcome::Reused } else { UnitOutcome::Computed };
         Some(match rows.err().or_else(|| lost.clone()) {
-            None => Answer::of(u, computed, None),
-            Some(fault) => Answer::of(u, Outcome::Failed, Some(fault)),
+            None => UnitAnswer::new(u, computed, None),
+            Some(fault) => UnitAnswer::new(u, UnitOutcome::Failed, Some(fault)),
         })
     };
     task.receipt(pending.iter().filter_map(answer).collect())
 }
 
 /// The pack of a task all of whose units have results or lasting failures.
-pub fn pack_of(cut: &Cut, table: usize, part: bool, units: &[&TaskUnit]) -> Key {
-    let packed = |u: &&TaskUnit| Packed { key: u.key, dress: cut.dress(u.unit(table)), rows: 0 };
+pub fn pack_of(cut: &TableAssembler, table: usize, part: bool, units: &[&TaskUnit]) -> HashKey {
+    let packed = |u: &&TaskUnit| PackedUnit { key: u.key, dress: cut.dress(u.unit(table)), rows: 0 };
     name_of(cut, part, &units.iter().map(packed).collect::<Vec<_>>())
 }
 
-fn name_of(cut: &Cut, part: bool, units: &[Packed]) -> Key {
+fn name_of(cut: &TableAssembler, part: bool, units: &[PackedUnit]) -> HashKey {
     let id = cut.id(units);
-    if part { Key::of([b"part", id.as_ref()]) } else { id }
+    if part { HashKey::from_parts([b"part", id.as_ref()]) } else { id }
 }
 
 /// Writes the pack of a task: the new results, and those that the store has. The rows in `made` are moved out.
-fn write(worker: &Worker, cut: &Cut, table: usize, task: &Task, part: bool, made: &mut [Made]) -> Result<(), Fault> {
+fn write(
+    worker: &UnitWorker,
+    cut: &TableAssembler,
+    table: usize,
+    task: &Task,
+    part: bool,
+    made: &mut [UnitResult],
+) -> Result<(), Fault> {
     let store = worker.store();
-    let mut held = Held::new(worker);
+    let mut held = LineColumnCache::new(worker);
     let mut next = made.iter_mut().peekable();
     let nothing = RecordBatch::new_empty(Schema::empty().into());
     let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
@@ -142,13 +151,13 @@ fn write(worker: &Worker, cut: &Cut, table: usize, task: &Task, part: bool, made
             }
         };
         written.push(unit);
-        packed.push(Packed { key, dress, rows: 0 });
+        packed.push(PackedUnit { key, dress, rows: 0 });
         units.push(new);
     }
     if units.is_empty() {
         return Ok(());
     }
     let id = name_of(cut, part, &packed);
-    let kind = if part { Key::of([b"part", cut.kind.as_ref()]) } else { cut.kind };
+    let kind = if part { HashKey::from_parts([b"part", cut.kind.as_ref()]) } else { cut.kind };
     store.pack(id, kind, &cut.schema, &cut.about(id, &written), units)
 }

@@ -5,45 +5,45 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use schemas::{Column, Fault, Literal, Role, TableKind, Yield, field};
+use schemas::{Column, Fault, Literal, Role, StageSchema, TableKind, field};
 
-use super::held::Held;
+use super::held::LineColumnCache;
 use crate::{
     casting::cast,
-    keys::Key,
-    plan::{Graph, IN_SAMPLE, InSample, Ref, Unit},
-    store::{Packed, row_bytes},
+    keys::HashKey,
+    plan::{IN_SAMPLE, InSampleColumn, PlanGraph, PlanUnit, TableRef},
+    store::{PackedUnit, row_bytes},
 };
 
 /// The identifiers and the time, which every table of flight lines holds.
 const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
-/// The files of one table, seen from its units.
-pub struct Cut<'a> {
-    graph: &'a Graph<'a>,
+/// Schema and assembly of the files of one table from the results of its units.
+pub struct TableAssembler<'a> {
+    graph: &'a PlanGraph<'a>,
     table: usize,
     /// The columns of its files.
     pub schema: SchemaRef,
     /// The hash of these columns.
-    pub kind: Key,
+    pub kind: HashKey,
     /// Columns that are not made at every point: `tt` and what is carried.
     passed: Vec<String>,
     /// The column [`IN_SAMPLE`], in a table of scores or of pooled scores.
-    in_sample: Option<InSample<'a>>,
+    in_sample: Option<InSampleColumn<'a>>,
 }
 
-impl<'a> Cut<'a> {
+impl<'a> TableAssembler<'a> {
     /// Schema of the table `table`.
     ///
     /// # Errors
     /// Fails when a column has types at different points of the sweep that one file cannot hold.
-    pub fn new(graph: &'a Graph<'a>, table: usize) -> Result<Cut<'a>, Fault> {
+    pub fn new(graph: &'a PlanGraph<'a>, table: usize) -> Result<TableAssembler<'a>, Fault> {
         let plan = graph.plan;
         let node = &plan.tables[table];
         let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i));
         let mut fields: Vec<Field> =
             axes.map(|a| field(&a.name, axis_type(&a.values[0]), "", Role::Key, "axis of the sweep")).collect();
-        let yields: Vec<&Yield> = node.variants.iter().map(|v| &v.yields).collect();
+        let yields: Vec<&StageSchema> = node.variants.iter().map(|v| &v.yields).collect();
         let mut passed = vec![];
         for column in node.columns() {
             if fields.iter().any(|f| f.name() == &column.name) {
@@ -55,8 +55,8 @@ impl<'a> Cut<'a> {
             // Results that are recomputed on demand have no file to read.
             let unkept = makers.is_empty()
                 && node.examples(&plan.spec).any(|i| {
-                    let made_by = graph.origin(Ref::Stage(table, i), &column.name).made_by;
-                    matches!(made_by, Ref::Stage(t, _) if !plan.tables[t].keep)
+                    let made_by = graph.origin(TableRef::Stage(table, i), &column.name).made_by;
+                    matches!(made_by, TableRef::Stage(t, _) if !plan.tables[t].keep)
                 });
             let carried = unkept || node.carry.contains(&column.name);
             if makers.is_empty() && !identifier && !carried {
@@ -69,7 +69,7 @@ impl<'a> Cut<'a> {
             let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
             fields.push(one_type(&column, &types)?);
         }
-        let in_sample = InSample::new(graph, table)?;
+        let in_sample = InSampleColumn::new(graph, table)?;
         if let Some(meaning) = node.in_sample_meaning() {
             fields.push(field(IN_SAMPLE, DataType::Boolean, "", Role::Key, meaning));
         }
@@ -80,12 +80,12 @@ impl<'a> Cut<'a> {
             [f.name().clone(), f.data_type().to_string(), format!("{about:?}")]
         });
         let stage = [node.entry.name.to_owned(), node.entry.version.to_string()];
-        let kind = Key::of(stage.into_iter().chain(spelt));
-        Ok(Cut { graph, table, schema, kind, passed, in_sample })
+        let kind = HashKey::from_parts(stage.into_iter().chain(spelt));
+        Ok(TableAssembler { graph, table, schema, kind, passed, in_sample })
     }
 
     /// The estimated memory of a unit, in bytes, before it is computed.
-    pub fn bytes(&self, unit: Unit) -> usize {
+    pub fn bytes(&self, unit: PlanUnit) -> usize {
         /// Rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
         /// Rows of a map, which is as large as its data make it: enough for a chunk of its own.
@@ -105,12 +105,12 @@ impl<'a> Cut<'a> {
     }
 
     /// Whether a line behind the rows of a unit is in sample; `None` for tables without scores.
-    fn in_sample(&self, unit: Unit) -> Option<bool> {
+    fn in_sample(&self, unit: PlanUnit) -> Option<bool> {
         self.in_sample.as_ref().map(|column| column.lines(unit).0 > 0)
     }
 
     /// A hash of the columns of a unit's rows that its stage did not make.
-    pub fn dress(&self, unit: Unit) -> u64 {
+    pub fn dress(&self, unit: PlanUnit) -> u64 {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let mut parts: Vec<String> = vec![];
@@ -122,11 +122,11 @@ impl<'a> Cut<'a> {
         }
         for name in &self.passed {
             if let Some(line) = unit.line.filter(|_| it.makes(name).is_none()) {
-                let key = self.graph.column(Ref::Stage(unit.table, unit.instance), line, name);
+                let key = self.graph.column(TableRef::Stage(unit.table, unit.instance), line, name);
                 parts.extend([name.clone(), key.map_or_else(|_| "none".to_owned(), |k| k.to_string())]);
             }
         }
-        let key = Key::of(parts);
+        let key = HashKey::from_parts(parts);
         let bytes: [u8; 8] = key.as_ref()[..8].try_into().unwrap_or_default();
         u64::from_le_bytes(bytes)
     }
@@ -135,7 +135,7 @@ impl<'a> Cut<'a> {
     ///
     /// # Errors
     /// Fails when the carried columns cannot be read.
-    pub fn rows(&self, unit: Unit, made: &RecordBatch, held: &mut Held) -> Result<RecordBatch, Fault> {
+    pub fn rows(&self, unit: PlanUnit, made: &RecordBatch, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let axes = plan.tables[unit.table].axis_columns(&it, &plan.spec);
@@ -147,7 +147,7 @@ impl<'a> Cut<'a> {
             .cloned()
             .collect();
         let passed = match unit.line.filter(|_| !wanted.is_empty()) {
-            Some(line) => Some(held.batch(Ref::Stage(unit.table, unit.instance), line, &wanted)?),
+            Some(line) => Some(held.batch(TableRef::Stage(unit.table, unit.instance), line, &wanted)?),
             None => None,
         };
         let identifier = |name: &str| {
@@ -177,15 +177,15 @@ impl<'a> Cut<'a> {
     }
 
     /// The name of a pack of these units.
-    pub fn id(&self, units: &[Packed]) -> Key {
+    pub fn id(&self, units: &[PackedUnit]) -> HashKey {
         let spelt = units.iter().flat_map(|u| [u.key.to_string(), format!("{:x}", u.dress)]);
-        Key::of([self.kind.to_string()].into_iter().chain(spelt))
+        HashKey::from_parts([self.kind.to_string()].into_iter().chain(spelt))
     }
 
     /// The metadata of a pack of these units, which describe the file on its own.
-    pub fn about(&self, id: Key, units: &[Unit]) -> Vec<(String, String)> {
+    pub fn about(&self, id: HashKey, units: &[PlanUnit]) -> Vec<(String, String)> {
         let node = &self.graph.plan.tables[self.table];
-        let mut questions: Vec<Key> = vec![];
+        let mut questions: Vec<HashKey> = vec![];
         for unit in units {
             let asked = self.graph.plan.instance(unit.table, unit.instance).question();
             if questions.last() != Some(&asked) {
@@ -203,7 +203,7 @@ impl<'a> Cut<'a> {
         let pairs = [
             ("magline.stage", node.entry.name.to_owned()),
             ("magline.stage_version", node.entry.version.to_string()),
-            ("magline.spec_hash", Key::of(questions).to_string()),
+            ("magline.spec_hash", HashKey::from_parts(questions).to_string()),
             ("magline.key", id.to_string()),
             ("magline.columns", serde_json::Value::Object(columns).to_string()),
         ];

@@ -5,19 +5,19 @@ use schemas::{Fault, Grain};
 
 use super::{
     compute::compute,
-    events::Outcome,
+    events::UnitOutcome,
     task::{Receipt, Task},
-    work::Worker,
+    work::UnitWorker,
 };
-use crate::plan::Unit;
+use crate::plan::PlanUnit;
 
 /// Callback for the outcome of each unit, called from any thread.
-pub type Told<'a> = dyn Fn(Unit, Outcome, Option<&Fault>) + Sync + 'a;
+pub type OutcomeCallback<'a> = dyn Fn(PlanUnit, UnitOutcome, Option<&Fault>) + Sync + 'a;
 
 /// The tasks of one table, none of which needs the result of another.
-pub struct Wave<'a> {
+pub struct TaskWave<'a> {
     /// The plan, the store and the stages, in this process.
-    pub worker: &'a Worker<'a>,
+    pub worker: &'a UnitWorker<'a>,
     /// The table.
     pub table: usize,
     /// The tasks.
@@ -26,10 +26,10 @@ pub struct Wave<'a> {
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub unit_s: f64,
     /// Hears of each unit.
-    pub told: &'a Told<'a>,
+    pub told: &'a OutcomeCallback<'a>,
 }
 
-impl Wave<'_> {
+impl TaskWave<'_> {
     /// Tells the outcomes of a task.
     pub fn tell(&self, task: &Task, receipt: &Receipt) {
         for answer in &receipt.units {
@@ -42,7 +42,7 @@ impl Wave<'_> {
 
 /// Task sizes that suit an engine.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct EngineCapacity {
     /// Overhead of a task, s.
     pub task_s: f64,
     /// How many tasks are computed at once; 0 where that is not known.
@@ -54,7 +54,7 @@ const MOST_BESIDE: f64 = 0.05;
 /// The most units of a task, however quick they are: a worker that is lost takes that many with it.
 const MOST_UNITS: usize = 4096;
 
-impl Pace {
+impl EngineCapacity {
     /// Number of units of a task, for a wave of `units` units of `unit_s` seconds each. The overhead of the task is
     /// then 5 % of its time. With less work, there is one task for each of those that are computed at once, unless its
     /// overhead exceeds its work.
@@ -70,31 +70,32 @@ impl Pace {
 
 /// Component that computes tasks. For every engine, the driver plans, searches the store, lays out and publishes in the
 /// same way.
-pub trait Engine: Sync {
-    /// Whether tasks are computed in this process: they need no plan in the store, and their results are in the catalogue.
+pub trait TaskEngine: Sync {
+    /// Whether tasks are computed in this process: they need no plan in the store, and their results are in the
+    /// catalogue.
     fn is_local(&self) -> bool;
 
     /// Task sizes that suit this engine.
-    fn pace(&self) -> Pace;
+    fn pace(&self) -> EngineCapacity;
 
-    /// Computes the tasks of a wave; the answers of each, in their order. None for a task that an interrupt left out. A unit
-    /// that was lost has an answer too: a fault of the machine.
-    fn run(&self, wave: &Wave) -> Vec<Option<Receipt>>;
+    /// Computes the tasks of a wave; the answers of each, in their order. None for a task that an interrupt left out. A
+    /// unit that was lost has an answer too: a fault of the machine.
+    fn run(&self, wave: &TaskWave) -> Vec<Option<Receipt>>;
 }
 
 /// The threads of this process: rayon's current pool.
-pub struct Local;
+pub struct LocalEngine;
 
-impl Engine for Local {
+impl TaskEngine for LocalEngine {
     fn is_local(&self) -> bool {
         true
     }
 
-    fn pace(&self) -> Pace {
-        Pace { task_s: 0.0, at_once: rayon::current_num_threads() }
+    fn pace(&self) -> EngineCapacity {
+        EngineCapacity { task_s: 0.0, at_once: rayon::current_num_threads() }
     }
 
-    fn run(&self, wave: &Wave) -> Vec<Option<Receipt>> {
+    fn run(&self, wave: &TaskWave) -> Vec<Option<Receipt>> {
         prepare(wave.worker, wave.table, wave.tasks);
         wave.tasks
             .par_iter()
@@ -105,7 +106,7 @@ impl Engine for Local {
 }
 
 /// Builds what all lines of these tasks share, each once.
-pub fn prepare(worker: &Worker, table: usize, tasks: &[Task]) {
+pub fn prepare(worker: &UnitWorker, table: usize, tasks: &[Task]) {
     if worker.grain(table) != Grain::Map {
         let to_do = tasks.iter().flat_map(|task| task.units.iter().filter(|u| !u.have));
         worker.prepare_all(to_do.map(|u| u.unit(table)));
@@ -121,7 +122,7 @@ mod tests {
         for (task_s, unit_s) in [(0.012, 0.3e-3), (0.012, 0.02), (0.1, 0.3e-3), (0.1, 7.0), (0.02, 0.1)] {
             for at_once in [0, 1, 2, 64] {
                 for units in [1usize, 10, 1000, 1_000_000] {
-                    let n = Pace { task_s, at_once }.units(units, unit_s);
+                    let n = EngineCapacity { task_s, at_once }.units(units, unit_s);
                     let beside = |n: usize| task_s / (n as f64 * unit_s);
                     let few = at_once > 0 && n >= units.div_ceil(at_once) && beside(n) <= 1.0 + 1e-9;
                     assert!(
@@ -133,7 +134,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(Pace { task_s: 0.1, at_once: 0 }.units(10, 0.0), MOST_UNITS);
-        assert_eq!(Pace { task_s: 0.1, at_once: 0 }.units(10, f64::NAN), MOST_UNITS);
+        assert_eq!(EngineCapacity { task_s: 0.1, at_once: 0 }.units(10, 0.0), MOST_UNITS);
+        assert_eq!(EngineCapacity { task_s: 0.1, at_once: 0 }.units(10, f64::NAN), MOST_UNITS);
     }
 }

@@ -5,16 +5,16 @@ use std::ops::Add;
 use schemas::Fault;
 use serde::{Deserialize, Serialize};
 
-use super::Summary;
+use super::RunSummary;
 use crate::{
-    plan::{Graph, Point},
-    sources::ReadStep,
-    spec::{Row, Scored, Search},
+    plan::{PlanGraph, SweepPoint},
+    sources::ReadProgress,
+    spec::{SearchSpec, SearchTrial, SearchTrialScore},
 };
 
 /// The number of units of a table by outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Count {
+pub struct OutcomeCounts {
     /// Computed now.
     pub computed: usize,
     /// Found in the store.
@@ -25,11 +25,11 @@ pub struct Count {
     pub skipped: usize,
 }
 
-impl Add for Count {
-    type Output = Count;
+impl Add for OutcomeCounts {
+    type Output = OutcomeCounts;
 
-    fn add(self, other: Count) -> Count {
-        Count {
+    fn add(self, other: OutcomeCounts) -> OutcomeCounts {
+        OutcomeCounts {
             computed: self.computed + other.computed,
             reused: self.reused + other.reused,
             failed: self.failed + other.failed,
@@ -41,7 +41,7 @@ impl Add for Count {
 /// The outcome of one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Outcome {
+pub enum UnitOutcome {
     /// Computed now.
     Computed,
     /// Found in the store.
@@ -52,14 +52,14 @@ pub enum Outcome {
     Skipped,
 }
 
-impl Outcome {
+impl UnitOutcome {
     /// The word for it.
     pub fn as_str(self) -> &'static str {
         match self {
-            Outcome::Computed => "computed",
-            Outcome::Reused => "reused",
-            Outcome::Failed => "failed",
-            Outcome::Skipped => "skipped",
+            UnitOutcome::Computed => "computed",
+            UnitOutcome::Reused => "reused",
+            UnitOutcome::Failed => "failed",
+            UnitOutcome::Skipped => "skipped",
         }
     }
 }
@@ -71,7 +71,7 @@ pub enum Event<'a> {
         /// The source.
         table: &'a str,
         /// Its progress.
-        step: &'a ReadStep<'a>,
+        step: &'a ReadProgress<'a>,
     },
     /// The run begins.
     Started {
@@ -84,7 +84,7 @@ pub enum Event<'a> {
         /// Choices made automatically.
         notes: &'a [String],
         /// Graph of the run.
-        graph: &'a Graph<'a>,
+        graph: &'a PlanGraph<'a>,
     },
     /// The missing part of a table is computed now.
     Computing {
@@ -98,7 +98,7 @@ pub enum Event<'a> {
         /// The table.
         table: &'a str,
         /// The sweep point.
-        point: &'a Point,
+        point: &'a SweepPoint,
         /// How far, in a few words.
         progress: &'a str,
     },
@@ -112,31 +112,31 @@ pub enum Event<'a> {
         /// The table.
         table: &'a str,
         /// The sweep point.
-        point: &'a Point,
+        point: &'a SweepPoint,
         /// The line; `None` for a survey stage.
         line: Option<&'a (String, String)>,
         /// Its outcome.
-        outcome: Outcome,
+        outcome: UnitOutcome,
         /// Why it failed.
         fault: Option<&'a Fault>,
     },
     /// Trials of a search are computed next.
     Searching {
         /// The trials of this generation at this rung.
-        rows: &'a [Row],
+        rows: &'a [SearchTrial],
         /// The number of trials of the whole search.
         trials: usize,
         /// The best so far.
-        best: Option<&'a Scored>,
+        best: Option<&'a SearchTrialScore>,
     },
     /// Trials of a search have their goals.
     Trials {
         /// The search.
-        search: &'a Search,
+        search: &'a SearchSpec,
         /// These trials.
-        scored: &'a [Scored],
+        scored: &'a [SearchTrialScore],
         /// The best so far.
-        best: Option<&'a Scored>,
+        best: Option<&'a SearchTrialScore>,
     },
     /// A table is written as a data set.
     Publishing {
@@ -148,14 +148,14 @@ pub enum Event<'a> {
         /// The table.
         table: &'a str,
         /// The outcome of its units.
-        count: Count,
+        count: OutcomeCounts,
         /// Its duration.
         seconds: f64,
     },
     /// The run is over.
     Finished {
         /// Its summary.
-        summary: &'a Summary,
+        summary: &'a RunSummary,
     },
 }
 
@@ -166,8 +166,8 @@ pub trait Listener: Sync {
 }
 
 /// No observer.
-pub struct Quiet;
+pub struct SilentListener;
 
-impl Listener for Quiet {
+impl Listener for SilentListener {
     fn hear(&self, _: &Event) {}
 }

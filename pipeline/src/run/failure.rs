@@ -6,7 +6,7 @@ use schemas::Fault;
 
 use crate::{
     plan::Plan,
-    views::warnings::{Kind, Warning},
+    views::warnings::{Warning, WarningKind},
 };
 
 /// A unit that could not be computed.
@@ -15,7 +15,7 @@ pub struct Failure {
     /// The table, or the source.
     pub table: String,
     /// The sweep point.
-    pub point: crate::plan::Point,
+    pub point: crate::plan::SweepPoint,
     /// The line; `None` for a survey stage.
     pub line: Option<(String, String)>,
     /// Why.
@@ -27,7 +27,7 @@ pub struct Failure {
 pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<Warning>) {
     let named = |w: &Warning| {
         let table = plan.table(&w.stage).ok().and_then(|t| plan.decl(t));
-        w.kind == Kind::Metric && table.is_some_and(|decl| decl.args.contains_key("metrics"))
+        w.kind == WarningKind::Metric && table.is_some_and(|decl| decl.args.contains_key("metrics"))
     };
     let (failed, others): (Vec<Warning>, Vec<Warning>) = warnings.into_iter().partition(named);
     let failure = |w: Warning| Failure { table: w.stage, point: w.point, line: w.line, fault: Fault::data(w.text) };

@@ -4,30 +4,30 @@ use std::{collections::HashMap, sync::Arc};
 
 use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, new_null_array};
 use arrow_schema::{DataType, Field, Schema};
-use schemas::{Fault, Shape};
+use schemas::{Fault, TableShape};
 
-use super::work::Worker;
+use super::work::UnitWorker;
 use crate::{
     casting::cast,
-    keys::Key,
-    plan::{Graph, LineId, Ref, Unit},
+    keys::HashKey,
+    plan::{LineId, PlanGraph, PlanUnit, TableRef},
 };
 
 /// The limit of cached columns of a group, in bytes.
 const HELD_BYTES: usize = 256 << 20;
 
-/// Columns that were read, so that the points of a line share them.
-pub struct Held<'a> {
-    worker: &'a Worker<'a>,
-    graph: &'a Graph<'a>,
-    columns: HashMap<(Key, String), ArrayRef>,
+/// Cache of columns that the points of a line share.
+pub struct LineColumnCache<'a> {
+    worker: &'a UnitWorker<'a>,
+    graph: &'a PlanGraph<'a>,
+    columns: HashMap<(HashKey, String), ArrayRef>,
     bytes: usize,
 }
 
-impl<'a> Held<'a> {
+impl<'a> LineColumnCache<'a> {
     /// An empty cache.
-    pub fn new(worker: &'a Worker<'a>) -> Held<'a> {
-        Held { worker, graph: worker.graph(), columns: HashMap::new(), bytes: 0 }
+    pub fn new(worker: &'a UnitWorker<'a>) -> LineColumnCache<'a> {
+        LineColumnCache { worker, graph: worker.graph(), columns: HashMap::new(), bytes: 0 }
     }
 
     /// The columns `names` of one line of `r`, each from the object that holds it. A column that the line lacks is
@@ -35,27 +35,27 @@ impl<'a> Held<'a> {
     ///
     /// # Errors
     /// Fails when the store cannot be read.
-    pub fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
-        let mut wanted: Vec<Wanted> = vec![];
+    pub fn batch(&mut self, r: TableRef, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
+        let mut wanted: Vec<ColumnRequest> = vec![];
         for name in names {
             let origin = self.graph.origin(r, name);
-            if let Ref::Flights(i) = origin.made_by
+            if let TableRef::Flights(i) = origin.made_by
                 && self.graph.records[i].get(&line).is_some_and(|l| !l.columns.contains_key(&origin.column))
             {
                 continue;
             }
             let object = self.graph.object(origin.made_by, line)?;
-            wanted.push(Wanted { made_by: origin.made_by, object, column: origin.column });
+            wanted.push(ColumnRequest { made_by: origin.made_by, object, column: origin.column });
         }
         self.fetch(&wanted, line)?;
         let (mut fields, mut arrays) = (vec![], vec![]);
         let plan = self.graph.plan;
         let described = |name: &str| match r {
-            Ref::Flights(i) => plan.flights[i].shape.get(name),
-            Ref::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
-            Ref::Map(_) => None,
+            TableRef::Flights(i) => plan.flights[i].shape.get(name),
+            TableRef::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
+            TableRef::Map(_) => None,
         };
-        for Wanted { object, column: name, .. } in wanted {
+        for ColumnRequest { object, column: name, .. } in wanted {
             let Some(array) = self.columns.get(&(object, name.clone())) else { continue };
             let field = described(&name).map(schemas::Column::field);
             let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
@@ -75,22 +75,22 @@ impl<'a> Held<'a> {
     }
 
     /// The columns of `r`; none of a map.
-    pub fn shape(&self, r: Ref) -> Option<Shape> {
+    pub fn shape(&self, r: TableRef) -> Option<TableShape> {
         match r {
-            Ref::Flights(i) => Some(self.graph.plan.flights[i].shape.clone()),
-            Ref::Stage(t, i) => Some(self.graph.plan.instance(t, i).table.shape().clone()),
-            Ref::Map(_) => None,
+            TableRef::Flights(i) => Some(self.graph.plan.flights[i].shape.clone()),
+            TableRef::Stage(t, i) => Some(self.graph.plan.instance(t, i).table.shape().clone()),
+            TableRef::Map(_) => None,
         }
     }
 
     /// Reads what is not cached yet, each object once; results that are not kept are recomputed.
-    fn fetch(&mut self, wanted: &[Wanted], line: LineId) -> Result<(), Fault> {
+    fn fetch(&mut self, wanted: &[ColumnRequest], line: LineId) -> Result<(), Fault> {
         if self.bytes > HELD_BYTES {
             self.columns.clear();
             self.bytes = 0;
         }
-        let mut objects: Vec<(Key, Ref, Vec<String>)> = vec![];
-        for Wanted { made_by, object, column } in wanted {
+        let mut objects: Vec<(HashKey, TableRef, Vec<String>)> = vec![];
+        for ColumnRequest { made_by, object, column } in wanted {
             if self.columns.contains_key(&(*object, column.clone())) {
                 continue;
             }
@@ -102,10 +102,10 @@ impl<'a> Held<'a> {
         }
         for (object, made_by, columns) in objects {
             let batch = match made_by {
-                Ref::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
+                TableRef::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
                     let worker = self.worker;
                     let node = &self.graph.plan.tables[table].name;
-                    let unit = Unit { table, instance, line: Some(line) };
+                    let unit = PlanUnit { table, instance, line: Some(line) };
                     let named = |f: Fault| Fault { what: format!("`{node}`: {}", f.what), ..f };
                     worker.alone(unit, line, self).map_err(named)?
                 }
@@ -121,9 +121,9 @@ impl<'a> Held<'a> {
 }
 
 /// A column to read.
-struct Wanted {
-    made_by: Ref,
-    object: Key,
+struct ColumnRequest {
+    made_by: TableRef,
+    object: HashKey,
     column: String,
 }
 
@@ -131,7 +131,7 @@ struct Wanted {
 ///
 /// # Errors
 /// Fails when Arrow refuses the columns.
-pub fn filled(batch: RecordBatch, columns: &[String], shape: Option<Shape>) -> Result<RecordBatch, Fault> {
+pub fn filled(batch: RecordBatch, columns: &[String], shape: Option<TableShape>) -> Result<RecordBatch, Fault> {
     let rows = batch.num_rows();
     let (mut fields, mut arrays) = (vec![], vec![]);
     for name in columns {

@@ -9,11 +9,11 @@ use std::{collections::HashMap, ops::Range};
 
 use schemas::Grain;
 
-use super::cut::Cut;
+use super::cut::TableAssembler;
 use crate::{
-    keys::Key,
-    plan::{Graph, Unit},
-    store::{Catalogue, Packed},
+    keys::HashKey,
+    plan::{PlanGraph, PlanUnit},
+    store::{PackCatalogue, PackedUnit},
 };
 
 /// The bytes of a chunk in memory.
@@ -22,18 +22,18 @@ const CHUNK_BYTES: usize = 8 << 20;
 const POINTS_TOGETHER: usize = 8;
 
 /// The units of a table in the order of its rows, in chunks.
-pub struct Layout {
+pub struct TableLayout {
     /// The units.
-    pub units: Vec<Unit>,
+    pub units: Vec<PlanUnit>,
     /// The chunks.
     pub chunks: Vec<Range<usize>>,
 }
 
-impl Layout {
+impl TableLayout {
     /// Layout of the table of `cut`.
-    pub fn new(graph: &Graph, table: usize, cut: &Cut) -> Layout {
+    pub fn new(graph: &PlanGraph, table: usize, cut: &TableAssembler) -> TableLayout {
         let node = &graph.plan.tables[table];
-        let mut units: Vec<Unit> = graph.units(table).collect();
+        let mut units: Vec<PlanUnit> = graph.units(table).collect();
         if node.entry.grain == Grain::Line && !node.is_small() {
             // Line by line: the points of a sweep share the reading of a line.
             units.sort_by_key(|u| (u.line, u.instance));
@@ -51,14 +51,14 @@ impl Layout {
         if start < units.len() {
             chunks.push(start..units.len());
         }
-        Layout { units, chunks }
+        TableLayout { units, chunks }
     }
 }
 
 /// The packs of the store that contain rows of a table exactly as needed.
-pub struct Cover {
+pub struct PackCover {
     /// The packs, in the order of the rows.
-    pub packs: Vec<Key>,
+    pub packs: Vec<HashKey>,
     /// Whether each unit is in one of them.
     pub covered: Vec<bool>,
 }
@@ -66,12 +66,18 @@ pub struct Cover {
 /// Finds packs of units that are all needed, without duplicates. `wanted` has, for each unit of `layout`, its entry in
 /// its pack, where it was computed or has failed; `rows` is ignored. With `strict` only packs that are whole chunks
 /// count.
-pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option<Packed>], strict: bool) -> Cover {
-    let at: HashMap<(Key, u64), usize> =
+pub fn cover(
+    catalogue: &PackCatalogue,
+    kind: HashKey,
+    layout: &TableLayout,
+    wanted: &[Option<PackedUnit>],
+    strict: bool,
+) -> PackCover {
+    let at: HashMap<(HashKey, u64), usize> =
         wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
     // A single chunk is small. It is always one pack, so that small tables have the same bytes for any history.
     let strict = strict || layout.chunks.len() <= 1;
-    let mut found: Vec<(bool, usize, usize, Key, Vec<usize>)> = vec![];
+    let mut found: Vec<(bool, usize, usize, HashKey, Vec<usize>)> = vec![];
     for pack in catalogue.packs().filter(|p| p.kind == kind) {
         let places: Option<Vec<usize>> = pack.units.iter().map(|u| at.get(&(u.key, u.dress)).copied()).collect();
         let Some(places) = places.filter(|p| !p.is_empty()) else { continue };
@@ -95,7 +101,7 @@ pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option
         }
     }
     packs.sort();
-    Cover { packs: packs.into_iter().map(|(_, id)| id).collect(), covered }
+    PackCover { packs: packs.into_iter().map(|(_, id)| id).collect(), covered }
 }
 
 /// Whether a number of packs is too large for a table of a number of chunks.
@@ -107,30 +113,30 @@ pub fn scattered(packs: usize, chunks: usize) -> bool {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::store::Pack;
+    use crate::store::StorePack;
 
-    fn packed(name: usize) -> Packed {
-        Packed { key: Key::of([name.to_string()]), dress: name as u64, rows: 5 }
+    fn packed(name: usize) -> PackedUnit {
+        PackedUnit { key: HashKey::from_parts([name.to_string()]), dress: name as u64, rows: 5 }
     }
 
-    fn catalogue(packs: &[&[usize]]) -> Catalogue {
-        let mut catalogue = Catalogue::default();
+    fn catalogue(packs: &[&[usize]]) -> PackCatalogue {
+        let mut catalogue = PackCatalogue::default();
         for units in packs {
-            let id = Key::of(units.iter().map(usize::to_string));
+            let id = HashKey::from_parts(units.iter().map(usize::to_string));
             let units = units.iter().map(|u| packed(*u)).collect();
-            catalogue.insert(Pack { id, size: 1, modified_ns: 1, kind: Key::of(["kind"]), units });
+            catalogue.insert(StorePack { id, size: 1, modified_ns: 1, kind: HashKey::from_parts(["kind"]), units });
         }
         catalogue
     }
 
     /// The first units of the packs that cover six units in chunks of three, and how many units are covered.
     fn covered(packs: &[&[usize]], strict: bool) -> (Vec<usize>, usize) {
-        let unit = |instance| Unit { table: 0, instance, line: None };
-        let layout = Layout { units: (0..6).map(unit).collect(), chunks: vec![0..3, 3..6] };
-        let wanted: Vec<Option<Packed>> = (0..6).map(|i| Some(packed(i))).collect();
+        let unit = |instance| PlanUnit { table: 0, instance, line: None };
+        let layout = TableLayout { units: (0..6).map(unit).collect(), chunks: vec![0..3, 3..6] };
+        let wanted: Vec<Option<PackedUnit>> = (0..6).map(|i| Some(packed(i))).collect();
         let catalogue = catalogue(packs);
-        let found = cover(&catalogue, Key::of(["kind"]), &layout, &wanted, strict);
-        let first = |id: &Key| {
+        let found = cover(&catalogue, HashKey::from_parts(["kind"]), &layout, &wanted, strict);
+        let first = |id: &HashKey| {
             let units = &catalogue.by_id(*id).unwrap().units;
             units.first().map_or(99, |u| u.dress as usize)
         };
@@ -147,7 +153,7 @@ mod tests {
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5, 7]], false), (vec![0], 3));
         assert_eq!(covered(&[], false), (vec![], 0));
         let other = catalogue(&[&[0, 1, 2]]);
-        let layout = Layout { units: vec![], chunks: vec![] };
-        assert!(cover(&other, Key::of(["other"]), &layout, &[], false).packs.is_empty());
+        let layout = TableLayout { units: vec![], chunks: vec![] };
+        assert!(cover(&other, HashKey::from_parts(["other"]), &layout, &[], false).packs.is_empty());
     }
 }

@@ -17,11 +17,11 @@ use arrow_schema::{Field, Schema, SchemaRef};
 use schemas::{Column, Fault, Role, field};
 
 use super::{
-    cut::{Cut, axis_type, axis_values, one_type},
-    layout::Layout,
+    cut::{TableAssembler, axis_type, axis_values, one_type},
+    layout::TableLayout,
 };
 use crate::{
-    plan::{Graph, LineId, Ref, TableNode, Unit, Variant},
+    plan::{LineId, PlanGraph, PlanUnit, StageVariant, TableNode, TableRef},
     store::Store,
 };
 
@@ -34,7 +34,7 @@ pub const PATTERNS: &str = "magline.patterns";
 ///
 /// # Errors
 /// Fails when a column has types at different points of the sweep that one table cannot have.
-pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
+pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     let spec = &graph.plan.spec;
     let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
     let axes: Vec<Field> =
@@ -50,27 +50,27 @@ pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
 }
 
 /// A point of a table and its ancestors through first inputs, itself first.
-fn chain(graph: &Graph, t: usize, instance: usize) -> Vec<Ref> {
-    let mut chain = vec![Ref::Stage(t, instance)];
-    while let Some(Ref::Stage(t, i)) = chain.last().copied() {
+fn chain(graph: &PlanGraph, t: usize, instance: usize) -> Vec<TableRef> {
+    let mut chain = vec![TableRef::Stage(t, instance)];
+    while let Some(TableRef::Stage(t, i)) = chain.last().copied() {
         match graph.plan.instance(t, i).first_input() {
-            Some(up @ (Ref::Stage(..) | Ref::Flights(_))) => chain.push(up),
-            Some(Ref::Map(_)) | None => break,
+            Some(up @ (TableRef::Stage(..) | TableRef::Flights(_))) => chain.push(up),
+            Some(TableRef::Map(_)) | None => break,
         }
     }
     chain
 }
 
 /// The steps up to each column of a point.
-fn pattern(graph: &Graph, chain: &[Ref], names: &[String]) -> BTreeMap<String, usize> {
-    let Some(Ref::Stage(t, i)) = chain.first().copied() else { return BTreeMap::new() };
+fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<String, usize> {
+    let Some(TableRef::Stage(t, i)) = chain.first().copied() else { return BTreeMap::new() };
     let own = graph.plan.instance(t, i);
     let depth = |name: &String| {
         own.table.shape().get(name)?;
         chain.iter().position(|r| match r {
-            Ref::Stage(t, i) => graph.plan.instance(*t, *i).makes(name).is_some(),
-            Ref::Flights(_) => true,
-            Ref::Map(_) => false,
+            TableRef::Stage(t, i) => graph.plan.instance(*t, *i).makes(name).is_some(),
+            TableRef::Flights(_) => true,
+            TableRef::Map(_) => false,
         })
     };
     names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
@@ -81,11 +81,11 @@ fn pattern(graph: &Graph, chain: &[Ref], names: &[String]) -> BTreeMap<String, u
 /// # Errors
 /// Fails when the store cannot be written.
 pub fn write(
-    graph: &Graph,
+    graph: &PlanGraph,
     store: &Store,
-    cut: &Cut,
+    cut: &TableAssembler,
     t: usize,
-    there: &(dyn Fn(Unit) -> bool + Sync),
+    there: &(dyn Fn(PlanUnit) -> bool + Sync),
 ) -> Result<Option<PathBuf>, Fault> {
     let plan = graph.plan;
     let node = &plan.tables[t];
@@ -93,17 +93,19 @@ pub fn write(
     if node.is_small() || logical.fields().len() == cut.schema.fields().len() {
         return Ok(None);
     }
-    let units: Vec<Unit> = Layout::new(graph, t, cut).units.into_iter().filter(|u| there(*u)).collect();
+    let units: Vec<PlanUnit> = TableLayout::new(graph, t, cut).units.into_iter().filter(|u| there(*u)).collect();
     let names: Vec<String> = logical.fields().iter().map(|f| f.name().clone()).collect();
     let mut patterns: Vec<BTreeMap<String, usize>> = vec![];
     // Points whose chains have the same shapes have the same pattern.
-    let mut known: HashMap<Vec<(Ref, *const Variant)>, usize> = HashMap::new();
-    let mut of_point: HashMap<usize, (usize, Vec<Ref>)> = HashMap::new();
+    let mut known: HashMap<Vec<(TableRef, *const StageVariant)>, usize> = HashMap::new();
+    let mut of_point: HashMap<usize, (usize, Vec<TableRef>)> = HashMap::new();
     for unit in &units {
         of_point.entry(unit.instance).or_insert_with(|| {
             let chain = chain(graph, t, unit.instance);
-            let shape = |r: &Ref| match r {
-                Ref::Stage(t, i) => (Ref::Stage(*t, 0), std::ptr::from_ref(graph.plan.instance(*t, *i).variant)),
+            let shape = |r: &TableRef| match r {
+                TableRef::Stage(t, i) => {
+                    (TableRef::Stage(*t, 0), std::ptr::from_ref(graph.plan.instance(*t, *i).variant))
+                }
                 other => (*other, std::ptr::null()),
             };
             let of = *known.entry(chain.iter().map(shape).collect()).or_insert_with(|| {
@@ -119,7 +121,7 @@ pub fn write(
         field("flight", arrow_schema::DataType::Utf8, "", Role::Key, "flight identifier"),
         field("line", arrow_schema::DataType::Utf8, "", Role::Key, "line identifier"),
     ];
-    let of = |u: &Unit| of_point.get(&u.instance);
+    let of = |u: &PlanUnit| of_point.get(&u.instance);
     let text = |f: fn(&(String, String)) -> &String| -> ArrayRef {
         Arc::new(units.iter().map(|u| u.line.and_then(|l| graph.lines.get(l)).map(f)).collect::<StringArray>())
     };
@@ -131,7 +133,7 @@ pub fn write(
     for i in &node.axes {
         let Some(axis) = plan.spec.axes.get(*i) else { continue };
         let kind = axis_type(&axis.values[0]);
-        let value = |u: &Unit| match plan.instance(t, u.instance).point().get(&axis.name) {
+        let value = |u: &PlanUnit| match plan.instance(t, u.instance).point().get(&axis.name) {
             Some(value) => axis_values(value, 1),
             None => new_null_array(&kind, 1),
         };
@@ -146,7 +148,7 @@ pub fn write(
         fields.push(field(&format!("axis {}", axis.name), kind, "", Role::Key, "axis of the sweep"));
     }
     for step in 0..depth {
-        let key = |u: &Unit, line: LineId| {
+        let key = |u: &PlanUnit, line: LineId| {
             let r = of(u).and_then(|(_, chain)| chain.get(step))?;
             graph.object(*r, line).ok()
         };

@@ -31,46 +31,46 @@ use std::{sync::atomic::Ordering, time::Instant};
 
 use schemas::Fault;
 
-pub use again::{Compared, again};
-pub use engine::{Engine, Local, Pace, Wave};
-pub use events::{Count, Event, Listener, Outcome, Quiet};
+pub use again::{TableComparison, again};
+pub use engine::{EngineCapacity, LocalEngine, TaskEngine, TaskWave};
+pub use events::{Event, Listener, OutcomeCounts, SilentListener, UnitOutcome};
 pub use failure::{Failure, said_once};
 pub use interrupt::{INTERRUPTED, STARTED};
-pub use list::{Listed, list};
+pub use list::{TaskList, list};
 pub use logical::{PATTERNS, SCHEMA};
-pub use processes::Processes;
-pub use remote::{Limits, Served, serve};
+pub use processes::ProcessEngine;
+pub use remote::{WorkerLimits, WorkerTally, serve};
 pub use search::search;
-pub use task::{Answer, Receipt, Task, TaskUnit};
-pub use trials::{Tick, foreseen, settled};
+pub use task::{Receipt, Task, TaskUnit, UnitAnswer};
+pub use trials::{SourceReadCallback, foreseen, settled};
 
-pub(crate) use cut::Cut;
-pub(crate) use layout::Layout;
-use runner::Runner;
-use states::State;
-use work::Worker;
+pub(crate) use cut::TableAssembler;
+pub(crate) use layout::TableLayout;
+use runner::PlanRunner;
+use states::UnitState;
+use work::UnitWorker;
 
 use crate::{
     clock,
-    cost::Watch,
-    keys::Key,
-    plan::{Graph, Plan, Recorded, Unit},
-    sources::ReadStep,
-    spec::{Course, Faults, Row, Scored, best},
-    store::{Publisher, Store, current, tend},
+    cost::CostMeter,
+    keys::HashKey,
+    plan::{Plan, PlanGraph, PlanUnit, RecordedPlan},
+    sources::ReadProgress,
+    spec::{SearchState, SearchTrial, SearchTrialScore, SpecFaults, best},
+    store::{PipelineLock, Store, current, tend},
     views::{
         self,
-        history::{self, Past},
-        pooled::{self, Pooled},
+        history::{self, RunRecord},
+        pooled::{self, PooledMetric},
         scores::{self, Scores},
         warnings::{self, Warning},
     },
 };
 
 /// The summary of a run.
-pub struct Summary {
+pub struct RunSummary {
     /// The outcome of each table, in the plan's order.
-    pub tables: Vec<(String, Count)>,
+    pub tables: Vec<(String, OutcomeCounts)>,
     /// The failures, in a fixed order.
     pub failures: Vec<Failure>,
     /// Findings in the data: rows of the table `quality`.
@@ -82,7 +82,7 @@ pub struct Summary {
     /// The pooled scores of each table of scores.
     pub scores: Vec<(String, Scores)>,
     /// The trials of a search, by trial and rung.
-    pub trials: Vec<Scored>,
+    pub trials: Vec<SearchTrialScore>,
     /// Choices made automatically.
     pub notes: Vec<String>,
     /// The duration of each table, s, in the order of `tables`.
@@ -96,21 +96,21 @@ pub struct Summary {
     /// Tables that were not asked for, and are as they were before.
     pub left: Vec<String>,
     /// Outcomes of the recomputation of stored tables.
-    pub compared: Vec<Compared>,
+    pub compared: Vec<TableComparison>,
     /// The bytes of earlier results that `gc` would remove.
     pub unused: u64,
 }
 
-impl Summary {
+impl RunSummary {
     /// All tables together.
-    pub fn total(&self) -> Count {
-        self.tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c)
+    pub fn total(&self) -> OutcomeCounts {
+        self.tables.iter().fold(OutcomeCounts::default(), |sum, (_, c)| sum + *c)
     }
 }
 
 /// The options of a run.
 #[derive(Clone, Copy)]
-pub struct Options<'a> {
+pub struct RunOptions<'a> {
     /// Wait for another run of the pipeline, where there is one.
     pub wait: bool,
     /// Merge the packs of a sweep that has grown, as if it had been run at once.
@@ -118,7 +118,7 @@ pub struct Options<'a> {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// Engine that computes the tasks.
-    pub engine: &'a dyn Engine,
+    pub engine: &'a dyn TaskEngine,
     /// Compute only the table at this position of the plan, and what it is made from. Not for a search.
     pub until: Option<usize>,
 }
@@ -126,22 +126,27 @@ pub struct Options<'a> {
 /// Default maximum number of retries of a unit whose worker was lost.
 pub const RETRIES: usize = 2;
 
-impl Default for Options<'_> {
+impl Default for RunOptions<'_> {
     fn default() -> Self {
-        Options { wait: false, compact: false, retries: RETRIES, engine: &Local, until: None }
+        RunOptions { wait: false, compact: false, retries: RETRIES, engine: &LocalEngine, until: None }
     }
 }
 
 /// Maximum number of restarts of a run after it finds damage in the store.
 const HEALINGS: usize = 5;
 
-/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. Of a search only
-/// the trials of the plan are run: [`search()`] runs it to its end.
+/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. Of a search
+/// only the trials of the plan are run: [`search()`] runs it to its end.
 ///
 /// # Errors
 /// Fails when a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
 /// task has been computed then.
-pub fn run(plan: &Plan, store: &Store, options: Options<'_>, listener: &dyn Listener) -> Result<Summary, Faults> {
+pub fn run(
+    plan: &Plan,
+    store: &Store,
+    options: RunOptions<'_>,
+    listener: &dyn Listener,
+) -> Result<RunSummary, SpecFaults> {
     let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
     run_locked(plan, store, &publisher, options, listener)
 }
@@ -150,12 +155,12 @@ pub fn run(plan: &Plan, store: &Store, options: Options<'_>, listener: &dyn List
 fn run_locked(
     plan: &Plan,
     store: &Store,
-    publisher: &Publisher,
-    options: Options,
+    publisher: &PipelineLock,
+    options: RunOptions,
     listener: &dyn Listener,
-) -> Result<Summary, Faults> {
-    let rows = plan.spec.search.as_ref().map(|search| Course::new(search).rows()).unwrap_or_default();
-    let pass = Pass { last: true, rows: &rows, known: None, relay: None };
+) -> Result<RunSummary, SpecFaults> {
+    let rows = plan.spec.search.as_ref().map(|search| SearchState::new(search).rows()).unwrap_or_default();
+    let pass = PlanPass { last: true, rows: &rows, known: None, relay: None };
     let summary = healed(plan, store, options, publisher, listener, &pass)?;
     if let Some(search) = plan.spec.search.as_ref().filter(|_| !summary.trials.is_empty()) {
         listener.hear(&Event::Trials { search, scored: &summary.trials, best: best(&summary.trials) });
@@ -165,34 +170,34 @@ fn run_locked(
 }
 
 /// Computes the points of `plan` once, including those of a search for any scores. Returns whether it was interrupted.
-fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn Listener) -> Result<bool, Faults> {
+fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn Listener) -> Result<bool, SpecFaults> {
     let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
-    let pass = Pass { last: true, rows: &[], known: Some(&[]), relay: None };
-    let options = Options { until, ..Options::default() };
+    let pass = PlanPass { last: true, rows: &[], known: Some(&[]), relay: None };
+    let options = RunOptions { until, ..RunOptions::default() };
     Ok(healed(plan, store, options, &publisher, listener, &pass)?.interrupted)
 }
 
 /// Purpose of a pass over a plan.
-struct Pass<'a> {
+struct PlanPass<'a> {
     /// Whether its tables are published.
     last: bool,
     /// The trials of the plan.
-    rows: &'a [Row],
+    rows: &'a [SearchTrial],
     /// Their goals, where they are known already.
-    known: Option<&'a [Scored]>,
+    known: Option<&'a [SearchTrialScore]>,
     /// The passes before it.
-    relay: Option<&'a search::Relay<'a>>,
+    relay: Option<&'a search::EventRelay<'a>>,
 }
 
 /// A pass, repeated while it finds parts of the store damaged.
 fn healed(
     plan: &Plan,
     store: &Store,
-    options: Options<'_>,
-    publisher: &Publisher,
+    options: RunOptions<'_>,
+    publisher: &PipelineLock,
     listener: &dyn Listener,
-    pass: &Pass,
-) -> Result<Summary, Faults> {
+    pass: &PlanPass,
+) -> Result<RunSummary, SpecFaults> {
     let mut healings = 0;
     let mut summary = loop {
         let before = store.damaged().len();
@@ -221,26 +226,26 @@ fn unpublished(fault: Fault) -> Failure {
 fn once(
     plan: &Plan,
     store: &Store,
-    options: Options<'_>,
-    publisher: &Publisher,
+    options: RunOptions<'_>,
+    publisher: &PipelineLock,
     listener: &dyn Listener,
-    pass: &Pass,
-) -> Result<Summary, Faults> {
+    pass: &PlanPass,
+) -> Result<RunSummary, SpecFaults> {
     let (damaged, begun) = (store.damaged().len(), Instant::now());
-    let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
-    let graph = Graph::new(plan, store, &tick)?;
+    let tick = |table: &str, step: &ReadProgress| listener.hear(&Event::Reading { table, step });
+    let graph = PlanGraph::new(plan, store, &tick)?;
     trials::check(&graph).map_err(|f| plan.spec.faults(vec![f]))?;
     STARTED.store(true, Ordering::SeqCst);
-    let mut asked = until::Asked::new(plan, options.until);
+    let mut asked = until::TargetTables::new(plan, options.until);
     let units: usize = (0..plan.tables.len()).filter(|t| asked.is(*t)).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
     let pipeline = &plan.spec.name;
     listener.hear(&Event::Started { pipeline, units, run: &run, notes: &plan.notes, graph: &graph });
     let recorded = if options.engine.is_local() { None } else { Some(recorded(&graph, store)?) };
-    let worker = Worker::new(&graph, store, listener);
-    let mut runner = Runner::new(&worker, listener, options, recorded);
+    let worker = UnitWorker::new(&graph, store, listener);
+    let mut runner = PlanRunner::new(&worker, listener, options, recorded);
     runner.sources();
-    let mut watch = Watch::new(&graph, store);
+    let mut watch = CostMeter::new(&graph, store);
     let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {
         if INTERRUPTED.load(Ordering::Relaxed) {
@@ -264,9 +269,9 @@ fn once(
         tables.push((node.name.clone(), count));
     }
     store.drop_attempts(|key| store.find(key).is_some(), None);
-    store.drop_checkpoints(|name| Key::parse(name).is_some_and(|key| store.has(key)), None);
+    store.drop_checkpoints(|name| HashKey::parse(name).is_some_and(|key| store.has(key)), None);
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
-    let Runner { failures, mut seconds, states, .. } = runner;
+    let PlanRunner { failures, mut seconds, states, .. } = runner;
     let mut failures: Vec<Failure> = failures.into_iter().map(|(_, failure)| failure).collect();
     if let Some(relay) = pass.relay {
         let sums = relay.sums(tables.iter().map(|(name, _)| name.as_str()));
@@ -285,7 +290,7 @@ fn once(
     }
     let (mut warnings, mut pooled) = (vec![], vec![]);
     if pass.last && !interrupted && store.damaged().len() == damaged {
-        let there = |unit: Unit| states.get(unit) == State::Done;
+        let there = |unit: PlanUnit| states.get(unit) == UnitState::Done;
         let last = warnings::find(&graph, store, &there).and_then(|found| {
             let (failed, found) = failure::of_metrics(plan, found);
             failures.extend(failed);
@@ -297,22 +302,22 @@ fn once(
             // Tables that were not asked for stay as they are, and so do their pooled scores.
             let before = if asked.left.is_empty() { None } else { pooled::written(plan, store)? };
             let left = before.into_iter().flatten().filter(|p| asked.left.contains(&p.table));
-            let published: Vec<Pooled> = pooled.iter().cloned().chain(left).collect();
+            let published: Vec<PooledMetric> = pooled.iter().cloned().chain(left).collect();
             plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
             let left = &asked.left;
             let publication =
                 publish::Publication { graph: &graph, store, run: &run, packs: &packs, left, there: &there };
             publication.publish(publisher, &failures, &warnings, &published, &trials)?;
             let snapshot = views::record(&graph, store, &seconds, &asked.left)?;
-            let total = tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c);
-            let past = Past {
+            let total = tables.iter().fold(OutcomeCounts::default(), |sum, (_, c)| sum + *c);
+            let past = RunRecord {
                 time: clock::now(),
                 run: run.clone(),
                 version: env!("CARGO_PKG_VERSION").to_owned(),
                 tables: current(store.root(), &plan.spec.name).map_or(0, |v| v.number),
                 seconds: begun.elapsed().as_secs_f64(),
                 units: [total.computed, total.reused, total.failed, total.skipped],
-                ..Past::default()
+                ..RunRecord::default()
             };
             history::add(store, &plan.spec.name, past, &snapshot)
         });
@@ -334,7 +339,7 @@ fn once(
     for (name, found) in &scores {
         notes.extend(found.at_edges().into_iter().map(|text| format!("`{name}`: {text}")));
     }
-    Ok(Summary {
+    Ok(RunSummary {
         tables,
         failures,
         quality,
@@ -354,20 +359,20 @@ fn once(
 }
 
 /// Writes what workers of other processes need of a plan, and the index that they open the store by.
-fn recorded(graph: &Graph, store: &Store) -> Result<Key, Faults> {
-    let written = Recorded::keep(graph, store).and_then(|key| store.write_index().map(|()| key));
+fn recorded(graph: &PlanGraph, store: &Store) -> Result<HashKey, SpecFaults> {
+    let written = RecordedPlan::keep(graph, store).and_then(|key| store.write_index().map(|()| key));
     written.map_err(|fault| graph.plan.spec.faults(vec![fault]))
 }
 
 /// The hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of
 /// every table. A comment in the spec, the number of threads and what the store already holds do not change it.
-pub fn run_id(graph: &Graph) -> String {
+pub fn run_id(graph: &PlanGraph) -> String {
     let spec = &graph.plan.spec;
     let mut parts = vec!["run".to_owned(), spec.name.clone(), spec.seed.to_string()];
     for (t, node) in graph.plan.tables.iter().enumerate() {
         parts.push(node.name.clone());
-        let key = |unit: Unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
+        let key = |unit: PlanUnit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
         parts.extend(graph.units(t).map(key));
     }
-    Key::of(parts).to_string().chars().take(16).collect()
+    HashKey::from_parts(parts).to_string().chars().take(16).collect()
 }

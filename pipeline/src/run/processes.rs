@@ -13,8 +13,8 @@ use std::{
 use schemas::Fault;
 
 use super::{
-    children::{Children, Leash, failed},
-    engine::{Engine, Pace, Wave},
+    children::{ProcessStopHandle, WorkerCommand, failed},
+    engine::{EngineCapacity, TaskEngine, TaskWave},
     interrupt::INTERRUPTED,
     task::Receipt,
 };
@@ -23,7 +23,7 @@ use super::{
 const TASK_S: f64 = 0.012;
 
 /// Worker processes, which live as long as a wave.
-pub struct Processes {
+pub struct ProcessEngine {
     /// This program.
     pub program: PathBuf,
     /// The number of processes; each has one thread.
@@ -34,17 +34,17 @@ pub struct Processes {
     pub unit_timeout: Option<Duration>,
 }
 
-impl Engine for Processes {
+impl TaskEngine for ProcessEngine {
     fn is_local(&self) -> bool {
         false
     }
 
-    fn pace(&self) -> Pace {
-        Pace { task_s: TASK_S, at_once: self.count }
+    fn pace(&self) -> EngineCapacity {
+        EngineCapacity { task_s: TASK_S, at_once: self.count }
     }
 
-    fn run(&self, wave: &Wave) -> Vec<Option<Receipt>> {
-        let children = Children {
+    fn run(&self, wave: &TaskWave) -> Vec<Option<Receipt>> {
+        let children = WorkerCommand {
             program: self.program.clone(),
             store: wave.worker.store().root().to_owned(),
             retries: self.retries,
@@ -57,7 +57,9 @@ impl Engine for Processes {
             while !INTERRUPTED.load(Ordering::Relaxed) {
                 let i = next.fetch_add(1, Ordering::Relaxed);
                 let (Some(task), Some(place)) = (wave.tasks.get(i), receipts.get(i)) else { break };
-                let Some(mut receipt) = children.receipt(&mut worker, task, &Leash::default()) else { break };
+                let Some(mut receipt) = children.receipt(&mut worker, task, &ProcessStopHandle::default()) else {
+                    break;
+                };
                 if let Some(why) = receipt.refused {
                     receipt = failed(task, &Fault::machine(format!("the worker rejected the task: {why}")));
                 }

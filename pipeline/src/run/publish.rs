@@ -8,17 +8,17 @@ use arrow_schema::{DataType, Field, Schema};
 use schemas::{Fault, Literal, Role, field};
 
 use super::{
-    cut::{Cut, axis_type, axis_values},
+    cut::{TableAssembler, axis_type, axis_values},
     failure::Failure,
     logical, quality,
 };
 use crate::{
-    keys::Key,
-    plan::{Graph, Plan, Point, Unit},
-    spec::{Scored, TRIAL},
-    store::{Beside, Publisher, Store, TableFiles},
+    keys::HashKey,
+    plan::{Plan, PlanGraph, PlanUnit, SweepPoint},
+    spec::{SearchTrialScore, TRIAL},
+    store::{ExtraTable, PipelineLock, Store, TableFiles},
     views::{
-        pooled::{self, Pooled},
+        pooled::{self, PooledMetric},
         warnings::Warning,
     },
 };
@@ -26,17 +26,17 @@ use crate::{
 /// The inputs of publishing.
 pub struct Publication<'a> {
     /// The plan with its data.
-    pub graph: &'a Graph<'a>,
+    pub graph: &'a PlanGraph<'a>,
     /// The store.
     pub store: &'a Store,
     /// The run.
     pub run: &'a str,
     /// The packs of each table.
-    pub packs: &'a [Vec<Key>],
+    pub packs: &'a [Vec<HashKey>],
     /// Tables that stay as the version before has them.
     pub left: &'a [usize],
     /// Whether a unit is available.
-    pub there: &'a (dyn Fn(Unit) -> bool + Sync),
+    pub there: &'a (dyn Fn(PlanUnit) -> bool + Sync),
 }
 
 impl Publication<'_> {
@@ -46,11 +46,11 @@ impl Publication<'_> {
     /// Fails when the store cannot be read or written; the tables before stay as they are then.
     pub fn publish(
         &self,
-        publisher: &Publisher,
+        publisher: &PipelineLock,
         failures: &[Failure],
         warnings: &[Warning],
-        pooled: &[Pooled],
-        trials: &[Scored],
+        pooled: &[PooledMetric],
+        trials: &[SearchTrialScore],
     ) -> Result<(), Fault> {
         let (graph, store) = (self.graph, self.store);
         let plan = graph.plan;
@@ -70,13 +70,13 @@ impl Publication<'_> {
             if plan.spec.stages.iter().any(|s| s.name == node.name && !s.publish) {
                 continue;
             }
-            let packs: Vec<Key> = packs.iter().copied().filter(|id| has_rows(store, *id)).collect();
-            let cut = Cut::new(graph, t)?;
+            let packs: Vec<HashKey> = packs.iter().copied().filter(|id| has_rows(store, *id)).collect();
+            let cut = TableAssembler::new(graph, t)?;
             let units = logical::write(graph, store, &cut, t, self.there)?;
             if packs.is_empty() {
                 let file = store.temporary();
                 store.write_table(&file, &RecordBatch::new_empty(cut.schema.clone()), &[])?;
-                beside.push(Beside { name: node.name.clone(), file });
+                beside.push(ExtraTable { name: node.name.clone(), file });
             } else {
                 tables.push(TableFiles { name: node.name.clone(), packs, units });
             }
@@ -85,27 +85,27 @@ impl Publication<'_> {
     }
 
     /// All packs that the tables reference: their own, and those of the sources.
-    fn rests_on(&self) -> Vec<Key> {
+    fn rests_on(&self) -> Vec<HashKey> {
         let graph = self.graph;
         let catalogue = self.store.catalogue();
         let lines = graph.records.iter().flat_map(|r| r.values()).map(|l| l.object);
         let sources =
             lines.chain(graph.maps.iter().copied()).filter_map(|k| Some(catalogue.pack(catalogue.find(k)?.pack)?.id));
-        let all: BTreeSet<Key> = self.packs.iter().flatten().copied().chain(sources).collect();
+        let all: BTreeSet<HashKey> = self.packs.iter().flatten().copied().chain(sources).collect();
         all.into_iter().collect()
     }
 }
 
-fn has_rows(store: &Store, id: Key) -> bool {
+fn has_rows(store: &Store, id: HashKey) -> bool {
     store.catalogue().by_id(id).is_some_and(|p| p.units.iter().any(|u| u.count().is_some_and(|n| n > 0)))
 }
 
 /// Writes the failures, also when there are none.
-fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<Beside, Fault> {
+fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<ExtraTable, Fault> {
     let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
         Arc::new(failures.iter().map(f).collect::<StringArray>())
     };
-    let points: Vec<&Point> = failures.iter().map(|f| &f.point).collect();
+    let points: Vec<&SweepPoint> = failures.iter().map(|f| &f.point).collect();
     let columns = vec![
         ("flight", text(&|f| f.line.as_ref().map(|l| l.0.clone())), "flight identifier"),
         ("line", text(&|f| f.line.as_ref().map(|l| l.1.clone())), "line identifier"),
@@ -116,13 +116,13 @@ fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<Beside, 
 }
 
 /// Writes the warnings, also when there are none.
-fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, Fault> {
+fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<ExtraTable, Fault> {
     let text = |f: &dyn Fn(&Warning) -> Option<String>| -> ArrayRef {
         Arc::new(warnings.iter().map(f).collect::<StringArray>())
     };
     let number =
         |f: fn(&Warning) -> Option<f64>| -> ArrayRef { Arc::new(warnings.iter().map(f).collect::<Float64Array>()) };
-    let points: Vec<&Point> = warnings.iter().map(|w| &w.point).collect();
+    let points: Vec<&SweepPoint> = warnings.iter().map(|w| &w.point).collect();
     let columns = vec![
         ("flight", text(&|w| w.line.as_ref().map(|l| l.0.clone())), "flight identifier; null for a fit"),
         ("line", text(&|w| w.line.as_ref().map(|l| l.1.clone())), "line identifier; null for a fit"),
@@ -138,19 +138,20 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, 
 }
 
 /// Writes the pooled scores, also when there are none; nothing where the plan has no table of scores.
-fn pooled(plan: &Plan, store: &Store, pooled: &[Pooled]) -> Result<Option<Beside>, Fault> {
+fn pooled(plan: &Plan, store: &Store, pooled: &[PooledMetric]) -> Result<Option<ExtraTable>, Fault> {
     if pooled::tables(plan).next().is_none() {
         return Ok(None);
     }
-    let text = |f: &dyn Fn(&Pooled) -> String| -> ArrayRef {
+    let text = |f: &dyn Fn(&PooledMetric) -> String| -> ArrayRef {
         Arc::new(pooled.iter().map(|p| Some(f(p))).collect::<StringArray>())
     };
     let number =
-        |f: fn(&Pooled) -> Option<f64>| -> ArrayRef { Arc::new(pooled.iter().map(f).collect::<Float64Array>()) };
-    let count =
-        |f: fn(&Pooled) -> i64| -> ArrayRef { Arc::new(pooled.iter().map(|p| Some(f(p))).collect::<Int64Array>()) };
+        |f: fn(&PooledMetric) -> Option<f64>| -> ArrayRef { Arc::new(pooled.iter().map(f).collect::<Float64Array>()) };
+    let count = |f: fn(&PooledMetric) -> i64| -> ArrayRef {
+        Arc::new(pooled.iter().map(|p| Some(f(p))).collect::<Int64Array>())
+    };
     let lines = |n: usize| i64::try_from(n).unwrap_or(i64::MAX);
-    let many = |f: &dyn Fn(&Pooled) -> usize| -> ArrayRef {
+    let many = |f: &dyn Fn(&PooledMetric) -> usize| -> ArrayRef {
         Arc::new(pooled.iter().map(|p| Some(lines(f(p)))).collect::<Int64Array>())
     };
     let in_sample: ArrayRef = Arc::new(pooled.iter().map(|p| Some(p.is_in_sample())).collect::<BooleanArray>());
@@ -168,18 +169,19 @@ fn pooled(plan: &Plan, store: &Store, pooled: &[Pooled]) -> Result<Option<Beside
         text(&|p| p.metric.pool.words()),
     ];
     let columns = pooled::COLUMNS.iter().zip(columns).map(|((name, about), array)| (*name, array, *about)).collect();
-    let points: Vec<Point> = pooled.iter().map(|p| plan.instance(p.table, p.instance).point()).collect();
+    let points: Vec<SweepPoint> = pooled.iter().map(|p| plan.instance(p.table, p.instance).point()).collect();
     beside(plan, store, pooled::TABLE, &points.iter().collect::<Vec<_>>(), columns).map(Some)
 }
 
 /// Writes the trials of a search, one row for each at each of its rungs; nothing where the spec has no search.
-fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside>, Fault> {
+fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Option<ExtraTable>, Fault> {
     let (Some(search), Some(goal)) = (&plan.spec.search, plan.goal()?) else { return Ok(None) };
-    let whole = |f: &dyn Fn(&Scored) -> usize| -> ArrayRef {
+    let whole = |f: &dyn Fn(&SearchTrialScore) -> usize| -> ArrayRef {
         Arc::new(trials.iter().map(|t| i64::try_from(f(t)).ok()).collect::<Int64Array>())
     };
-    let text =
-        |f: &dyn Fn(&Scored) -> Option<String>| -> ArrayRef { Arc::new(trials.iter().map(f).collect::<StringArray>()) };
+    let text = |f: &dyn Fn(&SearchTrialScore) -> Option<String>| -> ArrayRef {
+        Arc::new(trials.iter().map(f).collect::<StringArray>())
+    };
     let literals: Vec<Vec<Literal>> = trials.iter().map(|t| t.row.literals(search)).collect();
     let key = |name: &str, about: &str| field(name, DataType::Int64, "", Role::Key, about);
     let mut fields = vec![
@@ -212,7 +214,7 @@ fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
     let file = store.temporary();
     store.write_table(&file, &batch, &[])?;
-    Ok(Some(Beside { name: "trials".to_owned(), file }))
+    Ok(Some(ExtraTable { name: "trials".to_owned(), file }))
 }
 
 /// One array of cells of the type `kind`.
@@ -230,9 +232,9 @@ fn beside(
     plan: &Plan,
     store: &Store,
     name: &str,
-    points: &[&Point],
+    points: &[&SweepPoint],
     columns: Vec<(&str, ArrayRef, &str)>,
-) -> Result<Beside, Fault> {
+) -> Result<ExtraTable, Fault> {
     let mut fields = vec![];
     let mut arrays: Vec<ArrayRef> = vec![];
     for axis in &plan.spec.axes {
@@ -256,5 +258,5 @@ fn beside(
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
     let file = store.temporary();
     store.write_table(&file, &batch, &[])?;
-    Ok(Beside { name: name.to_owned(), file })
+    Ok(ExtraTable { name: name.to_owned(), file })
 }

@@ -7,22 +7,22 @@ use arrow_schema::{Field, Schema};
 use schemas::{Fault, Role, field};
 
 use crate::{
-    plan::Graph,
+    plan::PlanGraph,
     sources::{Finding, LineRecord},
-    store::{Beside, Store},
+    store::{ExtraTable, Store},
 };
 
 /// One row: the table of flights, the line, and the finding.
-type Row<'a> = (&'a str, &'a LineRecord, &'a Finding);
+type QualityFindingRow<'a> = (&'a str, &'a LineRecord, &'a Finding);
 
-fn rows<'a>(graph: &'a Graph) -> Vec<Row<'a>> {
+fn rows<'a>(graph: &'a PlanGraph) -> Vec<QualityFindingRow<'a>> {
     let tables = graph.plan.flights.iter().zip(&graph.records);
     let lines = tables.flat_map(|(flights, records)| records.values().map(|r| (flights.name.as_str(), r)));
     lines.flat_map(|(table, record)| record.findings.iter().map(move |f| (table, record, f))).collect()
 }
 
 /// The number of findings, and of the lines that have any.
-pub fn count(graph: &Graph) -> (usize, usize) {
+pub fn count(graph: &PlanGraph) -> (usize, usize) {
     let records = graph.records.iter().flat_map(|r| r.values());
     let of_lines: Vec<usize> = records.map(|r| r.findings.len()).filter(|n| *n > 0).collect();
     (of_lines.iter().sum(), of_lines.len())
@@ -32,10 +32,11 @@ pub fn count(graph: &Graph) -> (usize, usize) {
 ///
 /// # Errors
 /// Fails when the store cannot be written.
-pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
+pub fn table(graph: &PlanGraph, store: &Store) -> Result<ExtraTable, Fault> {
     let rows = rows(graph);
-    let text =
-        |f: &dyn Fn(&Row) -> String| -> ArrayRef { Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>()) };
+    let text = |f: &dyn Fn(&QualityFindingRow) -> String| -> ArrayRef {
+        Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
+    };
     let whole = |f: fn(&Finding) -> u64| -> ArrayRef {
         Arc::new(rows.iter().map(|r| i64::try_from(f(r.2)).ok()).collect::<Int64Array>())
     };
@@ -65,5 +66,5 @@ pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
     let file = store.temporary();
     store.write_table(&file, &batch, &[])?;
-    Ok(Beside { name: "quality".to_owned(), file })
+    Ok(ExtraTable { name: "quality".to_owned(), file })
 }

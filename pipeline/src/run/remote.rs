@@ -1,5 +1,5 @@
-//! A worker of another process than the driver's: it plans from the store, refuses what it cannot answer for, finds what is
-//! done, and counts attempts, so that a unit that kills its workers is given up and its neighbours are not.
+//! A worker of another process than the driver's: it plans from the store, refuses what it cannot answer for, finds
+//! what is done, and counts attempts, so that a unit that kills its workers is given up and its neighbours are not.
 
 use std::{
     collections::HashMap,
@@ -11,55 +11,55 @@ use std::{
     time::{Duration, Instant},
 };
 
-use schemas::{Entry, Fault, Grain};
+use schemas::{Fault, Grain, StageEntry};
 
 use super::{
     compute::{compute, pack_of},
     engine::prepare,
-    events::{Outcome, Quiet},
+    events::{SilentListener, UnitOutcome},
     interrupt::{INTERRUPTED, STARTED},
-    task::{Answer, Receipt, Task, TaskUnit, VERSION},
-    work::Worker,
+    task::{Receipt, Task, TaskUnit, UnitAnswer, VERSION},
+    work::UnitWorker,
 };
 use crate::{
-    keys::Key,
-    plan::{Graph, LineId, Plan, Recorded},
-    spec::Faults,
-    store::{Store, attempts::Tries, kernel},
+    keys::HashKey,
+    plan::{LineId, Plan, PlanGraph, RecordedPlan},
+    spec::SpecFaults,
+    store::{Store, attempts::UnitAttempts, kernel},
 };
 
 /// The limits of a worker.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct WorkerLimits {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// The longest time of a unit. Units that are computed together have together what each has.
     pub unit_timeout: Option<Duration>,
 }
 
-/// Work that a worker did.
+/// Counts of failed work of a worker.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Served {
+pub struct WorkerTally {
     /// Tasks that it refused.
     pub refused: usize,
     /// Units without an answer, or whose answer is a fault that need not last.
     pub unanswered: usize,
 }
 
-/// Hears of a receipt.
-pub type Hear<'a> = dyn Fn(&Receipt) + Sync + 'a;
+/// Callback for a receipt.
+pub type ReceiptCallback<'a> = dyn Fn(&Receipt) + Sync + 'a;
 
 /// Computes `tasks` one after another, on rayon's current thread pool. `answered` receives each receipt. `overdue`
 /// receives the receipt of a task whose time is over; it should end the process, since a thread cannot be stopped.
 pub fn serve(
     store: &Store,
-    catalogue: &[Entry],
+    catalogue: &[StageEntry],
     tasks: &mut dyn Iterator<Item = Task>,
-    limits: Limits,
-    answered: &Hear,
-    overdue: &Hear,
-) -> Served {
-    let mut served = Served::default();
+    limits: WorkerLimits,
+    answered: &ReceiptCallback,
+    overdue: &ReceiptCallback,
+) -> WorkerTally {
+    let mut served = WorkerTally::default();
     let mut next = tasks.next();
     while let Some(task) = next.take() {
         match opened(store, catalogue, &task) {
@@ -73,7 +73,8 @@ pub fn serve(
                     next = tasks.next();
                 }
                 Ok(graph) => {
-                    let bench = Bench { worker: &Worker::new(&graph, store, &Quiet), limits, overdue };
+                    let bench =
+                        PlanSession { worker: &UnitWorker::new(&graph, store, &SilentListener), limits, overdue };
                     next = bench.serve(task, tasks, &mut served, answered);
                 }
             },
@@ -86,14 +87,14 @@ pub fn serve(
 }
 
 /// The plan of a task.
-fn opened(store: &Store, catalogue: &[Entry], task: &Task) -> Result<(Recorded, Plan), Fault> {
+fn opened(store: &Store, catalogue: &[StageEntry], task: &Task) -> Result<(RecordedPlan, Plan), Fault> {
     if task.magline != VERSION {
         let what = format!("the task is of magline {}; this is magline {VERSION}", task.magline);
         return Err(Fault::new(what).help("use the same version for tasks and workers"));
     }
     let key = task.plan.ok_or_else(|| Fault::new("the task has no plan"))?;
-    let recorded = Recorded::find(store, key)?;
-    let plan = recorded.plan(catalogue).map_err(|faults: Faults| {
+    let recorded = RecordedPlan::find(store, key)?;
+    let plan = recorded.plan(catalogue).map_err(|faults: SpecFaults| {
         let what = format!("this program cannot plan the task: {faults}");
         Fault::new(what).help("use the same version for tasks and workers")
     })?;
@@ -101,7 +102,7 @@ fn opened(store: &Store, catalogue: &[Entry], task: &Task) -> Result<(Recorded, 
 }
 
 /// The fault of a unit after too many attempts.
-pub fn given_up(tries: &Tries) -> Fault {
+pub fn given_up(tries: &UnitAttempts) -> Fault {
     let times = |n: usize| if n == 1 { "once".to_owned() } else { format!("{n} times") };
     let lost = "its worker was lost";
     let what = match (&tries.why, tries.lost) {
@@ -114,8 +115,8 @@ pub fn given_up(tries: &Tries) -> Fault {
     Fault::machine(what).help(format!("to try again, use `--retries {}`", tries.all()))
 }
 
-impl Served {
-    fn refuse(&mut self, task: &Task, fault: &Fault, answered: &Hear) {
+impl WorkerTally {
+    fn refuse(&mut self, task: &Task, fault: &Fault, answered: &ReceiptCallback) {
         *(if fault.owner.is_lasting() { &mut self.refused } else { &mut self.unanswered }) += 1;
         answered(&named(task.refusal(fault), Instant::now()));
     }
@@ -127,21 +128,21 @@ fn named(mut receipt: Receipt, begun: Instant) -> Receipt {
     receipt
 }
 
-/// A plan at work.
-struct Bench<'a> {
-    worker: &'a Worker<'a>,
-    limits: Limits,
-    overdue: &'a Hear<'a>,
+/// Execution of the tasks of one plan.
+struct PlanSession<'a> {
+    worker: &'a UnitWorker<'a>,
+    limits: WorkerLimits,
+    overdue: &'a ReceiptCallback<'a>,
 }
 
-impl Bench<'_> {
+impl PlanSession<'_> {
     /// Computes `first` and what follows it of the same plan; returns the first task of another one.
     fn serve(
         &self,
         first: Task,
         tasks: &mut dyn Iterator<Item = Task>,
-        served: &mut Served,
-        answered: &Hear,
+        served: &mut WorkerTally,
+        answered: &ReceiptCallback,
     ) -> Option<Task> {
         let plan = first.plan;
         let (mut next, mut last) = (Some(first), None);
@@ -173,7 +174,7 @@ impl Bench<'_> {
     }
 
     /// The receipt of a task, its answers in the order of its units.
-    fn receipt(&self, table: usize, task: &Task, mut answers: Vec<Answer>, begun: Instant) -> Receipt {
+    fn receipt(&self, table: usize, task: &Task, mut answers: Vec<UnitAnswer>, begun: Instant) -> Receipt {
         let places = task.units.iter().enumerate().map(|(i, u)| ((u.point, u.line), i));
         let places: HashMap<(usize, Option<LineId>), usize> = places.collect();
         answers.sort_by_key(|a| places.get(&(a.point, a.line)).copied());
@@ -182,9 +183,9 @@ impl Bench<'_> {
         named(receipt, begun)
     }
 
-    fn answers(&self, table: usize, task: &Task, begun: Instant) -> Vec<Answer> {
+    fn answers(&self, table: usize, task: &Task, begun: Instant) -> Vec<UnitAnswer> {
         let wanted: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
-        let failed = |u: &&TaskUnit, fault: &Fault| Answer::of(u, Outcome::Failed, Some(fault.clone()));
+        let failed = |u: &&TaskUnit, fault: &Fault| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()));
         let store = self.worker.store();
         match self.worker.cut(table) {
             Ok(cut) => {
@@ -228,23 +229,30 @@ impl Bench<'_> {
     }
 
     /// Stored outcome of a unit: its result or its failure.
-    fn found(&self, unit: &TaskUnit) -> Option<Answer> {
+    fn found(&self, unit: &TaskUnit) -> Option<UnitAnswer> {
         let store = self.worker.store();
         match store.find(unit.key)?.rows {
-            Some(_) => Some(Answer::of(unit, Outcome::Reused, None)),
-            None => store.failed(unit.key).ok()?.map(|fault| Answer::of(unit, Outcome::Failed, Some(fault))),
+            Some(_) => Some(UnitAnswer::new(unit, UnitOutcome::Reused, None)),
+            None => store.failed(unit.key).ok()?.map(|fault| UnitAnswer::new(unit, UnitOutcome::Failed, Some(fault))),
         }
     }
 
     /// Computes `together`, some units of `task`, within its time.
-    fn attempt(&self, table: usize, task: &Task, together: &Task, before: &[Answer], begun: Instant) -> Vec<Answer> {
+    fn attempt(
+        &self,
+        table: usize,
+        task: &Task,
+        together: &Task,
+        before: &[UnitAnswer],
+        begun: Instant,
+    ) -> Vec<UnitAnswer> {
         let store = self.worker.store();
-        let mut keys: Vec<Key> = together.units.iter().filter(|u| !u.have).map(|u| u.key).collect();
+        let mut keys: Vec<HashKey> = together.units.iter().filter(|u| !u.have).map(|u| u.key).collect();
         keys.sort_unstable();
         keys.dedup();
-        let all = |fault: &Fault| -> Vec<Answer> {
+        let all = |fault: &Fault| -> Vec<UnitAnswer> {
             let wanted = together.units.iter().filter(|u| !u.have);
-            wanted.map(|u| Answer::of(u, Outcome::Failed, Some(fault.clone()))).collect()
+            wanted.map(|u| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()))).collect()
         };
         let attempt = match store.attempt(&keys) {
             Ok(attempt) => attempt,
@@ -264,7 +272,7 @@ impl Bench<'_> {
         };
         let receipt = in_time(limit, work, late);
         let passing = receipt.units.iter().filter_map(|a| Some((a.key, a.fault.as_ref()?)));
-        let passing: HashMap<Key, &Fault> = passing.filter(|(_, fault)| !fault.owner.is_lasting()).collect();
+        let passing: HashMap<HashKey, &Fault> = passing.filter(|(_, fault)| !fault.owner.is_lasting()).collect();
         attempt.end(store, &passing);
         receipt.units
     }
@@ -296,7 +304,7 @@ fn in_time<T>(limit: Option<Duration>, work: impl FnOnce() -> T, late: impl FnOn
 }
 
 /// The table of a task, all of whose units are those of the plan.
-fn checked(graph: &Graph, task: &Task) -> Result<usize, Fault> {
+fn checked(graph: &PlanGraph, task: &Task) -> Result<usize, Fault> {
     let table = graph.plan.table(&task.table)?;
     let node = &graph.plan.tables[table];
     let strange = |what: String| Fault::new(what).help("write the tasks again with `magline tasks`");

@@ -5,57 +5,57 @@ use std::{cell::OnceCell, collections::HashMap};
 use schemas::{Fault, InputKind};
 
 use super::{
-    Engine, Event, Failure, Listener, Options, Outcome, remote,
-    states::{State, States},
-    work::Worker,
+    Event, Failure, Listener, RunOptions, TaskEngine, UnitOutcome, remote,
+    states::{UnitState, UnitStates},
+    work::UnitWorker,
 };
 use crate::{
-    cost::Rates,
-    keys::Key,
-    plan::{Graph, LineId, Ref, Unit},
-    store::{Store, attempts::Tries},
+    cost::UnitTimeModel,
+    keys::HashKey,
+    plan::{LineId, PlanGraph, PlanUnit, TableRef},
+    store::{Store, attempts::UnitAttempts},
 };
 
-/// A run over the tables of a plan: looks up each unit, and keeps states and failures.
-pub(super) struct Runner<'a> {
+/// A run over the tables of a plan, with the states and failures of its units.
+pub(super) struct PlanRunner<'a> {
     /// The plan with its data.
-    pub(super) graph: &'a Graph<'a>,
+    pub(super) graph: &'a PlanGraph<'a>,
     /// The store.
     pub(super) store: &'a Store,
     /// Hears of each outcome.
     pub(super) listener: &'a dyn Listener,
     /// The options of the run.
-    pub(super) options: Options<'a>,
+    pub(super) options: RunOptions<'a>,
     /// The engine.
-    pub(super) engine: &'a dyn Engine,
+    pub(super) engine: &'a dyn TaskEngine,
     /// Computes in this process.
-    pub(super) worker: &'a Worker<'a>,
+    pub(super) worker: &'a UnitWorker<'a>,
     /// The plan in the store, where the engine needs one.
-    pub(super) recorded: Option<Key>,
+    pub(super) recorded: Option<HashKey>,
     /// Whether units are computed by other processes.
     pub(super) abroad: bool,
     /// The attempts at units that have no answer.
-    pub(super) attempts: HashMap<Key, Tries>,
+    pub(super) attempts: HashMap<HashKey, UnitAttempts>,
     /// Expected times of units, loaded on first use.
-    pub(super) rates: OnceCell<Rates>,
+    pub(super) rates: OnceCell<UnitTimeModel>,
     /// The state of each unit.
-    pub(super) states: States<'a>,
+    pub(super) states: UnitStates<'a>,
     /// The failures, each with its unit.
-    pub(super) failures: Vec<(Option<Unit>, Failure)>,
+    pub(super) failures: Vec<(Option<PlanUnit>, Failure)>,
     /// The number of computed units of each table, and the duration, s.
     pub(super) seconds: Vec<(usize, f64)>,
 }
 
-impl<'a> Runner<'a> {
+impl<'a> PlanRunner<'a> {
     /// For the tables of the worker's plan.
     pub(super) fn new(
-        worker: &'a Worker<'a>,
+        worker: &'a UnitWorker<'a>,
         listener: &'a dyn Listener,
-        options: Options<'a>,
-        recorded: Option<Key>,
-    ) -> Runner<'a> {
+        options: RunOptions<'a>,
+        recorded: Option<HashKey>,
+    ) -> PlanRunner<'a> {
         let (graph, store) = (worker.graph(), worker.store());
-        Runner {
+        PlanRunner {
             graph,
             store,
             listener,
@@ -66,7 +66,7 @@ impl<'a> Runner<'a> {
             abroad: !options.engine.is_local(),
             attempts: store.attempts(),
             rates: OnceCell::new(),
-            states: States::new(graph),
+            states: UnitStates::new(graph),
             failures: vec![],
             seconds: vec![],
         }
@@ -86,19 +86,19 @@ impl<'a> Runner<'a> {
     }
 
     /// Records and reports the outcome of a unit.
-    pub(super) fn note(&mut self, unit: Unit, state: State, outcome: Outcome, fault: Option<&Fault>) {
+    pub(super) fn note(&mut self, unit: PlanUnit, state: UnitState, outcome: UnitOutcome, fault: Option<&Fault>) {
         self.states.set(unit, state);
         tell(self.listener, self.graph, unit, outcome, fault);
     }
 
     /// Reports a failure and records it.
-    pub(super) fn fail(&mut self, unit: Unit, fault: Fault) {
-        tell(self.listener, self.graph, unit, Outcome::Failed, Some(&fault));
+    pub(super) fn fail(&mut self, unit: PlanUnit, fault: Fault) {
+        tell(self.listener, self.graph, unit, UnitOutcome::Failed, Some(&fault));
         self.record(unit, fault);
     }
 
     /// Lists the lines that a survey stage skipped.
-    pub(super) fn left_out(&mut self, unit: Unit, faults: Vec<Fault>) {
+    pub(super) fn left_out(&mut self, unit: PlanUnit, faults: Vec<Fault>) {
         let node = &self.graph.plan.tables[unit.table];
         let point = self.graph.plan.instance(unit.table, unit.instance).point();
         self.failures.extend(faults.into_iter().map(|fault| {
@@ -108,7 +108,7 @@ impl<'a> Runner<'a> {
     }
 
     /// The same for a reused result.
-    pub(super) fn went_on_without(&mut self, unit: Unit, key: Key) {
+    pub(super) fn went_on_without(&mut self, unit: PlanUnit, key: HashKey) {
         if unit.line.is_some() {
             return;
         }
@@ -119,8 +119,8 @@ impl<'a> Runner<'a> {
     }
 
     /// Records a failure.
-    pub(super) fn record(&mut self, unit: Unit, fault: Fault) {
-        let state = if fault.owner.is_lasting() { State::Failed } else { State::Missing };
+    pub(super) fn record(&mut self, unit: PlanUnit, fault: Fault) {
+        let state = if fault.owner.is_lasting() { UnitState::Failed } else { UnitState::Missing };
         self.states.set(unit, state);
         let node = &self.graph.plan.tables[unit.table];
         let line = unit.line.map(|l| self.graph.lines[l].clone());
@@ -129,16 +129,16 @@ impl<'a> Runner<'a> {
     }
 
     /// Whether a unit is not tried again. In this process one is that did not kill its workers.
-    pub(super) fn is_given_up(&self, tries: &Tries) -> bool {
+    pub(super) fn is_given_up(&self, tries: &UnitAttempts) -> bool {
         let counted = if self.abroad { tries.all() } else { tries.lost };
         counted > self.options.retries
     }
 
     /// The first of what a unit is made from that is not there.
-    pub(super) fn missing_input(&self, unit: Unit) -> Option<Ref> {
+    pub(super) fn missing_input(&self, unit: PlanUnit) -> Option<TableRef> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
-        let missing = |(kind, r): &(InputKind, Ref)| {
+        let missing = |(kind, r): &(InputKind, TableRef)| {
             let there = match (kind.is_by_line(), unit.line) {
                 _ if kind.is_record() => self.record_state(*r),
                 // A fit examines its lines one by one and skips those that failed.
@@ -146,101 +146,111 @@ impl<'a> Runner<'a> {
                 (true, line) => self.state(*r, line),
                 (false, _) => self.state(*r, None),
             };
-            there != State::Done
+            there != UnitState::Done
         };
         it.kinds().into_iter().zip(it.inputs()).find(missing).map(|(_, r)| r)
     }
 
     /// A record is there when all its lines are, and has one at least.
-    fn record_state(&self, r: Ref) -> State {
+    fn record_state(&self, r: TableRef) -> UnitState {
         let lines = self.graph.lines_in(r);
-        let states: Vec<State> = lines.iter().map(|line| self.root_state(r, *line)).collect();
+        let states: Vec<UnitState> = lines.iter().map(|line| self.root_state(r, *line)).collect();
         if states.is_empty() {
-            return State::Failed;
+            return UnitState::Failed;
         }
-        *states.iter().find(|state| **state != State::Done).unwrap_or(&State::Done)
+        *states.iter().find(|state| **state != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
     /// Whether a unit must be computed, is available, or cannot be computed.
-    pub(super) fn look(&self, unit: Unit) -> Looked {
+    pub(super) fn look(&self, unit: PlanUnit) -> UnitLookup {
         if let Some(r) = self.missing_input(unit) {
-            return Looked::Skip(r);
+            return UnitLookup::Skip(r);
         }
         match self.graph.key(unit) {
             Ok(key) => match self.store.find(key).map(|place| place.rows) {
-                Some(Some(_)) => Looked::Have(key),
+                Some(Some(_)) => UnitLookup::Have(key),
                 Some(None) => match self.store.failed(key) {
-                    Ok(Some(fault)) => Looked::Failed(key, fault),
-                    Ok(None) => Looked::Need(key),
-                    Err(fault) => Looked::Fault(fault),
+                    Ok(Some(fault)) => UnitLookup::Failed(key, fault),
+                    Ok(None) => UnitLookup::Need(key),
+                    Err(fault) => UnitLookup::Fault(fault),
                 },
                 None => match self.attempts.get(&key).filter(|tries| self.is_given_up(tries)) {
-                    Some(tries) => Looked::Fault(remote::given_up(tries)),
-                    None => Looked::Need(key),
+                    Some(tries) => UnitLookup::Fault(remote::given_up(tries)),
+                    None => UnitLookup::Need(key),
                 },
             },
-            Err(fault) => Looked::Fault(fault),
+            Err(fault) => UnitLookup::Fault(fault),
         }
     }
 
     /// A survey stage waits for lines that the machine failed on, and needs at least one that is available.
-    fn survey_state(&self, unit: Unit) -> State {
+    fn survey_state(&self, unit: PlanUnit) -> UnitState {
         let lines = self.graph.lines_of(unit.table, unit.instance);
-        let states: Vec<State> = lines.iter().map(|l| self.line_is_there(*l, unit)).collect();
-        if states.contains(&State::Missing) {
-            return State::Missing;
+        let states: Vec<UnitState> = lines.iter().map(|l| self.line_is_there(*l, unit)).collect();
+        if states.contains(&UnitState::Missing) {
+            return UnitState::Missing;
         }
-        if states.contains(&State::Done) { State::Done } else { State::Missing }
+        if states.contains(&UnitState::Done) { UnitState::Done } else { UnitState::Missing }
     }
 
     /// The state of `line` in all line inputs of `unit`.
-    pub(super) fn line_is_there(&self, line: LineId, unit: Unit) -> State {
+    pub(super) fn line_is_there(&self, line: LineId, unit: PlanUnit) -> UnitState {
         let it = self.graph.plan.instance(unit.table, unit.instance);
         let inputs = self.graph.line_inputs(&it);
-        let states: Vec<State> = inputs.iter().map(|(_, r)| self.root_state(*r, line)).collect();
-        *states.iter().find(|s| **s != State::Done).unwrap_or(&State::Done)
+        let states: Vec<UnitState> = inputs.iter().map(|(_, r)| self.root_state(*r, line)).collect();
+        *states.iter().find(|s| **s != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
     /// The state of a line, with a failure further up counted as a failure, not as a gap.
-    fn root_state(&self, r: Ref, line: LineId) -> State {
+    fn root_state(&self, r: TableRef, line: LineId) -> UnitState {
         let own = self.state(r, Some(line));
-        if own != State::Missing {
+        if own != UnitState::Missing {
             return own;
         }
-        let Ref::Stage(t, i) = r else { return own };
+        let TableRef::Stage(t, i) = r else { return own };
         let it = self.graph.plan.instance(t, i);
-        let up: Vec<State> = self.graph.line_inputs(&it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
-        if up.contains(&State::Failed) && !up.contains(&State::Missing) { State::Failed } else { State::Missing }
+        let up: Vec<UnitState> = self.graph.line_inputs(&it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
+        if up.contains(&UnitState::Failed) && !up.contains(&UnitState::Missing) {
+            UnitState::Failed
+        } else {
+            UnitState::Missing
+        }
     }
 
-    fn state(&self, r: Ref, line: Option<LineId>) -> State {
+    fn state(&self, r: TableRef, line: Option<LineId>) -> UnitState {
         match r {
-            Ref::Map(_) => State::Done,
-            Ref::Flights(i) => match line.and_then(|l| self.graph.records[i].get(&l)) {
-                Some(record) if record.fault.is_none() => State::Done,
-                _ => State::Failed,
+            TableRef::Map(_) => UnitState::Done,
+            TableRef::Flights(i) => match line.and_then(|l| self.graph.records[i].get(&l)) {
+                Some(record) if record.fault.is_none() => UnitState::Done,
+                _ => UnitState::Failed,
             },
-            Ref::Stage(table, instance) => self.states.get(Unit { table, instance, line }),
+            TableRef::Stage(table, instance) => self.states.get(PlanUnit { table, instance, line }),
         }
     }
 }
 
-/// The outcome of looking for a unit.
-pub(super) enum Looked {
+/// The outcome of the lookup of a unit.
+pub(super) enum UnitLookup {
     /// It is in the store.
-    Have(Key),
+    Have(HashKey),
     /// It failed before, because of the data.
-    Failed(Key, Fault),
+    Failed(HashKey, Fault),
     /// It must be computed.
-    Need(Key),
+    Need(HashKey),
     /// It is made from something that is not there.
-    Skip(Ref),
+    Skip(TableRef),
     /// The machine refused.
     Fault(Fault),
 }
 
 /// Reports the outcome of a unit.
-pub(super) fn tell(listener: &dyn Listener, graph: &Graph, unit: Unit, outcome: Outcome, fault: Option<&Fault>) {
+pub(super) fn tell(
+    listener: &dyn Listener,
+    graph: &PlanGraph,
+    unit: PlanUnit,
+    outcome: UnitOutcome,
+    fault: Option<&Fault>,
+) {
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.map(|l| &graph.lines[l]);
     let point = &graph.plan.instance(unit.table, unit.instance).point();

@@ -9,14 +9,17 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use schemas::{Entry, Fault, Owner};
+use schemas::{Fault, FaultOwner, StageEntry};
 
-use super::{Count, Event, Failure, Listener, Options, Outcome, Pass, Summary, healed, run_locked, trials::in_order};
+use super::{
+    Event, Failure, Listener, OutcomeCounts, PlanPass, RunOptions, RunSummary, UnitOutcome, healed, run_locked,
+    trials::in_order,
+};
 use crate::{
-    keys::Key,
+    keys::HashKey,
     plan::Plan,
-    spec::{Course, Faults},
-    store::{Publisher, Store},
+    spec::{SearchState, SpecFaults},
+    store::{PipelineLock, Store},
 };
 
 /// Runs `plan` by whoever has the lock of its pipeline; that of a search with all trials that follow from the scores.
@@ -26,18 +29,19 @@ use crate::{
 /// The same as [`super::run`].
 pub fn search(
     plan: Plan,
-    catalogue: &[Entry],
+    catalogue: &[StageEntry],
     store: &Store,
-    publisher: &Publisher,
-    options: Options<'_>,
+    publisher: &PipelineLock,
+    options: RunOptions<'_>,
     listener: &dyn Listener,
-) -> Result<(Plan, Summary), Faults> {
+) -> Result<(Plan, RunSummary), SpecFaults> {
     let found = plan.spec.search.clone();
-    let Some((search, mut course)) = found.as_ref().map(|s| (s, Course::new(s))).filter(|(_, c)| !c.is_known()) else {
+    let Some((search, mut course)) = found.as_ref().map(|s| (s, SearchState::new(s))).filter(|(_, c)| !c.is_known())
+    else {
         let summary = run_locked(&plan, store, publisher, options, listener)?;
         return Ok((plan, summary));
     };
-    let relay = Relay::new(listener);
+    let relay = EventRelay::new(listener);
     let mut spec = plan.spec;
     while !course.next().is_empty() {
         let rows = course.next().to_vec();
@@ -45,10 +49,10 @@ pub fn search(
         // The bytes of the inputs are read once, however often the search asks for them.
         spec.verify_inputs = false;
         listener.hear(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
-        let pass = Pass { last: false, rows: &rows, known: None, relay: Some(&relay) };
-        let one = Options { compact: false, ..options };
+        let pass = PlanPass { last: false, rows: &rows, known: None, relay: Some(&relay) };
+        let one = RunOptions { compact: false, ..options };
         let mut summary = healed(&plan, store, one, publisher, &relay, &pass)?;
-        let refused = summary.failures.iter().any(|f| f.fault.owner == Owner::Machine);
+        let refused = summary.failures.iter().any(|f| f.fault.owner == FaultOwner::Machine);
         if summary.interrupted || refused {
             if !summary.interrupted {
                 summary.failures.push(stopped(course.done().len()));
@@ -64,8 +68,8 @@ pub fn search(
     let plan = Plan::new(spec.with_trials(&course.rows()), catalogue)?;
     let known = in_order(course.done().to_vec());
     relay.last();
-    let pass = Pass { last: true, rows: &[], known: Some(&known), relay: Some(&relay) };
-    let summary = healed(&plan, store, Options { compact: true, ..options }, publisher, &relay, &pass)?;
+    let pass = PlanPass { last: true, rows: &[], known: Some(&known), relay: Some(&relay) };
+    let summary = healed(&plan, store, RunOptions { compact: true, ..options }, publisher, &relay, &pass)?;
     listener.hear(&Event::Finished { summary: &summary });
     Ok((plan, summary))
 }
@@ -77,33 +81,33 @@ fn stopped(done: usize) -> Failure {
     Failure { table: "search".into(), point: Default::default(), line: None, fault }
 }
 
-/// Forwards the events of several passes as those of one run: each unit once, each table at the end.
-pub struct Relay<'a> {
+/// Listener that merges the events of several passes into those of one run.
+pub struct EventRelay<'a> {
     listener: &'a dyn Listener,
-    told: Mutex<Told>,
+    told: Mutex<EventRelayState>,
 }
 
 #[derive(Default)]
-struct Told {
+struct EventRelayState {
     started: bool,
     last: bool,
-    units: HashSet<Key>,
-    tables: BTreeMap<String, Spent>,
+    units: HashSet<HashKey>,
+    tables: BTreeMap<String, TableTotals>,
 }
 
 /// Total counts and time of a table over all passes.
 #[derive(Clone, Copy, Default)]
-struct Spent {
-    count: Count,
+struct TableTotals {
+    count: OutcomeCounts,
     seconds: f64,
 }
 
-impl<'a> Relay<'a> {
-    fn new(listener: &'a dyn Listener) -> Relay<'a> {
-        Relay { listener, told: Mutex::default() }
+impl<'a> EventRelay<'a> {
+    fn new(listener: &'a dyn Listener) -> EventRelay<'a> {
+        EventRelay { listener, told: Mutex::default() }
     }
 
-    fn told(&self) -> MutexGuard<'_, Told> {
+    fn told(&self) -> MutexGuard<'_, EventRelayState> {
         self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -113,14 +117,14 @@ impl<'a> Relay<'a> {
     }
 
     /// The outcome of each of these tables over all passes, and the seconds that took.
-    pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(Count, f64)> {
+    pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
         let told = self.told();
         let spent = |name: &str| told.tables.get(name).copied().unwrap_or_default();
         tables.map(spent).map(|s| (s.count, s.seconds)).collect()
     }
 }
 
-impl Listener for Relay<'_> {
+impl Listener for EventRelay<'_> {
     fn hear(&self, event: &Event) {
         match event {
             Event::Reading { .. } => {
@@ -140,14 +144,16 @@ impl Listener for Relay<'_> {
                 let point = point.iter().flat_map(|(name, value)| [name.clone(), value.to_string()]);
                 let new = {
                     let mut told = self.told();
-                    let new = told.units.insert(Key::of([(*table).to_owned()].into_iter().chain(point).chain(place)));
+                    let new = told
+                        .units
+                        .insert(HashKey::from_parts([(*table).to_owned()].into_iter().chain(point).chain(place)));
                     if new {
                         let count = &mut told.tables.entry((*table).to_owned()).or_default().count;
                         match outcome {
-                            Outcome::Computed => count.computed += 1,
-                            Outcome::Reused => count.reused += 1,
-                            Outcome::Failed => count.failed += 1,
-                            Outcome::Skipped => count.skipped += 1,
+                            UnitOutcome::Computed => count.computed += 1,
+                            UnitOutcome::Reused => count.reused += 1,
+                            UnitOutcome::Failed => count.failed += 1,
+                            UnitOutcome::Skipped => count.skipped += 1,
                         }
                     }
                     new

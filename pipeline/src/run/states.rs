@@ -2,11 +2,11 @@
 
 use schemas::Grain;
 
-use crate::plan::{Graph, TableNode, Unit};
+use crate::plan::{PlanGraph, PlanUnit, TableNode};
 
 /// The state of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum UnitState {
     /// Its result is in the store.
     Done,
     /// It cannot be computed from the data; the same on every run.
@@ -16,28 +16,28 @@ pub enum State {
 }
 
 /// The state of every unit.
-pub struct States<'a> {
-    graph: &'a Graph<'a>,
+pub struct UnitStates<'a> {
+    graph: &'a PlanGraph<'a>,
     /// By table; the lines of a point one after another, then those of the next.
-    of: Vec<Vec<State>>,
+    of: Vec<Vec<UnitState>>,
     /// Room for the lines of a point, by table.
     width: Vec<usize>,
 }
 
-impl<'a> States<'a> {
+impl<'a> UnitStates<'a> {
     /// All are missing.
-    pub fn new(graph: &'a Graph<'a>) -> States<'a> {
+    pub fn new(graph: &'a PlanGraph<'a>) -> UnitStates<'a> {
         let tables = &graph.plan.tables;
         let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
             Grain::Survey | Grain::Map => 1,
             Grain::Line => graph.most_lines_of(t),
         };
         let width: Vec<usize> = tables.iter().enumerate().map(width).collect();
-        let of = tables.iter().zip(&width).map(|(node, w)| vec![State::Missing; node.len() * w]).collect();
-        States { graph, of, width }
+        let of = tables.iter().zip(&width).map(|(node, w)| vec![UnitState::Missing; node.len() * w]).collect();
+        UnitStates { graph, of, width }
     }
 
-    fn place(&self, unit: Unit) -> Option<usize> {
+    fn place(&self, unit: PlanUnit) -> Option<usize> {
         let own = match unit.line {
             None => 0,
             Some(line) => self.graph.lines_of(unit.table, unit.instance).binary_search(&line).ok()?,
@@ -46,13 +46,13 @@ impl<'a> States<'a> {
     }
 
     /// That of a unit.
-    pub fn get(&self, unit: Unit) -> State {
+    pub fn get(&self, unit: PlanUnit) -> UnitState {
         let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(i));
-        found.copied().unwrap_or(State::Missing)
+        found.copied().unwrap_or(UnitState::Missing)
     }
 
     /// Takes note of that of a unit.
-    pub fn set(&mut self, unit: Unit, state: State) {
+    pub fn set(&mut self, unit: PlanUnit, state: UnitState) {
         let found = self.place(unit).and_then(|i| self.of.get_mut(unit.table)?.get_mut(i));
         found.into_iter().for_each(|s| *s = state);
     }

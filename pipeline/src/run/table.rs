@@ -1,4 +1,5 @@
-//! One table of a run: existing results are found, missing ones are handed out as tasks, and both are laid out in packs.
+//! One table of a run: existing results are found, missing ones are handed out as tasks, and both are laid out in
+//! packs.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -8,65 +9,65 @@ use std::{
 use schemas::{Fault, Grain};
 
 use super::{
-    Outcome, State,
-    cut::Cut,
-    engine::{Engine, Local, Wave},
-    layout::{Cover, Layout, cover, scattered},
-    runner::{Looked, Runner, tell},
+    UnitOutcome, UnitState,
+    cut::TableAssembler,
+    engine::{LocalEngine, TaskEngine, TaskWave},
+    layout::{PackCover, TableLayout, cover, scattered},
+    runner::{PlanRunner, UnitLookup, tell},
     task::{Task, TaskUnit},
     unpublished,
 };
 use crate::{
-    cost::Rates,
-    keys::Key,
-    plan::{LineId, Unit},
-    run::{Count, Event},
-    store::{FAILED, Packed},
+    cost::UnitTimeModel,
+    keys::HashKey,
+    plan::{LineId, PlanUnit},
+    run::{Event, OutcomeCounts},
+    store::{FAILED, PackedUnit},
 };
 
 /// A unit of a table and its state.
 #[derive(Clone, Copy)]
-enum Known {
+enum LayoutUnit {
     /// No rows: one of its inputs is missing, or it cannot be computed.
     Nothing,
     /// It is in the store.
-    There(Packed),
+    There(PackedUnit),
     /// It is to be computed.
-    Pending(Key),
+    Pending(HashKey),
 }
 
-/// A table at work.
-pub struct Sheet<'a> {
+/// A table in progress: its layout and the state of each unit.
+pub struct TableProgress<'a> {
     table: usize,
-    cut: &'a Cut<'a>,
-    layout: Layout,
+    cut: &'a TableAssembler<'a>,
+    layout: TableLayout,
     /// The state of each unit of the layout.
-    known: Vec<Known>,
+    known: Vec<LayoutUnit>,
 }
 
-/// A task, and where its units stand in the layout.
-pub struct Handed {
+/// A task, and the positions of its units in the layout.
+pub struct LayoutTask {
     /// The task.
     pub task: Task,
     at: Vec<usize>,
 }
 
-impl Sheet<'_> {
-    fn wanted(&self) -> Vec<Option<Packed>> {
-        let packed = |k: &Known| match k {
-            Known::There(packed) => Some(*packed),
-            Known::Nothing | Known::Pending(_) => None,
+impl TableProgress<'_> {
+    fn wanted(&self) -> Vec<Option<PackedUnit>> {
+        let packed = |k: &LayoutUnit| match k {
+            LayoutUnit::There(packed) => Some(*packed),
+            LayoutUnit::Nothing | LayoutUnit::Pending(_) => None,
         };
         self.known.iter().map(packed).collect()
     }
 
     pub(super) fn pending(&self) -> usize {
-        self.known.iter().filter(|k| matches!(k, Known::Pending(_))).count()
+        self.known.iter().filter(|k| matches!(k, LayoutUnit::Pending(_))).count()
     }
 
     /// Whether a result is in none of the packs.
-    fn lacks(&self, cover: &Cover) -> bool {
-        cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, Known::There(_)))
+    fn lacks(&self, cover: &PackCover) -> bool {
+        cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, LayoutUnit::There(_)))
     }
 
     /// Whether packs hold all of a chunk. A table of one chunk is always one pack.
@@ -74,16 +75,17 @@ impl Sheet<'_> {
         self.layout.chunks.len() <= 1 || compact
     }
 
-    /// Whether a result is to be written again: where `whole`, with the others of its chunk; otherwise because no pack has it in the needed form.
-    fn is_stale(&self, i: usize, cover: &Cover, whole: bool) -> bool {
-        matches!(self.known[i], Known::There(_)) && (whole || !cover.covered[i])
+    /// Whether a result is to be written again: where `whole`, with the others of its chunk; otherwise because no pack
+    /// has it in the needed form.
+    fn is_stale(&self, i: usize, cover: &PackCover, whole: bool) -> bool {
+        matches!(self.known[i], LayoutUnit::There(_)) && (whole || !cover.covered[i])
     }
 }
 
-impl<'a> Runner<'a> {
+impl<'a> PlanRunner<'a> {
     /// Computes what is missing of the table `t`, and returns the packs that contain it.
-    pub(super) fn table(&mut self, t: usize) -> (Count, Vec<Key>) {
-        let (mut count, first) = (Count::default(), self.failures.len());
+    pub(super) fn table(&mut self, t: usize) -> (OutcomeCounts, Vec<HashKey>) {
+        let (mut count, first) = (OutcomeCounts::default(), self.failures.len());
         let Some(mut sheet) = self.sheet(t, &mut count) else { return (count, vec![]) };
         let packs = self.work(&mut sheet, &mut count);
         self.sort(&sheet, first);
@@ -91,7 +93,7 @@ impl<'a> Runner<'a> {
     }
 
     /// Computes what is missing of a table, lays it out, and returns the packs that contain the table.
-    fn work(&mut self, sheet: &mut Sheet<'a>, count: &mut Count) -> Vec<Key> {
+    fn work(&mut self, sheet: &mut TableProgress<'a>, count: &mut OutcomeCounts) -> Vec<HashKey> {
         let t = sheet.table;
         let mut before = self.cover(sheet);
         let table = &self.graph.plan.tables[t].name;
@@ -111,7 +113,7 @@ impl<'a> Runner<'a> {
             before = self.cover(sheet);
         }
         let tasks = self.tasks_here(sheet, &before, engine.is_local());
-        self.wave(&Local, sheet, tasks, 0.0, count);
+        self.wave(&LocalEngine, sheet, tasks, 0.0, count);
         let strict = self.covering(sheet, true);
         let after = if sheet.lacks(&strict) { self.covering(sheet, false) } else { strict };
         self.worker.forget(t);
@@ -119,14 +121,14 @@ impl<'a> Runner<'a> {
     }
 
     /// Sorts the failures from `first` on by the order of the table's rows.
-    fn sort(&mut self, sheet: &Sheet, first: usize) {
+    fn sort(&mut self, sheet: &TableProgress, first: usize) {
         let Some(new) = self.failures.get_mut(first..).filter(|new| new.len() > 1) else { return };
-        let at: HashMap<Unit, usize> = sheet.layout.units.iter().enumerate().map(|(i, unit)| (*unit, i)).collect();
+        let at: HashMap<PlanUnit, usize> = sheet.layout.units.iter().enumerate().map(|(i, unit)| (*unit, i)).collect();
         new.sort_by_key(|(unit, _)| unit.and_then(|unit| at.get(&unit).copied()));
     }
 
     /// The table `t` with the state of its units; none where it has no files, or none can be made.
-    pub(super) fn sheet(&mut self, t: usize, count: &mut Count) -> Option<Sheet<'a>> {
+    pub(super) fn sheet(&mut self, t: usize, count: &mut OutcomeCounts) -> Option<TableProgress<'a>> {
         if !self.graph.plan.tables[t].keep {
             self.passed_over(t);
             return None;
@@ -134,32 +136,32 @@ impl<'a> Runner<'a> {
         let cut = match self.worker.cut(t) {
             Ok(cut) => cut,
             Err(fault) => {
-                let units: Vec<Unit> = self.graph.units(t).collect();
+                let units: Vec<PlanUnit> = self.graph.units(t).collect();
                 count.failed = units.len();
                 units.into_iter().for_each(|unit| self.fail(unit, fault.clone()));
                 return None;
             }
         };
-        let layout = Layout::new(self.graph, t, cut);
+        let layout = TableLayout::new(self.graph, t, cut);
         let known = layout.units.iter().map(|u| self.known(*u, cut, count)).collect();
-        Some(Sheet { table: t, cut, layout, known })
+        Some(TableProgress { table: t, cut, layout, known })
     }
 
-    fn covering(&self, sheet: &Sheet, strict: bool) -> Cover {
+    fn covering(&self, sheet: &TableProgress, strict: bool) -> PackCover {
         cover(&self.store.catalogue(), sheet.cut.kind, &sheet.layout, &sheet.wanted(), strict)
     }
 
     /// The packs that hold what is there.
-    pub(super) fn cover(&self, sheet: &Sheet) -> Cover {
+    pub(super) fn cover(&self, sheet: &TableProgress) -> PackCover {
         let found = self.covering(sheet, self.options.compact);
         if scattered(found.packs.len(), sheet.layout.chunks.len()) { self.covering(sheet, true) } else { found }
     }
 
-    /// A task a chunk: what is to be written of it, and with `compute` what is to be computed of it. Without, a chunk of which an
-    /// interrupt has left units out stays in parts, until another run makes it whole.
-    fn tasks_here(&self, sheet: &Sheet, cover: &Cover, compute: bool) -> Vec<Handed> {
+    /// A task a chunk: what is to be written of it, and with `compute` what is to be computed of it. Without, a chunk
+    /// of which an interrupt has left units out stays in parts, until another run makes it whole.
+    fn tasks_here(&self, sheet: &TableProgress, cover: &PackCover, compute: bool) -> Vec<LayoutTask> {
         let whole = sheet.whole(self.options.compact);
-        let pending = |i: usize| matches!(sheet.known[i], Known::Pending(_));
+        let pending = |i: usize| matches!(sheet.known[i], LayoutUnit::Pending(_));
         let of_chunk = |range: &Range<usize>| {
             let unfinished = range.clone().any(pending);
             if unfinished && !compute || !unfinished && !range.clone().any(|i| sheet.is_stale(i, cover, false)) {
@@ -172,18 +174,25 @@ impl<'a> Runner<'a> {
     }
 
     /// Expected time of a unit of the table, s.
-    pub(super) fn unit_s(&self, sheet: &Sheet) -> f64 {
-        let rates = self.rates.get_or_init(|| Rates::new(self.store));
+    pub(super) fn unit_s(&self, sheet: &TableProgress) -> f64 {
+        let rates = self.rates.get_or_init(|| UnitTimeModel::new(self.store));
         rates.unit_s(self.graph, self.store, sheet.table)
     }
 
     /// Lists the remaining work in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of
     /// the table. Other tasks make parts, which the driver lays out.
-    pub(super) fn tasks_abroad(&self, sheet: &Sheet, cover: &Cover, most: usize, plan: Option<Key>) -> Vec<Handed> {
+    pub(super) fn tasks_abroad(
+        &self,
+        sheet: &TableProgress,
+        cover: &PackCover,
+        most: usize,
+        plan: Option<HashKey>,
+    ) -> Vec<LayoutTask> {
         let (most, whole) = (most.max(1), sheet.whole(self.options.compact));
         let mut tasks = vec![];
         for range in &sheet.layout.chunks {
-            let pending: Vec<usize> = range.clone().filter(|i| matches!(sheet.known[*i], Known::Pending(_))).collect();
+            let pending: Vec<usize> =
+                range.clone().filter(|i| matches!(sheet.known[*i], LayoutUnit::Pending(_))).collect();
             if pending.is_empty() {
                 continue;
             }
@@ -200,9 +209,9 @@ impl<'a> Runner<'a> {
 
     /// Units of a chunk, one of each key, in groups that share work: those of a survey that see the same lines, and the
     /// points of one line after those of another.
-    fn together(&self, sheet: &Sheet, pending: &[usize]) -> Vec<Vec<usize>> {
+    fn together(&self, sheet: &TableProgress, pending: &[usize]) -> Vec<Vec<usize>> {
         let mut seen = HashSet::new();
-        let is_first = |i: &usize| matches!(sheet.known[*i], Known::Pending(key) if seen.insert(key));
+        let is_first = |i: &usize| matches!(sheet.known[*i], LayoutUnit::Pending(key) if seen.insert(key));
         let mut first: Vec<usize> = pending.iter().copied().filter(is_first).collect();
         match self.worker.grain(sheet.table) {
             Grain::Line => {
@@ -225,16 +234,16 @@ impl<'a> Runner<'a> {
         }
     }
 
-    fn handed(&self, sheet: &Sheet, plan: Option<Key>, part: bool, at: Vec<usize>) -> Handed {
+    fn handed(&self, sheet: &TableProgress, plan: Option<HashKey>, part: bool, at: Vec<usize>) -> LayoutTask {
         let survey = self.worker.grain(sheet.table) == Grain::Survey;
         let mut known: HashMap<String, Vec<LineId>> = HashMap::new();
         let mut units = Vec::with_capacity(at.len());
         for i in &at {
             let unit = sheet.layout.units[*i];
             let (key, have) = match sheet.known[*i] {
-                Known::Pending(key) => (key, false),
-                Known::There(Packed { key, .. }) => (key, true),
-                Known::Nothing => continue,
+                LayoutUnit::Pending(key) => (key, false),
+                LayoutUnit::There(PackedUnit { key, .. }) => (key, true),
+                LayoutUnit::Nothing => continue,
             };
             let without = if survey && !have {
                 known.entry(self.worker.seen(unit)).or_insert_with(|| self.failed_lines(unit)).clone()
@@ -243,34 +252,42 @@ impl<'a> Runner<'a> {
             };
             units.push(TaskUnit { point: unit.instance, line: unit.line, key, have, without });
         }
-        Handed { task: Task::new(plan, &self.graph.plan.tables[sheet.table].name, part, units), at }
+        LayoutTask { task: Task::new(plan, &self.graph.plan.tables[sheet.table].name, part, units), at }
     }
 
     /// The lines of a survey unit that cannot be used.
-    fn failed_lines(&self, unit: Unit) -> Vec<LineId> {
+    fn failed_lines(&self, unit: PlanUnit) -> Vec<LineId> {
         let lines = self.graph.lines_of(unit.table, unit.instance).iter().copied();
-        lines.filter(|line| self.line_is_there(*line, unit) == State::Failed).collect()
+        lines.filter(|line| self.line_is_there(*line, unit) == UnitState::Failed).collect()
     }
 
     /// Has an engine compute some tasks, and takes note of what became of their units.
-    fn wave(&mut self, engine: &dyn Engine, sheet: &mut Sheet, tasks: Vec<Handed>, unit_s: f64, count: &mut Count) {
+    fn wave(
+        &mut self,
+        engine: &dyn TaskEngine,
+        sheet: &mut TableProgress,
+        tasks: Vec<LayoutTask>,
+        unit_s: f64,
+        count: &mut OutcomeCounts,
+    ) {
         if tasks.is_empty() {
             return;
         }
         let (tasks, places): (Vec<Task>, Vec<Vec<usize>>) = tasks.into_iter().map(|h| (h.task, h.at)).unzip();
         let (listener, graph) = (self.listener, self.graph);
-        let told = |unit: Unit, outcome: Outcome, fault: Option<&Fault>| tell(listener, graph, unit, outcome, fault);
-        let wave = Wave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, told: &told };
+        let told =
+            |unit: PlanUnit, outcome: UnitOutcome, fault: Option<&Fault>| tell(listener, graph, unit, outcome, fault);
+        let wave = TaskWave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, told: &told };
         let receipts = engine.run(&wave);
         if !engine.is_local() {
             // The results are in packs that others wrote.
             self.store.refresh();
         }
-        let mut of_key: HashMap<Key, (Outcome, Option<Fault>)> = HashMap::new();
+        let mut of_key: HashMap<HashKey, (UnitOutcome, Option<Fault>)> = HashMap::new();
         for (receipt, places) in receipts.into_iter().zip(places) {
             let mut answers = receipt.map(|r| r.units).unwrap_or_default().into_iter().peekable();
             for i in places {
-                let (Known::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
+                let (LayoutUnit::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
                 let own = answers.next_if(|a| (a.point, a.line, a.key) == (unit.instance, unit.line, key));
                 let Some(answer) = own else { continue };
                 if !engine.is_local() {
@@ -281,9 +298,9 @@ impl<'a> Runner<'a> {
         }
         let repeats = if of_key.is_empty() { 0 } else { sheet.known.len() };
         for i in 0..repeats {
-            let (Known::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
+            let (LayoutUnit::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
             let Some((outcome, fault)) = of_key.get(&key).cloned() else { continue };
-            let outcome = if outcome == Outcome::Computed { Outcome::Reused } else { outcome };
+            let outcome = if outcome == UnitOutcome::Computed { UnitOutcome::Reused } else { outcome };
             told(unit, outcome, fault.as_ref());
             self.answered(sheet, i, key, outcome, fault, count);
         }
@@ -292,24 +309,24 @@ impl<'a> Runner<'a> {
     /// Takes note of what became of a unit.
     fn answered(
         &mut self,
-        sheet: &mut Sheet,
+        sheet: &mut TableProgress,
         i: usize,
-        key: Key,
-        outcome: Outcome,
+        key: HashKey,
+        outcome: UnitOutcome,
         fault: Option<Fault>,
-        count: &mut Count,
+        count: &mut OutcomeCounts,
     ) {
         let unit = sheet.layout.units[i];
-        let packed = |rows| Known::There(Packed { key, dress: sheet.cut.dress(unit), rows });
+        let packed = |rows| LayoutUnit::There(PackedUnit { key, dress: sheet.cut.dress(unit), rows });
         let fault = match (outcome, fault) {
-            (Outcome::Computed | Outcome::Reused, None) => None,
+            (UnitOutcome::Computed | UnitOutcome::Reused, None) => None,
             (_, Some(fault)) => Some(fault),
-            (Outcome::Failed | Outcome::Skipped, None) => Some(Fault::bug("a unit failed without a reason")),
+            (UnitOutcome::Failed | UnitOutcome::Skipped, None) => Some(Fault::bug("a unit failed without a reason")),
         };
         let Some(fault) = fault else {
-            *(if outcome == Outcome::Computed { &mut count.computed } else { &mut count.reused }) += 1;
+            *(if outcome == UnitOutcome::Computed { &mut count.computed } else { &mut count.reused }) += 1;
             sheet.known[i] = packed(0);
-            self.states.set(unit, State::Done);
+            self.states.set(unit, UnitState::Done);
             return self.went_on_without(unit, key);
         };
         count.failed += 1;
@@ -317,48 +334,48 @@ impl<'a> Runner<'a> {
             sheet.known[i] = packed(FAILED);
             self.went_on_without(unit, key);
         } else {
-            sheet.known[i] = Known::Nothing;
+            sheet.known[i] = LayoutUnit::Nothing;
         }
         self.record(unit, fault);
     }
 
     /// A table whose results are not kept: each unit is made where it is needed, if its inputs are available.
     fn passed_over(&mut self, t: usize) {
-        let units: Vec<Unit> = self.graph.units(t).collect();
+        let units: Vec<PlanUnit> = self.graph.units(t).collect();
         for unit in units {
-            let state = if self.missing_input(unit).is_none() { State::Done } else { State::Missing };
+            let state = if self.missing_input(unit).is_none() { UnitState::Done } else { UnitState::Missing };
             self.states.set(unit, state);
         }
     }
 
     /// Records the state of a unit and reports it as an event.
-    fn known(&mut self, unit: Unit, cut: &Cut, count: &mut Count) -> Known {
+    fn known(&mut self, unit: PlanUnit, cut: &TableAssembler, count: &mut OutcomeCounts) -> LayoutUnit {
         match self.look(unit) {
-            Looked::Skip(r) => {
+            UnitLookup::Skip(r) => {
                 count.skipped += 1;
                 let name = self.graph.plan.name_of(r);
                 let why = Fault::data(format!("its input `{name}` could not be computed"));
-                self.note(unit, State::Missing, Outcome::Skipped, Some(&why));
-                Known::Nothing
+                self.note(unit, UnitState::Missing, UnitOutcome::Skipped, Some(&why));
+                LayoutUnit::Nothing
             }
-            Looked::Have(key) => {
+            UnitLookup::Have(key) => {
                 count.reused += 1;
-                self.note(unit, State::Done, Outcome::Reused, None);
+                self.note(unit, UnitState::Done, UnitOutcome::Reused, None);
                 self.went_on_without(unit, key);
-                Known::There(Packed { key, dress: cut.dress(unit), rows: 0 })
+                LayoutUnit::There(PackedUnit { key, dress: cut.dress(unit), rows: 0 })
             }
-            Looked::Failed(key, fault) => {
+            UnitLookup::Failed(key, fault) => {
                 count.failed += 1;
                 self.went_on_without(unit, key);
                 self.fail(unit, fault);
-                Known::There(Packed { key, dress: cut.dress(unit), rows: FAILED })
+                LayoutUnit::There(PackedUnit { key, dress: cut.dress(unit), rows: FAILED })
             }
-            Looked::Fault(fault) => {
+            UnitLookup::Fault(fault) => {
                 count.failed += 1;
                 self.fail(unit, fault);
-                Known::Nothing
+                LayoutUnit::Nothing
             }
-            Looked::Need(key) => Known::Pending(key),
+            UnitLookup::Need(key) => LayoutUnit::Pending(key),
         }
     }
 }

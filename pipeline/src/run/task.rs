@@ -1,14 +1,15 @@
-//! Tasks and receipts: what goes to a worker and what comes back, as plain data. `pipeline/TASKS.md` describes their form.
+//! Tasks and receipts: what goes to a worker and what comes back, as plain data. `pipeline/TASKS.md` describes their
+//! form.
 
 use std::collections::BTreeMap;
 
-use schemas::{Fault, Literal, Owner, Place};
+use schemas::{DataLocation, Fault, FaultOwner, Literal};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use super::events::Outcome;
+use super::events::UnitOutcome;
 use crate::{
-    keys::Key,
-    plan::{Graph, LineId, Unit},
+    keys::HashKey,
+    plan::{LineId, PlanGraph, PlanUnit},
 };
 
 /// The form of tasks and receipts.
@@ -26,7 +27,7 @@ pub struct Task {
     /// The version that made it.
     pub magline: String,
     /// The plan, a file of the store; none for a task that does not leave the process.
-    pub plan: Option<Key>,
+    pub plan: Option<HashKey>,
     /// The table.
     pub table: String,
     /// Whether its result is a part of a file of the table, and not a whole one.
@@ -46,7 +47,7 @@ pub struct TaskUnit {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<LineId>,
     /// The key of its result.
-    pub key: Key,
+    pub key: HashKey,
     /// Whether it is in the store, and is only written into the same file.
     #[serde(default, skip_serializing_if = "is_false")]
     pub have: bool,
@@ -57,8 +58,8 @@ pub struct TaskUnit {
 
 impl TaskUnit {
     /// The unit, of the table `table`.
-    pub fn unit(&self, table: usize) -> Unit {
-        Unit { table, instance: self.point, line: self.line }
+    pub fn unit(&self, table: usize) -> PlanUnit {
+        PlanUnit { table, instance: self.point, line: self.line }
     }
 }
 
@@ -71,13 +72,13 @@ pub struct Receipt {
     /// The version that made it.
     pub magline: String,
     /// The plan, as in the task.
-    pub plan: Option<Key>,
+    pub plan: Option<HashKey>,
     /// The table.
     pub table: String,
     /// The hash of plan, table and keys.
-    pub task: Key,
+    pub task: HashKey,
     /// The units that have an answer, in the order of the task.
-    pub units: Vec<Answer>,
+    pub units: Vec<UnitAnswer>,
     /// Why the task was not looked at.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
@@ -93,14 +94,14 @@ pub struct Receipt {
 /// Outcome of a unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Answer {
+pub struct UnitAnswer {
     /// The sweep point.
     pub point: usize,
     /// The line, as a position among those of the plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<LineId>,
     /// The key of its result.
-    pub key: Key,
+    pub key: HashKey,
     /// The values of the sweep point, for people.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub axes: BTreeMap<String, String>,
@@ -108,7 +109,7 @@ pub struct Answer {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<(String, String)>,
     /// Its outcome.
-    pub outcome: Outcome,
+    pub outcome: UnitOutcome,
     /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "told")]
     pub fault: Option<Fault>,
@@ -122,7 +123,7 @@ fn is_false(it: &bool) -> bool {
 
 impl Task {
     /// A task of this version.
-    pub fn new(plan: Option<Key>, table: &str, part: bool, units: Vec<TaskUnit>) -> Task {
+    pub fn new(plan: Option<HashKey>, table: &str, part: bool, units: Vec<TaskUnit>) -> Task {
         Task { task: FORM, magline: VERSION.to_owned(), plan, table: table.to_owned(), part, units }
     }
 
@@ -140,14 +141,14 @@ impl Task {
     }
 
     /// The hash of plan, table and keys.
-    pub fn id(&self) -> Key {
+    pub fn id(&self) -> HashKey {
         let plan = self.plan.map(|key| key.to_string()).unwrap_or_default();
         let keys = self.units.iter().map(|u| u.key.to_string());
-        Key::of(["task".to_owned(), plan, self.table.clone()].into_iter().chain(keys))
+        HashKey::from_parts(["task".to_owned(), plan, self.table.clone()].into_iter().chain(keys))
     }
 
     /// A receipt of it.
-    pub fn receipt(&self, units: Vec<Answer>) -> Receipt {
+    pub fn receipt(&self, units: Vec<UnitAnswer>) -> Receipt {
         Receipt {
             receipt: FORM,
             magline: VERSION.to_owned(),
@@ -179,7 +180,7 @@ impl Receipt {
     }
 
     /// Adds what people want to know: the values of the sweep points, flights and lines.
-    pub fn name(&mut self, graph: &Graph, table: usize) {
+    pub fn name(&mut self, graph: &PlanGraph, table: usize) {
         for answer in &mut self.units {
             let point = graph.plan.instance(table, answer.point).point();
             answer.axes = point.into_iter().map(|(name, value): (String, Literal)| (name, value.to_string())).collect();
@@ -188,11 +189,11 @@ impl Receipt {
     }
 }
 
-impl Answer {
+impl UnitAnswer {
     /// Answer for a unit of a task.
-    pub fn of(unit: &TaskUnit, outcome: Outcome, fault: Option<Fault>) -> Answer {
+    pub fn new(unit: &TaskUnit, outcome: UnitOutcome, fault: Option<Fault>) -> UnitAnswer {
         let TaskUnit { point, line, key, .. } = *unit;
-        Answer { point, line, key, axes: BTreeMap::new(), place: None, outcome, fault }
+        UnitAnswer { point, line, key, axes: BTreeMap::new(), place: None, outcome, fault }
     }
 }
 
@@ -221,13 +222,13 @@ fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
 mod told {
     use serde::{Deserializer, Serializer};
 
-    use super::{Deserialize, Fault, Owner, Place, Serialize};
+    use super::{DataLocation, Deserialize, Fault, FaultOwner, Serialize};
 
     #[derive(Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
-    struct Told {
+    struct FaultRecord {
         what: String,
-        owner: Word,
+        owner: FaultOwnerName,
         #[serde(default, skip_serializing_if = "Option::is_none")]
         help: Option<String>,
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -244,7 +245,7 @@ mod told {
 
     #[derive(Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
-    enum Word {
+    enum FaultOwnerName {
         Spec,
         Data,
         Machine,
@@ -253,28 +254,28 @@ mod told {
 
     pub fn serialize<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
         let told = fault.clone().map(|fault| {
-            let Place { file, flight, line, column, row } = fault.place;
+            let DataLocation { file, flight, line, column, row } = fault.place;
             let owner = match fault.owner {
-                Owner::Spec => Word::Spec,
-                Owner::Data => Word::Data,
-                Owner::Machine => Word::Machine,
-                Owner::Bug => Word::Bug,
+                FaultOwner::Spec => FaultOwnerName::Spec,
+                FaultOwner::Data => FaultOwnerName::Data,
+                FaultOwner::Machine => FaultOwnerName::Machine,
+                FaultOwner::Bug => FaultOwnerName::Bug,
             };
-            Told { what: fault.what, owner, help: fault.help, file, flight, line, column, row }
+            FaultRecord { what: fault.what, owner, help: fault.help, file, flight, line, column, row }
         });
         told.serialize(serializer)
     }
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Fault>, D::Error> {
-        let told: Option<Told> = Option::deserialize(deserializer)?;
-        Ok(told.map(|Told { what, owner, help, file, flight, line, column, row }| {
+        let told: Option<FaultRecord> = Option::deserialize(deserializer)?;
+        Ok(told.map(|FaultRecord { what, owner, help, file, flight, line, column, row }| {
             let owner = match owner {
-                Word::Spec => Owner::Spec,
-                Word::Data => Owner::Data,
-                Word::Machine => Owner::Machine,
-                Word::Bug => Owner::Bug,
+                FaultOwnerName::Spec => FaultOwner::Spec,
+                FaultOwnerName::Data => FaultOwner::Data,
+                FaultOwnerName::Machine => FaultOwner::Machine,
+                FaultOwnerName::Bug => FaultOwner::Bug,
             };
-            Fault { what, help, owner, place: Place { file, flight, line, column, row }, ..Fault::default() }
+            Fault { what, help, owner, place: DataLocation { file, flight, line, column, row }, ..Fault::default() }
         }))
     }
 }
@@ -286,8 +287,8 @@ mod tests {
     use super::*;
 
     fn task() -> Task {
-        let unit = |line, without| TaskUnit { point: 3, line, key: Key::of(["a"]), have: false, without };
-        Task::new(Some(Key::of(["plan"])), "fit", true, vec![unit(None, vec![2, 5]), unit(Some(7), vec![])])
+        let unit = |line, without| TaskUnit { point: 3, line, key: HashKey::from_parts(["a"]), have: false, without };
+        Task::new(Some(HashKey::from_parts(["plan"])), "fit", true, vec![unit(None, vec![2, 5]), unit(Some(7), vec![])])
     }
 
     #[test]
@@ -297,8 +298,8 @@ mod tests {
         assert_eq!(Task::parse(&text).unwrap(), task);
         let fault = Fault::machine("no room").help("make some").in_line("1", "1.02").in_row(5);
         let mut receipt = task.receipt(vec![
-            Answer::of(&task.units[0], Outcome::Failed, Some(fault)),
-            Answer::of(&task.units[1], Outcome::Computed, None),
+            UnitAnswer::new(&task.units[0], UnitOutcome::Failed, Some(fault)),
+            UnitAnswer::new(&task.units[1], UnitOutcome::Computed, None),
         ]);
         receipt.units[1].place = Some(("1".to_owned(), "1.02".to_owned()));
         receipt.seconds = 0.1 + 0.2;
@@ -322,6 +323,6 @@ mod tests {
         assert!(said(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
         assert!(said(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));
         assert!(said(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
-        assert!(said(&text.replace(&Key::of(["a"]).to_string(), "xyz")).contains("not a key"));
+        assert!(said(&text.replace(&HashKey::from_parts(["a"]).to_string(), "xyz")).contains("not a key"));
     }
 }

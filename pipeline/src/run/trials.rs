@@ -7,22 +7,22 @@ use arrow_array::{
 };
 use arrow_cast::cast;
 use arrow_schema::DataType;
-use schemas::{Entry, Fault, Grain, metric::Weighed};
+use schemas::{Fault, Grain, StageEntry, metric::WeightedScore};
 use stages::score::{SPREAD, spread_at};
 
 use super::Failure;
 use crate::{
-    plan::{Goal, Graph, LineId, Plan, Ref, Unit},
-    sources::ReadStep,
-    spec::{Course, Faults, Row, Scored, Search},
+    plan::{LineId, Plan, PlanGraph, PlanUnit, SearchGoal, TableRef},
+    sources::ReadProgress,
+    spec::{SearchSpec, SearchState, SearchTrial, SearchTrialScore, SpecFaults},
     store::Store,
 };
 
-/// Hears of the sources as they are read.
-pub type Tick<'a> = dyn Fn(&str, &ReadStep) + Sync + 'a;
+/// Callback for the progress of reading a source.
+pub type SourceReadCallback<'a> = dyn Fn(&str, &ReadProgress) + Sync + 'a;
 
 /// Stored state of a unit.
-enum Fate {
+enum StoredUnitState {
     /// Its rows.
     There,
     /// It cannot be computed from the data, or one of its inputs cannot.
@@ -31,15 +31,20 @@ enum Fate {
     Unknown,
 }
 
-/// The goals of `rows`, which are the trials of the plan of `graph`. `None` where a score of one of them is not computed
-/// yet; with `all` that counts as a failure.
+/// The goals of `rows`, which are the trials of the plan of `graph`. `None` where a score of one of them is not
+/// computed yet; with `all` that counts as a failure.
 ///
-/// A trial that lacks the scores of a line has no goal: a mean over fewer lines is not to be compared. Lines that cannot be
-/// read are left out of all trials.
+/// A trial that lacks the scores of a line has no goal: a mean over fewer lines is not to be compared. Lines that
+/// cannot be read are left out of all trials.
 ///
 /// # Errors
 /// Fails when `where` selects no line, or the store cannot be read.
-pub fn scored(graph: &Graph, store: &Store, rows: &[Row], all: bool) -> Result<Option<Vec<Scored>>, Fault> {
+pub fn scored(
+    graph: &PlanGraph,
+    store: &Store,
+    rows: &[SearchTrial],
+    all: bool,
+) -> Result<Option<Vec<SearchTrialScore>>, Fault> {
     let plan = graph.plan;
     let Some(goal) = plan.goal()? else { return Ok(None) };
     let mut of_row: Vec<Vec<usize>> = vec![vec![]; rows.len()];
@@ -55,7 +60,8 @@ pub fn scored(graph: &Graph, store: &Store, rows: &[Row], all: bool) -> Result<O
     for (row, points) in rows.iter().zip(of_row) {
         let units = points.iter().flat_map(|i| graph.lines_of(goal.table, *i).iter().map(|l| (*i, *l)));
         let units = units.filter(|(_, line)| wanted.get(*line).copied().unwrap_or(false));
-        let units: Vec<Unit> = units.map(|(i, l)| Unit { table: goal.table, instance: i, line: Some(l) }).collect();
+        let units: Vec<PlanUnit> =
+            units.map(|(i, l)| PlanUnit { table: goal.table, instance: i, line: Some(l) }).collect();
         match one(graph, store, &goal, row, &units, all)? {
             Some(scored) => found.push(scored),
             None => return Ok(None),
@@ -68,12 +74,12 @@ pub fn scored(graph: &Graph, store: &Store, rows: &[Row], all: bool) -> Result<O
 ///
 /// # Errors
 /// Fails when it is of none.
-pub fn check(graph: &Graph) -> Result<(), Fault> {
+pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
     graph.plan.goal()?.map_or(Ok(()), |goal| wanted(graph, &goal).map(drop))
 }
 
 /// The failure of a search of which no trial has a goal.
-pub fn vain(plan: &Plan, trials: &[Scored]) -> Option<Failure> {
+pub fn vain(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
     let search = plan.spec.search.as_ref()?;
     let why = trials.first()?.error.clone().unwrap_or_default();
     let what = format!("the goal `{}.{}` has no value in any of {} trials", search.table, search.metric, trials.len());
@@ -86,7 +92,7 @@ pub fn vain(plan: &Plan, trials: &[Scored]) -> Option<Failure> {
 }
 
 /// Whether each line counts: `where` selects it, and it can be read.
-fn wanted(graph: &Graph, goal: &Goal) -> Result<Vec<bool>, Fault> {
+fn wanted(graph: &PlanGraph, goal: &SearchGoal) -> Result<Vec<bool>, Fault> {
     let selected = match &goal.lines {
         Some(predicate) => predicate.lines(&graph.lines)?,
         None => vec![true; graph.lines.len()],
@@ -107,23 +113,25 @@ fn wanted(graph: &Graph, goal: &Goal) -> Result<Vec<bool>, Fault> {
 }
 
 fn one(
-    graph: &Graph,
+    graph: &PlanGraph,
     store: &Store,
-    goal: &Goal,
-    row: &Row,
-    units: &[Unit],
+    goal: &SearchGoal,
+    row: &SearchTrial,
+    units: &[PlanUnit],
     all: bool,
-) -> Result<Option<Scored>, Fault> {
+) -> Result<Option<SearchTrialScore>, Fault> {
     let mut pairs: Vec<(f64, f64, Vec<f64>)> = vec![];
     let mut error = None;
     for unit in units {
         match fate(graph, store, *unit)? {
-            Fate::There => pairs.extend(values(graph, store, goal, *unit)?),
-            Fate::Unknown if !all => return Ok(None),
-            fate @ (Fate::Failed(_) | Fate::Unknown) => {
+            StoredUnitState::There => pairs.extend(values(graph, store, goal, *unit)?),
+            StoredUnitState::Unknown if !all => return Ok(None),
+            fate @ (StoredUnitState::Failed(_) | StoredUnitState::Unknown) => {
                 let why = match fate {
-                    Fate::Failed(Some(fault)) => fault.to_string(),
-                    Fate::Failed(None) | Fate::Unknown | Fate::There => "it could not be computed".to_owned(),
+                    StoredUnitState::Failed(Some(fault)) => fault.to_string(),
+                    StoredUnitState::Failed(None) | StoredUnitState::Unknown | StoredUnitState::There => {
+                        "it could not be computed".to_owned()
+                    }
                 };
                 let line = unit.line.and_then(|l| graph.lines.get(l));
                 let place = line.map(|(flight, line)| format!("flight {flight}, line {line}: ")).unwrap_or_default();
@@ -131,18 +139,23 @@ fn one(
             }
         }
     }
-    let weighed = pairs.iter().map(|(value, n, spread)| Weighed { value: *value, n: *n, spread });
+    let weighed = pairs.iter().map(|(value, n, spread)| WeightedScore { value: *value, n: *n, spread });
     let pooled = Some(goal.metric.pool.value(weighed)).filter(|v| v.is_finite() && error.is_none());
     let cost = pooled.and_then(|v| goal.cost(v));
     if cost.is_none() {
         error.get_or_insert_with(|| format!("`{}` has no value on any line", goal.metric.name));
     }
     let goal = pooled.filter(|_| cost.is_some());
-    Ok(Some(Scored { row: row.clone(), goal, cost, lines: units.len(), error, promoted: false }))
+    Ok(Some(SearchTrialScore { row: row.clone(), goal, cost, lines: units.len(), error, promoted: false }))
 }
 
 /// The value of the metric, its weight and its spread, where it has one.
-fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(f64, f64, Vec<f64>)>, Fault> {
+fn values(
+    graph: &PlanGraph,
+    store: &Store,
+    goal: &SearchGoal,
+    unit: PlanUnit,
+) -> Result<Vec<(f64, f64, Vec<f64>)>, Fault> {
     let batch = store.get(graph.key(unit)?, &["metric", "value", "n", SPREAD])?;
     let lacking = || Fault::bug("a table of scores without `metric`, `value` and `n`");
     let column = |name: &str| batch.column_by_name(name).ok_or_else(lacking);
@@ -157,57 +170,64 @@ fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(
 }
 
 /// Stored state of a unit. For a unit that is not in the store, the state follows from its inputs.
-fn fate(graph: &Graph, store: &Store, unit: Unit) -> Result<Fate, Fault> {
+fn fate(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitState, Fault> {
     let key = match graph.key(unit) {
         Ok(key) => key,
-        Err(fault) => return Ok(Fate::Failed(Some(Box::new(fault)))),
+        Err(fault) => return Ok(StoredUnitState::Failed(Some(Box::new(fault)))),
     };
     match store.find(key).map(|place| place.rows) {
-        Some(Some(_)) => return Ok(Fate::There),
-        Some(None) => return Ok(Fate::Failed(store.failed(key)?.map(Box::new))),
+        Some(Some(_)) => return Ok(StoredUnitState::There),
+        Some(None) => return Ok(StoredUnitState::Failed(store.failed(key)?.map(Box::new))),
         None => {}
     }
     let it = graph.plan.instance(unit.table, unit.instance);
-    let of_line = |r: Ref, line: LineId| match r {
-        Ref::Flights(i) => Ok(match graph.records.get(i).and_then(|r| r.get(&line)).and_then(|l| l.fault.clone()) {
-            Some(fault) => Fate::Failed(Some(Box::new(fault))),
-            None => Fate::There,
-        }),
-        Ref::Stage(table, instance) => {
-            let line = (graph.plan.tables[table].entry.grain == Grain::Line).then_some(line);
-            fate(graph, store, Unit { table, instance, line })
+    let of_line = |r: TableRef, line: LineId| match r {
+        TableRef::Flights(i) => {
+            Ok(match graph.records.get(i).and_then(|r| r.get(&line)).and_then(|l| l.fault.clone()) {
+                Some(fault) => StoredUnitState::Failed(Some(Box::new(fault))),
+                None => StoredUnitState::There,
+            })
         }
-        Ref::Map(_) => Ok(Fate::There),
+        TableRef::Stage(table, instance) => {
+            let line = (graph.plan.tables[table].entry.grain == Grain::Line).then_some(line);
+            fate(graph, store, PlanUnit { table, instance, line })
+        }
+        TableRef::Map(_) => Ok(StoredUnitState::There),
     };
     for (kind, r) in it.kinds().into_iter().zip(it.inputs()) {
         let found = match (kind.is_by_line(), unit.line) {
-            _ if kind.is_record() => Fate::Unknown,
+            _ if kind.is_record() => StoredUnitState::Unknown,
             (true, Some(line)) => of_line(r, line)?,
             (false, _) => match r {
-                Ref::Stage(table, instance) => fate(graph, store, Unit { table, instance, line: None })?,
-                Ref::Map(_) | Ref::Flights(_) => Fate::There,
+                TableRef::Stage(table, instance) => fate(graph, store, PlanUnit { table, instance, line: None })?,
+                TableRef::Map(_) | TableRef::Flights(_) => StoredUnitState::There,
             },
             (true, None) => {
                 // A fit skips the lines that failed, unless all did.
                 let lines = graph.lines_of(unit.table, unit.instance);
                 let mut fates = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
-                let failed = !fates.is_empty() && fates.iter().all(|f| matches!(f, Fate::Failed(_)));
-                if failed { fates.swap_remove(0) } else { Fate::Unknown }
+                let failed = !fates.is_empty() && fates.iter().all(|f| matches!(f, StoredUnitState::Failed(_)));
+                if failed { fates.swap_remove(0) } else { StoredUnitState::Unknown }
             }
         };
-        if let Fate::Failed(why) = found {
-            return Ok(Fate::Failed(why));
+        if let StoredUnitState::Failed(why) = found {
+            return Ok(StoredUnitState::Failed(why));
         }
     }
-    Ok(Fate::Unknown)
+    Ok(StoredUnitState::Unknown)
 }
 
-/// The plan with all trials that follow from the scores in `store`; the plan itself where it has no search, or where all
-/// trials are known beforehand.
+/// The plan with all trials that follow from the scores in `store`; the plan itself where it has no search, or where
+/// all trials are known beforehand.
 ///
 /// # Errors
 /// Fails when a plan of these trials, its sources or the store cannot be read.
-pub fn settled(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> Result<Plan, Faults> {
+pub fn settled(
+    plan: Plan,
+    catalogue: &[StageEntry],
+    store: &Store,
+    tick: &SourceReadCallback,
+) -> Result<Plan, SpecFaults> {
     let Some(search) = plan.spec.search.clone() else { return Ok(plan) };
     match followed(&search, &plan, catalogue, store, tick)? {
         Some(course) => Plan::new(plan.spec.with_trials(&course.rows()), catalogue),
@@ -215,12 +235,18 @@ pub fn settled(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> R
     }
 }
 
-/// The plan with as many trials as a search may come to, and the number of those that are assumed: trials that do not follow from
-/// the scores in `store` yet follow from scores that are made up here. It says what the search costs, not what it finds.
+/// The plan with as many trials as a search may come to, and the number of those that are assumed: trials that do not
+/// follow from the scores in `store` yet follow from scores that are made up here. It says what the search costs, not
+/// what it finds.
 ///
 /// # Errors
 /// The same as [`settled`].
-pub fn foreseen(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> Result<(Plan, usize), Faults> {
+pub fn foreseen(
+    plan: Plan,
+    catalogue: &[StageEntry],
+    store: &Store,
+    tick: &SourceReadCallback,
+) -> Result<(Plan, usize), SpecFaults> {
     let Some(search) = plan.spec.search.clone() else { return Ok((plan, 0)) };
     let Some(mut course) = followed(&search, &plan, catalogue, store, tick)? else { return Ok((plan, 0)) };
     let known = course.rows().len();
@@ -234,28 +260,28 @@ pub fn foreseen(plan: Plan, catalogue: &[Entry], store: &Store, tick: &Tick) -> 
 }
 
 /// A row with a score that prefers no value of an axis: multiples of the golden ratio are spread evenly.
-fn made_up(row: &Row) -> Scored {
+fn made_up(row: &SearchTrial) -> SearchTrialScore {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let cost = Some((row.trial as f64 * GOLDEN).fract());
-    Scored { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
+    SearchTrialScore { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
 }
 
 /// The course of a search as far as the scores in `store` take it; none where all trials are known beforehand.
 fn followed<'a>(
-    search: &'a Search,
+    search: &'a SearchSpec,
     plan: &Plan,
-    catalogue: &[Entry],
+    catalogue: &[StageEntry],
     store: &Store,
-    tick: &Tick,
-) -> Result<Option<Course<'a>>, Faults> {
-    let mut course = Course::new(search);
+    tick: &SourceReadCallback,
+) -> Result<Option<SearchState<'a>>, SpecFaults> {
+    let mut course = SearchState::new(search);
     if course.is_known() {
         return Ok(None);
     }
     while !course.next().is_empty() {
         let rows = course.next().to_vec();
         let next = Plan::new(plan.spec.with_trials(&rows), catalogue)?;
-        let graph = Graph::new(&next, store, tick)?;
+        let graph = PlanGraph::new(&next, store, tick)?;
         let found = scored(&graph, store, &rows, false).map_err(|f| plan.spec.faults(vec![f]))?;
         match found {
             Some(found) => course.tell(found),
@@ -266,7 +292,7 @@ fn followed<'a>(
 }
 
 /// Sorts the computed trials by trial and rung.
-pub fn in_order(mut done: Vec<Scored>) -> Vec<Scored> {
+pub fn in_order(mut done: Vec<SearchTrialScore>) -> Vec<SearchTrialScore> {
     done.sort_by_key(|s| (s.row.trial, s.row.rung));
     done
 }

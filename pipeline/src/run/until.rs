@@ -2,21 +2,21 @@
 
 use schemas::Grain;
 
-use super::runner::{Looked, Runner};
-use crate::plan::{Plan, Ref, Unit};
+use super::runner::{PlanRunner, UnitLookup};
+use crate::plan::{Plan, PlanUnit, TableRef};
 
-/// The tables that a run up to one table is asked for.
-pub struct Asked {
+/// The target tables of a run up to one table.
+pub struct TargetTables {
     /// Their positions; `None` for all.
     tables: Option<Vec<usize>>,
     /// Those that are not up to date and were not asked for.
     pub left: Vec<usize>,
 }
 
-impl Asked {
+impl TargetTables {
     /// Up to the table at position `until`, or all.
-    pub fn new(plan: &Plan, until: Option<usize>) -> Asked {
-        Asked { tables: until.map(|t| plan.rests_on(t)), left: vec![] }
+    pub fn new(plan: &Plan, until: Option<usize>) -> TargetTables {
+        TargetTables { tables: until.map(|t| plan.rests_on(t)), left: vec![] }
     }
 
     /// Whether the table `t` is computed.
@@ -40,15 +40,15 @@ impl Asked {
     }
 }
 
-impl Runner<'_> {
+impl PlanRunner<'_> {
     /// Whether the table `t`, which is not asked for, is left as it is: something of it would be computed.
     pub(super) fn is_left(&self, t: usize, left: &[usize]) -> bool {
         let node = &self.graph.plan.tables[t];
-        let on_left = |r: Ref| matches!(r, Ref::Stage(up, _) if left.contains(&up));
+        let on_left = |r: TableRef| matches!(r, TableRef::Stage(up, _) if left.contains(&up));
         if node.sources().into_iter().any(on_left) {
             return true;
         }
-        let unit_needs = |unit: Unit| matches!(self.look(unit), Looked::Need(_));
+        let unit_needs = |unit: PlanUnit| matches!(self.look(unit), UnitLookup::Need(_));
         // Results that are not kept cost nothing until they are needed.
         let kept = node.keep || node.entry.grain != Grain::Line;
         kept && self.graph.units(t).any(unit_needs)

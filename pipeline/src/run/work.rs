@@ -9,13 +9,13 @@ use std::{
 use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::{Field, Schema};
 use rayon::prelude::*;
-use schemas::{AnyLinePoint, AnyStage, Fault, Grain, LineIn, Prepared, Product};
+use schemas::{AnyLinePoint, AnySharedData, AnyStage, Fault, Grain, LineInput, StageOutput};
 
 #[cfg(feature = "cluster")]
 use super::Event;
-use super::{Listener, cut::Cut, held::Held, interrupt::INTERRUPTED};
+use super::{Listener, cut::TableAssembler, held::LineColumnCache, interrupt::INTERRUPTED};
 use crate::{
-    plan::{Graph, Instance, LineId, Unit},
+    plan::{LineId, PlanGraph, PlanUnit, StageInstance},
     store::{Remarks, Store},
 };
 
@@ -24,18 +24,18 @@ mod survey;
 
 /// The result of a computed unit.
 #[derive(Clone)]
-pub struct Made {
+pub struct UnitResult {
     /// The unit.
-    pub unit: Unit,
+    pub unit: PlanUnit,
     /// The columns that its stage made, or why it could not.
     pub rows: Result<RecordBatch, Fault>,
     /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
 }
 
-impl Made {
-    fn failed(unit: Unit, fault: Fault) -> Made {
-        Made { unit, rows: Err(fault), remarks: Remarks::default() }
+impl UnitResult {
+    fn failed(unit: PlanUnit, fault: Fault) -> UnitResult {
+        UnitResult { unit, rows: Err(fault), remarks: Remarks::default() }
     }
 }
 
@@ -43,42 +43,42 @@ impl Made {
 const POINTS_A_GROUP: usize = 8;
 
 /// Dependencies of a stage's preparation: its table, and the parameters, models and maps that it uses.
-type Basis = (usize, String);
+type PreparationKey = (usize, String);
 
-/// A point on a line: its stage, the columns it reads, and what the stage prepared.
-struct Input {
+/// Inputs of a stage for a point on a line: the stage, its columns, its preparation.
+struct LineUnitInput {
     stage: AnyStage,
-    line: LineIn,
-    prepared: Prepared,
+    line: LineInput,
+    prepared: AnySharedData,
 }
 
-impl Input {
+impl LineUnitInput {
     fn point(&self) -> Result<AnyLinePoint<'_>, Fault> {
         Ok(AnyLinePoint { stage: self.stage.of_lines()?, line: &self.line, prepared: &self.prepared })
     }
 }
 
-/// Says whether a line can be used by a unit.
-pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
+/// Function that decides whether a line is usable for a unit.
+pub type LineUsability<'a> = dyn Fn(LineId, PlanUnit) -> bool + Sync + 'a;
 
-/// Computes units.
-pub struct Worker<'a> {
-    graph: &'a Graph<'a>,
+/// Component that computes units, with a cache of prepared stages.
+pub struct UnitWorker<'a> {
+    graph: &'a PlanGraph<'a>,
     store: &'a Store,
     listener: &'a dyn Listener,
-    prepared: Mutex<HashMap<Basis, Result<Prepared, Fault>>>,
-    cuts: Vec<Result<Cut<'a>, Fault>>,
+    prepared: Mutex<HashMap<PreparationKey, Result<AnySharedData, Fault>>>,
+    cuts: Vec<Result<TableAssembler<'a>, Fault>>,
 }
 
-impl<'a> Worker<'a> {
+impl<'a> UnitWorker<'a> {
     /// For all tables of a run.
-    pub fn new(graph: &'a Graph<'a>, store: &'a Store, listener: &'a dyn Listener) -> Worker<'a> {
-        let cuts = (0..graph.plan.tables.len()).map(|t| Cut::new(graph, t)).collect();
-        Worker { graph, store, listener, prepared: Mutex::default(), cuts }
+    pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store, listener: &'a dyn Listener) -> UnitWorker<'a> {
+        let cuts = (0..graph.plan.tables.len()).map(|t| TableAssembler::new(graph, t)).collect();
+        UnitWorker { graph, store, listener, prepared: Mutex::default(), cuts }
     }
 
     /// The plan with its data.
-    pub fn graph(&self) -> &'a Graph<'a> {
+    pub fn graph(&self) -> &'a PlanGraph<'a> {
         self.graph
     }
 
@@ -101,8 +101,8 @@ impl<'a> Worker<'a> {
     /// The contents of the files of a table.
     ///
     /// # Errors
-    /// The same as [`Cut::new`].
-    pub fn cut(&self, table: usize) -> Result<&Cut<'a>, Fault> {
+    /// The same as [`TableAssembler::new`].
+    pub fn cut(&self, table: usize) -> Result<&TableAssembler<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),
             None => Err(Fault::bug("a table that the plan does not have")),
@@ -118,7 +118,12 @@ impl<'a> Worker<'a> {
 
     /// Computes `units` of one table, in their order, in parallel; `done` is called with each finished group. Units
     /// that an interrupt leaves out are not among the results.
-    pub fn compute(&self, units: &[Unit], usable: &Usable, done: &(dyn Fn(&[Made]) + Sync)) -> Vec<Made> {
+    pub fn compute(
+        &self,
+        units: &[PlanUnit],
+        usable: &LineUsability,
+        done: &(dyn Fn(&[UnitResult]) + Sync),
+    ) -> Vec<UnitResult> {
         let Some(first) = units.first() else { return vec![] };
         let grain = self.graph.plan.tables[first.table].entry.grain;
         let groups = match grain {
@@ -126,7 +131,7 @@ impl<'a> Worker<'a> {
             Grain::Survey => self.by_lines_seen(units),
             Grain::Map => units.iter().map(|unit| vec![*unit]).collect(),
         };
-        let one = |group: &Vec<Unit>| {
+        let one = |group: &Vec<PlanUnit>| {
             if INTERRUPTED.load(Ordering::Relaxed) {
                 return vec![];
             }
@@ -138,24 +143,24 @@ impl<'a> Worker<'a> {
             done(&made);
             made
         };
-        let made: Vec<Vec<Made>> = groups.par_iter().with_max_len(1).map(one).collect();
-        let mut of: HashMap<Unit, Made> = made.into_iter().flatten().map(|m| (m.unit, m)).collect();
+        let made: Vec<Vec<UnitResult>> = groups.par_iter().with_max_len(1).map(one).collect();
+        let mut of: HashMap<PlanUnit, UnitResult> = made.into_iter().flatten().map(|m| (m.unit, m)).collect();
         units.iter().filter_map(|u| of.remove(u)).collect()
     }
 
     /// The stage of a unit at its point.
-    pub fn instance(&self, unit: Unit) -> Instance<'a> {
+    pub fn instance(&self, unit: PlanUnit) -> StageInstance<'a> {
         self.graph.plan.instance(unit.table, unit.instance)
     }
 
     /// Some points of one line, run together.
-    fn lines(&self, units: &[Unit]) -> Vec<Made> {
-        let mut held = Held::new(self);
-        let mut input = |unit: &Unit| -> Result<Input, Fault> {
+    fn lines(&self, units: &[PlanUnit]) -> Vec<UnitResult> {
+        let mut held = LineColumnCache::new(self);
+        let mut input = |unit: &PlanUnit| -> Result<LineUnitInput, Fault> {
             let line = unit.line.ok_or_else(|| Fault::bug("a line stage without a line"))?;
             self.input(*unit, line, &mut held)
         };
-        let inputs: Vec<Result<Input, Fault>> = units.iter().map(&mut input).collect();
+        let inputs: Vec<Result<LineUnitInput, Fault>> = units.iter().map(&mut input).collect();
         let points: Vec<Result<AnyLinePoint, Fault>> =
             inputs.iter().map(|input| input.as_ref().map_err(Clone::clone)?.point()).collect();
         let able: Vec<AnyLinePoint> = points.iter().flatten().copied().collect();
@@ -167,7 +172,7 @@ impl<'a> Worker<'a> {
         let alone = |point: &AnyLinePoint| guarded(|| point.stage.run(point.line, point.prepared));
         let answers = together.unwrap_or_else(|_| able.iter().map(alone).collect());
         let mut answers = answers.into_iter();
-        let one = |(unit, point): (&Unit, &Result<AnyLinePoint, Fault>)| {
+        let one = |(unit, point): (&PlanUnit, &Result<AnyLinePoint, Fault>)| {
             let rows = match point {
                 Ok(AnyLinePoint { line, .. }) => {
                     let answer = answers.next().unwrap_or_else(|| Err(Fault::bug("a point without an answer")));
@@ -176,7 +181,7 @@ impl<'a> Worker<'a> {
                 }
                 Err(fault) => Err(fault.clone()),
             };
-            Made { unit: *unit, rows, remarks: Remarks::default() }
+            UnitResult { unit: *unit, rows, remarks: Remarks::default() }
         };
         units.iter().zip(&points).map(one).collect()
     }
@@ -185,7 +190,7 @@ impl<'a> Worker<'a> {
     ///
     /// # Errors
     /// Fails when its inputs cannot be read, and where its stage does.
-    pub fn alone(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<RecordBatch, Fault> {
+    pub fn alone(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let input = self.input(unit, line, held)?;
         let arrays = guarded(|| input.stage.of_lines()?.run(&input.line, &input.prepared));
         let arrays = arrays.map_err(|f| f.in_line(&input.line.flight, &input.line.line))?;
@@ -193,30 +198,32 @@ impl<'a> Worker<'a> {
     }
 
     /// A unit of a line stage, ready to run.
-    fn input(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<Input, Fault> {
+    fn input(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<LineUnitInput, Fault> {
         let stage = self.instance(unit).stage()?;
         let prepared = self.prepare(unit, &stage)?;
-        Ok(Input { line: self.line_in(unit, line, held)?, stage, prepared })
+        Ok(LineUnitInput { line: self.line_in(unit, line, held)?, stage, prepared })
     }
 
     /// One point of a stage that works on maps.
-    fn map(&self, unit: Unit) -> Made {
+    fn map(&self, unit: PlanUnit) -> UnitResult {
         let made = || {
             let it = self.instance(unit);
             let maps: Vec<RecordBatch> =
                 it.inputs().iter().map(|r| self.graph.map(self.store, *r)).collect::<Result<_, Fault>>()?;
             let stage = it.stage()?;
-            let Product { columns, warnings } = guarded(|| stage.of_maps()?.run(&maps))?;
+            let StageOutput { columns, warnings } = guarded(|| stage.of_maps()?.run(&maps))?;
             Ok((self.batch(&it, columns)?, warnings))
         };
         match made() {
-            Ok((rows, warnings)) => Made { unit, rows: Ok(rows), remarks: Remarks { warnings, left_out: vec![] } },
-            Err(fault) => Made::failed(unit, fault),
+            Ok((rows, warnings)) => {
+                UnitResult { unit, rows: Ok(rows), remarks: Remarks { warnings, left_out: vec![] } }
+            }
+            Err(fault) => UnitResult::failed(unit, fault),
         }
     }
 
     /// The stage's arrays as a batch, checked against its declaration.
-    fn batch(&self, it: &Instance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
+    fn batch(&self, it: &StageInstance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
         let fields: Vec<Field> = it.yields.columns.iter().map(schemas::Column::field).collect();
         let fits =
             fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
@@ -241,8 +248,8 @@ fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
 }
 
 /// Some points of one line each, in the order of the units.
-fn by_line(units: &[Unit]) -> Vec<Vec<Unit>> {
-    let mut lines: Vec<Vec<Unit>> = vec![];
+fn by_line(units: &[PlanUnit]) -> Vec<Vec<PlanUnit>> {
+    let mut lines: Vec<Vec<PlanUnit>> = vec![];
     let mut at: HashMap<Option<LineId>, usize> = HashMap::new();
     for unit in units {
         let i = *at.entry(unit.line).or_insert_with(|| {

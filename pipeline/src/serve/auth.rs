@@ -4,7 +4,7 @@ use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
 use schemas::Fault;
 use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
 
-use crate::ports::Guest;
+use crate::ports::PortClient;
 
 /// The least number of characters of a token.
 const SHORTEST: usize = 16;
@@ -60,24 +60,24 @@ impl Token {
     }
 }
 
-/// Refuses requests without the token.
+/// Interceptor that rejects requests without the token.
 #[derive(Clone)]
-pub struct Check(Option<Token>);
+pub struct TokenInterceptor(Option<Token>);
 
-impl Check {
+impl TokenInterceptor {
     /// Check of `token`; without a token all requests pass.
-    pub fn new(token: Option<Token>) -> Check {
-        Check(token)
+    pub fn new(token: Option<Token>) -> TokenInterceptor {
+        TokenInterceptor(token)
     }
 }
 
-impl Interceptor for Check {
+impl Interceptor for TokenInterceptor {
     fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
         if self.0.as_ref().is_some_and(|token| !token.admits(request.metadata())) {
             return Err(Status::unauthenticated(WRONG));
         }
         // From now on the connection is one of a client, and no longer one of a stranger.
-        if request.extensions().get::<Guest>().is_some_and(|guest| !guest.admit()) {
+        if request.extensions().get::<PortClient>().is_some_and(|guest| !guest.admit()) {
             return Err(Status::resource_exhausted("too many clients are connected; try again later"));
         }
         Ok(request)

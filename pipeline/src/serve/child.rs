@@ -1,5 +1,5 @@
-//! The process of one query: it plans and computes, and is ended when it takes too long or too much memory. The question comes
-//! by standard input, the answer goes by standard output, in pieces.
+//! The process of one query: it plans and computes, and is ended when it takes too long or too much memory. The
+//! question comes by standard input, the answer goes by standard output, in pieces.
 
 use std::{
     fs::File,
@@ -25,7 +25,7 @@ use super::parameters;
 use crate::{
     confine, deep,
     store::pulled,
-    views::sql::{Pins, Session, WORKER_STACK, memory},
+    views::sql::{SqlSession, VersionPins, WORKER_STACK, memory},
 };
 
 /// The most threads that compute a query, and that wait for its files.
@@ -36,7 +36,7 @@ pub const BESIDE: usize = 96 << 20;
 
 /// A request to a process.
 #[derive(Serialize, Deserialize)]
-pub struct Question {
+pub struct QueryRequest {
     /// The store's folder.
     pub store: PathBuf,
     /// The folder to spill to.
@@ -50,41 +50,41 @@ pub struct Question {
     /// The values of its parameters: one batch, as an IPC stream in base64.
     pub parameters: Option<String>,
     /// The versions of the tables; those of now where there are none.
-    pub pins: Option<Pins>,
+    pub pins: Option<VersionPins>,
     /// Whether rows are wanted, and not only columns.
     pub rows: bool,
 }
 
 /// The schema and notes of a query, before its rows.
 #[derive(Serialize, Deserialize)]
-pub struct Head {
+pub struct QueryHeader {
     /// Its columns: an IPC stream in base64.
     pub columns: String,
     /// Its open parameters: the same.
     pub parameters: String,
     /// The versions of the tables.
-    pub pins: Pins,
+    pub pins: VersionPins,
 }
 
 /// The error of a query.
 #[derive(Serialize, Deserialize)]
-pub struct Refusal {
+pub struct QueryFailure {
     /// The message.
     pub text: String,
     /// Whether the query is wrong, and not the machine.
     pub lasting: bool,
 }
 
-/// A piece of an answer.
-pub enum Piece {
+/// A message of a query process: header, rows, end or failure.
+pub enum QueryChunk {
     /// The schema and notes, before the rows.
-    Head(Head),
+    Head(QueryHeader),
     /// Rows, as an IPC stream.
     Rows(Vec<u8>),
     /// All rows were sent.
     End,
     /// It failed.
-    Failed(Refusal),
+    Failed(QueryFailure),
 }
 
 const HEAD: u8 = b'h';
@@ -95,14 +95,14 @@ const FAILED: u8 = b'f';
 /// The longest piece.
 const LONGEST: usize = 1 << 31;
 
-impl Piece {
+impl QueryChunk {
     /// Writes it.
     fn write(&self, to: &mut impl Write) -> std::io::Result<()> {
         let (kind, bytes) = match self {
-            Piece::Head(head) => (HEAD, serde_json::to_vec(head)?.into()),
-            Piece::Rows(rows) => (ROWS, std::borrow::Cow::Borrowed(rows.as_slice())),
-            Piece::End => (END, vec![].into()),
-            Piece::Failed(refusal) => (FAILED, serde_json::to_vec(refusal)?.into()),
+            QueryChunk::Head(head) => (HEAD, serde_json::to_vec(head)?.into()),
+            QueryChunk::Rows(rows) => (ROWS, std::borrow::Cow::Borrowed(rows.as_slice())),
+            QueryChunk::End => (END, vec![].into()),
+            QueryChunk::Failed(refusal) => (FAILED, serde_json::to_vec(refusal)?.into()),
         };
         to.write_all(&[kind])?;
         to.write_all(&(bytes.len() as u64).to_be_bytes())?;
@@ -111,7 +111,7 @@ impl Piece {
     }
 
     /// Reads the next one; none where the process has ended.
-    pub fn read(from: &mut impl Read) -> Option<Piece> {
+    pub fn read(from: &mut impl Read) -> Option<QueryChunk> {
         let (mut kind, mut length) = ([0], [0; 8]);
         from.read_exact(&mut kind).ok()?;
         from.read_exact(&mut length).ok()?;
@@ -119,10 +119,10 @@ impl Piece {
         let mut bytes = vec![0; length];
         from.read_exact(&mut bytes).ok()?;
         match kind[0] {
-            HEAD => serde_json::from_slice(&bytes).ok().map(Piece::Head),
-            ROWS => Some(Piece::Rows(bytes)),
-            END => Some(Piece::End),
-            FAILED => serde_json::from_slice(&bytes).ok().map(Piece::Failed),
+            HEAD => serde_json::from_slice(&bytes).ok().map(QueryChunk::Head),
+            ROWS => Some(QueryChunk::Rows(bytes)),
+            END => Some(QueryChunk::End),
+            FAILED => serde_json::from_slice(&bytes).ok().map(QueryChunk::Failed),
             _ => None,
         }
     }
@@ -187,25 +187,25 @@ pub fn answer() -> Result<(), Fault> {
     confine::end_with_parent();
     let mut text = String::new();
     stdin().read_to_string(&mut text).map_err(lost)?;
-    let question: Question = serde_json::from_str(&text).map_err(|e| Fault::bug(format!("no question: {e}")))?;
+    let question: QueryRequest = serde_json::from_str(&text).map_err(|e| Fault::bug(format!("no question: {e}")))?;
     // Not line by line.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
-    let mut send = |piece: Piece| piece.write(&mut out).map_err(lost);
+    let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
     // A text that is longer than its offsets can count ends DataFusion with a panic.
     let too_long = |_| {
         let what = format!("{}, or its texts exceed 2 GiB", memory::exceeded(question.memory));
         Err(Fault::new(what).help("select fewer rows or shorter texts"))
     };
     let end = match catch_unwind(AssertUnwindSafe(|| answered(&question, &mut send))).unwrap_or_else(too_long) {
-        Ok(()) => Piece::End,
-        Err(fault) => Piece::Failed(Refusal { text: fault.to_string(), lasting: fault.owner.is_lasting() }),
+        Ok(()) => QueryChunk::End,
+        Err(fault) => QueryChunk::Failed(QueryFailure { text: fault.to_string(), lasting: fault.owner.is_lasting() }),
     };
     send(end)
 }
 
-type Send<'a> = dyn FnMut(Piece) -> Result<(), Fault> + std::marker::Send + 'a;
+type QueryChunkSink<'a> = dyn FnMut(QueryChunk) -> Result<(), Fault> + std::marker::Send + 'a;
 
-fn answered(question: &Question, send: &mut Send) -> Result<(), Fault> {
+fn answered(question: &QueryRequest, send: &mut QueryChunkSink) -> Result<(), Fault> {
     deep::over(&question.query, || ())?;
     let threads = available_parallelism().map_or(1, |n| n.get().min(MOST_THREADS));
     let mut runtime = tokio::runtime::Builder::new_multi_thread();
@@ -218,10 +218,10 @@ fn answered(question: &Question, send: &mut Send) -> Result<(), Fault> {
     })?
 }
 
-async fn rows(question: &Question, send: &mut Send<'_>) -> Result<(), Fault> {
-    let Question { store, spill, query, .. } = question;
+async fn rows(question: &QueryRequest, send: &mut QueryChunkSink<'_>) -> Result<(), Fault> {
+    let QueryRequest { store, spill, query, .. } = question;
     pulled(store)?;
-    let session = Session::at(store, question.memory, spill, question.pins.as_ref())?;
+    let session = SqlSession::at(store, question.memory, spill, question.pins.as_ref())?;
     let wrong = |e| session.fault(&e, query);
     let bug = |e: ArrowError| Fault::bug(format!("cannot send the result: {e}"));
     let mut plan = session.plan(query).await?;
@@ -238,8 +238,8 @@ async fn rows(question: &Question, send: &mut Send<'_>) -> Result<(), Fault> {
         plan.schema().as_arrow().clone()
     };
     let columns = spelt(&plain(&columns), None).map_err(bug)?;
-    let head = Head { columns, parameters: spelt(&open, None).map_err(bug)?, pins: session.pins().clone() };
-    send(Piece::Head(head))?;
+    let head = QueryHeader { columns, parameters: spelt(&open, None).map_err(bug)?, pins: session.pins().clone() };
+    send(QueryChunk::Head(head))?;
     if !question.rows {
         return Ok(());
     }
@@ -247,7 +247,7 @@ async fn rows(question: &Question, send: &mut Send<'_>) -> Result<(), Fault> {
     let mut stream = session.run(plan).await.map_err(wrong)?;
     while let Some(batch) = stream.next().await {
         let batch = batch.map_err(wrong)?;
-        send(Piece::Rows(packed(&batch.schema(), Some(&batch)).map_err(bug)?))?;
+        send(QueryChunk::Rows(packed(&batch.schema(), Some(&batch)).map_err(bug)?))?;
     }
     Ok(())
 }

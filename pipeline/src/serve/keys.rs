@@ -5,8 +5,8 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Int32Array, RecordBatch, StringArray};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 
-/// The columns that tell the rows of a table of flight lines apart: axes, flight, line and time. Other tables have no key
-/// that is promised.
+/// The columns that tell the rows of a table of flight lines apart: axes, flight, line and time. Other tables have no
+/// key that is promised.
 pub fn primary(schema: &Schema) -> Vec<&str> {
     let role = |f: &Field| f.metadata().get("role").cloned().unwrap_or_default();
     let is_key = |f: &&Arc<Field>| role(f) == "key" || f.name() == "tt";

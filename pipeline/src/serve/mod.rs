@@ -1,7 +1,7 @@
 //! `magline serve`: the tables of a store over Arrow Flight SQL, read-only.
 //!
-//! A query sees the tables as they are when it is planned, by the session of `magline sql` with the same rules; what a run
-//! publishes meanwhile is seen by later ones. Answers are streamed as they are computed.
+//! A query sees the tables as they are when it is planned, by the session of `magline sql` with the same rules; what a
+//! run publishes meanwhile is seen by later ones. Answers are streamed as they are computed.
 
 mod auth;
 mod child;
@@ -24,15 +24,15 @@ use tokio::{
 };
 use tonic::{service::interceptor::InterceptedService, transport::Server};
 
-use crate::ports::{Door, encryption};
+use crate::ports::{PortListener, encryption};
 pub use auth::Token;
 pub use child::answer;
 pub use process::COMMAND;
-use queries::Queries;
-use service::Service;
+use queries::QueryRegistry;
+use service::StoreQueryService;
 
-/// How a store is served.
-pub struct Settings {
+/// Settings of the query server of a store.
+pub struct ServerSettings {
     /// This program: each query is computed by a process of it.
     pub program: PathBuf,
     /// The store's folder.
@@ -59,7 +59,8 @@ const CONNECTION_THREADS: usize = 2;
 const GRACE: Duration = Duration::from_secs(3);
 /// A client that does not answer for so long is gone.
 const ALIVE: Duration = Duration::from_secs(30);
-/// The longest message of a client: a query, or the values of its parameters. Answers are sent in messages of about 2 MB.
+/// The longest message of a client: a query, or the values of its parameters. Answers are sent in messages of about 2
+/// MB.
 const MESSAGE: usize = 4 << 20;
 /// Requests at once on one connection; others wait.
 const STREAMS: u32 = 64;
@@ -71,9 +72,13 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
 /// Serves until `stop` is true, or its sender is gone. `started` receives the address.
 ///
 /// # Errors
-/// Fails when the address cannot be listened at beyond this machine without a token, is taken, or the certificate or key
-/// cannot be used.
-pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::Receiver<bool>) -> Result<(), Fault> {
+/// Fails when the address cannot be listened at beyond this machine without a token, is taken, or the certificate or
+/// key cannot be used.
+pub fn serve(
+    settings: ServerSettings,
+    started: impl FnOnce(SocketAddr),
+    stop: watch::Receiver<bool>,
+) -> Result<(), Fault> {
     if settings.token.is_none() && !settings.bind.ip().is_loopback() {
         let what = format!("other machines can connect to {}, but the server has no token", settings.bind.ip());
         return Err(Fault::new(what).help("give a token with `--token-file`, or use `--bind 127.0.0.1:31337`"));
@@ -88,7 +93,7 @@ pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::
     // Each query has a thread that reads what its process computes.
     let computing = threads("queries").worker_threads(CONNECTION_THREADS).build();
     let computing: Runtime = computing.map_err(|e| machine("cannot start threads", &e))?;
-    let queries = Queries::new(&settings, computing.handle().clone());
+    let queries = QueryRegistry::new(&settings, computing.handle().clone());
     let processes = queries.processes();
     let done = connections.block_on(listen(settings, queries, started, stop));
     processes.end();
@@ -99,13 +104,13 @@ pub fn serve(settings: Settings, started: impl FnOnce(SocketAddr), stop: watch::
 }
 
 async fn listen(
-    settings: Settings,
-    queries: Queries,
+    settings: ServerSettings,
+    queries: QueryRegistry,
     started: impl FnOnce(SocketAddr),
     stop: watch::Receiver<bool>,
 ) -> Result<(), Fault> {
-    let check = auth::Check::new(settings.token.clone());
-    let service = Service::new(queries, settings.token);
+    let check = auth::TokenInterceptor::new(settings.token.clone());
+    let service = StoreQueryService::new(queries, settings.token);
     let mut server = Server::builder()
         .http2_keepalive_interval(Some(ALIVE))
         .http2_keepalive_timeout(Some(ALIVE))
@@ -113,7 +118,7 @@ async fn listen(
     let encryption = settings.tls.map(|(certificate, key)| encryption(&certificate, &key)).transpose()?;
     let taken = |e: &dyn std::fmt::Display| machine(&format!("cannot listen on {}", settings.bind), e);
     let listener = TcpListener::bind(settings.bind).await.map_err(|e| taken(&e))?;
-    let door = Door::new(listener, encryption);
+    let door = PortListener::new(listener, encryption);
     started(door.address().map_err(|e| taken(&e))?);
     let stopped = |mut stop: watch::Receiver<bool>| async move {
         // A sender that is gone will not stop it any more.

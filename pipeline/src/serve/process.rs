@@ -1,4 +1,5 @@
-//! Queries as processes: a query that takes too long or too much memory is ended by the kernel, and takes nothing else with it.
+//! Queries as processes: a query that takes too long or too much memory is ended by the kernel, and takes nothing else
+//! with it.
 
 use std::{
     collections::BTreeMap,
@@ -24,13 +25,13 @@ use tokio::{
 use tonic::Status;
 
 use super::{
-    Settings,
-    child::{BESIDE, Head, Piece, Question, Refusal},
-    spool::{Reader, Spool},
+    ServerSettings,
+    child::{BESIDE, QueryChunk, QueryFailure, QueryHeader, QueryRequest},
+    spool::{SpoolReader, SpoolWriter},
 };
 use crate::{
     confine,
-    views::sql::{Pins, memory},
+    views::sql::{VersionPins, memory},
 };
 
 /// The interval of looking at the memory of a query.
@@ -40,22 +41,22 @@ const OWN: usize = 64 << 20;
 /// Queries that wait for their turn; more are refused at once.
 const MOST_WAITING: usize = 256;
 
-/// A query as it is asked: text, values of parameters, versions of the tables.
+/// Input of a query: text, values of parameters, versions of the tables.
 #[derive(Clone)]
-pub struct Asked {
+pub struct QueryInput {
     /// The query.
     pub query: String,
     /// One batch, as an IPC stream in base64.
     pub parameters: Option<String>,
     /// The versions of the tables; those of now where there are none.
-    pub pins: Option<Pins>,
+    pub pins: Option<VersionPins>,
 }
 
-/// All processes.
+/// All processes that compute queries.
 #[derive(Clone)]
-pub struct Processes(Arc<Inner>);
+pub struct QueryProcessPool(Arc<QueryProcessPoolState>);
 
-struct Inner {
+struct QueryProcessPoolState {
     program: PathBuf,
     store: PathBuf,
     spill: PathBuf,
@@ -65,31 +66,31 @@ struct Inner {
     at_once: Arc<Semaphore>,
     waiting: AtomicUsize,
     next: AtomicU64,
-    running: Mutex<BTreeMap<u64, Running>>,
+    running: Mutex<BTreeMap<u64, QueryProcess>>,
     runtime: Handle,
 }
 
 /// A process that runs.
-struct Running {
+struct QueryProcess {
     process: u32,
     bytes: usize,
     /// Why it was ended.
     ended: Option<Status>,
 }
 
-/// Waits among others.
-struct Turn<'a>(&'a AtomicUsize);
+/// Guard that counts a waiting query.
+struct QueueGuard<'a>(&'a AtomicUsize);
 
-impl Drop for Turn<'_> {
+impl Drop for QueueGuard<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
-impl Processes {
+impl QueryProcessPool {
     /// None yet.
-    pub fn new(settings: &Settings, runtime: Handle) -> Processes {
-        Processes(Arc::new(Inner {
+    pub fn new(settings: &ServerSettings, runtime: Handle) -> QueryProcessPool {
+        QueryProcessPool(Arc::new(QueryProcessPoolState {
             program: settings.program.clone(),
             store: settings.store.clone(),
             spill: settings.spill.clone(),
@@ -104,7 +105,7 @@ impl Processes {
         }))
     }
 
-    fn running(&self) -> MutexGuard<'_, BTreeMap<u64, Running>> {
+    fn running(&self) -> MutexGuard<'_, BTreeMap<u64, QueryProcess>> {
         self.0.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -123,7 +124,7 @@ impl Processes {
     ///
     /// # Errors
     /// Fails when the query is wrong, does anything but ask, or takes too long or too much.
-    pub async fn plan(&self, asked: Asked) -> Result<Head, Status> {
+    pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
         // Its place and its part of the memory are free when it has ended.
         while let Some(piece) = reader.next().await {
@@ -135,15 +136,15 @@ impl Processes {
     /// The columns of a query, and its rows as they come.
     ///
     /// # Errors
-    /// The same as [`Processes::plan`].
-    pub async fn answer(&self, asked: Asked) -> Result<(Head, Reader), Status> {
+    /// The same as [`QueryProcessPool::plan`].
+    pub async fn answer(&self, asked: QueryInput) -> Result<(QueryHeader, SpoolReader), Status> {
         self.begin(asked, true).await
     }
 
-    async fn begin(&self, asked: Asked, rows: bool) -> Result<(Head, Reader), Status> {
+    async fn begin(&self, asked: QueryInput, rows: bool) -> Result<(QueryHeader, SpoolReader), Status> {
         let deadline = Instant::now() + self.0.timeout;
         let permit = self.place(deadline).await?;
-        let spool = Spool::default();
+        let spool = SpoolWriter::default();
         let reader = spool.reader();
         let (tell, head) = oneshot::channel();
         let (this, number) = (self.clone(), self.0.next.fetch_add(1, Ordering::Relaxed));
@@ -169,7 +170,7 @@ impl Processes {
     async fn place(&self, deadline: Instant) -> Result<OwnedSemaphorePermit, Status> {
         let busy = || Status::resource_exhausted("too many queries are running; repeat the query later");
         let before = self.0.waiting.fetch_add(1, Ordering::Relaxed);
-        let _turn = Turn(&self.0.waiting);
+        let _turn = QueueGuard(&self.0.waiting);
         if before >= MOST_WAITING {
             return Err(busy());
         }
@@ -177,10 +178,10 @@ impl Processes {
         permit.map_err(|_| Status::unavailable("the server is shutting down"))
     }
 
-    fn question(&self, asked: Asked, rows: bool) -> Question {
+    fn question(&self, asked: QueryInput, rows: bool) -> QueryRequest {
         let at_once = (self.running().len() + 1).min(self.0.at_most);
         let memory = self.0.memory / at_once;
-        Question {
+        QueryRequest {
             store: self.0.store.clone(),
             spill: self.0.spill.clone(),
             memory,
@@ -196,15 +197,15 @@ impl Processes {
     fn computed(
         &self,
         number: u64,
-        question: &Question,
-        spool: &Spool,
-        tell: oneshot::Sender<Head>,
+        question: &QueryRequest,
+        spool: &SpoolWriter,
+        tell: oneshot::Sender<QueryHeader>,
     ) -> Result<(), Status> {
         let machine = |e: std::io::Error| Status::internal(format!("cannot start the process of a query: {e}"));
         let mut command = confine::command(&self.0.program);
         command.arg(COMMAND).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().map_err(machine)?;
-        self.running().insert(number, Running { process: child.id(), bytes: 0, ended: None });
+        self.running().insert(number, QueryProcess { process: child.id(), bytes: 0, ended: None });
         let read = self.read(&mut child, question, spool, tell);
         // From here on nobody sends it a signal: its number may be another's once it was waited for.
         let ended = self.running().remove(&number).and_then(|running| running.ended);
@@ -222,32 +223,34 @@ impl Processes {
     fn read(
         &self,
         child: &mut Child,
-        question: &Question,
-        spool: &Spool,
-        tell: oneshot::Sender<Head>,
+        question: &QueryRequest,
+        spool: &SpoolWriter,
+        tell: oneshot::Sender<QueryHeader>,
     ) -> Option<Result<(), Status>> {
         let (mut to, from) = (child.stdin.take()?, child.stdout.take()?);
         to.write_all(&serde_json::to_vec(question).ok()?).ok()?;
         drop(to);
         let (mut from, mut tell) = (BufReader::new(from), Some(tell));
         loop {
-            match Piece::read(&mut from)? {
-                Piece::Head(head) => drop(tell.take().map(|tell| tell.send(head))),
-                Piece::Rows(rows) => match spool.put(rows, &self.0.spill) {
+            match QueryChunk::read(&mut from)? {
+                QueryChunk::Head(head) => drop(tell.take().map(|tell| tell.send(head))),
+                QueryChunk::Rows(rows) => match spool.put(rows, &self.0.spill) {
                     Ok(true) => {}
                     Ok(false) => return Some(Err(Status::cancelled("the client has disconnected"))),
                     Err(e) => return Some(Err(Status::internal(format!("cannot store a result: {e}")))),
                 },
-                Piece::End => return Some(Ok(())),
-                Piece::Failed(Refusal { text, lasting: true }) => return Some(Err(Status::invalid_argument(text))),
-                Piece::Failed(Refusal { text, lasting: false }) => return Some(Err(Status::internal(text))),
+                QueryChunk::End => return Some(Ok(())),
+                QueryChunk::Failed(QueryFailure { text, lasting: true }) => {
+                    return Some(Err(Status::invalid_argument(text)));
+                }
+                QueryChunk::Failed(QueryFailure { text, lasting: false }) => return Some(Err(Status::internal(text))),
             }
         }
     }
 
-    /// Ends a query whose time is over, whose client has gone away, or which takes too much memory; and the answer of one
-    /// whose client is too slow.
-    async fn watch(self, number: u64, spool: Spool, deadline: Instant) {
+    /// Ends a query whose time is over, whose client has gone away, or which takes too much memory; and the answer of
+    /// one whose client is too slow.
+    async fn watch(self, number: u64, spool: SpoolWriter, deadline: Instant) {
         let looked = async {
             let mut looks = interval(LOOKS_EVERY);
             loop {

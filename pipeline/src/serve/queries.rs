@@ -21,10 +21,10 @@ use tonic::Status;
 use uuid::Uuid;
 
 use super::{
-    Settings, child, parameters,
-    process::{Asked, Processes},
+    ServerSettings, child, parameters,
+    process::{QueryInput, QueryProcessPool},
 };
-use crate::{store::pulled, views::sql::Session};
+use crate::{store::pulled, views::sql::SqlSession};
 
 /// Plans that wait to be asked for, and prepared statements: more than these, and the oldest are forgotten.
 const WAITING: u64 = 1024;
@@ -33,8 +33,8 @@ const PREPARED: u64 = 4096;
 const FORGOTTEN: Duration = Duration::from_secs(600);
 
 /// A query over one state of the store.
-pub struct Planned {
-    asked: Asked,
+pub struct PlannedQuery {
+    asked: QueryInput,
     /// Its columns.
     pub schema: SchemaRef,
     /// Its open parameters in their order; an unknown type is `Null`.
@@ -43,31 +43,32 @@ pub struct Planned {
 
 /// A prepared statement.
 #[derive(Clone)]
-struct Prepared {
+struct PreparedStatement {
     query: String,
     parameters: Option<RecordBatch>,
 }
 
-/// A pipeline, the version that its link points at, and when and how long that version was written.
-type Link = (String, PathBuf, Option<(SystemTime, u64)>);
+/// A pipeline, the version that its link refers to, and the time and size of that version.
+type PipelineLink = (String, PathBuf, Option<(SystemTime, u64)>);
 
-/// The tables of a store at one moment, which later queries share while nothing is published.
-struct Seen {
-    links: Vec<Link>,
-    session: Arc<Session>,
+/// The tables of a store at one time, shared by queries until the next publication.
+struct StoreTablesSnapshot {
+    links: Vec<PipelineLink>,
+    session: Arc<SqlSession>,
 }
 
-/// The tables of a store, now and later.
-struct Tables {
+/// The tables of a store, reopened after each publication.
+struct ServedTables {
     store: PathBuf,
     memory: usize,
     spill: PathBuf,
-    seen: Mutex<Option<Seen>>,
+    seen: Mutex<Option<StoreTablesSnapshot>>,
 }
 
-impl Tables {
-    /// The versions that the pipelines' links point at. A pipeline that was removed and run again begins with the same number.
-    fn links(&self) -> Vec<Link> {
+impl ServedTables {
+    /// The versions that the pipelines' links point at. A pipeline that was removed and run again begins with the same
+    /// number.
+    fn links(&self) -> Vec<PipelineLink> {
         let tables = self.store.join("tables");
         let entries = std::fs::read_dir(&tables).into_iter().flatten().flatten();
         let link = |e: std::fs::DirEntry| {
@@ -76,7 +77,7 @@ impl Tables {
             let about = about.and_then(|m| Some((m.modified().ok()?, m.len())));
             Some((e.file_name().into_string().ok()?, to, about))
         };
-        let mut links: Vec<Link> = entries.filter_map(link).collect();
+        let mut links: Vec<PipelineLink> = entries.filter_map(link).collect();
         links.sort();
         links
     }
@@ -85,7 +86,7 @@ impl Tables {
     ///
     /// # Errors
     /// Fails when the store cannot be read.
-    fn session(&self) -> Result<Arc<Session>, Fault> {
+    fn session(&self) -> Result<Arc<SqlSession>, Fault> {
         pulled(&self.store)?;
         let links = self.links();
         // One query opens them; those that come meanwhile wait for it.
@@ -93,23 +94,23 @@ impl Tables {
         if let Some(seen) = seen.as_ref().filter(|seen| seen.links == links) {
             return Ok(seen.session.clone());
         }
-        let session = Arc::new(Session::new(&self.store, self.memory, &self.spill)?);
+        let session = Arc::new(SqlSession::new(&self.store, self.memory, &self.spill)?);
         // Something may be published while it is opened: it is then opened again for the next query.
-        *seen = Some(Seen { links, session: session.clone() });
+        *seen = Some(StoreTablesSnapshot { links, session: session.clone() });
         Ok(session)
     }
 }
 
-/// All queries.
-pub struct Queries {
-    tables: Arc<Tables>,
-    processes: Processes,
+/// Planned queries and prepared statements of a server.
+pub struct QueryRegistry {
+    tables: Arc<ServedTables>,
+    processes: QueryProcessPool,
     runtime: Handle,
     /// Prefix of this server's handles. The handles of an earlier server are invalid here.
     own: Uuid,
     next: AtomicU64,
-    planned: Mutex<BTreeMap<u64, (Instant, Arc<Planned>)>>,
-    prepared: Mutex<BTreeMap<u64, Prepared>>,
+    planned: Mutex<BTreeMap<u64, (Instant, Arc<PlannedQuery>)>>,
+    prepared: Mutex<BTreeMap<u64, PreparedStatement>>,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -126,18 +127,18 @@ fn gone(what: &str) -> Status {
     Status::not_found(format!("{what} has expired; repeat the request"))
 }
 
-impl Queries {
+impl QueryRegistry {
     /// None yet; they are computed on `runtime`.
-    pub fn new(settings: &Settings, runtime: Handle) -> Queries {
-        let tables = Tables {
+    pub fn new(settings: &ServerSettings, runtime: Handle) -> QueryRegistry {
+        let tables = ServedTables {
             store: settings.store.clone(),
             memory: settings.memory,
             spill: settings.spill.clone(),
             seen: Mutex::default(),
         };
-        Queries {
+        QueryRegistry {
             tables: Arc::new(tables),
-            processes: Processes::new(settings, runtime.clone()),
+            processes: QueryProcessPool::new(settings, runtime.clone()),
             runtime,
             own: Uuid::new_v4(),
             next: AtomicU64::new(1),
@@ -147,7 +148,7 @@ impl Queries {
     }
 
     /// The processes of the queries.
-    pub fn processes(&self) -> Processes {
+    pub fn processes(&self) -> QueryProcessPool {
         self.processes.clone()
     }
 
@@ -155,7 +156,7 @@ impl Queries {
     ///
     /// # Errors
     /// Fails when the store cannot be read.
-    pub async fn session(&self) -> Result<Arc<Session>, Status> {
+    pub async fn session(&self) -> Result<Arc<SqlSession>, Status> {
         let tables = self.tables.clone();
         let done = self.runtime.spawn_blocking(move || tables.session()).await;
         done.map_err(|_| Status::internal("the store is unreadable"))?.map_err(|fault| told(&fault))
@@ -165,16 +166,16 @@ impl Queries {
     ///
     /// # Errors
     /// Fails when the query is wrong, does anything but ask, or takes too long or too much to plan.
-    pub async fn plan(&self, query: String, parameters: Option<RecordBatch>) -> Result<Arc<Planned>, Status> {
+    pub async fn plan(&self, query: String, parameters: Option<RecordBatch>) -> Result<Arc<PlannedQuery>, Status> {
         let parameters = parameters.map(|row| child::spelt(&row.schema(), Some(&row))).transpose();
         let parameters = parameters.map_err(|e| broken(&e))?;
-        let asked = Asked { query, parameters, pins: None };
+        let asked = QueryInput { query, parameters, pins: None };
         let head = self.processes.plan(asked.clone()).await?;
         let schema = |text: &str| child::read(text).map(|(schema, _)| schema).map_err(|e| broken(&e));
-        Ok(Arc::new(Planned {
+        Ok(Arc::new(PlannedQuery {
             schema: schema(&head.columns)?,
             parameters: schema(&head.parameters)?,
-            asked: Asked { pins: Some(head.pins), ..asked },
+            asked: QueryInput { pins: Some(head.pins), ..asked },
         }))
     }
 
@@ -191,7 +192,7 @@ impl Queries {
     }
 
     /// Keeps a plan until it is asked for; returns its handle.
-    pub fn keep(&self, plan: Arc<Planned>) -> Vec<u8> {
+    pub fn keep(&self, plan: Arc<PlannedQuery>) -> Vec<u8> {
         let (number, now) = (self.number(), Instant::now());
         let mut planned = locked(&self.planned);
         planned.retain(|n, (since, _)| now - *since < FORGOTTEN && n + WAITING > number);
@@ -203,7 +204,7 @@ impl Queries {
     ///
     /// # Errors
     /// Fails when it was forgotten.
-    pub fn planned(&self, handle: &[u8]) -> Result<Arc<Planned>, Status> {
+    pub fn planned(&self, handle: &[u8]) -> Result<Arc<PlannedQuery>, Status> {
         let found = self.read(handle).and_then(|number| locked(&self.planned).get(&number).map(|(_, p)| p.clone()));
         found.ok_or_else(|| gone("the result"))
     }
@@ -213,7 +214,7 @@ impl Queries {
         let number = self.number();
         let mut prepared = locked(&self.prepared);
         prepared.retain(|n, _| n + PREPARED > number);
-        prepared.insert(number, Prepared { query, parameters: None });
+        prepared.insert(number, PreparedStatement { query, parameters: None });
         self.spelt(number)
     }
 
@@ -248,7 +249,7 @@ impl Queries {
     ///
     /// # Errors
     /// Names the parameters.
-    pub fn bound(&self, planned: &Planned) -> Result<(), Status> {
+    pub fn bound(&self, planned: &PlannedQuery) -> Result<(), Status> {
         parameters::valued(&planned.parameters).map_err(|fault| told(&fault))
     }
 
@@ -256,7 +257,7 @@ impl Queries {
     ///
     /// # Errors
     /// Fails when too many queries are under way for too long, or the query cannot be begun.
-    pub async fn answer(&self, planned: Arc<Planned>) -> Result<Pieces, Status> {
+    pub async fn answer(&self, planned: Arc<PlannedQuery>) -> Result<QueryBatchStream, Status> {
         self.bound(&planned)?;
         let (_, reader) = self.processes.answer(planned.asked.clone()).await?;
         let pieces = stream::unfold(reader, |reader| async move { Some((reader.next().await?, reader)) });
@@ -277,5 +278,5 @@ fn broken(e: &dyn std::fmt::Display) -> Status {
     Status::internal(e.to_string())
 }
 
-/// An answer on its way.
-pub type Pieces = Pin<Box<dyn Stream<Item = Result<RecordBatch, FlightError>> + Send>>;
+/// Stream of the record batches of an answer.
+pub type QueryBatchStream = Pin<Box<dyn Stream<Item = Result<RecordBatch, FlightError>> + Send>>;

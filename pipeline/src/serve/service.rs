@@ -30,18 +30,18 @@ use tonic::{Request, Response, Status, Streaming};
 use super::{
     auth::Token,
     keys, parameters,
-    queries::{Planned, Queries, told},
+    queries::{PlannedQuery, QueryRegistry, told},
 };
 
 /// The catalogue that holds all pipelines, as the queries know it: `datafusion.PIPELINE.TABLE`.
 const CATALOG: &str = "datafusion";
 const TABLE: &str = "TABLE";
 
-type Answer = Response<Pin<Box<dyn Stream<Item = Result<FlightData, Status>> + Send>>>;
+type FlightDataResponse = Response<Pin<Box<dyn Stream<Item = Result<FlightData, Status>> + Send>>>;
 
-/// The service.
-pub struct Service {
-    queries: Queries,
+/// The Flight SQL service of a store.
+pub struct StoreQueryService {
+    queries: QueryRegistry,
     token: Option<Token>,
 }
 
@@ -60,18 +60,21 @@ fn info(request: Request<FlightDescriptor>, schema: &Schema, ticket: Vec<u8>) ->
     Ok(Response::new(info.with_endpoint(endpoint).with_descriptor(request.into_inner())))
 }
 
-fn encoded(schema: SchemaRef, rows: impl Stream<Item = Result<RecordBatch, FlightError>> + Send + 'static) -> Answer {
+fn encoded(
+    schema: SchemaRef,
+    rows: impl Stream<Item = Result<RecordBatch, FlightError>> + Send + 'static,
+) -> FlightDataResponse {
     let data = FlightDataEncoderBuilder::new().with_schema(schema).build(rows);
     Response::new(Box::pin(data.map_err(Status::from)))
 }
 
 /// An answer that is one batch.
-fn one(batch: Result<RecordBatch, ArrowError>) -> Result<Answer, Status> {
+fn one(batch: Result<RecordBatch, ArrowError>) -> Result<FlightDataResponse, Status> {
     let batch = batch.map_err(|e| broken(&e))?;
     Ok(encoded(batch.schema(), stream::iter([Ok(batch)])))
 }
 
-fn flight(batch: Result<RecordBatch, FlightError>) -> Result<Answer, Status> {
+fn flight(batch: Result<RecordBatch, FlightError>) -> Result<FlightDataResponse, Status> {
     one(batch.map_err(|e| ArrowError::ExternalError(Box::new(e))))
 }
 
@@ -133,10 +136,10 @@ fn types() -> Result<XdbcTypeInfoData, Status> {
     all.build().map_err(|e| broken(&e))
 }
 
-impl Service {
+impl StoreQueryService {
     /// Service for these queries. A client that sends the token receives it back from a handshake.
-    pub fn new(queries: Queries, token: Option<Token>) -> Service {
-        Service { queries, token }
+    pub fn new(queries: QueryRegistry, token: Option<Token>) -> StoreQueryService {
+        StoreQueryService { queries, token }
     }
 
     /// Pipeline, table and columns of the tables that are asked for.
@@ -171,14 +174,14 @@ impl Service {
         arrow_select::concat::concat_batches(&keys::primary_schema(), &batches).map_err(|e| broken(&e))
     }
 
-    async fn answer(&self, planned: Arc<Planned>) -> Result<Answer, Status> {
+    async fn answer(&self, planned: Arc<PlannedQuery>) -> Result<FlightDataResponse, Status> {
         let schema = planned.schema.clone();
         Ok(encoded(schema, self.queries.answer(planned).await?))
     }
 
     fn ticket(
         &self,
-        planned: Arc<Planned>,
+        planned: Arc<PlannedQuery>,
         request: Request<FlightDescriptor>,
     ) -> Result<Response<FlightInfo>, Status> {
         let schema = planned.schema.clone();
@@ -188,8 +191,8 @@ impl Service {
 }
 
 #[tonic::async_trait]
-impl FlightSqlService for Service {
-    type FlightService = Service;
+impl FlightSqlService for StoreQueryService {
+    type FlightService = StoreQueryService;
 
     async fn do_handshake(
         &self,
@@ -226,7 +229,11 @@ impl FlightSqlService for Service {
         self.ticket(planned, request)
     }
 
-    async fn do_get_statement(&self, ticket: TicketStatementQuery, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_statement(
+        &self,
+        ticket: TicketStatementQuery,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         self.answer(self.queries.planned(&ticket.statement_handle)?).await
     }
 
@@ -234,7 +241,7 @@ impl FlightSqlService for Service {
         &self,
         query: CommandPreparedStatementQuery,
         _: Request<Ticket>,
-    ) -> Result<Answer, Status> {
+    ) -> Result<FlightDataResponse, Status> {
         let (query, parameters) = self.queries.prepared(&query.prepared_statement_handle)?;
         self.answer(self.queries.plan(query, parameters).await?).await
     }
@@ -297,7 +304,11 @@ impl FlightSqlService for Service {
         info(request, &query.into_builder().schema(), ticket)
     }
 
-    async fn do_get_catalogs(&self, query: CommandGetCatalogs, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_catalogs(
+        &self,
+        query: CommandGetCatalogs,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         let mut all = query.into_builder();
         all.append(CATALOG);
         flight(all.build())
@@ -312,7 +323,11 @@ impl FlightSqlService for Service {
         info(request, &query.into_builder().schema(), ticket)
     }
 
-    async fn do_get_schemas(&self, query: CommandGetDbSchemas, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_schemas(
+        &self,
+        query: CommandGetDbSchemas,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         let mut all = query.into_builder();
         let mut pipelines: Vec<String> =
             self.tables(false, |_, _| true).await?.into_iter().map(|(pipeline, ..)| pipeline).collect();
@@ -330,7 +345,7 @@ impl FlightSqlService for Service {
         info(request, &query.into_builder().schema(), ticket)
     }
 
-    async fn do_get_tables(&self, query: CommandGetTables, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_tables(&self, query: CommandGetTables, _: Request<Ticket>) -> Result<FlightDataResponse, Status> {
         let mut all = query.into_builder();
         for (pipeline, table, schema) in self.tables(all.include_schema(), |_, _| true).await? {
             all.append(CATALOG, pipeline, table, TABLE, &schema).map_err(Status::from)?;
@@ -347,7 +362,11 @@ impl FlightSqlService for Service {
         info(request, &query.into_builder().schema(), ticket)
     }
 
-    async fn do_get_table_types(&self, query: CommandGetTableTypes, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_table_types(
+        &self,
+        query: CommandGetTableTypes,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         let mut all = query.into_builder();
         all.append(TABLE);
         flight(all.build())
@@ -362,7 +381,11 @@ impl FlightSqlService for Service {
         info(request, &query.into_builder(&sql_info()?).schema(), ticket)
     }
 
-    async fn do_get_sql_info(&self, query: CommandGetSqlInfo, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_sql_info(
+        &self,
+        query: CommandGetSqlInfo,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         flight(query.into_builder(&sql_info()?).build())
     }
 
@@ -375,7 +398,11 @@ impl FlightSqlService for Service {
         info(request, &query.into_builder(&types()?).schema(), ticket)
     }
 
-    async fn do_get_xdbc_type_info(&self, query: CommandGetXdbcTypeInfo, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_xdbc_type_info(
+        &self,
+        query: CommandGetXdbcTypeInfo,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         flight(query.into_builder(&types()?).build())
     }
 
@@ -387,7 +414,11 @@ impl FlightSqlService for Service {
         info(request, &keys::primary_schema(), query.as_any().encode_to_vec())
     }
 
-    async fn do_get_primary_keys(&self, query: CommandGetPrimaryKeys, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_primary_keys(
+        &self,
+        query: CommandGetPrimaryKeys,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         one(Ok(self.keys_of(&query).await?))
     }
 
@@ -399,7 +430,11 @@ impl FlightSqlService for Service {
         info(request, &keys::foreign_schema(), query.as_any().encode_to_vec())
     }
 
-    async fn do_get_exported_keys(&self, _: CommandGetExportedKeys, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_exported_keys(
+        &self,
+        _: CommandGetExportedKeys,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         one(Ok(RecordBatch::new_empty(keys::foreign_schema())))
     }
 
@@ -411,7 +446,11 @@ impl FlightSqlService for Service {
         info(request, &keys::foreign_schema(), query.as_any().encode_to_vec())
     }
 
-    async fn do_get_imported_keys(&self, _: CommandGetImportedKeys, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_imported_keys(
+        &self,
+        _: CommandGetImportedKeys,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         one(Ok(RecordBatch::new_empty(keys::foreign_schema())))
     }
 
@@ -423,7 +462,11 @@ impl FlightSqlService for Service {
         info(request, &keys::foreign_schema(), query.as_any().encode_to_vec())
     }
 
-    async fn do_get_cross_reference(&self, _: CommandGetCrossReference, _: Request<Ticket>) -> Result<Answer, Status> {
+    async fn do_get_cross_reference(
+        &self,
+        _: CommandGetCrossReference,
+        _: Request<Ticket>,
+    ) -> Result<FlightDataResponse, Status> {
         one(Ok(RecordBatch::new_empty(keys::foreign_schema())))
     }
 

@@ -1,5 +1,5 @@
-//! Pieces of an answer between the process that computes them and the client that takes them: a few in memory, more in a file
-//! without a name. So a client that reads slowly does not keep the place of the query that it asked.
+//! Pieces of an answer between the process that computes them and the client that takes them: a few in memory, more in
+//! a file without a name. So a client that reads slowly does not keep the place of the query that it asked.
 
 use std::{
     collections::VecDeque,
@@ -18,15 +18,15 @@ const READY: usize = 2;
 /// The most bytes of an answer that wait in its file; beyond, the query waits for its client.
 const MOST: u64 = 256 << 20;
 
-/// A piece that waits.
-enum Waiting {
+/// A queued piece, in memory or in the file.
+enum SpoolPiece {
     Memory(Vec<u8>),
     File { at: u64, length: usize },
 }
 
 #[derive(Default)]
-struct State {
-    pieces: VecDeque<Waiting>,
+struct SpoolState {
+    pieces: VecDeque<SpoolPiece>,
     file: Option<File>,
     /// The end of the file.
     written: u64,
@@ -36,30 +36,30 @@ struct State {
 }
 
 #[derive(Default)]
-struct Inner {
-    state: Mutex<State>,
+struct SpoolShared {
+    state: Mutex<SpoolState>,
     room: Condvar,
     news: Notify,
     left: Notify,
 }
 
-/// The side of the process.
+/// Write side of a spool, for the process.
 #[derive(Clone, Default)]
-pub struct Spool(Arc<Inner>);
+pub struct SpoolWriter(Arc<SpoolShared>);
 
-/// The side of the client; the query is of no use when it is dropped.
-pub struct Reader(Arc<Inner>);
+/// Read side of a spool, for the client; dropping it makes the query obsolete.
+pub struct SpoolReader(Arc<SpoolShared>);
 
-impl Inner {
-    fn state(&self) -> MutexGuard<'_, State> {
+impl SpoolShared {
+    fn state(&self) -> MutexGuard<'_, SpoolState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Spool {
+impl SpoolWriter {
     /// The side of the client.
-    pub fn reader(&self) -> Reader {
-        Reader(self.0.clone())
+    pub fn reader(&self) -> SpoolReader {
+        SpoolReader(self.0.clone())
     }
 
     /// Takes a piece, and waits while too much waits for the client. False when nobody wants more.
@@ -75,7 +75,7 @@ impl Spool {
             return Ok(false);
         }
         if state.pieces.len() < READY {
-            state.pieces.push_back(Waiting::Memory(piece));
+            state.pieces.push_back(SpoolPiece::Memory(piece));
         } else {
             if state.file.is_none() {
                 state.file = Some(nameless(folder)?);
@@ -85,7 +85,7 @@ impl Spool {
                 file.write_all_at(&piece, at)?;
             }
             state.written += length as u64;
-            state.pieces.push_back(Waiting::File { at, length });
+            state.pieces.push_back(SpoolPiece::File { at, length });
         }
         drop(state);
         self.0.news.notify_one();
@@ -106,7 +106,7 @@ impl Spool {
         let mut state = self.0.state();
         // A client that has everything but its end has it.
         if !state.pieces.is_empty() || state.end.is_none() {
-            *state = State { end: Some(Err(why)), gone: state.gone, ..State::default() };
+            *state = SpoolState { end: Some(Err(why)), gone: state.gone, ..SpoolState::default() };
         }
         drop(state);
         self.0.room.notify_all();
@@ -133,7 +133,7 @@ fn nameless(folder: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-impl Reader {
+impl SpoolReader {
     /// The next piece; none after the last one.
     ///
     /// # Errors
@@ -151,11 +151,11 @@ impl Reader {
     fn taken(&self) -> Option<Option<Result<Vec<u8>, Status>>> {
         let mut state = self.0.state();
         match state.pieces.pop_front() {
-            Some(Waiting::Memory(piece)) => Some(Some(Ok(piece))),
-            Some(Waiting::File { at, length }) => {
+            Some(SpoolPiece::Memory(piece)) => Some(Some(Ok(piece))),
+            Some(SpoolPiece::File { at, length }) => {
                 let mut piece = vec![0; length];
                 let read = state.file.as_ref().map_or(Ok(()), |file| file.read_exact_at(&mut piece, at));
-                if !state.pieces.iter().any(|p| matches!(p, Waiting::File { .. })) {
+                if !state.pieces.iter().any(|p| matches!(p, SpoolPiece::File { .. })) {
                     (state.file, state.written) = (None, 0);
                     self.0.room.notify_all();
                 }
@@ -172,10 +172,10 @@ impl Reader {
     }
 }
 
-impl Drop for Reader {
+impl Drop for SpoolReader {
     fn drop(&mut self) {
         let mut state = self.0.state();
-        *state = State { gone: true, ..State::default() };
+        *state = SpoolState { gone: true, ..SpoolState::default() };
         drop(state);
         self.0.room.notify_all();
         self.0.left.notify_one();
@@ -191,7 +191,7 @@ mod tests {
     #[test]
     fn unit_pieces_come_in_their_order_and_a_slow_client_keeps_nobody() {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::default();
+        let spool = SpoolWriter::default();
         let reader = spool.reader();
         let piece = |n: usize| vec![n as u8; 1000 + n];
         // Nobody reads, and nothing waits.
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn unit_an_answer_that_is_cut_is_an_error_and_its_file_is_given_back() {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::default();
+        let spool = SpoolWriter::default();
         let reader = spool.reader();
         (0..9).for_each(|n| assert!(spool.put(vec![n], folder.path()).unwrap()));
         spool.cut(Status::deadline_exceeded("late"));

@@ -8,7 +8,7 @@ use schemas::Fault;
 pub(super) const MISSING: &str = "(missing)";
 
 /// A line with all its rows, or rows that belong to none (without parts, then).
-pub(super) struct Whole {
+pub(super) struct LineBatches {
     pub(super) flight: String,
     pub(super) line: String,
     pub(super) parts: Vec<RecordBatch>,
@@ -17,8 +17,8 @@ pub(super) struct Whole {
     pub(super) fault: Option<Fault>,
 }
 
-/// Rows without an identifier, of which it is not known yet where they belong.
-struct Gap {
+/// Rows without an identifier, whose line is not known yet.
+struct IdentifierGap {
     flight: String,
     line: String,
     rows: usize,
@@ -27,22 +27,22 @@ struct Gap {
 }
 
 /// The lines of one file being put together.
-pub(super) struct Assembly<'a> {
+pub(super) struct LineAssembly<'a> {
     options: &'a FlightOptions,
-    open: Option<Whole>,
-    gap: Option<Gap>,
-    gaps: Vec<Gap>,
+    open: Option<LineBatches>,
+    gap: Option<IdentifierGap>,
+    gaps: Vec<IdentifierGap>,
     /// Rows of the file so far.
     row: u64,
 }
 
-impl<'a> Assembly<'a> {
-    pub(super) fn new(options: &'a FlightOptions) -> Assembly<'a> {
-        Assembly { options, open: None, gap: None, gaps: vec![], row: 0 }
+impl<'a> LineAssembly<'a> {
+    pub(super) fn new(options: &'a FlightOptions) -> LineAssembly<'a> {
+        LineAssembly { options, open: None, gap: None, gaps: vec![], row: 0 }
     }
 
     /// Adds rows of the flight table; returns the lines that are now complete.
-    pub(super) fn add(&mut self, batch: &RecordBatch, faults: &[RowFault]) -> Vec<Whole> {
+    pub(super) fn add(&mut self, batch: &RecordBatch, faults: &[RowFault]) -> Vec<LineBatches> {
         let (flights, lines) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
         let mut done = vec![];
         let mut start = 0;
@@ -69,7 +69,7 @@ impl<'a> Assembly<'a> {
     fn add_gap(&mut self, (flight, line): (&str, &str), row: u64, rows: usize) {
         match &mut self.gap {
             Some(gap) => gap.rows += rows,
-            none => *none = Some(Gap { flight: flight.to_owned(), line: line.to_owned(), rows, row }),
+            none => *none = Some(IdentifierGap { flight: flight.to_owned(), line: line.to_owned(), rows, row }),
         }
     }
 
@@ -78,14 +78,14 @@ impl<'a> Assembly<'a> {
         (flight, line): (&str, &str),
         part: RecordBatch,
         wrong: Option<(usize, &RowFault)>,
-    ) -> Option<Whole> {
+    ) -> Option<LineBatches> {
         let gap = self.gap.take();
         let mut done = None;
         let same = self.open.as_ref().is_some_and(|w| w.flight == flight && w.line == line);
         if !same {
             self.gaps.extend(gap);
             let (flight, line) = (flight.to_owned(), line.to_owned());
-            done = self.open.replace(Whole { flight, line, parts: vec![], rows: 0, fault: None });
+            done = self.open.replace(LineBatches { flight, line, parts: vec![], rows: 0, fault: None });
         } else if let (Some(open), Some(gap)) = (&mut self.open, gap) {
             // Rows of the same line on both sides: the line is incomplete without those between.
             let row = open.rows as u64;
@@ -105,10 +105,10 @@ impl<'a> Assembly<'a> {
     }
 
     /// The remaining lines at the end of the file.
-    pub(super) fn finish(mut self) -> Vec<Whole> {
-        let mut done: Vec<Whole> = self.open.take().into_iter().collect();
+    pub(super) fn finish(mut self) -> Vec<LineBatches> {
+        let mut done: Vec<LineBatches> = self.open.take().into_iter().collect();
         self.gaps.extend(self.gap.take());
-        let mut unnamed: Vec<Whole> = vec![];
+        let mut unnamed: Vec<LineBatches> = vec![];
         for gap in &self.gaps {
             let name = |text: &str| if self.options.is_missing(text) { MISSING } else { text }.to_owned();
             let (flight, line) = (name(&gap.flight), name(&gap.line));
@@ -116,7 +116,7 @@ impl<'a> Assembly<'a> {
                 Some(known) => known.rows += gap.rows,
                 None => {
                     let fault = Some(gap_fault(self.options, gap).in_row(gap.row));
-                    unnamed.push(Whole { flight, line, parts: vec![], rows: gap.rows, fault });
+                    unnamed.push(LineBatches { flight, line, parts: vec![], rows: gap.rows, fault });
                 }
             }
         }
@@ -131,7 +131,7 @@ impl<'a> Assembly<'a> {
     }
 }
 
-fn gap_fault(options: &FlightOptions, gap: &Gap) -> Fault {
+fn gap_fault(options: &FlightOptions, gap: &IdentifierGap) -> Fault {
     let column = if options.is_missing(&gap.flight) { "flight" } else { "line" };
     Fault::data("the identifier is missing")
         .in_column(column)

@@ -11,20 +11,20 @@ use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{files::walk, record};
-use crate::{keys::Key, store::Store};
+use crate::{keys::HashKey, store::Store};
 
-/// A file or folder, and the key of its bytes.
+/// File or folder, and the hash of its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Bytes {
+pub struct FileDigest {
     /// Path as the spec gives it.
     pub path: PathBuf,
     /// Hash of all its bytes.
-    pub hash: Key,
+    pub hash: HashKey,
 }
 
-/// The policy for reusing what is known of unchanged files.
+/// Policy for reusing recorded facts of unchanged files.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Trust<'a> {
+pub struct ReusePolicy<'a> {
     /// The store that may know the files.
     pub store: Option<&'a Path>,
     /// Whether the bytes of every file are read, even where it looks unchanged.
@@ -36,7 +36,7 @@ pub struct Trust<'a> {
 
 /// The properties that identify a version of a file without reading it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Stamp {
+pub(super) struct FileStamp {
     size: u64,
     modified_ns: i64,
     /// Fails when the file system last wrote the file or what it says of it, which no program can set.
@@ -46,8 +46,8 @@ pub(super) struct Stamp {
 
 /// A fact about a file, and its time.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Seen {
-    stamp: Stamp,
+pub(super) struct FileFact {
+    stamp: FileStamp,
     /// The time when its reading began.
     at_ns: i64,
     /// Its hash, or another fact.
@@ -58,13 +58,13 @@ pub(super) struct Seen {
 /// clocks of file systems stand for up to two seconds.
 const RACY_NS: i64 = 2_000_000_000;
 
-impl Stamp {
+impl FileStamp {
     #[cfg(unix)]
-    pub(super) fn of(path: &Path) -> io::Result<Stamp> {
+    pub(super) fn from_path(path: &Path) -> io::Result<FileStamp> {
         use std::os::unix::fs::MetadataExt;
         let about = fs::metadata(path)?;
         let ns = |s: i64, ns: i64| s.saturating_mul(1_000_000_000).saturating_add(ns);
-        Ok(Stamp {
+        Ok(FileStamp {
             size: about.len(),
             modified_ns: ns(about.mtime(), about.mtime_nsec()),
             changed_ns: ns(about.ctime(), about.ctime_nsec()),
@@ -73,10 +73,10 @@ impl Stamp {
     }
 
     #[cfg(not(unix))]
-    pub(super) fn of(path: &Path) -> io::Result<Stamp> {
+    pub(super) fn from_path(path: &Path) -> io::Result<FileStamp> {
         let about = fs::metadata(path)?;
         let modified_ns = ns_of(about.modified()?);
-        Ok(Stamp { size: about.len(), modified_ns, changed_ns: modified_ns, inode: 0 })
+        Ok(FileStamp { size: about.len(), modified_ns, changed_ns: modified_ns, inode: 0 })
     }
 }
 
@@ -84,23 +84,23 @@ fn ns_of(time: SystemTime) -> i64 {
     time.duration_since(UNIX_EPOCH).map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(i64::MAX))
 }
 
-impl Seen {
+impl FileFact {
     /// The result of `find` on a file; it is not cached where the file changes meanwhile.
     pub(super) fn by<T, E>(
         path: &Path,
         find: impl FnOnce() -> Result<T, E>,
         found: impl FnOnce(&T) -> Option<String>,
-    ) -> Result<(T, Option<Seen>), E> {
-        let (at_ns, before) = (ns_of(SystemTime::now()), Stamp::of(path).ok());
+    ) -> Result<(T, Option<FileFact>), E> {
+        let (at_ns, before) = (ns_of(SystemTime::now()), FileStamp::from_path(path).ok());
         let value = find()?;
-        let stamp = before.filter(|stamp| Stamp::of(path).is_ok_and(|after| after == *stamp));
-        let seen = stamp.zip(found(&value)).map(|(stamp, found)| Seen { stamp, at_ns, found });
+        let stamp = before.filter(|stamp| FileStamp::from_path(path).is_ok_and(|after| after == *stamp));
+        let seen = stamp.zip(found(&value)).map(|(stamp, found)| FileFact { stamp, at_ns, found });
         Ok((value, seen))
     }
 
     /// Whether the file is unchanged, as far as can be determined without reading it.
     pub(super) fn is_of(&self, path: &Path) -> bool {
-        Stamp::of(path).is_ok_and(|now| now == self.stamp)
+        FileStamp::from_path(path).is_ok_and(|now| now == self.stamp)
     }
 
     /// The same of a note that an earlier process left.
@@ -109,27 +109,27 @@ impl Seen {
     }
 
     /// The cached fact `key` of an unchanged file.
-    pub(super) fn known(store: &Path, key: Key, path: &Path) -> Option<Seen> {
-        let seen: Seen = paths::read_regular(&note(store, key)).ok().and_then(|bytes| record::unsealed(&bytes))?;
+    pub(super) fn known(store: &Path, key: HashKey, path: &Path) -> Option<FileFact> {
+        let seen: FileFact = paths::read_regular(&note(store, key)).ok().and_then(|bytes| record::unsealed(&bytes))?;
         seen.still_is_of(path).then_some(seen)
     }
 
     /// Simulates a much later time of reading.
     #[cfg(test)]
-    pub(super) fn older(mut self) -> Seen {
+    pub(super) fn older(mut self) -> FileFact {
         self.at_ns += 10 * RACY_NS;
         self
     }
 
     /// Keeps it under `key`. It only saves reading the file again, so a failure to write it only costs time.
-    pub(super) fn keep(&self, store: &Store, key: Key) {
+    pub(super) fn keep(&self, store: &Store, key: HashKey) {
         if let Ok(text) = record::sealed(self) {
             let _ = store.write(&note(store.root(), key), &text);
         }
     }
 }
 
-fn note(store: &Path, key: Key) -> PathBuf {
+fn note(store: &Path, key: HashKey) -> PathBuf {
     store.join("sources").join(format!("{key}.seen"))
 }
 
@@ -138,7 +138,7 @@ fn note(store: &Path, key: Key) -> PathBuf {
 ///
 /// # Errors
 /// Fails when it cannot be read.
-pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<Bytes, Fault> {
+pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<FileDigest, Fault> {
     let fail = |e: io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
     let hash = if path.is_dir() {
         let mut files = vec![];
@@ -148,21 +148,21 @@ pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<Bytes, 
             parts.push(file.strip_prefix(path).unwrap_or(&file).to_string_lossy().into_owned());
             parts.push(one(store, &file, read_all).map_err(fail)?.to_string());
         }
-        Key::of(parts)
+        HashKey::from_parts(parts)
     } else {
         one(store, path, read_all).map_err(fail)?
     };
-    Ok(Bytes { path: path.to_owned(), hash })
+    Ok(FileDigest { path: path.to_owned(), hash })
 }
 
-fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<Key> {
+fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<HashKey> {
     let full = path.canonicalize()?;
-    let key = Key::of([full.to_string_lossy().as_bytes()]);
-    let known = if read_all { None } else { Seen::known(store.root(), key, path) };
-    if let Some(hash) = known.and_then(|seen| Key::parse(&seen.found)) {
+    let key = HashKey::from_parts([full.to_string_lossy().as_bytes()]);
+    let known = if read_all { None } else { FileFact::known(store.root(), key, path) };
+    if let Some(hash) = known.and_then(|seen| HashKey::parse(&seen.found)) {
         return Ok(hash);
     }
-    let (hash, seen) = Seen::by(path, || hash_file(path), |hash| Some(hash.to_string()))?;
+    let (hash, seen) = FileFact::by(path, || hash_file(path), |hash| Some(hash.to_string()))?;
     if let Some(seen) = seen {
         seen.keep(store, key);
     }
@@ -173,13 +173,13 @@ fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<Key> {
 ///
 /// # Errors
 /// When it cannot be read.
-pub(super) fn hash_file(path: &Path) -> io::Result<Key> {
+pub(super) fn hash_file(path: &Path) -> io::Result<HashKey> {
     let mut hasher = blake3::Hasher::new();
     let mut file = fs::File::open(path)?;
     let mut buffer = vec![0; 1 << 20];
     loop {
         match file.read(&mut buffer)? {
-            0 => return Ok(Key::finish(&hasher)),
+            0 => return Ok(HashKey::finish(&hasher)),
             n => hasher.update(&buffer[..n]),
         };
     }
@@ -198,7 +198,7 @@ mod tests {
     fn aged(path: &Path) {
         // Not to wait for two seconds, the note is made to say that the file was read later.
         for entry in fs::read_dir(path.join("sources")).unwrap().flatten() {
-            let seen: Seen = record::unsealed(&fs::read(entry.path()).unwrap()).unwrap();
+            let seen: FileFact = record::unsealed(&fs::read(entry.path()).unwrap()).unwrap();
             fs::write(entry.path(), record::sealed(&seen.older()).unwrap()).unwrap();
         }
     }
@@ -242,9 +242,9 @@ mod tests {
         fs::write(&path, "text").unwrap();
         let right = fingerprint(&store, &path, false).unwrap().hash;
         let note = fs::read_dir(store.root().join("sources")).unwrap().flatten().next().unwrap().path();
-        let wrong = Key::of(["wrong"]);
+        let wrong = HashKey::from_parts(["wrong"]);
         let lie = |later_ns: i64| {
-            let mut seen: Seen = record::unsealed(&fs::read(&note).unwrap()).unwrap();
+            let mut seen: FileFact = record::unsealed(&fs::read(&note).unwrap()).unwrap();
             (seen.found, seen.at_ns) = (wrong.to_string(), seen.at_ns + later_ns);
             fs::write(&note, record::sealed(&seen).unwrap()).unwrap();
         };

@@ -10,8 +10,8 @@ const SKIPPED: f64 = 30.0;
 
 /// The first row after a minute or an hour, where the numbers are times of a day in digits; `None` for seconds.
 ///
-/// All last and second last pairs of digits are below 60, and the numbers jump by 40 or more, to the next minute or hour,
-/// where the clock itself keeps its usual step. Numbers that are missing (NaN) are ignored.
+/// All last and second last pairs of digits are below 60, and the numbers jump by 40 or more, to the next minute or
+/// hour, where the clock itself keeps its usual step. Numbers that are missing (NaN) are ignored.
 pub fn minute_after(numbers: &[f64]) -> Option<usize> {
     let mut known: Vec<(usize, f64, f64)> = vec![];
     for (row, x) in numbers.iter().enumerate().filter(|(_, x)| x.is_finite()) {

@@ -11,7 +11,7 @@ use schemas::{Fault, plausible::shown};
 use self::motion::{chords, length, mean_speed};
 use super::{
     clock_digits,
-    finding::{Check, Finding, Origins},
+    finding::{FileColumns, Finding, FindingKind},
 };
 
 mod motion;
@@ -29,8 +29,8 @@ const MOVING_MPS: f64 = 3.0;
 const SOME_ROWS: usize = 2_000;
 
 /// All contradictions of a line, one for each mistake; `faulty` columns are left out.
-pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &Origins) -> Vec<(Fault, Finding)> {
-    let line = Line { batch, faulty, origins };
+pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &FileColumns) -> Vec<(Fault, Finding)> {
+    let line = ConsistencyLine { batch, faulty, origins };
     let positions = ins_distance(&line)
         .or_else(|| radians_at_the_equator(&line, TRUTH))
         .or_else(|| radians_at_the_equator(&line, INS))
@@ -48,7 +48,7 @@ pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &Origins)
 
 /// The columns of a position with its velocity and heading.
 #[derive(Clone, Copy)]
-struct Set {
+struct MotionColumns {
     lat: &'static str,
     lon: &'static str,
     alt: &'static str,
@@ -58,17 +58,25 @@ struct Set {
     yaw: &'static str,
 }
 
-const TRUTH: Set = Set { lat: "lat", lon: "lon", alt: "alt", vn: "vn", ve: "ve", vd: "vd", yaw: "yaw" };
-const INS: Set =
-    Set { lat: "ins_lat", lon: "ins_lon", alt: "ins_alt", vn: "ins_vn", ve: "ins_ve", vd: "ins_vd", yaw: "ins_yaw" };
+const TRUTH: MotionColumns =
+    MotionColumns { lat: "lat", lon: "lon", alt: "alt", vn: "vn", ve: "ve", vd: "vd", yaw: "yaw" };
+const INS: MotionColumns = MotionColumns {
+    lat: "ins_lat",
+    lon: "ins_lon",
+    alt: "ins_alt",
+    vn: "ins_vn",
+    ve: "ins_ve",
+    vd: "ins_vd",
+    yaw: "ins_yaw",
+};
 
-struct Line<'a> {
+struct ConsistencyLine<'a> {
     batch: &'a RecordBatch,
     faulty: &'a [String],
-    origins: &'a Origins,
+    origins: &'a FileColumns,
 }
 
-impl<'a> Line<'a> {
+impl<'a> ConsistencyLine<'a> {
     fn get(&self, name: &str) -> Option<&'a [f64]> {
         if self.faulty.iter().any(|f| f == name) {
             return None;
@@ -81,10 +89,10 @@ impl<'a> Line<'a> {
         let (column, row, value, unit) = at;
         let help = format!("{help}; `accept = [\"range\"]` accepts the values unchanged");
         let fault = Fault::data(what).in_column(column).in_row(row as u64).help(help);
-        (fault, Finding::new(column, Check::Inconsistent, n, row, value, unit))
+        (fault, Finding::new(column, FindingKind::Inconsistent, n, row, value, unit))
     }
 
-    fn in_radians(&self, set: Set) -> String {
+    fn in_radians(&self, set: MotionColumns) -> String {
         format!("the values are probably in radians: {}", self.origins.units(&[set.lat, set.lon], "rad"))
     }
 }
@@ -113,7 +121,7 @@ fn distance_km(a: (f64, f64), b: (f64, f64)) -> f64 {
 }
 
 /// A clock in digits, `hhmmss.s`, in place of seconds.
-fn clock(line: &Line) -> Option<(Fault, Finding)> {
+fn clock(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let tt = line.get("tt")?;
     let row = clock_digits::minute_after(tt)?;
     let help = format!(
@@ -125,7 +133,7 @@ fn clock(line: &Line) -> Option<(Fault, Finding)> {
 }
 
 /// An INS further from the truth than any can be.
-fn ins_distance(line: &Line) -> Option<(Fault, Finding)> {
+fn ins_distance(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (lat, lon) = (line.get("lat")?, line.get("lon")?);
     let (ins_lat, ins_lon) = (line.get("ins_lat")?, line.get("ins_lon")?);
     let far = |i: &usize| {
@@ -170,7 +178,7 @@ fn round(x: f64) -> f64 {
 }
 
 /// Positions within a few degrees of 0, 0 that creep: radians. That is open ocean, where nothing flies so slowly.
-fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     if !both_could_be_radians(lat, lon) {
         return None;
@@ -196,7 +204,7 @@ fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
 }
 
 /// A position that jumps further than any aircraft flies.
-fn jump(line: &Line) -> Option<(Fault, Finding)> {
+fn jump(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get("lat")?, line.get("lon")?);
     let mut before: Option<usize> = None;
     for i in 0..tt.len() {
@@ -227,7 +235,7 @@ fn jump(line: &Line) -> Option<(Fault, Finding)> {
 const HEIGHTS: [(&str, &str); 3] = [("alt", "ins_alt"), ("alt", "msl"), ("alt", "baro")];
 
 /// Heights that agree only if one of them is in feet.
-fn heights(line: &Line) -> Option<(Fault, Finding)> {
+fn heights(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     const FOOT: f64 = 0.3048;
     for (one, other) in HEIGHTS {
         let (Some(a), Some(b)) = (line.get(one), line.get(other)) else { continue };
@@ -248,8 +256,8 @@ fn heights(line: &Line) -> Option<(Fault, Finding)> {
     None
 }
 
-/// Whether two heights rise by the same, so that they are in one unit and differ in where they begin, as a barometer that is
-/// set to 0 on the ground.
+/// Whether two heights rise by the same, so that they are in one unit and differ in where they begin, as a barometer
+/// that is set to 0 on the ground.
 fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
     let column = |x: &[f64]| rows.iter().map(|i| x[*i]).collect::<Vec<f64>>();
     let (a, b) = (column(a), column(b));
@@ -260,7 +268,7 @@ fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
 }
 
 /// A heading that follows the course only in radians.
-fn attitude(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+fn attitude(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon, yaw) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?, line.get(set.yaw)?);
     if !could_be_radians(yaw, std::f64::consts::TAU + 1e-6) {
         return None;
@@ -284,7 +292,7 @@ fn attitude(line: &Line, set: Set) -> Option<(Fault, Finding)> {
 }
 
 /// A specific force that does not carry the aircraft.
-fn specific_force(line: &Line) -> Option<(Fault, Finding)> {
+fn specific_force(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (n, e, d) = (line.get("ins_fn")?, line.get("ins_fe")?, line.get("ins_fd")?);
     let step = n.len() / SOME_ROWS + 1;
     let force = |i: usize| (n[i] * n[i] + e[i] * e[i] + d[i] * d[i]).sqrt();

@@ -1,8 +1,8 @@
-//! A log as flight Parquet: its lines in the columns of the flight table, in row groups that end with a line, and figures of
-//! their quality.
+//! A log as flight Parquet: its lines in the columns of the flight table, in row groups that end with a line, and
+//! figures of their quality.
 //!
-//! A file gets its name when it is whole and on the disk, and never takes the place of another one's data: its metadata hold
-//! the key of what it was made from.
+//! A file gets its name when it is whole and on the disk, and never takes the place of another one's data: its metadata
+//! hold the key of what it was made from.
 
 use std::{
     collections::BTreeMap,
@@ -14,7 +14,7 @@ use std::{
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field, SchemaRef};
 use arrow_select::concat::concat_batches;
-use datasets::{FlightOptions, Reading, formats::SayMadeFrom, row_groups::ends_with_line};
+use datasets::{FlightOptions, ReadHints, formats::FlightInputLister, row_groups::ends_with_line};
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -26,23 +26,23 @@ use parquet::{
 };
 use schemas::{
     Fault,
-    canonical::{Canonical, check_time},
+    canonical::{FlightConversion, check_time},
 };
 
 use super::{
-    assemble::{Assembly, Whole},
+    assemble::{LineAssembly, LineBatches},
     bytes::hash_file,
-    checks::{self, Measure, measures, of_findings},
+    checks::{self, QualityMeasure, measures, of_findings},
     clock_digits,
     formats::open_log,
     ingest::divided,
     line_table::LineTable,
-    mapping::{Mapped, is_shown},
+    mapping::{MappingTable, is_shown},
     midnight,
-    quality::{Origins, examine},
+    quality::{FileColumns, examine},
 };
 use crate::{
-    keys::Key,
+    keys::HashKey,
     store::{make_folder, sync_folder},
 };
 
@@ -51,14 +51,14 @@ const VERSION: &str = "export 2";
 /// The key of the metadata that says what a file was made from.
 const FROM: &str = "magline.from";
 
-/// One file to read, and where it goes.
-pub struct Export<'a> {
+/// Export of one log: its input, options and output file.
+pub struct LogExport<'a> {
     /// The log.
     pub input: &'a Path,
     /// How it is read.
     pub options: FlightOptions,
     /// Meaning of its columns.
-    pub mapped: Option<Mapped>,
+    pub mapped: Option<MappingTable>,
     /// Its lines, where they are not the log's own.
     pub lines: Option<&'a LineTable>,
     /// The folder of the table.
@@ -75,9 +75,9 @@ pub struct Export<'a> {
     pub number: usize,
 }
 
-/// One line that was read.
+/// One exported line, with its faults and quality measures.
 #[derive(Debug)]
-pub struct LineOf {
+pub struct ExportLine {
     /// The flight.
     pub flight: String,
     /// The line.
@@ -91,12 +91,12 @@ pub struct LineOf {
     /// Faults that make it unusable; it is then not written.
     pub faults: Vec<Fault>,
     /// The figures of its columns.
-    pub measures: Vec<Measure>,
+    pub measures: Vec<QualityMeasure>,
 }
 
-/// Outcome of a log.
+/// Outcome of the export of a log.
 #[derive(Debug)]
-pub struct Exported {
+pub struct ExportOutcome {
     /// The format it was read in.
     pub format: &'static str,
     /// The files with its lines.
@@ -106,7 +106,7 @@ pub struct Exported {
     /// The file with the figures; none where no line could be used.
     pub quality: Option<PathBuf>,
     /// Its lines, in the file's order.
-    pub lines: Vec<LineOf>,
+    pub lines: Vec<ExportLine>,
     /// Notes for the user.
     pub notes: Vec<String>,
     /// The names and units of its columns.
@@ -114,33 +114,33 @@ pub struct Exported {
 }
 
 /// A Parquet file being written.
-struct Open {
+struct ExportFile {
     writer: ArrowWriter<File>,
     path: PathBuf,
     target: PathBuf,
 }
 
-impl Export<'_> {
+impl LogExport<'_> {
     /// Reads the log and writes it.
     ///
     /// # Errors
-    /// Fails for a log that cannot be read, a mapping that does not fit, files of other data in the way, and when the file
-    /// system refuses. What is wrong with single lines stands in [`LineOf::faults`].
-    pub fn run(&self) -> Result<Exported, Fault> {
+    /// Fails for a log that cannot be read, a mapping that does not fit, files of other data in the way, and when the
+    /// file system refuses. What is wrong with single lines stands in [`ExportLine::faults`].
+    pub fn run(&self) -> Result<ExportOutcome, Fault> {
         let place = |f: Fault| if is_shown(&f) { f } else { f.in_file(&self.input.display().to_string()) };
         self.read().map_err(place)
     }
 
-    fn read(&self) -> Result<Exported, Fault> {
-        let reading = Reading { found: None, threads: 1 };
+    fn read(&self) -> Result<ExportOutcome, Fault> {
+        let reading = ReadHints { found: None, threads: 1 };
         let mut log = open_log(self.input, &self.options, self.mapped.as_ref(), &reading).map_err(Fault::from)?;
         let from = self.key(log.made_from)?;
-        let canonical = Canonical::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
-        let origins = Origins::new(&log.schema, &self.options.rename).of_mapping(self.mapped.is_some());
-        let mut assembly = Assembly::new(&self.options);
-        let mut open: BTreeMap<String, Open> = BTreeMap::new();
+        let canonical = FlightConversion::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+        let origins = FileColumns::new(&log.schema, &self.options.rename).of_mapping(self.mapped.is_some());
+        let mut assembly = LineAssembly::new(&self.options);
+        let mut open: BTreeMap<String, ExportFile> = BTreeMap::new();
         let mut lines = vec![];
-        let mut take = |whole: Whole| -> Result<(), Fault> {
+        let mut take = |whole: LineBatches| -> Result<(), Fault> {
             let (line, batch) = self.line(whole, &origins)?;
             if let Some(clock) = line.faults.iter().find(|f| f.what == clock_digits::WHAT) {
                 return Err(clock.clone());
@@ -177,11 +177,11 @@ impl Export<'_> {
         let columns = described.map(|f| (f.name().clone(), unit(f))).collect();
         let (files, unchanged) = self.publish(open, from)?;
         let quality = if files.is_empty() { None } else { Some(self.quality(&lines, from)?) };
-        Ok(Exported { format: log.format, files, unchanged, quality, lines, notes: log.notes, columns })
+        Ok(ExportOutcome { format: log.format, files, unchanged, quality, lines, notes: log.notes, columns })
     }
 
     /// The key of what the files are made from.
-    fn key(&self, made_from: Option<SayMadeFrom>) -> Result<Key, Fault> {
+    fn key(&self, made_from: Option<FlightInputLister>) -> Result<HashKey, Fault> {
         let failed = |path: &Path, e: &io::Error| match e.kind() {
             io::ErrorKind::NotFound => Fault::new(format!("there is no file {}", path.display())),
             _ => Fault::machine(format!("cannot read {}: {e}", path.display())),
@@ -212,19 +212,19 @@ impl Export<'_> {
                 parts.push(bytes(&other)?);
             }
         }
-        Ok(Key::of(parts))
+        Ok(HashKey::from_parts(parts))
     }
 
     /// A line with what is wrong with it and its figures, and its rows.
-    fn line(&self, whole: Whole, origins: &Origins) -> Result<(LineOf, Option<RecordBatch>), Fault> {
-        let Whole { flight, line, parts, rows, fault } = whole;
+    fn line(&self, whole: LineBatches, origins: &FileColumns) -> Result<(ExportLine, Option<RecordBatch>), Fault> {
+        let LineBatches { flight, line, parts, rows, fault } = whole;
         let file = self.input.display().to_string();
         let placed = |f: Fault| f.in_line(&flight, &line).in_file(&file);
         let mut faults: Vec<Fault> = fault.into_iter().collect();
         let Some(schema) = parts.first().map(RecordBatch::schema) else {
             let faults = faults.into_iter().map(placed).collect();
             return Ok((
-                LineOf { flight, line, rows, tt: (f64::NAN, f64::NAN), date: None, faults, measures: vec![] },
+                ExportLine { flight, line, rows, tt: (f64::NAN, f64::NAN), date: None, faults, measures: vec![] },
                 None,
             ));
         };
@@ -243,7 +243,7 @@ impl Export<'_> {
         let faults = faults.into_iter().map(placed).collect();
         let ends = (tt.first().copied().unwrap_or(f64::NAN), tt.last().copied().unwrap_or(f64::NAN));
         let date = date_of(&batch);
-        Ok((LineOf { flight, line, rows, tt: ends, date, faults, measures: all }, Some(batch)))
+        Ok((ExportLine { flight, line, rows, tt: ends, date, faults, measures: all }, Some(batch)))
     }
 
     /// The file of a flight.
@@ -265,8 +265,8 @@ impl Export<'_> {
         &self,
         flight: &str,
         batch: &RecordBatch,
-        from: Key,
-        open: &mut BTreeMap<String, Open>,
+        from: HashKey,
+        open: &mut BTreeMap<String, ExportFile>,
     ) -> Result<(), Fault> {
         let own = if self.hive { flight } else { "" };
         // In a folder `flight=...` the name of the folder replaces the column.
@@ -277,7 +277,7 @@ impl Export<'_> {
             let file = File::create(&path).map_err(|e| cannot_write(&path, &e))?;
             let writer = ArrowWriter::try_new(file, batch.schema(), Some(properties(&batch.schema(), from)));
             let writer = writer.map_err(|e| cannot_write(&path, &e))?;
-            open.insert(own.to_owned(), Open { writer, path, target: self.target(flight)? });
+            open.insert(own.to_owned(), ExportFile { writer, path, target: self.target(flight)? });
         }
         let Some(file) = open.get_mut(own) else { return Err(Fault::bug("a file is not open")) };
         let failed = |e: parquet::errors::ParquetError| cannot_write(&file.target, &e);
@@ -289,10 +289,10 @@ impl Export<'_> {
     }
 
     /// Gives the files their names; also says whether all were there already.
-    fn publish(&self, open: BTreeMap<String, Open>, from: Key) -> Result<(Vec<PathBuf>, bool), Fault> {
+    fn publish(&self, open: BTreeMap<String, ExportFile>, from: HashKey) -> Result<(Vec<PathBuf>, bool), Fault> {
         let (mut files, mut unchanged) = (vec![], !open.is_empty());
         let mut whole = vec![];
-        for Open { writer, path, target } in open.into_values() {
+        for ExportFile { writer, path, target } in open.into_values() {
             let file = writer.into_inner().map_err(|e| cannot_write(&target, &e))?;
             file.sync_all().map_err(|e| cannot_write(&target, &e))?;
             whole.push((path, target));
@@ -305,8 +305,8 @@ impl Export<'_> {
     }
 
     /// Writes the figures next to the data files.
-    fn quality(&self, lines: &[LineOf], from: Key) -> Result<PathBuf, Fault> {
-        let rows: Vec<(&str, &str, &Measure)> = lines
+    fn quality(&self, lines: &[ExportLine], from: HashKey) -> Result<PathBuf, Fault> {
+        let rows: Vec<(&str, &str, &QualityMeasure)> = lines
             .iter()
             .flat_map(|l| l.measures.iter().map(move |m| (l.flight.as_str(), l.line.as_str(), m)))
             .collect();
@@ -333,7 +333,7 @@ fn cannot_write(path: &Path, e: &dyn std::fmt::Display) -> Fault {
 }
 
 /// Gives a whole file its name. `true` where a file of the same data was there.
-fn settle(path: &Path, target: &Path, replace: bool, from: Key) -> Result<bool, Fault> {
+fn settle(path: &Path, target: &Path, replace: bool, from: HashKey) -> Result<bool, Fault> {
     let failed = |e: io::Error| cannot_write(target, &e);
     let folder = target.parent().unwrap_or(Path::new("."));
     make_folder(folder).map_err(failed)?;
@@ -361,13 +361,13 @@ fn settle(path: &Path, target: &Path, replace: bool, from: Key) -> Result<bool, 
 }
 
 /// Key of the inputs that a file records.
-fn made_from(path: &Path) -> Option<Key> {
+fn made_from(path: &Path) -> Option<HashKey> {
     let reader = SerializedFileReader::new(File::open(path).ok()?).ok()?;
     let pairs = reader.metadata().file_metadata().key_value_metadata()?.clone();
-    Key::parse(pairs.iter().find(|kv| kv.key == FROM)?.value.as_deref()?)
+    HashKey::parse(pairs.iter().find(|kv| kv.key == FROM)?.value.as_deref()?)
 }
 
-fn properties(schema: &SchemaRef, from: Key) -> WriterProperties {
+fn properties(schema: &SchemaRef, from: HashKey) -> WriterProperties {
     let builder = WriterProperties::builder()
         .set_created_by("magline".to_owned())
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
@@ -379,7 +379,7 @@ fn properties(schema: &SchemaRef, from: Key) -> WriterProperties {
 }
 
 /// A line that stands in a file twice cannot be put in order.
-fn once_each(lines: &[LineOf]) -> Result<(), Fault> {
+fn once_each(lines: &[ExportLine]) -> Result<(), Fault> {
     let mut seen: BTreeMap<(String, String), usize> = BTreeMap::new();
     for (i, line) in lines.iter().enumerate() {
         if seen.insert((line.flight.clone(), line.line.clone()), i).is_some() {

@@ -10,7 +10,7 @@ use datasets::FlightOptions;
 use schemas::Fault;
 
 use super::flight_formats;
-use crate::remote::{self, Address, Place, place};
+use crate::remote::{self, ObjectAddress, StorageLocation, place};
 
 /// The files that `path` means: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
 ///
@@ -18,8 +18,8 @@ use crate::remote::{self, Address, Place, place};
 /// Fails when there are none.
 pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     let path = match place(path)? {
-        Place::Object(address) => return objects(&address, any_name),
-        Place::Path(path) => path.to_string_lossy().into_owned(),
+        StorageLocation::Object(address) => return objects(&address, any_name),
+        StorageLocation::Path(path) => path.to_string_lossy().into_owned(),
     };
     let path = path.as_str();
     let full = folder.join(path);
@@ -56,7 +56,7 @@ fn none(place: &dyn std::fmt::Display) -> Fault {
 }
 
 /// The copies of the objects that `address` means.
-fn objects(address: &Address, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
+fn objects(address: &ObjectAddress, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     let found = remote::find(address, &|name| any_name || is_flight(Path::new(name)))?;
     if found.is_empty() { Err(none(address)) } else { Ok(found) }
 }
@@ -67,8 +67,8 @@ fn objects(address: &Address, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
 /// Fails for an address that is not known, an object that is not there, and a server that cannot be reached or refuses.
 pub fn file(path: &str, folder: &Path) -> Result<PathBuf, Fault> {
     match place(path)? {
-        Place::Path(path) => Ok(folder.join(path)),
-        Place::Object(address) => remote::fixed(&address),
+        StorageLocation::Path(path) => Ok(folder.join(path)),
+        StorageLocation::Object(address) => remote::fixed(&address),
     }
 }
 

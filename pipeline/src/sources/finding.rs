@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// The kind of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Check {
+pub enum FindingKind {
     /// No value.
     Missing,
     /// An infinity; taken as missing.
@@ -26,17 +26,17 @@ pub enum Check {
     Constant,
 }
 
-impl Check {
+impl FindingKind {
     /// The word for it.
     pub const fn as_str(self) -> &'static str {
         match self {
-            Check::Missing => "missing",
-            Check::Infinite => "infinite",
-            Check::ZeroReading => "zero_reading",
-            Check::Impossible => "impossible",
-            Check::NotTotalField => "not_total_field",
-            Check::Inconsistent => "inconsistent",
-            Check::Constant => "constant",
+            FindingKind::Missing => "missing",
+            FindingKind::Infinite => "infinite",
+            FindingKind::ZeroReading => "zero_reading",
+            FindingKind::Impossible => "impossible",
+            FindingKind::NotTotalField => "not_total_field",
+            FindingKind::Inconsistent => "inconsistent",
+            FindingKind::Constant => "constant",
         }
     }
 }
@@ -47,7 +47,7 @@ pub struct Finding {
     /// The column; of a vector magnetometer's magnitude the vector.
     pub column: String,
     /// The kind.
-    pub check: Check,
+    pub check: FindingKind,
     /// The number of samples.
     pub n: u64,
     /// The first of them, as a row of the line, from 0.
@@ -59,7 +59,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub(super) fn new(column: &str, check: Check, n: usize, first: usize, value: f64, unit: &str) -> Finding {
+    pub(super) fn new(column: &str, check: FindingKind, n: usize, first: usize, value: f64, unit: &str) -> Finding {
         let value = value.is_finite().then(|| format!("{value:?}"));
         Finding { column: column.to_owned(), check, n: n as u64, first_row: first as u64, value, unit: unit.to_owned() }
     }
@@ -70,26 +70,26 @@ impl Finding {
     }
 }
 
-/// How a file names its columns and in which units they are, for messages that say what to write into the spec.
+/// Column names and units of a file, for messages about the spec.
 #[derive(Clone, Debug, Default)]
-pub struct Origins {
+pub struct FileColumns {
     columns: BTreeMap<String, (String, String)>,
     /// Whether a mapping says what the columns are.
     mapping: bool,
 }
 
-impl Origins {
+impl FileColumns {
     /// From the schema that the reader gave and the table's `rename`.
-    pub fn new(schema: &Schema, rename: &BTreeMap<String, String>) -> Origins {
+    pub fn new(schema: &Schema, rename: &BTreeMap<String, String>) -> FileColumns {
         let theirs = |ours: &str| rename.iter().find(|(_, to)| *to == ours).map_or(ours, |(from, _)| from).to_owned();
         let unit = |f: &arrow_schema::Field| f.metadata().get("unit").cloned().unwrap_or_default();
         let columns = schema.fields().iter().map(|f| (f.name().clone(), (theirs(f.name()), unit(f)))).collect();
-        Origins { columns, mapping: false }
+        FileColumns { columns, mapping: false }
     }
 
     /// Whether a mapping says what the columns are.
-    pub(super) fn of_mapping(self, mapping: bool) -> Origins {
-        Origins { mapping, ..self }
+    pub(super) fn of_mapping(self, mapping: bool) -> FileColumns {
+        FileColumns { mapping, ..self }
     }
 
     /// The file's name of the column `ours`.

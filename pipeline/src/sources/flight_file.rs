@@ -2,26 +2,26 @@
 
 use std::path::{Path, PathBuf};
 
-use datasets::{FlightOptions, ReadError, Reading, formats::SayMadeFrom};
+use datasets::{FlightOptions, ReadError, ReadHints, formats::FlightInputLister};
 
 use super::{
-    bytes::{Seen, Trust},
+    bytes::{FileFact, ReusePolicy},
     formats::open_log,
     log_reader::LogReader,
-    mapping::Mapped,
+    mapping::MappingTable,
 };
-use crate::{keys::Key, store::Store};
+use crate::{keys::HashKey, store::Store};
 
 /// A file and its options.
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
     /// Meaning of its columns, where it differs from their names.
-    pub(super) mapped: Option<Mapped>,
+    pub(super) mapped: Option<MappingTable>,
     /// Returns its inputs, where its values are computed from others.
-    pub(super) made_from: Option<SayMadeFrom>,
+    pub(super) made_from: Option<FlightInputLister>,
     /// The result of scanning it, such as the types of columns; valid while the file is unchanged.
-    found: Option<Seen>,
+    found: Option<FileFact>,
     /// Whether that came from a store.
     kept: bool,
 }
@@ -31,15 +31,15 @@ impl FlightFile {
     pub(super) fn open(
         path: &Path,
         options: FlightOptions,
-        mapped: Option<&Mapped>,
+        mapped: Option<&MappingTable>,
         threads: usize,
-        trust: Trust,
+        trust: ReusePolicy,
     ) -> Result<(FlightFile, LogReader), ReadError> {
         let store = trust.store.filter(|_| !trust.read_all);
-        let known = store.zip(key(path, &options, mapped)).and_then(|(store, key)| Seen::known(store, key, path));
-        let reading = Reading { found: known.as_ref().map(|seen| seen.found.clone()), threads };
+        let known = store.zip(key(path, &options, mapped)).and_then(|(store, key)| FileFact::known(store, key, path));
+        let reading = ReadHints { found: known.as_ref().map(|seen| seen.found.clone()), threads };
         let open = || open_log(path, &options, mapped, &reading);
-        let (reader, seen) = Seen::by(path, open, |reader| reader.found.clone())?;
+        let (reader, seen) = FileFact::by(path, open, |reader| reader.found.clone())?;
         let (kept, made_from, mapped) = (known.is_some(), reader.made_from, mapped.cloned());
         Ok((FlightFile { path: path.to_owned(), options, mapped, made_from, found: known.or(seen), kept }, reader))
     }
@@ -47,7 +47,7 @@ impl FlightFile {
     /// Opens it again, for its rows.
     pub(super) fn read(&self, threads: usize) -> Result<LogReader, ReadError> {
         let found = self.found.as_ref().filter(|seen| seen.is_of(&self.path)).map(|seen| seen.found.clone());
-        open_log(&self.path, &self.options, self.mapped.as_ref(), &Reading { found, threads })
+        open_log(&self.path, &self.options, self.mapped.as_ref(), &ReadHints { found, threads })
     }
 
     /// Caches the result of scanning.
@@ -59,7 +59,7 @@ impl FlightFile {
     }
 }
 
-fn key(path: &Path, options: &FlightOptions, mapped: Option<&Mapped>) -> Option<Key> {
+fn key(path: &Path, options: &FlightOptions, mapped: Option<&MappingTable>) -> Option<HashKey> {
     let full = path.canonicalize().ok()?;
     let options = format!("{options:?}");
     let mut parts = vec![
@@ -69,5 +69,5 @@ fn key(path: &Path, options: &FlightOptions, mapped: Option<&Mapped>) -> Option<
         full.to_string_lossy().as_bytes().to_vec(),
     ];
     parts.extend(mapped.map(|m| m.key().to_string().into_bytes()));
-    Some(Key::of(parts))
+    Some(HashKey::from_parts(parts))
 }

@@ -3,12 +3,12 @@
 use std::{path::Path, sync::LazyLock};
 
 use datasets::{
-    FlightOptions, FlightReader, ReadError, Reading,
+    FlightOptions, FlightReader, ReadError, ReadHints,
     formats::{self, FlightFormat},
     open_flight_among,
 };
 
-use super::{log_reader::LogReader, mapping::Mapped};
+use super::{log_reader::LogReader, mapping::MappingTable};
 
 static FORMATS: LazyLock<Vec<FlightFormat>> = LazyLock::new(|| formats::flight_formats(&[simulate::FORMAT]));
 
@@ -21,7 +21,7 @@ pub fn flight_formats() -> &'static [FlightFormat] {
 ///
 /// # Errors
 /// Fails as [`datasets::open_flight`].
-pub fn open_flight(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
+pub fn open_flight(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<FlightReader, ReadError> {
     open_flight_among(flight_formats(), path, options, reading)
 }
 
@@ -32,8 +32,8 @@ pub fn open_flight(path: &Path, options: &FlightOptions, reading: &Reading) -> R
 pub fn open_log(
     path: &Path,
     options: &FlightOptions,
-    mapped: Option<&Mapped>,
-    reading: &Reading,
+    mapped: Option<&MappingTable>,
+    reading: &ReadHints,
 ) -> Result<LogReader, ReadError> {
     if let Some(mapped) = mapped {
         return mapped.open(path, options, reading, flight_formats());

@@ -6,8 +6,8 @@ use std::{
     time::Duration,
 };
 
-/// The state that the threads share.
-struct State<O, E> {
+/// Results shared by the threads, by position.
+struct InOrderState<O, E> {
     results: BTreeMap<usize, Result<O, E>>,
     failed: bool,
 }
@@ -32,7 +32,7 @@ pub(super) fn in_order<I: Send, O: Send, E: Send>(
         }
         return Ok(results);
     }
-    let state = Mutex::new(State { results: BTreeMap::new(), failed: false });
+    let state = Mutex::new(InOrderState { results: BTreeMap::new(), failed: false });
     let (one_more, work) = (Condvar::new(), &work);
     let mut told = 0;
     let mut tell = |results: usize| {

@@ -15,28 +15,28 @@ use arrow_select::concat::concat_batches;
 use datasets::RowFault;
 use rayon::prelude::*;
 use schemas::{
-    Fault, Owner, Place,
-    canonical::{Canonical, check_time},
+    DataLocation, Fault, FaultOwner,
+    canonical::{FlightConversion, check_time},
     describe_field, paths,
-    plausible::Accept,
+    plausible::PlausibilityCheck,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Bytes, Flights, Lines, ReadStep, VERSION,
-    assemble::{Assembly, MISSING, Whole},
-    checks::{self, Measure, measures, of_findings, table::COLUMNS},
+    FileDigest, FlightLines, Flights, ReadProgress, VERSION,
+    assemble::{LineAssembly, LineBatches, MISSING},
+    checks::{self, QualityMeasure, measures, of_findings, table::COLUMNS},
     clock_digits, find_lines, fingerprint,
     flight_file::FlightFile,
     in_order::in_order,
-    line_table::{Divider, Division},
+    line_table::{FlightDivision, LineDivider},
     midnight,
-    packer::Packer,
-    quality::{Examined, Finding, Origins, examine},
+    packer::LinePacker,
+    quality::{FileColumns, Finding, LineExamination, examine},
     record, threads_in_each,
 };
 use crate::{
-    keys::Key,
+    keys::HashKey,
     store::{Store, published},
 };
 
@@ -50,9 +50,9 @@ pub struct LineRecord {
     /// The number of samples.
     pub rows: usize,
     /// The object that holds it.
-    pub object: Key,
+    pub object: HashKey,
     /// The hash of each column's values.
-    pub columns: BTreeMap<String, Key>,
+    pub columns: BTreeMap<String, HashKey>,
     /// The fault that makes it unusable.
     pub fault: Option<Fault>,
     /// Its further faults, where it cannot be used.
@@ -65,7 +65,7 @@ pub struct LineRecord {
 
 /// The contents of a file, as recorded in the store.
 #[derive(Serialize, Deserialize)]
-struct Index {
+struct FileIndex {
     lines: Vec<IndexLine>,
 }
 
@@ -90,37 +90,38 @@ struct IndexFault {
 }
 
 impl IndexLine {
-    /// The fault of a clock in digits, which is that of all lines of the file: a line of less than a minute does not show it.
+    /// The fault of a clock in digits, which is that of all lines of the file: a line of less than a minute does not
+    /// show it.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
         let IndexFault { what, help, column, row } = faults.find(|f| f.what == clock_digits::WHAT)?;
         let (flight, line) = (Some(self.flight.clone()), Some(self.line.clone()));
-        let place = Place { file: None, flight, line, column: column.clone(), row: *row };
-        Some(Fault { what: what.clone(), help: help.clone(), place, owner: Owner::Data, ..Fault::default() })
+        let place = DataLocation { file: None, flight, line, column: column.clone(), row: *row };
+        Some(Fault { what: what.clone(), help: help.clone(), place, owner: FaultOwner::Data, ..Fault::default() })
     }
 }
 
 impl IndexFault {
-    fn of(fault: Fault) -> IndexFault {
+    fn from_fault(fault: Fault) -> IndexFault {
         IndexFault { what: fault.what, help: fault.help, column: fault.place.column, row: fault.place.row }
     }
 }
 
 /// The lines of all files, ingesting those that are new.
-pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<Fault>> {
+pub fn lines(flights: &Flights, store: &Store, tick: ReadCallback) -> Result<FlightLines, Vec<Fault>> {
     let done = AtomicUsize::new(0);
     let total = flights.files.len();
     let division = flights.division.as_ref();
-    let how = How { threads: threads_in_each(total), read_all: flights.read_all, division };
-    let read: Vec<Result<(Bytes, Index, PathBuf), Fault>> = flights
+    let how = IngestOptions { threads: threads_in_each(total), read_all: flights.read_all, division };
+    let read: Vec<Result<(FileDigest, FileIndex, PathBuf), Fault>> = flights
         .files
         .par_iter()
         .map(|file| {
             let path = &file.path;
-            let at = |done| ReadStep::of_file(path, done, total);
+            let at = |done| ReadProgress::of_file(path, done, total);
             tick(&at(done.load(Ordering::Relaxed)));
             let lines = |simulated, lines, of_lines| {
-                tick(&ReadStep { simulated, lines, of_lines, ..at(done.load(Ordering::Relaxed)) });
+                tick(&ReadProgress { simulated, lines, of_lines, ..at(done.load(Ordering::Relaxed)) });
             };
             let read = index(store, file, &how, &lines).map_err(|f| f.in_file(&path.display().to_string()));
             tick(&at(done.fetch_add(1, Ordering::Relaxed) + 1));
@@ -143,23 +144,24 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     }
     // A mapping is an input too.
     for mapped in flights.files.first().into_iter().filter_map(|file| file.mapped.as_ref()) {
-        files.push(Bytes { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
+        files.push(FileDigest { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
     }
-    if let Some(table) = division.and_then(Division::table) {
+    if let Some(table) = division.and_then(FlightDivision::table) {
         table.check(lines.iter().map(|l| (l.flight.as_str(), l.line.as_str()))).map_err(|fault| vec![fault])?;
-        files.push(Bytes { path: table.label.clone().into(), hash: table.key() });
+        files.push(FileDigest { path: table.label.clone().into(), hash: table.key() });
     }
     lines.sort_by(|a, b| (&a.flight, &a.line, a.file).cmp(&(&b.flight, &b.line, b.file)));
-    Ok(Lines { lines: once_each(lines, &files), files, quality })
+    Ok(FlightLines { lines: once_each(lines, &files), files, quality })
 }
 
 /// A duplicate line cannot be put in order, so neither part is used.
-fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
+fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
     let mut kept: Vec<LineRecord> = vec![];
     for line in lines {
         match kept.last_mut() {
             Some(last) if (&last.flight, &last.line) == (&line.flight, &line.line) => {
-                let name = |i: usize| files.get(i).map(|f: &Bytes| f.path.display().to_string()).unwrap_or_default();
+                let name =
+                    |i: usize| files.get(i).map(|f: &FileDigest| f.path.display().to_string()).unwrap_or_default();
                 if line.flight == MISSING || line.line == MISSING {
                     // Rows of no line in several files: all of them are named.
                     last.fault.get_or_insert_default().what += &format!("; more such rows are in {}", name(line.file));
@@ -181,23 +183,23 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
 
 fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
     let placed = |f: IndexFault| {
-        let place = Place {
+        let place = DataLocation {
             file: Some(path.display().to_string()),
             flight: Some(line.flight.clone()),
             line: Some(line.line.clone()),
             column: f.column,
             row: f.row,
         };
-        Fault { what: f.what, help: f.help, place, owner: Owner::Data, ..Fault::default() }
+        Fault { what: f.what, help: f.help, place, owner: FaultOwner::Data, ..Fault::default() }
     };
     let fault = line.fault.map(placed);
     let more_faults = line.more_faults.into_iter().map(placed).collect();
-    let columns = line.columns.into_iter().filter_map(|(n, k)| Some((n, Key::parse(&k)?))).collect();
+    let columns = line.columns.into_iter().filter_map(|(n, k)| Some((n, HashKey::parse(&k)?))).collect();
     Some(LineRecord {
         flight: line.flight,
         line: line.line,
         rows: line.rows,
-        object: Key::parse(&line.object)?,
+        object: HashKey::parse(&line.object)?,
         columns,
         fault,
         more_faults,
@@ -207,22 +209,27 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
 }
 
 /// Receives every step of the reading.
-type Tick<'a> = &'a (dyn Fn(&ReadStep) + Sync);
+type ReadCallback<'a> = &'a (dyn Fn(&ReadProgress) + Sync);
 /// Receives the progress of one file: whether its lines are simulated, the number done, and their total.
-type LineTick<'a> = &'a dyn Fn(bool, usize, Option<usize>);
+type LineCallback<'a> = &'a dyn Fn(bool, usize, Option<usize>);
 
 /// The options for reading the files of a table.
-struct How<'a> {
+struct IngestOptions<'a> {
     /// The number of lines of a file that are processed in parallel.
     threads: usize,
     /// Whether the bytes of each file are read even if they are cached.
     read_all: bool,
     /// How flights are divided, in place of the lines of the file.
-    division: Option<&'a Division>,
+    division: Option<&'a FlightDivision>,
 }
 
 /// The contents of the file, from the store where it was read before, and the folder of the figures of its quality.
-fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<(Bytes, Index, PathBuf), Fault> {
+fn index(
+    store: &Store,
+    file: &FlightFile,
+    how: &IngestOptions,
+    tick: LineCallback,
+) -> Result<(FileDigest, FileIndex, PathBuf), Fault> {
     let FlightFile { path, options, mapped, .. } = file;
     let bytes = fingerprint(store, path, how.read_all)?;
     let mut parts = vec![
@@ -245,15 +252,16 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
         parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
     }
     let (simulated, of_lines) = (made_from.is_some(), made_from.map(|m| m.lines));
-    let key = Key::of(parts.iter().map(String::as_bytes)).to_string();
+    let key = HashKey::from_parts(parts.iter().map(String::as_bytes)).to_string();
     let note = store.root().join("sources").join(format!("{key}.json"));
     let quality = store.root().join("quality").join(key);
     let figures = quality.join("part-0.parquet");
     store.bring(&note)?;
-    let known: Option<Index> = paths::read_regular(&note).ok().and_then(|b| record::unsealed(&b));
+    let known: Option<FileIndex> = paths::read_regular(&note).ok().and_then(|b| record::unsealed(&b));
     file.keep(store);
-    let whole =
-        |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
+    let whole = |i: &FileIndex| {
+        i.lines.iter().all(|l| l.fault.is_some() || HashKey::parse(&l.object).is_some_and(|k| store.has(k)))
+    };
     let readable = || published(&quality, &COLUMNS).is_ok_and(|table| table.is_some());
     if let Some(index) = known.filter(|index| whole(index) && readable()) {
         return Ok((bytes, index, quality));
@@ -269,7 +277,7 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
 
 /// The rows of a batch in the lines of a table of lines, where there is one.
 pub(super) fn divided(
-    divider: Option<&mut Divider>,
+    divider: Option<&mut LineDivider>,
     batch: RecordBatch,
     faults: Vec<RowFault>,
 ) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
@@ -279,19 +287,26 @@ pub(super) fn divided(
     }
 }
 
-/// Reads a file once, with as many lines in memory as are worked on; twice where its lines are to be found. Also returns the
-/// figures of its quality.
-fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> Result<(Index, RecordBatch), Fault> {
+/// Reads a file once, with as many lines in memory as are worked on; twice where its lines are to be found. Also
+/// returns the figures of its quality.
+fn ingest(
+    store: &Store,
+    file: &FlightFile,
+    how: &IngestOptions,
+    tick: &dyn Fn(usize),
+) -> Result<(FileIndex, RecordBatch), Fault> {
     let found = match how.division {
-        Some(Division::Found) => Some(find_lines::table(file.read(how.threads).map_err(Fault::from)?, &file.path)?),
-        Some(Division::Table(_)) | None => None,
+        Some(FlightDivision::Found) => {
+            Some(find_lines::table(file.read(how.threads).map_err(Fault::from)?, &file.path)?)
+        }
+        Some(FlightDivision::Table(_)) | None => None,
     };
-    let table = found.as_ref().or(how.division.and_then(Division::table));
+    let table = found.as_ref().or(how.division.and_then(FlightDivision::table));
     let mut divider = table.map(|table| table.divider());
     let mut reader = file.read(how.threads).map_err(Fault::from)?;
-    let canonical = Canonical::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
-    let origins = Origins::new(&reader.schema, &file.options.rename).of_mapping(file.mapped.is_some());
-    let mut assembly = Some(Assembly::new(&file.options));
+    let canonical = FlightConversion::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+    let origins = FileColumns::new(&reader.schema, &file.options.rename).of_mapping(file.mapped.is_some());
+    let mut assembly = Some(LineAssembly::new(&file.options));
     let mut whole = VecDeque::new();
     let next = || loop {
         if let Some(line) = whole.pop_front() {
@@ -310,8 +325,8 @@ fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> 
             None => whole.extend(assembly.take()?.finish()),
         }
     };
-    let packer = Packer::new(store);
-    let put = |line: Whole| put(&packer, line, &origins, &file.options.accept);
+    let packer = LinePacker::new(store);
+    let put = |line: LineBatches| put(&packer, line, &origins, &file.options.accept);
     let lines = in_order(how.threads, next, put, tick)?;
     packer.finish()?;
     if let Some(fault) = lines.iter().find_map(|(line, _)| line.clock_in_digits()) {
@@ -323,25 +338,25 @@ fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> 
     if lines.is_empty() {
         return Err(Fault::data("the file contains no samples"));
     }
-    let rows: Vec<(&str, &str, &Measure)> =
+    let rows: Vec<(&str, &str, &QualityMeasure)> =
         lines.iter().flat_map(|(l, all)| all.iter().map(move |m| (l.flight.as_str(), l.line.as_str(), m))).collect();
     let figures = checks::table::table(&rows)?;
-    Ok((Index { lines: lines.into_iter().map(|(line, _)| line).collect() }, figures))
+    Ok((FileIndex { lines: lines.into_iter().map(|(line, _)| line).collect() }, figures))
 }
 
-/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. Also returns the
-/// figures of its quality. Faults that the reader found in a row come first.
+/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. Also returns
+/// the figures of its quality. Faults that the reader found in a row come first.
 fn put(
-    packer: &Packer,
-    whole: Whole,
-    origins: &Origins,
-    accept: &[Accept],
-) -> Result<(IndexLine, Vec<Measure>), Fault> {
-    let Whole { flight, line, parts, rows, mut fault } = whole;
+    packer: &LinePacker,
+    whole: LineBatches,
+    origins: &FileColumns,
+    accept: &[PlausibilityCheck],
+) -> Result<(IndexLine, Vec<QualityMeasure>), Fault> {
+    let LineBatches { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
         // Rows of no line: only their existence is recorded.
-        let object = Key::of(["no line", &flight, &line]).to_string();
-        let fault = fault.map(IndexFault::of);
+        let object = HashKey::from_parts(["no line", &flight, &line]).to_string();
+        let fault = fault.map(IndexFault::from_fault);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);
         return Ok((IndexLine { flight, line, rows, object, columns, fault, more_faults, findings }, vec![]));
     };
@@ -351,7 +366,7 @@ fn put(
         Ok(None) => {}
         Err(wrong) => fault = fault.or(Some(wrong)),
     }
-    let Examined { batch, findings, faults } = examine(&batch, origins, accept)?;
+    let LineExamination { batch, findings, faults } = examine(&batch, origins, accept)?;
     let mut columns = BTreeMap::new();
     for (field, array) in schema.fields().iter().zip(batch.columns()) {
         columns.insert(field.name().clone(), hash(array)?);
@@ -359,9 +374,9 @@ fn put(
     let described = schema.fields().iter().map(|f| describe_field(f));
     let spelt =
         described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
-    let object = Key::of(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
+    let object = HashKey::from_parts(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
     let fault = fault.or_else(|| check_time(batch.column(2).as_primitive::<Float64Type>().values()).err());
-    let mut faults = fault.into_iter().chain(faults).map(IndexFault::of);
+    let mut faults = fault.into_iter().chain(faults).map(IndexFault::from_fault);
     let (fault, more_faults) = (faults.next(), faults.collect());
     let mut figures = of_findings(&findings, batch.column(2).as_primitive::<Float64Type>().values());
     figures.extend(measures(&batch));
@@ -374,7 +389,7 @@ fn put(
 }
 
 /// The hash of a column's type and values.
-fn hash(array: &ArrayRef) -> Result<Key, Fault> {
+fn hash(array: &ArrayRef) -> Result<HashKey, Fault> {
     let mut hasher = blake3::Hasher::new();
     hasher.update(array.data_type().to_string().as_bytes()).update(&(array.len() as u64).to_le_bytes());
     match array.data_type() {
@@ -400,5 +415,5 @@ fn hash(array: &ArrayRef) -> Result<Key, Fault> {
             hasher.update(&bytes);
         }
     }
-    Ok(Key::finish(&hasher))
+    Ok(HashKey::finish(&hasher))
 }

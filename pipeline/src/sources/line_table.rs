@@ -1,5 +1,5 @@
-//! Lines by a table of times: `flight`, `line`, `t_start` and `t_end` in seconds past midnight UTC, as the flight lines of
-//! the SGL surveys and the data frames of MagNav.jl have them.
+//! Lines by a table of times: `flight`, `line`, `t_start` and `t_end` in seconds past midnight UTC, as the flight lines
+//! of the SGL surveys and the data frames of MagNav.jl have them.
 
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
@@ -7,11 +7,11 @@ use arrow_array::{Array, ArrayRef, BooleanArray, RecordBatch, StringArray, cast:
 use arrow_cast::cast;
 use arrow_schema::DataType;
 use arrow_select::filter::filter_record_batch;
-use datasets::{FlightOptions, ReadError, Reading, RowFault, open_raw};
+use datasets::{FlightOptions, ReadError, ReadHints, RowFault, open_raw};
 use schemas::{Fault, canonical::identifiers};
 
-use super::{find_lines, midnight::Rise};
-use crate::keys::Key;
+use super::{find_lines, midnight::MidnightUnwrapper};
+use crate::keys::HashKey;
 
 /// The columns of the table.
 const COLUMNS: [&str; 4] = ["flight", "line", "t_start", "t_end"];
@@ -20,46 +20,46 @@ const NAMED: usize = 5;
 
 /// A line: from its first to its last time, both of them its own.
 #[derive(Clone, Debug, PartialEq)]
-struct Span {
+struct LineTimes {
     line: String,
     start_s: f64,
     end_s: f64,
 }
 
-/// How flights are divided, in place of their files' own lines.
+/// Division of flights into lines, in place of the lines of the files.
 #[derive(Clone, Debug)]
-pub enum Division {
+pub enum FlightDivision {
     /// By a table of times.
     Table(LineTable),
     /// Into the lines that are found in each flight.
     Found,
 }
 
-impl Division {
+impl FlightDivision {
     /// Key for everything that depends on the division.
-    pub fn key(&self) -> Key {
+    pub fn key(&self) -> HashKey {
         match self {
-            Division::Table(table) => table.key(),
-            Division::Found => Key::of([find_lines::VERSION]),
+            FlightDivision::Table(table) => table.key(),
+            FlightDivision::Found => HashKey::from_parts([find_lines::VERSION]),
         }
     }
 
     /// The table, where there is one.
     pub fn table(&self) -> Option<&LineTable> {
         match self {
-            Division::Table(table) => Some(table),
-            Division::Found => None,
+            FlightDivision::Table(table) => Some(table),
+            FlightDivision::Found => None,
         }
     }
 }
 
-/// The lines of flights.
+/// Table of lines: their flights and times.
 #[derive(Clone, Debug)]
 pub struct LineTable {
     /// The file, for messages.
     pub label: String,
     /// By flight, in the order of their times.
-    spans: BTreeMap<String, Vec<Span>>,
+    spans: BTreeMap<String, Vec<LineTimes>>,
 }
 
 impl LineTable {
@@ -71,8 +71,8 @@ impl LineTable {
     pub fn read(path: &Path) -> Result<LineTable, Fault> {
         let label = path.display().to_string();
         let wrong = |e: ReadError| Fault::from(e);
-        let reader = open_raw(path, &FlightOptions::default(), &Reading::default()).map_err(wrong)?;
-        let mut spans: BTreeMap<String, Vec<Span>> = BTreeMap::new();
+        let reader = open_raw(path, &FlightOptions::default(), &ReadHints::default()).map_err(wrong)?;
+        let mut spans: BTreeMap<String, Vec<LineTimes>> = BTreeMap::new();
         let mut row = 0_u64;
         for batch in reader {
             let batch = batch.map_err(wrong)?;
@@ -83,7 +83,7 @@ impl LineTable {
             for at in 0..batch.num_rows() {
                 row += 1;
                 let time = |x: &arrow_array::Float64Array| if x.is_null(at) { f64::NAN } else { x.value(at) };
-                let span = Span { line: line.value(at).to_owned(), start_s: time(start), end_s: time(end) };
+                let span = LineTimes { line: line.value(at).to_owned(), start_s: time(start), end_s: time(end) };
                 // Also false for a missing time.
                 let ascends = span.start_s < span.end_s;
                 if flight.is_null(at) || line.is_null(at) || !ascends {
@@ -114,8 +114,8 @@ impl LineTable {
     }
 
     /// The lines of flights: name, first and last time (s past midnight UTC), in the order of their times.
-    pub fn of(label: &str, flights: impl IntoIterator<Item = (String, Vec<(String, f64, f64)>)>) -> LineTable {
-        let span = |(line, start_s, end_s): (String, f64, f64)| Span { line, start_s, end_s };
+    pub fn new(label: &str, flights: impl IntoIterator<Item = (String, Vec<(String, f64, f64)>)>) -> LineTable {
+        let span = |(line, start_s, end_s): (String, f64, f64)| LineTimes { line, start_s, end_s };
         let spans = flights.into_iter().map(|(flight, lines)| {
             let lines = lines.into_iter().map(span).collect();
             (plain(&flight).to_owned(), lines)
@@ -124,11 +124,11 @@ impl LineTable {
     }
 
     /// Key for everything that depends on the table.
-    pub fn key(&self) -> Key {
+    pub fn key(&self) -> HashKey {
         let spelt = self.spans.iter().flat_map(|(flight, spans)| {
             spans.iter().map(move |s| format!("{flight}\0{}\0{:?}\0{:?}", s.line, s.start_s, s.end_s))
         });
-        Key::of(std::iter::once("lines 1".to_owned()).chain(spelt))
+        HashKey::from_parts(std::iter::once("lines 1".to_owned()).chain(spelt))
     }
 
     /// Name, first and last time of the lines of a flight.
@@ -145,8 +145,8 @@ impl LineTable {
     }
 
     /// For the batches of a file, in their order.
-    pub fn divider(&self) -> Divider<'_> {
-        Divider { table: self, flight: String::new(), rise: Rise::default() }
+    pub fn divider(&self) -> LineDivider<'_> {
+        LineDivider { table: self, flight: String::new(), rise: MidnightUnwrapper::default() }
     }
 
     /// The lines of the table without a sample, of flights that have some.
@@ -179,13 +179,13 @@ impl LineTable {
 }
 
 /// Divides the batches of a file, in their order. Times go on past midnight, whether those of the file do or not.
-pub struct Divider<'a> {
+pub struct LineDivider<'a> {
     table: &'a LineTable,
     flight: String,
-    rise: Rise,
+    rise: MidnightUnwrapper,
 }
 
-impl Divider<'_> {
+impl LineDivider<'_> {
     /// The rows of a batch (`flight`, `line`, `tt` in s) that are within a line of the table, under its name; and their
     /// faults.
     ///
@@ -199,7 +199,7 @@ impl Divider<'_> {
         let mut within = |row: usize| -> Option<&str> {
             let flight = if flight.is_null(row) { "" } else { flight.value(row) };
             if flight != self.flight {
-                (self.flight, self.rise) = (flight.to_owned(), Rise::default());
+                (self.flight, self.rise) = (flight.to_owned(), MidnightUnwrapper::default());
             }
             let tt_s = if tt.is_null(row) { f64::NAN } else { tt.value(row) };
             let risen_s = self.rise.next(tt_s);

@@ -2,8 +2,8 @@
 
 use arrow_schema::SchemaRef;
 use datasets::{
-    Part, ReadError,
-    formats::{Parts, SayMadeFrom},
+    FlightBatch, ReadError,
+    formats::{FlightBatches, FlightInputLister},
 };
 
 /// An open log with the names of the flight table: as its format gives them, or through a mapping.
@@ -17,14 +17,14 @@ pub struct LogReader {
     /// The result of scanning the whole file, for `Reading::found`.
     pub found: Option<String>,
     /// Sets the inputs of the flight, where they are not its file alone.
-    pub made_from: Option<SayMadeFrom>,
+    pub made_from: Option<FlightInputLister>,
     /// The rows.
-    pub parts: Parts,
+    pub parts: FlightBatches,
 }
 
 impl LogReader {
     /// The next rows, with the faults of single rows.
-    pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
+    pub fn next_part(&mut self) -> Option<Result<FlightBatch, ReadError>> {
         self.parts.next()
     }
 }

@@ -51,24 +51,24 @@ pub(super) fn unwrapped(batch: &RecordBatch) -> Result<Option<RecordBatch>, Faul
 
 /// The time with a day added at each midnight.
 fn risen(tt: &[f64]) -> Vec<f64> {
-    let mut rise = Rise::default();
+    let mut rise = MidnightUnwrapper::default();
     tt.iter().map(|t| rise.next(*t)).collect()
 }
 
-/// Adds a day to the time at each midnight, sample by sample.
+/// Unwrapper of time at midnight, sample by sample, in s.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rise {
+pub(super) struct MidnightUnwrapper {
     before: f64,
     add: f64,
 }
 
-impl Default for Rise {
-    fn default() -> Rise {
-        Rise { before: f64::NAN, add: 0.0 }
+impl Default for MidnightUnwrapper {
+    fn default() -> MidnightUnwrapper {
+        MidnightUnwrapper { before: f64::NAN, add: 0.0 }
     }
 }
 
-impl Rise {
+impl MidnightUnwrapper {
     /// The time of the next sample, s past the midnight before the first one.
     pub(super) fn next(&mut self, t: f64) -> f64 {
         let ends = (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&self.before);
@@ -168,7 +168,7 @@ mod tests {
         RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).unwrap()
     }
 
-    fn of(batch: &RecordBatch) -> [Vec<f64>; 3] {
+    fn time_columns(batch: &RecordBatch) -> [Vec<f64>; 3] {
         ["tt", "year", "doy"].map(|name| numbers(batch, name).unwrap())
     }
 
@@ -178,7 +178,7 @@ mod tests {
     fn r10_midnight_is_unwrapped_and_the_date_moves_on() {
         // The log leaves its date, moves it on at midnight, late, or early.
         for doy in [[100, 100, 100, 100], [100, 100, 101, 101], [100, 100, 100, 101], [100, 101, 101, 101]] {
-            let [tt, year, doy] = of(&unwrapped(&line(&OVER, &[2023; 4], &doy)).unwrap().unwrap());
+            let [tt, year, doy] = time_columns(&unwrapped(&line(&OVER, &[2023; 4], &doy)).unwrap().unwrap());
             assert!(check_time(&tt).is_ok() && (tt[3] - 86_400.1).abs() < 1e-9, "{tt:?}");
             assert_eq!((year, doy), (vec![2023.0; 4], vec![100.0, 100.0, 101.0, 101.0]));
         }
@@ -192,7 +192,7 @@ mod tests {
                 line(&OVER, &[year, year, year + 1, year + 1], &[last, last, 1, 1]),
             ];
             for batch in moved {
-                let [_, years, doys] = of(&unwrapped(&batch).unwrap().unwrap());
+                let [_, years, doys] = time_columns(&unwrapped(&batch).unwrap().unwrap());
                 let year = year as f64;
                 assert_eq!(years, [year, year, year + 1.0, year + 1.0]);
                 assert_eq!(doys, [last as f64, last as f64, 1.0, 1.0]);

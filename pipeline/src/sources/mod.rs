@@ -29,24 +29,24 @@ use std::{path::PathBuf, sync::Arc};
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
 use datasets::{AnomalyGrid, MapOptions, map_files, map_gives_error, read_grid};
-use schemas::{Column, Fault, Shape, Table, canonical::Canonical, describe_field};
+use schemas::{Column, Fault, Table, TableShape, canonical::FlightConversion, describe_field};
 
-pub use bytes::{Bytes, Trust, fingerprint};
+pub use bytes::{FileDigest, ReusePolicy, fingerprint};
 pub use files::{file, find, hive, walk};
 use flight_file::FlightFile;
 pub use formats::{flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
-pub use line_table::{Division, LineTable};
+pub use line_table::{FlightDivision, LineTable};
 pub use log_reader::LogReader;
 use model::ModelTable;
 pub use options::{AUTO, MappingOptions, ModelOptions, WHOLE, division};
-use options::{Files, flight_options, map_options, spelt};
-pub use quality::{Check, Finding};
+use options::{FileOptions, flight_options, map_options, spelt};
+pub use quality::{Finding, FindingKind};
 pub(crate) use record::{is_whole, sealed};
 
 use crate::{
-    keys::Key,
-    remote::{self, Place, cache, place},
+    keys::HashKey,
+    remote::{self, StorageLocation, cache, place},
     spec::SourceDecl,
     store::Store,
 };
@@ -60,12 +60,12 @@ const MAP_VERSION: &str = "map 3";
 /// Raised when the stored form of a model that is read changes.
 const MODEL_VERSION: &str = "model 1";
 
-/// A table of flights whose columns are known and whose lines are not read yet.
+/// Table of flights whose columns are known and whose lines are not read yet.
 pub struct Flights {
     /// Its name in the spec.
     pub name: String,
     /// The columns of all files together.
-    pub shape: Shape,
+    pub shape: TableShape,
     /// The fields of all files together.
     pub schema: SchemaRef,
     /// Notes on its files for the user.
@@ -73,23 +73,23 @@ pub struct Flights {
     /// Whether the bytes of its files are read even where they look like those read last.
     pub read_all: bool,
     /// How flights are divided, in place of the lines of the files.
-    division: Option<Division>,
+    division: Option<FlightDivision>,
     files: Vec<FlightFile>,
 }
 
 /// The lines of a table of flights, in the order of their names.
-pub struct Lines {
+pub struct FlightLines {
     /// One record per line.
     pub lines: Vec<LineRecord>,
     /// The files they came from, and their keys.
-    pub files: Vec<Bytes>,
+    pub files: Vec<FileDigest>,
     /// The folders of the figures of their quality: tables as [`checks::table`] has them.
     pub quality: Vec<PathBuf>,
 }
 
 /// The progress of reading a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ReadStep<'a> {
+pub struct ReadProgress<'a> {
     /// The file that is read.
     pub file: &'a std::path::Path,
     /// Whether it is the spec of a simulation, whose lines are simulated.
@@ -104,10 +104,10 @@ pub struct ReadStep<'a> {
     pub all: usize,
 }
 
-impl<'a> ReadStep<'a> {
+impl<'a> ReadProgress<'a> {
     /// A file that is begun or done.
-    pub fn of_file(file: &'a std::path::Path, done: usize, all: usize) -> ReadStep<'a> {
-        ReadStep { file, simulated: false, lines: 0, of_lines: None, done, all }
+    pub fn of_file(file: &'a std::path::Path, done: usize, all: usize) -> ReadProgress<'a> {
+        ReadProgress { file, simulated: false, lines: 0, of_lines: None, done, all }
     }
 }
 
@@ -117,16 +117,20 @@ impl Flights {
     /// # Errors
     /// Fails for options, files, columns and units that cannot be used, with their position in the spec.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<Flights, Vec<Fault>> {
-        Flights::open_trusting(decl, folder, Trust::default())
+        Flights::open_trusting(decl, folder, ReusePolicy::default())
     }
 
     /// [`Flights::open`], without scanning files that a store knows and that are unchanged.
     ///
     /// # Errors
     /// Fails as [`Flights::open`].
-    pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
+    pub fn open_trusting(
+        decl: &SourceDecl,
+        folder: &std::path::Path,
+        trust: ReusePolicy,
+    ) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
-        let Files { options, mapped, lines } = flight_options(decl, folder)?;
+        let FileOptions { options, mapped, lines } = flight_options(decl, folder)?;
         // A fault in a mapping is shown at its place in the mapping.
         let shown = |f: &Fault| mapped.is_some() && mapping::is_shown(f);
         let any_name = decl.options.contains_key("format");
@@ -157,7 +161,7 @@ impl Flights {
             }
             let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);
             let opened = opened.map_err(|e| vec![Fault::from(e)]);
-            match opened.and_then(|(file, r)| Ok((Canonical::new(&r.schema)?, r.notes, file))) {
+            match opened.and_then(|(file, r)| Ok((FlightConversion::new(&r.schema)?, r.notes, file))) {
                 Ok((canonical, noted, file)) => {
                     notes.extend(noted);
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
@@ -178,7 +182,7 @@ impl Flights {
     /// A table of the columns `schema` whose lines are known: it has no files to read.
     pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
-        let shape = Shape { columns, rate_hz: None };
+        let shape = TableShape { columns, rate_hz: None };
         Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
@@ -201,7 +205,7 @@ impl Flights {
     ///
     /// # Errors
     /// Fails for a file that cannot be read. What is wrong with single lines stands in their records.
-    pub fn lines(&self, store: &Store, tick: &(dyn Fn(&ReadStep) + Sync)) -> Result<Lines, Vec<Fault>> {
+    pub fn lines(&self, store: &Store, tick: &(dyn Fn(&ReadProgress) + Sync)) -> Result<FlightLines, Vec<Fault>> {
         ingest::lines(self, store, tick)
     }
 }
@@ -234,7 +238,7 @@ fn merge(
 }
 
 /// Content of a table of files without flight lines.
-enum Content {
+enum MapSourceContent {
     /// A map.
     Map {
         options: MapOptions,
@@ -253,7 +257,7 @@ pub struct MapSource {
     pub path: PathBuf,
     /// Whether its bytes are read even where they look like those read last.
     pub read_all: bool,
-    content: Content,
+    content: MapSourceContent,
 }
 
 impl MapSource {
@@ -269,7 +273,7 @@ impl MapSource {
     }
 
     fn of_map(decl: &SourceDecl, path: PathBuf, options: MapOptions, error: bool) -> MapSource {
-        MapSource { name: decl.name.clone(), path, read_all: false, content: Content::Map { options, error } }
+        MapSource { name: decl.name.clone(), path, read_all: false, content: MapSourceContent::Map { options, error } }
     }
 
     /// A map whose key is known: it has no file to read.
@@ -284,11 +288,11 @@ impl MapSource {
     /// A model: checks that the files hold one.
     ///
     /// # Errors
-    /// Fails for options that a model does not have, for a file that does not exist, and for one that is no table of a fit or holds
-    /// several models.
+    /// Fails for options that a model does not have, for a file that does not exist, and for one that is no table of a
+    /// fit or holds several models.
     pub fn open_model(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
-        let content = Content::Model(ModelTable::open(decl, &path)?);
+        let content = MapSourceContent::Model(ModelTable::open(decl, &path)?);
         Ok(MapSource { name: decl.name.clone(), path, read_all: false, content })
     }
 
@@ -297,36 +301,36 @@ impl MapSource {
     /// # Errors
     /// Fails for options that a model does not have.
     pub fn recorded_model(decl: &SourceDecl, schema: SchemaRef) -> Result<MapSource, Vec<Fault>> {
-        let content = Content::Model(ModelTable::recorded(decl, schema)?);
+        let content = MapSourceContent::Model(ModelTable::recorded(decl, schema)?);
         Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
     /// Name of its content.
     pub fn word(&self) -> &'static str {
         match self.content {
-            Content::Map { .. } => "map",
-            Content::Model(_) => "model",
+            MapSourceContent::Map { .. } => "map",
+            MapSourceContent::Model(_) => "model",
         }
     }
 
     /// Whether it is a map that gives the error of each node.
     pub fn gives_error(&self) -> bool {
-        matches!(self.content, Content::Map { error: true, .. })
+        matches!(self.content, MapSourceContent::Map { error: true, .. })
     }
 
     /// Model for a stage; `None` for a map. All contents that give an error are equal, and all others are.
     pub fn model(&self) -> Option<Table> {
         match &self.content {
-            Content::Map { .. } => None,
-            Content::Model(model) => Some(model.table()),
+            MapSourceContent::Map { .. } => None,
+            MapSourceContent::Model(model) => Some(model.table()),
         }
     }
 
     /// The columns of a model; `None` of a map.
     pub fn schema(&self) -> Option<&SchemaRef> {
         match &self.content {
-            Content::Map { .. } => None,
-            Content::Model(model) => Some(&model.schema),
+            MapSourceContent::Map { .. } => None,
+            MapSourceContent::Model(model) => Some(&model.schema),
         }
     }
 
@@ -345,32 +349,34 @@ impl MapSource {
     ///
     /// # Errors
     /// Fails when it cannot be read.
-    pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
+    pub fn load(&self, store: &Store) -> Result<(HashKey, Vec<FileDigest>), Fault> {
         let files = match self.content {
             // The cells of a map may be next to its header.
-            Content::Map { .. } => map_files(&self.path).map_err(Fault::from)?,
-            Content::Model(_) if self.path.is_dir() => {
+            MapSourceContent::Map { .. } => map_files(&self.path).map_err(Fault::from)?,
+            MapSourceContent::Model(_) if self.path.is_dir() => {
                 let mut files = vec![];
                 let wrong = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", self.path.display()));
                 walk(&self.path, &mut files).map_err(wrong)?;
                 files.retain(|file| file.extension().is_some_and(|e| e == "parquet"));
                 files
             }
-            Content::Model(_) => vec![self.path.clone()],
+            MapSourceContent::Model(_) => vec![self.path.clone()],
         };
-        let bytes: Vec<Bytes> =
+        let bytes: Vec<FileDigest> =
             files.iter().map(|file| fingerprint(store, file, self.read_all)).collect::<Result<_, _>>()?;
         let fixed = match &self.content {
-            Content::Map { options, .. } => ["map", MAP_VERSION, datasets::VERSION, &spelt(options)].map(str::to_owned),
-            Content::Model(model) => ["model", MODEL_VERSION, "", &model.condition].map(str::to_owned),
+            MapSourceContent::Map { options, .. } => {
+                ["map", MAP_VERSION, datasets::VERSION, &spelt(options)].map(str::to_owned)
+            }
+            MapSourceContent::Model(model) => ["model", MODEL_VERSION, "", &model.condition].map(str::to_owned),
         };
-        let key = Key::of(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
+        let key = HashKey::from_parts(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
         if !store.has(key) {
             let rows = match &self.content {
-                Content::Map { options, .. } => {
+                MapSourceContent::Map { options, .. } => {
                     read_grid(&self.path, options).and_then(|grid| grid.table()).map_err(Fault::from)?
                 }
-                Content::Model(model) => model::read(&self.path, &model.condition)?,
+                MapSourceContent::Model(model) => model::read(&self.path, &model.condition)?,
             };
             store.put(key, &rows)?;
         }
@@ -382,8 +388,8 @@ impl MapSource {
 fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<Fault>> {
     let at = |fault: Fault| vec![fault.at(decl.path.1.clone())];
     let path = match place(&decl.path.0).map_err(at)? {
-        Place::Path(path) => folder.join(path),
-        Place::Object(address) => return remote::whole(&address).map_err(at),
+        StorageLocation::Path(path) => folder.join(path),
+        StorageLocation::Object(address) => return remote::whole(&address).map_err(at),
     };
     if path.exists() {
         return Ok(path);
@@ -395,7 +401,7 @@ fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<
 ///
 /// # Errors
 /// Fails when the store cannot be read.
-pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
+pub fn map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     store.whole(key)
 }
 
@@ -403,7 +409,7 @@ pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
 ///
 /// # Errors
 /// When the store cannot be read.
-pub fn made_map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
+pub fn made_map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     let error = store.columns(key)?.field_with_name(schemas::map::ERROR).is_ok().then_some(schemas::map::ERROR);
     let columns: Vec<&str> = schemas::map::MADE_COLUMNS.into_iter().chain(error).collect();
     let rows = store.get(key, &columns)?;

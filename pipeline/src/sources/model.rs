@@ -6,7 +6,7 @@ use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray, cast:
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use arrow_select::{concat::concat_batches, filter::filter_record_batch};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use schemas::{Fault, Literal, Shape, Table};
+use schemas::{Fault, Literal, Table, TableShape};
 
 use super::{
     files::walk,
@@ -15,7 +15,7 @@ use super::{
 use crate::{
     casting::cast,
     predicate::Predicate,
-    spec::{SourceDecl, Span},
+    spec::{SourceDecl, SpecSpan},
 };
 
 /// The key that selects a model among those of a table.
@@ -54,12 +54,12 @@ impl ModelTable {
 
     /// Description of the model for a stage.
     pub fn table(&self) -> Table {
-        Table::Model { shape: Shape::of(&self.schema), features: self.features.clone() }
+        Table::Model { shape: TableShape::from_schema(&self.schema), features: self.features.clone() }
     }
 }
 
 /// The condition, its place in the spec, and the features.
-fn options(decl: &SourceDecl) -> Result<(String, Span, Vec<String>), Vec<Fault>> {
+fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fault>> {
     let mut rest = decl.clone();
     let (condition, at) = match rest.options.remove(WHERE) {
         None => (String::new(), decl.path.1.clone()),
@@ -72,11 +72,12 @@ fn options(decl: &SourceDecl) -> Result<(String, Span, Vec<String>), Vec<Fault>>
     Ok((condition, at, features))
 }
 
-/// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers, of which a missing one is NaN.
+/// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers, of which a missing one is
+/// NaN.
 ///
 /// # Errors
-/// When a file is no Parquet, the columns of a fit are missing, the condition cannot be evaluated, or what it selects is not one
-/// model.
+/// When a file is no Parquet, the columns of a fit are missing, the condition cannot be evaluated, or what it selects
+/// is not one model.
 pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     let mut files = vec![];
     if path.is_dir() {
@@ -140,7 +141,7 @@ fn selected(batch: &RecordBatch, condition: &str) -> Result<RecordBatch, Fault> 
     if condition.is_empty() {
         return Ok(batch.clone());
     }
-    let predicate = Predicate::new(condition, &Shape::of(&batch.schema()))?;
+    let predicate = Predicate::new(condition, &TableShape::from_schema(&batch.schema()))?;
     let schema = batch.schema();
     let places: Vec<usize> = predicate.columns.iter().filter_map(|name| schema.index_of(name).ok()).collect();
     let seen = batch.project(&places).map_err(|e| Fault::machine(e.to_string()))?;

@@ -3,12 +3,12 @@
 use std::{path::Path, sync::Arc};
 
 use datasets::{FlightOptions, MapOptions};
-use schemas::{Fault, Lists, Params, Reader, params};
+use schemas::{ChoiceRegistry, Fault, ParamReader, Params, params};
 
 use super::{
     files::file,
-    line_table::{Division, LineTable},
-    mapping::{Mapped, Mapping, is_shown},
+    line_table::{FlightDivision, LineTable},
+    mapping::{Mapping, MappingTable, is_shown},
 };
 use crate::spec::SourceDecl;
 
@@ -35,14 +35,14 @@ params! {
     features: Vec<String>, unit "", default ["tl"].map(String::from);
 }
 
-/// How the files of a table are read.
-pub struct Files {
+/// Options for reading the files of a table.
+pub struct FileOptions {
     /// Names, units, keys.
     pub options: FlightOptions,
     /// Meaning of the columns.
-    pub mapped: Option<Mapped>,
+    pub mapped: Option<MappingTable>,
     /// How they are divided, where not into their own lines.
-    pub lines: Option<Division>,
+    pub lines: Option<FlightDivision>,
 }
 
 /// Instead of a table of lines: they are found.
@@ -52,11 +52,11 @@ pub const AUTO: &str = "auto";
 ///
 /// # Errors
 /// Fails as [`LineTable::read`].
-pub fn division(name: &str, folder: &Path) -> Result<Division, Fault> {
+pub fn division(name: &str, folder: &Path) -> Result<FlightDivision, Fault> {
     if name == AUTO {
-        Ok(Division::Found)
+        Ok(FlightDivision::Found)
     } else {
-        file(name, folder).and_then(|path| LineTable::read(&path)).map(Division::Table)
+        file(name, folder).and_then(|path| LineTable::read(&path)).map(FlightDivision::Table)
     }
 }
 
@@ -67,7 +67,7 @@ pub const WHOLE: &str = "0";
 ///
 /// # Errors
 /// Fails for unknown options, wrong types, and all that is wrong with the mapping.
-pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fault>> {
+pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, Vec<Fault>> {
     let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
     let said = |key: &str| decl.options.get(key);
     let at = |fault: Fault, key: &str| said(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
@@ -86,7 +86,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
         return if table.is_some() {
             Err(vec![at(fault(), "table")])
         } else {
-            Ok(Files { options, mapped: None, lines })
+            Ok(FileOptions { options, mapped: None, lines })
         };
     };
     let taken: Vec<Fault> = ["rename", "units", "topic", "epsg"]
@@ -104,7 +104,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
     let mapping = Mapping::load(&name, folder).map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
     let key = if table.is_some() { "table" } else { "mapping" };
     let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;
-    Ok(Files { options, mapped: Some(mapped), lines })
+    Ok(FileOptions { options, mapped: Some(mapped), lines })
 }
 
 /// The options of a map.
@@ -112,7 +112,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
 /// # Errors
 /// Fails for unknown options and wrong types.
 pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
-    options::<MapOptions, Nothing>(decl).map(|(options, _)| options)
+    options::<MapOptions, NoKeys>(decl).map(|(options, _)| options)
 }
 
 /// The options of a model.
@@ -120,12 +120,12 @@ pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
 /// # Errors
 /// Fails for unknown options and wrong types.
 pub fn model_options(decl: &SourceDecl) -> Result<ModelOptions, Vec<Fault>> {
-    options::<ModelOptions, Nothing>(decl).map(|(options, _)| options)
+    options::<ModelOptions, NoKeys>(decl).map(|(options, _)| options)
 }
 
 params! {
     /// No keys.
-    struct Nothing, all default;
+    struct NoKeys, all default;
 }
 
 /// All options in one spelling, for keys.
@@ -136,8 +136,8 @@ pub fn spelt<T: Params>(options: &T) -> String {
 }
 
 fn options<T: Params, U: Params>(decl: &SourceDecl) -> Result<(T, U), Vec<Fault>> {
-    let lists = Lists::default();
-    let mut reader = Reader::new(&decl.name, &decl.options, Some(decl.at.clone()), &lists);
+    let lists = ChoiceRegistry::default();
+    let mut reader = ParamReader::new(&decl.name, &decl.options, Some(decl.at.clone()), &lists);
     let options = T::read(&mut reader, None).zip(U::read(&mut reader, None));
     let known: Vec<&str> = T::docs(&lists).iter().chain(&U::docs(&lists)).map(|doc| doc.name).collect();
     reader.unknown_keys(&known, &["path"]);

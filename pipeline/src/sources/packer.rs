@@ -5,35 +5,35 @@ use std::sync::{Mutex, PoisonError};
 use arrow_array::RecordBatch;
 use schemas::Fault;
 
-use crate::{keys::Key, store::Store};
+use crate::{keys::HashKey, store::Store};
 
 /// The bytes of a pack in memory.
 const PACK_BYTES: usize = 4 << 20;
 
-/// The lines that are not written yet.
+/// Lines that are not written yet.
 #[derive(Default)]
-struct Waiting {
-    lines: Vec<(Key, RecordBatch)>,
+struct PackQueue {
+    lines: Vec<(HashKey, RecordBatch)>,
     bytes: usize,
 }
 
-/// Puts the lines of a file into packs, from several threads.
-pub(super) struct Packer<'a> {
+/// Writer of the lines of a file into packs, shared by several threads.
+pub(super) struct LinePacker<'a> {
     store: &'a Store,
-    waiting: Mutex<Waiting>,
+    waiting: Mutex<PackQueue>,
 }
 
-impl<'a> Packer<'a> {
+impl<'a> LinePacker<'a> {
     /// Into `store`.
-    pub fn new(store: &'a Store) -> Packer<'a> {
-        Packer { store, waiting: Mutex::default() }
+    pub fn new(store: &'a Store) -> LinePacker<'a> {
+        LinePacker { store, waiting: Mutex::default() }
     }
 
     /// Adds a line, and writes a pack when it is full.
     ///
     /// # Errors
     /// Fails when the store cannot be written.
-    pub fn put(&self, key: Key, batch: RecordBatch) -> Result<(), Fault> {
+    pub fn put(&self, key: HashKey, batch: RecordBatch) -> Result<(), Fault> {
         let full = {
             let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
             if self.store.has(key) || waiting.lines.iter().any(|(known, _)| *known == key) {

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use super::consistency;
-pub use super::finding::{Check, Finding, Origins};
+pub use super::finding::{FileColumns, Finding, FindingKind};
 use arrow_array::{
     Array, ArrayRef, Float64Array, RecordBatch,
     cast::AsArray,
@@ -17,7 +17,10 @@ use arrow_array::{
 use arrow_schema::{DataType, Schema};
 use schemas::{
     Fault, Role, describe_field, flight,
-    plausible::{Accept, Kind, Likely, Limits, Outlier, VECTOR, likely, limits, residual, shown},
+    plausible::{
+        OutlierTreatment, PhysicalQuantity, PlausibilityCheck, PlausibleRange, ProbableCause, VECTOR, likely, limits,
+        residual, shown,
+    },
 };
 
 /// The largest part of a sensor's samples that can be impossible and still count as spikes.
@@ -26,8 +29,8 @@ const SPIKES: f64 = 0.1;
 /// A line shorter than this is not reported as constant.
 const CONSTANT_ROWS: usize = 10;
 
-/// A line after its examination.
-pub struct Examined {
+/// Result of the examination of a line.
+pub struct LineExamination {
     /// Its samples, with NaN for what is taken as missing.
     pub batch: RecordBatch,
     /// The findings, in the order of the columns.
@@ -40,9 +43,13 @@ pub struct Examined {
 ///
 /// # Errors
 /// Fails when the batch cannot be rebuilt, which data cannot cause.
-pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Result<Examined, Fault> {
-    let mut line = Line { columns: batch.columns().to_vec(), findings: vec![], faults: vec![], origins };
-    let accepted = accept.contains(&Accept::Range);
+pub fn examine(
+    batch: &RecordBatch,
+    origins: &FileColumns,
+    accept: &[PlausibilityCheck],
+) -> Result<LineExamination, Fault> {
+    let mut line = QualityLine { columns: batch.columns().to_vec(), findings: vec![], faults: vec![], origins };
+    let accepted = accept.contains(&PlausibilityCheck::Range);
     let schema = batch.schema();
     for (i, field) in schema.fields().iter().enumerate() {
         match field.data_type() {
@@ -52,7 +59,7 @@ pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Res
         }
     }
     line.vectors(&schema, accepted);
-    let Line { columns, mut findings, mut faults, .. } = line;
+    let QualityLine { columns, mut findings, mut faults, .. } = line;
     let batch = RecordBatch::try_new(schema, columns).map_err(|e| Fault::data(e.to_string()))?;
     // An impossible value also contradicts others: it is reported once.
     let faulty: Vec<String> = faults.iter().filter_map(|f| f.place.column.clone()).collect();
@@ -62,24 +69,24 @@ pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Res
             faults.push(fault);
         }
     }
-    Ok(Examined { batch, findings, faults })
+    Ok(LineExamination { batch, findings, faults })
 }
 
-struct Line<'a> {
+struct QualityLine<'a> {
     columns: Vec<ArrayRef>,
     findings: Vec<Finding>,
     faults: Vec<Fault>,
-    origins: &'a Origins,
+    origins: &'a FileColumns,
 }
 
-/// How many samples are of a kind, and the first.
+/// Number of samples of a kind, and the row of the first.
 #[derive(Clone, Copy, Default)]
-struct Tally {
+struct RowTally {
     n: usize,
     first: usize,
 }
 
-impl Tally {
+impl RowTally {
     fn add(&mut self, row: usize) {
         if self.n == 0 {
             self.first = row;
@@ -88,21 +95,21 @@ impl Tally {
     }
 }
 
-/// The samples of a column by kind.
-struct Counts {
-    missing: Tally,
-    infinite: Tally,
-    zero: Tally,
-    outside: Tally,
+/// Number of samples of a column by kind.
+struct SampleCounts {
+    missing: RowTally,
+    infinite: RowTally,
+    zero: RowTally,
+    outside: RowTally,
     /// Neither missing nor taken as missing.
     known: usize,
     constant: bool,
 }
 
-impl Counts {
+impl SampleCounts {
     /// `zeros` says whether a 0 is a dropout.
-    fn of(values: &[f64], limits: Option<&Limits>, zeros: bool) -> Counts {
-        let [mut missing, mut infinite, mut zero, mut outside] = [Tally::default(); 4];
+    fn from_values(values: &[f64], limits: Option<&PlausibleRange>, zeros: bool) -> SampleCounts {
+        let [mut missing, mut infinite, mut zero, mut outside] = [RowTally::default(); 4];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for (row, &x) in values.iter().enumerate() {
             if x.is_nan() {
@@ -119,11 +126,11 @@ impl Counts {
             }
         }
         let known = values.len() - missing.n - infinite.n - zero.n;
-        Counts { missing, infinite, zero, outside, known, constant: known >= CONSTANT_ROWS && low == high }
+        SampleCounts { missing, infinite, zero, outside, known, constant: known >= CONSTANT_ROWS && low == high }
     }
 }
 
-impl Line<'_> {
+impl QualityLine<'_> {
     fn column(&mut self, i: usize, about: &schemas::Column, accepted: bool) {
         let (name, unit) = (about.name.as_str(), about.unit.as_str());
         let array = self.columns[i].clone();
@@ -132,19 +139,20 @@ impl Line<'_> {
         let residual = usual.and_then(|l| residual(&l, values));
         let limits = residual.or(usual);
         let zeros = flight::is_scalar_reading(name);
-        let counts = Counts::of(values, limits.as_ref(), zeros);
+        let counts = SampleCounts::from_values(values, limits.as_ref(), zeros);
         let kept = |x: f64| x.is_finite() && !(zeros && x == 0.0);
         let first = values.iter().position(|x| kept(*x)).unwrap_or(0);
         // A height may well be kept.
-        let dead = counts.constant && about.role == Role::Sensor && limits.is_none_or(|l| l.kind != Kind::Height);
-        let unusual = |yes: bool| Tally { n: if yes { counts.known } else { 0 }, first };
+        let dead =
+            counts.constant && about.role == Role::Sensor && limits.is_none_or(|l| l.kind != PhysicalQuantity::Height);
+        let unusual = |yes: bool| RowTally { n: if yes { counts.known } else { 0 }, first };
         for (check, tally) in [
-            (Check::Missing, counts.missing),
-            (Check::Infinite, counts.infinite),
-            (Check::ZeroReading, counts.zero),
-            (Check::Impossible, counts.outside),
-            (Check::NotTotalField, unusual(residual.is_some())),
-            (Check::Constant, unusual(dead)),
+            (FindingKind::Missing, counts.missing),
+            (FindingKind::Infinite, counts.infinite),
+            (FindingKind::ZeroReading, counts.zero),
+            (FindingKind::Impossible, counts.outside),
+            (FindingKind::NotTotalField, unusual(residual.is_some())),
+            (FindingKind::Constant, unusual(dead)),
         ] {
             if tally.n > 0 {
                 let value = values.get(tally.first).copied().unwrap_or(f64::NAN);
@@ -153,7 +161,7 @@ impl Line<'_> {
         }
         let mut spikes = None;
         if let Some(limits) = limits.filter(|_| counts.outside.n > 0 && !accepted) {
-            if limits.outlier == Outlier::Missing && counts.outside.n as f64 <= SPIKES * counts.known as f64 {
+            if limits.outlier == OutlierTreatment::Missing && counts.outside.n as f64 <= SPIKES * counts.known as f64 {
                 spikes = Some(limits);
             } else {
                 let (value, n) = (values[counts.outside.first], (counts.outside, counts.known));
@@ -170,7 +178,7 @@ impl Line<'_> {
     fn whole_numbers(&mut self, i: usize, name: &str, accepted: bool) {
         let Some(limits) = limits(name) else { return };
         let array = self.columns[i].as_primitive::<Int64Type>();
-        let mut outside = Tally::default();
+        let mut outside = RowTally::default();
         let rows = (0..array.len()).filter(|row| array.is_valid(*row));
         rows.filter(|row| !limits.holds(array.value(*row) as f64)).for_each(|row| outside.add(row));
         if outside.n == 0 {
@@ -178,7 +186,7 @@ impl Line<'_> {
         }
         let value = array.value(outside.first) as f64;
         let finite = array.len() - array.null_count();
-        self.findings.push(Finding::new(name, Check::Impossible, outside.n, outside.first, value, ""));
+        self.findings.push(Finding::new(name, FindingKind::Impossible, outside.n, outside.first, value, ""));
         if !accepted {
             self.faults.push(impossible(name, &limits, value, "", (outside, finite), self.origins));
         }
@@ -196,7 +204,7 @@ impl Line<'_> {
                 let (x, y, z) = (x.value(row), y.value(row), z.value(row));
                 (x * x + y * y + z * z).sqrt()
             };
-            let (mut outside, mut finite) = (Tally::default(), 0);
+            let (mut outside, mut finite) = (RowTally::default(), 0);
             for row in 0..x.len() {
                 let b = magnitude(row);
                 if b.is_finite() {
@@ -210,7 +218,7 @@ impl Line<'_> {
                 continue;
             }
             let value = magnitude(outside.first);
-            self.findings.push(Finding::new(&vector, Check::Impossible, outside.n, outside.first, value, "nT"));
+            self.findings.push(Finding::new(&vector, FindingKind::Impossible, outside.n, outside.first, value, "nT"));
             if accepted {
                 continue;
             }
@@ -247,11 +255,11 @@ fn vectors(schema: &Schema) -> Vec<([usize; 3], String)> {
 /// The fault of a column that has impossible values: the first of them, their number, and the valid range.
 fn impossible(
     name: &str,
-    limits: &Limits,
+    limits: &PlausibleRange,
     value: f64,
     unit: &str,
-    (outside, finite): (Tally, usize),
-    origins: &Origins,
+    (outside, finite): (RowTally, usize),
+    origins: &FileColumns,
 ) -> Fault {
     let unit_of = |x: f64| if unit.is_empty() { shown(x) } else { format!("{} {unit}", shown(x)) };
     let mut what =
@@ -269,9 +277,9 @@ fn impossible(
 }
 
 /// The probable meaning of a value, and how to declare it.
-fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
+fn described(name: &str, likely: &ProbableCause, origins: &FileColumns) -> String {
     match likely {
-        Likely::Unit(unit, value) => {
+        ProbableCause::Unit(unit, value) => {
             let ours = flight::describe(name).unit;
             let units = match flight::vector_part(name) {
                 Some((vector, 'x' | 'y' | 'z')) => {
@@ -282,30 +290,30 @@ fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
             };
             format!("if the value is in {unit}, it is {} {ours}: {units}", shown(*value))
         }
-        Likely::DegreesMinutes(value) => {
+        ProbableCause::DegreesMinutes(value) => {
             format!("as degrees and minutes (NMEA ddmm.mm) it is {} deg; convert the column", shown(*value))
         }
-        Likely::GpsWeek(day, second) => format!(
+        ProbableCause::GpsWeek(day, second) => format!(
             "as seconds of a GPS week it is {} s of day {day}; `tt` must be in s past midnight UTC",
             shown(*second)
         ),
-        Likely::Unix(second) => {
+        ProbableCause::Unix(second) => {
             format!("as Unix time it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
         }
     }
 }
 
 /// The possible meaning of a value that no unit explains.
-fn guessed(kind: Kind, value: f64) -> Option<String> {
+fn guessed(kind: PhysicalQuantity, value: f64) -> Option<String> {
     let digits = value.abs().to_string();
     if digits.len() >= 3 && digits.bytes().all(|b| b == b'9') {
         return Some(format!("if {value} represents a missing value, set `missing = [\"{value}\"]`"));
     }
     match kind {
-        Kind::Variation | Kind::Anomaly if (15_000.0..80_000.0).contains(&value) => {
+        PhysicalQuantity::Variation | PhysicalQuantity::Anomaly if (15_000.0..80_000.0).contains(&value) => {
             Some("it is probably a total field; subtract its mean or the core field".to_owned())
         }
-        Kind::Year if (0.0..100.0).contains(&value) => Some(format!(
+        PhysicalQuantity::Year if (0.0..100.0).contains(&value) => Some(format!(
             "write the year with four digits, \
             {}",
             2000.0 + value

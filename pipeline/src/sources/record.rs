@@ -4,12 +4,12 @@
 use schemas::Fault;
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 const OPENING: &str = "{\n";
 
 fn first_entry(rest: &str) -> String {
-    format!("  \"checksum\": \"{}\",\n", Key::of(["note", rest]))
+    format!("  \"checksum\": \"{}\",\n", HashKey::from_parts(["note", rest]))
 }
 
 /// The text of a note.

@@ -1,13 +1,13 @@
 //! The first rows of each file, examined before anything runs.
 
 use rayon::prelude::*;
-use schemas::{Fault, canonical::Canonical};
+use schemas::{Fault, canonical::FlightConversion};
 
 use super::{
     Flights,
-    assemble::Assembly,
+    assemble::LineAssembly,
     flight_file::FlightFile,
-    quality::{Origins, examine},
+    quality::{FileColumns, examine},
 };
 
 /// Rows of a file that are examined.
@@ -29,9 +29,9 @@ fn first_rows(file: &FlightFile) -> Option<Vec<Fault>> {
         return None;
     }
     let mut reader = file.read(1).ok()?;
-    let canonical = Canonical::new(&reader.schema).ok()?;
-    let origins = Origins::new(&reader.schema, &options.rename).of_mapping(mapped.is_some());
-    let mut assembly = Assembly::new(options);
+    let canonical = FlightConversion::new(&reader.schema).ok()?;
+    let origins = FileColumns::new(&reader.schema, &options.rename).of_mapping(mapped.is_some());
+    let mut assembly = LineAssembly::new(options);
     let mut lines = vec![];
     let mut left = ROWS;
     while left > 0 {

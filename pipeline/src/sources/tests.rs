@@ -15,7 +15,7 @@ fn decl() -> SourceDecl {
         at: 0..0,
         protection: Default::default(),
         path: ("logs".to_owned(), 0..0),
-        options: schemas::Args::default(),
+        options: schemas::SpecEntries::default(),
     }
 }
 
@@ -37,9 +37,13 @@ fn written(folder: &Path, flight: &str, lines: usize) {
 fn ingested(folder: &Path, store: &Store, threads: usize) -> (String, Vec<usize>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
-        let flights = Flights::open_trusting(&decl(), folder, Trust { store: Some(store.root()), ..Trust::default() });
+        let flights = Flights::open_trusting(
+            &decl(),
+            folder,
+            ReusePolicy { store: Some(store.root()), ..ReusePolicy::default() },
+        );
         let told = Mutex::new(vec![]);
-        let tick = |step: &ReadStep| {
+        let tick = |step: &ReadProgress| {
             if step.lines > 0 {
                 told.lock().unwrap().push(step.lines);
             }
@@ -126,14 +130,15 @@ fn unit_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_sam
     let store = Store::open(&folder.path().join("store")).unwrap();
     ingested(folder.path(), &store, 1);
     let types = |read_all: bool| {
-        let trust = Trust { store: Some(store.root()), read_all, settle: None };
+        let trust = ReusePolicy { store: Some(store.root()), read_all, settle: None };
         let flights = Flights::open_trusting(&decl(), folder.path(), trust).unwrap();
         flights.schema.field_with_name("note").unwrap().data_type().clone()
     };
     // A note that says otherwise shows whether the file was gone through.
     for entry in fs::read_dir(store.root().join("sources")).unwrap().flatten() {
         let text = fs::read_to_string(entry.path()).unwrap();
-        if let Some(mut seen) = record::unsealed::<bytes::Seen>(text.as_bytes()).filter(|s| s.found.starts_with("csv"))
+        if let Some(mut seen) =
+            record::unsealed::<bytes::FileFact>(text.as_bytes()).filter(|s| s.found.starts_with("csv"))
         {
             seen.found = seen.found.replace("kknnnn", "kknnnt");
             fs::write(entry.path(), record::sealed(&seen.older()).unwrap()).unwrap();

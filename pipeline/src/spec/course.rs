@@ -1,13 +1,13 @@
 //! The course of a search: which trials come next, from the scores of those before.
 
-use learning::search::{Outcome, Value, kept, propose};
+use learning::search::{TrialOutcome, TrialValue, kept, propose};
 use schemas::Literal;
 
-use super::{Axis, Search};
+use super::{SearchSpec, SweepAxis};
 
-/// A trial at a rung, to be computed.
+/// Trial at a rung of successive halving.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct SearchTrial {
     /// The trial, from 1.
     pub trial: usize,
     /// The generation that it was proposed in, from 1.
@@ -15,12 +15,12 @@ pub struct Row {
     /// The rung, from 1.
     pub rung: usize,
     /// The values of the searched axes.
-    pub values: Vec<Value>,
+    pub values: Vec<TrialValue>,
 }
 
-impl Row {
-    /// The values of its columns, in the order of [`Search::columns`].
-    pub fn literals(&self, search: &Search) -> Vec<Literal> {
+impl SearchTrial {
+    /// The values of its columns, in the order of [`SearchSpec::columns`].
+    pub fn literals(&self, search: &SearchSpec) -> Vec<Literal> {
         let trial = Literal::Int(i64::try_from(self.trial).unwrap_or(i64::MAX));
         let rung = search.halving.iter().filter_map(|h| h.values.get(self.rung - 1).cloned());
         let values = search.axes.iter().zip(&self.values).filter_map(|(axis, v)| axis.literal(*v));
@@ -28,11 +28,11 @@ impl Row {
     }
 }
 
-/// A row that was computed.
+/// Result of a computed trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Scored {
+pub struct SearchTrialScore {
     /// The row.
-    pub row: Row,
+    pub row: SearchTrial,
     /// The goal; `None` where it has no value.
     pub goal: Option<f64>,
     /// The goal as a cost, which is to be small.
@@ -47,7 +47,7 @@ pub struct Scored {
 
 /// Outcome of a trial at a rung.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fate {
+pub enum RungOutcome {
     /// It has a goal, and there is no further rung.
     Done,
     /// It went on to the next rung.
@@ -58,57 +58,57 @@ pub enum Fate {
     Failed,
 }
 
-impl Fate {
+impl RungOutcome {
     /// The word for it.
     pub fn as_str(self) -> &'static str {
         match self {
-            Fate::Done => "done",
-            Fate::Promoted => "promoted",
-            Fate::Pruned => "pruned",
-            Fate::Failed => "failed",
+            RungOutcome::Done => "done",
+            RungOutcome::Promoted => "promoted",
+            RungOutcome::Pruned => "pruned",
+            RungOutcome::Failed => "failed",
         }
     }
 }
 
-impl Scored {
+impl SearchTrialScore {
     /// Outcome of the trial in `search`.
-    pub fn fate(&self, search: &Search) -> Fate {
+    pub fn fate(&self, search: &SearchSpec) -> RungOutcome {
         match self.cost {
-            None => Fate::Failed,
-            Some(_) if self.promoted => Fate::Promoted,
-            Some(_) if self.row.rung < search.rungs() => Fate::Pruned,
-            Some(_) => Fate::Done,
+            None => RungOutcome::Failed,
+            Some(_) if self.promoted => RungOutcome::Promoted,
+            Some(_) if self.row.rung < search.rungs() => RungOutcome::Pruned,
+            Some(_) => RungOutcome::Done,
         }
     }
 }
 
 /// The state of a search.
 #[derive(Clone, Debug)]
-pub struct Course<'a> {
-    search: &'a Search,
+pub struct SearchState<'a> {
+    search: &'a SearchSpec,
     /// Computed trials, in that order.
-    done: Vec<Scored>,
+    done: Vec<SearchTrialScore>,
     /// The next rows.
-    next: Vec<Row>,
+    next: Vec<SearchTrial>,
     /// The number of trials proposed so far.
     proposed: usize,
 }
 
-impl<'a> Course<'a> {
+impl<'a> SearchState<'a> {
     /// The search, at its beginning.
-    pub fn new(search: &'a Search) -> Course<'a> {
-        let mut course = Course { search, done: vec![], next: vec![], proposed: 0 };
+    pub fn new(search: &'a SearchSpec) -> SearchState<'a> {
+        let mut course = SearchState { search, done: vec![], next: vec![], proposed: 0 };
         course.propose();
         course
     }
 
     /// The rows that come next, which need no scores of each other; none where the search is over.
-    pub fn next(&self) -> &[Row] {
+    pub fn next(&self) -> &[SearchTrial] {
         &self.next
     }
 
     /// Computed trials so far.
-    pub fn done(&self) -> &[Scored] {
+    pub fn done(&self) -> &[SearchTrialScore] {
         &self.done
     }
 
@@ -122,8 +122,8 @@ impl<'a> Course<'a> {
         !self.done.is_empty() && self.done.iter().all(|s| s.cost.is_none())
     }
 
-    /// The scores of [`Course::next`], in its order.
-    pub fn tell(&mut self, scored: Vec<Scored>) {
+    /// The scores of [`SearchState::next`], in its order.
+    pub fn tell(&mut self, scored: Vec<SearchTrialScore>) {
         let first = self.done.len();
         let rung = scored.first().map_or(1, |s| s.row.rung);
         self.done.extend(scored);
@@ -133,7 +133,7 @@ impl<'a> Course<'a> {
             for i in kept(&costs, halving.eta) {
                 if let Some(one) = self.done.get_mut(first + i) {
                     one.promoted = true;
-                    self.next.push(Row { rung: rung + 1, ..one.row.clone() });
+                    self.next.push(SearchTrial { rung: rung + 1, ..one.row.clone() });
                 }
             }
         }
@@ -144,50 +144,51 @@ impl<'a> Course<'a> {
     }
 
     fn propose(&mut self) {
-        let Search { method, seed, generation, trials, .. } = *self.search;
+        let SearchSpec { method, seed, generation, trials, .. } = *self.search;
         let count = generation.min(trials - self.proposed);
         if count == 0 {
             return;
         }
         // A trial is known by the highest rung that it got to.
         let last = self.done.iter().filter(|s| !s.promoted);
-        let outcomes: Vec<Outcome> =
-            last.map(|s| Outcome { values: s.row.values.clone(), rung: s.row.rung, cost: s.cost }).collect();
+        let outcomes: Vec<TrialOutcome> =
+            last.map(|s| TrialOutcome { values: s.row.values.clone(), rung: s.row.rung, cost: s.cost }).collect();
         let dimensions: Vec<_> = self.search.axes.iter().map(|a| a.dimension).collect();
         let generation = self.done.iter().map(|s| s.row.generation).max().unwrap_or(0) + 1;
         let values = propose(method, &dimensions, seed, self.proposed, count, &outcomes);
-        let row = |(i, values)| Row { trial: self.proposed + i + 1, generation, rung: 1, values };
+        let row = |(i, values)| SearchTrial { trial: self.proposed + i + 1, generation, rung: 1, values };
         self.next = values.into_iter().enumerate().map(row).collect();
         self.proposed += count;
     }
 
     /// All rows that are known, those to come too, by trial and rung.
-    pub fn rows(&self) -> Vec<Row> {
-        let mut rows: Vec<Row> = self.done.iter().map(|s| s.row.clone()).chain(self.next.iter().cloned()).collect();
+    pub fn rows(&self) -> Vec<SearchTrial> {
+        let mut rows: Vec<SearchTrial> =
+            self.done.iter().map(|s| s.row.clone()).chain(self.next.iter().cloned()).collect();
         rows.sort_by_key(|r| (r.trial, r.rung));
         rows
     }
 
-    /// The best of what was computed: of the trials that got to the highest rung the one of least cost, the first of equal
-    /// ones.
-    pub fn best(&self) -> Option<&Scored> {
+    /// The best of what was computed: of the trials that got to the highest rung the one of least cost, the first of
+    /// equal ones.
+    pub fn best(&self) -> Option<&SearchTrialScore> {
         best(&self.done)
     }
 }
 
-/// See [`Course::best`].
-pub fn best(done: &[Scored]) -> Option<&Scored> {
-    let better = |a: &&Scored, b: &&Scored| {
-        let cost = |s: &Scored| s.cost.unwrap_or(f64::INFINITY);
+/// See [`SearchState::best`].
+pub fn best(done: &[SearchTrialScore]) -> Option<&SearchTrialScore> {
+    let better = |a: &&SearchTrialScore, b: &&SearchTrialScore| {
+        let cost = |s: &SearchTrialScore| s.cost.unwrap_or(f64::INFINITY);
         b.row.rung.cmp(&a.row.rung).then(cost(a).total_cmp(&cost(b))).then(a.row.trial.cmp(&b.row.trial))
     };
     done.iter().filter(|s| s.cost.is_some()).min_by(better)
 }
 
 /// The axes of these rows: the trial, what a rung costs, and those that are searched.
-pub fn axes(search: &Search, rows: &[Row]) -> Vec<Axis> {
+pub fn axes(search: &SearchSpec, rows: &[SearchTrial]) -> Vec<SweepAxis> {
     let literals: Vec<Vec<Literal>> = rows.iter().map(|r| r.literals(search)).collect();
-    let axis = |(k, (name, at)): (usize, (&str, &super::Span))| Axis {
+    let axis = |(k, (name, at)): (usize, (&str, &super::SpecSpan))| SweepAxis {
         name: name.to_owned(),
         at: at.clone(),
         values: literals.iter().filter_map(|row| row.get(k).cloned()).collect(),
@@ -202,7 +203,7 @@ mod tests {
     use super::*;
     use crate::spec::Spec;
 
-    fn search(keys: &str) -> Search {
+    fn search(keys: &str) -> SearchSpec {
         let text = format!(
             "[search]\ngoal = 'scores.drms'\n{keys}\n[search.axes]\nx = {{ low = 0.0, high = 1.0 }}\nkind = ['a', 'b']\n[[stages]]\nname = 's'\nstage = 'score'\n"
         );
@@ -210,13 +211,13 @@ mod tests {
     }
 
     /// Runs the search on a function of its first axis.
-    fn run<'a>(search: &'a Search, cost: impl Fn(&Row) -> Option<f64>) -> (Course<'a>, Vec<usize>) {
-        let (mut course, mut sizes) = (Course::new(search), vec![]);
+    fn run<'a>(search: &'a SearchSpec, cost: impl Fn(&SearchTrial) -> Option<f64>) -> (SearchState<'a>, Vec<usize>) {
+        let (mut course, mut sizes) = (SearchState::new(search), vec![]);
         while !course.next().is_empty() {
             sizes.push(course.next().len());
-            let score = |row: &Row| {
+            let score = |row: &SearchTrial| {
                 let cost = cost(row);
-                Scored { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
+                SearchTrialScore { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
             };
             let scored = course.next().iter().map(score).collect();
             course.tell(scored);
@@ -224,10 +225,10 @@ mod tests {
         (course, sizes)
     }
 
-    fn x(row: &Row) -> f64 {
+    fn x(row: &SearchTrial) -> f64 {
         match row.values[0] {
-            Value::Real(x) => x,
-            Value::Whole(_) | Value::Choice(_) => f64::NAN,
+            TrialValue::Real(x) => x,
+            TrialValue::Whole(_) | TrialValue::Choice(_) => f64::NAN,
         }
     }
 
@@ -237,7 +238,10 @@ mod tests {
         let (course, sizes) = run(&plain, |row| Some((x(row) - 0.3).abs()));
         assert_eq!((sizes, plain.most_rows()), (vec![8, 8, 4], 20));
         assert_eq!(course.rows().iter().map(|r| r.trial).collect::<Vec<_>>(), (1..=20).collect::<Vec<_>>());
-        assert!(!Course::new(&plain).is_known() && Course::new(&search("trials = 9\nmethod = 'random'")).is_known());
+        assert!(
+            !SearchState::new(&plain).is_known()
+                && SearchState::new(&search("trials = 9\nmethod = 'random'")).is_known()
+        );
         let halved = search("trials = 20\ngeneration = 8\nhalving = { axis = 'n', values = [1, 2, 4], eta = 2 }");
         // The best are other ones at the last rung.
         let (course, sizes) = run(&halved, |row| Some(if row.rung < 3 { x(row) } else { -x(row) }));
@@ -245,11 +249,14 @@ mod tests {
         let best = course.best().unwrap();
         let top = course.done().iter().filter(|s| s.row.rung == 3);
         assert_eq!(best.cost, top.filter_map(|s| s.cost).min_by(f64::total_cmp));
-        let fates = |rung: usize, fate: Fate| {
+        let fates = |rung: usize, fate: RungOutcome| {
             course.done().iter().filter(|s| s.row.rung == rung && s.fate(&halved) == fate).count()
         };
-        assert_eq!((fates(1, Fate::Promoted), fates(1, Fate::Pruned)), (10, 10));
-        assert_eq!((fates(2, Fate::Promoted), fates(3, Fate::Done), fates(3, Fate::Pruned)), (5, 5, 0));
+        assert_eq!((fates(1, RungOutcome::Promoted), fates(1, RungOutcome::Pruned)), (10, 10));
+        assert_eq!(
+            (fates(2, RungOutcome::Promoted), fates(3, RungOutcome::Done), fates(3, RungOutcome::Pruned)),
+            (5, 5, 0)
+        );
     }
 
     #[test]
@@ -267,8 +274,8 @@ mod tests {
     fn unit_the_columns_of_a_row() {
         let some =
             search("trials = 4\nmethod = 'sobol'\nscramble = false\nhalving = { axis = 'n', values = ['u', 'v'] }");
-        let axes = axes(&some, &Course::new(&some).rows());
-        let words = |axis: &Axis| axis.values.iter().map(Literal::to_string).collect::<Vec<_>>().join(" ");
+        let axes = axes(&some, &SearchState::new(&some).rows());
+        let words = |axis: &SweepAxis| axis.values.iter().map(Literal::to_string).collect::<Vec<_>>().join(" ");
         assert_eq!(axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(), ["trial", "n", "x", "kind"]);
         assert_eq!(axes.iter().map(words).collect::<Vec<_>>(), ["1 2 3 4", "u u u u", "0 0.5 0.75 0.25", "a b a b"]);
     }

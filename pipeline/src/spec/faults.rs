@@ -2,11 +2,11 @@
 
 use schemas::{Fault, render};
 
-use super::Span;
+use super::SpecSpan;
 
 /// All faults of a spec, ready for display.
 #[derive(Clone, Debug)]
-pub struct Faults {
+pub struct SpecFaults {
     /// The file, as the user named it.
     pub file: String,
     /// Its text.
@@ -17,14 +17,14 @@ pub struct Faults {
     pub faults: Vec<Fault>,
 }
 
-impl std::fmt::Display for Faults {
+impl std::fmt::Display for SpecFaults {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let shown: Vec<String> = self.faults.iter().map(|x| self.show(x)).collect();
         write!(f, "{}", shown.join("\n\n"))
     }
 }
 
-impl std::error::Error for Faults {}
+impl std::error::Error for SpecFaults {}
 
 /// The first byte of each assignment: they follow the text, each after a line's end.
 pub fn starts(text: &str, sets: &[String]) -> Vec<usize> {
@@ -36,7 +36,7 @@ pub fn starts(text: &str, sets: &[String]) -> Vec<usize> {
     sets.iter().scan(text.len() + 1, next).collect()
 }
 
-impl Faults {
+impl SpecFaults {
     fn show(&self, fault: &Fault) -> String {
         let starts = starts(&self.text, &self.sets);
         let found = fault.at.as_ref().and_then(|at| starts.iter().rposition(|s| *s <= at.start).map(|i| (i, at)));
@@ -48,7 +48,7 @@ impl Faults {
 }
 
 /// A fault of an assignment, pointing into it.
-fn on_command_line(fault: &Fault, set: &str, at: &Span) -> String {
+fn on_command_line(fault: &Fault, set: &str, at: &SpecSpan) -> String {
     const BEFORE: &str = "--set ";
     // A character that would break the line is shown in one column.
     let line: String = set.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn r10_a_position_behind_the_text_is_on_the_command_line() {
-        let faults = Faults {
+        let faults = SpecFaults {
             file: "a.toml".into(),
             text: "seed = 1".into(),
             sets: vec!["seed=2".into(), "näme=a\nb".into()],

@@ -3,7 +3,9 @@
 
 use std::ops::Range;
 
-use schemas::{Args, Fault, Lists, Literal, Reader, Rule, Section, Sections, Value, params};
+use schemas::{
+    ChoiceRegistry, Fault, Literal, ParamReader, ParamValue, ParamsList, Rule, SpecEntries, SpecSection, params,
+};
 
 use crate::clock;
 
@@ -40,7 +42,7 @@ params! {
     /// The content and purpose of the data set, in a few sentences.
     description: String, unit "";
     /// The authors, in the order of the citation: `[[publish.authors]]` with `given` and `family`, or `name`.
-    authors: Sections<Author>, unit "";
+    authors: ParamsList<Author>, unit "";
     /// The licence as an SPDX identifier, such as `CC-BY-4.0`, or another name with `licence_url`.
     licence: String, unit "";
     /// The address of the licence's text.
@@ -88,9 +90,9 @@ pub const EXAMPLE: &str = "write\n\
 ///
 /// # Errors
 /// Everything that is wrong with them, each with its position.
-pub fn read_facts(section: &Section) -> Result<PublishFacts, Vec<Fault>> {
-    let lists = Lists::default();
-    let reader = Reader::new("publish", &section.keys, Some(section.at.clone()), &lists);
+pub fn read_facts(section: &SpecSection) -> Result<PublishFacts, Vec<Fault>> {
+    let lists = ChoiceRegistry::default();
+    let reader = ParamReader::new("publish", &section.keys, Some(section.at.clone()), &lists);
     let (facts, mut faults) = reader.group::<PublishFacts>(None);
     let at = |key: &str| section.keys.get(key).map_or(section.at.clone(), |given| given.at.clone());
     if let Some(facts) = &facts {
@@ -206,9 +208,9 @@ fn is_doi(text: &str) -> bool {
         && suffix.chars().all(fine)
 }
 
-/// Which columns of a table are restricted.
+/// Restricted columns of a table.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Restricted {
+pub enum ColumnRestriction {
     /// None.
     #[default]
     None,
@@ -218,16 +220,16 @@ pub enum Restricted {
     Columns(Vec<String>),
 }
 
-impl Value for Restricted {
+impl ParamValue for ColumnRestriction {
     const TYPE: &'static str = "boolean or list of columns";
 
-    fn read(literal: &Literal) -> Option<Restricted> {
+    fn read(literal: &Literal) -> Option<ColumnRestriction> {
         match literal {
-            Literal::Bool(true) => Some(Restricted::All),
-            Literal::Bool(false) => Some(Restricted::None),
+            Literal::Bool(true) => Some(ColumnRestriction::All),
+            Literal::Bool(false) => Some(ColumnRestriction::None),
             Literal::List(items) => {
                 let names: Option<Vec<String>> = items.iter().map(|i| i.as_text().map(str::to_owned)).collect();
-                names.map(Restricted::Columns)
+                names.map(ColumnRestriction::Columns)
             }
             Literal::Int(_) | Literal::Float(_) | Literal::Text(_) | Literal::Section(_) => None,
         }
@@ -239,19 +241,19 @@ impl Value for Restricted {
 
     fn canonical(&self) -> String {
         match self {
-            Restricted::None => "false".to_owned(),
-            Restricted::All => "true".to_owned(),
-            Restricted::Columns(names) => format!("{names:?}"),
+            ColumnRestriction::None => "false".to_owned(),
+            ColumnRestriction::All => "true".to_owned(),
+            ColumnRestriction::Columns(names) => format!("{names:?}"),
         }
     }
 }
 
 params! {
     /// Publication restrictions of a table of files: keys of `[tables.NAME]`, in addition to the keys of its format.
-    pub struct Protection, all default;
+    pub struct ProtectionKeys, all default;
     /// `true` for the whole table, or the names of columns. `magline publish` rejects results made from them row by
     /// row.
-    restricted: Restricted, unit "", default Restricted::None;
+    restricted: ColumnRestriction, unit "", default ColumnRestriction::None;
     /// The first day of permitted publication, `YYYY-MM-DD`. Without `restricted`, it applies to the whole table.
     embargo: Option<String>, unit "", default None, absent "no end of the restriction";
     /// The reason, for messages and for a published set with `--include-restricted`.
@@ -262,30 +264,30 @@ params! {
     least_ratio: f64, unit "1", default 10.0, rule Rule::Between(1.0, 1e9);
 }
 
-/// The keys of [`Protection`].
+/// The keys of [`ProtectionKeys`].
 pub const PROTECTION_KEYS: [&str; 5] = ["restricted", "embargo", "reason", "least_samples", "least_ratio"];
 
-impl Protection {
+impl ProtectionKeys {
     /// Reads the keys among those of a table, which lie at the bytes `at`, and takes them out.
     ///
     /// # Errors
     /// Everything that is wrong with them, each with its position.
-    pub fn take(table: &str, options: &mut Args, at: Range<usize>) -> Result<Protection, Vec<Fault>> {
-        let own: Args = PROTECTION_KEYS.iter().filter_map(|k| options.remove_entry(*k)).collect();
-        let lists = Lists::default();
-        let (read, mut faults) = Reader::new(table, &own, Some(at), &lists).group::<Protection>(None);
+    pub fn take(table: &str, options: &mut SpecEntries, at: Range<usize>) -> Result<ProtectionKeys, Vec<Fault>> {
+        let own: SpecEntries = PROTECTION_KEYS.iter().filter_map(|k| options.remove_entry(*k)).collect();
+        let lists = ChoiceRegistry::default();
+        let (read, mut faults) = ParamReader::new(table, &own, Some(at), &lists).group::<ProtectionKeys>(None);
         let read = read.unwrap_or_default();
         let place = |key: &str, fault: Fault| own.get(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
         if let Some(day) = read.embargo.as_ref().filter(|d| !is_date(d)) {
             let fault = Fault::new(format!("`{day}` is not a date")).help("write it as `2026-01-31`");
             faults.push(place("embargo", fault));
         }
-        if own.contains_key("reason") && read.embargo.is_none() && read.restricted == Restricted::None {
+        if own.contains_key("reason") && read.embargo.is_none() && read.restricted == ColumnRestriction::None {
             let fault = Fault::new(format!("`reason` of `{table}` has no effect: nothing is restricted"));
             faults.push(place("reason", fault.help("add `restricted` or `embargo`, or remove this key")));
         }
         let lone = own.keys().find(|k| k.starts_with("least_"));
-        if let Some(key) = lone.filter(|_| read.embargo.is_none() && read.restricted == Restricted::None) {
+        if let Some(key) = lone.filter(|_| read.embargo.is_none() && read.restricted == ColumnRestriction::None) {
             let fault = Fault::new(format!("`{key}` of `{table}` has no effect: nothing is restricted"));
             faults.push(place(key, fault.help("add `restricted` or `embargo`, or remove this key")));
         }
@@ -293,22 +295,23 @@ impl Protection {
     }
 
     /// Current restrictions.
-    pub fn now(&self) -> Restricted {
+    pub fn now(&self) -> ColumnRestriction {
         self.on(clock::now().get(..10).unwrap_or_default())
     }
 
     /// Restrictions on the day `today`, `YYYY-MM-DD`: days of this form sort as texts.
-    fn on(&self, today: &str) -> Restricted {
+    fn on(&self, today: &str) -> ColumnRestriction {
         match &self.embargo {
-            Some(day) if today >= day.as_str() => Restricted::None,
-            Some(_) if self.restricted == Restricted::None => Restricted::All,
+            Some(day) if today >= day.as_str() => ColumnRestriction::None,
+            Some(_) if self.restricted == ColumnRestriction::None => ColumnRestriction::All,
             Some(_) | None => self.restricted.clone(),
         }
     }
 
-    /// The faults of columns that are restricted and that the table does not have: a misspelt name would protect nothing.
+    /// The faults of columns that are restricted and that the table does not have: a misspelt name would protect
+    /// nothing.
     pub fn unknown(&self, table: &str, known: &[&str]) -> Vec<Fault> {
-        let Restricted::Columns(names) = &self.restricted else { return vec![] };
+        let ColumnRestriction::Columns(names) = &self.restricted else { return vec![] };
         let unknown = names.iter().filter(|n| !known.contains(&n.as_str()));
         unknown.map(|n| Fault::new(format!("`{table}` has no column `{n}` to restrict")).nearest(n, known)).collect()
     }
@@ -322,7 +325,7 @@ mod tests {
         contact = \"a@b.c\"\nauthors = [{ given = \"A\", family = \"B\", orcid = \"0000-0002-1825-0097\" }]\n";
 
     fn facts(text: &str) -> Result<PublishFacts, Vec<String>> {
-        let section = Section::document(text).unwrap();
+        let section = SpecSection::document(text).unwrap();
         read_facts(&section).map_err(|faults| faults.iter().map(|f| f.what.clone()).collect())
     }
 
@@ -357,17 +360,17 @@ mod tests {
     #[test]
     fn unit_an_embargo_ends_and_a_restriction_does_not() {
         let of = |text: &str| {
-            let mut options = Section::document(text).unwrap().keys;
-            let read = Protection::take("flights", &mut options, 0..0);
+            let mut options = SpecSection::document(text).unwrap().keys;
+            let read = ProtectionKeys::take("flights", &mut options, 0..0);
             assert!(options.keys().all(|k| k == "format"), "{options:?}");
             read
         };
         let one = of("restricted = [\"mag_1_c\"]\nembargo = \"2027-01-01\"\nformat = \"csv\"").unwrap();
-        assert_eq!(one.on("2026-12-31"), Restricted::Columns(vec!["mag_1_c".into()]));
-        assert_eq!(one.on("2027-01-01"), Restricted::None);
-        assert_eq!(of("embargo = \"2027-01-01\"").unwrap().on("2026-01-01"), Restricted::All);
-        assert_eq!(of("restricted = true\nreason = \"agreement\"").unwrap().on("9999-12-31"), Restricted::All);
-        assert_eq!(of("").unwrap().on("2026-01-01"), Restricted::None);
+        assert_eq!(one.on("2026-12-31"), ColumnRestriction::Columns(vec!["mag_1_c".into()]));
+        assert_eq!(one.on("2027-01-01"), ColumnRestriction::None);
+        assert_eq!(of("embargo = \"2027-01-01\"").unwrap().on("2026-01-01"), ColumnRestriction::All);
+        assert_eq!(of("restricted = true\nreason = \"agreement\"").unwrap().on("9999-12-31"), ColumnRestriction::All);
+        assert_eq!(of("").unwrap().on("2026-01-01"), ColumnRestriction::None);
         for wrong in ["embargo = \"soon\"", "reason = \"x\"", "restricted = 1", "restricted = [1]"] {
             assert!(of(wrong).is_err(), "{wrong}");
         }

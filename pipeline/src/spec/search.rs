@@ -1,17 +1,18 @@
 //! `[search]`: axes whose values are searched rather than listed.
 //!
 //! A trial is one value of each of these axes, so that together they are one side of the grid of a sweep: the column
-//! `trial` and one for each axis. The trials of `random` and `sobol` are known beforehand; those of `tpe`, and the rungs of
-//! `halving`, follow from the scores of those before. A [`Course`](super::Course) says which ones are next.
+//! `trial` and one for each axis. The trials of `random` and `sobol` are known beforehand; those of `tpe`, and the
+//! rungs of `halving`, follow from the scores of those before. A [`SearchState`](super::SearchState) says which ones
+//! are next.
 
-use learning::search::{Dimension, MOST_DIMENSIONS, Method, Value};
-use schemas::{Fault, Lists, Literal, Params, Reader, Rule, Section, choice, params};
+use learning::search::{MOST_DIMENSIONS, ProposalMethod, SearchDimension, TrialValue};
+use schemas::{ChoiceRegistry, Fault, Literal, ParamReader, Params, Rule, SpecSection, choice, params};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
 
-use super::{Axis, Span, axis};
+use super::{SpecSpan, SweepAxis, axis};
 
 /// The column of a trial's number.
 pub const TRIAL: &str = "trial";
@@ -26,7 +27,7 @@ const TAKEN: [&str; 7] = [TRIAL, "generation", "rung", "goal", "state", "error",
 
 choice! {
     /// The method that proposes trials.
-    pub enum MethodName {
+    pub enum SearchMethodName {
         /// Uniformly at random.
         Random = "random",
         /// Sobol sequence, which fills the space more evenly.
@@ -38,7 +39,7 @@ choice! {
 
 choice! {
     /// The direction of improvement of the goal.
-    pub enum Direction {
+    pub enum GoalDirection {
         /// Smaller values are better.
         Minimise = "minimise",
         /// Larger values are better.
@@ -50,14 +51,14 @@ params! {
     /// The table `[search]` of a spec.
     pub struct SearchKeys;
     /// The method that proposes trials.
-    method: MethodName, unit "", default MethodName::Tpe;
+    method: SearchMethodName, unit "", default SearchMethodName::Tpe;
     /// The number of trials.
     trials: usize, unit "", rule Rule::Between(1.0, MOST_TRIALS);
     /// The objective: a table of scores and one of its metrics, such as `scores.std_error`. The values of the lines are
     /// pooled as in the summary of a run, over all points of the other axes.
     goal: String, unit "";
     /// The direction of improvement of the goal.
-    direction: Option<Direction>, unit "", default None, absent "the direction of the metric";
+    direction: Option<GoalDirection>, unit "", default None, absent "the direction of the metric";
     /// The seed of all random draws.
     seed: Option<usize>, unit "", default None, absent "the spec's seed";
     /// For `tpe`: the number of trials that are proposed together, before any of their scores is available.
@@ -70,7 +71,7 @@ params! {
 
 params! {
     /// The values of a searched axis.
-    struct Ends;
+    struct SearchAxisKeys;
     /// The lower end.
     low: f64, unit "", rule Rule::Finite;
     /// The upper end.
@@ -92,13 +93,13 @@ params! {
 
 /// A checked `[search]`.
 #[derive(Clone, Debug)]
-pub struct Search {
+pub struct SearchSpec {
     /// Its position.
-    pub at: Span,
+    pub at: SpecSpan,
     /// How trials are proposed.
-    pub method: Method,
+    pub method: ProposalMethod,
     /// The word for it.
-    pub named: MethodName,
+    pub named: SearchMethodName,
     /// The number of trials.
     pub trials: usize,
     /// How many of them are proposed together.
@@ -110,66 +111,68 @@ pub struct Search {
     /// The metric.
     pub metric: String,
     /// Where the goal stands.
-    pub goal_at: Span,
+    pub goal_at: SpecSpan,
     /// Which values of the goal are good; `None` for what the metric says.
-    pub direction: Option<Direction>,
+    pub direction: Option<GoalDirection>,
     /// The lines that the goal is of, and where that stands; all where there is none.
-    pub predicate: Option<(String, Span)>,
+    pub predicate: Option<(String, SpecSpan)>,
     /// Successive halving.
-    pub halving: Option<Halving>,
+    pub halving: Option<SuccessiveHalving>,
     /// The axes.
-    pub axes: Vec<Searched>,
+    pub axes: Vec<SearchAxis>,
 }
 
 /// Successive halving: a rung for each value of an axis.
 #[derive(Clone, Debug)]
-pub struct Halving {
+pub struct SuccessiveHalving {
     /// The axis.
     pub axis: String,
     /// Its position.
-    pub at: Span,
+    pub at: SpecSpan,
     /// Its values, the cheapest first.
     pub values: Vec<Literal>,
     /// The reduction factor: one of `eta` trials is promoted to the next rung.
     pub eta: usize,
 }
 
-/// A searched axis.
+/// An axis of a search.
 #[derive(Clone, Debug)]
-pub struct Searched {
+pub struct SearchAxis {
     /// Its name, which is that of its column.
     pub name: String,
     /// Its position.
-    pub at: Span,
+    pub at: SpecSpan,
     /// Its values.
-    pub dimension: Dimension,
+    pub dimension: SearchDimension,
     /// Those of a choice.
     pub choices: Vec<Literal>,
 }
 
-impl Searched {
+impl SearchAxis {
     /// A value as it stands in a column.
-    pub fn literal(&self, value: Value) -> Option<Literal> {
+    pub fn literal(&self, value: TrialValue) -> Option<Literal> {
         match value {
-            Value::Real(x) => Some(Literal::Float(x)),
-            Value::Whole(n) => Some(Literal::Int(n)),
-            Value::Choice(i) => self.choices.get(i).cloned(),
+            TrialValue::Real(x) => Some(Literal::Float(x)),
+            TrialValue::Whole(n) => Some(Literal::Int(n)),
+            TrialValue::Choice(i) => self.choices.get(i).cloned(),
         }
     }
 
     /// Its values in words.
     pub fn words(&self) -> String {
         match self.dimension {
-            Dimension::Real { low, high, log } => format!("{low} to {high}{}", if log { ", by ratio" } else { "" }),
-            Dimension::Whole { low, high, log } => {
+            SearchDimension::Real { low, high, log } => {
+                format!("{low} to {high}{}", if log { ", by ratio" } else { "" })
+            }
+            SearchDimension::Whole { low, high, log } => {
                 format!("{low} to {high}, whole{}", if log { ", by ratio" } else { "" })
             }
-            Dimension::Choice(_) => self.choices.iter().map(Literal::to_string).collect::<Vec<_>>().join(" | "),
+            SearchDimension::Choice(_) => self.choices.iter().map(Literal::to_string).collect::<Vec<_>>().join(" | "),
         }
     }
 }
 
-impl Search {
+impl SearchSpec {
     /// The number of rungs; 1 without halving.
     pub fn rungs(&self) -> usize {
         self.halving.as_ref().map_or(1, |h| h.values.len())
@@ -188,7 +191,7 @@ impl Search {
     }
 
     /// Names of its columns with their positions in the spec: the trial, what a rung costs, and the axes.
-    pub fn columns(&self) -> Vec<(&str, &Span)> {
+    pub fn columns(&self) -> Vec<(&str, &SpecSpan)> {
         let rung = self.halving.iter().map(|h| (h.axis.as_str(), &h.at));
         let axes = self.axes.iter().map(|a| (a.name.as_str(), &a.at));
         std::iter::once((TRIAL, &self.at)).chain(rung).chain(axes).collect()
@@ -197,7 +200,7 @@ impl Search {
 
 /// Every key of `[search]`, in Markdown.
 pub fn reference() -> String {
-    let lists = Lists::default();
+    let lists = ChoiceRegistry::default();
     let mut text = "# A search\n\nA search proposes the values of the axes in `[search.axes]`. A trial has one value \
                     of each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on \
                     a searched axis has the column `trial` and one column for each axis. The table `trials` has the \
@@ -208,7 +211,7 @@ pub fn reference() -> String {
         .to_owned();
     let groups = [
         ("[search]", SearchKeys::docs(&lists)),
-        ("[search.axes] NAME = { ... }", Ends::docs(&lists)),
+        ("[search.axes] NAME = { ... }", SearchAxisKeys::docs(&lists)),
         ("[search] halving = { ... }", HalvingKeys::docs(&lists)),
     ];
     for (title, docs) in groups {
@@ -222,15 +225,15 @@ pub fn reference() -> String {
 ///
 /// # Errors
 /// Everything that is wrong with it, each with its position.
-pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Search, Vec<Fault>> {
+pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[SweepAxis]) -> Result<SearchSpec, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table() else {
         return Err(vec![Fault::new("`search` must be a table: `[search]`").at(value.span())]);
     };
-    let mut section = Section::of(table, value.span())?;
+    let mut section = SpecSection::from_table(table, value.span())?;
     let predicate = section.keys.remove("where");
     OWN_KEYS.iter().for_each(|key| drop(section.keys.remove(*key)));
-    let lists = Lists::default();
-    let mut reader = Reader::new("search", &section.keys, Some(value.span()), &lists);
+    let lists = ChoiceRegistry::default();
+    let mut reader = ParamReader::new("search", &section.keys, Some(value.span()), &lists);
     let keys = SearchKeys::read(&mut reader, None);
     let known: Vec<&str> = SearchKeys::docs(&lists).iter().map(|doc| doc.name).collect();
     reader.unknown_keys(&known, &OWN_KEYS);
@@ -254,32 +257,32 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Sear
         }
     });
     let method = keys.as_ref().map(|k| {
-        let mut foreign = |key: &str, given: bool, owner: MethodName| {
+        let mut foreign = |key: &str, given: bool, owner: SearchMethodName| {
             if given && k.method != owner {
                 let what = format!("`{key}` belongs to `{}`, not to `{}`", owner.word(), k.method.word());
                 faults.push(Fault::new(what).at(at(key)).help("remove it"));
             }
         };
-        foreign("generation", k.generation.is_some(), MethodName::Tpe);
-        foreign("start", k.start.is_some(), MethodName::Tpe);
-        foreign("scramble", k.scramble.is_some(), MethodName::Sobol);
+        foreign("generation", k.generation.is_some(), SearchMethodName::Tpe);
+        foreign("start", k.start.is_some(), SearchMethodName::Tpe);
+        foreign("scramble", k.scramble.is_some(), SearchMethodName::Sobol);
         match k.method {
-            MethodName::Random => Method::Random,
-            MethodName::Sobol => Method::Sobol { scramble: k.scramble.unwrap_or(true) },
-            MethodName::Tpe => Method::Tpe { start: k.start.unwrap_or(10) },
+            SearchMethodName::Random => ProposalMethod::Random,
+            SearchMethodName::Sobol => ProposalMethod::Sobol { scramble: k.scramble.unwrap_or(true) },
+            SearchMethodName::Tpe => ProposalMethod::Tpe { start: k.start.unwrap_or(10) },
         }
     });
-    if axes.len() > MOST_DIMENSIONS && !matches!(method, Some(Method::Random)) {
+    if axes.len() > MOST_DIMENSIONS && !matches!(method, Some(ProposalMethod::Random)) {
         let what =
             format!("{} axes are searched, but the Sobol sequence supports at most {MOST_DIMENSIONS}", axes.len());
         faults.push(Fault::new(what).at(value.span()).help("search fewer axes, or set `method = \"random\"`"));
     }
     let (Some(keys), Some(method), Some((goal_table, metric))) = (keys, method, goal) else { return Err(faults) };
     let generation = match keys.method {
-        MethodName::Random | MethodName::Sobol => keys.trials,
-        MethodName::Tpe => keys.generation.unwrap_or(8).min(keys.trials),
+        SearchMethodName::Random | SearchMethodName::Sobol => keys.trials,
+        SearchMethodName::Tpe => keys.generation.unwrap_or(8).min(keys.trials),
     };
-    let search = Search {
+    let search = SearchSpec {
         at: value.span(),
         method,
         named: keys.method,
@@ -299,9 +302,9 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Sear
 }
 
 /// An axis has one name, and is searched or listed.
-fn clashes(search: &Search, listed: &[Axis]) -> Vec<Fault> {
+fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
     let mut faults = vec![];
-    let mut push = |what: String, at: &Span, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
+    let mut push = |what: String, at: &SpecSpan, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
     if let Some(axis) = listed.iter().find(|a| a.name == TRIAL) {
         let what = format!("the axis `{TRIAL}` has the name of the column of trials");
         push(what, &axis.at, "rename the axis");
@@ -323,17 +326,17 @@ fn clashes(search: &Search, listed: &[Axis]) -> Vec<Fault> {
 }
 
 /// `halving = { axis = "epochs", values = [10, 30, 90], eta = 3 }`.
-fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
+fn halving(value: &Spanned<DeValue>) -> Result<SuccessiveHalving, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table() else {
         let fault = Fault::new("`halving` must be a table").at(value.span());
         return Err(vec![
             fault.help("write for example `halving = { axis = \"epochs\", values = [10, 30, 90], eta = 3 }`"),
         ]);
     };
-    let mut section = Section::of(table, value.span())?;
+    let mut section = SpecSection::from_table(table, value.span())?;
     section.keys.remove("values");
-    let lists = Lists::default();
-    let mut reader = Reader::new("halving", &section.keys, Some(value.span()), &lists);
+    let lists = ChoiceRegistry::default();
+    let mut reader = ParamReader::new("halving", &section.keys, Some(value.span()), &lists);
     let keys = HalvingKeys::read(&mut reader, None);
     reader.unknown_keys(&["axis", "eta"], &["values"]);
     let mut faults = reader.into_faults();
@@ -352,12 +355,12 @@ fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
         faults.push(fault.help("give at least two `values`, the cheapest first"));
     }
     match keys {
-        Some(keys) if faults.is_empty() => Ok(Halving { axis: keys.axis, at, values, eta: keys.eta }),
+        Some(keys) if faults.is_empty() => Ok(SuccessiveHalving { axis: keys.axis, at, values, eta: keys.eta }),
         _ => Err(faults),
     }
 }
 
-fn axes(table: &DeTable, at: Span) -> Result<Vec<Searched>, Vec<Fault>> {
+fn axes(table: &DeTable, at: SpecSpan) -> Result<Vec<SearchAxis>, Vec<Fault>> {
     let missing = || {
         Fault::new("`search` requires `[search.axes]`, the searched axes")
             .help("write for example `lambda = { low = 1e-4, high = 1.0, log = true }`")
@@ -379,16 +382,22 @@ fn axes(table: &DeTable, at: Span) -> Result<Vec<Searched>, Vec<Fault>> {
 }
 
 /// A list of choices, or a table of two ends.
-fn searched(name: &str, at: Span, value: &Spanned<DeValue>) -> Result<Searched, Vec<Fault>> {
+fn searched(name: &str, at: SpecSpan, value: &Spanned<DeValue>) -> Result<SearchAxis, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table().filter(|t| !t.contains_key("subsets_of")) else {
         let choices = axis::values(name, value)?;
-        return Ok(Searched { name: name.to_owned(), at, dimension: Dimension::Choice(choices.len()), choices });
+        return Ok(SearchAxis {
+            name: name.to_owned(),
+            at,
+            dimension: SearchDimension::Choice(choices.len()),
+            choices,
+        });
     };
-    let section = Section::of(table, value.span())?;
-    let lists = Lists::default();
+    let section = SpecSection::from_table(table, value.span())?;
+    let lists = ChoiceRegistry::default();
     let owner = format!("search.axes.{name}");
-    let (ends, mut faults) = Reader::new(&owner, &section.keys, Some(value.span()), &lists).group::<Ends>(None);
-    let Some(Ends { low, high, log, whole }) = ends else { return Err(faults) };
+    let (ends, mut faults) =
+        ParamReader::new(&owner, &section.keys, Some(value.span()), &lists).group::<SearchAxisKeys>(None);
+    let Some(SearchAxisKeys { low, high, log, whole }) = ends else { return Err(faults) };
     let place = |key: &str| section.keys.get(key).map_or(value.span(), |given| given.at.clone());
     if low >= high {
         faults.push(
@@ -415,8 +424,8 @@ fn searched(name: &str, at: Span, value: &Spanned<DeValue>) -> Result<Searched, 
         return Err(faults);
     }
     let dimension = match whole {
-        true => Dimension::Whole { low: low as i64, high: high as i64, log },
-        false => Dimension::Real { low, high, log },
+        true => SearchDimension::Whole { low: low as i64, high: high as i64, log },
+        false => SearchDimension::Real { low, high, log },
     };
-    Ok(Searched { name: name.to_owned(), at, dimension, choices: vec![] })
+    Ok(SearchAxis { name: name.to_owned(), at, dimension, choices: vec![] })
 }

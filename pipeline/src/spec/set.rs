@@ -8,36 +8,36 @@ use toml::{
     de::{DeString, DeTable, DeValue},
 };
 
-use super::{Span, TOP, publish::PROTECTION_KEYS};
+use super::{SpecSpan, TOP, publish::PROTECTION_KEYS};
 
 /// Keys whose value is a text, so that it needs no quotes.
 const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
 
 /// One assignment, as two documents of TOML in which everything stands at the bytes it has behind the spec's text.
-pub struct Assignment {
+pub struct SetAssignment {
     /// The whole, where it is TOML.
     whole: String,
     /// The key, with a value that is TOML in any case.
     key: String,
     /// The bytes of the value.
-    value: Span,
+    value: SpecSpan,
     /// The bytes of the whole.
-    at: Span,
+    at: SpecSpan,
 }
 
-impl Assignment {
+impl SetAssignment {
     /// The assignment `text`, whose first byte is `start`.
     ///
     /// # Errors
     /// Fails when it has no `=`.
-    pub fn new(text: &str, start: usize) -> Result<Assignment, Fault> {
+    pub fn new(text: &str, start: usize) -> Result<SetAssignment, Fault> {
         let at = start..start + text.len();
         let equals = equals(text).ok_or_else(|| form(&at))?;
         let room = " ".repeat(start);
         let raw = &text[equals + 1..];
         let from = start + equals + 1 + (raw.len() - raw.trim_start().len());
         let value = from..(start + text.trim_end().len()).max(from);
-        Ok(Assignment { whole: format!("{room}{text}"), key: format!("{room}{}=0", &text[..equals]), value, at })
+        Ok(SetAssignment { whole: format!("{room}{text}"), key: format!("{room}{}=0", &text[..equals]), value, at })
     }
 
     /// Puts the value into the document `root`.
@@ -95,7 +95,7 @@ impl Assignment {
         Ok(path)
     }
 
-    fn span_of(&self, path: &[Spanned<DeString>]) -> Span {
+    fn span_of(&self, path: &[Spanned<DeString>]) -> SpecSpan {
         path.first().map_or(self.at.start, |k| k.span().start)..path.last().map_or(self.at.end, |k| k.span().end)
     }
 
@@ -140,7 +140,7 @@ fn equals(text: &str) -> Option<usize> {
     })
 }
 
-fn form(at: &Span) -> Fault {
+fn form(at: &SpecSpan) -> Fault {
     Fault::new("`--set` requires KEY=VALUE").at(at.clone()).help("write for example `seed=7` or `clean.detrend=true`")
 }
 

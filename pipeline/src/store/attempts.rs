@@ -21,43 +21,44 @@ use schemas::{Fault, paths};
 
 use super::{
     Store,
-    remote::{Remote, is_object_old},
+    remote::{RemoteStore, is_object_old},
     tend::is_old,
     trouble,
     unfinished::kernel,
 };
-use crate::{clock, keys::Key, remote::each};
+use crate::{clock, keys::HashKey, remote::each};
 
 /// The folder of a store that holds them.
 pub const FOLDER: &str = "attempts";
-/// The digits of a key that are its mark, those of the name before them, and the most units of an object: some servers store
-/// objects as files, whose names are made of those of the objects and have at most 255 bytes.
+/// The digits of a key that are its mark, those of the name before them, and the most units of an object: some servers
+/// store objects as files, whose names are made of those of the objects and have at most 255 bytes.
 const MARK: usize = 4;
 const NAME: usize = 16;
 const MOST: usize = 24;
 
-/// Where an attempt is written down.
+/// Location of the record of an attempt.
 #[derive(Clone)]
-enum Marker {
+enum AttemptMarker {
     File(PathBuf),
     /// The name of an object.
-    Object(Arc<Remote>, String),
+    Object(Arc<RemoteStore>, String),
 }
 
-impl Marker {
-    fn is(&self, other: &Marker) -> bool {
+impl AttemptMarker {
+    fn is(&self, other: &AttemptMarker) -> bool {
         match (self, other) {
-            (Marker::File(a), Marker::File(b)) => a == b,
-            (Marker::Object(_, a), Marker::Object(_, b)) => a == b,
-            (Marker::File(_), Marker::Object(..)) | (Marker::Object(..), Marker::File(_)) => false,
+            (AttemptMarker::File(a), AttemptMarker::File(b)) => a == b,
+            (AttemptMarker::Object(_, a), AttemptMarker::Object(_, b)) => a == b,
+            (AttemptMarker::File(_), AttemptMarker::Object(..))
+            | (AttemptMarker::Object(..), AttemptMarker::File(_)) => false,
         }
     }
 
     fn remove(&self) {
         // An attempt that cannot be removed counts as lost, which uses up one attempt of the unit.
         match self {
-            Marker::File(file) => drop(fs::remove_file(file)),
-            Marker::Object(remote, key) => drop(remote.bucket().remove(key)),
+            AttemptMarker::File(file) => drop(fs::remove_file(file)),
+            AttemptMarker::Object(remote, key) => drop(remote.bucket().remove(key)),
         }
     }
 
@@ -65,26 +66,26 @@ impl Marker {
     fn rewrite(&self, text: String, store: &Store) {
         // Without it the worker counts as lost.
         match self {
-            Marker::File(file) => {
+            AttemptMarker::File(file) => {
                 let new = store.temporary();
                 drop(fs::write(&new, text).and_then(|()| fs::rename(&new, file)));
             }
-            Marker::Object(remote, key) => drop(remote.bucket().put(key, text.into_bytes())),
+            AttemptMarker::Object(remote, key) => drop(remote.bucket().put(key, text.into_bytes())),
         }
     }
 }
 
 /// Those of this process.
-static UNDER_WAY: Mutex<Vec<Marker>> = Mutex::new(vec![]);
+static UNDER_WAY: Mutex<Vec<AttemptMarker>> = Mutex::new(vec![]);
 
-fn under_way() -> MutexGuard<'static, Vec<Marker>> {
+fn under_way() -> MutexGuard<'static, Vec<AttemptMarker>> {
     UNDER_WAY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Takes back the attempts that this process has begun: it was told to stop, which is not the fault of a unit.
 pub fn withdraw() {
     let all = std::mem::take(&mut *under_way());
-    all.iter().for_each(Marker::remove);
+    all.iter().for_each(AttemptMarker::remove);
 }
 
 /// Prefix of the reason why a unit has no answer.
@@ -94,13 +95,13 @@ const WHY: &str = "failed: ";
 #[must_use]
 pub struct Attempt {
     /// Where it is written down, with the units that are.
-    markers: Vec<(Marker, Vec<Key>)>,
+    markers: Vec<(AttemptMarker, Vec<HashKey>)>,
     who: String,
 }
 
 impl Attempt {
     /// The units have their answers, or the worker stops; but for those that failed while the worker lives.
-    pub fn end(self, store: &Store, failed: &HashMap<Key, &Fault>) {
+    pub fn end(self, store: &Store, failed: &HashMap<HashKey, &Fault>) {
         for (marker, keys) in &self.markers {
             under_way().retain(|other| !other.is(marker));
             let left = keys.iter().filter_map(|key| {
@@ -117,9 +118,9 @@ impl Attempt {
     }
 }
 
-/// The attempts at a unit that ended without an answer, or are under way.
+/// Counts of attempts at a unit that have no answer, with a reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Tries {
+pub struct UnitAttempts {
     /// Workers that were lost, or are at work.
     pub lost: usize,
     /// Workers that lived.
@@ -128,7 +129,7 @@ pub struct Tries {
     pub why: Option<String>,
 }
 
-impl Tries {
+impl UnitAttempts {
     /// Adds one, with what is said of the unit.
     fn add(&mut self, said: &str) {
         match said.strip_prefix(WHY) {
@@ -147,26 +148,26 @@ impl Tries {
 }
 
 /// The units of the text of an attempt, each with what is said of it.
-fn units(text: &str) -> impl Iterator<Item = (Key, &str)> {
+fn units(text: &str) -> impl Iterator<Item = (HashKey, &str)> {
     text.lines().skip(1).filter_map(unit)
 }
 
 /// The unit of a line, with what is said of it; none of a line that was cut.
-fn unit(line: &str) -> Option<(Key, &str)> {
+fn unit(line: &str) -> Option<(HashKey, &str)> {
     let (key, said) = line.split_once(' ').unwrap_or((line, ""));
-    Some((Key::parse(key)?, said))
+    Some((HashKey::parse(key)?, said))
 }
 
 /// The attempts at each unit, by their texts.
-fn counted(texts: &[String]) -> HashMap<Key, Tries> {
-    let mut found: HashMap<Key, Tries> = HashMap::new();
+fn counted(texts: &[String]) -> HashMap<HashKey, UnitAttempts> {
+    let mut found: HashMap<HashKey, UnitAttempts> = HashMap::new();
     for (key, said) in texts.iter().flat_map(|text| units(text)) {
         found.entry(key).or_default().add(said);
     }
     found
 }
 
-fn mark(key: Key) -> String {
+fn mark(key: HashKey) -> String {
     key.to_string().chars().take(MARK).collect()
 }
 
@@ -177,7 +178,7 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
 }
 
 /// The texts of the attempts in an object store, of those whose names are `wanted`.
-fn in_objects(remote: &Remote, wanted: impl Fn(&str) -> bool) -> Vec<String> {
+fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String> {
     // Unreadable attempts are read when the next units begin; the others count.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
     let names: Vec<String> = all.into_iter().map(|object| object.key).filter(|name| wanted(name)).collect();
@@ -186,7 +187,7 @@ fn in_objects(remote: &Remote, wanted: impl Fn(&str) -> bool) -> Vec<String> {
 }
 
 /// Text of an attempt without the units that are `done`; empty where it is `old`.
-fn left_of(text: &str, old: bool, done: &dyn Fn(Key) -> bool) -> String {
+fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
     let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
     let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
     match (text.lines().next(), left.is_empty()) {
@@ -204,7 +205,7 @@ impl Store {
     }
 
     /// The attempts at some units.
-    pub fn attempts_at(&self, keys: &[Key]) -> Vec<Tries> {
+    pub fn attempts_at(&self, keys: &[HashKey]) -> Vec<UnitAttempts> {
         let all = match self.remote() {
             Some(remote) => {
                 let marks: HashSet<String> = keys.iter().map(|key| mark(*key)).collect();
@@ -216,7 +217,7 @@ impl Store {
     }
 
     /// The attempts at all units that have any.
-    pub fn attempts(&self) -> HashMap<Key, Tries> {
+    pub fn attempts(&self) -> HashMap<HashKey, UnitAttempts> {
         match self.remote() {
             Some(remote) => counted(&in_objects(remote, |_| true)),
             None => counted(&self.attempts_in_folder().map(|(_, text)| text).collect::<Vec<_>>()),
@@ -227,18 +228,18 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn attempt(&self, keys: &[Key]) -> Result<Attempt, Fault> {
+    pub fn attempt(&self, keys: &[HashKey]) -> Result<Attempt, Fault> {
         // Each process and thread creates another text.
         let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());
         let who = format!("{kernel} process {process} {} {unique}\n", clock::now());
         let mut attempt = Attempt { markers: vec![], who };
-        let lines = |keys: &[Key]| -> String { keys.iter().map(|key| format!("{key}\n")).collect() };
+        let lines = |keys: &[HashKey]| -> String { keys.iter().map(|key| format!("{key}\n")).collect() };
         if let Some(remote) = self.remote() {
             let own: String = unique.simple().to_string().chars().take(NAME).collect();
             for (i, some) in keys.chunks(MOST).enumerate() {
                 let marks: String = some.iter().map(|key| mark(*key)).collect();
                 let name = format!("{FOLDER}/{own}{i:03}-{marks}");
-                let marker = Marker::Object(remote.clone(), name.clone());
+                let marker = AttemptMarker::Object(remote.clone(), name.clone());
                 under_way().push(marker.clone());
                 attempt.markers.push((marker, some.to_vec()));
                 if let Err(fault) = remote.bucket().put(&name, format!("{}{}", attempt.who, lines(some)).into_bytes()) {
@@ -250,7 +251,7 @@ impl Store {
         }
         let folder = self.root().join(FOLDER);
         let file = folder.join(unique.simple().to_string());
-        let marker = Marker::File(file.clone());
+        let marker = AttemptMarker::File(file.clone());
         under_way().push(marker.clone());
         attempt.markers.push((marker, keys.to_vec()));
         let new = self.temporary();
@@ -264,7 +265,7 @@ impl Store {
     }
 
     /// Removes the attempts at units that are `done`, and those as old as `older_than`.
-    pub fn drop_attempts(&self, done: impl Fn(Key) -> bool, older_than: Option<Duration>) {
+    pub fn drop_attempts(&self, done: impl Fn(HashKey) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
             // Remaining files are removed later.
             let _ = drop_objects(remote, &done, older_than);
@@ -273,7 +274,7 @@ impl Store {
         for (file, text) in self.attempts_in_folder() {
             let old = older_than.is_some_and(|than| is_old(&file, than));
             let left = left_of(&text, old, &done);
-            let marker = Marker::File(file);
+            let marker = AttemptMarker::File(file);
             if left.is_empty() {
                 marker.remove();
             } else if left != text {
@@ -284,7 +285,11 @@ impl Store {
 }
 
 /// [`Store::drop_attempts`] in an object store.
-fn drop_objects(remote: &Remote, done: &dyn Fn(Key) -> bool, older_than: Option<Duration>) -> Result<(), Fault> {
+fn drop_objects(
+    remote: &RemoteStore,
+    done: &dyn Fn(HashKey) -> bool,
+    older_than: Option<Duration>,
+) -> Result<(), Fault> {
     let all = remote.bucket().list(FOLDER)?;
     if all.is_empty() {
         return Ok(());
@@ -315,14 +320,14 @@ mod tests {
     fn unit_attempts_count_until_they_end() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
-        let (one, two) = (Key::of(["one"]), Key::of(["two"]));
+        let (one, two) = (HashKey::from_parts(["one"]), HashKey::from_parts(["two"]));
         let count = |key| store.attempts_at(&[key])[0].all();
         let none = HashMap::new();
         assert_eq!((count(one), store.attempts().len()), (0, 0));
         let (first, second) = (store.attempt(&[one]).unwrap(), store.attempt(&[one, two]).unwrap());
         assert_eq!((count(one), count(two)), (2, 1));
         first.end(&store, &none);
-        let lost = Tries { lost: 1, ..Tries::default() };
+        let lost = UnitAttempts { lost: 1, ..UnitAttempts::default() };
         assert_eq!(store.attempts(), HashMap::from([(one, lost.clone()), (two, lost.clone())]));
         // One of two units fails, and the worker survives.
         second.end(&store, &HashMap::from([(one, &Fault::bug("a\npanic"))]));
@@ -343,10 +348,10 @@ mod tests {
 
     #[test]
     fn unit_a_text_that_is_cut_anywhere_names_no_other_unit() {
-        let (one, two) = (Key::of(["one"]), Key::of(["two"]));
+        let (one, two) = (HashKey::from_parts(["one"]), HashKey::from_parts(["two"]));
         let text = format!("here process 1\n{one}\n{two} failed: a panic\n");
         for end in 0..text.len() {
-            let found: Vec<Key> = units(&text[..end]).map(|(key, _)| key).collect();
+            let found: Vec<HashKey> = units(&text[..end]).map(|(key, _)| key).collect();
             assert!([one, two].starts_with(&found), "{end}: {found:?}");
         }
         assert_eq!(units(&text).collect::<Vec<_>>(), [(one, ""), (two, "failed: a panic")]);

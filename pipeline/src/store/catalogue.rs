@@ -12,11 +12,11 @@ use std::{
 
 use schemas::{Fault, paths};
 
-use crate::{keys::Key, remote::each};
+use crate::{keys::HashKey, remote::each};
 
 use super::{
-    remote::Remote,
-    sealed::{Sealed, Trouble, verify},
+    remote::RemoteStore,
+    sealed::{SealedFile, StoreFileFault, verify},
 };
 
 /// The first bytes of the index.
@@ -30,9 +30,9 @@ pub const FAILED: u32 = u32::MAX;
 
 /// A unit in a pack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Packed {
+pub struct PackedUnit {
     /// The key of the result.
-    pub key: Key,
+    pub key: HashKey,
     /// The hash of its other columns in the pack: the values of the axes, the identifiers, the columns carried along.
     pub dress: u64,
     /// Its rows, or [`FAILED`].
@@ -41,22 +41,22 @@ pub struct Packed {
 
 /// A pack: a file of the store that holds the rows of some units, one after another.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pack {
+pub struct StorePack {
     /// Its name.
-    pub id: Key,
+    pub id: HashKey,
     /// Its bytes.
     pub size: u64,
     /// Fails when it was written, ns since 1970; a pack is never written again.
     pub modified_ns: u64,
     /// The columns that it has.
-    pub kind: Key,
+    pub kind: HashKey,
     /// Its units, in the order of their rows.
-    pub units: Vec<Packed>,
+    pub units: Vec<PackedUnit>,
 }
 
 /// The location of the rows of a unit.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct RowLocation {
     /// The pack, as a position in the catalogue.
     pub pack: usize,
     /// The unit in it.
@@ -69,16 +69,16 @@ pub struct Place {
 
 /// All packs of a store.
 #[derive(Default)]
-pub struct Catalogue {
-    packs: Vec<Option<Pack>>,
-    by_id: HashMap<Key, usize>,
-    units: HashMap<Key, Place>,
+pub struct PackCatalogue {
+    packs: Vec<Option<StorePack>>,
+    by_id: HashMap<HashKey, usize>,
+    units: HashMap<HashKey, RowLocation>,
     /// Whether it differs from the index on the disk.
     changed: bool,
 }
 
 /// The path of the pack `id` below the store's folder.
-pub fn path(root: &Path, id: Key) -> PathBuf {
+pub fn path(root: &Path, id: HashKey) -> PathBuf {
     let name = id.to_string();
     root.join("objects").join(&name[..2]).join(format!("{name}.parquet"))
 }
@@ -89,15 +89,16 @@ pub fn stamp(about: &fs::Metadata) -> (u64, u64) {
     (about.len(), since.and_then(|d| u64::try_from(d.as_nanos()).ok()).unwrap_or(0))
 }
 
-impl Catalogue {
+impl PackCatalogue {
     /// The packs in the store at `root`, and the damaged ones.
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
-    pub fn open(root: &Path) -> std::io::Result<(Catalogue, Vec<(Key, String)>)> {
-        let mut known: HashMap<Key, Pack> = load(root).unwrap_or_default().into_iter().map(|p| (p.id, p)).collect();
+    pub fn open(root: &Path) -> std::io::Result<(PackCatalogue, Vec<(HashKey, String)>)> {
+        let mut known: HashMap<HashKey, StorePack> =
+            load(root).unwrap_or_default().into_iter().map(|p| (p.id, p)).collect();
         let indexed = known.len();
-        let (mut all, mut damaged, mut fresh) = (Catalogue::default(), vec![], 0);
+        let (mut all, mut damaged, mut fresh) = (PackCatalogue::default(), vec![], 0);
         let mut found = vec![];
         for folder in fs::read_dir(root.join("objects")).into_iter().flatten() {
             let folder = folder?;
@@ -105,8 +106,8 @@ impl Catalogue {
                 for file in fs::read_dir(folder.path())? {
                     let file = file?;
                     let name = file.file_name();
-                    let id = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(Key::parse);
-                    let own = |id: &Key| file.path() == path(root, *id);
+                    let id = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(HashKey::parse);
+                    let own = |id: &HashKey| file.path() == path(root, *id);
                     // A link may lead out of the store, and the reading of a pipe may never end.
                     if let Some(id) = id.filter(own).filter(|_| file.file_type().is_ok_and(|kind| kind.is_file())) {
                         found.push((id, stamp(&file.metadata()?)));
@@ -123,9 +124,9 @@ impl Catalogue {
                     fresh += 1;
                     match read(root, id, (size, modified_ns)) {
                         Ok(pack) => all.insert(pack),
-                        Err(Trouble::Damaged(why)) => damaged.push((id, why)),
-                        Err(Trouble::Machine(why)) => return Err(std::io::Error::other(why)),
-                        Err(Trouble::Gone) => {}
+                        Err(StoreFileFault::Damaged(why)) => damaged.push((id, why)),
+                        Err(StoreFileFault::Machine(why)) => return Err(std::io::Error::other(why)),
+                        Err(StoreFileFault::Gone) => {}
                     }
                 }
             }
@@ -134,37 +135,40 @@ impl Catalogue {
         Ok((all, damaged))
     }
 
-    /// The packs of a store in an object store, whose cache is the folder `root`, and the damaged ones. Of those that no index
-    /// knows the footers are read.
+    /// The packs of a store in an object store, whose cache is the folder `root`, and the damaged ones. Of those that
+    /// no index knows the footers are read.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn of_remote(root: &Path, remote: &Remote) -> Result<(Catalogue, Vec<(Key, String)>), Fault> {
-        let by_id = |packs: Vec<Pack>| packs.into_iter().map(|p| (p.id, p)).collect::<HashMap<Key, Pack>>();
+    pub fn of_remote(root: &Path, remote: &RemoteStore) -> Result<(PackCatalogue, Vec<(HashKey, String)>), Fault> {
+        let by_id =
+            |packs: Vec<StorePack>| packs.into_iter().map(|p| (p.id, p)).collect::<HashMap<HashKey, StorePack>>();
         let mut found = remote.packs()?;
         found.sort_unstable();
         let own = by_id(load(root).unwrap_or_default());
-        let is = |known: &HashMap<Key, Pack>, (id, size): &(Key, u64)| known.get(id).is_some_and(|p| p.size == *size);
+        let is = |known: &HashMap<HashKey, StorePack>, (id, size): &(HashKey, u64)| {
+            known.get(id).is_some_and(|p| p.size == *size)
+        };
         let all_known = found.iter().all(|one| is(&own, one));
         let shared = if all_known { HashMap::new() } else { by_id(remote.index()?.unwrap_or_default()) };
-        let (mut all, mut damaged) = (Catalogue::default(), vec![]);
+        let (mut all, mut damaged) = (PackCatalogue::default(), vec![]);
         let mut unknown = vec![];
         for one in &found {
             let known = [&shared, &own].into_iter().find(|known| is(known, one)).and_then(|known| known.get(&one.0));
             match known {
-                Some(pack) => all.insert(Pack { modified_ns: 0, ..pack.clone() }),
+                Some(pack) => all.insert(StorePack { modified_ns: 0, ..pack.clone() }),
                 None => unknown.push(*one),
             }
         }
         let read = each(&unknown, |(id, size)| match remote.pack(*id, Some(*size)) {
-            Err(Trouble::Machine(why)) => Err(Fault::machine(why)),
+            Err(StoreFileFault::Machine(why)) => Err(Fault::machine(why)),
             other => Ok((*id, other)),
         })?;
         for (id, pack) in read {
             match pack {
                 Ok(pack) => all.insert(pack),
-                Err(Trouble::Damaged(why) | Trouble::Machine(why)) => damaged.push((id, why)),
-                Err(Trouble::Gone) => {}
+                Err(StoreFileFault::Damaged(why) | StoreFileFault::Machine(why)) => damaged.push((id, why)),
+                Err(StoreFileFault::Gone) => {}
             }
         }
         all.changed = !unknown.is_empty() || (!all_known && shared.len() != found.len());
@@ -172,28 +176,28 @@ impl Catalogue {
     }
 
     /// A catalogue of these packs.
-    pub fn of_packs(packs: Vec<Pack>) -> Catalogue {
-        let mut all = Catalogue::default();
-        packs.into_iter().for_each(|pack| all.insert(Pack { modified_ns: 0, ..pack }));
+    pub fn of_packs(packs: Vec<StorePack>) -> PackCatalogue {
+        let mut all = PackCatalogue::default();
+        packs.into_iter().for_each(|pack| all.insert(StorePack { modified_ns: 0, ..pack }));
         all.changed = false;
         all
     }
 
     /// The packs of the index of the store at `root`, as it is; `None` where it is missing or damaged.
-    pub fn indexed(root: &Path) -> Option<Catalogue> {
-        let mut all = Catalogue::default();
+    pub fn indexed(root: &Path) -> Option<PackCatalogue> {
+        let mut all = PackCatalogue::default();
         load(root)?.into_iter().for_each(|pack| all.insert(pack));
         all.changed = false;
         Some(all)
     }
 
     /// Adds a pack, replacing one of the same name.
-    pub fn insert(&mut self, pack: Pack) {
+    pub fn insert(&mut self, pack: StorePack) {
         let at = self.packs.len();
         let mut first = 0;
         for (unit, packed) in pack.units.iter().enumerate() {
             let rows = packed.count();
-            self.units.insert(packed.key, Place { pack: at, unit, first, rows });
+            self.units.insert(packed.key, RowLocation { pack: at, unit, first, rows });
             first += rows.unwrap_or(0);
         }
         if let Some(old) = self.by_id.insert(pack.id, at) {
@@ -204,19 +208,19 @@ impl Catalogue {
     }
 
     /// Removes a pack from the catalogue; its units are then found in other packs that contain them.
-    pub fn remove(&mut self, id: Key) {
+    pub fn remove(&mut self, id: HashKey) {
         let Some(pack) = self.by_id.remove(&id).and_then(|at| self.packs.get_mut(at)).and_then(Option::take) else {
             return;
         };
         self.changed = true;
-        let lost: HashSet<Key> = pack.units.iter().map(|u| u.key).collect();
+        let lost: HashSet<HashKey> = pack.units.iter().map(|u| u.key).collect();
         self.units.retain(|key, place| !lost.contains(key) || self.packs.get(place.pack).is_some_and(Option::is_some));
         for (at, pack) in self.packs.iter().enumerate() {
             let mut first = 0;
             for (unit, packed) in pack.iter().flat_map(|p| p.units.iter().enumerate()) {
                 let rows = packed.count();
                 if lost.contains(&packed.key) {
-                    self.units.entry(packed.key).or_insert(Place { pack: at, unit, first, rows });
+                    self.units.entry(packed.key).or_insert(RowLocation { pack: at, unit, first, rows });
                 }
                 first += rows.unwrap_or(0);
             }
@@ -224,22 +228,22 @@ impl Catalogue {
     }
 
     /// The location of a unit.
-    pub fn find(&self, key: Key) -> Option<Place> {
+    pub fn find(&self, key: HashKey) -> Option<RowLocation> {
         self.units.get(&key).copied()
     }
 
     /// A pack by its index.
-    pub fn pack(&self, at: usize) -> Option<&Pack> {
+    pub fn pack(&self, at: usize) -> Option<&StorePack> {
         self.packs.get(at).and_then(Option::as_ref)
     }
 
     /// A pack by its name.
-    pub fn by_id(&self, id: Key) -> Option<&Pack> {
+    pub fn by_id(&self, id: HashKey) -> Option<&StorePack> {
         self.by_id.get(&id).and_then(|at| self.pack(*at))
     }
 
     /// All packs.
-    pub fn packs(&self) -> impl Iterator<Item = &Pack> {
+    pub fn packs(&self) -> impl Iterator<Item = &StorePack> {
         self.packs.iter().flatten()
     }
 
@@ -248,7 +252,7 @@ impl Catalogue {
         if !std::mem::take(&mut self.changed) {
             return None;
         }
-        let mut packs: Vec<&Pack> = self.packs().collect();
+        let mut packs: Vec<&StorePack> = self.packs().collect();
         packs.sort_unstable_by_key(|p| p.id);
         let mut bytes = MARK.to_vec();
         for pack in packs {
@@ -273,19 +277,19 @@ impl Catalogue {
 ///
 /// # Errors
 /// Fails when it is damaged, gone or cannot be read.
-pub fn read(root: &Path, id: Key, (size, modified_ns): (u64, u64)) -> Result<Pack, Trouble> {
+pub fn read(root: &Path, id: HashKey, (size, modified_ns): (u64, u64)) -> Result<StorePack, StoreFileFault> {
     let file = path(root, id);
-    let (kind, units) = verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(s.text(UNITS)))?;
-    Ok(Pack { id, size, modified_ns, kind, units })
+    let (kind, units) = verify(&file).and_then(|()| SealedFile::open(&file)).and_then(|s| units_of(s.text(UNITS)))?;
+    Ok(StorePack { id, size, modified_ns, kind, units })
 }
 
 /// The contents of the index, if it is intact.
-fn load(root: &Path) -> Option<Vec<Pack>> {
+fn load(root: &Path) -> Option<Vec<StorePack>> {
     parse(&paths::read_regular(&root.join("index")).ok()?)
 }
 
 /// The packs that the bytes of an index list, if they are intact.
-pub fn parse(bytes: &[u8]) -> Option<Vec<Pack>> {
+pub fn parse(bytes: &[u8]) -> Option<Vec<StorePack>> {
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(blake3::OUT_LEN)?)?;
     if blake3::hash(body).as_bytes() != sum {
         return None;
@@ -293,20 +297,20 @@ pub fn parse(bytes: &[u8]) -> Option<Vec<Pack>> {
     let mut rest = body.strip_prefix(MARK)?;
     let mut packs = vec![];
     while !rest.is_empty() {
-        let id = Key::from_bytes(take(&mut rest)?);
+        let id = HashKey::from_bytes(take(&mut rest)?);
         let size = u64::from_le_bytes(take(&mut rest)?);
         let modified_ns = u64::from_le_bytes(take(&mut rest)?);
-        let kind = Key::from_bytes(take(&mut rest)?);
+        let kind = HashKey::from_bytes(take(&mut rest)?);
         let count = u64::from_le_bytes(take(&mut rest)?);
         let units = (0..count).map(|_| {
-            let key = Key::from_bytes(take(&mut rest)?);
-            Some(Packed {
+            let key = HashKey::from_bytes(take(&mut rest)?);
+            Some(PackedUnit {
                 key,
                 dress: u64::from_le_bytes(take(&mut rest)?),
                 rows: u32::from_le_bytes(take(&mut rest)?),
             })
         });
-        packs.push(Pack { id, size, modified_ns, kind, units: units.collect::<Option<Vec<_>>>()? });
+        packs.push(StorePack { id, size, modified_ns, kind, units: units.collect::<Option<Vec<_>>>()? });
     }
     Some(packs)
 }
@@ -321,31 +325,31 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
 ///
 /// # Errors
 /// Fails where that is missing, or cannot be read.
-pub fn units_of(text: Option<&str>) -> Result<(Key, Vec<Packed>), Trouble> {
-    let text = text.ok_or_else(|| Trouble::Damaged("its list of units is missing".to_owned()))?;
+pub fn units_of(text: Option<&str>) -> Result<(HashKey, Vec<PackedUnit>), StoreFileFault> {
+    let text = text.ok_or_else(|| StoreFileFault::Damaged("its list of units is missing".to_owned()))?;
     let read = || {
         let (kind, lines) = text.split_once('\n')?;
         let unit = |line: &str| {
             let (key, rest) = line.split_once(' ')?;
             let (dress, rows) = rest.split_once(' ')?;
             let rows = if rows == "failed" { FAILED } else { rows.parse().ok()? };
-            Some(Packed { key: Key::parse(key)?, dress: u64::from_str_radix(dress, 16).ok()?, rows })
+            Some(PackedUnit { key: HashKey::parse(key)?, dress: u64::from_str_radix(dress, 16).ok()?, rows })
         };
-        Some((Key::parse(kind)?, lines.lines().map(unit).collect::<Option<Vec<_>>>()?))
+        Some((HashKey::parse(kind)?, lines.lines().map(unit).collect::<Option<Vec<_>>>()?))
     };
-    read().ok_or_else(|| Trouble::Damaged("its list of units is unreadable".to_owned()))
+    read().ok_or_else(|| StoreFileFault::Damaged("its list of units is unreadable".to_owned()))
 }
 
 /// The units in a pack's footer.
-pub fn spell(kind: Key, units: &[Packed]) -> String {
-    let line = |Packed { key, dress, rows }: &Packed| match *rows {
+pub fn spell(kind: HashKey, units: &[PackedUnit]) -> String {
+    let line = |PackedUnit { key, dress, rows }: &PackedUnit| match *rows {
         FAILED => format!("{key} {dress:016x} failed\n"),
         rows => format!("{key} {dress:016x} {rows}\n"),
     };
     format!("{kind}\n") + &units.iter().map(line).collect::<String>()
 }
 
-impl Packed {
+impl PackedUnit {
     /// Its rows; `None` where it could not be computed.
     pub fn count(&self) -> Option<usize> {
         (self.rows != FAILED).then_some(self.rows as usize)

@@ -12,12 +12,12 @@ use std::{
 use schemas::{Fault, paths};
 
 use super::{Store, tend::is_old};
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 /// The folder of a store that holds them.
 pub const FOLDER: &str = "checkpoints";
 
-fn path(root: &Path, key: Key) -> PathBuf {
+fn path(root: &Path, key: HashKey) -> PathBuf {
     root.join(FOLDER).join(key.to_string())
 }
 
@@ -32,7 +32,7 @@ pub(super) fn is_whole(bytes: &[u8]) -> bool {
 
 impl Store {
     /// The state of a unit that an earlier run has not finished.
-    pub fn checkpoint(&self, key: Key) -> Option<Vec<u8>> {
+    pub fn checkpoint(&self, key: HashKey) -> Option<Vec<u8>> {
         let bytes = match self.remote() {
             // Another machine may have come further.
             Some(remote) => remote.bucket().get(&format!("{FOLDER}/{key}")).ok()??,
@@ -46,7 +46,7 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn set_checkpoint(&self, key: Key, state: &[u8]) -> Result<(), Fault> {
+    pub fn set_checkpoint(&self, key: HashKey, state: &[u8]) -> Result<(), Fault> {
         self.write(&path(self.root(), key), &[hash(state).as_bytes(), state].concat())
     }
 
@@ -77,7 +77,7 @@ mod tests {
     fn unit_a_state_comes_back_until_its_unit_is_done_and_a_damaged_one_does_not() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
-        let (one, two) = (Key::of(["one"]), Key::of(["two"]));
+        let (one, two) = (HashKey::from_parts(["one"]), HashKey::from_parts(["two"]));
         assert_eq!(store.checkpoint(one), None);
         store.set_checkpoint(one, b"first").unwrap();
         store.set_checkpoint(one, b"second").unwrap();

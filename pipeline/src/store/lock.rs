@@ -3,9 +3,9 @@
 //! On one host a lock of the operating system says so, which ends with the process that holds it. Of other hosts, whose
 //! locks a file system may not show, a lease does: the file `locks/<pipeline>.lease-<n>` with the highest number names
 //! the holder, and is written to every [`BEAT`]. A lease is over when its holder has released it, when it ran on this
-//! host and the lock is free, or when it was not written to for [`GONE_AFTER`], by the clock of the file system. Whoever
-//! takes it over makes the file of the next number, which only one can do; a number is not used twice, so that a process
-//! that was stopped in between cannot take the lease of another for the one it saw.
+//! host and the lock is free, or when it was not written to for [`GONE_AFTER`], by the clock of the file system.
+//! Whoever takes it over makes the file of the next number, which only one can do; a number is not used twice, so that
+//! a process that was stopped in between cannot take the lease of another for the one it saw.
 
 use std::{
     fmt,
@@ -27,10 +27,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Store, own_file, pipeline_name,
-    remote::{Remote, RemoteLease},
+    remote::{RemoteLease, RemoteStore},
     shown, trouble,
 };
-use crate::{clock, keys::Key};
+use crate::{clock, keys::HashKey};
 
 /// The interval of the signs of life.
 const BEAT: Duration = Duration::from_secs(10);
@@ -43,7 +43,7 @@ const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_se
 
 /// The process that holds a lock.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Holder {
+pub struct LockHolder {
     /// The name of its host.
     pub host: String,
     /// The boot of its host: the same only for processes under one kernel. Empty where that is not known.
@@ -59,21 +59,21 @@ pub struct Holder {
     free: bool,
 }
 
-impl Holder {
-    pub(super) fn this() -> Holder {
+impl LockHolder {
+    pub(super) fn this() -> LockHolder {
         let (host, boot) = (host(), boot());
         let (pid, since) = (std::process::id(), clock::now());
-        Holder { host, boot, pid, since, sum: String::new(), free: false }.signed()
+        LockHolder { host, boot, pid, since, sum: String::new(), free: false }.signed()
     }
 
     /// The same with its checksum.
-    fn signed(mut self) -> Holder {
+    fn signed(mut self) -> LockHolder {
         self.sum = self.sum_of();
         self
     }
 
     fn sum_of(&self) -> String {
-        Key::of([&self.host, &self.boot, &self.pid.to_string(), &self.since]).to_string()
+        HashKey::from_parts([&self.host, &self.boot, &self.pid.to_string(), &self.since]).to_string()
     }
 
     /// Its checksum.
@@ -87,7 +87,7 @@ impl Holder {
     }
 
     /// The holder in the text of a lease. Its checksum is for `verify` alone: a lease counts whoever wrote it.
-    fn read(bytes: &[u8]) -> Option<Holder> {
+    fn read(bytes: &[u8]) -> Option<LockHolder> {
         serde_json::from_slice(bytes).ok()
     }
 
@@ -102,7 +102,7 @@ impl Holder {
     }
 }
 
-impl fmt::Display for Holder {
+impl fmt::Display for LockHolder {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "process {} on {}, since {}", self.pid, self.host, self.since)
     }
@@ -123,14 +123,14 @@ pub fn boot() -> String {
 
 /// A lock that another process holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Held {
+pub struct ForeignLock {
     /// The process; `None` where it does not say.
-    pub holder: Option<Holder>,
+    pub holder: Option<LockHolder>,
     /// The time since its last sign.
     pub silent: Option<Duration>,
 }
 
-impl Held {
+impl ForeignLock {
     /// Message for the user.
     pub fn told(&self, pipeline: &str, root: &Path) -> String {
         let by = self.holder.as_ref().map(|h| format!(": {h}")).unwrap_or_default();
@@ -139,44 +139,44 @@ impl Held {
     }
 }
 
-/// The outcome of asking for a lock.
-pub enum Lock {
+/// The outcome of a lock request.
+pub enum LockOutcome {
     /// It is this process'.
-    Mine(Publisher),
+    Mine(PipelineLock),
     /// It is another's.
-    Held(Held),
+    Held(ForeignLock),
 }
 
 /// The lock of one pipeline, for computing and publishing its tables; one process holds it at a time.
-pub struct Publisher {
+pub struct PipelineLock {
     pipeline: String,
     folder: PathBuf,
     number: u64,
     text: String,
-    heart: Heart,
+    heart: LeaseHeartbeat,
     /// That of the object store, where the folder is a copy of one.
     lease: Option<Box<RemoteLease>>,
     _lock: File,
 }
 
-/// The thread that writes the signs of life.
-struct Heart {
-    shared: Arc<Shared>,
+/// The thread that renews a lease.
+struct LeaseHeartbeat {
+    shared: Arc<LeaseHeartbeatState>,
     file: File,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
-struct Shared {
+struct LeaseHeartbeatState {
     over: Mutex<bool>,
     wake: Condvar,
     lost: AtomicBool,
 }
 
 /// A lease in the folder of locks.
-struct Lease {
+struct LeaseFile {
     number: u64,
-    holder: Option<Holder>,
+    holder: Option<LockHolder>,
     written: SystemTime,
 }
 
@@ -186,7 +186,7 @@ fn prefix(pipeline: &str) -> String {
 
 /// Whether a file of the folder of locks verifies: a lease names its holder, and a lock is empty.
 pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
-    if name.contains(".lease-") { Holder::read(bytes).is_some_and(|h| h.is_whole()) } else { bytes.is_empty() }
+    if name.contains(".lease-") { LockHolder::read(bytes).is_some_and(|h| h.is_whole()) } else { bytes.is_empty() }
 }
 
 /// The numbers of the leases of a pipeline, sorted.
@@ -200,12 +200,12 @@ fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
 
 /// The number of the last lease of `pipeline` in the store at `root`, 0 before the first; `None` while it is held.
 pub fn generation(root: &Path, pipeline: &str) -> Option<u64> {
-    match Remote::of(root) {
+    match RemoteStore::from_cache(root) {
         Ok(Some(remote)) => return remote.generation(pipeline).ok().flatten(),
         Ok(None) => {}
         Err(_) => return None,
     }
-    match Lease::newest(&root.join("locks"), pipeline) {
+    match LeaseFile::newest(&root.join("locks"), pipeline) {
         Ok(Some(lease)) => lease.holder.filter(|h| h.free).map(|_| lease.number),
         Ok(None) => Some(0),
         Err(e) if e.kind() == io::ErrorKind::NotFound => Some(0),
@@ -213,12 +213,12 @@ pub fn generation(root: &Path, pipeline: &str) -> Option<u64> {
     }
 }
 
-impl Lease {
-    fn newest(folder: &Path, pipeline: &str) -> io::Result<Option<Lease>> {
+impl LeaseFile {
+    fn newest(folder: &Path, pipeline: &str) -> io::Result<Option<LeaseFile>> {
         let Some(number) = numbers(folder, pipeline)?.last().copied() else { return Ok(None) };
         let path = folder.join(format!("{}{number}", prefix(pipeline)));
         let written = fs::metadata(&path)?.modified()?;
-        Ok(Some(Lease { number, holder: Holder::read(&paths::read_regular(&path)?), written }))
+        Ok(Some(LeaseFile { number, holder: LockHolder::read(&paths::read_regular(&path)?), written }))
     }
 
     /// Whether its holder is gone, seen by a process that has the lock of the operating system.
@@ -235,19 +235,19 @@ impl Lease {
         }
     }
 
-    fn held(self, now: Option<SystemTime>) -> Held {
+    fn held(self, now: Option<SystemTime>) -> ForeignLock {
         let silent = now.and_then(|now| now.duration_since(self.written).ok());
         // A lease that was released says nothing of who has the lock of the operating system now.
         match self.holder {
-            Some(holder) if holder.free => Held::default(),
-            holder => Held { holder, silent },
+            Some(holder) if holder.free => ForeignLock::default(),
+            holder => ForeignLock { holder, silent },
         }
     }
 }
 
-impl Heart {
-    fn start(folder: &Path, pipeline: &str, number: u64, end: u64, file: File) -> io::Result<Heart> {
-        let shared = Arc::new(Shared::default());
+impl LeaseHeartbeat {
+    fn start(folder: &Path, pipeline: &str, number: u64, end: u64, file: File) -> io::Result<LeaseHeartbeat> {
+        let shared = Arc::new(LeaseHeartbeatState::default());
         let (of_thread, folder, pipeline) = (shared.clone(), folder.to_owned(), pipeline.to_owned());
         let writer = file.try_clone()?;
         let beat = move || {
@@ -267,11 +267,11 @@ impl Heart {
             }
         };
         let thread = std::thread::Builder::new().name("lock".to_owned()).spawn(beat)?;
-        Ok(Heart { shared, file, thread: Some(thread) })
+        Ok(LeaseHeartbeat { shared, file, thread: Some(thread) })
     }
 }
 
-impl Publisher {
+impl PipelineLock {
     /// The pipeline.
     pub fn pipeline(&self) -> &str {
         &self.pipeline
@@ -295,7 +295,7 @@ impl Publisher {
                 None => return Ok(()),
             }
         } else {
-            let by = Lease::newest(&self.folder, &self.pipeline).ok().flatten().and_then(|l| l.holder);
+            let by = LeaseFile::newest(&self.folder, &self.pipeline).ok().flatten().and_then(|l| l.holder);
             by.map_or_else(|| "another process".to_owned(), |h| h.to_string())
         };
         let seconds = GONE_AFTER.as_secs();
@@ -308,7 +308,7 @@ impl Publisher {
     }
 }
 
-impl Drop for Publisher {
+impl Drop for PipelineLock {
     fn drop(&mut self) {
         // Whoever has the lock of this cache next finds the lease free.
         self.lease.take();
@@ -335,22 +335,22 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn lock(&self, pipeline: &str) -> Result<Lock, Fault> {
+    pub fn lock(&self, pipeline: &str) -> Result<LockOutcome, Fault> {
         let mut publisher = match self.lock_here(pipeline)? {
-            Lock::Mine(publisher) => publisher,
-            held @ Lock::Held(_) => return Ok(held),
+            LockOutcome::Mine(publisher) => publisher,
+            held @ LockOutcome::Held(_) => return Ok(held),
         };
         if let Some(remote) = self.remote() {
             match remote.lease(pipeline)? {
                 Ok(lease) => publisher.lease = Some(Box::new(lease)),
-                Err(held) => return Ok(Lock::Held(held)),
+                Err(held) => return Ok(LockOutcome::Held(held)),
             }
         }
-        Ok(Lock::Mine(publisher))
+        Ok(LockOutcome::Mine(publisher))
     }
 
     /// Takes the lock of `pipeline` in the store's folder, or says who holds it.
-    fn lock_here(&self, pipeline: &str) -> Result<Lock, Fault> {
+    fn lock_here(&self, pipeline: &str) -> Result<LockOutcome, Fault> {
         pipeline_name(pipeline)?;
         let folder = self.root().join("locks");
         let path = folder.join(format!("{pipeline}.lock"));
@@ -360,31 +360,31 @@ impl Store {
         let lock = own_file(self.root(), &path, &options).map_err(|e| fail(&e))?;
         match lock.try_lock() {
             Ok(()) => {}
-            Err(fs::TryLockError::WouldBlock) => return Ok(Lock::Held(self.held(&folder, pipeline))),
+            Err(fs::TryLockError::WouldBlock) => return Ok(LockOutcome::Held(self.held(&folder, pipeline))),
             Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
         }
-        let newest = match Lease::newest(&folder, pipeline) {
+        let newest = match LeaseFile::newest(&folder, pipeline) {
             // Its holder has just gone on to another number.
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Lock::Held(Held::default())),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(LockOutcome::Held(ForeignLock::default())),
             newest => newest.map_err(|e| fail(&e))?,
         };
-        let this = Holder::this();
+        let this = LockHolder::this();
         let number = newest.as_ref().map_or(1, |l| l.number.saturating_add(1));
         if let Some(lease) = newest {
             let now = self.time_there().map_err(|e| fail(&e))?;
             if !lease.is_over(&this.boot, now) {
-                return Ok(Lock::Held(lease.held(Some(now))));
+                return Ok(LockOutcome::Held(lease.held(Some(now))));
             }
         }
         let text = serde_json::to_string(&this).map_err(|e| fail(&e))? + "\n";
         let to = folder.join(format!("{}{number}", prefix(pipeline)));
         if !self.lease(&to, text.as_bytes()).map_err(|e| fail(&e))? {
-            return Ok(Lock::Held(self.held(&folder, pipeline)));
+            return Ok(LockOutcome::Held(self.held(&folder, pipeline)));
         }
         let known = numbers(&folder, pipeline).map_err(|e| fail(&e))?;
         if known.last() != Some(&number) {
             let _ = fs::remove_file(&to);
-            return Ok(Lock::Held(self.held(&folder, pipeline)));
+            return Ok(LockOutcome::Held(self.held(&folder, pipeline)));
         }
         for older in known.iter().filter(|n| **n < number) {
             // Remaining files have a lower number, and are removed later.
@@ -393,9 +393,9 @@ impl Store {
         let heart = File::options()
             .write(true)
             .open(&to)
-            .and_then(|file| Heart::start(&folder, pipeline, number, text.len() as u64, file))
+            .and_then(|file| LeaseHeartbeat::start(&folder, pipeline, number, text.len() as u64, file))
             .map_err(|e| fail(&e))?;
-        Ok(Lock::Mine(Publisher {
+        Ok(LockOutcome::Mine(PipelineLock {
             pipeline: pipeline.to_owned(),
             folder,
             number,
@@ -425,8 +425,8 @@ impl Store {
         }
     }
 
-    fn held(&self, folder: &Path, pipeline: &str) -> Held {
-        let lease = Lease::newest(folder, pipeline).ok().flatten();
+    fn held(&self, folder: &Path, pipeline: &str) -> ForeignLock {
+        let lease = LeaseFile::newest(folder, pipeline).ok().flatten();
         lease.map(|l| l.held(self.time_there().ok())).unwrap_or_default()
     }
 
@@ -440,12 +440,12 @@ impl Store {
     ///
     /// # Errors
     /// Fails when another process holds it, or the file system refuses.
-    pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<Publisher, Fault> {
+    pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<PipelineLock, Fault> {
         loop {
             match self.lock(pipeline)? {
-                Lock::Mine(publisher) => return Ok(publisher),
-                Lock::Held(_) if wait => sleep(self.look_again()),
-                Lock::Held(held) => {
+                LockOutcome::Mine(publisher) => return Ok(publisher),
+                LockOutcome::Held(_) if wait => sleep(self.look_again()),
+                LockOutcome::Held(held) => {
                     let fault = Fault::machine(held.told(pipeline, self.root()));
                     return Err(fault.help("wait for it with --wait, or name another store"));
                 }
@@ -460,23 +460,24 @@ mod tests {
 
     use super::*;
 
-    fn mine(lock: Lock) -> Publisher {
+    fn mine(lock: LockOutcome) -> PipelineLock {
         match lock {
-            Lock::Mine(publisher) => publisher,
-            Lock::Held(held) => panic!("held: {held:?}"),
+            LockOutcome::Mine(publisher) => publisher,
+            LockOutcome::Held(held) => panic!("held: {held:?}"),
         }
     }
 
-    fn held(lock: Lock) -> Held {
+    fn held(lock: LockOutcome) -> ForeignLock {
         match lock {
-            Lock::Held(held) => held,
-            Lock::Mine(_) => panic!("it was free"),
+            LockOutcome::Held(held) => held,
+            LockOutcome::Mine(_) => panic!("it was free"),
         }
     }
 
     /// A lease of a process on another host, silent for so long.
     fn foreign(root: &Path, number: u64, silent: Duration) -> PathBuf {
-        let holder = Holder { host: "elsewhere".to_owned(), boot: "other".to_owned(), ..Holder::this() }.signed();
+        let holder =
+            LockHolder { host: "elsewhere".to_owned(), boot: "other".to_owned(), ..LockHolder::this() }.signed();
         let path = root.join("locks").join(format!("p.lease-{number}"));
         fs::write(&path, serde_json::to_string(&holder).unwrap()).unwrap();
         File::options().write(true).open(&path).unwrap().set_modified(SystemTime::now() - silent).unwrap();

@@ -9,7 +9,7 @@ use std::{
 use schemas::Fault;
 
 use super::{Store, catalogue, make_folder, trouble};
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 /// Stored facts about sources, which are read once.
 const SHARED: [&str; 2] = ["sources", "quality"];
@@ -19,10 +19,10 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn mirror(&self, to: &Path, but: &HashSet<Key>) -> Result<Store, Fault> {
-        let ids: Vec<Key> = {
+    pub fn mirror(&self, to: &Path, but: &HashSet<HashKey>) -> Result<Store, Fault> {
+        let ids: Vec<HashKey> = {
             let catalogue = self.catalogue();
-            let without = |units: &[super::Packed]| !units.iter().any(|u| but.contains(&u.key));
+            let without = |units: &[super::PackedUnit]| !units.iter().any(|u| but.contains(&u.key));
             catalogue.packs().filter(|p| without(&p.units)).map(|p| p.id).collect()
         };
         for id in ids {

@@ -56,19 +56,19 @@ use arrow_schema::{DataType, SchemaRef};
 use arrow_select::concat::concat_batches;
 use schemas::{Fault, paths};
 
-use crate::keys::Key;
-pub use catalogue::{Catalogue, FAILED, Pack, Packed, Place};
+use crate::keys::HashKey;
+pub use catalogue::{FAILED, PackCatalogue, PackedUnit, RowLocation, StorePack};
 use catalogue::{UNITS, stamp};
-pub use lock::{Held, Holder, Lock, Publisher, generation, host};
-use objects::{NOTES, Note};
-pub use objects::{NoteFault, Objects, Remarks};
-use remote::Remote;
+pub use lock::{ForeignLock, LockHolder, LockOutcome, PipelineLock, generation, host};
+use objects::{NOTES, UnitNote};
+pub use objects::{NoteFault, PackReader, Remarks};
+use remote::RemoteStore;
 pub use remote::{is_copy, located, prepared, shown, shown_below};
-pub use sealed::{Sealed, verify};
+pub use sealed::{SealedFile, verify};
 use unfinished::keep_lock;
 pub use unfinished::kernel;
 pub(crate) use unfinished::{own_folder, sweep};
-pub use version::{Beside, Manifest, ManifestTable, TableFiles, Version, current, parts, published, versions};
+pub use version::{ExtraTable, Manifest, ManifestTable, TableFiles, Version, current, parts, published, versions};
 
 /// The layout of the store; a store of another layout is rejected.
 const LAYOUT: &str = "magline store 3\n";
@@ -98,7 +98,7 @@ const GROUP_BYTES: usize = 32 << 20;
 /// A store that this process may write to.
 pub struct Store {
     root: PathBuf,
-    objects: Objects,
+    objects: PackReader,
     tmp: PathBuf,
     next: AtomicU64,
     // Held together with all other processes that work in the store.
@@ -108,8 +108,8 @@ pub struct Store {
 }
 
 impl Deref for Store {
-    type Target = Objects;
-    fn deref(&self) -> &Objects {
+    type Target = PackReader;
+    fn deref(&self) -> &PackReader {
         &self.objects
     }
 }
@@ -117,8 +117,8 @@ impl Deref for Store {
 /// A unit to write into a pack.
 pub struct NewUnit {
     /// Its key.
-    pub key: Key,
-    /// The hash of its other columns: see [`Packed`].
+    pub key: HashKey,
+    /// The hash of its other columns: see [`PackedUnit`].
     pub dress: u64,
     /// Its rows, in the schema of the pack; or why it cannot be computed.
     pub rows: Result<RecordBatch, Fault>,
@@ -127,9 +127,9 @@ pub struct NewUnit {
 }
 
 /// The exclusive lock of one process on a store.
-pub struct Alone<'a>(&'a File);
+pub struct ExclusiveStoreLock<'a>(&'a File);
 
-impl Drop for Alone<'_> {
+impl Drop for ExclusiveStoreLock<'_> {
     fn drop(&mut self) {
         // At worst it stays exclusive until the process ends.
         let _ = self.0.lock_shared();
@@ -154,22 +154,22 @@ impl Store {
     /// # Errors
     /// Fails when the folder cannot be written or holds something else.
     pub fn open(root: &Path) -> Result<Store, Fault> {
-        if let Some(remote) = Remote::of(root)?
+        if let Some(remote) = RemoteStore::from_cache(root)?
             && !remote.pull()?
         {
             remote.only_ours()?;
         }
-        Store::opened(root, Objects::open)
+        Store::opened(root, PackReader::open)
     }
 
-    /// Opens the store at `root` for a worker: with the packs of its index, which the driver has written, without a look at
-    /// all packs that there are. Others are found by [`Objects::adopt`].
+    /// Opens the store at `root` for a worker: with the packs of its index, which the driver has written, without a
+    /// look at all packs that there are. Others are found by [`PackReader::adopt`].
     ///
     /// # Errors
     /// Fails when there is no store, or the folder cannot be written.
     pub fn join(root: &Path) -> Result<Store, Fault> {
         // A worker needs nothing of what changes.
-        let there = match Remote::of(root)? {
+        let there = match RemoteStore::from_cache(root)? {
             Some(remote) => remote.is_there()?,
             None => root.join("STORE").is_file(),
         };
@@ -177,10 +177,10 @@ impl Store {
             let fault = Fault::new(format!("there is no store {}", shown(root)));
             return Err(fault.help("give its folder or address with `--store`"));
         }
-        Store::opened(root, Objects::indexed)
+        Store::opened(root, PackReader::indexed)
     }
 
-    fn opened(root: &Path, packs: fn(&Path) -> Result<Objects, Fault>) -> Result<Store, Fault> {
+    fn opened(root: &Path, packs: fn(&Path) -> Result<PackReader, Fault>) -> Result<Store, Fault> {
         let fail = |e: io::Error| trouble("open the store", root, &e);
         fs::create_dir_all(root).map_err(fail)?;
         let mark = root.join("STORE");
@@ -227,10 +227,10 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn alone(&self) -> Result<Option<Alone<'_>>, Fault> {
+    pub fn alone(&self) -> Result<Option<ExclusiveStoreLock<'_>>, Fault> {
         // A lock that is held becomes an exclusive one, or is lost and taken back.
         match self.shared.try_lock() {
-            Ok(()) => Ok(Some(Alone(&self.shared))),
+            Ok(()) => Ok(Some(ExclusiveStoreLock(&self.shared))),
             Err(fs::TryLockError::WouldBlock) => {
                 self.shared.lock_shared().map_err(|e| trouble("lock", &self.root, &e))?;
                 Ok(None)
@@ -257,7 +257,7 @@ impl Store {
     }
 
     /// The object store that this is the copy of, where it is one.
-    fn remote(&self) -> Option<&Arc<Remote>> {
+    fn remote(&self) -> Option<&Arc<RemoteStore>> {
         self.objects.remote()
     }
 
@@ -271,7 +271,7 @@ impl Store {
     /// # Errors
     /// Fails when an object store cannot be reached or refuses.
     pub fn bring(&self, file: &Path) -> Result<(), Fault> {
-        let key = file.strip_prefix(&self.root).ok().and_then(Remote::key);
+        let key = file.strip_prefix(&self.root).ok().and_then(RemoteStore::key);
         self.remote().zip(key).map_or(Ok(()), |(remote, key)| remote.bring_file(&key).map(drop))
     }
 
@@ -281,7 +281,8 @@ impl Store {
     /// Fails when the file system refuses.
     pub fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let fail = |e: io::Error| trouble("write", to, &e);
-        if let (Some(remote), Some(key)) = (self.remote(), to.strip_prefix(&self.root).ok().and_then(Remote::key)) {
+        if let (Some(remote), Some(key)) = (self.remote(), to.strip_prefix(&self.root).ok().and_then(RemoteStore::key))
+        {
             remote.bucket().put_file(&key, from)?;
         }
         if let Some(folder) = to.parent() {
@@ -320,7 +321,7 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn put(&self, key: Key, batch: &RecordBatch) -> Result<(), Fault> {
+    pub fn put(&self, key: HashKey, batch: &RecordBatch) -> Result<(), Fault> {
         self.put_all(&[(key, batch.clone())])
     }
 
@@ -328,16 +329,18 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn put_all(&self, batches: &[(Key, RecordBatch)]) -> Result<(), Fault> {
+    pub fn put_all(&self, batches: &[(HashKey, RecordBatch)]) -> Result<(), Fault> {
         let Some((_, first)) = batches.first() else { return Ok(()) };
-        let unit = |(key, batch): &(Key, RecordBatch)| NewUnit {
+        let unit = |(key, batch): &(HashKey, RecordBatch)| NewUnit {
             key: *key,
             dress: 0,
             rows: Ok(batch.clone()),
             remarks: Remarks::default(),
         };
-        let id = Key::of(std::iter::once("source".to_owned()).chain(batches.iter().map(|(key, _)| key.to_string())));
-        self.pack(id, Key::of(["source"]), &first.schema(), &[], batches.iter().map(unit).collect())
+        let id = HashKey::from_parts(
+            std::iter::once("source".to_owned()).chain(batches.iter().map(|(key, _)| key.to_string())),
+        );
+        self.pack(id, HashKey::from_parts(["source"]), &first.schema(), &[], batches.iter().map(unit).collect())
     }
 
     /// Writes a pack: the rows of its units one after another, in row groups that end with a unit where they can.
@@ -346,8 +349,8 @@ impl Store {
     /// Fails when the file system refuses.
     pub fn pack(
         &self,
-        id: Key,
-        kind: Key,
+        id: HashKey,
+        kind: HashKey,
         schema: &SchemaRef,
         about: &[(String, String)],
         units: Vec<NewUnit>,
@@ -355,10 +358,10 @@ impl Store {
         let rows_of = |unit: &NewUnit| unit.rows.as_ref().map_or(Ok(FAILED), |b| u32::try_from(b.num_rows()));
         let listed = units.iter().map(|u| {
             let rows = rows_of(u).map_err(|_| Fault::data("more than 4,294,967,294 rows"))?;
-            Ok(Packed { key: u.key, dress: u.dress, rows })
+            Ok(PackedUnit { key: u.key, dress: u.dress, rows })
         });
-        let listed: Vec<Packed> = listed.collect::<Result<_, Fault>>()?;
-        let notes: Vec<Note> = units.iter().enumerate().filter_map(|(i, u)| note(i, u)).collect();
+        let listed: Vec<PackedUnit> = listed.collect::<Result<_, Fault>>()?;
+        let notes: Vec<UnitNote> = units.iter().enumerate().filter_map(|(i, u)| note(i, u)).collect();
         let mut about = about.to_vec();
         about.push((UNITS.to_owned(), catalogue::spell(kind, &listed)));
         if !notes.is_empty() {
@@ -383,7 +386,7 @@ impl Store {
         let (size, modified_ns) = stamp(&about);
         // The modification time of a copy is meaningless.
         let modified_ns = if self.remote().is_some() { 0 } else { modified_ns };
-        self.objects.add(Pack { id, size, modified_ns, kind, units: listed });
+        self.objects.add(StorePack { id, size, modified_ns, kind, units: listed });
         Ok(())
     }
 
@@ -402,7 +405,7 @@ impl Store {
 /// # Errors
 /// Fails when the object store cannot be reached or refuses.
 pub fn pulled(root: &Path) -> Result<(), Fault> {
-    Remote::of(root)?.map_or(Ok(()), |remote| remote.pull().map(drop))
+    RemoteStore::from_cache(root)?.map_or(Ok(()), |remote| remote.pull().map(drop))
 }
 
 /// Whether a mark is that of another layout, and not this one's with a flipped bit.
@@ -412,12 +415,12 @@ fn is_other_layout(bytes: &[u8]) -> bool {
     bytes.len() != LAYOUT.len() || differ > 1 || number.is_some_and(|n| n == b"1")
 }
 
-fn note(unit: usize, new: &NewUnit) -> Option<Note> {
+fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
     let failed = new.rows.as_ref().err().map(objects::NoteFault::from);
     let left_out: Vec<objects::NoteFault> = new.remarks.left_out.iter().map(objects::NoteFault::from).collect();
     let warnings = new.remarks.warnings.clone();
     let any = failed.is_some() || !left_out.is_empty() || !warnings.is_empty();
-    any.then_some(Note { unit, failed, left_out, warnings })
+    any.then_some(UnitNote { unit, failed, left_out, warnings })
 }
 
 /// The bytes of a row in memory, roughly.

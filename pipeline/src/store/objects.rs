@@ -12,15 +12,15 @@ use std::{
 
 use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchOptions};
 use arrow_schema::{Field, Schema, SchemaRef};
-use schemas::{Fault, Owner, Place as Where};
+use schemas::{DataLocation as Where, Fault, FaultOwner};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    catalogue::{self, Catalogue, Pack, Place},
-    remote::Remote,
-    sealed::{Sealed, Trouble},
+    catalogue::{self, PackCatalogue, RowLocation, StorePack},
+    remote::RemoteStore,
+    sealed::{SealedFile, StoreFileFault},
 };
-use crate::{keys::Key, remote::each};
+use crate::{keys::HashKey, remote::each};
 
 /// The size of the cache of decoded columns, in bytes.
 const HELD_BYTES: usize = 16 << 20;
@@ -31,7 +31,7 @@ pub const NOTES: &str = "magline.notes";
 
 /// The note on a unit, in the footer of its pack.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct Note {
+pub struct UnitNote {
     /// The unit, as a position in the pack.
     pub unit: usize,
     /// Why it could not be computed.
@@ -82,31 +82,31 @@ impl From<NoteFault> for Fault {
     fn from(note: NoteFault) -> Fault {
         let NoteFault { what, help, file, flight, line, column, row } = note;
         let place = Where { file, flight, line, column, row };
-        Fault { what, help, place, owner: Owner::Data, ..Fault::default() }
+        Fault { what, help, place, owner: FaultOwner::Data, ..Fault::default() }
     }
 }
 
 /// Decoded columns by pack, row group and column.
 #[derive(Default)]
-struct Held {
-    columns: HashMap<(Key, usize, usize), ArrayRef>,
+struct PackColumnCache {
+    columns: HashMap<(HashKey, usize, usize), ArrayRef>,
     bytes: usize,
 }
 
 /// A verified footer, and its notes on units.
-struct Footer {
-    sealed: Sealed,
-    notes: HashMap<usize, Note>,
+struct PackFooter {
+    sealed: SealedFile,
+    notes: HashMap<usize, UnitNote>,
 }
 
 /// The packs of a store, for reading.
-pub struct Objects {
+pub struct PackReader {
     root: PathBuf,
     /// The object store that the folder is a copy of.
-    remote: Option<Arc<Remote>>,
-    catalogue: RwLock<Catalogue>,
-    footers: Mutex<HashMap<Key, Arc<Footer>>>,
-    held: Mutex<Held>,
+    remote: Option<Arc<RemoteStore>>,
+    catalogue: RwLock<PackCatalogue>,
+    footers: Mutex<HashMap<HashKey, Arc<PackFooter>>>,
+    held: Mutex<PackColumnCache>,
     damaged: Mutex<Vec<String>>,
 }
 
@@ -114,19 +114,19 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Objects {
+impl PackReader {
     /// The packs of the store at `root`.
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
-    pub fn open(root: &Path) -> Result<Objects, Fault> {
-        let remote = Remote::of(root)?;
+    pub fn open(root: &Path) -> Result<PackReader, Fault> {
+        let remote = RemoteStore::from_cache(root)?;
         let (catalogue, damaged) = match &remote {
-            Some(remote) => Catalogue::of_remote(root, remote)?,
-            None => Catalogue::open(root)
+            Some(remote) => PackCatalogue::of_remote(root, remote)?,
+            None => PackCatalogue::open(root)
                 .map_err(|e| Fault::machine(format!("cannot read the store {}: {e}", root.display())))?,
         };
-        let objects = Objects::of(root, catalogue, remote);
+        let objects = PackReader::new(root, catalogue, remote);
         damaged.into_iter().for_each(|(id, why)| objects.set_aside(id, &why));
         Ok(objects)
     }
@@ -135,17 +135,17 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
-    pub fn indexed(root: &Path) -> Result<Objects, Fault> {
-        let remote = Remote::of(root)?;
+    pub fn indexed(root: &Path) -> Result<PackReader, Fault> {
+        let remote = RemoteStore::from_cache(root)?;
         let known = match &remote {
-            Some(remote) => remote.index()?.map(Catalogue::of_packs),
-            None => Catalogue::indexed(root),
+            Some(remote) => remote.index()?.map(PackCatalogue::of_packs),
+            None => PackCatalogue::indexed(root),
         };
-        known.map_or_else(|| Objects::open(root), |known| Ok(Objects::of(root, known, remote)))
+        known.map_or_else(|| PackReader::open(root), |known| Ok(PackReader::new(root, known, remote)))
     }
 
-    fn of(root: &Path, catalogue: Catalogue, remote: Option<Arc<Remote>>) -> Objects {
-        Objects {
+    fn new(root: &Path, catalogue: PackCatalogue, remote: Option<Arc<RemoteStore>>) -> PackReader {
+        PackReader {
             root: root.to_owned(),
             remote,
             catalogue: RwLock::new(catalogue),
@@ -156,7 +156,7 @@ impl Objects {
     }
 
     /// The object store that the folder is a copy of, where it is one.
-    pub(super) fn remote(&self) -> Option<&Arc<Remote>> {
+    pub(super) fn remote(&self) -> Option<&Arc<RemoteStore>> {
         self.remote.as_ref()
     }
 
@@ -164,24 +164,24 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when an object store cannot be reached or refuses, or does not have it as it was written.
-    pub(super) fn at_hand(&self, id: Key) -> Result<(), Fault> {
+    pub(super) fn at_hand(&self, id: HashKey) -> Result<(), Fault> {
         self.reading(id, || Ok(()))
     }
 
     /// Reads from the file of a pack. Of an object store the copy is made first, and made again where it is damaged.
-    fn reading<T>(&self, id: Key, read: impl Fn() -> Result<T, Trouble>) -> Result<T, Fault> {
+    fn reading<T>(&self, id: HashKey, read: impl Fn() -> Result<T, StoreFileFault>) -> Result<T, Fault> {
         let Some(remote) = &self.remote else { return read().map_err(|e| self.fault(id, &e)) };
         let size = self.catalogue().by_id(id).map(|pack| pack.size);
         let first = remote.bring(id, size).and_then(|()| read());
         let done = match first {
-            Err(Trouble::Damaged(_) | Trouble::Gone) => remote.bring_again(id).and_then(|()| read()),
+            Err(StoreFileFault::Damaged(_) | StoreFileFault::Gone) => remote.bring_again(id).and_then(|()| read()),
             done => done,
         };
         done.map_err(|e| self.fault(id, &e))
     }
 
     /// Takes the pack `id` into the catalogue where another process has written it. Whether it is there and intact.
-    pub fn adopt(&self, id: Key) -> bool {
+    pub fn adopt(&self, id: HashKey) -> bool {
         if self.catalogue().by_id(id).is_some() {
             return true;
         }
@@ -197,18 +197,18 @@ impl Objects {
                 self.add(pack);
                 true
             }
-            Err(Trouble::Damaged(why)) => {
+            Err(StoreFileFault::Damaged(why)) => {
                 self.set_aside(id, &why);
                 false
             }
-            Err(Trouble::Gone | Trouble::Machine(_)) => false,
+            Err(StoreFileFault::Gone | StoreFileFault::Machine(_)) => false,
         }
     }
 
     /// Takes all packs into the catalogue that other processes have written.
     pub fn refresh(&self) {
         if let Some(remote) = &self.remote {
-            let mut unknown: Vec<Key> = remote.packs().unwrap_or_default().into_iter().map(|(id, _)| id).collect();
+            let mut unknown: Vec<HashKey> = remote.packs().unwrap_or_default().into_iter().map(|(id, _)| id).collect();
             unknown.retain(|id| self.catalogue().by_id(*id).is_none());
             // Unreadable packs stay unknown.
             let _ = each(&unknown, |id| Ok(self.adopt(*id)));
@@ -217,34 +217,34 @@ impl Objects {
         let folders = fs::read_dir(self.root.join("objects")).into_iter().flatten().flatten();
         for file in folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten().flatten()) {
             let name = file.file_name();
-            if let Some(id) = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(Key::parse) {
+            if let Some(id) = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(HashKey::parse) {
                 self.adopt(id);
             }
         }
     }
 
     /// The catalogue, to be read.
-    pub fn catalogue(&self) -> RwLockReadGuard<'_, Catalogue> {
+    pub fn catalogue(&self) -> RwLockReadGuard<'_, PackCatalogue> {
         self.catalogue.read().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The catalogue, to be changed.
-    pub(super) fn catalogue_mut(&self) -> RwLockWriteGuard<'_, Catalogue> {
+    pub(super) fn catalogue_mut(&self) -> RwLockWriteGuard<'_, PackCatalogue> {
         self.catalogue.write().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The file of a pack.
-    pub fn file(&self, id: Key) -> PathBuf {
+    pub fn file(&self, id: HashKey) -> PathBuf {
         catalogue::path(&self.root, id)
     }
 
     /// Whether the unit `key` was computed and is available.
-    pub fn has(&self, key: Key) -> bool {
+    pub fn has(&self, key: HashKey) -> bool {
         self.find(key).is_some_and(|p| p.rows.is_some())
     }
 
     /// The location of the unit `key`.
-    pub fn find(&self, key: Key) -> Option<Place> {
+    pub fn find(&self, key: HashKey) -> Option<RowLocation> {
         self.catalogue().find(key)
     }
 
@@ -254,7 +254,7 @@ impl Objects {
     }
 
     /// Quarantines a pack, and removes it from the catalogue.
-    pub fn set_aside(&self, id: Key, why: &str) {
+    pub fn set_aside(&self, id: HashKey, why: &str) {
         let from = self.file(id);
         let aside = self.root.join("damaged");
         let moved = fs::create_dir_all(&aside).and_then(|()| fs::rename(&from, aside.join(format!("{id}.parquet"))));
@@ -275,31 +275,31 @@ impl Objects {
     }
 
     /// The fault for a pack that cannot be read; a damaged or missing one is removed from the catalogue.
-    fn fault(&self, id: Key, trouble: &Trouble) -> Fault {
+    fn fault(&self, id: HashKey, trouble: &StoreFileFault) -> Fault {
         let path = self.file(id);
         match trouble {
-            Trouble::Damaged(why) => self.set_aside(id, why),
-            Trouble::Gone => {
+            StoreFileFault::Damaged(why) => self.set_aside(id, why),
+            StoreFileFault::Gone => {
                 self.catalogue_mut().remove(id);
                 locked(&self.damaged).push(format!("{}: {trouble}", path.display()));
             }
-            Trouble::Machine(_) => {}
+            StoreFileFault::Machine(_) => {}
         }
         Fault::machine(format!("cannot read {}: {trouble}", path.display()))
             .help("run the spec again to recompute damaged results")
     }
 
     /// The footer of a pack.
-    fn footer(&self, id: Key) -> Result<Arc<Footer>, Fault> {
+    fn footer(&self, id: HashKey) -> Result<Arc<PackFooter>, Fault> {
         if let Some(known) = locked(&self.footers).get(&id) {
             return Ok(known.clone());
         }
-        let sealed = self.reading(id, || Sealed::open(&self.file(id)))?;
-        let notes: Vec<Note> = match sealed.text(NOTES) {
+        let sealed = self.reading(id, || SealedFile::open(&self.file(id)))?;
+        let notes: Vec<UnitNote> = match sealed.text(NOTES) {
             Some(text) => serde_json::from_str(text).map_err(|e| Fault::machine(e.to_string()))?,
             None => vec![],
         };
-        let opened = Arc::new(Footer { sealed, notes: notes.into_iter().map(|n| (n.unit, n)).collect() });
+        let opened = Arc::new(PackFooter { sealed, notes: notes.into_iter().map(|n| (n.unit, n)).collect() });
         let mut footers = locked(&self.footers);
         if footers.len() >= HELD_FOOTERS {
             footers.clear();
@@ -309,7 +309,7 @@ impl Objects {
     }
 
     /// The pack and location of a unit.
-    fn place(&self, key: Key) -> Result<(Key, Place), Fault> {
+    fn place(&self, key: HashKey) -> Result<(HashKey, RowLocation), Fault> {
         let look = || {
             let catalogue = self.catalogue();
             catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)))
@@ -324,7 +324,7 @@ impl Objects {
         })
     }
 
-    fn column(&self, id: Key, sealed: &Sealed, group: usize, column: usize) -> Result<ArrayRef, Fault> {
+    fn column(&self, id: HashKey, sealed: &SealedFile, group: usize, column: usize) -> Result<ArrayRef, Fault> {
         if let Some(array) = locked(&self.held).columns.get(&(id, group, column)) {
             return Ok(array.clone());
         }
@@ -334,11 +334,11 @@ impl Objects {
     }
 
     /// Caches a decoded column.
-    pub(super) fn hold(&self, id: Key, group: usize, column: usize, array: &ArrayRef) {
+    pub(super) fn hold(&self, id: HashKey, group: usize, column: usize, array: &ArrayRef) {
         let mut held = locked(&self.held);
         let bytes = array.get_array_memory_size();
         if held.bytes + bytes > HELD_BYTES {
-            *held = Held::default();
+            *held = PackColumnCache::default();
         }
         if bytes <= HELD_BYTES {
             held.bytes += bytes;
@@ -347,7 +347,14 @@ impl Objects {
     }
 
     /// `rows` rows of a column of a pack, from `first` on.
-    fn rows(&self, id: Key, sealed: &Sealed, column: usize, first: usize, rows: usize) -> Result<ArrayRef, Fault> {
+    fn rows(
+        &self,
+        id: HashKey,
+        sealed: &SealedFile,
+        column: usize,
+        first: usize,
+        rows: usize,
+    ) -> Result<ArrayRef, Fault> {
         let starts = sealed.starts();
         let mut parts = vec![];
         let begin = starts.partition_point(|s| *s <= first).saturating_sub(1);
@@ -373,7 +380,7 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when the unit does not exist, is damaged or lacks a column.
-    pub fn get<S: AsRef<str>>(&self, key: Key, columns: &[S]) -> Result<RecordBatch, Fault> {
+    pub fn get<S: AsRef<str>>(&self, key: HashKey, columns: &[S]) -> Result<RecordBatch, Fault> {
         let (id, place) = self.place(key)?;
         let footer = self.footer(id)?;
         let sealed = &footer.sealed;
@@ -388,7 +395,7 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when the unit does not exist or is damaged.
-    pub fn columns(&self, key: Key) -> Result<SchemaRef, Fault> {
+    pub fn columns(&self, key: HashKey) -> Result<SchemaRef, Fault> {
         let (id, _) = self.place(key)?;
         Ok(self.footer(id)?.sealed.schema().clone())
     }
@@ -397,14 +404,20 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when the unit does not exist or is damaged.
-    pub fn whole(&self, key: Key) -> Result<RecordBatch, Fault> {
+    pub fn whole(&self, key: HashKey) -> Result<RecordBatch, Fault> {
         let (id, place) = self.place(key)?;
         let footer = self.footer(id)?;
         let all: Vec<usize> = (0..footer.sealed.schema().fields().len()).collect();
         self.batch(id, &footer.sealed, place, &all)
     }
 
-    fn batch(&self, id: Key, sealed: &Sealed, place: Place, columns: &[usize]) -> Result<RecordBatch, Fault> {
+    fn batch(
+        &self,
+        id: HashKey,
+        sealed: &SealedFile,
+        place: RowLocation,
+        columns: &[usize],
+    ) -> Result<RecordBatch, Fault> {
         let rows = place.rows.ok_or_else(|| Fault::bug("a unit that could not be computed has no rows"))?;
         let fields: Vec<Arc<Field>> = columns.iter().map(|c| sealed.schema().fields()[*c].clone()).collect();
         let arrays: Result<Vec<ArrayRef>, Fault> =
@@ -414,7 +427,7 @@ impl Objects {
             .map_err(|e| Fault::machine(e.to_string()))
     }
 
-    fn note(&self, key: Key) -> Result<Option<Note>, Fault> {
+    fn note(&self, key: HashKey) -> Result<Option<UnitNote>, Fault> {
         let (id, place) = self.place(key)?;
         Ok(self.footer(id)?.notes.get(&place.unit).cloned())
     }
@@ -423,9 +436,9 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn failed(&self, key: Key) -> Result<Option<Fault>, Fault> {
+    pub fn failed(&self, key: HashKey) -> Result<Option<Fault>, Fault> {
         match self.find(key) {
-            Some(Place { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed).map(Fault::from)),
+            Some(RowLocation { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed).map(Fault::from)),
             _ => Ok(None),
         }
     }
@@ -434,8 +447,8 @@ impl Objects {
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn remarks(&self, key: Key) -> Result<Remarks, Fault> {
-        let of = |note: Note| {
+    pub fn remarks(&self, key: HashKey) -> Result<Remarks, Fault> {
+        let of = |note: UnitNote| {
             let left_out = note.left_out.into_iter().map(Fault::from).collect();
             Remarks { left_out, warnings: note.warnings }
         };
@@ -443,7 +456,7 @@ impl Objects {
     }
 
     /// A pack that was just written.
-    pub(super) fn add(&self, pack: Pack) {
+    pub(super) fn add(&self, pack: StorePack) {
         locked(&self.footers).remove(&pack.id);
         self.catalogue_mut().insert(pack);
     }

@@ -5,22 +5,22 @@ use std::{fs, io, path::PathBuf, time::Duration};
 use schemas::{Fault, paths};
 
 use super::{Store, shown, tend::is_old, trouble};
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 /// The folder of a store that holds them.
 const FOLDER: &str = "plans";
 
-fn name_of(bytes: &[u8]) -> Key {
-    Key::of([b"plan", bytes])
+fn name_of(bytes: &[u8]) -> HashKey {
+    HashKey::from_parts([b"plan", bytes])
 }
 
 /// Whether the file `name` is the plan that its name is the hash of.
 pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
-    Key::parse(name) == Some(name_of(bytes))
+    HashKey::parse(name) == Some(name_of(bytes))
 }
 
 impl Store {
-    fn plan_at(&self, key: Key) -> PathBuf {
+    fn plan_at(&self, key: HashKey) -> PathBuf {
         self.root().join(FOLDER).join(key.to_string())
     }
 
@@ -28,7 +28,7 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub fn keep_plan(&self, bytes: &[u8]) -> Result<Key, Fault> {
+    pub fn keep_plan(&self, bytes: &[u8]) -> Result<HashKey, Fault> {
         let key = name_of(bytes);
         let file = self.plan_at(key);
         if self.remote().is_none() && paths::read_regular(&file).is_ok_and(|there| there == bytes) {
@@ -41,7 +41,7 @@ impl Store {
     ///
     /// # Errors
     /// Fails when it is not there, damaged, or cannot be read.
-    pub fn plan(&self, key: Key) -> Result<Vec<u8>, Fault> {
+    pub fn plan(&self, key: HashKey) -> Result<Vec<u8>, Fault> {
         const HELP: &str = "write the plan and the tasks again with `magline tasks`";
         let file = self.plan_at(key);
         self.bring(&file)?;
@@ -61,10 +61,10 @@ impl Store {
     /// Removes the plans as old as `older_than`; those of the last computation of the tables stay.
     pub fn drop_plans(&self, older_than: Duration) {
         if let Some(remote) = self.remote() {
-            let _ = remote.drop_objects(FOLDER, &|name, age| Key::parse(name).is_some() && age >= older_than);
+            let _ = remote.drop_objects(FOLDER, &|name, age| HashKey::parse(name).is_some() && age >= older_than);
         }
         for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
-            let named = file.file_name().to_str().and_then(Key::parse).is_some();
+            let named = file.file_name().to_str().and_then(HashKey::parse).is_some();
             if named && is_old(&file.path(), older_than) {
                 // Remaining files are removed later.
                 let _ = fs::remove_file(file.path());

@@ -9,20 +9,20 @@ use std::{
 use schemas::{Fault, paths};
 
 use super::{
-    LAYOUT, Objects, Store, catalogue, checkpoints, lock, pipeline_name, plans,
-    sealed::{Trouble, verify},
+    LAYOUT, PackReader, Store, catalogue, checkpoints, lock, pipeline_name, plans,
+    sealed::{StoreFileFault, verify},
     tend::folders_of,
     trouble,
     version::{Version, newest, versions},
 };
-use crate::{cost, keys::Key, sources, views};
+use crate::{cost, keys::HashKey, sources, views};
 
 /// The note on a damaged file that a run does not repair.
 const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` removes";
 
 /// The result of verifying a store.
 #[derive(Debug, Default)]
-pub struct Scrubbed {
+pub struct ScrubReport {
     /// Files that were read.
     pub files: usize,
     /// Their bytes.
@@ -36,12 +36,12 @@ pub fn mark_is_damaged(root: &Path) -> bool {
     paths::read_regular(&root.join("STORE")).is_ok_and(|bytes| bytes != LAYOUT.as_bytes())
 }
 
-/// Reads every byte of a store. Packs that do not verify are quarantined; the next run recomputes them, and republishes damaged
-/// tables.
+/// Reads every byte of a store. Packs that do not verify are quarantined; the next run recomputes them, and republishes
+/// damaged tables.
 ///
 /// # Errors
 /// Fails when a file cannot be read.
-pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<ScrubReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.scrub(store, tick);
     }
@@ -54,20 +54,20 @@ pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scru
 ///
 /// # Errors
 /// Fails when a file cannot be read.
-pub fn scrub_read_only(root: &Path, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
-    read(root, &Objects::open(root)?, tick)
+pub fn scrub_read_only(root: &Path, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<ScrubReport, Fault> {
+    read(root, &PackReader::open(root)?, tick)
 }
 
-fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
-    let mut found = Scrubbed::default();
+fn read(root: &Path, objects: &PackReader, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<ScrubReport, Fault> {
+    let mut found = ScrubReport::default();
     for text in objects.damaged() {
         let (path, why) = text.split_once(": ").unwrap_or((&text, ""));
         found.damaged.insert(PathBuf::from(path), why.to_owned());
     }
     small(root, &mut found)?;
-    let packs: Vec<Key> = objects.catalogue().packs().map(|p| p.id).collect();
+    let packs: Vec<HashKey> = objects.catalogue().packs().map(|p| p.id).collect();
     // Each file, the pack that it is, and a note.
-    let mut files: Vec<(PathBuf, Option<Key>, &str)> =
+    let mut files: Vec<(PathBuf, Option<HashKey>, &str)> =
         packs.iter().map(|id| (objects.file(*id), Some(*id), "")).collect();
     for pipeline in folders_of(&root.join("versions")) {
         let name = pipeline.file_name();
@@ -84,7 +84,7 @@ fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) ->
             // Files that are packs are checked as such, unless they are copies.
             let own = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
             let is_link = |pack: &Option<String>, file: &Path| {
-                let id = pack.as_deref().and_then(Key::parse);
+                let id = pack.as_deref().and_then(HashKey::parse);
                 id.is_some_and(|id| same_file(file, &objects.file(id)))
             };
             let own = own.map(|f| (folder.join(&f.name), &f.pack)).filter(|(file, pack)| !is_link(pack, file));
@@ -101,7 +101,7 @@ fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) ->
         found.bytes += fs::metadata(&file).map_or(0, |m| m.len());
         match verify(&file) {
             Ok(()) => {}
-            Err(Trouble::Machine(why)) => return Err(trouble("read", &file, &why)),
+            Err(StoreFileFault::Machine(why)) => return Err(trouble("read", &file, &why)),
             Err(other) => {
                 if let Some(id) = pack {
                     objects.set_aside(id, &other.to_string());
@@ -114,7 +114,7 @@ fn read(root: &Path, objects: &Objects, tick: &(dyn Fn(usize, usize) + Sync)) ->
 }
 
 /// The small files of a store, each of which is read whole and verifies itself.
-fn small(root: &Path, found: &mut Scrubbed) -> Result<(), Fault> {
+fn small(root: &Path, found: &mut ScrubReport) -> Result<(), Fault> {
     let mut check = |file: PathBuf, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
         let bytes = match paths::read_regular(&file) {
             Ok(bytes) => bytes,
@@ -158,7 +158,7 @@ pub(super) fn is_whole(folder: &str, name: &str, bytes: &[u8]) -> bool {
         },
         "runs" => match name.strip_suffix(".jsonl") {
             Some(pipeline) => pipeline_name(pipeline).is_ok() && views::history::is_whole(bytes),
-            None => name == format!("{}.json", Key::of([bytes])),
+            None => name == format!("{}.json", HashKey::from_parts([bytes])),
         },
         cost::FOLDER => cost::is_whole(bytes),
         checkpoints::FOLDER => checkpoints::is_whole(bytes),

@@ -41,9 +41,9 @@ const TAIL: usize = 8;
 /// The checksums of the column chunks.
 const CRC: &str = "magline.crc";
 
-/// Why a file of the store cannot be read.
+/// Reason why a file of the store is unreadable.
 #[derive(Debug)]
-pub enum Trouble {
+pub enum StoreFileFault {
     /// Its bytes are not those that were written.
     Damaged(String),
     /// It exists, but cannot be read.
@@ -52,26 +52,26 @@ pub enum Trouble {
     Gone,
 }
 
-impl Trouble {
-    fn io(error: &io::Error) -> Trouble {
+impl StoreFileFault {
+    fn io(error: &io::Error) -> StoreFileFault {
         match error.kind() {
-            io::ErrorKind::NotFound => Trouble::Gone,
-            io::ErrorKind::UnexpectedEof => Trouble::Damaged("it is truncated".to_owned()),
+            io::ErrorKind::NotFound => StoreFileFault::Gone,
+            io::ErrorKind::UnexpectedEof => StoreFileFault::Damaged("it is truncated".to_owned()),
             // A pipe, a socket or a device.
-            io::ErrorKind::InvalidInput => Trouble::Damaged(error.to_string()),
-            _ => Trouble::Machine(error.to_string()),
+            io::ErrorKind::InvalidInput => StoreFileFault::Damaged(error.to_string()),
+            _ => StoreFileFault::Machine(error.to_string()),
         }
     }
 
-    fn damaged(what: impl Display) -> Trouble {
-        Trouble::Damaged(what.to_string())
+    fn damaged(what: impl Display) -> StoreFileFault {
+        StoreFileFault::Damaged(what.to_string())
     }
 }
 
 /// The fault of a file. A damaged one looks modified from now on: a reader that checks size and time, as a run does,
 /// reads all of it then and finds the same.
-fn doubted(path: &Path, trouble: Trouble) -> Trouble {
-    if matches!(trouble, Trouble::Damaged(_)) {
+fn doubted(path: &Path, trouble: StoreFileFault) -> StoreFileFault {
+    if matches!(trouble, StoreFileFault::Damaged(_)) {
         // A read-only store stays unchanged, and so does the target of a link.
         let is_link = fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
         if !is_link {
@@ -81,11 +81,11 @@ fn doubted(path: &Path, trouble: Trouble) -> Trouble {
     trouble
 }
 
-impl Display for Trouble {
+impl Display for StoreFileFault {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
-            Trouble::Damaged(what) | Trouble::Machine(what) => f.write_str(what),
-            Trouble::Gone => f.write_str("it does not exist"),
+            StoreFileFault::Damaged(what) | StoreFileFault::Machine(what) => f.write_str(what),
+            StoreFileFault::Gone => f.write_str("it does not exist"),
         }
     }
 }
@@ -134,8 +134,8 @@ pub fn write(
 ) -> Result<(), Fault> {
     let fail = |e: &dyn Display| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let file = File::options().create(true).truncate(true).read(true).write(true).open(path).map_err(|e| fail(&e))?;
-    let mut writer =
-        ArrowWriter::try_new(Out::File(&file), schema.clone(), Some(properties(schema))).map_err(|e| fail(&e))?;
+    let mut writer = ArrowWriter::try_new(ParquetTarget::File(&file), schema.clone(), Some(properties(schema)))
+        .map_err(|e| fail(&e))?;
     let mut chunks = String::new();
     for group in groups {
         writer.write(&group?).map_err(|e| fail(&e))?;
@@ -152,9 +152,11 @@ pub fn write(
     writer.append_key_value_metadata(KeyValue::new(CRC.to_owned(), chunks));
     // The next bytes are the footer, which follows the seal.
     writer.sync().map_err(|e| fail(&e))?;
-    let before = std::mem::replace(writer.inner_mut(), Out::Memory(vec![]));
+    let before = std::mem::replace(writer.inner_mut(), ParquetTarget::Memory(vec![]));
     drop(before);
-    let Out::Memory(rest) = writer.into_inner().map_err(|e| fail(&e))? else { return Err(fail(&"no footer")) };
+    let ParquetTarget::Memory(rest) = writer.into_inner().map_err(|e| fail(&e))? else {
+        return Err(fail(&"no footer"));
+    };
     let length = rest.len().checked_sub(TAIL).and_then(|i| rest.get(i..i + 4)).and_then(|b| b.try_into().ok());
     let footer = length.map_or(0, |b| u32::from_le_bytes(b) as usize + TAIL);
     let (data, footer) = rest.split_at_checked(rest.len().wrapping_sub(footer)).ok_or_else(|| fail(&"no footer"))?;
@@ -170,16 +172,16 @@ pub fn write(
 }
 
 /// The target of a Parquet writer: row groups to the file, the footer to memory.
-enum Out<'a> {
+enum ParquetTarget<'a> {
     File(&'a File),
     Memory(Vec<u8>),
 }
 
-impl Write for Out<'_> {
+impl Write for ParquetTarget<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
-            Out::File(file) => file.write(bytes),
-            Out::Memory(all) => all.write(bytes),
+            ParquetTarget::File(file) => file.write(bytes),
+            ParquetTarget::Memory(all) => all.write(bytes),
         }
     }
 
@@ -204,8 +206,8 @@ fn sum_of(file: &File, start: u64, length: u64) -> io::Result<u32> {
     Ok(hasher.finalize())
 }
 
-/// A file whose footer was verified.
-pub struct Sealed {
+/// A file with a verified footer.
+pub struct SealedFile {
     path: PathBuf,
     metadata: ArrowReaderMetadata,
     schema: SchemaRef,
@@ -215,34 +217,35 @@ pub struct Sealed {
     starts: Vec<usize>,
 }
 
-impl Sealed {
+impl SealedFile {
     /// Reads and verifies the footer.
     ///
     /// # Errors
     /// Fails when the file does not exist, cannot be read, or is damaged.
-    pub fn open(path: &Path) -> Result<Sealed, Trouble> {
-        Sealed::opened(path).map_err(|e| doubted(path, e))
+    pub fn open(path: &Path) -> Result<SealedFile, StoreFileFault> {
+        SealedFile::opened(path).map_err(|e| doubted(path, e))
     }
 
-    fn opened(path: &Path) -> Result<Sealed, Trouble> {
-        let mut file = paths::open_regular(path).map_err(|e| Trouble::io(&e))?;
+    fn opened(path: &Path) -> Result<SealedFile, StoreFileFault> {
+        let mut file = paths::open_regular(path).map_err(|e| StoreFileFault::io(&e))?;
         footer(&mut file)?;
-        let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(Trouble::damaged)?;
+        let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(StoreFileFault::damaged)?;
         let hex = text_of(&metadata, CRC).unwrap_or_default();
         let crcs: Option<Vec<u32>> = (0..hex.len() / 8)
             .map(|i| hex.get(8 * i..8 * i + 8).and_then(|h| u32::from_str_radix(h, 16).ok()))
             .collect();
         let groups = metadata.metadata().row_groups();
         let leaves: usize = groups.iter().map(|g| g.columns().len()).sum();
-        let crcs = crcs.filter(|c| c.len() == leaves).ok_or_else(|| Trouble::damaged("its checksums are missing"))?;
+        let crcs =
+            crcs.filter(|c| c.len() == leaves).ok_or_else(|| StoreFileFault::damaged("its checksums are missing"))?;
         let mut starts = vec![0];
         for group in groups {
-            let rows = usize::try_from(group.num_rows()).map_err(Trouble::damaged)?;
+            let rows = usize::try_from(group.num_rows()).map_err(StoreFileFault::damaged)?;
             starts.push(starts.last().copied().unwrap_or(0) + rows);
         }
         // The other metadata of the footer do not concern the columns.
         let schema = Schema::new(metadata.schema().fields().clone()).into();
-        Ok(Sealed { path: path.to_owned(), metadata, schema, crcs, starts })
+        Ok(SealedFile { path: path.to_owned(), metadata, schema, crcs, starts })
     }
 
     /// The Arrow schema.
@@ -279,54 +282,60 @@ impl Sealed {
     ///
     /// # Errors
     /// Fails when the file cannot be read, or is damaged.
-    pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, Trouble> {
+    pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, StoreFileFault> {
         self.values(group, column).map_err(|e| doubted(&self.path, e))
     }
 
-    fn values(&self, group: usize, column: usize) -> Result<ArrayRef, Trouble> {
+    fn values(&self, group: usize, column: usize) -> Result<ArrayRef, StoreFileFault> {
         let metadata = self.metadata.metadata();
-        let chunks = metadata.row_groups().get(group).ok_or_else(|| Trouble::damaged("a row group is missing"))?;
+        let chunks =
+            metadata.row_groups().get(group).ok_or_else(|| StoreFileFault::damaged("a row group is missing"))?;
         let descriptor = metadata.file_metadata().schema_descr();
         let before: usize = metadata.row_groups().iter().take(group).map(|g| g.columns().len()).sum();
-        let mut file = File::open(&self.path).map_err(|e| Trouble::io(&e))?;
-        let mut windows = Windows { windows: vec![], size: file.metadata().map_err(|e| Trouble::io(&e))?.len() };
+        let mut file = File::open(&self.path).map_err(|e| StoreFileFault::io(&e))?;
+        let mut windows =
+            FileWindows { windows: vec![], size: file.metadata().map_err(|e| StoreFileFault::io(&e))?.len() };
         for (leaf, chunk) in chunks.columns().iter().enumerate() {
             if descriptor.get_column_root_idx(leaf) != column {
                 continue;
             }
             let (start, length) = chunk.byte_range();
             if start.checked_add(length).is_none_or(|end| end > windows.size) {
-                return Err(Trouble::damaged("it is truncated"));
+                return Err(StoreFileFault::damaged("it is truncated"));
             }
-            let mut bytes = vec![0; usize::try_from(length).map_err(Trouble::damaged)?];
-            file.seek(SeekFrom::Start(start)).map_err(|e| Trouble::io(&e))?;
-            file.read_exact(&mut bytes).map_err(|e| Trouble::io(&e))?;
+            let mut bytes = vec![0; usize::try_from(length).map_err(StoreFileFault::damaged)?];
+            file.seek(SeekFrom::Start(start)).map_err(|e| StoreFileFault::io(&e))?;
+            file.read_exact(&mut bytes).map_err(|e| StoreFileFault::io(&e))?;
             if self.crcs.get(before + leaf) != Some(&crc32fast::hash(&bytes)) {
-                return Err(Trouble::damaged(format!("the checksum of `{}` is wrong", chunk.column_path().string())));
+                return Err(StoreFileFault::damaged(format!(
+                    "the checksum of `{}` is wrong",
+                    chunk.column_path().string()
+                )));
             }
             windows.windows.push((start, bytes.into()));
         }
-        let rows = usize::try_from(chunks.num_rows()).map_err(Trouble::damaged)?;
+        let rows = usize::try_from(chunks.num_rows()).map_err(StoreFileFault::damaged)?;
         let mut reader = ParquetRecordBatchReaderBuilder::new_with_metadata(windows, self.metadata.clone())
             .with_projection(ProjectionMask::roots(descriptor, [column]))
             .with_row_groups(vec![group])
             .with_batch_size(rows.max(1))
             .build()
-            .map_err(Trouble::damaged)?;
+            .map_err(StoreFileFault::damaged)?;
         match reader.next() {
             Some(Ok(batch)) if batch.num_rows() == rows && batch.num_columns() == 1 => Ok(batch.column(0).clone()),
-            Some(Err(e)) => Err(Trouble::damaged(e)),
-            _ => Err(Trouble::damaged("the number of rows of a row group is wrong")),
+            Some(Err(e)) => Err(StoreFileFault::damaged(e)),
+            _ => Err(StoreFileFault::damaged("the number of rows of a row group is wrong")),
         }
     }
 }
 
-/// The metadata `key` of a file of `size` bytes that ends in `tail`, verified; or how many bytes of its end are needed for that.
+/// The metadata `key` of a file of `size` bytes that ends in `tail`, verified; or how many bytes of its end are needed
+/// for that.
 ///
 /// # Errors
 /// Fails when the file is damaged.
-pub fn tail_text(tail: Bytes, size: u64, key: &str) -> Result<Result<Option<String>, u64>, Trouble> {
-    let cut = || Trouble::damaged("it is truncated");
+pub fn tail_text(tail: Bytes, size: u64, key: &str) -> Result<Result<Option<String>, u64>, StoreFileFault> {
+    let cut = || StoreFileFault::damaged("it is truncated");
     let (body, end) = tail.split_last_chunk::<TAIL>().ok_or_else(cut)?;
     let ([a, b, c, d], mark) = end.split_first_chunk::<4>().ok_or_else(cut)?;
     let length = u32::from_le_bytes([*a, *b, *c, *d]) as usize;
@@ -338,11 +347,11 @@ pub fn tail_text(tail: Bytes, size: u64, key: &str) -> Result<Result<Option<Stri
     let (seal, _) = tail.get(seal..).and_then(|rest| rest.split_first_chunk::<SEAL>()).ok_or_else(cut)?;
     let footer = tail.get(tail.len() - length - TAIL..).ok_or_else(cut)?;
     if &seal[..8] != MARK || seal[12..] != crc32fast::hash(footer).to_le_bytes() {
-        return Err(Trouble::damaged("the checksum of its footer is wrong"));
+        return Err(StoreFileFault::damaged("the checksum of its footer is wrong"));
     }
     let start = size.checked_sub(tail.len() as u64).ok_or_else(cut)?;
-    let windows = Windows { windows: vec![(start, tail.clone())], size };
-    let metadata = ArrowReaderMetadata::load(&windows, ArrowReaderOptions::new()).map_err(Trouble::damaged)?;
+    let windows = FileWindows { windows: vec![(start, tail.clone())], size };
+    let metadata = ArrowReaderMetadata::load(&windows, ArrowReaderOptions::new()).map_err(StoreFileFault::damaged)?;
     Ok(Ok(text_of(&metadata, key).map(str::to_owned)))
 }
 
@@ -352,11 +361,11 @@ fn text_of<'a>(metadata: &'a ArrowReaderMetadata, key: &str) -> Option<&'a str> 
 }
 
 /// Verifies the footer, and returns the number of bytes before the seal and their checksum.
-fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
-    let io = |e: io::Error| Trouble::io(&e);
+fn footer(file: &mut File) -> Result<(u64, u32), StoreFileFault> {
+    let io = |e: io::Error| StoreFileFault::io(&e);
     let size = file.metadata().map_err(io)?.len();
-    let cut = || Trouble::damaged(if size == 0 { "it is empty" } else { "it is truncated" });
-    let back = |n: usize| i64::try_from(n).map(|n| SeekFrom::End(-n)).map_err(Trouble::damaged);
+    let cut = || StoreFileFault::damaged(if size == 0 { "it is empty" } else { "it is truncated" });
+    let back = |n: usize| i64::try_from(n).map(|n| SeekFrom::End(-n)).map_err(StoreFileFault::damaged);
     if size < (SEAL + TAIL) as u64 {
         return Err(cut());
     }
@@ -374,7 +383,7 @@ fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
     let (seal, footer) = bytes.split_at(SEAL);
     let number = |i: usize| u32::from_le_bytes([seal[i], seal[i + 1], seal[i + 2], seal[i + 3]]);
     if &seal[..8] != MARK || number(12) != crc32fast::hash(footer) {
-        return Err(Trouble::damaged("the checksum of its footer is wrong"));
+        return Err(StoreFileFault::damaged("the checksum of its footer is wrong"));
     }
     Ok((size - whole as u64, number(8)))
 }
@@ -383,28 +392,28 @@ fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
 ///
 /// # Errors
 /// Fails when it does not exist, cannot be read, or is damaged.
-pub fn verify(path: &Path) -> Result<(), Trouble> {
+pub fn verify(path: &Path) -> Result<(), StoreFileFault> {
     verified(path).map_err(|e| doubted(path, e))
 }
 
-fn verified(path: &Path) -> Result<(), Trouble> {
-    let io = |e: io::Error| Trouble::io(&e);
+fn verified(path: &Path) -> Result<(), StoreFileFault> {
+    let io = |e: io::Error| StoreFileFault::io(&e);
     let mut file = paths::open_regular(path).map_err(io)?;
     let (data, expected) = footer(&mut file)?;
     if sum_of(&file, 0, data).map_err(io)? == expected {
         Ok(())
     } else {
-        Err(Trouble::damaged("the checksum of its data is wrong"))
+        Err(StoreFileFault::damaged("the checksum of its data is wrong"))
     }
 }
 
 /// Parts of a file that are in memory.
-struct Windows {
+struct FileWindows {
     windows: Vec<(u64, Bytes)>,
     size: u64,
 }
 
-impl Windows {
+impl FileWindows {
     fn from(&self, start: u64) -> parquet::errors::Result<Bytes> {
         let inside = |(from, bytes): &&(u64, Bytes)| (*from..=*from + bytes.len() as u64).contains(&start);
         let found = self.windows.iter().rev().find(inside);
@@ -413,13 +422,13 @@ impl Windows {
     }
 }
 
-impl Length for Windows {
+impl Length for FileWindows {
     fn len(&self) -> u64 {
         self.size
     }
 }
 
-impl ChunkReader for Windows {
+impl ChunkReader for FileWindows {
     type T = bytes::buf::Reader<Bytes>;
 
     fn get_read(&self, start: u64) -> parquet::errors::Result<Self::T> {

@@ -13,10 +13,10 @@ use super::{
     Store, catalogue, pipeline_name, trouble,
     version::{Version, current, newest, versions},
 };
-use crate::keys::Key;
+use crate::keys::HashKey;
 
-/// A published table, as `ls` shows it.
-pub struct Listed {
+/// A published table in the listing of a store.
+pub struct StoreTableEntry {
     /// The pipeline.
     pub pipeline: String,
     /// The table.
@@ -44,7 +44,7 @@ pub fn pipelines(root: &Path) -> Vec<String> {
 ///
 /// # Errors
 /// Fails when a file cannot be read.
-pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
+pub fn list(root: &Path) -> Result<Vec<StoreTableEntry>, Fault> {
     let mut found = vec![];
     for pipeline in pipelines(root) {
         let Some(version) = current(root, &pipeline) else { continue };
@@ -53,10 +53,10 @@ pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
             for file in &table.files {
                 let path = version.folder.join(&file.name);
                 version.at_hand(table)?;
-                let sealed = super::Sealed::open(&path).map_err(|e| trouble("read", &path, &e))?;
+                let sealed = super::SealedFile::open(&path).map_err(|e| trouble("read", &path, &e))?;
                 rows += sealed.starts().last().copied().unwrap_or(0) as u64;
             }
-            found.push(Listed {
+            found.push(StoreTableEntry {
                 pipeline: pipeline.clone(),
                 table: table.name.clone(),
                 rows,
@@ -69,9 +69,9 @@ pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
     Ok(found)
 }
 
-/// The options of dropping.
+/// Options of garbage collection.
 #[derive(Clone, Copy, Debug)]
-pub struct Collect {
+pub struct GcOptions {
     /// Versions of each pipeline that are kept, the newest among them.
     pub keep: usize,
     /// Newer results are kept.
@@ -80,9 +80,9 @@ pub struct Collect {
     pub dry: bool,
 }
 
-/// The result of dropping, or its preview.
+/// Result or preview of garbage collection.
 #[derive(Debug, Default)]
-pub struct Collected {
+pub struct GcReport {
     /// Packs.
     pub packs: usize,
     /// Their bytes.
@@ -114,12 +114,12 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
 ///
 /// # Errors
 /// Fails when the file system refuses, and where the list of a newest version is damaged.
-pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
+pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.collect(store, what);
     }
     let root = store.root();
-    let mut done = Collected::default();
+    let mut done = GcReport::default();
     let alone = store.alone()?;
     done.busy = alone.is_none();
     let mut live: HashSet<String> = HashSet::new();
@@ -168,7 +168,7 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
         store.drop_attempts(|_| false, Some(what.older_than));
         store.drop_plans(what.older_than);
     }
-    let dead: Vec<(Key, u64)> = {
+    let dead: Vec<(HashKey, u64)> = {
         let catalogue = store.catalogue();
         let unused = catalogue.packs().filter(|p| !live.contains(&p.id.to_string()));
         unused.map(|p| (p.id, p.size)).collect()
@@ -191,14 +191,14 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     Ok(done)
 }
 
-/// The bytes of results that `gc` would remove now; 0 while another run may use them, and for a copy of an object store,
-/// where the answer takes many requests.
+/// The bytes of results that `gc` would remove now; 0 while another run may use them, and for a copy of an object
+/// store, where the answer takes many requests.
 pub fn unused(store: &Store) -> u64 {
     if store.is_copy() {
         return 0;
     }
     // Errors of this look-up are reported by `gc`.
-    collect(store, Collect { keep: 1, older_than: Duration::ZERO, dry: true }).map_or(0, |found| found.bytes)
+    collect(store, GcOptions { keep: 1, older_than: Duration::ZERO, dry: true }).map_or(0, |found| found.bytes)
 }
 
 /// The folders in a folder; links to others are none of its own.

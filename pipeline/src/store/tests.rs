@@ -8,11 +8,11 @@ use schemas::{Fault, Role, field};
 use tempfile::TempDir;
 
 use super::{
-    NewUnit, Remarks, Sealed, Store,
-    sealed::{self, Trouble},
+    NewUnit, Remarks, SealedFile, Store,
+    sealed::{self, StoreFileFault},
     verify,
 };
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 fn batch(rows: usize, from: f64) -> RecordBatch {
     let numbers: ArrayRef = Arc::new((0..rows).map(|i| Some(from + i as f64)).collect::<Float64Array>());
@@ -26,13 +26,13 @@ fn batch(rows: usize, from: f64) -> RecordBatch {
 
 fn unit(name: &str, rows: Result<RecordBatch, Fault>, left_out: Vec<Fault>) -> NewUnit {
     let remarks = Remarks { warnings: left_out.iter().map(|fault| fault.what.clone()).collect(), left_out };
-    NewUnit { key: Key::of([name]), dress: 7, rows, remarks }
+    NewUnit { key: HashKey::from_parts([name]), dress: 7, rows, remarks }
 }
 
-fn all(file: &Path) -> Result<Vec<RecordBatch>, Trouble> {
-    let sealed = Sealed::open(file)?;
+fn all(file: &Path) -> Result<Vec<RecordBatch>, StoreFileFault> {
+    let sealed = SealedFile::open(file)?;
     let columns = 0..sealed.schema().fields().len();
-    let group = |g: usize| -> Result<RecordBatch, Trouble> {
+    let group = |g: usize| -> Result<RecordBatch, StoreFileFault> {
         let arrays = columns.clone().map(|c| sealed.column(g, c)).collect::<Result<Vec<_>, _>>()?;
         Ok(RecordBatch::try_new(sealed.schema().clone(), arrays).unwrap())
     };
@@ -56,11 +56,11 @@ fn unit_no_flipped_bit_is_served_and_verify_finds_every_one() {
         if let Ok(read) = all(&file) {
             assert!(read == [one.clone(), other.clone()], "byte {i} of {}", bytes.len());
         }
-        assert!(matches!(verify(&file), Err(Trouble::Damaged(_))), "byte {i} of {}", bytes.len());
+        assert!(matches!(verify(&file), Err(StoreFileFault::Damaged(_))), "byte {i} of {}", bytes.len());
     }
     for length in 0..bytes.len() {
         fs::write(&file, &bytes[..length]).unwrap();
-        assert!(matches!(Sealed::open(&file), Err(Trouble::Damaged(_))), "{length} bytes");
+        assert!(matches!(SealedFile::open(&file), Err(StoreFileFault::Damaged(_))), "{length} bytes");
     }
 }
 
@@ -78,7 +78,9 @@ fn unit_units_come_back_from_packs_with_their_faults() {
             unit("d", Ok(long.clone()), left.clone()),
             unit("e", Ok(batch(5, 2.0)), vec![]),
         ];
-        store.pack(Key::of(["pack"]), Key::of(["kind"]), &batch(0, 0.0).schema(), &[], units).unwrap();
+        store
+            .pack(HashKey::from_parts(["pack"]), HashKey::from_parts(["kind"]), &batch(0, 0.0).schema(), &[], units)
+            .unwrap();
         store.write_index().unwrap();
     }
     // With the index, without it, and with one that is damaged at any place.
@@ -93,14 +95,17 @@ fn unit_units_come_back_from_packs_with_their_faults() {
             None => fs::remove_file(folder.path().join("index")).unwrap(),
         }
         let store = Store::open(folder.path()).unwrap();
-        assert_eq!(store.get(Key::of(["a"]), &["x", "line"]).unwrap(), batch(3, 1.0).project(&[1, 0]).unwrap());
-        assert_eq!(store.whole(Key::of(["d"])).unwrap(), long);
-        assert_eq!(store.whole(Key::of(["e"])).unwrap(), batch(5, 2.0));
-        assert_eq!(store.whole(Key::of(["c"])).unwrap().num_rows(), 0);
-        assert!(!store.has(Key::of(["b"])) && !store.has(Key::of(["f"])));
-        let remarks = store.remarks(Key::of(["d"])).unwrap();
+        assert_eq!(
+            store.get(HashKey::from_parts(["a"]), &["x", "line"]).unwrap(),
+            batch(3, 1.0).project(&[1, 0]).unwrap()
+        );
+        assert_eq!(store.whole(HashKey::from_parts(["d"])).unwrap(), long);
+        assert_eq!(store.whole(HashKey::from_parts(["e"])).unwrap(), batch(5, 2.0));
+        assert_eq!(store.whole(HashKey::from_parts(["c"])).unwrap().num_rows(), 0);
+        assert!(!store.has(HashKey::from_parts(["b"])) && !store.has(HashKey::from_parts(["f"])));
+        let remarks = store.remarks(HashKey::from_parts(["d"])).unwrap();
         assert_eq!((remarks.warnings.len(), remarks.left_out), (left.len(), left.clone()));
-        let fault = store.failed(Key::of(["b"])).unwrap().unwrap();
+        let fault = store.failed(HashKey::from_parts(["b"])).unwrap().unwrap();
         assert_eq!((fault.what.as_str(), fault.place.row), ("flat", Some(4)));
         assert!(store.damaged().is_empty());
     }
@@ -113,8 +118,8 @@ fn unit_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
     let schema = batch(0, 0.0).schema();
     let both = |id: &str, names: &[&str]| {
         let units = names.iter().map(|n| unit(n, Ok(batch(4, 1.0)), vec![])).collect();
-        store.pack(Key::of([id]), Key::of(["kind"]), &schema, &[], units).unwrap();
-        store.file(Key::of([id]))
+        store.pack(HashKey::from_parts([id]), HashKey::from_parts(["kind"]), &schema, &[], units).unwrap();
+        store.file(HashKey::from_parts([id]))
     };
     both("one", &["a"]);
     let damaged = both("two", &["a", "b"]);
@@ -123,8 +128,8 @@ fn unit_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
     fs::write(&damaged, bytes).unwrap();
     drop(store);
     let store = Store::open(folder.path()).unwrap();
-    assert_eq!(store.whole(Key::of(["a"])).unwrap(), batch(4, 1.0));
-    assert!(!store.has(Key::of(["b"])));
+    assert_eq!(store.whole(HashKey::from_parts(["a"])).unwrap(), batch(4, 1.0));
+    assert!(!store.has(HashKey::from_parts(["b"])));
     assert_eq!(store.damaged().len(), 1);
     assert!(!damaged.exists() && folder.path().join("damaged").join(damaged.file_name().unwrap()).is_file());
 }
@@ -142,12 +147,12 @@ fn unit_lists_and_texts_survive_and_a_row_group_ends_with_a_unit() {
     };
     let sizes = [60_000, 30_000, 30_000, 5];
     let units = sizes.iter().map(|n| unit(&n.to_string(), Ok(lists(*n)), vec![]));
-    let id = Key::of(["lists"]);
+    let id = HashKey::from_parts(["lists"]);
     // Two units have the same name; the later one is found, and both are written.
-    store.pack(id, Key::of(["kind"]), &lists(0).schema(), &[], units.collect()).unwrap();
-    let sealed = Sealed::open(&store.file(id)).unwrap();
+    store.pack(id, HashKey::from_parts(["kind"]), &lists(0).schema(), &[], units.collect()).unwrap();
+    let sealed = SealedFile::open(&store.file(id)).unwrap();
     assert_eq!(sealed.starts(), [0, 90_000, 120_005]);
     for n in [60_000, 30_000, 5] {
-        assert_eq!(store.whole(Key::of([n.to_string()])).unwrap(), lists(n));
+        assert_eq!(store.whole(HashKey::from_parts([n.to_string()])).unwrap(), lists(n));
     }
 }

@@ -72,8 +72,8 @@ pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
     Err(io::Error::other("no unused folder name"))
 }
 
-/// Removes the folders of processes of this kernel that were killed, whose locks are free, and those of another kernel that
-/// were abandoned.
+/// Removes the folders of processes of this kernel that were killed, whose locks are free, and those of another kernel
+/// that were abandoned.
 pub fn sweep(tmp: &Path) {
     for folder in folders_of(tmp) {
         let path = folder.path();
@@ -93,7 +93,8 @@ pub fn sweep(tmp: &Path) {
         if ended || is_old(&path, ABANDONED) {
             remove(&path);
         }
-        // Held until here: a process that has just made this folder, and waits for its lock, must not find it before it is gone.
+        // Held until here: a process that has just made this folder, and waits for its lock, must not find it before it
+        // is gone.
         drop(lock);
     }
 }

@@ -20,27 +20,27 @@ use schemas::{Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Publisher, Store,
+    PipelineLock, Store,
     catalogue::stamp,
     make_folder,
-    remote::Remote,
-    sealed::{self, Sealed},
+    remote::RemoteStore,
+    sealed::{self, SealedFile},
     sync_folder, trouble,
 };
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 /// The files of a table: packs, in the order of its rows.
 pub struct TableFiles {
     /// The table.
     pub name: String,
     /// Its packs.
-    pub packs: Vec<Key>,
+    pub packs: Vec<HashKey>,
     /// The file with the origin of each row of the table; see `logical`.
     pub units: Option<PathBuf>,
 }
 
-/// A table in addition to those of the stages, such as the failures.
-pub struct Beside {
+/// A table that no stage makes, such as the failures.
+pub struct ExtraTable {
     /// The table.
     pub name: String,
     /// Its file, under a temporary name.
@@ -112,10 +112,10 @@ impl Manifest {
         (sum_of(&manifest)? == manifest.sum && manifest.is_inside()).then_some(manifest)
     }
 
-    /// Whether all its names are names, and all its files lie where a run puts them. A checksum only shows that nothing was
-    /// changed by accident.
+    /// Whether all its names are names, and all its files lie where a run puts them. A checksum only shows that nothing
+    /// was changed by accident.
     fn is_inside(&self) -> bool {
-        let is_key = |text: &String| Key::parse(text).is_some_and(|key| key.to_string() == *text);
+        let is_key = |text: &String| HashKey::parse(text).is_some_and(|key| key.to_string() == *text);
         let is_file = |file: &ManifestFile, folder: &str| {
             let own = file.name.strip_prefix(folder).is_some_and(|name| !name.contains('/'));
             own && paths::check_path(&file.name).is_ok() && file.pack.iter().chain(&file.hash).all(is_key)
@@ -142,7 +142,7 @@ impl Version {
     /// Fails when an object store cannot be reached or refuses, or does not have them as they were written.
     pub fn at_hand(&self, table: &ManifestTable) -> Result<(), Fault> {
         let root = self.folder.ancestors().nth(3);
-        let remote = root.map_or(Ok(None), Remote::of)?;
+        let remote = root.map_or(Ok(None), RemoteStore::from_cache)?;
         remote.map_or(Ok(()), |remote| remote.at_hand(self, table))
     }
 
@@ -173,7 +173,7 @@ impl Version {
 
 fn sum_of(manifest: &Manifest) -> Option<String> {
     let plain = Manifest { sum: String::new(), ..manifest.clone() };
-    serde_json::to_vec(&plain).ok().map(|bytes| Key::of([bytes]).to_string())
+    serde_json::to_vec(&plain).ok().map(|bytes| HashKey::from_parts([bytes]).to_string())
 }
 
 /// The folder of the newest version of `pipeline` in the store at `root`.
@@ -212,7 +212,7 @@ pub fn parts(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
 /// Sees to it that the files of a folder of a store are there: `tables/<pipeline>/<table>` or `quality/<key>`.
 fn bring(folder: &Path) -> Result<(), Fault> {
     let above: Vec<&str> = folder.ancestors().take(3).filter_map(|p| p.file_name()?.to_str()).collect();
-    let root = |n: usize| folder.ancestors().nth(n).map_or(Ok(None), Remote::of);
+    let root = |n: usize| folder.ancestors().nth(n).map_or(Ok(None), RemoteStore::from_cache);
     match above.as_slice() {
         [table, pipeline, "tables"] => {
             let Some(remote) = root(3)? else { return Ok(()) };
@@ -236,7 +236,7 @@ pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>,
     let mut batches = vec![];
     for file in parts(folder)? {
         let fail = |e: &dyn std::fmt::Display| trouble("read", &file, e);
-        let sealed = Sealed::open(&file).map_err(|e| fail(&e))?;
+        let sealed = SealedFile::open(&file).map_err(|e| fail(&e))?;
         let at = columns.iter().map(|c| sealed.schema().index_of(c)).collect::<Result<Vec<_>, _>>();
         let at = at.map_err(|e| fail(&e))?;
         let schema = Arc::new(sealed.schema().project(&at).map_err(|e| fail(&e))?);
@@ -273,18 +273,18 @@ impl Store {
     /// Fails when the file system refuses; the version before stays the newest then.
     pub fn publish(
         &self,
-        publisher: &Publisher,
+        publisher: &PipelineLock,
         run: &str,
         tables: &[TableFiles],
-        beside: &[Beside],
-        rests_on: &[Key],
+        beside: &[ExtraTable],
+        rests_on: &[HashKey],
         kept: &[String],
     ) -> Result<bool, Fault> {
         let pipeline = publisher.pipeline();
         publisher.check()?;
         inside(self.root(), pipeline)?;
         let mut manifest = Manifest { pipeline: pipeline.to_owned(), run: run.to_owned(), ..Manifest::default() };
-        manifest.packs = rests_on.iter().map(Key::to_string).collect();
+        manifest.packs = rests_on.iter().map(HashKey::to_string).collect();
         // Each file of the version, and its current path.
         let mut from: Vec<(PathBuf, String)> = vec![];
         for table in tables {
@@ -337,7 +337,12 @@ impl Store {
     ///
     /// # Errors
     /// Fails when the file system refuses.
-    pub(super) fn publish_without(&self, publisher: &Publisher, version: &Version, table: &str) -> Result<(), Fault> {
+    pub(super) fn publish_without(
+        &self,
+        publisher: &PipelineLock,
+        version: &Version,
+        table: &str,
+    ) -> Result<(), Fault> {
         let mut manifest = version.manifest.clone();
         manifest.tables.retain(|t| t.name != table);
         manifest.sum = String::new();
@@ -350,7 +355,7 @@ impl Store {
     }
 
     /// The entry of a pack, which in an object store need not be at hand.
-    fn pack_entry(&self, id: Key, file: &Path, name: &str) -> Result<ManifestFile, Fault> {
+    fn pack_entry(&self, id: HashKey, file: &Path, name: &str) -> Result<ManifestFile, Fault> {
         if self.remote().is_none() {
             return described(file, name, Some(id.to_string()));
         }
@@ -362,7 +367,7 @@ impl Store {
     /// Makes a version and points the pipeline's link to it.
     fn switch(
         &self,
-        publisher: &Publisher,
+        publisher: &PipelineLock,
         manifest: &Manifest,
         from: &[(PathBuf, String)],
         before: Option<&Version>,
@@ -441,7 +446,7 @@ fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFi
     let (size, modified_ns) = stamp(&fs::metadata(file).map_err(fail)?);
     let hash = match &pack {
         Some(_) => None,
-        None => Some(Key::of([fs::read(file).map_err(fail)?]).to_string()),
+        None => Some(HashKey::from_parts([fs::read(file).map_err(fail)?]).to_string()),
     };
     Ok(ManifestFile { name: name.to_owned(), pack, hash, size, modified_ns })
 }
@@ -461,14 +466,14 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
         let path = version.folder.join(&file.name);
         if store.remote().is_some() {
             // The packs that there are were listed; a file of its own is read whole when it is copied.
-            return match file.pack.as_deref().and_then(Key::parse) {
+            return match file.pack.as_deref().and_then(HashKey::parse) {
                 Some(id) => store.catalogue().by_id(id).is_some_and(|pack| pack.size == file.size),
                 None => true,
             };
         }
         let Ok(about) = fs::metadata(&path) else { return false };
         let now = stamp(&about);
-        match file.pack.as_deref().and_then(Key::parse) {
+        match file.pack.as_deref().and_then(HashKey::parse) {
             Some(id) => fs::metadata(store.file(id)).is_ok_and(|pack| stamp(&pack) == now),
             None => now == (file.size, file.modified_ns) || sealed::verify(&path).is_ok(),
         }

@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use super::text;
-use crate::cost::{Cost, TableCost};
+use crate::cost::{RunCost, TableCost};
 
 /// The cost as people read it.
-pub fn table(cost: &Cost) -> String {
+pub fn table(cost: &RunCost) -> String {
     let head = ["table", "stage", "stored", "to compute", "rows", "bytes", "processor", "memory"];
     let mut rows = vec![head.map(str::to_owned).to_vec()];
     rows.extend(cost.tables.iter().map(row));
@@ -57,7 +57,7 @@ fn row(t: &TableCost) -> Vec<String> {
 }
 
 /// The cost as one JSON object.
-pub fn json(cost: &Cost) -> Value {
+pub fn json(cost: &RunCost) -> Value {
     let whole = |x: f64| json!(x.round() as u64);
     let one = |t: &TableCost| {
         json!({

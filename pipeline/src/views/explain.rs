@@ -2,17 +2,17 @@
 
 use std::fmt::Write;
 
-use schemas::{Column, Grain, Literal, Passes};
+use schemas::{Column, Grain, Literal, PassThroughColumns};
 
 use super::snapshots;
 use crate::{
-    plan::{Graph, TableNode},
-    spec::{Search, Spec},
+    plan::{PlanGraph, TableNode},
+    spec::{SearchSpec, Spec},
     store::Store,
 };
 
 /// Tables, axes, points, the results in the store and the cost of each stage.
-pub fn explain(graph: &Graph, store: &Store) -> String {
+pub fn explain(graph: &PlanGraph, store: &Store) -> String {
     let plan = graph.plan;
     let mut out = String::new();
     // Writing into a String cannot fail.
@@ -57,7 +57,7 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
 }
 
 /// A search: its method, its goal, its axes.
-fn searched(spec: &Spec, search: &Search) -> String {
+fn searched(spec: &Spec, search: &SearchSpec) -> String {
     let mut out = String::new();
     let mut known: Vec<String> =
         spec.axes.get(spec.searched.start).into_iter().flat_map(|a| &a.values).map(ToString::to_string).collect();
@@ -96,7 +96,7 @@ fn listed(values: &[Literal]) -> String {
     }
 }
 
-fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> String {
+fn table(graph: &PlanGraph, store: &Store, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> String {
     let mut out = String::new();
     let plan = graph.plan;
     let first = plan.instance(t, 0);
@@ -133,7 +133,7 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
         .collect();
     let _ = writeln!(out, "  reads    {}", reads.join("; "));
     let made: Vec<String> = first.yields.columns.iter().map(Column::to_string).collect();
-    let verb = if first.yields.passes == Passes::All { "appends" } else { "yields " };
+    let verb = if first.yields.passes == PassThroughColumns::All { "appends" } else { "yields " };
     let _ = writeln!(out, "  {verb}  {}", made.join(", "));
     let units = graph.unit_count(t);
     let there = graph.units(t).filter(|u| graph.key(*u).is_ok_and(|k| store.has(k))).count();
@@ -146,7 +146,7 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
 const LOOKED_AT: usize = 10_000;
 
 /// Parameters of any point, with a word in place of a value that is not the same at all points that have it.
-fn parameters(graph: &Graph, t: usize) -> String {
+fn parameters(graph: &PlanGraph, t: usize) -> String {
     let mut all: Vec<(&str, Option<String>)> = vec![];
     for i in graph.plan.tables[t].parameter_points(LOOKED_AT) {
         for (name, value) in graph.plan.instance(t, i).params() {

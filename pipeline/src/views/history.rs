@@ -12,13 +12,13 @@ use serde::{Deserialize, Serialize};
 
 use super::{record::Snapshot, text};
 use crate::{
-    keys::Key,
+    keys::HashKey,
     store::{Store, own_file, pipeline_name},
 };
 
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Past {
+pub struct RunRecord {
     /// Its number, from 1.
     pub number: u64,
     /// Fails when it ended, UTC.
@@ -40,9 +40,9 @@ pub struct Past {
     pub sum: String,
 }
 
-fn sum_of(past: &Past) -> String {
-    let plain = Past { sum: String::new(), ..past.clone() };
-    Key::of([serde_json::to_vec(&plain).unwrap_or_default()]).to_string()
+fn sum_of(past: &RunRecord) -> String {
+    let plain = RunRecord { sum: String::new(), ..past.clone() };
+    HashKey::from_parts([serde_json::to_vec(&plain).unwrap_or_default()]).to_string()
 }
 
 fn file(root: &Path, pipeline: &str) -> PathBuf {
@@ -50,12 +50,12 @@ fn file(root: &Path, pipeline: &str) -> PathBuf {
 }
 
 /// The runs of a pipeline, oldest first. Damaged lines are skipped.
-pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
+pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
     if pipeline_name(pipeline).is_err() {
         return vec![];
     }
     let text = paths::read_regular(&file(root, pipeline)).unwrap_or_default();
-    let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Past>(line).ok());
+    let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<RunRecord>(line).ok());
     lines.filter(|p| p.sum == sum_of(p)).collect()
 }
 
@@ -65,7 +65,7 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     const LAST: &str = "\"sum\":\"";
     const ENDS: usize = 34;
     let fine = |line: &[u8]| {
-        let whole = serde_json::from_slice::<Past>(line).is_ok_and(|p| p.sum == sum_of(&p));
+        let whole = serde_json::from_slice::<RunRecord>(line).is_ok_and(|p| p.sum == sum_of(&p));
         let text = String::from_utf8_lossy(line);
         let cut = text.rfind(LAST).is_none_or(|at| text.len() < at + LAST.len() + ENDS);
         whole || cut && text.starts_with('{') && !text.ends_with("\"}")
@@ -77,13 +77,13 @@ pub fn is_whole(bytes: &[u8]) -> bool {
 ///
 /// # Errors
 /// Fails when the store cannot be written.
-pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapshot) -> Result<(), Fault> {
+pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Snapshot) -> Result<(), Fault> {
     let root = store.root();
     // Costs change from run to run; the inputs of the tables do not.
     let mut plain = snapshot.clone();
     plain.tables.iter_mut().for_each(|t| t.cost = None);
     let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
-    let name = format!("{}.json", Key::of([&text]));
+    let name = format!("{}.json", HashKey::from_parts([&text]));
     let kept = root.join("runs").join(&name);
     if paths::read_regular(&kept).ok().as_ref() != Some(&text) {
         store.write(&kept, &text)?;
@@ -176,7 +176,7 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
         };
         let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
         let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
-        let snapshot = bytes.ok().filter(|b| format!("{}.json", Key::of([b])) == past.snapshot);
+        let snapshot = bytes.ok().filter(|b| format!("{}.json", HashKey::from_parts([b])) == past.snapshot);
         let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
         snapshot.ok_or_else(|| {
             Fault::machine(format!("the record of the inputs of run {number} of `{pipeline}` is missing"))

@@ -11,9 +11,9 @@ use super::{
     snapshots,
 };
 
-/// The form of lineage.
+/// Output format of lineage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Format {
+pub enum LineageFormat {
     /// Indented text.
     #[default]
     Tree,
@@ -27,17 +27,17 @@ pub enum Format {
 ///
 /// # Errors
 /// Fails when there is no such table.
-pub fn lineage(root: &Path, table: &str, format: Format) -> Result<String, Fault> {
+pub fn lineage(root: &Path, table: &str, format: LineageFormat) -> Result<String, Fault> {
     let all = snapshots(root);
     let (snapshot, found) = find(&all, table)?;
     Ok(match format {
-        Format::Tree => {
+        LineageFormat::Tree => {
             let mut out = String::new();
             tree(snapshot, &found.name, 0, &mut out);
             out
         }
-        Format::Json => pretty(&graph(snapshot, found)),
-        Format::Openlineage => pretty(&openlineage(root, snapshot, found)),
+        LineageFormat::Json => pretty(&graph(snapshot, found)),
+        LineageFormat::Openlineage => pretty(&openlineage(root, snapshot, found)),
     })
 }
 
@@ -136,7 +136,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         "schema": facet("1-2-0", "SchemaDatasetFacet", json!({ "fields": fields })),
         "columnLineage": facet("1-2-0", "ColumnLineageDatasetFacet", json!({ "fields": columns })),
     });
-    let run = crate::keys::Key::of([
+    let run = crate::keys::HashKey::from_parts([
         snapshot.pipeline.as_bytes(),
         table.name.as_bytes(),
         format!("{:?}", table.points).as_bytes(),

@@ -18,7 +18,7 @@ pub mod warnings;
 mod why;
 
 pub use explain::explain;
-pub use lineage::{Format, lineage};
+pub use lineage::{LineageFormat, lineage};
 pub use record::{Snapshot, SnapshotTable, described, lifted, made_by_another, record, snapshots};
 pub use reference::{one as stage_page, overview as stages_overview, page as reference_page};
 pub use trials::trials;

@@ -12,9 +12,9 @@ use uuid::Uuid;
 use super::{record, record::SnapshotColumn};
 use crate::{
     clock,
-    keys::Key,
-    plan::{Graph, Plan, Ref},
-    remote::{Address, Place, place},
+    keys::HashKey,
+    plan::{Plan, PlanGraph, TableRef},
+    remote::{ObjectAddress, StorageLocation, place},
     store::host,
 };
 
@@ -23,9 +23,9 @@ pub const PRODUCER: &str = concat!("urn:magline:", env!("CARGO_PKG_VERSION"));
 /// The schema of an event of a run.
 pub const EVENT: &str = "https://openlineage.io/spec/2-0-2/OpenLineage.json#/$defs/RunEvent";
 
-/// The state that an event tells.
+/// Type of an OpenLineage run event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum LineageEventType {
     /// It begins.
     Start,
     /// All of it is there.
@@ -36,13 +36,13 @@ pub enum State {
     Abort,
 }
 
-impl State {
+impl LineageEventType {
     fn as_str(self) -> &'static str {
         match self {
-            State::Start => "START",
-            State::Complete => "COMPLETE",
-            State::Fail => "FAIL",
-            State::Abort => "ABORT",
+            LineageEventType::Start => "START",
+            LineageEventType::Complete => "COMPLETE",
+            LineageEventType::Fail => "FAIL",
+            LineageEventType::Abort => "ABORT",
         }
     }
 }
@@ -57,22 +57,22 @@ pub fn facet(version: &str, name: &str, body: Value) -> Value {
     whole
 }
 
-/// A run of a scheduler that starts this one.
+/// Run of a scheduler that started this run.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Parent {
+pub struct ParentRun {
     namespace: String,
     job: String,
     run: Uuid,
 }
 
-impl Parent {
+impl ParentRun {
     /// From `<namespace>/<job>/<run>`, as schedulers hand it on in `OPENLINEAGE_PARENT_ID`.
-    pub fn parse(text: &str) -> Option<Parent> {
+    pub fn parse(text: &str) -> Option<ParentRun> {
         let (rest, run) = text.rsplit_once('/')?;
         let (namespace, job) = rest.rsplit_once('/')?;
         let run = Uuid::parse_str(run).ok()?;
         let whole = !namespace.is_empty() && !job.is_empty();
-        whole.then(|| Parent { namespace: namespace.to_owned(), job: job.to_owned(), run })
+        whole.then(|| ParentRun { namespace: namespace.to_owned(), job: job.to_owned(), run })
     }
 
     fn json(&self) -> Value {
@@ -82,29 +82,29 @@ impl Parent {
 
 /// A run of a pipeline.
 #[derive(Clone, Debug)]
-pub struct Run {
+pub struct LineageRun {
     /// Its identifier.
     pub id: Uuid,
     /// The namespace of its jobs.
     pub namespace: String,
     /// The run that started it.
-    pub parent: Option<Parent>,
+    pub parent: Option<ParentRun>,
     pipeline: String,
     spec: String,
 }
 
-impl Run {
+impl LineageRun {
     /// A run of `plan`.
-    pub fn new(plan: &Plan, id: Uuid, namespace: String, parent: Option<Parent>) -> Run {
+    pub fn new(plan: &Plan, id: Uuid, namespace: String, parent: Option<ParentRun>) -> LineageRun {
         let mut spec = plan.spec.text.clone();
         for set in &plan.spec.sets {
             spec.push_str(&format!("\n# --set {set}"));
         }
-        Run { id, namespace, parent, pipeline: plan.spec.name.clone(), spec }
+        LineageRun { id, namespace, parent, pipeline: plan.spec.name.clone(), spec }
     }
 
     /// An event of the run.
-    pub fn event(&self, state: State, error: Option<&str>) -> Value {
+    pub fn event(&self, state: LineageEventType, error: Option<&str>) -> Value {
         let job = json!({
             "jobType": job_type("PIPELINE"),
             "sourceCode": facet("1-0-1", "SourceCodeJobFacet", json!({ "language": "toml", "sourceCode": self.spec })),
@@ -119,10 +119,10 @@ impl Run {
     }
 
     /// An event of the run of a table.
-    pub fn of_table(&self, table: &TableLineage, state: State, error: Option<&str>) -> Value {
+    pub fn of_table(&self, table: &TableLineage, state: LineageEventType, error: Option<&str>) -> Value {
         let this = json!({ "run": { "runId": self.id.to_string() }, "job": { "namespace": self.namespace, "name": self.pipeline } });
         let mut of = this.clone();
-        of["root"] = self.parent.as_ref().map_or(this, Parent::json);
+        of["root"] = self.parent.as_ref().map_or(this, ParentRun::json);
         let mut facets = run_facets(error);
         facets.insert("parent".to_owned(), facet("1-2-0", "ParentRunFacet", of));
         let job = json!({
@@ -130,20 +130,20 @@ impl Run {
             "documentation": facet("1-1-0", "DocumentationJobFacet", json!({ "description": table.about })),
         });
         let name = format!("{}.{}", self.pipeline, table.name);
-        let mut event = self.whole(state, self.of(&table.name), facets, &name, job);
+        let mut event = self.whole(state, self.table_run_id(&table.name), facets, &name, job);
         event["inputs"] = table.inputs.clone();
         event["outputs"] = json!([table.output]);
         event
     }
 
     /// The identifier of the run of a table: the same for the same run and table.
-    fn of(&self, table: &str) -> Uuid {
-        let key = Key::of([self.id.as_bytes().as_slice(), table.as_bytes()]);
+    fn table_run_id(&self, table: &str) -> Uuid {
+        let key = HashKey::from_parts([self.id.as_bytes().as_slice(), table.as_bytes()]);
         let bytes: [u8; 16] = key.as_ref().try_into().unwrap_or_default();
         uuid::Builder::from_custom_bytes(bytes).into_uuid()
     }
 
-    fn whole(&self, state: State, run: Uuid, facets: Map<String, Value>, job: &str, about: Value) -> Value {
+    fn whole(&self, state: LineageEventType, run: Uuid, facets: Map<String, Value>, job: &str, about: Value) -> Value {
         json!({
             "eventType": state.as_str(),
             "eventTime": clock::now_ms(),
@@ -174,7 +174,7 @@ fn run_facets(error: Option<&str>) -> Map<String, Value> {
     facets
 }
 
-/// The lineage of one table: what its job reads and writes.
+/// Lineage of one table: the inputs and output of its job.
 pub struct TableLineage {
     /// The table.
     pub name: String,
@@ -184,21 +184,23 @@ pub struct TableLineage {
 }
 
 /// A file or folder as a dataset.
-struct Dataset {
+struct LineageDataset {
     namespace: String,
     name: String,
     version: String,
     schema: Value,
 }
 
-impl Dataset {
-    fn new(place: &Place, version: Key, columns: impl Iterator<Item = Value>) -> Dataset {
+impl LineageDataset {
+    fn new(place: &StorageLocation, version: HashKey, columns: impl Iterator<Item = Value>) -> LineageDataset {
         let (namespace, name) = match place {
-            Place::Path(path) => (format!("file://{}", host()), plain(path).display().to_string()),
-            Place::Object(Address { scheme, bucket, key }) => (format!("{}://{bucket}", scheme.as_str()), key.clone()),
+            StorageLocation::Path(path) => (format!("file://{}", host()), plain(path).display().to_string()),
+            StorageLocation::Object(ObjectAddress { scheme, bucket, key }) => {
+                (format!("{}://{bucket}", scheme.as_str()), key.clone())
+            }
         };
         let fields: Vec<Value> = columns.collect();
-        Dataset {
+        LineageDataset {
             namespace,
             name,
             version: version.to_string(),
@@ -265,45 +267,45 @@ fn of_table(c: &SnapshotColumn) -> Value {
 }
 
 /// The lineage of every table of a plan with its data, in the plan's order.
-pub fn lineage(graph: &Graph) -> Vec<TableLineage> {
+pub fn lineage(graph: &PlanGraph) -> Vec<TableLineage> {
     let plan = graph.plan;
     let columns: Vec<Vec<SnapshotColumn>> =
         plan.tables.iter().enumerate().map(|(t, node)| record::columns(plan, t, node)).collect();
     let folder = |table: &str| match &plan.spec.store_at {
-        Some((address, _)) => Place::Object(address.below(&format!("tables/{}/{table}", plan.spec.name))),
-        None => Place::Path(whole(&plan.spec.store).join("tables").join(&plan.spec.name).join(table)),
+        Some((address, _)) => StorageLocation::Object(address.below(&format!("tables/{}/{table}", plan.spec.name))),
+        None => StorageLocation::Path(whole(&plan.spec.store).join("tables").join(&plan.spec.name).join(table)),
     };
     let version = |t: usize| {
         let key = |unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
-        Key::of(graph.units(t).map(key))
+        HashKey::from_parts(graph.units(t).map(key))
     };
-    let tables: Vec<Dataset> = plan
+    let tables: Vec<LineageDataset> = plan
         .tables
         .iter()
         .zip(&columns)
         .enumerate()
-        .map(|(t, (node, columns))| Dataset::new(&folder(&node.name), version(t), columns.iter().map(of_table)))
+        .map(|(t, (node, columns))| LineageDataset::new(&folder(&node.name), version(t), columns.iter().map(of_table)))
         .collect();
-    let bytes = |i: usize| Key::of(graph.bytes.get(i).into_iter().flatten().map(|b| b.hash.to_string()));
+    let bytes = |i: usize| HashKey::from_parts(graph.bytes.get(i).into_iter().flatten().map(|b| b.hash.to_string()));
     let path = |name: &str| {
         let decl = plan.spec.tables.iter().find(|t| t.name == name);
         match place(decl.map(|d| d.path.0.as_str()).unwrap_or_default()) {
-            Ok(Place::Path(path)) => Place::Path(whole(&plan.spec.folder).join(path)),
-            Ok(object @ Place::Object(_)) => object,
-            Err(_) => Place::Path(whole(&plan.spec.folder)),
+            Ok(StorageLocation::Path(path)) => StorageLocation::Path(whole(&plan.spec.folder).join(path)),
+            Ok(object @ StorageLocation::Object(_)) => object,
+            Err(_) => StorageLocation::Path(whole(&plan.spec.folder)),
         }
     };
-    let flights: Vec<Dataset> = (plan.flights.iter().enumerate())
-        .map(|(i, f)| Dataset::new(&path(&f.name), bytes(i), f.shape.columns.iter().map(of_source)))
+    let flights: Vec<LineageDataset> = (plan.flights.iter().enumerate())
+        .map(|(i, f)| LineageDataset::new(&path(&f.name), bytes(i), f.shape.columns.iter().map(of_source)))
         .collect();
     let cells = || schemas::map::COLUMNS.iter().map(|(name, d)| described(name, "Float64", d.unit, d.description));
-    let maps: Vec<Dataset> = (plan.maps.iter().enumerate())
-        .map(|(i, m)| Dataset::new(&path(&m.name), bytes(plan.flights.len() + i), cells()))
+    let maps: Vec<LineageDataset> = (plan.maps.iter().enumerate())
+        .map(|(i, m)| LineageDataset::new(&path(&m.name), bytes(plan.flights.len() + i), cells()))
         .collect();
-    let of = |r: Ref| match r {
-        Ref::Flights(i) => flights.get(i),
-        Ref::Map(i) => maps.get(i),
-        Ref::Stage(t, _) => tables.get(t),
+    let of = |r: TableRef| match r {
+        TableRef::Flights(i) => flights.get(i),
+        TableRef::Map(i) => maps.get(i),
+        TableRef::Stage(t, _) => tables.get(t),
     };
     let one = |t: usize| {
         let (node, own) = (plan.tables.get(t)?, tables.get(t)?);
@@ -336,7 +338,7 @@ pub fn lineage(graph: &Graph) -> Vec<TableLineage> {
         let body = json!({ "fields": fields, "dataset": filters });
         output["facets"]["columnLineage"] = facet("1-2-0", "ColumnLineageDatasetFacet", body);
         let stage = format!("`{}` version {}", node.entry.name, node.entry.version);
-        let inputs = sources.iter().filter_map(|r| of(*r)).map(Dataset::json).collect();
+        let inputs = sources.iter().filter_map(|r| of(*r)).map(LineageDataset::json).collect();
         Some(TableLineage { name: node.name.clone(), about: stage, inputs, output })
     };
     (0..plan.tables.len()).filter_map(one).collect()
@@ -351,11 +353,11 @@ mod tests {
     #[test]
     fn unit_the_run_of_a_scheduler_is_named_in_three_parts() {
         let run = "0190b2a5-2b3c-7def-8a01-23456789abcd";
-        let parent = Parent::parse(&format!("airflow://host/etl.nightly/{run}")).unwrap();
+        let parent = ParentRun::parse(&format!("airflow://host/etl.nightly/{run}")).unwrap();
         assert_eq!((parent.namespace.as_str(), parent.job.as_str()), ("airflow://host", "etl.nightly"));
         assert_eq!(parent.json()["run"]["runId"], run);
         for wrong in ["", "a/b", "a/b/c", &format!("b/{run}"), &format!("/b/{run}")] {
-            assert_eq!(Parent::parse(wrong), None, "{wrong}");
+            assert_eq!(ParentRun::parse(wrong), None, "{wrong}");
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Scores pooled over the lines of each point: the rows of the table `scores_pooled`, from which the terminal, the report
-//! and `--json` take their figures.
+//! Scores pooled over the lines of each point: the rows of the table `scores_pooled`, from which the terminal, the
+//! report and `--json` take their figures.
 
 use std::{collections::HashMap, ops::Range};
 
@@ -11,14 +11,14 @@ use arrow_array::{
 use rayon::prelude::*;
 use schemas::{
     Fault, Grain, Literal,
-    metric::{Metric, Weighed},
+    metric::{Metric, WeightedScore},
 };
 use stages::score::{SPREAD, is_pooled_in_sample, spread_at};
 
-use super::scores::Values;
+use super::scores::AxisValues;
 use crate::{
-    plan::{Graph, IN_SAMPLE, InSample, Plan, Seen, TableNode, Unit},
-    spec::{Axis, Spec},
+    plan::{IN_SAMPLE, InSampleColumn, InSampleLines, Plan, PlanGraph, PlanUnit, TableNode},
+    spec::{Spec, SweepAxis},
     store::{Store, published},
 };
 
@@ -27,7 +27,7 @@ pub const TABLE: &str = "scores_pooled";
 
 /// One metric at one point of a table of scores.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pooled {
+pub struct PooledMetric {
     /// The table of scores, as a position in the plan.
     pub table: usize,
     /// Its point.
@@ -35,14 +35,14 @@ pub struct Pooled {
     /// The metric.
     pub metric: Metric,
     /// Over the lines that are not in sample.
-    pub held_out: Share,
+    pub held_out: PooledValue,
     /// Over the lines that are in sample.
-    pub in_sample: Share,
+    pub in_sample: PooledValue,
 }
 
 /// A metric pooled over some lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Share {
+pub struct PooledValue {
     /// The value, in the metric's unit; `None` where no line has one.
     pub value: Option<f64>,
     /// The samples or pairs behind it.
@@ -51,14 +51,14 @@ pub struct Share {
     pub lines: usize,
 }
 
-impl Pooled {
+impl PooledMetric {
     /// Whether only lines that are in sample have a value.
     pub fn is_in_sample(&self) -> bool {
         is_pooled_in_sample(self.held_out.lines, self.in_sample.lines)
     }
 
     /// The lines that count: those that are not in sample, or all where there are no others.
-    pub fn shown(&self) -> Share {
+    pub fn shown(&self) -> PooledValue {
         if self.is_in_sample() { self.in_sample } else { self.held_out }
     }
 }
@@ -69,17 +69,21 @@ pub fn tables(plan: &Plan) -> impl Iterator<Item = usize> + '_ {
     (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.name == "score").filter(published)
 }
 
-/// The pooled scores of all units that `done` accepts: tables in the plan's order, then points, then metrics in the order
-/// of their declaration.
+/// The pooled scores of all units that `done` accepts: tables in the plan's order, then points, then metrics in the
+/// order of their declaration.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
-pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<Vec<Pooled>, Fault> {
+pub fn find(
+    graph: &PlanGraph,
+    store: &Store,
+    done: &(dyn Fn(PlanUnit) -> bool + Sync),
+) -> Result<Vec<PooledMetric>, Fault> {
     let mut all = vec![];
     for t in tables(graph.plan) {
         let seen = graph.seen(t)?;
         let points = (0..graph.plan.tables[t].len()).into_par_iter();
-        let found: Vec<Vec<Pooled>> =
+        let found: Vec<Vec<PooledMetric>> =
             points.map(|i| of_point(graph, store, done, (t, i), seen)).collect::<Result<_, _>>()?;
         all.extend(found.into_iter().flatten());
     }
@@ -90,12 +94,12 @@ pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) 
 ///
 /// # Errors
 /// Fails when the store cannot be read.
-pub fn present(graph: &Graph, store: &Store) -> Result<Vec<Pooled>, Fault> {
+pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<PooledMetric>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }
 
 /// The score of one line.
-struct One {
+struct LineMetricScore {
     metric: usize,
     in_sample: bool,
     /// Value and weight; `None` where there is no value.
@@ -104,16 +108,16 @@ struct One {
 }
 
 fn of_point(
-    graph: &Graph,
+    graph: &PlanGraph,
     store: &Store,
-    done: &(dyn Fn(Unit) -> bool + Sync),
+    done: &(dyn Fn(PlanUnit) -> bool + Sync),
     (table, instance): (usize, usize),
-    seen: &Seen,
-) -> Result<Vec<Pooled>, Fault> {
+    seen: &InSampleLines,
+) -> Result<Vec<PooledMetric>, Fault> {
     let declared = &graph.plan.tables[table].entry.metrics;
-    let mut scores: Vec<One> = vec![];
+    let mut scores: Vec<LineMetricScore> = vec![];
     for line in graph.lines_of(table, instance) {
-        let unit = Unit { table, instance, line: Some(*line) };
+        let unit = PlanUnit { table, instance, line: Some(*line) };
         if done(unit) {
             let batch = store.get(graph.key(unit)?, &["metric", "value", "n", SPREAD])?;
             read(&batch, declared, seen.has(instance, *line), &mut scores);
@@ -122,29 +126,29 @@ fn of_point(
     let pooled = |(at, metric): (usize, &Metric)| {
         let mut own = scores.iter().filter(|one| one.metric == at).peekable();
         own.peek()?;
-        let own: Vec<&One> = own.collect();
+        let own: Vec<&LineMetricScore> = own.collect();
         let share = |in_sample: bool| {
             let lines = own.iter().filter(|one| one.in_sample == in_sample);
-            let valued: Vec<(Weighed, i64)> = lines
+            let valued: Vec<(WeightedScore, i64)> = lines
                 .filter_map(|one| {
                     let (value, n) = one.score?;
-                    Some((Weighed { value, n: n as f64, spread: &one.spread }, n))
+                    Some((WeightedScore { value, n: n as f64, spread: &one.spread }, n))
                 })
                 .collect();
             let value = metric.pool.value(valued.iter().map(|(weighed, _)| *weighed));
-            Share {
+            PooledValue {
                 value: Some(value).filter(|v| v.is_finite()),
                 n: valued.iter().map(|(_, n)| n).sum(),
                 lines: valued.len(),
             }
         };
-        Some(Pooled { table, instance, metric: *metric, held_out: share(false), in_sample: share(true) })
+        Some(PooledMetric { table, instance, metric: *metric, held_out: share(false), in_sample: share(true) })
     };
     Ok(declared.iter().enumerate().filter_map(pooled).collect())
 }
 
 /// Adds the scores of one line.
-fn read(batch: &RecordBatch, declared: &[Metric], in_sample: bool, scores: &mut Vec<One>) {
+fn read(batch: &RecordBatch, declared: &[Metric], in_sample: bool, scores: &mut Vec<LineMetricScore>) {
     let column = |name: &str| batch.column_by_name(name);
     let (Some(names), Some(values), Some(n)) = (
         column("metric").and_then(|a| a.as_string_opt::<i32>()),
@@ -157,7 +161,7 @@ fn read(batch: &RecordBatch, declared: &[Metric], in_sample: bool, scores: &mut 
     for i in (0..batch.num_rows()).filter(|i| names.is_valid(*i)) {
         let Some(metric) = declared.iter().position(|m| m.name == names.value(i)) else { continue };
         let score = (values.is_valid(i) && n.is_valid(i)).then(|| (values.value(i), n.value(i)));
-        scores.push(One { metric, in_sample, score, spread: spread_at(spreads, i) });
+        scores.push(LineMetricScore { metric, in_sample, score, spread: spread_at(spreads, i) });
     }
 }
 
@@ -195,7 +199,7 @@ pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
 ///
 /// # Errors
 /// Fails when they are there and cannot be read.
-pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Pooled>>, Fault> {
+pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<PooledMetric>>, Fault> {
     let axes = &plan.spec.axes;
     let columns = || COLUMNS.iter().map(|(name, _)| *name);
     if axes.iter().any(|a| columns().any(|name| name == a.name)) {
@@ -211,9 +215,9 @@ pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Pooled>>, Fault>
     };
     let number = |row: usize, name: &str| cell(row, name).and_then(|text| text.parse::<f64>().ok());
     let count = |row: usize, name: &str| cell(row, name).and_then(|text| text.parse::<i64>().ok()).unwrap_or(0);
-    let places: HashMap<&str, (usize, Places)> =
-        tables(plan).map(|t| (plan.table_name(t), (t, Places::new(plan, &plan.tables[t])))).collect();
-    let one = |row: usize| -> Option<Pooled> {
+    let places: HashMap<&str, (usize, SweepPointIndex)> =
+        tables(plan).map(|t| (plan.table_name(t), (t, SweepPointIndex::new(plan, &plan.tables[t])))).collect();
+    let one = |row: usize| -> Option<PooledMetric> {
         let (table, places) = places.get(cell(row, "stage")?.as_str())?;
         let node = &plan.tables[*table];
         let own = node.axes.iter().filter_map(|i| axes.get(*i));
@@ -221,25 +225,25 @@ pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Pooled>>, Fault>
         let instance = places.instance(node, &words)?;
         let metric = cell(row, "metric")?;
         let metric = *node.entry.metrics.iter().find(|m| m.name == metric)?;
-        let share = |value: &str, n: &str, lines: &str| Share {
+        let share = |value: &str, n: &str, lines: &str| PooledValue {
             value: number(row, value),
             n: count(row, n),
             lines: usize::try_from(count(row, lines)).unwrap_or(0),
         };
         let in_sample = share("value_in_sample", "n_in_sample", "lines_in_sample");
         let shown = share("value", "n", "lines");
-        let held_out = if cell(row, "in_sample")? == "true" { Share::default() } else { shown };
-        Some(Pooled { table: *table, instance, metric, held_out, in_sample })
+        let held_out = if cell(row, "in_sample")? == "true" { PooledValue::default() } else { shown };
+        Some(PooledMetric { table: *table, instance, metric, held_out, in_sample })
     };
     Ok(Some((0..batch.num_rows()).filter_map(one).collect()))
 }
 
-/// Finds the points of a table by the words of its axes.
-struct Places(Vec<Side>);
+/// Index of the points of a table by their axis values as text.
+struct SweepPointIndex(Vec<AxisValueIndex>);
 
-impl Places {
-    fn new(plan: &Plan, node: &TableNode) -> Places {
-        Places(node.grid().sides().map(|side| Side::new(&plan.spec, side)).collect())
+impl SweepPointIndex {
+    fn new(plan: &Plan, node: &TableNode) -> SweepPointIndex {
+        SweepPointIndex(node.grid().sides().map(|side| AxisValueIndex::new(&plan.spec, side)).collect())
     }
 
     fn instance(&self, node: &TableNode, words: &[String]) -> Option<usize> {
@@ -249,25 +253,25 @@ impl Places {
     }
 }
 
-/// The values of an axis, or of axes that are searched together.
-struct Side {
-    axes: Vec<Values>,
+/// Index of the values of an axis, or of axes that are searched together.
+struct AxisValueIndex {
+    axes: Vec<AxisValues>,
     /// Several axes: the position of each combination of positions.
     together: HashMap<Vec<usize>, usize>,
 }
 
-impl Side {
-    fn new(spec: &Spec, axes: Range<usize>) -> Side {
+impl AxisValueIndex {
+    fn new(spec: &Spec, axes: Range<usize>) -> AxisValueIndex {
         let axes = spec.axes.get(axes).unwrap_or_default();
-        let known: Vec<Values> = axes.iter().map(|a| Values::new(&a.values)).collect();
+        let known: Vec<AxisValues> = axes.iter().map(|a| AxisValues::new(&a.values)).collect();
         let mut together = HashMap::new();
         if axes.len() > 1 {
             for i in 0..axes.iter().map(|a| a.values.len()).min().unwrap_or(0) {
-                let place = |(axis, known): (&Axis, &Values)| known.position(&axis.values[i].to_string());
+                let place = |(axis, known): (&SweepAxis, &AxisValues)| known.position(&axis.values[i].to_string());
                 together.extend(axes.iter().zip(&known).map(place).collect::<Option<Vec<usize>>>().map(|p| (p, i)));
             }
         }
-        Side { axes: known, together }
+        AxisValueIndex { axes: known, together }
     }
 
     /// The position of the values that `words` begin with; these are taken off.
@@ -284,10 +288,10 @@ impl Side {
 ///
 /// # Errors
 /// Fails when the goal of the search selects no line.
-pub fn mixed(graph: &Graph) -> Result<Vec<String>, Fault> {
+pub fn mixed(graph: &PlanGraph) -> Result<Vec<String>, Fault> {
     let mut notes = vec![];
     for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.grain == Grain::Survey) {
-        let Some(in_sample) = InSample::new(graph, t)? else { continue };
+        let Some(in_sample) = InSampleColumn::new(graph, t)? else { continue };
         let most = graph.units(t).map(|unit| in_sample.lines(unit)).filter(|(seen, all)| 0 < *seen && seen < all).max();
         if let Some((seen, all)) = most {
             notes.push(format!(
@@ -303,15 +307,15 @@ pub fn mixed(graph: &Graph) -> Result<Vec<String>, Fault> {
 
 /// A note for each table of scores with points that are the same computation: they differ in an axis that has no effect
 /// there.
-pub fn repeats(graph: &Graph) -> Vec<String> {
+pub fn repeats(graph: &PlanGraph) -> Vec<String> {
     tables(graph.plan).filter_map(|t| repeated(graph, t)).collect()
 }
 
-fn repeated(graph: &Graph, t: usize) -> Option<String> {
+fn repeated(graph: &PlanGraph, t: usize) -> Option<String> {
     let (plan, node) = (graph.plan, &graph.plan.tables[t]);
     let mut groups: HashMap<Vec<String>, Vec<usize>> = HashMap::new();
     for i in 0..node.len() {
-        let unit = |line: &usize| Unit { table: t, instance: i, line: Some(*line) };
+        let unit = |line: &usize| PlanUnit { table: t, instance: i, line: Some(*line) };
         let keys = graph.lines_of(t, i).iter().map(|line| graph.key(unit(line)).map(|key| key.to_string()));
         // A line that lacks a column is the same for all points.
         let keys: Vec<String> = keys.filter_map(Result::ok).collect();

@@ -10,11 +10,11 @@ use schemas::{ColumnType, Fault, paths};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    keys::Key,
-    plan::{Graph, IN_SAMPLE, Instance, Plan, Ref, TableNode},
+    keys::HashKey,
+    plan::{IN_SAMPLE, Plan, PlanGraph, StageInstance, TableNode, TableRef},
     remote::cache,
     sources,
-    spec::{Spec, publish::Restricted},
+    spec::{Spec, publish::ColumnRestriction},
     store::{Store, pipeline_name},
     views::pooled,
 };
@@ -99,7 +99,7 @@ pub struct SnapshotColumn {
 ///
 /// # Errors
 /// Fails when the store cannot be written.
-pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usize]) -> Result<Snapshot, Fault> {
+pub fn record(graph: &PlanGraph, store: &Store, costs: &[(usize, f64)], left: &[usize]) -> Result<Snapshot, Fault> {
     let plan = graph.plan;
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
     let flights = plan.flights.iter().enumerate().map(|(i, f)| SnapshotSource {
@@ -138,7 +138,7 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)], left: &[usiz
 }
 
 /// The tables of a plan with their columns and what these are made from.
-pub fn described(graph: &Graph) -> Vec<SnapshotTable> {
+pub fn described(graph: &PlanGraph) -> Vec<SnapshotTable> {
     graph
         .plan
         .tables
@@ -175,7 +175,7 @@ fn pooled_scores(plan: &Plan) -> Option<SnapshotTable> {
     })
 }
 
-fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
+fn files(graph: &PlanGraph, i: usize) -> Vec<(String, String)> {
     graph.bytes[i].iter().map(|b| (cache::shown(&b.path), b.hash.to_string())).collect()
 }
 
@@ -202,7 +202,7 @@ fn table(plan: &Plan, t: usize, node: &TableNode, cost: Option<(usize, f64)>, li
 
 /// The columns of a table of a plan, and what each is made from.
 pub fn columns(plan: &Plan, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
-    let examples: Vec<Instance> = node.examples(&plan.spec).map(|i| plan.instance(t, i)).collect();
+    let examples: Vec<StageInstance> = node.examples(&plan.spec).map(|i| plan.instance(t, i)).collect();
     let described = node.columns().into_iter().map(|c| {
         let mut from: Vec<(String, String)> = vec![];
         for it in &examples {
@@ -228,8 +228,8 @@ pub fn columns(plan: &Plan, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
     described.chain(in_sample).collect()
 }
 
-fn made_from(plan: &Plan, it: &Instance, name: &str) -> Vec<(String, String)> {
-    let named = |r: &Ref, c: &str| (plan.name_of(*r).to_owned(), c.to_owned());
+fn made_from(plan: &Plan, it: &StageInstance, name: &str) -> Vec<(String, String)> {
+    let named = |r: &TableRef, c: &str| (plan.name_of(*r).to_owned(), c.to_owned());
     let inputs = it.inputs();
     match it.makes(name) {
         Some(c) => c.from.iter().filter_map(|(i, c)| inputs.get(*i).map(|r| named(r, c))).collect(),
@@ -241,14 +241,15 @@ fn made_from(plan: &Plan, it: &Instance, name: &str) -> Vec<(String, String)> {
 /// The columns of a table of files that are restricted today; `*` is all of them.
 fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     match spec.tables.iter().find(|t| t.name == table).map(|t| t.protection.now()) {
-        None | Some(Restricted::None) => vec![],
-        Some(Restricted::All) => vec!["*".to_owned()],
-        Some(Restricted::Columns(names)) => names,
+        None | Some(ColumnRestriction::None) => vec![],
+        Some(ColumnRestriction::All) => vec!["*".to_owned()],
+        Some(ColumnRestriction::Columns(names)) => names,
     }
 }
 
-/// The columns of files of this plan that an earlier run of the store has recorded as restricted, and that no longer are.
-pub fn lifted(graph: &Graph, store: &Store) -> Vec<String> {
+/// The columns of files of this plan that an earlier run of the store has recorded as restricted, and that no longer
+/// are.
+pub fn lifted(graph: &PlanGraph, store: &Store) -> Vec<String> {
     let plan = graph.plan;
     let names = plan.flights.iter().map(|f| &f.name).chain(plan.maps.iter().map(|m| &m.name));
     let now: Vec<(&String, Vec<(String, String)>)> =
@@ -275,12 +276,12 @@ pub fn lifted(graph: &Graph, store: &Store) -> Vec<String> {
 /// The full path of a spec, and the hash of its text; `None` where it is no file.
 fn made_by(spec: &Spec) -> Option<(String, String)> {
     let path = fs::canonicalize(&spec.file).ok()?;
-    Some((path.to_string_lossy().into_owned(), Key::of([&spec.text]).to_string()))
+    Some((path.to_string_lossy().into_owned(), HashKey::from_parts([&spec.text]).to_string()))
 }
 
-/// The spec that made the pipeline of `spec` in its store, where that is another one and the store lies outside of the folder of
-/// `spec`: a spec from elsewhere must not replace tables that its user did not mean. A store that the user names by `--set` is
-/// meant.
+/// The spec that made the pipeline of `spec` in its store, where that is another one and the store lies outside of the
+/// folder of `spec`: a spec from elsewhere must not replace tables that its user did not mean. A store that the user
+/// names by `--set` is meant.
 pub fn made_by_another(spec: &Spec) -> Option<String> {
     let named = spec.sets.iter().any(|set| set.trim_start().starts_with("store"));
     let inside = match (fs::canonicalize(&spec.folder), fs::canonicalize(&spec.store)) {

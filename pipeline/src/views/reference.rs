@@ -3,7 +3,9 @@
 use std::fmt::Write;
 
 use datasets::{FlightOptions, MapOptions};
-use schemas::{Entry, Fault, Grain, InputDecl, InputKind, Lists, ParamDoc, Params, TableKind, metric::Metric};
+use schemas::{
+    ChoiceRegistry, Fault, Grain, InputDecl, InputKind, ParamDoc, Params, StageEntry, TableKind, metric::Metric,
+};
 
 use crate::{
     sources::{MappingOptions, ModelOptions},
@@ -11,9 +13,9 @@ use crate::{
 };
 
 /// One line a stage.
-pub fn overview(catalogue: &[Entry]) -> String {
+pub fn overview(catalogue: &[StageEntry]) -> String {
     let wide = catalogue.iter().map(|e| e.name.len()).max().unwrap_or(0);
-    let first = |e: &Entry| e.doc.split("\n\n").next().unwrap_or_default().to_owned();
+    let first = |e: &StageEntry| e.doc.split("\n\n").next().unwrap_or_default().to_owned();
     catalogue.iter().map(|e| format!("{:<wide$}  v{}  {}\n", e.name, e.version, first(e))).collect()
 }
 
@@ -21,14 +23,14 @@ pub fn overview(catalogue: &[Entry]) -> String {
 ///
 /// # Errors
 /// When there is none.
-pub fn one(catalogue: &[Entry], name: &str) -> Result<String, Fault> {
+pub fn one(catalogue: &[StageEntry], name: &str) -> Result<String, Fault> {
     let names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     let entry = catalogue.iter().find(|e| e.name == name);
     entry.map(section).ok_or_else(|| Fault::new(format!("there is no stage `{name}`")).nearest(name, &names))
 }
 
 /// The reference of all stages, as Markdown.
-pub fn page(catalogue: &[Entry]) -> String {
+pub fn page(catalogue: &[StageEntry]) -> String {
     let mut out =
         "# Stages\n\nMade from the stages' declarations by `magline stages --markdown`; do not edit.\n\n".to_owned();
     out.push_str(
@@ -40,7 +42,7 @@ pub fn page(catalogue: &[Entry]) -> String {
     }
     out.push('\n');
     out.push_str("A table of files (`[tables.NAME]`) has the key `path` and these keys:\n\n");
-    let lists = Lists::default();
+    let lists = ChoiceRegistry::default();
     let of_flights = [FlightOptions::docs(&lists), MappingOptions::docs(&lists)].concat();
     for (what, docs) in [("flights", of_flights), ("a map", MapOptions::docs(&lists))] {
         let _ = write!(out, "For {what}:\n\n{}\n", params(&docs.iter().collect::<Vec<_>>()));
@@ -59,7 +61,7 @@ pub fn page(catalogue: &[Entry]) -> String {
     out
 }
 
-fn section(entry: &Entry) -> String {
+fn section(entry: &StageEntry) -> String {
     let mut out = format!("## `{}` (version {})\n\n{}\n\n", entry.name, entry.version, entry.doc);
     let grain = match entry.grain {
         Grain::Line => "one line at a time",
@@ -107,7 +109,7 @@ fn params(all: &[&ParamDoc]) -> String {
     format!("| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|\n{rows}")
 }
 
-fn metrics(entry: &Entry) -> String {
+fn metrics(entry: &StageEntry) -> String {
     let row = |Metric { name, unit, meaning, pool, better, .. }: &Metric| {
         // Results of a survey stage already cover all lines.
         let pool = if entry.grain == Grain::Line { pool.words() } else { String::new() };

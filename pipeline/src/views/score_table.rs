@@ -15,12 +15,14 @@ const NARROWEST: usize = 80;
 const AXIS_WIDTH: usize = 12;
 
 /// The scores as text: at most `most` rows of at most `width` characters (80 at least). The columns before the axes
-/// mark the best row of the leading metric with `*`, the rows that are not to be trusted with `!` (the last column has the
-/// number of such lines), and the rows in sample with `~`, as are single values in sample. A legend below explains them.
+/// mark the best row of the leading metric with `*`, the rows that are not to be trusted with `!` (the last column has
+/// the number of such lines), and the rows in sample with `~`, as are single values in sample. A legend below explains
+/// them.
 pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let width = width.max(NARROWEST);
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));
-    let mut view = View { scores, best, most, axis_width: usize::MAX, metrics: (0..scores.metrics.len()).collect() };
+    let mut view =
+        ScoreTableView { scores, best, most, axis_width: usize::MAX, metrics: (0..scores.metrics.len()).collect() };
     let mut left_out: Vec<&str> = vec![];
     let mut text = view.text();
     while widest(&text) > width {
@@ -34,8 +36,8 @@ pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     text + &legend(scores, best, &left_out, most)
 }
 
-/// Part of the scores that is shown.
-struct View<'a> {
+/// Selection of scores for display.
+struct ScoreTableView<'a> {
     scores: &'a Scores,
     best: Option<usize>,
     most: usize,
@@ -43,7 +45,7 @@ struct View<'a> {
     metrics: Vec<usize>,
 }
 
-impl View<'_> {
+impl ScoreTableView<'_> {
     fn text(&self) -> String {
         let scores = self.scores;
         let named = |m: &usize| {
@@ -157,7 +159,7 @@ fn in_sample_legend(scores: &Scores) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::views::scores::{InSample, declared};
+    use crate::views::scores::{InSampleScores, declared};
 
     fn scores(points: usize) -> Scores {
         let metrics = declared([
@@ -187,8 +189,12 @@ mod tests {
     #[test]
     fn unit_values_in_sample_are_marked_and_never_starred() {
         let mut some = scores(3);
-        let of =
-            |lines, held_out, metrics: Vec<bool>| InSample { lines, held_out, values: vec![Some(7.0); 10], metrics };
+        let of = |lines, held_out, metrics: Vec<bool>| InSampleScores {
+            lines,
+            held_out,
+            values: vec![Some(7.0); 10],
+            metrics,
+        };
         // The first point has lines in sample only, the second both, the third one metric in sample.
         let mut one = vec![false; 10];
         one[5] = true;

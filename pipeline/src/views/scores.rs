@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use schemas::{Literal, metric::Metric};
 
 use super::{
-    pooled::{self, Pooled},
-    warnings::{Kind, Warning},
+    pooled::{self, PooledMetric},
+    warnings::{Warning, WarningKind},
 };
 use crate::plan::Plan;
 
@@ -25,12 +25,12 @@ pub struct Scores {
     /// The marked rows whose filter is only cautious: its errors are smaller than it states.
     pub cautious: Vec<usize>,
     /// The lines of each row that are in sample; empty where no row has any.
-    pub in_sample: Vec<InSample>,
+    pub in_sample: Vec<InSampleScores>,
 }
 
-/// The lines of a point that a model, noise or map behind its scores was made from, or a search chose by.
+/// Scores of a point on its lines in sample: seen by its model, noise, map or search.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct InSample {
+pub struct InSampleScores {
     /// Their number.
     pub lines: usize,
     /// The number of all others, which the values of the row are pooled over; where it is 0, over these.
@@ -42,16 +42,16 @@ pub struct InSample {
 }
 
 impl Scores {
-    /// The scores of the table `t` of `plan` among `pooled`, and the point of each row. Columns are the metrics that are to
-    /// be shown and have a value.
-    pub fn new(plan: &Plan, t: usize, pooled: &[Pooled]) -> (Scores, Vec<usize>) {
+    /// The scores of the table `t` of `plan` among `pooled`, and the point of each row. Columns are the metrics that
+    /// are to be shown and have a value.
+    pub fn new(plan: &Plan, t: usize, pooled: &[PooledMetric]) -> (Scores, Vec<usize>) {
         let node = &plan.tables[t];
-        let own: Vec<&Pooled> = pooled.iter().filter(|p| p.table == t).collect();
+        let own: Vec<&PooledMetric> = pooled.iter().filter(|p| p.table == t).collect();
         let has_value = |m: &Metric| own.iter().any(|p| p.metric.name == m.name && p.shown().value.is_some());
         let mut metrics: Vec<Metric> =
             node.entry.metrics.iter().copied().filter(|m| m.shown.column.is_some() && has_value(m)).collect();
         metrics.sort_by_key(|m| m.shown.column);
-        let mut points: BTreeMap<usize, Vec<&Pooled>> = BTreeMap::new();
+        let mut points: BTreeMap<usize, Vec<&PooledMetric>> = BTreeMap::new();
         own.iter().for_each(|p| points.entry(p.instance).or_default().push(p));
         let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
         let (mut rows, mut in_sample, mut instances, mut most) = (vec![], vec![], vec![], 0);
@@ -60,9 +60,9 @@ impl Scores {
             let key = node.axis_columns(&plan.instance(t, instance), &plan.spec);
             let key = key.into_iter().map(|(_, value)| value.to_string()).collect();
             rows.push((key, metrics.iter().map(|m| of(m)?.shown().value).collect()));
-            let lines = |of: fn(&Pooled) -> usize| of_point.iter().map(|p| of(p)).max().unwrap_or(0);
+            let lines = |of: fn(&PooledMetric) -> usize| of_point.iter().map(|p| of(p)).max().unwrap_or(0);
             most = most.max(lines(|p| p.held_out.lines + p.in_sample.lines));
-            in_sample.push(InSample {
+            in_sample.push(InSampleScores {
                 lines: lines(|p| p.in_sample.lines),
                 held_out: lines(|p| p.held_out.lines),
                 metrics: metrics.iter().map(|m| of(m).is_some_and(|p| p.is_in_sample())).collect(),
@@ -86,19 +86,20 @@ impl Scores {
 
     /// The lines of each row, as flight and line, that `warnings` of the table `name` marks.
     pub fn marked_lines<'w>(&self, name: &str, warnings: &'w [Warning]) -> Vec<BTreeSet<&'w (String, String)>> {
-        self.lines_with(name, warnings, Kind::spoils)
+        self.lines_with(name, warnings, WarningKind::spoils)
     }
 
     fn lines_with<'w>(
         &self,
         name: &str,
         warnings: &'w [Warning],
-        of: fn(Kind) -> bool,
+        of: fn(WarningKind) -> bool,
     ) -> Vec<BTreeSet<&'w (String, String)>> {
         let spoilt: Vec<&Warning> = warnings.iter().filter(|w| w.stage == name && of(w.kind)).collect();
-        let mut lines: HashMap<Vec<Word>, BTreeSet<&(String, String)>> = HashMap::new();
+        let mut lines: HashMap<Vec<AxisWord>, BTreeSet<&(String, String)>> = HashMap::new();
         for warning in &spoilt {
-            let point = self.axes.iter().map(|a| warning.point.get(a).map(Word::of_value)).collect::<Option<Vec<_>>>();
+            let point =
+                self.axes.iter().map(|a| warning.point.get(a).map(AxisWord::of_value)).collect::<Option<Vec<_>>>();
             if let Some(point) = point {
                 lines.entry(point).or_default().extend(&warning.line);
             }
@@ -107,9 +108,9 @@ impl Scores {
             matches!(spoilt.first()?.point.get(axis)?, Literal::Int(_) | Literal::Float(_)).then_some(())
         };
         let numbers: Vec<bool> = self.axes.iter().map(|a| number(a).is_some()).collect();
-        let word = |(text, number): (&String, &bool)| Word::of(text, *number);
+        let word = |(text, number): (&String, &bool)| AxisWord::from_text(text, *number);
         let marks = self.rows.iter().map(|(key, _)| {
-            let point: Vec<Word> = key.iter().zip(&numbers).map(word).collect();
+            let point: Vec<AxisWord> = key.iter().zip(&numbers).map(word).collect();
             lines.get(&point).cloned().unwrap_or_default()
         });
         marks.collect()
@@ -185,7 +186,7 @@ impl Scores {
 
     /// The lines that the rows are pooled over, in words.
     pub fn over(&self) -> String {
-        let counts = |of: fn(&InSample) -> usize| -> (usize, usize) {
+        let counts = |of: fn(&InSampleScores) -> usize| -> (usize, usize) {
             let all = self.in_sample.iter().map(of);
             (all.clone().min().unwrap_or(0), all.max().unwrap_or(0))
         };
@@ -232,49 +233,49 @@ impl Scores {
     }
 }
 
-/// A value of an axis in a form that all its spellings share: `0.0` and `0` are one number.
+/// Axis value in one form for all its spellings: `0.0` and `0` are one number.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-enum Word {
+enum AxisWord {
     Number(u64),
     Text(String),
 }
 
-impl Word {
+impl AxisWord {
     /// A value of an axis as another program writes it; of numbers or not.
-    fn of(text: &str, number: bool) -> Word {
+    fn from_text(text: &str, number: bool) -> AxisWord {
         match text.parse::<f64>() {
             // Minus nought is nought.
-            Ok(x) if number => Word::Number((x + 0.0).to_bits()),
-            _ => Word::Text(text.to_owned()),
+            Ok(x) if number => AxisWord::Number((x + 0.0).to_bits()),
+            _ => AxisWord::Text(text.to_owned()),
         }
     }
 
-    fn of_value(value: &Literal) -> Word {
-        Word::of(&value.to_string(), matches!(value, Literal::Int(_) | Literal::Float(_)))
+    fn of_value(value: &Literal) -> AxisWord {
+        AxisWord::from_text(&value.to_string(), matches!(value, Literal::Int(_) | Literal::Float(_)))
     }
 }
 
-/// The values of an axis, to be found by what another program made of them.
-pub struct Values {
+/// Values of an axis, indexed by their text as another program writes it.
+pub struct AxisValues {
     number: bool,
-    known: HashMap<Word, usize>,
+    known: HashMap<AxisWord, usize>,
 }
 
-impl Values {
+impl AxisValues {
     /// For the values of one axis.
-    pub fn new(values: &[Literal]) -> Values {
+    pub fn new(values: &[Literal]) -> AxisValues {
         let number = values.iter().all(|v| matches!(v, Literal::Int(_) | Literal::Float(_)));
-        Values { number, known: values.iter().enumerate().map(|(i, v)| (Word::of_value(v), i)).collect() }
+        AxisValues { number, known: values.iter().enumerate().map(|(i, v)| (AxisWord::of_value(v), i)).collect() }
     }
 
     /// The position of the value that `text` means.
     pub fn position(&self, text: &str) -> Option<usize> {
-        self.known.get(&Word::of(text, self.number)).copied()
+        self.known.get(&AxisWord::from_text(text, self.number)).copied()
     }
 }
 
 /// The scores of all tables of scores of `plan` that have a row, with the rows marked that `warnings` speaks of.
-pub fn all(plan: &Plan, pooled: &[Pooled], warnings: &[Warning]) -> Vec<(String, Scores)> {
+pub fn all(plan: &Plan, pooled: &[PooledMetric], warnings: &[Warning]) -> Vec<(String, Scores)> {
     let one = |t: usize| {
         let (mut found, _) = Scores::new(plan, t, pooled);
         let name = plan.table_name(t);
@@ -297,12 +298,12 @@ mod tests {
 
     #[test]
     fn unit_a_number_is_known_in_every_spelling() {
-        let numbers = Values::new(&[Literal::Float(0.0), Literal::Float(0.001), Literal::Float(0.025)]);
+        let numbers = AxisValues::new(&[Literal::Float(0.0), Literal::Float(0.001), Literal::Float(0.025)]);
         let found = ["0", "-0.0", "1e-3", "0.0250", "0.02", "none"].map(|text| numbers.position(text));
         assert_eq!(found, [Some(0), Some(0), Some(1), Some(2), None, None]);
-        let words = Values::new(&[Literal::Text("1".into()), Literal::Text("x+y".into())]);
+        let words = AxisValues::new(&[Literal::Text("1".into()), Literal::Text("x+y".into())]);
         assert_eq!(["1", "1.0", "x+y"].map(|text| words.position(text)), [Some(0), None, Some(1)]);
-        let truths = Values::new(&[Literal::Bool(true)]);
+        let truths = AxisValues::new(&[Literal::Bool(true)]);
         assert_eq!(truths.position("true"), Some(0));
     }
 }

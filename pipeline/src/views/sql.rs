@@ -24,14 +24,14 @@ use datafusion::error::DataFusionError;
 use schemas::Fault;
 
 use crate::deep;
-pub use session::Session;
-pub use tables::Pins;
+pub use session::SqlSession;
+pub use tables::VersionPins;
 
 /// Operators are evaluated on these threads, by recursion over expressions that may be nested deep.
 pub const WORKER_STACK: usize = 64 << 20;
 
-/// A question to a store.
-pub struct Question<'a> {
+/// Query of a store, with its memory limit.
+pub struct StoreQuery<'a> {
     /// The store's folder.
     pub store: &'a Path,
     /// The query.
@@ -42,8 +42,8 @@ pub struct Question<'a> {
     pub spill: PathBuf,
 }
 
-/// Whoever takes an answer, piece by piece.
-pub trait Sink: Send {
+/// Receiver of a query result, batch by batch.
+pub trait BatchSink: Send {
     /// Takes one piece more; all have this schema. Says whether more are wanted.
     ///
     /// # Errors
@@ -65,7 +65,7 @@ pub trait Sink: Send {
 /// # Errors
 /// Fails when the query is wrong, asks for a table that the store does not have, does anything but ask, or needs more
 /// memory than it may take.
-pub fn sql(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
+pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     deep::over(question.query, || ())?;
     deep::deep(|| {
         let runtime = tokio::runtime::Builder::new_multi_thread().thread_stack_size(WORKER_STACK).enable_all().build();
@@ -74,8 +74,8 @@ pub fn sql(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
     })?
 }
 
-async fn ask(question: &Question<'_>, sink: &mut dyn Sink) -> Result<(), Fault> {
-    let session = Session::new(question.store, question.memory, &question.spill)?;
+async fn ask(question: &StoreQuery<'_>, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+    let session = SqlSession::new(question.store, question.memory, &question.spill)?;
     let plan = session.plan(question.query).await?;
     let wrong = |e: DataFusionError| session.fault(&e, question.query);
     let schema: SchemaRef = Arc::new(plan.schema().as_arrow().clone());

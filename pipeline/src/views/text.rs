@@ -2,7 +2,7 @@
 
 use schemas::one_line;
 
-use crate::plan::Point;
+use crate::plan::SweepPoint;
 
 /// A number as it is read: four significant digits.
 pub fn number(x: Option<f64>) -> String {
@@ -17,7 +17,7 @@ pub fn number(x: Option<f64>) -> String {
 }
 
 /// The values of the axes at a point, separated by commas; empty without axes.
-pub fn point_words(point: &Point) -> String {
+pub fn point_words(point: &SweepPoint) -> String {
     point.iter().map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ")
 }
 

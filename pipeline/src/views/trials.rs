@@ -5,14 +5,14 @@ use schemas::Literal;
 use super::text::number;
 use crate::{
     plan::Plan,
-    spec::{Fate, Scored, best},
+    spec::{RungOutcome, SearchTrialScore, best},
 };
 
 /// Maximum number of trials without a goal that are listed by name.
 const NAMED: usize = 10;
 
 /// The best of `trials` and those without a goal; empty where the plan has no search.
-pub fn trials(plan: &Plan, trials: &[Scored]) -> String {
+pub fn trials(plan: &Plan, trials: &[SearchTrialScore]) -> String {
     let (Some(search), Ok(Some(goal))) = (&plan.spec.search, plan.goal()) else { return String::new() };
     let mut numbers: Vec<usize> = trials.iter().map(|t| t.row.trial).collect();
     numbers.dedup();
@@ -32,7 +32,7 @@ pub fn trials(plan: &Plan, trials: &[Scored]) -> String {
         );
     }
     let mut failed: Vec<usize> =
-        trials.iter().filter(|t| t.fate(search) == Fate::Failed).map(|t| t.row.trial).collect();
+        trials.iter().filter(|t| t.fate(search) == RungOutcome::Failed).map(|t| t.row.trial).collect();
     failed.dedup();
     if !failed.is_empty() {
         let named: Vec<String> = failed.iter().take(NAMED).map(usize::to_string).collect();

@@ -6,7 +6,7 @@ use schemas::Fault;
 
 use super::snapshots;
 use crate::{
-    plan::{Graph, Ref},
+    plan::{PlanGraph, TableRef},
     store::Store,
 };
 
@@ -14,7 +14,7 @@ use crate::{
 ///
 /// # Errors
 /// Fails when the plan has no such table.
-pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
+pub fn why(graph: &PlanGraph, store: &Store, table: &str) -> Result<String, Fault> {
     let plan = graph.plan;
     let t = plan.table(table)?;
     let units = graph.unit_count(t);
@@ -77,9 +77,9 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
 }
 
 /// Lines and maps whose bytes are others than before.
-fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
+fn sources(graph: &PlanGraph, t: usize, before: &super::Snapshot) -> Vec<String> {
     let plan = graph.plan;
-    let mut used: Vec<Ref> = plan.rests_on(t).into_iter().flat_map(|n| plan.tables[n].sources()).collect();
+    let mut used: Vec<TableRef> = plan.rests_on(t).into_iter().flat_map(|n| plan.tables[n].sources()).collect();
     used.sort();
     used.dedup();
     let mut reasons = vec![];
@@ -88,7 +88,7 @@ fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
         let empty = BTreeMap::new();
         let old = before.sources.iter().find(|s| s.name == name).map_or(&empty, |s| &s.lines);
         match r {
-            Ref::Flights(i) => {
+            TableRef::Flights(i) => {
                 for record in graph.records[i].values() {
                     let line = format!("{}/{}", record.flight, record.line);
                     match old.get(&line) {
@@ -100,10 +100,10 @@ fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
                     }
                 }
             }
-            Ref::Map(i) if old.get("map").is_some_and(|k| *k != graph.maps[i].to_string()) => {
+            TableRef::Map(i) if old.get("map").is_some_and(|k| *k != graph.maps[i].to_string()) => {
                 reasons.push(format!("{name}: the {} has changed", plan.maps[i].word()));
             }
-            Ref::Map(_) | Ref::Stage(..) => {}
+            TableRef::Map(_) | TableRef::Stage(..) => {}
         }
     }
     reasons

@@ -4,9 +4,9 @@ use std::{fmt, ops::Range};
 
 use crate::one_line;
 
-/// Who has to act on a fault.
+/// Party responsible for correcting a fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Owner {
+pub enum FaultOwner {
     /// The spec or an argument: the user mends it.
     #[default]
     Spec,
@@ -18,19 +18,19 @@ pub enum Owner {
     Bug,
 }
 
-impl Owner {
+impl FaultOwner {
     /// Whether the same work ends in the same fault again, on any machine and in any version.
     pub fn is_lasting(self) -> bool {
         match self {
-            Owner::Spec | Owner::Data => true,
-            Owner::Machine | Owner::Bug => false,
+            FaultOwner::Spec | FaultOwner::Data => true,
+            FaultOwner::Machine | FaultOwner::Bug => false,
         }
     }
 }
 
-/// Where in the data a fault lies. Every part is optional.
+/// Location of a fault in the data. Every part is optional.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Place {
+pub struct DataLocation {
     /// The file, as the user named it.
     pub file: Option<String>,
     /// The flight identifier.
@@ -43,7 +43,7 @@ pub struct Place {
     pub row: Option<u64>,
 }
 
-/// Something wrong, where it is, and what would mend it.
+/// Error with its location and remedy.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fault {
     /// Description of the fault: one sentence, lower case.
@@ -55,9 +55,9 @@ pub struct Fault {
     /// The parameter of the stage it concerns, which the planner turns into bytes of the spec.
     pub param: Option<String>,
     /// Where in the data.
-    pub place: Place,
+    pub place: DataLocation,
     /// Who has to act.
-    pub owner: Owner,
+    pub owner: FaultOwner,
 }
 
 impl Fault {
@@ -68,18 +68,18 @@ impl Fault {
 
     /// A fault of the data.
     pub fn data(what: impl Into<String>) -> Self {
-        Self { what: what.into(), owner: Owner::Data, ..Self::default() }
+        Self { what: what.into(), owner: FaultOwner::Data, ..Self::default() }
     }
 
     /// A fault of the machine, such as a full disk.
     pub fn machine(what: impl Into<String>) -> Self {
-        Self { what: what.into(), owner: Owner::Machine, ..Self::default() }
+        Self { what: what.into(), owner: FaultOwner::Machine, ..Self::default() }
     }
 
     /// An error in the program: what cannot be if it is right.
     pub fn bug(what: impl Into<String>) -> Self {
         let what = format!("{}: an error in magline", what.into());
-        Self { what, owner: Owner::Bug, ..Self::default() }.help("please report it, with the spec")
+        Self { what, owner: FaultOwner::Bug, ..Self::default() }.help("please report it, with the spec")
     }
 
     /// Says what to do next.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::{Args, Fault, Given, Lists, Literal, Rule, Section, Value};
+use crate::{ChoiceRegistry, Fault, Literal, ParamValue, Rule, SpecEntries, SpecEntry, SpecSection};
 
 /// A parameter as the reference shows it.
 #[derive(Clone, Debug)]
@@ -21,15 +21,15 @@ pub struct ParamDoc {
     pub rule: String,
     /// Effect of the parameter.
     pub doc: String,
-    /// The [kinds](crate::Kind) whose key it is; empty for a key of all.
+    /// The [kinds](crate::ChoiceKind) whose key it is; empty for a key of all.
     pub owners: Vec<&'static str>,
     /// The keys inside it, for a table or a list of tables.
     pub keys: Vec<ParamDoc>,
 }
 
 impl ParamDoc {
-    /// Its row in a table of the reference: key, type, unit, default, allowed values and meaning. `within` stands before
-    /// the key.
+    /// Its row in a table of the reference: key, type, unit, default, allowed values and meaning. `within` stands
+    /// before the key.
     pub fn row(&self, within: &str) -> String {
         let default = match (self.default.as_deref(), self.absent) {
             (Some(default), _) => format!("`{default}`"),
@@ -56,12 +56,12 @@ pub struct Param<'a, T> {
 
 /// A group of parameters, as [`params!`](crate::params!) declares it.
 pub trait Params: Sized {
-    /// Reads the group, with the values of `base` as defaults where one is given. `None` where something is wrong, which
-    /// is then among the reader's faults.
-    fn read(reader: &mut Reader, base: Option<&Self>) -> Option<Self>;
+    /// Reads the group, with the values of `base` as defaults where one is given. `None` where something is wrong,
+    /// which is then among the reader's faults.
+    fn read(reader: &mut ParamReader, base: Option<&Self>) -> Option<Self>;
 
     /// Its parameters, for the reference.
-    fn docs(lists: &Lists) -> Vec<ParamDoc>;
+    fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc>;
 
     /// Adds every parameter in its one spelling.
     fn spell(&self, out: &mut Vec<(&'static str, String)>);
@@ -73,25 +73,30 @@ pub trait Params: Sized {
     fn check(&self) -> Result<(), Fault>;
 }
 
-/// Reads the keys of one table, and keeps all that is wrong with them.
-pub struct Reader<'a> {
+/// Reader of the keys of one table; collects all their faults.
+pub struct ParamReader<'a> {
     /// Owner of the keys in messages: a stage, or a table.
     pub owner: &'a str,
-    /// The lists of [kinds](crate::Kind) that values are chosen from.
-    pub lists: &'a Lists,
-    args: &'a Args,
+    /// The lists of [kinds](crate::ChoiceKind) that values are chosen from.
+    pub lists: &'a ChoiceRegistry,
+    args: &'a SpecEntries,
     at: Option<Range<usize>>,
     faults: Vec<Fault>,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ParamReader<'a> {
     /// Reader of the keys `args` of a table at the bytes `at`.
-    pub fn new(owner: &'a str, args: &'a Args, at: Option<Range<usize>>, lists: &'a Lists) -> Reader<'a> {
-        Reader { owner, lists, args, at, faults: vec![] }
+    pub fn new(
+        owner: &'a str,
+        args: &'a SpecEntries,
+        at: Option<Range<usize>>,
+        lists: &'a ChoiceRegistry,
+    ) -> ParamReader<'a> {
+        ParamReader { owner, lists, args, at, faults: vec![] }
     }
 
     /// The key as it is given.
-    pub fn given(&self, name: &str) -> Option<&'a Given> {
+    pub fn given(&self, name: &str) -> Option<&'a SpecEntry> {
         self.args.get(name)
     }
 
@@ -111,7 +116,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The fault of a value of another type.
-    pub fn wrong_type(&mut self, name: &str, wanted: &str, given: &Given) {
+    pub fn wrong_type(&mut self, name: &str, wanted: &str, given: &SpecEntry) {
         let article = if wanted.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
         let found = match &given.value {
             Literal::Int(_) | Literal::Float(_) => given.value.to_string(),
@@ -122,12 +127,12 @@ impl<'a> Reader<'a> {
     }
 
     /// The fault of a word that is not among `known`.
-    pub fn wrong_word(&mut self, name: &str, word: &str, known: &[&str], given: &Given) {
+    pub fn wrong_word(&mut self, name: &str, word: &str, known: &[&str], given: &SpecEntry) {
         self.faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, known).at(given.at.clone()));
     }
 
     /// Reads a value that brings no keys of its own.
-    pub fn plain<T: Value>(&mut self, param: Param<T>) -> Option<T> {
+    pub fn plain<T: ParamValue>(&mut self, param: Param<T>) -> Option<T> {
         let Param { name, rule, doc, absent } = param;
         let Some(given) = self.given(name) else {
             if absent.is_none() {
@@ -165,8 +170,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Reads all keys of the table as a group, with the values of `base` as defaults where one is given: the group, where
-    /// its own keys are right, and all that is wrong, unknown keys too.
+    /// Reads all keys of the table as a group, with the values of `base` as defaults where one is given: the group,
+    /// where its own keys are right, and all that is wrong, unknown keys too.
     pub fn group<T: Params>(mut self, base: Option<&T>) -> (Option<T>, Vec<Fault>) {
         let group = T::read(&mut self, base);
         let known: Vec<&str> = T::docs(self.lists).iter().map(|doc| doc.name).collect();
@@ -175,30 +180,30 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads a table inside this one as a group.
-    fn inside<T: Params>(&mut self, name: &str, section: &Section, base: Option<&T>) -> Option<T> {
+    fn inside<T: Params>(&mut self, name: &str, section: &SpecSection, base: Option<&T>) -> Option<T> {
         let at = Some(section.at.clone()).filter(|at| !at.is_empty()).or(self.at.clone());
-        let (group, faults) = Reader::new(name, &section.keys, at, self.lists).group(base);
+        let (group, faults) = ParamReader::new(name, &section.keys, at, self.lists).group(base);
         let fine = faults.is_empty();
         self.faults.extend(faults);
         group.filter(|_| fine)
     }
 }
 
-/// A group in a table of its own; one that is left out is a table without keys.
+/// Group of parameters in a nested table; an absent table equals a table without keys.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Nested<T>(pub T);
+pub struct NestedParams<T>(pub T);
 
-/// Groups in a list of tables.
+/// Groups of parameters in a list of tables.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sections<T>(pub Vec<T>);
+pub struct ParamsList<T>(pub Vec<T>);
 
-impl<T> From<T> for Nested<T> {
+impl<T> From<T> for NestedParams<T> {
     fn from(group: T) -> Self {
         Self(group)
     }
 }
 
-impl<T> From<Vec<T>> for Sections<T> {
+impl<T> From<Vec<T>> for ParamsList<T> {
     fn from(groups: Vec<T>) -> Self {
         Self(groups)
     }
@@ -210,7 +215,7 @@ fn spelt<T: Params>(group: &T) -> String {
     format!("{{{}}}", pairs.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>().join(","))
 }
 
-impl<T: Params> Value for Nested<T> {
+impl<T: Params> ParamValue for NestedParams<T> {
     const TYPE: &'static str = "table";
 
     fn read(_: &Literal) -> Option<Self> {
@@ -225,12 +230,12 @@ impl<T: Params> Value for Nested<T> {
         spelt(&self.0)
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         let base = param.absent.as_ref().map(|nested| &nested.0);
         match reader.given(param.name) {
-            None => reader.inside(param.name, &Section::default(), base).map(Nested),
-            Some(Given { value: Literal::Section(section), .. }) => {
-                reader.inside(param.name, section, base).map(Nested)
+            None => reader.inside(param.name, &SpecSection::default(), base).map(NestedParams),
+            Some(SpecEntry { value: Literal::Section(section), .. }) => {
+                reader.inside(param.name, section, base).map(NestedParams)
             }
             Some(given) => {
                 reader.wrong_type(param.name, Self::TYPE, given);
@@ -239,13 +244,13 @@ impl<T: Params> Value for Nested<T> {
         }
     }
 
-    fn document(doc: ParamDoc, lists: &Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, lists: &ChoiceRegistry) -> Vec<ParamDoc> {
         let absent = doc.absent.filter(|text| !text.is_empty()).or(Some("a table without keys"));
         vec![ParamDoc { keys: T::docs(lists), default: None, absent, ..doc }]
     }
 }
 
-impl<T: Params> Value for Sections<T> {
+impl<T: Params> ParamValue for ParamsList<T> {
     const TYPE: &'static str = "list of tables";
 
     fn read(_: &Literal) -> Option<Self> {
@@ -260,7 +265,7 @@ impl<T: Params> Value for Sections<T> {
         format!("[{}]", self.0.iter().map(spelt).collect::<Vec<_>>().join(","))
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         let Some(given) = reader.given(param.name) else {
             if param.absent.is_none() {
                 reader.missing(param.name, param.doc);
@@ -281,10 +286,10 @@ impl<T: Params> Value for Sections<T> {
                 }
             }
         }
-        groups.into_iter().collect::<Option<Vec<T>>>().map(Sections)
+        groups.into_iter().collect::<Option<Vec<T>>>().map(ParamsList)
     }
 
-    fn document(doc: ParamDoc, lists: &Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, lists: &ChoiceRegistry) -> Vec<ParamDoc> {
         vec![ParamDoc { keys: T::docs(lists), ..doc }]
     }
 }
@@ -307,13 +312,13 @@ pub fn collect_doc(lines: &[&str]) -> String {
 
 /// Words that a type permits without a rule.
 #[doc(hidden)]
-pub fn words_rule<T: Value>() -> Rule {
+pub fn words_rule<T: ParamValue>() -> Rule {
     if T::WORDS.is_empty() { Rule::Any } else { Rule::OneOf(T::WORDS) }
 }
 
 /// Whether the value of the parameter `name` obeys its rule.
 #[doc(hidden)]
-pub fn obeys<T: Value>(value: &T, name: &str, rule: Rule) -> Result<(), Fault> {
+pub fn obeys<T: ParamValue>(value: &T, name: &str, rule: Rule) -> Result<(), Fault> {
     value.check(&rule).map_err(|fault| Fault { what: format!("`{name}` {}", fault.what), ..fault }.of_param(name))
 }
 
@@ -334,7 +339,7 @@ pub const fn no_text(_default: &str) -> Option<&'static str> {
 /// (`absent`). With `all default;` every parameter has a default, and the group is [`Default`].
 ///
 /// ```
-/// use params::{Args, Lists, Params, Reader, Rule, params};
+/// use params::{SpecEntries, ChoiceRegistry, Params, ParamReader, Rule, params};
 /// params! {
 ///     /// A Butterworth filter.
 ///     pub struct Band;
@@ -343,8 +348,8 @@ pub const fn no_text(_default: &str) -> Option<&'static str> {
 ///     /// The order of the prototype.
 ///     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 /// }
-/// let (args, lists) = (Args::new(), Lists::default());
-/// let band = Band::read(&mut Reader::new("bandpass", &args, None, &lists), None);
+/// let (args, lists) = (SpecEntries::new(), ChoiceRegistry::default());
+/// let band = Band::read(&mut ParamReader::new("bandpass", &args, None, &lists), None);
 /// assert_eq!(band.map(|b| (b.low_hz, b.order)), Some((0.1, 4)));
 /// ```
 #[macro_export]
@@ -385,40 +390,40 @@ macro_rules! params {
         }
 
         impl $crate::Params for $Ty {
-            fn read(reader: &mut $crate::Reader, base: Option<&Self>) -> Option<Self> {
+            fn read(reader: &mut $crate::ParamReader, base: Option<&Self>) -> Option<Self> {
                 let _ = (&reader, base);
                 $(
                     let $p: Option<$pt> = {
                         let left_out = || {
-                            $crate::first([$(Some(<$pt>::from($def)),)? <$pt as $crate::Value>::absent()]).flatten()
+                            $crate::first([$(Some(<$pt>::from($def)),)? <$pt as $crate::ParamValue>::absent()]).flatten()
                         };
                         let absent = base.map(|base| base.$p.clone()).or_else(left_out);
                         let rule = $crate::first([$($rule,)? $crate::Rule::Any]).unwrap_or($crate::Rule::Any);
                         let param = $crate::Param { name: stringify!($p), rule, doc: &[$($pd),*], absent };
-                        <$pt as $crate::Value>::obtain(reader, param)
+                        <$pt as $crate::ParamValue>::obtain(reader, param)
                     };
                 )*
                 $($( let $g = <$gt as $crate::Params>::read(reader, base.map(|base| &base.$g)); )*)?
                 Some($Ty { $( $p: $p?, )* $($( $g: $g?, )*)? })
             }
 
-            fn docs(lists: &$crate::Lists) -> Vec<$crate::ParamDoc> {
+            fn docs(lists: &$crate::ChoiceRegistry) -> Vec<$crate::ParamDoc> {
                 #[allow(unused_mut)]
                 let mut docs: Vec<$crate::ParamDoc> = vec![];
                 let _ = lists;
-                $( docs.extend(<$pt as $crate::Value>::document($crate::ParamDoc {
+                $( docs.extend(<$pt as $crate::ParamValue>::document($crate::ParamDoc {
                     name: stringify!($p),
-                    type_name: <$pt as $crate::Value>::TYPE,
+                    type_name: <$pt as $crate::ParamValue>::TYPE,
                     unit: $unit,
                     default: {
                         let default: Option<$pt> = $crate::first([$(Some(<$pt>::from($def)),)? None]).flatten();
                         let said: Option<&str> = $crate::first([$(Some($absent),)? None]).flatten();
-                        default.as_ref().filter(|_| said.is_none()).map($crate::Value::canonical)
+                        default.as_ref().filter(|_| said.is_none()).map($crate::ParamValue::canonical)
                     },
                     absent: $crate::first([
                         $(Some($absent),)?
                         $($crate::no_text(stringify!($def)),)?
-                        <$pt as $crate::Value>::absent().map(|_: $pt| ""),
+                        <$pt as $crate::ParamValue>::absent().map(|_: $pt| ""),
                     ]).flatten(),
                     rule: $crate::first([$($rule,)? $crate::words_rule::<$pt>()])
                         .map(|rule| rule.words())
@@ -442,7 +447,7 @@ macro_rules! params {
 
             fn spell(&self, out: &mut Vec<(&'static str, String)>) {
                 let _ = &out;
-                $( $crate::Value::spell(&self.$p, stringify!($p), out); )*
+                $( $crate::ParamValue::spell(&self.$p, stringify!($p), out); )*
                 $($( $crate::Params::spell(&self.$g, out); )*)?
             }
         }
@@ -484,14 +489,14 @@ mod tests {
         /// A document.
         pub struct Root;
         /// The INS.
-        ins: Nested<Ins>, unit "";
+        ins: NestedParams<Ins>, unit "";
         /// The lines.
-        lines: Sections<Errors>, unit "", default Vec::<Errors>::new();
+        lines: ParamsList<Errors>, unit "", default Vec::<Errors>::new();
     }
 
     fn read(text: &str) -> Result<Root, Vec<Fault>> {
-        let (document, lists) = (Section::document(text)?, Lists::default());
-        let mut reader = Reader::new("spec", &document.keys, None, &lists);
+        let (document, lists) = (SpecSection::document(text)?, ChoiceRegistry::default());
+        let mut reader = ParamReader::new("spec", &document.keys, None, &lists);
         let root = Root::read(&mut reader, None);
         reader.unknown_keys(&["ins", "lines"], &[]);
         let faults = reader.into_faults();
@@ -525,15 +530,15 @@ mod tests {
 
     #[test]
     fn unit_a_base_takes_the_place_of_the_defaults() {
-        let (args, lists) = (Args::new(), Lists::default());
+        let (args, lists) = (SpecEntries::new(), ChoiceRegistry::default());
         let base = Errors { bias_m: 7.0, heading_deg: Some(1.0) };
-        let read = Errors::read(&mut Reader::new("ins", &args, None, &lists), Some(&base));
+        let read = Errors::read(&mut ParamReader::new("ins", &args, None, &lists), Some(&base));
         assert_eq!(read, Some(base));
     }
 
     #[test]
     fn unit_the_reference_shows_defaults_once_and_groups_in_place() {
-        let docs = Ins::docs(&Lists::default());
+        let docs = Ins::docs(&ChoiceRegistry::default());
         assert_eq!(docs.iter().map(|d| d.name).collect::<Vec<_>>(), ["grade", "bias_m", "heading_deg"]);
         assert_eq!(docs[1].default.as_deref(), Some("3.0"));
         assert_eq!((docs[2].default.as_deref(), docs[2].absent), (None, Some("that of the tilt")));

@@ -2,11 +2,11 @@
 
 use std::{any::Any, fmt, sync::Arc};
 
-use crate::{Fault, Literal, Param, ParamDoc, Params, Reader, Rule, Value};
+use crate::{Fault, Literal, Param, ParamDoc, ParamReader, ParamValue, Params, Rule};
 
 /// One of several choices that a key selects by name, with keys that belong to it. These keys are in the same table as
 /// the key that selects it. A key of another choice is rejected, or has no effect where the choice comes from an axis.
-pub trait Kind: Send + Sync + 'static {
+pub trait ChoiceKind: Send + Sync + 'static {
     /// The selected choice, with its keys.
     type Keys: ?Sized + Send + Sync + 'static;
 
@@ -30,51 +30,51 @@ pub trait Kind: Send + Sync + 'static {
     }
 
     /// Reads its own keys. `None` where one is wrong, which is then among the reader's faults.
-    fn read(&self, reader: &mut Reader) -> Option<Own<Self::Keys>>;
+    fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<Self::Keys>>;
 }
 
 /// A kind in a key: its name, and its version beyond the first.
-fn spelt<K: Kind>(kind: &K) -> String {
+fn spelt<K: ChoiceKind>(kind: &K) -> String {
     match kind.version() {
         1 => format!("{:?}", kind.name()),
         version => format!("{:?} version {version}", kind.name()),
     }
 }
 
-/// The keys of a chosen one.
-pub struct Own<T: ?Sized> {
+/// Keys of a choice.
+pub struct ChoiceKeys<T: ?Sized> {
     /// Keys in the form that the choice uses.
     pub keys: Arc<T>,
     /// In their one spelling.
     pub spelt: Vec<(&'static str, String)>,
 }
 
-impl<T: ?Sized> Own<T> {
+impl<T: ?Sized> ChoiceKeys<T> {
     /// Reads the group `P` of keys, which `keys` makes a `T` of.
-    pub fn of<P: Params>(reader: &mut Reader, keys: fn(P) -> Arc<T>) -> Option<Own<T>> {
+    pub fn read<P: Params>(reader: &mut ParamReader, keys: fn(P) -> Arc<T>) -> Option<ChoiceKeys<T>> {
         let (group, mut spelt) = (P::read(reader, None)?, vec![]);
         group.spell(&mut spelt);
-        Some(Own { keys: keys(group), spelt })
+        Some(ChoiceKeys { keys: keys(group), spelt })
     }
 }
 
-/// All that can be chosen, with the keys of each.
-pub struct Kinds<K: 'static> {
+/// All choices of a list, with the keys of each.
+pub struct ChoiceList<K: 'static> {
     all: Vec<&'static K>,
     names: Vec<&'static str>,
     keys: Vec<Vec<&'static str>>,
 }
 
-impl<K: Kind> Kinds<K> {
+impl<K: ChoiceKind> ChoiceList<K> {
     /// Kinds from a list.
-    pub fn new(all: Vec<&'static K>) -> Kinds<K> {
+    pub fn new(all: Vec<&'static K>) -> ChoiceList<K> {
         let names = all.iter().map(|kind| kind.name()).collect();
         let own = |kind: &&K| kind.docs().iter().map(|d| d.name).chain(kind.takes().iter().copied()).collect();
-        Kinds { names, keys: all.iter().map(own).collect(), all }
+        ChoiceList { names, keys: all.iter().map(own).collect(), all }
     }
 
     /// The list that the key `name` chooses from.
-    fn of(reader: &mut Reader, name: &str) -> Option<Arc<Kinds<K>>> {
+    fn from_reader(reader: &mut ParamReader, name: &str) -> Option<Arc<ChoiceList<K>>> {
         let kinds = reader.lists.get();
         if kinds.is_none() {
             reader.push(Fault::bug(format!("`{name}` of `{}` has no list", reader.owner)));
@@ -118,34 +118,34 @@ impl<K: Kind> Kinds<K> {
     }
 }
 
-/// The lists that a catalogue chooses from, each by its type.
+/// Lists of choices of a catalogue, each identified by its type.
 #[derive(Clone, Default)]
-pub struct Lists(Vec<Arc<dyn Any + Send + Sync>>);
+pub struct ChoiceRegistry(Vec<Arc<dyn Any + Send + Sync>>);
 
-impl Lists {
+impl ChoiceRegistry {
     /// With a list more.
-    pub fn with<K: Kind>(mut self, all: Vec<&'static K>) -> Lists {
-        self.0.push(Arc::new(Kinds::new(all)));
+    pub fn with<K: ChoiceKind>(mut self, all: Vec<&'static K>) -> ChoiceRegistry {
+        self.0.push(Arc::new(ChoiceList::new(all)));
         self
     }
 
     /// The list of a type.
-    pub fn get<K: Kind>(&self) -> Option<Arc<Kinds<K>>> {
-        self.0.iter().find_map(|list| list.clone().downcast::<Kinds<K>>().ok())
+    pub fn get<K: ChoiceKind>(&self) -> Option<Arc<ChoiceList<K>>> {
+        self.0.iter().find_map(|list| list.clone().downcast::<ChoiceList<K>>().ok())
     }
 }
 
-/// The one that was chosen, with its keys.
-pub struct Chosen<K: Kind> {
+/// Selected choice, with its keys.
+pub struct ChoiceSelection<K: ChoiceKind> {
     /// Its declaration.
     pub kind: &'static K,
     /// Its keys.
     pub keys: Arc<K::Keys>,
     spelt: Vec<(&'static str, String)>,
-    kinds: Arc<Kinds<K>>,
+    kinds: Arc<ChoiceList<K>>,
 }
 
-impl<K: Kind> Chosen<K> {
+impl<K: ChoiceKind> ChoiceSelection<K> {
     /// Why `key` has no say with the one that was chosen: it belongs to others. `None` where it has.
     pub fn foreign(&self, key: &str) -> Option<Fault> {
         self.kinds.foreign(self.kind, key)
@@ -157,25 +157,25 @@ impl<K: Kind> Chosen<K> {
     }
 }
 
-impl<K: Kind> Clone for Chosen<K> {
+impl<K: ChoiceKind> Clone for ChoiceSelection<K> {
     fn clone(&self) -> Self {
         Self { kind: self.kind, keys: self.keys.clone(), spelt: self.spelt.clone(), kinds: self.kinds.clone() }
     }
 }
 
-impl<K: Kind> fmt::Debug for Chosen<K> {
+impl<K: ChoiceKind> fmt::Debug for ChoiceSelection<K> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{} {:?}", self.kind.name(), self.spelt)
     }
 }
 
-impl<K: Kind> PartialEq for Chosen<K> {
+impl<K: ChoiceKind> PartialEq for ChoiceSelection<K> {
     fn eq(&self, other: &Self) -> bool {
         (self.kind.name(), &self.spelt) == (other.kind.name(), &other.spelt)
     }
 }
 
-impl<K: Kind> Value for Chosen<K> {
+impl<K: ChoiceKind> ParamValue for ChoiceSelection<K> {
     const TYPE: &'static str = "text";
 
     fn read(_: &Literal) -> Option<Self> {
@@ -190,8 +190,8 @@ impl<K: Kind> Value for Chosen<K> {
         spelt(self.kind)
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
-        let kinds = Kinds::<K>::of(reader, param.name)?;
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
+        let kinds = ChoiceList::<K>::from_reader(reader, param.name)?;
         let name = match (reader.given(param.name), K::DEFAULT) {
             (None, Some(default)) => default,
             (None, None) => {
@@ -215,10 +215,10 @@ impl<K: Kind> Value for Chosen<K> {
             return None;
         };
         let own = kind.read(reader)?;
-        Some(Chosen { kind, keys: own.keys, spelt: own.spelt, kinds })
+        Some(ChoiceSelection { kind, keys: own.keys, spelt: own.spelt, kinds })
     }
 
-    fn document(doc: ParamDoc, lists: &crate::Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, lists: &crate::ChoiceRegistry) -> Vec<ParamDoc> {
         let Some(kinds) = lists.get::<K>() else { return vec![doc] };
         let rule = kinds.words();
         let default = K::DEFAULT.map(|name| format!("{name:?}"));
@@ -237,16 +237,16 @@ impl<K: Kind> Value for Chosen<K> {
     }
 }
 
-/// Several of a list, by their names, without keys of their own; all where they are left out.
-pub struct Several<K: Kind> {
+/// Subset of a list of choices, by name and without keys; all choices where unset.
+pub struct ChoiceSubset<K: ChoiceKind> {
     named: Option<Vec<&'static K>>,
-    kinds: Arc<Kinds<K>>,
+    kinds: Arc<ChoiceList<K>>,
 }
 
-impl<K: Kind> Several<K> {
+impl<K: ChoiceKind> ChoiceSubset<K> {
     /// Selection from a list: all, or those that are `named`.
-    pub fn new(kinds: Arc<Kinds<K>>, named: Option<Vec<&'static K>>) -> Several<K> {
-        Several { named, kinds }
+    pub fn new(kinds: Arc<ChoiceList<K>>, named: Option<Vec<&'static K>>) -> ChoiceSubset<K> {
+        ChoiceSubset { named, kinds }
     }
 
     /// Those that are wanted, in the order of the list.
@@ -268,25 +268,25 @@ impl<K: Kind> Several<K> {
     }
 }
 
-impl<K: Kind> Clone for Several<K> {
+impl<K: ChoiceKind> Clone for ChoiceSubset<K> {
     fn clone(&self) -> Self {
         Self { named: self.named.clone(), kinds: self.kinds.clone() }
     }
 }
 
-impl<K: Kind> fmt::Debug for Several<K> {
+impl<K: ChoiceKind> fmt::Debug for ChoiceSubset<K> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(&self.canonical())
     }
 }
 
-impl<K: Kind> PartialEq for Several<K> {
+impl<K: ChoiceKind> PartialEq for ChoiceSubset<K> {
     fn eq(&self, other: &Self) -> bool {
         self.canonical() == other.canonical()
     }
 }
 
-impl<K: Kind> Value for Several<K> {
+impl<K: ChoiceKind> ParamValue for ChoiceSubset<K> {
     const TYPE: &'static str = "list";
 
     fn read(_: &Literal) -> Option<Self> {
@@ -303,9 +303,9 @@ impl<K: Kind> Value for Several<K> {
         format!("[{}]", all.iter().map(|kind| spelt(*kind)).collect::<Vec<_>>().join(","))
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
-        let kinds = Kinds::<K>::of(reader, param.name)?;
-        let Some(given) = reader.given(param.name) else { return Some(Several { named: None, kinds }) };
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
+        let kinds = ChoiceList::<K>::from_reader(reader, param.name)?;
+        let Some(given) = reader.given(param.name) else { return Some(ChoiceSubset { named: None, kinds }) };
         let Some(words) = Vec::<String>::read(&given.value) else {
             reader.wrong_type(param.name, Self::TYPE, given);
             return None;
@@ -318,10 +318,10 @@ impl<K: Kind> Value for Several<K> {
             found
         };
         let named: Vec<Option<&'static K>> = words.iter().map(find).collect();
-        Some(Several { named: Some(named.into_iter().collect::<Option<_>>()?), kinds })
+        Some(ChoiceSubset { named: Some(named.into_iter().collect::<Option<_>>()?), kinds })
     }
 
-    fn document(doc: ParamDoc, lists: &crate::Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, lists: &crate::ChoiceRegistry) -> Vec<ParamDoc> {
         let Some(kinds) = lists.get::<K>() else { return vec![doc] };
         vec![ParamDoc { rule: kinds.words(), ..doc }]
     }
@@ -330,7 +330,7 @@ impl<K: Kind> Value for Several<K> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Args, Given, params};
+    use crate::{SpecEntries, SpecEntry, params};
 
     params! {
         /// Fits.
@@ -341,7 +341,7 @@ mod tests {
 
     struct Curve(&'static str);
 
-    impl Kind for Curve {
+    impl ChoiceKind for Curve {
         type Keys = dyn Any + Send + Sync;
         const DEFAULT: Option<&'static str> = Some("straight");
 
@@ -354,14 +354,14 @@ mod tests {
         }
 
         fn docs(&self) -> Vec<ParamDoc> {
-            if self.0 == "straight" { Straight::docs(&Lists::default()) } else { vec![] }
+            if self.0 == "straight" { Straight::docs(&ChoiceRegistry::default()) } else { vec![] }
         }
 
-        fn read(&self, reader: &mut Reader) -> Option<Own<Self::Keys>> {
+        fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<Self::Keys>> {
             if self.0 != "straight" {
-                return Some(Own { keys: Arc::new(()), spelt: vec![] });
+                return Some(ChoiceKeys { keys: Arc::new(()), spelt: vec![] });
             }
-            Own::of::<Straight>(reader, |keys| Arc::new(keys))
+            ChoiceKeys::read::<Straight>(reader, |keys| Arc::new(keys))
         }
     }
 
@@ -369,18 +369,18 @@ mod tests {
         /// A stage.
         struct Stage;
         /// The curve.
-        curve: Chosen<Curve>, unit "";
+        curve: ChoiceSelection<Curve>, unit "";
         /// More curves.
-        curves: Several<Curve>, unit "", absent "all";
+        curves: ChoiceSubset<Curve>, unit "", absent "all";
     }
 
     fn read(given: &[(&str, Literal)]) -> Result<Stage, Vec<Fault>> {
-        let lists = Lists::default().with(vec![&Curve("straight"), &Curve("flat")]);
+        let lists = ChoiceRegistry::default().with(vec![&Curve("straight"), &Curve("flat")]);
         let one = |(key, value): &(&str, Literal)| {
-            ((*key).to_owned(), Given { value: value.clone(), key_at: 0..0, at: 0..0 })
+            ((*key).to_owned(), SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 })
         };
-        let args: Args = given.iter().map(one).collect();
-        let mut reader = Reader::new("stage", &args, None, &lists);
+        let args: SpecEntries = given.iter().map(one).collect();
+        let mut reader = ParamReader::new("stage", &args, None, &lists);
         let stage = Stage::read(&mut reader, None);
         let known: Vec<&str> = Stage::docs(&lists).iter().map(|d| d.name).collect();
         reader.unknown_keys(&known, &[]);

@@ -83,7 +83,8 @@ pub fn check_path(path: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks that a path below `root` has no link in it, so that what it names lies in `root`. Parts that do not exist pass.
+/// Checks that a path below `root` has no link in it, so that what it names lies in `root`. Parts that do not exist
+/// pass.
 ///
 /// # Errors
 /// Fails for a path that is not below `root`, for a link, and where the file system refuses.

@@ -9,9 +9,9 @@ use toml::{
 
 use crate::{Fault, Literal};
 
-/// One key as the spec gives it, with where it stands.
+/// Value of one key of the spec, with the positions of both.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
+pub struct SpecEntry {
     /// Its value.
     pub value: Literal,
     /// The bytes of the key.
@@ -20,47 +20,47 @@ pub struct Given {
     pub at: Range<usize>,
 }
 
-/// Keys as the spec gives them.
-pub type Args = BTreeMap<String, Given>;
+/// Keys of a table of the spec, with their values.
+pub type SpecEntries = BTreeMap<String, SpecEntry>;
 
 /// A table of a spec.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Section {
+pub struct SpecSection {
     /// Its keys.
-    pub keys: Args,
+    pub keys: SpecEntries,
     /// The bytes of the table.
     pub at: Range<usize>,
 }
 
-impl Section {
+impl SpecSection {
     /// A whole document.
     ///
     /// # Errors
     /// Text that is not TOML, and values that cannot stand in a spec, each with its position.
-    pub fn document(text: &str) -> Result<Section, Vec<Fault>> {
+    pub fn document(text: &str) -> Result<SpecSection, Vec<Fault>> {
         let root = DeTable::parse(text).map_err(|e| {
             let fault = Fault::new(e.message());
             vec![e.span().into_iter().fold(fault, Fault::at)]
         })?;
-        Section::of(root.get_ref(), root.span())
+        SpecSection::from_table(root.get_ref(), root.span())
     }
 
     /// A parsed table.
     ///
     /// # Errors
     /// Values that cannot stand in a spec, each with its position.
-    pub fn of(table: &DeTable, at: Range<usize>) -> Result<Section, Vec<Fault>> {
-        let (mut keys, mut faults) = (Args::new(), vec![]);
+    pub fn from_table(table: &DeTable, at: Range<usize>) -> Result<SpecSection, Vec<Fault>> {
+        let (mut keys, mut faults) = (SpecEntries::new(), vec![]);
         for (key, value) in table {
             match literal(value) {
                 Ok(read) => {
-                    let given = Given { value: read, key_at: key.span(), at: value.span() };
+                    let given = SpecEntry { value: read, key_at: key.span(), at: value.span() };
                     keys.insert(key.get_ref().to_string(), given);
                 }
                 Err(more) => faults.extend(more),
             }
         }
-        if faults.is_empty() { Ok(Section { keys, at }) } else { Err(faults) }
+        if faults.is_empty() { Ok(SpecSection { keys, at }) } else { Err(faults) }
     }
 }
 
@@ -86,7 +86,7 @@ pub fn literal(value: &Spanned<DeValue>) -> Result<Literal, Vec<Fault>> {
             if faults.is_empty() { Ok(Literal::List(read)) } else { Err(faults) }
         }
         DeValue::Datetime(_) => Err(wrong("a date cannot stand here; write it as text".to_owned())),
-        DeValue::Table(table) => Section::of(table, value.span()).map(Literal::Section),
+        DeValue::Table(table) => SpecSection::from_table(table, value.span()).map(Literal::Section),
     }
 }
 
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn unit_every_value_keeps_its_position() {
         let text = "a = 1\n[ins]\ngrade = \"tactical\"\n[[flights]]\nname = \"1\"\n";
-        let root = Section::document(text).unwrap();
+        let root = SpecSection::document(text).unwrap();
         let Literal::Section(ins) = &root.keys["ins"].value else { panic!("{root:?}") };
         assert_eq!(&text[ins.keys["grade"].at.clone()], "\"tactical\"");
         let Literal::List(flights) = &root.keys["flights"].value else { panic!("{root:?}") };
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn unit_all_that_cannot_stand_is_said_at_once() {
-        let faults = Section::document("a = nan\nb = [1, 99999999999999999999]\nc = 2020-01-01\n").unwrap_err();
+        let faults = SpecSection::document("a = nan\nb = [1, 99999999999999999999]\nc = 2020-01-01\n").unwrap_err();
         assert_eq!(faults.len(), 3, "{faults:?}");
         assert!(faults.iter().all(|f| f.at.is_some()));
     }

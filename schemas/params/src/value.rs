@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use crate::{Fault, Lists, Param, ParamDoc, Reader, Section};
+use crate::{ChoiceRegistry, Fault, Param, ParamDoc, ParamReader, SpecSection};
 
 /// A value as the spec gives it, with its type.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub enum Literal {
     /// A list of values.
     List(Vec<Literal>),
     /// A table.
-    Section(Section),
+    Section(SpecSection),
 }
 
 impl Literal {
@@ -109,8 +109,8 @@ impl Rule {
     }
 }
 
-/// A type that a parameter may have.
-pub trait Value: Sized {
+/// Permitted type of a parameter.
+pub trait ParamValue: Sized {
     /// The word for the type, as the reference shows it.
     const TYPE: &'static str;
 
@@ -141,12 +141,12 @@ pub trait Value: Sized {
 
     /// Reads the parameter `param` of the group at hand. `None` where it is wrong or missing, which is then among the
     /// reader's faults.
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         reader.plain(param)
     }
 
     /// Documentation in the reference: one entry, unless the value has keys of its own.
-    fn document(doc: ParamDoc, _lists: &Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, _lists: &ChoiceRegistry) -> Vec<ParamDoc> {
         vec![doc]
     }
 
@@ -156,7 +156,7 @@ pub trait Value: Sized {
     }
 }
 
-impl Value for f64 {
+impl ParamValue for f64 {
     const TYPE: &'static str = "number";
 
     fn read(literal: &Literal) -> Option<f64> {
@@ -178,38 +178,38 @@ impl Value for f64 {
     }
 }
 
-/// A number, or `"auto"`: what is found from the data.
+/// Number, or `"auto"` for an estimate from the data.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum OrAuto {
+pub enum NumberOrAuto {
     /// Found from the data.
     Auto,
     /// This number.
     Given(f64),
 }
 
-impl OrAuto {
+impl NumberOrAuto {
     /// The number, where one is given.
     pub fn given(self) -> Option<f64> {
         match self {
-            OrAuto::Auto => None,
-            OrAuto::Given(x) => Some(x),
+            NumberOrAuto::Auto => None,
+            NumberOrAuto::Given(x) => Some(x),
         }
     }
 }
 
-impl From<f64> for OrAuto {
-    fn from(x: f64) -> OrAuto {
-        OrAuto::Given(x)
+impl From<f64> for NumberOrAuto {
+    fn from(x: f64) -> NumberOrAuto {
+        NumberOrAuto::Given(x)
     }
 }
 
-impl Value for OrAuto {
+impl ParamValue for NumberOrAuto {
     const TYPE: &'static str = "number or `auto`";
 
-    fn read(literal: &Literal) -> Option<OrAuto> {
+    fn read(literal: &Literal) -> Option<NumberOrAuto> {
         match literal {
-            Literal::Text(word) => (word == "auto").then_some(OrAuto::Auto),
-            number => f64::read(number).map(OrAuto::Given),
+            Literal::Text(word) => (word == "auto").then_some(NumberOrAuto::Auto),
+            number => f64::read(number).map(NumberOrAuto::Given),
         }
     }
 
@@ -222,7 +222,7 @@ impl Value for OrAuto {
     }
 }
 
-impl Value for usize {
+impl ParamValue for usize {
     const TYPE: &'static str = "whole number";
 
     fn read(literal: &Literal) -> Option<usize> {
@@ -238,7 +238,7 @@ impl Value for usize {
     }
 }
 
-impl Value for u16 {
+impl ParamValue for u16 {
     const TYPE: &'static str = "whole number below 65536";
 
     fn read(literal: &Literal) -> Option<u16> {
@@ -254,22 +254,22 @@ impl Value for u16 {
     }
 }
 
-/// A text as a file has it, such as `N/A` or -99999: a number is taken as it is written.
+/// Text as written in a file, such as `N/A` or -99999; a number keeps its spelling.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Word(pub String);
+pub struct VerbatimText(pub String);
 
-impl From<&str> for Word {
-    fn from(text: &str) -> Word {
-        Word(text.to_owned())
+impl From<&str> for VerbatimText {
+    fn from(text: &str) -> VerbatimText {
+        VerbatimText(text.to_owned())
     }
 }
 
-impl Value for Word {
+impl ParamValue for VerbatimText {
     const TYPE: &'static str = "text or number";
 
-    fn read(literal: &Literal) -> Option<Word> {
+    fn read(literal: &Literal) -> Option<VerbatimText> {
         match literal {
-            Literal::Text(_) | Literal::Int(_) | Literal::Float(_) => Some(Word(literal.to_string())),
+            Literal::Text(_) | Literal::Int(_) | Literal::Float(_) => Some(VerbatimText(literal.to_string())),
             Literal::Bool(_) | Literal::List(_) | Literal::Section(_) => None,
         }
     }
@@ -283,7 +283,7 @@ impl Value for Word {
     }
 }
 
-impl Value for bool {
+impl ParamValue for bool {
     const TYPE: &'static str = "boolean";
 
     fn read(literal: &Literal) -> Option<bool> {
@@ -299,7 +299,7 @@ impl Value for bool {
     }
 }
 
-impl Value for String {
+impl ParamValue for String {
     const TYPE: &'static str = "text";
 
     fn read(literal: &Literal) -> Option<String> {
@@ -315,7 +315,7 @@ impl Value for String {
     }
 }
 
-impl<T: Value> Value for Vec<T> {
+impl<T: ParamValue> ParamValue for Vec<T> {
     const TYPE: &'static str = "list";
 
     fn type_words() -> String {
@@ -343,7 +343,7 @@ impl<T: Value> Value for Vec<T> {
     }
 }
 
-impl<T: Value> Value for Option<T> {
+impl<T: ParamValue> ParamValue for Option<T> {
     const TYPE: &'static str = T::TYPE;
 
     fn type_words() -> String {
@@ -368,14 +368,14 @@ impl<T: Value> Value for Option<T> {
         self.as_ref().map_or("none".to_owned(), T::canonical)
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         if reader.given(param.name).is_none() {
             return param.absent.or(Some(None));
         }
         T::obtain(reader, Param { name: param.name, rule: param.rule, doc: param.doc, absent: None }).map(Some)
     }
 
-    fn document(doc: ParamDoc, lists: &Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, lists: &ChoiceRegistry) -> Vec<ParamDoc> {
         T::document(doc, lists)
     }
 
@@ -387,7 +387,7 @@ impl<T: Value> Value for Option<T> {
     }
 }
 
-impl<T: Value, const N: usize> Value for [T; N] {
+impl<T: ParamValue, const N: usize> ParamValue for [T; N] {
     const TYPE: &'static str = "list";
 
     fn type_words() -> String {
@@ -417,7 +417,7 @@ fn several(words: &str) -> String {
 }
 
 /// Values by names that are not known beforehand, such as currents.
-impl<T: Value> Value for BTreeMap<String, T> {
+impl<T: ParamValue> ParamValue for BTreeMap<String, T> {
     const TYPE: &'static str = "table";
 
     fn read(literal: &Literal) -> Option<Self> {
@@ -425,7 +425,7 @@ impl<T: Value> Value for BTreeMap<String, T> {
         section.keys.iter().map(|(key, given)| Some((key.clone(), T::read(&given.value)?))).collect()
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         if let Some(Literal::Section(section)) = reader.given(param.name).map(|given| &given.value)
             && let Some((key, given)) = section.keys.iter().find(|(_, given)| T::read(&given.value).is_none())
         {
@@ -448,7 +448,7 @@ impl<T: Value> Value for BTreeMap<String, T> {
 /// later.
 ///
 /// ```
-/// use params::{Literal, Value, choice};
+/// use params::{Literal, ParamValue, choice};
 /// choice! {
 ///     /// What is between the nodes.
 ///     pub enum Between {
@@ -478,7 +478,7 @@ macro_rules! choice {
             }
         }
 
-        impl $crate::Value for $Ty {
+        impl $crate::ParamValue for $Ty {
             const TYPE: &'static str = "text";
             const WORDS: &'static [&'static str] = &[$($word),+];
 
@@ -513,12 +513,15 @@ mod tests {
 
     #[test]
     fn unit_auto_is_a_word_and_a_number_keeps_its_spelling() {
-        let read = |l: Literal| OrAuto::read(&l);
-        assert_eq!(read(Literal::Text("auto".into())), Some(OrAuto::Auto));
+        let read = |l: Literal| NumberOrAuto::read(&l);
+        assert_eq!(read(Literal::Text("auto".into())), Some(NumberOrAuto::Auto));
         assert_eq!(read(Literal::Text("atuo".into())), None);
         assert_eq!(read(Literal::Int(5)).map(|x| x.canonical()), Some(5.0.canonical()));
-        assert!(OrAuto::Given(0.0).check(&Rule::Positive).is_err() && OrAuto::Auto.check(&Rule::Positive).is_ok());
-        assert_ne!(OrAuto::Auto.canonical(), OrAuto::Given(0.0).canonical());
+        assert!(
+            NumberOrAuto::Given(0.0).check(&Rule::Positive).is_err()
+                && NumberOrAuto::Auto.check(&Rule::Positive).is_ok()
+        );
+        assert_ne!(NumberOrAuto::Auto.canonical(), NumberOrAuto::Given(0.0).canonical());
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-/// Whether a terminal obeys a character in place of showing it: controls of ASCII and of Unicode, marks of the direction of
-/// text, and separators of lines and paragraphs. Tab and line feed are not among them.
+/// Whether a terminal obeys a character in place of showing it: controls of ASCII and of Unicode, marks of the
+/// direction of text, and separators of lines and paragraphs. Tab and line feed are not among them.
 fn is_obeyed(c: char) -> bool {
     c.is_control() && !matches!(c, '\n' | '\t')
         || matches!(c, '\u{200e}' | '\u{200f}' | '\u{061c}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')

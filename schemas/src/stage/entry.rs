@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use super::{AnyStage, Grain, InputDecl, Stage, TableKind};
-use crate::{Args, Fault, Lists, ParamDoc, Reader, collect_doc, metric::Metric};
+use crate::{ChoiceRegistry, Fault, ParamDoc, ParamReader, SpecEntries, collect_doc, metric::Metric};
 
 /// Constructor of a stage from its parameters; fails with all their faults and positions.
-pub type Build = Arc<dyn Fn(&Args) -> Result<AnyStage, Vec<Fault>> + Send + Sync>;
+pub type StageBuilder = Arc<dyn Fn(&SpecEntries) -> Result<AnyStage, Vec<Fault>> + Send + Sync>;
 
 /// One row of the catalogue, which the planner, `explain`, lineage, keys and docs use.
 #[derive(Clone)]
-pub struct Entry {
+pub struct StageEntry {
     /// The word after `stage =`.
     pub name: &'static str,
     /// Version, raised when the results change.
@@ -28,18 +28,18 @@ pub struct Entry {
     /// them, and the test of the versions runs them.
     pub example: &'static str,
     /// The choices of one of its keys, such as the models of a fit.
-    pub kinds: Vec<KindDoc>,
+    pub kinds: Vec<ChoiceDoc>,
     /// The metrics of a stage that makes a table of scores; empty for others.
     pub metrics: Vec<Metric>,
     /// Its parameters.
     pub params: Vec<ParamDoc>,
     /// Makes the stage from its parameters, or fails with all their faults.
-    pub build: Build,
+    pub build: StageBuilder,
 }
 
 /// One of the choices of a key of a stage, as the reference shows it.
 #[derive(Clone, Debug)]
-pub struct KindDoc {
+pub struct ChoiceDoc {
     /// The key that chooses it.
     pub key: &'static str,
     /// Its name.
@@ -54,9 +54,9 @@ pub struct KindDoc {
     pub example: &'static str,
 }
 
-/// A [`stage!`](crate::stage!) declaration without the parameters.
+/// Declaration of a stage by [`stage!`](crate::stage!), without its parameters.
 #[doc(hidden)]
-pub struct Head {
+pub struct StageHeader {
     pub name: &'static str,
     pub version: u32,
     pub grain: Grain,
@@ -66,15 +66,15 @@ pub struct Head {
     pub example: &'static str,
 }
 
-impl Entry {
+impl StageEntry {
     /// The row of a stage `S` with kinds from `lists`.
     #[doc(hidden)]
-    pub fn of<S: Stage>(head: Head, lists: Lists, erase: fn(Arc<S>) -> AnyStage) -> Entry {
-        let Head { name, version, grain, yields, inputs, doc, example } = head;
+    pub fn new<S: Stage>(head: StageHeader, lists: ChoiceRegistry, erase: fn(Arc<S>) -> AnyStage) -> StageEntry {
+        let StageHeader { name, version, grain, yields, inputs, doc, example } = head;
         let params = S::docs(&lists);
         let known: Vec<&str> = params.iter().map(|p| p.name).collect();
-        let build = move |args: &Args| -> Result<AnyStage, Vec<Fault>> {
-            let mut reader = Reader::new(name, args, None, &lists);
+        let build = move |args: &SpecEntries| -> Result<AnyStage, Vec<Fault>> {
+            let mut reader = ParamReader::new(name, args, None, &lists);
             let stage = S::read(&mut reader, None);
             let inputs: Vec<&str> = inputs.iter().map(|input| input.name).collect();
             reader.unknown_keys(&known, &inputs);
@@ -85,7 +85,7 @@ impl Entry {
             }
         };
         let (doc, build) = (collect_doc(doc), Arc::new(build));
-        Entry { name, version, grain, yields, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
+        StageEntry { name, version, grain, yields, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
     }
 }
 
@@ -97,7 +97,7 @@ impl Entry {
 /// optional]`.
 ///
 /// ```
-/// use schemas::{stage, Fault, LineIn, LineStage, Rule, Stage, Table, Yield};
+/// use schemas::{stage, Fault, LineInput, LineStage, Rule, Stage, Table, StageSchema};
 /// stage! {
 ///     /// Multiplies a column.
 ///     Scale = "scale", version 1, grain Line, inputs [input: Lines], example r#"
@@ -113,8 +113,8 @@ impl Entry {
 ///     factor: f64, unit "1", default 2.0, rule Rule::Positive;
 /// }
 /// impl Stage for Scale {
-///     fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
-///         Ok(Yield::append(vec![], &[&self.column]))
+///     fn yields(&self, _: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
+///         Ok(StageSchema::append(vec![], &[&self.column]))
 ///     }
 /// }
 /// impl LineStage for Scale {
@@ -122,7 +122,7 @@ impl Entry {
 ///     fn prepare(&self, _: &[arrow_array::RecordBatch]) -> Result<(), Fault> {
 ///         Ok(())
 ///     }
-///     fn run(&self, _: &LineIn, _: &()) -> Result<Vec<arrow_array::ArrayRef>, Fault> {
+///     fn run(&self, _: &LineInput, _: &()) -> Result<Vec<arrow_array::ArrayRef>, Fault> {
 ///         Ok(vec![])
 ///     }
 /// }
@@ -154,13 +154,13 @@ macro_rules! stage {
             pub const NAME: &'static str = $name;
 
             /// The row of the catalogue.
-            pub fn entry() -> $crate::Entry {
-                Self::entry_with($crate::Lists::default())
+            pub fn entry() -> $crate::StageEntry {
+                Self::entry_with($crate::ChoiceRegistry::default())
             }
 
             /// The row of the catalogue, with the choices of its keys.
-            pub fn entry_with(lists: $crate::Lists) -> $crate::Entry {
-                let head = $crate::Head {
+            pub fn entry_with(lists: $crate::ChoiceRegistry) -> $crate::StageEntry {
+                let head = $crate::StageHeader {
                     name: $name,
                     version: $v,
                     grain: $crate::Grain::$grain,
@@ -176,7 +176,7 @@ macro_rules! stage {
                     doc: &[$($d),*],
                     example: $example,
                 };
-                $crate::Entry::of::<Self>(head, lists, |stage| $crate::AnyStage::$grain(stage))
+                $crate::StageEntry::new::<Self>(head, lists, |stage| $crate::AnyStage::$grain(stage))
             }
         }
     };

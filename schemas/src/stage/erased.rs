@@ -5,18 +5,19 @@ use std::{any::Any, ops::Deref, sync::Arc};
 use arrow_array::{ArrayRef, RecordBatch};
 
 use super::{
-    Gather, LineIn, LinePoint, LineStage, MapStage, Product, Stage, SurveyPoint, SurveyStage, Table, Work, Yield,
+    CheckpointMonitor, LineInput, LinePoint, LineStage, MapStage, Stage, StageOutput, StageSchema, SurveyAggregator,
+    SurveyPoint, SurveyStage, Table,
 };
 use crate::Fault;
 
 /// The columns of a stage for one line, or the fault.
-pub type Arrays = Result<Vec<ArrayRef>, Fault>;
+pub type LineOutput = Result<Vec<ArrayRef>, Fault>;
 
 /// The type-erased result of [`LineStage::prepare`].
-pub type Prepared = Arc<dyn Any + Send + Sync>;
+pub type AnySharedData = Arc<dyn Any + Send + Sync>;
 
-/// The type-erased result of [`Gather::map`] for a line.
-pub type Part = Box<dyn Any + Send>;
+/// The type-erased result of [`SurveyAggregator::map`] for a line.
+pub type AnyLinePart = Box<dyn Any + Send>;
 
 /// A stage with its parameters, by grain. It is also a [`StageDyn`].
 #[derive(Clone)]
@@ -102,7 +103,7 @@ pub trait StageDyn: Send + Sync {
     ///
     /// # Errors
     /// Fails in the same cases.
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
     /// For the way back to the type.
     fn as_any(&self) -> &dyn Any;
 }
@@ -135,7 +136,7 @@ impl<S: Stage> StageDyn for S {
         Stage::memorises(self)
     }
 
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         Stage::yields(self, inputs)
     }
 
@@ -150,9 +151,9 @@ pub struct AnyLinePoint<'a> {
     /// The stage with the parameters of the point.
     pub stage: &'a dyn LineStageDyn,
     /// The line.
-    pub line: &'a LineIn,
+    pub line: &'a LineInput,
     /// The prepared data of the stage.
-    pub prepared: &'a Prepared,
+    pub prepared: &'a AnySharedData,
 }
 
 impl<'a> AnyLinePoint<'a> {
@@ -169,20 +170,20 @@ pub trait LineStageDyn: StageDyn {
     ///
     /// # Errors
     /// Fails in the same cases.
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault>;
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<AnySharedData, Fault>;
     /// See [`LineStage::prepare_key`].
     fn prepare_key(&self) -> String;
     /// See [`LineStage::run`].
     ///
     /// # Errors
     /// Fails in the same cases, and for `prepared` data of another stage.
-    fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays;
+    fn run(&self, line: &LineInput, prepared: &AnySharedData) -> LineOutput;
     /// See [`LineStage::run_points`]; `self` determines only the type. A point of another stage has a fault.
-    fn run_points(&self, points: &[AnyLinePoint]) -> Vec<Arrays>;
+    fn run_points(&self, points: &[AnyLinePoint]) -> Vec<LineOutput>;
 }
 
 impl<S: LineStage> LineStageDyn for S {
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<AnySharedData, Fault> {
         Ok(Arc::new(LineStage::prepare(self, inputs)?))
     }
 
@@ -190,12 +191,12 @@ impl<S: LineStage> LineStageDyn for S {
         LineStage::prepare_key(self)
     }
 
-    fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays {
+    fn run(&self, line: &LineInput, prepared: &AnySharedData) -> LineOutput {
         let LinePoint { stage, line, prepared } = AnyLinePoint { stage: self, line, prepared }.typed::<S>()?;
         LineStage::run(stage, line, prepared)
     }
 
-    fn run_points(&self, points: &[AnyLinePoint]) -> Vec<Arrays> {
+    fn run_points(&self, points: &[AnyLinePoint]) -> Vec<LineOutput> {
         let typed: Vec<Result<LinePoint<S>, Fault>> = points.iter().map(AnyLinePoint::typed).collect();
         let ours: Vec<LinePoint<S>> = typed.iter().flatten().copied().collect();
         let mut answers = S::run_points(&ours).into_iter();
@@ -220,11 +221,11 @@ pub trait SurveyStageDyn: StageDyn {
     ///
     /// # Errors
     /// Fails for a point of another stage.
-    fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn GatherDyn>, Fault>;
+    fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn SurveyAggregatorDyn>, Fault>;
 }
 
 impl<S: SurveyStage> SurveyStageDyn for S {
-    fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn GatherDyn>, Fault> {
+    fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn SurveyAggregatorDyn>, Fault> {
         let typed = points.iter().map(|point| {
             let stage = point.stage.as_any().downcast_ref::<S>().ok_or_else(another_type)?;
             Ok(SurveyPoint { stage, inputs: point.inputs })
@@ -233,34 +234,42 @@ impl<S: SurveyStage> SurveyStageDyn for S {
     }
 }
 
-/// A type-erased [`Gather`].
-pub trait GatherDyn: Send + Sync {
-    /// See [`Gather::map`].
+/// A type-erased [`SurveyAggregator`].
+pub trait SurveyAggregatorDyn: Send + Sync {
+    /// See [`SurveyAggregator::map`].
     ///
     /// # Errors
     /// Fails in the same cases.
-    fn map(&self, line: &LineIn) -> Result<Part, Fault>;
-    /// See [`Gather::refused`].
-    fn refused(&self, part: &Part) -> Vec<(usize, Fault)>;
-    /// See [`Gather::finish`].
+    fn map(&self, line: &LineInput) -> Result<AnyLinePart, Fault>;
+    /// See [`SurveyAggregator::refused`].
+    fn refused(&self, part: &AnyLinePart) -> Vec<(usize, Fault)>;
+    /// See [`SurveyAggregator::finish`].
     ///
     /// # Errors
     /// Fails for a part of another stage.
-    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Result<Vec<Result<Product, Fault>>, Fault>;
+    fn finish(
+        &self,
+        parts: Vec<AnyLinePart>,
+        work: &dyn CheckpointMonitor,
+    ) -> Result<Vec<Result<StageOutput, Fault>>, Fault>;
 }
 
-impl<G: Gather> GatherDyn for G {
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
-        Ok(Box::new(Gather::map(self, line)?))
+impl<G: SurveyAggregator> SurveyAggregatorDyn for G {
+    fn map(&self, line: &LineInput) -> Result<AnyLinePart, Fault> {
+        Ok(Box::new(SurveyAggregator::map(self, line)?))
     }
 
-    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
-        part.downcast_ref().map_or_else(Vec::new, |part| Gather::refused(self, part))
+    fn refused(&self, part: &AnyLinePart) -> Vec<(usize, Fault)> {
+        part.downcast_ref().map_or_else(Vec::new, |part| SurveyAggregator::refused(self, part))
     }
 
-    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Result<Vec<Result<Product, Fault>>, Fault> {
+    fn finish(
+        &self,
+        parts: Vec<AnyLinePart>,
+        work: &dyn CheckpointMonitor,
+    ) -> Result<Vec<Result<StageOutput, Fault>>, Fault> {
         let typed = parts.into_iter().map(|part| part.downcast().map(|part| *part).map_err(|_| another_type()));
-        Ok(Gather::finish(self, typed.collect::<Result<_, _>>()?, work))
+        Ok(SurveyAggregator::finish(self, typed.collect::<Result<_, _>>()?, work))
     }
 }
 
@@ -270,11 +279,11 @@ pub trait MapStageDyn: StageDyn {
     ///
     /// # Errors
     /// Fails in the same cases.
-    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
+    fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault>;
 }
 
 impl<S: MapStage> MapStageDyn for S {
-    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
+    fn run(&self, maps: &[RecordBatch]) -> Result<StageOutput, Fault> {
         MapStage::run(self, maps)
     }
 }

@@ -1,6 +1,6 @@
 //! Tables in a plan: the inputs and the yield of a stage.
 
-use crate::{Column, Shape};
+use crate::{Column, TableShape};
 
 /// The part of a survey that a stage processes at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,23 +115,23 @@ pub struct InputDecl {
 #[derive(Clone, Debug)]
 pub enum Table {
     /// Flight lines with these columns.
-    Lines(Shape),
+    Lines(TableShape),
     /// A fitted model with these columns, and the columns of flight lines it must be applied to.
     Model {
         /// The columns of the model table.
-        shape: Shape,
+        shape: TableShape,
         /// The columns a line must have for the model to be applied.
         features: Vec<String>,
     },
     /// Scores of flight lines.
-    Scores(Shape),
+    Scores(TableShape),
     /// An anomaly map.
-    Map(Shape),
+    Map(TableShape),
 }
 
 impl Table {
     /// Its columns.
-    pub fn shape(&self) -> &Shape {
+    pub fn shape(&self) -> &TableShape {
         match self {
             Table::Lines(s) | Table::Scores(s) | Table::Map(s) | Table::Model { shape: s, .. } => s,
         }
@@ -150,7 +150,7 @@ impl Table {
 
 /// Columns of the first input that the stage's table keeps, row by row.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Passes {
+pub enum PassThroughColumns {
     /// All of them: the stage appends columns.
     All,
     /// These only; the rows stay the same.
@@ -161,11 +161,11 @@ pub enum Passes {
 
 /// The columns that a stage reads and yields, given its inputs.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Yield {
+pub struct StageSchema {
     /// The columns it makes.
     pub columns: Vec<Column>,
     /// The columns that pass through unchanged.
-    pub passes: Passes,
+    pub passes: PassThroughColumns,
     /// The columns it reads, per input (all inputs, in the declared order).
     pub reads: Vec<Vec<String>>,
     /// Samples per second of the result, if the stage makes the sampling even.
@@ -178,12 +178,12 @@ pub struct Yield {
     pub notes: Vec<String>,
 }
 
-impl Yield {
+impl StageSchema {
     /// A stage that appends `columns` and reads `reads` of its first input.
     pub fn append<S: AsRef<str>>(columns: Vec<Column>, reads: &[S]) -> Self {
         Self {
             columns,
-            passes: Passes::All,
+            passes: PassThroughColumns::All,
             reads: vec![reads.iter().map(|s| s.as_ref().to_owned()).collect()],
             rate_hz: None,
             features: vec![],

@@ -19,8 +19,8 @@ crate::stage! {
 }
 
 impl Stage for Number {
-    fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
-        Ok(Yield::append::<&str>(vec![], &[]))
+    fn yields(&self, _: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
+        Ok(StageSchema::append::<&str>(vec![], &[]))
     }
 }
 
@@ -29,7 +29,7 @@ impl LineStage for Number {
     fn prepare(&self, _: &[RecordBatch]) -> Result<f64, Fault> {
         Ok(self.value)
     }
-    fn run(&self, line: &LineIn, prepared: &f64) -> Arrays {
+    fn run(&self, line: &LineInput, prepared: &f64) -> LineOutput {
         assert_eq!(*prepared, self.value);
         let values = vec![self.value; line.line.len()];
         if self.value < 0.0 { Err(Fault::data("negative")) } else { Ok(vec![Arc::new(Float64Array::from(values))]) }
@@ -37,8 +37,8 @@ impl LineStage for Number {
 }
 
 impl Stage for Other {
-    fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
-        Ok(Yield::append::<&str>(vec![], &[]))
+    fn yields(&self, _: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
+        Ok(StageSchema::append::<&str>(vec![], &[]))
     }
     fn idle(&self, key: &str) -> Option<Fault> {
         (key == "columns" && self.columns == 0).then(|| Fault::new("none"))
@@ -50,7 +50,7 @@ impl LineStage for Other {
     fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
         Ok(())
     }
-    fn run(&self, _: &LineIn, (): &()) -> Arrays {
+    fn run(&self, _: &LineInput, (): &()) -> LineOutput {
         Ok(vec![])
     }
 }
@@ -64,19 +64,19 @@ fn unit_what_has_no_say_is_not_in_the_key() {
 
 #[test]
 fn unit_points_are_run_each_by_itself_unless_the_stage_knows_better() {
-    let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None };
+    let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None };
     let stages: [&dyn LineStageDyn; 4] =
         [&Number { value: 1.0 }, &Number { value: -1.0 }, &Other { columns: 0 }, &Number { value: 2.0 }];
     assert_eq!([Number::entry().name, Other::entry().name], [Number::NAME, Other::NAME]);
-    let prepared: Vec<Prepared> = stages.iter().filter_map(|stage| stage.prepare(&[]).ok()).collect();
+    let prepared: Vec<AnySharedData> = stages.iter().filter_map(|stage| stage.prepare(&[]).ok()).collect();
     let points =
         stages.iter().zip(&prepared).map(|(stage, prepared)| AnyLinePoint { stage: *stage, line: &line, prepared });
     let points: Vec<AnyLinePoint> = points.collect();
-    let columns = |answers: &[Arrays]| answers.iter().map(|a| a.as_ref().ok().map(Vec::len)).collect::<Vec<_>>();
+    let columns = |answers: &[LineOutput]| answers.iter().map(|a| a.as_ref().ok().map(Vec::len)).collect::<Vec<_>>();
     let answers = stages[0].run_points(&points);
     assert_eq!(columns(&answers), [Some(1), None, None, Some(1)], "a point of another stage has a fault");
     let expected: ArrayRef = Arc::new(Float64Array::from(vec![2.0; 4]));
     assert!(answers[3].as_ref().is_ok_and(|arrays| arrays[0].to_data() == expected.to_data()));
     assert_eq!(columns(&stages[2].run_points(&points)), [None, None, Some(0), None]);
-    assert!(stages[0].run(&line, &prepared[2]).is_err_and(|fault| fault.owner == crate::Owner::Bug));
+    assert!(stages[0].run(&line, &prepared[2]).is_err_and(|fault| fault.owner == crate::FaultOwner::Bug));
 }

@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 
 /// Saved state, progress and interruption of a long computation. A point is identified by its position among those that
 /// are gathered.
-pub trait Work: Sync {
-    /// The last state that [`Work::keep`] saved for a point in an interrupted run.
+pub trait CheckpointMonitor: Sync {
+    /// The last state that [`CheckpointMonitor::keep`] saved for a point in an interrupted run.
     fn kept(&self, point: usize) -> Option<Vec<u8>>;
 
     /// Saves the state of a point and replaces the previous one. If it cannot be saved, only the resumption of an
@@ -17,10 +17,10 @@ pub trait Work: Sync {
     fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()>;
 }
 
-/// Saves no state, reports no progress, and is never interrupted.
-pub struct Unattended;
+/// Monitor without saved state, progress reports or interruption.
+pub struct NullMonitor;
 
-impl Work for Unattended {
+impl CheckpointMonitor for NullMonitor {
     fn kept(&self, _: usize) -> Option<Vec<u8>> {
         None
     }

@@ -1,5 +1,5 @@
-//! Expressions whose values are not much larger than what they are computed from, so that an expression in the spec of a
-//! stranger cannot take all memory.
+//! Expressions whose values are not much larger than what they are computed from, so that an expression in the spec of
+//! a stranger cannot take all memory.
 
 use arrow_schema::DataType;
 use datafusion::{
@@ -114,13 +114,13 @@ fn grows(function: &ScalarFunction, expr: &Expr, schema: &DFSchema) -> bool {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use schemas::{Column, Shape};
+    use schemas::{Column, TableShape};
 
     use crate::Expression;
 
     #[test]
     fn unit_values_that_may_be_too_large_are_refused_before_they_are_computed() {
-        let shape = Shape { columns: vec![Column::text("line", ""), Column::float("a", "nT", "")], rate_hz: None };
+        let shape = TableShape { columns: vec![Column::text("line", ""), Column::float("a", "nT", "")], rate_hz: None };
         let read = |sql: &str| Expression::new(sql, &shape, "`x`").map_err(|fault| fault.to_string());
         for sql in [
             "length(repeat('a', 2000000000)) + a",

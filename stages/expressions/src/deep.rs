@@ -60,20 +60,20 @@ pub fn too_deep() -> Fault {
 /// # Errors
 /// Fails when it is nested deeper.
 pub fn check(tree: &impl Visit, deepest: usize) -> Result<(), Fault> {
-    let mut depth = Depth { deepest, now: 0, parts: 0 };
+    let mut depth = DepthLimiter { deepest, now: 0, parts: 0 };
     match tree.visit(&mut depth) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(fault) => Err(*fault),
     }
 }
 
-struct Depth {
+struct DepthLimiter {
     deepest: usize,
     now: usize,
     parts: usize,
 }
 
-impl Depth {
+impl DepthLimiter {
     fn part(&mut self) -> ControlFlow<Box<Fault>> {
         self.parts += 1;
         if self.parts <= MOST_PARTS {
@@ -84,7 +84,7 @@ impl Depth {
     }
 }
 
-impl Visitor for Depth {
+impl Visitor for DepthLimiter {
     type Break = Box<Fault>;
 
     fn pre_visit_expr(&mut self, _: &Expr) -> ControlFlow<Self::Break> {

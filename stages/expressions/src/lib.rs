@@ -4,13 +4,13 @@
 //! tables. Its unit follows from those of its columns where that is plain.
 //!
 //! ```
-//! use expressions::{Expression, Unit};
-//! use schemas::{Column, Shape};
+//! use expressions::{Expression, ExpressionUnit};
+//! use schemas::{Column, TableShape};
 //!
 //! let columns = vec![Column::float("mag_2_uc", "nT", ""), Column::float("mag_3_uc", "nT", "")];
-//! let shape = Shape { columns, rate_hz: None };
+//! let shape = TableShape { columns, rate_hz: None };
 //! let difference = Expression::new("mag_2_uc - mag_3_uc", &shape, "`mag_d`").unwrap();
-//! assert_eq!(difference.unit, Unit::Of("nT".to_owned()));
+//! assert_eq!(difference.unit, ExpressionUnit::Of("nT".to_owned()));
 //! ```
 
 mod bounded;
@@ -37,16 +37,16 @@ use datafusion::{
     prelude::SessionContext,
     sql::sqlparser::parser::ParserError,
 };
-use schemas::{Fault, Shape};
+use schemas::{Fault, TableShape};
 
 pub use linear::is_linear;
-pub use unit::Unit;
+pub use unit::ExpressionUnit;
 
 /// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one expression per point.
 pub(crate) static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
 
 /// The Arrow schema that the columns of a table have in expressions.
-pub fn schema_of(shape: &Shape) -> Schema {
+pub fn schema_of(shape: &TableShape) -> Schema {
     Schema::new(fields(shape.columns.iter()))
 }
 
@@ -58,9 +58,9 @@ fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> 
 /// is nested. `subject` is what faults call it.
 ///
 /// # Errors
-/// Fails for what is not an expression in SQL, names a column that does not exist, is nested too deep, or is more than a
-/// function of one row.
-pub fn parse(sql: &str, shape: &Shape, subject: &str) -> Result<Expr, Fault> {
+/// Fails for what is not an expression in SQL, names a column that does not exist, is nested too deep, or is more than
+/// a function of one row.
+pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
     let schema = DFSchema::try_from(schema_of(shape)).map_err(wrong)?;
     let dialect = SQL.config().options().sql_parser.dialect;
@@ -76,7 +76,12 @@ pub fn parse(sql: &str, shape: &Shape, subject: &str) -> Result<Expr, Fault> {
 ///
 /// # Errors
 /// Fails for functions and operators that do not take values of these types, and for what is nested too deep.
-pub fn physical(expr: Expr, schema: &Schema, shape: &Shape, subject: &str) -> Result<Arc<dyn PhysicalExpr>, Fault> {
+pub fn physical(
+    expr: Expr,
+    schema: &Schema,
+    shape: &TableShape,
+    subject: &str,
+) -> Result<Arc<dyn PhysicalExpr>, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
     let schema = DFSchema::try_from(schema.clone()).map_err(wrong)?;
     let expr = row::balanced(expr).map_err(wrong)?;
@@ -97,7 +102,7 @@ fn simplified(expr: Expr, schema: &DFSchema) -> Result<Expr, DataFusionError> {
 }
 
 /// Rewords DataFusion's error on an unknown name.
-fn wrong(e: &DataFusionError, shape: &Shape, subject: &str) -> Fault {
+fn wrong(e: &DataFusionError, shape: &TableShape, subject: &str) -> Fault {
     let have: Vec<&str> = shape.columns.iter().map(|c| c.name.as_str()).collect();
     match e.find_root() {
         DataFusionError::SchemaError(inner, _) => match inner.as_ref() {
@@ -121,8 +126,8 @@ fn wrong(e: &DataFusionError, shape: &Shape, subject: &str) -> Fault {
 /// An expression that has been checked against the columns it sees.
 ///
 /// NaN is a missing value, as everywhere in flight lines, and SQL's NULL in the expression: what is made of it is
-/// missing, also by `greatest` and `least`, a comparison with it is unknown, and `coalesce` and `is null` see it. A division is one of real numbers, also
-/// between whole ones.
+/// missing, also by `greatest` and `least`, a comparison with it is unknown, and `coalesce` and `is null` see it. A
+/// division is one of real numbers, also between whole ones.
 #[derive(Clone, Debug)]
 pub struct Expression {
     physical: Arc<dyn PhysicalExpr>,
@@ -133,8 +138,9 @@ pub struct Expression {
     /// The type of its values.
     pub data_type: DataType,
     /// The unit of its values.
-    pub unit: Unit,
-    /// The columns whose values it holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in another way.
+    pub unit: ExpressionUnit,
+    /// The columns whose values it holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in
+    /// another way.
     pub terms: Vec<(i8, String)>,
 }
 
@@ -143,15 +149,15 @@ impl Expression {
     ///
     /// # Errors
     /// Fails as [`parse`] and [`physical`], and where values of different units are added or compared.
-    pub fn new(sql: &str, shape: &Shape, subject: &str) -> Result<Expression, Fault> {
+    pub fn new(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         deep::over(sql, || Self::read(sql, shape, subject))?
     }
 
-    fn read(sql: &str, shape: &Shape, subject: &str) -> Result<Expression, Fault> {
+    fn read(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         let expr = parse(sql, shape, subject)?;
         // The checks below recurse without a bound of their own.
         row::shallow(&expr, subject)?;
-        let (unit, terms) = (unit::of(&expr, shape)?, sum::of(&expr));
+        let (unit, terms) = (unit::infer_unit(&expr, shape)?, sum::signed_terms(&expr));
         if extremes_deep(&expr) > MOST_EXTREMES {
             return Err(Fault::new(format!(
                 "more than {MOST_EXTREMES} `greatest` and `least` stand inside of each other"
@@ -208,8 +214,8 @@ impl Expression {
     }
 }
 
-/// The values of an expression, one for each row of `batch`. Some rows at a time where there are texts, whose intermediate
-/// values may be large.
+/// The values of an expression, one for each row of `batch`. Some rows at a time where there are texts, whose
+/// intermediate values may be large.
 ///
 /// # Errors
 /// Fails where it cannot be evaluated on these values.
@@ -274,8 +280,8 @@ fn extremes_deep(expr: &Expr) -> usize {
     inside + usize::from(is_extreme(expr))
 }
 
-/// The same with each `greatest` and `least` missing where one of its values is: SQL's leave missing values out, so that
-/// a missing value clipped to 1 were 1.
+/// The same with each `greatest` and `least` missing where one of its values is: SQL's leave missing values out, so
+/// that a missing value clipped to 1 were 1.
 fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| {
         let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };
@@ -296,7 +302,7 @@ mod tests {
 
     use super::*;
 
-    fn shape() -> Shape {
+    fn shape() -> TableShape {
         let columns = vec![
             Column::text("line", ""),
             Column::float("a", "nT", ""),
@@ -305,7 +311,7 @@ mod tests {
             Column::float("plain", "", ""),
             Column::integer("doy", "", ""),
         ];
-        Shape { columns, rate_hz: None }
+        TableShape { columns, rate_hz: None }
     }
 
     fn batch() -> RecordBatch {
@@ -356,7 +362,7 @@ mod tests {
     #[test]
     fn unit_the_unit_follows_where_it_is_plain() {
         let unit = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap().unit;
-        let nt = || Unit::Of("nT".to_owned());
+        let nt = || ExpressionUnit::Of("nT".to_owned());
         for sql in [
             "a - b",
             "-(a + 3)",
@@ -367,12 +373,12 @@ mod tests {
         ] {
             assert_eq!(unit(sql), nt(), "{sql}");
         }
-        assert_eq!(unit("0.5 * (a + b)"), Unit::Scaled("nT".to_owned()));
-        assert_eq!(unit("a / b"), Unit::Of("1".to_owned()));
+        assert_eq!(unit("0.5 * (a + b)"), ExpressionUnit::Scaled("nT".to_owned()));
+        assert_eq!(unit("a / b"), ExpressionUnit::Of("1".to_owned()));
         assert_eq!(unit("a / b * a"), nt());
-        assert_eq!((unit("3 * 4"), unit("plain")), (Unit::Any, Unit::Of(String::new())));
+        assert_eq!((unit("3 * 4"), unit("plain")), (ExpressionUnit::Any, ExpressionUnit::Of(String::new())));
         for sql in ["a * b", "sqrt(a)", "a / tt", "a + plain", "1 / a", "sin(a)"] {
-            assert_eq!(unit(sql), Unit::Unknown, "{sql}");
+            assert_eq!(unit(sql), ExpressionUnit::Unknown, "{sql}");
         }
         for sql in
             ["a + tt", "case when a > tt then 1 else 0 end", "case when tt > 0 then a else tt end", "abs(a) - tt"]

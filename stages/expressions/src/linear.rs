@@ -4,8 +4,8 @@ use datafusion::sql::sqlparser::ast::{BinaryOperator, Expr, UnaryOperator, Value
 
 use crate::{SQL, deep};
 
-/// Whether an expression is a sum of columns, each times a constant, so that it can neither select nor weight rows. False
-/// for anything else: products and ratios of columns, functions, conditions, and text that is not SQL.
+/// Whether an expression is a sum of columns, each times a constant, so that it can neither select nor weight rows.
+/// False for anything else: products and ratios of columns, functions, conditions, and text that is not SQL.
 pub fn is_linear(sql: &str) -> bool {
     let read = || {
         let dialect = SQL.config().options().sql_parser.dialect;
@@ -16,25 +16,25 @@ pub fn is_linear(sql: &str) -> bool {
     deep::over(sql, read).is_ok_and(|form| form.is_some())
 }
 
-/// The form of an expression that is linear.
+/// Form of a linear expression.
 #[derive(Clone, Copy, PartialEq)]
-enum Form {
+enum LinearForm {
     Constant,
     Columns,
 }
 
-fn form(expr: &Expr) -> Option<Form> {
+fn form(expr: &Expr) -> Option<LinearForm> {
     match expr {
-        Expr::Identifier(_) | Expr::CompoundIdentifier(_) => Some(Form::Columns),
-        Expr::Value(value) => matches!(value.value, Value::Number(..)).then_some(Form::Constant),
+        Expr::Identifier(_) | Expr::CompoundIdentifier(_) => Some(LinearForm::Columns),
+        Expr::Value(value) => matches!(value.value, Value::Number(..)).then_some(LinearForm::Constant),
         Expr::Nested(inner) => form(inner),
         Expr::UnaryOp { op: UnaryOperator::Plus | UnaryOperator::Minus, expr } => form(expr),
         Expr::BinaryOp { left, op, right } => match (form(left)?, op, form(right)?) {
             (left, BinaryOperator::Plus | BinaryOperator::Minus, right) => {
-                Some(if left == Form::Constant { right } else { left })
+                Some(if left == LinearForm::Constant { right } else { left })
             }
-            (Form::Constant, BinaryOperator::Multiply, other)
-            | (other, BinaryOperator::Multiply | BinaryOperator::Divide, Form::Constant) => Some(other),
+            (LinearForm::Constant, BinaryOperator::Multiply, other)
+            | (other, BinaryOperator::Multiply | BinaryOperator::Divide, LinearForm::Constant) => Some(other),
             _ => None,
         },
         _ => None,

@@ -5,9 +5,9 @@ use datafusion::{
     logical_expr::{BinaryExpr, Expr, Operator},
 };
 
-/// The columns whose values `expr` holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in another
-/// way. What only decides in a `case` is no value. The expression is not nested deep.
-pub fn of(expr: &Expr) -> Vec<(i8, String)> {
+/// The columns whose values `expr` holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in
+/// another way. What only decides in a `case` is no value. The expression is not nested deep.
+pub fn signed_terms(expr: &Expr) -> Vec<(i8, String)> {
     let mut terms = vec![];
     gather(expr, 1, &mut terms);
     terms

@@ -1,11 +1,11 @@
 //! The unit of an expression.
 
 use datafusion::logical_expr::{BinaryExpr, Expr, Operator};
-use schemas::{Fault, Shape};
+use schemas::{Fault, TableShape};
 
 /// Unit of an expression, as far as it can be inferred.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Unit {
+pub enum ExpressionUnit {
     /// Numbers alone, which have any.
     Any,
     /// This one; empty for columns that have none.
@@ -24,38 +24,40 @@ const KEEPING: [&str; 10] =
 ///
 /// # Errors
 /// Fails where values of different units are added, compared or chosen from.
-pub fn of(expr: &Expr, shape: &Shape) -> Result<Unit, Fault> {
-    let of = |e: &Expr| of(e, shape);
-    let same = |each: &mut dyn Iterator<Item = &Expr>| -> Result<Unit, Fault> {
-        let mut unit = Unit::Any;
+pub fn infer_unit(expr: &Expr, shape: &TableShape) -> Result<ExpressionUnit, Fault> {
+    let unit_of = |e: &Expr| infer_unit(e, shape);
+    let same = |each: &mut dyn Iterator<Item = &Expr>| -> Result<ExpressionUnit, Fault> {
+        let mut unit = ExpressionUnit::Any;
         for e in each {
-            unit = together(unit, of(e)?, e)?;
+            unit = together(unit, unit_of(e)?, e)?;
         }
         Ok(unit)
     };
     // The operands have units to check; the answer has none.
-    let truth = |each: &mut dyn Iterator<Item = &Expr>| same(each).map(|_| Unit::Unknown);
+    let truth = |each: &mut dyn Iterator<Item = &Expr>| same(each).map(|_| ExpressionUnit::Unknown);
     match expr {
-        Expr::Literal(..) => Ok(Unit::Any),
-        Expr::Column(column) => Ok(shape.get(&column.name).map_or(Unit::Unknown, |c| Unit::Of(c.unit.clone()))),
-        Expr::Alias(alias) => of(&alias.expr),
-        Expr::Negative(e) => of(e),
-        Expr::Cast(cast) => of(&cast.expr),
-        Expr::TryCast(cast) => of(&cast.expr),
+        Expr::Literal(..) => Ok(ExpressionUnit::Any),
+        Expr::Column(column) => {
+            Ok(shape.get(&column.name).map_or(ExpressionUnit::Unknown, |c| ExpressionUnit::Of(c.unit.clone())))
+        }
+        Expr::Alias(alias) => unit_of(&alias.expr),
+        Expr::Negative(e) => unit_of(e),
+        Expr::Cast(cast) => unit_of(&cast.expr),
+        Expr::TryCast(cast) => unit_of(&cast.expr),
         Expr::BinaryExpr(BinaryExpr { left, op, right }) => match op {
             Operator::Plus | Operator::Minus | Operator::Modulo => same(&mut [&**left, &**right].into_iter()),
-            Operator::Multiply => Ok(product(of(left)?, of(right)?)),
-            Operator::Divide => Ok(quotient(of(left)?, of(right)?)),
+            Operator::Multiply => Ok(product(unit_of(left)?, unit_of(right)?)),
+            Operator::Divide => Ok(quotient(unit_of(left)?, unit_of(right)?)),
             Operator::And | Operator::Or => {
-                of(left)?;
-                of(right)?;
-                Ok(Unit::Unknown)
+                unit_of(left)?;
+                unit_of(right)?;
+                Ok(ExpressionUnit::Unknown)
             }
             op if op.supports_propagation() => truth(&mut [&**left, &**right].into_iter()),
             _ => {
-                of(left)?;
-                of(right)?;
-                Ok(Unit::Unknown)
+                unit_of(left)?;
+                unit_of(right)?;
+                Ok(ExpressionUnit::Unknown)
             }
         },
         Expr::Between(between) => truth(&mut [&*between.expr, &*between.low, &*between.high].into_iter()),
@@ -68,14 +70,14 @@ pub fn of(expr: &Expr, shape: &Shape) -> Result<Unit, Fault> {
         | Expr::IsUnknown(e)
         | Expr::IsNotTrue(e)
         | Expr::IsNotFalse(e)
-        | Expr::IsNotUnknown(e) => of(e).map(|_| Unit::Unknown),
+        | Expr::IsNotUnknown(e) => unit_of(e).map(|_| ExpressionUnit::Unknown),
         Expr::Case(case) => {
             let whens = case.when_then_expr.iter().map(|(when, _)| &**when);
             match &case.expr {
                 Some(compared) => same(&mut std::iter::once(&**compared).chain(whens))?,
                 None => {
-                    whens.map(of).collect::<Result<Vec<_>, Fault>>()?;
-                    Unit::Unknown
+                    whens.map(unit_of).collect::<Result<Vec<_>, Fault>>()?;
+                    ExpressionUnit::Unknown
                 }
             };
             let values = case.when_then_expr.iter().map(|(_, then)| &**then);
@@ -83,42 +85,59 @@ pub fn of(expr: &Expr, shape: &Shape) -> Result<Unit, Fault> {
         }
         Expr::ScalarFunction(function) if KEEPING.contains(&function.name()) => same(&mut function.args.iter()),
         Expr::ScalarFunction(function) => {
-            function.args.iter().map(of).collect::<Result<Vec<_>, Fault>>()?;
-            Ok(Unit::Unknown)
+            function.args.iter().map(unit_of).collect::<Result<Vec<_>, Fault>>()?;
+            Ok(ExpressionUnit::Unknown)
         }
-        _ => Ok(Unit::Unknown),
+        _ => Ok(ExpressionUnit::Unknown),
     }
 }
 
 /// Common unit of values that are added or compared. `second` is the expression with the second unit.
-fn together(first: Unit, other: Unit, second: &Expr) -> Result<Unit, Fault> {
+fn together(first: ExpressionUnit, other: ExpressionUnit, second: &Expr) -> Result<ExpressionUnit, Fault> {
     Ok(match (first, other) {
-        (Unit::Any, unit) | (unit, Unit::Any) => unit,
-        (Unit::Of(a), Unit::Of(b)) if a == b => Unit::Of(a),
-        (Unit::Of(a), Unit::Of(b)) if !a.is_empty() && !b.is_empty() => {
+        (ExpressionUnit::Any, unit) | (unit, ExpressionUnit::Any) => unit,
+        (ExpressionUnit::Of(a), ExpressionUnit::Of(b)) if a == b => ExpressionUnit::Of(a),
+        (ExpressionUnit::Of(a), ExpressionUnit::Of(b)) if !a.is_empty() && !b.is_empty() => {
             let what = format!("`{second}` is in {b}, but it is added to or compared with a value in {a}");
             return Err(Fault::new(what).help("convert one of them by a factor, such as `0.3048 * x`"));
         }
-        (Unit::Scaled(a) | Unit::Of(a), Unit::Scaled(b) | Unit::Of(b)) if a == b => Unit::Scaled(a),
-        (Unit::Of(_) | Unit::Scaled(_) | Unit::Unknown, Unit::Of(_) | Unit::Scaled(_) | Unit::Unknown) => Unit::Unknown,
+        (ExpressionUnit::Scaled(a) | ExpressionUnit::Of(a), ExpressionUnit::Scaled(b) | ExpressionUnit::Of(b))
+            if a == b =>
+        {
+            ExpressionUnit::Scaled(a)
+        }
+        (
+            ExpressionUnit::Of(_) | ExpressionUnit::Scaled(_) | ExpressionUnit::Unknown,
+            ExpressionUnit::Of(_) | ExpressionUnit::Scaled(_) | ExpressionUnit::Unknown,
+        ) => ExpressionUnit::Unknown,
     })
 }
 
-fn product(a: Unit, b: Unit) -> Unit {
+fn product(a: ExpressionUnit, b: ExpressionUnit) -> ExpressionUnit {
     match (a, b) {
-        (Unit::Any, Unit::Any) => Unit::Any,
-        (Unit::Any, Unit::Of(u) | Unit::Scaled(u)) | (Unit::Of(u) | Unit::Scaled(u), Unit::Any) => Unit::Scaled(u),
-        (Unit::Of(one), unit @ Unit::Of(_)) | (unit @ Unit::Of(_), Unit::Of(one)) if one == "1" => unit,
-        (Unit::Any | Unit::Of(_) | Unit::Scaled(_) | Unit::Unknown, _) => Unit::Unknown,
+        (ExpressionUnit::Any, ExpressionUnit::Any) => ExpressionUnit::Any,
+        (ExpressionUnit::Any, ExpressionUnit::Of(u) | ExpressionUnit::Scaled(u))
+        | (ExpressionUnit::Of(u) | ExpressionUnit::Scaled(u), ExpressionUnit::Any) => ExpressionUnit::Scaled(u),
+        (ExpressionUnit::Of(one), unit @ ExpressionUnit::Of(_))
+        | (unit @ ExpressionUnit::Of(_), ExpressionUnit::Of(one))
+            if one == "1" =>
+        {
+            unit
+        }
+        (ExpressionUnit::Any | ExpressionUnit::Of(_) | ExpressionUnit::Scaled(_) | ExpressionUnit::Unknown, _) => {
+            ExpressionUnit::Unknown
+        }
     }
 }
 
-fn quotient(a: Unit, b: Unit) -> Unit {
+fn quotient(a: ExpressionUnit, b: ExpressionUnit) -> ExpressionUnit {
     match (a, b) {
-        (Unit::Any, Unit::Any) => Unit::Any,
-        (Unit::Of(u) | Unit::Scaled(u), Unit::Any) => Unit::Scaled(u),
-        (Unit::Of(a), Unit::Of(b)) if a == b && !a.is_empty() => Unit::Of("1".to_owned()),
-        (unit @ Unit::Of(_), Unit::Of(one)) if one == "1" => unit,
-        (Unit::Any | Unit::Of(_) | Unit::Scaled(_) | Unit::Unknown, _) => Unit::Unknown,
+        (ExpressionUnit::Any, ExpressionUnit::Any) => ExpressionUnit::Any,
+        (ExpressionUnit::Of(u) | ExpressionUnit::Scaled(u), ExpressionUnit::Any) => ExpressionUnit::Scaled(u),
+        (ExpressionUnit::Of(a), ExpressionUnit::Of(b)) if a == b && !a.is_empty() => ExpressionUnit::Of("1".to_owned()),
+        (unit @ ExpressionUnit::Of(_), ExpressionUnit::Of(one)) if one == "1" => unit,
+        (ExpressionUnit::Any | ExpressionUnit::Of(_) | ExpressionUnit::Scaled(_) | ExpressionUnit::Unknown, _) => {
+            ExpressionUnit::Unknown
+        }
     }
 }

@@ -1,14 +1,16 @@
 //! An epoch of a network: 400,000 samples, batches of 2048, Adam, shuffled anew; on one and on two threads.
 //!
-//! `cargo bench -p magline-learning --bench networks --profile dev` prints time on the clock and on the processors (of all
-//! threads together) of the fastest of several epochs, and checks that both give the same bits and that the loss has fallen.
-//! `networks.py` runs PyTorch on the same shapes, then this.
+//! `cargo bench -p magline-learning --bench networks --profile dev` prints time on the clock and on the processors (of
+//! all threads together) of the fastest of several epochs, and checks that both give the same bits and that the loss
+//! has fallen. `networks.py` runs PyTorch on the same shapes, then this.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use learning::network::{Activation, Form, Samples, Shape, State, Training, train};
-use numerics::random::Normals;
+use learning::network::{
+    ActivationFunction, NetworkForm, NetworkSamples, NetworkShape, NetworkTraining, TrainingState, train,
+};
+use numerics::random::NormalGenerator;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -18,7 +20,7 @@ const TERMS: usize = 18;
 const EPOCHS: usize = 7;
 
 fn main() -> Result<(), Failure> {
-    let mut normals = Normals::new(1);
+    let mut normals = NormalGenerator::new(1);
     let x: Vec<f64> = (0..ROWS * INPUTS).map(|_| normals.draw()).collect();
     let a: Vec<f64> = (0..ROWS * TERMS).map(|_| normals.draw()).collect();
     let target = |x: &[f64]| 0.5 * x[0] * x[1] + (1.5 * x[2]).sin() + 0.2 * x[3];
@@ -27,18 +29,24 @@ fn main() -> Result<(), Failure> {
         "{ROWS} samples of {INPUTS} inputs, batches of 2048; the fastest of {} epochs: clock, processors",
         EPOCHS - 1
     );
-    let cases: [(Form, &[usize]); 6] = [
-        (Form::Plain, &[8]),
-        (Form::TrainedLinear, &[8]),
-        (Form::Weights, &[8]),
-        (Form::Plain, &[16, 8]),
-        (Form::Plain, &[64, 32]),
-        (Form::Plain, &[16, 16, 16]),
+    let cases: [(NetworkForm, &[usize]); 6] = [
+        (NetworkForm::Plain, &[8]),
+        (NetworkForm::TrainedLinear, &[8]),
+        (NetworkForm::Weights, &[8]),
+        (NetworkForm::Plain, &[16, 8]),
+        (NetworkForm::Plain, &[64, 32]),
+        (NetworkForm::Plain, &[16, 16, 16]),
     ];
     for (form, hidden) in cases {
-        let linear = if form == Form::Plain { 0 } else { TERMS };
-        let shape = Shape { inputs: INPUTS, linear, hidden: hidden.to_vec(), activation: Activation::Swish, form };
-        let samples = Samples { x: &x, a: if linear == 0 { &[] } else { &a }, y: &y };
+        let linear = if form == NetworkForm::Plain { 0 } else { TERMS };
+        let shape = NetworkShape {
+            inputs: INPUTS,
+            linear,
+            hidden: hidden.to_vec(),
+            activation: ActivationFunction::Swish,
+            form,
+        };
+        let samples = NetworkSamples { x: &x, a: if linear == 0 { &[] } else { &a }, y: &y };
         let one = timed(&shape, &samples, 1)?;
         let two = timed(&shape, &samples, 2)?;
         assert_eq!(one, two, "the bits depend on the number of threads");
@@ -47,10 +55,10 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Trains with `threads` threads and returns the parameters.
-fn timed(shape: &Shape, samples: &Samples<'_>, threads: usize) -> Result<Vec<f64>, Failure> {
+fn timed(shape: &NetworkShape, samples: &NetworkSamples<'_>, threads: usize) -> Result<Vec<f64>, Failure> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let training = Training { epochs: EPOCHS, ..Training::default() };
-    let start = State::new(shape, shape.initial(1, &vec![0.0; shape.linear]));
+    let training = NetworkTraining { epochs: EPOCHS, ..NetworkTraining::default() };
+    let start = TrainingState::new(shape, shape.initial(1, &vec![0.0; shape.linear]));
     let (mut clock_s, mut processors_s) = (f64::INFINITY, f64::INFINITY);
     let mut before = None;
     let trained = pool.install(|| {

@@ -1,7 +1,7 @@
 //! Boosted trees: 200 of up to 31 leaves on 200,000 samples of 77 columns, and their prediction.
 //!
-//! `cargo bench -p magline-learning --bench trees --profile dev` prints the times on one and on two threads and checks the errors
-//! against those that scikit-learn has for the same input; `trees.py` prints its times and errors.
+//! `cargo bench -p magline-learning --bench trees --profile dev` prints the times on one and on two threads and checks
+//! the errors against those that scikit-learn has for the same input; `trees.py` prints its times and errors.
 //!
 //! Two cores of an AMD EPYC shared with other work, scikit-learn 1.9.1:
 //!
@@ -12,7 +12,7 @@
 
 use std::{ops::ControlFlow, time::Instant};
 
-use learning::trees::{Boosting, boost};
+use learning::trees::{BoostingSettings, boost};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -45,7 +45,7 @@ fn main() -> Result<(), Failure> {
         let clock = Instant::now();
         let mut first = 0.0;
         let boosted = pool.install(|| {
-            boost(&x, WIDTH, &y, &Boosting::default(), None, &mut |n, _, _| {
+            boost(&x, WIDTH, &y, &BoostingSettings::default(), None, &mut |n, _, _| {
                 if n == 1 {
                     first = clock.elapsed().as_secs_f64();
                 }

@@ -15,8 +15,8 @@
 //! make rows that never occur; models answer for them too. Compare groups, of which each has all that comes from one
 //! sensor, rather than columns.
 //!
-//! A model is a function from rows to predictions (or derivatives) in which each row's answer depends on that row alone: it is called with
-//! some thousand rows at a time, from several threads.
+//! A model is a function from rows to predictions (or derivatives) in which each row's answer depends on that row
+//! alone: it is called with some thousand rows at a time, from several threads.
 
 mod correlation;
 mod expected_gradients;
@@ -29,8 +29,8 @@ mod tests;
 
 pub use correlation::{pearson, spearman};
 pub use expected_gradients::expected_gradients;
-pub use hard_thresholding::{Sparse, iterative_hard_thresholding};
-pub use permutation::{Blocks, Permuted, permutation};
+pub use hard_thresholding::{SparseLinearModel, iterative_hard_thresholding};
+pub use permutation::{PermutationBlocks, PermutationImportance, permutation};
 pub use shapley::{shapley_linear, shapley_sampled};
 pub use shapley_trees::shapley_trees;
 
@@ -41,12 +41,12 @@ use crate::rows::{RowsError, entries};
 /// Rows that a model is called with at a time.
 const TOGETHER: usize = 4096;
 
-/// Rows of `width` columns to their predictions, or to the derivatives of these by the columns, row by row.
-pub type Model<'a, E> = dyn Fn(&[f64]) -> Result<Vec<f64>, E> + Sync + 'a;
+/// Function from rows of `width` columns to predictions, or to their derivatives by the columns, row by row.
+pub type PredictionFunction<'a, E> = dyn Fn(&[f64]) -> Result<Vec<f64>, E> + Sync + 'a;
 
-/// How much is drawn.
+/// Sample size and seed of a sampled attribution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Sampling {
+pub struct AttributionSampling {
     /// [`shapley_sampled`]: pairs of an order of the groups and its reverse, for each background row, at least 2.
     /// [`expected_gradients()`]: points for each explained row, at least 2.
     pub samples: usize,
@@ -54,11 +54,11 @@ pub struct Sampling {
     pub seed: u64,
 }
 
-/// Parts of predictions.
+/// Attributions of predictions to groups of columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributions {
-    /// The mean prediction of the background rows, to which the values of a row are added to give its prediction. NaN of
-    /// [`expected_gradients()`], which see no predictions; without the intercept of [`shapley_linear`].
+    /// The mean prediction of the background rows, to which the values of a row are added to give its prediction. NaN
+    /// of [`expected_gradients()`], which see no predictions; without the intercept of [`shapley_linear`].
     pub base: f64,
     /// Row-major, one column per group, in the unit of the prediction.
     pub values: Vec<f64>,
@@ -66,7 +66,7 @@ pub struct Attributions {
     pub errors: Vec<f64>,
 }
 
-/// Why there is no importance.
+/// Error of the computation of feature importance.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ImportanceError<E = Infallible> {
     /// Rows or settings are not usable.
@@ -111,7 +111,12 @@ pub enum ImportanceError<E = Infallible> {
 }
 
 /// Predictions of the model for rows of `width` columns: `each` finite numbers per row.
-fn answers<E>(model: &Model<'_, E>, rows: &[f64], width: usize, each: usize) -> Result<Vec<f64>, ImportanceError<E>> {
+fn answers<E>(
+    model: &PredictionFunction<'_, E>,
+    rows: &[f64],
+    width: usize,
+    each: usize,
+) -> Result<Vec<f64>, ImportanceError<E>> {
     let mut out = Vec::with_capacity(rows.len() / width * each);
     for rows in rows.chunks(TOGETHER * width) {
         let given = model(rows).map_err(ImportanceError::Model)?;
@@ -166,11 +171,11 @@ fn both_rows<E>(rows: &[f64], background: &[f64], width: usize) -> Result<(usize
     Ok((explained, crate::rows::finite_rows("the background", background, width)?))
 }
 
-/// The values of a row and their errors.
-type Explained<E> = Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>;
+/// Attributions of one row to the groups and their standard errors.
+type RowAttributions<E> = Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>;
 
 /// Puts the rows' values and errors together.
-fn attributions<E>(base: f64, rows: Vec<Explained<E>>) -> Result<Attributions, ImportanceError<E>> {
+fn attributions<E>(base: f64, rows: Vec<RowAttributions<E>>) -> Result<Attributions, ImportanceError<E>> {
     let mut all = Attributions { base, values: vec![], errors: vec![] };
     for row in rows {
         let (values, errors) = row?;

@@ -1,8 +1,8 @@
 //! Scaling of a model's inputs: minus the mean, over the deviation, with whitened principal components on request.
 //! [Gnadt 2022, section 4.9]
 
-use numerics::regression::least_squares::{LeastSquaresError, Moments, Scaling};
-use numerics::regression::principal_components::{Kept, PrincipalComponents};
+use numerics::regression::least_squares::{ColumnScaling, LeastSquaresError, RegressionMoments};
+use numerics::regression::principal_components::{ComponentCount, PrincipalComponents};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
 /// Error of columns that cannot be inputs.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum InputsError {
+pub enum InputScalingError {
     /// There are too few rows for a deviation.
     #[error("standardising the inputs requires at least two rows, but there are {rows}")]
     TooFewRows {
@@ -61,43 +61,43 @@ pub enum InputsError {
 
 /// Whitened principal components of standardised columns.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Components {
+pub struct WhitenedComponents {
     /// The number of components.
     pub count: usize,
-    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: over the rows
-    /// that they are made of, each component has a variance of 1.
+    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: over the
+    /// rows that they are made of, each component has a variance of 1.
     pub weights: Vec<f64>,
     /// The part of the variance of the standardised columns that they hold.
     pub explained: f64,
 }
 
-/// The scaling of columns, and the components that are made of them.
+/// Standardisation of columns, and the principal components computed from them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Inputs {
+pub struct InputScaling {
     /// The mean of each column, in its unit.
     pub mean: Vec<f64>,
     /// The standard deviation of each column (n − 1), in its unit.
     pub scale: Vec<f64>,
     /// The components, if these are the inputs.
-    pub components: Option<Components>,
+    pub components: Option<WhitenedComponents>,
 }
 
-impl Inputs {
+impl InputScaling {
     /// The scaling by mean and deviation (n − 1) of rows of `width` columns, row-major.
     ///
     /// # Errors
-    /// Fails for values that are no rows of `width` columns, fewer than two rows, values that are not finite, and columns
-    /// that are constant.
-    pub fn standardised(x: &[f64], width: usize) -> Result<Self, InputsError> {
+    /// Fails for values that are no rows of `width` columns, fewer than two rows, values that are not finite, and
+    /// columns that are constant.
+    pub fn standardised(x: &[f64], width: usize) -> Result<Self, InputScalingError> {
         if width == 0 || !x.len().is_multiple_of(width) {
-            return Err(InputsError::Shape { given: x.len(), width });
+            return Err(InputScalingError::Shape { given: x.len(), width });
         }
         let rows = x.len() / width;
         if rows < 2 {
-            return Err(InputsError::TooFewRows { rows });
+            return Err(InputScalingError::TooFewRows { rows });
         }
         if let Some(place) = x.par_iter().position_first(|x| !x.is_finite()) {
-            return Err(InputsError::NotFinite { row: place / width, column: place % width });
+            return Err(InputScalingError::NotFinite { row: place / width, column: place % width });
         }
         // About the first row, so that a large mean costs no digits.
         let first = &x[..width];
@@ -110,24 +110,29 @@ impl Inputs {
         if columns.is_empty() {
             Ok(Self { mean, scale, components: None })
         } else {
-            Err(InputsError::Constant { columns })
+            Err(InputScalingError::Constant { columns })
         }
     }
 
-    /// The same scaling, followed by whitened principal components of `x`, the rows that the scaling is made of. A `keep`
-    /// of at least 1 is their number, below 1 the part of the variance that they hold at least. Components of less
-    /// than 1e-7 of the largest deviation are never kept: they are rounding.
+    /// The same scaling, followed by whitened principal components of `x`, the rows that the scaling is made of. A
+    /// `keep` of at least 1 is their number, below 1 the part of the variance that they hold at least. Components of
+    /// less than 1e-7 of the largest deviation are never kept: they are rounding.
     ///
     /// # Errors
     /// Fails for a `keep` that is neither, for more components than columns, and without convergence.
-    pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputsError> {
+    pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputScalingError> {
         let width = self.mean.len();
         let counted = keep >= 1.0 && keep <= width as f64 && keep.fract() == 0.0;
         if !(counted || (keep > 0.0 && keep < 1.0)) {
-            return Err(InputsError::Keep { given: keep, width });
+            return Err(InputScalingError::Keep { given: keep, width });
         }
-        let kept = if counted { Kept::Count(keep as usize) } else { Kept::Variance(keep) };
-        let found = PrincipalComponents::of(&Moments::of(x, width, &[])?, Scaling::Standardise, kept, true)?;
+        let kept = if counted { ComponentCount::Count(keep as usize) } else { ComponentCount::Variance(keep) };
+        let found = PrincipalComponents::from_moments(
+            &RegressionMoments::from_matrix(x, width, &[])?,
+            ColumnScaling::Standardise,
+            kept,
+            true,
+        )?;
         let largest = found.variances.first().copied().unwrap_or(0.0);
         let real = |variance: &&f64| **variance > LEAST_COMPONENT * LEAST_COMPONENT * largest;
         let count = found.variances.iter().take_while(real).count();
@@ -135,7 +140,7 @@ impl Inputs {
             direction.iter().map(|d| d / variance.sqrt()).collect()
         };
         let weights = found.directions.iter().zip(&found.variances).take(count).flat_map(of).collect();
-        Ok(Self { components: Some(Components { count, weights, explained: found.explained }), ..self })
+        Ok(Self { components: Some(WhitenedComponents { count, weights, explained: found.explained }), ..self })
     }
 
     /// The number of inputs that a row has after [`apply`](Self::apply).
@@ -155,7 +160,7 @@ impl Inputs {
         });
         let chunks = x[..rows * columns].par_chunks(CHUNK * columns).zip(out.par_chunks_mut(CHUNK * width));
         chunks.for_each(|(x, out)| {
-            pulp::Arch::new().dispatch(Scaled {
+            pulp::Arch::new().dispatch(InputScalingKernel {
                 mean: &self.mean,
                 scale: &self.scale,
                 weights: weights.as_deref(),
@@ -167,8 +172,8 @@ impl Inputs {
     }
 }
 
-/// Rows of inputs from rows of columns.
-struct Scaled<'a> {
+/// Vectorised computation of input rows from column rows.
+struct InputScalingKernel<'a> {
     mean: &'a [f64],
     scale: &'a [f64],
     /// The weights of the components, a row for each column.
@@ -178,7 +183,7 @@ struct Scaled<'a> {
 }
 
 // A struct, since a closure as large as this is called in place of being compiled for the wider vectors.
-impl WithSimd for Scaled<'_> {
+impl WithSimd for InputScalingKernel<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -225,7 +230,8 @@ fn column_sums(x: &[f64], width: usize, of: impl Fn(f64, usize) -> f64 + Sync) -
 mod tests {
     use super::*;
 
-    /// Rows of three columns of unequal size, of which the third is the sum of the others up to a small part of its own.
+    /// Rows of three columns of unequal size, of which the third is the sum of the others up to a small part of its
+    /// own.
     fn rows(count: usize, own: f64) -> Vec<f64> {
         let row = |i: usize| {
             let t = i as f64;
@@ -245,7 +251,7 @@ mod tests {
     #[test]
     fn law_standardised_columns_have_mean_0_and_variance_1_and_whitened_ones_no_covariance() {
         let x = rows(10_000, 0.1);
-        let inputs = Inputs::standardised(&x, 3).unwrap();
+        let inputs = InputScaling::standardised(&x, 3).unwrap();
         let z = inputs.apply(&x);
         for j in 0..3 {
             assert!((variance(&z, 3, j, j) - 1.0).abs() < 1e-10);
@@ -264,16 +270,16 @@ mod tests {
     #[test]
     fn unit_the_components_kept_are_a_number_or_a_part_of_the_variance_and_never_rounding() {
         let x = rows(5_000, 0.1);
-        let inputs = Inputs::standardised(&x, 3).unwrap();
+        let inputs = InputScaling::standardised(&x, 3).unwrap();
         assert_eq!(inputs.clone().whitened(&x, 2.0).unwrap().width(), 2);
         let most = inputs.clone().whitened(&x, 0.99).unwrap();
         assert_eq!(most.width(), 2);
         assert!(most.components.unwrap().explained >= 0.99);
         for keep in [0.0, -1.0, 2.5, 4.0, f64::NAN, f64::INFINITY] {
-            assert!(matches!(inputs.clone().whitened(&x, keep), Err(InputsError::Keep { .. })), "{keep}");
+            assert!(matches!(inputs.clone().whitened(&x, keep), Err(InputScalingError::Keep { .. })), "{keep}");
         }
         let dependent = rows(5_000, 0.0);
-        let inputs = Inputs::standardised(&dependent, 3).unwrap();
+        let inputs = InputScaling::standardised(&dependent, 3).unwrap();
         assert_eq!(inputs.whitened(&dependent, 3.0).unwrap().width(), 2);
     }
 
@@ -281,13 +287,13 @@ mod tests {
     fn unit_columns_that_tell_nothing_are_named() {
         let mut x = rows(100, 0.1);
         x.chunks_exact_mut(3).for_each(|row| (row[0], row[2]) = (51_234.567, 0.0));
-        assert_eq!(Inputs::standardised(&x, 3), Err(InputsError::Constant { columns: vec![0, 2] }));
+        assert_eq!(InputScaling::standardised(&x, 3), Err(InputScalingError::Constant { columns: vec![0, 2] }));
         x[7] = f64::NAN;
-        assert_eq!(Inputs::standardised(&x, 3), Err(InputsError::NotFinite { row: 2, column: 1 }));
-        assert_eq!(Inputs::standardised(&x[..3], 3), Err(InputsError::TooFewRows { rows: 1 }));
-        assert_eq!(Inputs::standardised(&[], 3), Err(InputsError::TooFewRows { rows: 0 }));
-        assert!(matches!(Inputs::standardised(&x[..4], 3), Err(InputsError::Shape { .. })));
-        assert!(matches!(Inputs::standardised(&x, 0), Err(InputsError::Shape { .. })));
+        assert_eq!(InputScaling::standardised(&x, 3), Err(InputScalingError::NotFinite { row: 2, column: 1 }));
+        assert_eq!(InputScaling::standardised(&x[..3], 3), Err(InputScalingError::TooFewRows { rows: 1 }));
+        assert_eq!(InputScaling::standardised(&[], 3), Err(InputScalingError::TooFewRows { rows: 0 }));
+        assert!(matches!(InputScaling::standardised(&x[..4], 3), Err(InputScalingError::Shape { .. })));
+        assert!(matches!(InputScaling::standardised(&x, 0), Err(InputScalingError::Shape { .. })));
     }
 
     #[test]
@@ -296,7 +302,7 @@ mod tests {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let inputs = Inputs::standardised(&x, 3).unwrap().whitened(&x, 0.999).unwrap();
+                let inputs = InputScaling::standardised(&x, 3).unwrap().whitened(&x, 0.999).unwrap();
                 let z = inputs.apply(&x);
                 (inputs, z)
             })

@@ -1,19 +1,22 @@
 //! Small dense networks with linear terms: the models m1 to m2d of Gnadt 2022, chapter 4, and the networks of van der
 //! Meer 2025.
 //!
-//! A [`Shape`] says what is computed from one vector of parameters; [`train`] finds the parameters. Inputs, linear terms and
-//! target are scaled by the caller, inputs by [`Inputs`](crate::inputs::Inputs).
+//! A [`NetworkShape`] says what is computed from one vector of parameters; [`train`] finds the parameters. Inputs,
+//! linear terms and target are scaled by the caller, inputs by [`InputScaling`](crate::inputs::InputScaling).
 //!
 //! ```
-//! use learning::network::{Activation, Form, Samples, Shape, State, Training, train};
+//! use learning::network::{
+//!     ActivationFunction, NetworkForm, NetworkSamples, NetworkShape, NetworkTraining, TrainingState, train,
+//! };
 //! use std::ops::ControlFlow;
 //!
 //! let x: Vec<f64> = (0..200).map(|i| f64::from(i) / 100.0 - 1.0).collect();
 //! let y: Vec<f64> = x.iter().map(|x| x * x).collect();
-//! let shape = Shape { inputs: 1, linear: 0, hidden: vec![4], activation: Activation::Swish, form: Form::Plain };
-//! let training = Training { epochs: 300, batch: 50, learning_rate: 0.03, ..Training::default() };
-//! let samples = Samples { x: &x, a: &[], y: &y };
-//! let start = State::new(&shape, shape.initial(1, &[]));
+//! let (activation, form) = (ActivationFunction::Swish, NetworkForm::Plain);
+//! let shape = NetworkShape { inputs: 1, linear: 0, hidden: vec![4], activation, form };
+//! let training = NetworkTraining { epochs: 300, batch: 50, learning_rate: 0.03, ..NetworkTraining::default() };
+//! let samples = NetworkSamples { x: &x, a: &[], y: &y };
+//! let start = TrainingState::new(&shape, shape.initial(1, &[]));
 //! let trained = train(&shape, start, &training, &samples, None, &mut |_, _| ControlFlow::Continue(()))?;
 //! let at_half = shape.predict(&trained.parameters, &[0.5], &[])[0];
 //! assert!((at_half - 0.25).abs() < 0.05);
@@ -22,19 +25,20 @@
 
 //! # What computes
 //!
-//! Products of 256 rows with the weights of a layer, written with the vectors of AVX2 where the processor has them. For 77 inputs
-//! and 8 units, 400,000 rows forwards and backwards take 19 ms of a processor; faer's matrix product took 12 ms on the same
-//! machine, with vectors twice as wide, which is a tenth of an epoch. Ours sums in one order and by fused multiply-add on every
-//! machine, so that the bits of a model do not depend on the processor that trained it. PyTorch takes 3.5 times as long an
-//! epoch of `m1` in single precision, and 3.9 times in double, on two cores; candle 5 times in double precision and 1.2 times in
-//! single on one (`stages/learning/benches`). Models are in double precision, so that no framework is within twice of ours.
+//! Products of 256 rows with the weights of a layer, written with the vectors of AVX2 where the processor has them. For
+//! 77 inputs and 8 units, 400,000 rows forwards and backwards take 19 ms of a processor; faer's matrix product took 12
+//! ms on the same machine, with vectors twice as wide, which is a tenth of an epoch. Ours sums in one order and by
+//! fused multiply-add on every machine, so that the bits of a model do not depend on the processor that trained it.
+//! PyTorch takes 3.5 times as long an epoch of `m1` in single precision, and 3.9 times in double, on two cores; candle
+//! 5 times in double precision and 1.2 times in single on one (`stages/learning/benches`). Models are in double
+//! precision, so that no framework is within twice of ours.
 //!
 //! Batches are cut into blocks of 256 rows, whose gradients are added in their order, on any number of threads.
 //!
 //! # The parameters by hand
 //!
 //! For one hidden layer of `h` units with swish and `p` inputs, with numpy and parameters `w` in the order of
-//! [`Shape::names`]:
+//! [`NetworkShape::names`]:
 //!
 //! ```text
 //! z = (x - mean) / scale                               # x: rows of columns
@@ -62,17 +66,20 @@ mod together;
 mod training;
 mod windowed;
 
-pub use activation::Activation;
-pub use ensemble::Ensemble;
-pub use lbfgs::Lbfgs;
-pub use loss::Loss;
-pub use onnx::{OnnxError, Scales};
-pub use shape::{Form, Shape};
-pub use state::{State, StateError};
+pub use activation::ActivationFunction;
+pub use ensemble::EnsemblePrediction;
+pub use lbfgs::LbfgsState;
+pub use loss::NetworkLoss;
+pub use onnx::{NetworkScales, OnnxError};
+pub use shape::{NetworkForm, NetworkShape};
+pub use state::{TrainingState, TrainingStateError};
 pub use terms::TermScaling;
-pub use together::{Each, Job, train, train_together, train_windowed};
-pub use training::{Epoch, Optimiser, Samples, Schedule, SparseGroupLasso, Trained, Training, TrainingError};
-pub use windowed::{Memory, Runs, Windowed};
+pub use together::{EpochCallback, TrainingJob, train, train_together, train_windowed};
+pub use training::{
+    LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, SparseGroupLasso, TrainingEpoch,
+    TrainingError, TrainingResult,
+};
+pub use windowed::{MemoryLayers, SampleRuns, WindowedNetworkShape};
 
 #[cfg(test)]
 mod onnx_tests;

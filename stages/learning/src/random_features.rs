@@ -1,9 +1,9 @@
 //! Random Fourier features of a Gaussian kernel with ridge regression on them: a Gaussian process of reduced rank, the
 //! strong classical rival of a network.
 //!
-//! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, the features cos(w·x)/√k and
-//! sin(w·x)/√k of k frequencies have the kernel exp(−|x − x'|²/(2 length²)) as the mean of their product [Rahimi and Recht
-//! 2007; the pair instead of one cosine with a random phase: Sutherland and Schneider 2015]. Frequencies are
+//! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, the features cos(w·x)/√k
+//! and sin(w·x)/√k of k frequencies have the kernel exp(−|x − x'|²/(2 length²)) as the mean of their product [Rahimi
+//! and Recht 2007; the pair instead of one cosine with a random phase: Sutherland and Schneider 2015]. Frequencies are
 //! orthogonal in blocks of as many as there are columns, which makes the error of the kernel smaller [Yu et al. 2016].
 //! Columns themselves stand with the features where `linear` is above 0: the kernel has then `linear`² x·x' added, a
 //! linear model with the Gaussian process on top.
@@ -17,9 +17,9 @@
 //! var f(x) = σ² (1/n + φ(x)ᵀ (ΦᵀΦ + λ I)⁻¹ φ(x))
 //! ```
 //!
-//! σ² and the constant are integrated out or at their most likely values for each λ [Rasmussen and Williams 2006, (2.11),
-//! (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Errors that are correlated from sample to
-//! sample make both standard deviations too small.
+//! σ² and the constant are integrated out or at their most likely values for each λ [Rasmussen and Williams 2006,
+//! (2.11), (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Errors that are correlated
+//! from sample to sample make both standard deviations too small.
 //!
 //! Between training rows and near their limits, the standard deviation grows to that of the prior. Far beyond them the
 //! features repeat themselves and the mean does not return to the constant.
@@ -37,7 +37,7 @@ use faer::{
     },
 };
 use numerics::{
-    random::{Normals, SplitMix64, seed_of},
+    random::{NormalGenerator, SplitMix64, seed_of},
     regression::statistics::median,
 };
 use rayon::prelude::*;
@@ -62,9 +62,9 @@ const PAIRS: usize = 2000;
 /// Lengths that are tried, in median distances.
 const LENGTHS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
-/// The settings of a fit.
+/// Settings of a random-feature fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kernel {
+pub struct RandomFeatureSettings {
     /// The number of random features: a cosine and a sine of each frequency, an odd number is raised by one.
     pub features: usize,
     /// The length scale, in the unit of the columns. `None`: the most likely of 1/4, 1/2, 1, 2 and 4 times the median
@@ -79,14 +79,14 @@ pub struct Kernel {
     pub seed: u64,
 }
 
-impl Default for Kernel {
+impl Default for RandomFeatureSettings {
     /// 500 features and the columns themselves, length and λ the most likely ones.
     fn default() -> Self {
         Self { features: 500, length: None, linear: 1.0, lambda: None, seed: 0 }
     }
 }
 
-/// A fitted model: what is needed to predict.
+/// Fitted random-feature model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RandomFeatures {
     /// The number of columns.
@@ -115,9 +115,9 @@ pub struct RandomFeatures {
     pub log_likelihood: f64,
 }
 
-/// Why there is no model.
+/// Error of a random-feature fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum KernelError {
+pub enum RandomFeatureError {
     /// Rows or settings are not usable.
     #[error(transparent)]
     Rows(#[from] RowsError),
@@ -145,26 +145,31 @@ pub enum KernelError {
 /// # Errors
 /// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, rows that are
 /// all equal where the length is to be found, and without convergence.
-pub fn fit(x: &[f64], width: usize, y: &[f64], how: &Kernel) -> Result<RandomFeatures, KernelError> {
+pub fn fit(
+    x: &[f64],
+    width: usize,
+    y: &[f64],
+    how: &RandomFeatureSettings,
+) -> Result<RandomFeatures, RandomFeatureError> {
     let rows = finite_rows("the matrix", x, width)?;
     entries("the target", y.len(), rows)?;
     finite_rows("the target", y, 1)?;
     how.check()?;
     if rows < 3 {
-        return Err(KernelError::TooFewRows { rows });
+        return Err(RandomFeatureError::TooFewRows { rows });
     }
     let intercept = crate::trees::mean(y);
     let y: Vec<f64> = y.iter().map(|y| y - intercept).collect();
     if y.iter().all(|y| y.abs() <= 1e-14 * intercept.abs()) {
-        return Err(KernelError::ConstantTarget);
+        return Err(RandomFeatureError::ConstantTarget);
     }
     let directions = directions(width, how.features.div_ceil(2), how.seed);
     let length = match how.length {
         Some(length) => length,
         None => most_likely_length(x, width, &y, &directions, how)?,
     };
-    let map = Map::new(width, &directions, length, how.linear);
-    let spectrum = Spectrum::of(&Sums::of(&map, x, &y))?;
+    let map = RandomFeatureMap::new(width, &directions, length, how.linear);
+    let spectrum = FeatureSpectrum::from_sums(&FeatureSums::from_rows(&map, x, &y))?;
     let lambda = how.lambda.unwrap_or_else(|| spectrum.most_likely());
     let (weights, factor) = spectrum.solution(lambda);
     let (noise_variance, log_likelihood) = (spectrum.noise(lambda), spectrum.log_likelihood(lambda));
@@ -186,7 +191,7 @@ pub fn fit(x: &[f64], width: usize, y: &[f64], how: &Kernel) -> Result<RandomFea
     })
 }
 
-impl Kernel {
+impl RandomFeatureSettings {
     fn check(&self) -> Result<(), RowsError> {
         let above = |x: f64| x > 0.0 && x.is_finite();
         let count = self.features as f64;
@@ -203,9 +208,9 @@ impl Kernel {
 }
 
 impl RandomFeatures {
-    /// The predictions of rows of `width` columns each, and the standard deviations of the function's values there, both in
-    /// the unit of the target. The variance of a new reading is `noise_variance` more. NaN for rows that are not
-    /// finite.
+    /// The predictions of rows of `width` columns each, and the standard deviations of the function's values there,
+    /// both in the unit of the target. The variance of a new reading is `noise_variance` more. NaN for rows that are
+    /// not finite.
     ///
     /// # Errors
     /// Fails when `x` is not whole rows, or the model's parts do not fit each other.
@@ -293,7 +298,7 @@ impl RandomFeatures {
 
     /// Applies `of` to the centred features and the phases, a block of rows at a time.
     fn blocks<T: Send>(&self, x: &[f64], of: impl Fn(&[f64], &[f64]) -> T + Sync) -> Vec<T> {
-        let map = Map { width: self.width, frequencies: self.frequencies.clone(), linear: self.linear };
+        let map = RandomFeatureMap { width: self.width, frequencies: self.frequencies.clone(), linear: self.linear };
         let block = |x: &[f64]| {
             let (mut features, phases) = map.features(x);
             for row in features.chunks_exact_mut(self.means.len().max(1)) {
@@ -305,14 +310,14 @@ impl RandomFeatures {
     }
 }
 
-/// From rows to features.
-struct Map {
+/// Random Fourier features of rows.
+struct RandomFeatureMap {
     width: usize,
     frequencies: Vec<f64>,
     linear: f64,
 }
 
-impl Map {
+impl RandomFeatureMap {
     fn new(width: usize, directions: &[f64], length: f64, linear: f64) -> Self {
         Self { width, frequencies: directions.iter().map(|w| w / length).collect(), linear }
     }
@@ -347,7 +352,7 @@ impl Map {
 
 /// Frequencies of a kernel of length 1, row by row: orthogonal in blocks of `width`, as long as normal vectors are.
 fn directions(width: usize, count: usize, seed: u64) -> Vec<f64> {
-    let mut normals = Normals::new(seed_of(seed, &["frequencies"]));
+    let mut normals = NormalGenerator::new(seed_of(seed, &["frequencies"]));
     let mut out = Vec::with_capacity(count * width);
     while out.len() < count * width {
         let drawn = Mat::from_fn(width, width, |_, _| normals.draw());
@@ -365,8 +370,8 @@ fn most_likely_length(
     width: usize,
     y: &[f64],
     directions: &[f64],
-    how: &Kernel,
-) -> Result<f64, KernelError> {
+    how: &RandomFeatureSettings,
+) -> Result<f64, RandomFeatureError> {
     let rows = y.len();
     let mut bits = SplitMix64::new(seed_of(how.seed, &["pairs"]));
     let mut row = || {
@@ -377,7 +382,7 @@ fn most_likely_length(
     let mut distances: Vec<f64> = (0..PAIRS).map(|_| distance(row(), row())).filter(|d| *d > 0.0).collect();
     let middle = median(&mut distances);
     if !(middle > 0.0 && middle.is_finite()) {
-        return Err(KernelError::ConstantRows);
+        return Err(RandomFeatureError::ConstantRows);
     }
     let some = rows.min(COMPARED);
     let picked = || (0..some).map(|k| (k as u128 * rows as u128 / some as u128) as usize);
@@ -385,15 +390,15 @@ fn most_likely_length(
     let targets: Vec<f64> = picked().map(|i| y[i]).collect();
     let targets = about_mean(&targets);
     let likelihood = |factor: f64| {
-        let map = Map::new(width, directions, factor * middle, how.linear);
-        let spectrum = Spectrum::of(&Sums::of(&map, &few, &targets))?;
+        let map = RandomFeatureMap::new(width, directions, factor * middle, how.linear);
+        let spectrum = FeatureSpectrum::from_sums(&FeatureSums::from_rows(&map, &few, &targets))?;
         let lambda = how.lambda.unwrap_or_else(|| spectrum.most_likely());
         Ok((factor * middle, spectrum.log_likelihood(lambda)))
     };
-    let tried: Vec<Result<(f64, f64), KernelError>> = LENGTHS.into_par_iter().map(likelihood).collect();
+    let tried: Vec<Result<(f64, f64), RandomFeatureError>> = LENGTHS.into_par_iter().map(likelihood).collect();
     let tried: Vec<(f64, f64)> = tried.into_iter().collect::<Result<_, _>>()?;
     let best = tried.into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
-    best.map(|(length, _)| length).ok_or(KernelError::ConstantRows)
+    best.map(|(length, _)| length).ok_or(RandomFeatureError::ConstantRows)
 }
 
 fn about_mean(y: &[f64]) -> Vec<f64> {
@@ -401,8 +406,8 @@ fn about_mean(y: &[f64]) -> Vec<f64> {
     y.iter().map(|y| y - mean).collect()
 }
 
-/// Sums over the rows of features and of a target about its mean.
-struct Sums {
+/// Sums over rows of the features, their products, and their products with the centred target.
+struct FeatureSums {
     rows: usize,
     /// The sum of the products of two features; the lower triangle.
     products: Mat<f64>,
@@ -412,8 +417,8 @@ struct Sums {
     squares: f64,
 }
 
-impl Sums {
-    fn of(map: &Map, x: &[f64], y: &[f64]) -> Self {
+impl FeatureSums {
+    fn from_rows(map: &RandomFeatureMap, x: &[f64], y: &[f64]) -> Self {
         let rows = y.len();
         let lane = |l: usize| Self::lane(map, x, y, l * rows / LANES..(l + 1) * rows / LANES);
         let lanes: Vec<(Mat<f64>, Vec<f64>, Vec<f64>)> = (0..LANES).into_par_iter().map(lane).collect();
@@ -427,7 +432,7 @@ impl Sums {
         Self { rows, products, along, features, squares: sum_of(rows, |i| y[i] * y[i]) }
     }
 
-    fn lane(map: &Map, x: &[f64], y: &[f64], range: Range<usize>) -> (Mat<f64>, Vec<f64>, Vec<f64>) {
+    fn lane(map: &RandomFeatureMap, x: &[f64], y: &[f64], range: Range<usize>) -> (Mat<f64>, Vec<f64>, Vec<f64>) {
         let m = map.count();
         let (mut products, mut along, mut sums) = (Mat::zeros(m, m), vec![0.0; m], vec![0.0; m]);
         let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
@@ -445,8 +450,8 @@ impl Sums {
     }
 }
 
-/// The eigenvectors of the features' products about their means.
-struct Spectrum {
+/// Eigendecomposition of the centred products of the features.
+struct FeatureSpectrum {
     rows: usize,
     means: Vec<f64>,
     vectors: Mat<f64>,
@@ -456,14 +461,14 @@ struct Spectrum {
     squares: f64,
 }
 
-impl Spectrum {
-    fn of(sums: &Sums) -> Result<Self, KernelError> {
+impl FeatureSpectrum {
+    fn from_sums(sums: &FeatureSums) -> Result<Self, RandomFeatureError> {
         let n = sums.rows as f64;
         let means: Vec<f64> = sums.features.iter().map(|f| f / n).collect();
         let about = Mat::from_fn(means.len(), means.len(), |i, j| {
             if i >= j { sums.products[(i, j)] - n * means[i] * means[j] } else { 0.0 }
         });
-        let found = about.self_adjoint_eigen(Side::Lower).map_err(|_| KernelError::NotConverged)?;
+        let found = about.self_adjoint_eigen(Side::Lower).map_err(|_| RandomFeatureError::NotConverged)?;
         let values: Vec<f64> = found.S().column_vector().iter().map(|d| d.max(0.0)).collect();
         let vectors = found.U().to_owned();
         // The target is about its mean, so that the features need not be.

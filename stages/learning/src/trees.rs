@@ -1,8 +1,8 @@
 //! Gradient-boosted regression trees on histograms: the rival that every practitioner names.
 //!
 //! Each tree is fitted to the residuals of those before it and added with a factor, the learning rate [Friedman 2001,
-//! "Greedy function approximation: a gradient boosting machine"]. With the residuals r of a squared loss, the value of a
-//! leaf of n rows and the gain of dividing it are [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
+//! "Greedy function approximation: a gradient boosting machine"]. With the residuals r of a squared loss, the value of
+//! a leaf of n rows and the gain of dividing it are [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
 //!
 //! ```text
 //! value = rate Σr/(n + l2)        gain = (Σr)²/(n + l2) of the left + the same of the right - the same of both
@@ -14,8 +14,8 @@
 //! smaller. It is what scikit-learn's `HistGradientBoostingRegressor` does for a squared error; a case of up to 256
 //! distinct values a column has the same trees there.
 //!
-//! A row goes left where its value is at most the threshold. Trees are constant beyond the values that they were trained
-//! on: a drift out of that range is not followed.
+//! A row goes left where its value is at most the threshold. Trees are constant beyond the values that they were
+//! trained on: a drift out of that range is not followed.
 //!
 //! Sums are made column by column in the order of the rows, so that the same seed gives the same bits on any number of
 //! threads.
@@ -35,8 +35,8 @@ use crate::{
     draws,
     rows::{RowsError, entries, finite_rows, setting, sum_of},
 };
-use bins::Bins;
-use grow::Grower;
+use bins::ColumnBins;
+use grow::TreeGrower;
 pub use state::{trees_from_bytes, trees_to_bytes};
 
 /// Rows that a task predicts.
@@ -44,7 +44,7 @@ const BLOCK: usize = 512;
 
 /// The settings of a boosted forest.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Boosting {
+pub struct BoostingSettings {
     /// The maximum number of trees.
     pub trees: usize,
     /// The factor of each tree, above 0.
@@ -65,7 +65,7 @@ pub struct Boosting {
     pub patience: Option<usize>,
 }
 
-impl Default for Boosting {
+impl Default for BoostingSettings {
     /// 200 trees of up to 31 leaves of at least 20 rows, rate 0.1, all rows, neither depth limit nor early stop.
     fn default() -> Self {
         Self {
@@ -82,7 +82,7 @@ impl Default for Boosting {
     }
 }
 
-impl Boosting {
+impl BoostingSettings {
     fn check(&self, rows: usize, validated: bool) -> Result<(), BoostingError> {
         setting("the number of trees", self.trees as f64, "at least 1", self.trees > 0)?;
         let rate = self.learning_rate;
@@ -109,25 +109,25 @@ impl Boosting {
     }
 }
 
-/// The sum of a constant and of trees.
+/// Sum of a constant and of regression trees.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Forest {
     /// The mean of the target.
     pub base: f64,
     /// The trees, whose values have the learning rate in them.
-    pub trees: Vec<Tree>,
+    pub trees: Vec<RegressionTree>,
 }
 
-/// A tree. Its root is node 0.
+/// Regression tree. Its root is node 0.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tree {
+pub struct RegressionTree {
     /// The nodes; those below a node come after it.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<RegressionTreeNode>,
 }
 
 /// A node of a tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Node {
+pub enum RegressionTreeNode {
     /// Rows whose `feature` is at most `threshold` go on at node `left`, all others at node `right`.
     Split {
         /// The column, from 0.
@@ -146,9 +146,9 @@ pub enum Node {
     },
 }
 
-/// A trained forest and how it went.
+/// Boosted forest and the losses of its training.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Boosted {
+pub struct BoostingResult {
     /// The first `best` trees.
     pub forest: Forest,
     /// After each tree, the mean square error of the training rows and of the validation rows (NaN without).
@@ -157,7 +157,7 @@ pub struct Boosted {
     pub best: usize,
 }
 
-/// Why there is no forest.
+/// Error of the training of a boosted forest.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BoostingError {
     /// Rows or settings are not usable.
@@ -199,14 +199,16 @@ pub enum BoostingError {
     },
 }
 
-impl Tree {
+impl RegressionTree {
     /// Value that the tree adds for a row; NaN where a node names a column or a node that does not exist.
     pub fn value(&self, row: &[f64]) -> f64 {
         let mut at = 0;
         loop {
             let (feature, threshold, left, right) = match self.nodes.get(at) {
-                Some(Node::Leaf { value }) => return *value,
-                Some(Node::Split { feature, threshold, left, right }) => (*feature, *threshold, *left, *right),
+                Some(RegressionTreeNode::Leaf { value }) => return *value,
+                Some(RegressionTreeNode::Split { feature, threshold, left, right }) => {
+                    (*feature, *threshold, *left, *right)
+                }
                 None => return f64::NAN,
             };
             let Some(x) = row.get(feature) else { return f64::NAN };
@@ -225,23 +227,27 @@ impl Tree {
     }
 
     fn fault(&self, width: usize) -> Option<(usize, &'static str)> {
-        let wrong = |(at, node): (usize, &Node)| match *node {
-            Node::Leaf { value } if !value.is_finite() => Some((at, "has a value that is not finite")),
-            Node::Leaf { .. } => None,
-            Node::Split { feature, .. } if feature >= width => Some((at, "divides a column that does not exist")),
-            Node::Split { threshold, .. } if threshold.is_nan() => Some((at, "has no threshold")),
-            Node::Split { left, right, .. } if left.min(right) <= at || left.max(right) >= self.nodes.len() => {
+        let wrong = |(at, node): (usize, &RegressionTreeNode)| match *node {
+            RegressionTreeNode::Leaf { value } if !value.is_finite() => Some((at, "has a value that is not finite")),
+            RegressionTreeNode::Leaf { .. } => None,
+            RegressionTreeNode::Split { feature, .. } if feature >= width => {
+                Some((at, "divides a column that does not exist"))
+            }
+            RegressionTreeNode::Split { threshold, .. } if threshold.is_nan() => Some((at, "has no threshold")),
+            RegressionTreeNode::Split { left, right, .. }
+                if left.min(right) <= at || left.max(right) >= self.nodes.len() =>
+            {
                 Some((at, "leads to a node that is not after it"))
             }
-            Node::Split { .. } => None,
+            RegressionTreeNode::Split { .. } => None,
         };
         if self.nodes.is_empty() { Some((0, "is missing")) } else { self.nodes.iter().enumerate().find_map(wrong) }
     }
 }
 
 impl Forest {
-    /// The predictions of rows of `width` columns each, in the unit of the target; NaN for a row with a NaN in it, since
-    /// none of the two sides of a split is right for it.
+    /// The predictions of rows of `width` columns each, in the unit of the target; NaN for a row with a NaN in it,
+    /// since none of the two sides of a split is right for it.
     pub fn predict(&self, x: &[f64], width: usize) -> Vec<f64> {
         let rows = x.par_chunks_exact(width.max(1));
         let mut out = vec![0.0; rows.len()];
@@ -265,7 +271,7 @@ impl Forest {
     /// # Errors
     /// With [`BoostingError::Malformed`] for the first node that is wrong.
     pub fn check(&self, width: usize) -> Result<(), BoostingError> {
-        let of = |(tree, t): (usize, &Tree)| t.fault(width).map(|(node, what)| (tree, node, what));
+        let of = |(tree, t): (usize, &RegressionTree)| t.fault(width).map(|(node, what)| (tree, node, what));
         match self.trees.iter().enumerate().find_map(of) {
             Some((tree, node, what)) => Err(BoostingError::Malformed { tree, node, what }),
             None if self.base.is_finite() => Ok(()),
@@ -276,9 +282,9 @@ impl Forest {
 
 /// Trains a forest on rows `x` of `width` columns each and their targets `y`, in units of the caller's choice: neither
 /// scaling nor any other monotonous function of a column changes the trees. `validation` has other rows and
-/// their targets, of other lines or flights. `each` is handed the number of trees so far (from 1), the mean square error
-/// of the training rows and that of the validation rows (NaN without), and ends training with `Break`: what was trained
-/// until then is returned.
+/// their targets, of other lines or flights. `each` is handed the number of trees so far (from 1), the mean square
+/// error of the training rows and that of the validation rows (NaN without), and ends training with `Break`: what was
+/// trained until then is returned.
 ///
 /// A column that is constant is never divided. Training ends before the last tree where no split has a gain.
 ///
@@ -289,15 +295,15 @@ pub fn boost(
     x: &[f64],
     width: usize,
     y: &[f64],
-    how: &Boosting,
+    how: &BoostingSettings,
     validation: Option<(&[f64], &[f64])>,
     each: &mut dyn FnMut(usize, f64, f64) -> ControlFlow<()>,
-) -> Result<Boosted, BoostingError> {
+) -> Result<BoostingResult, BoostingError> {
     boost_on(vec![], x, width, y, how, validation, &mut |trees, train, ahead| each(trees.len(), train, ahead))
 }
 
 /// Callback after each tree with all trees so far, the training loss and the validation loss.
-pub type EachTree<'a> = dyn FnMut(&[Tree], f64, f64) -> ControlFlow<()> + 'a;
+pub type TreeCallback<'a> = dyn FnMut(&[RegressionTree], f64, f64) -> ControlFlow<()> + 'a;
 
 /// Resumes [`boost`] from the first trees of an interrupted training with the same rows and settings. The result has
 /// the same bits as that of an uninterrupted training. `each` receives all trees so far.
@@ -305,14 +311,14 @@ pub type EachTree<'a> = dyn FnMut(&[Tree], f64, f64) -> ControlFlow<()> + 'a;
 /// # Errors
 /// The same as for [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
 pub fn boost_on(
-    begun: Vec<Tree>,
+    begun: Vec<RegressionTree>,
     x: &[f64],
     width: usize,
     y: &[f64],
-    how: &Boosting,
+    how: &BoostingSettings,
     validation: Option<(&[f64], &[f64])>,
-    each: &mut EachTree<'_>,
-) -> Result<Boosted, BoostingError> {
+    each: &mut TreeCallback<'_>,
+) -> Result<BoostingResult, BoostingError> {
     let begun = Forest { base: 0.0, trees: begun };
     begun.check(width)?;
     let mut begun = begun.trees.into_iter();
@@ -322,13 +328,13 @@ pub fn boost_on(
     how.check(rows, validation.is_some())?;
     let base = mean(y);
     let mut residuals: Vec<f64> = y.iter().map(|y| y - base).collect();
-    let mut ahead = validation.map(|(x, y)| Ahead::new(x, width, y, base)).transpose()?;
+    let mut ahead = validation.map(|(x, y)| ValidationResiduals::new(x, width, y, base)).transpose()?;
     if !mean_square(&residuals).is_finite() {
         return Err(BoostingError::Diverged { tree: 0 });
     }
-    let bins = Bins::of(x, width);
-    let mut grower = Grower::new(&bins, how);
-    let mut boosted = Boosted { forest: Forest { base, trees: vec![] }, losses: vec![], best: 0 };
+    let bins = ColumnBins::from_rows(x, width);
+    let mut grower = TreeGrower::new(&bins, how);
+    let mut boosted = BoostingResult { forest: Forest { base, trees: vec![] }, losses: vec![], best: 0 };
     let mut least = f64::INFINITY;
     for number in 1..=how.trees {
         let tree = match begun.next() {
@@ -372,20 +378,20 @@ pub fn boost_on(
 }
 
 /// The rows that tree `number` sees, ascending; `None` for all.
-fn drawn(how: &Boosting, number: usize, rows: usize) -> Option<Vec<u32>> {
+fn drawn(how: &BoostingSettings, number: usize, rows: usize) -> Option<Vec<u32>> {
     let seen = how.seen(rows);
     let bits = || SplitMix64::new(seed_of(how.seed, &["tree", &number.to_string()]));
     (seen < rows).then(|| draws::chosen(&mut bits(), rows, seen))
 }
 
-/// Validation rows and what is left of their targets.
-struct Ahead<'a> {
+/// Validation rows and the residuals of their targets.
+struct ValidationResiduals<'a> {
     x: &'a [f64],
     width: usize,
     residuals: Vec<f64>,
 }
 
-impl<'a> Ahead<'a> {
+impl<'a> ValidationResiduals<'a> {
     fn new(x: &'a [f64], width: usize, y: &[f64], base: f64) -> Result<Self, BoostingError> {
         let rows = finite_rows("the validation matrix", x, width)?;
         entries("the validation target", y.len(), rows)?;
@@ -394,7 +400,7 @@ impl<'a> Ahead<'a> {
     }
 
     /// The mean square error with one more tree.
-    fn add(&mut self, tree: &Tree) -> f64 {
+    fn add(&mut self, tree: &RegressionTree) -> f64 {
         let rows = self.x.par_chunks(BLOCK * self.width);
         self.residuals.par_chunks_mut(BLOCK).zip(rows).for_each(|(residuals, x)| {
             let rows = x.chunks_exact(self.width);

@@ -8,9 +8,9 @@
 use std::time::Instant;
 
 use numerics::{
-    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+    compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix},
     regression::least_squares::{QrAccumulator, RidgePath},
-    signal::filter::{Band, ConstantColumns, ZeroPhase},
+    signal::filter::{ConstantColumns, FilterBand, ZeroPhaseFilter},
 };
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -62,13 +62,13 @@ fn lambdas() -> Vec<f64> {
 /// The work that is timed.
 fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failure> {
     let clock = Instant::now();
-    let terms = Terms::default();
+    let terms = TermSelection::default();
     let [x, y, z] = &flight.vector;
-    let field = Field { x, y, z, bt: None };
+    let field = BodyFieldColumns { x, y, z, bt: None };
     let mut a = matrix(&field, &terms, DEFAULT_SCALE_NT)?;
     let built = clock.elapsed().as_secs_f64();
-    let band = Band::Band { low_hz: 0.1, high_hz: 0.9 };
-    let filter = ZeroPhase::new(band, RATE_HZ, 4)?;
+    let band = FilterBand::Band { low_hz: 0.1, high_hz: 0.9 };
+    let filter = ZeroPhaseFilter::new(band, RATE_HZ, 4)?;
     let scalars: Vec<&[f64]> = flight.scalars.iter().map(Vec::as_slice).collect();
     let (filtered, scalars) = rayon::join(
         || filter.apply_matrix(&mut a, terms.len(), ConstantColumns::Keep),
@@ -80,7 +80,7 @@ fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failur
     let kept = TRIM..SAMPLES - TRIM;
     let targets: Vec<&[f64]> = scalars.iter().map(|y| &y[kept.clone()]).collect();
     let a = &a[kept.start * terms.len()..kept.end * terms.len()];
-    let path = QrAccumulator::of(a, terms.len(), &targets)?.solve(lambdas, &terms.names())?;
+    let path = QrAccumulator::from_matrix(a, terms.len(), &targets)?.solve(lambdas, &terms.names())?;
     let done = clock.elapsed().as_secs_f64();
     Ok((path, [built, filtered - built, done - filtered]))
 }

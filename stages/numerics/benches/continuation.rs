@@ -1,14 +1,14 @@
 //! Upward continuation of a map of 3195 x 7279 nodes, padded to 3840 x 8748.
 //!
-//! `cargo bench -p magline-numerics --bench continuation --profile dev` prints the fastest of several runs on one and on two
-//! threads and the most memory that the process ever held, and checks the answer against the closed form of the
+//! `cargo bench -p magline-numerics --bench continuation --profile dev` prints the fastest of several runs on one and
+//! on two threads and the most memory that the process ever held, and checks the answer against the closed form of the
 //! field and against the nodes that `continuation_harmonica.py` found for the same padded map.
 //! `continuation_harmonica.py` prints its own times and the ratio.
 
 use std::time::Instant;
 
 use numerics::maps::{
-    continuation::{Edge, Padding, Spectrum, Trend, Width, upward},
+    continuation::{EdgeExtension, MapSpectrum, Padding, PaddingWidth, TrendRemoval, upward},
     plane_grid::{EvenAxis, PlaneGrid},
 };
 use rayon::prelude::*;
@@ -110,9 +110,9 @@ fn timed<T>(run: impl Fn() -> Result<T, Failure>) -> Result<(f64, T), Failure> {
 fn main() -> Result<(), Failure> {
     let map = map();
     let zeros = Padding {
-        width: Width::Nodes([(PADDED[0] - ROWS) / 2, (PADDED[1] - COLUMNS) / 2]),
-        edge: Edge::Zero,
-        trend: Trend::None,
+        width: PaddingWidth::Nodes([(PADDED[0] - ROWS) / 2, (PADDED[1] - COLUMNS) / 2]),
+        edge: EdgeExtension::Zero,
+        trend: TrendRemoval::None,
         ..Padding::default()
     };
     let layout = zeros.layout(&map, UP_M)?;
@@ -153,7 +153,7 @@ fn main() -> Result<(), Failure> {
             zeros_s * 1e3,
             default_s * 1e3
         );
-        let (spectrum_s, spectrum) = timed(|| Ok(pool.install(|| Spectrum::new(&map, UP_M, &zeros))?))?;
+        let (spectrum_s, spectrum) = timed(|| Ok(pool.install(|| MapSpectrum::new(&map, UP_M, &zeros))?))?;
         let (level_s, _) = timed(|| Ok(pool.install(|| spectrum.at_height(UP_M, 0.0))?))?;
         println!("  a spectrum {:.1} ms, each level from it {:.1} ms", spectrum_s * 1e3, level_s * 1e3);
     }

@@ -11,28 +11,28 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 use numerics::{
-    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+    compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix},
     earth::{attitude::body_to_ned, geodesy::EarthModel},
     maps::{
         map_stack::FieldMap,
-        map_surface::{Interpolation, MapSurface},
+        map_surface::{MapInterpolation, MapSurface},
     },
     navigation::{
         NavigationLine,
         adaptive::{self, AdaptiveParameters},
         aided::Aids,
         crlb::{self, TruePath},
-        ekf::{self, EkfParameters, EkfPoint},
-        fixed_lag::{self, Coefficients, FixedLagParameters, Keep},
+        ekf::{self, EkfInput, EkfParameters},
+        fixed_lag::{self, AircraftCoefficients, FixedLagOptions, FixedLagParameters},
         iekf::{self, IekfParameters},
         ins_error::{InsErrorModel, InsErrors, InsGrade, simulate_ins_error},
         mpf::{self, MpfParameters},
         online::{self, CoefficientPrior, Fluxgate, LineModel, OnlineParameters},
-        rts::{self, SmootherParameters},
+        rts::{self, RtsParameters},
         slam::{self, SlamLine, SlamParameters},
         ukf::{self, UkfParameters},
     },
-    random::Normals,
+    random::NormalGenerator,
     signal::gauss_markov::GaussMarkov,
 };
 use osborne::{Line, core_field, grid, temporal_nt};
@@ -95,7 +95,7 @@ fn fly(map: &FieldMap, core: &numerics::earth::core_field::CoreField) -> Result<
             truth.columns[column][row] += degrees * (std::f64::consts::TAU * t / period_s).sin();
         }
     }
-    let mut normals = Normals::new(1);
+    let mut normals = NormalGenerator::new(1);
     let errors = simulate_ins_error(&truth.series(), &InsErrorModel::default(), || normals.draw())?;
     let (mut vector, mut clean_nt) = ([vec![], vec![], vec![]], vec![]);
     for (row, error) in errors.iter().enumerate() {
@@ -108,7 +108,7 @@ fn fly(map: &FieldMap, core: &numerics::earth::core_field::CoreField) -> Result<
         clean_nt.push(anomaly_nt + field.norm() + temporal_nt(error) + SIGMA_NT * normals.draw());
     }
     let [x, y, z] = &vector;
-    let terms = matrix(&Field { x, y, z, bt: None }, &Terms::default(), DEFAULT_SCALE_NT)?;
+    let terms = matrix(&BodyFieldColumns { x, y, z, bt: None }, &TermSelection::default(), DEFAULT_SCALE_NT)?;
     let own: Vec<f64> = (0..18).map(|_| 60.0 * normals.draw()).collect();
     let aircraft = |row: &[f64]| row.iter().zip(&own).map(|(a, b)| a * b).sum::<f64>();
     let uncompensated_nt = terms.chunks_exact(18).zip(&clean_nt).map(|(row, nt)| nt + aircraft(row)).collect();
@@ -118,7 +118,7 @@ fn fly(map: &FieldMap, core: &numerics::earth::core_field::CoreField) -> Result<
 fn known_field(flight: &Flight, line: &NavigationLine) -> Result<(), Failure> {
     let error = |out: &numerics::navigation::NavigationOutput| drms_m(&flight.truth, &out.lat_deg, &out.lon_deg);
     let parameters = EkfParameters { errors: line.errors, ..EkfParameters::default() };
-    let point = EkfPoint {
+    let point = EkfInput {
         parameters: &parameters,
         measurement_nt: line.measurement_nt,
         sigma_nt: Some(line.sigma_nt),
@@ -132,10 +132,10 @@ fn known_field(flight: &Flight, line: &NavigationLine) -> Result<(), Failure> {
     tell("iekf", time_s, error(&out.line), 40.0)?;
     let (time_s, out) = median_s(|| ukf::run(&UkfParameters::default(), line))?;
     tell("ukf", time_s, error(&out.navigation), 40.0)?;
-    let magnetometer = adaptive::Magnetometer::of(line, 0.25, 100.0);
+    let magnetometer = adaptive::AdaptiveMagnetometer::from_line(line, 0.25, 100.0);
     let (time_s, out) = median_s(|| adaptive::run(&AdaptiveParameters::default(), line, &[magnetometer]))?;
     tell("ekf_adaptive", time_s, error(&out.navigation), 45.0)?;
-    let (time_s, out) = median_s(|| rts::run(line, &SmootherParameters::default()))?;
+    let (time_s, out) = median_s(|| rts::run(line, &RtsParameters::default()))?;
     tell(&format!("rts, {} passes", out.iterations.passes), time_s, error(&out.line), 40.0)?;
     let [_, lat_deg, lon_deg, alt_m, ..] = flight.truth.columns.each_ref().map(Vec::as_slice);
     let path = TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: None };
@@ -152,7 +152,7 @@ fn known_field(flight: &Flight, line: &NavigationLine) -> Result<(), Failure> {
 fn unknown_aircraft(flight: &Flight, line: &NavigationLine) -> Result<(), Failure> {
     let prior = CoefficientPrior::independent(&[0.0; 18], &[80.0; 18]);
     let walk = [0.0; 18];
-    let magnetometer = online::Magnetometer {
+    let magnetometer = online::OnlineMagnetometer {
         measurement_nt: &flight.uncompensated_nt,
         sigma_nt: line.sigma_nt,
         terms: &flight.terms,
@@ -160,9 +160,9 @@ fn unknown_aircraft(flight: &Flight, line: &NavigationLine) -> Result<(), Failur
         walk_density: &walk,
     };
     let [x, y, z] = &flight.vector;
-    let terms = Terms::default();
+    let terms = TermSelection::default();
     let fluxgate = Fluxgate {
-        field: Field { x, y, z, bt: None },
+        field: BodyFieldColumns { x, y, z, bt: None },
         terms: &terms,
         scale_nt: DEFAULT_SCALE_NT,
         runs: &[],
@@ -171,24 +171,24 @@ fn unknown_aircraft(flight: &Flight, line: &NavigationLine) -> Result<(), Failur
     };
     let keep = OnlineParameters::default();
     for (name, bias) in [("18 + 18", None), ("18 + 18 + 3", Some(&fluxgate))] {
-        let (time_s, out) = median_s(|| online::run(&LineModel::of(line), &[magnetometer], bias, &keep))?;
+        let (time_s, out) = median_s(|| online::run(&LineModel::from_line(line), &[magnetometer], bias, &keep))?;
         let error_m = drms_m(&flight.truth, &out.navigation.lat_deg, &out.navigation.lon_deg);
         tell(&format!("ekf_online_tl, {name} states, cold"), time_s, error_m, 80.0)?;
     }
-    let coefficients = Coefficients {
+    let coefficients = AircraftCoefficients {
         regressors: &flight.terms,
         mean: &prior.mean,
         covariance: &prior.covariance,
         walk_density: &walk,
     };
-    let magnetometer = fixed_lag::Magnetometer {
+    let magnetometer = fixed_lag::FixedLagMagnetometer {
         measurement_nt: &flight.uncompensated_nt,
         sigma_nt: line.sigma_nt,
         coefficients,
         error: GaussMarkov { sigma: 0.0, tau_s: 300.0 },
     };
     let parameters = FixedLagParameters::default();
-    let (time_s, out) = median_s(|| fixed_lag::run(&parameters, line, &[magnetometer], Keep::default()))?;
+    let (time_s, out) = median_s(|| fixed_lag::run(&parameters, line, &[magnetometer], FixedLagOptions::default()))?;
     let error_m = drms_m(&flight.truth, &out.navigation.lat_deg, &out.navigation.lon_deg);
     tell("fixed_lag, 18 terms, cold", time_s, error_m, 80.0)
 }
@@ -207,8 +207,8 @@ fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Fail
         truth.columns[5][row] = -60.0 * angle.sin();
         truth.columns[6][row] = 0.0;
     }
-    let errors = InsErrorModel::of(InsErrors { init_position_sigma_m: 1.0, ..InsGrade::Navigation.errors() });
-    let mut normals = Normals::new(3);
+    let errors = InsErrorModel::from_sources(InsErrors { init_position_sigma_m: 1.0, ..InsGrade::Navigation.errors() });
+    let mut normals = NormalGenerator::new(3);
     let drift = simulate_ins_error(&truth.series(), &errors, || normals.draw())?;
     let ins = truth.with_errors(&drift);
     let mut measurement_nt = vec![];
@@ -243,7 +243,7 @@ fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Fail
 
 fn main() -> Result<(), Failure> {
     let (grid, core) = (grid()?, core_field()?);
-    let map = FieldMap::Flat(MapSurface::new(&grid, Interpolation::Linear));
+    let map = FieldMap::Flat(MapSurface::new(&grid, MapInterpolation::Linear));
     let flight = fly(&map, &core)?;
     let (core, sigma_nt, ins) = (Arc::new(core), vec![SIGMA_NT; SAMPLES as usize], flight.ins.series());
     let line = NavigationLine {

@@ -1,8 +1,8 @@
 //! Real surveys gridded: the differences at left-out lines, and the time that fit and grid take.
 //!
 //! Without `MAGLINE_GRIDDING_POINTS` it grids a synthetic survey, whose field it knows. With it, the folder that
-//! `gridding_harmonica.py` has written, it grids the samples, prints one JSON line a figure, and asserts that left-out lines are
-//! predicted at least as well as is said in README.md.
+//! `gridding_harmonica.py` has written, it grids the samples, prints one JSON line a figure, and asserts that left-out
+//! lines are predicted at least as well as is said in README.md.
 
 #![allow(clippy::unwrap_used)]
 
@@ -34,13 +34,13 @@ fn main() {
     }
 }
 
-fn read(folder: &str, name: &str) -> OwnedPoints {
+fn read(folder: &str, name: &str) -> OwnedSurveyPoints {
     let bytes = std::fs::read(format!("{folder}/{name}.f64")).unwrap();
     let all: Vec<f64> = bytes.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
     let n = all.len() / 5;
     let column = |k: usize| all[k * n..(k + 1) * n].to_vec();
     let line = column(4).iter().map(|l| *l as usize).collect();
-    OwnedPoints { easting_m: column(0), northing_m: column(1), height_m: column(2), value_nt: column(3), line }
+    OwnedSurveyPoints { easting_m: column(0), northing_m: column(1), height_m: column(2), value_nt: column(3), line }
 }
 
 fn timed<T>(what: impl FnOnce() -> T) -> (T, f64) {
@@ -51,9 +51,12 @@ fn timed<T>(what: impl FnOnce() -> T) -> (T, f64) {
 
 fn real(survey: &Survey, folder: &str) {
     let points = read(folder, survey.name);
-    let quiet: Progress = &|_, _, _| {};
-    let mut options =
-        GridOptions::of(Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(survey.level_m) });
+    let quiet: GriddingProgress = &|_, _, _| {};
+    let mut options = GriddingOptions::new(GriddingMethod::EquivalentSources {
+        layers: None,
+        damping: 1.0,
+        level_m: Some(survey.level_m),
+    });
     options.spacing_m = Some(survey.node_m);
     let (gridded, seconds) = timed(|| grid(points.borrow(), &options, quiet).unwrap());
     let r = &gridded.report;
@@ -73,13 +76,13 @@ fn real(survey: &Survey, folder: &str) {
     );
     let folds = std::env::var("MAGLINE_GRIDDING_FOLDS").unwrap_or("0,3".to_owned());
     let folds: Vec<usize> = folds.split(',').map(|f| f.parse().unwrap()).collect();
-    for method in [options.method.clone(), Method::minimum_curvature()] {
+    for method in [options.method.clone(), GriddingMethod::minimum_curvature()] {
         for fold in &folds {
-            let options = GridOptions { method: method.clone(), ..options.clone() };
-            let one = Folds { count: 7, left_out: vec![*fold] };
+            let options = GriddingOptions { method: method.clone(), ..options.clone() };
+            let one = LineFolds { count: 7, left_out: vec![*fold] };
             let (crossed, seconds) = timed(|| cross_validate(points.borrow(), &options, &one, quiet).unwrap());
             let s = crossed.spread;
-            let name = if matches!(method, Method::MinimumCurvature(_)) { "curvature" } else { "sources" };
+            let name = if matches!(method, GriddingMethod::MinimumCurvature(_)) { "curvature" } else { "sources" };
             println!(
                 "{{\"survey\":\"{}\",\"method\":\"{name}\",\"left_out\":{fold},\"n\":{},\"median_nt\":{:.2},\"rms_nt\":{:.2},\"p95_nt\":{:.1},\"seconds\":{seconds:.2}}}",
                 survey.name, s.n, s.median_nt, s.rms_nt, s.p95_nt
@@ -92,11 +95,11 @@ fn real(survey: &Survey, folder: &str) {
     level(survey, &points);
 }
 
-fn level(survey: &Survey, points: &OwnedPoints) {
+fn level(survey: &Survey, points: &OwnedSurveyPoints) {
     let options = CrossoverOptions { gap_m: survey.gap_m, ..CrossoverOptions::default() };
     let (crossovers, found_s) = timed(|| find_crossovers(points.borrow(), &options));
     for order in 0..3 {
-        let options = LevelOptions { order, ..LevelOptions::default() };
+        let options = LevellingOptions { order, ..LevellingOptions::default() };
         let (levelled, seconds) = timed(|| level_lines(points.borrow(), &crossovers, &options));
         let merits = [Some(levelled.before), Some(levelled.after), levelled.left_out].into_iter().flatten();
         let figures: Vec<String> =
@@ -112,7 +115,7 @@ fn level(survey: &Survey, points: &OwnedPoints) {
 
 /// A dipole beneath lines 200 m apart, gridded above them.
 fn synthetic() {
-    let mut points = OwnedPoints::default();
+    let mut points = OwnedSurveyPoints::default();
     for line in 0..50 {
         for k in 0..1000 {
             let (e, n) = (10.0 * f64::from(k), 200.0 * f64::from(line));
@@ -124,7 +127,8 @@ fn synthetic() {
             points.line.push(line as usize);
         }
     }
-    let options = GridOptions::of(Method::EquivalentSources { layers: None, damping: 0.01, level_m: Some(400.0) });
+    let options =
+        GriddingOptions::new(GriddingMethod::EquivalentSources { layers: None, damping: 0.01, level_m: Some(400.0) });
     let (gridded, seconds) = timed(|| grid(points.borrow(), &options, &|_, _, _| {}).unwrap());
     let g = &gridded.grid;
     let (mut worst, mut most) = (0.0f64, 0.0f64);

@@ -2,9 +2,9 @@
 //! places, one at a time and in batches. One map fits the cache and one does not. Another case fills gaps of a large
 //! map.
 //!
-//! `cargo bench -p magline-numerics --bench interpolation --profile dev` prints the fastest of several runs on one thread and
-//! checks each against a formula; `interpolation_scipy.py` times scipy on the same work, runs this, and prints the
-//! ratios.
+//! `cargo bench -p magline-numerics --bench interpolation --profile dev` prints the fastest of several runs on one
+//! thread and checks each against a formula; `interpolation_scipy.py` times scipy on the same work, runs this, and
+//! prints the ratios.
 
 use std::{hint::black_box, sync::OnceLock, time::Instant};
 
@@ -12,9 +12,9 @@ use numerics::{
     earth::field_value::FieldValue,
     maps::{
         fill::{NearestFill, SmoothFill, nearest, smooth},
-        grid_projection::{Area, GridProjection},
+        grid_projection::{GeographicArea, GridProjection},
         map_stack::{MapStack, ProjectedMap, StackOptions},
-        map_surface::{FieldColumns, GeographicGrid, Interpolation, MapSurface, VerticalDerivative},
+        map_surface::{FieldColumns, GeographicGrid, MapInterpolation, MapSurface, VerticalDerivative},
         plane_grid::{EvenAxis, PlaneGrid},
         projection::Projection,
     },
@@ -104,7 +104,7 @@ fn look_ups() -> Result<(), Failure> {
     for (size, rows, columns) in MAPS {
         let (grid, derivative) = (map(rows, columns, 1.0)?, map(rows, columns, -0.01)?);
         let tracks = [("track", places(rows, columns, true)), ("random", places(rows, columns, false))];
-        for interpolation in [Interpolation::Linear, Interpolation::Quadratic, Interpolation::Cubic] {
+        for interpolation in [MapInterpolation::Linear, MapInterpolation::Quadratic, MapInterpolation::Cubic] {
             let start = Instant::now();
             let plain = MapSurface::new(&grid, interpolation);
             println!("{size} {interpolation:?} prepared: {:.3} s", start.elapsed().as_secs_f64());
@@ -137,7 +137,7 @@ fn stacks() -> Result<(), Failure> {
         heights.iter().map(|height| map(rows, columns, (-height / 500.0).exp())).collect::<Result<_, _>>()?;
     let (lat, lon) = places(rows, columns, true);
     let alt: Vec<f64> = (0..LOOK_UPS).map(|k| 310.0 + 380.0 * (1e-5 * k as f64).sin().abs()).collect();
-    for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+    for interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
         let stack = MapStack::new(&heights, &maps, StackOptions { interpolation, ..StackOptions::default() })?;
         let mut out = FieldColumns::default();
         let mut answer = Ok(());
@@ -161,7 +161,8 @@ fn projected() -> Result<(), Failure> {
     let even = |first: f64, len: usize| EvenAxis { first: first - 2_000.0, step: 100.0, len };
     let (y, x) = (even(northing, 3 * rows / 2), even(easting, 3 * columns / 2));
     let far = |n: usize| STEP_DEG * n as f64;
-    let area = Area { lat_deg: [SOUTH_DEG, SOUTH_DEG + far(rows)], lon_deg: [WEST_DEG, WEST_DEG + far(columns)] };
+    let area =
+        GeographicArea { lat_deg: [SOUTH_DEG, SOUTH_DEG + far(rows)], lon_deg: [WEST_DEG, WEST_DEG + far(columns)] };
     let projection = GridProjection::new(|lat, lon| system.project(lat, lon), area, &y, &x)?;
     println!("projection: off by {:.1e} of a step", projection.departure_steps());
     let exact = fastest_s(|| {
@@ -176,7 +177,7 @@ fn projected() -> Result<(), Failure> {
     print("projection by polynomials, with slopes", polynomials);
     let values: Vec<f64> = (0..y.len).flat_map(|r| (0..x.len).map(move |c| field(r as f64, c as f64))).collect();
     let grid = GeographicGrid::of_nodes(y.len, x.len, &values)?;
-    for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+    for interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
         let map = ProjectedMap::flat(projection.clone(), MapSurface::new(&grid, interpolation));
         let seconds = fastest_s(|| {
             let all = lat.iter().zip(&lon).filter_map(|(lat, lon)| map.at(*lat, *lon, 0.0));

@@ -1,15 +1,16 @@
 //! Linear models of 432,000 samples (12 hours at 10 Hz in 24 lines) x 60 terms: the factor of each line, a path of 100
 //! elastic nets, its cross-validation by line, 100 ridges, all numbers of components of partial least squares.
 //!
-//! `cargo bench -p magline-numerics --bench models --profile dev` prints the fastest of several runs and checks the coefficients
-//! against those that `models_sklearn.py --write` found for the same input. `models_sklearn.py` prints its own times.
+//! `cargo bench -p magline-numerics --bench models --profile dev` prints the fastest of several runs and checks the
+//! coefficients against those that `models_sklearn.py --write` found for the same input. `models_sklearn.py` prints its
+//! own times.
 
 use std::time::Instant;
 
 use numerics::regression::{
     choose_lambda,
-    elastic_net::ElasticNet,
-    least_squares::{LineScore, Moments, Scaling},
+    elastic_net::ElasticNetOptions,
+    least_squares::{ColumnScaling, LineScoreMeasure, RegressionMoments},
     pls,
 };
 use rayon::prelude::*;
@@ -63,22 +64,32 @@ fn main() -> Result<(), Failure> {
 
 fn run(lines: &[(Vec<f64>, Vec<f64>)]) -> Result<(), Failure> {
     let moments = timed("factor of every line", || {
-        Ok(lines.par_iter().map(|(a, y)| Moments::of(a, TERMS, &[y])).collect::<Result<Vec<_>, _>>()?)
+        Ok(lines
+            .par_iter()
+            .map(|(a, y)| RegressionMoments::from_matrix(a, TERMS, &[y]))
+            .collect::<Result<Vec<_>, _>>()?)
     })?;
-    let all = timed("lines merged", || Ok(Moments::merged(&moments)?))?;
-    let net = ElasticNet { l1_ratio: 0.9, ..ElasticNet::default() };
+    let all = timed("lines merged", || Ok(RegressionMoments::merged(&moments)?))?;
+    let net = ElasticNetOptions { l1_ratio: 0.9, ..ElasticNetOptions::default() };
     let alphas = net.alphas(&all, 0, 100, 1e-3)?;
     let path = timed("elastic net, path of 100", || Ok(net.path(&all, 0, &alphas)?))?;
-    let scores = |alphas: &[f64]| Ok(net.choose(&moments, 0, alphas, LineScore::MeanSquare)?);
+    let scores = |alphas: &[f64]| Ok(net.choose(&moments, 0, alphas, LineScoreMeasure::MeanSquare)?);
     timed("elastic net, path of 100 with every line left out", || scores(&alphas))?;
     let lambdas = choose_lambda::grid(1e-3, 1e5, 100)?;
     let ridges = |lambdas: &[f64]| {
-        let by_line = choose_lambda::by_lines(&moments, 0, lambdas, Scaling::Standardise, true, LineScore::MeanSquare);
+        let by_line = choose_lambda::by_lines(
+            &moments,
+            0,
+            lambdas,
+            ColumnScaling::Standardise,
+            true,
+            LineScoreMeasure::MeanSquare,
+        );
         Ok(by_line?)
     };
     timed("ridge, 1 lambda with every line left out", || ridges(&lambdas[..1]))?;
     timed("ridge, 100 lambdas with every line left out", || ridges(&lambdas))?;
-    timed("partial least squares, 1 to 20 components", || Ok(pls::fit(&all, &[0], 20, Scaling::Standardise)?))?;
+    timed("partial least squares, 1 to 20 components", || Ok(pls::fit(&all, &[0], 20, ColumnScaling::Standardise)?))?;
     check(&path.iter().map(|fit| fit.fit.coefficients.clone()).collect::<Vec<_>>(), &alphas)
 }
 

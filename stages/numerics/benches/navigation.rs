@@ -13,12 +13,12 @@ mod processor;
 use flight::{Flight, flight};
 use numerics::{
     earth::{
-        core_field::{CoreField, CoreModel, CoreTrack, LinearisedCoreField},
+        core_field::{CoreField, CoreFieldModel, CoreFieldTrack, LinearisedCoreField},
         geodesy::EarthModel,
     },
     maps::{
         map_stack::FieldMap,
-        map_surface::{Interpolation, MapSurface},
+        map_surface::{MapInterpolation, MapSurface},
     },
     navigation::{
         ekf::{EkfParameters, run},
@@ -123,7 +123,7 @@ fn core_evaluations(core: &CoreField, line: &Line) {
     let n = few.min(line.columns[1].len());
     let (lat, lon) = (&line.columns[1][..n], &line.columns[2][..n]);
     let (alt, year) = (vec![500.0; n], (0..n).map(|k| 2023.4 + 1e-9 * k as f64).collect::<Vec<_>>());
-    let track = CoreTrack::new(CoreModel::Igrf14);
+    let track = CoreFieldTrack::new(CoreFieldModel::Igrf14);
     let (time_s, field) =
         median_s(|| track.field(lat, lon, &alt, &year).map(|ned| ned.magnitude_nt()).unwrap_or_default());
     let mean = field.iter().sum::<f64>() / field.len() as f64;
@@ -142,8 +142,8 @@ fn core_evaluations(core: &CoreField, line: &Line) {
 
 fn main() -> Result<(), Failure> {
     let (grid, core) = (grid()?, core_field()?);
-    let cubic = MapSurface::new(&grid, Interpolation::Cubic);
-    let linear = MapSurface::new(&grid, Interpolation::Linear);
+    let cubic = MapSurface::new(&grid, MapInterpolation::Cubic);
+    let linear = MapSurface::new(&grid, MapInterpolation::Linear);
     let flight = flight(&cubic, &core, SAMPLES)?;
     filter(&linear, &core, &flight, NoiseDiscretisation::Trapezoidal)?;
     filter(&cubic, &core, &flight, NoiseDiscretisation::Trapezoidal)?;

@@ -16,13 +16,14 @@ use crate::random::SplitMix64;
 const VALUES: usize = 256;
 
 /// An elementary function.
-type Function = fn(f64) -> f64;
+type ElementaryFunction = fn(f64) -> f64;
 
 /// Functions over the whole real line, and over (-1, 1).
-const ANY: [Function; 8] = [f64::sin, f64::cos, f64::tan, f64::atan, f64::tanh, f64::sinh, f64::cosh, f64::cbrt];
-const UNIT: [Function; 3] = [f64::asin, f64::acos, f64::atanh];
-const POSITIVE: [Function; 4] = [f64::ln, f64::ln_1p, f64::log10, f64::log2];
-const EXPONENTIAL: [Function; 3] = [f64::exp, f64::exp2, f64::exp_m1];
+const ANY: [ElementaryFunction; 8] =
+    [f64::sin, f64::cos, f64::tan, f64::atan, f64::tanh, f64::sinh, f64::cosh, f64::cbrt];
+const UNIT: [ElementaryFunction; 3] = [f64::asin, f64::acos, f64::atanh];
+const POSITIVE: [ElementaryFunction; 4] = [f64::ln, f64::ln_1p, f64::log10, f64::log2];
+const EXPONENTIAL: [ElementaryFunction; 3] = [f64::exp, f64::exp2, f64::exp_m1];
 
 /// Results whose last bits depend on the machine: elementary functions of the system's library, matrix products and
 /// Fourier transforms, all of numbers that are the same everywhere.

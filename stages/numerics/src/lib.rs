@@ -30,8 +30,8 @@
 //!
 //! ```
 //! use nalgebra::Vector3;
-//! use numerics::compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
-//! use numerics::{earth::{CoreField, body_to_ned}, random::Normals, regression::QrAccumulator};
+//! use numerics::compensation::tolles_lawson::{DEFAULT_SCALE_NT, BodyFieldColumns, TermSelection, matrix};
+//! use numerics::{earth::{CoreField, body_to_ned}, random::NormalGenerator, regression::QrAccumulator};
 //!
 //! // The core field at 45.4° N, 75.7° W and 1000 m, in the body frame of 2000 samples at 10 Hz.
 //! let core = CoreField::at(2023.5)?;
@@ -43,12 +43,12 @@
 //!     (0..3).for_each(|axis| body_nt[axis].push(b[axis]));
 //! }
 //! let [x, y, z] = &body_nt;
-//! let terms = Terms::new(&["permanent", "induced"])?;
-//! let a = matrix(&Field { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT)?;
+//! let terms = TermSelection::new(&["permanent", "induced"])?;
+//! let a = matrix(&BodyFieldColumns { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT)?;
 //!
 //! // A scalar magnetometer less the core field: what the aircraft adds (nT), and 0.1 nT of noise.
 //! let truth = [30.0, -12.0, 8.0, 150.0, -40.0, 20.0, 90.0, 10.0, 60.0];
-//! let mut normals = Normals::new(1);
+//! let mut normals = NormalGenerator::new(1);
 //! let added = |row: &[f64]| row.iter().zip(truth).map(|(a, c)| a * c).sum::<f64>();
 //! let y_nt: Vec<f64> = a.chunks(terms.len()).map(|row| added(row) + 0.1 * normals.draw()).collect();
 //!
@@ -82,8 +82,9 @@
 //!   arrays. Rows of a grid go north and columns east, both ascending.
 //! - **Statistics**: variances divide by n − 1 unless the item says otherwise. A ridge parameter λ is absolute, not
 //!   divided by the number of rows. Differences are per sample, not per second.
-//! - **Failure**: a fallible function returns `Result` with a typed error, nearly always an enum whose variants hold the
-//!   offending values, and lists the cases under "Errors". The library does not call `unwrap`, `expect` or `panic!`.
+//! - **Failure**: a fallible function returns `Result` with a typed error, nearly always an enum whose variants hold
+//!   the offending values, and lists the cases under "Errors". The library does not call `unwrap`, `expect` or
+//!   `panic!`.
 //! - **Determinism**: results are bit-identical for any number of threads (rayon's). Random draws take a seed, or a
 //!   source of normals from the caller. From one kind of processor to another the last bits may differ, except where
 //!   a module says otherwise; [`arithmetic`] tells such machines apart.
@@ -114,8 +115,8 @@
 //!   Navigation*, PhD, Massachusetts Institute of Technology;
 //! - Lee 2019: T. N. Lee 2019, *Aerial Simultaneous Localization and Mapping Using Earth's Magnetic Anomaly Field*,
 //!   MS, Air Force Institute of Technology;
-//! - van der Meer 2025: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic Aided
-//!   Navigation*, MS, Delft University of Technology.
+//! - van der Meer 2025: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic
+//!   Aided Navigation*, MS, Delft University of Technology.
 
 // The flights that tests share name the crate as a user does.
 #[cfg(test)]

@@ -20,12 +20,12 @@ impl SplitMix64 {
 }
 
 /// A reproducible source of standard normals.
-pub struct Normals {
+pub struct NormalGenerator {
     bits: SplitMix64,
     spare: Option<f64>,
 }
 
-impl Normals {
+impl NormalGenerator {
     /// A source for each seed.
     pub fn new(seed: u64) -> Self {
         // Adjacent seeds must not give the same sequence shifted by one.

@@ -10,7 +10,7 @@ use numerics::{
     earth::geodesy::EarthModel,
     maps::{
         map_stack::FieldMap,
-        map_surface::{Interpolation, MapSurface},
+        map_surface::{MapInterpolation, MapSurface},
     },
     navigation::{
         ekf::{EkfParameters, run},
@@ -19,10 +19,10 @@ use numerics::{
         pinson::{LAT, LON, S, STATES, StateMatrix},
         transition::NoiseDiscretisation,
     },
-    random::Normals,
+    random::NormalGenerator,
     signal::{
         gauss_markov::GaussMarkov,
-        noise::{Blocks, noise},
+        noise::{BlockMeans, noise},
     },
 };
 use osborne::{Line, core_field, grid, temporal_nt};
@@ -44,7 +44,7 @@ struct Run {
 fn fly(seed: u64, map: &MapSurface, noise: NoiseDiscretisation) -> Run {
     let truth = Line::flown(SAMPLES, DT_S, 0.1 * seed as f64).unwrap();
     let model = InsErrorModel::default();
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
     let core = core_field().unwrap();
     let parameters =
@@ -69,7 +69,7 @@ fn fly(seed: u64, map: &MapSurface, noise: NoiseDiscretisation) -> Run {
 fn runs() -> &'static [Run] {
     static RUNS_FLOWN: OnceLock<Vec<Run>> = OnceLock::new();
     RUNS_FLOWN.get_or_init(|| {
-        let map = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
+        let map = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
         (0..RUNS).map(|seed| fly(seed, &map, NoiseDiscretisation::default())).collect()
     })
 }
@@ -175,7 +175,7 @@ fn law_the_map_holds_a_drifting_ins() {
 #[test]
 fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
     // Some of the flights, each filtered thrice with the same draws.
-    let map = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
+    let map = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
     let mean_nees = |noise: NoiseDiscretisation| {
         let nees = |run: &Run| (0..EPOCHS.len()).map(|epoch| run.position_nees(epoch)).sum::<f64>();
         (0..20).map(|seed| nees(&fly(seed, &map, noise))).sum::<f64>() / (40.0 * EPOCHS.len() as f64)
@@ -190,7 +190,7 @@ fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
 }
 
 /// Residual of compensation: two Gauss-Markov processes, of half a minute and of ten, and white noise.
-fn left_by_compensation(samples: u32, normals: &mut Normals) -> Vec<f64> {
+fn left_by_compensation(samples: u32, normals: &mut NormalGenerator) -> Vec<f64> {
     let tt: Vec<f64> = (0..samples).map(|k| DT_S * f64::from(k)).collect();
     let minutes = GaussMarkov { sigma: 4.0, tau_s: 600.0 }.realisation(&tt, || normals.draw());
     let seconds = GaussMarkov { sigma: 6.0, tau_s: 30.0 }.realisation(&tt, || normals.draw());
@@ -199,16 +199,16 @@ fn left_by_compensation(samples: u32, normals: &mut Normals) -> Vec<f64> {
 
 #[test]
 fn law_noise_found_on_other_lines_makes_an_honest_filter() {
-    let map = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
+    let map = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
     let core = core_field().unwrap();
     let flights = 30_u64;
     let (mut nees, mut nis, mut naive) = (0.0, 0.0, 0.0);
     for seed in 0..flights {
-        let mut normals = Normals::new(1000 + seed);
-        let calibration: Vec<Blocks> = (0..2)
+        let mut normals = NormalGenerator::new(1000 + seed);
+        let calibration: Vec<BlockMeans> = (0..2)
             .map(|_| {
                 let left = left_by_compensation(900, &mut normals);
-                Blocks::of(&left, std::slice::from_ref(&(0..left.len())), 1.0 / DT_S)
+                BlockMeans::from_runs(&left, std::slice::from_ref(&(0..left.len())), 1.0 / DT_S)
             })
             .collect();
         let found = noise(&calibration).unwrap();

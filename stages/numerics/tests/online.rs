@@ -7,15 +7,15 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use numerics::navigation::online::{
-    CoefficientPrior, LineModel, Magnetometer, OnlineOutput, OnlineParameters, run as online_run,
+    CoefficientPrior, LineModel, OnlineMagnetometer, OnlineOutput, OnlineParameters, run as online_run,
 };
 use numerics::navigation::online_nn::{
-    Activation, Calibration, Network, NetworkPrior, TrainingParameters, run as nn_run, train,
+    NetworkCalibration, NetworkPrior, OnlineActivation, OnlineNetwork, TrainingParameters, run as nn_run, train,
 };
 use numerics::{
-    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+    compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix},
     earth::{attitude::body_to_ned, core_field::CoreField, geodesy::EarthModel},
-    maps::{FieldMap, Interpolation, MapSurface},
+    maps::{FieldMap, MapInterpolation, MapSurface},
     navigation::{
         EkfParameters, InsErrorModel, NavigationLine, NavigationOutput,
         aids::Aids,
@@ -23,7 +23,7 @@ use numerics::{
         ins_error::simulate_ins_error,
         pinson::{LAT, LON},
     },
-    random::Normals,
+    random::NormalGenerator,
 };
 mod osborne;
 use osborne::{Line, core_field, grid, temporal_nt};
@@ -38,7 +38,7 @@ const RUNS: u64 = 60;
 
 fn map() -> &'static FieldMap {
     static MAP: OnceLock<FieldMap> = OnceLock::new();
-    MAP.get_or_init(|| FieldMap::Flat(MapSurface::new(&grid().unwrap(), Interpolation::Cubic)))
+    MAP.get_or_init(|| FieldMap::Flat(MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic)))
 }
 
 fn core() -> &'static Arc<CoreField> {
@@ -61,7 +61,7 @@ impl Flight {
     /// of every ten minutes.
     fn flown(seed: u64, groups: &[&str], manoeuvring_s: f64) -> Self {
         let mut truth = Line::flown(SAMPLES, DT_S, 0.1 * seed as f64).unwrap();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         for row in 0..SAMPLES as usize {
             let t = truth.columns[0][row];
             let on = if t % 600.0 < manoeuvring_s { 1.0 } else { 0.0 };
@@ -80,9 +80,9 @@ impl Flight {
             let anomaly_nt = map().at(lat, lon, alt).unwrap().value_nt;
             clean_nt.push(anomaly_nt + field.norm() + temporal_nt(error) + SIGMA_NT * normals.draw());
         }
-        let terms = Terms::new(groups).unwrap();
+        let terms = TermSelection::new(groups).unwrap();
         let [x, y, z] = &vector;
-        let a = matrix(&Field { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
+        let a = matrix(&BodyFieldColumns { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
         Self { ins: truth.with_errors(&errors), errors, terms: a, width: terms.len(), clean_nt }
     }
 
@@ -109,7 +109,7 @@ impl Flight {
             second_order: false,
         };
         let magnetometer =
-            Magnetometer { measurement_nt, sigma_nt: &sigma_nt, terms: &self.terms, prior, walk_density };
+            OnlineMagnetometer { measurement_nt, sigma_nt: &sigma_nt, terms: &self.terms, prior, walk_density };
         let parameters =
             OnlineParameters { keep_states: true, keep_covariance: true, keep_coefficients: true, gate_nis: None };
         online_run(&line, &[magnetometer], None, &parameters).unwrap()
@@ -171,7 +171,7 @@ fn law_the_online_filter_is_as_good_as_it_says() {
     let n = RUNS as f64;
     for seed in 0..RUNS {
         let flight = Flight::flown(seed, &["permanent", "induced", "eddy"], 120.0);
-        let mut normals = Normals::new(90_000 + seed);
+        let mut normals = NormalGenerator::new(90_000 + seed);
         let mean: Vec<f64> = (0..18).map(|_| 100.0 * normals.draw()).collect();
         let mut coefficients =
             vec![mean.iter().zip(&prior_sigma).map(|(m, s)| m + s * normals.draw()).collect::<Vec<f64>>()];
@@ -230,7 +230,7 @@ fn law_it_follows_an_aircraft_that_changes() {
         let runs = 12_u64;
         for seed in 0..runs {
             let flight = Flight::flown(200 + seed, &["permanent", "induced", "eddy"], 120.0);
-            let mut normals = Normals::new(seed);
+            let mut normals = NormalGenerator::new(seed);
             let jump = Vector3::from_fn(|_, _| normals.draw()).normalize() * 100.0;
             let measured_nt = flight.measured(|row| {
                 let part = ((row as f64 - half as f64) / lasting_s).clamp(0.0, 1.0);
@@ -272,7 +272,7 @@ fn law_a_cold_start_in_the_cabin_is_calibrated_on_the_way() {
     let (mut online, mut ins, mut left, mut worst) = (0.0, 0.0, 0.0, 0.0_f64);
     for seed in 0..runs {
         let flight = Flight::flown(300 + seed, &["permanent", "induced", "eddy", "bias"], 120.0);
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let truth: Vec<f64> = sigma.iter().map(|sigma| 0.5 * sigma * normals.draw()).collect();
         let measured_nt = flight.measured(|_| truth.clone());
         let output = flight.online(&measured_nt, &prior, &[0.0; 19]);
@@ -314,7 +314,7 @@ fn law_an_online_network_follows_an_aircraft_that_changes() {
     for seed in 0..runs {
         let flight = Flight::flown(500 + seed, &["permanent"], 120.0);
         let box_flown = Flight::flown(700 + seed, &["permanent"], 600.0);
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let features_of = |flight: &Flight, seed: u64| -> Vec<f64> {
             let rows = flight.terms.chunks_exact(3).enumerate();
             rows.flat_map(|(row, terms)| [terms[0], terms[1], terms[2], current(seed, row)]).collect()
@@ -328,9 +328,9 @@ fn law_an_online_network_follows_an_aircraft_that_changes() {
             .map(|row| field(row, row[3], 1.0) + SIGMA_NT * normals.draw())
             .collect();
         let calibration = &before[..4 * calibrating];
-        let network = Network::new(calibration, 4, 6, Activation::Swish, 60.0).unwrap();
+        let network = OnlineNetwork::new(calibration, 4, 6, OnlineActivation::Swish, 60.0).unwrap();
         let parameters = TrainingParameters { seed, sigma_nt: SIGMA_NT, passes: 5, memory_s: 600.0 };
-        let calibration = Calibration { tt_s: &tt_s, features: calibration, aircraft_nt: &known };
+        let calibration = NetworkCalibration { tt_s: &tt_s, features: calibration, aircraft_nt: &known };
         let prior = train(&network, &calibration, None, &parameters).unwrap();
         let features = features_of(&flight, seed);
         let gain = |row: usize| if row < half { 1.0 } else { 1.5 };
@@ -404,7 +404,7 @@ fn unit_time_of_a_step() {
             nt - core().magnitude_nt(lat, lon, alt)
         })
         .collect();
-    let magnetometer = Magnetometer {
+    let magnetometer = OnlineMagnetometer {
         measurement_nt: &measured,
         sigma_nt: &sigma_nt,
         terms: &flight.terms,
@@ -417,16 +417,16 @@ fn unit_time_of_a_step() {
         };
         (0..SAMPLES as usize).map(|row| flight.terms[18 * row + k] * norm(row)).collect::<Vec<f64>>()
     });
-    let terms = Terms::new(&["permanent", "induced", "eddy"]).unwrap();
+    let terms = TermSelection::new(&["permanent", "induced", "eddy"]).unwrap();
     let fluxgate = Fluxgate {
-        field: Field { x: &x, y: &y, z: &z, bt: None },
+        field: BodyFieldColumns { x: &x, y: &y, z: &z, bt: None },
         terms: &terms,
         scale_nt: DEFAULT_SCALE_NT,
         runs: &[],
         sigma_nt: 50.0,
         tau_s: f64::INFINITY,
     };
-    let time = |magnetometers: &[Magnetometer<'_>], fluxgate: Option<&Fluxgate<'_>>| {
+    let time = |magnetometers: &[OnlineMagnetometer<'_>], fluxgate: Option<&Fluxgate<'_>>| {
         let mut best = f64::MAX;
         for _ in 0..8 {
             let begin = cpu_s();

@@ -14,7 +14,7 @@ fn features(names: &[&str]) -> Features {
         mag: Some("mag_3_uc".into()),
         groups: vec![1, 2, 3],
         origin: None,
-        position: PositionOf::Ins,
+        position: PositionSource::Ins,
         allow_truth: false,
     }
 }
@@ -57,7 +57,7 @@ const COLUMNS: [&str; 34] = [
 ];
 
 /// 60 samples at 10 Hz; every column is a parabola of its own.
-fn line() -> LineIn {
+fn line() -> LineInput {
     let one = |(k, name): (usize, &&str)| {
         let k = k as f64;
         let value = |i: i32| {
@@ -69,7 +69,7 @@ fn line() -> LineIn {
     let mut columns: Vec<(String, arrow_array::ArrayRef)> = COLUMNS.iter().enumerate().map(one).collect();
     columns.push(("vol_bat_1".into(), Arc::new(Float64Array::from(vec![28.0; 60]))));
     let batch = RecordBatch::try_from_iter(columns).unwrap();
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+    LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
 }
 
 fn table() -> Table {
@@ -78,7 +78,7 @@ fn table() -> Table {
         Column::float(*name, d.unit, "").role(d.role)
     };
     let columns = COLUMNS.iter().chain(&["vol_bat_1"]).map(known).collect();
-    Table::Lines(Shape { columns, rate_hz: None })
+    Table::Lines(TableShape { columns, rate_hz: None })
 }
 
 /// The named entries of the list.

@@ -2,16 +2,16 @@
 
 use std::{ops::ControlFlow, time::Instant};
 
-use learning::trees::{Boosted, Boosting, Tree, boost_on, trees_from_bytes, trees_to_bytes};
+use learning::trees::{BoostingResult, BoostingSettings, RegressionTree, boost_on, trees_from_bytes, trees_to_bytes};
 use numerics::regression::statistics;
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{FitModel, Learnt, model},
-    samples::{PointWork, Samples},
-    settings::Settings,
+    model::{FitModel, LearningResult, model},
+    samples::{FitSamples, PointMonitor},
+    settings::FitSettings,
 };
-use crate::trained::{self, Learned, list};
+use crate::trained::{self, LearnedModel, list};
 
 /// Time between two saved states, s.
 const KEPT_EVERY_S: f64 = 1.0;
@@ -57,7 +57,7 @@ impl FitModel for BoostedTrees {
         self.trees as f64
     }
 
-    fn learn(&self, samples: &Samples, _: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
+    fn learn(&self, samples: &FitSamples, _: &FitSettings, work: &PointMonitor) -> Result<LearningResult, Fault> {
         let (train, validate) = samples.split(&self.validation)?;
         let at = samples.places(self.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
         let (x, y) = (samples.columns(&at, &train), samples.target(&train));
@@ -66,7 +66,7 @@ impl FitModel for BoostedTrees {
         // Resumes from the state of an interrupted run of the same training. Any other state is ignored.
         let begun = work.kept().and_then(|bytes| trees_from_bytes(&bytes)).unwrap_or_default();
         let (mut stopped, mut kept, known) = (None, None::<Instant>, begun.len());
-        let mut each = |trees: &[Tree], train: f64, validation: f64| {
+        let mut each = |trees: &[RegressionTree], train: f64, validation: f64| {
             let goes_on = work.goes_on(&self.progress(trees.len(), train, validation));
             let due = kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S);
             if trees.len() > known && (due || goes_on.is_err()) {
@@ -95,10 +95,10 @@ impl FitModel for BoostedTrees {
         }
         let names = at.iter().filter_map(|&i| samples.names.get(i).cloned()).collect();
         let trees = trained::BoostedTrees::new(names, boosted.forest)?;
-        Ok(Learnt { model: Learned::BoostedTrees(trees), chosen, curve, warning })
+        Ok(LearningResult { model: LearnedModel::BoostedTrees(trees), chosen, curve, warning })
     }
 
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
+    fn faults(&self, _: &FitSettings) -> Vec<Fault> {
         let alone = self.patience.is_some() && self.validation.is_empty();
         let what = "this requires validation data; name lines or flights in `validation`";
         alone.then(|| Fault::new(what).of_param("patience")).into_iter().collect()
@@ -111,8 +111,8 @@ impl FitModel for BoostedTrees {
 }
 
 impl BoostedTrees {
-    fn boosting(&self) -> Boosting {
-        Boosting {
+    fn boosting(&self) -> BoostingSettings {
+        BoostingSettings {
             trees: self.trees,
             learning_rate: self.shrinkage,
             leaves: self.leaves,
@@ -133,7 +133,7 @@ impl BoostedTrees {
         text
     }
 
-    fn warning(&self, boosted: &Boosted) -> String {
+    fn warning(&self, boosted: &BoostingResult) -> String {
         let Some((train, validation)) = boosted.best.checked_sub(1).and_then(|at| boosted.losses.get(at)) else {
             return String::new();
         };
@@ -152,26 +152,26 @@ impl BoostedTrees {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use schemas::Unattended;
+    use schemas::NullMonitor;
 
-    use crate::fit::testing::{Found, Stopping, bent, fitted_to, number, stage, whole, words, worked};
+    use crate::fit::testing::{FitOutput, InterruptMonitor, bent, fitted_to, number, stage, whole, words, worked};
 
     #[test]
     fn law_a_training_that_is_stopped_goes_on_to_the_same_table() {
         let keys =
             [words("validation", &["1.1"]), whole("leaf_samples", 2), whole("trees", 30), number("subsample", 0.7)];
-        let table = |found: &Found| -> Vec<(String, u64)> {
+        let table = |found: &FitOutput| -> Vec<(String, u64)> {
             found.term.iter().cloned().zip(found.value.iter().map(|v| v.to_bits())).collect()
         };
         let whole_way = table(&fitted_to(&bent(), "boosted_trees", &keys));
         for stop in [1, 7, 29] {
-            let first = Stopping::after(stop, None);
+            let first = InterruptMonitor::after(stop, None);
             assert_eq!(worked(&bent(), "boosted_trees", &keys, &first).err().unwrap().what, "interrupted");
-            let second = Stopping::after(usize::MAX, first.state());
+            let second = InterruptMonitor::after(usize::MAX, first.state());
             let found = worked(&bent(), "boosted_trees", &keys, &second).unwrap();
             assert_eq!(table(&found), whole_way, "stopped after {stop}");
         }
-        let damaged = Stopping::after(usize::MAX, Some(b"nothing".to_vec()));
+        let damaged = InterruptMonitor::after(usize::MAX, Some(b"nothing".to_vec()));
         assert_eq!(table(&worked(&bent(), "boosted_trees", &keys, &damaged).unwrap()), whole_way);
     }
 
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn unit_what_cannot_be_trained_is_told_with_its_parameter() {
         let told = |keys: &[_]| match stage("boosted_trees", keys) {
-            Ok(_) => worked(&bent(), "boosted_trees", keys, &Unattended).err().unwrap(),
+            Ok(_) => worked(&bent(), "boosted_trees", keys, &NullMonitor).err().unwrap(),
             Err(mut faults) => faults.remove(0),
         };
         assert_eq!(told(&[words("inputs", &["d"])]).param.as_deref(), Some("inputs"));

@@ -1,8 +1,8 @@
 //! Principal components instead of the features of a fit.
 
 use numerics::regression::{
-    least_squares::{LinearFit, Moments, Scaling},
-    principal_components::{Kept, PrincipalComponents},
+    least_squares::{ColumnScaling, LinearFit, RegressionMoments},
+    principal_components::{ComponentCount, PrincipalComponents},
 };
 use schemas::Fault;
 
@@ -10,21 +10,22 @@ use crate::columns::data;
 
 /// Components used by a fit, and the features that they are computed from.
 #[derive(Clone)]
-pub struct Components {
+pub struct FitComponents {
     found: PrincipalComponents,
     features: Vec<String>,
 }
 
-impl Components {
+impl FitComponents {
     /// Whitened principal components of standardised features, from the moments and names of the features. `keep` is
     /// the number of components, or below 1 the fraction of the variance.
     ///
     /// # Errors
-    /// The same as [`PrincipalComponents::of`].
-    pub fn whitened(features: &Moments, names: Vec<String>, keep: f64) -> Result<Self, Fault> {
-        let kept = if keep < 1.0 { Kept::Variance(keep) } else { Kept::Count(keep as usize) };
-        let found = PrincipalComponents::of(features, Scaling::Standardise, kept, true).map_err(data)?;
-        Ok(Components { found, features: names })
+    /// The same as [`PrincipalComponents::from_moments`].
+    pub fn whitened(features: &RegressionMoments, names: Vec<String>, keep: f64) -> Result<Self, Fault> {
+        let kept = if keep < 1.0 { ComponentCount::Variance(keep) } else { ComponentCount::Count(keep as usize) };
+        let found =
+            PrincipalComponents::from_moments(features, ColumnScaling::Standardise, kept, true).map_err(data)?;
+        Ok(FitComponents { found, features: names })
     }
 
     /// Names of the components.
@@ -36,7 +37,7 @@ impl Components {
     ///
     /// # Errors
     /// If the number of features differs from that of the components.
-    pub fn of(&self, features: &Moments) -> Result<Moments, Fault> {
+    pub fn component_moments(&self, features: &RegressionMoments) -> Result<RegressionMoments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)
     }

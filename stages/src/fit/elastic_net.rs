@@ -2,15 +2,15 @@
 
 use numerics::regression::{
     elastic_net::{self, ElasticNetFit},
-    least_squares::{LineScore, Prepared},
+    least_squares::{LineScoreMeasure, ScaledFactor},
 };
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{Answer, FitModel, model},
-    problem::{Problem, lines_needed},
-    ridge::Penalty,
-    settings::Settings,
+    model::{FitModel, LinearFitResult, model},
+    problem::{FitProblem, lines_needed},
+    ridge::RidgePenalty,
+    settings::FitSettings,
 };
 use crate::columns::data;
 
@@ -23,18 +23,18 @@ model! {
     ///
     /// Source: Zou and Hastie 2005; Gnadt 2022, (3.19) to (3.43).
     ElasticNet = "elastic_net", version 1, scaling Standardise, intercept true, made of Moments,
-    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
     /// Fraction of the penalty on absolute values.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
 }
 
 impl FitModel for ElasticNet {
-    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
-        let net = elastic_net::ElasticNet {
+    fn fit(&self, problem: &FitProblem, settings: &FitSettings, _: &ScaledFactor) -> Result<LinearFitResult, Fault> {
+        let net = elastic_net::ElasticNetOptions {
             l1_ratio: self.l1_ratio,
             scaling: settings.scaling,
             intercept: settings.intercept,
-            ..elastic_net::ElasticNet::default()
+            ..elastic_net::ElasticNetOptions::default()
         };
         let found = if settings.choose.leaves_out() {
             self.chosen(&net, problem, settings)?
@@ -43,10 +43,10 @@ impl FitModel for ElasticNet {
         };
         let found = found.ok_or_else(|| Fault::bug("a fit was lost"))?;
         let free = problem.free(found.active.len(), settings);
-        Ok(Answer::without_errors(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
+        Ok(LinearFitResult::without_errors(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
     }
 
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
+    fn faults(&self, _: &FitSettings) -> Vec<Fault> {
         self.penalty.faults()
     }
 
@@ -58,9 +58,9 @@ impl FitModel for ElasticNet {
 impl ElasticNet {
     fn chosen(
         &self,
-        net: &elastic_net::ElasticNet,
-        problem: &Problem,
-        settings: &Settings,
+        net: &elastic_net::ElasticNetOptions,
+        problem: &FitProblem,
+        settings: &FitSettings,
     ) -> Result<Option<ElasticNetFit>, Fault> {
         let falling = match &self.penalty.lambdas {
             Some(given) => {
@@ -70,7 +70,8 @@ impl ElasticNet {
             }
             None => net.alphas(&problem.merged, 0, PATH.0, PATH.1).map_err(data)?,
         };
-        let choice = net.choose(&problem.groups(settings)?, 0, &falling, LineScore::Variance).map_err(lines_needed)?;
+        let choice =
+            net.choose(&problem.groups(settings)?, 0, &falling, LineScoreMeasure::Variance).map_err(lines_needed)?;
         let at = settings.pick(&choice.scores);
         Ok(choice.path.into_iter().nth(at))
     }

@@ -1,10 +1,10 @@
 //! Network of van der Meer 2025 combined with the extended Tolles-Lawson model.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, Network, NetworkModel},
+    network::{LinearPart, NetworkKeys, NetworkModel},
 };
 
 model! {
@@ -12,7 +12,7 @@ model! {
     ///
     /// Source: van der Meer 2025, section 4.4.2 and Table 4.7.
     ExtendedTollesLawsonNetwork = "etlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: Network, part: LinearPart], example "epochs = 5";
+    groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
 }
 
 impl FitModel for ExtendedTollesLawsonNetwork {
@@ -21,7 +21,7 @@ impl FitModel for ExtendedTollesLawsonNetwork {
             hidden: &[11],
             linear: Some(&self.part),
             all_features: true,
-            ..NetworkModel::of(&self.network, Form::FixedLinear)
+            ..NetworkModel::new(&self.network, NetworkForm::FixedLinear)
         })
     }
 }

@@ -2,20 +2,20 @@
 
 use super::{
     model::model,
-    ridge::{Penalty, Ridged},
+    ridge::{RidgeModel, RidgePenalty},
 };
 
 model! {
-    /// Ridge of standardised columns, with the name that van der Meer 2025 uses. Its features include terms of currents and
-    /// voltages, which `features` computes.
+    /// Ridge of standardised columns, with the name that van der Meer 2025 uses. Its features include terms of currents
+    /// and voltages, which `features` computes.
     ///
     /// Source: van der Meer 2025, sections 2.2 to 2.4 and 4.2.1.
     ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
 }
 
-impl Ridged for ExtendedTollesLawson {
-    fn penalty(&self) -> &Penalty {
+impl RidgeModel for ExtendedTollesLawson {
+    fn penalty(&self) -> &RidgePenalty {
         &self.penalty
     }
 }

@@ -1,10 +1,10 @@
 //! Gated recurrent units over a window, followed by a network.
 
-use learning::network::{Form, Memory};
+use learning::network::{MemoryLayers, NetworkForm};
 
 use super::{
     model::{FitModel, model},
-    network::{Network, NetworkModel, WindowKeys},
+    network::{NetworkKeys, NetworkModel, WindowKeys},
 };
 
 model! {
@@ -13,14 +13,14 @@ model! {
     ///
     /// Source: Cho et al. 2014, in the form of PyTorch; Gnadt 2022, section 5.9.3, of recurrent networks.
     Gru = "gru", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
-    groups [network: Network, window: WindowKeys], example "epochs = 2\nwindow = 4";
+    groups [network: NetworkKeys, window: WindowKeys], example "epochs = 2\nwindow = 4";
 }
 
 impl FitModel for Gru {
     fn network(&self) -> Option<NetworkModel<'_>> {
         Some(NetworkModel {
-            window: Some(self.window.with(Memory::Gru)),
-            ..NetworkModel::of(&self.network, Form::Plain)
+            window: Some(self.window.with(MemoryLayers::Gru)),
+            ..NetworkModel::new(&self.network, NetworkForm::Plain)
         })
     }
 }

@@ -3,35 +3,35 @@
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
-use schemas::{Fault, Work, is_same_rate};
+use schemas::{CheckpointMonitor, Fault, is_same_rate};
 
 use super::{
-    FitGather,
-    model::Learnt,
-    network::{NetworkInputs, SharedInputs, Task, learn_together},
-    problem::Problem,
-    samples::{PointWork, Samples},
-    solve::{Solved, solved},
+    FitAggregator,
+    model::LearningResult,
+    network::{NetworkInputs, SharedInputs, TrainingTask, learn_together},
+    problem::FitProblem,
+    samples::{FitSamples, PointMonitor},
+    solve::{FitSolution, solved},
 };
 
 /// Maximum number of networks that are trained together. Each has its own rows of linear terms and target.
 const TEAM: usize = 4;
 
-impl FitGather {
+impl FitAggregator {
     /// Learned models of the points at `places`, which have one matrix, one target and the same entries.
     pub(super) fn learnt(
         &self,
-        problem: &Result<Problem, Fault>,
+        problem: &Result<FitProblem, Fault>,
         places: &[usize],
-        work: &dyn Work,
-    ) -> Vec<Result<Solved, Fault>> {
+        work: &dyn CheckpointMonitor,
+    ) -> Vec<Result<FitSolution, Fault>> {
         let problem = match problem {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
         // A network with a warm start keeps the rate at which the inputs of its start were differences per sample.
         let mut rates: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
-        let mut answers: BTreeMap<usize, Result<Solved, Fault>> = BTreeMap::new();
+        let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = BTreeMap::new();
         for &place in places {
             match self.rate_of_start(problem, place) {
                 Ok(rate_hz) => rates.entry(rate_hz.to_bits()).or_default().push(place),
@@ -53,7 +53,7 @@ impl FitGather {
     }
 
     /// Rate at which the inputs of a point are differences per sample, Hz.
-    fn rate_of_start(&self, problem: &Problem, place: usize) -> Result<f64, Fault> {
+    fn rate_of_start(&self, problem: &FitProblem, place: usize) -> Result<f64, Fault> {
         let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
         let parts = start.model.parts();
         let terms: Vec<String> = parts.iter().flat_map(|p| p.inputs.iter().chain(p.linear)).cloned().collect();
@@ -70,12 +70,17 @@ impl FitGather {
     }
 
     /// The same for points at the rate of the problem.
-    fn learnt_at(&self, problem: &Problem, places: &[usize], work: &dyn Work) -> Vec<Result<Solved, Fault>> {
-        let mut groups: BTreeMap<InputsKey<'_>, Vec<usize>> = BTreeMap::new();
+    fn learnt_at(
+        &self,
+        problem: &FitProblem,
+        places: &[usize],
+        work: &dyn CheckpointMonitor,
+    ) -> Vec<Result<FitSolution, Fault>> {
+        let mut groups: BTreeMap<NetworkInputsKey<'_>, Vec<usize>> = BTreeMap::new();
         for &place in places {
             groups.entry(self.inputs_key(place)).or_default().push(place);
         }
-        let of_group = |group: Vec<usize>| -> Vec<(usize, Result<Solved, Fault>)> {
+        let of_group = |group: Vec<usize>| -> Vec<(usize, Result<FitSolution, Fault>)> {
             let samples = problem.samples();
             let inputs = self.shared_inputs(&samples, &group);
             let teams = self.teams(&group);
@@ -89,25 +94,25 @@ impl FitGather {
         // Groups are processed in turn, because the inputs of a group are as large as the samples.
         let groups: Vec<Vec<usize>> = groups.into_values().collect();
         let answers = groups.into_par_iter().with_max_len(1).flat_map_iter(of_group);
-        let mut answers: BTreeMap<usize, Result<Solved, Fault>> = answers.collect();
+        let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = answers.collect();
         let lost = || Err(Fault::bug("a training was lost"));
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
-    fn inputs_key(&self, place: usize) -> InputsKey<'_> {
+    fn inputs_key(&self, place: usize) -> NetworkInputsKey<'_> {
         let point = &self.points[place];
         let network = point.model.network().filter(|_| matches!(self.starts[place], Ok(None)));
-        InputsKey {
+        NetworkInputsKey {
             network: network.map(|network| (network.keys.inputs.as_deref(), network.keys.validation.as_slice())),
             whiten: point.settings.whiten.map(f64::to_bits),
         }
     }
 
     /// Inputs that several networks share.
-    fn shared_inputs(&self, samples: &Samples, group: &[usize]) -> Option<SharedInputs> {
+    fn shared_inputs(&self, samples: &FitSamples, group: &[usize]) -> Option<SharedInputs> {
         let first = &self.points[*group.first().filter(|_| group.len() > 1)?];
         let network = first.model.network().filter(|_| self.inputs_key(group[0]).network.is_some())?;
-        Some(NetworkInputs::of(network.keys, samples, first.settings.whiten, None))
+        Some(NetworkInputs::from_samples(network.keys, samples, first.settings.whiten, None))
     }
 
     /// Points of a group in order, grouped by the order in which they visit the samples.
@@ -129,12 +134,12 @@ impl FitGather {
     /// Learned models of a team. A team of several points consists of networks.
     fn learnt_together(
         &self,
-        samples: &Samples,
+        samples: &FitSamples,
         team: &[usize],
         inputs: Option<&SharedInputs>,
-        work: &dyn Work,
-    ) -> Vec<Result<Learnt, Fault>> {
-        let work = |point: usize| PointWork { work, point };
+        work: &dyn CheckpointMonitor,
+    ) -> Vec<Result<LearningResult, Fault>> {
+        let work = |point: usize| PointMonitor { work, point };
         if let [place] = *team
             && self.points[place].model.network().is_none()
         {
@@ -145,9 +150,9 @@ impl FitGather {
             let point = &self.points[place];
             let model = point.model.network().ok_or_else(|| Fault::bug("a model learns with networks and is none"))?;
             let start = self.starts[place].as_ref().map_err(Clone::clone)?.as_ref().map(|start| &start.model);
-            Ok(Task { model, settings: &point.settings, start, inputs, work: work(place) })
+            Ok(TrainingTask { model, settings: &point.settings, start, inputs, work: work(place) })
         };
-        match team.iter().map(task).collect::<Result<Vec<Task<'_>>, Fault>>() {
+        match team.iter().map(task).collect::<Result<Vec<TrainingTask<'_>>, Fault>>() {
             Ok(tasks) => learn_together(&tasks, samples),
             Err(fault) => team.iter().map(|_| Err(fault.clone())).collect(),
         }
@@ -156,7 +161,7 @@ impl FitGather {
 
 /// Settings, other than the samples, that determine the inputs of a network.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
-struct InputsKey<'a> {
+struct NetworkInputsKey<'a> {
     /// Keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
     /// scales.
     network: Option<(Option<&'a [String]>, &'a [String])>,

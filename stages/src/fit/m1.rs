@@ -1,10 +1,10 @@
 //! A network without a linear model.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 
 use super::{
     model::{FitModel, model},
-    network::{Network, NetworkModel},
+    network::{NetworkKeys, NetworkModel},
 };
 
 model! {
@@ -13,12 +13,12 @@ model! {
     ///
     /// Source: Gnadt 2022, section 4.2, model 1; Gnadt, Wollaber & Nielsen 2022.
     M1 = "m1", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: Network], example "epochs = 5";
+    groups [network: NetworkKeys], example "epochs = 5";
 }
 
 impl FitModel for M1 {
     fn network(&self) -> Option<NetworkModel<'_>> {
-        Some(NetworkModel::of(&self.network, Form::Plain))
+        Some(NetworkModel::new(&self.network, NetworkForm::Plain))
     }
 }
 

@@ -1,10 +1,10 @@
 //! A network added to a fixed linear model.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, Network, NetworkModel},
+    network::{LinearPart, NetworkKeys, NetworkModel},
 };
 
 model! {
@@ -13,12 +13,12 @@ model! {
     ///
     /// Source: Gnadt 2022, section 4.2, model 2b.
     M2b = "m2b", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: Network, part: LinearPart], example "epochs = 5";
+    groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
 }
 
 impl FitModel for M2b {
     fn network(&self) -> Option<NetworkModel<'_>> {
-        Some(NetworkModel { linear: Some(&self.part), ..NetworkModel::of(&self.network, Form::FixedLinear) })
+        Some(NetworkModel { linear: Some(&self.part), ..NetworkModel::new(&self.network, NetworkForm::FixedLinear) })
     }
 }
 

@@ -1,11 +1,11 @@
 //! A network added to a linear model, trained together.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 use schemas::Rule;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, Network, NetworkModel},
+    network::{LinearPart, NetworkKeys, NetworkModel},
 };
 
 model! {
@@ -15,7 +15,7 @@ model! {
     ///
     /// Source: Gnadt 2022, section 4.2, model 2c; Gnadt, Wollaber & Nielsen 2022.
     M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: Network, part: LinearPart], example "epochs = 5";
+    groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
     /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of
     /// the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
@@ -26,7 +26,7 @@ impl FitModel for M2c {
         Some(NetworkModel {
             linear: Some(&self.part),
             physics: self.physics,
-            ..NetworkModel::of(&self.network, Form::TrainedLinear)
+            ..NetworkModel::new(&self.network, NetworkForm::TrainedLinear)
         })
     }
 }

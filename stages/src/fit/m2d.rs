@@ -1,11 +1,11 @@
 //! A network that predicts corrections to coefficients.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 use schemas::Rule;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, Network, NetworkModel},
+    network::{LinearPart, NetworkKeys, NetworkModel},
 };
 
 model! {
@@ -13,7 +13,7 @@ model! {
     ///
     /// Source: Gnadt 2022, section 4.2, model 2d; Gnadt, Wollaber & Nielsen 2022.
     M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: Network, part: LinearPart], example "epochs = 5";
+    groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
     /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of
     /// the target.
     physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
@@ -24,7 +24,7 @@ impl FitModel for M2d {
         Some(NetworkModel {
             linear: Some(&self.part),
             physics: self.physics,
-            ..NetworkModel::of(&self.network, Form::WeightsAroundFixed)
+            ..NetworkModel::new(&self.network, NetworkForm::WeightsAroundFixed)
         })
     }
 }

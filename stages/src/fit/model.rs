@@ -4,20 +4,20 @@
 //! [`MODELS`](super::MODELS). The struct of a model holds only its own keys, so it cannot depend on a key of another
 //! model.
 
-use numerics::regression::least_squares::{LinearFit, Prepared};
-use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, collect_doc};
+use numerics::regression::least_squares::{LinearFit, ScaledFactor};
+use schemas::{ChoiceDoc, ChoiceKeys, ChoiceKind, Fault, ParamDoc, ParamReader, collect_doc};
 
 use super::{
     network::NetworkModel,
-    problem::Problem,
-    samples::{PointWork, Samples},
-    settings::{Choose, Divisor, MadeOf, Settings},
+    problem::FitProblem,
+    samples::{FitSamples, PointMonitor},
+    settings::{Divisor, FitData, FitSettings, ModelSelection},
 };
-use crate::trained::{Learned, Term};
+use crate::trained::{LearnedModel, TermValue};
 
 /// Declaration of a model.
 #[derive(Debug)]
-pub struct Model {
+pub struct FitModelDecl {
     /// Word after `model =`.
     pub name: &'static str,
     /// Version, raised whenever its results change.
@@ -29,9 +29,9 @@ pub struct Model {
     /// Default of `intercept`.
     pub intercept: bool,
     /// Data that the model is fitted to.
-    pub made_of: MadeOf,
+    pub made_of: FitData,
     /// Permitted values of `choose`.
-    pub choose: &'static [Choose],
+    pub choose: &'static [ModelSelection],
     /// Settings of the stage that it accepts and some models do not.
     pub takes: &'static [&'static str],
     /// Keys of the example of the stage with this model, one per line.
@@ -39,10 +39,10 @@ pub struct Model {
     /// Documentation of its own keys.
     pub docs: fn() -> Vec<ParamDoc>,
     /// Reads its own keys.
-    pub read: fn(&mut Reader) -> Option<Own<dyn FitModel>>,
+    pub read: fn(&mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>>,
 }
 
-impl Kind for Model {
+impl ChoiceKind for FitModelDecl {
     type Keys = dyn FitModel;
     const DEFAULT: Option<&'static str> = None;
 
@@ -62,13 +62,13 @@ impl Kind for Model {
         self.takes
     }
 
-    fn read(&self, reader: &mut Reader) -> Option<Own<dyn FitModel>> {
+    fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>> {
         (self.read)(reader)
     }
 }
 
 /// Result of a linear fit.
-pub struct Answer {
+pub struct LinearFitResult {
     /// Coefficients in the units of the columns.
     pub fit: LinearFit,
     /// Standard deviation of each coefficient. NaN if the model provides none.
@@ -79,21 +79,21 @@ pub struct Answer {
     pub chosen: f64,
 }
 
-impl Answer {
+impl LinearFitResult {
     /// Result of a model without errors of its coefficients.
-    pub fn without_errors(fit: LinearFit, residual_std: f64, chosen: f64) -> Answer {
-        Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
+    pub fn without_errors(fit: LinearFit, residual_std: f64, chosen: f64) -> LinearFitResult {
+        LinearFitResult { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
     }
 }
 
 /// Result of a model that learns from samples.
-pub struct Learnt {
+pub struct LearningResult {
     /// Learned model.
-    pub model: Learned,
+    pub model: LearnedModel,
     /// Epoch or number of trees used.
     pub chosen: f64,
     /// Course of the training: further rows of the table, such as `epoch_training[3]`.
-    pub curve: Vec<Term>,
+    pub curve: Vec<TermValue>,
     /// Warning; empty if there is none.
     pub warning: String,
 }
@@ -104,15 +104,25 @@ pub trait FitModel: Send + Sync {
     ///
     /// # Errors
     /// If the data do not determine the model.
-    fn fit(&self, _problem: &Problem, _settings: &Settings, _prepared: &Prepared) -> Result<Answer, Fault> {
+    fn fit(
+        &self,
+        _problem: &FitProblem,
+        _settings: &FitSettings,
+        _prepared: &ScaledFactor,
+    ) -> Result<LinearFitResult, Fault> {
         Err(Fault::bug("the model is declared as linear, and has no `fit`"))
     }
 
-    /// Fits a model of `Samples` that is not a network. Replaces [`FitModel::fit`].
+    /// Fits a model of `FitSamples` that is not a network. Replaces [`FitModel::fit`].
     ///
     /// # Errors
     /// If the data do not determine the model, or the run is interrupted.
-    fn learn(&self, _samples: &Samples, _settings: &Settings, _work: &PointWork) -> Result<Learnt, Fault> {
+    fn learn(
+        &self,
+        _samples: &FitSamples,
+        _settings: &FitSettings,
+        _work: &PointMonitor,
+    ) -> Result<LearningResult, Fault> {
         Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
     }
 
@@ -122,7 +132,7 @@ pub trait FitModel: Send + Sync {
     }
 
     /// Faults of incompatible keys and settings.
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
+    fn faults(&self, _: &FitSettings) -> Vec<Fault> {
         self.network().map(|network| network.faults()).unwrap_or_default()
     }
 
@@ -153,7 +163,7 @@ pub trait FitModel: Send + Sync {
     }
 
     /// Warning about a result for `terms` columns. `None` if there is none.
-    fn remark(&self, _answer: &Answer, _terms: usize) -> Option<String> {
+    fn remark(&self, _answer: &LinearFitResult, _terms: usize) -> Option<String> {
         None
     }
 
@@ -163,14 +173,14 @@ pub trait FitModel: Send + Sync {
     }
 }
 
-impl Model {
+impl FitModelDecl {
     /// Reason why a key has no effect with this `choose`.
-    pub(super) fn unchosen(&self, choose: Choose, key: &str) -> Option<Fault> {
+    pub(super) fn unchosen(&self, choose: ModelSelection, key: &str) -> Option<Fault> {
         // A key that the model does not have is a separate fault.
         if !self.choose.contains(&choose) {
             return None;
         }
-        let given = choose == Choose::Given;
+        let given = choose == ModelSelection::Given;
         let lambda = (key == "lambda" && !given)
             .then(|| format!("`lambda` and `choose = \"{}\"` cannot be combined; remove one of them", choose.word()));
         let lambdas = (key == "lambdas" && given)
@@ -184,7 +194,7 @@ impl Model {
     /// Reason why a key has no effect for a model that is fitted to unfiltered samples.
     pub(super) fn unfiltered(&self, key: &str) -> Option<Fault> {
         const LINEAR: [&str; 6] = ["low_hz", "high_hz", "order", "trim", "scaling", "intercept"];
-        (self.made_of == MadeOf::Samples && LINEAR.contains(&key)).then(|| {
+        (self.made_of == FitData::Samples && LINEAR.contains(&key)).then(|| {
             let what =
                 format!("`{key}` applies to linear models only; `{}` is fitted to unfiltered samples", self.name);
             Fault::new(what).help("remove it; to filter, add a filter stage before the fit")
@@ -192,7 +202,7 @@ impl Model {
     }
 
     /// Documentation for the reference.
-    pub(super) fn document(&self) -> KindDoc {
+    pub(super) fn document(&self) -> ChoiceDoc {
         let choose: Vec<String> = self.choose.iter().map(|c| format!("`{}`", c.word())).collect();
         let takes: Vec<String> = self.takes.iter().map(|key| format!("`{key}`")).collect();
         let mut facts = vec![
@@ -200,14 +210,14 @@ impl Model {
             format!("`intercept` unset: `{}`", self.intercept),
             format!("`choose`: {}", choose.join(", ")),
         ];
-        if self.made_of == MadeOf::Samples {
+        if self.made_of == FitData::Samples {
             facts = vec!["nonlinear: fitted to the samples without a filter".to_owned()];
         }
         if !takes.is_empty() {
             facts.push(format!("also accepts {}", takes.join(", ")));
         }
         let (doc, params) = (collect_doc(self.doc), (self.docs)());
-        KindDoc { key: "model", name: self.name, doc, facts, params, example: self.example }
+        ChoiceDoc { key: "model", name: self.name, doc, facts, params, example: self.example }
     }
 }
 
@@ -216,7 +226,7 @@ impl Model {
 ///
 /// ```
 /// use schemas::{Fault, Rule};
-/// use stages::fit::{Answer, FitModel, Prepared, Problem, Settings, model};
+/// use stages::fit::{LinearFitResult, FitModel, ScaledFactor, FitProblem, FitSettings, model};
 /// model! {
 /// /// Least squares with reduced coefficients.
 ///     Shrunk = "shrunk", version 1, scaling None, intercept false, made of Moments, choose [Given], takes [], example "factor = 0.9";
@@ -224,7 +234,7 @@ impl Model {
 ///     factor: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
 /// }
 /// impl FitModel for Shrunk {
-///     fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+///     fn fit(&self, problem: &FitProblem, settings: &FitSettings, prepared: &ScaledFactor) -> Result<LinearFitResult, Fault> {
 ///         let mut answer = stages::fit::ridge(problem, settings, prepared, 0.0)?;
 ///         answer.fit.coefficients.iter_mut().for_each(|b| *b *= self.factor);
 ///         Ok(answer)
@@ -249,24 +259,24 @@ macro_rules! model {
 
         impl $Ty {
             /// The declaration.
-            pub const MODEL: $crate::fit::Model = {
+            pub const MODEL: $crate::fit::FitModelDecl = {
                 fn docs() -> Vec<schemas::ParamDoc> {
                     // A name in `takes` that is no key of the stage does not compile.
                     let _ = |fit: &$crate::fit::Fit| { let _ = fit; $( let _ = &fit.$setting; )* };
-                    <$Ty as schemas::Params>::docs(&schemas::Lists::default())
+                    <$Ty as schemas::Params>::docs(&schemas::ChoiceRegistry::default())
                 }
-                $crate::fit::Model {
+                $crate::fit::FitModelDecl {
                     name: $name,
                     version: $v,
                     doc: &[$($d),*],
                     scaling: $crate::fit::Divisor::$scaling,
                     intercept: $intercept,
-                    made_of: $crate::fit::MadeOf::$of,
-                    choose: &[$($crate::fit::Choose::$choose),+],
+                    made_of: $crate::fit::FitData::$of,
+                    choose: &[$($crate::fit::ModelSelection::$choose),+],
                     takes: &[$(stringify!($setting)),*],
                     example: $example,
                     docs,
-                    read: |reader| schemas::Own::of::<$Ty>(reader, |model| std::sync::Arc::new(model)),
+                    read: |reader| schemas::ChoiceKeys::read::<$Ty>(reader, |model| std::sync::Arc::new(model)),
                 }
             };
         }
@@ -294,7 +304,7 @@ mod tests {
             assert!(stage(model.name, &[]).is_ok(), "{}", model.name);
             assert!((model.docs)().iter().all(|doc| params.contains(&doc.name)), "{}", model.name);
             assert!(model.takes.iter().all(|k| params.contains(k)), "{}", model.name);
-            assert!(model.choose.contains(&Choose::Given), "{}", model.name);
+            assert!(model.choose.contains(&ModelSelection::Given), "{}", model.name);
         }
     }
 

@@ -3,13 +3,13 @@
 use super::{
     boosted_trees::BoostedTrees, elastic_net::ElasticNet, etlnn::ExtendedTollesLawsonNetwork,
     extended_tolles_lawson::ExtendedTollesLawson, gru::Gru, lstm::Lstm, m1::M1, m2a::M2a, m2b::M2b, m2c::M2c, m2d::M2d,
-    model::Model, pls::PartialLeastSquares, random_features::RandomFeatures,
+    model::FitModelDecl, pls::PartialLeastSquares, random_features::RandomFeatures,
     recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tcn::Tcn, tlnn::TollesLawsonNetwork,
     tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
 };
 
 /// Every model, in the order of the reference.
-pub const MODELS: &[&Model] = &[
+pub const MODELS: &[&FitModelDecl] = &[
     &TollesLawson::MODEL,
     &ExtendedTollesLawson::MODEL,
     &Ridge::MODEL,

@@ -11,9 +11,9 @@ mod warm_start;
 mod window;
 
 pub use inputs::{NetworkInputs, SharedInputs, scaling};
-pub use keys::Network;
+pub use keys::NetworkKeys;
 pub use linear_part::LinearPart;
 pub use model::NetworkModel;
-pub use prepared::Task;
+pub use prepared::TrainingTask;
 pub use training::learn_together;
-pub use window::{Window, WindowKeys};
+pub use window::{WindowKeys, WindowLayers};

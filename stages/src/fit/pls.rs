@@ -1,15 +1,15 @@
 //! Partial least squares.
 
 use numerics::regression::{
-    least_squares::{LineScore, Prepared},
+    least_squares::{LineScoreMeasure, ScaledFactor},
     pls,
 };
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{Answer, FitModel, model},
-    problem::{Problem, lines_needed},
-    settings::Settings,
+    model::{FitModel, LinearFitResult, model},
+    problem::{FitProblem, lines_needed},
+    settings::FitSettings,
 };
 use crate::columns::data;
 
@@ -29,12 +29,13 @@ model! {
 }
 
 impl FitModel for PartialLeastSquares {
-    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+    fn fit(&self, problem: &FitProblem, settings: &FitSettings, _: &ScaledFactor) -> Result<LinearFitResult, Fault> {
         let targets: Vec<usize> = (0..problem.merged.targets()).collect();
         let most = self.components.min(problem.terms.len());
         let count = if settings.choose.leaves_out() {
             let groups = problem.groups(settings)?;
-            let scores = pls::choose_components(&groups, &targets, 0, most, settings.scaling, LineScore::Variance);
+            let scores =
+                pls::choose_components(&groups, &targets, 0, most, settings.scaling, LineScoreMeasure::Variance);
             1 + settings.pick(&scores.map_err(lines_needed)?)
         } else {
             most
@@ -44,10 +45,10 @@ impl FitModel for PartialLeastSquares {
         let used = path.fits.len();
         let fit = path.fits.pop().and_then(|f| f.into_iter().next());
         let fit = fit.ok_or_else(|| Fault::data("the target has no covariance with any feature"))?;
-        Ok(Answer::without_errors(fit, (squares / problem.free(used, settings)).sqrt(), used as f64))
+        Ok(LinearFitResult::without_errors(fit, (squares / problem.free(used, settings)).sqrt(), used as f64))
     }
 
-    fn faults(&self, settings: &Settings) -> Vec<Fault> {
+    fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
         let centred = "partial least squares always subtracts means; remove `intercept = false`";
         (!settings.intercept).then(|| Fault::new(centred).of_param("intercept")).into_iter().collect()
     }
@@ -56,7 +57,7 @@ impl FitModel for PartialLeastSquares {
         &self.with_targets
     }
 
-    fn remark(&self, answer: &Answer, terms: usize) -> Option<String> {
+    fn remark(&self, answer: &LinearFitResult, terms: usize) -> Option<String> {
         let all = answer.chosen >= terms as f64;
         let what = "components for as many terms are ordinary least squares; reduce `components`";
         all.then(|| format!("{} {what}", answer.chosen))

@@ -5,28 +5,28 @@ use std::sync::Arc;
 use schemas::Fault;
 
 use super::{
-    model::{FitModel, Model},
-    question::{Matrix, Targets},
-    settings::{Choose, Settings},
+    model::{FitModel, FitModelDecl},
+    question::{DesignMatrixKey, TargetColumns},
+    settings::{FitSettings, ModelSelection},
 };
 
 /// A model with its keys, its settings including defaults, and its columns.
-pub struct Point {
+pub struct FitPoint {
     /// Declaration of the model.
-    pub kind: &'static Model,
+    pub kind: &'static FitModelDecl,
     /// Keys of the model.
     pub model: Arc<dyn FitModel>,
     /// Settings that most models have.
-    pub settings: Settings,
+    pub settings: FitSettings,
     /// Target column.
     pub target: String,
     /// Entries of the features to use. `None` for all.
     pub entries: Option<Vec<String>>,
     /// Matrix, which other points may share.
-    pub matrix: Matrix,
+    pub matrix: DesignMatrixKey,
 }
 
-impl Point {
+impl FitPoint {
     /// Positions of the chosen entries among all terms. `None` if all are used in order.
     ///
     /// # Errors
@@ -36,13 +36,13 @@ impl Point {
     }
 
     /// The target, and the columns that are fitted together with it.
-    pub fn targets(&self) -> Targets {
+    pub fn targets(&self) -> TargetColumns {
         std::iter::once(&self.target).chain(self.model.with_targets()).cloned().collect()
     }
 
     /// Ridge parameter, if it is given and not chosen.
     pub fn given_ridge(&self) -> Option<f64> {
-        let given = self.model.is_ridge() && self.settings.choose == Choose::Given;
+        let given = self.model.is_ridge() && self.settings.choose == ModelSelection::Given;
         self.model.lambda().filter(|_| given)
     }
 }

@@ -6,17 +6,17 @@ use numerics::{
     compensation::diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution},
     regression::{
         cross_spectra::CrossSpectra,
-        least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, RidgePath},
+        least_squares::{LeastSquaresError, LinearFit, RegressionMoments, RidgePath, ScaledFactor},
     },
 };
 use schemas::Fault;
 
 use super::{
-    components::Components,
-    question::{Matrix, Targets},
-    rows::{Part, Rows, Share, TermRate},
-    samples::{LineSamples, Samples},
-    settings::{Choose, Settings},
+    components::FitComponents,
+    question::{DesignMatrixKey, TargetColumns},
+    rows::{FitLineSummary, FitRows, LineContribution, TermRate},
+    samples::{FitSamples, LineSamples},
+    settings::{FitSettings, ModelSelection},
 };
 use crate::columns::data;
 
@@ -28,8 +28,8 @@ const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// All lines of one matrix and target.
 #[derive(Clone)]
-pub struct Problem<'a> {
-    shares: Vec<&'a Share>,
+pub struct FitProblem<'a> {
+    shares: Vec<&'a LineContribution>,
     /// Names of the matrix columns, and how the terms of each share depend on the sample rate.
     all_terms: &'a [String],
     rates: Vec<&'a [TermRate]>,
@@ -45,30 +45,31 @@ pub struct Problem<'a> {
     /// Matrix columns used. `None` for all.
     places: Option<Vec<usize>>,
     /// Moments of all lines together.
-    pub merged: Moments,
+    pub merged: RegressionMoments,
     /// Moments of some unfiltered rows of all lines.
-    unfiltered: Option<Moments>,
+    unfiltered: Option<RegressionMoments>,
     /// Names of the columns.
     pub terms: Vec<String>,
     /// Number of rows of the selected lines.
     pub(super) selected: usize,
-    prepared: BTreeMap<(u8, bool), (Arc<Prepared>, Arc<Excitation>)>,
+    prepared: BTreeMap<(u8, bool), (Arc<ScaledFactor>, Arc<Excitation>)>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
     /// Terms that replace the features, and the names of the features.
-    pub(super) components: Option<Components>,
+    pub(super) components: Option<FitComponents>,
 }
 
-impl<'a> Problem<'a> {
+impl<'a> FitProblem<'a> {
     /// Gathers the shares of the lines, in the order of the lines.
     ///
     /// # Errors
     /// If no selected line has the features, no row remains after filter and trim, or the lines have different
     /// numbers of terms.
-    pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
+    pub fn new(parts: &[&'a FitLineSummary], at: &(DesignMatrixKey, TargetColumns)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
         let terms = terms.ok_or_else(|| Fault::data("no selected line has all features of the fit"))?;
-        let rates = |part: &'a Part| part.rates.get(&at.0).map(Vec::as_slice).unwrap_or_default();
-        let all: Vec<(&'a Part, &'a Share)> = parts.iter().filter_map(|p| p.shares.get(at).map(|s| (*p, s))).collect();
+        let rates = |part: &'a FitLineSummary| part.rates.get(&at.0).map(Vec::as_slice).unwrap_or_default();
+        let all: Vec<(&'a FitLineSummary, &'a LineContribution)> =
+            parts.iter().filter_map(|p| p.shares.get(at).map(|s| (*p, s))).collect();
         let selected = all.iter().map(|(_, s)| s.selected).sum();
         let (used, unused): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, s)| s.moments.rows() > 0);
         let unused = too_short(&unused);
@@ -81,7 +82,7 @@ impl<'a> Problem<'a> {
         }
         let lines: Vec<String> = used.iter().map(|(p, _)| format!("{}/{}", p.flight, p.line)).collect();
         let (rate_hz, rates) = (used[0].0.rate_hz, used.iter().map(|(p, _)| rates(p)).collect());
-        let (flights, shares): (Vec<String>, Vec<&Share>) =
+        let (flights, shares): (Vec<String>, Vec<&LineContribution>) =
             used.into_iter().map(|(p, s)| (p.flight.clone(), s)).unzip();
         let (merged, unfiltered) = (shares[0].moments.clone(), None);
         let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
@@ -134,20 +135,20 @@ impl<'a> Problem<'a> {
 
     /// Merges the moments of all lines.
     fn merge(&mut self) -> Result<(), Fault> {
-        let own = |moments: &Moments, share: usize| {
+        let own = |moments: &RegressionMoments, share: usize| {
             let scaled = self.scaled(moments, share)?;
             own(&scaled, self.places.as_deref())
         };
         let each = self.shares.iter().enumerate();
         let moments = each.clone().map(|(i, s)| own(&s.moments, i)).collect::<Result<Vec<_>, Fault>>()?;
         let unfiltered = each.filter_map(|(i, s)| Some(own(s.unfiltered.as_ref()?, i)));
-        let unfiltered = Moments::merged(&unfiltered.collect::<Result<Vec<_>, Fault>>()?).ok();
-        (self.merged, self.unfiltered) = (Moments::merged(&moments).map_err(data)?, unfiltered);
+        let unfiltered = RegressionMoments::merged(&unfiltered.collect::<Result<Vec<_>, Fault>>()?).ok();
+        (self.merged, self.unfiltered) = (RegressionMoments::merged(&moments).map_err(data)?, unfiltered);
         Ok(())
     }
 
     /// Moments of a share at the rate of the problem.
-    fn scaled<'m>(&self, moments: &'m Moments, share: usize) -> Result<Cow<'m, Moments>, Fault> {
+    fn scaled<'m>(&self, moments: &'m RegressionMoments, share: usize) -> Result<Cow<'m, RegressionMoments>, Fault> {
         match self.factors.get(share) {
             Some(Some(factors)) => moments.scaled(factors).map(Cow::Owned).map_err(data),
             Some(None) | None => Ok(Cow::Borrowed(moments)),
@@ -179,33 +180,33 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// If a line has another number of features than the problem.
-    pub fn groups(&self, settings: &Settings) -> Result<Vec<Moments>, Fault> {
+    pub fn groups(&self, settings: &FitSettings) -> Result<Vec<RegressionMoments>, Fault> {
         let lines = self.lines()?;
-        if settings.choose != Choose::LeaveOneFlightOut {
+        if settings.choose != ModelSelection::LeaveOneFlightOut {
             return Ok(lines);
         }
-        let mut flights: Vec<(&String, Vec<Moments>)> = vec![];
+        let mut flights: Vec<(&String, Vec<RegressionMoments>)> = vec![];
         for (flight, line) in self.flights.iter().zip(lines) {
             match flights.iter_mut().find(|(f, _)| *f == flight) {
                 Some((_, lines)) => lines.push(line),
                 None => flights.push((flight, vec![line])),
             }
         }
-        flights.iter().map(|(_, lines)| Moments::merged(lines).map_err(data)).collect()
+        flights.iter().map(|(_, lines)| RegressionMoments::merged(lines).map_err(data)).collect()
     }
 
     /// The same problem with only the terms at `places`, or with all of them, from the factor of all.
     ///
     /// # Errors
     /// If a position is beyond the last term.
-    pub fn cut(&self, places: Option<Vec<usize>>) -> Result<Problem<'a>, Fault> {
-        let own = |moments: &Moments| own(moments, places.as_deref());
+    pub fn cut(&self, places: Option<Vec<usize>>) -> Result<FitProblem<'a>, Fault> {
+        let own = |moments: &RegressionMoments| own(moments, places.as_deref());
         let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
         let terms = match &places {
             Some(places) => places.iter().filter_map(|&i| self.terms.get(i).cloned()).collect(),
             None => self.terms.clone(),
         };
-        Ok(Problem {
+        Ok(FitProblem {
             shares: self.shares.clone(),
             all_terms: self.all_terms,
             rates: self.rates.clone(),
@@ -232,9 +233,9 @@ impl<'a> Problem<'a> {
     /// If there are no rows, no component is kept, or the decomposition does not converge.
     pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
         let Some(keep) = keep else { return Ok(self) };
-        let components = Components::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
+        let components = FitComponents::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
         self.terms = components.names();
-        self.merged = components.of(&self.merged)?;
+        self.merged = components.component_moments(&self.merged)?;
         // Results from the unfiltered terms refer to the features.
         self.unfiltered = None;
         self.components = Some(components);
@@ -242,11 +243,11 @@ impl<'a> Problem<'a> {
     }
 
     /// Moments of each line.
-    fn lines(&self) -> Result<Vec<Moments>, Fault> {
-        let own = |(i, s): (usize, &&Share)| {
+    fn lines(&self) -> Result<Vec<RegressionMoments>, Fault> {
+        let own = |(i, s): (usize, &&LineContribution)| {
             let own = own(&*self.scaled(&s.moments, i)?, self.places.as_deref())?;
             match &self.components {
-                Some(components) => components.of(&own),
+                Some(components) => components.component_moments(&own),
                 None => Ok(own),
             }
         };
@@ -255,8 +256,8 @@ impl<'a> Problem<'a> {
 
     /// Rows of each line: terms row-major, and the target.
     pub fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
-        let own = |(share, factors): (&&'a Share, &Option<Vec<f64>>)| {
-            let Rows { a, y, .. } = share.rows.as_ref()?;
+        let own = |(share, factors): (&&'a LineContribution, &Option<Vec<f64>>)| {
+            let FitRows { a, y, .. } = share.rows.as_ref()?;
             let width = (a.len() / y.len().max(1)).max(1);
             let a: Cow<'a, [f64]> = match factors {
                 Some(factors) => Cow::Owned(a.iter().zip(factors.iter().cycle()).map(|(x, f)| x * f).collect()),
@@ -275,19 +276,19 @@ impl<'a> Problem<'a> {
     }
 
     /// Rows of each line with their origin, for models that learn from samples.
-    pub fn samples(&self) -> Samples<'_> {
+    pub fn samples(&self) -> FitSamples<'_> {
         let lines = self.rows().into_iter().zip(&self.shares).zip(&self.lines).zip(&self.flights);
-        let one = |(((rows, share), name), flight): (((_, &&'a Share), &'_ String), &'_ String)| {
+        let one = |(((rows, share), name), flight): (((_, &&'a LineContribution), &'_ String), &'_ String)| {
             let (x, y): (Cow<'a, [f64]>, &'a [f64]) = rows;
             let own = share.rows.as_ref()?;
             let (flight, name) = (flight.clone(), name.clone());
             Some(LineSamples { flight, name, x, y, runs: &own.runs, rate_hz: own.rate_hz })
         };
-        Samples { names: &self.terms, lines: lines.filter_map(one).collect() }
+        FitSamples { names: &self.terms, lines: lines.filter_map(one).collect() }
     }
 
     /// Columns on one scale, and the directions that the flight excites.
-    pub(super) fn prepared(&mut self, settings: &Settings) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
+    pub(super) fn prepared(&mut self, settings: &FitSettings) -> Result<(Arc<ScaledFactor>, Arc<Excitation>), Fault> {
         let (scaling, intercept) = (settings.scaling, settings.intercept);
         let key = (scaling as u8, intercept);
         if let Some(known) = self.prepared.get(&key) {
@@ -304,7 +305,7 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// If the decomposition does not converge.
-    pub fn solve_ridges(&mut self, settings: &Settings, lambdas: &[f64]) -> Result<(), Fault> {
+    pub fn solve_ridges(&mut self, settings: &FitSettings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
         // If one cannot be solved, such as 0 with unexcited terms, each is solved separately later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
@@ -313,13 +314,13 @@ impl<'a> Problem<'a> {
         Ok(())
     }
 
-    /// Solutions of [`Problem::solve_ridges`] for these settings.
-    pub fn path(&self, settings: &Settings) -> Option<&Arc<RidgePath>> {
+    /// Solutions of [`FitProblem::solve_ridges`] for these settings.
+    pub fn path(&self, settings: &FitSettings) -> Option<&Arc<RidgePath>> {
         self.paths.get(&(settings.scaling as u8, settings.intercept))
     }
 
     /// Degrees of freedom of the residual variance.
-    pub fn free(&self, parameters: usize, settings: &Settings) -> f64 {
+    pub fn free(&self, parameters: usize, settings: &FitSettings) -> f64 {
         self.merged.rows() as f64 - parameters as f64 - f64::from(u8::from(settings.intercept))
     }
 
@@ -368,7 +369,7 @@ pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
 }
 
 /// Moments of only the columns at `places`; of all without.
-fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
+fn own(moments: &RegressionMoments, places: Option<&[usize]>) -> Result<RegressionMoments, Fault> {
     match places {
         Some(places) => moments.select(places, &(0..moments.targets()).collect::<Vec<_>>()).map_err(data),
         None => Ok(moments.clone()),
@@ -385,9 +386,9 @@ pub fn lines_needed(error: LeastSquaresError) -> Fault {
 const NAMED: usize = 5;
 
 /// Unused selected lines and the reasons. Empty if there are none.
-fn too_short(lines: &[(&Part, &Share)]) -> String {
-    let lines: Vec<&(&Part, &Share)> = lines.iter().filter(|(_, s)| s.selected > 0).collect();
-    let one = |(part, share): &&(&Part, &Share)| {
+fn too_short(lines: &[(&FitLineSummary, &LineContribution)]) -> String {
+    let lines: Vec<&(&FitLineSummary, &LineContribution)> = lines.iter().filter(|(_, s)| s.selected > 0).collect();
+    let one = |(part, share): &&(&FitLineSummary, &LineContribution)| {
         let (has, least) = share.longest;
         format!("flight {}, line {} has {has} samples in its longest run and requires {least}", part.flight, part.line)
     };

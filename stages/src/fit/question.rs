@@ -2,7 +2,7 @@
 
 /// Settings that points of a sweep share: the same matrix, filtered in the same way.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Matrix {
+pub struct DesignMatrixKey {
     /// Columns of the matrix.
     pub features: Vec<String>,
     /// Bits of the lower and upper corner in Hz, and the order.
@@ -12,15 +12,15 @@ pub struct Matrix {
 }
 
 /// Columns that are fitted together: one, except for partial least squares of several.
-pub type Targets = Vec<String>;
+pub type TargetColumns = Vec<String>;
 
 /// Targets of a matrix, and those whose rows or errors are also needed.
 #[derive(Default)]
-pub struct Question {
+pub struct FitRequest {
     /// All targets.
-    pub targets: Vec<Targets>,
+    pub targets: Vec<TargetColumns>,
     /// Targets whose rows are needed.
-    pub keeps_rows: Vec<Targets>,
+    pub keeps_rows: Vec<TargetColumns>,
     /// Targets for which the errors of coefficients are requested.
-    pub wants_errors: Vec<Targets>,
+    pub wants_errors: Vec<TargetColumns>,
 }

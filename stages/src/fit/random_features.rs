@@ -1,15 +1,15 @@
 //! Ridge regression on random Fourier features.
 
-use learning::random_features::{Kernel, fit};
+use learning::random_features::{RandomFeatureSettings, fit};
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{FitModel, Learnt, model},
+    model::{FitModel, LearningResult, model},
     network::scaling,
-    samples::{PointWork, Samples},
-    settings::Settings,
+    samples::{FitSamples, PointMonitor},
+    settings::FitSettings,
 };
-use crate::trained::{self, Learned};
+use crate::trained::{self, LearnedModel};
 
 model! {
     /// A linear model plus a Gaussian process, both of standardised inputs. The process uses random Fourier features of
@@ -43,13 +43,13 @@ impl FitModel for RandomFeatures {
         (self.random_features * self.random_features) as f64
     }
 
-    fn learn(&self, samples: &Samples, _: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
+    fn learn(&self, samples: &FitSamples, _: &FitSettings, work: &PointMonitor) -> Result<LearningResult, Fault> {
         let lines: Vec<usize> = (0..samples.lines.len()).collect();
         let mut at = samples.places(self.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
         let (scaling, constant, x) = scaling(samples, &lines, &mut at, None)?;
         let y = samples.target(&lines);
         work.goes_on(&format!("{} random features of {} samples", self.random_features, y.len()))?;
-        let kernel = Kernel {
+        let kernel = RandomFeatureSettings {
             features: self.random_features,
             length: self.length_scale,
             linear: self.linear_weight,
@@ -67,15 +67,15 @@ impl FitModel for RandomFeatures {
             names => format!("constant and not used as inputs of the model: `{}`", names.join("`, `")),
         };
         let chosen = model.lambda;
-        let model = Learned::RandomFeatures(trained::Kernel::new(names(&at), scaling, model)?);
-        Ok(Learnt { model, chosen, curve: vec![], warning })
+        let model = LearnedModel::RandomFeatures(trained::RandomFourierModel::new(names(&at), scaling, model)?);
+        Ok(LearningResult { model, chosen, curve: vec![], warning })
     }
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use schemas::Unattended;
+    use schemas::NullMonitor;
 
     use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, bent, fitted_to, flag, number, plain, whole, worked};
 
@@ -111,7 +111,7 @@ mod tests {
                 arrow_array::RecordBatch::try_new(line.schema(), columns).unwrap()
             })
             .collect();
-        let fault = worked(&lines, "random_features", &[], &Unattended).err().unwrap();
+        let fault = worked(&lines, "random_features", &[], &NullMonitor).err().unwrap();
         assert!(fault.what.contains("constant"), "{fault}");
     }
 }

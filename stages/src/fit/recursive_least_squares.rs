@@ -1,15 +1,15 @@
 //! Least squares row by row in time.
 
 use numerics::regression::{
-    least_squares::{LinearFit, Prepared, Scaling},
+    least_squares::{ColumnScaling, LinearFit, ScaledFactor},
     recursive_least_squares,
 };
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{Answer, FitModel, model},
-    problem::Problem,
-    settings::Settings,
+    model::{FitModel, LinearFitResult, model},
+    problem::FitProblem,
+    settings::FitSettings,
 };
 use crate::columns::data;
 
@@ -31,7 +31,7 @@ model! {
 }
 
 impl FitModel for RecursiveLeastSquares {
-    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+    fn fit(&self, problem: &FitProblem, settings: &FitSettings, _: &ScaledFactor) -> Result<LinearFitResult, Fault> {
         let p = problem.terms.len();
         let mut filter = recursive_least_squares::RecursiveLeastSquares::new(
             &vec![0.0; p],
@@ -47,10 +47,10 @@ impl FitModel for RecursiveLeastSquares {
         }
         let fit = LinearFit { coefficients: filter.coefficients(), intercept: 0.0 };
         let squares = problem.merged.residuals(0, &fit).map_err(data)?.squares;
-        Ok(Answer::without_errors(fit, (squares / problem.free(p, settings)).sqrt(), self.lambda))
+        Ok(LinearFitResult::without_errors(fit, (squares / problem.free(p, settings)).sqrt(), self.lambda))
     }
 
-    fn faults(&self, settings: &Settings) -> Vec<Fault> {
+    fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
         let constant = "`recursive_least_squares` has no intercept; add `bias` to `terms` of `a_matrix`";
         let penalty = "`recursive_least_squares` starts from a ridge; set `lambda` above 0";
         let mut faults = vec![];
@@ -67,8 +67,8 @@ impl FitModel for RecursiveLeastSquares {
 impl RecursiveLeastSquares {
     /// Prior standard deviation of each coefficient. For a ridge of scaled columns it is inversely proportional to the
     /// column's standard deviation.
-    fn sigma(&self, problem: &Problem, settings: &Settings) -> Vec<f64> {
-        let scaled = |d: f64| if settings.scaling == Scaling::None || d == 0.0 { 1.0 } else { d };
+    fn sigma(&self, problem: &FitProblem, settings: &FitSettings) -> Vec<f64> {
+        let scaled = |d: f64| if settings.scaling == ColumnScaling::None || d == 0.0 { 1.0 } else { d };
         problem.merged.term_deviations().iter().map(|d| 1.0 / (self.lambda.sqrt() * scaled(*d))).collect()
     }
 }

@@ -4,25 +4,25 @@
 //! frequencies. Means of the unfiltered rows over about a second are therefore kept, with some steps between
 //! neighbouring samples. The residual of any model is computed from them.
 
-use numerics::signal::noise::{Blocks, Noise, noise};
+use numerics::signal::noise::{BlockMeans, LineNoiseModel, noise};
 
 use super::{
-    point::Point,
+    point::FitPoint,
     problem::factor,
-    rows::Part,
-    solve::{Left, Solved},
+    rows::FitLineSummary,
+    solve::{FitSolution, ResidualSource},
 };
 use crate::model_columns::RESIDUAL;
 
 /// Noise of a model on the lines that it was fitted to, in the order of the columns of the model table. NaN if the
 /// lines are too short.
-pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; RESIDUAL.len()] {
+pub fn residual_noise(parts: &[&FitLineSummary], point: &FitPoint, solved: &FitSolution) -> [f64; RESIDUAL.len()] {
     let (fit, names) = match &solved.left {
-        Left::By(fit, names) => (fit, names),
-        Left::Series(lines) => return told(lines),
+        ResidualSource::By(fit, names) => (fit, names),
+        ResidualSource::Series(lines) => return told(lines),
     };
     let at = (point.matrix.clone(), point.targets());
-    let one = |part: &&Part| {
+    let one = |part: &&FitLineSummary| {
         let (terms, rates) = (part.terms.get(&at.0)?, part.rates.get(&at.0)?);
         // Coefficient of this line's term, whose rate may differ from the model's.
         let own = |(name, value): (&String, &f64)| {
@@ -38,9 +38,9 @@ pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; 
     told(&parts.iter().filter_map(one).collect::<Vec<_>>())
 }
 
-fn told(lines: &[Blocks]) -> [f64; RESIDUAL.len()] {
+fn told(lines: &[BlockMeans]) -> [f64; RESIDUAL.len()] {
     match noise(lines) {
-        Ok(Noise { white_nt, lasting }) => [white_nt, lasting.sigma, lasting.tau_s],
+        Ok(LineNoiseModel { white_nt, lasting }) => [white_nt, lasting.sigma, lasting.tau_s],
         Err(_) => [f64::NAN; RESIDUAL.len()],
     }
 }

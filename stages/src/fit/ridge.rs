@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use numerics::regression::{
     choose_lambda::{self, LambdaPoint, by_generalised_cross_validation, by_l_curve, by_lines, curve},
-    least_squares::{LineScore, LinearFit, Prepared, RidgePath},
+    least_squares::{LineScoreMeasure, LinearFit, RidgePath, ScaledFactor},
 };
 use schemas::{Fault, Rule, params};
 
 use super::{
-    model::{Answer, FitModel, model},
-    problem::{Problem, lines_needed},
-    settings::{Choose, Settings},
+    model::{FitModel, LinearFitResult, model},
+    problem::{FitProblem, lines_needed},
+    settings::{FitSettings, ModelSelection},
 };
 use crate::columns::data;
 
@@ -22,18 +22,18 @@ const GRID: (usize, f64) = (81, 1e-12);
 model! {
     /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of standardised columns.
     Ridge = "ridge", version 1, scaling Standardise, intercept true, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: RidgePenalty], example "lambda = 0.025";
 }
 
-impl Ridged for Ridge {
-    fn penalty(&self) -> &Penalty {
+impl RidgeModel for Ridge {
+    fn penalty(&self) -> &RidgePenalty {
         &self.penalty
     }
 }
 
 params! {
     /// Penalty on the squared norm of the coefficients.
-    pub struct Penalty;
+    pub struct RidgePenalty;
     /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Values of `lambda` to choose from.
@@ -41,18 +41,23 @@ params! {
 }
 
 /// A model that is a ridge. It has its own name and columns; the fit is the same.
-pub trait Ridged: Send + Sync {
+pub trait RidgeModel: Send + Sync {
     /// Penalty of the model.
-    fn penalty(&self) -> &Penalty;
+    fn penalty(&self) -> &RidgePenalty;
 }
 
-impl<M: Ridged> FitModel for M {
-    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+impl<M: RidgeModel> FitModel for M {
+    fn fit(
+        &self,
+        problem: &FitProblem,
+        settings: &FitSettings,
+        prepared: &ScaledFactor,
+    ) -> Result<LinearFitResult, Fault> {
         let lambda = self.penalty().found(problem, settings, prepared)?;
         ridge(problem, settings, prepared, lambda)
     }
 
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
+    fn faults(&self, _: &FitSettings) -> Vec<Fault> {
         self.penalty().faults()
     }
 
@@ -69,7 +74,12 @@ impl<M: Ridged> FitModel for M {
 ///
 /// # Errors
 /// If the columns do not determine the solution.
-pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda: f64) -> Result<Answer, Fault> {
+pub fn ridge(
+    problem: &FitProblem,
+    settings: &FitSettings,
+    prepared: &ScaledFactor,
+    lambda: f64,
+) -> Result<LinearFitResult, Fault> {
     let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
     let (path, at) = match problem.path(settings).and_then(|path| found(path).map(|at| (path.clone(), at))) {
         Some(known) => known,
@@ -84,10 +94,10 @@ pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda
     let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
     let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
     let intercept = prepared.original(0, &prepared.scaled(&coefficients)).intercept;
-    Ok(Answer { fit: LinearFit { coefficients, intercept }, std, residual_std, chosen: lambda })
+    Ok(LinearFitResult { fit: LinearFit { coefficients, intercept }, std, residual_std, chosen: lambda })
 }
 
-impl Penalty {
+impl RidgePenalty {
     /// Faults of the ridge parameters to choose from.
     pub fn faults(&self) -> Vec<Fault> {
         let wrong = |l: &Vec<f64>| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()));
@@ -96,7 +106,7 @@ impl Penalty {
     }
 
     /// Ridge parameter that is given or chosen.
-    fn found(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<f64, Fault> {
+    fn found(&self, problem: &FitProblem, settings: &FitSettings, prepared: &ScaledFactor) -> Result<f64, Fault> {
         let curve = || curve(prepared, 0, &self.grid(prepared)?).map_err(data);
         let chosen = |points: &[LambdaPoint], at: Option<usize>, none: &str| {
             let at = at.ok_or_else(|| {
@@ -105,24 +115,24 @@ impl Penalty {
             Ok(points[at].lambda)
         };
         match settings.choose {
-            Choose::Given => Ok(self.lambda),
-            Choose::Gcv => {
+            ModelSelection::Given => Ok(self.lambda),
+            ModelSelection::Gcv => {
                 let points = curve()?;
                 let none = "generalised cross-validation is undefined, because there are too few rows";
                 chosen(&points, by_generalised_cross_validation(&points), none)
             }
-            Choose::LCurve => {
+            ModelSelection::LCurve => {
                 let points = curve()?;
                 chosen(&points, by_l_curve(&points), "the L-curve has no corner")
             }
-            Choose::LeaveOneLineOut | Choose::LeaveOneFlightOut => {
+            ModelSelection::LeaveOneLineOut | ModelSelection::LeaveOneFlightOut => {
                 by_leaving_out(&self.grid(prepared)?, problem, settings)
             }
         }
     }
 
     /// Ridge parameters to choose from, ascending.
-    fn grid(&self, prepared: &Prepared) -> Result<Vec<f64>, Fault> {
+    fn grid(&self, prepared: &ScaledFactor) -> Result<Vec<f64>, Fault> {
         let Some(given) = &self.lambdas else {
             let singular = prepared.singular().map_err(data)?;
             let largest = singular.values.first().copied().unwrap_or(1.0).powi(2);
@@ -134,10 +144,10 @@ impl Penalty {
     }
 }
 
-fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Result<f64, Fault> {
+fn by_leaving_out(grid: &[f64], problem: &FitProblem, settings: &FitSettings) -> Result<f64, Fault> {
     let falling: Vec<f64> = grid.iter().rev().copied().collect();
     let groups = problem.groups(settings)?;
-    let scores = by_lines(&groups, 0, &falling, settings.scaling, settings.intercept, LineScore::Variance);
+    let scores = by_lines(&groups, 0, &falling, settings.scaling, settings.intercept, LineScoreMeasure::Variance);
     let at = settings.pick(&scores.map_err(lines_needed)?);
     falling.get(at).copied().ok_or_else(|| Fault::data("the list of ridge parameters to choose from is empty"))
 }
@@ -145,7 +155,7 @@ fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Resul
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use schemas::{Column, Shape, Table};
+    use schemas::{Column, Table, TableShape};
 
     use crate::{
         fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, fitted_to, flag, number, stage, word},
@@ -176,9 +186,9 @@ mod tests {
         }
     }
 
-    /// The scatter of the coefficients of many calibrations over the one sigma that they claim: the root of the ratio of mean
-    /// squares, since the mean of squared ratios is that of Student's distribution. The noise of a sample is `memory` times the
-    /// one before and a new number.
+    /// The scatter of the coefficients of many calibrations over the one sigma that they claim: the root of the ratio
+    /// of mean squares, since the mean of squared ratios is that of Student's distribution. The noise of a sample is
+    /// `memory` times the one before and a new number.
     fn scatter_over_claimed(memory: f64, keys: &[(String, schemas::Literal)]) -> f64 {
         let (calibrations, rows) = (120, 3000);
         let wave = |f: f64| sampled(0.0, 10.0, rows, move |t| (std::f64::consts::TAU * f * t).sin());
@@ -225,7 +235,7 @@ mod tests {
                 Column::float("y", "nT", ""),
                 Column::float("tt", "s", ""),
             ];
-            stage(model, &[]).unwrap().yields(&[&Table::Lines(Shape { columns, rate_hz: None })]).unwrap().notes
+            stage(model, &[]).unwrap().yields(&[&Table::Lines(TableShape { columns, rate_hz: None })]).unwrap().notes
         };
         assert!(notes("ridge", 93).is_empty());
         assert!(notes("ridge", 94)[0].contains("the fit has 96 terms, and `std` is computed for up to 95"));

@@ -1,21 +1,21 @@
 //! Regression that spikes do not spoil.
 
 use numerics::regression::{
-    least_squares::{Prepared, Scaling},
+    least_squares::{ColumnScaling, ScaledFactor},
     robust::{self, LineRows},
 };
 use schemas::{Fault, Rule, choice};
 
 use super::{
-    model::{Answer, FitModel, model},
-    problem::Problem,
-    settings::Settings,
+    model::{FitModel, LinearFitResult, model},
+    problem::FitProblem,
+    settings::FitSettings,
 };
 use crate::columns::data;
 
 choice! {
-    /// How a residual is weighed.
-    pub enum Loss {
+    /// Loss function of a residual.
+    pub enum FitLossFunction {
         /// Squares, and straight lines beyond a threshold.
         Huber = "huber",
         /// The likelihood of Student's t distribution.
@@ -24,8 +24,8 @@ choice! {
 }
 
 choice! {
-    /// How the size of ordinary residuals is found.
-    pub enum Scale {
+    /// Estimator of the scale of the residuals.
+    pub enum FitScaleMethod {
         /// By their median.
         Mad = "mad",
         /// Together with the coefficients.
@@ -34,17 +34,17 @@ choice! {
 }
 
 model! {
-    /// Minimises a loss that grows more slowly than squares, of columns as they are, row by row: spikes do not spoil it.
-    /// `threshold` is of the loss `huber`, `degrees_of_freedom` of `student_t`.
+    /// Minimises a loss that grows more slowly than squares, of columns as they are, row by row: spikes do not spoil
+    /// it. `threshold` is of the loss `huber`, `degrees_of_freedom` of `student_t`.
     ///
     /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
     Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [], example "loss = \"huber\"";
     /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// The loss.
-    loss: Loss, unit "", default Loss::Huber;
+    loss: FitLossFunction, unit "", default FitLossFunction::Huber;
     /// How the size of ordinary residuals is found: by their median, or together with the coefficients.
-    scale: Scale, unit "", default Scale::Mad;
+    scale: FitScaleMethod, unit "", default FitScaleMethod::Mad;
     /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
     threshold: f64, unit "1", default 1.345, rule Rule::Positive;
     /// Degrees of freedom of Student's t.
@@ -52,7 +52,7 @@ model! {
 }
 
 impl FitModel for Robust {
-    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+    fn fit(&self, problem: &FitProblem, settings: &FitSettings, _: &ScaledFactor) -> Result<LinearFitResult, Fault> {
         let rows = problem.rows();
         let rows: Vec<LineRows> = rows.iter().map(|(a, y)| LineRows { a, y }).collect();
         let found = self.numeric(settings).fit(&rows, &problem.terms).map_err(data)?;
@@ -60,17 +60,17 @@ impl FitModel for Robust {
             let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
             return Err(Fault::data(what).help("give `lambda` above 0, or leave features out"));
         }
-        Ok(Answer::without_errors(found.fit, found.scale, self.lambda))
+        Ok(LinearFitResult::without_errors(found.fit, found.scale, self.lambda))
     }
 
-    fn faults(&self, settings: &Settings) -> Vec<Fault> {
+    fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
         let unscaled = "`robust` penalises columns as they are: `scaling` can only be `none`";
-        let wrong = settings.scaling != Scaling::None;
+        let wrong = settings.scaling != ColumnScaling::None;
         wrong.then(|| Fault::new(unscaled).of_param("scaling")).into_iter().collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let of = [("threshold", Loss::Huber), ("degrees_of_freedom", Loss::StudentT)];
+        let of = [("threshold", FitLossFunction::Huber), ("degrees_of_freedom", FitLossFunction::StudentT)];
         let (_, loss) = of.into_iter().find(|(k, loss)| *k == key && *loss != self.loss)?;
         let help = format!("the loss is `{}`: leave it out", self.loss.word());
         Some(Fault::new(format!("`{key}` belongs to the loss `{}`", loss.word())).help(help))
@@ -82,16 +82,22 @@ impl FitModel for Robust {
 }
 
 impl Robust {
-    fn numeric(&self, settings: &Settings) -> robust::Robust {
+    fn numeric(&self, settings: &FitSettings) -> robust::RobustOptions {
         let loss = match self.loss {
-            Loss::Huber => robust::Loss::Huber { threshold: self.threshold },
-            Loss::StudentT => robust::Loss::StudentT { degrees: self.degrees_of_freedom },
+            FitLossFunction::Huber => robust::ResidualLoss::Huber { threshold: self.threshold },
+            FitLossFunction::StudentT => robust::ResidualLoss::StudentT { degrees: self.degrees_of_freedom },
         };
         let scale = match self.scale {
-            Scale::Mad => robust::Scale::Mad,
-            Scale::Joint => robust::Scale::Joint,
+            FitScaleMethod::Mad => robust::ResidualScaleEstimator::Mad,
+            FitScaleMethod::Joint => robust::ResidualScaleEstimator::Joint,
         };
-        robust::Robust { loss, scale, lambda: self.lambda, intercept: settings.intercept, ..robust::Robust::default() }
+        robust::RobustOptions {
+            loss,
+            scale,
+            lambda: self.lambda,
+            intercept: settings.intercept,
+            ..robust::RobustOptions::default()
+        }
     }
 }
 

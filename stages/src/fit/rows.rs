@@ -5,19 +5,19 @@ use std::{collections::BTreeMap, ops::Range};
 use arrow_array::RecordBatch;
 use numerics::{
     regression::{
-        cross_spectra::{CrossSpectra, Ends},
-        least_squares::{Moments, MomentsAccumulator},
+        cross_spectra::{CrossSpectra, ResidualDrift},
+        least_squares::{MomentsAccumulator, RegressionMoments},
     },
     signal::{
         filter::ConstantColumns,
-        segments::{Usable, filter_matrix},
+        segments::{RowMask, filter_matrix},
     },
 };
-use schemas::{Fault, LineIn, RateLaw, Sampling};
+use schemas::{Fault, LineInput, RateDependence, RateLaw};
 
 use super::{
-    question::{Matrix, Question, Targets},
-    wide::Wide,
+    question::{DesignMatrixKey, FitRequest, TargetColumns},
+    wide::WidebandSummary,
 };
 use crate::{
     bandpass::design,
@@ -34,13 +34,13 @@ pub const MOST_WITH_ERRORS: usize = 96;
 pub type TermRate = Option<(RateLaw, f64)>;
 
 /// Share of one line in a fit.
-pub struct Share {
+pub struct LineContribution {
     /// Moments of the filtered and trimmed rows.
-    pub moments: Moments,
+    pub moments: RegressionMoments,
     /// Moments of some unfiltered rows.
-    pub unfiltered: Option<Moments>,
+    pub unfiltered: Option<RegressionMoments>,
     /// Rows, if the model requires them.
-    pub rows: Option<Rows>,
+    pub rows: Option<FitRows>,
     /// Cross-spectra of these rows, the target last, if errors of coefficients are requested.
     pub spectra: Option<CrossSpectra>,
     /// Number of rows of the line that `where` selects.
@@ -50,7 +50,7 @@ pub struct Share {
 }
 
 /// Filtered and trimmed rows of a line.
-pub struct Rows {
+pub struct FitRows {
     /// Terms, row-major.
     pub a: Vec<f64>,
     /// Target of each row.
@@ -62,41 +62,41 @@ pub struct Rows {
 }
 
 /// Summary of the unfiltered rows of a line, and the questions that they belong to.
-pub struct Unfiltered {
-    pub asked: Vec<(Matrix, Targets)>,
-    pub wide: Wide,
+pub struct WidebandContribution {
+    pub asked: Vec<(DesignMatrixKey, TargetColumns)>,
+    pub wide: WidebandSummary,
 }
 
 /// Shares of one line, by matrix and targets, with the names of the terms of each matrix.
 #[derive(Default)]
-pub struct Part {
+pub struct FitLineSummary {
     pub flight: String,
     pub line: String,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    pub shares: BTreeMap<(Matrix, Targets), Share>,
+    pub shares: BTreeMap<(DesignMatrixKey, TargetColumns), LineContribution>,
     /// Fault of each question that this line cannot answer.
-    pub refused: BTreeMap<(Matrix, Targets), Fault>,
-    pub terms: BTreeMap<Matrix, Vec<String>>,
+    pub refused: BTreeMap<(DesignMatrixKey, TargetColumns), Fault>,
+    pub terms: BTreeMap<DesignMatrixKey, Vec<String>>,
     /// Dependence of each of these terms on the sample rate.
-    pub rates: BTreeMap<Matrix, Vec<TermRate>>,
-    pub wide: Vec<Unfiltered>,
+    pub rates: BTreeMap<DesignMatrixKey, Vec<TermRate>>,
+    pub wide: Vec<WidebandContribution>,
 }
 
 /// Column of a table, or list of columns, borrowed.
-struct Block<'a> {
+struct FeatureBlock<'a> {
     values: &'a [f64],
     names: Vec<String>,
-    sampling: Sampling,
+    sampling: RateDependence,
 }
 
-impl<'a> Block<'a> {
+impl<'a> FeatureBlock<'a> {
     fn new(batch: &'a RecordBatch, name: &str) -> Result<Self, Fault> {
         match matrix(batch, name) {
             Ok((values, names)) => Ok(Self { values, names, sampling: sampling(batch, name)? }),
             Err(_) => {
                 let (values, names) = (floats(batch, name)?, vec![name.to_owned()]);
-                Ok(Self { values, names, sampling: Sampling::default() })
+                Ok(Self { values, names, sampling: RateDependence::default() })
             }
         }
     }
@@ -111,13 +111,13 @@ impl<'a> Block<'a> {
 }
 
 /// Questions to one line with the same filter and the same usable rows.
-struct Group<'a> {
+struct FitRequestGroup<'a> {
     runs: Vec<Range<usize>>,
     selected: usize,
-    asked: Vec<(&'a Matrix, Vec<Targets>)>,
+    asked: Vec<(&'a DesignMatrixKey, Vec<TargetColumns>)>,
 }
 
-impl Part {
+impl FitLineSummary {
     /// Reduces a line to its shares. A question has no share if the line lacks one of its columns.
     ///
     /// Columns that several questions share are filtered once. The moments of each question are bit-identical to those
@@ -126,24 +126,29 @@ impl Part {
     /// # Errors
     /// If the line has no numeric column `tt`, or its times have no sample rate. The fault of one question is
     /// in the part instead.
-    pub fn new(line: &LineIn, questions: &BTreeMap<Matrix, Question>) -> Result<Part, Fault> {
+    pub fn new(line: &LineInput, questions: &BTreeMap<DesignMatrixKey, FitRequest>) -> Result<FitLineSummary, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
-        let mut part = Part { flight: line.flight.clone(), line: line.line.clone(), rate_hz, ..Part::default() };
-        let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
-        let mut groups: Vec<Group> = vec![];
+        let mut part = FitLineSummary {
+            flight: line.flight.clone(),
+            line: line.line.clone(),
+            rate_hz,
+            ..FitLineSummary::default()
+        };
+        let mut blocks: BTreeMap<&str, FeatureBlock> = BTreeMap::new();
+        let mut groups: Vec<FitRequestGroup> = vec![];
         for (key, question) in questions {
             for name in &key.features {
-                if let (false, Ok(block)) = (blocks.contains_key(name.as_str()), Block::new(batch, name)) {
+                if let (false, Ok(block)) = (blocks.contains_key(name.as_str()), FeatureBlock::new(batch, name)) {
                     blocks.insert(name, block);
                 }
             }
-            let own: Option<Vec<&Block>> = key.features.iter().map(|n| blocks.get(n.as_str())).collect();
+            let own: Option<Vec<&FeatureBlock>> = key.features.iter().map(|n| blocks.get(n.as_str())).collect();
             let Some(own) = own else { continue };
             part.terms.insert(key.clone(), own.iter().flat_map(|b| b.names.clone()).collect());
             part.rates.insert(key.clone(), own.iter().flat_map(|b| b.rates()).collect());
-            let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
+            let selected = line.keep.as_ref().map_or_else(|| RowMask::all(tt.len()), |keep| RowMask::selected(keep));
             let count = selected.rows().iter().filter(|k| **k).count();
             let usable = own.iter().fold(selected, |u, b| u.and_finite_rows(b.values, b.names.len()));
             for targets in &question.targets {
@@ -168,19 +173,19 @@ impl Part {
 }
 
 fn join<'a>(
-    groups: &mut Vec<Group<'a>>,
+    groups: &mut Vec<FitRequestGroup<'a>>,
     runs: Vec<Range<usize>>,
     selected: usize,
-    key: &'a Matrix,
-    together: &Targets,
+    key: &'a DesignMatrixKey,
+    together: &TargetColumns,
 ) {
-    let same = |g: &Group| {
+    let same = |g: &FitRequestGroup| {
         g.runs == runs && g.asked.first().is_some_and(|(k, _)| k.filter == key.filter && k.trim == key.trim)
     };
     let group = match groups.iter().position(same) {
         Some(i) => &mut groups[i],
         None => {
-            groups.push(Group { runs, selected, asked: vec![] });
+            groups.push(FitRequestGroup { runs, selected, asked: vec![] });
             let last = groups.len() - 1;
             &mut groups[last]
         }
@@ -192,12 +197,12 @@ fn join<'a>(
 }
 
 /// Columns joined into one row-major matrix.
-struct Sheet {
+struct FeatureMatrix {
     values: Vec<f64>,
     width: usize,
 }
 
-impl Sheet {
+impl FeatureMatrix {
     fn column(&self, at: usize) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().skip(at).step_by(self.width.max(1)).copied()
     }
@@ -214,11 +219,11 @@ impl Sheet {
 }
 
 fn fold(
-    part: &mut Part,
+    part: &mut FitLineSummary,
     batch: &RecordBatch,
-    blocks: &BTreeMap<&str, Block>,
-    group: &Group,
-    questions: &BTreeMap<Matrix, Question>,
+    blocks: &BTreeMap<&str, FeatureBlock>,
+    group: &FitRequestGroup,
+    questions: &BTreeMap<DesignMatrixKey, FitRequest>,
     rate_hz: f64,
 ) -> Result<(), Fault> {
     let Some((first, _)) = group.asked.first() else { return Ok(()) };
@@ -232,7 +237,7 @@ fn fold(
     let names = targets(group);
     let y = names.iter().map(|n| floats(batch, n)).collect::<Result<Vec<_>, _>>()?;
     let y: Vec<f64> = runs.iter().cloned().flatten().flat_map(|row| y.iter().map(move |c| c[row])).collect();
-    let y = Sheet { values: y, width: names.len() };
+    let y = FeatureMatrix { values: y, width: names.len() };
     let raw = if filter.is_some() { thinned(&sheet, &y) } else { None };
     let (mut sheet, mut y) = (sheet, y);
     if let Some(filter) = &filter {
@@ -259,22 +264,22 @@ fn fold(
         let keeps = question.map(|q| q.keeps_rows.as_slice()).unwrap_or_default();
         let errors = question.map(|q| q.wants_errors.as_slice()).unwrap_or_default();
         let with_errors = columns.len() < MOST_WITH_ERRORS && wanted.iter().any(|t| errors.contains(t));
-        let ends = if low_hz > 0.0 { Ends::Bound } else { Ends::Wandering };
+        let ends = if low_hz > 0.0 { ResidualDrift::Bound } else { ResidualDrift::Wandering };
         let spectra = with_errors.then(|| spectra((&sheet, &columns), (&y, &at), &kept, (rate_hz, ends)));
         for together in wanted {
             let own: Vec<usize> = together.iter().filter_map(place).collect();
             let chosen: Vec<usize> = own.iter().filter_map(|c| at.iter().position(|a| a == c)).collect();
             let rows = keeps.contains(together).then(|| {
                 let (a, y) = (sheet.part(&columns, &kept), y.part(&own, &kept));
-                Rows { a, y, runs: packed(&kept, 0).0, rate_hz }
+                FitRows { a, y, runs: packed(&kept, 0).0, rate_hz }
             });
             let unfiltered = raw.as_ref().map(|(a, y)| {
                 let all = 0..a.values.len() / a.width.max(1);
                 let rows = a.part(&columns, std::slice::from_ref(&all));
                 let ys: Vec<Vec<f64>> = own.iter().map(|c| y.column(*c).collect()).collect();
-                Moments::of(&rows, columns.len(), &ys.iter().map(Vec::as_slice).collect::<Vec<_>>())
+                RegressionMoments::from_matrix(&rows, columns.len(), &ys.iter().map(Vec::as_slice).collect::<Vec<_>>())
             });
-            let share = Share {
+            let share = LineContribution {
                 moments: folded.select(&chosen).finish(),
                 spectra: spectra.as_ref().filter(|_| errors.contains(together)).map(|spectra| {
                     let target = chosen.iter().map(|target| columns.len() + target);
@@ -294,10 +299,10 @@ fn fold(
 
 /// Cross-spectra of columns and targets over runs of rows.
 fn spectra(
-    (sheet, columns): (&Sheet, &[usize]),
-    (y, at): (&Sheet, &[usize]),
+    (sheet, columns): (&FeatureMatrix, &[usize]),
+    (y, at): (&FeatureMatrix, &[usize]),
     kept: &[Range<usize>],
-    (rate_hz, ends): (f64, Ends),
+    (rate_hz, ends): (f64, ResidualDrift),
 ) -> CrossSpectra {
     let mut spectra = CrossSpectra::new(columns.len() + at.len(), ends);
     for run in kept {
@@ -312,12 +317,12 @@ fn spectra(
 /// Data from which the residual noise of the group's models is estimated.
 fn unfiltered(
     batch: &RecordBatch,
-    blocks: &BTreeMap<&str, Block>,
-    group: &Group,
+    blocks: &BTreeMap<&str, FeatureBlock>,
+    group: &FitRequestGroup,
     runs: &[Range<usize>],
     rate_hz: f64,
-) -> Result<Unfiltered, Fault> {
-    let mut wide = Wide::new(batch, runs, rate_hz);
+) -> Result<WidebandContribution, Fault> {
+    let mut wide = WidebandSummary::new(batch, runs, rate_hz);
     for name in group.asked.iter().flat_map(|(key, _)| &key.features) {
         if let Some(block) = blocks.get(name.as_str()) {
             wide.feature(name, block.values, block.names.len());
@@ -327,7 +332,7 @@ fn unfiltered(
         wide.target(&name, floats(batch, &name)?, batch.schema().field_with_name(&name).ok());
     }
     let asked = group.asked.iter().flat_map(|(key, all)| all.iter().map(|t| ((*key).clone(), t.clone())));
-    Ok(Unfiltered { asked: asked.collect(), wide })
+    Ok(WidebandContribution { asked: asked.collect(), wide })
 }
 
 /// Runs joined into one sequence, with or without their ends.
@@ -344,12 +349,12 @@ fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<u
 
 /// All features of a group without duplicates, and the position of each.
 fn features<'a>(
-    blocks: &BTreeMap<&'a str, Block>,
-    group: &Group,
+    blocks: &BTreeMap<&'a str, FeatureBlock>,
+    group: &FitRequestGroup,
     runs: &[Range<usize>],
-) -> (Sheet, BTreeMap<&'a str, Range<usize>>) {
+) -> (FeatureMatrix, BTreeMap<&'a str, Range<usize>>) {
     let mut places: BTreeMap<&str, Range<usize>> = BTreeMap::new();
-    let (mut used, mut width): (Vec<&Block>, usize) = (vec![], 0);
+    let (mut used, mut width): (Vec<&FeatureBlock>, usize) = (vec![], 0);
     for name in group.asked.iter().flat_map(|(key, _)| &key.features) {
         let Some((name, block)) = blocks.get_key_value(name.as_str()) else { continue };
         if places.contains_key(name) {
@@ -363,10 +368,10 @@ fn features<'a>(
     for row in runs.iter().cloned().flatten() {
         used.iter().for_each(|block| values.extend_from_slice(block.row(row)));
     }
-    (Sheet { values, width }, places)
+    (FeatureMatrix { values, width }, places)
 }
 
-fn targets(group: &Group) -> Vec<String> {
+fn targets(group: &FitRequestGroup) -> Vec<String> {
     let mut names: Vec<String> = vec![];
     for target in group.asked.iter().flat_map(|(_, asked)| asked.iter().flatten()) {
         if !names.contains(target) {
@@ -377,13 +382,13 @@ fn targets(group: &Group) -> Vec<String> {
 }
 
 /// Some rows of both, evenly spaced. `None` if there are no rows.
-fn thinned(a: &Sheet, y: &Sheet) -> Option<(Sheet, Sheet)> {
+fn thinned(a: &FeatureMatrix, y: &FeatureMatrix) -> Option<(FeatureMatrix, FeatureMatrix)> {
     let rows = y.values.len() / y.width.max(1);
     let step = rows.div_ceil(THINNED).max(1);
-    let of = |sheet: &Sheet| {
+    let of = |sheet: &FeatureMatrix| {
         let chosen =
             (0..rows).step_by(step).flat_map(|r| sheet.values[r * sheet.width..(r + 1) * sheet.width].to_vec());
-        Sheet { values: chosen.collect(), width: sheet.width }
+        FeatureMatrix { values: chosen.collect(), width: sheet.width }
     };
     (rows > 0).then(|| (of(a), of(y)))
 }

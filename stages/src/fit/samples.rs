@@ -2,12 +2,12 @@
 
 use std::{borrow::Cow, ops::Range};
 
-use schemas::{Fault, Work};
+use schemas::{CheckpointMonitor, Fault};
 
 use super::point::places;
 
 /// Rows of all lines of a fit.
-pub struct Samples<'a> {
+pub struct FitSamples<'a> {
     /// Names of the columns.
     pub names: &'a [String],
     /// Lines in order.
@@ -55,7 +55,7 @@ impl LineSamples<'_> {
     }
 }
 
-impl Samples<'_> {
+impl FitSamples<'_> {
     /// Positions of the entries `names`, each a name or a prefix of several names before a `_`. All positions without
     /// `names`.
     ///
@@ -122,25 +122,25 @@ impl Samples<'_> {
 }
 
 /// Saved state, storage and progress of one point of a sweep during training.
-pub struct PointWork<'a> {
+pub struct PointMonitor<'a> {
     /// Work of all points.
-    pub work: &'a dyn Work,
+    pub work: &'a dyn CheckpointMonitor,
     /// Position of the point among them.
     pub point: usize,
 }
 
-impl PointWork<'_> {
-    /// See [`Work::kept`].
+impl PointMonitor<'_> {
+    /// See [`CheckpointMonitor::kept`].
     pub fn kept(&self) -> Option<Vec<u8>> {
         self.work.kept(self.point)
     }
 
-    /// See [`Work::keep`].
+    /// See [`CheckpointMonitor::keep`].
     pub fn keep(&self, state: &[u8]) {
         self.work.keep(self.point, state);
     }
 
-    /// See [`Work::goes_on`].
+    /// See [`CheckpointMonitor::goes_on`].
     ///
     /// # Errors
     /// If the run is interrupted.

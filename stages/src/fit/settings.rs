@@ -1,11 +1,11 @@
 //! Settings that models share.
 
-use numerics::regression::least_squares::{LineScores, Scaling};
+use numerics::regression::least_squares::{ColumnScaling, LineScores};
 use schemas::choice;
 
 choice! {
     /// Method that selects `lambda` or the number of components.
-    pub enum Choose {
+    pub enum ModelSelection {
         /// The given value.
         Given = "given",
         /// Generalised cross-validation.
@@ -19,10 +19,10 @@ choice! {
     }
 }
 
-impl Choose {
+impl ModelSelection {
     /// Returns whether lines or flights are omitted.
     pub fn leaves_out(self) -> bool {
-        matches!(self, Choose::LeaveOneLineOut | Choose::LeaveOneFlightOut)
+        matches!(self, ModelSelection::LeaveOneLineOut | ModelSelection::LeaveOneFlightOut)
     }
 }
 
@@ -42,19 +42,19 @@ choice! {
 
 impl Divisor {
     /// The same scaling, as named in the numerics.
-    pub const fn scaling(self) -> Scaling {
+    pub const fn scaling(self) -> ColumnScaling {
         match self {
-            Divisor::None => Scaling::None,
-            Divisor::Standardise => Scaling::Standardise,
-            Divisor::MaxAbs => Scaling::MaxAbs,
-            Divisor::MinMax => Scaling::MinMax,
+            Divisor::None => ColumnScaling::None,
+            Divisor::Standardise => ColumnScaling::Standardise,
+            Divisor::MaxAbs => ColumnScaling::MaxAbs,
+            Divisor::MinMax => ColumnScaling::MinMax,
         }
     }
 }
 
 /// Data that a model is fitted to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MadeOf {
+pub enum FitData {
     /// Moments of the lines, whose factors a whole sweep shares.
     Moments,
     /// Filtered rows.
@@ -65,22 +65,22 @@ pub enum MadeOf {
 
 /// Settings that most models have, including the defaults of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct FitSettings {
     /// Divisor of columns before the penalty.
-    pub scaling: Scaling,
+    pub scaling: ColumnScaling,
     /// Whether a constant is fitted too.
     pub intercept: bool,
     /// Method that selects `lambda` or the number of components.
-    pub choose: Choose,
+    pub choose: ModelSelection,
     /// Whether the simplest model within one standard error of the best is selected.
     pub one_standard_error: bool,
     /// Number of whitened components that replace the features, or below 1 the fraction of the variance.
     pub whiten: Option<f64>,
 }
 
-impl Settings {
+impl FitSettings {
     /// Returns whether both have the same scaling of columns.
-    pub fn same_scale(&self, other: &Settings) -> bool {
+    pub fn same_scale(&self, other: &FitSettings) -> bool {
         (self.scaling, self.intercept) == (other.scaling, other.intercept)
     }
 

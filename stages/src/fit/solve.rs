@@ -5,44 +5,44 @@ use std::ops::Range;
 use numerics::{
     compensation::diagnostics::{Excitation, TrivialSolution},
     regression::{least_squares::LinearFit, statistics},
-    signal::noise::Blocks,
+    signal::noise::BlockMeans,
 };
 use schemas::Fault;
 
 use super::{
-    model::Learnt,
-    point::Point,
-    problem::Problem,
-    samples::{LineSamples, Samples},
-    settings::Choose,
+    model::LearningResult,
+    point::FitPoint,
+    problem::FitProblem,
+    samples::{FitSamples, LineSamples},
+    settings::ModelSelection,
 };
 use crate::{
     model_columns::INTERCEPT,
-    trained::{Learned, Term, term},
+    trained::{LearnedModel, TermValue, term},
 };
 
 /// Row of a model table.
-pub struct Row {
+pub struct ModelTableRow {
     /// Term and value.
-    pub term: Term,
+    pub term: TermValue,
     /// Standard deviation of the value. NaN if the model provides none.
     pub std: f64,
 }
 
 /// Source of the residual noise of a model.
-pub enum Left {
+pub enum ResidualSource {
     /// Coefficients of a linear model, with their terms.
     By(LinearFit, Vec<String>),
     /// Residual of each row of each line.
-    Series(Vec<Blocks>),
+    Series(Vec<BlockMeans>),
 }
 
 /// Fitted model, in the form of its table.
-pub struct Solved {
+pub struct FitSolution {
     /// Rows of the model and of its training.
-    pub table: Vec<Row>,
+    pub table: Vec<ModelTableRow>,
     /// Source of the residual noise.
-    pub left: Left,
+    pub left: ResidualSource,
     /// Number of rows used, and number of rows of the selected lines that were not.
     pub rows: (usize, usize),
     /// Condition number of the scaled matrix. NaN for a nonlinear model.
@@ -67,7 +67,7 @@ pub struct Solved {
 ///
 /// # Errors
 /// The same as [`FitModel::fit`](super::FitModel::fit). If the decomposition does not converge.
-pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
+pub fn solve(problem: &mut FitProblem, point: &FitPoint) -> Result<FitSolution, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;
     let trivial = problem.trivial(&answer.fit, answer.chosen)?;
@@ -78,14 +78,14 @@ pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
         Some(components) => components.original(&answer.fit),
         None => (answer.fit, answer.std, problem.terms.clone()),
     };
-    let row = |((name, value), std): ((&String, &f64), &f64)| Row { term: term(name, *value), std: *std };
-    let mut table: Vec<Row> = terms.iter().zip(&fit.coefficients).zip(&std).map(row).collect();
+    let row = |((name, value), std): ((&String, &f64), &f64)| ModelTableRow { term: term(name, *value), std: *std };
+    let mut table: Vec<ModelTableRow> = terms.iter().zip(&fit.coefficients).zip(&std).map(row).collect();
     if point.settings.intercept {
-        table.push(Row { term: term(INTERCEPT, fit.intercept), std: f64::NAN });
+        table.push(ModelTableRow { term: term(INTERCEPT, fit.intercept), std: f64::NAN });
     }
-    Ok(Solved {
+    Ok(FitSolution {
         table,
-        left: Left::By(fit, terms),
+        left: ResidualSource::By(fit, terms),
         rows: (used, problem.selected - used),
         condition: excited.condition,
         residual_std: answer.residual_std,
@@ -99,13 +99,13 @@ pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
 }
 
 fn warning(
-    point: &Point,
+    point: &FitPoint,
     excited: &Excitation,
     trivial: Option<&TrivialSolution>,
     remark: Option<String>,
     unused: &str,
 ) -> String {
-    let nothing_given = point.settings.choose == Choose::Given && point.model.lambda() == Some(0.0);
+    let nothing_given = point.settings.choose == ModelSelection::Given && point.model.lambda() == Some(0.0);
     let weak = excited.message().filter(|_| nothing_given);
     let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
         format!(
@@ -125,20 +125,21 @@ fn too_short(unused: &str) -> Option<String> {
 ///
 /// # Errors
 /// If the model predicts values that are not finite.
-pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<Solved, Fault> {
-    let Learnt { model, chosen, curve, warning } = learnt;
+pub fn solved(problem: &FitProblem, samples: &FitSamples, learnt: LearningResult) -> Result<FitSolution, Fault> {
+    let LearningResult { model, chosen, curve, warning } = learnt;
     let left = samples.lines.iter().map(|line| residual(samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;
     let all: Vec<f64> = left.iter().flatten().copied().collect();
     if all.iter().any(|x| !x.is_finite()) {
         return Err(Fault::data("the model predicts values that are not finite").help("reduce `learning_rate`"));
     }
-    let series = left.iter().zip(&samples.lines).map(|(left, line)| Blocks::of(left, line.runs, line.rate_hz));
+    let series =
+        left.iter().zip(&samples.lines).map(|(left, line)| BlockMeans::from_runs(left, line.runs, line.rate_hz));
     let used = problem.merged.rows();
-    let table = model.terms().into_iter().chain(curve).map(|term| Row { term, std: f64::NAN }).collect();
+    let table = model.terms().into_iter().chain(curve).map(|term| ModelTableRow { term, std: f64::NAN }).collect();
     let warning = (!warning.is_empty()).then_some(warning);
-    Ok(Solved {
+    Ok(FitSolution {
         table,
-        left: Left::Series(series.collect()),
+        left: ResidualSource::Series(series.collect()),
         rows: (used, problem.selected - used),
         condition: f64::NAN,
         residual_std: statistics::std(&all).value,
@@ -152,7 +153,7 @@ pub fn solved(problem: &Problem, samples: &Samples, learnt: Learnt) -> Result<So
 }
 
 /// Residual of the target of a line.
-fn residual(samples: &Samples, line: &LineSamples, model: &Learned) -> Result<Vec<f64>, Fault> {
+fn residual(samples: &FitSamples, line: &LineSamples, model: &LearnedModel) -> Result<Vec<f64>, Fault> {
     let place = |name: &String| samples.names.iter().position(|n| n == name);
     let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();
     let at = at.ok_or_else(|| Fault::bug("a model is made of columns that it was not given"))?;

@@ -1,27 +1,27 @@
 //! Causal convolutions over a window, followed by a network.
 
-use learning::network::{Form, Memory};
+use learning::network::{MemoryLayers, NetworkForm};
 
 use super::{
     model::{FitModel, model},
-    network::{Network, NetworkModel, WindowKeys},
+    network::{NetworkKeys, NetworkModel, WindowKeys},
 };
 
 model! {
     /// Causal convolutions compute features of a window of samples, and a network predicts the target from these
     /// features. The window ends at the predicted sample. The model represents delays and hysteresis.
     ///
-    /// Source: Bai, Kolter and Koltun 2018, "An empirical evaluation of generic convolutional and recurrent networks for
-    /// sequence modeling".
+    /// Source: Bai, Kolter and Koltun 2018, "An empirical evaluation of generic convolutional and recurrent networks
+    /// for sequence modeling".
     Tcn = "tcn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
-    groups [network: Network, window: WindowKeys], example "epochs = 2\nwindow = 4";
+    groups [network: NetworkKeys, window: WindowKeys], example "epochs = 2\nwindow = 4";
 }
 
 impl FitModel for Tcn {
     fn network(&self) -> Option<NetworkModel<'_>> {
         Some(NetworkModel {
-            window: Some(self.window.with(Memory::Tcn)),
-            ..NetworkModel::of(&self.network, Form::Plain)
+            window: Some(self.window.with(MemoryLayers::Tcn)),
+            ..NetworkModel::new(&self.network, NetworkForm::Plain)
         })
     }
 }

@@ -6,7 +6,9 @@ use std::{
 };
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
-use schemas::{AnyStage, AnySurveyPoint, Args, Fault, Given, LineIn, Literal, Unattended, Work};
+use schemas::{
+    AnyStage, AnySurveyPoint, CheckpointMonitor, Fault, LineInput, Literal, NullMonitor, SpecEntries, SpecEntry,
+};
 
 /// Coefficients of the target.
 pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
@@ -16,7 +18,7 @@ pub const INTERCEPT_NT: f64 = 40.0;
 const ROWS: usize = 200;
 
 /// Output of a fit.
-pub struct Found {
+pub struct FitOutput {
     /// The terms.
     pub term: Vec<String>,
     /// Reasons to distrust it.
@@ -111,18 +113,18 @@ pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fa
     let usual = [word("model", model), word("target", "y"), ("features".to_owned(), features)];
     let unfiltered = [number("low_hz", 0.0), number("high_hz", 0.0), whole("trim", 0)];
     let given = usual.into_iter().chain(unfiltered).chain(keys.iter().cloned());
-    let args: Args = given.map(|(name, value)| (name, Given { value, key_at: 0..0, at: 0..0 })).collect();
+    let args: SpecEntries = given.map(|(name, value)| (name, SpecEntry { value, key_at: 0..0, at: 0..0 })).collect();
     (super::entry(super::MODELS.to_vec()).build)(&args)
 }
 
-/// Stops after some epochs or trees, with the state of that moment.
-pub struct Stopping {
+/// Monitor that interrupts training after a number of reports and keeps the last state.
+pub struct InterruptMonitor {
     after: usize,
     kept: Mutex<Option<Vec<u8>>>,
     told: Mutex<usize>,
 }
 
-impl Stopping {
+impl InterruptMonitor {
     /// Stops after `after` reports, and begins with a stored state.
     pub fn after(after: usize, kept: Option<Vec<u8>>) -> Self {
         Self { after, kept: Mutex::new(kept), told: Mutex::default() }
@@ -139,7 +141,7 @@ impl Stopping {
     }
 }
 
-impl Work for Stopping {
+impl CheckpointMonitor for InterruptMonitor {
     fn kept(&self, _: usize) -> Option<Vec<u8>> {
         self.state()
     }
@@ -156,31 +158,36 @@ impl Work for Stopping {
 }
 
 /// A fit to [`plain`] lines.
-pub fn fitted(model: &str, keys: &[(String, Literal)]) -> Found {
+pub fn fitted(model: &str, keys: &[(String, Literal)]) -> FitOutput {
     fitted_to(&plain(INTERCEPT_NT), model, keys)
 }
 
 /// A fit to these lines.
-pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)]) -> Found {
-    worked(lines, model, keys, &Unattended).unwrap()
+pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)]) -> FitOutput {
+    worked(lines, model, keys, &NullMonitor).unwrap()
 }
 
 /// A fit to these lines that keeps and says what it does.
-pub fn worked(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)], work: &dyn Work) -> Result<Found, Fault> {
+pub fn worked(
+    lines: &[RecordBatch],
+    model: &str,
+    keys: &[(String, Literal)],
+    work: &dyn CheckpointMonitor,
+) -> Result<FitOutput, Fault> {
     begun(lines, model, keys, &[], work)
 }
 
 /// A fit that begins with the model of another.
 pub fn begun_with(
-    first: &Found,
+    first: &FitOutput,
     lines: &[RecordBatch],
     model: &str,
     keys: &[(String, Literal)],
-) -> Result<Found, Fault> {
+) -> Result<FitOutput, Fault> {
     let terms: ArrayRef = Arc::new(first.term.iter().map(Some).collect::<StringArray>());
     let values: ArrayRef = Arc::new(Float64Array::from(first.value.clone()));
     let table = RecordBatch::try_from_iter([("term", terms), ("value", values)]).unwrap();
-    begun(lines, model, keys, &[lines[0].slice(0, 0), table], &Unattended)
+    begun(lines, model, keys, &[lines[0].slice(0, 0), table], &NullMonitor)
 }
 
 fn begun(
@@ -188,14 +195,14 @@ fn begun(
     model: &str,
     keys: &[(String, Literal)],
     inputs: &[RecordBatch],
-    work: &dyn Work,
-) -> Result<Found, Fault> {
+    work: &dyn CheckpointMonitor,
+) -> Result<FitOutput, Fault> {
     let stage = stage(model, keys).unwrap();
     let stage = stage.of_surveys().unwrap();
     let gather = stage.gather(&[AnySurveyPoint { stage, inputs }]).unwrap();
     let part = |(i, line): (usize, &RecordBatch)| {
         let (flight, name, inputs) = ("1".to_owned(), format!("1.{i}"), vec![line.clone()]);
-        gather.map(&LineIn { flight, line: name, inputs, keep: None }).unwrap()
+        gather.map(&LineInput { flight, line: name, inputs, keep: None }).unwrap()
     };
     let table = gather.finish(lines.iter().enumerate().map(part).collect(), work)?.remove(0)?.columns;
     let column = |i: usize| table[i].as_primitive::<Float64Type>().values().to_vec();
@@ -204,5 +211,5 @@ fn begun(
     let (term, warnings): (Vec<String>, Vec<String>) = (text(1), text(12));
     let warning = warnings[0].clone();
     let (value, std, rows) = (column(2), column(3), rows as f64);
-    Ok(Found { term, warning, value, std, residual_std: column(7)[0], chosen: column(8)[0], rows })
+    Ok(FitOutput { term, warning, value, std, residual_std: column(7)[0], chosen: column(8)[0], rows })
 }

@@ -1,10 +1,10 @@
 //! Network of van der Meer 2025 combined with the Tolles-Lawson model.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, Network, NetworkModel},
+    network::{LinearPart, NetworkKeys, NetworkModel},
 };
 
 model! {
@@ -13,7 +13,7 @@ model! {
     ///
     /// Source: van der Meer 2025, section 4.4.1 and Table 4.6.
     TollesLawsonNetwork = "tlnn", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: Network, part: LinearPart], example "epochs = 5";
+    groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
 }
 
 impl FitModel for TollesLawsonNetwork {
@@ -21,7 +21,7 @@ impl FitModel for TollesLawsonNetwork {
         Some(NetworkModel {
             hidden: &[11],
             linear: Some(&self.part),
-            ..NetworkModel::of(&self.network, Form::FixedLinear)
+            ..NetworkModel::new(&self.network, NetworkForm::FixedLinear)
         })
     }
 }
@@ -29,7 +29,7 @@ impl FitModel for TollesLawsonNetwork {
 #[cfg(test)]
 mod tests {
     use crate::fit::testing::{bent, fitted_to, whole, words, worked};
-    use schemas::Unattended;
+    use schemas::NullMonitor;
 
     #[test]
     fn law_it_is_m2b_with_eleven_units() {
@@ -42,7 +42,7 @@ mod tests {
 
     #[test]
     fn unit_without_terms_of_tolles_and_lawson_it_asks_for_them() {
-        let fault = worked(&bent(), "tlnn", &[], &Unattended).err().unwrap();
+        let fault = worked(&bent(), "tlnn", &[], &NullMonitor).err().unwrap();
         assert_eq!(fault.param.as_deref(), Some("linear"), "{fault}");
     }
 }

@@ -1,15 +1,15 @@
 //! Least squares on the first principal components.
 
 use numerics::regression::{
-    least_squares::{LineScore, Prepared},
+    least_squares::{LineScoreMeasure, ScaledFactor},
     truncated_svd,
 };
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{Answer, FitModel, model},
-    problem::{Problem, lines_needed},
-    settings::Settings,
+    model::{FitModel, LinearFitResult, model},
+    problem::{FitProblem, lines_needed},
+    settings::FitSettings,
 };
 use crate::columns::data;
 
@@ -25,21 +25,26 @@ model! {
 }
 
 impl FitModel for TruncatedSvd {
-    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+    fn fit(
+        &self,
+        problem: &FitProblem,
+        settings: &FitSettings,
+        prepared: &ScaledFactor,
+    ) -> Result<LinearFitResult, Fault> {
         let most = self.components.min(problem.terms.len());
         let count = if settings.choose.leaves_out() { chosen(problem, settings, most)? } else { most };
         let fits = truncated_svd::path(prepared, 0).map_err(data)?;
         let fit = fits.into_iter().take(count).next_back().ok_or_else(|| Fault::data("all features are constant"))?;
         let free = problem.free(fit.components, settings);
-        Ok(Answer::without_errors(fit.fit, (fit.residual_squares / free).sqrt(), fit.components as f64))
+        Ok(LinearFitResult::without_errors(fit.fit, (fit.residual_squares / free).sqrt(), fit.components as f64))
     }
 }
 
 /// Number of components with the smallest cross-validation error.
-fn chosen(problem: &Problem, settings: &Settings, most: usize) -> Result<usize, Fault> {
+fn chosen(problem: &FitProblem, settings: &FitSettings, most: usize) -> Result<usize, Fault> {
     let (scaling, intercept) = (settings.scaling, settings.intercept);
     let groups = problem.groups(settings)?;
-    let scores = truncated_svd::choose_components(&groups, 0, most, scaling, intercept, LineScore::Variance);
+    let scores = truncated_svd::choose_components(&groups, 0, most, scaling, intercept, LineScoreMeasure::Variance);
     Ok(1 + settings.pick(&scores.map_err(lines_needed)?))
 }
 

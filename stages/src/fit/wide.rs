@@ -6,10 +6,10 @@ use std::{collections::BTreeMap, ops::Range};
 use arrow_array::RecordBatch;
 use arrow_schema::Field;
 use numerics::{
-    earth::core_field::{CoreModel, CoreTrack},
-    signal::noise::{Blocks, samples_a_block},
+    earth::core_field::{CoreFieldModel, CoreFieldTrack},
+    signal::noise::{BlockMeans, samples_a_block},
 };
-use schemas::{Correction, Removed, describe_field};
+use schemas::{CorrectionSet, MagneticCorrection, describe_field};
 
 use crate::{
     columns::floats,
@@ -25,11 +25,11 @@ const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
 /// compute it, and the diurnal variation.
 pub const EARTH: [&str; 7] = ["igrf", "diurnal", "ins_lat", "ins_lon", "ins_alt", "year", "doy"];
 
-/// Values of columns over blocks and steps of a line, in the order of [`Layout`].
-type Values = Vec<f64>;
+/// Values of columns over blocks and steps of a line, in the order of [`WidebandLayout`].
+type WidebandValues = Vec<f64>;
 
 /// Position of blocks and steps on a line.
-struct Layout {
+struct WidebandLayout {
     /// Rows of each run, in blocks of equal length.
     runs: Vec<Range<usize>>,
     block: usize,
@@ -38,7 +38,7 @@ struct Layout {
     rate_hz: f64,
 }
 
-impl Layout {
+impl WidebandLayout {
     fn new(runs: &[Range<usize>], rate_hz: f64) -> Self {
         let block = samples_a_block(rate_hz);
         let whole = |r: &Range<usize>| r.start..r.start + r.len() / block * block;
@@ -52,14 +52,14 @@ impl Layout {
     }
 
     /// Means over blocks, then steps, of a column whose value in a row is `at`.
-    fn values(&self, at: impl Fn(usize) -> f64) -> Values {
+    fn values(&self, at: impl Fn(usize) -> f64) -> WidebandValues {
         let blocks = self.runs.iter().flat_map(|r| r.clone().step_by(self.block));
         let mean = |first: usize| (first..first + self.block).map(&at).sum::<f64>() / self.block as f64;
         blocks.map(mean).chain(self.steps.iter().map(|s| at(s + 1) - at(*s))).collect()
     }
 
-    /// Residual in the order of [`Layout::values`].
-    fn blocks(&self, values: &[f64]) -> Blocks {
+    /// Residual in the order of [`WidebandLayout::values`].
+    fn blocks(&self, values: &[f64]) -> BlockMeans {
         let mut rest = values;
         let mut runs = vec![];
         for run in &self.runs {
@@ -68,28 +68,28 @@ impl Layout {
             rest = after;
         }
         let (block_s, step_s) = (self.block as f64 / self.rate_hz, 1.0 / self.rate_hz);
-        Blocks { block_s, step_s, runs, steps: rest.to_vec() }
+        BlockMeans { block_s, step_s, runs, steps: rest.to_vec() }
     }
 }
 
 /// Summary of the unfiltered rows of a line, for one set of usable rows.
-pub struct Wide {
-    layout: Layout,
-    features: BTreeMap<String, Vec<Values>>,
-    targets: BTreeMap<String, (Values, Removed)>,
+pub struct WidebandSummary {
+    layout: WidebandLayout,
+    features: BTreeMap<String, Vec<WidebandValues>>,
+    targets: BTreeMap<String, (WidebandValues, CorrectionSet)>,
     /// Core field and diurnal variation of a total field.
-    earth: Vec<(Correction, Values)>,
+    earth: Vec<(MagneticCorrection, WidebandValues)>,
 }
 
-impl Wide {
+impl WidebandSummary {
     /// Summary of the rows `runs` of a line.
     pub fn new(batch: &RecordBatch, runs: &[Range<usize>], rate_hz: f64) -> Self {
-        let layout = Layout::new(runs, rate_hz);
+        let layout = WidebandLayout::new(runs, rate_hz);
         let core = floats(batch, "igrf").ok().map(|x| layout.values(|row| x[row]));
         let core = core.filter(|x| x.iter().all(|x| x.is_finite())).or_else(|| computed(batch, &layout));
         let diurnal = floats(batch, "diurnal").ok().map(|x| layout.values(|row| x[row]));
         let diurnal = diurnal.filter(|x| x.iter().all(|x| x.is_finite()));
-        let earth = [(Correction::Core, core), (Correction::Diurnal, diurnal)];
+        let earth = [(MagneticCorrection::Core, core), (MagneticCorrection::Diurnal, diurnal)];
         let earth = earth.into_iter().filter_map(|(which, part)| Some((which, part?))).collect();
         Self { layout, features: BTreeMap::new(), targets: BTreeMap::new(), earth }
     }
@@ -115,8 +115,8 @@ impl Wide {
         features: &[String],
         terms: &[String],
         coefficients: impl Iterator<Item = (&'a String, &'a f64)>,
-    ) -> Option<Blocks> {
-        let all: Vec<&Values> = features.iter().filter_map(|f| self.features.get(f)).flatten().collect();
+    ) -> Option<BlockMeans> {
+        let all: Vec<&WidebandValues> = features.iter().filter_map(|f| self.features.get(f)).flatten().collect();
         let (mut left, removed) = self.targets.get(target)?.clone();
         let blocks = left.len() - self.layout.steps.len();
         let mean = left[..blocks].iter().sum::<f64>() / blocks as f64;
@@ -134,11 +134,12 @@ impl Wide {
 }
 
 /// Core field at the positions of the INS and the date of the flight.
-fn computed(batch: &RecordBatch, layout: &Layout) -> Option<Values> {
+fn computed(batch: &RecordBatch, layout: &WidebandLayout) -> Option<WidebandValues> {
     first_year(batch).ok()?;
     let [lat, lon, alt] = ["ins_lat", "ins_lon", "ins_alt"].map(|name| floats(batch, name).ok());
     let (lat, lon, alt) = (lat?, lon?, alt?);
-    let field = CoreTrack::new(CoreModel::Igrf14).field(lat, lon, alt, &years(batch).ok()?).ok()?.magnitude_nt();
+    let field =
+        CoreFieldTrack::new(CoreFieldModel::Igrf14).field(lat, lon, alt, &years(batch).ok()?).ok()?.magnitude_nt();
     let values = layout.values(|row| field[row]);
     values.iter().all(|x| x.is_finite()).then_some(values)
 }

@@ -4,7 +4,7 @@ use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use super::*;
 use crate::testing::{batch, line as line_of, said, sampled, table};
 
-fn importance(method: Method) -> Importance {
+fn importance(method: ImportanceMethod) -> Importance {
     Importance {
         target: "mag_4_uc".into(),
         method,
@@ -23,7 +23,7 @@ fn importance(method: Method) -> Importance {
 const WAVES: [(&str, f64); 3] = [("cur_1", 1.9), ("cur_2", 3.1), ("vol", 4.7)];
 
 /// 400 s at 10 Hz: 5 cur_1 - 2 cur_2 + 100, without the third column.
-fn line() -> LineIn {
+fn line() -> LineInput {
     let wave = |rate: f64| sampled(0.0, 10.0, 4000, |t| (rate * t + (0.01 * t).sin()).sin());
     let [a, b, _] = WAVES.map(|(_, rate)| wave(rate));
     let y = a.iter().zip(&b).map(|(a, b)| 5.0 * a - 2.0 * b + 100.0).collect();
@@ -55,27 +55,27 @@ fn near(found: &[f64], truth: &[f64], part: f64) {
 #[test]
 fn law_a_linear_model_of_sines_has_the_importance_worked_out_by_hand() {
     // Twice the variance, 25/2 and 4/2; the mean absolute sine is 2/π.
-    near(&run(&importance(Method::Permutation), &TERMS).unwrap().1, &[25.0, 4.0, 0.0], 0.08);
+    near(&run(&importance(ImportanceMethod::Permutation), &TERMS).unwrap().1, &[25.0, 4.0, 0.0], 0.08);
     let mean = 2.0 / std::f64::consts::PI;
-    for method in [Method::Shapley, Method::ExpectedGradients] {
+    for method in [ImportanceMethod::Shapley, ImportanceMethod::ExpectedGradients] {
         near(&run(&importance(method), &TERMS).unwrap().1, &[5.0 * mean, 2.0 * mean, 0.0], 0.08);
     }
     // Standard deviations 5 and 2 of independent parts: 5/√29 and −2/√29.
-    for method in [Method::Pearson, Method::Spearman] {
+    for method in [ImportanceMethod::Pearson, ImportanceMethod::Spearman] {
         near(&run(&importance(method), &TERMS).unwrap().1, &[0.928, -0.371, 0.0], 0.06);
     }
 }
 
 #[test]
 fn unit_a_group_holds_all_entries_that_its_name_begins() {
-    let grouped = Importance { groups: vec!["cur".into()], ..importance(Method::Permutation) };
+    let grouped = Importance { groups: vec!["cur".into()], ..importance(ImportanceMethod::Permutation) };
     let (names, values) = run(&grouped, &TERMS).unwrap();
     assert_eq!(names, ["cur", "vol"]);
     near(&values, &[29.0, 0.0], 0.08);
-    let lacking = Importance { groups: vec!["flux".into()], ..importance(Method::Permutation) };
+    let lacking = Importance { groups: vec!["flux".into()], ..importance(ImportanceMethod::Permutation) };
     let fault = run(&lacking, &TERMS).err().unwrap();
     assert_eq!((fault.what.as_str(), fault.param.as_deref()), ("the model has no input `flux`", Some("groups")));
-    let twice = Importance { groups: vec!["cur".into(), "cur_1".into()], ..importance(Method::Permutation) };
+    let twice = Importance { groups: vec!["cur".into(), "cur_1".into()], ..importance(ImportanceMethod::Permutation) };
     assert_eq!(run(&twice, &TERMS).err().unwrap().what, "`cur_1` is in two groups");
 }
 
@@ -93,24 +93,24 @@ fn unit_trees_are_explained_exactly_and_have_no_gradient() {
         ("leaf[1,3]", 4.0),
     ];
     // Either 4 or -4, the mean of the background being near 0.
-    near(&run(&importance(Method::Shapley), &stump).unwrap().1, &[4.0, 0.0], 0.06);
-    let fault = run(&importance(Method::ExpectedGradients), &stump).err().unwrap();
+    near(&run(&importance(ImportanceMethod::Shapley), &stump).unwrap().1, &[4.0, 0.0], 0.06);
+    let fault = run(&importance(ImportanceMethod::ExpectedGradients), &stump).err().unwrap();
     assert_eq!((fault.what.as_str(), fault.param.as_deref()), ("the model has no gradient", Some("method")));
-    let sampled = run(&importance(Method::Permutation), &stump).unwrap().1;
+    let sampled = run(&importance(ImportanceMethod::Permutation), &stump).unwrap().1;
     assert!(sampled[0] > 5.0 && sampled[1] == 0.0, "{sampled:?}");
 }
 
 #[test]
 fn unit_what_cannot_be_explained_is_told_with_its_parameter() {
-    let long = Importance { block_s: 400.0, ..importance(Method::Permutation) };
+    let long = Importance { block_s: 400.0, ..importance(ImportanceMethod::Permutation) };
     let fault = run(&long, &TERMS).err().unwrap();
     assert!(fault.what.contains("fewer than two blocks") && fault.param.as_deref() == Some("block_s"), "{fault}");
-    let shape = |columns: Vec<Column>| schemas::Shape { columns, rate_hz: None };
+    let shape = |columns: Vec<Column>| schemas::TableShape { columns, rate_hz: None };
     let fitted = Table::Model {
         shape: shape(vec![Column::text("term", ""), Column::float("value", "", "")]),
         features: vec!["tl".into()],
     };
-    let stage = Importance { groups: vec!["a".into(), "a".into()], ..importance(Method::Pearson) };
+    let stage = Importance { groups: vec!["a".into(), "a".into()], ..importance(ImportanceMethod::Pearson) };
     let lines = table(&[("tt", "s"), ("mag_4_uc", "s")], None);
     let faults = said(stage.yields(&[&lines, &fitted]).unwrap_err());
     assert!(["[target]", "`tl`", "duplicate group `a`"].iter().all(|part| faults.contains(part)), "{faults}");
@@ -130,35 +130,36 @@ fn samples(stage: &Importance, terms: &[(&str, f64)]) -> [Vec<Vec<f64>>; 2] {
 
 #[test]
 fn law_the_kept_samples_of_a_linear_model_are_its_terms_about_their_means() {
-    let [values, inputs] = samples(&importance(Method::Shapley), &TERMS);
+    let [values, inputs] = samples(&importance(ImportanceMethod::Shapley), &TERMS);
     assert_eq!((values.len(), values[0].len()), (3, 20));
     for (slope, (values, inputs)) in [5.0, -2.0, 0.0].into_iter().zip(values.iter().zip(&inputs)) {
-        // A Shapley value of a linear model is slope times (input - mean of the background), so that values differ as inputs.
+        // A Shapley value of a linear model is slope times (input - mean of the background), so that values differ as
+        // inputs.
         for pair in 1..20 {
             let (dv, dx) = (values[pair] - values[0], inputs[pair] - inputs[0]);
             assert!((dv - slope * dx).abs() < 1e-9, "{dv} {dx}");
         }
         assert!(inputs.iter().any(|x| *x > 0.5) && inputs.iter().any(|x| *x < -0.5), "{inputs:?}");
     }
-    let grouped = Importance { groups: vec!["cur".into()], ..importance(Method::Shapley) };
+    let grouped = Importance { groups: vec!["cur".into()], ..importance(ImportanceMethod::Shapley) };
     let [values, inputs] = samples(&grouped, &TERMS);
     assert!(values[0].iter().all(|v| v.is_finite()) && inputs[0].iter().all(|x| x.is_nan()));
     assert!(inputs[1].iter().all(|x| x.is_finite()));
     // Fewer samples than are to be kept.
-    let few = Importance { samples: 5, kept_samples: 3, ..importance(Method::Shapley) };
+    let few = Importance { samples: 5, kept_samples: 3, ..importance(ImportanceMethod::Shapley) };
     assert_eq!(samples(&few, &TERMS)[0][0].len(), 3);
-    let none = Importance { kept_samples: 0, ..importance(Method::Shapley) };
-    assert_eq!((none.kept(), importance(Method::Permutation).kept()), (None, None));
+    let none = Importance { kept_samples: 0, ..importance(ImportanceMethod::Shapley) };
+    assert_eq!((none.kept(), importance(ImportanceMethod::Permutation).kept()), (None, None));
 }
 
 #[test]
 fn law_the_best_sparse_linear_model_has_the_larger_parts() {
     // Sines of amplitudes 5 and 2 have deviations of 5/√2 and 2/√2.
     let deviation = std::f64::consts::FRAC_1_SQRT_2;
-    near(&run(&importance(Method::HardThresholding), &TERMS).unwrap().1, &[5.0 * deviation, 0.0, 0.0], 0.05);
-    let two = Importance { terms: 2, ..importance(Method::HardThresholding) };
+    near(&run(&importance(ImportanceMethod::HardThresholding), &TERMS).unwrap().1, &[5.0 * deviation, 0.0, 0.0], 0.05);
+    let two = Importance { terms: 2, ..importance(ImportanceMethod::HardThresholding) };
     near(&run(&two, &TERMS).unwrap().1, &[5.0 * deviation, 2.0 * deviation, 0.0], 0.02);
-    let all = Importance { terms: 50, groups: vec!["cur".into()], ..importance(Method::HardThresholding) };
+    let all = Importance { terms: 50, groups: vec!["cur".into()], ..importance(ImportanceMethod::HardThresholding) };
     near(&run(&all, &TERMS).unwrap().1, &[29f64.sqrt() * deviation, 0.0], 0.02);
 }
 
@@ -188,7 +189,11 @@ fn law_the_first_layer_of_a_network_by_hand() {
     ];
     // √(9 + 16) = 5 and 0.5, times the deviations of a sine over the scales.
     let deviation = std::f64::consts::FRAC_1_SQRT_2;
-    near(&run(&importance(Method::GroupLasso), &network).unwrap().1, &[2.5 * deviation, 0.5 * deviation], 0.02);
-    let fault = run(&importance(Method::GroupLasso), &TERMS).err().unwrap();
+    near(
+        &run(&importance(ImportanceMethod::GroupLasso), &network).unwrap().1,
+        &[2.5 * deviation, 0.5 * deviation],
+        0.02,
+    );
+    let fault = run(&importance(ImportanceMethod::GroupLasso), &TERMS).err().unwrap();
     assert!(fault.what.contains("not a network") && fault.param.as_deref() == Some("method"), "{fault}");
 }

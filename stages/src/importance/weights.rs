@@ -4,26 +4,26 @@ use std::{convert::Infallible, fmt::Display};
 
 use learning::{
     importance::{
-        Attributions, Blocks, Permuted, Sampling, expected_gradients, iterative_hard_thresholding, pearson,
-        permutation, shapley_linear, shapley_sampled, shapley_trees, spearman,
+        AttributionSampling, Attributions, PermutationBlocks, PermutationImportance, expected_gradients,
+        iterative_hard_thresholding, pearson, permutation, shapley_linear, shapley_sampled, shapley_trees, spearman,
     },
-    network::Form,
+    network::NetworkForm,
 };
 use numerics::regression::statistics;
-use schemas::{Fault, LineIn};
+use schemas::{Fault, LineInput};
 
-use super::{Importance, Method};
+use super::{Importance, ImportanceMethod};
 use crate::{
     columns::{data, even_rate_hz, floats},
-    fitted::{Body, Fitted},
-    trained::{Layers, Learned, Parts},
+    fitted::{FittedModel, FittedModelForm},
+    trained::{LearnedModel, NetworkLayers, NetworkParts},
 };
 
 /// A column whose standard deviation is below this fraction of its mean holds only rounding errors.
 const LEAST_DEVIATION: f64 = 1e-12;
 
 /// Importance of a group.
-pub struct Weight {
+pub struct GroupImportance {
     /// Value of the importance.
     pub value: f64,
     /// Standard deviation of the averaged values. NaN if there is none.
@@ -35,21 +35,21 @@ pub struct Weight {
 }
 
 /// Results for a line.
-pub struct Found {
+pub struct LineImportance {
     /// Importance of each group.
-    pub weights: Vec<Weight>,
+    pub weights: Vec<GroupImportance>,
     /// Values of single samples, if they are explained.
-    pub samples: Option<Samples>,
+    pub samples: Option<SampleAttributions>,
 }
 
-impl From<Vec<Weight>> for Found {
-    fn from(weights: Vec<Weight>) -> Found {
-        Found { weights, samples: None }
+impl From<Vec<GroupImportance>> for LineImportance {
+    fn from(weights: Vec<GroupImportance>) -> LineImportance {
+        LineImportance { weights, samples: None }
     }
 }
 
 /// Explained samples.
-pub struct Samples {
+pub struct SampleAttributions {
     /// Contribution of each group to the prediction of each sample, row-major.
     values: Vec<f64>,
     /// Inputs, row-major.
@@ -57,7 +57,7 @@ pub struct Samples {
     width: usize,
 }
 
-impl Samples {
+impl SampleAttributions {
     /// Values and inputs of `kept` of the samples, evenly spaced, one group after the other. NaN if there are fewer
     /// samples, and for the input of a group of several.
     pub fn lists(&self, kept: usize, groups: &[Vec<usize>]) -> [Vec<f64>; 2] {
@@ -75,19 +75,19 @@ impl Samples {
 }
 
 /// Rows of a line that are used.
-pub struct Rows {
+pub struct ImportanceRows {
     x: Vec<f64>,
     y: Vec<f64>,
     width: usize,
     rate_hz: f64,
 }
 
-impl Rows {
+impl ImportanceRows {
     /// Rows of a line that are used.
     ///
     /// # Errors
     /// If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
-    pub fn of(stage: &Importance, line: &LineIn, fitted: &Fitted) -> Result<Self, Fault> {
+    pub fn new(stage: &Importance, line: &LineInput, fitted: &FittedModel) -> Result<Self, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let (tt, target) = (floats(batch, "tt")?, floats(batch, &stage.target)?);
         let inputs = fitted.inputs(batch)?;
@@ -151,31 +151,43 @@ impl Importance {
     ///
     /// # Errors
     /// If the method does not suit the model, or the line is too short for it.
-    pub fn weights(&self, rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Found, Fault> {
+    pub fn weights(
+        &self,
+        rows: &ImportanceRows,
+        fitted: &FittedModel,
+        groups: &[Vec<usize>],
+    ) -> Result<LineImportance, Fault> {
         match self.method {
-            Method::Permutation => Ok(self.permuted(rows, fitted, groups)?.into()),
-            Method::Shapley => Ok(of_rows(self.shapley(rows, fitted, groups)?, rows.spread(self.samples), groups)),
-            Method::ExpectedGradients => {
+            ImportanceMethod::Permutation => Ok(self.permuted(rows, fitted, groups)?.into()),
+            ImportanceMethod::Shapley => {
+                Ok(of_rows(self.shapley(rows, fitted, groups)?, rows.spread(self.samples), groups))
+            }
+            ImportanceMethod::ExpectedGradients => {
                 Ok(of_rows(self.gradients(rows, fitted, groups)?, rows.spread(self.samples), groups))
             }
-            Method::Pearson => Ok(correlations(rows, groups, pearson).into()),
-            Method::Spearman => Ok(correlations(rows, groups, spearman).into()),
-            Method::HardThresholding => Ok(self.sparse(rows, groups)?.into()),
-            Method::GroupLasso => Ok(first_layer(rows, fitted, groups)?.into()),
+            ImportanceMethod::Pearson => Ok(correlations(rows, groups, pearson).into()),
+            ImportanceMethod::Spearman => Ok(correlations(rows, groups, spearman).into()),
+            ImportanceMethod::HardThresholding => Ok(self.sparse(rows, groups)?.into()),
+            ImportanceMethod::GroupLasso => Ok(first_layer(rows, fitted, groups)?.into()),
         }
     }
 
-    fn permuted(&self, rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Vec<Weight>, Fault> {
+    fn permuted(
+        &self,
+        rows: &ImportanceRows,
+        fitted: &FittedModel,
+        groups: &[Vec<usize>],
+    ) -> Result<Vec<GroupImportance>, Fault> {
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
         let block = (self.block_s * rows.rate_hz).round().max(1.0) as usize;
-        let blocks = Blocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
+        let blocks = PermutationBlocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
         // As in the cross-validation of `fit`, the mean of the model's error is ignored.
         let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)).map(|(y, f)| y - f).collect();
         let mean = statistics::mean(&missed).value;
         let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();
         let found = permutation(&predict, &rows.x, rows.width, &y, groups, &blocks);
-        let Permuted { increases, .. } = found.map_err(|e| refused(e).of_param("block_s"))?;
-        let one = |repeats: &Vec<f64>| Weight {
+        let PermutationImportance { increases, .. } = found.map_err(|e| refused(e).of_param("block_s"))?;
+        let one = |repeats: &Vec<f64>| GroupImportance {
             value: statistics::mean(repeats).value,
             spread: statistics::std(repeats).value,
             error: f64::NAN,
@@ -184,7 +196,12 @@ impl Importance {
         Ok(increases.iter().map(one).collect())
     }
 
-    fn shapley(&self, rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Attributions, Fault> {
+    fn shapley(
+        &self,
+        rows: &ImportanceRows,
+        fitted: &FittedModel,
+        groups: &[Vec<usize>],
+    ) -> Result<Attributions, Fault> {
         let (some, background) = (rows.spread(self.samples), rows.spread(self.background));
         if let Some((coefficients, _)) = fitted.coefficients() {
             let width = rows.width.max(1);
@@ -194,29 +211,34 @@ impl Importance {
             let means: Vec<f64> = (0..width).map(mean).collect();
             return shapley_linear(&coefficients, &some, &means, groups).map_err(refused);
         }
-        if let Body::Learned(learned) = &fitted.body
-            && let Learned::BoostedTrees(trees) = learned.as_ref()
+        if let FittedModelForm::Learned(learned) = &fitted.body
+            && let LearnedModel::BoostedTrees(trees) = learned.as_ref()
         {
             return shapley_trees(trees.forest(), &some, &background, rows.width, groups).map_err(refused);
         }
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
-        let sampling = Sampling { samples: self.draws, seed: self.seed as u64 };
+        let sampling = AttributionSampling { samples: self.draws, seed: self.seed as u64 };
         shapley_sampled(&predict, &some, &background, rows.width, groups, &sampling).map_err(refused)
     }
 
-    fn gradients(&self, rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Attributions, Fault> {
+    fn gradients(
+        &self,
+        rows: &ImportanceRows,
+        fitted: &FittedModel,
+        groups: &[Vec<usize>],
+    ) -> Result<Attributions, Fault> {
         let gradient = |x: &[f64]| match (&fitted.body, fitted.coefficients()) {
             (_, Some((b, _))) => Ok(b.repeat(x.len() / b.len().max(1))),
-            (Body::Learned(learned), None) => {
+            (FittedModelForm::Learned(learned), None) => {
                 let none =
                     || Fault::data("the model has no gradient").help("set `method = \"shapley\"`").of_param("method");
                 learned.gradient(x).ok_or_else(none)
             }
-            (Body::Linear { .. }, None) => Err(Fault::bug("a linear model without coefficients")),
+            (FittedModelForm::Linear { .. }, None) => Err(Fault::bug("a linear model without coefficients")),
         };
         let (some, background) = (rows.spread(self.samples), rows.spread(self.background));
         let samples = self.draws.saturating_mul(background.len() / rows.width.max(1));
-        let sampling = Sampling { samples, seed: self.seed as u64 };
+        let sampling = AttributionSampling { samples, seed: self.seed as u64 };
         let found = expected_gradients(&gradient, &some, &background, rows.width, groups, &sampling);
         found.map_err(|e| match e {
             learning::importance::ImportanceError::Model(fault) => fault,
@@ -227,7 +249,7 @@ impl Importance {
 
 impl Importance {
     /// Coefficients of the best sparse linear model of standardised entries.
-    fn sparse(&self, rows: &Rows, groups: &[Vec<usize>]) -> Result<Vec<Weight>, Fault> {
+    fn sparse(&self, rows: &ImportanceRows, groups: &[Vec<usize>]) -> Result<Vec<GroupImportance>, Fault> {
         let scales: Vec<(f64, f64)> = (0..rows.width).map(|j| mean_and_deviation(&rows.column(j))).collect();
         let varies = |j: &usize| scales[*j].1 > LEAST_DEVIATION * scales[*j].0.abs();
         let at: Vec<usize> = (0..rows.width).filter(varies).collect();
@@ -247,7 +269,7 @@ impl Importance {
             }
             at.iter().zip(found.coefficients).for_each(|(&j, b)| coefficients[j] = b);
         }
-        let one = |group: &Vec<usize>| Weight {
+        let one = |group: &Vec<usize>| GroupImportance {
             value: root_of_squares(group.iter().map(|&j| coefficients[j])),
             spread: f64::NAN,
             error: f64::NAN,
@@ -259,18 +281,22 @@ impl Importance {
 
 /// Norm of the weights of each group of inputs in the first layer of a network, in standard deviations of the inputs on
 /// the line. NaN for an entry that is not an input of the network.
-fn first_layer(rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Vec<Weight>, Fault> {
+fn first_layer(
+    rows: &ImportanceRows,
+    fitted: &FittedModel,
+    groups: &[Vec<usize>],
+) -> Result<Vec<GroupImportance>, Fault> {
     let network = match &fitted.body {
-        Body::Learned(learned) => learned.parts(),
-        Body::Linear { .. } => None,
+        FittedModelForm::Learned(learned) => learned.parts(),
+        FittedModelForm::Linear { .. } => None,
     };
-    let Some(Parts { inputs, scaling, layers: Layers::Dense(shape), members, .. }) = network else {
+    let Some(NetworkParts { inputs, scaling, layers: NetworkLayers::Dense(shape), members, .. }) = network else {
         let what = "the model is not a network, but `group_lasso` uses the weights of the first layer of a network";
         return Err(Fault::data(what).of_param("method").help("choose another `method`"));
     };
     let outputs = match shape.form {
-        Form::Weights | Form::WeightsAroundFixed => shape.linear,
-        Form::Plain | Form::FixedLinear | Form::TrainedLinear => 1,
+        NetworkForm::Weights | NetworkForm::WeightsAroundFixed => shape.linear,
+        NetworkForm::Plain | NetworkForm::FixedLinear | NetworkForm::TrainedLinear => 1,
     };
     let units = shape.hidden.first().copied().unwrap_or(outputs);
     let own = inputs.len();
@@ -295,7 +321,7 @@ fn first_layer(rows: &Rows, fitted: &Fitted, groups: &[Vec<usize>]) -> Result<Ve
         let has_inputs = group.iter().any(|&j| j < own);
         let value = if has_inputs { statistics::mean(&all).value } else { f64::NAN };
         let spread = if has_inputs && all.len() > 1 { statistics::std(&all).value } else { f64::NAN };
-        Weight { value, spread, error: f64::NAN, n: all.len() }
+        GroupImportance { value, spread, error: f64::NAN, n: all.len() }
     };
     Ok(groups.iter().map(one).collect())
 }
@@ -313,25 +339,29 @@ fn refused(e: impl Display) -> Fault {
 }
 
 /// Mean absolute value of each group over the rows `x`, and the rows.
-fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> Found {
+fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> LineImportance {
     let count = groups.len();
     let of = |values: &[f64], g: usize| -> Vec<f64> { values.iter().skip(g).step_by(count).map(|v| v.abs()).collect() };
     let one = |g: usize| {
         let values = of(&found.values, g);
         let (value, spread) = (statistics::mean(&values).value, statistics::std(&values).value);
-        Weight { value, spread, error: statistics::mean(&of(&found.errors, g)).value, n: values.len() }
+        GroupImportance { value, spread, error: statistics::mean(&of(&found.errors, g)).value, n: values.len() }
     };
     let weights = (0..count).map(one).collect();
     let width = groups.iter().map(Vec::len).sum();
-    Found { weights, samples: Some(Samples { values: found.values, x, width }) }
+    LineImportance { weights, samples: Some(SampleAttributions { values: found.values, x, width }) }
 }
 
 /// Correlation with the target, for the entry of each group with the largest. NaN if all are constant.
-fn correlations(rows: &Rows, groups: &[Vec<usize>], of: fn(&[f64], &[f64]) -> statistics::Figure) -> Vec<Weight> {
+fn correlations(
+    rows: &ImportanceRows,
+    groups: &[Vec<usize>],
+    of: fn(&[f64], &[f64]) -> statistics::SampleStatistic,
+) -> Vec<GroupImportance> {
     let one = |group: &Vec<usize>| {
         let all = group.iter().map(|&j| of(&rows.column(j), &rows.y).value).filter(|c| c.is_finite());
         let value = all.reduce(|a, b| if b.abs() > a.abs() { b } else { a }).unwrap_or(f64::NAN);
-        Weight { value, spread: f64::NAN, error: f64::NAN, n: rows.y.len() }
+        GroupImportance { value, spread: f64::NAN, error: f64::NAN, n: rows.y.len() }
     };
     groups.iter().map(one).collect()
 }

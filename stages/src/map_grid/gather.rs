@@ -3,36 +3,36 @@
 use std::collections::BTreeMap;
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
-use grids::SurveyPoints;
-use schemas::{Fault, Gather, LineIn, Product, Work};
+use grids::SurveyPointSet;
+use schemas::{CheckpointMonitor, Fault, LineInput, StageOutput, SurveyAggregator};
 
 use super::{MapGrid, columns, points};
 use crate::columns::floats;
 
-/// Gathers the lines for all points of a sweep.
-pub struct Survey {
+/// Points of a sweep over the same lines.
+pub struct MapGridAggregator {
     stages: Vec<MapGrid>,
 }
 
 /// Rows of a line that are selected and have a position.
-pub struct Part {
+pub struct MapGridLine {
     name: String,
     /// Rows of the line.
     rows: Vec<u64>,
     columns: BTreeMap<String, Vec<f64>>,
 }
 
-impl Survey {
+impl MapGridAggregator {
     /// Points of a sweep that use the part.
-    pub fn new(stages: Vec<&MapGrid>) -> Survey {
-        Survey { stages: stages.into_iter().cloned().collect() }
+    pub fn new(stages: Vec<&MapGrid>) -> MapGridAggregator {
+        MapGridAggregator { stages: stages.into_iter().cloned().collect() }
     }
 }
 
-impl Gather for Survey {
-    type Part = Part;
+impl SurveyAggregator for MapGridAggregator {
+    type Part = MapGridLine;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+    fn map(&self, line: &LineInput) -> Result<MapGridLine, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a survey without lines"))?;
         let (lat, lon) = (floats(batch, "lat")?, floats(batch, "lon")?);
         let kept = |row: &usize| {
@@ -46,10 +46,10 @@ impl Gather for Survey {
             columns.insert(field.name().clone(), rows.iter().map(|row| values[*row]).collect());
         }
         let name = format!("{} {}", line.flight, line.line);
-        Ok(Part { name, rows: rows.into_iter().map(|row| row as u64).collect(), columns })
+        Ok(MapGridLine { name, rows: rows.into_iter().map(|row| row as u64).collect(), columns })
     }
 
-    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
+    fn refused(&self, part: &MapGridLine) -> Vec<(usize, Fault)> {
         let lacks = |stage: &MapGrid| {
             let lacking = stage.reads().into_iter().find(|name| !part.columns.contains_key(*name))?;
             Some(Fault::data(format!("the line has no column `{lacking}`")).in_column(lacking))
@@ -57,24 +57,25 @@ impl Gather for Survey {
         self.stages.iter().enumerate().filter_map(|(i, stage)| Some((i, lacks(stage)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
-        let parts: Vec<&Part> = parts.iter().collect();
+    fn finish(&self, parts: Vec<MapGridLine>, _: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
+        let parts: Vec<&MapGridLine> = parts.iter().collect();
         self.stages.iter().map(|stage| mapped(stage, &parts)).collect()
     }
 }
 
 /// Map of one point of the sweep.
-fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
+fn mapped(stage: &MapGrid, parts: &[&MapGridLine]) -> Result<StageOutput, Fault> {
     let reads = stage.reads();
-    let usable = |part: &&&Part| !part.rows.is_empty() && reads.iter().all(|name| part.columns.contains_key(*name));
-    let parts: Vec<&Part> = parts.iter().filter(usable).copied().collect();
+    let usable =
+        |part: &&&MapGridLine| !part.rows.is_empty() && reads.iter().all(|name| part.columns.contains_key(*name));
+    let parts: Vec<&MapGridLine> = parts.iter().filter(usable).copied().collect();
     let column = |name: &str| -> Option<Vec<f64>> {
-        let one = |part: &&Part| part.columns.get(name).cloned();
+        let one = |part: &&MapGridLine| part.columns.get(name).cloned();
         parts.iter().map(one).collect::<Option<Vec<Vec<f64>>>>().map(|all| all.concat())
     };
     let read = |name: &str| reads.contains(&name).then(|| column(name)).flatten();
     let (lat, lon) = (column("lat").unwrap_or_default(), column("lon").unwrap_or_default());
-    let mut survey = SurveyPoints::at(lat, lon, stage.epsg()?)?;
+    let mut survey = SurveyPointSet::at(lat, lon, stage.epsg()?)?;
     let unknown = || vec![f64::NAN; survey.value_nt.len()];
     let (height_m, value_nt) = (column("alt").unwrap_or_else(unknown), column(&stage.value).unwrap_or_else(unknown));
     (survey.height_m, survey.value_nt) = (height_m, value_nt);
@@ -91,11 +92,11 @@ fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     let mut warnings: Vec<String> = far.first().map(|first| told(far.len(), *first, &survey)).into_iter().collect();
     let unknown_height = survey.height_m.iter().all(|h| h.is_nan());
     warnings.extend(unknown_height.then(|| super::NO_HEIGHTS.to_owned()));
-    Ok(Product { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
+    Ok(StageOutput { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
 }
 
 /// Warning about omitted points that are far from all others.
-fn told(far: usize, first: usize, survey: &SurveyPoints) -> String {
+fn told(far: usize, first: usize, survey: &SurveyPointSet) -> String {
     let many = if far == 1 { "1 point is".to_owned() } else { format!("{far} points are") };
     let line = survey.line.get(first).and_then(|line| survey.lines.get(*line as usize));
     let line = line.map_or(String::new(), |line| format!(" of line {line}"));

@@ -1,23 +1,23 @@
 //! Points of a survey: corrections of their values, and removal of points far from all others.
 
-use grids::SurveyPoints;
+use grids::SurveyPointSet;
 use numerics::{
     earth::{
-        core_field::{CoreModel, CoreTrack},
+        core_field::{CoreFieldModel, CoreFieldTrack},
         dates::decimal_year,
     },
-    maps::gridding::{self, CleanOptions, clean, far_points},
+    maps::gridding::{self, CleaningOptions, clean, far_points},
 };
 use schemas::Fault;
 
-use super::{Core, MapGrid};
+use super::{CoreFieldSource, MapGrid};
 use crate::columns::data;
 
 /// Length of one degree of latitude, m.
 const DEGREE_M: f64 = 111_195.0;
 
 /// The points in the form that gridding requires.
-pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::SurveyPoints<'a> {
+pub fn survey<'a>(points: &'a SurveyPointSet, line: &'a [usize]) -> gridding::SurveyPoints<'a> {
     gridding::SurveyPoints {
         easting_m: &points.easting_m,
         northing_m: &points.northing_m,
@@ -28,7 +28,7 @@ pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::Surv
 }
 
 /// Heights for a surface that does not depend on them: unknown heights become the mean of the known ones, or 0.
-pub fn any_heights(points: &SurveyPoints) -> Vec<f64> {
+pub fn any_heights(points: &SurveyPointSet) -> Vec<f64> {
     let known = || points.height_m.iter().filter(|h| h.is_finite());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;
     points.height_m.iter().map(|h| if h.is_finite() { *h } else { mean }).collect()
@@ -39,21 +39,21 @@ pub fn any_heights(points: &SurveyPoints) -> Vec<f64> {
 /// # Errors
 /// If the points lack the diurnal variation, core field, heights or dates that are needed. If a date or
 /// position is invalid or outside the model's range.
-pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
+pub fn reduce(stage: &MapGrid, points: &mut SurveyPointSet) -> Result<(), Fault> {
     let lacks = |what: &str| Fault::data(format!("the points have no {what}"));
     if stage.remove_diurnal {
         let diurnal = points.extra.diurnal_nt.as_ref().ok_or_else(|| lacks("column `diurnal`"))?;
         points.value_nt.iter_mut().zip(diurnal).for_each(|(v, d)| *v -= d);
     }
     let model = match stage.core_field {
-        Core::None => return Ok(()),
-        Core::Column => {
+        CoreFieldSource::None => return Ok(()),
+        CoreFieldSource::Column => {
             let core = points.extra.igrf_nt.as_ref().ok_or_else(|| lacks("column `igrf`"))?;
             points.value_nt.iter_mut().zip(core).for_each(|(v, c)| *v -= c);
             return Ok(());
         }
-        Core::Igrf => CoreModel::Igrf14,
-        Core::Wmm => CoreModel::Wmm,
+        CoreFieldSource::Igrf => CoreFieldModel::Igrf14,
+        CoreFieldSource::Wmm => CoreFieldModel::Wmm,
     };
     let years = match stage.decimal_year {
         Some(year) => vec![year; points.len()],
@@ -61,7 +61,7 @@ pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
             lacks("date in columns `year`, `doy` and `tt`").help("set `decimal_year`, such as `decimal_year = 1990.5`")
         })?,
     };
-    let field = CoreTrack::new(model).field(&points.lat_deg, &points.lon_deg, &points.height_m, &years);
+    let field = CoreFieldTrack::new(model).field(&points.lat_deg, &points.lon_deg, &points.height_m, &years);
     let magnitude = field.map_err(data)?.magnitude_nt();
     if magnitude.iter().all(|m| m.is_nan()) {
         return Err(lacks("heights or dates for the core field"));
@@ -71,7 +71,7 @@ pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
 }
 
 /// Decimal year of each point. NaN if it has no date.
-fn dates(points: &SurveyPoints) -> Result<Option<Vec<f64>>, Fault> {
+fn dates(points: &SurveyPointSet) -> Result<Option<Vec<f64>>, Fault> {
     let (Some(year), Some(doy)) = (points.extra.year.as_ref(), points.extra.doy.as_ref()) else { return Ok(None) };
     let tt = points.extra.tt_s.as_ref();
     let one = |i: usize| {
@@ -88,7 +88,7 @@ fn dates(points: &SurveyPoints) -> Result<Option<Vec<f64>>, Fault> {
 }
 
 /// Fault when no point remains to grid.
-pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> Fault {
+pub fn nothing_left(points: gridding::SurveyPoints, options: &CleaningOptions) -> Fault {
     let cleaned = clean(points, options);
     let left_out = [
         (cleaned.not_finite.len(), "without a finite position, height or value"),
@@ -110,7 +110,7 @@ pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> F
 }
 
 /// Removes the positions of points that are far from all others, so that later steps omit them. Returns these points.
-pub fn without_far(points: &mut SurveyPoints) -> Vec<usize> {
+pub fn without_far(points: &mut SurveyPointSet) -> Vec<usize> {
     let [east_m, north_m] = positions(points);
     let far = far_points(&east_m, &north_m);
     for i in &far {
@@ -121,7 +121,7 @@ pub fn without_far(points: &mut SurveyPoints) -> Vec<usize> {
 
 /// Metres east and north at the middle latitude: accurate enough to detect distant points, and defined outside the
 /// points' own projection.
-fn positions(points: &SurveyPoints) -> [Vec<f64>; 2] {
+fn positions(points: &SurveyPointSet) -> [Vec<f64>; 2] {
     let middle = |values: &[f64]| {
         let mut known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
         let at = known.len() / 2;

@@ -4,15 +4,16 @@ use std::sync::Arc;
 
 use arrow_array::{Float64Array, RecordBatch};
 use arrow_schema::{Field, Schema};
-use schemas::{Args, Gather, Given, LineIn, Literal};
+use schemas::{LineInput, Literal, SpecEntries, SpecEntry, SurveyAggregator};
 
 use super::*;
 
 /// The stage with parameters as a spec gives them.
 fn stage(args: &[(&str, Literal)]) -> MapGrid {
-    let given =
-        |(name, value): &(&str, Literal)| ((*name).to_owned(), Given { value: value.clone(), key_at: 0..0, at: 0..0 });
-    let args: Args = args.iter().map(given).collect();
+    let given = |(name, value): &(&str, Literal)| {
+        ((*name).to_owned(), SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 })
+    };
+    let args: SpecEntries = args.iter().map(given).collect();
     let built = (MapGrid::entry().build)(&args).unwrap();
     built.as_any().downcast_ref::<MapGrid>().unwrap().clone()
 }
@@ -25,7 +26,7 @@ fn field_nt(east_m: f64, north_m: f64) -> f64 {
 }
 
 /// An east-west line with a point every 50 m over 3 km, at `north_m` from latitude 45 and longitude 9.
-fn line(number: usize, north_m: f64, shift_nt: f64) -> LineIn {
+fn line(number: usize, north_m: f64, shift_nt: f64) -> LineInput {
     let east: Vec<f64> = (0..60).map(|k| 50.0 * k as f64).collect();
     let columns: Vec<(&str, Vec<f64>)> = vec![
         ("lat", vec![45.0 + north_m * METRE_DEG; 60]),
@@ -36,22 +37,22 @@ fn line(number: usize, north_m: f64, shift_nt: f64) -> LineIn {
     line_of(number, columns)
 }
 
-fn line_of(number: usize, columns: Vec<(&str, Vec<f64>)>) -> LineIn {
+fn line_of(number: usize, columns: Vec<(&str, Vec<f64>)>) -> LineInput {
     let fields: Vec<Field> =
         columns.iter().map(|(name, _)| Field::new(*name, arrow_schema::DataType::Float64, true)).collect();
     let arrays = columns.into_iter().map(|(_, v)| Arc::new(Float64Array::from(v)) as ArrayRef).collect();
     let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap();
-    LineIn { flight: "1".into(), line: number.to_string(), inputs: vec![batch], keep: None }
+    LineInput { flight: "1".into(), line: number.to_string(), inputs: vec![batch], keep: None }
 }
 
-fn survey() -> Vec<LineIn> {
+fn survey() -> Vec<LineInput> {
     (0..15).map(|k| line(k, 200.0 * k as f64, 0.0)).collect()
 }
 
-fn yielded(stages: &[&MapGrid], lines: &[LineIn]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+fn yielded(stages: &[&MapGrid], lines: &[LineInput]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
     let gather = MapGrid::gather(stages.iter().map(|stage| crate::testing::point(*stage)).collect());
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-    gather.finish(parts, &schemas::Unattended).into_iter().map(|made| made.map(|product| product.columns)).collect()
+    gather.finish(parts, &schemas::NullMonitor).into_iter().map(|made| made.map(|product| product.columns)).collect()
 }
 
 fn grid(answer: Result<Vec<ArrayRef>, Fault>) -> AnomalyGrid {
@@ -86,7 +87,8 @@ fn law_points_of_a_field_become_its_map() {
 
 #[test]
 fn law_ties_show_which_lines_are_off() {
-    let mut lines: Vec<LineIn> = (0..15).map(|k| line(k, 200.0 * k as f64, if k == 7 { 30.0 } else { 0.0 })).collect();
+    let mut lines: Vec<LineInput> =
+        (0..15).map(|k| line(k, 200.0 * k as f64, if k == 7 { 30.0 } else { 0.0 })).collect();
     for tie in 0..4 {
         let east_m = 600.0 * f64::from(tie) + 300.0;
         let north: Vec<f64> = (0..60).map(|k| 50.0 * k as f64 - 25.0).collect();
@@ -126,7 +128,7 @@ fn law_the_error_to_be_expected_is_a_column() {
     let stage = stage(&[("cross_validate", Literal::Int(3)), ("spacing_m", Literal::Float(200.0))]);
     let columns = yielded(&[&stage], &survey()).remove(0).unwrap();
     assert_eq!(columns.len(), 8);
-    let table = Table::Lines(Shape {
+    let table = Table::Lines(TableShape {
         columns: vec![
             Column::float("lat", "deg", ""),
             Column::float("lon", "deg", ""),
@@ -141,7 +143,7 @@ fn law_the_error_to_be_expected_is_a_column() {
 
 #[test]
 fn gold_what_cannot_be_gridded_says_why() {
-    let refused = |args: &[(&str, Literal)], lines: &[LineIn]| {
+    let refused = |args: &[(&str, Literal)], lines: &[LineInput]| {
         let fault = yielded(&[&stage(args)], lines).remove(0).err();
         fault.map(|f| format!("{f} {}", f.help.clone().unwrap_or_default())).unwrap_or_default()
     };
@@ -153,7 +155,7 @@ fn gold_what_cannot_be_gridded_says_why() {
     let level = [spacing(200.0), ("level_order", Literal::Int(0))];
     assert!(refused(&level, &all).contains("no lines cross"), "{}", refused(&level, &all));
     let nothing = |name: &str| {
-        let replaced = |line: &LineIn| {
+        let replaced = |line: &LineInput| {
             let batch = &line.inputs[0];
             let column = |other: &str| match other == name {
                 true => vec![f64::NAN; batch.num_rows()],
@@ -161,7 +163,7 @@ fn gold_what_cannot_be_gridded_says_why() {
             };
             line_of(1, ["lat", "lon", "alt", "anomaly"].map(|other| (other, column(other))).into())
         };
-        all.iter().map(replaced).collect::<Vec<LineIn>>()
+        all.iter().map(replaced).collect::<Vec<LineInput>>()
     };
     for (name, says) in
         [("anomaly", "900 without a finite"), ("alt", "900 without a finite"), ("lat", "no point has a position")]

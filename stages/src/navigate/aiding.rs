@@ -5,11 +5,11 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, StringArray};
 use numerics::{
     navigation::{fix_test, position_fixes::PositionFixes},
-    random::Normals,
+    random::NormalGenerator,
 };
-use schemas::{Column, Fault, Role, Rule, Shape, choice, params};
+use schemas::{Column, Fault, Role, Rule, TableShape, choice, params};
 
-use super::filter::{Flight, Flown};
+use super::filter::{FilterFlight, FilterInput};
 use crate::columns::{data, floats, role_of};
 
 params! {
@@ -39,7 +39,7 @@ params! {
 
 choice! {
     /// Outcome for a position by GNSS.
-    pub enum GnssUpdate {
+    pub enum GnssOutcome {
         /// Used by the filter.
         Used = "used",
         /// Position or height rejected by the test.
@@ -50,14 +50,14 @@ choice! {
 }
 
 /// Positions by GNSS along a line.
-pub struct Gnss {
+pub struct GnssPositions {
     /// Positions that passed the test.
     pub accepted: PositionFixes,
     /// Outcome at each sample.
-    updates: Vec<GnssUpdate>,
+    updates: Vec<GnssOutcome>,
 }
 
-impl Gnss {
+impl GnssPositions {
     /// Array of the column of [`Aiding::columns`].
     pub(super) fn array(&self) -> ArrayRef {
         Arc::new(self.updates.iter().map(|update| Some(update.word())).collect::<StringArray>())
@@ -69,7 +69,7 @@ pub(crate) const GNSS_UPDATE: &str = "gnss_update";
 
 impl Aiding {
     /// Columns that are read.
-    pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    pub(super) fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let Some([lost_s, found_s]) = self.gnss_lost_s else { return Ok(vec![]) };
         let mut faults = vec![];
         if lost_s > found_s {
@@ -96,21 +96,21 @@ impl Aiding {
     }
 
     /// The positions along the line, tested.
-    pub(super) fn gnss(&self, flown: &Flown) -> Result<Option<Gnss>, Fault> {
+    pub(super) fn gnss(&self, flown: &FilterInput) -> Result<Option<GnssPositions>, Fault> {
         let Some(fixes) = self.fixes(flown)? else { return Ok(None) };
         let there = |row: usize| fixes.lat_deg[row].is_finite() && fixes.lon_deg[row].is_finite();
-        let mut updates: Vec<GnssUpdate> =
-            (0..flown.ins.len()).map(|row| if there(row) { GnssUpdate::Used } else { GnssUpdate::None }).collect();
+        let mut updates: Vec<GnssOutcome> =
+            (0..flown.ins.len()).map(|row| if there(row) { GnssOutcome::Used } else { GnssOutcome::None }).collect();
         if !self.gnss_test {
-            return Ok(Some(Gnss { accepted: fixes, updates }));
+            return Ok(Some(GnssPositions { accepted: fixes, updates }));
         }
         let tested = fix_test::run(&flown.ins, &flown.errors, &fixes).map_err(data)?;
         let rejected = updates.iter_mut().zip(&tested.rejected).filter(|(_, rejected)| **rejected);
-        rejected.for_each(|(update, _)| *update = GnssUpdate::Rejected);
-        Ok(Some(Gnss { accepted: tested.accepted, updates }))
+        rejected.for_each(|(update, _)| *update = GnssOutcome::Rejected);
+        Ok(Some(GnssPositions { accepted: tested.accepted, updates }))
     }
 
-    fn fixes(&self, flown: &Flown) -> Result<Option<PositionFixes>, Fault> {
+    fn fixes(&self, flown: &FilterInput) -> Result<Option<PositionFixes>, Fault> {
         let Some([lost_s, found_s]) = self.gnss_lost_s else { return Ok(None) };
         let [lat, lon, alt] = self.gnss.each_ref().map(|column| floats(flown.columns, column));
         let columns = [lat?, lon?, alt?];
@@ -122,9 +122,10 @@ impl Aiding {
             vertical_sigma_m: self.gnss_alt_sigma_m,
         };
         let first_s = flown.ins.tt_s.first().copied().unwrap_or_default();
-        let shape = Shape::of(&flown.columns.schema());
+        let shape = TableShape::from_schema(&flown.columns.schema());
         let noisy = self.gnss_noise.unwrap_or_else(|| role_of(&shape, &self.gnss) == Role::Truth);
-        let mut normals = Normals::new(flown.ins.lat_deg.first().map_or(0, |lat| lat.to_bits()) ^ first_s.to_bits());
+        let mut normals =
+            NormalGenerator::new(flown.ins.lat_deg.first().map_or(0, |lat| lat.to_bits()) ^ first_s.to_bits());
         let (mut due_s, mut expected, mut found) = (0.0, 0_usize, 0_usize);
         for (row, tt_s) in flown.ins.tt_s.iter().enumerate() {
             let at_s = tt_s - first_s;

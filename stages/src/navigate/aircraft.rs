@@ -3,11 +3,11 @@
 use std::borrow::Cow;
 
 use numerics::navigation::online::{CoefficientPrior, check_sources, prior_from_calibrations};
-use schemas::{ColumnType, Correction, Fault, Rule, Sampling, params};
+use schemas::{ColumnType, Fault, MagneticCorrection, RateDependence, Rule, params};
 
 use super::{
-    Calibration,
-    filter::{Flight, Flown},
+    CalibrationPrior,
+    filter::{FilterFlight, FilterInput},
 };
 use crate::{
     columns::{data, matrix, rate_factor, sampling},
@@ -16,7 +16,7 @@ use crate::{
 
 params! {
     /// Linear model of the aircraft field whose coefficients are estimated in flight.
-    pub struct AircraftModel;
+    pub struct AircraftModelKeys;
     /// List column of the terms, as made by `a_matrix`.
     terms: String, unit "", default "tl";
     /// Prior standard deviation of a permanent coefficient, about 0, unless `model` gives its prior.
@@ -43,12 +43,12 @@ params! {
 }
 
 /// Terms of a line.
-pub(super) struct Terms<'a> {
+pub(super) struct AircraftTerms<'a> {
     pub(super) names: Vec<String>,
     /// Row-major, one row per sample.
     pub(super) values: Cow<'a, [f64]>,
     /// Terms that depend on the sample rate, and that rate.
-    pub(super) sampling: Sampling,
+    pub(super) sampling: RateDependence,
 }
 
 /// Harmonics of the heading error of an optically pumped magnetometer.
@@ -60,9 +60,9 @@ fn heading_terms(cosine: f64) -> impl Iterator<Item = f64> {
     HEADING.iter().map(move |(_, k)| (f64::from(*k) * angle).cos())
 }
 
-impl AircraftModel {
+impl AircraftModelKeys {
     /// Columns that are read.
-    pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    pub(super) fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let column = flight.shape.need(&self.terms).map_err(|fault| vec![fault.of_param("terms")])?;
         let ColumnType::List(names) = &column.column_type else {
             let what = format!("`{}` is not a list of terms", self.terms);
@@ -78,30 +78,30 @@ impl AircraftModel {
         }
         let key = ("heading_error_sigma_nt", "remove `heading_error_sigma_nt`");
         let asked = Some(self.heading_error_sigma_nt.is_some());
-        if let Some(fault) = twice(flight.shape, flight.mags, Correction::Heading, asked, key) {
+        if let Some(fault) = twice(flight.shape, flight.mags, MagneticCorrection::Heading, asked, key) {
             return Err(vec![fault]);
         }
         Ok(vec![self.terms.clone()])
     }
 
     /// The terms along a line.
-    pub(super) fn terms<'a>(&self, flown: &'a Flown) -> Result<Terms<'a>, Fault> {
+    pub(super) fn terms<'a>(&self, flown: &'a FilterInput) -> Result<AircraftTerms<'a>, Fault> {
         let (values, mut names) = matrix(flown.columns, &self.terms)?;
         let sampling = sampling(flown.columns, &self.terms)?;
         let (Some(_), Some(cosines)) = (self.heading_error_sigma_nt, &flown.cosines) else {
-            return Ok(Terms { names, values: Cow::Borrowed(values), sampling });
+            return Ok(AircraftTerms { names, values: Cow::Borrowed(values), sampling });
         };
         let rows = values.chunks_exact(names.len().max(1)).zip(cosines);
         let values = rows.flat_map(|(row, cosine)| row.iter().copied().chain(heading_terms(*cosine))).collect();
         names.extend(HEADING.iter().map(|(name, _)| (*name).to_owned()));
-        Ok(Terms { names, values: Cow::Owned(values), sampling })
+        Ok(AircraftTerms { names, values: Cow::Owned(values), sampling })
     }
 
     /// The prior of the coefficients of a line's terms.
     ///
     /// # Errors
     /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
-    pub(super) fn prior(&self, terms: &Terms, models: &[Calibration]) -> Result<CoefficientPrior, Fault> {
+    pub(super) fn prior(&self, terms: &AircraftTerms, models: &[CalibrationPrior]) -> Result<CoefficientPrior, Fault> {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
         let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
@@ -113,7 +113,7 @@ impl AircraftModel {
             let what = format!("the model has none of the terms of `{}`", self.terms);
             return Err(Fault::data(what).help("fit the model on the same terms").of_param("model"));
         }
-        let of = |model: &Calibration| -> Result<(Vec<f64>, Vec<f64>), Fault> {
+        let of = |model: &CalibrationPrior| -> Result<(Vec<f64>, Vec<f64>), Fault> {
             let own = known.iter().filter_map(|i| Some((&names[*i], model.term(&names[*i])?)));
             let own = own.map(|(name, (value, sigma))| {
                 let factor = rate_factor(&terms.sampling, name, model.rate_hz).map_err(|f| f.of_param("model"))?;
@@ -142,7 +142,7 @@ impl AircraftModel {
 
     /// Prior standard deviation of a coefficient without a calibration, by the family of its name: `x`, `xy`, `xy_dot`,
     /// also after the prefix `TL_A_flux_a_` of `features`.
-    fn cold_sigma_nt(&self, term: &str, sampling: &Sampling) -> f64 {
+    fn cold_sigma_nt(&self, term: &str, sampling: &RateDependence) -> f64 {
         if let Some(sigma_nt) = self.heading_error_sigma_nt
             && HEADING.iter().any(|(name, _)| *name == term)
         {
@@ -168,7 +168,7 @@ impl AircraftModel {
 }
 
 /// Rejects models with several magnetometers: it is unknown which of them a model belongs to.
-pub(super) fn one_with_models(flown: &Flown) -> Result<(), Fault> {
+pub(super) fn one_with_models(flown: &FilterInput) -> Result<(), Fault> {
     if flown.magnetometers.len() > 1 && !flown.models.is_empty() {
         let what = "`model` requires a single magnetometer, but `mag` names several";
         return Err(Fault::data(what).help("remove `model`, or set `mag` to one magnetometer").of_param("model"));
@@ -181,8 +181,8 @@ pub(super) fn one_with_models(flown: &Flown) -> Result<(), Fault> {
 mod tests {
     use super::*;
 
-    fn model() -> AircraftModel {
-        AircraftModel {
+    fn model() -> AircraftModelKeys {
+        AircraftModelKeys {
             terms: "tl".to_owned(),
             permanent_sigma_nt: 2000.0,
             induced_sigma_nt: 1000.0,
@@ -194,17 +194,17 @@ mod tests {
         }
     }
 
-    fn terms(names: &[&str], rate_hz: f64) -> Terms<'static> {
+    fn terms(names: &[&str], rate_hz: f64) -> AircraftTerms<'static> {
         let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-        let sampling = Sampling { rate_hz: Some(rate_hz), ..Sampling::of_names(&names) };
-        Terms { names, values: Cow::Owned(vec![]), sampling }
+        let sampling = RateDependence { rate_hz: Some(rate_hz), ..RateDependence::of_names(&names) };
+        AircraftTerms { names, values: Cow::Owned(vec![]), sampling }
     }
 
     const NAMES: [&str; 5] = ["x", "xy", "zz_dot", "bias", "x_dot"];
 
-    fn calibration(values: [f64; 2]) -> Calibration {
+    fn calibration(values: [f64; 2]) -> CalibrationPrior {
         let terms = ["xy", "x"].map(str::to_owned).to_vec();
-        Calibration { terms, values_nt: values.to_vec(), sigmas_nt: vec![3.0, 4.0], rate_hz: None }
+        CalibrationPrior { terms, values_nt: values.to_vec(), sigmas_nt: vec![3.0, 4.0], rate_hz: None }
     }
 
     #[test]
@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(prior.mean, [40.0, 30.0, 0.0, 0.0, 0.0]);
         assert_eq!(prior.sigma(), [8.0, 6.0, 5000.0, 500.0, 20.0]);
         let (cur, one) = (vec!["cur_ac_hi".to_owned()], vec![1.0]);
-        let foreign = Calibration { terms: cur, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
+        let foreign = CalibrationPrior { terms: cur, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
         assert!(model().prior(&terms(&NAMES, 10.0), &[foreign]).unwrap_err().what.contains("none of the terms"));
     }
 
@@ -244,7 +244,7 @@ mod tests {
     fn law_a_calibration_of_another_rate_is_converted_or_refused() {
         let of = |rate_hz: Option<f64>| {
             let terms = ["zz_dot", "x"].map(str::to_owned).to_vec();
-            Calibration { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
+            CalibrationPrior { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
         };
         // A difference at 1 Hz is ten times that at 10 Hz, so that its coefficient is a tenth.
         let prior = model().prior(&terms(&NAMES, 1.0), &[of(Some(10.0))]).unwrap();
@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(fault.param.as_deref(), Some("model"));
         // Terms that do not depend on the rate need none.
         assert!(model().prior(&terms(&["x"], 1.0), &[of(None)]).is_ok());
-        let per_second = Terms { sampling: Sampling::default(), ..terms(&["zz_dot"], 1.0) };
+        let per_second = AircraftTerms { sampling: RateDependence::default(), ..terms(&["zz_dot"], 1.0) };
         assert_eq!(model().prior(&per_second, &[]).unwrap().sigma(), [500.0], "a change per second has no rate");
     }
 

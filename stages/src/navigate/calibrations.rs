@@ -8,7 +8,7 @@ use crate::{columns::floats, fitted::rate_of};
 
 /// Coefficients of one fit.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Calibration {
+pub struct CalibrationPrior {
     /// Names of the terms.
     pub terms: Vec<String>,
     /// Coefficients, in nT.
@@ -19,12 +19,12 @@ pub struct Calibration {
     pub rate_hz: Option<f64>,
 }
 
-impl Calibration {
+impl CalibrationPrior {
     /// Calibration of a model table.
     ///
     /// # Errors
     /// When the table has no terms or no values.
-    pub fn of(table: &RecordBatch) -> Result<Self, Fault> {
+    pub fn from_table(table: &RecordBatch) -> Result<Self, Fault> {
         let values_nt = floats(table, VALUE)?.to_vec();
         let terms = table.column_by_name(TERM).and_then(|t| t.as_string_opt::<i32>());
         let terms = terms.ok_or_else(|| Fault::data("the model has no terms"))?;

@@ -11,8 +11,8 @@ use numerics::navigation::{
 use schemas::{Column, Fault};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_columns};
-use super::further::{Further, updates};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_columns};
+use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data, floats, list};
 
 /// Column of the bound.
@@ -32,7 +32,7 @@ filter! {
     /// the assumed noise; a mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are those of the INS.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
-    Crlb = "crlb", version 2, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
+    Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Appends the covariance `p` (row-major).
@@ -40,7 +40,7 @@ filter! {
 }
 
 impl NavigationFilter for Crlb {
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let faults: Vec<Fault> =
             TRUTH.iter().filter_map(|(name, unit)| flight.shape.number(name, unit).err()).collect();
         let truth = if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) };
@@ -55,7 +55,7 @@ impl NavigationFilter for Crlb {
         self.further.takes_direction()
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let bound = Column::float(DRMS_BOUND, "m", "Cramér-Rao bound of the horizontal error (drms)");
         // There is no state.
         let state = state_columns().into_iter().filter(|column| self.save_state && column.name == "p");
@@ -74,7 +74,7 @@ impl NavigationFilter for Crlb {
             .or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let [lat_deg, lon_deg, alt_m] = TRUTH.map(|(name, _)| floats(flown.columns, name));
         let [lat_deg, lon_deg, alt_m] = [lat_deg?, lon_deg?, alt_m?];
@@ -92,11 +92,15 @@ impl NavigationFilter for Crlb {
             self.further.enough(flown, &out.navigation.report)?;
             let mut more = covariances(&mut out.navigation)?;
             more.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
-            return Ok(Track { more, update: updates(&out.usage), ..Track::without_updates(out.navigation) });
+            return Ok(FilterTrack {
+                more,
+                update: updates(&out.usage),
+                ..FilterTrack::without_updates(out.navigation)
+            });
         }
         let mut out = run(&line, &path, self.save_state).map_err(data)?;
         let more = covariances(&mut out)?;
-        Ok(Track { more, ..Track::of(flown, out, None)? })
+        Ok(FilterTrack { more, ..FilterTrack::from_output(flown, out, None)? })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use numerics::navigation::{
     aided::{AidedParameters, Linearisation},
-    ekf::{EkfParameters, EkfPoint, run_together},
+    ekf::{EkfInput, EkfParameters, run_together},
     ins_error::InsErrorModel,
     line::NavigationLine,
     output::NavigationOutput,
@@ -11,8 +11,8 @@ use numerics::navigation::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
-use super::further::Further;
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
+use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
@@ -24,7 +24,7 @@ filter! {
     /// start reduce the covariance too far.
     ///
     /// Source: Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise discretised.
-    Ekf = "ekf", version 3, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
+    Ekf = "ekf", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
@@ -39,12 +39,12 @@ impl NavigationFilter for Ekf {
         self.gate_nis.is_some()
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
         states.into_iter().chain(self.further.columns()).collect()
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         both(self.aiding.reads(flight), self.further.reads(flight))
     }
 
@@ -64,17 +64,17 @@ impl NavigationFilter for Ekf {
         self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         // One point has one answer.
         Self::navigate_points(&[(self, flown)]).pop().unwrap_or_else(|| Err(Fault::bug("a point was lost")))
     }
 
-    fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
+    fn navigate_points(points: &[(&Self, &FilterInput)]) -> Vec<Result<FilterTrack, Fault>> {
         // A point with further measurements is filtered alone.
-        let usual: Vec<(&Self, &Flown)> =
+        let usual: Vec<(&Self, &FilterInput)> =
             points.iter().filter(|(filter, _)| !filter.further.is_any()).copied().collect();
         let mut together = Self::together(&usual).into_iter();
-        let answer = |(filter, flown): &(&Self, &Flown)| match filter.further.is_any() {
+        let answer = |(filter, flown): &(&Self, &FilterInput)| match filter.further.is_any() {
             true => filter.alone(flown),
             false => together.next().unwrap_or_else(|| Err(Fault::bug("a point was lost"))),
         };
@@ -84,19 +84,19 @@ impl NavigationFilter for Ekf {
 
 impl Ekf {
     /// Filters the points without further measurements together.
-    fn together(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
+    fn together(points: &[(&Self, &FilterInput)]) -> Vec<Result<FilterTrack, Fault>> {
         let Some((_, first)) = points.first() else { return vec![] };
         let parameters: Vec<EkfParameters> = points.iter().map(|(filter, flown)| filter.parameters(flown)).collect();
         let asked: Vec<Result<_, Fault>> = points.iter().map(|(_, flown)| flown.needed_map()).collect();
-        let mut filters: Vec<EkfPoint> = vec![];
+        let mut filters: Vec<EkfInput> = vec![];
         for (((_, flown), parameters), asked) in points.iter().zip(&parameters).zip(&asked) {
             let Ok(map) = asked else { continue };
             let (measurement_nt, sigma_nt) = (flown.measured_nt.as_slice(), Some(flown.sigma_nt.as_slice()));
             let (fixes, core) = (flown.fixes(), flown.core.as_ref());
-            filters.push(EkfPoint { parameters, measurement_nt, sigma_nt, fixes, map, core });
+            filters.push(EkfInput { parameters, measurement_nt, sigma_nt, fixes, map, core });
         }
         let mut outputs = run_together(&first.ins, &filters).into_iter();
-        let answer = |((filter, flown), asked): (&(&Self, &Flown), Result<_, Fault>)| {
+        let answer = |((filter, flown), asked): (&(&Self, &FilterInput), Result<_, Fault>)| {
             asked?;
             let out = outputs.next().ok_or_else(|| Fault::bug("a point was lost"))?;
             filter.track(flown, out.map_err(data)?)
@@ -105,7 +105,7 @@ impl Ekf {
     }
 
     /// Filters one point with its further measurements.
-    fn alone(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn alone(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = AidedParameters {
             linearisation: Linearisation::Once,
@@ -117,7 +117,7 @@ impl Ekf {
         self.further.track(flown, out, false, self.save_state)
     }
 
-    fn parameters(&self, flown: &Flown) -> EkfParameters {
+    fn parameters(&self, flown: &FilterInput) -> EkfParameters {
         EkfParameters {
             errors: InsErrorModel { noise: self.discretisation, ..flown.errors },
             measurement_sigma_nt: flown.measurement_sigma_nt,
@@ -129,8 +129,8 @@ impl Ekf {
         }
     }
 
-    fn track(&self, flown: &Flown, mut out: NavigationOutput) -> Result<Track, Fault> {
+    fn track(&self, flown: &FilterInput, mut out: NavigationOutput) -> Result<FilterTrack, Fault> {
         let states = if self.save_state { state_arrays(&mut out)? } else { vec![] };
-        Ok(Track { more: states, ..Track::of(flown, out, self.gate_nis)? })
+        Ok(FilterTrack { more: states, ..FilterTrack::from_output(flown, out, self.gate_nis)? })
     }
 }

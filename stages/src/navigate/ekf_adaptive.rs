@@ -2,7 +2,9 @@
 
 use arrow_array::ArrayRef;
 use numerics::navigation::{
-    adaptive::{Adapt, Adapted, AdaptiveForm, AdaptiveParameters, Magnetometer, run, run_aided},
+    adaptive::{
+        AdaptiveForm, AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, MagnetometerNoise, run, run_aided,
+    },
     aided::AidedOutput,
     line::NavigationLine,
     output::NavigationOutput,
@@ -11,8 +13,10 @@ use numerics::navigation::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, enough, filter, state_arrays, state_columns};
-use super::further::{Further, updates};
+use super::filter::{
+    FilterFlight, FilterInput, FilterTrack, NavigationFilter, enough, filter, state_arrays, state_columns,
+};
+use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data};
 
 /// Default bounds of the estimated noise, as factors of the assumed noise.
@@ -35,9 +39,9 @@ filter! {
     /// default form then changes the noise little; the others drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
-    EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: Further], example "window = 50";
+    EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
     /// Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both.
-    adapt: Adapt, unit "", default Adapt::R;
+    adapt: AdaptiveNoise, unit "", default AdaptiveNoise::R;
     /// Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with 10, as in MagNav.jl, to
     /// 20 %. With 10 the forms `"matched"` and `"compatible"` occasionally estimate a noise near 0. The filter is then
     /// far overconfident unless `sigma_min_nt` is near the true noise.
@@ -67,7 +71,7 @@ impl NavigationFilter for EkfAdaptive {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let further = both(self.further.reads(flight), self.further.needs_scalar("its noise"));
         both(self.aiding.reads(flight), further)
     }
@@ -80,7 +84,7 @@ impl NavigationFilter for EkfAdaptive {
         true
     }
 
-    fn columns(&self, flight: &Flight) -> Vec<Column> {
+    fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
         let what = "assumed noise of the measurement; NaN without a measurement";
         let names = flight.mags.iter().map(|mag| match flight.mags {
             [_] => "sigma_adapted".to_owned(),
@@ -105,12 +109,12 @@ impl NavigationFilter for EkfAdaptive {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
-        let idle = (bounds_r && self.adapt == Adapt::Q)
+        let idle = (bounds_r && self.adapt == AdaptiveNoise::Q)
             .then(|| Fault::new(format!("`{key}` has no effect with `adapt = \"q\"`")));
         idle.or_else(|| self.aiding.idle(key)).or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = AdaptiveParameters {
             adapt: self.adapt,
@@ -130,10 +134,10 @@ impl NavigationFilter for EkfAdaptive {
         };
         let least = self.sigma_min_nt.unwrap_or(usual_least);
         let largest = self.sigma_max_nt.unwrap_or(usual_largest);
-        let magnetometers: Vec<Magnetometer> = flown
+        let magnetometers: Vec<AdaptiveMagnetometer> = flown
             .magnetometers
             .iter()
-            .map(|mag| Magnetometer {
+            .map(|mag| AdaptiveMagnetometer {
                 measurement_nt: &mag.measured_nt,
                 sigma_nt: &sigmas,
                 sigma_min_nt: least,
@@ -148,11 +152,11 @@ impl NavigationFilter for EkfAdaptive {
             enough(flown, &navigation.report)?;
             let mut more = self.more(out.magnetometers, out.given_back, &mut navigation)?;
             more.extend(self.further.arrays(aids, Default::default(), slope_nt_per_m));
-            return Ok(Track { more, update: updates(&usage), ..Track::without_updates(navigation) });
+            return Ok(FilterTrack { more, update: updates(&usage), ..FilterTrack::without_updates(navigation) });
         }
         let mut out = run(&parameters, &line, &magnetometers).map_err(data)?;
         let more = self.more(out.magnetometers, out.given_back, &mut out.navigation)?;
-        Ok(Track { more, ..Track::of(flown, out.navigation, self.gate_nis)? })
+        Ok(FilterTrack { more, ..FilterTrack::from_output(flown, out.navigation, self.gate_nis)? })
     }
 }
 
@@ -160,7 +164,7 @@ impl EkfAdaptive {
     /// Estimated noise, and the states if they are requested.
     fn more(
         &self,
-        magnetometers: Vec<Adapted>,
+        magnetometers: Vec<MagnetometerNoise>,
         given_back: Vec<f64>,
         navigation: &mut NavigationOutput,
     ) -> Result<Vec<ArrayRef>, Fault> {

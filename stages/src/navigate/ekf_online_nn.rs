@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use numerics::navigation::{
     line::NavigationLine,
     online::{OnlineParameters, check_sources},
-    online_nn::{self, Activation, Calibration, Network, NetworkPrior, TrainingParameters, train},
+    online_nn::{self, NetworkCalibration, NetworkPrior, OnlineActivation, OnlineNetwork, TrainingParameters, train},
     position_fixes::PositionFixes,
     transition::NoiseDiscretisation,
 };
@@ -13,12 +13,12 @@ use numerics::regression::statistics::std;
 use schemas::{Column, ColumnType, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::calibrations::Calibration as Fitted;
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
-use super::further::{Further, updates};
+use super::calibrations::CalibrationPrior as Fitted;
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter};
+use super::further::{AuxiliaryMeasurements, updates};
 use crate::{
     columns::{array, data, list, matrix, rate_factor, sampling},
-    trained::Learned,
+    trained::LearnedModel,
 };
 
 filter! {
@@ -43,14 +43,14 @@ filter! {
     /// of the network. The filter is therefore overconfident in conditions that the training did not include.
     ///
     /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
-    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: Further], example r#"features = "tl"
+    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example r#"features = "tl"
 gnss_lost_s = [20.0, 1e6]"#;
     /// List column of the network's inputs, as made by `features` or `a_matrix`.
     features: String, unit "", default "features";
     /// Number of units in the hidden layer.
     hidden: usize, unit "1", default 8usize, rule Rule::Between(1.0, 64.0);
     /// Activation function.
-    activation: Activation, unit "", default Activation::Swish;
+    activation: OnlineActivation, unit "", default OnlineActivation::Swish;
     /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;
     /// Number of passes of the training over its samples.
@@ -68,7 +68,7 @@ gnss_lost_s = [20.0, 1e6]"#;
 }
 
 /// Inputs of a network.
-fn inputs(flight: &Flight, column: &str) -> Result<Vec<String>, Vec<Fault>> {
+fn inputs(flight: &FilterFlight, column: &str) -> Result<Vec<String>, Vec<Fault>> {
     let found = flight.shape.need(column).map_err(|fault| vec![fault.of_param("features")])?;
     match &found.column_type {
         ColumnType::List(names) => Ok(names.clone()),
@@ -85,7 +85,7 @@ impl NavigationFilter for EkfOnlineNn {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let features = inputs(flight, &self.features).and_then(|names| {
             check_sources(&names).map_err(|e| vec![Fault::new(e.to_string()).of_param("features")])?;
             Ok(vec![self.features.clone()])
@@ -107,7 +107,7 @@ impl NavigationFilter for EkfOnlineNn {
         self.further.takes_direction()
     }
 
-    fn columns(&self, flight: &Flight) -> Vec<Column> {
+    fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![Column::float("aircraft", "nT", "aircraft field for the weights of the sample")];
         if self.save_weights {
             let inputs = inputs(flight, &self.features).unwrap_or_default();
@@ -133,7 +133,7 @@ impl NavigationFilter for EkfOnlineNn {
         true
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let fixes = flown.fixes().ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
         let line = NavigationLine { fixes: Some(fixes), ..flown.line_with(self.discretisation)? };
         let (features, names) = self.features(flown)?;
@@ -164,19 +164,19 @@ impl NavigationFilter for EkfOnlineNn {
             more.push(list(out.weights_by_row, network.weights())?);
         }
         more.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
-        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         if self.further.is_any() {
             track.update = updates(&out.usage);
         } else {
-            track.update[..training].fill(super::Update::Missing);
+            track.update[..training].fill(super::UpdateOutcome::Missing);
         }
-        Ok(Track { more, ..track })
+        Ok(FilterTrack { more, ..track })
     }
 }
 
 impl EkfOnlineNn {
     /// Features of the line, row-major, with their names, at the rate of the model that gives the initial weights.
-    fn features<'a>(&self, flown: &'a Flown) -> Result<(Cow<'a, [f64]>, Vec<String>), Fault> {
+    fn features<'a>(&self, flown: &'a FilterInput) -> Result<(Cow<'a, [f64]>, Vec<String>), Fault> {
         let (features, names) = matrix(flown.columns, &self.features)?;
         let Some(model) = flown.models.first() else { return Ok((Cow::Borrowed(features), names)) };
         let own = sampling(flown.columns, &self.features)?;
@@ -191,11 +191,11 @@ impl EkfOnlineNn {
     /// Trains the network. Returns it, its weights at the loss of GNSS, and the number of samples before the loss.
     fn train(
         &self,
-        flown: &Flown,
+        flown: &FilterInput,
         line: &NavigationLine,
         fixes: &PositionFixes,
         (features, names): (&[f64], &[String]),
-    ) -> Result<(Network, NetworkPrior, usize), Fault> {
+    ) -> Result<(OnlineNetwork, NetworkPrior, usize), Fault> {
         let tt_s = flown.ins.tt_s;
         let lost_s = self.aiding.gnss_lost_s.map_or(0.0, |[lost_s, _]| lost_s);
         let training = tt_s.partition_point(|t| t - tt_s[0] < lost_s);
@@ -212,7 +212,7 @@ impl EkfOnlineNn {
         let first = &features[..training * width];
         let (network, start) = match flown.models {
             [] => {
-                let network = Network::new(first, width, self.hidden, self.activation, std(&known).value);
+                let network = OnlineNetwork::new(first, width, self.hidden, self.activation, std(&known).value);
                 (network.map_err(data)?, None)
             }
             [model] => {
@@ -230,7 +230,7 @@ impl EkfOnlineNn {
             passes: self.passes,
             memory_s: self.memory_s,
         };
-        let calibration = Calibration { tt_s: &tt_s[..training], features: first, aircraft_nt: &aircraft_nt };
+        let calibration = NetworkCalibration { tt_s: &tt_s[..training], features: first, aircraft_nt: &aircraft_nt };
         let prior = train(&network, &calibration, start.as_deref(), &parameters).map_err(data)?;
         Ok((network, prior, training))
     }
@@ -241,10 +241,10 @@ fn from_model(
     model: &Fitted,
     names: &[String],
     hidden: usize,
-    activation: Activation,
-) -> Result<(Network, Vec<f64>), Fault> {
-    let learned = Learned::read(&model.terms, &model.values_nt)?;
-    let Some(Learned::Network(trained)) = learned else {
+    activation: OnlineActivation,
+) -> Result<(OnlineNetwork, Vec<f64>), Fault> {
+    let learned = LearnedModel::read(&model.terms, &model.values_nt)?;
+    let Some(LearnedModel::Network(trained)) = learned else {
         let what = "the model is not a network";
         return Err(Fault::data(what)
             .of_param("model")
@@ -276,7 +276,7 @@ fn from_model(
     let (mean_nt, scale_nt) = layer.target;
     weights.extend(layer.b.iter().chain(layer.v));
     weights.push(layer.last + mean_nt / scale_nt);
-    let network = Network::scaled(of(layer.mean, 0.0), of(layer.scale, 1.0), hidden, activation, scale_nt);
+    let network = OnlineNetwork::scaled(of(layer.mean, 0.0), of(layer.scale, 1.0), hidden, activation, scale_nt);
     Ok((network.map_err(data)?, weights))
 }
 
@@ -299,14 +299,14 @@ fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> 
 #[cfg(test)]
 mod tests {
     use learning::{
-        inputs::Inputs,
-        network::{self, Form, Shape},
+        inputs::InputScaling,
+        network::{self, NetworkForm, NetworkShape},
     };
 
     use super::*;
     use crate::{
         navigate::testing::*,
-        trained::{self, Learned},
+        trained::{self, LearnedModel},
     };
 
     fn named(names: &[&str]) -> Vec<String> {
@@ -314,13 +314,14 @@ mod tests {
     }
 
     /// A trained network of `b` and `a`, and its table.
-    fn model(members: usize) -> (trained::Network, Fitted) {
-        let scaling = Inputs { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
-        let activation = network::Activation::Swish;
-        let shape = Shape { inputs: 2, linear: 0, hidden: vec![3], activation, form: Form::Plain };
+    fn model(members: usize) -> (trained::NetworkEnsemble, Fitted) {
+        let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        let activation = network::ActivationFunction::Swish;
+        let shape = NetworkShape { inputs: 2, linear: 0, hidden: vec![3], activation, form: NetworkForm::Plain };
         let members = (0..members).map(|m| shape.initial(m as u64, &[])).collect();
-        let made = trained::Network::new(named(&["b", "a"]), scaling, vec![], shape, members, (40.0, 7.0)).unwrap();
-        let terms = Learned::Network(made.clone()).terms();
+        let made =
+            trained::NetworkEnsemble::new(named(&["b", "a"]), scaling, vec![], shape, members, (40.0, 7.0)).unwrap();
+        let terms = LearnedModel::Network(made.clone()).terms();
         let (terms, values_nt): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
         let sigmas_nt = vec![f64::NAN; terms.len()];
         (made, Fitted { terms, values_nt, sigmas_nt, rate_hz: None })
@@ -329,7 +330,8 @@ mod tests {
     #[test]
     fn law_a_trained_network_predicts_the_same_within_the_filter() {
         let (made, table) = model(1);
-        let (network, weights) = from_model(&table, &named(&["a", "constant", "b"]), 3, Activation::Swish).unwrap();
+        let (network, weights) =
+            from_model(&table, &named(&["a", "constant", "b"]), 3, OnlineActivation::Swish).unwrap();
         for [a, b] in [[0.3, -1.0], [4.0, 2.5], [-7.0, 0.1]] {
             let inputs = network.standardised(&[a, 5.0, b]);
             let within = network.value(&inputs, &weights);
@@ -340,20 +342,22 @@ mod tests {
     #[test]
     fn unit_a_model_that_is_no_such_network_is_refused() {
         let (_, table) = model(1);
-        let why = |table: &Fitted, names: &[&str], hidden: usize, activation: Activation| {
+        let why = |table: &Fitted, names: &[&str], hidden: usize, activation: OnlineActivation| {
             from_model(table, &named(names), hidden, activation).unwrap_err().what
         };
         let both = ["a", "b"];
         assert_eq!(
-            why(&table, &both, 8, Activation::Swish),
+            why(&table, &both, 8, OnlineActivation::Swish),
             "the trained network has 3 hidden units: set `hidden = 3`"
         );
-        assert!(why(&table, &both, 3, Activation::Tanh).contains("activation `swish`"));
-        assert!(why(&table, &["a"], 3, Activation::Swish).contains("the input `b`, which is not in the features"));
-        assert!(why(&model(2).1, &both, 3, Activation::Swish).contains("is the mean of several networks"));
+        assert!(why(&table, &both, 3, OnlineActivation::Tanh).contains("activation `swish`"));
+        assert!(
+            why(&table, &["a"], 3, OnlineActivation::Swish).contains("the input `b`, which is not in the features")
+        );
+        assert!(why(&model(2).1, &both, 3, OnlineActivation::Swish).contains("is the mean of several networks"));
         let (terms, one) = (named(&["x"]), vec![1.0]);
         let linear = Fitted { terms, values_nt: one.clone(), sigmas_nt: one, rate_hz: None };
-        assert_eq!(why(&linear, &both, 3, Activation::Swish), "the model is not a network");
+        assert_eq!(why(&linear, &both, 3, OnlineActivation::Swish), "the model is not a network");
     }
 
     #[test]

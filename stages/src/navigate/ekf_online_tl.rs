@@ -2,18 +2,18 @@
 
 use std::ops::Range;
 
-use numerics::compensation::tolles_lawson::{Field, Terms};
+use numerics::compensation::tolles_lawson::{BodyFieldColumns, TermSelection};
 use numerics::navigation::{
     line::NavigationLine,
-    online::{Fluxgate, LineModel, Magnetometer, OnlineParameters, run},
+    online::{Fluxgate, LineModel, OnlineMagnetometer, OnlineParameters, run},
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::aircraft::{AircraftModel, one_with_models};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
-use super::further::{Further, updates};
+use super::aircraft::{AircraftModelKeys, one_with_models};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
+use super::further::{AuxiliaryMeasurements, updates};
 use crate::a_matrix::runs_of;
 use crate::columns::{array, data};
 
@@ -33,7 +33,7 @@ filter! {
     /// a sample, `nis` the mean over those used.
     ///
     /// Source: Gnadt 2022, section 5.5, without (5.39).
-    EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModel, further: Further], example "walk_per_hour = 0.1";
+    EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
     /// With 0 the coefficients are constants.
     walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
@@ -53,7 +53,7 @@ filter! {
 }
 
 /// Columns of the aircraft field, one per magnetometer.
-pub(super) fn aircraft_columns(flight: &Flight) -> Vec<Column> {
+pub(super) fn aircraft_columns(flight: &FilterFlight) -> Vec<Column> {
     let what = "aircraft field for the coefficients of the sample";
     let name = |mag: &String| if flight.mags.len() == 1 { "aircraft".to_owned() } else { format!("aircraft_{mag}") };
     flight.mags.iter().map(|mag| Column::float(name(mag), "nT", what)).collect()
@@ -64,7 +64,7 @@ impl NavigationFilter for EkfOnlineTl {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let mut faults = vec![];
         if self.flux_bias_sigma_nt.is_some() && !flight.has_direction {
             let what = "`flux_bias_sigma_nt` requires `vector`, the vector magnetometer of the terms";
@@ -88,7 +88,7 @@ impl NavigationFilter for EkfOnlineTl {
         of_aircraft || self.further.takes_direction()
     }
 
-    fn columns(&self, flight: &Flight) -> Vec<Column> {
+    fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
         let mut columns = aircraft_columns(flight);
         if self.save_state {
             columns.extend(state_columns());
@@ -109,7 +109,7 @@ impl NavigationFilter for EkfOnlineTl {
             .or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
@@ -117,10 +117,10 @@ impl NavigationFilter for EkfOnlineTl {
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
         let sigma_nt = flown.sigma_of_each_nt();
-        let magnetometers: Vec<Magnetometer> = flown
+        let magnetometers: Vec<OnlineMagnetometer> = flown
             .magnetometers
             .iter()
-            .map(|mag| Magnetometer {
+            .map(|mag| OnlineMagnetometer {
                 measurement_nt: &mag.measured_nt,
                 sigma_nt: &sigma_nt,
                 terms: &terms.values,
@@ -137,11 +137,11 @@ impl NavigationFilter for EkfOnlineTl {
         let bias = self.bias(flown, &terms.names)?;
         let fluxgate = bias.as_ref().map(|bias| bias.fluxgate());
         let measured = self.further.measured(flown)?;
-        let model = LineModel { aids: self.further.aids(flown, &measured)?, ..LineModel::of(&line) };
+        let model = LineModel { aids: self.further.aids(flown, &measured)?, ..LineModel::from_line(&line) };
         let mut out = run(&model, &magnetometers, fluxgate.as_ref(), &parameters).map_err(data)?;
         let mut states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
         states.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
-        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         if self.further.is_any() {
             track.update = updates(&out.usage);
         }
@@ -151,17 +151,17 @@ impl NavigationFilter for EkfOnlineTl {
     }
 }
 
-/// The bias of a vector magnetometer, with what its terms are made of.
-struct Bias<'a> {
-    field: Field<'a>,
-    terms: Terms,
+/// Bias of a vector magnetometer, with the field and terms that it depends on.
+struct VectorMagnetometerBias<'a> {
+    field: BodyFieldColumns<'a>,
+    terms: TermSelection,
     runs: Vec<Range<usize>>,
     scale_nt: f64,
     sigma_nt: f64,
     tau_s: f64,
 }
 
-impl Bias<'_> {
+impl VectorMagnetometerBias<'_> {
     fn fluxgate(&self) -> Fluxgate<'_> {
         let Self { field, terms, runs, scale_nt, sigma_nt, tau_s } = self;
         Fluxgate { field: *field, terms, scale_nt: *scale_nt, runs, sigma_nt: *sigma_nt, tau_s: *tau_s }
@@ -170,16 +170,16 @@ impl Bias<'_> {
 
 impl EkfOnlineTl {
     /// The bias to estimate, where it is asked for.
-    fn bias<'a>(&self, flown: &'a Flown, names: &[String]) -> Result<Option<Bias<'a>>, Fault> {
+    fn bias<'a>(&self, flown: &'a FilterInput, names: &[String]) -> Result<Option<VectorMagnetometerBias<'a>>, Fault> {
         let (Some(sigma_nt), Some([x, y, z])) = (self.flux_bias_sigma_nt, flown.field_nt) else { return Ok(None) };
-        let terms = Terms::leading(names).map_err(|_| {
+        let terms = TermSelection::leading(names).map_err(|_| {
             let what = format!("`{}` does not hold the terms of a vector magnetometer", self.aircraft.terms);
             Fault::data(what).of_param("flux_bias_sigma_nt").help("make the terms with an `a_matrix` of `vector`")
         })?;
         let runs = runs_of(&terms, flown.ins.tt_s, [x, y, z])?;
         let tau_s = self.flux_bias_tau_s.unwrap_or(f64::INFINITY);
-        let field = Field { x, y, z, bt: None };
-        Ok(Some(Bias { field, terms, runs, scale_nt: self.bt_scale_nt, sigma_nt, tau_s }))
+        let field = BodyFieldColumns { x, y, z, bt: None };
+        Ok(Some(VectorMagnetometerBias { field, terms, runs, scale_nt: self.bt_scale_nt, sigma_nt, tau_s }))
     }
 }
 

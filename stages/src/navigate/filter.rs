@@ -8,7 +8,7 @@ use std::{any::Any, sync::Arc};
 use arrow_array::{ArrayRef, RecordBatch};
 use numerics::{
     earth::core_field::CoreField,
-    maps::{map_stack::FieldMap, map_surface::Interpolation},
+    maps::{map_stack::FieldMap, map_surface::MapInterpolation},
     navigation::{
         ins_error::InsErrorModel,
         ins_series::InsSeries,
@@ -19,17 +19,19 @@ use numerics::{
         transition::NoiseDiscretisation,
     },
 };
-use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, Shape, choice, collect_doc};
+use schemas::{
+    ChoiceDoc, ChoiceKeys, ChoiceKind, Column, Fault, ParamDoc, ParamReader, TableShape, choice, collect_doc,
+};
 
 use super::{
-    Calibration,
-    aiding::{Aiding, Gnss},
-    tuning::Tuned,
+    CalibrationPrior,
+    aiding::{Aiding, GnssPositions},
+    tuning::LineNoiseEstimate,
 };
 use crate::columns::list;
 
 /// One flight line as input of a filter.
-pub struct Flown<'a> {
+pub struct FilterInput<'a> {
     /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
     /// Measured field in nT at each sample, minus the diurnal variation where it is removed; NaN where missing. It
@@ -39,7 +41,7 @@ pub struct Flown<'a> {
     pub sigma_nt: Vec<f64>,
     /// Each magnetometer, for a filter that processes them separately ([`NavigationFilter::each_magnetometer`]); else
     /// empty.
-    pub magnetometers: Vec<Magnetometer<'a>>,
+    pub magnetometers: Vec<FilterMagnetometer<'a>>,
     /// The anomaly map, for a filter that needs one ([`NavigationFilter::needs_map`]).
     pub map: Option<&'a FieldMap>,
     /// The core field at the date of the line.
@@ -54,7 +56,7 @@ pub struct Flown<'a> {
     /// Columns that [`NavigationFilter::reads`] returns, and the INS columns.
     pub columns: &'a RecordBatch,
     /// The calibrations under `model`.
-    pub models: &'a [Calibration],
+    pub models: &'a [CalibrationPrior],
     /// The vector magnetometer under `vector`, in nT along nose, right and down.
     pub field_nt: Option<[&'a [f64]; 3]>,
     /// The cosine of the angle between the scalar sensor's axis and that field; NaN where it is unknown.
@@ -66,42 +68,42 @@ pub struct Flown<'a> {
     /// Standard deviation of the map error at each sample, as white noise, in nT.
     pub map_sigma_nt: Option<Vec<f64>>,
     /// Positions by GNSS after the test, for a filter that uses them ([`NavigationFilter::aiding`]).
-    pub gnss: Option<Gnss>,
+    pub gnss: Option<GnssPositions>,
     /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
     pub second_order: bool,
     /// The number of magnetometers in each of `measured_nt`.
     pub(super) counts: Vec<f64>,
     /// Outcome of measurements that are withheld from the filter; empty where none is.
-    pub(super) left_out: Vec<Option<Update>>,
+    pub(super) left_out: Vec<Option<UpdateOutcome>>,
     /// Estimated noise.
-    pub(super) tuned: Option<Tuned>,
+    pub(super) tuned: Option<LineNoiseEstimate>,
 }
 
 /// A magnetometer of a line.
 #[derive(Clone)]
-pub struct Magnetometer<'a> {
+pub struct FilterMagnetometer<'a> {
     /// Column name.
     pub name: &'a str,
-    /// See [`Flown::measured_nt`].
+    /// See [`FilterInput::measured_nt`].
     pub measured_nt: Vec<f64>,
 }
 
 /// The flight table that a filter is planned on.
 #[derive(Clone, Copy)]
-pub struct Flight<'a> {
+pub struct FilterFlight<'a> {
     /// Its columns.
-    pub shape: &'a Shape,
+    pub shape: &'a TableShape,
     /// The magnetometers under `mag`.
     pub mags: &'a [String],
-    /// Whether a vector magnetometer gives the direction of the field ([`Flown::field_nt`]).
+    /// Whether a vector magnetometer gives the direction of the field ([`FilterInput::field_nt`]).
     pub has_direction: bool,
     /// Whether the measurement contains the core field.
     pub core_field: bool,
     /// Interpolation of the map.
-    pub interpolation: Interpolation,
+    pub interpolation: MapInterpolation,
 }
 
-impl Flown<'_> {
+impl FilterInput<'_> {
     /// Line as input of the filters in `numerics`.
     ///
     /// # Errors
@@ -120,7 +122,7 @@ impl Flown<'_> {
         })
     }
 
-    /// [`Flown::line`] with a discretisation of the process noise.
+    /// [`FilterInput::line`] with a discretisation of the process noise.
     ///
     /// # Errors
     /// Without a map.
@@ -129,7 +131,7 @@ impl Flown<'_> {
     }
 
     /// Standard deviation of the white noise of one magnetometer at each sample, in nT, for a filter that uses each of
-    /// [`Flown::magnetometers`]. The map error is common to all, so its variance is multiplied by their number.
+    /// [`FilterInput::magnetometers`]. The map error is common to all, so its variance is multiplied by their number.
     pub fn sigma_of_each_nt(&self) -> Vec<f64> {
         let count = self.magnetometers.len() as f64;
         (0..self.ins.len()).map(|row| self.own_sigma_nt(row).hypot(count.sqrt() * self.map_sigma_at(row))).collect()
@@ -167,7 +169,7 @@ impl Flown<'_> {
 
 choice! {
     /// Outcome of a measurement.
-    pub enum Update {
+    pub enum UpdateOutcome {
         /// Used by the filter.
         Used = "used",
         /// No measurement.
@@ -185,7 +187,7 @@ choice! {
 
 /// Estimate of a filter, one value per sample: the state a posteriori.
 #[derive(Clone, Debug, Default)]
-pub struct Track {
+pub struct FilterTrack {
     /// Latitude, in degrees of WGS-84.
     pub lat_deg: Vec<f64>,
     /// Longitude, in degrees.
@@ -209,36 +211,40 @@ pub struct Track {
     /// Normalised innovation squared; NaN where `residual_nt` is.
     pub nis: Vec<f64>,
     /// Outcome of the measurement.
-    pub update: Vec<Update>,
+    pub update: Vec<UpdateOutcome>,
     /// Arrays of [`NavigationFilter::columns`].
     pub more: Vec<ArrayRef>,
 }
 
-impl Track {
+impl FilterTrack {
     /// Track of a filter's output. The filter takes the states itself. `gate_nis` is its innovation gate.
     ///
     /// # Errors
     /// When no measurement was used, or the offset is unknown.
-    pub fn of(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Result<Track, Fault> {
+    pub fn from_output(
+        flown: &FilterInput,
+        out: NavigationOutput,
+        gate_nis: Option<f64>,
+    ) -> Result<FilterTrack, Fault> {
         enough(flown, &out.report)?;
         Ok(Self::with_any(flown, out, gate_nis))
     }
 
-    /// [`Track::of`] that also accepts a line without a usable measurement.
-    pub fn with_any(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Track {
+    /// [`FilterTrack::from_output`] that also accepts a line without a usable measurement.
+    pub fn with_any(flown: &FilterInput, out: NavigationOutput, gate_nis: Option<f64>) -> FilterTrack {
         let update = |(residual, (nis, measured)): (&f64, (&f64, &f64))| match gate_nis {
-            _ if !measured.is_finite() => Update::Missing,
-            _ if residual.is_nan() => Update::OffMap,
-            Some(gate) if *nis > gate => Update::Gated,
-            Some(_) | None => Update::Used,
+            _ if !measured.is_finite() => UpdateOutcome::Missing,
+            _ if residual.is_nan() => UpdateOutcome::OffMap,
+            Some(gate) if *nis > gate => UpdateOutcome::Gated,
+            Some(_) | None => UpdateOutcome::Used,
         };
         let update = out.residual_nt.iter().zip(out.nis.iter().zip(&flown.measured_nt)).map(update).collect();
-        Track { update, ..Track::without_updates(out) }
+        FilterTrack { update, ..FilterTrack::without_updates(out) }
     }
 
     /// Track of a filter's output without the outcomes of the measurements.
-    pub fn without_updates(out: NavigationOutput) -> Track {
-        Track {
+    pub fn without_updates(out: NavigationOutput) -> FilterTrack {
+        FilterTrack {
             lat_deg: out.lat_deg,
             lon_deg: out.lon_deg,
             alt_m: out.alt_m,
@@ -257,7 +263,7 @@ impl Track {
 }
 
 /// Rejects a line without a usable measurement.
-pub(super) fn enough(flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
+pub(super) fn enough(flown: &FilterInput, report: &NavigationReport) -> Result<(), Fault> {
     if report.updates == 0 {
         let what = format!(
             "no sample could be used: {} without a measurement, {} off the map",
@@ -302,7 +308,7 @@ pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> 
 /// A filter with its keys.
 pub trait NavigationFilter: Any + Send + Sync {
     /// Columns besides the track.
-    fn columns(&self, _flight: &Flight) -> Vec<Column> {
+    fn columns(&self, _flight: &FilterFlight) -> Vec<Column> {
         vec![]
     }
 
@@ -310,11 +316,11 @@ pub trait NavigationFilter: Any + Send + Sync {
     ///
     /// # Errors
     /// When the flight lacks one or has it in another unit.
-    fn reads(&self, _flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, _flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         Ok(vec![])
     }
 
-    /// Keys of the aiding positions, if the filter uses any: [`Flown::fixes`].
+    /// Keys of the aiding positions, if the filter uses any: [`FilterInput::fixes`].
     fn aiding(&self) -> Option<&Aiding> {
         None
     }
@@ -368,14 +374,14 @@ pub trait NavigationFilter: Any + Send + Sync {
     ///
     /// # Errors
     /// When the line cannot be filtered. The other lines are not affected.
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault>;
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault>;
 
     /// Filters one line at several points of a sweep that share the INS. Returns one answer per point, in order,
     /// bit-identical to [`NavigationFilter::navigate`].
     ///
     /// # Errors
     /// Each answer fails as [`NavigationFilter::navigate`].
-    fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>>
+    fn navigate_points(points: &[(&Self, &FilterInput)]) -> Vec<Result<FilterTrack, Fault>>
     where
         Self: Sized,
     {
@@ -384,11 +390,11 @@ pub trait NavigationFilter: Any + Send + Sync {
 }
 
 /// A type-erased filter with a line.
-pub type Point<'a> = (&'a dyn NavigationFilter, &'a Flown<'a>);
+pub type FilterPoint<'a> = (&'a dyn NavigationFilter, &'a FilterInput<'a>);
 
 /// Declaration of a filter.
 #[derive(Debug)]
-pub struct Filter {
+pub struct FilterDecl {
     /// Value of `filter`.
     pub name: &'static str,
     /// Version, raised whenever the results change.
@@ -400,20 +406,20 @@ pub struct Filter {
     /// Documentation of its keys.
     pub docs: fn() -> Vec<ParamDoc>,
     /// Reads its keys.
-    pub read: fn(&mut Reader) -> Option<Own<dyn NavigationFilter>>,
+    pub read: fn(&mut ParamReader) -> Option<ChoiceKeys<dyn NavigationFilter>>,
     /// See [`NavigationFilter::navigate_points`]; all points have a filter of this type.
-    pub navigate_points: fn(&[Point]) -> Vec<Result<Track, Fault>>,
+    pub navigate_points: fn(&[FilterPoint]) -> Vec<Result<FilterTrack, Fault>>,
 }
 
-impl Filter {
+impl FilterDecl {
     /// Entry of the reference.
-    pub(super) fn document(&self) -> KindDoc {
+    pub(super) fn document(&self) -> ChoiceDoc {
         let (doc, params) = (collect_doc(self.doc), (self.docs)());
-        KindDoc { key: "filter", name: self.name, doc, facts: vec![], params, example: self.example }
+        ChoiceDoc { key: "filter", name: self.name, doc, facts: vec![], params, example: self.example }
     }
 }
 
-impl Kind for Filter {
+impl ChoiceKind for FilterDecl {
     type Keys = dyn NavigationFilter;
     const DEFAULT: Option<&'static str> = Some("ekf");
 
@@ -429,7 +435,7 @@ impl Kind for Filter {
         (self.docs)()
     }
 
-    fn read(&self, reader: &mut Reader) -> Option<Own<dyn NavigationFilter>> {
+    fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<dyn NavigationFilter>> {
         (self.read)(reader)
     }
 }
@@ -439,16 +445,16 @@ impl Kind for Filter {
 /// # Errors
 /// Each answer fails as [`NavigationFilter::navigate`].
 #[doc(hidden)]
-pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Track, Fault>> {
-    let mut ours: Vec<Option<(&F, &Flown)>> = vec![];
+pub fn navigate_points<F: NavigationFilter>(points: &[FilterPoint]) -> Vec<Result<FilterTrack, Fault>> {
+    let mut ours: Vec<Option<(&F, &FilterInput)>> = vec![];
     for (filter, flown) in points {
         // All filters in a list of one kind have its type.
         let filter: &dyn Any = *filter;
         ours.push(filter.downcast_ref::<F>().map(|filter| (filter, *flown)));
     }
-    let typed: Vec<(&F, &Flown)> = ours.iter().flatten().copied().collect();
+    let typed: Vec<(&F, &FilterInput)> = ours.iter().flatten().copied().collect();
     let mut answers = F::navigate_points(&typed).into_iter();
-    let answer = |point: Option<(&F, &Flown)>| {
+    let answer = |point: Option<(&F, &FilterInput)>| {
         point.and_then(|_| answers.next()).unwrap_or_else(|| Err(Fault::bug("a point of a filter was lost")))
     };
     ours.into_iter().map(answer).collect()
@@ -459,7 +465,7 @@ pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Trac
 ///
 /// ```
 /// use schemas::{Fault, Rule};
-/// use stages::navigate::{Flown, NavigationFilter, Track, Update, filter};
+/// use stages::navigate::{FilterInput, NavigationFilter, FilterTrack, UpdateOutcome, filter};
 /// filter! {
 ///     /// The INS, moved north.
 ///     Shifted = "shifted", version 1, example "north_m = 10.0";
@@ -467,11 +473,11 @@ pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Trac
 ///     north_m: f64, unit "m", default 0.0, rule Rule::Finite;
 /// }
 /// impl NavigationFilter for Shifted {
-///     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+///     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
 ///         let ins = &flown.ins;
 ///         let lat_deg = ins.lat_deg.iter().map(|lat| lat + self.north_m / 111_200.0).collect();
 ///         let none = vec![f64::NAN; ins.len()];
-///         Ok(Track {
+///         Ok(FilterTrack {
 ///             lat_deg,
 ///             lon_deg: ins.lon_deg.to_vec(),
 ///             alt_m: ins.alt_m.to_vec(),
@@ -483,7 +489,7 @@ pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Trac
 ///             cov_ne_m2: none.clone(),
 ///             residual_nt: none.clone(),
 ///             nis: none,
-///             update: vec![Update::Missing; ins.len()],
+///             update: vec![UpdateOutcome::Missing; ins.len()],
 ///             more: vec![],
 ///         })
 ///     }
@@ -505,13 +511,13 @@ macro_rules! filter {
 
         impl $Ty {
             /// Declaration of the filter.
-            pub const FILTER: $crate::navigate::Filter = $crate::navigate::Filter {
+            pub const FILTER: $crate::navigate::FilterDecl = $crate::navigate::FilterDecl {
                 name: $name,
                 version: $v,
                 doc: &[$($d),*],
                 example: $example,
-                docs: || <$Ty as schemas::Params>::docs(&schemas::Lists::default()),
-                read: |reader| schemas::Own::of::<$Ty>(reader, |filter| std::sync::Arc::new(filter)),
+                docs: || <$Ty as schemas::Params>::docs(&schemas::ChoiceRegistry::default()),
+                read: |reader| schemas::ChoiceKeys::read::<$Ty>(reader, |filter| std::sync::Arc::new(filter)),
                 navigate_points: $crate::navigate::navigate_points::<$Ty>,
             };
         }

@@ -2,11 +2,11 @@
 
 use super::{
     crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_nn::EkfOnlineNn, ekf_online_tl::EkfOnlineTl,
-    filter::Filter, fixed_lag::FixedLag, iekf::Iekf, ins_only::InsOnly, mpf::Mpf, rts::Rts, slam::Slam, ukf::Ukf,
+    filter::FilterDecl, fixed_lag::FixedLag, iekf::Iekf, ins_only::InsOnly, mpf::Mpf, rts::Rts, slam::Slam, ukf::Ukf,
 };
 
 /// Every filter, in the order of the reference.
-pub const FILTERS: &[&Filter] = &[
+pub const FILTERS: &[&FilterDecl] = &[
     &Ekf::FILTER,
     &Iekf::FILTER,
     &Ukf::FILTER,

@@ -2,9 +2,12 @@
 
 use numerics::{
     navigation::{
-        fixed_lag::{self, Coefficients, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, Usage},
+        fixed_lag::{
+            self, AircraftCoefficients, FixedLagMagnetometer, FixedLagOptions, FixedLagOutput, FixedLagParameters,
+            FixedLagUsage,
+        },
         line::NavigationLine,
-        loss::Loss,
+        loss::TrajectoryLoss,
         transition::NoiseDiscretisation,
     },
     signal::gauss_markov::GaussMarkov,
@@ -12,10 +15,10 @@ use numerics::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::aircraft::{AircraftModel, one_with_models};
+use super::aircraft::{AircraftModelKeys, one_with_models};
 use super::ekf_online_tl::aircraft_columns;
-use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
-use super::further::Further;
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
+use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
@@ -34,7 +37,7 @@ filter! {
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
     /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].
-    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel, aiding: Aiding, further: Further], example "lag_s = 0.0";
+    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
@@ -44,7 +47,7 @@ filter! {
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Loss function of a residual: quadratic, or robust to outliers.
-    loss: Loss, unit "", default Loss::None;
+    loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
     /// Residual above which a robust `loss` departs from the quadratic, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
@@ -61,7 +64,7 @@ filter! {
 }
 
 impl NavigationFilter for FixedLag {
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
         both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), further)
     }
@@ -78,7 +81,7 @@ impl NavigationFilter for FixedLag {
         self.aircraft.heading_error_sigma_nt.is_some() || self.further.takes_direction()
     }
 
-    fn columns(&self, flight: &Flight) -> Vec<Column> {
+    fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
         aircraft_columns(flight).into_iter().chain(self.further.columns()).collect()
     }
 
@@ -88,7 +91,7 @@ impl NavigationFilter for FixedLag {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         match key {
-            "loss_scale" if self.loss == Loss::None => {
+            "loss_scale" if self.loss == TrajectoryLoss::None => {
                 let fault = Fault::new("`loss_scale` has no effect with `loss = \"none\"`");
                 Some(fault.help("remove it, or set `loss` to `huber` or `cauchy`"))
             }
@@ -100,14 +103,14 @@ impl NavigationFilter for FixedLag {
         }
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
         let prior = self.aircraft.prior(&terms, flown.models)?;
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
-        let coefficients = Coefficients {
+        let coefficients = AircraftCoefficients {
             regressors: &terms.values,
             mean: &prior.mean,
             covariance: &prior.covariance,
@@ -118,14 +121,19 @@ impl NavigationFilter for FixedLag {
             sigma: self.aircraft_sigma_nt.unwrap_or(if flown.is_tuned() { 0.0 } else { 30.0 }),
             tau_s: self.aircraft_tau_s,
         };
-        let magnetometers: Vec<Magnetometer> = flown
+        let magnetometers: Vec<FixedLagMagnetometer> = flown
             .magnetometers
             .iter()
-            .map(|mag| Magnetometer { measurement_nt: &mag.measured_nt, sigma_nt: &sigma_nt, coefficients, error })
+            .map(|mag| FixedLagMagnetometer {
+                measurement_nt: &mag.measured_nt,
+                sigma_nt: &sigma_nt,
+                coefficients,
+                error,
+            })
             .collect();
         let measured = self.further.measured(flown)?;
         let aids = self.further.aids(flown, &measured)?;
-        let output = fixed_lag::run_aided(&self.parameters(), &line, &magnetometers, &aids, Keep::default());
+        let output = fixed_lag::run_aided(&self.parameters(), &line, &magnetometers, &aids, FixedLagOptions::default());
         let output = output.map_err(data)?;
         self.track(flown, output, magnetometers.len())
     }
@@ -145,15 +153,15 @@ impl FixedLag {
         }
     }
 
-    fn track(&self, flown: &Flown, output: FixedLagOutput, magnetometers: usize) -> Result<Track, Fault> {
+    fn track(&self, flown: &FilterInput, output: FixedLagOutput, magnetometers: usize) -> Result<FilterTrack, Fault> {
         let update = output.usage.iter().map(|usage| match usage {
-            Usage::Used => Update::Used,
-            Usage::Missing => Update::Missing,
-            Usage::OffMap => Update::OffMap,
-            Usage::Flat => Update::Flat,
+            FixedLagUsage::Used => UpdateOutcome::Used,
+            FixedLagUsage::Missing => UpdateOutcome::Missing,
+            FixedLagUsage::OffMap => UpdateOutcome::OffMap,
+            FixedLagUsage::Flat => UpdateOutcome::Flat,
         });
-        let update: Vec<Update> = update.collect();
-        let mut track = Track::of(flown, output.navigation, None)?;
+        let update: Vec<UpdateOutcome> = update.collect();
+        let mut track = FilterTrack::from_output(flown, output.navigation, None)?;
         // The residual stands at the first sample of an interval; the others are used all the same.
         track.update = update;
         let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
@@ -175,7 +183,7 @@ mod tests {
             assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
             assert_eq!(found.updates("used"), ROWS);
         }
-        let sum = |of: &Answer| (100..500).map(|row| of.error_m(row).powi(2)).sum::<f64>();
+        let sum = |of: &NavigateOutput| (100..500).map(|row| of.error_m(row).powi(2)).sum::<f64>();
         assert!(sum(&later) < sum(&now), "what comes later helps: {} {}", sum(&later), sum(&now));
     }
 

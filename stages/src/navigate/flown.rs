@@ -7,31 +7,31 @@ use numerics::{
     earth::core_field::CoreField,
     navigation::{field::PredictedField, ins_error::InsErrorModel, line::NavigationLine},
 };
-use schemas::{Arrays, Fault, LinePoint, OrAuto};
+use schemas::{Fault, LineOutput, LinePoint, NumberOrAuto};
 
 use super::{
     Navigate,
-    filter::{self, Filter, Flown, Magnetometer},
-    ins::{self, Ins},
-    prepared::PreparedMap,
-    start::Begin,
-    tuning::{Asked, Expected, Tuned},
+    filter::{self, FilterDecl, FilterInput, FilterMagnetometer},
+    ins::{self, InsColumns},
+    prepared::NavigationMap,
+    start::InitialCondition,
+    tuning::{AssumedNoise, LineNoiseEstimate, LineNoiseInputs},
 };
 use crate::columns::data;
 
 /// Points with the same INS and the same start.
-struct Flight<'a> {
+struct FilterPointGroup<'a> {
     batch: &'a RecordBatch,
-    begin: Begin,
-    ins: Result<Ins<'a>, Fault>,
+    begin: InitialCondition,
+    ins: Result<InsColumns<'a>, Fault>,
     places: Vec<usize>,
 }
 
 /// Core fields by date: a sweep has few dates.
 #[derive(Default)]
-struct CoreFields(Vec<(f64, Arc<CoreField>)>);
+struct CoreFieldCache(Vec<(f64, Arc<CoreField>)>);
 
-impl CoreFields {
+impl CoreFieldCache {
     fn at(&mut self, year: f64) -> Result<Arc<CoreField>, Fault> {
         if let Some((_, core)) = self.0.iter().find(|(of, _)| *of == year) {
             return Ok(core.clone());
@@ -43,9 +43,9 @@ impl CoreFields {
 }
 
 /// Filters the points. Returns one answer per point, in order.
-pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
-    let mut answers: Vec<Option<Arrays>> = vec![];
-    let mut flights: Vec<Flight> = vec![];
+pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
+    let mut answers: Vec<Option<LineOutput>> = vec![];
+    let mut flights: Vec<FilterPointGroup> = vec![];
     for (place, LinePoint { line, .. }) in points.iter().enumerate() {
         answers.push(None);
         let Some(batch) = line.inputs.first() else {
@@ -61,15 +61,15 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
         };
         match flights.iter_mut().find(|flight| flight.begin == begin && ins::same(flight.batch, batch)) {
             Some(flight) => flight.places.push(place),
-            None => flights.push(Flight { batch, begin, ins: begun(batch, &begin), places: vec![place] }),
+            None => flights.push(FilterPointGroup { batch, begin, ins: begun(batch, &begin), places: vec![place] }),
         }
     }
-    let mut cores = CoreFields::default();
-    for Flight { ins, places, begin, .. } in &flights {
+    let mut cores = CoreFieldCache::default();
+    for FilterPointGroup { ins, places, begin, .. } in &flights {
         let mut maps = vec![];
         for place in places {
             let map = points[*place].prepared.map.as_ref();
-            let at_heights = |ins: &Ins| map.map(|map| map.for_heights(ins.alt_m())).transpose();
+            let at_heights = |ins: &InsColumns| map.map(|map| map.for_heights(ins.alt_m())).transpose();
             match ins.as_ref().map_err(Clone::clone).and_then(at_heights) {
                 Ok(map) => maps.push((*place, map)),
                 Err(fault) => answers[*place] = Some(Err(fault)),
@@ -86,7 +86,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
             }
         }
         let Ok(ins) = ins else { continue };
-        let mut filters: Vec<(&'static Filter, Vec<usize>)> = vec![];
+        let mut filters: Vec<(&'static FilterDecl, Vec<usize>)> = vec![];
         for (work, (_, stage, ..)) in works.iter().enumerate() {
             let filter = stage.filter.kind;
             match filters.iter_mut().find(|(known, _)| known.name == filter.name) {
@@ -95,7 +95,8 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
             }
         }
         for (filter, of) in filters {
-            let together: Vec<filter::Point> = of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
+            let together: Vec<filter::FilterPoint> =
+                of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
             for (i, track) in of.iter().zip((filter.navigate_points)(&together)) {
                 let (place, stage, flown, map) = &works[*i];
                 let height = map.map_or(f64::NAN, |map| map.errors.of_height_nt(ins.alt_m()));
@@ -108,32 +109,32 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
 }
 
 /// INS of a line, corrected where a filter starts from a fix.
-fn begun<'a>(batch: &'a RecordBatch, begin: &Begin) -> Result<Ins<'a>, Fault> {
-    let ins = Ins::of(batch)?;
+fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColumns<'a>, Fault> {
+    let ins = InsColumns::from_batch(batch)?;
     ins.series().check().map_err(data)?;
     match begin {
-        Begin::Fixed { fix, row } => Ok(ins.corrected(fix, *row)),
-        Begin::Given | Begin::Aligned { .. } => Ok(ins),
+        InitialCondition::Fixed { fix, row } => Ok(ins.corrected(fix, *row)),
+        InitialCondition::Given | InitialCondition::Aligned { .. } => Ok(ins),
     }
 }
 
 /// Filter input of one point.
 fn flown<'a>(
     LinePoint { stage, line, prepared }: LinePoint<'a, Navigate>,
-    ins: &'a Ins,
-    begin: &Begin,
-    map: Option<&'a PreparedMap>,
-    (cores, found): (&mut CoreFields, &mut Vec<(Asked, Tuned)>),
-) -> Result<Flown<'a>, Fault> {
+    ins: &'a InsColumns,
+    begin: &InitialCondition,
+    map: Option<&'a NavigationMap>,
+    (cores, found): (&mut CoreFieldCache, &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>),
+) -> Result<FilterInput<'a>, Fault> {
     let batch = line.inputs.first().ok_or_else(|| Fault::bug("the line is missing"))?;
     let mut magnetometers = vec![];
     for name in stage.magnetometers() {
-        magnetometers.push(Magnetometer { name, measured_nt: stage.measured(batch, name)? });
+        magnetometers.push(FilterMagnetometer { name, measured_nt: stage.measured(batch, name)? });
     }
     let core = stage.core_year(batch)?.map(|year| cores.at(year)).transpose()?;
     let expected = stage.expected(batch)?;
     let mut sigma_nt = expected.sigma_nt;
-    if stage.noise.measurement_sigma_nt == Some(OrAuto::Auto)
+    if stage.noise.measurement_sigma_nt == Some(NumberOrAuto::Auto)
         && let Some(map) = map
     {
         sigma_nt = sigma_nt.hypot(map.errors.of_interpolation_nt(ins.step_m()));
@@ -141,14 +142,14 @@ fn flown<'a>(
     let mut errors = InsErrorModel {
         fogm_sigma_nt: expected.fogm_sigma_nt,
         fogm_tau_s: expected.fogm_tau_s,
-        ..InsErrorModel::of(stage.ins.sources)
+        ..InsErrorModel::from_sources(stage.ins.sources)
     };
     let series = ins.series();
     errors.start = begin.covariance(&errors, &series);
     let field_nt = stage.geometry.field(batch)?;
     let cosines = field_nt.map(|field| stage.geometry.cosines(field));
     let factors = |cosines: &Vec<f64>| cosines.iter().map(|cosine| stage.geometry.noise_factor(*cosine)).collect();
-    let mut flown = Flown {
+    let mut flown = FilterInput {
         ins: series,
         measured_nt: vec![],
         sigma_nt: vec![],
@@ -177,7 +178,7 @@ fn flown<'a>(
     flown.combine()?;
     let finds_noise = stage.finds_noise(map.is_some());
     if let Some(map) = map.filter(|_| finds_noise) {
-        stage.tune(&mut flown, map, &Expected { sigma_nt, ..expected }, found)?;
+        stage.tune(&mut flown, map, &AssumedNoise { sigma_nt, ..expected }, found)?;
     }
     if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
         flown.map_sigma_nt =
@@ -193,13 +194,13 @@ fn flown<'a>(
     Ok(flown)
 }
 
-impl Flown<'_> {
+impl FilterInput<'_> {
     /// Averages the magnetometers at each sample where they have readings. Their predictions are equal, so the mean
     /// loses no information on the position. The offset of each is subtracted before.
     fn combine(&mut self) -> Result<(), Fault> {
         let mut magnetometers = std::mem::take(&mut self.magnetometers);
         if magnetometers.len() > 1 && self.offset_window_s > 0.0 && self.map.is_some() {
-            for Magnetometer { name, measured_nt } in &mut magnetometers {
+            for FilterMagnetometer { name, measured_nt } in &mut magnetometers {
                 let mut field = PredictedField::new(self.needed_map()?, self.core.as_ref());
                 let (offset_nt, samples) = field.offset(&self.ins, measured_nt, self.offset_window_s);
                 if samples == 0 {

@@ -3,25 +3,25 @@
 
 use arrow_array::ArrayRef;
 use numerics::{
-    maps::map_surface::Interpolation,
+    maps::map_surface::MapInterpolation,
     navigation::{
         aided::{
-            self, AidInnovations, AidedOutput, AidedParameters, Aids, Difference, Height, MapError, MapSlope,
-            SlopeError, Usage, Vector,
+            self, AidInnovations, AidedOutput, AidedParameters, Aids, DifferenceAid, HeightAid, MapErrorProcess,
+            MapSlope, SampleUsage, SlopeError, VectorAid,
         },
         line::NavigationLine,
         output::NavigationReport,
     },
     signal::gauss_markov::GaussMarkov,
 };
-use schemas::{Column, Fault, OrAuto, Role, Rule, params};
+use schemas::{Column, Fault, NumberOrAuto, Role, Rule, params};
 
-use super::filter::{Flight, Flown, Track, Update, enough, state_arrays};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, UpdateOutcome, enough, state_arrays};
 use crate::columns::{array, data, faults_of, floats};
 
 params! {
     /// Measurements besides the scalar field.
-    pub struct Further;
+    pub struct AuxiliaryMeasurements;
     /// Two compensated scalar magnetometers. Their difference, first minus second, measures the slope of the map along
     /// the line between them. It is free of the temporal variation and of all other common errors. Requires
     /// `map_interpolation = "cubic"`, because the slope of a bilinear map has steps.
@@ -40,7 +40,7 @@ params! {
     /// likelihood of the innovations of the difference, which also detects maps of sparse lines. For a map without a
     /// vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline times the rms
     /// slope.
-    gradient_slope_sigma: OrAuto, unit "nT/m", default OrAuto::Auto, rule Rule::NotNegative;
+    gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, as in a magnetic
     /// storm.
     use_scalar: bool, unit "", default true;
@@ -82,7 +82,7 @@ params! {
 /// Column with the slope of the predicted field.
 pub(crate) const MAP_SLOPE: &str = "map_slope";
 
-impl Further {
+impl AuxiliaryMeasurements {
     /// Whether any further measurement is set.
     pub(super) fn is_any(&self) -> bool {
         let Self { gradient, vector_sigma_nt, height, map_sigma_nt, mag_latency_sigma_s, flat_over_m, .. } = self;
@@ -96,7 +96,7 @@ impl Further {
     }
 
     /// Columns that are read.
-    pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    pub(super) fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let mut faults = vec![];
         let mut reads: Vec<String> = vec![];
         if let Some(names) = &self.gradient {
@@ -115,7 +115,7 @@ impl Further {
                 }
                 Some(_) => {}
             }
-            if flight.interpolation == Interpolation::Linear {
+            if flight.interpolation == MapInterpolation::Linear {
                 let what = "`gradient` measures the map's slope, which has steps in a bilinear map";
                 faults.push(Fault::new(what).of_param("gradient").help("set `map_interpolation = \"cubic\"`"));
             }
@@ -225,23 +225,23 @@ impl Further {
     }
 
     /// Values computed from the columns.
-    pub(super) fn measured(&self, flown: &Flown) -> Result<Measured, Fault> {
-        let Some(names) = &self.gradient else { return Ok(Measured::default()) };
+    pub(super) fn measured(&self, flown: &FilterInput) -> Result<GradientSeries, Fault> {
+        let Some(names) = &self.gradient else { return Ok(GradientSeries::default()) };
         let [first, second] = names.each_ref().map(|name| floats(flown.columns, name));
         let difference_nt = first?.iter().zip(second?).map(|(first, second)| first - second).collect();
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
-        let mut measured = Measured { difference_nt, slope: MapSlope::along(&line), slope_sigma: 0.0 };
+        let mut measured = GradientSeries { difference_nt, slope: MapSlope::along(&line), slope_sigma: 0.0 };
         measured.slope_sigma = match self.gradient_slope_sigma {
-            OrAuto::Given(nt_per_m) => nt_per_m,
-            OrAuto::Auto => aided::likely_slope_error(&line, &self.aids(flown, &measured)?, &measured.slope),
+            NumberOrAuto::Given(nt_per_m) => nt_per_m,
+            NumberOrAuto::Auto => aided::likely_slope_error(&line, &self.aids(flown, &measured)?, &measured.slope),
         };
         Ok(measured)
     }
 
     /// The measurements along a line.
-    pub(super) fn aids<'a>(&'a self, flown: &'a Flown, measured: &'a Measured) -> Result<Aids<'a>, Fault> {
+    pub(super) fn aids<'a>(&'a self, flown: &'a FilterInput, measured: &'a GradientSeries) -> Result<Aids<'a>, Fault> {
         let lasting = |sigma, tau_s| GaussMarkov { sigma, tau_s };
-        let difference = self.gradient.as_ref().zip(self.gradient_baseline_m).map(|(_, baseline_m)| Difference {
+        let difference = self.gradient.as_ref().zip(self.gradient_baseline_m).map(|(_, baseline_m)| DifferenceAid {
             difference_nt: &measured.difference_nt,
             sigma_nt: self.gradient_sigma_nt,
             baseline_m,
@@ -249,7 +249,7 @@ impl Further {
             bias: lasting(self.gradient_bias_sigma_nt, self.gradient_bias_tau_s),
         });
         let vector = self.vector_sigma_nt.zip(flown.field_nt).zip(flown.core.as_ref());
-        let vector = vector.map(|((sigma_nt, field_nt), core)| Vector {
+        let vector = vector.map(|((sigma_nt, field_nt), core)| VectorAid {
             field_nt,
             sigma_nt,
             bias: lasting(self.vector_bias_sigma_nt, self.vector_bias_tau_s),
@@ -258,12 +258,13 @@ impl Further {
             core,
         });
         let alt_m = self.height.as_ref().map(|name| floats(flown.columns, name)).transpose()?;
-        let height = alt_m.map(|alt_m| Height {
+        let height = alt_m.map(|alt_m| HeightAid {
             alt_m,
             sigma_m: self.height_sigma_m,
             bias: lasting(self.height_bias_sigma_m, self.height_bias_tau_s),
         });
-        let map_error = self.map_sigma_nt.map(|sigma_nt| MapError { sigma_nt, length_m: self.map_sigma_length_m });
+        let map_error =
+            self.map_sigma_nt.map(|sigma_nt| MapErrorProcess { sigma_nt, length_m: self.map_sigma_length_m });
         let (latency_sigma_s, flat_over_m) = (self.mag_latency_sigma_s, self.flat_over_m);
         Ok(Aids { difference, vector, height, map_error, latency_sigma_s, flat_over_m })
     }
@@ -271,7 +272,7 @@ impl Further {
     /// Filters a line with these measurements.
     pub(super) fn filter(
         &self,
-        flown: &Flown,
+        flown: &FilterInput,
         line: &NavigationLine<'_>,
         parameters: &AidedParameters,
     ) -> Result<AidedOutput, Fault> {
@@ -280,7 +281,7 @@ impl Further {
     }
 
     /// Rejects a line without a usable measurement.
-    pub(super) fn enough(&self, flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
+    pub(super) fn enough(&self, flown: &FilterInput, report: &NavigationReport) -> Result<(), Fault> {
         if self.use_scalar {
             return enough(flown, report);
         }
@@ -291,7 +292,7 @@ impl Further {
         Ok(())
     }
 
-    /// The arrays of [`Further::columns`].
+    /// The arrays of [`AuxiliaryMeasurements::columns`].
     pub(super) fn arrays(
         &self,
         innovations: AidInnovations,
@@ -313,9 +314,15 @@ impl Further {
         more
     }
 
-    /// Track of the output of [`Further::filter`]. Its columns are: the nonlinearity of the map (where `bend`), the
-    /// states (where `states`), and those of [`Further::columns`].
-    pub(super) fn track(&self, flown: &Flown, mut out: AidedOutput, bend: bool, states: bool) -> Result<Track, Fault> {
+    /// Track of the output of [`AuxiliaryMeasurements::filter`]. Its columns are: the nonlinearity of the map (where
+    /// `bend`), the states (where `states`), and those of [`AuxiliaryMeasurements::columns`].
+    pub(super) fn track(
+        &self,
+        flown: &FilterInput,
+        mut out: AidedOutput,
+        bend: bool,
+        states: bool,
+    ) -> Result<FilterTrack, Fault> {
         self.enough(flown, &out.navigation.report)?;
         let mut more = vec![];
         if bend {
@@ -326,33 +333,33 @@ impl Further {
         }
         let latency_s = std::mem::take(&mut out.latency_s);
         more.extend(self.arrays(std::mem::take(&mut out.aids), latency_s, std::mem::take(&mut out.slope_nt_per_m)));
-        Ok(Track { update: updates(&out.usage), more, ..Track::without_updates(out.navigation) })
+        Ok(FilterTrack { update: updates(&out.usage), more, ..FilterTrack::without_updates(out.navigation) })
     }
 }
 
 /// Values computed from the columns before a line is filtered.
 #[derive(Default)]
-pub(super) struct Measured {
+pub(super) struct GradientSeries {
     difference_nt: Vec<f64>,
     slope: MapSlope,
     /// Standard deviation of the error of the map's slope along the baseline, in nT/m.
     slope_sigma: f64,
 }
 
-impl Measured {
+impl GradientSeries {
     fn slope_error(&self) -> SlopeError<'_> {
         self.slope.error(self.slope_sigma)
     }
 }
 
 /// Outcomes of the samples.
-pub(super) fn updates(usage: &[Usage]) -> Vec<Update> {
-    let word = |usage: &Usage| match usage {
-        Usage::Used => Update::Used,
-        Usage::Flat => Update::Flat,
-        Usage::Missing => Update::Missing,
-        Usage::OffMap => Update::OffMap,
-        Usage::Gated => Update::Gated,
+pub(super) fn updates(usage: &[SampleUsage]) -> Vec<UpdateOutcome> {
+    let word = |usage: &SampleUsage| match usage {
+        SampleUsage::Used => UpdateOutcome::Used,
+        SampleUsage::Flat => UpdateOutcome::Flat,
+        SampleUsage::Missing => UpdateOutcome::Missing,
+        SampleUsage::OffMap => UpdateOutcome::OffMap,
+        SampleUsage::Gated => UpdateOutcome::Gated,
     };
     usage.iter().map(word).collect()
 }

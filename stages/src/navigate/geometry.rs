@@ -1,7 +1,7 @@
 //! Direction of the field in a scalar sensor, which determines its noise and heading error.
 
 use arrow_array::RecordBatch;
-use schemas::{Fault, Rule, Shape, choice, params};
+use schemas::{Fault, Rule, TableShape, choice, params};
 
 use crate::columns::{faults_of, floats, vector_axes};
 
@@ -38,7 +38,7 @@ params! {
 
 impl SensorGeometry {
     /// Faults on a flight. `wanted`: the filter requires the direction.
-    pub(super) fn faults(&self, shape: &Shape, wanted: bool) -> Vec<Fault> {
+    pub(super) fn faults(&self, shape: &TableShape, wanted: bool) -> Vec<Fault> {
         let Some(vector) = &self.vector else {
             let none = self.dead_zones == DeadZones::None;
             let what = "`dead_zones` requires the direction of the field: set `vector` to a vector magnetometer";
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn unit_what_is_missing_is_told() {
         let axes = ["flux_a_x", "flux_a_y"].map(|name| schemas::Column::float(name, "nT", "")).to_vec();
-        let shape = Shape { columns: axes, rate_hz: None };
+        let shape = TableShape { columns: axes, rate_hz: None };
         let faults = geometry(DeadZones::Polar).faults(&shape, false);
         assert!(faults.len() == 1 && faults[0].what.contains("flux_a_z"), "{faults:?}");
         let idle = SensorGeometry { vector: None, ..geometry(DeadZones::Polar) };

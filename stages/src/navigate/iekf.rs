@@ -9,8 +9,8 @@ use numerics::navigation::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
-use super::further::Further;
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
+use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
 
 filter! {
@@ -22,7 +22,7 @@ filter! {
     /// A step that would make the state less probable is halved. With `iterations = 1` the filter is `ekf`.
     ///
     /// Source: Jazwinski 1970, chapter 8; Bell & Cathey 1993, with a line search added.
-    Iekf = "iekf", version 2, groups [aiding: Aiding, further: Further], example "iterations = 5";
+    Iekf = "iekf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "iterations = 5";
     /// Maximum number of linearisations of the map per sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
     /// Position change of a step below which the iteration ends.
@@ -41,11 +41,11 @@ impl NavigationFilter for Iekf {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         both(self.aiding.reads(flight), self.further.reads(flight))
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
         states.into_iter().chain(self.further.columns()).collect()
     }
@@ -69,7 +69,7 @@ impl NavigationFilter for Iekf {
             .or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         if self.further.is_any() {
             let (iterations, tolerance_m) = (self.iterations, self.tolerance_m);
@@ -91,7 +91,7 @@ impl NavigationFilter for Iekf {
         };
         let mut output = iekf::run(&line, &parameters).map_err(data)?.line;
         let more = if self.save_state { state_arrays(&mut output)? } else { vec![] };
-        Ok(Track { more, ..Track::of(flown, output, self.gate_nis)? })
+        Ok(FilterTrack { more, ..FilterTrack::from_output(flown, output, self.gate_nis)? })
     }
 }
 

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use arrow_array::RecordBatch;
 use numerics::navigation::{
     InsErrorModel,
-    ins_error::{Fix, correction_along},
+    ins_error::{StartFix, correction_along},
     ins_series::InsSeries,
     strapdown,
 };
@@ -14,27 +14,27 @@ use schemas::Fault;
 use super::{ATTITUDE, FORCE, POSITION, VELOCITY};
 use crate::columns::{data, floats};
 
-type Three<'a> = [Cow<'a, [f64]>; 3];
+type InsColumnTriple<'a> = [Cow<'a, [f64]>; 3];
 
 /// Columns of an INS.
-pub(super) struct Ins<'a> {
+pub(super) struct InsColumns<'a> {
     tt_s: &'a [f64],
-    position: Three<'a>,
-    velocity: Three<'a>,
-    force: Three<'a>,
-    attitude: Three<'a>,
+    position: InsColumnTriple<'a>,
+    velocity: InsColumnTriple<'a>,
+    force: InsColumnTriple<'a>,
+    attitude: InsColumnTriple<'a>,
 }
 
 fn three<'a>(batch: &'a RecordBatch, names: [&str; 3]) -> Result<[&'a [f64]; 3], Fault> {
     Ok([floats(batch, names[0])?, floats(batch, names[1])?, floats(batch, names[2])?])
 }
 
-impl<'a> Ins<'a> {
+impl<'a> InsColumns<'a> {
     /// Borrows the columns of the batch and derives the missing ones.
-    pub(super) fn of(batch: &'a RecordBatch) -> Result<Self, Fault> {
+    pub(super) fn from_batch(batch: &'a RecordBatch) -> Result<Self, Fault> {
         let tt_s = floats(batch, "tt")?;
         let position @ [lat_deg, lon_deg, alt_m] = three(batch, POSITION)?;
-        let read = |names: [&str; 3]| -> Result<Option<Three<'a>>, Fault> {
+        let read = |names: [&str; 3]| -> Result<Option<InsColumnTriple<'a>>, Fault> {
             let there = batch.column_by_name(names[0]).is_some();
             there.then(|| Ok(three(batch, names)?.map(Cow::Borrowed))).transpose()
         };
@@ -59,7 +59,7 @@ impl<'a> Ins<'a> {
     }
 
     /// Corrects the INS by a fix at a row near its start.
-    pub(super) fn corrected(self, fix: &Fix, row: usize) -> Self {
+    pub(super) fn corrected(self, fix: &StartFix, row: usize) -> Self {
         let series = self.series();
         let rest = series.from(row);
         let first = fix.error(&rest);
@@ -80,7 +80,7 @@ impl<'a> Ins<'a> {
             (self.position.each_ref().map(|c| &**c), self.velocity.each_ref().map(|c| &**c));
         let ([force_n, force_e, force_d], [roll, pitch, yaw]) =
             (self.force.each_ref().map(|c| &**c), self.attitude.each_ref().map(|c| &**c));
-        InsSeries::of([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
+        InsSeries::from_columns([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
     }
 
     /// The heights above the ellipsoid, in metres.

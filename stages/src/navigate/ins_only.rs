@@ -4,7 +4,7 @@ use numerics::navigation::{ins_only, output::NavigationOutput};
 use schemas::Fault;
 
 use super::aiding::Aiding;
-use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
 use crate::columns::data;
 
 filter! {
@@ -15,7 +15,7 @@ filter! {
 }
 
 impl NavigationFilter for InsOnly {
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         self.aiding.reads(flight)
     }
 
@@ -39,10 +39,10 @@ impl NavigationFilter for InsOnly {
         self.aiding.idle(key)
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let out: NavigationOutput = ins_only::run(&flown.ins, &flown.errors, flown.fixes()).map_err(data)?;
-        let update = vec![Update::Unused; flown.ins.len()];
-        Ok(Track { update, ..Track::without_updates(out) })
+        let update = vec![UpdateOutcome::Unused; flown.ins.len()];
+        Ok(FilterTrack { update, ..FilterTrack::without_updates(out) })
     }
 }
 

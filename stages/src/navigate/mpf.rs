@@ -2,13 +2,13 @@
 
 use numerics::navigation::{
     line::NavigationLine,
-    mpf::{Mode, MpfOutput, MpfParameters, run},
+    mpf::{MpfOutput, MpfParameters, PositionMode, run},
 };
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
-use super::further::{Further, updates};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter};
+use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data, list};
 
 /// Number of modes in the column `modes`. A mode has at least 1 % of the weight; more than three modes are a diffuse
@@ -34,7 +34,7 @@ filter! {
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
     /// that is marginalised in the linear states too. The same seed gives the same bits on any number of threads.
-    Mpf = "mpf", version 1, groups [aiding: Aiding, further: Further], example "particles = 2000";
+    Mpf = "mpf", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
     /// Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost by kilometres or with a
     /// measurement as precise as `gradient`.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(1.0, 1000000.0);
@@ -68,7 +68,7 @@ impl NavigationFilter for Mpf {
         self.particles as f64
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![Column::float("n_eff", "1", "effective number of particles before resampling")];
         if self.save_modes {
             let names = (1..=MODES).flat_map(|k| MODE_NAMES.iter().map(move |name| format!("{name}_{k}"))).collect();
@@ -80,7 +80,7 @@ impl NavigationFilter for Mpf {
         columns
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let flat = self.further.flat_over_m.map(|_| {
             let what = "the weights of particles do not depend on the map slope: `flat_over_m` is not available";
             Fault::new(what)
@@ -110,7 +110,7 @@ impl NavigationFilter for Mpf {
             .or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let parameters = MpfParameters {
             particles: self.particles,
             seed: self.seed as u64,
@@ -142,12 +142,12 @@ impl NavigationFilter for Mpf {
             more.push(list(numbers, MODES * MODE_NAMES.len())?);
         }
         more.extend(self.further.arrays(aids, Default::default(), vec![]));
-        Ok(Track { update: updates(&usage), more, ..Track::without_updates(track) })
+        Ok(FilterTrack { update: updates(&usage), more, ..FilterTrack::without_updates(track) })
     }
 }
 
 /// Values of the first modes.
-fn columns_of(modes: &[Mode]) -> Vec<f64> {
+fn columns_of(modes: &[PositionMode]) -> Vec<f64> {
     let mut numbers = vec![];
     for k in 0..MODES {
         numbers.extend(modes.get(k).map_or([f64::NAN; 6], |mode| {

@@ -3,41 +3,41 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use arrow_array::RecordBatch;
-use numerics::maps::{map_stack::FieldMap, map_surface::Interpolation};
+use numerics::maps::{map_stack::FieldMap, map_surface::MapInterpolation};
 use schemas::Fault;
 
-use super::{Calibration, Navigate};
+use super::{CalibrationPrior, Navigate};
 use crate::{columns::floats, map_errors::MapErrors, maps::field_map};
 
 /// Map and models.
-pub struct Prepared {
-    pub(super) map: Option<PreparedMaps>,
-    pub(super) models: Vec<Calibration>,
+pub struct NavigationResources {
+    pub(super) map: Option<NavigationMaps>,
+    pub(super) models: Vec<CalibrationPrior>,
 }
 
 /// A map at the heights that lines require. Each level is computed once while it is cached.
-pub(super) struct PreparedMaps {
+pub(super) struct NavigationMaps {
     table: RecordBatch,
-    interpolation: Interpolation,
+    interpolation: MapInterpolation,
     /// Levels of `map_levels_m`.
     levels_m: Option<Vec<f64>>,
     has_own_error: bool,
-    ladder: Option<Ladder>,
-    made: Mutex<Vec<Made>>,
+    ladder: Option<MapHeightLevels>,
+    made: Mutex<Vec<CachedMap>>,
 }
 
 /// Levels of a continued map, and the map.
-type Made = (Option<Vec<f64>>, Arc<PreparedMap>);
+type CachedMap = (Option<Vec<f64>>, Arc<NavigationMap>);
 
 /// A map with its errors.
-pub(super) struct PreparedMap {
+pub(super) struct NavigationMap {
     pub(super) field: FieldMap,
     pub(super) errors: MapErrors,
 }
 
 /// Heights to which a map is continued on demand.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Ladder {
+struct MapHeightLevels {
     /// The map's own height, in m above the ellipsoid.
     own_m: f64,
     /// Length of a cell of the map, in m.
@@ -55,7 +55,7 @@ const MOST_KEPT: usize = 8;
 /// Maximum number of levels per line.
 const MOST_LEVELS: f64 = 24.0;
 
-impl Ladder {
+impl MapHeightLevels {
     /// Levels for a line between two heights, in m: none where the map's own height is close enough, one for level
     /// flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
@@ -75,12 +75,12 @@ impl Ladder {
     }
 }
 
-impl PreparedMaps {
+impl NavigationMaps {
     /// The map of a table for a navigation.
     ///
     /// # Errors
-    /// Fails as [`field_map`] and [`MapErrors::of`].
-    pub(super) fn of(table: &RecordBatch, stage: &Navigate) -> Result<Self, Fault> {
+    /// Fails as [`field_map`] and [`MapErrors::new`].
+    pub(super) fn new(table: &RecordBatch, stage: &Navigate) -> Result<Self, Fault> {
         let has_own_error = stage.takes_map_error(table);
         let mut maps = Self {
             table: table.clone(),
@@ -94,7 +94,7 @@ impl PreparedMaps {
         let own_m = level_m(floats(table, "alt")?);
         maps.ladder = own_m
             .filter(|_| stage.map_levels_m.is_none() && stage.is_auto())
-            .map(|own_m| Ladder { own_m, cell_m: own.errors.cell_m() });
+            .map(|own_m| MapHeightLevels { own_m, cell_m: own.errors.cell_m() });
         Ok(maps)
     }
 
@@ -102,22 +102,22 @@ impl PreparedMaps {
     ///
     /// # Errors
     /// Fails as [`field_map`].
-    pub(super) fn for_heights(&self, alt_m: &[f64]) -> Result<Arc<PreparedMap>, Fault> {
+    pub(super) fn for_heights(&self, alt_m: &[f64]) -> Result<Arc<NavigationMap>, Fault> {
         let finite = || alt_m.iter().copied().filter(|alt| alt.is_finite());
         let (low_m, high_m) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
         self.at(self.ladder.and_then(|ladder| ladder.levels_m(low_m, high_m)))
     }
 
-    fn at(&self, levels_m: Option<Vec<f64>>) -> Result<Arc<PreparedMap>, Fault> {
+    fn at(&self, levels_m: Option<Vec<f64>>) -> Result<Arc<NavigationMap>, Fault> {
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, map)) = made.iter().find(|(of, _)| *of == levels_m) {
             return Ok(map.clone());
         }
         let levels = levels_m.as_ref().or(self.levels_m.as_ref());
         let field = field_map(&self.table, self.interpolation, levels.map(Vec::as_slice))?;
-        let bilinear = self.interpolation == Interpolation::Linear;
-        let errors = MapErrors::of(&self.table, levels.map(Vec::as_slice), bilinear, self.has_own_error)?;
-        let map = Arc::new(PreparedMap { field, errors });
+        let bilinear = self.interpolation == MapInterpolation::Linear;
+        let errors = MapErrors::new(&self.table, levels.map(Vec::as_slice), bilinear, self.has_own_error)?;
+        let map = Arc::new(NavigationMap { field, errors });
         if made.len() >= MOST_KEPT {
             made.remove(0);
         }
@@ -137,7 +137,7 @@ fn level_m(alt_m: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    const MAP: Ladder = Ladder { own_m: 500.0, cell_m: 100.0 };
+    const MAP: MapHeightLevels = MapHeightLevels { own_m: 500.0, cell_m: 100.0 };
 
     #[test]
     fn unit_a_line_has_the_levels_around_its_heights() {

@@ -5,16 +5,16 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, StringArray};
 use numerics::navigation::{
     line::NavigationLine,
-    loss::Loss,
+    loss::TrajectoryLoss,
     output::NavigationOutput,
-    rts::{self, SmootherParameters, SmootherReport},
+    rts::{self, RtsParameters, RtsReport},
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
-use super::further::{Further, updates};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
+use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data};
 
 filter! {
@@ -35,13 +35,13 @@ filter! {
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).
-    Rts = "rts", version 1, groups [aiding: Aiding, further: Further], example "loss = \"huber\"";
+    Rts = "rts", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "loss = \"huber\"";
     /// Maximum number of passes over the line.
     iterations: usize, unit "1", default 20usize, rule Rule::Between(1.0, 1000.0);
     /// Largest change of a position of the line in one iteration below which the iteration ends.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
     /// Loss function of a residual: quadratic, Huber's, or Cauchy's.
-    loss: Loss, unit "", default Loss::None;
+    loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
     /// Residual above which a robust loss departs from the quadratic, in standard deviations of the measurement.
     loss_scale: Option<f64>, unit "1",
         absent "1.345 with `huber`, 2.385 with `cauchy`: 95 % efficient for normal noise",
@@ -53,7 +53,7 @@ filter! {
 }
 
 impl NavigationFilter for Rts {
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency()))
     }
 
@@ -65,7 +65,7 @@ impl NavigationFilter for Rts {
         self.further.takes_direction()
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![
             Column::text("smoothing", "outcome of the iteration: converged or stopped"),
             Column::float("smoothing_step", "m", "largest change of a position of the line in the last iteration"),
@@ -83,16 +83,16 @@ impl NavigationFilter for Rts {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let what = match key {
-            "loss_scale" if self.loss == Loss::None => "`loss_scale` has no effect with `loss = \"none\"`",
+            "loss_scale" if self.loss == TrajectoryLoss::None => "`loss_scale` has no effect with `loss = \"none\"`",
             "tolerance_m" if self.iterations == 1 => "`tolerance_m` has no effect with `iterations = 1`",
             _ => return self.aiding.idle(key).or_else(|| self.further.idle(key)),
         };
         Some(Fault::new(what).of_param(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
-        let parameters = SmootherParameters {
+        let parameters = RtsParameters {
             iterations: self.iterations,
             tolerance_m: self.tolerance_m,
             loss: self.loss,
@@ -107,18 +107,18 @@ impl NavigationFilter for Rts {
             let mut output = smoothed.line;
             let mut more = self.more(&smoothed.iterations, &mut output)?;
             more.extend(self.further.arrays(smoothed.aids, Default::default(), smoothed.slope_nt_per_m));
-            return Ok(Track { more, update: updates(&smoothed.usage), ..Track::without_updates(output) });
+            return Ok(FilterTrack { more, update: updates(&smoothed.usage), ..FilterTrack::without_updates(output) });
         }
         let smoothed = rts::run(&line, &parameters).map_err(data)?;
         let mut output = smoothed.line;
         let more = self.more(&smoothed.iterations, &mut output)?;
-        Ok(Track { more, ..Track::of(flown, output, None)? })
+        Ok(FilterTrack { more, ..FilterTrack::from_output(flown, output, None)? })
     }
 }
 
 impl Rts {
     /// Outcome of the iteration, and the states if they are requested.
-    fn more(&self, report: &SmootherReport, output: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
+    fn more(&self, report: &RtsReport, output: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
         let (word, rows) = (if report.converged { "converged" } else { "stopped" }, output.lat_deg.len());
         let words: StringArray = std::iter::repeat_n(Some(word), rows).collect();
         let mut more: Vec<ArrayRef> = vec![Arc::new(words), array(vec![report.last_step_m; rows])];
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn law_a_smoother_knows_more_than_a_filter_but_at_the_end() {
         let (smoothed, filtered) = (run("rts", "mag = 'mag_1_c'"), run("ekf", "mag = 'mag_1_c'"));
-        let sum = |of: &Answer| (0..ROWS).map(|row| of.error_m(row).powi(2)).sum::<f64>();
+        let sum = |of: &NavigateOutput| (0..ROWS).map(|row| of.error_m(row).powi(2)).sum::<f64>();
         assert!(sum(&smoothed) < 0.5 * sum(&filtered), "{} {}", sum(&smoothed), sum(&filtered));
         let (sd, filter_sd) = (smoothed.numbers("sd_n"), filtered.numbers("sd_n"));
         assert!(sd[100] < filter_sd[100] && (sd[ROWS - 1] / filter_sd[ROWS - 1] - 1.0).abs() < 0.1);

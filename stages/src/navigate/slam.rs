@@ -6,15 +6,15 @@ use arrow_array::StringArray;
 use numerics::navigation::ins_error::InsErrorModel;
 use numerics::navigation::{
     slam::{
-        Covariance, ExpectedMeasurement, HyperparameterSource, IMPLAUSIBLE, Kernel, SlamLine, SlamParameters,
-        SlamReport, SmootherParameters, SmootherReport, run, smoother::CONTRADICTED,
+        AnomalyKernel, CovarianceFunction, ExpectedMeasurement, HyperparameterSource, IMPLAUSIBLE, SlamLine,
+        SlamParameters, SlamReport, SlamSmootherParameters, SlamSmootherReport, run, smoother::CONTRADICTED,
     },
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::Aiding;
-use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
 use crate::columns::{array, data};
 
 filter! {
@@ -66,7 +66,7 @@ filter! {
     /// Source of the three hyper-parameters: maximum likelihood on the first part of the flight, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
     /// Covariance function of the anomaly over distance.
-    covariance: Covariance, unit "", default Covariance::Matern52;
+    covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
     /// Standard deviation of the anomaly.
     sigma_se_nt: Option<f64>, unit "nT",
         absent "50 nT, the value of the Louisa flight in Lee 2019", rule Rule::Positive;
@@ -122,7 +122,7 @@ impl NavigationFilter for Slam {
         true
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![
             Column::float("revisiting", "1", "number of particles that revisit their earlier path; 0 between updates"),
             Column::float("effective", "1", "effective number of particles after weighting"),
@@ -137,7 +137,7 @@ impl NavigationFilter for Slam {
         columns
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         self.aiding.reads(flight)
     }
 
@@ -173,7 +173,7 @@ impl NavigationFilter for Slam {
         }
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = SlamLine {
             ins: &flown.ins,
             measurement_nt: &flown.measured_nt,
@@ -196,14 +196,18 @@ impl NavigationFilter for Slam {
             let help = "increase `particles` or `smooth_measurements`, or increase `measurement_sigma_nt`";
             return Err(Fault::data(what).help(help));
         }
-        let mut track = Track::with_any(flown, output.navigation, self.gate_nis);
+        let mut track = FilterTrack::with_any(flown, output.navigation, self.gate_nis);
         // There is no map to be off.
-        track.update.iter_mut().filter(|update| **update == Update::OffMap).for_each(|update| *update = Update::Unused);
+        track
+            .update
+            .iter_mut()
+            .filter(|update| **update == UpdateOutcome::OffMap)
+            .for_each(|update| *update = UpdateOutcome::Unused);
         track.more.push(array(output.revisiting.iter().map(|count| f64::from(*count)).collect()));
         track.more.push(array(output.effective));
         if self.smooth {
             let words: StringArray = std::iter::repeat_n(Some(smoothing(&output.report)), flown.ins.len()).collect();
-            let of = |value: fn(&SmootherReport) -> f64| output.report.smoother.as_ref().map_or(f64::NAN, value);
+            let of = |value: fn(&SlamSmootherReport) -> f64| output.report.smoother.as_ref().map_or(f64::NAN, value);
             track.more.push(Arc::new(words));
             track.more.push(array(vec![of(|smoother| smoother.misfit); flown.ins.len()]));
             track.more.push(array(vec![of(|smoother| smoother.agreement); flown.ins.len()]));
@@ -224,18 +228,18 @@ fn smoothing(report: &SlamReport) -> &'static str {
 impl Slam {
     /// # Errors
     /// When `smooth_sigma_nt` is set and the filter assumes no white noise.
-    fn parameters(&self, flown: &Flown) -> Result<SlamParameters, Fault> {
+    fn parameters(&self, flown: &FilterInput) -> Result<SlamParameters, Fault> {
         let noise_factor = match self.smooth_sigma_nt {
             Some(sigma_nt) if flown.measurement_sigma_nt > 0.0 => sigma_nt / flown.measurement_sigma_nt,
             Some(_) => return Err(Fault::data("`smooth_sigma_nt` requires a `measurement_sigma_nt` above 0")),
             None => 1.0,
         };
-        let smoother = SmootherParameters {
+        let smoother = SlamSmootherParameters {
             measurements: self.smooth_measurements,
             noise_factor,
-            ..SmootherParameters::default()
+            ..SlamSmootherParameters::default()
         };
-        let kernel = Kernel::default();
+        let kernel = AnomalyKernel::default();
         Ok(SlamParameters {
             smoother: self.smooth.then_some(smoother),
             particles: self.particles,
@@ -243,7 +247,7 @@ impl Slam {
             update_interval_s: self.update_interval_s,
             expected: self.expected_measurement,
             hyperparameters: self.hyperparameters,
-            kernel: Kernel {
+            kernel: AnomalyKernel {
                 covariance: self.covariance,
                 sigma_se_nt: self.sigma_se_nt.unwrap_or(kernel.sigma_se_nt),
                 length_m: self.length_m.unwrap_or(kernel.length_m),

@@ -3,20 +3,20 @@
 use arrow_array::RecordBatch;
 use numerics::{
     navigation::{
-        ins_error::{Fix, FixSigmas, InsErrorModel, aligned_covariance},
+        ins_error::{InsErrorModel, StartFix, StartFixSigmas, aligned_covariance},
         ins_series::InsSeries,
         pinson::StateMatrix,
     },
-    random::Normals,
+    random::NormalGenerator,
 };
-use schemas::{Fault, Role, Rule, Shape, choice, params};
+use schemas::{Fault, Role, Rule, TableShape, choice, params};
 
 use super::Navigate;
 use crate::columns::{faults_of, floats, role_of};
 
 choice! {
     /// Source of the initial estimate of a filter.
-    pub enum StartFrom {
+    pub enum StartSource {
         /// `given` if an initial position, height or velocity key is set. Else `alignment` if the flight has the column
         /// `ins_aligned`. Else `fix` if it has the columns of `fix`. Other flights are rejected.
         Auto = "auto",
@@ -32,10 +32,10 @@ choice! {
 
 params! {
     /// Initial estimate and covariance at the first sample of a line.
-    pub struct Start;
+    pub struct StartKeys;
     /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys do not hold minutes
     /// later.
-    start: StartFrom, unit "", default StartFrom::Auto;
+    start: StartSource, unit "", default StartSource::Auto;
     /// Columns of latitude, longitude (deg) and height (m) of the fix. The first values within 2 s of the line's start
     /// are used. White noise of the fix's standard deviations is added to columns of the role truth, reproducibly for a
     /// line.
@@ -61,7 +61,7 @@ const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 
 /// Initial condition of the filter of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Begin {
+pub(super) enum InitialCondition {
     /// The initial standard deviations.
     Given,
     /// The alignment and the time since.
@@ -72,7 +72,7 @@ pub(super) enum Begin {
     /// A fix at a row.
     Fixed {
         /// Fix.
-        fix: Fix,
+        fix: StartFix,
         /// Row of the fix.
         row: usize,
     },
@@ -80,12 +80,12 @@ pub(super) enum Begin {
 
 impl Navigate {
     /// Source of the initial estimate on flights of this shape.
-    pub(super) fn start_from(&self, shape: &Shape) -> Result<StartFrom, Fault> {
+    pub(super) fn start_from(&self, shape: &TableShape) -> Result<StartSource, Fault> {
         let chosen = match self.start.start {
-            StartFrom::Auto if !self.is_auto() || self.ins.start_given => StartFrom::Given,
-            StartFrom::Auto if shape.number(ALIGNED, "s").is_ok() => StartFrom::Alignment,
-            StartFrom::Auto if self.start.fix.iter().all(|column| shape.get(column).is_some()) => StartFrom::Fix,
-            StartFrom::Auto => {
+            StartSource::Auto if !self.is_auto() || self.ins.start_given => StartSource::Given,
+            StartSource::Auto if shape.number(ALIGNED, "s").is_ok() => StartSource::Alignment,
+            StartSource::Auto if self.start.fix.iter().all(|column| shape.get(column).is_some()) => StartSource::Fix,
+            StartSource::Auto => {
                 let what = "the accuracy of the INS at the start of a line is unknown";
                 let help = "set `start = \"fix\"` and `fix` to the columns of a position; or append `ins_aligned`, the time \
                             of the last alignment (seconds past midnight, by `derive`); or set `start = \"given\"`, \
@@ -95,11 +95,11 @@ impl Navigate {
             given => given,
         };
         match chosen {
-            StartFrom::Alignment => {
+            StartSource::Alignment => {
                 let help = "append the time of the last alignment in seconds past midnight by `derive`";
                 shape.number(ALIGNED, "s").map_err(|fault| fault.of_param("start").help(help))?;
             }
-            StartFrom::Given if self.ins.sources.init_position_sigma_m == 0.0 => {
+            StartSource::Given if self.ins.sources.init_position_sigma_m == 0.0 => {
                 let what = "`init_position_sigma_m` is 0, but the position of an INS is exact only at its alignment";
                 let help = "set `start = \"alignment\"` with a column `ins_aligned`, or set `init_position_sigma_m`";
                 return Err(Fault::new(what).help(help).of_param("init_position_sigma_m"));
@@ -110,10 +110,10 @@ impl Navigate {
     }
 
     /// Faults of the columns of the initial estimate.
-    pub(super) fn start_faults(&self, shape: &Shape) -> Vec<Fault> {
+    pub(super) fn start_faults(&self, shape: &TableShape) -> Vec<Fault> {
         match self.start_from(shape) {
             Err(fault) => vec![fault],
-            Ok(StartFrom::Fix) => {
+            Ok(StartSource::Fix) => {
                 let position =
                     self.start.fix.iter().zip(["deg", "deg", "m"]).map(|(name, unit)| shape.number(name, unit));
                 let mut faults = faults_of(position, "fix");
@@ -127,16 +127,16 @@ impl Navigate {
     }
 
     /// The columns of the fix's velocity.
-    fn velocity_columns(&self, shape: &Shape) -> Option<[String; 3]> {
+    fn velocity_columns(&self, shape: &TableShape) -> Option<[String; 3]> {
         let usual = VELOCITY.iter().all(|name| shape.get(name).is_some()).then(|| VELOCITY.map(str::to_owned));
         self.start.fix_velocity.clone().or(usual)
     }
 
     /// Columns that the initial estimate requires.
-    pub(super) fn start_reads(&self, shape: &Shape) -> Vec<String> {
+    pub(super) fn start_reads(&self, shape: &TableShape) -> Vec<String> {
         match self.start_from(shape) {
-            Ok(StartFrom::Alignment) => vec![ALIGNED.to_owned()],
-            Ok(StartFrom::Fix) => {
+            Ok(StartSource::Alignment) => vec![ALIGNED.to_owned()],
+            Ok(StartSource::Fix) => {
                 self.start.fix.iter().cloned().chain(self.velocity_columns(shape).into_iter().flatten()).collect()
             }
             Ok(_) | Err(_) => vec![],
@@ -144,28 +144,28 @@ impl Navigate {
     }
 
     /// Note on the chosen initial estimate.
-    pub(super) fn start_note(&self, shape: &Shape) -> Option<String> {
-        if self.start.start != StartFrom::Auto || !self.is_auto() {
+    pub(super) fn start_note(&self, shape: &TableShape) -> Option<String> {
+        if self.start.start != StartSource::Auto || !self.is_auto() {
             return None;
         }
         let fix = || self.start.fix.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
         match self.start_from(shape).ok()? {
-            StartFrom::Alignment => Some(format!("filters start from the alignment at `{ALIGNED}`")),
-            StartFrom::Fix => Some(format!("filters start from a fix ({}) at the first sample of each line", fix())),
-            StartFrom::Given => {
+            StartSource::Alignment => Some(format!("filters start from the alignment at `{ALIGNED}`")),
+            StartSource::Fix => Some(format!("filters start from a fix ({}) at the first sample of each line", fix())),
+            StartSource::Given => {
                 Some("filters start with the `init_*` keys at the first sample of each line".to_owned())
             }
-            StartFrom::Auto => None,
+            StartSource::Auto => None,
         }
     }
 
     /// Initial condition of the filter of a line.
-    pub(super) fn begin(&self, batch: &RecordBatch) -> Result<Begin, Fault> {
-        let shape = Shape::of(&batch.schema());
+    pub(super) fn begin(&self, batch: &RecordBatch) -> Result<InitialCondition, Fault> {
+        let shape = TableShape::from_schema(&batch.schema());
         let tt_s = floats(batch, "tt")?;
         let first_s = tt_s.first().copied().unwrap_or_default();
         match self.start_from(&shape)? {
-            StartFrom::Alignment => {
+            StartSource::Alignment => {
                 let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
                 let age_s = first_s - aligned;
                 // Half a millisecond takes up the rounding of time stamps.
@@ -174,16 +174,16 @@ impl Navigate {
                     let help = "give both in seconds past midnight UTC of the day of take-off";
                     return Err(Fault::data(what).in_column(ALIGNED).help(help));
                 }
-                Ok(Begin::Aligned { age_s: age_s.max(0.0) })
+                Ok(InitialCondition::Aligned { age_s: age_s.max(0.0) })
             }
-            StartFrom::Fix => self.fixed(batch, &shape, tt_s),
-            StartFrom::Auto | StartFrom::Given => Ok(Begin::Given),
+            StartSource::Fix => self.fixed(batch, &shape, tt_s),
+            StartSource::Auto | StartSource::Given => Ok(InitialCondition::Given),
         }
     }
 
-    fn fixed(&self, batch: &RecordBatch, shape: &Shape, tt_s: &[f64]) -> Result<Begin, Fault> {
-        let Start { fix, fix_sigma_m, fix_alt_sigma_m, fix_velocity_sigma_mps, .. } = &self.start;
-        let sigmas = FixSigmas {
+    fn fixed(&self, batch: &RecordBatch, shape: &TableShape, tt_s: &[f64]) -> Result<InitialCondition, Fault> {
+        let StartKeys { fix, fix_sigma_m, fix_alt_sigma_m, fix_velocity_sigma_mps, .. } = &self.start;
+        let sigmas = StartFixSigmas {
             horizontal_m: *fix_sigma_m,
             vertical_m: *fix_alt_sigma_m,
             velocity_mps: *fix_velocity_sigma_mps,
@@ -204,7 +204,7 @@ impl Navigate {
         let mut values: Vec<f64> = columns.iter().map(|column| column[row]).collect();
         let names: Vec<&String> = fix.iter().chain(velocity.iter().flatten()).collect();
         if role_of(shape, &names) == Role::Truth {
-            let mut normals = Normals::new(values[0].to_bits() ^ first_s.to_bits());
+            let mut normals = NormalGenerator::new(values[0].to_bits() ^ first_s.to_bits());
             let (north_m, east_m) =
                 InsErrorModel::default().earth.north_east_m_per_rad(values[0].to_radians(), values[2]);
             let of_degrees = |m_per_rad: f64| (sigmas.horizontal_m / m_per_rad).to_degrees();
@@ -213,18 +213,18 @@ impl Navigate {
             values.iter_mut().zip(sigmas).for_each(|(value, sigma)| *value += sigma * normals.draw());
         }
         let vel_ned_mps = velocity.is_some().then(|| [values[3], values[4], values[5]]);
-        let fix = Fix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
-        Ok(Begin::Fixed { fix, row })
+        let fix = StartFix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
+        Ok(InitialCondition::Fixed { fix, row })
     }
 }
 
-impl Begin {
+impl InitialCondition {
     /// Covariance of the state at the first sample; `None` for the initial standard deviations.
     pub(super) fn covariance(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Option<StateMatrix> {
         match self {
-            Begin::Given => None,
-            Begin::Aligned { age_s } => Some(aligned_covariance(errors, ins, *age_s)),
-            Begin::Fixed { fix, .. } => Some(fix.covariance(errors)),
+            InitialCondition::Given => None,
+            InitialCondition::Aligned { age_s } => Some(aligned_covariance(errors, ins, *age_s)),
+            InitialCondition::Fixed { fix, .. } => Some(fix.covariance(errors)),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::Schema;
-use schemas::{Args, Column, Fault, Given, LineIn, Literal, Shape, Table};
+use schemas::{Column, Fault, LineInput, Literal, SpecEntries, SpecEntry, Table, TableShape};
 
 use super::{FILTERS, entry};
 use crate::columns::{array, list};
@@ -111,9 +111,9 @@ pub(super) fn with(flight: &RecordBatch, column: &str, of: impl Fn(usize, f64) -
 
 /// Output of a filter.
 #[derive(Debug)]
-pub(super) struct Answer(Vec<(String, Arc<dyn Array>)>);
+pub(super) struct NavigateOutput(Vec<(String, Arc<dyn Array>)>);
 
-impl Answer {
+impl NavigateOutput {
     fn column(&self, name: &str) -> &Arc<dyn Array> {
         &self.0.iter().find(|(known, _)| known == name).unwrap_or_else(|| panic!("no column {name}")).1
     }
@@ -148,7 +148,7 @@ impl Answer {
 }
 
 /// The stage with a filter, its keys written as in a spec.
-fn args(filter: &str, keys: &str) -> Args {
+fn args(filter: &str, keys: &str) -> SpecEntries {
     // Properties of the flight: an INS with larger errors than a good one's, and a field without the core field.
     let usual = format!(
         "filter = '{filter}'\ntuning = 'magnav'\ncore_field = false\nmeasurement_sigma_nt = 1.5\nfogm_sigma_nt = 1.0\n\
@@ -157,7 +157,7 @@ fn args(filter: &str, keys: &str) -> Args {
     let usual: toml::Table = usual.parse().unwrap();
     let own: toml::Table = keys.parse().unwrap();
     let all = usual.into_iter().filter(|(key, _)| !own.contains_key(key)).chain(own.clone());
-    all.map(|(key, value)| (key, Given { value: literal(value), key_at: 0..0, at: 0..0 })).collect()
+    all.map(|(key, value)| (key, SpecEntry { value: literal(value), key_at: 0..0, at: 0..0 })).collect()
 }
 
 fn literal(value: toml::Value) -> Literal {
@@ -174,15 +174,15 @@ fn literal(value: toml::Value) -> Literal {
 /// Columns that a filter plans for the flight, or its faults.
 pub(super) fn planned(filter: &str, keys: &str) -> Result<Vec<Column>, Vec<Fault>> {
     let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys))?;
-    let tables = [Table::Lines(Shape::of(&flight().schema())), Table::Map(schemas::map::shape())];
+    let tables = [Table::Lines(TableShape::from_schema(&flight().schema())), Table::Map(schemas::map::shape())];
     Ok(stage.yields(&tables.iter().collect::<Vec<_>>())?.columns)
 }
 
 /// A filter on a flight.
-pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<Answer, Fault> {
+pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
     let names: Vec<String> = planned(filter, keys).unwrap().into_iter().map(|column| column.name).collect();
     let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys)).unwrap();
-    let line = LineIn {
+    let line = LineInput {
         flight: "1".into(),
         line: "1.01".into(),
         inputs: vec![flight.clone(), flight.slice(0, 0)],
@@ -192,11 +192,11 @@ pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<An
     let prepared = of_lines.prepare(&[flight.slice(0, 0), map()])?;
     let arrays = of_lines.run(&line, &prepared)?;
     assert_eq!(arrays.len(), names.len(), "{names:?}");
-    Ok(Answer(names.into_iter().zip(arrays).collect()))
+    Ok(NavigateOutput(names.into_iter().zip(arrays).collect()))
 }
 
 /// A filter on the flight, which has to do.
-pub(super) fn run(filter: &str, keys: &str) -> Answer {
+pub(super) fn run(filter: &str, keys: &str) -> NavigateOutput {
     flown(filter, keys, &flight()).unwrap()
 }
 

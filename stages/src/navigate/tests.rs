@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
-use super::tuning::Expected;
-use schemas::{Args, Given, Literal, Params, Reader};
+use super::tuning::AssumedNoise;
+use schemas::{Literal, ParamReader, Params, SpecEntries, SpecEntry};
 
 use super::*;
 
@@ -12,7 +12,7 @@ filter! {
 }
 
 impl NavigationFilter for Still {
-    fn navigate(&self, _: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, _: &FilterInput) -> Result<FilterTrack, Fault> {
         Err(Fault::bug("no line is flown here"))
     }
 }
@@ -24,14 +24,14 @@ fn text(word: &str) -> Literal {
 /// The stage with these keys, which may choose between two filters.
 fn navigate(given: &[(&str, Literal)]) -> Navigate {
     let filters = FILTERS.iter().copied().chain([&Still::FILTER]).collect();
-    let lists = Lists::default().with::<Filter>(filters);
+    let lists = ChoiceRegistry::default().with::<FilterDecl>(filters);
     let magnav = ("tuning", text("magnav"));
     let args = given.iter().chain([&magnav]).map(|(key, value)| {
-        let given = Given { value: value.clone(), key_at: 0..0, at: 0..0 };
+        let given = SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 };
         ((*key).to_owned(), given)
     });
-    let args: Args = args.collect();
-    let mut reader = Reader::new(Navigate::NAME, &args, None, &lists);
+    let args: SpecEntries = args.collect();
+    let mut reader = ParamReader::new(Navigate::NAME, &args, None, &lists);
     let stage = Navigate::read(&mut reader, None);
     let faults = reader.into_faults();
     assert!(faults.is_empty(), "{faults:?}");
@@ -42,7 +42,7 @@ fn navigate(given: &[(&str, Literal)]) -> Navigate {
 fn flight(more: &[(&str, &str)]) -> Table {
     let usual = [("tt", "s"), ("mag_c", "nT"), ("ins_lat", "deg"), ("ins_lon", "deg"), ("ins_alt", "m")];
     let columns = usual.iter().chain(more).map(|(name, unit)| Column::float(*name, *unit, "")).collect();
-    Table::Lines(Shape { columns, rate_hz: None })
+    Table::Lines(TableShape { columns, rate_hz: None })
 }
 
 fn map() -> Table {
@@ -55,7 +55,7 @@ fn batch(columns: &[(&str, &[f64])]) -> RecordBatch {
 
 #[test]
 fn unit_all_that_is_missing_is_told_at_once_with_its_parameter() {
-    let bare = Table::Lines(Shape { columns: vec![Column::float("ins_alt", "ft", "")], rate_hz: None });
+    let bare = Table::Lines(TableShape { columns: vec![Column::float("ins_alt", "ft", "")], rate_hz: None });
     let levels = Literal::List(vec![Literal::Float(400.0), Literal::Float(300.0)]);
     let wanting = navigate(&[
         ("measurement_sigma_nt", text("auto")),
@@ -160,7 +160,7 @@ fn law_an_offset_from_the_noise_itself_doubles_its_variance_and_time() {
     let found: [(&str, &[f64]); 3] =
         [("mag_sigma", &[f64::NAN, 2.0]), ("mag_fogm_sigma", &[3.0, 3.0]), ("mag_fogm_tau", &[50.0, 50.0])];
     let noise = |given: &[(&str, Literal)]| {
-        let Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s } = navigate(given).expected(&batch(&found)).unwrap();
+        let AssumedNoise { sigma_nt, fogm_sigma_nt, fogm_tau_s } = navigate(given).expected(&batch(&found)).unwrap();
         [sigma_nt, fogm_sigma_nt.powi(2), fogm_tau_s]
     };
     let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a / b - 1.0).abs() < 1e-14);
@@ -172,7 +172,7 @@ fn law_an_offset_from_the_noise_itself_doubles_its_variance_and_time() {
     assert!(near(given, [5.0, 16.0, 30.0]), "what is given stays as it is");
     let silent: [(&str, &[f64]); 3] = [("mag_sigma", &[f64::NAN]), found[1], found[2]];
     let fault = navigate(&auto).expected(&batch(&silent.map(|(name, x)| (name, &x[..1])))).err().unwrap();
-    assert_eq!((fault.place.column.as_deref(), fault.owner), (Some("mag_sigma"), schemas::Owner::Data));
+    assert_eq!((fault.place.column.as_deref(), fault.owner), (Some("mag_sigma"), schemas::FaultOwner::Data));
 }
 
 #[test]

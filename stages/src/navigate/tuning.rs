@@ -2,15 +2,15 @@
 
 use arrow_array::{ArrayRef, RecordBatch};
 use numerics::navigation::{
-    likelihood::{self, Estimated, LineNoise, Search},
+    likelihood::{self, IntervalEstimate, LineNoise, NoiseSearch},
     line::NavigationLine,
 };
-use schemas::{Column, Fault, OrAuto, Rule, Shape, choice, flight, map::ERROR, params};
+use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, map::ERROR, params};
 
 use super::{
     Navigate,
-    filter::{Flown, Magnetometer, Update},
-    prepared::PreparedMap,
+    filter::{FilterInput, FilterMagnetometer, UpdateOutcome},
+    prepared::NavigationMap,
 };
 use crate::{
     columns::{array, data, faults_of, floats},
@@ -33,14 +33,14 @@ params! {
     pub struct MeasurementNoise;
     /// Standard deviation of the white noise of a measurement: sensor, map and residual of the compensation. `"auto"`
     /// uses the residual of the calibration, from the column `mag_sigma`.
-    measurement_sigma_nt: Option<OrAuto>, unit "nT",
+    measurement_sigma_nt: Option<NumberOrAuto>, unit "nT",
         absent "from the likelihood with `tuning = \"auto\"`, else 5.0", rule Rule::Positive;
     /// Standard deviation of the first-order Gauss-Markov process for the temporal variation and all other slow errors.
     /// `"auto"` uses the column `mag_fogm_sigma`.
-    fogm_sigma_nt: Option<OrAuto>, unit "nT",
+    fogm_sigma_nt: Option<NumberOrAuto>, unit "nT",
         absent "from the likelihood with `tuning = \"auto\"`, else 3.0", rule Rule::NotNegative;
     /// Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`.
-    fogm_tau_s: Option<OrAuto>, unit "s",
+    fogm_tau_s: Option<NumberOrAuto>, unit "s",
         absent "from the likelihood with `tuning = \"auto\"`, else 600.0", rule Rule::Positive;
     /// Column with the standard deviation of an additional error of each sample: `mag_aircraft_sigma` of an ensemble,
     /// or the predicted error of a network. Its square is added to the square of `measurement_sigma_nt`. A sample
@@ -50,7 +50,7 @@ params! {
 
 /// Assumed noise: white noise, and a first-order Gauss-Markov process with its time constant.
 #[derive(Clone, Copy)]
-pub(super) struct Expected {
+pub(super) struct AssumedNoise {
     pub(super) sigma_nt: f64,
     pub(super) fogm_sigma_nt: f64,
     pub(super) fogm_tau_s: f64,
@@ -71,7 +71,7 @@ const FOUND: [(&str, &str, &str); 3] = [
 
 impl Navigate {
     /// Parameters that may be estimated from the data, each with its column.
-    pub(super) fn of_calibration(&self) -> [(Option<OrAuto>, &'static str, &'static str, &'static str); 3] {
+    pub(super) fn of_calibration(&self) -> [(Option<NumberOrAuto>, &'static str, &'static str, &'static str); 3] {
         let [sigma, fogm_sigma, fogm_tau] = NOISE;
         [
             (self.noise.measurement_sigma_nt, "measurement_sigma_nt", sigma.0, sigma.1),
@@ -81,8 +81,8 @@ impl Navigate {
     }
 
     /// Faults of missing columns for parameters that are `auto`.
-    pub(super) fn auto_faults(&self, shape: &Shape) -> Vec<Fault> {
-        let wanted = self.of_calibration().into_iter().filter(|(value, ..)| *value == Some(OrAuto::Auto));
+    pub(super) fn auto_faults(&self, shape: &TableShape) -> Vec<Fault> {
+        let wanted = self.of_calibration().into_iter().filter(|(value, ..)| *value == Some(NumberOrAuto::Auto));
         let missing = wanted.filter_map(|(_, param, column, unit)| {
             let fault = shape.number(column, unit).err()?;
             let what = format!("`{param} = \"auto\"` uses the residual of the calibration, but {}", fault.what);
@@ -94,13 +94,13 @@ impl Navigate {
     }
 
     /// Noise of a line without a search: from the spec, the calibration, or MagNav.jl.
-    pub(super) fn expected(&self, batch: &RecordBatch) -> Result<Expected, Fault> {
+    pub(super) fn expected(&self, batch: &RecordBatch) -> Result<AssumedNoise, Fault> {
         let mut values = [0.0; 3];
         for (at, (value, param, column, _)) in self.of_calibration().into_iter().enumerate() {
             values[at] = match value {
                 None => MAGNAV[at],
-                Some(OrAuto::Given(x)) => x,
-                Some(OrAuto::Auto) => {
+                Some(NumberOrAuto::Given(x)) => x,
+                Some(NumberOrAuto::Auto) => {
                     let first = floats(batch, column)?.iter().copied().find(|x| x.is_finite());
                     first.ok_or_else(|| {
                         let what = format!(
@@ -113,14 +113,14 @@ impl Navigate {
         }
         let [sigma_nt, mut fogm_sigma_nt, mut fogm_tau_s] = values;
         if self.offset_window_s > 0.0 {
-            if self.noise.fogm_sigma_nt == Some(OrAuto::Auto) {
+            if self.noise.fogm_sigma_nt == Some(NumberOrAuto::Auto) {
                 fogm_sigma_nt *= std::f64::consts::SQRT_2;
             }
-            if self.noise.fogm_tau_s == Some(OrAuto::Auto) {
+            if self.noise.fogm_tau_s == Some(NumberOrAuto::Auto) {
                 fogm_tau_s *= 2.0;
             }
         }
-        Ok(Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s })
+        Ok(AssumedNoise { sigma_nt, fogm_sigma_nt, fogm_tau_s })
     }
 
     /// Column of the noise, for a filter that uses it.
@@ -129,7 +129,7 @@ impl Navigate {
     }
 
     /// Faults of the column of the noise.
-    pub(super) fn noise_faults(&self, shape: &Shape) -> Vec<Fault> {
+    pub(super) fn noise_faults(&self, shape: &TableShape) -> Vec<Fault> {
         let Some(column) = self.noise_column() else { return vec![] };
         let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
         if self.mag.len() > 1 {
@@ -172,7 +172,7 @@ impl Navigate {
     }
 
     /// Parameters of the search that are fixed.
-    fn not_searched(&self, expected: &Expected) -> [Option<f64>; 3] {
+    fn not_searched(&self, expected: &AssumedNoise) -> [Option<f64>; 3] {
         let values = [expected.sigma_nt, expected.fogm_sigma_nt, expected.fogm_tau_s];
         let given = self.of_calibration().map(|(value, ..)| value.is_some());
         [0, 1, 2].map(|at| given[at].then_some(values[at]))
@@ -204,11 +204,11 @@ impl Navigate {
     }
 
     /// Arrays of these columns.
-    pub(super) fn noise_arrays(&self, flown: &Flown) -> Vec<ArrayRef> {
+    pub(super) fn noise_arrays(&self, flown: &FilterInput) -> Vec<ArrayRef> {
         if !self.finds_noise(flown.map.is_some()) {
             return vec![];
         }
-        let none = Estimated { value: f64::NAN, low: f64::NAN, high: f64::NAN };
+        let none = IntervalEstimate { value: f64::NAN, low: f64::NAN, high: f64::NAN };
         let found = flown.tuned.as_ref().and_then(|tuned| tuned.noise);
         let three = found.map_or([none; 3], |noise| [noise.sigma_nt, noise.fogm_sigma_nt, noise.fogm_tau_s]);
         let inflation = found.map_or(f64::NAN, |noise| noise.inflation);
@@ -219,17 +219,22 @@ impl Navigate {
     /// Estimates the noise and the outliers of a line, and removes the measurements that are not used.
     pub(super) fn tune(
         &self,
-        flown: &mut Flown,
-        map: &PreparedMap,
-        expected: &Expected,
-        known: &mut Vec<(Asked, Tuned)>,
+        flown: &mut FilterInput,
+        map: &NavigationMap,
+        expected: &AssumedNoise,
+        known: &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>,
     ) -> Result<(), Fault> {
         let given = self.not_searched(expected);
-        let asked = Asked::of(flown, given);
+        let asked = LineNoiseInputs::new(flown, given);
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
             None => {
-                let tuned = Tuned::of(flown, map.errors.has_own() && self.map_error_length_m.is_none(), map, given)?;
+                let tuned = LineNoiseEstimate::new(
+                    flown,
+                    map.errors.has_own() && self.map_error_length_m.is_none(),
+                    map,
+                    given,
+                )?;
                 known.push((asked, tuned.clone()));
                 tuned
             }
@@ -242,7 +247,7 @@ impl Navigate {
 
 /// Inputs that determine the noise of a line.
 #[derive(PartialEq)]
-pub(super) struct Asked {
+pub(super) struct LineNoiseInputs {
     map: *const u8,
     given: [Option<f64>; 3],
     offset_window_s: f64,
@@ -250,8 +255,8 @@ pub(super) struct Asked {
     values: Vec<u64>,
 }
 
-impl Asked {
-    fn of(flown: &Flown, given: [Option<f64>; 3]) -> Self {
+impl LineNoiseInputs {
+    fn new(flown: &FilterInput, given: [Option<f64>; 3]) -> Self {
         let errors = &flown.errors;
         let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
         let density = errors.noise_density();
@@ -267,7 +272,7 @@ impl Asked {
 
 /// Estimated noise of a line.
 #[derive(Clone)]
-pub(super) struct Tuned {
+pub(super) struct LineNoiseEstimate {
     /// Noise; `None` where the line is too short.
     noise: Option<LineNoise>,
     /// Rows whose measurements are used; `None` for all.
@@ -276,13 +281,13 @@ pub(super) struct Tuned {
     map_nt: Option<Vec<f64>>,
 }
 
-impl Tuned {
-    fn of(flown: &Flown, of_map: bool, map: &PreparedMap, given: [Option<f64>; 3]) -> Result<Self, Fault> {
+impl LineNoiseEstimate {
+    fn new(flown: &FilterInput, of_map: bool, map: &NavigationMap, given: [Option<f64>; 3]) -> Result<Self, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
         let rows = likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
         let (scale, known) = (flown.scale(), flown.known_nt());
         let known_nt = known.as_deref();
-        let first = Search { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, given };
+        let first = NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, given };
         let mut noise = likelihood::search(&first).map_err(data)?;
         let mut map_nt = None;
         if let Some(found) = &noise
@@ -292,14 +297,14 @@ impl Tuned {
             (errors.fogm_sigma_nt, errors.fogm_tau_s) = (found.fogm_sigma_nt.value, found.fogm_tau_s.value);
             let sigma_nt: Vec<f64> = scale.iter().map(|scale| scale * found.sigma_nt.value).collect();
             map_nt = map.errors.at_nodes_nt(&NavigationLine { sigma_nt: &sigma_nt, errors, ..line })?;
-            noise = likelihood::search(&Search { map_nt: map_nt.as_deref(), ..first }).map_err(data)?;
+            noise = likelihood::search(&NoiseSearch { map_nt: map_nt.as_deref(), ..first }).map_err(data)?;
         }
         let rows = (given[0].is_none() && noise.is_some()).then_some(rows);
         Ok(Self { noise, rows, map_nt })
     }
 
     /// Sets the noise, and removes the measurements between those that are used.
-    fn apply(&self, flown: &mut Flown) {
+    fn apply(&self, flown: &mut FilterInput) {
         if let Some(noise) = &self.noise {
             flown.measurement_sigma_nt = noise.sigma_nt.value;
             flown.errors.fogm_sigma_nt = noise.fogm_sigma_nt.value;
@@ -312,12 +317,12 @@ impl Tuned {
         if let Some(rows) = &self.rows {
             let mut used = vec![false; flown.ins.len()];
             rows.iter().for_each(|row| used[*row] = true);
-            flown.leave_out(Update::Unused, &used.iter().map(|used| !used).collect::<Vec<_>>());
+            flown.leave_out(UpdateOutcome::Unused, &used.iter().map(|used| !used).collect::<Vec<_>>());
         }
     }
 }
 
-impl Flown<'_> {
+impl FilterInput<'_> {
     /// Factor from the white noise of a magnetometer to that of each measurement.
     fn scale(&self) -> Vec<f64> {
         let factor = |row: usize| self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
@@ -331,7 +336,7 @@ impl Flown<'_> {
     }
 
     /// Removes measurements and records their outcome.
-    fn leave_out(&mut self, fate: Update, which: &[bool]) {
+    fn leave_out(&mut self, fate: UpdateOutcome, which: &[bool]) {
         self.left_out.resize(self.ins.len(), None);
         for (row, _) in which.iter().enumerate().filter(|(_, is)| **is) {
             if self.measured_nt[row].is_finite() {
@@ -349,7 +354,7 @@ impl Flown<'_> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
         let rejected = likelihood::outliers(&line).map_err(data)?;
         let mut of_each = vec![];
-        for Magnetometer { measured_nt, .. } in &self.magnetometers {
+        for FilterMagnetometer { measured_nt, .. } in &self.magnetometers {
             let used = |(own, mean): (&f64, &f64)| if mean.is_finite() { *own } else { f64::NAN };
             let own: Vec<f64> = measured_nt.iter().zip(&self.measured_nt).map(used).collect();
             let line = NavigationLine { measurement_nt: &own, ..line };
@@ -357,7 +362,7 @@ impl Flown<'_> {
             of_each.push(own.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
         }
         self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);
-        self.leave_out(Update::Gated, &rejected);
+        self.leave_out(UpdateOutcome::Gated, &rejected);
         Ok(())
     }
 }

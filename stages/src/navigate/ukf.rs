@@ -9,8 +9,8 @@ use numerics::navigation::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
-use super::further::Further;
+use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
+use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
@@ -24,7 +24,7 @@ filter! {
     ///
     /// Source: Julier & Uhlmann 2004; Morelande & Ristic 2006, for a measurement that is nonlinear in the position
     /// only.
-    Ukf = "ukf", version 2, groups [aiding: Aiding, further: Further], example "kappa = 0.0";
+    Ukf = "ukf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "kappa = 0.0";
     /// Scale factor of the distance of the outer points.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Additional weight of the centre in the variance, compared with the mean; at least -alpha² kappa/3. The variance
@@ -47,11 +47,11 @@ impl NavigationFilter for Ukf {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         both(self.aiding.reads(flight), self.further.reads(flight))
     }
 
-    fn columns(&self, _: &Flight) -> Vec<Column> {
+    fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![Column::float(
             "sd_nonlinear",
             "nT",
@@ -80,7 +80,7 @@ impl NavigationFilter for Ukf {
         self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let parameters = UkfParameters {
             alpha: self.alpha,
@@ -102,7 +102,7 @@ impl NavigationFilter for Ukf {
         }
         let mut out = run(&parameters, &line).map_err(data)?;
         let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
-        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         track.more.push(array(out.nonlinear_sd_nt));
         track.more.extend(states);
         Ok(track)

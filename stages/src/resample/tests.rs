@@ -6,16 +6,16 @@ use arrow_array::{
     types::{Float64Type, Int64Type},
 };
 use arrow_schema::{DataType, Field, Schema};
-use schemas::{Role, Shape};
+use schemas::{Role, TableShape};
 
 use super::*;
 
 fn resample() -> Resample {
     Resample {
         rate_hz: 10.0,
-        method: Method::Linear,
+        method: SampleInterpolation::Linear,
         max_gap_s: vec![1.0],
-        span: Span::All,
+        span: GridSpan::All,
         lag_s: BTreeMap::new(),
         input_lag_s: None,
     }
@@ -43,7 +43,7 @@ fn heading(t: f64) -> f64 {
     (340.0 + 8.0 * (t - 100.0)).rem_euclid(360.0)
 }
 
-fn line(tt: Vec<f64>) -> LineIn {
+fn line(tt: Vec<f64>) -> LineInput {
     let rows = tt.len();
     let text = |values: Vec<&str>| Arc::new(StringArray::from(values)) as ArrayRef;
     let of = |f: fn(f64) -> f64| array(tt.iter().map(|t| f(*t)).collect());
@@ -59,11 +59,11 @@ fn line(tt: Vec<f64>) -> LineIn {
     ];
     let fields: Vec<Field> = columns().iter().map(Column::field).collect();
     let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap();
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+    LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
 }
 
 /// Ten seconds at 4 Hz from 100.05 s, without a sample between 103.05 s and 106.05 s.
-fn with_a_gap() -> LineIn {
+fn with_a_gap() -> LineInput {
     line((0..=40).filter(|k| !(13..24).contains(k)).map(|k| 100.05 + 0.25 * f64::from(k)).collect())
 }
 
@@ -129,9 +129,9 @@ fn unit_a_line_without_a_time_of_the_grid_and_time_that_goes_back_are_faults() {
 
 #[test]
 fn unit_every_column_goes_on_at_the_new_rate() {
-    let table = Table::Lines(Shape { columns: columns(), rate_hz: None });
+    let table = Table::Lines(TableShape { columns: columns(), rate_hz: None });
     let made = resample().yields(&[&table]).unwrap();
-    assert_eq!((made.rate_hz, made.passes, made.lenient), (Some(10.0), Passes::None, true));
+    assert_eq!((made.rate_hz, made.passes, made.lenient), (Some(10.0), PassThroughColumns::None, true));
     let bare = |c: &Column| Column { from: vec![], ..c.clone() };
     assert_eq!(made.columns.iter().map(bare).collect::<Vec<_>>(), columns());
     let of = |place: usize| made.columns[place].from.iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>();
@@ -155,7 +155,7 @@ fn of(tt: &[f64], f: impl Fn(f64) -> f64) -> Vec<f64> {
 }
 
 fn together(stage: &Resample, inputs: Vec<RecordBatch>) -> Result<Vec<Vec<f64>>, Fault> {
-    let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None };
+    let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None };
     Ok(stage.run(&line, &())?.iter().map(|a| numbers(a).to_vec()).collect())
 }
 
@@ -176,7 +176,7 @@ fn law_sensors_of_their_own_rates_meet_on_one_grid_over_the_time_of_all() {
         let off = (made[3][k] - heading(*t)).abs();
         assert!(off.min((off - 360.0).abs()) < 1e-9, "{t}");
     }
-    let first = together(&Resample { span: Span::First, ..resample() }, inputs()).unwrap();
+    let first = together(&Resample { span: GridSpan::First, ..resample() }, inputs()).unwrap();
     // The last sample of the first is at 110.005 s.
     assert_eq!((first[0][0], first[0].last().copied()), (100.1, Some(110.0)));
     let known = |k: usize| (101.2..=108.2).contains(&first[0][k]);
@@ -235,7 +235,7 @@ fn law_tables_on_both_sides_of_midnight_meet_by_their_dates() {
 fn unit_what_two_tables_contradict_each_other_in_is_told_before_anything_runs() {
     let table = |names: &[&str]| {
         let columns = names.iter().map(|name| Column::float(*name, "", "")).collect();
-        Table::Lines(Shape { columns, rate_hz: None })
+        Table::Lines(TableShape { columns, rate_hz: None })
     };
     let (mag, gps) = (table(&["tt", "year", "doy", "mag_1_uc"]), table(&["tt", "year", "doy", "alt"]));
     let made = resample().yields(&[&mag, &gps]).unwrap();

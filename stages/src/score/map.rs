@@ -2,44 +2,44 @@
 
 use numerics::{
     earth::geodesy::EarthModel,
-    regression::statistics::{self, Figure},
+    regression::statistics::{self, SampleStatistic},
 };
-use schemas::{Fault, metric::Shown};
+use schemas::{Fault, metric::MetricDisplay};
 
-use super::{line::Line, metric::metric, source::Source};
+use super::{line::ScoreLine, metric::metric, source::ScoreSource};
 
 metric! {
     /// expected error of the map at the line's height, because its own height differs; with `map_levels_m`, of its
     /// continuation
     MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
-    |line| Ok(statistics::mean(line.column(Source::MapHeight)?))
+    |line| Ok(statistics::mean(line.column(ScoreSource::MapHeight)?))
 }
 
 metric! {
     /// standard deviation (n - 1) of the compensated signal, minus core field and diurnal variation, minus the map
     MAP_STD_ERROR = "map_std_error", unit "nT", pool Rms, better Lower,
-    shown Shown::column(130, 100).rank(60), needs [Map, Signal, Core], uses [Diurnal];
-    |line| line.map_error().map(|e| Figure { value: e.std, n: e.n })
+    shown MetricDisplay::column(130, 100).rank(60), needs [Map, Signal, Core], uses [Diurnal];
+    |line| line.map_error().map(|e| SampleStatistic { value: e.std, n: e.n })
 }
 
 metric! {
     /// mean of the compensated signal, minus core field and diurnal variation, minus the map
     MAP_BIAS_ERROR = "map_bias_error", unit "nT", pool Mean, better Neither,
     needs [Map, Signal, Core], uses [Diurnal];
-    |line| line.map_error().map(|e| Figure { value: e.mean, n: e.n })
+    |line| line.map_error().map(|e| SampleStatistic { value: e.mean, n: e.n })
 }
 
 metric! {
     /// root mean square slope of the map along the track
     MAP_GRADIENT_ALONG_TRACK = "map_gradient_along_track", unit "nT/m", pool Rms, better Neither,
-    shown Shown::column(140, 10), needs [Map, Position];
+    shown MetricDisplay::column(140, 10), needs [Map, Position];
     gradient_along_track
 }
 
 metric! {
     /// least root mean square horizontal error of a constant offset of the line estimated on the map
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
-    shown Shown::column(150, 70), needs [Map, Position];
+    shown MetricDisplay::column(150, 70), needs [Map, Position];
     |line| {
         let (north, east) = slopes(line)?;
         Ok(statistics::offset_bound(north, east, line.stage.map_sigma_nt))
@@ -47,12 +47,12 @@ metric! {
 }
 
 /// Slopes of the map, north and east, in nT/m.
-fn slopes<'a>(line: &'a Line) -> Result<(&'a [f64], &'a [f64]), Fault> {
-    Ok((line.named(Source::Map, "map_grad_n")?, line.named(Source::Map, "map_grad_e")?))
+fn slopes<'a>(line: &'a ScoreLine) -> Result<(&'a [f64], &'a [f64]), Fault> {
+    Ok((line.named(ScoreSource::Map, "map_grad_n")?, line.named(ScoreSource::Map, "map_grad_e")?))
 }
 
 /// Slope along the track from one sample to the next.
-fn gradient_along_track(line: &Line) -> Result<Figure, Fault> {
+fn gradient_along_track(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
     let (lat, lon) = line.position()?;
     let (north, east) = slopes(line)?;
     let along = (1..lat.len()).map(|i| {
@@ -90,7 +90,7 @@ mod tests {
         let slopes = [("map_grad_n", seconds(10, |_| 0.0)), ("map_grad_e", seconds(10, |_| 0.0))];
         let table = [("mag_c", mag), ("igrf", core), ("map_anomaly", map)].into_iter().chain(slopes).collect();
         let tables = [table];
-        assert_eq!(value(&MAP_BIAS_ERROR, &tables), Figure { value: -7.0, n: 10 });
-        assert_eq!(value(&MAP_STD_ERROR, &tables), Figure { value: 0.0, n: 10 });
+        assert_eq!(value(&MAP_BIAS_ERROR, &tables), SampleStatistic { value: -7.0, n: 10 });
+        assert_eq!(value(&MAP_STD_ERROR, &tables), SampleStatistic { value: 0.0, n: 10 });
     }
 }

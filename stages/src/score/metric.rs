@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use numerics::regression::statistics::Figure;
-use schemas::{Fault, Kind, Own, Reader, metric::Metric};
+use numerics::regression::statistics::SampleStatistic;
+use schemas::{ChoiceKeys, ChoiceKind, Fault, ParamReader, metric::Metric};
 
-use super::{line::Line, source::Source};
+use super::{line::ScoreLine, source::ScoreSource};
 
 /// A metric and its computation on a line.
 #[derive(Clone, Copy, Debug)]
@@ -16,19 +16,19 @@ pub struct Scorer {
     /// of `score`.
     pub version: u32,
     /// Required sources.
-    pub needs: &'static [Source],
+    pub needs: &'static [ScoreSource],
     /// Sources used if available.
-    pub uses: &'static [Source],
+    pub uses: &'static [ScoreSource],
     /// Computation of the value.
-    pub score: fn(&Line) -> Result<Figure, Fault>,
+    pub score: fn(&ScoreLine) -> Result<SampleStatistic, Fault>,
     /// Sorted samples whose quantile the metric is. Lines are pooled over them.
-    pub spread: Option<Spread>,
+    pub spread: Option<QuantileSamplesFn>,
 }
 
 /// Sorted samples of a line whose quantile a metric is.
-pub type Spread = for<'l> fn(&'l Line) -> Result<&'l [f64], Fault>;
+pub type QuantileSamplesFn = for<'l> fn(&'l ScoreLine) -> Result<&'l [f64], Fault>;
 
-impl Kind for Scorer {
+impl ChoiceKind for Scorer {
     type Keys = ();
     const DEFAULT: Option<&'static str> = None;
 
@@ -40,14 +40,14 @@ impl Kind for Scorer {
         self.version
     }
 
-    fn read(&self, _: &mut Reader) -> Option<Own<()>> {
-        Some(Own { keys: Arc::new(()), spelt: vec![] })
+    fn read(&self, _: &mut ParamReader) -> Option<ChoiceKeys<()>> {
+        Some(ChoiceKeys { keys: Arc::new(()), spelt: vec![] })
     }
 }
 
 impl Scorer {
     /// Whether it reads a source.
-    pub fn reads(&self, source: Source) -> bool {
+    pub fn reads(&self, source: ScoreSource) -> bool {
         self.needs.contains(&source) || self.uses.contains(&source)
     }
 }
@@ -70,15 +70,15 @@ macro_rules! metric {
                 name: $name,
                 unit: $unit,
                 meaning: concat!($($doc),+).trim_ascii(),
-                pool: schemas::metric::Pool::$pool $(($percent))?,
-                better: schemas::metric::Better::$better $(($target))?,
-                shown: [$($shown,)? schemas::metric::Shown::NOWHERE][0],
+                pool: schemas::metric::PoolingRule::$pool $(($percent))?,
+                better: schemas::metric::MetricPreference::$better $(($target))?,
+                shown: [$($shown,)? schemas::metric::MetricDisplay::NOWHERE][0],
             },
             version: [$($v,)? 1][0],
-            needs: &[$($crate::score::Source::$need $(($need_column))?),+],
-            uses: &[$($($crate::score::Source::$use $(($use_column))?),+)?],
+            needs: &[$($crate::score::ScoreSource::$need $(($need_column))?),+],
+            uses: &[$($($crate::score::ScoreSource::$use $(($use_column))?),+)?],
             score: $score,
-            spread: [$(Some($spread as $crate::score::Spread),)? None][0],
+            spread: [$(Some($spread as $crate::score::QuantileSamplesFn),)? None][0],
         };
     };
 }

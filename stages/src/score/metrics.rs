@@ -53,15 +53,15 @@ mod tests {
     use std::collections::BTreeSet;
 
     use schemas::{
-        LineIn, Shape, Stage, Table, is_unit,
-        metric::{Metric, Pool},
+        LineInput, Stage, Table, TableShape, is_unit,
+        metric::{Metric, PoolingRule},
     };
 
     use super::*;
-    use crate::score::{Figure, Line};
+    use crate::score::{SampleStatistic, ScoreLine};
     use crate::score::{
         Score,
-        source::Places,
+        source::ScoreSourceIndex,
         testing::{FLOWN, line, only, score, seconds, shapes, track},
     };
 
@@ -90,21 +90,21 @@ mod tests {
     fn law_errors_in_a_unit_pool_by_squares_radii_by_their_samples_and_signed_errors_by_means() {
         for (m, spread) in SCORERS.iter().map(|s| (&s.metric, s.spread)) {
             let pool = match m.name {
-                "cep" => Pool::Quantile(50),
-                "r95" => Pool::Quantile(95),
-                "bias_error" | "map_bias_error" => Pool::Mean,
-                "anomaly_retention_se" => Pool::Error,
-                name if name.starts_with("samples_") || name == "gnss_rejected" => Pool::Sum,
-                _ if m.unit == "1" => Pool::Mean,
-                _ => Pool::Rms,
+                "cep" => PoolingRule::Quantile(50),
+                "r95" => PoolingRule::Quantile(95),
+                "bias_error" | "map_bias_error" => PoolingRule::Mean,
+                "anomaly_retention_se" => PoolingRule::Error,
+                name if name.starts_with("samples_") || name == "gnss_rejected" => PoolingRule::Sum,
+                _ if m.unit == "1" => PoolingRule::Mean,
+                _ => PoolingRule::Rms,
             };
             assert_eq!(m.pool, pool, "{}", m.name);
-            assert_eq!(spread.is_some(), matches!(pool, Pool::Quantile(_)), "{}", m.name);
+            assert_eq!(spread.is_some(), matches!(pool, PoolingRule::Quantile(_)), "{}", m.name);
         }
     }
 
     /// A box on four headings and a track of it, with everything that a metric reads.
-    fn everything() -> LineIn {
+    fn everything() -> LineInput {
         let angle = |at: usize| seconds(400, move |t| (t as usize / 10 % 3 == at) as u8 as f64 * 5.0 * (0.9 * t).sin());
         let heading = seconds(400, |t| 90.0 * (t / 100.0).floor());
         let yaw = angle(2).iter().zip(&heading).map(|(y, h)| y + h).collect();
@@ -141,17 +141,17 @@ mod tests {
     }
 
     /// The figures of `stage`, which is handed what it declares to read and nothing else.
-    fn scored(stage: &Score, line: &LineIn) -> Vec<(&'static str, Figure)> {
+    fn scored(stage: &Score, line: &LineInput) -> Vec<(&'static str, SampleStatistic)> {
         let tables: Vec<Table> = shapes(line).into_iter().map(Table::Lines).collect();
         let reads = stage.yields(&tables.iter().collect::<Vec<_>>()).unwrap().reads;
         let only = |(batch, names): (&arrow_array::RecordBatch, &Vec<String>)| {
             let places: Vec<usize> = names.iter().map(|n| batch.schema().index_of(n).unwrap()).collect();
             batch.project(&places).unwrap()
         };
-        let line = LineIn { inputs: line.inputs.iter().zip(&reads).map(only).collect(), ..line.clone() };
-        let shapes: Vec<Shape> = shapes(&line);
-        let places = Places::find(stage, &shapes.iter().collect::<Vec<_>>());
-        let columns = Line::new(stage, &line, &places);
+        let line = LineInput { inputs: line.inputs.iter().zip(&reads).map(only).collect(), ..line.clone() };
+        let shapes: Vec<TableShape> = shapes(&line);
+        let places = ScoreSourceIndex::find(stage, &shapes.iter().collect::<Vec<_>>());
+        let columns = ScoreLine::new(stage, &line, &places);
         stage.chosen(&places).iter().map(|s| (s.metric.name, (s.score)(&columns).unwrap())).collect()
     }
 
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn gold_a_metric_that_moves_needs_a_new_version() {
         let mut now = format!("version {}\n", Score::entry().version);
-        for (name, Figure { value, n }) in scored(&score(), &everything()) {
+        for (name, SampleStatistic { value, n }) in scored(&score(), &everything()) {
             now += &format!("{name} {value:.6e} {n}\n");
         }
         let kept = include_str!("versions.txt");

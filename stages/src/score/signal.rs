@@ -7,15 +7,15 @@ use numerics::{
         anomaly_retention::{RetentionError, anomaly_retention},
         crossings::figure_of_merit_crossings,
     },
-    regression::statistics::{self, Figure},
-    signal::segments::{Usable, filter_column},
+    regression::statistics::{self, SampleStatistic},
+    signal::segments::{RowMask, filter_column},
 };
-use schemas::{Fault, metric::Shown};
+use schemas::{Fault, metric::MetricDisplay};
 
 use super::{
-    line::{Line, Signals},
+    line::{CompensationSignals, ScoreLine},
     metric::metric,
-    source::Source,
+    source::ScoreSource,
 };
 use crate::{
     bandpass::design,
@@ -25,26 +25,26 @@ use crate::{
 metric! {
     /// standard deviation (n - 1) of compensated minus truth; a constant has no effect
     STD_ERROR = "std_error", unit "nT", pool Rms, better Lower,
-    shown Shown::column(20, 130).rank(20).heat_map(), needs [Signal, Truth];
-    |line| line.error().map(|e| Figure { value: e.std, n: e.n })
+    shown MetricDisplay::column(20, 130).rank(20).heat_map(), needs [Signal, Truth];
+    |line| line.error().map(|e| SampleStatistic { value: e.std, n: e.n })
 }
 
 metric! {
     /// mean of compensated minus truth
     BIAS_ERROR = "bias_error", unit "nT", pool Mean, better Neither, needs [Signal, Truth];
-    |line| line.error().map(|e| Figure { value: e.mean, n: e.n })
+    |line| line.error().map(|e| SampleStatistic { value: e.mean, n: e.n })
 }
 
 metric! {
     /// root mean square (n) of compensated minus truth; a constant has an effect
     RMS_ERROR = "rms_error", unit "nT", pool Rms, better Lower, needs [Signal, Truth];
-    |line| line.error().map(|e| Figure { value: e.rms, n: e.n })
+    |line| line.error().map(|e| SampleStatistic { value: e.rms, n: e.n })
 }
 
 metric! {
     /// standard deviation (n - 1) of uncompensated minus truth or, without `truth`, of the uncompensated signal itself
     STD_UNCOMPENSATED = "std_uncompensated", unit "nT", pool Rms, better Neither,
-    shown Shown::column(10, 20), needs [Signal, Aircraft], uses [Truth];
+    shown MetricDisplay::column(10, 20), needs [Signal, Aircraft], uses [Truth];
     |line| Ok(statistics::std(&line.signals()?.before_nt))
 }
 
@@ -52,14 +52,14 @@ metric! {
     /// `std_uncompensated` divided by the same quantity of the compensated signal; above 1, compensation reduces the
     /// error
     IMPROVEMENT_RATIO = "improvement_ratio", unit "1", pool Mean, better Higher,
-    shown Shown::column(30, 90).rank(40), needs [Signal, Aircraft], uses [Truth];
+    shown MetricDisplay::column(30, 90).rank(40), needs [Signal, Aircraft], uses [Truth];
     |line| line.signals().map(|s| statistics::improvement_ratio(&s.before_nt, &s.after_nt))
 }
 
 metric! {
     /// `improvement_ratio` of both signals after a band-pass filter from `low_hz` to `high_hz`
     IMPROVEMENT_RATIO_BAND = "improvement_ratio_band", unit "1", pool Mean, better Higher,
-    shown Shown::column(40, 60).rank(30), needs [Signal, Aircraft], uses [Truth];
+    shown MetricDisplay::column(40, 60).rank(30), needs [Signal, Aircraft], uses [Truth];
     improvement_ratio_band
 }
 
@@ -67,9 +67,9 @@ metric! {
     /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus its
     /// straight line over time) divided by that of compensated minus truth
     SNR = "snr", unit "1", pool Mean, better Higher,
-    shown Shown::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
+    shown MetricDisplay::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
     |line| {
-        let (mag, truth) = (line.column(Source::Signal)?, line.column(Source::Truth)?);
+        let (mag, truth) = (line.column(ScoreSource::Signal)?, line.column(ScoreSource::Truth)?);
         Ok(statistics::signal_to_noise(mag, truth, &line.true_anomaly()?))
     }
 }
@@ -79,7 +79,7 @@ metric! {
     /// whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the lines; null where a line has
     /// at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
-    shown Shown::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
+    shown MetricDisplay::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)
 }
 
@@ -87,7 +87,7 @@ metric! {
     /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: that of the pooled
     /// slope; retentions within two standard errors are indistinguishable
     ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
-    shown Shown::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
+    shown MetricDisplay::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.1)
 }
 
@@ -95,7 +95,7 @@ metric! {
     /// Noriega's index of a calibration box: sum over its twelve manoeuvres (pitch, roll and yaw on four headings) of
     /// the mean peak-to-peak amplitude of the band-passed compensated signal; null unless all twelve are present
     FIGURE_OF_MERIT = "figure_of_merit", unit "nT", pool Rms, better Lower,
-    shown Shown::column(70, 40), needs [Signal, Attitude];
+    shown MetricDisplay::column(70, 40), needs [Signal, Attitude];
     of_manoeuvres
 }
 
@@ -103,62 +103,62 @@ metric! {
     /// crossing error of Lee 2019: root mean square difference of the compensated signal between samples at most 1 m
     /// and more than 1 s apart, where the track crosses itself; n counts pairs
     FIGURE_OF_MERIT_CROSSINGS = "figure_of_merit_crossings", unit "nT", pool Rms, better Lower,
-    shown Shown::column(80, 50).rank(50), needs [Signal, Position];
+    shown MetricDisplay::column(80, 50).rank(50), needs [Signal, Position];
     at_crossings
 }
 
-fn improvement_ratio_band(line: &Line) -> Result<Figure, Fault> {
+fn improvement_ratio_band(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
     let tt = line.tt()?;
-    let Signals { before_nt, after_nt } = line.signals()?;
+    let CompensationSignals { before_nt, after_nt } = line.signals()?;
     let rate_hz = even_rate_hz(tt)?;
     let Some(filter) = design(line.stage.low_hz, line.stage.high_hz, line.stage.order, rate_hz)? else {
         return Ok(statistics::improvement_ratio(before_nt, after_nt));
     };
-    let runs = Usable::all(tt.len()).and_finite(before_nt).and_finite(after_nt).runs_in_time(tt, rate_hz);
+    let runs = RowMask::all(tt.len()).and_finite(before_nt).and_finite(after_nt).runs_in_time(tt, rate_hz);
     let banded = |x: &[f64]| filter_column(&filter, x, &runs).map(|(y, _)| y).map_err(data);
     Ok(statistics::improvement_ratio(&banded(before_nt)?, &banded(after_nt)?))
 }
 
 /// Retention and its standard error, weighted by the energy of the anomaly.
-fn retention(line: &Line) -> Result<(Figure, Figure), Fault> {
-    let anomaly = line.column(Source::Anomaly)?;
+fn retention(line: &ScoreLine) -> Result<(SampleStatistic, SampleStatistic), Fault> {
+    let anomaly = line.column(ScoreSource::Anomaly)?;
     // Less core field and diurnal variation the true reading is the anomaly itself.
     let found = match anomaly_retention(&line.measured_anomaly()?, anomaly, anomaly) {
         Ok(found) if found.standard_error.is_finite() => found,
         Ok(_) | Err(RetentionError::TooFew { .. } | RetentionError::NoAnomaly { .. }) => {
-            let none = || Figure { value: f64::NAN, n: 0 };
+            let none = || SampleStatistic { value: f64::NAN, n: 0 };
             return Ok((none(), none()));
         }
         Err(other) => return Err(data(other)),
     };
     let energy_nt2 = (found.n as f64 * found.anomaly_nt * found.anomaly_nt).round().max(1.0) as usize;
-    let figure = |value: f64| Figure { value, n: energy_nt2 };
+    let figure = |value: f64| SampleStatistic { value, n: energy_nt2 };
     Ok((figure(found.slope), figure(found.standard_error)))
 }
 
-fn of_manoeuvres(line: &Line) -> Result<Figure, Fault> {
-    let (tt, angles) = (line.tt()?, line.columns(Source::Attitude)?);
+fn of_manoeuvres(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
+    let (tt, angles) = (line.tt()?, line.columns(ScoreSource::Attitude)?);
     let found = manoeuvres(tt, [angles[0], angles[1], angles[2]]);
     if found.len() < 12 {
-        return Ok(Figure { value: f64::NAN, n: found.len() });
+        return Ok(SampleStatistic { value: f64::NAN, n: found.len() });
     }
-    let mag = line.column(Source::Signal)?;
+    let mag = line.column(ScoreSource::Signal)?;
     let rate_hz = even_rate_hz(tt)?;
-    let runs = Usable::all(tt.len()).and_finite(mag).runs_in_time(tt, rate_hz);
+    let runs = RowMask::all(tt.len()).and_finite(mag).runs_in_time(tt, rate_hz);
     match design(line.stage.low_hz, line.stage.high_hz, line.stage.order, rate_hz)? {
         None => Ok(figure_of_merit(mag, &found)),
         Some(filter) => Ok(figure_of_merit(&filter_column(&filter, mag, &runs).map_err(data)?.0, &found)),
     }
 }
 
-fn at_crossings(line: &Line) -> Result<Figure, Fault> {
+fn at_crossings(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
     let (lat, lon) = line.position()?;
     let Some(start) = (0..lat.len()).find(|i| lat[*i].is_finite() && lon[*i].is_finite()) else {
-        return Ok(Figure { value: f64::NAN, n: 0 });
+        return Ok(SampleStatistic { value: f64::NAN, n: 0 });
     };
     let place = |i: usize| EarthModel::default().offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
     let (north, east): (Vec<f64>, Vec<f64>) = (0..lat.len()).map(place).unzip();
-    Ok(figure_of_merit_crossings(&north, &east, line.column(Source::Signal)?, line.tt()?).figure)
+    Ok(figure_of_merit_crossings(&north, &east, line.column(ScoreSource::Signal)?, line.tt()?).figure)
 }
 
 #[cfg(test)]
@@ -173,9 +173,9 @@ mod tests {
         let truth = seconds(40, |t| 52_000.0 + t);
         let mag = seconds(40, |t| 52_003.0 + t);
         let tables = [vec![("mag_c", mag), ("mag_1_c", truth)]];
-        assert_eq!(value(&BIAS_ERROR, &tables), Figure { value: 3.0, n: 40 });
-        assert_eq!(value(&RMS_ERROR, &tables), Figure { value: 3.0, n: 40 });
-        assert_eq!(value(&STD_ERROR, &tables), Figure { value: 0.0, n: 40 });
+        assert_eq!(value(&BIAS_ERROR, &tables), SampleStatistic { value: 3.0, n: 40 });
+        assert_eq!(value(&RMS_ERROR, &tables), SampleStatistic { value: 3.0, n: 40 });
+        assert_eq!(value(&STD_ERROR, &tables), SampleStatistic { value: 0.0, n: 40 });
     }
 
     #[test]
@@ -206,7 +206,7 @@ mod tests {
         let there = seconds(40, |t| 0.0001 * (t % 20.0));
         let mag = seconds(40, |t| if t < 20.0 { 52_000.0 } else { 52_004.0 });
         let tables = [vec![("mag_c", mag), (FLOWN[0], there), (FLOWN[1], seconds(40, |_| 8.0))]];
-        assert_eq!(value(&FIGURE_OF_MERIT_CROSSINGS, &tables), Figure { value: 4.0, n: 20 });
+        assert_eq!(value(&FIGURE_OF_MERIT_CROSSINGS, &tables), SampleStatistic { value: 4.0, n: 20 });
     }
 
     #[test]

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
-use numerics::regression::statistics::Figure;
-use schemas::{Kinds, LineIn, Role, Several, Shape};
+use numerics::regression::statistics::SampleStatistic;
+use schemas::{ChoiceList, ChoiceSubset, LineInput, Role, TableShape};
 
-use super::{Score, line::Line, metric::Scorer, metrics::SCORERS, source::Places};
+use super::{Score, line::ScoreLine, metric::Scorer, metrics::SCORERS, source::ScoreSourceIndex};
 
 /// The columns of a table.
-pub type Columns = Vec<(&'static str, Vec<f64>)>;
+pub type ScoreTestColumns = Vec<(&'static str, Vec<f64>)>;
 
 /// True latitude and longitude: in the table without the prefix, and with the role of a truth.
 pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
@@ -19,7 +19,7 @@ pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
 pub fn score() -> Score {
     Score {
         truth: Some("mag_1_c".into()),
-        metrics: Several::new(kinds(), None),
+        metrics: ChoiceSubset::new(kinds(), None),
         mag: "mag_c".into(),
         low_hz: 0.1,
         high_hz: 0.4,
@@ -28,13 +28,13 @@ pub fn score() -> Score {
     }
 }
 
-fn kinds() -> Arc<Kinds<Scorer>> {
-    Arc::new(Kinds::new(SCORERS.to_vec()))
+fn kinds() -> Arc<ChoiceList<Scorer>> {
+    Arc::new(ChoiceList::new(SCORERS.to_vec()))
 }
 
 /// The metric of this name alone.
-pub fn only(name: &str) -> Several<Scorer> {
-    Several::new(kinds(), Some(vec![kinds().find(name).unwrap()]))
+pub fn only(name: &str) -> ChoiceSubset<Scorer> {
+    ChoiceSubset::new(kinds(), Some(vec![kinds().find(name).unwrap()]))
 }
 
 /// A function of the time at `n` samples, one a second.
@@ -42,22 +42,22 @@ pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(|k| f(f64::from(k))).collect()
 }
 
-/// A track of these positions: ten metres of sigma in each direction, and updates that repeat every ten samples; of five
-/// samples one has a position by GNSS, and one a rejected one.
-pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> Columns {
+/// A track of these positions: ten metres of sigma in each direction, and updates that repeat every ten samples; of
+/// five samples one has a position by GNSS, and one a rejected one.
+pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> ScoreTestColumns {
     let all = |value: f64| vec![value; lat.len()];
     let rest = [("alt", 300.0), ("sd_n", 10.0), ("sd_e", 10.0), ("cov_ne", 0.0), ("nis", 0.5)];
-    let rest: Columns = rest.into_iter().map(|(name, value)| (name, all(value))).collect();
+    let rest: ScoreTestColumns = rest.into_iter().map(|(name, value)| (name, all(value))).collect();
     [("lat", lat.clone()), ("lon", lon)].into_iter().chain(rest).collect()
 }
 
 /// The line of these tables, each with its times, and a track with what became of its measurements.
-pub fn line(tables: &[Columns]) -> LineIn {
+pub fn line(tables: &[ScoreTestColumns]) -> LineInput {
     let inputs = tables.iter().map(batch).collect();
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
+    LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
 }
 
-fn batch(columns: &Columns) -> RecordBatch {
+fn batch(columns: &ScoreTestColumns) -> RecordBatch {
     let rows = columns[0].1.len();
     let mut fields = vec![schemas::field("tt", DataType::Float64, "s", Role::Derived, "")];
     let mut arrays: Vec<ArrayRef> = vec![Arc::new(Float64Array::from_iter_values((0..rows).map(|k| k as f64)))];
@@ -78,14 +78,14 @@ fn batch(columns: &Columns) -> RecordBatch {
 }
 
 /// The shapes of the tables of a line.
-pub fn shapes(line: &LineIn) -> Vec<Shape> {
-    line.inputs.iter().map(|b| Shape::of(&b.schema())).collect()
+pub fn shapes(line: &LineInput) -> Vec<TableShape> {
+    line.inputs.iter().map(|b| TableShape::from_schema(&b.schema())).collect()
 }
 
 /// One metric of these tables.
-pub fn value(scorer: &Scorer, tables: &[Columns]) -> Figure {
+pub fn value(scorer: &Scorer, tables: &[ScoreTestColumns]) -> SampleStatistic {
     let (stage, line) = (score(), line(tables));
     let shapes = shapes(&line);
-    let places = Places::find(&stage, &shapes.iter().collect::<Vec<_>>());
-    (scorer.score)(&Line::new(&stage, &line, &places)).unwrap()
+    let places = ScoreSourceIndex::find(&stage, &shapes.iter().collect::<Vec<_>>());
+    (scorer.score)(&ScoreLine::new(&stage, &line, &places)).unwrap()
 }

@@ -3,26 +3,26 @@
 use arrow_array::Array;
 use numerics::regression::{
     consistency,
-    statistics::{self, Figure},
+    statistics::{self, SampleStatistic},
 };
-use schemas::{Fault, metric::Shown};
+use schemas::{Fault, metric::MetricDisplay};
 
-use crate::navigate::{GnssUpdate, Update};
+use crate::navigate::{GnssOutcome, UpdateOutcome};
 
-use super::{line::Line, metric::metric, source::Source};
+use super::{line::ScoreLine, metric::metric, source::ScoreSource};
 
 metric! {
     /// distance root mean square: square root of the mean squared horizontal error of the track
     DRMS = "drms", unit "m", pool Rms, better Lower,
-    shown Shown::column(100, 150).rank(10).heat_map(), needs [Track, Position], uses [Bound];
+    shown MetricDisplay::column(100, 150).rank(10).heat_map(), needs [Track, Position], uses [Bound];
     |line| line.track_error().map(|e| statistics::drms(&e.north_m, &e.east_m))
 }
 
 metric! {
     /// lower bound of the `drms` of any filter with the models of `crlb`; not the result of a filter
     DRMS_BOUND = "drms_bound", unit "m", pool Rms, better Neither,
-    shown Shown::column(105, 105), needs [Bound];
-    |line| Ok(statistics::rms(line.column(Source::Bound)?))
+    shown MetricDisplay::column(105, 105), needs [Bound];
+    |line| Ok(statistics::rms(line.column(ScoreSource::Bound)?))
 }
 
 metric! {
@@ -89,7 +89,7 @@ metric! {
     /// root mean square error of the ground speed
     RMS_SPEED = "rms_speed", unit "m/s", pool Rms, better Lower, needs [TrackVelocity, Velocity], uses [Bound];
     |line| {
-        let [track, truth] = [Source::TrackVelocity, Source::Velocity].map(|source| line.columns(source));
+        let [track, truth] = [ScoreSource::TrackVelocity, ScoreSource::Velocity].map(|source| line.columns(source));
         let (track, truth) = (track?, truth?);
         let speed = |v: &[&[f64]], i: usize| v[0][i].hypot(v[1][i]);
         let error = |i: usize| speed(&track, i) - speed(&truth, i);
@@ -100,9 +100,9 @@ metric! {
 metric! {
     /// `drms` of the INS alone, the baseline of the filter
     INS_DRMS = "ins_drms", unit "m", pool Rms, better Neither,
-    shown Shown::column(90, 140), needs [Position, Ins];
+    shown MetricDisplay::column(90, 140), needs [Position, Ins];
     |line| {
-        let e = line.offsets(line.named(Source::Ins, "ins_lat")?, line.named(Source::Ins, "ins_lon")?)?;
+        let e = line.offsets(line.named(ScoreSource::Ins, "ins_lat")?, line.named(ScoreSource::Ins, "ins_lon")?)?;
         Ok(statistics::drms(&e.north_m, &e.east_m))
     }
 }
@@ -111,7 +111,7 @@ metric! {
     /// mean normalised estimation error squared e'P^-1e of the horizontal position; 2 for a consistent filter, more for
     /// an overconfident one, less for a cautious one
     NEES = "nees", unit "1", pool Mean, better Near(2.0),
-    shown Shown::column(110, 110), needs [Track, Position], uses [Bound];
+    shown MetricDisplay::column(110, 110), needs [Track, Position], uses [Bound];
     |line| Ok(statistics::mean(&position_nees(line)?))
 }
 
@@ -119,8 +119,8 @@ metric! {
     /// mean normalised innovation squared of the measurements that the gate accepted; 1 for a consistent filter, more
     /// for an overconfident one, less for a cautious one
     NIS = "nis", unit "1", pool Mean, better Near(1.0),
-    shown Shown::column(120, 120).rank(70), needs [Track];
-    |line| Ok(statistics::mean(&ungated(line, line.named(Source::Track, "nis")?)?))
+    shown MetricDisplay::column(120, 120).rank(70), needs [Track];
+    |line| Ok(statistics::mean(&ungated(line, line.named(ScoreSource::Track, "nis")?)?))
 }
 
 metric! {
@@ -137,7 +137,7 @@ metric! {
     /// samples from its autocorrelation; 0.95 on average for a consistent filter
     NIS_CONSISTENT = "nis_consistent", unit "1", pool Mean, better Higher, needs [Track];
     |line| {
-        Ok(consistency::within_chi_square_band(&ungated(line, line.named(Source::Track, "nis")?)?, 1.0))
+        Ok(consistency::within_chi_square_band(&ungated(line, line.named(ScoreSource::Track, "nis")?)?, 1.0))
     }
 }
 
@@ -147,7 +147,7 @@ metric! {
     /// ones
     WHITENESS = "whiteness", unit "1", pool Mean, better Near(0.95), needs [Innovations];
     |line| {
-        let of = |name| line.named(Source::Innovations, name);
+        let of = |name| line.named(ScoreSource::Innovations, name);
         let normalised = |(residual, nis): (&f64, &f64)| nis.sqrt().copysign(*residual);
         let normalised: Vec<f64> = of("residual")?.iter().zip(of("nis")?).map(normalised).collect();
         Ok(consistency::whiteness(&ungated(line, &normalised)?, 20))
@@ -172,105 +172,105 @@ metric! {
 metric! {
     /// number of measurements that the filter used
     SAMPLES_USED = "samples_used", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, Update::Used)
+    |line| count(line, UpdateOutcome::Used)
 }
 
 metric! {
     /// number of samples without a measurement
     SAMPLES_MISSING = "samples_missing", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, Update::Missing)
+    |line| count(line, UpdateOutcome::Missing)
 }
 
 metric! {
     /// number of samples off the map or in an unknown cell
     SAMPLES_OFF_MAP = "samples_off_map", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, Update::OffMap)
+    |line| count(line, UpdateOutcome::OffMap)
 }
 
 metric! {
     /// number of measurements that the innovation gate rejected
     SAMPLES_GATED = "samples_gated", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, Update::Gated)
+    |line| count(line, UpdateOutcome::Gated)
 }
 
 metric! {
     /// number of samples where the map is too flat to observe the position (`flat_over_m` of `navigate`)
     SAMPLES_FLAT = "samples_flat", unit "1", pool Sum, better Neither, needs [Track, Slope];
-    |line| count(line, Update::Flat)
+    |line| count(line, UpdateOutcome::Flat)
 }
 
 metric! {
     /// number of positions by GNSS that the test against the INS rejected
     GNSS_REJECTED = "gnss_rejected", unit "1", pool Sum, better Neither, needs [Gnss];
     |line| {
-        let updates = line.texts(Source::Gnss)?;
-        let of = |word: GnssUpdate| updates.iter().filter(|update| *update == Some(word.word())).count();
-        let rejected = of(GnssUpdate::Rejected);
-        Ok(Figure { value: rejected as f64, n: rejected + of(GnssUpdate::Used) })
+        let updates = line.texts(ScoreSource::Gnss)?;
+        let of = |word: GnssOutcome| updates.iter().filter(|update| *update == Some(word.word())).count();
+        let rejected = of(GnssOutcome::Rejected);
+        Ok(SampleStatistic { value: rejected as f64, n: rejected + of(GnssOutcome::Used) })
     }
 }
 
 /// Normalised estimation error squared of the horizontal position of each sample.
-fn position_nees(line: &Line) -> Result<Vec<f64>, Fault> {
-    let (e, of_track) = (line.track_error()?, |name| line.named(Source::Track, name));
+fn position_nees(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
+    let (e, of_track) = (line.track_error()?, |name| line.named(ScoreSource::Track, name));
     let (sd_n, sd_e, cov_ne) = (of_track("sd_n")?, of_track("sd_e")?, of_track("cov_ne")?);
     Ok(statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne))
 }
 
 /// Samples whose quantile a radius is.
-fn radii<'l>(line: &'l Line) -> Result<&'l [f64], Fault> {
+fn radii<'l>(line: &'l ScoreLine) -> Result<&'l [f64], Fault> {
     line.radii()
 }
 
 /// Radius about the truth that contains a fraction of the samples.
-fn radius(line: &Line, part: f64) -> Result<Figure, Fault> {
+fn radius(line: &ScoreLine, part: f64) -> Result<SampleStatistic, Fault> {
     let radii = line.radii()?;
-    Ok(Figure { value: statistics::quantile(radii, part), n: radii.len() })
+    Ok(SampleStatistic { value: statistics::quantile(radii, part), n: radii.len() })
 }
 
 /// Height of the track minus the true height, in m.
-fn down_error(line: &Line) -> Result<Vec<f64>, Fault> {
-    let (track, truth) = (line.named(Source::Track, "alt")?, line.column(Source::Height)?);
+fn down_error(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
+    let (track, truth) = (line.named(ScoreSource::Track, "alt")?, line.column(ScoreSource::Height)?);
     Ok(line.unless_bound(track.iter().zip(truth).map(|(track, truth)| track - truth).collect()))
 }
 
 /// Error of one component of the velocity: north, east or down.
-fn velocity_error(line: &Line, component: usize) -> Result<Figure, Fault> {
-    let (track, truth) = (line.columns(Source::TrackVelocity)?, line.columns(Source::Velocity)?);
+fn velocity_error(line: &ScoreLine, component: usize) -> Result<SampleStatistic, Fault> {
+    let (track, truth) = (line.columns(ScoreSource::TrackVelocity)?, line.columns(ScoreSource::Velocity)?);
     let error = track[component].iter().zip(truth[component]).map(|(track, truth)| track - truth);
     Ok(statistics::rms(&line.unless_bound(error.collect())))
 }
 
 /// Values, with NaN where the gate rejected the measurement.
-fn ungated(line: &Line, values: &[f64]) -> Result<Vec<f64>, Fault> {
-    let gated = |word: Option<&str>| word == Some(Update::Gated.word());
+fn ungated(line: &ScoreLine, values: &[f64]) -> Result<Vec<f64>, Fault> {
+    let gated = |word: Option<&str>| word == Some(UpdateOutcome::Gated.word());
     let known = |(value, word): (&f64, Option<&str>)| if gated(word) { f64::NAN } else { *value };
     Ok(values.iter().zip(line.updates()?).map(known).collect())
 }
 
 /// Share of the finite values that satisfy `so`.
-fn share(values: &[f64], so: fn(f64) -> bool) -> Figure {
+fn share(values: &[f64], so: fn(f64) -> bool) -> SampleStatistic {
     let known = || values.iter().filter(|x| x.is_finite());
     let n = known().count();
-    Figure { value: known().filter(|x| so(**x)).count() as f64 / n as f64, n }
+    SampleStatistic { value: known().filter(|x| so(**x)).count() as f64 / n as f64, n }
 }
 
 /// Number of samples with this `update`.
-fn count(line: &Line, update: Update) -> Result<Figure, Fault> {
+fn count(line: &ScoreLine, update: UpdateOutcome) -> Result<SampleStatistic, Fault> {
     let updates = line.updates()?;
     let n = updates.iter().filter(|word| *word == Some(update.word())).count();
-    Ok(Figure { value: n as f64, n: updates.len() })
+    Ok(SampleStatistic { value: n as f64, n: updates.len() })
 }
 
 #[cfg(test)]
 mod tests {
-    use numerics::random::Normals;
+    use numerics::random::NormalGenerator;
 
     use super::*;
-    use crate::score::testing::{Columns, FLOWN, seconds, track, value};
+    use crate::score::testing::{FLOWN, ScoreTestColumns, seconds, track, value};
 
     /// Flown along the equator, the INS half as far away as the track: 0.001 deg north and 0.002 deg east.
-    fn tables() -> [Columns; 2] {
+    fn tables() -> [ScoreTestColumns; 2] {
         let truth = vec![
             (FLOWN[0], seconds(10, |_| 0.0)),
             (FLOWN[1], seconds(10, |t| 0.001 * t)),
@@ -311,15 +311,15 @@ mod tests {
         let nis = seconds(10, |t| if [3.0, 7.0].contains(&t) { 900.0 } else { 0.5 });
         tables[1].iter_mut().filter(|column| column.0 == "nis").for_each(|column| column.1 = nis.clone());
         tables[1].push(("residual", vec![1.0; 10]));
-        assert_eq!(value(&NIS, &tables), Figure { value: 0.5, n: 8 });
-        assert_eq!(value(&SAMPLES_GATED, &tables), Figure { value: 2.0, n: 10 });
+        assert_eq!(value(&NIS, &tables), SampleStatistic { value: 0.5, n: 8 });
+        assert_eq!(value(&SAMPLES_GATED, &tables), SampleStatistic { value: 2.0, n: 10 });
     }
 
     #[test]
     fn law_a_bound_has_no_error() {
         let mut tables = tables();
         tables[1].push(("drms_bound", vec![7.0; 10]));
-        assert_eq!(value(&DRMS_BOUND, &tables), Figure { value: 7.0, n: 10 });
+        assert_eq!(value(&DRMS_BOUND, &tables), SampleStatistic { value: 7.0, n: 10 });
         let errors = [DRMS, CEP, R95, RMS_NORTH, RMS_EAST, NEES].map(|m| value(&m, &tables));
         assert!(errors.iter().all(|f| f.value.is_nan() && f.n == 0), "{errors:?}");
         assert!(value(&INS_DRMS, &tables).value > 0.0);
@@ -338,11 +338,11 @@ mod tests {
         }
         assert!((value(&NEES, &tables).value - 2.0).abs() < 1e-9);
         // Two of the ten samples are gated.
-        assert_eq!(value(&NIS, &tables), Figure { value: 0.5, n: 8 });
+        assert_eq!(value(&NIS, &tables), SampleStatistic { value: 0.5, n: 8 });
     }
 
     /// A track of `n` samples along the equator that errs by these metres north, with a sigma of 10 m each way.
-    fn erring(n: u32, north_m: impl Fn(f64) -> f64) -> [Columns; 2] {
+    fn erring(n: u32, north_m: impl Fn(f64) -> f64) -> [ScoreTestColumns; 2] {
         let truth = vec![(FLOWN[0], seconds(n, |_| 0.0)), (FLOWN[1], seconds(n, |t| 1e-5 * t))];
         [truth, track(seconds(n, |t| north_m(t) / 110_574.3), seconds(n, |t| 1e-5 * t))]
     }
@@ -360,12 +360,13 @@ mod tests {
         assert_eq!([CEP, R95, ERROR_WITHIN_3SIGMA, DIVERGENCE].map(|m| value(&m, &gap).n), [100; 4]);
     }
 
-    /// Consistency of the position and of the innovations, whiteness, and the shares within three and beyond five sigma:
-    /// the mean of twenty tracks whose errors are `scale` times what the filter says, with innovations that last or not.
+    /// Consistency of the position and of the innovations, whiteness, and the shares within three and beyond five
+    /// sigma: the mean of twenty tracks whose errors are `scale` times what the filter says, with innovations that last
+    /// or not.
     fn of_tracks(scale: f64, lasts: bool) -> [f64; 5] {
         let mut sums = [0.0; 5];
         for seed in 0..20 {
-            let mut normals = Normals::new(seed);
+            let mut normals = NormalGenerator::new(seed);
             let drawn: Vec<[f64; 3]> = (0..1000).map(|_| [normals.draw(), normals.draw(), normals.draw()]).collect();
             let [truth, mut track] = erring(1000, |t| 10.0 * scale * drawn[t as usize][0]);
             track[1].1 = seconds(1000, |t| 1e-5 * t + 10.0 * scale * drawn[t as usize][1] / 111_319.5);

@@ -11,12 +11,19 @@ use numerics::{
 use super::*;
 
 fn stage(grade: InsGrade) -> SimulateIns {
-    SimulateIns { ins: grade.errors().into(), method: Method::ErrorModel, smooth_s: 0.0, seed: 0, replace: false }
+    SimulateIns {
+        ins: grade.errors().into(),
+        method: ErrorPropagation::ErrorModel,
+        smooth_s: 0.0,
+        seed: 0,
+        replace: false,
+    }
 }
 
 type Columns = Vec<(&'static str, Vec<f64>)>;
 
-/// A flight of 70 m/s from 45 degrees north, 10 degrees west that turns by a degree in `turn_s` seconds, at these times.
+/// A flight of 70 m/s from 45 degrees north, 10 degrees west that turns by a degree in `turn_s` seconds, at these
+/// times.
 fn flown(tt: &[f64], turn_s: f64) -> Columns {
     let (earth, mut lat, mut lon) = (EarthModel::Wgs84, 45.0_f64, -10.0_f64);
     let mut place = [(); 2].map(|()| Vec::with_capacity(tt.len()));
@@ -37,13 +44,13 @@ fn at_hz(rate_hz: f64, seconds: f64) -> Vec<f64> {
     (0..=(seconds * rate_hz) as usize).map(|k| 40_000.0 + k as f64 / rate_hz).collect()
 }
 
-fn line(name: &str, columns: &Columns) -> LineIn {
+fn line(name: &str, columns: &Columns) -> LineInput {
     let arrays = columns.iter().map(|(name, values)| (*name, array(values.clone())));
     let batch = RecordBatch::try_from_iter(arrays).unwrap();
-    LineIn { flight: "1003".into(), line: name.into(), inputs: vec![batch], keep: None }
+    LineInput { flight: "1003".into(), line: name.into(), inputs: vec![batch], keep: None }
 }
 
-fn run(stage: &SimulateIns, line: &LineIn) -> Result<Vec<Vec<f64>>, Fault> {
+fn run(stage: &SimulateIns, line: &LineInput) -> Result<Vec<Vec<f64>>, Fault> {
     let arrays = stage.run(line, &())?;
     Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
 }
@@ -62,7 +69,7 @@ fn law_the_drift_over_seeds_is_that_of_the_propagated_covariance() {
         let stage = stage(grade);
         let columns = flown(&at_hz(1.0, 600.0), 10.0);
         let line = line("1003.02", &columns);
-        let truth = Truth::of(&line.inputs[0], 0.0).unwrap();
+        let truth = TrueMotion::new(&line.inputs[0], 0.0).unwrap();
         let series = truth.series();
         let model = stage.model();
         let mut p = model.initial_covariance(45f64.to_radians(), 500.0);
@@ -130,7 +137,7 @@ fn law_an_ins_without_error_sources_is_the_truth_at_uneven_times() {
         ..InsErrors::default()
     };
     let exact = SimulateIns { ins: none.into(), ..stage(InsGrade::Magnav) };
-    for method in [Method::ErrorModel, Method::Mechanisation] {
+    for method in [ErrorPropagation::ErrorModel, ErrorPropagation::Mechanisation] {
         let said = run(&SimulateIns { method, ..exact.clone() }, &line("1", &columns)).unwrap();
         let speed = |k: usize| said[3][k].hypot(said[4][k]);
         (1..299).for_each(|k| {
@@ -158,7 +165,7 @@ fn law_smoothing_keeps_the_noise_of_the_receiver_out_of_the_specific_force() {
     let tt = at_hz(10.0, 120.0);
     let mut noisy = flown(&tt, 10.0);
     let clean = run(&stage(InsGrade::Navigation), &line("1", &noisy)).unwrap();
-    let mut normals = Normals::new(8);
+    let mut normals = NormalGenerator::new(8);
     let m = 1.0 / 111_000.0;
     for (_, column) in &mut noisy[1..3] {
         column.iter_mut().for_each(|x| *x += 0.02 * m * normals.draw());
@@ -219,7 +226,7 @@ fn unit_lines_of_few_samples_and_lines_that_cannot_be_flown() {
 fn unit_an_ins_is_not_replaced_unasked_and_wrong_units_are_told() {
     let table = |columns: &[(&str, &str)]| {
         let columns = columns.iter().map(|(name, unit)| Column::float(*name, *unit, "")).collect();
-        Table::Lines(Shape { columns, rate_hz: None })
+        Table::Lines(TableShape { columns, rate_hz: None })
     };
     let place = [("tt", "s"), ("lat", "deg"), ("lon", "deg"), ("alt", "m")];
     let with = |more: &[(&'static str, &'static str)]| table(&[&place[..], more].concat());

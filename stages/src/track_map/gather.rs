@@ -2,7 +2,7 @@
 
 use arrow_array::RecordBatch;
 use numerics::earth::core_field::CoreField;
-use schemas::{Fault, Gather, LineIn, Product, Shape, Work};
+use schemas::{CheckpointMonitor, Fault, LineInput, StageOutput, SurveyAggregator, TableShape};
 
 use super::{DIURNAL, PLACE, SPREAD, TrackMap};
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
 
 /// A measurement, or the mean of several.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct AnomalyMeasurement {
     /// Latitude, in degrees.
     pub lat_deg: f64,
     /// Longitude, in degrees.
@@ -27,39 +27,39 @@ pub struct Measured {
     pub position_m2: [f64; 3],
 }
 
-/// Gathers the lines for all points of a sweep.
-pub struct Lines {
+/// Points of a sweep over the same lines.
+pub struct TrackMapAggregator {
     stages: Vec<TrackMap>,
 }
 
 /// A line, for each point.
-pub struct Part {
+pub struct TrackMapLinePart {
     flight: String,
-    of: Vec<Result<Vec<Measured>, Fault>>,
+    of: Vec<Result<Vec<AnomalyMeasurement>, Fault>>,
 }
 
-impl Lines {
+impl TrackMapAggregator {
     /// Gathers for these points of a sweep.
-    pub fn new(stages: Vec<&TrackMap>) -> Lines {
-        Lines { stages: stages.into_iter().cloned().collect() }
+    pub fn new(stages: Vec<&TrackMap>) -> TrackMapAggregator {
+        TrackMapAggregator { stages: stages.into_iter().cloned().collect() }
     }
 }
 
-impl Gather for Lines {
-    type Part = Part;
+impl SurveyAggregator for TrackMapAggregator {
+    type Part = TrackMapLinePart;
 
-    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+    fn map(&self, line: &LineInput) -> Result<TrackMapLinePart, Fault> {
         let of = self.stages.iter().map(|stage| stage.measured(line)).collect();
-        Ok(Part { flight: line.flight.clone(), of })
+        Ok(TrackMapLinePart { flight: line.flight.clone(), of })
     }
 
-    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
+    fn refused(&self, part: &TrackMapLinePart) -> Vec<(usize, Fault)> {
         part.of.iter().enumerate().filter_map(|(i, of)| Some((i, of.as_ref().err()?.clone()))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<TrackMapLinePart>, _: &dyn CheckpointMonitor) -> Vec<Result<StageOutput, Fault>> {
         let one = |(i, stage): (usize, &TrackMap)| {
-            let lines: Vec<(&str, &[Measured])> = parts
+            let lines: Vec<(&str, &[AnomalyMeasurement])> = parts
                 .iter()
                 .filter_map(|part| Some((part.flight.as_str(), part.of.get(i)?.as_ref().ok()?.as_slice())))
                 .collect();
@@ -71,7 +71,7 @@ impl Gather for Lines {
 
 impl TrackMap {
     /// Averaged measurements of a line.
-    pub(super) fn measured(&self, line: &LineIn) -> Result<Vec<Measured>, Fault> {
+    pub(super) fn measured(&self, line: &LineInput) -> Result<Vec<AnomalyMeasurement>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a survey without lines"))?;
         let track = line.inputs.get(1);
         let tt = floats(batch, "tt")?;
@@ -85,7 +85,7 @@ impl TrackMap {
         let [lat, lon, alt] = columns(track.unwrap_or(batch), PLACE)?;
         let spread = track.map(|track| columns(track, SPREAD)).transpose()?;
         let mag = floats(batch, &self.mag)?;
-        let diurnal = match self.removes_diurnal(&Shape::of(&batch.schema())) {
+        let diurnal = match self.removes_diurnal(&TableShape::from_schema(&batch.schema())) {
             true => Some(floats(batch, DIURNAL)?),
             false => None,
         };
@@ -96,7 +96,7 @@ impl TrackMap {
         };
         let core = core.map(CoreField::at).transpose().map_err(data)?;
         let added_m2 = self.position_sigma_m.powi(2);
-        let one = |row: usize| -> Option<Measured> {
+        let one = |row: usize| -> Option<AnomalyMeasurement> {
             let selected = line.keep.as_ref().is_none_or(|keep| keep.get(row).copied().unwrap_or(false));
             let (lat_deg, lon_deg, alt_m) = (lat[row], lon[row], alt[row]);
             let measured_nt = mag[row] - diurnal.map_or(0.0, |diurnal| diurnal[row]);
@@ -108,7 +108,7 @@ impl TrackMap {
             }
             let core_nt = core.as_ref().map_or(0.0, |core| core.magnitude_nt(lat_deg, lon_deg, alt_m));
             let value_nt = measured_nt - core_nt;
-            Some(Measured { lat_deg, lon_deg, alt_m, tt_s: tt[row], value_nt, position_m2 })
+            Some(AnomalyMeasurement { lat_deg, lon_deg, alt_m, tt_s: tt[row], value_nt, position_m2 })
         };
         let averaged = averaged((0..tt.len()).filter_map(one), self.interval_s);
         match averaged.is_empty() {
@@ -125,15 +125,15 @@ fn columns<'a>(batch: &'a RecordBatch, names: [&str; 3]) -> Result<[&'a [f64]; 3
 
 /// Means of the measurements within each interval. An interval begins with a measurement. Longitudes within an interval
 /// are on one side of the date line.
-fn averaged(all: impl Iterator<Item = Measured>, interval_s: f64) -> Vec<Measured> {
-    let mut groups: Vec<(Measured, f64, f64)> = vec![];
+fn averaged(all: impl Iterator<Item = AnomalyMeasurement>, interval_s: f64) -> Vec<AnomalyMeasurement> {
+    let mut groups: Vec<(AnomalyMeasurement, f64, f64)> = vec![];
     // A clock's rounding must not make every other interval a sample longer.
     let enough = interval_s * (1.0 - 1e-6);
     for next in all {
         match groups.last_mut() {
             Some((sum, count, from_s)) if next.tt_s - *from_s < enough && next.tt_s >= *from_s => {
                 let turn = 360.0 * ((sum.lon_deg / *count - next.lon_deg) / 360.0).round();
-                let next = Measured { lon_deg: next.lon_deg + turn, ..next };
+                let next = AnomalyMeasurement { lon_deg: next.lon_deg + turn, ..next };
                 *sum = combined(*sum, next);
                 *count += 1.0;
             }
@@ -143,8 +143,8 @@ fn averaged(all: impl Iterator<Item = Measured>, interval_s: f64) -> Vec<Measure
     groups.into_iter().map(|(sum, count, _)| over(sum, count)).collect()
 }
 
-fn combined(a: Measured, b: Measured) -> Measured {
-    Measured {
+fn combined(a: AnomalyMeasurement, b: AnomalyMeasurement) -> AnomalyMeasurement {
+    AnomalyMeasurement {
         lat_deg: a.lat_deg + b.lat_deg,
         lon_deg: a.lon_deg + b.lon_deg,
         alt_m: a.alt_m + b.alt_m,
@@ -154,8 +154,8 @@ fn combined(a: Measured, b: Measured) -> Measured {
     }
 }
 
-fn over(sum: Measured, count: f64) -> Measured {
-    Measured {
+fn over(sum: AnomalyMeasurement, count: f64) -> AnomalyMeasurement {
+    AnomalyMeasurement {
         lat_deg: sum.lat_deg / count,
         lon_deg: sum.lon_deg / count,
         alt_m: sum.alt_m / count,

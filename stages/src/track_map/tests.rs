@@ -5,15 +5,16 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field, Schema};
 use grids::AnomalyGrid;
-use schemas::{Args, Gather, Given, LineIn, Literal};
+use schemas::{LineInput, Literal, SpecEntries, SpecEntry, SurveyAggregator};
 
 use super::*;
 
 /// The stage with parameters as a spec gives them.
 fn stage(args: &[(&str, Literal)]) -> TrackMap {
-    let given =
-        |(name, value): &(&str, Literal)| ((*name).to_owned(), Given { value: value.clone(), key_at: 0..0, at: 0..0 });
-    let args: Args = args.iter().map(given).collect();
+    let given = |(name, value): &(&str, Literal)| {
+        ((*name).to_owned(), SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 })
+    };
+    let args: SpecEntries = args.iter().map(given).collect();
     let built = (TrackMap::entry().build)(&args).unwrap();
     built.as_any().downcast_ref::<TrackMap>().unwrap().clone()
 }
@@ -51,7 +52,7 @@ fn batch(columns: Vec<(&str, Vec<f64>)>) -> RecordBatch {
 }
 
 /// An eastward line of 3 km with a sample every 50 m and second; its track is `off_m` east of it.
-fn line(number: usize, north_m: f64, off_m: f64) -> LineIn {
+fn line(number: usize, north_m: f64, off_m: f64) -> LineInput {
     let east: Vec<f64> = (0..60).map(|k| 50.0 * f64::from(k)).collect();
     let all = |x: f64| vec![x; 60];
     let tt: Vec<f64> = (0..60).map(|k| (100 * number + k) as f64).collect();
@@ -75,32 +76,32 @@ fn line(number: usize, north_m: f64, off_m: f64) -> LineIn {
         ("sd_e", all(30.0)),
         ("cov_ne", all(0.0)),
     ];
-    LineIn { flight: "1".into(), line: number.to_string(), inputs: vec![batch(lines), batch(track)], keep: None }
+    LineInput { flight: "1".into(), line: number.to_string(), inputs: vec![batch(lines), batch(track)], keep: None }
 }
 
-fn survey(off_m: f64, tracked: bool) -> Vec<LineIn> {
+fn survey(off_m: f64, tracked: bool) -> Vec<LineInput> {
     let inputs = if tracked { 2 } else { 1 };
     (0..11)
         .map(|k| line(k, 300.0 * k as f64, off_m))
-        .map(|l| LineIn { inputs: l.inputs[..inputs].to_vec(), ..l })
+        .map(|l| LineInput { inputs: l.inputs[..inputs].to_vec(), ..l })
         .collect()
 }
 
-fn yielded(stage: &TrackMap, lines: &[LineIn]) -> Result<Product, Fault> {
+fn yielded(stage: &TrackMap, lines: &[LineInput]) -> Result<StageOutput, Fault> {
     let gather = TrackMap::gather(vec![crate::testing::point(stage)]);
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-    gather.finish(parts, &schemas::Unattended).remove(0)
+    gather.finish(parts, &schemas::NullMonitor).remove(0)
 }
 
 /// The map and the standard deviations of its nodes.
-fn grid(product: &Product) -> (AnomalyGrid, Vec<f64>) {
+fn grid(product: &StageOutput) -> (AnomalyGrid, Vec<f64>) {
     let fields: Vec<Field> = schemas::map::made_columns("nT").iter().map(Column::field).collect();
     let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), product.columns[..7].to_vec()).unwrap();
     (AnomalyGrid::of_made(&batch).unwrap(), product.columns[7].as_primitive::<Float64Type>().values().to_vec())
 }
 
 /// Metres east and north of each node within the lines, with value and standard deviation.
-fn nodes(product: &Product) -> Vec<[f64; 4]> {
+fn nodes(product: &StageOutput) -> Vec<[f64; 4]> {
     let (map, sd) = grid(product);
     let mut nodes = vec![];
     for (i, (value, sd)) in map.anomaly_nt.iter().zip(sd).enumerate() {
@@ -141,7 +142,8 @@ fn law_the_map_is_where_the_track_is() {
     let error = rms(nodes.iter().map(|[e, n, value, _]| value - field_nt(*e, *n)));
     let sd = rms(nodes.iter().map(|node| node[3]));
     println!("{moved:.2} nT where the track is, {error:.2} nT where the lines are, sd {sd:.2} nT");
-    // 25 m of the 30 m that the track says of itself, at slopes of up to 0.29 nT/m; and the field is smoother than the kernel.
+    // 25 m of the 30 m that the track says of itself, at slopes of up to 0.29 nT/m; and the field is smoother than the
+    // kernel.
     assert!(moved < 1.5 && error > 2.0 && (0.3..1.5).contains(&(error / sd)), "{moved} {error} {sd}");
 }
 
@@ -176,7 +178,7 @@ fn law_a_mean_over_an_interval_is_one_measurement() {
     assert!((all[1].value_nt - expected).abs() < 1e-9 && (all[1].tt_s - 302.5).abs() < 1e-9, "{:?}", all[1]);
     assert_eq!(all[1].position_m2, [900.0, 1.0, 0.0]);
     let keep = Some((0..60).map(|row| row < 10).collect());
-    assert_eq!(stage.measured(&LineIn { keep, ..line }).unwrap().len(), 5);
+    assert_eq!(stage.measured(&LineInput { keep, ..line }).unwrap().len(), 5);
 }
 
 #[test]
@@ -192,9 +194,9 @@ fn gold_what_makes_no_map_says_why() {
             .map(|(name, x)| (name, if name == "tt" { x.iter().map(|t| t + 1.0).collect() } else { x }))
             .collect(),
     );
-    let fault = plainly.measured(&LineIn { inputs: vec![two.inputs[0].clone(), later], ..two.clone() }).unwrap_err();
+    let fault = plainly.measured(&LineInput { inputs: vec![two.inputs[0].clone(), later], ..two.clone() }).unwrap_err();
     assert!(fault.to_string().contains("different samples"), "{fault}");
-    let none = LineIn { keep: Some(vec![false; 60]), ..two.clone() };
+    let none = LineInput { keep: Some(vec![false; 60]), ..two.clone() };
     assert!(plainly.measured(&none).unwrap_err().to_string().contains("no sample has a position"));
     let gather = TrackMap::gather(vec![crate::testing::point(&plainly)]);
     assert_eq!(gather.refused(&gather.map(&none).unwrap()).len(), 1);
@@ -205,7 +207,10 @@ fn gold_what_makes_no_map_says_why() {
     assert!(refused(&[("bounds", Literal::List(far))]).contains("no measurement"));
     assert!(refused(&[("max_functions", Literal::Int(3))]).contains("too large"));
     let columns = |names: &[(&str, &str)]| {
-        Table::Lines(Shape { columns: names.iter().map(|(n, u)| Column::float(*n, *u, "")).collect(), rate_hz: None })
+        Table::Lines(TableShape {
+            columns: names.iter().map(|(n, u)| Column::float(*n, *u, "")).collect(),
+            rate_hz: None,
+        })
     };
     let lines = columns(&[("tt", "s"), ("mag_c", "nT"), ("lat", "deg"), ("lon", "deg"), ("alt", "m")]);
     let faults = stage(&[]).yields(&[&lines]).unwrap_err();

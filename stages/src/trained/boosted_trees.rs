@@ -1,15 +1,15 @@
 //! A forest of boosted trees as its table holds it.
 //!
-//! The field is `base` plus one value of each tree. A tree begins at its node 1; at `split[t,k] NAME` a row goes to node
-//! `left[t,k]` where its `NAME` is at most the value of the split, and else to the node after that, until it is at a
-//! `leaf[t,k]`, whose value is the tree's. `nodes[t]` is the number of nodes of tree t.
+//! The field is `base` plus one value of each tree. A tree begins at its node 1; at `split[t,k] NAME` a row goes to
+//! node `left[t,k]` where its `NAME` is at most the value of the split, and else to the node after that, until it is at
+//! a `leaf[t,k]`, whose value is the tree's. `nodes[t]` is the number of nodes of tree t.
 
-use learning::trees::{BoostingError, Forest, Node, Tree};
+use learning::trees::{BoostingError, Forest, RegressionTree, RegressionTreeNode};
 use schemas::Fault;
 
 use super::{
-    Prediction,
-    terms::{Reading, Term, broken, list, named_list, term},
+    FieldPrediction,
+    terms::{TermLookup, TermValue, broken, list, named_list, term},
 };
 
 /// A forest and the columns that it divides.
@@ -26,9 +26,9 @@ impl BoostedTrees {
     /// When the forest divides columns that do not exist, or its nodes are not in the order of the layout.
     pub fn new(inputs: Vec<String>, forest: Forest) -> Result<Self, Fault> {
         forest.check(inputs.len()).map_err(|e: BoostingError| broken(e.to_string()))?;
-        let together = |node: &Node| match node {
-            Node::Leaf { .. } => true,
-            Node::Split { left, right, .. } => *right == left + 1,
+        let together = |node: &RegressionTreeNode| match node {
+            RegressionTreeNode::Leaf { .. } => true,
+            RegressionTreeNode::Split { left, right, .. } => *right == left + 1,
         };
         if !forest.trees.iter().flat_map(|tree| &tree.nodes).all(together) {
             return Err(broken("the nodes below a split are not consecutive".to_owned()));
@@ -46,14 +46,14 @@ impl BoostedTrees {
         &self.forest
     }
 
-    /// See [`Learned::predict`](super::Learned::predict).
-    pub fn predict(&self, x: &[f64]) -> Prediction {
-        Prediction { field_nt: self.forest.predict(x, self.inputs.len()), sigma_nt: None }
+    /// See [`LearnedModel::predict`](super::LearnedModel::predict).
+    pub fn predict(&self, x: &[f64]) -> FieldPrediction {
+        FieldPrediction { field_nt: self.forest.predict(x, self.inputs.len()), sigma_nt: None }
     }
 
     /// The terms of its table.
-    pub fn terms(&self) -> Vec<Term> {
-        let mut out: Vec<Term> = named_list("input", &self.inputs, &vec![1.0; self.inputs.len()]).collect();
+    pub fn terms(&self) -> Vec<TermValue> {
+        let mut out: Vec<TermValue> = named_list("input", &self.inputs, &vec![1.0; self.inputs.len()]).collect();
         out.push(term("base", self.forest.base));
         let counts: Vec<f64> = self.forest.trees.iter().map(|tree| tree.nodes.len() as f64).collect();
         out.extend(list("nodes", &counts));
@@ -61,8 +61,8 @@ impl BoostedTrees {
             for (k, node) in tree.nodes.iter().enumerate() {
                 let at = format!("[{},{}]", t + 1, k + 1);
                 match node {
-                    Node::Leaf { value } => out.push(term(format!("leaf{at}"), *value)),
-                    Node::Split { feature, threshold, left, .. } => {
+                    RegressionTreeNode::Leaf { value } => out.push(term(format!("leaf{at}"), *value)),
+                    RegressionTreeNode::Split { feature, threshold, left, .. } => {
                         let name = self.inputs.get(*feature).map(String::as_str).unwrap_or_default();
                         out.push(term(format!("split{at} {name}"), *threshold));
                         out.push(term(format!("left{at}"), (left + 1) as f64));
@@ -77,24 +77,24 @@ impl BoostedTrees {
     ///
     /// # Errors
     /// When the table is not whole.
-    pub fn read(terms: &Reading) -> Result<Self, Fault> {
+    pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (inputs, _) = terms.list("input")?;
         let base = terms.value("base")?;
         let (_, counts) = terms.list("nodes")?;
         let node = |at: String| {
             let split = format!("split{at}");
             let Ok(name) = terms.word(&split) else {
-                return Ok(Node::Leaf { value: terms.value(&format!("leaf{at}"))? });
+                return Ok(RegressionTreeNode::Leaf { value: terms.value(&format!("leaf{at}"))? });
             };
             let feature = inputs.iter().position(|input| input == name);
             let feature = feature.ok_or_else(|| broken(format!("`{split}` uses `{name}`, which is not an input")))?;
             let left = terms.count(&format!("left{at}"))?.saturating_sub(1);
-            Ok(Node::Split { feature, threshold: terms.value(&split)?, left, right: left + 1 })
+            Ok(RegressionTreeNode::Split { feature, threshold: terms.value(&split)?, left, right: left + 1 })
         };
         let tree = |t: usize| {
             let count = terms.count(&format!("nodes[{}]", t + 1))?;
             let nodes = (1..=count).map(|k| node(format!("[{},{k}]", t + 1)));
-            Ok(Tree { nodes: nodes.collect::<Result<Vec<_>, Fault>>()? })
+            Ok(RegressionTree { nodes: nodes.collect::<Result<Vec<_>, Fault>>()? })
         };
         let trees = (0..counts.len()).map(tree).collect::<Result<Vec<_>, Fault>>()?;
         BoostedTrees::new(inputs, Forest { base, trees })
@@ -106,25 +106,25 @@ impl BoostedTrees {
 mod tests {
     use std::ops::ControlFlow;
 
-    use learning::trees::{Boosting, boost};
+    use learning::trees::{BoostingSettings, boost};
 
-    use super::super::Learned;
+    use super::super::LearnedModel;
     use super::*;
 
     #[test]
     fn law_a_forest_comes_back_from_its_table_in_any_order_and_not_from_a_part_of_it() {
         let x: Vec<f64> = (0..120).map(|k| f64::from(k * 37 % 61)).collect();
         let y: Vec<f64> = x.chunks(2).map(|x| (0.1 * x[0]).sin() + 0.02 * x[1]).collect();
-        let how = Boosting { trees: 3, leaves: 4, least_rows: 4, ..Boosting::default() };
+        let how = BoostingSettings { trees: 3, leaves: 4, least_rows: 4, ..BoostingSettings::default() };
         let forest = boost(&x, 2, &y, &how, None, &mut |_, _, _| ControlFlow::Continue(())).unwrap().forest;
-        let learned = Learned::BoostedTrees(BoostedTrees::new(vec!["a".into(), "b c".into()], forest).unwrap());
+        let learned = LearnedModel::BoostedTrees(BoostedTrees::new(vec!["a".into(), "b c".into()], forest).unwrap());
         let mut terms = learned.terms();
         terms.sort_by(|a, b| b.name.cmp(&a.name));
         let (names, values): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
-        assert_eq!(Learned::read(&names, &values).unwrap(), Some(learned));
+        assert_eq!(LearnedModel::read(&names, &values).unwrap(), Some(learned));
         for lost in 0..names.len() {
             let without = [&names[..lost], &names[lost + 1..]].concat();
-            let read = Learned::read(&without, &[&values[..lost], &values[lost + 1..]].concat());
+            let read = LearnedModel::read(&without, &[&values[..lost], &values[lost + 1..]].concat());
             let family = names[lost].starts_with("family");
             assert!(if family { read.unwrap().is_none() } else { read.is_err() }, "{}", names[lost]);
         }
@@ -132,7 +132,7 @@ mod tests {
         for (key, wrong) in [("left[2,1]", 1.0), ("left[1,1]", 99.0), ("nodes[1]", 1e6), ("leaf", f64::NAN)] {
             let mut values = values.clone();
             values[of(key)] = wrong;
-            assert!(Learned::read(&names, &values).is_err(), "{key}");
+            assert!(LearnedModel::read(&names, &values).is_err(), "{key}");
         }
     }
 }

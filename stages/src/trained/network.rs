@@ -1,7 +1,7 @@
 //! A network as its table holds it: its layout, and what it predicts.
 //!
-//! With x the inputs, z = (x - `input_mean`) / `input_scale`, or `component` times that where there are components, N the
-//! network of z and a the linear terms as they are, the field is `target_mean` + `target_scale` times
+//! With x the inputs, z = (x - `input_mean`) / `input_scale`, or `component` times that where there are components, N
+//! the network of z and a the linear terms as they are, the field is `target_mean` + `target_scale` times
 //!
 //! | `form` | |
 //! |---|---|
@@ -10,32 +10,32 @@
 //! | `m2b`, `m2c` | N(z) + a . `linear` |
 //! | `m2d` | a . (N(z) + `linear`) |
 //!
-//! N is layer by layer the activation of `w` z + `b`, the last layer without it. `w1[3,17]` is the weight of the unit 3 of the
-//! first layer for its input 17, `b1[3]` the bias. Several members are averaged.
+//! N is layer by layer the activation of `w` z + `b`, the last layer without it. `w1[3,17]` is the weight of the unit 3
+//! of the first layer for its input 17, `b1[3]` the bias. Several members are averaged.
 
 use learning::{
-    inputs::{Components, Inputs},
-    network::{Activation, Form, Scales, Shape},
+    inputs::{InputScaling, WhitenedComponents},
+    network::{ActivationFunction, NetworkForm, NetworkScales, NetworkShape},
 };
 use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    Layers, Parts, Prediction,
-    terms::{Reading, Term, broken, list, member_of, named_list, term},
+    FieldPrediction, NetworkLayers, NetworkParts,
+    terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
 /// Rows that are predicted at a time.
 const ROWS: usize = 4096;
 
 /// The parts of a network of one hidden layer.
-pub struct OneLayer<'a> {
+pub struct OneLayerNetwork<'a> {
     /// The names of the inputs.
     pub names: &'a [String],
     /// Their means and scales.
     pub mean: &'a [f64],
     pub scale: &'a [f64],
-    pub activation: Activation,
+    pub activation: ActivationFunction,
     /// The weights of the hidden units, unit by unit, and their biases.
     pub w: &'a [f64],
     pub b: &'a [f64],
@@ -46,16 +46,16 @@ pub struct OneLayer<'a> {
     pub target: (f64, f64),
 }
 
-/// A network, or several of one shape whose mean counts.
+/// Network, or the mean of several networks of one shape.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Network {
+pub struct NetworkEnsemble {
     /// The names of the inputs.
     inputs: Vec<String>,
     /// Scaling of the inputs.
-    scaling: Inputs,
+    scaling: InputScaling,
     /// The names of the linear terms.
     linear: Vec<String>,
-    shape: Shape,
+    shape: NetworkShape,
     /// The parameters of each member.
     members: Vec<Vec<f64>>,
     /// Mean and scale of the target, nT.
@@ -65,16 +65,16 @@ pub struct Network {
     linear_at: Vec<usize>,
 }
 
-impl Network {
-    /// Creates the model from its parts. The parameters of each member are in the order of [`Shape::names`].
+impl NetworkEnsemble {
+    /// Creates the model from its parts. The parameters of each member are in the order of [`NetworkShape::names`].
     ///
     /// # Errors
     /// When the parts do not fit together.
     pub fn new(
         inputs: Vec<String>,
-        scaling: Inputs,
+        scaling: InputScaling,
         linear: Vec<String>,
-        shape: Shape,
+        shape: NetworkShape,
         members: Vec<Vec<f64>>,
         target: (f64, f64),
     ) -> Result<Self, Fault> {
@@ -113,20 +113,20 @@ impl Network {
         &self.linear
     }
 
-    /// See [`Learned::parts`](super::Learned::parts).
-    pub fn parts(&self) -> Parts<'_> {
-        Parts {
+    /// See [`LearnedModel::parts`](super::LearnedModel::parts).
+    pub fn parts(&self) -> NetworkParts<'_> {
+        NetworkParts {
             inputs: &self.inputs,
             scaling: &self.scaling,
             linear: &self.linear,
-            layers: Layers::Dense(&self.shape),
+            layers: NetworkLayers::Dense(&self.shape),
             members: &self.members,
             scale_nt: self.target.1,
         }
     }
 
-    /// The bytes of an ONNX file of it. The input `x` takes rows of [`Network::inputs`], `a` rows of [`Network::linear`] where there are
-    /// any, both as they are; the output `y` is the field, nT.
+    /// The bytes of an ONNX file of it. The input `x` takes rows of [`NetworkEnsemble::inputs`], `a` rows of
+    /// [`NetworkEnsemble::linear`] where there are any, both as they are; the output `y` is the field, nT.
     ///
     /// # Errors
     /// When it is the mean of several networks.
@@ -136,7 +136,7 @@ impl Network {
             return Err(Fault::data(what).help("fit the model with `members = 1`"));
         };
         let (target_mean, target_scale) = self.target;
-        let scales = Scales { inputs: &self.scaling, linear: None, target_mean, target_scale };
+        let scales = NetworkScales { inputs: &self.scaling, linear: None, target_mean, target_scale };
         self.shape.to_onnx(member, &scales).map_err(|e| Fault::bug(e.to_string()))
     }
 
@@ -149,8 +149,8 @@ impl Network {
         (self.scaling.apply(&inputs), linear)
     }
 
-    /// See [`Learned::predict`](super::Learned::predict).
-    pub fn predict(&self, x: &[f64]) -> Prediction {
+    /// See [`LearnedModel::predict`](super::LearnedModel::predict).
+    pub fn predict(&self, x: &[f64]) -> FieldPrediction {
         let (mean, scale) = self.target;
         let mut field_nt = vec![];
         let mut sigma_nt = (self.members.len() > 1).then(Vec::new);
@@ -164,21 +164,21 @@ impl Network {
                 sigma_nt.iter_mut().for_each(|s| s.push(statistics::std(&values).value));
             }
         }
-        Prediction { field_nt, sigma_nt }
+        FieldPrediction { field_nt, sigma_nt }
     }
 
     /// Its parts, where it is one network of one hidden layer alone.
     ///
     /// # Errors
     /// When it is something else.
-    pub fn one_layer(&self) -> Result<OneLayer<'_>, Fault> {
+    pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer and without `whiten` and `members`";
             Err(Fault::data(format!("the trained model {what}")).of_param("model").help(help))
         };
         let [hidden] = self.shape.hidden[..] else { return fault("does not have exactly one hidden layer") };
         let [member] = &self.members[..] else { return fault("is the mean of several networks") };
-        if self.shape.form != Form::Plain {
+        if self.shape.form != NetworkForm::Plain {
             return fault("has a linear part");
         }
         if self.scaling.components.is_some() {
@@ -187,7 +187,7 @@ impl Network {
         let (w, rest) = member.split_at(hidden * self.inputs.len());
         let (b, rest) = rest.split_at(hidden);
         let (v, last) = rest.split_at(hidden);
-        Ok(OneLayer {
+        Ok(OneLayerNetwork {
             names: &self.inputs,
             mean: &self.scaling.mean,
             scale: &self.scaling.scale,
@@ -200,7 +200,8 @@ impl Network {
         })
     }
 
-    /// See [`Learned::gradient`](super::Learned::gradient). A column that is an input and a linear term has both parts.
+    /// See [`LearnedModel::gradient`](super::LearnedModel::gradient). A column that is an input and a linear term has
+    /// both parts.
     pub fn gradient(&self, x: &[f64]) -> Vec<f64> {
         let (z, a) = self.split(x);
         let (width, own) = (self.columns.len(), self.inputs.len());
@@ -232,8 +233,8 @@ impl Network {
     }
 
     /// The terms of its table.
-    pub fn terms(&self) -> Vec<Term> {
-        let Shape { hidden, activation, form, .. } = &self.shape;
+    pub fn terms(&self) -> Vec<TermValue> {
+        let NetworkShape { hidden, activation, form, .. } = &self.shape;
         let hidden: Vec<f64> = hidden.iter().map(|units| *units as f64).collect();
         let mut out =
             vec![term(format!("form {}", form.word()), 1.0), term(format!("activation {}", activation.word()), 1.0)];
@@ -264,7 +265,7 @@ impl Network {
     ///
     /// # Errors
     /// When the table is not whole.
-    pub fn read(terms: &Reading) -> Result<Self, Fault> {
+    pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (form, activation) = (terms.choice("form")?, terms.choice("activation")?);
         let (_, hidden) = terms.list("hidden")?;
         let (inputs, mean) = terms.list("input_mean")?;
@@ -275,15 +276,15 @@ impl Network {
             Ok(count) => {
                 let at = (1..=count).flat_map(|k| (1..=inputs.len()).map(move |i| format!("component[{k},{i}]")));
                 let weights = at.map(|key| terms.value(&key)).collect::<Result<Vec<_>, Fault>>()?;
-                Some(Components { count, weights, explained: terms.value("components_explain")? })
+                Some(WhitenedComponents { count, weights, explained: terms.value("components_explain")? })
             }
         };
         if scale.iter().any(|s| *s <= 0.0) {
             return Err(broken("an input has no scale".to_owned()));
         }
-        let scaling = Inputs { mean, scale, components };
+        let scaling = InputScaling { mean, scale, components };
         let hidden = hidden.iter().map(|units| *units as usize).collect();
-        let shape = Shape { inputs: scaling.width(), linear: linear.len(), hidden, activation, form };
+        let shape = NetworkShape { inputs: scaling.width(), linear: linear.len(), hidden, activation, form };
         let names = shape.names();
         let member = |m: usize| {
             let all = names.iter().map(|name| terms.value(&format!("{}{name}", member_of(m))));
@@ -291,26 +292,37 @@ impl Network {
         };
         let members = (0..terms.count("members")?).map(member).collect::<Result<Vec<_>, Fault>>()?;
         let target = (terms.value("target_mean")?, terms.value("target_scale")?);
-        Network::new(inputs, scaling, linear, shape, members, target)
+        NetworkEnsemble::new(inputs, scaling, linear, shape, members, target)
     }
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::Learned;
+    use super::super::LearnedModel;
     use super::*;
 
-    const FORMS: [Form; 5] =
-        [Form::Plain, Form::Weights, Form::FixedLinear, Form::TrainedLinear, Form::WeightsAroundFixed];
+    const FORMS: [NetworkForm; 5] = [
+        NetworkForm::Plain,
+        NetworkForm::Weights,
+        NetworkForm::FixedLinear,
+        NetworkForm::TrainedLinear,
+        NetworkForm::WeightsAroundFixed,
+    ];
 
-    fn network(form: Form, members: usize) -> Network {
+    fn network(form: NetworkForm, members: usize) -> NetworkEnsemble {
         let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
-        let linear = if form == Form::Plain { vec![] } else { names(&["b", "bias"]) };
-        let scaling = Inputs { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
-        let shape = Shape { inputs: 2, linear: linear.len(), hidden: vec![3, 2], activation: Activation::Swish, form };
+        let linear = if form == NetworkForm::Plain { vec![] } else { names(&["b", "bias"]) };
+        let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        let shape = NetworkShape {
+            inputs: 2,
+            linear: linear.len(),
+            hidden: vec![3, 2],
+            activation: ActivationFunction::Swish,
+            form,
+        };
         let members = (0..members).map(|m| shape.initial(m as u64, &vec![0.3; linear.len()])).collect();
-        Network::new(names(&["a", "b"]), scaling, linear, shape, members, (40.0, 7.0)).unwrap()
+        NetworkEnsemble::new(names(&["a", "b"]), scaling, linear, shape, members, (40.0, 7.0)).unwrap()
     }
 
     const ROWS: [f64; 9] = [0.3, -1.0, 1.0, 4.0, 0.5, 1.0, -2.0, 3.0, 1.0];
@@ -320,15 +332,15 @@ mod tests {
         for form in FORMS {
             for members in [1, 3] {
                 let network = network(form, members);
-                let learned = Learned::Network(network.clone());
+                let learned = LearnedModel::Network(network.clone());
                 let mut terms = learned.terms();
                 terms.sort_by(|a, b| b.name.cmp(&a.name));
                 let (names, values): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
-                assert_eq!(Learned::read(&names, &values).unwrap(), Some(learned), "{form:?}");
+                assert_eq!(LearnedModel::read(&names, &values).unwrap(), Some(learned), "{form:?}");
                 for lost in 0..names.len() {
                     let without = |v: &[String]| [&v[..lost], &v[lost + 1..]].concat();
                     let values = [&values[..lost], &values[lost + 1..]].concat();
-                    let read = Learned::read(&without(&names), &values);
+                    let read = LearnedModel::read(&without(&names), &values);
                     let family = names[lost].starts_with("family");
                     assert!(if family { read.unwrap().is_none() } else { read.is_err() }, "{}", names[lost]);
                 }
@@ -359,9 +371,9 @@ mod tests {
     fn unit_members_are_averaged_and_their_spread_is_told() {
         let rows = &ROWS[..6];
         let rows: Vec<f64> = rows.chunks(3).flat_map(|r| r[..2].to_vec()).collect();
-        let network = network(Form::Plain, 2);
+        let network = network(NetworkForm::Plain, 2);
         let one = |m: usize| {
-            let alone = Network { members: vec![network.members[m].clone()], ..network.clone() };
+            let alone = NetworkEnsemble { members: vec![network.members[m].clone()], ..network.clone() };
             let made = alone.predict(&rows);
             assert_eq!(made.sigma_nt, None);
             made.field_nt

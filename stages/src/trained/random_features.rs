@@ -1,31 +1,31 @@
 //! Random Fourier features as their table holds them.
 //!
 //! With x the inputs and z = (x - `input_mean`) / `input_scale`, the features are cos(w z)/√k for the k rows w of
-//! `frequency`, then sin(w z)/√k, then `linear` z where that is not 0. With f the features less `feature_mean`, the field
-//! is `intercept` + f . `weight`, and the variance of that `noise_variance` (1/`rows` + |`factor` f|^2).
+//! `frequency`, then sin(w z)/√k, then `linear` z where that is not 0. With f the features less `feature_mean`, the
+//! field is `intercept` + f . `weight`, and the variance of that `noise_variance` (1/`rows` + |`factor` f|^2).
 
-use learning::{inputs::Inputs, random_features::RandomFeatures};
+use learning::{inputs::InputScaling, random_features::RandomFeatures};
 use schemas::Fault;
 
 use super::{
-    Prediction,
-    terms::{Reading, Term, broken, list, named_list, term},
+    FieldPrediction,
+    terms::{TermLookup, TermValue, broken, list, named_list, term},
 };
 
-/// Random features of scaled inputs.
+/// Linear model of random Fourier features of scaled inputs.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Kernel {
+pub struct RandomFourierModel {
     inputs: Vec<String>,
-    scaling: Inputs,
+    scaling: InputScaling,
     model: RandomFeatures,
 }
 
-impl Kernel {
+impl RandomFourierModel {
     /// Creates the model from its parts. `scaling` has no components.
     ///
     /// # Errors
     /// When the parts do not fit together.
-    pub fn new(inputs: Vec<String>, scaling: Inputs, model: RandomFeatures) -> Result<Self, Fault> {
+    pub fn new(inputs: Vec<String>, scaling: InputScaling, model: RandomFeatures) -> Result<Self, Fault> {
         let width = inputs.len();
         let scaled = scaling.mean.len() == width && scaling.scale.len() == width && scaling.components.is_none();
         if !scaled || scaling.scale.iter().any(|s| *s <= 0.0) || model.width != width || model.rows == 0 {
@@ -41,18 +41,18 @@ impl Kernel {
         &self.inputs
     }
 
-    /// See [`Learned::predict`](super::Learned::predict).
-    pub fn predict(&self, x: &[f64]) -> Prediction {
+    /// See [`LearnedModel::predict`](super::LearnedModel::predict).
+    pub fn predict(&self, x: &[f64]) -> FieldPrediction {
         let z = self.scaling.apply(x);
         let unknown = || vec![f64::NAN; x.len() / self.inputs.len().max(1)];
         if self.model.factor.is_empty() {
-            return Prediction { field_nt: self.model.mean(&z).unwrap_or_else(|_| unknown()), sigma_nt: None };
+            return FieldPrediction { field_nt: self.model.mean(&z).unwrap_or_else(|_| unknown()), sigma_nt: None };
         }
         let (field_nt, sigma_nt) = self.model.predict(&z).unwrap_or_else(|_| (unknown(), unknown()));
-        Prediction { field_nt, sigma_nt: Some(sigma_nt) }
+        FieldPrediction { field_nt, sigma_nt: Some(sigma_nt) }
     }
 
-    /// See [`Learned::gradient`](super::Learned::gradient).
+    /// See [`LearnedModel::gradient`](super::LearnedModel::gradient).
     pub fn gradient(&self, x: &[f64]) -> Vec<f64> {
         let mut by_z = self.model.gradient(&self.scaling.apply(x)).unwrap_or_else(|_| vec![f64::NAN; x.len()]);
         for row in by_z.chunks_exact_mut(self.inputs.len().max(1)) {
@@ -62,9 +62,9 @@ impl Kernel {
     }
 
     /// The terms of its table.
-    pub fn terms(&self) -> Vec<Term> {
+    pub fn terms(&self) -> Vec<TermValue> {
         let model = &self.model;
-        let matrix = |key: &'static str, values: &[f64], width: usize| -> Vec<Term> {
+        let matrix = |key: &'static str, values: &[f64], width: usize| -> Vec<TermValue> {
             let rows = values.chunks_exact(width.max(1)).enumerate();
             let of = |(i, row): (usize, &[f64])| {
                 let all = row.iter().enumerate();
@@ -72,7 +72,7 @@ impl Kernel {
             };
             rows.flat_map(of).collect()
         };
-        let mut out: Vec<Term> = named_list("input_mean", &self.inputs, &self.scaling.mean).collect();
+        let mut out: Vec<TermValue> = named_list("input_mean", &self.inputs, &self.scaling.mean).collect();
         out.extend(list("input_scale", &self.scaling.scale));
         out.push(term("frequencies", (model.frequencies.len() / model.width.max(1)) as f64));
         out.extend(matrix("frequency", &model.frequencies, model.width));
@@ -96,7 +96,7 @@ impl Kernel {
     ///
     /// # Errors
     /// When the table is not whole.
-    pub fn read(terms: &Reading) -> Result<Self, Fault> {
+    pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let matrix = |key: &str, rows: usize, width: usize| {
             let at = (1..=rows).flat_map(|i| (1..=width).map(move |j| (i, j)));
             at.map(|(i, j)| terms.value(&format!("{key}[{i},{j}]"))).collect::<Result<Vec<_>, Fault>>()
@@ -121,40 +121,40 @@ impl Kernel {
             lambda: terms.value("noise_ratio")?,
             log_likelihood: terms.value("log_likelihood")?,
         };
-        Kernel::new(inputs, Inputs { mean, scale, components: None }, model)
+        RandomFourierModel::new(inputs, InputScaling { mean, scale, components: None }, model)
     }
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use learning::random_features::{Kernel as Settings, fit};
+    use learning::random_features::{RandomFeatureSettings as Settings, fit};
 
-    use super::super::Learned;
+    use super::super::LearnedModel;
     use super::*;
 
-    fn kernel(sigma: bool) -> Kernel {
+    fn kernel(sigma: bool) -> RandomFourierModel {
         let x: Vec<f64> = (0..80).map(|k| (0.7 * f64::from(k)).sin() + f64::from(k % 3)).collect();
         let y: Vec<f64> = x.chunks(2).map(|x| 40.0 + x[0] * x[1]).collect();
-        let scaling = Inputs::standardised(&x, 2).unwrap();
+        let scaling = InputScaling::standardised(&x, 2).unwrap();
         let mut model = fit(&scaling.apply(&x), 2, &y, &Settings { features: 6, ..Settings::default() }).unwrap();
         if !sigma {
             model.factor.clear();
         }
-        Kernel::new(vec!["a".into(), "b".into()], scaling, model).unwrap()
+        RandomFourierModel::new(vec!["a".into(), "b".into()], scaling, model).unwrap()
     }
 
     #[test]
     fn law_random_features_come_back_from_their_table_in_any_order_and_not_from_a_part_of_it() {
         for sigma in [true, false] {
-            let learned = Learned::RandomFeatures(kernel(sigma));
+            let learned = LearnedModel::RandomFeatures(kernel(sigma));
             let mut terms = learned.terms();
             terms.sort_by(|a, b| b.name.cmp(&a.name));
             let (names, values): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
-            assert_eq!(Learned::read(&names, &values).unwrap(), Some(learned));
+            assert_eq!(LearnedModel::read(&names, &values).unwrap(), Some(learned));
             for lost in 0..names.len() {
                 let without = [&names[..lost], &names[lost + 1..]].concat();
-                let read = Learned::read(&without, &[&values[..lost], &values[lost + 1..]].concat());
+                let read = LearnedModel::read(&without, &[&values[..lost], &values[lost + 1..]].concat());
                 let family = names[lost].starts_with("family");
                 assert!(if family { read.unwrap().is_none() } else { read.is_err() }, "{}", names[lost]);
             }

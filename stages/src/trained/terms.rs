@@ -1,15 +1,15 @@
 //! The layout of a model that is not linear: numbers by name.
 //!
-//! A term is `KEY`, `KEY[i]` or `KEY[i,j]`, counted from 1, and may be followed by a space and a word: the name of an input,
-//! an activation. Each key is there once, so that a table may be sorted in any way.
+//! A term is `KEY`, `KEY[i]` or `KEY[i,j]`, counted from 1, and may be followed by a space and a word: the name of an
+//! input, an activation. Each key is there once, so that a table may be sorted in any way.
 
 use std::collections::HashMap;
 
-use schemas::{Fault, Literal, Value};
+use schemas::{Fault, Literal, ParamValue};
 
 /// A term and its value.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Term {
+pub struct TermValue {
     /// The term.
     pub name: String,
     /// Its value.
@@ -17,17 +17,17 @@ pub struct Term {
 }
 
 /// A term.
-pub fn term(name: impl Into<String>, value: f64) -> Term {
-    Term { name: name.into(), value }
+pub fn term(name: impl Into<String>, value: f64) -> TermValue {
+    TermValue { name: name.into(), value }
 }
 
 /// The terms `KEY[1]`, `KEY[2]`... of some values.
-pub fn list<'a>(key: &'a str, values: &'a [f64]) -> impl Iterator<Item = Term> + 'a {
+pub fn list<'a>(key: &'a str, values: &'a [f64]) -> impl Iterator<Item = TermValue> + 'a {
     values.iter().enumerate().map(move |(i, value)| term(format!("{key}[{}]", i + 1), *value))
 }
 
 /// The same, each with a word.
-pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> impl Iterator<Item = Term> + 'a {
+pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> impl Iterator<Item = TermValue> + 'a {
     let all = words.iter().zip(values).enumerate();
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
 }
@@ -38,11 +38,11 @@ pub fn member_of(number: usize) -> String {
 }
 
 /// The terms of a table, by key.
-pub struct Reading<'a> {
+pub struct TermLookup<'a> {
     found: HashMap<&'a str, (&'a str, f64)>,
 }
 
-impl<'a> Reading<'a> {
+impl<'a> TermLookup<'a> {
     /// Reads the terms of a table.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl<'a> Reading<'a> {
     ///
     /// # Errors
     /// When it is missing, or not among the choices.
-    pub fn choice<T: Value>(&self, key: &str) -> Result<T, Fault> {
+    pub fn choice<T: ParamValue>(&self, key: &str) -> Result<T, Fault> {
         let word = self.word(key)?;
         let read = T::read(&Literal::Text(word.to_owned()));
         read.ok_or_else(|| broken(format!("`{key}` is `{word}`, but must be one of `{}`", T::WORDS.join("`, `"))))

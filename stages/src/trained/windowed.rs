@@ -4,29 +4,29 @@
 //! features of the last `window` samples at `rate_hz`; the last of these is the predicted sample. A dense network of
 //! `hidden` layers computes the field from them: `target_mean` + `target_scale` N. Where a run of samples is shorter
 //! than the window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch
-//! layout: [`learning::network::Windowed`].
+//! layout: [`learning::network::WindowedNetworkShape`].
 
 use learning::{
-    inputs::Inputs,
-    network::{Form, Memory, Shape, Windowed},
+    inputs::InputScaling,
+    network::{MemoryLayers, NetworkForm, NetworkShape, WindowedNetworkShape},
 };
 use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    Layers, Parts, Prediction,
-    terms::{Reading, Term, broken, list, member_of, named_list, term},
+    FieldPrediction, NetworkLayers, NetworkParts,
+    terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
 /// Largest relative difference between the rate of a line and that of the training.
 const RATE_TOLERANCE: f64 = 0.01;
 
-/// A network over a window, or several of one shape whose mean counts.
+/// Network over a window of samples, or the mean of several of one shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowedNetwork {
     inputs: Vec<String>,
-    scaling: Inputs,
-    core: Windowed,
+    scaling: InputScaling,
+    core: WindowedNetworkShape,
     members: Vec<Vec<f64>>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
@@ -35,14 +35,15 @@ pub struct WindowedNetwork {
 }
 
 impl WindowedNetwork {
-    /// Creates the model from its parts. The parameters of each member are in the order of [`Windowed::names`].
+    /// Creates the model from its parts. The parameters of each member are in the order of
+    /// [`WindowedNetworkShape::names`].
     ///
     /// # Errors
     /// When the parts do not fit together.
     pub fn new(
         inputs: Vec<String>,
-        scaling: Inputs,
-        core: Windowed,
+        scaling: InputScaling,
+        core: WindowedNetworkShape,
         members: Vec<Vec<f64>>,
         target: (f64, f64),
         rate_hz: f64,
@@ -66,13 +67,13 @@ impl WindowedNetwork {
         &self.inputs
     }
 
-    /// See [`Learned::parts`](super::Learned::parts).
-    pub fn parts(&self) -> Parts<'_> {
-        Parts {
+    /// See [`LearnedModel::parts`](super::LearnedModel::parts).
+    pub fn parts(&self) -> NetworkParts<'_> {
+        NetworkParts {
             inputs: &self.inputs,
             scaling: &self.scaling,
             linear: &[],
-            layers: Layers::Windowed(&self.core, self.rate_hz),
+            layers: NetworkLayers::Windowed(&self.core, self.rate_hz),
             members: &self.members,
             scale_nt: self.target.1,
         }
@@ -91,7 +92,7 @@ impl WindowedNetwork {
     }
 
     /// Prediction for rows in runs of these lengths.
-    pub fn predict(&self, x: &[f64], runs: &[usize]) -> Prediction {
+    pub fn predict(&self, x: &[f64], runs: &[usize]) -> FieldPrediction {
         let (mean, scale) = self.target;
         let z = self.scaling.apply(x);
         let all: Vec<Vec<f64>> = self.members.iter().map(|m| self.core.predict(m, &z, &[], runs)).collect();
@@ -99,12 +100,12 @@ impl WindowedNetwork {
         let of_row = |row: usize| all.iter().filter_map(|m| m.get(row)).map(|y| mean + scale * y).collect::<Vec<f64>>();
         let values: Vec<Vec<f64>> = (0..rows).map(of_row).collect();
         let sigma_nt = (self.members.len() > 1).then(|| values.iter().map(|v| statistics::std(v).value).collect());
-        Prediction { field_nt: values.iter().map(|v| statistics::mean(v).value).collect(), sigma_nt }
+        FieldPrediction { field_nt: values.iter().map(|v| statistics::mean(v).value).collect(), sigma_nt }
     }
 
     /// The terms of its table.
-    pub fn terms(&self) -> Vec<Term> {
-        let Windowed { memory, window, units, head, .. } = &self.core;
+    pub fn terms(&self) -> Vec<TermValue> {
+        let WindowedNetworkShape { memory, window, units, head, .. } = &self.core;
         let hidden: Vec<f64> = head.hidden.iter().map(|units| *units as f64).collect();
         let mut out = vec![
             term(format!("memory {}", memory.word()), 1.0),
@@ -130,8 +131,8 @@ impl WindowedNetwork {
     ///
     /// # Errors
     /// When the table is not whole.
-    pub fn read(terms: &Reading) -> Result<Self, Fault> {
-        let memory: Memory = terms.choice("memory")?;
+    pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
+        let memory: MemoryLayers = terms.choice("memory")?;
         let activation = terms.choice("activation")?;
         let (_, hidden) = terms.list("hidden")?;
         let (inputs, mean) = terms.list("input_mean")?;
@@ -141,8 +142,8 @@ impl WindowedNetwork {
         }
         let (window, units) = (terms.count("window")?, terms.count("units")?);
         let hidden = hidden.iter().map(|units| *units as usize).collect();
-        let head = Shape { inputs: units, linear: 0, hidden, activation, form: Form::Plain };
-        let core = Windowed { memory, inputs: inputs.len(), window, units, head };
+        let head = NetworkShape { inputs: units, linear: 0, hidden, activation, form: NetworkForm::Plain };
+        let core = WindowedNetworkShape { memory, inputs: inputs.len(), window, units, head };
         core.check().map_err(|e| broken(e.to_string()))?;
         let names = core.names();
         let member = |m: usize| {
@@ -151,7 +152,7 @@ impl WindowedNetwork {
         };
         let members = (0..terms.count("members")?).map(member).collect::<Result<Vec<_>, Fault>>()?;
         let target = (terms.value("target_mean")?, terms.value("target_scale")?);
-        let scaling = Inputs { mean, scale, components: None };
+        let scaling = InputScaling { mean, scale, components: None };
         WindowedNetwork::new(inputs, scaling, core, members, target, terms.value("rate_hz")?)
     }
 }
@@ -159,37 +160,43 @@ impl WindowedNetwork {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use learning::network::Activation;
+    use learning::network::ActivationFunction;
 
     use super::*;
-    use crate::trained::Learned;
+    use crate::trained::LearnedModel;
 
-    fn network(memory: Memory) -> WindowedNetwork {
-        let head = Shape { inputs: 3, linear: 0, hidden: vec![4], activation: Activation::Tanh, form: Form::Plain };
-        let core = Windowed { memory, inputs: 2, window: 4, units: 3, head };
+    fn network(memory: MemoryLayers) -> WindowedNetwork {
+        let head = NetworkShape {
+            inputs: 3,
+            linear: 0,
+            hidden: vec![4],
+            activation: ActivationFunction::Tanh,
+            form: NetworkForm::Plain,
+        };
+        let core = WindowedNetworkShape { memory, inputs: 2, window: 4, units: 3, head };
         let members = (0..2).map(|m| core.initial(m, &[])).collect();
-        let scaling = Inputs { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
         WindowedNetwork::new(vec!["a".into(), "b".into()], scaling, core, members, (40.0, 7.0), 5.0).unwrap()
     }
 
     #[test]
     fn law_it_comes_back_from_its_table_and_a_table_that_is_cut_does_not() {
-        for memory in [Memory::Gru, Memory::Lstm, Memory::Tcn] {
-            let learned = Learned::Windowed(network(memory));
+        for memory in [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn] {
+            let learned = LearnedModel::Windowed(network(memory));
             let (names, values): (Vec<String>, Vec<f64>) =
                 learned.terms().into_iter().rev().map(|t| (t.name, t.value)).unzip();
-            assert_eq!(Learned::read(&names, &values).unwrap(), Some(learned), "{memory:?}");
+            assert_eq!(LearnedModel::read(&names, &values).unwrap(), Some(learned), "{memory:?}");
             for lost in 0..names.len() - 1 {
                 let without = |v: &[String]| [&v[..lost], &v[lost + 1..]].concat();
                 let values = [&values[..lost], &values[lost + 1..]].concat();
-                assert!(Learned::read(&without(&names), &values).is_err(), "{}", names[lost]);
+                assert!(LearnedModel::read(&without(&names), &values).is_err(), "{}", names[lost]);
             }
         }
     }
 
     #[test]
     fn law_it_sees_its_window_and_no_more() {
-        for memory in [Memory::Gru, Memory::Lstm, Memory::Tcn] {
+        for memory in [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn] {
             let network = network(memory);
             let rows: Vec<f64> = (0..20).map(|i| f64::from(i * i % 7)).collect();
             let whole = network.predict(&rows, &[10]).field_nt;
@@ -204,7 +211,7 @@ mod tests {
 
     #[test]
     fn unit_another_rate_is_refused() {
-        let network = network(Memory::Gru);
+        let network = network(MemoryLayers::Gru);
         assert!(network.check_rate(5.001).is_ok());
         assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line has 10 Hz"));
     }

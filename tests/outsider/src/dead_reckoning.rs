@@ -1,7 +1,7 @@
 //! A filter of one's own: the INS as it is, with an error that grows with time.
 
 use schemas::{Fault, Rule};
-use stages::navigate::{Flown, NavigationFilter, Track, Update, filter};
+use stages::navigate::{FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
 
 filter! {
     /// The INS without any measurement. One sigma of the position begins with `init_position_sigma_m` and grows by
@@ -12,12 +12,12 @@ filter! {
 }
 
 impl NavigationFilter for DeadReckoning {
-    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let (ins, first_m) = (&flown.ins, flown.errors.sources.init_position_sigma_m);
         let sigma_m = |tt_s: &f64| first_m + self.drift_mps * (tt_s - ins.tt_s[0]);
         let sigmas_m: Vec<f64> = ins.tt_s.iter().map(sigma_m).collect();
         let all = |value: f64| vec![value; ins.len()];
-        Ok(Track {
+        Ok(FilterTrack {
             lat_deg: ins.lat_deg.to_vec(),
             lon_deg: ins.lon_deg.to_vec(),
             alt_m: ins.alt_m.to_vec(),
@@ -29,7 +29,7 @@ impl NavigationFilter for DeadReckoning {
             cov_ne_m2: all(0.0),
             residual_nt: all(f64::NAN),
             nis: all(f64::NAN),
-            update: vec![Update::Missing; ins.len()],
+            update: vec![UpdateOutcome::Missing; ins.len()],
             more: vec![],
         })
     }

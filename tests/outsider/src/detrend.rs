@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, stage};
 
 stage! {
     /// Takes the straight line over time that fits a column best off it, line by line, as `COLUMN_detrended`.
@@ -22,13 +22,13 @@ column = "mag_1_c"
 }
 
 impl Stage for Detrend {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = inputs.first().map(|table| table.shape()).ok_or_else(|| vec![Fault::new("there is no input")])?;
         let column = shape.number(&self.column, "nT").map_err(|fault| vec![fault.of_param("column")])?;
         let made =
             Column::float(format!("{}_detrended", self.column), &column.unit, "the column less its straight line");
         let reads = ["tt", self.column.as_str()];
-        Ok(Yield::append(vec![made.from(0, &reads)], &reads))
+        Ok(StageSchema::append(vec![made.from(0, &reads)], &reads))
     }
 }
 
@@ -39,7 +39,7 @@ impl LineStage for Detrend {
         Ok(())
     }
 
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let [time, values] = ["tt", &self.column].map(|name| numbers(&line.inputs[0], name));
         let detrended = detrended(&time?, &values?);
         Ok(vec![Arc::new(Float64Array::from(detrended))])

@@ -1,16 +1,16 @@
 //! A metric of one's own: how far off a track ends.
 
-use schemas::{Fault, metric::Shown};
-use stages::score::{Figure, metric};
+use schemas::{Fault, metric::MetricDisplay};
+use stages::score::{SampleStatistic, metric};
 
 metric! {
     /// horizontal error of the track at the last sample that has one
     FINAL_ERROR = "final_error", version 1, unit "m", pool Rms, better Lower,
-    shown Shown::column(105, 50), needs [Track, Position];
+    shown MetricDisplay::column(105, 50), needs [Track, Position];
     |line| {
         let error = line.track_error()?;
         let mut sizes = error.north_m.iter().zip(&error.east_m).map(|(north, east)| north.hypot(*east));
         let last = sizes.rfind(|size: &f64| size.is_finite());
-        Ok::<Figure, Fault>(Figure { value: last.unwrap_or(f64::NAN), n: usize::from(last.is_some()) })
+        Ok::<SampleStatistic, Fault>(SampleStatistic { value: last.unwrap_or(f64::NAN), n: usize::from(last.is_some()) })
     }
 }

@@ -1,7 +1,7 @@
 //! A model of one's own: least squares, and all coefficients made smaller by one factor.
 
 use schemas::{Fault, Rule};
-use stages::fit::{Answer, FitModel, Prepared, Problem, Settings, model, ridge};
+use stages::fit::{FitModel, FitProblem, FitSettings, LinearFitResult, ScaledFactor, model, ridge};
 
 model! {
     /// Least squares whose coefficients are all multiplied by `shrinkage`.
@@ -14,7 +14,12 @@ model! {
 }
 
 impl FitModel for UniformShrinkage {
-    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+    fn fit(
+        &self,
+        problem: &FitProblem,
+        settings: &FitSettings,
+        prepared: &ScaledFactor,
+    ) -> Result<LinearFitResult, Fault> {
         let mut answer = ridge(problem, settings, prepared, 0.0)?;
         answer.fit.coefficients.iter_mut().for_each(|coefficient| *coefficient *= self.shrinkage);
         answer.std.iter_mut().for_each(|std| *std *= self.shrinkage);

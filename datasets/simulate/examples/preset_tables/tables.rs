@@ -3,15 +3,15 @@
 use std::path::Path;
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use datasets::{FlightOptions, ReadError, Reading, open_flight_among};
+use datasets::{FlightOptions, ReadError, ReadHints, open_flight_among};
 use nalgebra::{Matrix3, Vector3};
 use numerics::{
-    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+    compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix},
     earth::{attitude::body_to_ned, core_field::CoreField, dates::decimal_year},
     regression::least_squares::QrAccumulator,
     signal::{
-        difference::{Scheme, difference},
-        filter::{Band, ConstantColumns, ZeroPhase},
+        difference::{DifferenceScheme, difference},
+        filter::{ConstantColumns, FilterBand, ZeroPhaseFilter},
     },
 };
 
@@ -23,7 +23,7 @@ pub struct Line(RecordBatch);
 
 /// Simulates a spec.
 pub fn lines(spec: &Path) -> Result<Vec<Line>, ReadError> {
-    let reader = open_flight_among(&[simulate::FORMAT], spec, &FlightOptions::default(), &Reading::default())?;
+    let reader = open_flight_among(&[simulate::FORMAT], spec, &FlightOptions::default(), &ReadHints::default())?;
     reader.map(|batch| batch.map(Line)).collect()
 }
 
@@ -84,8 +84,8 @@ const TRIM: usize = 20;
 
 fn terms_of(line: &Line, flux: &str) -> Result<(Vec<f64>, usize), Failed> {
     let [x, y, z] = line.flux(flux);
-    let terms = Terms::new(&TERMS)?;
-    Ok((matrix(&Field { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT)?, terms.len()))
+    let terms = TermSelection::new(&TERMS)?;
+    Ok((matrix(&BodyFieldColumns { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT)?, terms.len()))
 }
 
 /// Classical Tolles-Lawson: fitted on the line `calibration`, band-passed; gives the magnetometer on `line` less the
@@ -94,12 +94,13 @@ pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Resu
     let (mut a, terms) = terms_of(calibration, flux)?;
     let rate_hz = 1.0 / (calibration.column("tt")[1] - calibration.column("tt")[0]);
     let (low_hz, high_hz) = BAND_HZ;
-    let filter = ZeroPhase::new(Band::Band { low_hz, high_hz }, rate_hz, 4)?;
+    let filter = ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, 4)?;
     filter.apply_matrix(&mut a, terms, ConstantColumns::Keep)?;
     let y = filter.apply(calibration.column(mag))?;
     let rows = TRIM..y.len() - TRIM;
     let a = &a[rows.start * terms..rows.end * terms];
-    let path = QrAccumulator::of(a, terms, &[&y[rows]])?.solve(&[RIDGE], &Terms::new(&TERMS)?.names())?;
+    let path =
+        QrAccumulator::from_matrix(a, terms, &[&y[rows]])?.solve(&[RIDGE], &TermSelection::new(&TERMS)?.names())?;
     let coefficients = &path.solutions[0].coefficients[0];
     let (a, _) = terms_of(line, flux)?;
     let aircraft: Vec<f64> =
@@ -132,7 +133,7 @@ fn core_terms(line: &Line, flux: &str) -> Result<Vec<[f64; 21]>, Failed> {
     let (b, _) = core(line)?;
     let [x, y, z] = line.flux(flux);
     let axis = |k: usize| b.iter().map(|b| b[k]).collect::<Vec<_>>();
-    let rate = [0, 1, 2].map(|k| difference(&axis(k), Scheme::Central).unwrap_or_default());
+    let rate = [0, 1, 2].map(|k| difference(&axis(k), DifferenceScheme::Central).unwrap_or_default());
     let row = |i: usize| {
         let t = Vector3::new(x[i], y[i], z[i]).normalize();
         let mut out = [0.0; 21];
@@ -168,7 +169,7 @@ pub fn reference_free(calibration: &Line, line: &Line, mag: &str, flux: &str, ri
     let scaled: Vec<f64> = fitted.iter().flat_map(|r| r.iter().zip(&size).map(|(a, s)| a / s)).collect();
     let y = beyond_core(calibration, mag)?;
     let names: Vec<String> = (0..21).map(|k| format!("term {k}")).collect();
-    let path = QrAccumulator::of(&scaled, 21, &[&y])?.solve(&[ridge * rows], &names)?;
+    let path = QrAccumulator::from_matrix(&scaled, 21, &[&y])?.solve(&[ridge * rows], &names)?;
     let coefficients = &path.solutions[0].coefficients[0];
     let aircraft: Vec<f64> = core_terms(line, flux)?
         .iter()

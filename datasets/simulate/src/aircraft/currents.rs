@@ -3,9 +3,9 @@
 use numerics::signal::gauss_markov::GaussMarkov;
 
 use super::{
-    super::random::Random,
-    motion::Motion,
-    spec::{Current, Engine, Kind, Temperature, Thermostat},
+    super::random::RandomStream,
+    motion::AircraftMotion,
+    spec::{Current, CurrentControl, EngineThrottle, Temperature, Thermostat},
 };
 
 /// The period of a thermostat, in seconds.
@@ -13,7 +13,12 @@ const LOOK_S: f64 = 1.0;
 
 impl Current {
     /// The true current in A along a line whose motion is `motion`.
-    pub(super) fn amperes(&self, motion: &Motion, temperature: &Temperature, random: &mut Random) -> Vec<f64> {
+    pub(super) fn amperes(
+        &self,
+        motion: &AircraftMotion,
+        temperature: &Temperature,
+        random: &mut RandomStream,
+    ) -> Vec<f64> {
         let (off_a, on_a) = self.off_on_a;
         let levels = self.levels(motion, temperature, random);
         // Constant currents take their values exactly.
@@ -28,21 +33,26 @@ impl Current {
     }
 
     /// Level from 0, off, to 1, fully on; a signed servo has -1 to 1.
-    pub(super) fn levels(&self, motion: &Motion, temperature: &Temperature, random: &mut Random) -> Vec<f64> {
+    pub(super) fn levels(
+        &self,
+        motion: &AircraftMotion,
+        temperature: &Temperature,
+        random: &mut RandomStream,
+    ) -> Vec<f64> {
         let since_s = &motion.since_s;
         match &self.kind {
-            Kind::Switched { mean_off_on_s } => {
+            CurrentControl::Switched { mean_off_on_s } => {
                 let first = since_s.first().copied().unwrap_or(0.0);
                 let last = since_s.last().copied().unwrap_or(0.0);
                 self.trapezoids(since_s, &switched(*mean_off_on_s, first, last, random))
             }
-            Kind::Schedule { on_off_s } => self.trapezoids(since_s, on_off_s),
-            Kind::Periodic { every_s, for_s, first_s } => {
+            CurrentControl::Schedule { on_off_s } => self.trapezoids(since_s, on_off_s),
+            CurrentControl::Periodic { every_s, for_s, first_s } => {
                 since_s.iter().map(|t| periodic(t - first_s, *every_s, *for_s, self.ramp_s)).collect()
             }
-            Kind::Steady => vec![1.0; since_s.len()],
-            Kind::Engine(engine) => throttle(engine, motion, random),
-            Kind::Servo { axes, full_dps, signed } => {
+            CurrentControl::Steady => vec![1.0; since_s.len()],
+            CurrentControl::Engine(engine) => throttle(engine, motion, random),
+            CurrentControl::Servo { axes, full_dps, signed } => {
                 let level = |i: usize| {
                     let parts = [0, 1, 2].map(|k| axes[k] * motion.rates_dps[k][i] / full_dps);
                     if *signed {
@@ -53,7 +63,7 @@ impl Current {
                 };
                 (0..since_s.len()).map(level).collect()
             }
-            Kind::Heater(thermostat) => heater(thermostat, temperature, since_s),
+            CurrentControl::Heater(thermostat) => heater(thermostat, temperature, since_s),
         }
     }
 
@@ -91,7 +101,12 @@ fn periodic(t: f64, every_s: f64, for_s: f64, ramp_s: f64) -> f64 {
 }
 
 /// Intervals in which an alternating current is on, from `first_s` to beyond `last_s`.
-pub(super) fn switched(mean_off_on_s: (f64, f64), first_s: f64, last_s: f64, random: &mut Random) -> Vec<[f64; 2]> {
+pub(super) fn switched(
+    mean_off_on_s: (f64, f64),
+    first_s: f64,
+    last_s: f64,
+    random: &mut RandomStream,
+) -> Vec<[f64; 2]> {
     let (off_s, on_s) = mean_off_on_s;
     let mut on = random.uniform() < on_s / (off_s + on_s);
     let (mut from, mut out) = (first_s, vec![]);
@@ -107,7 +122,7 @@ pub(super) fn switched(mean_off_on_s: (f64, f64), first_s: f64, last_s: f64, ran
 }
 
 /// The throttle, 0 to 1: the drag at the speed, the drag of lift, the climb, and small corrections.
-fn throttle(engine: &Engine, motion: &Motion, random: &mut Random) -> Vec<f64> {
+fn throttle(engine: &EngineThrottle, motion: &AircraftMotion, random: &mut RandomStream) -> Vec<f64> {
     let process = GaussMarkov { sigma: engine.ripple, tau_s: engine.ripple_s };
     let ripple = process.realisation(&motion.since_s, || random.normal());
     let level = |i: usize| {

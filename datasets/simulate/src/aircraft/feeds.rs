@@ -2,22 +2,27 @@
 //! iron and parallel current paths.
 
 use super::{
-    response::{Rayleigh, first_order},
+    response::{RayleighHysteresis, first_order},
     spec::{Aircraft, Current},
 };
-use crate::reading::Components;
+use crate::reading::ComponentSwitches;
 
 /// The effective currents along a line, in A. The columns that report the currents do not include the difference.
-pub(super) struct Feeds {
+pub(super) struct EffectiveCurrents {
     /// One column for each current, in order, then one for each wire with an effective current.
     pub(super) series_a: Vec<Vec<f64>>,
     /// The column of each wire.
     pub(super) of_wires: Vec<usize>,
 }
 
-impl Feeds {
+impl EffectiveCurrents {
     /// The effective currents of true currents `amperes`, sampled at `rate_hz`. Components that are off have no effect.
-    pub(super) fn of(aircraft: &Aircraft, amperes: &[Vec<f64>], rate_hz: f64, components: &Components) -> Feeds {
+    pub(super) fn from_currents(
+        aircraft: &Aircraft,
+        amperes: &[Vec<f64>],
+        rate_hz: f64,
+        components: &ComponentSwitches,
+    ) -> EffectiveCurrents {
         let of_current = |(current, true_a): (&Current, &Vec<f64>)| {
             if !current.measured && !components.on("unreported") {
                 return vec![0.0; true_a.len()];
@@ -36,7 +41,7 @@ impl Feeds {
             of_wires.push(if part.is_some() { series_a.len() } else { wire.current });
             series_a.extend(part);
         }
-        Feeds { series_a, of_wires }
+        EffectiveCurrents { series_a, of_wires }
     }
 }
 
@@ -47,7 +52,7 @@ fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     if remanence == 0.0 || full_a == 0.0 {
         return true_a.to_vec();
     }
-    let mut iron = Rayleigh::demagnetised(full_a);
+    let mut iron = RayleighHysteresis::demagnetised(full_a);
     iron.follow(current.off_on_a.0);
     iron.follow(current.off_on_a.1);
     true_a.iter().map(|a| a + remanence * full_a * iron.follow(*a)).collect()

@@ -3,11 +3,11 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    super::random::Random,
-    feeds::Feeds,
-    spec::{Aircraft, Drawn, Source},
+    super::random::RandomStream,
+    feeds::EffectiveCurrents,
+    spec::{Aircraft, AircraftFieldSpec, QuantitySpec},
 };
-use crate::reading::Components;
+use crate::reading::ComponentSwitches;
 
 /// The field strength that the sizes of induced terms and of hysteresis refer to, in nT.
 pub(super) const SCALE_NT: f64 = 50_000.0;
@@ -22,7 +22,7 @@ pub(super) const FIELD_PARTS: [&str; 11] =
 /// The sources of the aircraft's field at one magnetometer in one flight, in the body frame:
 /// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, wing bending, and the remanence of the
 /// airframe's iron. [Tolles & Lawson 1950; Gnadt 2022, (3.9)-(3.12)]
-pub(super) struct Field {
+pub(super) struct AircraftField {
     permanent_nt: Vector3<f64>,
     induced: Matrix3<f64>,
     eddy_s: Matrix3<f64>,
@@ -37,12 +37,12 @@ pub(super) struct Field {
 }
 
 /// The inputs of the aircraft's field at one moment.
-pub(super) struct Drive<'a> {
+pub(super) struct AircraftFieldInput<'a> {
     /// The earth's field, in nT.
     pub(super) earth_nt: Vector3<f64>,
     /// Its rate, in nT/s.
     pub(super) rate_ntps: Vector3<f64>,
-    /// Effective currents along the line, in A: [`super::feeds::Feeds`].
+    /// Effective currents along the line, in A: [`super::feeds::EffectiveCurrents`].
     pub(super) feeds_a: &'a [Vec<f64>],
     /// The sample.
     pub(super) row: usize,
@@ -54,44 +54,44 @@ pub(super) struct Drive<'a> {
     pub(super) iron: Vector3<f64>,
 }
 
-impl Field {
+impl AircraftField {
     /// Draws the quantities that the spec does not fix for the sensor `name`: the same on all flights except the
     /// landing's shift and the walk, which is known up to `until_s` after the flight's start. Components that are
     /// switched off are zero.
     pub(super) fn draw(
         seed: u64,
         (flight, until_s): (&str, f64),
-        (name, source): (&str, &Source),
-        (aircraft, feeds): (&Aircraft, &Feeds),
-        components: &Components,
-    ) -> Field {
+        (name, source): (&str, &AircraftFieldSpec),
+        (aircraft, feeds): (&Aircraft, &EffectiveCurrents),
+        components: &ComponentSwitches,
+    ) -> AircraftField {
         let on = |component: &str| if components.on(component) { 1.0 } else { 0.0 };
-        let mut random = Random::of(seed, &["aircraft", name]);
+        let mut random = RandomStream::new(seed, &["aircraft", name]);
         let permanent_nt = vector(source.permanent, &mut random);
         let m = Matrix3::from_fn(|_, _| random.normal());
         let induced = match source.induced {
-            Drawn::Exact(tensor) => tensor,
+            QuantitySpec::Exact(tensor) => tensor,
             // Symmetric, as an induced tensor of isotropic iron is; each element keeps its standard deviation.
-            Drawn::Size(nt) if source.induced_symmetric => {
+            QuantitySpec::Size(nt) if source.induced_symmetric => {
                 Matrix3::from_fn(|i, j| m[(i.min(j), i.max(j))]) * (nt / SCALE_NT)
             }
-            Drawn::Size(nt) => m * (nt / SCALE_NT),
+            QuantitySpec::Size(nt) => m * (nt / SCALE_NT),
         };
         let e = Matrix3::from_fn(|_, _| random.normal());
         let eddy_s = match source.eddy {
-            Drawn::Exact(matrix) => matrix,
-            Drawn::Size(s) => e * s,
+            QuantitySpec::Exact(matrix) => matrix,
+            QuantitySpec::Size(s) => e * s,
         };
-        let flex_nt_per_mps2 = vector(source.flex, &mut Random::of(seed, &["aircraft", name, "flex"]));
+        let flex_nt_per_mps2 = vector(source.flex, &mut RandomStream::new(seed, &["aircraft", name, "flex"]));
         let hysteresis = match source.hysteresis {
-            Drawn::Exact(matrix) => matrix,
-            Drawn::Size(nt) => {
-                let mut random = Random::of(seed, &["aircraft", name, "hysteresis"]);
+            QuantitySpec::Exact(matrix) => matrix,
+            QuantitySpec::Size(nt) => {
+                let mut random = RandomStream::new(seed, &["aircraft", name, "hysteresis"]);
                 Matrix3::from_fn(|_, _| nt * random.normal())
             }
         };
-        let landing = Random::of(seed, &["flight", flight, "landing", name]);
-        Field {
+        let landing = RandomStream::new(seed, &["flight", flight, "landing", name]);
+        AircraftField {
             permanent_nt: permanent_nt * on("permanent"),
             induced: induced * on("induced"),
             eddy_s: eddy_s * on("eddy"),
@@ -103,13 +103,13 @@ impl Field {
             walk_nt: walk(
                 source.walk_nt_per_sqrt_h * on("walk"),
                 until_s,
-                Random::of(seed, &["flight", flight, "walk", name]),
+                RandomStream::new(seed, &["flight", flight, "walk", name]),
             ),
         }
     }
 
     /// The aircraft's components in nT, in the order of [`FIELD_PARTS`] from the permanent field on.
-    pub(super) fn parts_nt(&self, drive: &Drive) -> [Vector3<f64>; 8] {
+    pub(super) fn parts_nt(&self, drive: &AircraftFieldInput) -> [Vector3<f64>; 8] {
         let amperes = |k: usize| drive.feeds_a.get(k).and_then(|c| c.get(drive.row)).copied().unwrap_or(0.0);
         let lift = drive.lift_mps2.clamp(-self.flex_limit_mps2, self.flex_limit_mps2);
         [
@@ -135,35 +135,35 @@ impl Field {
     }
 }
 
-pub(super) fn vector(drawn: Drawn<Vector3<f64>>, random: &mut Random) -> Vector3<f64> {
+pub(super) fn vector(drawn: QuantitySpec<Vector3<f64>>, random: &mut RandomStream) -> Vector3<f64> {
     let direction = random.direction();
     match drawn {
-        Drawn::Exact(v) => v,
-        Drawn::Size(size) => direction * size,
+        QuantitySpec::Exact(v) => v,
+        QuantitySpec::Size(size) => direction * size,
     }
 }
 
-fn normals(mut random: Random) -> Vector3<f64> {
+fn normals(mut random: RandomStream) -> Vector3<f64> {
     Vector3::from_fn(|_, _| random.normal())
 }
 
 fn couplings(
     seed: u64,
     name: &str,
-    source: &Source,
-    (aircraft, feeds): (&Aircraft, &Feeds),
+    source: &AircraftFieldSpec,
+    (aircraft, feeds): (&Aircraft, &EffectiveCurrents),
     on: f64,
 ) -> Vec<(usize, Vector3<f64>)> {
     let given = source.currents.iter().map(|(index, amount)| {
         let current = aircraft.currents.get(*index).map_or("", |c| c.name.as_str());
-        (*index, vector(*amount, &mut Random::of(seed, &["aircraft", name, current])) * on)
+        (*index, vector(*amount, &mut RandomStream::new(seed, &["aircraft", name, current])) * on)
     });
     let wires = || aircraft.wires.iter().zip(&feeds.of_wires);
     let at = |at_m: Vector3<f64>| wires().map(move |(w, feed)| (*feed, w.nt_per_a(&at_m) * on));
     given.chain(source.position_m.into_iter().flat_map(at)).collect()
 }
 
-fn walk(nt_per_sqrt_h: f64, until_s: f64, mut random: Random) -> Vec<Vector3<f64>> {
+fn walk(nt_per_sqrt_h: f64, until_s: f64, mut random: RandomStream) -> Vec<Vector3<f64>> {
     if nt_per_sqrt_h == 0.0 {
         return vec![];
     }

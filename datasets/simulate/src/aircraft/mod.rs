@@ -2,15 +2,16 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::{earth::Along, scene::Scene, trajectory::Trajectory};
-use feeds::Feeds;
-use field::{Drive, FIELD_PARTS, Field, SCALE_NT};
-use motion::Motion;
-use response::{Rayleigh, delayed, first_order};
-use sensors::{Bench, FieldParts, SCALAR_PARTS, VECTOR_PARTS};
+use super::{earth::LineEarthField, scene::SynthLineContext, trajectory::TrueTrajectory};
+use feeds::EffectiveCurrents;
+use field::{AircraftField, AircraftFieldInput, FIELD_PARTS, SCALE_NT};
+use motion::AircraftMotion;
+use response::{RayleighHysteresis, delayed, first_order};
+use sensors::{MagnetometerSimulation, SCALAR_PARTS, SensorFieldParts, VECTOR_PARTS};
 pub use spec::{
-    Aircraft, Channel, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature,
-    Thermostat, Vector, Voltage, Wire,
+    Aircraft, AircraftFieldSpec, ChannelErrors, ControlQuantity, ControlSignal, Current, CurrentControl,
+    EngineThrottle, HeadingErrorModel, QuantitySpec, ScalarMagnetometer, SensorSampling, Temperature, Thermostat,
+    VectorMagnetometer, Voltage, Wire,
 };
 
 mod currents;
@@ -49,36 +50,36 @@ fn part_names<'a>(column: &'a str, own: &'a [&'static str]) -> impl Iterator<Ite
 }
 
 /// The earth's field along a line in nT: core, anomaly, variation; north, east, down, or in the body frame.
-type EarthParts = [Vec<Vector3<f64>>; 3];
+type EarthFieldParts = [Vec<Vector3<f64>>; 3];
 
-/// The environment of the sensors along a line.
-struct Surroundings<'a> {
-    scene: &'a Scene<'a>,
-    truth: &'a Trajectory,
-    earth: &'a Along,
-    motion: Motion,
+/// Environment of the sensors along a line.
+struct SensorEnvironment<'a> {
+    scene: &'a SynthLineContext<'a>,
+    truth: &'a TrueTrajectory,
+    earth: &'a LineEarthField,
+    motion: AircraftMotion,
     /// The earth's field in the body frame in nT: core, anomaly, variation.
-    body_nt: EarthParts,
+    body_nt: EarthFieldParts,
     /// True currents in A: one column each.
     amperes: Vec<Vec<f64>>,
     /// Effective currents, to which the fields are proportional.
-    feeds: Feeds,
+    feeds: EffectiveCurrents,
     /// The irreversible magnetisation of the airframe's iron, of that of the reference loop; empty where there is none.
     iron: Vec<Vector3<f64>>,
     /// The duration of the flight up to the line's end, in seconds.
     until_s: f64,
 }
 
-impl<'a> Surroundings<'a> {
-    fn new(scene: &'a Scene, truth: &'a Trajectory, earth: &'a Along) -> Self {
+impl<'a> SensorEnvironment<'a> {
+    fn new(scene: &'a SynthLineContext, truth: &'a TrueTrajectory, earth: &'a LineEarthField) -> Self {
         let start_tt_s = scene.flight.lines.first().map_or(0.0, |l| l.start_tt_s);
-        let motion = Motion::of(truth, start_tt_s);
+        let motion = AircraftMotion::from_truth(truth, start_tt_s);
         let body_nt = in_body(truth, [&earth.core_ned_nt, &earth.anomaly_ned_nt, &earth.diurnal_ned_nt]);
         let aircraft = &scene.spec.aircraft;
         let currents = aircraft.currents.iter();
         let amperes = currents.map(|c| c.amperes(&motion, &aircraft.temperature, &mut scene.random(&c.name)));
         let amperes: Vec<Vec<f64>> = amperes.collect();
-        let feeds = Feeds::of(aircraft, &amperes, scene.spec.rate_hz, &scene.spec.components);
+        let feeds = EffectiveCurrents::from_currents(aircraft, &amperes, scene.spec.rate_hz, &scene.spec.components);
         let until_s = motion.since_s.last().copied().unwrap_or(0.0);
         let iron = iron(scene, &earth.body_nt);
         Self { scene, truth, earth, motion, body_nt, amperes, feeds, iron, until_s }
@@ -89,17 +90,18 @@ impl<'a> Surroundings<'a> {
     fn field_at(
         &'a self,
         name: &str,
-        source: &'a spec::Source,
-        earth_nt: &'a EarthParts,
-    ) -> impl Iterator<Item = FieldParts> + 'a {
+        source: &'a spec::AircraftFieldSpec,
+        earth_nt: &'a EarthFieldParts,
+    ) -> impl Iterator<Item = SensorFieldParts> + 'a {
         let spec = self.scene.spec;
         let flight = (self.scene.flight.name.as_str(), self.until_s);
-        let field = Field::draw(spec.seed, flight, (name, source), (&spec.aircraft, &self.feeds), &spec.components);
+        let field =
+            AircraftField::draw(spec.seed, flight, (name, source), (&spec.aircraft, &self.feeds), &spec.components);
         (0..self.truth.tt_s.len()).map(move |i| self.parts(&field, earth_nt, i))
     }
 
-    fn parts(&self, field: &Field, earth_nt: &EarthParts, i: usize) -> FieldParts {
-        let drive = Drive {
+    fn parts(&self, field: &AircraftField, earth_nt: &EarthFieldParts, i: usize) -> SensorFieldParts {
+        let drive = AircraftFieldInput {
             earth_nt: self.earth.body_nt[i],
             rate_ntps: self.earth.body_rate_ntps[i],
             feeds_a: &self.feeds.series_a,
@@ -115,7 +117,7 @@ impl<'a> Surroundings<'a> {
 }
 
 /// Parts of the earth's field (north, east, down) in the body frame.
-fn in_body(truth: &Trajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthParts {
+fn in_body(truth: &TrueTrajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthFieldParts {
     let to_body: Vec<_> = (0..truth.tt_s.len()).map(|i| truth.attitude(i).transpose()).collect();
     ned_nt.map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect())
 }
@@ -123,7 +125,7 @@ fn in_body(truth: &Trajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthParts {
 /// The irreversible magnetisation of the airframe's iron along each axis of the body, of that of the reference loop,
 /// where a sensor has it. Before the line begins the aircraft has turned level through a full circle, to the right or
 /// to the left.
-fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+fn iron(scene: &SynthLineContext, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let aircraft = &scene.spec.aircraft;
     let sources = aircraft.scalars.iter().map(|s| &s.source).chain(aircraft.vectors.iter().map(|v| &v.source));
     let none = sources.into_iter().all(|s| s.hysteresis.is_none());
@@ -135,7 +137,7 @@ fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let angle = direction * std::f64::consts::TAU * f64::from(k) / f64::from(TURN_STEPS);
         Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * first_nt
     });
-    let mut axes = [0, 1, 2].map(|_| Rayleigh::demagnetised(SCALE_NT));
+    let mut axes = [0, 1, 2].map(|_| RayleighHysteresis::demagnetised(SCALE_NT));
     let mut follow = |b: Vector3<f64>| Vector3::from_fn(|k, _| axes[k].follow(b[k]));
     turning.for_each(|b| {
         follow(b);
@@ -146,15 +148,15 @@ fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
 /// The readings of every sensor along a line, by column. `at_arms` holds the earth's field (north, east, down) at each
 /// scalar magnetometer that is not at the INS.
 pub(super) fn readings(
-    scene: &Scene,
-    truth: &Trajectory,
-    earth: &Along,
-    at_arms: Vec<Option<EarthParts>>,
+    scene: &SynthLineContext,
+    truth: &TrueTrajectory,
+    earth: &LineEarthField,
+    at_arms: Vec<Option<EarthFieldParts>>,
 ) -> Vec<(String, Vec<f64>)> {
     let aircraft = &scene.spec.aircraft;
-    let around = Surroundings::new(scene, truth, earth);
+    let around = SensorEnvironment::new(scene, truth, earth);
     let (since_s, wanted) = (&around.motion.since_s, aircraft.component_columns);
-    let bench = Bench { scene, tt_s: &truth.tt_s, since_s, amperes: &around.amperes, wanted };
+    let bench = MagnetometerSimulation { scene, tt_s: &truth.tt_s, since_s, amperes: &around.amperes, wanted };
     let (mut values, mut parts) = (vec![], vec![]);
     for (sensor, at_arm) in aircraft.scalars.iter().zip(at_arms) {
         let at_arm = at_arm.map(|ned_nt| in_body(truth, ned_nt.each_ref()));
@@ -175,7 +177,7 @@ pub(super) fn readings(
     columns(aircraft).into_iter().zip(values).collect()
 }
 
-impl Surroundings<'_> {
+impl SensorEnvironment<'_> {
     /// The readings of the sensors of currents, voltages and control signals.
     fn electric(&self) -> Vec<Vec<f64>> {
         let (aircraft, scene) = (&self.scene.spec.aircraft, self.scene);
@@ -184,7 +186,7 @@ impl Surroundings<'_> {
             let sigma = if scene.spec.components.on("noise") { sigma } else { 0.0 };
             x.iter().map(|x| x + sigma * random.normal()).collect()
         };
-        let recorded = |x: Vec<f64>, channel: &Channel| recorded(x, channel, scene);
+        let recorded = |x: Vec<f64>, channel: &ChannelErrors| recorded(x, channel, scene);
         let step = |step: f64| if scene.spec.components.on("channel_resolution") { step } else { 0.0 };
         let mut out = vec![];
         for (current, true_a) in aircraft.currents.iter().zip(&self.amperes).filter(|(c, _)| c.measured) {
@@ -210,25 +212,25 @@ impl Surroundings<'_> {
         out
     }
 
-    fn signal(&self, signal: &Signal) -> Vec<f64> {
+    fn signal(&self, signal: &ControlQuantity) -> Vec<f64> {
         let aircraft = &self.scene.spec.aircraft;
         match signal {
-            Signal::Level(index) => {
+            ControlQuantity::Level(index) => {
                 let (off_a, on_a) = aircraft.currents[*index].off_on_a;
                 self.amperes[*index]
                     .iter()
                     .map(|a| if on_a == off_a { 1.0 } else { (a - off_a) / (on_a - off_a) })
                     .collect()
             }
-            Signal::Rate(axis) => self.motion.rates_dps[*axis].clone(),
-            Signal::Speed => self.motion.speed_mps.clone(),
-            Signal::Temperature => self.motion.since_s.iter().map(|t| aircraft.temperature.at(*t)).collect(),
+            ControlQuantity::Rate(axis) => self.motion.rates_dps[*axis].clone(),
+            ControlQuantity::Speed => self.motion.speed_mps.clone(),
+            ControlQuantity::Temperature => self.motion.since_s.iter().map(|t| aircraft.temperature.at(*t)).collect(),
         }
     }
 }
 
 /// The value that a channel records, before noise.
-fn recorded(x: Vec<f64>, channel: &Channel, scene: &Scene) -> Vec<f64> {
+fn recorded(x: Vec<f64>, channel: &ChannelErrors, scene: &SynthLineContext) -> Vec<f64> {
     let on = |component: &str| scene.spec.components.on(component);
     if let Some(stuck) = channel.stuck_at.filter(|_| on("channel_stuck")) {
         return vec![stuck; x.len()];

@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use numerics::navigation::mechanisation::normal_gravity_mps2;
 
-use super::{super::trajectory::Trajectory, spec::Temperature};
+use super::{super::trajectory::TrueTrajectory, spec::Temperature};
 
 /// The motion along a line, as sensed on board.
-pub(super) struct Motion {
+pub(super) struct AircraftMotion {
     /// Seconds after the flight's start.
     pub(super) since_s: Vec<f64>,
     /// Rates of roll, pitch and yaw, in degrees per second.
@@ -23,14 +23,14 @@ pub(super) struct Motion {
     pub(super) load: Vec<f64>,
 }
 
-impl Motion {
+impl AircraftMotion {
     /// The motion from the truth of a line; the flight begins at `start_tt_s`.
-    pub(super) fn of(truth: &Trajectory, start_tt_s: f64) -> Motion {
+    pub(super) fn from_truth(truth: &TrueTrajectory, start_tt_s: f64) -> AircraftMotion {
         let rows = 0..truth.tt_s.len();
         let force = |i: usize| Vector3::from_fn(|k, _| truth.force_mps2[k][i]);
         let gravity = |i: usize| normal_gravity_mps2(truth.lat_deg[i].to_radians(), truth.alt_m[i]);
         let [north, east, down] = &truth.velocity_mps;
-        Motion {
+        AircraftMotion {
             since_s: truth.tt_s.iter().map(|tt| tt - start_tt_s).collect(),
             rates_dps: truth.attitude_rates_degps.clone(),
             speed_mps: rows.clone().map(|i| Vector3::new(north[i], east[i], down[i]).norm()).collect(),

@@ -50,15 +50,15 @@ const LARGEST: f64 = 1.5;
 /// It is a sum of play operators with evenly spaced thresholds (Prandtl and Ishlinskii), whose loops are Rayleigh's. It
 /// keeps each turning point until a larger excursion erases it, independent of the rate of the field. Beyond 1.5 times
 /// the reference it is linear. [Rayleigh 1887; IEC 60050-221, 221-03-32; Krejčí 1996, chapter II]
-pub(super) struct Rayleigh {
+pub(super) struct RayleighHysteresis {
     reference: f64,
     plays: [f64; PLAYS],
 }
 
-impl Rayleigh {
+impl RayleighHysteresis {
     /// Demagnetised iron.
-    pub(super) fn demagnetised(reference: f64) -> Rayleigh {
-        Rayleigh { reference, plays: [0.0; PLAYS] }
+    pub(super) fn demagnetised(reference: f64) -> RayleighHysteresis {
+        RayleighHysteresis { reference, plays: [0.0; PLAYS] }
     }
 
     /// Follows the field to `x`, in the unit of the reference; gives the magnetisation there.
@@ -125,7 +125,7 @@ mod tests {
     }
 
     /// Values from `from` to `to` in small steps.
-    fn sweep(iron: &mut Rayleigh, from: f64, to: f64) -> Vec<f64> {
+    fn sweep(iron: &mut RayleighHysteresis, from: f64, to: f64) -> Vec<f64> {
         (0..=2000).map(|i| iron.follow(from + (to - from) * f64::from(i) / 2000.0)).collect()
     }
 
@@ -133,7 +133,7 @@ mod tests {
     fn law_the_loop_is_rayleighs_and_closes() {
         for amplitude in [0.4_f64, 1.0, 1.3] {
             let reference = 50_000.0;
-            let mut iron = Rayleigh::demagnetised(reference);
+            let mut iron = RayleighHysteresis::demagnetised(reference);
             let tip = |u: f64| 2.0 * u * u;
             let first = sweep(&mut iron, 0.0, amplitude * reference);
             // Thresholds in steps of 0.025 leave half the square of that, doubled, and less at the tip.
@@ -156,20 +156,20 @@ mod tests {
             let after = *sweep(&mut iron, -amplitude * reference, amplitude * reference).last().unwrap_or(&f64::NAN);
             assert!((before - after).abs() < 1e-12);
         }
-        let mut iron = Rayleigh::demagnetised(50_000.0);
+        let mut iron = RayleighHysteresis::demagnetised(50_000.0);
         iron.follow(50_000.0);
         assert!((iron.follow(0.0) - 1.0).abs() < 2e-3, "the declared width");
     }
 
     #[test]
     fn law_a_minor_loop_is_wiped_out_and_the_rate_does_not_matter() {
-        let (mut detour, mut straight) = (Rayleigh::demagnetised(1.0), Rayleigh::demagnetised(1.0));
+        let (mut detour, mut straight) = (RayleighHysteresis::demagnetised(1.0), RayleighHysteresis::demagnetised(1.0));
         for x in [0.8, 0.3, 0.6, 0.1, 0.9] {
             detour.follow(x);
         }
         straight.follow(0.9);
         assert_eq!(detour.follow(0.2), straight.follow(0.2));
-        let mut slow = Rayleigh::demagnetised(1.0);
+        let mut slow = RayleighHysteresis::demagnetised(1.0);
         sweep(&mut slow, 0.0, 0.9);
         assert!((slow.follow(0.2) - straight.follow(0.2)).abs() < 1e-12);
     }

@@ -1,9 +1,9 @@
 //! The sampling of a sensor, and its values in the table.
 
-use super::spec::Sampling;
+use super::spec::SensorSampling;
 
-/// A sensor's sampling against that of a table's rows.
-pub(super) struct Clock {
+/// Timing of a sensor's readings relative to the rows of a table.
+pub(super) struct SensorClock {
     rows: usize,
     /// Rows from one reading of the sensor to the next; `None` where it is as fast as the table.
     rows_per_reading: Option<f64>,
@@ -11,13 +11,13 @@ pub(super) struct Clock {
     hold: bool,
 }
 
-impl Clock {
+impl SensorClock {
     /// The sampling for a table of `rows` rows at `rate_hz`; a sensor whose delays are switched off reads without
     /// delay.
-    pub(super) fn new(sampling: &Sampling, rows: usize, rate_hz: f64, on: bool) -> Clock {
+    pub(super) fn new(sampling: &SensorSampling, rows: usize, rate_hz: f64, on: bool) -> SensorClock {
         let own_hz = sampling.rate_hz.filter(|own| on && *own < rate_hz * (1.0 - 1e-9));
         let lag_rows = if on { sampling.lag_s * rate_hz } else { 0.0 };
-        Clock { rows, rows_per_reading: own_hz.map(|own| rate_hz / own), lag_rows, hold: sampling.hold }
+        SensorClock { rows, rows_per_reading: own_hz.map(|own| rate_hz / own), lag_rows, hold: sampling.hold }
     }
 
     /// Whether the table's rows are the sensor's readings, without lag.
@@ -70,8 +70,8 @@ fn interpolate(x: &[f64], at: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn clock(rate_hz: Option<f64>, lag_s: f64, hold: bool) -> Clock {
-        Clock::new(&Sampling { rate_hz, lag_s, hold }, 201, 10.0, true)
+    fn clock(rate_hz: Option<f64>, lag_s: f64, hold: bool) -> SensorClock {
+        SensorClock::new(&SensorSampling { rate_hz, lag_s, hold }, 201, 10.0, true)
     }
 
     #[test]

@@ -5,12 +5,12 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    super::{random::Random, scene::Scene},
+    super::{random::RandomStream, scene::SynthLineContext},
     currents::switched,
     field::{FIELD_PARTS, SCALE_NT, vector},
-    response::{Rayleigh, first_order},
-    sampling::Clock,
-    spec::{Sampling, Scalar, Temperature, Vector},
+    response::{RayleighHysteresis, first_order},
+    sampling::SensorClock,
+    spec::{ScalarMagnetometer, SensorSampling, Temperature, VectorMagnetometer},
 };
 
 /// The components that a scalar magnetometer adds, in order.
@@ -34,16 +34,16 @@ pub(super) const VECTOR_PARTS: [&str; 13] = [
 ];
 
 /// The components of the field at a sensor, sample by sample.
-pub(super) type FieldParts = [Vector3<f64>; FIELD_PARTS.len()];
+pub(super) type SensorFieldParts = [Vector3<f64>; FIELD_PARTS.len()];
 
-/// A column, and its components if requested.
+/// Values of a magnetometer column in nT, and their components if requested.
 #[derive(Default)]
-pub(super) struct Reading {
+pub(super) struct MagnetometerColumn {
     pub(super) values_nt: Vec<f64>,
     pub(super) parts_nt: Vec<Vec<f64>>,
 }
 
-impl Reading {
+impl MagnetometerColumn {
     /// Adds the errors of the sensor.
     fn add(&mut self, wanted: bool, part_nt: Vec<f64>) {
         self.values_nt.iter_mut().zip(&part_nt).for_each(|(x, p)| *x += p);
@@ -66,9 +66,9 @@ impl Reading {
     }
 }
 
-/// A sensor on a line: its random numbers, and the components that are switched on.
-pub(super) struct Bench<'a> {
-    pub(super) scene: &'a Scene<'a>,
+/// Simulation of the magnetometers on a line: its times, true currents and random numbers.
+pub(super) struct MagnetometerSimulation<'a> {
+    pub(super) scene: &'a SynthLineContext<'a>,
     pub(super) tt_s: &'a [f64],
     /// Seconds after the flight's start.
     pub(super) since_s: &'a [f64],
@@ -78,30 +78,35 @@ pub(super) struct Bench<'a> {
     pub(super) wanted: bool,
 }
 
-impl Bench<'_> {
+impl MagnetometerSimulation<'_> {
     fn on(&self, component: &str) -> bool {
         self.scene.spec.components.on(component)
     }
 
-    fn random(&self, what: &str, name: &str) -> Random {
+    fn random(&self, what: &str, name: &str) -> RandomStream {
         self.scene.random(&format!("{what} of {name}"))
     }
 
-    fn clock(&self, sampling: &Sampling) -> Clock {
-        Clock::new(sampling, self.tt_s.len(), self.scene.spec.rate_hz, self.on("lag"))
+    fn clock(&self, sampling: &SensorSampling) -> SensorClock {
+        SensorClock::new(sampling, self.tt_s.len(), self.scene.spec.rate_hz, self.on("lag"))
     }
 
-    fn late(&self, reading: &mut Reading, clock: &Clock) {
+    fn late(&self, reading: &mut MagnetometerColumn, clock: &SensorClock) {
         let read = if clock.is_the_tables() { reading.values_nt.clone() } else { clock.read(&reading.values_nt) };
         reading.replace(self.wanted, read);
     }
 
-    fn noise(&self, reading: &mut Reading, clock: &Clock, sigma_nt: f64, random: &mut Random) {
+    fn noise(&self, reading: &mut MagnetometerColumn, clock: &SensorClock, sigma_nt: f64, random: &mut RandomStream) {
         let sigma_nt = if self.on("noise") { sigma_nt } else { 0.0 };
         reading.add(self.wanted, clock.spread(|_| sigma_nt * random.normal()));
     }
 
-    fn drift(&self, reading: &mut Reading, drift: Option<numerics::signal::gauss_markov::GaussMarkov>, name: &str) {
+    fn drift(
+        &self,
+        reading: &mut MagnetometerColumn,
+        drift: Option<numerics::signal::gauss_markov::GaussMarkov>,
+        name: &str,
+    ) {
         let mut random = self.random("drift", name);
         let drift = drift.filter(|_| self.on("drift")).map(|d| d.realisation(self.tt_s, || random.normal()));
         reading.add(self.wanted, drift.unwrap_or_else(|| vec![0.0; self.tt_s.len()]));
@@ -109,8 +114,12 @@ impl Bench<'_> {
 
     /// The readings of a scalar magnetometer, in nT: the magnitude of the vector sum, and its own errors. Components of
     /// the field are the increments of the magnitude, in order.
-    pub(super) fn scalar(&self, sensor: &Scalar, field: impl Iterator<Item = FieldParts>) -> Reading {
-        let mut reading = Reading::default();
+    pub(super) fn scalar(
+        &self,
+        sensor: &ScalarMagnetometer,
+        field: impl Iterator<Item = SensorFieldParts>,
+    ) -> MagnetometerColumn {
+        let mut reading = MagnetometerColumn::default();
         if self.wanted {
             reading.parts_nt = vec![vec![]; FIELD_PARTS.len()];
         }
@@ -143,7 +152,7 @@ impl Bench<'_> {
         reading
     }
 
-    fn spikes(&self, sensor: &Scalar) -> Vec<f64> {
+    fn spikes(&self, sensor: &ScalarMagnetometer) -> Vec<f64> {
         let Some((mean_s, sigma_nt)) = sensor.spikes.filter(|_| self.on("spikes")) else {
             return vec![0.0; self.tt_s.len()];
         };
@@ -154,7 +163,7 @@ impl Bench<'_> {
     }
 
     /// Removes the readings in a dead zone or a dropout.
-    fn lose(&self, sensor: &Scalar, values_nt: &mut [f64], dead: &[bool]) {
+    fn lose(&self, sensor: &ScalarMagnetometer, values_nt: &mut [f64], dead: &[bool]) {
         let lost_nt = if sensor.lost_is_zero { 0.0 } else { f64::NAN };
         let zones = self.on("dead_zones");
         let bursts = sensor.dropouts.filter(|_| self.on("dropouts")).map_or_else(Vec::new, |means| {
@@ -176,13 +185,13 @@ impl Bench<'_> {
     /// The readings of the three axes of a vector magnetometer, in nT.
     pub(super) fn vector(
         &self,
-        sensor: &Vector,
+        sensor: &VectorMagnetometer,
         temperature: &Temperature,
-        field: impl Iterator<Item = FieldParts>,
-    ) -> [Reading; 3] {
-        let made = Made::of(self.scene.spec.seed, sensor);
+        field: impl Iterator<Item = SensorFieldParts>,
+    ) -> [MagnetometerColumn; 3] {
+        let made = VectorMagnetometerErrors::draw(self.scene.spec.seed, sensor);
         let (calibrated, moved) = (self.on("calibration"), self.on("offset"));
-        let mut axes: [Reading; 3] = Default::default();
+        let mut axes: [MagnetometerColumn; 3] = Default::default();
         let mut calibration: [Vec<f64>; 3] = Default::default();
         for axis in &mut axes {
             axis.parts_nt = if self.wanted { vec![vec![]; FIELD_PARTS.len()] } else { vec![] };
@@ -218,8 +227,8 @@ impl Bench<'_> {
             reading.add(self.wanted, crosstalk.iter().map(|added_nt| added_nt[axis]).collect());
             let tau_s = sensor.bandwidth_hz.filter(|_| self.on("bandwidth")).map_or(0.0, |hz| 1.0 / (TAU * hz));
             reading.replace(self.wanted, first_order(&reading.values_nt, rate_hz, tau_s));
-            let axis_lag = Sampling { rate_hz: None, lag_s: sensor.axis_lag_s[axis], hold: false };
-            let turn = Clock::new(&axis_lag, self.tt_s.len(), rate_hz, self.on("axis_lag"));
+            let axis_lag = SensorSampling { rate_hz: None, lag_s: sensor.axis_lag_s[axis], hold: false };
+            let turn = SensorClock::new(&axis_lag, self.tt_s.len(), rate_hz, self.on("axis_lag"));
             self.late(reading, &turn);
             self.late(reading, &clock);
             self.drift(reading, sensor.drift, &name);
@@ -230,19 +239,19 @@ impl Bench<'_> {
     }
 
     /// Temperature of the sensor above the reference temperature, in degrees.
-    fn warmth(&self, sensor: &Vector, temperature: &Temperature) -> Vec<f64> {
+    fn warmth(&self, sensor: &VectorMagnetometer, temperature: &Temperature) -> Vec<f64> {
         let tau_s = if self.on("thermal_lag") { sensor.thermal_tau_s } else { 0.0 };
         self.since_s.iter().map(|t| temperature.followed_at(*t, tau_s) - temperature.reference_degc).collect()
     }
 
     /// The coupling of currents into the readings, in nT.
-    fn crosstalk(&self, sensor: &Vector) -> Vec<Vector3<f64>> {
+    fn crosstalk(&self, sensor: &VectorMagnetometer) -> Vec<Vector3<f64>> {
         let mut added_nt = vec![Vector3::zeros(); self.tt_s.len()];
         let wanted = if self.on("crosstalk") { sensor.crosstalk.as_slice() } else { &[] };
         for (index, amount) in wanted {
             let current = self.scene.spec.aircraft.currents.get(*index).map_or("", |c| c.name.as_str());
             let names = ["aircraft", &sensor.name, current, "crosstalk"];
-            let nt_per_a = vector(*amount, &mut Random::of(self.scene.spec.seed, &names));
+            let nt_per_a = vector(*amount, &mut RandomStream::new(self.scene.spec.seed, &names));
             let amperes = self.amperes.get(*index).into_iter().flatten();
             added_nt.iter_mut().zip(amperes).for_each(|(sum, a)| *sum += nt_per_a * *a);
         }
@@ -251,7 +260,7 @@ impl Bench<'_> {
 
     /// The departure from the best straight line: the third Chebyshev polynomial, whose largest values within the full
     /// scale are those of `linearity`.
-    fn linearity(&self, reading: &mut Reading, linearity: f64, full_scale_nt: f64) {
+    fn linearity(&self, reading: &mut MagnetometerColumn, linearity: f64, full_scale_nt: f64) {
         let size_nt = if self.on("linearity") { linearity * full_scale_nt } else { 0.0 };
         let off = |x: &f64| {
             let u = x / full_scale_nt;
@@ -261,11 +270,11 @@ impl Bench<'_> {
     }
 
     /// The hysteresis of the core, which has been through the loop of its first reading before the line begins.
-    fn core_hysteresis(&self, reading: &mut Reading, remanent_nt: f64) {
+    fn core_hysteresis(&self, reading: &mut MagnetometerColumn, remanent_nt: f64) {
         let part = if remanent_nt == 0.0 || !self.on("core_hysteresis") {
             vec![0.0; self.tt_s.len()]
         } else {
-            let mut core = Rayleigh::demagnetised(SCALE_NT);
+            let mut core = RayleighHysteresis::demagnetised(SCALE_NT);
             let first_nt = reading.values_nt.first().copied().unwrap_or(0.0);
             core.follow(-first_nt);
             reading.values_nt.iter().map(|x| remanent_nt * core.follow(*x)).collect()
@@ -275,13 +284,13 @@ impl Bench<'_> {
 }
 
 /// Whether the field is in a dead zone of the sensor; `cosine` is that of its angle to the optical axis.
-fn is_dead(sensor: &Scalar, cosine: f64) -> bool {
+fn is_dead(sensor: &ScalarMagnetometer, cosine: f64) -> bool {
     let from_axis_deg = cosine.abs().min(1.0).acos().to_degrees();
     from_axis_deg < sensor.dead_polar_deg || 90.0 - from_axis_deg < sensor.dead_equatorial_deg
 }
 
-/// The build errors of a vector magnetometer.
-struct Made {
+/// Manufacturing errors of a vector magnetometer, the same on all flights.
+struct VectorMagnetometerErrors {
     /// Its matrix: scale, axes that are not orthogonal, misalignment.
     skew: Matrix3<f64>,
     offset_nt: Vector3<f64>,
@@ -292,11 +301,11 @@ struct Made {
     linearity: Vector3<f64>,
 }
 
-impl Made {
+impl VectorMagnetometerErrors {
     /// Draws it: the same on all flights. Its axes are rows: x along its own, y turned in the plane of both, z by two
     /// angles; then all are turned and scaled.
-    fn of(seed: u64, sensor: &Vector) -> Made {
-        let mut random = Random::of(seed, &["calibration", &sensor.name]);
+    fn draw(seed: u64, sensor: &VectorMagnetometer) -> VectorMagnetometerErrors {
+        let mut random = RandomStream::new(seed, &["calibration", &sensor.name]);
         let mut three = |size: f64| Vector3::from_fn(|_, _| size * random.normal());
         let scale = Matrix3::from_diagonal(&three(sensor.scale).add_scalar(1.0));
         let offset_nt = three(sensor.offset_nt);
@@ -317,10 +326,10 @@ impl Made {
         );
         let turned = *nalgebra::Rotation3::new(turn).matrix();
         let another = |what: &str, ppm: f64| {
-            let mut random = Random::of(seed, &["calibration", &sensor.name, what]);
+            let mut random = RandomStream::new(seed, &["calibration", &sensor.name, what]);
             Vector3::from_fn(|_, _| 1e-6 * ppm * random.normal())
         };
-        Made {
+        VectorMagnetometerErrors {
             skew: scale * axes * turned - Matrix3::identity(),
             offset_nt,
             nt_per_degc,

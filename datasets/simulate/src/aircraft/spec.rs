@@ -1,10 +1,13 @@
 //! Keys of the aircraft in a synth spec: its electronics and its magnetometers.
 
-pub use electric::{Channel, Current, Engine, Input, Kind, Signal, Temperature, Thermostat, Voltage, Wire};
-pub use sensor::{Heading, Sampling, Scalar, Vector};
-pub use source::{Drawn, Source};
+pub use electric::{
+    ChannelErrors, ControlQuantity, ControlSignal, Current, CurrentControl, EngineThrottle, Temperature, Thermostat,
+    Voltage, Wire,
+};
+pub use sensor::{HeadingErrorModel, ScalarMagnetometer, SensorSampling, VectorMagnetometer};
+pub use source::{AircraftFieldSpec, QuantitySpec};
 
-use crate::reading::{Section, unique};
+use crate::reading::{SynthSection, unique};
 
 pub(crate) mod electric;
 pub(crate) mod sensor;
@@ -18,7 +21,7 @@ pub struct Aircraft {
     /// The temperature on board.
     pub temperature: Temperature,
     /// The control signals that are recorded.
-    pub inputs: Vec<Input>,
+    pub inputs: Vec<ControlSignal>,
     /// The currents on board.
     pub currents: Vec<Current>,
     /// The wires that the currents flow in.
@@ -26,14 +29,14 @@ pub struct Aircraft {
     /// The voltages that are recorded.
     pub voltages: Vec<Voltage>,
     /// The scalar magnetometers.
-    pub scalars: Vec<Scalar>,
+    pub scalars: Vec<ScalarMagnetometer>,
     /// The vector magnetometers.
-    pub vectors: Vec<Vector>,
+    pub vectors: Vec<VectorMagnetometer>,
 }
 
 /// Reads the aircraft's tables: `temperature`, `inputs`, `currents`, `wires`, `voltages`, `magnetometers` and
 /// `vector_magnetometers`.
-pub(in super::super) fn aircraft(root: &Section, component_columns: bool) -> Aircraft {
+pub(in super::super) fn aircraft(root: &SynthSection, component_columns: bool) -> Aircraft {
     let currents: Vec<Current> = root.sections("currents").iter().filter_map(electric::current).collect();
     let wires = root.sections("wires").iter().filter_map(|s| electric::wire(s, &currents)).collect();
     let voltages: Vec<_> = root.sections("voltages").iter().filter_map(|s| electric::voltage(s, &currents)).collect();

@@ -7,7 +7,7 @@ use datasets::samples;
 use tempfile::TempDir;
 
 use super::{
-    super::{COMPONENTS, Simulation, Spec},
+    super::{COMPONENTS, Simulation, SynthSpec},
     *,
 };
 
@@ -334,14 +334,15 @@ fn law_induced_tensors_have_their_size_and_symmetry() {
         let sensor =
             format!("[[vector_magnetometers]]\nname = '{name}'\ninduced_nt = 100.0\ninduced_symmetric = {symmetric}\n");
         let simulation = Simulation::open(&spec(&folder, "", &sensor, SURVEY)).unwrap();
-        let Spec { seed, aircraft, components, .. } = simulation.spec();
-        let feeds = Feeds::of(aircraft, &[], 10.0, components);
+        let SynthSpec { seed, aircraft, components, .. } = simulation.spec();
+        let feeds = EffectiveCurrents::from_currents(aircraft, &[], 10.0, components);
         let source = &aircraft.vectors[0].source;
-        let field = Field::draw(*seed, ("A", 0.0), (name, source), (aircraft, &feeds), components);
+        let field = AircraftField::draw(*seed, ("A", 0.0), (name, source), (aircraft, &feeds), components);
         let along = |axis: usize| {
             let (earth_nt, rate_ntps) = (Vector3::ith(axis, 50_000.0), Vector3::zeros());
             let iron = Vector3::zeros();
-            let drive = Drive { earth_nt, rate_ntps, feeds_a: &[], row: 0, since_s: 0.0, lift_mps2: 0.0, iron };
+            let drive =
+                AircraftFieldInput { earth_nt, rate_ntps, feeds_a: &[], row: 0, since_s: 0.0, lift_mps2: 0.0, iron };
             field.parts_nt(&drive)[1]
         };
         nalgebra::Matrix3::from_columns(&[along(0), along(1), along(2)])

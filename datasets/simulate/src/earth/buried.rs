@@ -3,10 +3,10 @@
 use nalgebra::{Matrix3, Vector3};
 use numerics::{
     earth::{core_field::CoreField, geodesy::ecef_m},
-    maps::magnetic_sources::{Dipole, Prism, Source, direction},
+    maps::magnetic_sources::{Dipole, MagneticBody, Prism, direction},
 };
 
-use super::spec::{Body, Buried};
+use super::spec::{BuriedBody, BuriedSource};
 
 /// The rows are the eastern, northern and upward directions at a position in degrees, in earth-centred components.
 fn east_north_up(lat_deg: f64, lon_deg: f64) -> Matrix3<f64> {
@@ -28,18 +28,18 @@ fn earth_centred(lat_deg: f64, lon_deg: f64, alt_m: f64) -> Vector3<f64> {
     Vector3::from(ecef_m(lat_deg.to_radians(), lon_deg.to_radians(), alt_m))
 }
 
-/// A source in its own Cartesian frame.
-pub(super) struct Placed {
+/// Dipole or prism in the ground, in its own Cartesian frame.
+pub(super) struct LocalFrameSource {
     origin: Vector3<f64>,
     /// Rotation from earth-centred components to the source's frame.
     turn: Matrix3<f64>,
-    source: Source,
+    source: MagneticBody,
 }
 
-impl Placed {
+impl LocalFrameSource {
     /// Positions a source; without a given direction it is magnetised along the core field.
-    pub(super) fn new(buried: &Buried, core: &CoreField) -> Placed {
-        let Buried { lat_deg, lon_deg, alt_m, .. } = *buried;
+    pub(super) fn new(buried: &BuriedSource, core: &CoreField) -> LocalFrameSource {
+        let BuriedSource { lat_deg, lon_deg, alt_m, .. } = *buried;
         let along = match buried.inclination_declination_deg {
             Some((inclination, declination)) => Vector3::from(direction(inclination, declination)),
             None => {
@@ -48,11 +48,11 @@ impl Placed {
             }
         };
         let (turned, source) = match buried.body {
-            Body::Dipole { moment_am2 } => {
+            BuriedBody::Dipole { moment_am2 } => {
                 let moment_am2 = (along * moment_am2).into();
-                (Matrix3::identity(), Source::Dipole(Dipole { at_m: [0.0; 3], moment_am2 }))
+                (Matrix3::identity(), MagneticBody::Dipole(Dipole { at_m: [0.0; 3], moment_am2 }))
             }
-            Body::Prism { magnetisation_apm, size_m: [length, width, thickness], azimuth_deg } => {
+            BuriedBody::Prism { magnetisation_apm, size_m: [length, width, thickness], azimuth_deg } => {
                 let (sin, cos) = azimuth_deg.to_radians().sin_cos();
                 let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
                 let prism = Prism {
@@ -60,11 +60,11 @@ impl Placed {
                     high_m: [0.5 * width, 0.5 * length, 0.0],
                     magnetisation_apm: (turned * along * magnetisation_apm).into(),
                 };
-                (turned, Source::Prism(prism))
+                (turned, MagneticBody::Prism(prism))
             }
         };
         let turn = turned * east_north_up(lat_deg, lon_deg);
-        Placed { origin: earth_centred(lat_deg, lon_deg, alt_m), turn, source }
+        LocalFrameSource { origin: earth_centred(lat_deg, lon_deg, alt_m), turn, source }
     }
 
     /// The field in nT at an earth-centred position, in earth-centred components.
@@ -75,7 +75,7 @@ impl Placed {
 }
 
 /// The field of all sources (north, east, down; nT) at a position in degrees and metres above the ellipsoid.
-pub(super) fn field_ned_nt(sources: &[Placed], lat_deg: f64, lon_deg: f64, alt_m: f64) -> Vector3<f64> {
+pub(super) fn field_ned_nt(sources: &[LocalFrameSource], lat_deg: f64, lon_deg: f64, alt_m: f64) -> Vector3<f64> {
     let place = earth_centred(lat_deg, lon_deg, alt_m);
     let sum = sources.iter().fold(Vector3::zeros(), |sum, source| sum + source.field_nt(&place));
     let local = east_north_up(lat_deg, lon_deg) * sum;

@@ -2,7 +2,7 @@
 //!
 //! A level map gives the change of the magnitude of the core field by the crustal field b. To first order this is the
 //! component T of b along the core field. If all sources lie below, b is the gradient of a harmonic potential, and T
-//! determines b wave by wave ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`).
+//! determines b wave by wave ([`MapSpectrum::components`], the stable form of MagNav.jl's `vector_fft`).
 //!
 //! This computation uses one direction of the core field for the whole map, although it changes by a degree in 100 km.
 //! It also neglects the second order, b²/2B: 2 nT for 500 nT. The map is therefore corrected at each node by the
@@ -22,9 +22,9 @@ use std::{
 use datasets::{MapTable, ReadError};
 use nalgebra::Vector3;
 use numerics::{
-    earth::core_field::CoreTrack,
+    earth::core_field::CoreFieldTrack,
     maps::{
-        continuation::{Padding, Spectrum, upward},
+        continuation::{MapSpectrum, Padding, upward},
         fill::{SmoothFill, smooth},
         map_surface::GeographicGrid,
         plane_grid::PlaneGrid,
@@ -37,22 +37,22 @@ const CORRECTIONS: usize = 6;
 /// The distance below the map within which its slope is used, as a fraction of its spacing.
 const BELOW: f64 = 0.1;
 
-/// East, north and up in nT, and the residual along the core field.
-type Quantities = [f64; 4];
+/// East, north and up components in nT, and the residual along the core field in nT.
+type CrustalComponents = [f64; 4];
 
-/// An even axis in degrees.
+/// Evenly spaced axis of a map, in degrees.
 #[derive(Clone, Copy, Debug)]
-struct Axis {
+struct CrustalMapAxis {
     first_deg: f64,
     step_deg: f64,
     len: usize,
 }
 
-impl Axis {
-    fn of(axis: &[f64]) -> Axis {
+impl CrustalMapAxis {
+    fn from_coordinates(axis: &[f64]) -> CrustalMapAxis {
         let first_deg = axis.first().copied().unwrap_or(f64::NAN);
         let last_deg = axis.last().copied().unwrap_or(f64::NAN);
-        Axis { first_deg, step_deg: (last_deg - first_deg) / (axis.len().max(2) - 1) as f64, len: axis.len() }
+        CrustalMapAxis { first_deg, step_deg: (last_deg - first_deg) / (axis.len().max(2) - 1) as f64, len: axis.len() }
     }
 
     /// The cell and the fraction within it; a position past an end by rounding only is on the end.
@@ -68,9 +68,9 @@ impl Axis {
     }
 }
 
-/// A cell and the fractions of a step northward and eastward in it.
+/// Cell of a map, and the position in it as fractions of a step northward and eastward.
 #[derive(Clone, Copy)]
-struct Cell {
+struct CrustalMapCell {
     row: usize,
     column: usize,
     up: f64,
@@ -81,8 +81,8 @@ struct Cell {
 pub(super) struct CrustalMap {
     path: PathBuf,
     level_m: f64,
-    lat: Axis,
-    lon: Axis,
+    lat: CrustalMapAxis,
+    lon: CrustalMapAxis,
     /// Metres of a step northward and eastward.
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
@@ -94,12 +94,12 @@ pub(super) struct CrustalMap {
     /// Whether the four nodes around each grid square are known, by rows.
     known: Vec<bool>,
     /// The cached levels, by the bits of the height above the map: independent of the order of requests.
-    levels: Mutex<BTreeMap<u64, Arc<Level>>>,
+    levels: Mutex<BTreeMap<u64, Arc<CrustalMapLevel>>>,
 }
 
-/// Reason for a sample without a field.
+/// Reason why the map gives no field at a sample, with the index of the sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Nowhere {
+pub(super) enum CrustalCoverageError {
     /// It lies off the map or at an unknown node.
     Off(usize),
     /// It is below the map.
@@ -111,7 +111,7 @@ impl CrustalMap {
     ///
     /// # Errors
     /// Fails for a map that is not level, and for a date outside the core model.
-    pub(super) fn new(path: &Path, map: &MapTable, core: &CoreTrack, year: f64) -> Result<CrustalMap, ReadError> {
+    pub(super) fn new(path: &Path, map: &MapTable, core: &CoreFieldTrack, year: f64) -> Result<CrustalMap, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
         let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);
         if map.column("alt").iter().any(|a| *a != level_m) {
@@ -135,8 +135,8 @@ impl CrustalMap {
         Ok(CrustalMap {
             path: path.to_path_buf(),
             level_m,
-            lat: Axis::of(&lats),
-            lon: Axis::of(&lons),
+            lat: CrustalMapAxis::from_coordinates(&lats),
+            lon: CrustalMapAxis::from_coordinates(&lons),
             steps_m: [plane.north_m.step, plane.east_m.step],
             direction,
             corrected,
@@ -167,17 +167,19 @@ impl CrustalMap {
         [lat_deg, lon_deg, alt_m]: [&[f64]; 3],
         moved: &[[f64; 3]],
         core_ned_nt: &[Vector3<f64>],
-    ) -> Result<Result<Vec<Vector3<f64>>, Nowhere>, ReadError> {
+    ) -> Result<Result<Vec<Vector3<f64>>, CrustalCoverageError>, ReadError> {
         let Some(first_m) = alt_m.first() else { return Ok(Ok(vec![])) };
         let least_m = self.level_m - BELOW * self.steps_m[0].min(self.steps_m[1]);
         if let Some(i) = alt_m.iter().position(|alt| alt.is_nan() || *alt < least_m) {
-            return Ok(Err(Nowhere::Below(i)));
+            return Ok(Err(CrustalCoverageError::Below(i)));
         }
         let level = alt_m.iter().all(|alt| alt == first_m) && *first_m >= self.level_m;
-        let tower = if level { Tower::of(self, &[*first_m - self.level_m])? } else { self.tower(alt_m)? };
+        let tower = if level { CrustalLevelStack::new(self, &[*first_m - self.level_m])? } else { self.tower(alt_m)? };
         let mut out = Vec::with_capacity(alt_m.len());
         for (i, (core, moved)) in core_ned_nt.iter().zip(moved).enumerate() {
-            let Some(mut cell) = self.cell(lat_deg[i], lon_deg[i]) else { return Ok(Err(Nowhere::Off(i))) };
+            let Some(mut cell) = self.cell(lat_deg[i], lon_deg[i]) else {
+                return Ok(Err(CrustalCoverageError::Off(i)));
+            };
             cell.up += moved[0] / self.lat.step_deg;
             cell.right += moved[1] / self.lon.step_deg;
             let [east, north, up, rest] = tower.at(cell, alt_m[i] + moved[2] - self.level_m, self.steps_m);
@@ -192,16 +194,16 @@ impl CrustalMap {
         self.rest.values.iter().fold(0.0, |most, rest| most.max(rest.abs()))
     }
 
-    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CrustalMapCell> {
         let (row, up) = self.lat.locate(lat_deg)?;
         let around = [0.0, -360.0, 360.0].into_iter().find_map(|turn| self.lon.locate(lon_deg + turn));
         let (column, right) = around?;
         let known = self.known.get(row * (self.lon.len - 1) + column).copied().unwrap_or(false);
-        known.then_some(Cell { row, column, up, right })
+        known.then_some(CrustalMapCell { row, column, up, right })
     }
 
     /// The levels that heights lie between.
-    fn tower(&self, alt_m: &[f64]) -> Result<Tower, ReadError> {
+    fn tower(&self, alt_m: &[f64]) -> Result<CrustalLevelStack, ReadError> {
         let (low, high) = alt_m.iter().fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(*x), b.max(*x)));
         let spacing_m = self.steps_m[0].min(self.steps_m[1]);
         let mut rungs_m = vec![0.0];
@@ -210,10 +212,10 @@ impl CrustalMap {
             rungs_m.push(top + (0.5 * spacing_m).max(0.25 * top));
         }
         let below = rungs_m.iter().filter(|rung| **rung <= low - self.level_m).count();
-        Tower::of(self, rungs_m.get(below.saturating_sub(1)..).unwrap_or(&[]))
+        CrustalLevelStack::new(self, rungs_m.get(below.saturating_sub(1)..).unwrap_or(&[]))
     }
 
-    fn level(&self, up_m: f64) -> Result<Arc<Level>, ReadError> {
+    fn level(&self, up_m: f64) -> Result<Arc<CrustalMapLevel>, ReadError> {
         let key = up_m.to_bits();
         let known = self.levels.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
         if let Some(level) = known {
@@ -221,10 +223,10 @@ impl CrustalMap {
         }
         // Computed without the lock: a thread that waits for its own transform may take up another flight meanwhile.
         let wrong = |e: numerics::maps::continuation::ContinuationError| ReadError::data(&self.path, e.to_string());
-        let spectrum = Spectrum::new(&self.corrected, up_m, &Padding::default()).map_err(wrong)?;
+        let spectrum = MapSpectrum::new(&self.corrected, up_m, &Padding::default()).map_err(wrong)?;
         let field = spectrum.components(self.direction, up_m, 0.0).map_err(wrong)?;
         let rest = upward(&self.rest, up_m, &Padding::default()).map_err(wrong)?;
-        let level = Arc::new(Level::new([field.east, field.north, field.up, rest]));
+        let level = Arc::new(CrustalMapLevel::new([field.east, field.north, field.up, rest]));
         let mut levels = self.levels.lock().unwrap_or_else(PoisonError::into_inner);
         Ok(levels.entry(key).or_insert(level).clone())
     }
@@ -245,7 +247,7 @@ fn corrected(
     let mut corrected = map.clone();
     let mut correction = 0;
     loop {
-        let field = Spectrum::new(&corrected, 0.0, &Padding::default())?.components(direction, 0.0, 0.0)?;
+        let field = MapSpectrum::new(&corrected, 0.0, &Padding::default())?.components(direction, 0.0, 0.0)?;
         let lacking = |i: usize| {
             let found = Vector3::new(field.east.values[i], field.north.values[i], field.up.values[i]);
             map.values[i] - change_of_magnitude(&core_nt[i], &found)
@@ -268,24 +270,24 @@ fn known_cells(map: &PlaneGrid) -> Vec<bool> {
     cells.map(known).collect()
 }
 
-/// The field at one height.
-struct Level {
+/// Crustal field at one height, as bicubic spline coefficients.
+struct CrustalMapLevel {
     /// Nodes in a row of the table.
     width: usize,
     /// The coefficients of the natural cubic splines by rows, with one more row and column on each side.
-    table: Vec<Quantities>,
+    table: Vec<CrustalComponents>,
 }
 
-/// The quantities at a position and their slopes per step northward and eastward.
+/// Crustal components at a position, and their slopes per step northward and eastward.
 #[derive(Clone, Copy)]
-struct Jet {
-    value: Quantities,
-    per_row: Quantities,
-    per_column: Quantities,
+struct CrustalSample {
+    value: CrustalComponents,
+    per_row: CrustalComponents,
+    per_column: CrustalComponents,
 }
 
-impl Level {
-    fn new(quantities: [PlaneGrid; 4]) -> Level {
+impl CrustalMapLevel {
+    fn new(quantities: [PlaneGrid; 4]) -> CrustalMapLevel {
         let (rows, columns) = (quantities[0].rows(), quantities[0].columns());
         let mut table = vec![[0.0; 4]; (rows + 2) * (columns + 2)];
         for (q, mut grid) in quantities.into_iter().enumerate() {
@@ -300,13 +302,13 @@ impl Level {
                 }
             }
         }
-        Level { width: columns + 2, table }
+        CrustalMapLevel { width: columns + 2, table }
     }
 
-    fn at(&self, cell: Cell) -> Jet {
+    fn at(&self, cell: CrustalMapCell) -> CrustalSample {
         let (across, across_slope) = (natural_cubic::weights(cell.right), natural_cubic::slope_weights(cell.right));
         let (along, along_slope) = (natural_cubic::weights(cell.up), natural_cubic::slope_weights(cell.up));
-        let mut jet = Jet { value: [0.0; 4], per_row: [0.0; 4], per_column: [0.0; 4] };
+        let mut jet = CrustalSample { value: [0.0; 4], per_row: [0.0; 4], per_column: [0.0; 4] };
         for (k, (along, along_slope)) in along.iter().zip(along_slope).enumerate() {
             let row = &self.table[(cell.row + k) * self.width + cell.column..][..4];
             let value = weighted(row, across);
@@ -322,23 +324,23 @@ impl Level {
 }
 
 /// The sum of four nodes of a row.
-fn weighted(row: &[Quantities], weights: [f64; 4]) -> Quantities {
+fn weighted(row: &[CrustalComponents], weights: [f64; 4]) -> CrustalComponents {
     row.iter().zip(weights).fold([0.0; 4], |sum, (node, weight)| std::array::from_fn(|q| sum[q] + weight * node[q]))
 }
 
-/// Levels at ascending heights.
-struct Tower {
-    rungs: Vec<(f64, Arc<Level>)>,
+/// Crustal field at several heights, in ascending order.
+struct CrustalLevelStack {
+    rungs: Vec<(f64, Arc<CrustalMapLevel>)>,
 }
 
-impl Tower {
-    fn of(map: &CrustalMap, rungs_m: &[f64]) -> Result<Tower, ReadError> {
+impl CrustalLevelStack {
+    fn new(map: &CrustalMap, rungs_m: &[f64]) -> Result<CrustalLevelStack, ReadError> {
         let rungs: Result<_, ReadError> = rungs_m.iter().map(|up_m| Ok((*up_m, map.level(*up_m)?))).collect();
-        Ok(Tower { rungs: rungs? })
+        Ok(CrustalLevelStack { rungs: rungs? })
     }
 
     /// The quantities at a height above the map.
-    fn at(&self, cell: Cell, up_m: f64, steps_m: [f64; 2]) -> Quantities {
+    fn at(&self, cell: CrustalMapCell, up_m: f64, steps_m: [f64; 2]) -> CrustalComponents {
         let over = self.rungs.partition_point(|(rung_m, _)| *rung_m <= up_m);
         let (Some((low_m, low)), Some((high_m, high))) = (self.rungs.get(over.saturating_sub(1)), self.rungs.get(over))
         else {
@@ -363,7 +365,7 @@ impl Tower {
 }
 
 /// Vertical derivatives of the components in a field without curl and sources, per metre; the residual is constant.
-fn vertical_slope(jet: &Jet, [north_m, east_m]: [f64; 2]) -> Quantities {
+fn vertical_slope(jet: &CrustalSample, [north_m, east_m]: [f64; 2]) -> CrustalComponents {
     let [east, north, up] = [0, 1, 2];
     let divergence = jet.per_column[east] / east_m + jet.per_row[north] / north_m;
     [jet.per_column[up] / east_m, jet.per_row[up] / north_m, -divergence, 0.0]

@@ -3,20 +3,20 @@
 //! The core field is a model's at the date of every sample. The crustal field is that of a map, of sources in the
 //! ground, or of both; see [`crustal`] and [`buried`]. The temporal variation is in [`variation`].
 
-use buried::{Placed, field_ned_nt};
-use crustal::{CrustalMap, Nowhere, change_of_magnitude};
+use buried::{LocalFrameSource, field_ned_nt};
+use crustal::{CrustalCoverageError, CrustalMap, change_of_magnitude};
 use datasets::{ReadError, read_map};
 use nalgebra::Vector3;
 use numerics::earth::{
-    core_field::{CoreField, CoreTrack},
+    core_field::{CoreField, CoreFieldTrack},
     dates::decimal_year,
 };
-use observatory::Observatory;
-use places::Places;
+use observatory::ObservatoryVariation;
+use places::OffsetTrack;
 
-use super::{scene::Scene, spec::Spec, trajectory::Trajectory};
-pub use spec::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
-use variation::{Moments, Variation};
+use super::{scene::SynthLineContext, spec::SynthSpec, trajectory::TrueTrajectory};
+pub use spec::{BuriedBody, BuriedSource, Diurnal, Pulsations, Storm, SynthEarth};
+use variation::{TemporalVariation, VariationPoints};
 
 mod buried;
 mod crustal;
@@ -27,43 +27,43 @@ mod variation;
 
 /// The data that all lines share: the map's field, the sources, the observatory's record. Lines may query it
 /// concurrently; the results do not depend on the order of queries.
-pub(super) struct Field {
-    core: CoreTrack,
+pub(super) struct EarthFieldModel {
+    core: CoreFieldTrack,
     map: Option<CrustalMap>,
-    sources: Vec<Placed>,
-    observatory: Option<Observatory>,
+    sources: Vec<LocalFrameSource>,
+    observatory: Option<ObservatoryVariation>,
 }
 
-impl Field {
+impl EarthFieldModel {
     /// Reads and prepares the components that are switched on.
     ///
     /// # Errors
     /// Fails for a map that cannot be read or is not level, a record that cannot be read, a date that the core model
     /// does not cover.
-    pub(super) fn new(spec_path: &std::path::Path, spec: &Spec) -> Result<Field, ReadError> {
+    pub(super) fn new(spec_path: &std::path::Path, spec: &SynthSpec) -> Result<EarthFieldModel, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::options(spec_path, e.to_string());
         let (earth, (year, doy)) = (&spec.earth, spec.date);
         let date = decimal_year(year, doy, 0.0).map_err(|e| wrong(&e))?;
-        let at_date = CoreField::of(earth.core, date).map_err(|e| wrong(&e))?;
-        let core = CoreTrack::new(earth.core);
+        let at_date = CoreField::new(earth.core, date).map_err(|e| wrong(&e))?;
+        let core = CoreFieldTrack::new(earth.core);
         let anomaly = spec.components.on("anomaly");
         let map = match earth.map.as_ref().filter(|_| anomaly) {
             Some((path, options)) => Some(CrustalMap::new(path, &read_map(path, options)?, &core, date)?),
             None => None,
         };
-        let sources = earth.sources.iter().filter(|_| anomaly).map(|s| Placed::new(s, &at_date)).collect();
+        let sources = earth.sources.iter().filter(|_| anomaly).map(|s| LocalFrameSource::new(s, &at_date)).collect();
         let record = earth.diurnal.observatory.as_ref().filter(|_| spec.components.on("diurnal"));
         let observatory = match record {
-            Some((path, quiet_base)) => Some(Observatory::read(path, *quiet_base)?),
+            Some((path, quiet_base)) => Some(ObservatoryVariation::read(path, *quiet_base)?),
             None => None,
         };
-        Ok(Field { core, map, sources, observatory })
+        Ok(EarthFieldModel { core, map, sources, observatory })
     }
 }
 
 /// The earth's field along a line, in nT; vectors are north, east, down unless stated otherwise.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Along {
+pub(super) struct LineEarthField {
     /// The core field.
     pub(super) core_ned_nt: Vec<Vector3<f64>>,
     /// The crustal field.
@@ -96,10 +96,14 @@ const STEP_S: f64 = 1e-3;
 /// # Errors
 /// Fails for a line that leaves the known map, goes below it or through a source; a time without a value of the
 /// observatory; a date that the core model does not cover.
-pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Along, ReadError> {
+pub(super) fn along(
+    scene: &SynthLineContext,
+    truth: &TrueTrajectory,
+    field: &EarthFieldModel,
+) -> Result<LineEarthField, ReadError> {
     let [core_ned_nt, anomaly_ned_nt, diurnal_ned_nt] = parts(scene, truth, field, 0.0)?;
     let rates_ned_ntps = rates(scene, truth, field)?;
-    let mut out = Along { core_ned_nt, anomaly_ned_nt, diurnal_ned_nt, ..Along::default() };
+    let mut out = LineEarthField { core_ned_nt, anomaly_ned_nt, diurnal_ned_nt, ..LineEarthField::default() };
     for (i, rate_ned_ntps) in rates_ned_ntps.iter().enumerate() {
         let (core, anomaly, diurnal) = (out.core_ned_nt[i], out.anomaly_ned_nt[i], out.diurnal_ned_nt[i]);
         let magnitude = core.norm();
@@ -119,16 +123,20 @@ pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<
 /// # Errors
 /// Fails as [`along`].
 pub(super) fn at_arm(
-    scene: &Scene,
-    truth: &Trajectory,
-    field: &Field,
+    scene: &SynthLineContext,
+    truth: &TrueTrajectory,
+    field: &EarthFieldModel,
     arm_m: &Vector3<f64>,
 ) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
     parts(scene, &truth.at_arm(arm_m), field, 0.0)
 }
 
 /// The rate of the field's components north, east and down along the track, in nT/s.
-fn rates(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3<f64>>, ReadError> {
+fn rates(
+    scene: &SynthLineContext,
+    truth: &TrueTrajectory,
+    field: &EarthFieldModel,
+) -> Result<Vec<Vector3<f64>>, ReadError> {
     let whole = |by_s: f64| -> Result<Vec<Vector3<f64>>, ReadError> {
         let [core, anomaly, diurnal] = parts(scene, truth, field, by_s)?;
         Ok(core.iter().zip(anomaly).zip(diurnal).map(|((core, anomaly), diurnal)| core + anomaly + diurnal).collect())
@@ -139,8 +147,13 @@ fn rates(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3
 
 /// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` farther on the tangent of the
 /// track.
-fn parts(scene: &Scene, truth: &Trajectory, field: &Field, by_s: f64) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
-    let at = Places::of(truth, by_s);
+fn parts(
+    scene: &SynthLineContext,
+    truth: &TrueTrajectory,
+    field: &EarthFieldModel,
+    by_s: f64,
+) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
+    let at = OffsetTrack::from_truth(truth, by_s);
     let core_ned_nt = core(scene, field, &at)?;
     let anomaly_ned_nt = anomaly(scene, field, &at, &core_ned_nt)?;
     let diurnal_ned_nt = diurnal(scene, field, &at, &core_ned_nt)?;
@@ -148,7 +161,7 @@ fn parts(scene: &Scene, truth: &Trajectory, field: &Field, by_s: f64) -> Result<
 }
 
 /// The core field at the dates of the samples.
-fn core(scene: &Scene, field: &Field, at: &Places) -> Result<Vec<Vector3<f64>>, ReadError> {
+fn core(scene: &SynthLineContext, field: &EarthFieldModel, at: &OffsetTrack) -> Result<Vec<Vector3<f64>>, ReadError> {
     let (year, doy) = scene.spec.date;
     let dates: Result<Vec<f64>, _> = at.own.tt_s.iter().map(|tt| decimal_year(year, doy, *tt)).collect();
     let dates = dates.map_err(|e| scene.fault(e.to_string()))?;
@@ -159,9 +172,9 @@ fn core(scene: &Scene, field: &Field, at: &Places) -> Result<Vec<Vector3<f64>>, 
 }
 
 fn anomaly(
-    scene: &Scene,
-    field: &Field,
-    at: &Places,
+    scene: &SynthLineContext,
+    field: &EarthFieldModel,
+    at: &OffsetTrack,
     core_ned_nt: &[Vector3<f64>],
 ) -> Result<Vec<Vector3<f64>>, ReadError> {
     let (lat, lon, alt) = (&at.lat_deg, &at.lon_deg, &at.alt_m);
@@ -186,16 +199,21 @@ fn anomaly(
     }
 }
 
-fn off_the_map(scene: &Scene, truth: &Trajectory, map: &CrustalMap, nowhere: Nowhere) -> ReadError {
+fn off_the_map(
+    scene: &SynthLineContext,
+    truth: &TrueTrajectory,
+    map: &CrustalMap,
+    nowhere: CrustalCoverageError,
+) -> ReadError {
     match nowhere {
-        Nowhere::Off(i) => {
+        CrustalCoverageError::Off(i) => {
             let since = truth.tt_s[i] - truth.tt_s[0];
             let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
             scene
                 .fault(format!("leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
                 .help("move the waypoints inwards or shorten the line")
         }
-        Nowhere::Below(i) => {
+        CrustalCoverageError::Below(i) => {
             let (level_m, alt_m) = (map.level_m(), truth.alt_m[i]);
             scene
                 .fault(format!("the map's height, {level_m} m, is above the line's height, {alt_m} m"))
@@ -205,16 +223,16 @@ fn off_the_map(scene: &Scene, truth: &Trajectory, map: &CrustalMap, nowhere: Now
 }
 
 fn diurnal(
-    scene: &Scene,
-    field: &Field,
-    at: &Places,
+    scene: &SynthLineContext,
+    field: &EarthFieldModel,
+    at: &OffsetTrack,
     core_ned_nt: &[Vector3<f64>],
 ) -> Result<Vec<Vector3<f64>>, ReadError> {
     if !scene.spec.components.on("diurnal") {
         return Ok(vec![Vector3::zeros(); core_ned_nt.len()]);
     }
     let starts = scene.flight.lines.iter().map(|line| line.start_tt_s);
-    let variation = Variation {
+    let variation = TemporalVariation {
         diurnal: &scene.spec.earth.diurnal,
         observatory: field.observatory.as_ref(),
         seed: scene.spec.seed,
@@ -223,7 +241,7 @@ fn diurnal(
     };
     let (tt_s, lat_deg, lon_deg) = (&at.tt_s, &at.lat_deg, &at.lon_deg);
     variation
-        .along(&Moments { tt_s, lat_deg, lon_deg, core_ned_nt })
+        .along(&VariationPoints { tt_s, lat_deg, lon_deg, core_ned_nt })
         .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or use another record"))
 }
 

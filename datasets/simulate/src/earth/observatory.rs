@@ -12,7 +12,7 @@ const QUIET_H: std::ops::Range<f64> = 0.0..3.0;
 const SLACK_S: f64 = 5e-3;
 
 /// The deviation of a record from its baseline, by time of day.
-pub(super) struct Observatory {
+pub(super) struct ObservatoryVariation {
     name: String,
     start_tt_s: f64,
     step_s: f64,
@@ -20,12 +20,12 @@ pub(super) struct Observatory {
     runs: Vec<(usize, Vec<[f64; 3]>)>,
 }
 
-impl Observatory {
+impl ObservatoryVariation {
     /// Reads a record; its baseline is its mean, or the mean of its first three hours of the local day.
     ///
     /// # Errors
     /// Fails for a file that is not an observatory record, or that has no values for the baseline.
-    pub(super) fn read(path: &Path, quiet_base: bool) -> Result<Observatory, ReadError> {
+    pub(super) fn read(path: &Path, quiet_base: bool) -> Result<ObservatoryVariation, ReadError> {
         let record = datasets::formats::read_iaga2002(path)?;
         let local_h = |k: usize| (record.tt_s(k) / 3600.0 + record.lon_deg / 15.0).rem_euclid(24.0);
         let counts = |(k, v): &(usize, &[f64; 3])| known(v) && (!quiet_base || QUIET_H.contains(&local_h(*k)));
@@ -40,10 +40,10 @@ impl Observatory {
             return Err(if quiet_base { error.help("set `observatory_base = \"mean\"`") } else { error });
         }
         let base = [0, 1, 2].map(|axis| chosen.iter().map(|v| v[axis]).sum::<f64>() / chosen.len() as f64);
-        Ok(Observatory::of(&record, base))
+        Ok(ObservatoryVariation::from_record(&record, base))
     }
 
-    fn of(record: &ObservatoryRecord, base: [f64; 3]) -> Observatory {
+    fn from_record(record: &ObservatoryRecord, base: [f64; 3]) -> ObservatoryVariation {
         let mut runs: Vec<(usize, Vec<[f64; 3]>)> = vec![];
         for (k, v) in record.ned_nt.iter().enumerate().filter(|(_, v)| known(v)) {
             let departure = [0, 1, 2].map(|axis| v[axis] - base[axis]);
@@ -55,7 +55,12 @@ impl Observatory {
         for (_, run) in &mut runs {
             natural_cubic::solve_along_rows(run.as_flattened_mut(), 3);
         }
-        Observatory { name: record.station.clone(), start_tt_s: record.start_tt_s, step_s: record.step_s, runs }
+        ObservatoryVariation {
+            name: record.station.clone(),
+            start_tt_s: record.start_tt_s,
+            step_s: record.step_s,
+            runs,
+        }
     }
 
     /// The variation (north, east, down; nT) at a time in seconds past midnight: the natural cubic spline through the

@@ -2,12 +2,12 @@
 
 use numerics::earth::geodesy::EarthModel;
 
-use crate::trajectory::Trajectory;
+use crate::trajectory::TrueTrajectory;
 
-/// Times and positions, one per sample.
-pub(super) struct Places<'a> {
+/// Times and positions, one per sample, offset from those of a true trajectory.
+pub(super) struct OffsetTrack<'a> {
     /// The positions of the samples.
-    pub(super) own: &'a Trajectory,
+    pub(super) own: &'a TrueTrajectory,
     /// The offsets of latitude and longitude (deg) and height (m) from these.
     pub(super) moved: Vec<[f64; 3]>,
     pub(super) tt_s: Vec<f64>,
@@ -16,9 +16,9 @@ pub(super) struct Places<'a> {
     pub(super) alt_m: Vec<f64>,
 }
 
-impl Places<'_> {
+impl OffsetTrack<'_> {
     /// The positions `by_s` seconds farther on the tangent of a track at each of its samples.
-    pub(super) fn of(truth: &Trajectory, by_s: f64) -> Places<'_> {
+    pub(super) fn from_truth(truth: &TrueTrajectory, by_s: f64) -> OffsetTrack<'_> {
         let earth = EarthModel::Wgs84;
         let step = |i: usize| {
             let (lat_rad, alt_m) = (truth.lat_deg[i].to_radians(), truth.alt_m[i]);
@@ -32,7 +32,7 @@ impl Places<'_> {
         let still = by_s == 0.0;
         let moved: Vec<_> = (0..truth.tt_s.len()).map(|i| if still { [0.0; 3] } else { step(i) }).collect();
         let on = |from: &[f64], k: usize| from.iter().zip(&moved).map(|(x, by)| x + by[k]).collect();
-        Places {
+        OffsetTrack {
             own: truth,
             tt_s: truth.tt_s.iter().map(|tt| tt + by_s).collect(),
             lat_deg: on(&truth.lat_deg, 0),

@@ -4,26 +4,26 @@
 use std::path::{Path, PathBuf};
 
 use datasets::MapOptions;
-use numerics::{earth::core_field::CoreModel, signal::gauss_markov::GaussMarkov};
+use numerics::{earth::core_field::CoreFieldModel, signal::gauss_markov::GaussMarkov};
 
-use schemas::{Rule, Word, choice, params, plausible::Accept};
+use schemas::{Rule, VerbatimText, choice, params, plausible::PlausibilityCheck};
 
-use crate::reading::{Components, Section};
+use crate::reading::{ComponentSwitches, SynthSection};
 
 /// The earth's field.
 #[derive(Clone, Debug)]
-pub struct Earth {
+pub struct SynthEarth {
     /// The model of the core field.
-    pub core: CoreModel,
+    pub core: CoreFieldModel,
     /// The anomaly map and how to read it.
     pub map: Option<(PathBuf, MapOptions)>,
     /// Sources in the ground.
-    pub sources: Vec<Buried>,
+    pub sources: Vec<BuriedSource>,
     /// The temporal variation.
     pub diurnal: Diurnal,
 }
 
-impl Earth {
+impl SynthEarth {
     /// The files that the field depends on, each with a description.
     pub(in super::super) fn files(&self) -> Vec<(&'static str, &Path)> {
         let map = self.map.iter().map(|(path, _)| ("map", path.as_path()));
@@ -34,7 +34,7 @@ impl Earth {
 
 /// A source in the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Buried {
+pub struct BuriedSource {
     /// Its latitude in degrees.
     pub lat_deg: f64,
     /// Its longitude in degrees.
@@ -44,12 +44,12 @@ pub struct Buried {
     /// Inclination (down from the horizontal) and declination of its magnetisation; `None` means along the core field.
     pub inclination_declination_deg: Option<(f64, f64)>,
     /// Its kind and size.
-    pub body: Body,
+    pub body: BuriedBody,
 }
 
 /// The kind of a source.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Body {
+pub enum BuriedBody {
     /// A dipole.
     Dipole {
         /// Its moment, in A m².
@@ -109,7 +109,7 @@ params! {
     /// The table `core_field`: the core field, which cannot be switched off.
     pub struct CoreKeys;
     /// Model of the core field. The World Magnetic Model covers 2020 to 2030.
-    model: CoreModel, unit "", default CoreModel::Igrf14;
+    model: CoreFieldModel, unit "", default CoreFieldModel::Igrf14;
 }
 
 params! {
@@ -126,14 +126,14 @@ params! {
     /// Unit of the map's values.
     unit: Option<String>, unit "", absent "read from the file, else nT";
     /// Numbers that mark an unknown value.
-    missing: Vec<Word>, unit "", default Vec::<Word>::new();
+    missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Plausibility checks that are disabled for this map.
-    accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
+    accept: Vec<PlausibilityCheck>, unit "", default Vec::<PlausibilityCheck>::new();
 }
 
 choice! {
     /// The kind of a source.
-    pub enum BodyKind {
+    pub enum BuriedBodyKind {
         /// A dipole.
         Dipole = "dipole",
         /// A rectangular prism.
@@ -143,9 +143,9 @@ choice! {
 
 params! {
     /// A table of `sources`: a dipole or prism in the ground, added to the map.
-    pub struct SourceKeys;
+    pub struct BuriedSourceKeys;
     /// Kind of the source.
-    kind: BodyKind, unit "", default BodyKind::Dipole;
+    kind: BuriedBodyKind, unit "", default BuriedBodyKind::Dipole;
     /// Latitude of the centre.
     lat: f64, unit "deg", rule Rule::Between(-90.0, 90.0);
     /// Longitude of the centre.
@@ -170,7 +170,7 @@ params! {
 
 choice! {
     /// Baseline of an observatory's record.
-    pub enum Base {
+    pub enum ObservatoryBaseline {
         /// The mean of the record.
         Mean = "mean",
         /// The first three hours of the local day.
@@ -204,55 +204,55 @@ params! {
     /// Path of an observatory's record in IAGA-2002 format, relative to the spec. The record is used by time of day.
     observatory: Option<String>, unit "", default None, absent "no record";
     /// Baseline that is subtracted from the record.
-    observatory_base: Base, unit "", default Base::Mean;
+    observatory_base: ObservatoryBaseline, unit "", default ObservatoryBaseline::Mean;
 }
 
 /// Reads the tables `core_field`, `map`, `sources` and `diurnal`; paths are relative to `folder`.
-pub(in super::super) fn earth(root: &Section, folder: &Path, components: &Components) -> Earth {
-    let sources: Vec<Buried> = root.sections("sources").iter().filter_map(buried).collect();
+pub(in super::super) fn earth(root: &SynthSection, folder: &Path, components: &ComponentSwitches) -> SynthEarth {
+    let sources: Vec<BuriedSource> = root.sections("sources").iter().filter_map(buried).collect();
     let map = root.section("map");
     if map.is_none() && sources.is_empty() && components.on("anomaly") {
         root.fault("the spec needs a table `map`, a list `sources`, or `anomaly = false` in `components`".to_owned());
     }
     let core = root.section("core_field").and_then(|s| s.group::<CoreKeys>(None)).map(|keys| keys.model);
     let diurnal = root.section("diurnal").and_then(|s| diurnal(&s, folder)).unwrap_or_default();
-    Earth { core: core.unwrap_or_default(), map: map.and_then(|s| self::map(&s, folder)), sources, diurnal }
+    SynthEarth { core: core.unwrap_or_default(), map: map.and_then(|s| self::map(&s, folder)), sources, diurnal }
 }
 
-fn map(s: &Section, folder: &Path) -> Option<(PathBuf, MapOptions)> {
+fn map(s: &SynthSection, folder: &Path) -> Option<(PathBuf, MapOptions)> {
     let MapKeys { path, format, epsg, alt_m, unit, missing, accept } = s.group(None)?;
     let epsg = epsg.and_then(|code| u16::try_from(code).ok());
     Some((folder.join(path), MapOptions { format, epsg, alt_m, unit, missing, accept }))
 }
 
-fn buried(s: &Section) -> Option<Buried> {
-    let keys: SourceKeys = s.group(None)?;
+fn buried(s: &SynthSection) -> Option<BuriedSource> {
+    let keys: BuriedSourceKeys = s.group(None)?;
     if keys.depth_m.is_some() == keys.alt_m.is_some() {
         s.fault("a source needs either `depth_m` or `alt_m`".to_owned());
     }
     if keys.declination_deg.is_some() && keys.inclination_deg.is_none() {
         s.fault_at("declination_deg", "a source with `declination_deg` needs `inclination_deg` too".to_owned());
     }
-    let foreign = |given: [(&'static str, bool); 3], kind: BodyKind| {
+    let foreign = |given: [(&'static str, bool); 3], kind: BuriedBodyKind| {
         for (key, _) in given.into_iter().filter(|(_, given)| *given) {
             s.fault_at(key, format!("`{key}` is a key of `kind = \"{}\"`", kind.word()));
         }
     };
     let body = match keys.kind {
-        BodyKind::Dipole => {
+        BuriedBodyKind::Dipole => {
             let given = [
                 ("magnetisation_apm", keys.magnetisation_apm.is_some()),
                 ("size_m", keys.size_m.is_some()),
                 ("azimuth_deg", keys.azimuth_deg.is_some()),
             ];
-            foreign(given, BodyKind::Prism);
+            foreign(given, BuriedBodyKind::Prism);
             if keys.moment_am2.is_none() {
                 s.fault("a dipole needs `moment_am2`, its moment in A m2".to_owned());
             }
-            Body::Dipole { moment_am2: keys.moment_am2? }
+            BuriedBody::Dipole { moment_am2: keys.moment_am2? }
         }
-        BodyKind::Prism => {
-            foreign([("moment_am2", keys.moment_am2.is_some()), ("", false), ("", false)], BodyKind::Dipole);
+        BuriedBodyKind::Prism => {
+            foreign([("moment_am2", keys.moment_am2.is_some()), ("", false), ("", false)], BuriedBodyKind::Dipole);
             if keys.size_m.is_none() {
                 s.fault("a prism needs `size_m`, its length, width and thickness".to_owned());
             }
@@ -260,15 +260,15 @@ fn buried(s: &Section) -> Option<Buried> {
                 s.fault("a prism needs `magnetisation_apm`, its magnetisation in A/m".to_owned());
             }
             let azimuth_deg = keys.azimuth_deg.unwrap_or(0.0);
-            Body::Prism { magnetisation_apm: keys.magnetisation_apm?, size_m: keys.size_m?, azimuth_deg }
+            BuriedBody::Prism { magnetisation_apm: keys.magnetisation_apm?, size_m: keys.size_m?, azimuth_deg }
         }
     };
     let inclination_declination_deg = keys.inclination_deg.map(|i| (i, keys.declination_deg.unwrap_or(0.0)));
     let alt_m = keys.alt_m.or(keys.depth_m.map(|depth_m| -depth_m))?;
-    Some(Buried { lat_deg: keys.lat, lon_deg: keys.lon, alt_m, inclination_declination_deg, body })
+    Some(BuriedSource { lat_deg: keys.lat, lon_deg: keys.lon, alt_m, inclination_declination_deg, body })
 }
 
-fn diurnal(s: &Section, folder: &Path) -> Option<Diurnal> {
+fn diurnal(s: &SynthSection, folder: &Path) -> Option<Diurnal> {
     let keys: DiurnalKeys = s.group(None)?;
     let irregular = GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s };
     let (sigma_nt, period_s, width) = (keys.pulsation_nt, keys.pulsation_period_s, keys.pulsation_width);
@@ -279,7 +279,7 @@ fn diurnal(s: &Section, folder: &Path) -> Option<Diurnal> {
         let (main_s, recovery_s) = (keys.storm_main_s, keys.storm_recovery_s);
         Storm { depth_nt: keys.storm_nt, start_tt_s, main_s, recovery_s }
     };
-    let quiet_base = keys.observatory_base == Base::Quiet;
+    let quiet_base = keys.observatory_base == ObservatoryBaseline::Quiet;
     Some(Diurnal {
         irregular: (irregular.sigma > 0.0).then_some(irregular),
         quiet_nt: keys.quiet_nt,

@@ -3,47 +3,47 @@
 use std::{fs, path::Path};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use datasets::{AnomalyGrid, Crs, Height, MapOptions, MapTable, formats::read_iaga2002, samples};
+use datasets::{AnomalyGrid, Crs, GridHeight, MapOptions, MapTable, formats::read_iaga2002, samples};
 use numerics::{
-    earth::core_field::CoreModel,
+    earth::core_field::CoreFieldModel,
     maps::{
-        map_surface::{GeographicGrid, Interpolation, MapSurface},
+        map_surface::{GeographicGrid, MapInterpolation, MapSurface},
         plane_grid::EvenAxis,
     },
     signal::{
         gauss_markov::GaussMarkov,
-        spectrum::{Window, welch},
+        spectrum::{SpectralTaper, welch},
     },
 };
 use tempfile::TempDir;
 
 use super::{
-    buried::{Placed, field_ned_nt},
-    variation::{QuietDay, Waves, ring_current},
+    buried::{LocalFrameSource, field_ned_nt},
+    variation::{PulsationWaves, QuietDay, ring_current},
     *,
 };
-use crate::{Simulation, random::Random};
+use crate::{Simulation, random::RandomStream};
 
 const OSBORNE: &str = "osborne/osborne_anomaly_100m_at_500m.tif";
 
-fn field_at(model: CoreModel, year: f64, lat: f64, lon: f64, alt: f64) -> Vector3<f64> {
-    Vector3::from(CoreField::of(model, year).unwrap().field_ned_nt(lat, lon, alt))
+fn field_at(model: CoreFieldModel, year: f64, lat: f64, lon: f64, alt: f64) -> Vector3<f64> {
+    Vector3::from(CoreField::new(model, year).unwrap().field_ned_nt(lat, lon, alt))
 }
 
-fn prism(lat_deg: f64, lon_deg: f64, depth_m: f64, magnetisation_apm: f64) -> Buried {
-    let body = Body::Prism { magnetisation_apm, size_m: [1500.0, 700.0, 2000.0], azimuth_deg: 30.0 };
-    Buried { lat_deg, lon_deg, alt_m: -depth_m, inclination_declination_deg: Some((20.0, 40.0)), body }
+fn prism(lat_deg: f64, lon_deg: f64, depth_m: f64, magnetisation_apm: f64) -> BuriedSource {
+    let body = BuriedBody::Prism { magnetisation_apm, size_m: [1500.0, 700.0, 2000.0], azimuth_deg: 30.0 };
+    BuriedSource { lat_deg, lon_deg, alt_m: -depth_m, inclination_declination_deg: Some((20.0, 40.0)), body }
 }
 
 /// Sources below a map of 201 x 201 nodes about 150 m apart, and the map of what they add along the core field.
-fn known(lat_deg: f64) -> (Vec<Placed>, MapTable) {
+fn known(lat_deg: f64) -> (Vec<LocalFrameSource>, MapTable) {
     let core = CoreField::at(2020.5).unwrap();
     let buried = [
         prism(lat_deg + 0.03, 140.52, 700.0, 5.0),
         prism(lat_deg - 0.02, 140.48, 900.0, -7.5),
         prism(lat_deg - 0.01, 140.54, 1200.0, 10.0),
     ];
-    let placed: Vec<Placed> = buried.iter().map(|b| Placed::new(b, &core)).collect();
+    let placed: Vec<LocalFrameSource> = buried.iter().map(|b| LocalFrameSource::new(b, &core)).collect();
     let step = 0.00135;
     let y = EvenAxis { first: lat_deg - 100.0 * step, step, len: 201 };
     let x = EvenAxis { first: 140.5 - 100.0 * step, step, len: 201 };
@@ -54,18 +54,18 @@ fn known(lat_deg: f64) -> (Vec<Placed>, MapTable) {
             values.push(field_ned_nt(&placed, lat, lon, 300.0).dot(&f));
         }
     }
-    let grid = AnomalyGrid::new(x, y, Crs::wgs84().unwrap(), values, Height::Level(300.0)).unwrap();
+    let grid = AnomalyGrid::new(x, y, Crs::wgs84().unwrap(), values, GridHeight::Level(300.0)).unwrap();
     (placed, grid.to_geographic().unwrap())
 }
 
 fn crustal(map: &MapTable) -> CrustalMap {
-    CrustalMap::new(Path::new(""), map, &CoreTrack::new(CoreModel::Igrf14), 2020.5).unwrap()
+    CrustalMap::new(Path::new(""), map, &CoreFieldTrack::new(CoreFieldModel::Igrf14), 2020.5).unwrap()
 }
 
 /// The field of a crustal map at places.
 fn fields(map: &CrustalMap, places: &[(f64, f64, f64)]) -> Vec<Vector3<f64>> {
     let core: Vec<_> =
-        places.iter().map(|(lat, lon, alt)| field_at(CoreModel::Igrf14, 2020.5, *lat, *lon, *alt)).collect();
+        places.iter().map(|(lat, lon, alt)| field_at(CoreFieldModel::Igrf14, 2020.5, *lat, *lon, *alt)).collect();
     let column = |of: fn(&(f64, f64, f64)) -> f64| places.iter().map(of).collect::<Vec<f64>>();
     let at = [column(|p| p.0), column(|p| p.1), column(|p| p.2)];
     map.along(at.each_ref().map(Vec::as_slice), &vec![[0.0; 3]; places.len()], &core).unwrap().unwrap()
@@ -149,12 +149,12 @@ fn law_near_the_magnetic_equator_the_field_is_finite_and_its_change_of_magnitude
     // The dip is 0 to 1 degrees at 7.5 north, 140.5 east.
     let (_, map) = known(7.5);
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let lookup = MapSurface::new(&grid, Interpolation::Cubic);
+    let lookup = MapSurface::new(&grid, MapInterpolation::Cubic);
     let map = crustal(&map);
-    let dip = field_at(CoreModel::Igrf14, 2020.5, 7.5, 140.5, 300.0);
+    let dip = field_at(CoreFieldModel::Igrf14, 2020.5, 7.5, 140.5, 300.0);
     assert!((dip.z / dip.norm()).abs() < 0.05, "{dip}");
     for (place, b) in inner_places(7.5, 300.0).iter().zip(fields(&map, &inner_places(7.5, 300.0))) {
-        let core = field_at(CoreModel::Igrf14, 2020.5, place.0, place.1, place.2);
+        let core = field_at(CoreFieldModel::Igrf14, 2020.5, place.0, place.1, place.2);
         let t = lookup.at(place.0, place.1).unwrap().value_nt;
         assert!(b.norm() < 3000.0, "{b}");
         // Splines of the vector and of the magnitude differ between nodes in the second order, which is 0.04 nT here.
@@ -166,20 +166,26 @@ fn law_near_the_magnetic_equator_the_field_is_finite_and_its_change_of_magnitude
 #[test]
 fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() {
     let core = CoreField::at(2020.0).unwrap();
-    let body = Body::Dipole { moment_am2: 1e9 };
-    let down =
-        Buried { lat_deg: 50.0, lon_deg: 9.0, alt_m: -500.0, inclination_declination_deg: Some((90.0, 0.0)), body };
-    let above = field_ned_nt(&[Placed::new(&down, &core)], 50.0, 9.0, 500.0);
+    let body = BuriedBody::Dipole { moment_am2: 1e9 };
+    let down = BuriedSource {
+        lat_deg: 50.0,
+        lon_deg: 9.0,
+        alt_m: -500.0,
+        inclination_declination_deg: Some((90.0, 0.0)),
+        body,
+    };
+    let above = field_ned_nt(&[LocalFrameSource::new(&down, &core)], 50.0, 9.0, 500.0);
     // 2 µ0/4π m/r³ = 2 · 100 nT m/A · 1e9 A m² / 1e9 m³.
     assert!((above - Vector3::new(0.0, 0.0, 200.0)).norm() < 1e-6, "{above}");
-    let induced = Buried { inclination_declination_deg: None, ..down };
-    let east = Buried { inclination_declination_deg: Some((0.0, 90.0)), ..down };
-    let [induced, east] = [induced, east].map(|b| field_ned_nt(&[Placed::new(&b, &core)], 50.0, 9.0, 500.0));
+    let induced = BuriedSource { inclination_declination_deg: None, ..down };
+    let east = BuriedSource { inclination_declination_deg: Some((0.0, 90.0)), ..down };
+    let [induced, east] = [induced, east].map(|b| field_ned_nt(&[LocalFrameSource::new(&b, &core)], 50.0, 9.0, 500.0));
     assert!(east.x.abs() < 1e-6 && (east.y + 100.0).abs() < 1e-6, "{east}");
-    let f = field_at(CoreModel::Igrf14, 2020.0, 50.0, 9.0, -500.0).normalize();
+    let f = field_at(CoreFieldModel::Igrf14, 2020.0, 50.0, 9.0, -500.0).normalize();
     assert!((induced - Vector3::new(-100.0 * f.x, -100.0 * f.y, 200.0 * f.z)).norm() < 1e-6);
     // Round a circle of 2 km about the prism, tilted: the work is none.
-    let prism = [Placed::new(&Buried { lat_deg: 50.0, lon_deg: 9.0, ..prism(50.0, 9.0, 300.0, 2.0) }, &core)];
+    let prism =
+        [LocalFrameSource::new(&BuriedSource { lat_deg: 50.0, lon_deg: 9.0, ..prism(50.0, 9.0, 300.0, 2.0) }, &core)];
     let earth = numerics::earth::geodesy::EarthModel::Wgs84;
     let rad = 50f64.to_radians();
     let (mut work, mut length) = (0.0, 0.0);
@@ -248,7 +254,7 @@ fn law_the_scalar_anomaly_is_the_maps() {
     let line = &flown(&format!("year = 2020\ndoy = 185\n{}{BARE}{LINE}", osborne()))[0];
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let lookup = MapSurface::new(&grid, Interpolation::Cubic);
+    let lookup = MapSurface::new(&grid, MapInterpolation::Cubic);
     let mut most: f64 = 0.0;
     for i in 0..line.num_rows() {
         let t = lookup.at(column(line, "lat")[i], column(line, "lon")[i]).unwrap().value_nt;
@@ -268,14 +274,14 @@ fn law_the_scalar_anomaly_is_the_maps() {
 fn law_the_projection_differs_from_the_map_by_less_than_the_square() {
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let lookup = MapSurface::new(&grid, Interpolation::Cubic);
+    let lookup = MapSurface::new(&grid, MapInterpolation::Cubic);
     let map = crustal(&map);
     // All of the map is a gradient's change of magnitude; without the corrections 3 nT and more would not be.
     assert!(map.most_rest_nt() < 1e-4, "{}", map.most_rest_nt());
     let places: Vec<_> =
         (0..500).map(|k| (-22.1 + 0.00055 * f64::from(k), 140.57 + 0.0004 * f64::from(k), 500.0)).collect();
     for (place, b) in places.iter().zip(fields(&map, &places)) {
-        let core = field_at(CoreModel::Igrf14, 2020.5, place.0, place.1, place.2);
+        let core = field_at(CoreFieldModel::Igrf14, 2020.5, place.0, place.1, place.2);
         let along = b.dot(&core) / core.norm();
         let t = lookup.at(place.0, place.1).unwrap().value_nt;
         let square = b.norm_squared() / (2.0 * core.norm());
@@ -289,13 +295,13 @@ fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
     let at =
         |year: i32| flown(&format!("year = {year}\ndoy = 1\n[components]\nanomaly = false\n{BARE}{LINE}")).remove(0);
     let (before, after) = (at(2020), at(2025));
-    let track = CoreTrack::new(CoreModel::Igrf14);
+    let track = CoreFieldTrack::new(CoreFieldModel::Igrf14);
     for i in (0..before.num_rows()).step_by(100) {
         let (lat, lon) = (column(&before, "lat")[i], column(&before, "lon")[i]);
         let place = ([lat], [lon], [500.0]);
         let sv = track.secular_variation(&place.0, &place.1, &place.2, &[2020.5]).unwrap();
         let change = Vector3::new(sv.north_nt[0], sv.east_nt[0], sv.down_nt[0]) * 5.0;
-        let core = field_at(CoreModel::Igrf14, 2020.0, lat, lon, 500.0);
+        let core = field_at(CoreFieldModel::Igrf14, 2020.0, lat, lon, 500.0);
         let expected = (core + change).norm() - core.norm();
         let found = column(&after, "igrf")[i] - column(&before, "igrf")[i];
         // The field is linear in time between the epochs; ten hours of 2025 have the change of the years after it,
@@ -322,10 +328,10 @@ fn law_the_lines_of_a_flight_and_the_flights_of_a_day_see_one_variation() {
     };
     let see = |flight: &str, diurnal: &Diurnal, tt_s: &[f64]| {
         let n = tt_s.len();
-        let variation = Variation { diurnal, observatory: None, seed: 5, flight, start_tt_s: 36_000.0 };
+        let variation = TemporalVariation { diurnal, observatory: None, seed: 5, flight, start_tt_s: 36_000.0 };
         let core = vec![Vector3::new(20_000.0, 1000.0, 40_000.0); n];
         let (lat, lon) = (vec![45.0; n], vec![10.0; n]);
-        variation.along(&Moments { tt_s, lat_deg: &lat, lon_deg: &lon, core_ned_nt: &core }).unwrap()
+        variation.along(&VariationPoints { tt_s, lat_deg: &lat, lon_deg: &lon, core_ned_nt: &core }).unwrap()
     };
     let tt: Vec<f64> = (0..20_000).map(|k| 36_000.0 + 0.1 * f64::from(k)).collect();
     let whole = see("1", &diurnal, &tt);
@@ -377,10 +383,10 @@ fn law_the_quiet_day_has_no_curl_over_the_ground() {
 fn law_pulsations_have_their_band_and_their_size() {
     for (period_s, width) in [(20.0, 0.1), (100.0, 0.05)] {
         let pulsations = Pulsations { sigma_nt: 2.0, period_s, width };
-        let waves = Waves::draw(&pulsations, &mut Random::of(4, &["test"]));
+        let waves = PulsationWaves::draw(&pulsations, &mut RandomStream::new(4, &["test"]));
         let x: Vec<Vector3<f64>> = (0..60_000).map(|k| waves.at(f64::from(k))).collect();
         let north: Vec<f64> = x.iter().map(|v| v.x).collect();
-        let spectrum = welch(&north, 1.0, 4096, Window::Hann).unwrap();
+        let spectrum = welch(&north, 1.0, 4096, SpectralTaper::Hann).unwrap();
         let peak = spectrum.density.iter().zip(&spectrum.frequency_hz).max_by(|a, b| a.0.total_cmp(b.0)).unwrap();
         // The highest of 32 waves drawn about the middle.
         assert!((peak.1 * period_s - 1.0).abs() < 3.0 * width, "{peak:?}");
@@ -422,7 +428,7 @@ fn law_a_storm_begins_suddenly_and_recovers_slowly() {
 fn law_an_observatorys_record_is_seen_at_its_own_minutes() {
     let path = samples::path("boulder/bou20141104vmin.min");
     let record = read_iaga2002(&path).unwrap();
-    let seen = Observatory::read(&path, false).unwrap();
+    let seen = ObservatoryVariation::read(&path, false).unwrap();
     let minutes: Vec<Vector3<f64>> = (0..1440).map(|k| seen.at(60.0 * f64::from(k)).unwrap()).collect();
     let mean: Vector3<f64> = minutes.iter().sum::<Vector3<f64>>() / 1440.0;
     assert!(mean.norm() < 1e-8, "counted from the mean: {mean}");
@@ -435,7 +441,7 @@ fn law_an_observatorys_record_is_seen_at_its_own_minutes() {
     let middle = 0.5 * (minutes[700] + minutes[701]);
     assert!((between - middle).norm() < 0.5 && between != middle, "{between} {middle}");
     // From 0 to 3 in the morning at Boulder is 7 to 10 UTC.
-    let quiet = Observatory::read(&path, true).unwrap();
+    let quiet = ObservatoryVariation::read(&path, true).unwrap();
     let night: Vector3<f64> = (421..=600).map(|k| quiet.at(60.0 * f64::from(k)).unwrap()).sum::<Vector3<f64>>() / 180.0;
     assert!(night.norm() < 0.1, "{night}");
     let late = seen.at(86_400.0).unwrap_err();
@@ -446,7 +452,7 @@ fn law_an_observatorys_record_is_seen_at_its_own_minutes() {
     let folder = TempDir::new().unwrap();
     let holed = folder.path().join("h.min");
     fs::write(&holed, text.replace(row, &format!("{} 99999.00 99999.00 99999.00 99999.00", &row[..27]))).unwrap();
-    let holed = Observatory::read(&holed, false).unwrap();
+    let holed = ObservatoryVariation::read(&holed, false).unwrap();
     assert!(holed.at(36_240.0).is_ok() && holed.at(36_360.0).is_ok());
     for tt in [36_241.0, 36_300.0, 36_359.0] {
         assert!(holed.at(tt).is_err(), "{tt}");
@@ -461,10 +467,10 @@ fn law_a_flight_sees_the_record_along_the_core_field() {
         path.display()
     );
     let line = &flown(&text)[0];
-    let seen = Observatory::read(&path, false).unwrap();
+    let seen = ObservatoryVariation::read(&path, false).unwrap();
     for i in [0, 300, 600] {
         let (tt, lat, lon) = (column(line, "tt")[i], column(line, "lat")[i], column(line, "lon")[i]);
-        let core = field_at(CoreModel::Igrf14, decimal_year(2014, 308, tt).unwrap(), lat, lon, 500.0);
+        let core = field_at(CoreFieldModel::Igrf14, decimal_year(2014, 308, tt).unwrap(), lat, lon, 500.0);
         let variation = seen.at(tt).unwrap();
         assert!((column(line, "diurnal")[i] - variation.dot(&core.normalize())).abs() < 1e-6);
         assert!((column(line, "mag_1_c")[i] - (core + variation).norm()).abs() < 1e-6);
@@ -522,7 +528,7 @@ fn law_the_field_is_the_same_whoever_asks_first() {
 fn law_twenty_hours_take_seconds() {
     const SAMPLES: usize = 720_000;
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
-    let track = CoreTrack::new(CoreModel::Igrf14);
+    let track = CoreFieldTrack::new(CoreFieldModel::Igrf14);
     let start = std::time::Instant::now();
     let map = CrustalMap::new(Path::new(""), &map, &track, 2020.5).unwrap();
     let prepared = start.elapsed();

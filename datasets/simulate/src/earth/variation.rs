@@ -21,27 +21,27 @@ use nalgebra::Vector3;
 use numerics::signal::gauss_markov::GaussMarkov;
 
 use super::{
-    observatory::Observatory,
+    observatory::ObservatoryVariation,
     spec::{Diurnal, Pulsations, Storm},
 };
-use crate::random::Random;
+use crate::random::RandomStream;
 
 const DAY_S: f64 = 86_400.0;
 /// Maximum time of a moment before the flight's start, s; the first interval between knots is extrapolated.
 const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.
-pub(super) struct Variation<'a> {
+pub(super) struct TemporalVariation<'a> {
     pub(super) diurnal: &'a Diurnal,
-    pub(super) observatory: Option<&'a Observatory>,
+    pub(super) observatory: Option<&'a ObservatoryVariation>,
     pub(super) seed: u64,
     pub(super) flight: &'a str,
     /// Start of the flight.
     pub(super) start_tt_s: f64,
 }
 
-/// Positions and times.
-pub(super) struct Moments<'a> {
+/// Times, positions and core field of the samples at which the variation is computed.
+pub(super) struct VariationPoints<'a> {
     pub(super) tt_s: &'a [f64],
     pub(super) lat_deg: &'a [f64],
     pub(super) lon_deg: &'a [f64],
@@ -49,12 +49,12 @@ pub(super) struct Moments<'a> {
     pub(super) core_ned_nt: &'a [Vector3<f64>],
 }
 
-impl Variation<'_> {
+impl TemporalVariation<'_> {
     /// The variation (north, east, down; nT) at each sample.
     ///
     /// # Errors
     /// Fails, with the message as text, at a time at which the observatory has no value.
-    pub(super) fn along(&self, at: &Moments) -> Result<Vec<Vector3<f64>>, String> {
+    pub(super) fn along(&self, at: &VariationPoints) -> Result<Vec<Vector3<f64>>, String> {
         let mut out = vec![Vector3::zeros(); at.tt_s.len()];
         if self.diurnal.quiet_nt > 0.0 {
             let quiet = QuietDay::new(self.diurnal.quiet_nt);
@@ -64,11 +64,11 @@ impl Variation<'_> {
             add(&mut out, |i| ring_current(at.lat_deg[i], at.lon_deg[i]) * storm.at(at.tt_s[i]));
         }
         if let Some(pulsations) = &self.diurnal.pulsations {
-            let waves = Waves::draw(pulsations, &mut Random::of(self.seed, &["day", "pulsations"]));
+            let waves = PulsationWaves::draw(pulsations, &mut RandomStream::new(self.seed, &["day", "pulsations"]));
             add(&mut out, |i| waves.at(at.tt_s[i]));
         }
         if let Some(process) = self.diurnal.irregular {
-            let knots = Knots::new(process, self.start_tt_s, at.tt_s, &mut self.random("diurnal"));
+            let knots = IrregularVariationKnots::new(process, self.start_tt_s, at.tt_s, &mut self.random("diurnal"));
             add(&mut out, |i| at.core_ned_nt[i].normalize() * knots.at(at.tt_s[i]));
         }
         if let Some(observatory) = self.observatory {
@@ -79,8 +79,8 @@ impl Variation<'_> {
         Ok(out)
     }
 
-    fn random(&self, what: &str) -> Random {
-        Random::of(self.seed, &["flight", self.flight, what])
+    fn random(&self, what: &str) -> RandomStream {
+        RandomStream::new(self.seed, &["flight", self.flight, what])
     }
 }
 
@@ -178,14 +178,14 @@ impl Storm {
     }
 }
 
-/// Waves of a narrow band: frequency in rad/s and phase.
-pub(super) struct Waves {
+/// Pulsations of a narrow band, as a sum of sinusoids: frequency in rad/s and phase.
+pub(super) struct PulsationWaves {
     amplitude_nt: f64,
     waves: Vec<(f64, f64)>,
 }
 
-impl Waves {
-    pub(super) fn draw(pulsations: &Pulsations, random: &mut Random) -> Waves {
+impl PulsationWaves {
+    pub(super) fn draw(pulsations: &Pulsations, random: &mut RandomStream) -> PulsationWaves {
         const WAVES: usize = 32;
         let middle = TAU / pulsations.period_s;
         let wave = |_| {
@@ -193,7 +193,7 @@ impl Waves {
             (middle * (1.0 + off), TAU * random.uniform())
         };
         let amplitude_nt = pulsations.sigma_nt * (2.0 / WAVES as f64).sqrt();
-        Waves { amplitude_nt, waves: (0..WAVES).map(wave).collect() }
+        PulsationWaves { amplitude_nt, waves: (0..WAVES).map(wave).collect() }
     }
 
     pub(super) fn at(&self, tt_s: f64) -> Vector3<f64> {
@@ -207,23 +207,23 @@ impl Waves {
     }
 }
 
-/// A process at even knots.
-struct Knots {
+/// Gauss-Markov process at evenly spaced times, interpolated linearly.
+struct IrregularVariationKnots {
     start_s: f64,
     step_s: f64,
     values: Vec<f64>,
 }
 
-impl Knots {
+impl IrregularVariationKnots {
     /// Knots from the start of the flight to the end of `tt_s`: the same ones at every call.
-    fn new(process: GaussMarkov, start_tt_s: f64, tt_s: &[f64], random: &mut Random) -> Knots {
+    fn new(process: GaussMarkov, start_tt_s: f64, tt_s: &[f64], random: &mut RandomStream) -> IrregularVariationKnots {
         let step_s = (process.tau_s / 20.0).clamp(0.01, 1.0);
         // Moments just before the first sample must not move the knots.
         let start_s = start_tt_s.min(tt_s.first().map_or(start_tt_s, |tt| tt + SLACK_S)).floor();
         let end_s = tt_s.last().copied().unwrap_or(start_s);
         let count = ((end_s - start_s) / step_s).ceil().max(0.0) as usize + 2;
         let times: Vec<f64> = (0..count).map(|k| k as f64 * step_s).collect();
-        Knots { start_s, step_s, values: process.realisation(&times, || random.normal()) }
+        IrregularVariationKnots { start_s, step_s, values: process.realisation(&times, || random.normal()) }
     }
 
     fn at(&self, tt_s: f64) -> f64 {

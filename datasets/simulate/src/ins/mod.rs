@@ -1,7 +1,7 @@
 //! The INS of the aircraft: truth minus one realisation of its error.
 //!
-//! The errors continue from line to line of a flight. One [`Run`] therefore simulates the lines of a flight in order;
-//! flights are independent of each other.
+//! The errors continue from line to line of a flight. One [`FlightIns`] therefore simulates the lines of a flight in
+//! order; flights are independent of each other.
 
 use numerics::angle::wrap_deg;
 use std::path::Path;
@@ -12,24 +12,24 @@ use numerics::{
     earth::attitude::{euler_rad, tilted},
     navigation::{
         ins_error::{
-            Draws, InsErrorEnsemble, InsErrorFault, MechanisedExtras, errors_along, horizontal_m,
+            InsErrorEnsemble, InsErrorFault, MechanisationErrors, NormalStreams, errors_along, horizontal_m,
             mechanised_errors_along,
         },
         ins_series::InsSeries,
-        mechanisation::Earth,
+        mechanisation::NavigationEarth,
         pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN},
     },
 };
 
 use self::{
-    pause::{Place, between},
-    spec::{Align, Ins, Method},
+    pause::{PauseEndpoint, between},
+    spec::{InsAlignment, InsErrorPropagation, SynthIns},
 };
 use super::{
-    random::Random,
-    scene::Scene,
-    spec::Spec,
-    trajectory::{Flight, Trajectory},
+    random::RandomStream,
+    scene::SynthLineContext,
+    spec::SynthSpec,
+    trajectory::{SynthFlight, TrueTrajectory},
 };
 
 mod pause;
@@ -53,22 +53,22 @@ pub(super) const COLUMNS: [&str; 13] = [
 ];
 
 /// The INS of one flight, continued from line to line.
-pub(super) struct Run {
+pub(super) struct FlightIns {
     member: usize,
-    carried: Option<Carried>,
+    carried: Option<InsCarryover>,
     /// Time of the last alignment, in s; NaN before the first line.
     aligned_s: f64,
 }
 
-/// The state between two lines.
-struct Carried {
-    streams: Streams,
-    extras: MechanisedExtras,
+/// State of the INS and its errors between two lines of a flight.
+struct InsCarryover {
+    streams: InsRandomStreams,
+    extras: MechanisationErrors,
     error: StateVector,
-    place: Place,
+    place: PauseEndpoint,
 }
 
-impl Run {
+impl FlightIns {
     /// The INS of a flight before its first line. For an ensemble, this function flies all lines once, one at a time
     /// in memory, to choose the member.
     ///
@@ -76,10 +76,10 @@ impl Run {
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model.
-    pub(super) fn of(path: &Path, spec: &Spec, flight: &Flight) -> Result<Run, ReadError> {
+    pub(super) fn new(path: &Path, spec: &SynthSpec, flight: &SynthFlight) -> Result<FlightIns, ReadError> {
         let on = spec.components.on("ins");
         let member = if on && spec.ins.ensemble > 1 { chosen(path, spec, flight)? } else { 0 };
-        Ok(Run { member, carried: None, aligned_s: f64::NAN })
+        Ok(FlightIns { member, carried: None, aligned_s: f64::NAN })
     }
 
     /// The INS output along the next line, one column for each of [`COLUMNS`]. With the component `ins` off, it equals
@@ -87,8 +87,12 @@ impl Run {
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model, and for an INS whose error exceeds the limit.
-    pub(super) fn line(&mut self, scene: &Scene, truth: &Trajectory) -> Result<[Vec<f64>; 13], ReadError> {
-        if self.aligned_s.is_nan() || scene.spec.ins.align == Align::Line {
+    pub(super) fn line(
+        &mut self,
+        scene: &SynthLineContext,
+        truth: &TrueTrajectory,
+    ) -> Result<[Vec<f64>; 13], ReadError> {
+        if self.aligned_s.is_nan() || scene.spec.ins.align == InsAlignment::Line {
             self.aligned_s = truth.tt_s.first().copied().unwrap_or(f64::NAN);
         }
         if !scene.spec.components.on("ins") {
@@ -97,12 +101,12 @@ impl Run {
         let wrong = |e: InsErrorFault| scene.fault(e.to_string());
         let ins = &scene.spec.ins;
         let mut state = match self.carried.take() {
-            Some(carried) if ins.align == Align::Flight => carried.wait(ins, truth).map_err(wrong)?,
-            _ => Carried::aligned(scene, truth, self.member),
+            Some(carried) if ins.align == InsAlignment::Flight => carried.wait(ins, truth).map_err(wrong)?,
+            _ => InsCarryover::aligned(scene, truth, self.member),
         };
         let errors = state.errors_along(ins, &series(truth)).map_err(wrong)?;
         refuse_runaway(scene, truth, &errors)?;
-        if let (Some(error), Some(place)) = (errors.last(), Place::last(truth)) {
+        if let (Some(error), Some(place)) = (errors.last(), PauseEndpoint::last(truth)) {
             (state.error, state.place) = (*error, place);
         }
         let columns = columns(truth, &errors, &state.extras);
@@ -118,53 +122,53 @@ impl Run {
 }
 
 /// The streams of random numbers of one realisation.
-struct Streams {
-    block: Random,
-    within: Random,
+struct InsRandomStreams {
+    block: RandomStream,
+    within: RandomStream,
 }
 
-impl Streams {
-    fn of(scene: &Scene, member: usize) -> Streams {
-        Streams { block: stream(scene, member, "ins"), within: stream(scene, member, "ins within a second") }
+impl InsRandomStreams {
+    fn new(scene: &SynthLineContext, member: usize) -> InsRandomStreams {
+        InsRandomStreams { block: stream(scene, member, "ins"), within: stream(scene, member, "ins within a second") }
     }
 
-    fn draw<T>(&mut self, f: impl FnOnce(&mut Draws) -> T) -> T {
-        f(&mut Draws { block: &mut || self.block.normal(), within: &mut || self.within.normal() })
+    fn draw<T>(&mut self, f: impl FnOnce(&mut NormalStreams) -> T) -> T {
+        f(&mut NormalStreams { block: &mut || self.block.normal(), within: &mut || self.within.normal() })
     }
 }
 
 /// The random numbers of an ensemble member: one stream per flight, or per line where the INS is realigned.
-fn stream(scene: &Scene, member: usize, what: &str) -> Random {
+fn stream(scene: &SynthLineContext, member: usize, what: &str) -> RandomStream {
     let (flight, member) = (scene.flight.name.as_str(), member.to_string());
     match scene.spec.ins.align {
-        Align::Flight => Random::of(scene.spec.seed, &["flight", flight, what, &member]),
-        Align::Line => Random::of(scene.spec.seed, &["line", flight, &scene.line.name, what, &member]),
+        InsAlignment::Flight => RandomStream::new(scene.spec.seed, &["flight", flight, what, &member]),
+        InsAlignment::Line => RandomStream::new(scene.spec.seed, &["line", flight, &scene.line.name, what, &member]),
     }
 }
 
 /// The error at the first sample after an alignment.
-fn initial_error(ins: &Ins, truth: &Trajectory, block: &mut Random) -> StateVector {
-    let place = Place::first(truth).unwrap_or_default();
+fn initial_error(ins: &SynthIns, truth: &TrueTrajectory, block: &mut RandomStream) -> StateVector {
+    let place = PauseEndpoint::first(truth).unwrap_or_default();
     let (lat_rad, alt_m) = (place.lat_deg.to_radians(), place.alt_m);
     let mut error = ins.model.initial_error(lat_rad, alt_m, &mut || block.normal());
     ins.initial.replace(&mut error, &ins.model, lat_rad, alt_m);
     error
 }
 
-impl Carried {
-    fn aligned(scene: &Scene, truth: &Trajectory, member: usize) -> Carried {
+impl InsCarryover {
+    fn aligned(scene: &SynthLineContext, truth: &TrueTrajectory, member: usize) -> InsCarryover {
         let ins = &scene.spec.ins;
-        let mut streams = Streams::of(scene, member);
+        let mut streams = InsRandomStreams::new(scene, member);
         let mut scales = stream(scene, member, "ins scale");
         let [acc_scale, gyro_scale] = ins.scale_ppm.map(|ppm| [(); 3].map(|()| 1e-6 * ppm * scales.normal()));
-        let extras = MechanisedExtras { earth: Earth::Wgs84, acc_scale, gyro_scale };
+        let extras = MechanisationErrors { earth: NavigationEarth::Wgs84, acc_scale, gyro_scale };
         let error = initial_error(ins, truth, &mut streams.block);
-        Carried { streams, extras, error, place: Place::default() }
+        InsCarryover { streams, extras, error, place: PauseEndpoint::default() }
     }
 
     /// The state after the pause before a line.
-    fn wait(mut self, ins: &Ins, next: &Trajectory) -> Result<Carried, InsErrorFault> {
-        let next = Place::first(next).unwrap_or_default();
+    fn wait(mut self, ins: &SynthIns, next: &TrueTrajectory) -> Result<InsCarryover, InsErrorFault> {
+        let next = PauseEndpoint::first(next).unwrap_or_default();
         if let Some(pause) = between(&self.place, &next) {
             let errors = self.errors_along(ins, &series(&pause))?;
             self.error = errors.last().copied().unwrap_or(self.error);
@@ -172,29 +176,29 @@ impl Carried {
         Ok(self)
     }
 
-    fn errors_along(&mut self, ins: &Ins, truth: &InsSeries) -> Result<Vec<StateVector>, InsErrorFault> {
+    fn errors_along(&mut self, ins: &SynthIns, truth: &InsSeries) -> Result<Vec<StateVector>, InsErrorFault> {
         let (start, extras) = (self.error, &self.extras);
         self.streams.draw(|draws| match ins.method {
-            Method::ErrorModel => errors_along(truth, &ins.model, &start, draws),
-            Method::Mechanisation => mechanised_errors_along(truth, &ins.model, extras, &start, draws),
+            InsErrorPropagation::ErrorModel => errors_along(truth, &ins.model, &start, draws),
+            InsErrorPropagation::Mechanisation => mechanised_errors_along(truth, &ins.model, extras, &start, draws),
         })
     }
 }
 
 /// The member of the ensemble of the requested rank.
-fn chosen(path: &Path, spec: &Spec, flight: &Flight) -> Result<usize, ReadError> {
+fn chosen(path: &Path, spec: &SynthSpec, flight: &SynthFlight) -> Result<usize, ReadError> {
     let ins = &spec.ins;
-    let mut blocks: Vec<Random> = vec![];
+    let mut blocks: Vec<RandomStream> = vec![];
     let mut ensemble = InsErrorEnsemble::new(vec![]);
-    let mut before: Option<Place> = None;
+    let mut before: Option<PauseEndpoint> = None;
     for line in &flight.lines {
-        let scene = Scene { path, spec, flight, line };
+        let scene = SynthLineContext { path, spec, flight, line };
         let truth = scene.fly();
-        let advance = |ensemble: &mut InsErrorEnsemble, blocks: &mut [Random], along: &Trajectory, counts| {
-            let normal = &mut |member: usize| blocks.get_mut(member).map_or(0.0, Random::normal);
+        let advance = |ensemble: &mut InsErrorEnsemble, blocks: &mut [RandomStream], along: &TrueTrajectory, counts| {
+            let normal = &mut |member: usize| blocks.get_mut(member).map_or(0.0, RandomStream::normal);
             ensemble.advance(&series(along), &ins.model, counts, normal).map_err(|e| scene.fault(e.to_string()))
         };
-        match before.filter(|_| ins.align == Align::Flight).zip(Place::first(&truth)) {
+        match before.filter(|_| ins.align == InsAlignment::Flight).zip(PauseEndpoint::first(&truth)) {
             Some((end, start)) => {
                 if let Some(pause) = between(&end, &start) {
                     advance(&mut ensemble, &mut blocks, &pause, false)?;
@@ -206,13 +210,13 @@ fn chosen(path: &Path, spec: &Spec, flight: &Flight) -> Result<usize, ReadError>
             }
         }
         advance(&mut ensemble, &mut blocks, &truth, true)?;
-        before = Place::last(&truth);
+        before = PauseEndpoint::last(&truth);
     }
     Ok(ensemble.ranked(ins.take).unwrap_or(0))
 }
 
 /// Rejects a line on which the error of the INS exceeds the limit.
-fn refuse_runaway(scene: &Scene, truth: &Trajectory, errors: &[StateVector]) -> Result<(), ReadError> {
+fn refuse_runaway(scene: &SynthLineContext, truth: &TrueTrajectory, errors: &[StateVector]) -> Result<(), ReadError> {
     let limit_m = scene.spec.ins.error_limit_m;
     let off_m = |row: usize| horizontal_m(&errors[row], truth.lat_deg[row].to_radians(), truth.alt_m[row]);
     let beyond = |row: &usize| off_m(*row).is_nan() || off_m(*row) > limit_m;
@@ -226,7 +230,7 @@ fn refuse_runaway(scene: &Scene, truth: &Trajectory, errors: &[StateVector]) -> 
 
 /// INS = truth - error. For any error, latitude and longitude are valid and the
 /// attitude is a rotation: an error beyond a pole continues on the other side of it.
-fn columns(truth: &Trajectory, errors: &[StateVector], extras: &MechanisedExtras) -> [Vec<f64>; 12] {
+fn columns(truth: &TrueTrajectory, errors: &[StateVector], extras: &MechanisationErrors) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (i, e) in errors.iter().enumerate() {
         let c = truth.attitude(i);
@@ -257,7 +261,7 @@ fn columns(truth: &Trajectory, errors: &[StateVector], extras: &MechanisedExtras
 }
 
 /// An INS without errors: the truth, bit-identical.
-fn exact(truth: &Trajectory) -> [Vec<f64>; 12] {
+fn exact(truth: &TrueTrajectory) -> [Vec<f64>; 12] {
     let series = series(truth);
     [
         series.lat_deg,
@@ -285,10 +289,10 @@ fn on_the_globe(lat_deg: f64, lon_deg: f64) -> (f64, f64) {
     if round <= 180.0 { (round - 90.0, wrap_deg(lon_deg)) } else { (270.0 - round, wrap_deg(lon_deg + 180.0)) }
 }
 
-fn series(truth: &Trajectory) -> InsSeries<'_> {
-    let Trajectory { tt_s, lat_deg, lon_deg, alt_m, velocity_mps, force_mps2, attitude_deg, .. } = truth;
+fn series(truth: &TrueTrajectory) -> InsSeries<'_> {
+    let TrueTrajectory { tt_s, lat_deg, lon_deg, alt_m, velocity_mps, force_mps2, attitude_deg, .. } = truth;
     let ([vn, ve, vd], [f_n, f_e, f_d], [roll, pitch, yaw]) = (velocity_mps, force_mps2, attitude_deg);
-    InsSeries::of([tt_s, lat_deg, lon_deg, alt_m, vn, ve, vd, f_n, f_e, f_d, roll, pitch, yaw])
+    InsSeries::from_columns([tt_s, lat_deg, lon_deg, alt_m, vn, ve, vd, f_n, f_e, f_d, roll, pitch, yaw])
 }
 
 #[cfg(test)]

@@ -4,28 +4,28 @@ use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;
 use numerics::navigation::strapdown::specific_force_mps2;
 
-use super::super::trajectory::Trajectory;
+use super::super::trajectory::TrueTrajectory;
 
-/// The position and time of the aircraft.
+/// Time and position of the aircraft at one end of a pause between lines.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Place {
+pub(super) struct PauseEndpoint {
     pub(super) tt_s: f64,
     pub(super) lat_deg: f64,
     pub(super) lon_deg: f64,
     pub(super) alt_m: f64,
 }
 
-impl Place {
-    pub(super) fn first(truth: &Trajectory) -> Option<Place> {
-        Place::at(truth, 0)
+impl PauseEndpoint {
+    pub(super) fn first(truth: &TrueTrajectory) -> Option<PauseEndpoint> {
+        PauseEndpoint::at(truth, 0)
     }
 
-    pub(super) fn last(truth: &Trajectory) -> Option<Place> {
-        Place::at(truth, truth.tt_s.len().checked_sub(1)?)
+    pub(super) fn last(truth: &TrueTrajectory) -> Option<PauseEndpoint> {
+        PauseEndpoint::at(truth, truth.tt_s.len().checked_sub(1)?)
     }
 
-    fn at(truth: &Trajectory, row: usize) -> Option<Place> {
-        Some(Place {
+    fn at(truth: &TrueTrajectory, row: usize) -> Option<PauseEndpoint> {
+        Some(PauseEndpoint {
             tt_s: *truth.tt_s.get(row)?,
             lat_deg: *truth.lat_deg.get(row)?,
             lon_deg: *truth.lon_deg.get(row)?,
@@ -40,7 +40,7 @@ const FASTEST_MPS: f64 = 300.0;
 
 /// Straight and level flight in steps of a second or slightly less, the nose along the course; no steps
 /// where no time passes.
-pub(super) fn between(from: &Place, to: &Place) -> Option<Trajectory> {
+pub(super) fn between(from: &PauseEndpoint, to: &PauseEndpoint) -> Option<TrueTrajectory> {
     let pause_s = to.tt_s - from.tt_s;
     if pause_s <= 0.0 {
         return None;
@@ -52,7 +52,7 @@ pub(super) fn between(from: &Place, to: &Place) -> Option<Trajectory> {
     let slowed = (FASTEST_MPS / speed_mps.max(FASTEST_MPS)) / pause_s;
     let velocity = [north_m * slowed, east_m * slowed, down_m * slowed];
     let steps = pause_s.ceil();
-    let mut pause = Trajectory::default();
+    let mut pause = TrueTrajectory::default();
     for k in 0..=steps as usize {
         let share = k as f64 / steps;
         let lat_deg = from.lat_deg + share * (to.lat_deg - from.lat_deg);

@@ -9,11 +9,11 @@ use numerics::navigation::{
 
 use schemas::{Rule, choice, params};
 
-use crate::reading::Section;
+use crate::reading::SynthSection;
 
 choice! {
     /// Time of alignment of the INS.
-    pub enum Align {
+    pub enum InsAlignment {
         /// Once, at the start of the first line. The errors continue from line to line and through the pauses
         /// between them, which are simulated as straight level flight.
         Flight = "flight",
@@ -24,7 +24,7 @@ choice! {
 
 choice! {
     /// Propagation of the errors.
-    pub enum Method {
+    pub enum InsErrorPropagation {
         /// The linear error model of Gnadt 2022, (5.15).
         ErrorModel = "error_model",
         /// A strapdown mechanisation of erroneous gyroscope and accelerometer readings, valid for errors of any size.
@@ -34,13 +34,13 @@ choice! {
 
 params! {
     /// The table `ins`.
-    pub struct Keys, groups [errors: InsErrors];
+    pub struct InsKeys, groups [errors: InsErrors];
     /// Grade of the INS, which sets the defaults of its error sources.
     grade: InsGrade, unit "", default InsGrade::Magnav;
     /// Time of alignment: at the start of the flight, or of each line.
-    align: Align, unit "", default Align::Flight;
+    align: InsAlignment, unit "", default InsAlignment::Flight;
     /// Propagation of the errors: by the linear error model, or by a strapdown mechanisation.
-    method: Method, unit "", default Method::ErrorModel;
+    method: InsErrorPropagation, unit "", default InsErrorPropagation::ErrorModel;
     /// Position error at alignment, north and east, INS minus truth.
     init_position_error_m: Option<[f64; 2]>, unit "m", absent "drawn", rule Rule::Finite;
     /// Height error at alignment, INS minus truth.
@@ -70,7 +70,7 @@ params! {
 
 /// The errors at alignment that the spec gives; the others are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct InitialErrors {
+pub struct InsInitialErrors {
     /// North and east, in metres.
     pub position_m: Option<[f64; 2]>,
     /// Up, in metres.
@@ -89,15 +89,15 @@ pub struct InitialErrors {
 
 /// The INS of a simulation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ins {
+pub struct SynthIns {
     /// The error sources.
     pub model: InsErrorModel,
     /// Time of alignment.
-    pub align: Align,
+    pub align: InsAlignment,
     /// Propagation of the errors.
-    pub method: Method,
+    pub method: InsErrorPropagation,
     /// Initial errors that the spec gives.
-    pub initial: InitialErrors,
+    pub initial: InsInitialErrors,
     /// Standard deviations of the scale errors of accelerometers and gyroscopes, in parts per million.
     pub scale_ppm: [f64; 2],
     /// Number of realisations that are drawn.
@@ -108,13 +108,13 @@ pub struct Ins {
     pub error_limit_m: f64,
 }
 
-impl Default for Ins {
+impl Default for SynthIns {
     fn default() -> Self {
         Self {
             model: InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::default() },
-            align: Align::Flight,
-            method: Method::ErrorModel,
-            initial: InitialErrors::default(),
+            align: InsAlignment::Flight,
+            method: InsErrorPropagation::ErrorModel,
+            initial: InsInitialErrors::default(),
             scale_ppm: [0.0; 2],
             ensemble: 1,
             take: 1,
@@ -124,19 +124,19 @@ impl Default for Ins {
 }
 
 /// The INS. Its temporal variation is the table `diurnal` of the spec.
-pub(in super::super) fn ins(root: &Section) -> Ins {
-    let Some(s) = root.section("ins") else { return Ins::default() };
+pub(in super::super) fn ins(root: &SynthSection) -> SynthIns {
+    let Some(s) = root.section("ins") else { return SynthIns::default() };
     // The grade sets the error sources that are unset.
-    let base = |keys: Keys| Keys { errors: keys.grade.errors(), ..keys };
-    let Some(graded) = s.group::<Keys>(None) else { return Ins::default() };
-    let Some(keys) = s.group(Some(&base(graded))) else { return Ins::default() };
+    let base = |keys: InsKeys| InsKeys { errors: keys.grade.errors(), ..keys };
+    let Some(graded) = s.group::<InsKeys>(None) else { return SynthIns::default() };
+    let Some(keys) = s.group(Some(&base(graded))) else { return SynthIns::default() };
     // The tenth largest of a hundred, as in Lee 2019.
     let take = keys.take.unwrap_or(keys.ensemble.div_ceil(10));
     if take > keys.ensemble {
         s.fault_at("take", format!("`take` of `ins` must be at most `ensemble`, {}", keys.ensemble));
     }
     let scale_ppm = [keys.acc_scale_ppm, keys.gyro_scale_ppm];
-    if keys.method == Method::ErrorModel {
+    if keys.method == InsErrorPropagation::ErrorModel {
         for (key, ppm) in ["acc_scale_ppm", "gyro_scale_ppm"].into_iter().zip(scale_ppm) {
             if ppm > 0.0 {
                 let what = "needs `method = \"mechanisation\"`: the error model has no scale errors";
@@ -144,11 +144,11 @@ pub(in super::super) fn ins(root: &Section) -> Ins {
             }
         }
     }
-    Ins {
-        model: InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(keys.errors) },
+    SynthIns {
+        model: InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::from_sources(keys.errors) },
         align: keys.align,
         method: keys.method,
-        initial: InitialErrors {
+        initial: InsInitialErrors {
             position_m: keys.init_position_error_m,
             altitude_m: keys.init_altitude_error_m,
             velocity_mps: keys.init_velocity_error_mps,
@@ -164,7 +164,7 @@ pub(in super::super) fn ins(root: &Section) -> Ins {
     }
 }
 
-impl InitialErrors {
+impl InsInitialErrors {
     /// Replaces drawn errors by the given ones, as error states (truth minus INS), at a latitude (rad) and
     /// altitude (m).
     pub(super) fn replace(&self, error: &mut StateVector, model: &InsErrorModel, lat_rad: f64, alt_m: f64) {

@@ -11,8 +11,8 @@ use numerics::{
 use tempfile::TempDir;
 
 use super::{
-    super::{scene::Scene, spec::Spec, trajectory::Trajectory},
-    spec::{Align, Ins, Method},
+    super::{scene::SynthLineContext, spec::SynthSpec, trajectory::TrueTrajectory},
+    spec::{InsAlignment, InsErrorPropagation, SynthIns},
     *,
 };
 
@@ -35,24 +35,24 @@ waypoints = [[-21.9, 140.6], [-22.0, 140.65]]
 ";
 
 /// A spec: `before` stands before its tables, `ins` in the table of the INS.
-fn read(before: &str, ins: &str) -> Result<Spec, ReadError> {
+fn read(before: &str, ins: &str) -> Result<SynthSpec, ReadError> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
     fs::write(&path, format!("seed = 3\nyear = 2020\ndoy = 185\n{before}\n[ins]\n{ins}\n{FLIGHT}")).unwrap();
-    Spec::read(&path)
+    SynthSpec::read(&path)
 }
 
 /// The truth and the INS along the lines of the flight.
 struct Said {
-    truth: Trajectory,
+    truth: TrueTrajectory,
     ins: [Vec<f64>; 13],
 }
 
-fn flown(spec: &Spec) -> Result<Vec<Said>, ReadError> {
+fn flown(spec: &SynthSpec) -> Result<Vec<Said>, ReadError> {
     let (path, flight) = (Path::new("s.synth.toml"), &spec.flights[0]);
-    let mut run = Run::of(path, spec, flight)?;
+    let mut run = FlightIns::new(path, spec, flight)?;
     let one = |line| {
-        let scene = Scene { path, spec, flight, line };
+        let scene = SynthLineContext { path, spec, flight, line };
         let truth = scene.fly();
         run.line(&scene, &truth).map(|ins| Said { truth, ins })
     };
@@ -101,10 +101,13 @@ fn law_the_grade_sets_what_the_keys_do_not() {
         ..InsGrade::Tactical.model()
     };
     assert_eq!(spec.ins.model, expected);
-    assert_eq!(read("", "").unwrap().ins, Ins::default());
-    assert_eq!(read("", "grade = 'magnav'").unwrap().ins, Ins::default());
+    assert_eq!(read("", "").unwrap().ins, SynthIns::default());
+    assert_eq!(read("", "grade = 'magnav'").unwrap().ins, SynthIns::default());
     let thesis = read("", "ensemble = 100\nalign = 'line'\nmethod = 'mechanisation'").unwrap().ins;
-    assert_eq!((thesis.take, thesis.align, thesis.method), (10, Align::Line, Method::Mechanisation));
+    assert_eq!(
+        (thesis.take, thesis.align, thesis.method),
+        (10, InsAlignment::Line, InsErrorPropagation::Mechanisation)
+    );
 }
 
 #[test]
@@ -254,8 +257,8 @@ fn gold_faults_of_the_ins_are_told_with_their_place() {
 
 #[test]
 fn law_the_pause_is_straight_flight_between_the_lines() {
-    let from = Place { tt_s: 100.0, lat_deg: -22.0, lon_deg: 179.99, alt_m: 500.0 };
-    let to = Place { tt_s: 160.5, lat_deg: -21.98, lon_deg: -179.99, alt_m: 800.0 };
+    let from = PauseEndpoint { tt_s: 100.0, lat_deg: -22.0, lon_deg: 179.99, alt_m: 500.0 };
+    let to = PauseEndpoint { tt_s: 160.5, lat_deg: -21.98, lon_deg: -179.99, alt_m: 800.0 };
     let pause = between(&from, &to).unwrap();
     let last = pause.tt_s.len() - 1;
     assert_eq!((pause.tt_s[0], pause.tt_s[last], last), (100.0, 160.5, 61));
@@ -265,6 +268,6 @@ fn law_the_pause_is_straight_flight_between_the_lines() {
     let v = pause.velocity_mps.each_ref().map(|v| v[30]);
     assert!((v[0] - 36.6).abs() < 0.1 && (v[1] - 34.1).abs() < 0.1 && (v[2] + 4.96).abs() < 0.01, "{v:?}");
     assert!(between(&to, &from).is_none() && between(&to, &to).is_none());
-    let leap = between(&from, &Place { lat_deg: 0.0, ..to }).unwrap();
+    let leap = between(&from, &PauseEndpoint { lat_deg: 0.0, ..to }).unwrap();
     assert!(leap.velocity_mps[0][0] <= 300.0);
 }

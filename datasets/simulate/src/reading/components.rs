@@ -1,6 +1,6 @@
 //! The components of the simulation that are switched on.
 
-use super::section::Section;
+use super::section::SynthSection;
 
 /// The components that the table `components` of a spec can switch off, by name.
 pub const COMPONENTS: &[&str] = &[
@@ -55,17 +55,17 @@ pub const COMPONENTS: &[&str] = &[
 
 /// The components that are off; all others are on.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Components {
+pub struct ComponentSwitches {
     off: Vec<&'static str>,
 }
 
-impl Components {
+impl ComponentSwitches {
     /// Reads the table `components`, whose keys are names of components and whose values switch them on or off.
-    pub(crate) fn read(root: &Section) -> Components {
-        let Some(s) = root.section("components") else { return Components::default() };
+    pub(crate) fn read(root: &SynthSection) -> ComponentSwitches {
+        let Some(s) = root.section("components") else { return ComponentSwitches::default() };
         let off = COMPONENTS.iter().copied().filter(|name| !s.flag(name, true)).collect();
         s.finish();
-        Components { off }
+        ComponentSwitches { off }
     }
 
     /// Whether the component `name` is on.

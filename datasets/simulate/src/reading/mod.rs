@@ -1,8 +1,8 @@
 //! Reading of the tables of a synth spec: sections with their places, presets, components that are off.
 
-pub use components::{COMPONENTS, Components};
+pub use components::{COMPONENTS, ComponentSwitches};
 pub use preset::PRESETS;
-pub(crate) use section::{Faults, Section, unique};
+pub(crate) use section::{SynthFaultList, SynthSection, unique};
 
 mod components;
 pub(crate) mod preset;

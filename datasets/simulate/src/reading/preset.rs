@@ -13,7 +13,7 @@ use toml::{
     de::{DeArray, DeTable, DeValue},
 };
 
-use super::section::Faults;
+use super::section::SynthFaultList;
 
 const CESSNA: &str = include_str!("../../presets/cessna.toml");
 const DRONE: &str = include_str!("../../presets/drone.toml");
@@ -38,7 +38,7 @@ const EITHER: [[&str; 2]; 5] = [
 
 /// Merging of lists without names that both tables have.
 #[derive(Clone, Copy)]
-enum Unnamed {
+enum PresetListMerge {
     /// The upper list replaces the lower one.
     Replace,
     /// The entries of the upper list follow those of the lower one.
@@ -47,7 +47,7 @@ enum Unnamed {
 
 /// Adds the preset that the spec `root` names, if any. Faults in the preset's values are reported at its name in the
 /// spec.
-pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a> {
+pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &SynthFaultList) -> DeTable<'a> {
     let without = root.remove("without").map(|value| left_out(&value, faults)).unwrap_or_default();
     let Some(named) = root.remove("preset") else {
         if let Some((_, at)) = without.first() {
@@ -68,7 +68,7 @@ pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a>
     let mut base = DeTable::new();
     for text in *texts {
         match DeTable::parse(text) {
-            Ok(layer) => base = merged(base, placed(layer.into_inner(), &named.span()), Unnamed::Append),
+            Ok(layer) => base = merged(base, placed(layer.into_inner(), &named.span()), PresetListMerge::Append),
             Err(error) => {
                 fault(Fault::new(format!("the preset `{name}` is broken: {}", error.message())));
                 return root;
@@ -82,10 +82,10 @@ pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a>
             faults.borrow_mut().push(Fault::new(what).at(at).nearest(&gone, &known));
         }
     }
-    merged(base, root, Unnamed::Replace)
+    merged(base, root, PresetListMerge::Replace)
 }
 
-fn left_out(value: &Spanned<DeValue>, faults: &Faults) -> Vec<(String, Range<usize>)> {
+fn left_out(value: &Spanned<DeValue>, faults: &SynthFaultList) -> Vec<(String, Range<usize>)> {
     let one = |v: &Spanned<DeValue>| v.get_ref().as_str().map(|s| (s.to_owned(), v.span()));
     let found: Option<Vec<_>> = value.get_ref().as_array().and_then(|list| list.iter().map(one).collect());
     found.unwrap_or_else(|| {
@@ -148,7 +148,7 @@ fn placed_value<'a>(value: Spanned<DeValue<'a>>, at: &Range<usize>) -> Spanned<D
 }
 
 /// `over` on top of `base`.
-fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: Unnamed) -> DeTable<'a> {
+fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: PresetListMerge) -> DeTable<'a> {
     for [one, other] in EITHER {
         if over.contains_key(one) || over.contains_key(other) {
             base.remove(one);
@@ -165,7 +165,11 @@ fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: Unnamed) -> DeT
     base
 }
 
-fn merged_value<'a>(below: Spanned<DeValue<'a>>, over: Spanned<DeValue<'a>>, unnamed: Unnamed) -> Spanned<DeValue<'a>> {
+fn merged_value<'a>(
+    below: Spanned<DeValue<'a>>,
+    over: Spanned<DeValue<'a>>,
+    unnamed: PresetListMerge,
+) -> Spanned<DeValue<'a>> {
     let at = over.span();
     let value = match (below.into_inner(), over.into_inner()) {
         (DeValue::Table(below), DeValue::Table(over)) => DeValue::Table(merged(below, over, unnamed)),
@@ -181,7 +185,7 @@ fn merged_value<'a>(below: Spanned<DeValue<'a>>, over: Spanned<DeValue<'a>>, unn
 }
 
 /// Entries of the same name are merged in the order of `below`; those of `over` alone follow.
-fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>, unnamed: Unnamed) -> DeArray<'a> {
+fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>, unnamed: PresetListMerge) -> DeArray<'a> {
     let mut over: Vec<Option<Spanned<DeValue<'a>>>> = over.into_iter().map(Some).collect();
     let mut out = vec![];
     for entry in below {
@@ -195,10 +199,12 @@ fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>, unnamed: Unnamed) -
     out.into_iter().chain(over.into_iter().flatten()).collect()
 }
 
-impl Unnamed {
+impl PresetListMerge {
     /// Whether the entries of `over` are added: those of a list of tables, not of a vector.
     fn appends(self, over: &DeArray) -> bool {
-        matches!(self, Unnamed::Append) && !over.is_empty() && over.iter().all(|v| v.get_ref().as_table().is_some())
+        matches!(self, PresetListMerge::Append)
+            && !over.is_empty()
+            && over.iter().all(|v| v.get_ref().as_table().is_some())
     }
 }
 

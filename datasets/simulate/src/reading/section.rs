@@ -3,62 +3,62 @@
 
 use std::{cell::RefCell, ops::Range, rc::Rc};
 
-use schemas::{Chosen, Fault, Kind, Lists, Params, Reader};
+use schemas::{ChoiceKind, ChoiceRegistry, ChoiceSelection, Fault, ParamReader, Params};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
 
 /// The faults found so far.
-pub(crate) type Faults = Rc<RefCell<Vec<Fault>>>;
+pub(crate) type SynthFaultList = Rc<RefCell<Vec<Fault>>>;
 
 /// One table of the spec.
-pub(crate) struct Section<'a> {
+pub(crate) struct SynthSection<'a> {
     name: &'static str,
     table: &'a DeTable<'a>,
     span: Range<usize>,
     asked: RefCell<Vec<&'static str>>,
-    faults: Faults,
+    faults: SynthFaultList,
 }
 
-impl<'a> Section<'a> {
-    pub(crate) fn new(name: &'static str, table: &'a DeTable<'a>, span: Range<usize>, faults: &Faults) -> Self {
+impl<'a> SynthSection<'a> {
+    pub(crate) fn new(name: &'static str, table: &'a DeTable<'a>, span: Range<usize>, faults: &SynthFaultList) -> Self {
         Self { name, table, span, asked: RefCell::default(), faults: faults.clone() }
     }
 
     /// Reads all keys of the table as a group of parameters, with the values of `base` as defaults where one is given.
     pub(crate) fn group<T: Params>(&self, base: Option<&T>) -> Option<T> {
-        self.group_of(base, &Lists::default())
+        self.group_of(base, &ChoiceRegistry::default())
     }
 
     /// The same, with the lists that keys choose kinds from.
-    pub(crate) fn group_of<T: Params>(&self, base: Option<&T>, lists: &Lists) -> Option<T> {
-        let section = match schemas::Section::of(self.table, self.span.clone()) {
+    pub(crate) fn group_of<T: Params>(&self, base: Option<&T>, lists: &ChoiceRegistry) -> Option<T> {
+        let section = match schemas::SpecSection::from_table(self.table, self.span.clone()) {
             Ok(section) => section,
             Err(faults) => {
                 self.faults.borrow_mut().extend(faults);
                 return None;
             }
         };
-        let (group, faults) = Reader::new(self.name, &section.keys, Some(self.span.clone()), lists).group(base);
+        let (group, faults) = ParamReader::new(self.name, &section.keys, Some(self.span.clone()), lists).group(base);
         self.faults.borrow_mut().extend(faults);
         group
     }
 
     /// Reads a group whose keys stand among those of others, which are read after it.
     pub(crate) fn some_keys<T: Params>(&self) -> Option<T> {
-        let lists = Lists::default();
+        let lists = ChoiceRegistry::default();
         let names: Vec<&'static str> = T::docs(&lists).iter().map(|doc| doc.name).collect();
         let mut own = DeTable::new();
         for (key, value) in self.table.iter().filter(|(key, _)| names.contains(&key.get_ref().as_ref())) {
             own.insert(key.clone(), value.clone());
         }
         self.asked.borrow_mut().extend(names);
-        Section::new(self.name, &own, self.span.clone(), &self.faults).group(None)
+        SynthSection::new(self.name, &own, self.span.clone(), &self.faults).group(None)
     }
 
     /// Rejects keys of kinds other than the chosen one.
-    pub(crate) fn refuse_foreign<K: Kind>(&self, chosen: &Chosen<K>) {
+    pub(crate) fn refuse_foreign<K: ChoiceKind>(&self, chosen: &ChoiceSelection<K>) {
         for key in self.table.keys() {
             if let Some(fault) = chosen.foreign(key.get_ref()) {
                 self.push(fault.at(key.span()));
@@ -108,10 +108,10 @@ impl<'a> Section<'a> {
     }
 
     /// A table inside this one.
-    pub(crate) fn section(&self, name: &'static str) -> Option<Section<'a>> {
+    pub(crate) fn section(&self, name: &'static str) -> Option<SynthSection<'a>> {
         let value = self.get(name)?;
         match value.get_ref() {
-            DeValue::Table(table) => Some(Section::new(name, table, value.span(), &self.faults)),
+            DeValue::Table(table) => Some(SynthSection::new(name, table, value.span(), &self.faults)),
             _ => {
                 self.wrong(name, value, "a table");
                 None
@@ -120,14 +120,14 @@ impl<'a> Section<'a> {
     }
 
     /// The tables of a list, such as `[[flights]]`.
-    pub(crate) fn sections(&self, name: &'static str) -> Vec<Section<'a>> {
+    pub(crate) fn sections(&self, name: &'static str) -> Vec<SynthSection<'a>> {
         let Some(value) = self.get(name) else { return vec![] };
         let Some(list) = value.get_ref().as_array() else {
             self.wrong(name, value, "a list of tables");
             return vec![];
         };
         let one = |v: &'a Spanned<DeValue<'a>>| match v.get_ref() {
-            DeValue::Table(table) => Some(Section::new(name, table, v.span(), &self.faults)),
+            DeValue::Table(table) => Some(SynthSection::new(name, table, v.span(), &self.faults)),
             _ => {
                 self.wrong(name, v, "a list of tables");
                 None
@@ -161,7 +161,7 @@ impl<'a> Section<'a> {
 }
 
 /// Records duplicate names.
-pub(crate) fn unique(root: &Section, kind: &str, names: impl Iterator<Item = String>) {
+pub(crate) fn unique(root: &SynthSection, kind: &str, names: impl Iterator<Item = String>) {
     let names: Vec<String> = names.collect();
     for (i, name) in names.iter().enumerate() {
         if names.iter().take(i).any(|n| n == name) {

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use schemas::{Kind, Own, ParamDoc, Reader};
+use schemas::{ChoiceKeys, ChoiceKind, ParamDoc, ParamReader};
 
-/// A kind that a table can be, and how its own keys become a `T`.
-pub struct Variant<T: 'static> {
+/// Kind of a table in a spec, with its own keys, which are read into a `T`.
+pub struct SynthVariant<T: 'static> {
     /// Its name in a spec.
     pub name: &'static str,
     /// The lines of its documentation.
@@ -13,16 +13,16 @@ pub struct Variant<T: 'static> {
     /// Its own keys.
     pub docs: fn() -> Vec<ParamDoc>,
     /// Reads its own keys.
-    pub read: fn(&mut Reader) -> Option<T>,
+    pub read: fn(&mut ParamReader) -> Option<T>,
 }
 
-/// The value that the keys of a kind give.
-pub trait Varied: Send + Sync + Sized + 'static {
+/// Value read from the keys of a kind.
+pub trait SynthVariantValue: Send + Sync + Sized + 'static {
     /// The default kind.
     const DEFAULT: &'static str;
 }
 
-impl<T: Varied> Kind for Variant<T> {
+impl<T: SynthVariantValue> ChoiceKind for SynthVariant<T> {
     type Keys = T;
     const DEFAULT: Option<&'static str> = Some(T::DEFAULT);
 
@@ -38,13 +38,13 @@ impl<T: Varied> Kind for Variant<T> {
         (self.docs)()
     }
 
-    fn read(&self, reader: &mut Reader) -> Option<Own<T>> {
-        Some(Own { keys: Arc::new((self.read)(reader)?), spelt: vec![] })
+    fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<T>> {
+        Some(ChoiceKeys { keys: Arc::new((self.read)(reader)?), spelt: vec![] })
     }
 }
 
-/// Declares a [`Variant`]: its documentation, its name, the struct of its own keys as in `params!`, and the value made
-/// of them.
+/// Declares a [`SynthVariant`]: its documentation, its name, the struct of its own keys as in `params!`, and the value
+/// made of them.
 macro_rules! variant {
     (
         $(#[doc = $d:literal])*
@@ -59,10 +59,10 @@ macro_rules! variant {
         }
 
         $(#[doc = $d])*
-        pub(crate) const $NAME: $crate::reading::variant::Variant<$T> = $crate::reading::variant::Variant {
+        pub(crate) const $NAME: $crate::reading::variant::SynthVariant<$T> = $crate::reading::variant::SynthVariant {
             name: $name,
             doc: &[$($d),*],
-            docs: || <$Keys as schemas::Params>::docs(&schemas::Lists::default()),
+            docs: || <$Keys as schemas::Params>::docs(&schemas::ChoiceRegistry::default()),
             read: |reader| {
                 let make: fn($Keys) -> $T = $make;
                 <$Keys as schemas::Params>::read(reader, None).map(make)

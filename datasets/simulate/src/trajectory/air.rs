@@ -2,7 +2,7 @@
 
 use schemas::{Rule, choice, params};
 
-use crate::reading::Section;
+use crate::reading::SynthSection;
 
 /// One foot, in metres.
 const FOOT_M: f64 = 0.3048;
@@ -55,7 +55,7 @@ pub struct Turbulence {
 
 /// Standard deviations and scale lengths of the gusts at one height.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Gustiness {
+pub(super) struct GustStatistics {
     /// Along, across and vertical, in m/s.
     pub(super) sigma_mps: [f64; 3],
     /// Scale lengths of the same, in metres.
@@ -82,7 +82,7 @@ const HIGH: [(f64, [f64; 3]); 12] = [
 
 impl Turbulence {
     /// The statistics of the gusts at a height. [MIL-F-8785C, 3.7.2 and 3.7.3.4]
-    pub(super) fn at(&self, alt_m: f64) -> Gustiness {
+    pub(super) fn at(&self, alt_m: f64) -> GustStatistics {
         let h_ft = ((alt_m - self.ground_m) / FOOT_M).max(10.0);
         let w20_ftps = self.wind_20ft_mps / FOOT_M;
         let low = |h_ft: f64| {
@@ -101,7 +101,7 @@ impl Turbulence {
                 (mix(below.0, above.0), mix(below.1, above.1))
             }
         };
-        Gustiness { sigma_mps: sigma.map(|x| x * FOOT_M), length_m: length.map(|x| x * FOOT_M) }
+        GustStatistics { sigma_mps: sigma.map(|x| x * FOOT_M), length_m: length.map(|x| x * FOOT_M) }
     }
 }
 
@@ -170,7 +170,7 @@ impl Dynamics {
 
 /// Wind, turbulence and dynamics of a spec.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Air {
+pub struct FlightConditions {
     /// The table `wind`.
     pub wind: Wind,
     /// The table `turbulence`.
@@ -181,7 +181,7 @@ pub struct Air {
 
 choice! {
     /// Intensity of the turbulence, by the wind 20 feet above the ground.
-    pub enum Level {
+    pub enum TurbulenceIntensity {
         /// No turbulence.
         None = "none",
         /// 15 knots.
@@ -193,14 +193,14 @@ choice! {
     }
 }
 
-impl Level {
+impl TurbulenceIntensity {
     /// The wind 20 feet above the ground, in m/s.
     fn wind_20ft_mps(self) -> f64 {
         match self {
-            Level::None => 0.0,
-            Level::Light => LEVEL_MPS,
-            Level::Moderate => 2.0 * LEVEL_MPS,
-            Level::Severe => 3.0 * LEVEL_MPS,
+            TurbulenceIntensity::None => 0.0,
+            TurbulenceIntensity::Light => LEVEL_MPS,
+            TurbulenceIntensity::Moderate => 2.0 * LEVEL_MPS,
+            TurbulenceIntensity::Severe => 3.0 * LEVEL_MPS,
         }
     }
 }
@@ -209,7 +209,7 @@ params! {
     /// The table `turbulence`: continuous random gusts after Dryden (MIL-F-8785C). Without it the air is smooth.
     pub struct TurbulenceKeys, all default;
     /// Intensity of the turbulence.
-    level: Level, unit "", default Level::None;
+    level: TurbulenceIntensity, unit "", default TurbulenceIntensity::None;
     /// Wind speed 20 feet above the ground. It replaces `level`.
     wind_20ft_mps: Option<f64>, unit "m/s", default None, absent "set by `level`", rule Rule::Between(0.0, 40.0);
     /// Height of the ground above the WGS-84 ellipsoid.
@@ -217,13 +217,13 @@ params! {
 }
 
 /// Reads the three tables.
-pub(in super::super) fn air(root: &Section) -> Air {
+pub(in super::super) fn air(root: &SynthSection) -> FlightConditions {
     let wind = root.section("wind").and_then(|s| s.group(None)).unwrap_or_default();
     let dynamics = root.section("dynamics").and_then(|s| s.group(None)).unwrap_or_default();
-    Air { wind, turbulence: turbulence(root), dynamics }
+    FlightConditions { wind, turbulence: turbulence(root), dynamics }
 }
 
-fn turbulence(root: &Section) -> Option<Turbulence> {
+fn turbulence(root: &SynthSection) -> Option<Turbulence> {
     let keys: TurbulenceKeys = root.section("turbulence")?.group(None)?;
     let wind_20ft_mps = keys.wind_20ft_mps.unwrap_or(keys.level.wind_20ft_mps());
     (wind_20ft_mps > 0.0).then_some(Turbulence { wind_20ft_mps, ground_m: keys.ground_m })

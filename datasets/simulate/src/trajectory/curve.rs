@@ -6,7 +6,7 @@ pub(super) const MARGIN: usize = 2;
 /// Values at the times (k - [`MARGIN`]) h, joined by polynomials of fifth degree that share value and two
 /// derivatives at the nodes: twice continuously differentiable.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Curve {
+pub(super) struct QuinticSpline {
     pub(super) nodes: Vec<f64>,
 }
 
@@ -18,7 +18,7 @@ pub(super) fn slopes(nodes: &[f64], k: usize) -> (f64, f64) {
     ((8.0 * (d - b) - (e - a)) / 12.0, (16.0 * (b + d - 2.0 * c) - (a + e - 2.0 * c)) / 12.0)
 }
 
-impl Curve {
+impl QuinticSpline {
     /// The value and its first two derivatives `u` (0 to 1) of the way from node `k` to the next, for nodes
     /// `h` seconds apart.
     pub(super) fn at(&self, k: usize, u: f64, h: f64) -> [f64; 3] {
@@ -50,14 +50,14 @@ mod tests {
         let h = 0.1;
         let quartic = |t: f64| 1.0 + t * (2.0 - t * (0.5 + t * (0.25 - 0.1 * t)));
         let time = |k: usize| (k as f64 - MARGIN as f64) * h;
-        let curve = Curve { nodes: (0..20).map(|k| quartic(time(k))).collect() };
+        let curve = QuinticSpline { nodes: (0..20).map(|k| quartic(time(k))).collect() };
         let t = time(8) + 0.37 * h;
         let [value, first, second] = curve.at(8, 0.37, h);
         // Exact for the fourth degree but for rounding, 1e-16 over h².
         assert!((value - quartic(t)).abs() < 1e-14);
         assert!((first - (2.0 - t - 0.75 * t * t + 0.4 * t.powi(3))).abs() < 1e-12);
         assert!((second - (-1.0 - 1.5 * t + 1.2 * t * t)).abs() < 1e-11);
-        let rough = Curve { nodes: (0..20).map(|k| ((k * k * 7919) % 13) as f64).collect() };
+        let rough = QuinticSpline { nodes: (0..20).map(|k| ((k * k * 7919) % 13) as f64).collect() };
         for k in 4..16 {
             let (end, start) = (rough.at(k - 1, 1.0, h), rough.at(k, 0.0, h));
             assert!(end.iter().zip(start).all(|(a, b)| (a - b).abs() < 1e-9 * (1.0 + b.abs())), "node {k}");

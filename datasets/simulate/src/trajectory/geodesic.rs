@@ -7,14 +7,14 @@ use numerics::earth::geodesy::{FLATTENING, SEMI_MAJOR_AXIS_M, meridian_radius_m,
 
 /// A position on the ellipsoid and the direction of the track there, in radians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Place {
+pub(super) struct RoutePosition {
     pub(super) lat_rad: f64,
     pub(super) lon_rad: f64,
     /// Clockwise from north; not wrapped.
     pub(super) course_rad: f64,
 }
 
-impl Place {
+impl RoutePosition {
     pub(super) fn new((lat_deg, lon_deg): (f64, f64), course_rad: f64) -> Self {
         Self { lat_rad: lat_deg.to_radians(), lon_rad: lon_deg.to_radians(), course_rad }
     }
@@ -162,7 +162,7 @@ mod tests {
         {
             let way =
                 Geodesic::between(from, to).unwrap_or(Geodesic { length_m: 0.0, leaves_rad: 0.0, arrives_rad: 0.0 });
-            let end = Place::new(from, way.leaves_rad).along(way.length_m, 1000.0, |_| 0.0);
+            let end = RoutePosition::new(from, way.leaves_rad).along(way.length_m, 1000.0, |_| 0.0);
             let (lat, lon) = end.degrees();
             let lon_error = (lon - to.1 + 180.0).rem_euclid(360.0) - 180.0;
             // Vincenty's series is good to 1e-4 m, 1e-9 degrees; the integration to less.

@@ -6,8 +6,8 @@ use std::f64::consts::{SQRT_2, TAU};
 use nalgebra::{SMatrix, SVector, Vector4};
 
 use super::{
-    super::random::Random,
-    air::{Dynamics, Gustiness, Turbulence},
+    super::random::RandomStream,
+    air::{Dynamics, GustStatistics, Turbulence},
 };
 
 /// A change of height, in metres, below which the gusts are not updated.
@@ -18,26 +18,26 @@ const BEFORE: usize = 1200;
 /// The random gusts, as white noise through filters sampled exactly, each of variance 1.
 /// [MIL-F-8785C, 3.7.1.2; roll rate after Yeager 1998, NASA CR-206937, (8)-(10)]
 #[derive(Clone, Debug)]
-pub(super) struct Dryden {
+pub(super) struct DrydenGusts {
     height_m: f64,
-    gustiness: Gustiness,
+    gustiness: GustStatistics,
     roll_sigma_radps: f64,
-    along: Lag,
-    across: Bump,
-    vertical: Bump,
-    roll: Lag,
+    along: FirstOrderGustFilter,
+    across: SecondOrderGustFilter,
+    vertical: SecondOrderGustFilter,
+    roll: FirstOrderGustFilter,
 }
 
-impl Dryden {
-    pub(super) fn new(random: &mut Random) -> Self {
+impl DrydenGusts {
+    pub(super) fn new(random: &mut RandomStream) -> Self {
         Self {
             height_m: f64::NAN,
-            gustiness: Gustiness::default(),
+            gustiness: GustStatistics::default(),
             roll_sigma_radps: 0.0,
-            along: Lag::new(random),
-            across: Bump::new(random),
-            vertical: Bump::new(random),
-            roll: Lag::new(random),
+            along: FirstOrderGustFilter::new(random),
+            across: SecondOrderGustFilter::new(random),
+            vertical: SecondOrderGustFilter::new(random),
+            roll: FirstOrderGustFilter::new(random),
         }
     }
 
@@ -47,7 +47,7 @@ impl Dryden {
         turbulence: &Turbulence,
         (alt_m, airspeed_mps, span_m): (f64, f64, f64),
         h: f64,
-        random: &mut Random,
+        random: &mut RandomStream,
     ) -> [f64; 4] {
         let same = (alt_m - self.height_m).abs() <= SAME_HEIGHT_M;
         if !same {
@@ -72,16 +72,16 @@ impl Dryden {
     }
 }
 
-/// 1 / (1 + T s).
+/// First-order low-pass filter 1 / (1 + T s) of unit variance.
 #[derive(Clone, Debug)]
-struct Lag {
+struct FirstOrderGustFilter {
     x: f64,
     keep: f64,
     sigma: f64,
 }
 
-impl Lag {
-    fn new(random: &mut Random) -> Self {
+impl FirstOrderGustFilter {
+    fn new(random: &mut RandomStream) -> Self {
         Self { x: random.normal(), keep: 0.0, sigma: 1.0 }
     }
 
@@ -90,7 +90,7 @@ impl Lag {
         self.sigma = (-(-2.0 * steps).exp_m1()).sqrt();
     }
 
-    fn next(&mut self, random: &mut Random) -> f64 {
+    fn next(&mut self, random: &mut RandomStream) -> f64 {
         self.x = self.keep * self.x + self.sigma * random.normal();
         self.x
     }
@@ -98,7 +98,7 @@ impl Lag {
 
 /// (1 + √3 T s) / (1 + T s)²: two lags in series, of variances 1 and 1/2 and covariance 1/2.
 #[derive(Clone, Debug)]
-struct Bump {
+struct SecondOrderGustFilter {
     x: [f64; 2],
     keep: f64,
     pass: f64,
@@ -106,8 +106,8 @@ struct Bump {
     noise: [f64; 3],
 }
 
-impl Bump {
-    fn new(random: &mut Random) -> Self {
+impl SecondOrderGustFilter {
+    fn new(random: &mut RandomStream) -> Self {
         let (a, b) = (random.normal(), random.normal());
         Self { x: [a, 0.5 * a + 0.5 * b], keep: 0.0, pass: 0.0, noise: [1.0, 0.5, 0.5] }
     }
@@ -125,7 +125,7 @@ impl Bump {
         self.noise = [l11, l21, (q22 - l21 * l21).max(0.0).sqrt()];
     }
 
-    fn next(&mut self, random: &mut Random) -> f64 {
+    fn next(&mut self, random: &mut RandomStream) -> f64 {
         let (a, b) = (random.normal(), random.normal());
         let [x, y] = self.x;
         self.x = [
@@ -141,7 +141,7 @@ impl Bump {
 /// v' = (gust - v) / lag - hold² d, and an angle a that weathercocks into the gust as felt,
 /// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled exactly for gusts that change linearly in a step.
 #[derive(Clone, Debug)]
-struct Answer {
+struct GustResponse {
     x: Vector4<f64>,
     gust: f64,
     step: SMatrix<f64, 4, 4>,
@@ -150,7 +150,7 @@ struct Answer {
 }
 
 /// Lag (s) and hold (rad/s) of the displacement; gain, frequency (rad/s) and damping of the angle.
-struct Axis {
+struct GustResponseParameters {
     lag_s: f64,
     hold_radps: f64,
     gain: f64,
@@ -158,8 +158,8 @@ struct Axis {
     damping: f64,
 }
 
-impl Answer {
-    fn new(axis: &Axis, h: f64) -> Self {
+impl GustResponse {
+    fn new(axis: &GustResponseParameters, h: f64) -> Self {
         let (pull, hold, w) = (1.0 / axis.lag_s, axis.hold_radps.powi(2), axis.swing_radps);
         let mut m = SMatrix::<f64, 6, 6>::zeros();
         m[(0, 1)] = h;
@@ -188,36 +188,36 @@ impl Answer {
 
 /// The effect of gusts on the aircraft at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Moved {
+pub(super) struct GustDisplacement {
     /// Ahead, to the right, down, in metres.
     pub(super) by_m: [f64; 3],
     /// Roll, pitch and yaw, in radians.
     pub(super) turned_rad: [f64; 3],
 }
 
-/// The aircraft in gusts.
+/// Simulation of the gusts and of the aircraft's response to them, in steps of `h` seconds.
 #[derive(Clone, Debug)]
-pub(super) struct InGusts {
+pub(super) struct GustSimulator {
     turbulence: Turbulence,
-    dryden: Dryden,
+    dryden: DrydenGusts,
     airspeed_mps: f64,
     span_m: f64,
     h: f64,
-    answers: [Answer; 4],
+    answers: [GustResponse; 4],
 }
 
-impl InGusts {
+impl GustSimulator {
     /// An aircraft after the spin-up of the gusts; steps of `h` seconds.
     pub(super) fn new(
         turbulence: &Turbulence,
         dynamics: &Dynamics,
         (alt_m, airspeed_mps): (f64, f64),
         h: f64,
-        random: &mut Random,
+        random: &mut RandomStream,
     ) -> Self {
         // Time constants of a light aircraft; its pilot corrects within about ten seconds.
         let slow = dynamics.response_s;
-        let axis = |lag_s: f64, hold: f64, gain: f64, swing: f64, damping: f64| Axis {
+        let axis = |lag_s: f64, hold: f64, gain: f64, swing: f64, damping: f64| GustResponseParameters {
             lag_s: lag_s * slow,
             hold_radps: hold / slow,
             gain: gain / airspeed_mps,
@@ -232,11 +232,11 @@ impl InGusts {
         ];
         let mut aircraft = Self {
             turbulence: *turbulence,
-            dryden: Dryden::new(random),
+            dryden: DrydenGusts::new(random),
             airspeed_mps,
             span_m: dynamics.span_m,
             h,
-            answers: axes.map(|a| Answer::new(&a, h)),
+            answers: axes.map(|a| GustResponse::new(&a, h)),
         };
         for _ in 0..BEFORE {
             aircraft.next(alt_m, random);
@@ -245,25 +245,25 @@ impl InGusts {
     }
 
     /// The effect of gusts one step later.
-    pub(super) fn next(&mut self, alt_m: f64, random: &mut Random) -> Moved {
+    pub(super) fn next(&mut self, alt_m: f64, random: &mut RandomStream) -> GustDisplacement {
         let place = (alt_m, self.airspeed_mps, self.span_m);
         let gusts = self.dryden.next(&self.turbulence, place, self.h, random);
         let answer: [(f64, f64); 4] = std::array::from_fn(|i| self.answers[i].next(gusts[i]));
         let [(ahead, _), (right, yaw), (down, pitch), (roll, _)] = answer;
-        Moved { by_m: [ahead, right, down], turned_rad: [roll, pitch, yaw] }
+        GustDisplacement { by_m: [ahead, right, down], turned_rad: [roll, pitch, yaw] }
     }
 }
 
 /// Small motions of one angle: sinusoids of random phase, 0.02 to 0.5 Hz, smooth and stationary.
-pub(super) struct Sway {
+pub(super) struct AttitudeSway {
     amplitude_deg: f64,
     waves: Vec<(f64, f64)>,
 }
 
-impl Sway {
+impl AttitudeSway {
     const WAVES: usize = 16;
 
-    pub(super) fn new(sigma_deg: f64, random: &mut Random) -> Self {
+    pub(super) fn new(sigma_deg: f64, random: &mut RandomStream) -> Self {
         let wave = |k: usize| {
             let place = (k as f64 + random.uniform()) / Self::WAVES as f64;
             (TAU * 0.02 * 25f64.powf(place), TAU * random.uniform())

@@ -4,13 +4,13 @@ use numerics::angle::wrap_rad;
 use std::f64::consts::{PI, TAU};
 
 use super::{
-    geodesic::{Geodesic, Place},
-    route::{Impossible, Route},
+    geodesic::{Geodesic, RoutePosition},
+    route::{Route, RouteError},
 };
 
 /// The horizontal path of a line.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Path2d {
+pub enum HorizontalPath {
     /// `survey`: from waypoint to waypoint, repeated until the end of the duration.
     Survey {
         /// `waypoints`: latitude and longitude, in degrees; two or more.
@@ -43,7 +43,7 @@ pub enum Path2d {
         legs: u32,
     },
     /// `grid`, with `split = false`: survey lines in alternating directions and the tie lines across them, as one line.
-    Grid(Grid),
+    Grid(SurveyLineGrid),
     /// `grid`: one survey line or tie line of a grid.
     Traverse {
         /// Its start.
@@ -119,7 +119,7 @@ pub struct Orbit {
 
 /// Survey lines and tie lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Grid {
+pub struct SurveyLineGrid {
     /// `origin`: start of the first line, latitude and longitude in degrees.
     pub origin: (f64, f64),
     /// `heading_deg`: course of the first line; default 0. Lines alternate in direction.
@@ -139,24 +139,24 @@ pub struct Grid {
 
 /// A straight line of a grid.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stretch {
+pub(super) struct SurveyGridLine {
     pub(super) tie: bool,
-    pub(super) start: Place,
+    pub(super) start: RoutePosition,
     pub(super) length_m: f64,
 }
 
-impl Grid {
+impl SurveyLineGrid {
     /// The survey lines in the order flown, then the tie lines.
-    pub(super) fn stretches(&self) -> Vec<Stretch> {
-        let base = Place::new(self.origin, self.heading_deg.to_radians());
+    pub(super) fn stretches(&self) -> Vec<SurveyGridLine> {
+        let base = RoutePosition::new(self.origin, self.heading_deg.to_radians());
         let side = if self.right { 1.0 } else { -1.0 };
         let width_m = self.spacing_m * f64::from(self.count.saturating_sub(1));
         let line = |i: u32| {
             let across = side * self.spacing_m * f64::from(i);
             let back = i % 2 == 1;
             let start = base.beside(if back { self.line_m } else { 0.0 }, across);
-            let start = if back { Place { course_rad: start.course_rad + PI, ..start } } else { start };
-            Stretch { tie: false, start, length_m: self.line_m }
+            let start = if back { RoutePosition { course_rad: start.course_rad + PI, ..start } } else { start };
+            SurveyGridLine { tie: false, start, length_m: self.line_m }
         };
         let mut all: Vec<_> = (0..self.count).map(line).collect();
         if let Some(spacing_m) = self.tie_spacing_m.filter(|_| width_m > 0.0) {
@@ -169,8 +169,8 @@ impl Grid {
                 let ahead = first_m + spacing_m * f64::from(j);
                 let start = base.beside(ahead, across);
                 let turned = if back { -side } else { side } * 0.5 * PI;
-                let start = Place { course_rad: start.course_rad + turned, ..start };
-                all.push(Stretch { tie: true, start, length_m: width_m });
+                let start = RoutePosition { course_rad: start.course_rad + turned, ..start };
+                all.push(SurveyGridLine { tie: true, start, length_m: width_m });
             }
         }
         all
@@ -178,7 +178,7 @@ impl Grid {
 }
 
 /// A route over the ground, and marks at distances along it.
-pub(super) struct Way {
+pub(super) struct GroundRoute {
     pub(super) route: Route,
     /// Distance at which each waypoint is passed, or each leg, line or round begins.
     pub(super) marks_m: Vec<f64>,
@@ -198,7 +198,7 @@ pub(super) fn waypoints(
     places: &[(f64, f64)],
     until_m: Option<f64>,
     (swing_rad, period_m): (f64, f64),
-) -> Result<Way, Impossible> {
+) -> Result<GroundRoute, RouteError> {
     let (mut marks_m, mut k) = (vec![0.0], 1);
     let name = |k: usize| k % places.len() + 1;
     loop {
@@ -211,7 +211,7 @@ pub(super) fn waypoints(
         if last {
             route.swing(leg.length_m, swing_rad, period_m);
             marks_m.push(route.length_m);
-            return Ok(Way { route, marks_m });
+            return Ok(GroundRoute { route, marks_m });
         }
         let after = places[(k + 1) % places.len()];
         let next = geodesic(target, after)?;
@@ -239,19 +239,19 @@ pub(super) fn waypoints(
     }
 }
 
-fn short(from: usize, length_m: f64, least_m: f64) -> Impossible {
+fn short(from: usize, length_m: f64, least_m: f64) -> RouteError {
     let what = format!(
         "the leg after waypoint {from} has only {length_m:.0} m for a turn of {least_m:.0} m: move the waypoints \
          apart, fly slower or bank more steeply (`bank_deg` of `dynamics`)"
     );
-    Impossible::new("waypoints", what)
+    RouteError::new("waypoints", what)
 }
 
-fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, Impossible> {
+fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, RouteError> {
     let found = Geodesic::between(from, to).filter(|way| way.length_m > 0.0);
     found.ok_or_else(|| {
         let what = format!("there is no route from {:.5}, {:.5} to {:.5}, {:.5}", from.0, from.1, to.0, to.1);
-        Impossible::new("waypoints", what + ": consecutive waypoints must be neither equal nor antipodal")
+        RouteError::new("waypoints", what + ": consecutive waypoints must be neither equal nor antipodal")
     })
 }
 
@@ -279,7 +279,7 @@ fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(),
 ///
 /// # Errors
 /// Fails for lines that no turns can join.
-pub(super) fn grid(mut route: Route, stretches: &[Stretch]) -> Result<Way, Impossible> {
+pub(super) fn grid(mut route: Route, stretches: &[SurveyGridLine]) -> Result<GroundRoute, RouteError> {
     let mut marks_m = vec![];
     for (i, stretch) in stretches.iter().enumerate() {
         if i > 0 {
@@ -288,11 +288,11 @@ pub(super) fn grid(mut route: Route, stretches: &[Stretch]) -> Result<Way, Impos
         marks_m.push(route.length_m);
         route.straight(stretch.length_m);
     }
-    Ok(Way { route, marks_m })
+    Ok(GroundRoute { route, marks_m })
 }
 
 /// Sides of a polygon with a right angle after each.
-pub(super) fn square(mut route: Route, side_m: f64, legs: u32) -> Way {
+pub(super) fn square(mut route: Route, side_m: f64, legs: u32) -> GroundRoute {
     let mut marks_m = vec![];
     for leg in 0..legs {
         if leg > 0 {
@@ -301,17 +301,17 @@ pub(super) fn square(mut route: Route, side_m: f64, legs: u32) -> Way {
         marks_m.push(route.length_m);
         route.straight(side_m);
     }
-    Way { route, marks_m }
+    GroundRoute { route, marks_m }
 }
 
 /// Circles.
-pub(super) fn circles(mut route: Route, turns: f64, right: bool) -> Way {
+pub(super) fn circles(mut route: Route, turns: f64, right: bool) -> GroundRoute {
     route.arc(if right { TAU } else { -TAU } * turns);
-    Way { marks_m: vec![0.0], route }
+    GroundRoute { marks_m: vec![0.0], route }
 }
 
 /// Racetracks.
-pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) -> Way {
+pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) -> GroundRoute {
     let (half, mut marks_m) = (if right { PI } else { -PI }, vec![]);
     for _ in 0..rounds {
         marks_m.push(route.length_m);
@@ -320,13 +320,13 @@ pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) 
             route.turn(half);
         }
     }
-    Way { route, marks_m }
+    GroundRoute { route, marks_m }
 }
 
 /// Crossings of one centre a right angle apart, joined by loops; `right` gives the direction of each loop. The
 /// marks are the crossings. The route begins before the first by the length of [`lead_m`], and ends where
 /// the last loop does, or once `again` over the centre.
-pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
+pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> GroundRoute {
     let lead_m = lead_m(&route);
     let mut marks_m = vec![lead_m];
     for right in loops {
@@ -337,7 +337,7 @@ pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
     if again {
         route.straight(2.0 * lead_m);
     }
-    Way { route, marks_m }
+    GroundRoute { route, marks_m }
 }
 
 /// Distance from the crossing to the start of a loop, in metres.

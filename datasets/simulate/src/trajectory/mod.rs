@@ -16,14 +16,14 @@ use numerics::earth::{
 };
 use numerics::navigation::{mechanisation::normal_gravity_mps2, strapdown::specific_force_mps2};
 
-use super::random::Random;
-pub use air::{Air, Dynamics, Turbulence, Wind};
-use curve::{Curve, MARGIN, slopes};
-use gusts::{InGusts, Sway};
-pub use kinds::{Grid, Orbit, Path2d};
-pub use plan::Heights;
-use plan::Plan;
-pub use spec::{Flight, Line};
+use super::random::RandomStream;
+pub use air::{Dynamics, FlightConditions, Turbulence, Wind};
+use curve::{MARGIN, QuinticSpline, slopes};
+use gusts::{AttitudeSway, GustSimulator};
+pub use kinds::{HorizontalPath, Orbit, SurveyLineGrid};
+pub use plan::LineHeights;
+use plan::TrajectoryPlan;
+pub use spec::{SynthFlight, SynthLine};
 
 pub(super) mod air;
 mod curve;
@@ -44,7 +44,7 @@ const LEAD: usize = 2;
 
 /// A true trajectory, one value per sample in each column.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Trajectory {
+pub(super) struct TrueTrajectory {
     pub(super) tt_s: Vec<f64>,
     pub(super) lat_deg: Vec<f64>,
     pub(super) lon_deg: Vec<f64>,
@@ -61,7 +61,7 @@ pub(super) struct Trajectory {
     pub(super) rates_degps: [Vec<f64>; 3],
 }
 
-impl Trajectory {
+impl TrueTrajectory {
     /// The matrix that rotates the body frame into north-east-down at a sample.
     pub(super) fn attitude(&self, i: usize) -> Matrix3<f64> {
         let [roll, pitch, yaw] = self.attitude_deg.each_ref().map(|a| a[i].to_radians());
@@ -95,7 +95,7 @@ impl Trajectory {
     }
 }
 
-impl Line {
+impl SynthLine {
     /// The duration of the line, in seconds.
     pub(super) fn duration_s(&self) -> f64 {
         self.plan.duration_s
@@ -103,12 +103,18 @@ impl Line {
 
     /// Flies the line through air without turbulence. `gusts_deg` are standard deviations in roll, pitch and yaw.
     #[cfg(test)]
-    pub(super) fn fly(&self, rate_hz: f64, gusts_deg: [f64; 3], random: &mut Random) -> Trajectory {
+    pub(super) fn fly(&self, rate_hz: f64, gusts_deg: [f64; 3], random: &mut RandomStream) -> TrueTrajectory {
         self.fly_through(None, rate_hz, gusts_deg, random)
     }
 
     /// Flies the line through the turbulence of the spec, if that is `on`.
-    pub(super) fn fly_on(&self, on: bool, rate_hz: f64, gusts_deg: [f64; 3], random: &mut Random) -> Trajectory {
+    pub(super) fn fly_on(
+        &self,
+        on: bool,
+        rate_hz: f64,
+        gusts_deg: [f64; 3],
+        random: &mut RandomStream,
+    ) -> TrueTrajectory {
         self.fly_through(self.plan.air.turbulence.filter(|_| on), rate_hz, gusts_deg, random)
     }
 
@@ -117,10 +123,10 @@ impl Line {
         turbulence: Option<Turbulence>,
         rate_hz: f64,
         gusts_deg: [f64; 3],
-        random: &mut Random,
-    ) -> Trajectory {
+        random: &mut RandomStream,
+    ) -> TrueTrajectory {
         let curves = self.curves(turbulence, gusts_deg, random);
-        let mut out = Trajectory::default();
+        let mut out = TrueTrajectory::default();
         let samples = (self.duration_s() * rate_hz + 1e-6).floor() as usize + 1;
         for i in 0..samples {
             curves.record(i as f64 / rate_hz, self.start_tt_s, &mut out);
@@ -134,10 +140,15 @@ impl Line {
         self.plan.manoeuvre_deg(t)
     }
 
-    fn curves(&self, turbulence: Option<Turbulence>, gusts_deg: [f64; 3], random: &mut Random) -> Curves {
+    fn curves(
+        &self,
+        turbulence: Option<Turbulence>,
+        gusts_deg: [f64; 3],
+        random: &mut RandomStream,
+    ) -> TrajectoryCurves {
         let nodes = (self.duration_s() / NODE_S).floor() as usize + 2 * MARGIN + 2;
         let start_s = -(MARGIN as f64) * NODE_S;
-        let mut position = Curves::positions(&self.plan, nodes + 2 * LEAD);
+        let mut position = TrajectoryCurves::positions(&self.plan, nodes + 2 * LEAD);
         let mut roll_rad = 0.0;
         let steady = (LEAD..nodes + LEAD).map(|k| {
             let now = steady(&position, k, roll_rad, &self.plan);
@@ -153,11 +164,11 @@ impl Line {
         unwrap(&mut angles[2]);
         let mut sway = [vec![0.0; nodes], vec![0.0; nodes], vec![0.0; nodes]];
         for (sigma_deg, column) in gusts_deg.into_iter().zip(&mut sway) {
-            Sway::new(sigma_deg, random).add(column, start_s, NODE_S);
+            AttitudeSway::new(sigma_deg, random).add(column, start_s, NODE_S);
         }
         let mut gusts = turbulence.map(|turbulence| {
             let place = (self.alt_m, self.plan.airspeed_mps());
-            InGusts::new(&turbulence, &self.plan.air.dynamics, place, NODE_S, random)
+            GustSimulator::new(&turbulence, &self.plan.air.dynamics, place, NODE_S, random)
         });
         for (k, steady) in steady.iter().enumerate() {
             let manoeuvre_deg = self.plan.manoeuvre_deg(start_s + k as f64 * NODE_S);
@@ -170,12 +181,12 @@ impl Line {
                 angles.iter_mut().zip(moved.turned_rad).for_each(|(angles, turned)| angles[k] += turned);
             }
         }
-        Curves { position, angles: angles.map(|nodes| Curve { nodes }) }
+        TrajectoryCurves { position, angles: angles.map(|nodes| QuinticSpline { nodes }) }
     }
 }
 
 /// Moves a node of a position ahead, to the right and down.
-fn displace(position: &mut [Curve; 3], k: usize, heading_rad: f64, [ahead, right, down]: [f64; 3]) {
+fn displace(position: &mut [QuinticSpline; 3], k: usize, heading_rad: f64, [ahead, right, down]: [f64; 3]) {
     let (lat, alt) = (position[0].nodes[k], position[2].nodes[k]);
     let (sin, cos) = heading_rad.sin_cos();
     position[0].nodes[k] += (ahead * cos - right * sin) / (meridian_radius_m(lat) + alt);
@@ -184,17 +195,17 @@ fn displace(position: &mut [Curve; 3], k: usize, heading_rad: f64, [ahead, right
 }
 
 /// The smooth curves of a line.
-struct Curves {
+struct TrajectoryCurves {
     /// Latitude and longitude (rad), height (m).
-    position: [Curve; 3],
+    position: [QuinticSpline; 3],
     /// Roll, pitch and yaw (rad).
-    angles: [Curve; 3],
+    angles: [QuinticSpline; 3],
 }
 
-impl Curves {
-    fn positions(plan: &Plan, nodes: usize) -> [Curve; 3] {
+impl TrajectoryCurves {
+    fn positions(plan: &TrajectoryPlan, nodes: usize) -> [QuinticSpline; 3] {
         let before = MARGIN + LEAD;
-        let mut out: [Curve; 3] = Default::default();
+        let mut out: [QuinticSpline; 3] = Default::default();
         let mut back = plan.runner();
         for _ in 0..before {
             back.step(-NODE_S);
@@ -211,10 +222,10 @@ impl Curves {
         out
     }
 
-    fn record(&self, t: f64, start_tt_s: f64, out: &mut Trajectory) {
+    fn record(&self, t: f64, start_tt_s: f64, out: &mut TrueTrajectory) {
         let place = t / NODE_S;
         let k = place.floor();
-        let at = |curve: &Curve| curve.at(k as usize + MARGIN, place - k, NODE_S);
+        let at = |curve: &QuinticSpline| curve.at(k as usize + MARGIN, place - k, NODE_S);
         let [lat, lon, alt] = self.position.each_ref().map(at);
         let (velocity, acceleration) = motion(lat, lon, alt);
         let force = specific_force_mps2(lat[0], alt[0], velocity, acceleration);
@@ -261,14 +272,14 @@ fn motion(lat: [f64; 3], lon: [f64; 3], alt: [f64; 3]) -> ([f64; 3], [f64; 3]) {
 
 /// The attitude of steady flight, and the heading through the air.
 #[derive(Clone, Copy, Debug, Default)]
-struct Steady {
+struct SteadyAttitude {
     attitude_rad: [f64; 3],
     heading_rad: f64,
 }
 
 /// The attitude at a node: no sideslip through the air, no force sideways, and the angle of attack of the
 /// load factor and the airspeed. The search begins at a nearby roll.
-fn steady(position: &[Curve; 3], k: usize, roll_rad: f64, plan: &Plan) -> Steady {
+fn steady(position: &[QuinticSpline; 3], k: usize, roll_rad: f64, plan: &TrajectoryPlan) -> SteadyAttitude {
     let [lat, lon, alt] = position.each_ref().map(|curve| {
         let (first, second) = slopes(&curve.nodes, k);
         [curve.nodes[k], first / NODE_S, second / (NODE_S * NODE_S)]
@@ -281,7 +292,13 @@ fn steady(position: &[Curve; 3], k: usize, roll_rad: f64, plan: &Plan) -> Steady
     coordinated(&through_air, &force, load, roll_rad, plan)
 }
 
-fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, roll_rad: f64, plan: &Plan) -> Steady {
+fn coordinated(
+    through_air: &Vector3<f64>,
+    force: &Vector3<f64>,
+    load: f64,
+    roll_rad: f64,
+    plan: &TrajectoryPlan,
+) -> SteadyAttitude {
     let speed = through_air.norm();
     let trim = &plan.air.dynamics;
     let slow = trim.cruise_mps.unwrap_or(plan.airspeed_mps()) / speed;
@@ -308,7 +325,7 @@ fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, roll
             break;
         }
     }
-    Steady { attitude_rad: [roll, pitch, heading_rad + slip], heading_rad }
+    SteadyAttitude { attitude_rad: [roll, pitch, heading_rad + slip], heading_rad }
 }
 
 /// Unwraps an angle, in radians.

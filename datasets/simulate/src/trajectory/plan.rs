@@ -5,12 +5,12 @@ use std::f64::consts::{PI, TAU};
 use numerics::earth::geodesy::transverse_radius_m;
 
 use super::{
-    air::Air,
+    air::FlightConditions,
     curve::smooth_step,
-    geodesic::Place,
-    kinds::{self, Path2d, Stretch, Way},
-    profile::{Profile, TooSteep},
-    route::{Impossible, Piece, Route},
+    geodesic::RoutePosition,
+    kinds::{self, GroundRoute, HorizontalPath, SurveyGridLine},
+    profile::{ExcessiveClimb, RouteHeightProfile},
+    route::{Route, RouteError, RouteSegment},
 };
 
 /// Straight flight between the manoeuvres of a box, in seconds.
@@ -26,7 +26,7 @@ const STRONGEST: f64 = 0.8;
 
 /// The heights of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Heights {
+pub struct LineHeights {
     /// `alts_m`: height at each waypoint, in metres above the ellipsoid; default `alt_m`.
     pub alts_m: Option<Vec<f64>>,
     /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough. Otherwise they
@@ -34,20 +34,20 @@ pub struct Heights {
     pub drape: bool,
 }
 
-/// The inputs of a plan.
+/// Inputs of a trajectory plan.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Request<'a> {
-    pub(super) path: &'a Path2d,
+pub(super) struct TrajectoryRequest<'a> {
+    pub(super) path: &'a HorizontalPath,
     pub(super) alt_m: f64,
-    pub(super) heights: &'a Heights,
+    pub(super) heights: &'a LineHeights,
     pub(super) airspeed_mps: f64,
     pub(super) radius_m: Option<f64>,
-    pub(super) air: &'a Air,
+    pub(super) air: &'a FlightConditions,
 }
 
-/// A swing of one angle.
+/// Periodic manoeuvre of one attitude angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Manoeuvre {
+struct AttitudeManoeuvre {
     axis: usize,
     start_s: f64,
     length_s: f64,
@@ -55,7 +55,7 @@ struct Manoeuvre {
     amplitude_deg: f64,
 }
 
-impl Manoeuvre {
+impl AttitudeManoeuvre {
     /// The angle, in degrees, at a time after its start. Within a quarter of a period it reaches its amplitude, and its
     /// rate is continuous.
     fn at(&self, since_s: f64) -> f64 {
@@ -66,51 +66,51 @@ impl Manoeuvre {
 
 /// The plan of a line.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Plan {
-    pub(super) start: Place,
-    pieces: Vec<Piece>,
-    profile: Profile,
+pub(super) struct TrajectoryPlan {
+    pub(super) start: RoutePosition,
+    pieces: Vec<RouteSegment>,
+    profile: RouteHeightProfile,
     airspeed_mps: f64,
-    pub(super) air: Air,
+    pub(super) air: FlightConditions,
     /// The wind if it is the same at all heights: north and east, in m/s.
     same_wind_mps: Option<(f64, f64)>,
     pub(super) duration_s: f64,
-    manoeuvres: Vec<Manoeuvre>,
+    manoeuvres: Vec<AttitudeManoeuvre>,
     /// Starts of the lines of a grid, in seconds.
     pub(super) marks_s: Vec<f64>,
 }
 
-impl Plan {
+impl TrajectoryPlan {
     /// Plans a line.
     ///
     /// # Errors
     /// Fails for a line beyond the performance of the aircraft.
-    pub(super) fn new(request: &Request) -> Result<Plan, Impossible> {
+    pub(super) fn new(request: &TrajectoryRequest) -> Result<TrajectoryPlan, RouteError> {
         let fastest_mps = fastest_mps(request)?;
         let way = way(request, fastest_mps)?;
         if way.route.highest_lat_rad.to_degrees() >= HIGHEST_DEG {
             let what = "the line comes within a degree of a pole, where courses are undefined".to_owned();
-            return Err(Impossible::new("kind", what + ": move the waypoints away from the pole"));
+            return Err(RouteError::new("kind", what + ": move the waypoints away from the pole"));
         }
         let profile = profile(request, &way, fastest_mps)?;
-        let mut plan = Plan {
+        let mut plan = TrajectoryPlan {
             start: way.route.start,
             pieces: way.route.pieces,
             profile,
             airspeed_mps: request.airspeed_mps,
             air: *request.air,
             same_wind_mps: request.air.wind.same_mps(),
-            ..Plan::default()
+            ..TrajectoryPlan::default()
         };
         plan.duration_s = match request.path {
-            Path2d::Survey { duration_s, .. } => *duration_s,
+            HorizontalPath::Survey { duration_s, .. } => *duration_s,
             _ => plan.clock(&way.marks_m, &mut vec![]),
         };
         let mut marks_s = vec![];
-        if matches!(request.path, Path2d::Box { .. } | Path2d::Grid(_)) {
+        if matches!(request.path, HorizontalPath::Box { .. } | HorizontalPath::Grid(_)) {
             plan.clock(&way.marks_m, &mut marks_s);
         }
-        if let Path2d::Box { amplitude_deg, period_s, cycles, .. } = request.path {
+        if let HorizontalPath::Box { amplitude_deg, period_s, cycles, .. } = request.path {
             plan.manoeuvres = manoeuvres(&marks_s, *amplitude_deg, *period_s, *cycles);
         }
         plan.marks_s = marks_s;
@@ -136,7 +136,7 @@ impl Plan {
     }
 
     /// Speed along the surface (m/s) at a distance along the route, and the height there (m).
-    fn pace(&self, s: f64, place: &Place) -> (f64, f64) {
+    fn pace(&self, s: f64, place: &RoutePosition) -> (f64, f64) {
         let (alt_m, slope) = self.profile.at(s);
         let radius_m = transverse_radius_m(place.lat_rad);
         (self.ground_mps(place.course_rad, alt_m, slope) * radius_m / (radius_m + alt_m), alt_m)
@@ -158,7 +158,7 @@ impl Plan {
                 let bend = |from: f64| move |x: f64| piece.curvature_per_m(from + x);
                 let middle = place.along(0.5 * h, h, bend(s));
                 let end = middle.along(0.5 * h, h, bend(s + 0.5 * h));
-                let slow = |x: f64, p: &Place| 1.0 / self.pace(piece.from_m + x, p).0;
+                let slow = |x: f64, p: &RoutePosition| 1.0 / self.pace(piece.from_m + x, p).0;
                 t += h / 6.0 * (slow(s, &place) + 4.0 * slow(s + 0.5 * h, &middle) + slow(s + h, &end));
                 place = end;
             }
@@ -178,8 +178,8 @@ impl Plan {
     }
 
     /// The route in time.
-    pub(super) fn runner(&self) -> Runner<'_> {
-        Runner { plan: self, place: self.start, s: 0.0, piece: 0 }
+    pub(super) fn runner(&self) -> RouteFollower<'_> {
+        RouteFollower { plan: self, place: self.start, s: 0.0, piece: 0 }
     }
 
     pub(super) fn airspeed_mps(&self) -> f64 {
@@ -187,23 +187,23 @@ impl Plan {
     }
 }
 
-/// The state of an aircraft on its route.
+/// State of an aircraft on its route, advanced in time.
 #[derive(Clone, Debug)]
-pub(super) struct Runner<'a> {
-    plan: &'a Plan,
-    place: Place,
+pub(super) struct RouteFollower<'a> {
+    plan: &'a TrajectoryPlan,
+    place: RoutePosition,
     s: f64,
     piece: usize,
 }
 
-impl Runner<'_> {
+impl RouteFollower<'_> {
     /// Latitude, longitude (rad) and height (m).
     pub(super) fn position(&self) -> [f64; 3] {
         [self.place.lat_rad, self.place.lon_rad, self.plan.profile.at(self.s).0]
     }
 
     fn rate(&self, [lat_rad, lon_rad, course_rad, s]: [f64; 4]) -> [f64; 4] {
-        let place = Place { lat_rad, lon_rad, course_rad };
+        let place = RoutePosition { lat_rad, lon_rad, course_rad };
         let (mps, _) = self.plan.pace(s, &place);
         let pieces = self.plan.pieces.get(self.piece..).unwrap_or(&[]);
         let here = pieces.iter().find(|p| s < p.from_m + p.length_m).or(pieces.last());
@@ -222,8 +222,8 @@ impl Runner<'_> {
         let k4 = self.rate(moved(&k3, h));
         let [lat_rad, lon_rad, course_rad, s] =
             std::array::from_fn(|i| x[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
-        (self.place, self.s) = (Place { lat_rad, lon_rad, course_rad }, s);
-        let over = |p: &Piece| s >= p.from_m + p.length_m;
+        (self.place, self.s) = (RoutePosition { lat_rad, lon_rad, course_rad }, s);
+        let over = |p: &RouteSegment| s >= p.from_m + p.length_m;
         while self.piece + 1 < self.plan.pieces.len() && self.plan.pieces.get(self.piece).is_some_and(over) {
             self.piece += 1;
         }
@@ -231,9 +231,9 @@ impl Runner<'_> {
 }
 
 /// The largest speed of a line over ground.
-fn fastest_mps(request: &Request) -> Result<f64, Impossible> {
+fn fastest_mps(request: &TrajectoryRequest) -> Result<f64, RouteError> {
     let alts = request.heights.alts_m.as_deref().unwrap_or(&[]);
-    let top = if let Path2d::Looping { top_m, .. } = request.path { *top_m } else { request.alt_m };
+    let top = if let HorizontalPath::Looping { top_m, .. } = request.path { *top_m } else { request.alt_m };
     let winds = alts.iter().copied().chain([request.alt_m, top]).map(|alt_m| {
         let (north, east) = request.air.wind.at(alt_m);
         north.hypot(east)
@@ -241,106 +241,108 @@ fn fastest_mps(request: &Request) -> Result<f64, Impossible> {
     let (strongest, v) = (winds.fold(0.0, f64::max), request.airspeed_mps);
     if strongest > STRONGEST * v {
         let what = format!("a wind of {strongest:.1} m/s is too strong for an airspeed of {v} m/s");
-        return Err(Impossible::new("speed_mps", what));
+        return Err(RouteError::new("speed_mps", what));
     }
     Ok(v + strongest)
 }
 
-fn way(request: &Request, fastest_mps: f64) -> Result<Way, Impossible> {
+fn way(request: &TrajectoryRequest, fastest_mps: f64) -> Result<GroundRoute, RouteError> {
     let air = request.air;
-    let route = |start: Place| Route::new(start, air, fastest_mps, request.radius_m);
-    let headed = |place: (f64, f64), heading_deg: f64| route(Place::new(place, heading_deg.to_radians()));
+    let route = |start: RoutePosition| Route::new(start, air, fastest_mps, request.radius_m);
+    let headed = |place: (f64, f64), heading_deg: f64| route(RoutePosition::new(place, heading_deg.to_radians()));
     match request.path {
-        Path2d::Survey { waypoints, duration_s, weave_deg_s } => {
+        HorizontalPath::Survey { waypoints, duration_s, weave_deg_s } => {
             let swing = (weave_deg_s.0.to_radians(), weave_deg_s.1 * request.airspeed_mps);
             kinds::waypoints(towards(waypoints, &route)?, waypoints, Some(fastest_mps * duration_s), swing)
         }
-        Path2d::Free { waypoints } => kinds::waypoints(towards(waypoints, &route)?, waypoints, None, (0.0, 1.0)),
-        Path2d::Box { start, heading_deg, amplitude_deg, period_s, cycles, legs } => {
+        HorizontalPath::Free { waypoints } => {
+            kinds::waypoints(towards(waypoints, &route)?, waypoints, None, (0.0, 1.0))
+        }
+        HorizontalPath::Box { start, heading_deg, amplitude_deg, period_s, cycles, legs } => {
             let angles = amplitude_deg.iter().filter(|a| **a > 0.0).count() as f64;
             let leg_s = SETTLE_S + angles * (period_s * f64::from(*cycles) + SETTLE_S);
             Ok(kinds::square(headed(*start, *heading_deg)?, leg_s * fastest_mps, *legs))
         }
-        Path2d::Grid(grid) => {
+        HorizontalPath::Grid(grid) => {
             let lines = grid.stretches();
-            let start = lines.first().map_or_else(Place::default, |l| l.start);
+            let start = lines.first().map_or_else(RoutePosition::default, |l| l.start);
             kinds::grid(route(start)?, &lines)
         }
-        Path2d::Traverse { start, heading_deg, length_m } => {
-            let start = Place::new(*start, heading_deg.to_radians());
-            kinds::grid(route(start)?, &[Stretch { tie: false, start, length_m: *length_m }])
+        HorizontalPath::Traverse { start, heading_deg, length_m } => {
+            let start = RoutePosition::new(*start, heading_deg.to_radians());
+            kinds::grid(route(start)?, &[SurveyGridLine { tie: false, start, length_m: *length_m }])
         }
-        Path2d::Circle { orbit, turns } => Ok(kinds::circles(round(orbit, &route)?, *turns, orbit.right)),
-        Path2d::Looping { orbit, turns, rounds, .. } => {
+        HorizontalPath::Circle { orbit, turns } => Ok(kinds::circles(round(orbit, &route)?, *turns, orbit.right)),
+        HorizontalPath::Looping { orbit, turns, rounds, .. } => {
             Ok(kinds::circles(round(orbit, &route)?, 2.0 * turns * f64::from(*rounds), orbit.right))
         }
-        Path2d::Loiter { start, heading_deg, leg_m, rounds, right } => {
+        HorizontalPath::Loiter { start, heading_deg, leg_m, rounds, right } => {
             Ok(kinds::racetrack(headed(*start, *heading_deg)?, *leg_m, *rounds, *right))
         }
-        Path2d::FigureEight { center, heading_deg, rounds } => {
+        HorizontalPath::FigureEight { center, heading_deg, rounds } => {
             let loops: Vec<bool> = (0..2 * *rounds).map(|i| i % 2 == 0).collect();
             Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops, false))
         }
-        Path2d::Cloverleaf { center, heading_deg, crossings, right } => {
+        HorizontalPath::Cloverleaf { center, heading_deg, crossings, right } => {
             let loops = vec![*right; crossings.saturating_sub(1) as usize];
             Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops, true))
         }
     }
 }
 
-type Begin<'a> = dyn Fn(Place) -> Result<Route, Impossible> + 'a;
+type RouteFactory<'a> = dyn Fn(RoutePosition) -> Result<Route, RouteError> + 'a;
 
 /// A route from the first waypoint to the second.
-fn towards(waypoints: &[(f64, f64)], route: &Begin) -> Result<Route, Impossible> {
+fn towards(waypoints: &[(f64, f64)], route: &RouteFactory) -> Result<Route, RouteError> {
     let &[from, to, ..] = waypoints else {
-        return Err(Impossible::new("waypoints", "a line needs at least two waypoints".to_owned()));
+        return Err(RouteError::new("waypoints", "a line needs at least two waypoints".to_owned()));
     };
     let leaves = super::geodesic::Geodesic::between(from, to).map_or(0.0, |way| way.leaves_rad);
-    route(Place::new(from, leaves))
+    route(RoutePosition::new(from, leaves))
 }
 
 /// A route that begins on a circle.
-fn round(orbit: &kinds::Orbit, route: &Begin) -> Result<Route, Impossible> {
-    let centre = Place::new(orbit.center, orbit.from_deg.to_radians());
+fn round(orbit: &kinds::Orbit, route: &RouteFactory) -> Result<Route, RouteError> {
+    let centre = RoutePosition::new(orbit.center, orbit.from_deg.to_radians());
     let begun = route(centre)?;
     let edge = centre.along(begun.radius_m, begun.radius_m, |_| 0.0);
     let quarter = if orbit.right { 0.5 * PI } else { -0.5 * PI };
-    route(Place { course_rad: edge.course_rad + quarter, ..edge })
+    route(RoutePosition { course_rad: edge.course_rad + quarter, ..edge })
 }
 
 /// A route that begins at such a distance before a centre that the loops lead back over it.
-fn before(center: (f64, f64), heading_deg: f64, route: &Begin) -> Result<Route, Impossible> {
-    let centre = Place::new(center, heading_deg.to_radians());
+fn before(center: (f64, f64), heading_deg: f64, route: &RouteFactory) -> Result<Route, RouteError> {
+    let centre = RoutePosition::new(center, heading_deg.to_radians());
     let lead_m = kinds::lead_m(&route(centre)?);
     route(centre.along(-lead_m, lead_m, |_| 0.0))
 }
 
-fn profile(request: &Request, way: &Way, fastest_mps: f64) -> Result<Profile, Impossible> {
+fn profile(request: &TrajectoryRequest, way: &GroundRoute, fastest_mps: f64) -> Result<RouteHeightProfile, RouteError> {
     let steepest = request.air.dynamics.climb_mps / fastest_mps;
     let rounding_m = ROUNDING_S * request.airspeed_mps;
     let climbs = |knots: Vec<(f64, f64)>, key: &'static str| {
-        Profile::climbs(knots, steepest, rounding_m).map_err(|e| too_steep(&e, request, fastest_mps, key))
+        RouteHeightProfile::climbs(knots, steepest, rounding_m).map_err(|e| too_steep(&e, request, fastest_mps, key))
     };
     match (request.path, &request.heights.alts_m) {
-        (Path2d::Looping { top_m, rounds, .. }, _) => {
+        (HorizontalPath::Looping { top_m, rounds, .. }, _) => {
             let parts = 2 * rounds;
             let at = |i: u32| way.route.length_m * f64::from(i) / f64::from(parts);
             let alt = |i: u32| if i.is_multiple_of(2) { request.alt_m } else { *top_m };
             climbs((0..=parts).map(|i| (at(i), alt(i))).collect(), "top_m")
         }
-        (Path2d::Survey { .. } | Path2d::Free { .. }, Some(alts_m)) => {
+        (HorizontalPath::Survey { .. } | HorizontalPath::Free { .. }, Some(alts_m)) => {
             let alts = alts_m.iter().copied().cycle();
             let knots: Vec<_> = way.marks_m.iter().copied().zip(alts).collect();
             match request.heights.drape {
-                true => Ok(Profile::drape(&knots, steepest, rounding_m)),
+                true => Ok(RouteHeightProfile::drape(&knots, steepest, rounding_m)),
                 false => climbs(knots, "alts_m"),
             }
         }
-        _ => Ok(Profile::level(request.alt_m)),
+        _ => Ok(RouteHeightProfile::level(request.alt_m)),
     }
 }
 
-fn too_steep(e: &TooSteep, request: &Request, fastest_mps: f64, key: &'static str) -> Impossible {
+fn too_steep(e: &ExcessiveClimb, request: &TrajectoryRequest, fastest_mps: f64, key: &'static str) -> RouteError {
     let (climb, most) = (e.slope * fastest_mps, request.air.dynamics.climb_mps);
     let way_out = if key == "alts_m" {
         ": move the waypoints apart, raise `climb_mps`, or set `drape = true` to begin climbs early enough"
@@ -352,11 +354,11 @@ fn too_steep(e: &TooSteep, request: &Request, fastest_mps: f64, key: &'static st
          `dynamics`, {most}{way_out}",
         e.knot + 1
     );
-    Impossible::new(key, what)
+    RouteError::new(key, what)
 }
 
 /// A pitch, a roll and a yaw manoeuvre on each leg, in this order.
-fn manoeuvres(legs_s: &[f64], amplitude_deg: [f64; 3], period_s: f64, cycles: u32) -> Vec<Manoeuvre> {
+fn manoeuvres(legs_s: &[f64], amplitude_deg: [f64; 3], period_s: f64, cycles: u32) -> Vec<AttitudeManoeuvre> {
     const ORDER: [usize; 3] = [1, 0, 2];
     let length_s = period_s * f64::from(cycles);
     let mut out = vec![];
@@ -364,7 +366,7 @@ fn manoeuvres(legs_s: &[f64], amplitude_deg: [f64; 3], period_s: f64, cycles: u3
         let flown = ORDER.into_iter().filter(|axis| amplitude_deg[*axis] > 0.0);
         for (slot, axis) in flown.enumerate() {
             let start_s = leg_s + SETTLE_S + slot as f64 * (length_s + SETTLE_S);
-            out.push(Manoeuvre { axis, start_s, length_s, period_s, amplitude_deg: amplitude_deg[axis] });
+            out.push(AttitudeManoeuvre { axis, start_s, length_s, period_s, amplitude_deg: amplitude_deg[axis] });
         }
     }
     out

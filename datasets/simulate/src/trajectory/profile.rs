@@ -2,7 +2,7 @@
 
 /// Heights at distances along a route, joined by straight climbs whose corners are rounded off.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Profile {
+pub(super) struct RouteHeightProfile {
     /// Distance (m) and height (m), in order of distance.
     knots: Vec<(f64, f64)>,
     /// Half of the length over which a corner is rounded off, in metres.
@@ -11,14 +11,14 @@ pub(super) struct Profile {
 
 /// A climb steeper than the aircraft allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TooSteep {
+pub(super) struct ExcessiveClimb {
     /// Index of the knot at its start.
     pub(super) knot: usize,
     /// Its slope, height over distance.
     pub(super) slope: f64,
 }
 
-impl Profile {
+impl RouteHeightProfile {
     pub(super) fn level(alt_m: f64) -> Self {
         Self { knots: vec![(0.0, alt_m)], rounding_m: 1.0 }
     }
@@ -27,12 +27,12 @@ impl Profile {
     ///
     /// # Errors
     /// Fails for a climb steeper than `steepest`.
-    pub(super) fn climbs(mut knots: Vec<(f64, f64)>, steepest: f64, rounding_m: f64) -> Result<Self, TooSteep> {
+    pub(super) fn climbs(mut knots: Vec<(f64, f64)>, steepest: f64, rounding_m: f64) -> Result<Self, ExcessiveClimb> {
         knots.dedup_by(|b, a| b.0 <= a.0);
         for (knot, pair) in knots.windows(2).enumerate() {
             let slope = (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0);
             if slope.abs() > steepest {
-                return Err(TooSteep { knot, slope });
+                return Err(ExcessiveClimb { knot, slope });
             }
         }
         Ok(Self { knots, rounding_m })
@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn jac_the_slope_is_the_derivative_of_the_height() {
         let knots = vec![(0.0, 100.0), (1000.0, 150.0), (1400.0, 150.0), (4000.0, 50.0)];
-        let profile = Profile::climbs(knots, 0.1, 300.0).unwrap();
+        let profile = RouteHeightProfile::climbs(knots, 0.1, 300.0).unwrap();
         for i in 0..400 {
             let s = 10.0 * f64::from(i) + 0.3;
             let differenced = (profile.at(s + 1e-3).0 - profile.at(s - 1e-3).0) / 2e-3;
@@ -117,16 +117,16 @@ mod tests {
             assert!(step.abs() < 1e-9, "no step at {corner}: {step}");
         }
         assert!((profile.at(500.0).0 - 125.0).abs() < 1e-9 && (profile.at(3000.0).1 + 100.0 / 2600.0).abs() < 1e-12);
-        let steep = Profile::climbs(vec![(0.0, 0.0), (10.0, 0.0), (20.0, 2.0)], 0.1, 5.0);
-        assert_eq!(steep, Err(TooSteep { knot: 1, slope: 0.2 }));
+        let steep = RouteHeightProfile::climbs(vec![(0.0, 0.0), (10.0, 0.0), (20.0, 2.0)], 0.1, 5.0);
+        assert_eq!(steep, Err(ExcessiveClimb { knot: 1, slope: 0.2 }));
     }
 
     #[test]
     fn law_a_drape_stays_above_its_surface_and_within_its_slope() {
         let surface = [(0.0, 100.0), (5000.0, 100.0), (5500.0, 300.0), (6000.0, 120.0), (12_000.0, 150.0)];
         let (steepest, rounding) = (0.05, 300.0);
-        let drape = Profile::drape(&surface, steepest, rounding);
-        let given = Profile { knots: surface.to_vec(), rounding_m: rounding };
+        let drape = RouteHeightProfile::drape(&surface, steepest, rounding);
+        let given = RouteHeightProfile { knots: surface.to_vec(), rounding_m: rounding };
         for i in 0..1200 {
             let s = 10.0 * f64::from(i);
             let (alt, slope) = drape.at(s);

@@ -5,9 +5,9 @@
 use std::f64::consts::{PI, TAU};
 
 use super::{
-    air::{Air, Dynamics},
+    air::{Dynamics, FlightConditions},
     curve::smooth_step,
-    geodesic::{Geodesic, Place},
+    geodesic::{Geodesic, RoutePosition},
 };
 
 /// Longest steps of the integration: along a geodesic and in a turn, in metres.
@@ -16,7 +16,7 @@ const TURN_PARTS: f64 = 64.0;
 
 /// The curvature of a segment of a route.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Bend {
+pub(super) enum RouteCurvature {
     /// Along a geodesic.
     Straight,
     /// With a steady curvature, in 1/m; right is positive.
@@ -29,23 +29,23 @@ pub(super) enum Bend {
 
 /// A segment of a route.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Piece {
+pub(super) struct RouteSegment {
     /// Distance from the start of the route.
     pub(super) from_m: f64,
     pub(super) length_m: f64,
-    pub(super) bend: Bend,
+    pub(super) bend: RouteCurvature,
 }
 
-impl Piece {
+impl RouteSegment {
     /// Curvature in 1/m at a distance from the start of the segment.
     pub(super) fn curvature_per_m(&self, s: f64) -> f64 {
         match self.bend {
-            Bend::Straight => 0.0,
-            Bend::Steady { curvature_per_m } => curvature_per_m,
-            Bend::Turn { curvature_per_m, ramp_m } => {
+            RouteCurvature::Straight => 0.0,
+            RouteCurvature::Steady { curvature_per_m } => curvature_per_m,
+            RouteCurvature::Turn { curvature_per_m, ramp_m } => {
                 curvature_per_m * smooth_step(s.min(self.length_m - s).max(0.0) / ramp_m)
             }
-            Bend::Swing { angle_rad, periods } => {
+            RouteCurvature::Swing { angle_rad, periods } => {
                 let u = (s / self.length_m).clamp(0.0, 1.0);
                 let edge = (2.0 * periods * u.min(1.0 - u)).min(1.0);
                 let rise = 30.0 * (edge * (1.0 - edge)).powi(2) * 2.0 * periods * if u < 0.5 { 1.0 } else { -1.0 };
@@ -57,10 +57,10 @@ impl Piece {
 
     pub(super) fn step_m(&self) -> f64 {
         match self.bend {
-            Bend::Straight => STRAIGHT_STEP_M,
-            Bend::Steady { curvature_per_m } => TAU / (TURN_PARTS * curvature_per_m.abs()),
-            Bend::Turn { .. } => self.length_m / TURN_PARTS,
-            Bend::Swing { periods, .. } => self.length_m / (TURN_PARTS * periods),
+            RouteCurvature::Straight => STRAIGHT_STEP_M,
+            RouteCurvature::Steady { curvature_per_m } => TAU / (TURN_PARTS * curvature_per_m.abs()),
+            RouteCurvature::Turn { .. } => self.length_m / TURN_PARTS,
+            RouteCurvature::Swing { periods, .. } => self.length_m / (TURN_PARTS * periods),
         }
     }
 }
@@ -70,10 +70,10 @@ fn swing(u: f64, periods: f64) -> f64 {
     smooth_step(2.0 * periods * u.min(1.0 - u)) * (TAU * periods * u).sin()
 }
 
-/// The shape of a turn.
+/// Shape of a turn, relative to its beginning.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Turn {
-    pub(super) bend: Bend,
+pub(super) struct TurnShape {
+    pub(super) bend: RouteCurvature,
     pub(super) length_m: f64,
     /// The straight distance from its beginning to its end.
     chord_m: f64,
@@ -82,7 +82,7 @@ pub(super) struct Turn {
     pub(super) right_m: f64,
 }
 
-impl Turn {
+impl TurnShape {
     /// A turn by an angle (rad; right is positive) with a radius and a ramp. A turn too short to roll fully
     /// into has a larger radius.
     pub(super) fn new(angle_rad: f64, radius_m: f64, ramp_m: f64) -> Self {
@@ -102,7 +102,7 @@ impl Turn {
         let rolled = 0.5 * curvature_per_m * ramp_m - half;
         let circle_m = if curvature_per_m == 0.0 { 0.0 } else { -rolled.sin() / curvature_per_m };
         let chord_m = 2.0 * (ramped_m + circle_m);
-        let bend = Bend::Turn { curvature_per_m, ramp_m };
+        let bend = RouteCurvature::Turn { curvature_per_m, ramp_m };
         Self { bend, length_m, chord_m, ahead_m: chord_m * half.cos(), right_m: chord_m * half.sin() }
     }
 
@@ -115,12 +115,12 @@ impl Turn {
 
 /// Reason that a route cannot be flown, and the key of the spec that causes it.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Impossible {
+pub(super) struct RouteError {
     pub(super) key: &'static str,
     pub(super) what: String,
 }
 
-impl Impossible {
+impl RouteError {
     pub(super) fn new(key: &'static str, what: String) -> Self {
         Self { key, what }
     }
@@ -129,10 +129,10 @@ impl Impossible {
 /// A route under construction.
 #[derive(Clone, Debug)]
 pub(super) struct Route {
-    pub(super) start: Place,
+    pub(super) start: RoutePosition,
     /// Its current end.
-    pub(super) end: Place,
-    pub(super) pieces: Vec<Piece>,
+    pub(super) end: RoutePosition,
+    pub(super) pieces: Vec<RouteSegment>,
     pub(super) length_m: f64,
     /// The furthest from the equator of the middle or the end of a segment.
     pub(super) highest_lat_rad: f64,
@@ -147,7 +147,12 @@ impl Route {
     ///
     /// # Errors
     /// Fails for a radius that needs too steep a bank.
-    pub(super) fn new(start: Place, air: &Air, fastest_mps: f64, radius_m: Option<f64>) -> Result<Self, Impossible> {
+    pub(super) fn new(
+        start: RoutePosition,
+        air: &FlightConditions,
+        fastest_mps: f64,
+        radius_m: Option<f64>,
+    ) -> Result<Self, RouteError> {
         let dynamics = &air.dynamics;
         let radius = radius_m.unwrap_or(dynamics.tightest_m(fastest_mps));
         let bank_deg = Dynamics::bank_rad(radius, fastest_mps).to_degrees();
@@ -157,15 +162,15 @@ impl Route {
                 "a turn of {radius} m at {fastest_mps:.1} m/s over ground needs a bank of {bank_deg:.0} degrees, more \
                  than `bank_deg` of `dynamics`, {most}: raise `radius_m` to at least {least} m"
             );
-            return Err(Impossible::new("radius_m", what));
+            return Err(RouteError::new("radius_m", what));
         }
         let ramp_m = dynamics.ramp_m(radius, fastest_mps);
         let highest_lat_rad = start.lat_rad.abs();
         Ok(Self { start, end: start, pieces: vec![], length_m: 0.0, highest_lat_rad, radius_m: radius, ramp_m })
     }
 
-    fn push(&mut self, length_m: f64, bend: Bend) {
-        let piece = Piece { from_m: self.length_m, length_m, bend };
+    fn push(&mut self, length_m: f64, bend: RouteCurvature) {
+        let piece = RouteSegment { from_m: self.length_m, length_m, bend };
         let middle = self.end.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(s));
         self.end = middle.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(0.5 * length_m + s));
         self.length_m += length_m;
@@ -179,19 +184,19 @@ impl Route {
 
     pub(super) fn straight(&mut self, length_m: f64) {
         if length_m > 0.0 {
-            self.push(length_m, Bend::Straight);
+            self.push(length_m, RouteCurvature::Straight);
         }
     }
 
     /// A circle's arc, with constant bank from its beginning.
     pub(super) fn arc(&mut self, angle_rad: f64) {
         let curvature_per_m = angle_rad.signum() / self.radius_m;
-        self.push(angle_rad.abs() * self.radius_m, Bend::Steady { curvature_per_m });
+        self.push(angle_rad.abs() * self.radius_m, RouteCurvature::Steady { curvature_per_m });
     }
 
     /// The shape of a turn by an angle.
-    pub(super) fn shape(&self, angle_rad: f64) -> Turn {
-        Turn::new(angle_rad, self.radius_m, self.ramp_m)
+    pub(super) fn shape(&self, angle_rad: f64) -> TurnShape {
+        TurnShape::new(angle_rad, self.radius_m, self.ramp_m)
     }
 
     pub(super) fn turn(&mut self, angle_rad: f64) {
@@ -210,15 +215,15 @@ impl Route {
         let parts = (64.0 * periods) as usize;
         let cosines = (0..parts).map(|i| (angle_rad * swing((i as f64 + 0.5) / parts as f64, periods)).cos());
         let mean = cosines.sum::<f64>() / parts as f64;
-        self.push(ahead_m / mean, Bend::Swing { angle_rad, periods });
+        self.push(ahead_m / mean, RouteCurvature::Swing { angle_rad, periods });
     }
 
     /// The shortest path to a position and course by a turn, a straight and a turn.
     ///
     /// # Errors
     /// Fails for a position that no such path reaches; no case is known.
-    pub(super) fn join(&mut self, to: &Place) -> Result<(), Impossible> {
-        let lost = || Impossible::new("spacing_m", "no turn connects a line to the next".to_owned());
+    pub(super) fn join(&mut self, to: &RoutePosition) -> Result<(), RouteError> {
+        let lost = || RouteError::new("spacing_m", "no turn connects a line to the next".to_owned());
         let way = Geodesic::between(self.end.degrees(), to.degrees()).ok_or_else(lost)?;
         let bearing = way.leaves_rad - self.end.course_rad;
         let target = (way.length_m * bearing.cos(), way.length_m * bearing.sin());
@@ -249,7 +254,7 @@ fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64,
             let (a, b) = (turned(theta, first_sign), turned(finally_rad - theta, second_sign));
             let shape = |angle: f64| if angle.abs() < 1e-9 { None } else { Some(route.shape(angle)) };
             let (one, two) = (shape(a), shape(b));
-            let moved = |t: &Option<Turn>| t.as_ref().map_or((0.0, 0.0), |t| (t.ahead_m, t.right_m));
+            let moved = |t: &Option<TurnShape>| t.as_ref().map_or((0.0, 0.0), |t| (t.ahead_m, t.right_m));
             let ((ahead1, right1), (ahead2, right2)) = (moved(&one), moved(&two));
             let (sin, cos) = theta.sin_cos();
             let (x, y) = (target.0 - ahead1, target.1 - right1);

@@ -1,31 +1,31 @@
 //! Keys of the flights and their lines in a synth spec.
 
-use schemas::{Chosen, Lists, Rule, choice, params};
+use schemas::{ChoiceRegistry, ChoiceSelection, Rule, choice, params};
 
 use crate::reading::{
-    Section, unique,
-    variant::{Variant, Varied, variant},
+    SynthSection, unique,
+    variant::{SynthVariant, SynthVariantValue, variant},
 };
 
 use super::{
-    air::Air,
-    kinds::{Grid, Orbit, Path2d},
-    plan::{Heights, Plan, Request},
-    route::Impossible,
+    air::FlightConditions,
+    kinds::{HorizontalPath, Orbit, SurveyLineGrid},
+    plan::{LineHeights, TrajectoryPlan, TrajectoryRequest},
+    route::RouteError,
 };
 
 /// A flight: a table of `flights`.
 #[derive(Clone, Debug)]
-pub struct Flight {
+pub struct SynthFlight {
     /// Its identifier.
     pub name: String,
     /// Its lines in the order of time, from the tables `flights.lines`. One table can give several lines.
-    pub lines: Vec<Line>,
+    pub lines: Vec<SynthLine>,
 }
 
 /// A line of a flight.
 #[derive(Clone, Debug)]
-pub struct Line {
+pub struct SynthLine {
     /// Its identifier.
     pub name: String,
     /// Start, in seconds past midnight UTC. If unset, 60 s after the end of the previous line; for the first line, the
@@ -38,18 +38,18 @@ pub struct Line {
     /// Radius of turns and circles, in metres. If unset, the smallest that `bank_deg` of `dynamics` allows.
     pub radius_m: Option<f64>,
     /// Its heights, if there are several.
-    pub heights: Heights,
+    pub heights: LineHeights,
     /// `kind` and its keys: the path of the line.
-    pub path: Path2d,
+    pub path: HorizontalPath,
     /// The plan of the flown line.
-    pub(super) plan: Plan,
+    pub(super) plan: TrajectoryPlan,
 }
 
 /// Reads the flights.
-pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
+pub(in super::super) fn flights(root: &SynthSection, air: &FlightConditions) -> Vec<SynthFlight> {
     let before = root.faults();
     let flights: Vec<_> = root.sections("flights").iter().flat_map(|s| copies_of(s, air)).collect();
-    let of_lines = |f: &Flight| f.lines.iter().map(|l| format!("{}/{}", f.name, l.name)).collect::<Vec<_>>();
+    let of_lines = |f: &SynthFlight| f.lines.iter().map(|l| format!("{}/{}", f.name, l.name)).collect::<Vec<_>>();
     unique(root, "flight", flights.iter().map(|c| c.name.clone()));
     unique(root, "line", flights.iter().flat_map(of_lines));
     if flights.iter().all(|f| f.lines.is_empty()) && root.faults() == before {
@@ -62,19 +62,19 @@ pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
 const PAUSE_S: f64 = 60.0;
 
 /// The copies of a flight.
-fn copies_of(s: &Section, air: &Air) -> Vec<Flight> {
+fn copies_of(s: &SynthSection, air: &FlightConditions) -> Vec<SynthFlight> {
     let Some(keys) = s.some_keys::<FlightKeys>() else { return vec![] };
     let name = keys.name.clone();
     let (copies, flight) = (keys.copies, flight(s, keys, air));
     match copies {
         None => vec![flight],
-        Some(copies) => (1..=copies).map(|k| Flight { name: format!("{name}-{k}"), ..flight.clone() }).collect(),
+        Some(copies) => (1..=copies).map(|k| SynthFlight { name: format!("{name}-{k}"), ..flight.clone() }).collect(),
     }
 }
 
-fn flight(s: &Section, keys: FlightKeys, air: &Air) -> Flight {
+fn flight(s: &SynthSection, keys: FlightKeys, air: &FlightConditions) -> SynthFlight {
     let mut next_s = keys.start_tt_s;
-    let mut lines: Vec<Line> = vec![];
+    let mut lines: Vec<SynthLine> = vec![];
     for one in s.sections("lines") {
         let found = self::lines(&one, next_s, air);
         if found.first().is_some_and(|line| line.start_tt_s < next_s - PAUSE_S) {
@@ -86,12 +86,12 @@ fn flight(s: &Section, keys: FlightKeys, air: &Air) -> Flight {
         lines.extend(found);
     }
     s.finish();
-    Flight { name: keys.name, lines }
+    SynthFlight { name: keys.name, lines }
 }
 
 /// The path of a line: its kind, with the keys of that kind.
 #[derive(Clone, Debug)]
-pub enum Way {
+pub enum LinePathKeys {
     /// See [`SURVEY`].
     Survey(SurveyKeys),
     /// See [`BOX`].
@@ -112,13 +112,13 @@ pub enum Way {
     Cloverleaf(CloverleafKeys),
 }
 
-impl Varied for Way {
+impl SynthVariantValue for LinePathKeys {
     const DEFAULT: &'static str = "survey";
 }
 
 choice! {
     /// A side.
-    pub enum Side {
+    pub enum PathSide {
         /// To the right, clockwise.
         Right = "right",
         /// To the left, anticlockwise.
@@ -146,12 +146,12 @@ params! {
     /// Azimuth of the start seen from the centre, clockwise from true north.
     from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
     /// Direction of the turns.
-    direction: Side, unit "", default Side::Right;
+    direction: PathSide, unit "", default PathSide::Right;
 }
 
 variant! {
     /// Flies from waypoint to waypoint, and repeats the route until `duration_s` has passed.
-    SURVEY: Way = "survey", |keys| Way::Survey(keys);
+    SURVEY: LinePathKeys = "survey", |keys| LinePathKeys::Survey(keys);
     struct SurveyKeys, groups [route: WaypointKeys];
     /// Duration of the line.
     duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
@@ -163,13 +163,13 @@ variant! {
 
 variant! {
     /// Flies the waypoints once.
-    FREE: Way = "free", |keys| Way::Free(keys);
+    FREE: LinePathKeys = "free", |keys| LinePathKeys::Free(keys);
     struct FreeKeys, groups [route: WaypointKeys];
 }
 
 variant! {
     /// Flies the sides of a square, each with a pitch, a roll and a yaw manoeuvre.
-    BOX: Way = "box", |keys| Way::Box(keys);
+    BOX: LinePathKeys = "box", |keys| LinePathKeys::Box(keys);
     struct BoxKeys;
     /// Start, [latitude, longitude].
     start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
@@ -192,7 +192,7 @@ variant! {
     /// Flies survey lines in alternating directions, then tie lines across them. With `split`, the survey lines are
     /// named `NAME.01`, `NAME.02`... and the tie lines `NAME.T01`... They keep their order and times; turns are
     /// omitted.
-    GRID: Way = "grid", |keys| Way::Grid(keys);
+    GRID: LinePathKeys = "grid", |keys| LinePathKeys::Grid(keys);
     struct GridKeys;
     /// Start of the first line, [latitude, longitude].
     origin: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
@@ -207,14 +207,14 @@ variant! {
     /// Distance between adjacent tie lines.
     tie_spacing_m: Option<f64>, unit "m", absent "no tie lines", rule Rule::Between(1.0, 1e6);
     /// Side of the first line on which the others lie.
-    side: Side, unit "", default Side::Right;
+    side: PathSide, unit "", default PathSide::Right;
     /// Splits the grid into separate lines. If false, the grid with its turns is one line.
     split: bool, unit "", default true;
 }
 
 variant! {
     /// Circles a position.
-    CIRCLE: Way = "circle", |keys| Way::Circle(keys);
+    CIRCLE: LinePathKeys = "circle", |keys| LinePathKeys::Circle(keys);
     struct CircleKeys, groups [orbit: OrbitKeys];
     /// Number of turns.
     turns: f64, unit "1", default 1.0, rule Rule::Between(0.01, 1000.0);
@@ -222,7 +222,7 @@ variant! {
 
 variant! {
     /// Circles a position while climbing, then while descending.
-    LOOPING: Way = "looping", |keys| Way::Looping(keys);
+    LOOPING: LinePathKeys = "looping", |keys| LinePathKeys::Looping(keys);
     struct LoopingKeys, groups [orbit: OrbitKeys];
     /// Number of turns during the climb, and again during the descent.
     turns: f64, unit "1", default 1.0, rule Rule::Between(0.1, 100.0);
@@ -234,7 +234,7 @@ variant! {
 
 variant! {
     /// Flies a racetrack of two straights and two half circles.
-    LOITER: Way = "loiter", |keys| Way::Loiter(keys);
+    LOITER: LinePathKeys = "loiter", |keys| LinePathKeys::Loiter(keys);
     struct LoiterKeys;
     /// Start of the first straight, [latitude, longitude].
     start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
@@ -245,12 +245,12 @@ variant! {
     /// Number of rounds.
     rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 1000.0);
     /// Direction of the turns.
-    direction: Side, unit "", default Side::Right;
+    direction: PathSide, unit "", default PathSide::Right;
 }
 
 variant! {
     /// Flies two loops that cross at a right angle, one to the right and one to the left.
-    FIGURE_EIGHT: Way = "figure_eight", |keys| Way::FigureEight(keys);
+    FIGURE_EIGHT: LinePathKeys = "figure_eight", |keys| LinePathKeys::FigureEight(keys);
     struct FigureEightKeys;
     /// Position of the crossing, [latitude, longitude].
     center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
@@ -262,7 +262,7 @@ variant! {
 
 variant! {
     /// Crosses one position on four courses, a right angle apart.
-    CLOVERLEAF: Way = "cloverleaf", |keys| Way::Cloverleaf(keys);
+    CLOVERLEAF: LinePathKeys = "cloverleaf", |keys| LinePathKeys::Cloverleaf(keys);
     struct CloverleafKeys;
     /// Position of the crossings, [latitude, longitude].
     center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
@@ -271,13 +271,13 @@ variant! {
     /// Number of crossings.
     crossings: usize, unit "", default 4usize, rule Rule::Between(1.0, 1000.0);
     /// Direction of the turns.
-    direction: Side, unit "", default Side::Right;
+    direction: PathSide, unit "", default PathSide::Right;
 }
 
 /// The kinds of lines.
-pub(in super::super) fn kinds() -> Lists {
+pub(in super::super) fn kinds() -> ChoiceRegistry {
     let all = vec![&SURVEY, &BOX, &FREE, &GRID, &CIRCLE, &LOOPING, &LOITER, &FIGURE_EIGHT, &CLOVERLEAF];
-    Lists::default().with(all)
+    ChoiceRegistry::default().with(all)
 }
 
 params! {
@@ -286,7 +286,7 @@ params! {
     /// Identifier of the line.
     name: String, unit "";
     /// Kind of the path.
-    kind: Chosen<Variant<Way>>, unit "";
+    kind: ChoiceSelection<SynthVariant<LinePathKeys>>, unit "";
     /// Start of the line, in s past midnight UTC. The first line defaults to the flight's `start_tt_s`.
     start_tt_s: Option<f64>, unit "s", absent "60 s after the end of the previous line", rule Rule::NotNegative;
     /// Height above the WGS-84 ellipsoid.
@@ -310,64 +310,64 @@ params! {
 }
 
 /// The lines of one table.
-fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {
+fn lines(s: &SynthSection, next_s: f64, air: &FlightConditions) -> Vec<SynthLine> {
     let faults = s.faults();
     let Some(keys) = s.group_of::<LineKeys>(None, &kinds()) else { return vec![] };
     s.refuse_foreign(&keys.kind);
-    let common = Line {
+    let common = SynthLine {
         name: keys.name,
         start_tt_s: keys.start_tt_s.unwrap_or(next_s),
         alt_m: keys.alt_m,
         speed_mps: keys.speed_mps,
         // Survey lines and free flights have a radius too.
         radius_m: keys.radius_m,
-        heights: Heights::default(),
-        path: Path2d::Free { waypoints: vec![] },
-        plan: Plan::default(),
+        heights: LineHeights::default(),
+        path: HorizontalPath::Free { waypoints: vec![] },
+        plan: TrajectoryPlan::default(),
     };
-    let one = |path: Path2d| vec![Line { path, ..common.clone() }];
+    let one = |path: HorizontalPath| vec![SynthLine { path, ..common.clone() }];
     let orbit = |keys: &OrbitKeys| Orbit {
         center: position(s, "center", keys.center),
         from_deg: keys.from_deg,
-        right: keys.direction == Side::Right,
+        right: keys.direction == PathSide::Right,
     };
     let found = match &*keys.kind.keys {
-        Way::Survey(keys) => {
+        LinePathKeys::Survey(keys) => {
             let (waypoints, heights) = waypoints(s, &keys.route);
             let weave_deg_s = (keys.weave_deg, keys.weave_period_s);
-            let path = Path2d::Survey { waypoints, duration_s: keys.duration_s, weave_deg_s };
-            vec![Line { path, heights, ..common.clone() }]
+            let path = HorizontalPath::Survey { waypoints, duration_s: keys.duration_s, weave_deg_s };
+            vec![SynthLine { path, heights, ..common.clone() }]
         }
-        Way::Free(keys) => {
+        LinePathKeys::Free(keys) => {
             let (waypoints, heights) = waypoints(s, &keys.route);
-            vec![Line { path: Path2d::Free { waypoints }, heights, ..common.clone() }]
+            vec![SynthLine { path: HorizontalPath::Free { waypoints }, heights, ..common.clone() }]
         }
-        Way::Box(keys) => boxes(s, keys, &common),
-        Way::Grid(keys) => return grid(s, keys, &common, air, faults),
-        Way::Circle(keys) => one(Path2d::Circle { orbit: orbit(&keys.orbit), turns: keys.turns }),
-        Way::Looping(keys) => one(Path2d::Looping {
+        LinePathKeys::Box(keys) => boxes(s, keys, &common),
+        LinePathKeys::Grid(keys) => return grid(s, keys, &common, air, faults),
+        LinePathKeys::Circle(keys) => one(HorizontalPath::Circle { orbit: orbit(&keys.orbit), turns: keys.turns }),
+        LinePathKeys::Looping(keys) => one(HorizontalPath::Looping {
             orbit: orbit(&keys.orbit),
             turns: keys.turns,
             rounds: keys.rounds as u32,
             top_m: keys.top_m,
         }),
-        Way::Loiter(keys) => one(Path2d::Loiter {
+        LinePathKeys::Loiter(keys) => one(HorizontalPath::Loiter {
             start: position(s, "start", keys.start),
             heading_deg: keys.heading_deg,
             leg_m: keys.leg_m,
             rounds: keys.rounds as u32,
-            right: keys.direction == Side::Right,
+            right: keys.direction == PathSide::Right,
         }),
-        Way::FigureEight(keys) => one(Path2d::FigureEight {
+        LinePathKeys::FigureEight(keys) => one(HorizontalPath::FigureEight {
             center: position(s, "center", keys.center),
             heading_deg: keys.heading_deg,
             rounds: keys.rounds as u32,
         }),
-        Way::Cloverleaf(keys) => one(Path2d::Cloverleaf {
+        LinePathKeys::Cloverleaf(keys) => one(HorizontalPath::Cloverleaf {
             center: position(s, "center", keys.center),
             heading_deg: keys.heading_deg,
             crossings: keys.crossings as u32,
-            right: keys.direction == Side::Right,
+            right: keys.direction == PathSide::Right,
         }),
     };
     // A line with invalid values is not flown and is reported once.
@@ -375,7 +375,7 @@ fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {
 }
 
 /// Plans lines that follow each other.
-fn planned(s: &Section, mut lines: Vec<Line>, air: &Air) -> Vec<Line> {
+fn planned(s: &SynthSection, mut lines: Vec<SynthLine>, air: &FlightConditions) -> Vec<SynthLine> {
     let mut next_s = lines.first().map_or(0.0, |line| line.start_tt_s);
     for line in &mut lines {
         line.start_tt_s = next_s;
@@ -388,9 +388,9 @@ fn planned(s: &Section, mut lines: Vec<Line>, air: &Air) -> Vec<Line> {
     lines
 }
 
-impl Line {
-    fn planned(&self, air: &Air) -> Result<Plan, Impossible> {
-        Plan::new(&Request {
+impl SynthLine {
+    fn planned(&self, air: &FlightConditions) -> Result<TrajectoryPlan, RouteError> {
+        TrajectoryPlan::new(&TrajectoryRequest {
             path: &self.path,
             alt_m: self.alt_m,
             heights: &self.heights,
@@ -401,7 +401,7 @@ impl Line {
     }
 }
 
-fn waypoints(s: &Section, keys: &WaypointKeys) -> (Vec<(f64, f64)>, Heights) {
+fn waypoints(s: &SynthSection, keys: &WaypointKeys) -> (Vec<(f64, f64)>, LineHeights) {
     let WaypointKeys { waypoints: given, alts_m, drape } = keys;
     if given.len() < 2 || given.iter().any(|[lat, _]| lat.abs() >= 89.0) {
         let what = "`waypoints` of `lines` must be a list of two or more [latitude, longitude] in degrees";
@@ -413,7 +413,7 @@ fn waypoints(s: &Section, keys: &WaypointKeys) -> (Vec<(f64, f64)>, Heights) {
     if *drape && alts_m.is_none() {
         s.fault_at("drape", "`drape` needs `alts_m`, the heights of the surface at the waypoints".to_owned());
     }
-    (given.iter().map(|[lat, lon]| (*lat, *lon)).collect(), Heights { alts_m: alts_m.clone(), drape: *drape })
+    (given.iter().map(|[lat, lon]| (*lat, *lon)).collect(), LineHeights { alts_m: alts_m.clone(), drape: *drape })
 }
 
 /// Table 5.7 of Gnadt 2022: amplitudes of roll, pitch and yaw, in degrees, and periods per manoeuvre of sets 1 to 18.
@@ -425,12 +425,13 @@ fn set(number: usize) -> ([f64; 3], u32) {
 }
 
 /// `kind = "box"`. `sets = [first, last]` selects sets of Gnadt 2022, table 5.7, one line each.
-fn boxes(s: &Section, keys: &BoxKeys, common: &Line) -> Vec<Line> {
+fn boxes(s: &SynthSection, keys: &BoxKeys, common: &SynthLine) -> Vec<SynthLine> {
     let start = position(s, "start", keys.start);
     let (heading_deg, period_s, legs) = (keys.heading_deg, keys.period_s, keys.legs as u32);
-    let path = |amplitude_deg, cycles| Path2d::Box { start, heading_deg, amplitude_deg, period_s, cycles, legs };
+    let path =
+        |amplitude_deg, cycles| HorizontalPath::Box { start, heading_deg, amplitude_deg, period_s, cycles, legs };
     let Some([first, last]) = keys.sets else {
-        return vec![Line { path: path(keys.amplitude_deg, keys.cycles as u32), ..common.clone() }];
+        return vec![SynthLine { path: path(keys.amplitude_deg, keys.cycles as u32), ..common.clone() }];
     };
     if first > last {
         s.fault_at("sets", "`sets` must be two whole numbers in order, such as [1, 18]".to_owned());
@@ -439,23 +440,29 @@ fn boxes(s: &Section, keys: &BoxKeys, common: &Line) -> Vec<Line> {
     let one = |number: usize| {
         let (amplitude_deg, cycles) = set(number);
         let name = if several { format!("{}.{number:02}", common.name) } else { common.name.clone() };
-        Line { name, path: path(amplitude_deg, cycles), ..common.clone() }
+        SynthLine { name, path: path(amplitude_deg, cycles), ..common.clone() }
     };
     (first..=last).map(one).collect()
 }
 
 /// `kind = "grid"`; `faults` is the number of faults before the table.
-fn grid(s: &Section, keys: &GridKeys, common: &Line, air: &Air, faults: usize) -> Vec<Line> {
-    let grid = Grid {
+fn grid(
+    s: &SynthSection,
+    keys: &GridKeys,
+    common: &SynthLine,
+    air: &FlightConditions,
+    faults: usize,
+) -> Vec<SynthLine> {
+    let grid = SurveyLineGrid {
         origin: position(s, "origin", keys.origin),
         heading_deg: keys.heading_deg,
         line_m: keys.line_m,
         spacing_m: keys.spacing_m,
         count: keys.count as u32,
         tie_spacing_m: keys.tie_spacing_m,
-        right: keys.side == Side::Right,
+        right: keys.side == PathSide::Right,
     };
-    let whole = Line { path: Path2d::Grid(grid), ..common.clone() };
+    let whole = SynthLine { path: HorizontalPath::Grid(grid), ..common.clone() };
     if s.faults() > faults {
         return vec![whole];
     }
@@ -467,15 +474,15 @@ fn grid(s: &Section, keys: &GridKeys, common: &Line, air: &Air, faults: usize) -
         *number += 1;
         let name = format!("{}.{}{number:02}", common.name, if stretch.tie { "T" } else { "" });
         let (start, heading_deg) = (stretch.start.degrees(), stretch.start.course_rad.to_degrees());
-        let path = Path2d::Traverse { start, heading_deg, length_m: stretch.length_m };
-        let line = Line { name, path, start_tt_s: common.start_tt_s + start_s, ..common.clone() };
+        let path = HorizontalPath::Traverse { start, heading_deg, length_m: stretch.length_m };
+        let line = SynthLine { name, path, start_tt_s: common.start_tt_s + start_s, ..common.clone() };
         lines.extend(planned(s, vec![line], air));
     }
     lines
 }
 
 /// A position in degrees, which must not be at a pole.
-fn position(s: &Section, key: &'static str, [lat, lon]: [f64; 2]) -> (f64, f64) {
+fn position(s: &SynthSection, key: &'static str, [lat, lon]: [f64; 2]) -> (f64, f64) {
     if lat.abs() >= 89.0 {
         s.fault_at(
             key,

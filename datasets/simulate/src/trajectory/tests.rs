@@ -4,16 +4,16 @@ use std::{f64::consts::TAU, fs};
 
 use datasets::samples;
 use numerics::navigation::strapdown::slopes;
-use numerics::signal::spectrum::{Window, welch};
+use numerics::signal::spectrum::{SpectralTaper, welch};
 
 use super::{
-    super::{Simulation, random::Random},
-    gusts::Dryden,
+    super::{Simulation, random::RandomStream},
+    gusts::DrydenGusts,
     *,
 };
 
 /// The lines of a spec with one flight: `tables` before it, `lines` its lines.
-fn lines(tables: &str, lines: &str) -> Result<Vec<Line>, String> {
+fn lines(tables: &str, lines: &str) -> Result<Vec<SynthLine>, String> {
     let folder = tempfile::TempDir::new().unwrap();
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
     let text = format!("{tables}\n[map]\npath = '{}'\n[[flights]]\nname = 'F'\n{lines}", map.display());
@@ -23,12 +23,12 @@ fn lines(tables: &str, lines: &str) -> Result<Vec<Line>, String> {
     Ok(simulation.spec().flights[0].lines.clone())
 }
 
-fn line(tables: &str, keys: &str) -> Line {
+fn line(tables: &str, keys: &str) -> SynthLine {
     lines(tables, &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{keys}")).unwrap().remove(0)
 }
 
-fn fly(line: &Line, rate_hz: f64) -> Trajectory {
-    line.fly_on(true, rate_hz, [0.0; 3], &mut Random::of(1, &["test"]))
+fn fly(line: &SynthLine, rate_hz: f64) -> TrueTrajectory {
+    line.fly_on(true, rate_hz, [0.0; 3], &mut RandomStream::new(1, &["test"]))
 }
 
 const WIND: &str = "[wind]\nspeed_mps = 12.0\nfrom_deg = 240.0\n";
@@ -48,7 +48,7 @@ const EACH: [&str; 8] = [
 
 const CLOVERLEAF: &str = "kind = 'cloverleaf'\ncenter = [-22.0, 140.5]\nheading_deg = 15.0";
 
-fn ned_m(flown: &Trajectory, i: usize, from: (f64, f64)) -> (f64, f64) {
+fn ned_m(flown: &TrueTrajectory, i: usize, from: (f64, f64)) -> (f64, f64) {
     let place = (flown.lat_deg[i], flown.lon_deg[i]);
     numerics::earth::geodesy::EarthModel::Wgs84.offset_ne_m(from, place, flown.alt_m[i])
 }
@@ -105,11 +105,11 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
 fn law_the_same_flight_at_any_rate() {
     let tables = format!("{WIND}[turbulence]\nlevel = 'light'\n");
     let line = line(&tables, EACH[2]);
-    let fly = |rate| line.fly_on(true, rate, [1.0, 0.5, 0.5], &mut Random::of(1, &["test"]));
+    let fly = |rate| line.fly_on(true, rate, [1.0, 0.5, 0.5], &mut RandomStream::new(1, &["test"]));
     let (slow, fast) = (fly(10.0), fly(250.0));
     assert_eq!((fast.tt_s.len() - 1) / 25, slow.tt_s.len() - 1);
     for i in 0..slow.tt_s.len() {
-        let columns = |t: &Trajectory, i: usize| {
+        let columns = |t: &TrueTrajectory, i: usize| {
             let mut all = vec![t.lat_deg[i], t.lon_deg[i], t.alt_m[i]];
             for set in [&t.velocity_mps, &t.attitude_deg, &t.rates_degps] {
                 all.extend(set.iter().map(|x| x[i]));
@@ -235,7 +235,7 @@ fn law_closed_patterns_come_back_and_cross_where_they_should() {
 
 #[test]
 fn law_waypoints_are_met_and_legs_are_geodesics() {
-    let nearest = |flown: &Trajectory, place: (f64, f64)| {
+    let nearest = |flown: &TrueTrajectory, place: (f64, f64)| {
         let away = |i: usize| {
             let (n, e) = ned_m(flown, i, place);
             n.hypot(e)
@@ -245,7 +245,7 @@ fn law_waypoints_are_met_and_legs_are_geodesics() {
     // There and back: a turn by more than a right angle begins over its waypoint. A sample's way is 7 m.
     let back = "kind = 'survey'\nduration_s = 800.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]";
     let flown = fly(&line(WIND, back), 10.0);
-    let later = Trajectory { lat_deg: flown.lat_deg[3000..].to_vec(), ..Trajectory::default() };
+    let later = TrueTrajectory { lat_deg: flown.lat_deg[3000..].to_vec(), ..TrueTrajectory::default() };
     assert!(nearest(&flown, (-21.9, 140.5)) < 4.0);
     assert!(later.lat_deg.iter().any(|lat| (lat + 22.0).abs() < 4e-5), "and back over the first");
     // Turns by less are flown inside the corner, and the middle of each leg is on the geodesic.
@@ -254,7 +254,7 @@ fn law_waypoints_are_met_and_legs_are_geodesics() {
     let flown = fly(&line(WIND, &format!("kind = 'free'\nwaypoints = [{list}]")), 50.0);
     for leg in places.windows(2) {
         let way = geodesic::Geodesic::between(leg[0], leg[1]).unwrap();
-        let middle = geodesic::Place::new(leg[0], way.leaves_rad).along(0.5 * way.length_m, 1000.0, |_| 0.0);
+        let middle = geodesic::RoutePosition::new(leg[0], way.leaves_rad).along(0.5 * way.length_m, 1000.0, |_| 0.0);
         // Half a sample's way along the track: 0.8 m.
         assert!(nearest(&flown, middle.degrees()) < 0.8, "{leg:?}");
     }
@@ -348,7 +348,7 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
     }
 }
 
-fn course_deg(flown: &Trajectory, i: usize) -> f64 {
+fn course_deg(flown: &TrueTrajectory, i: usize) -> f64 {
     flown.velocity_mps[1][i].atan2(flown.velocity_mps[0][i]).to_degrees()
 }
 
@@ -388,8 +388,8 @@ fn dryden_density(turbulence: &Turbulence, alt_m: f64, frequency_hz: f64, airspe
 fn law_gusts_have_drydens_spectra() {
     let turbulence = Turbulence { wind_20ft_mps: 15.0, ground_m: 0.0 };
     let (alt_m, v, rate_hz) = (250.0, 60.0, 20.0);
-    let mut random = Random::of(4, &["spectra"]);
-    let mut dryden = Dryden::new(&mut random);
+    let mut random = RandomStream::new(4, &["spectra"]);
+    let mut dryden = DrydenGusts::new(&mut random);
     let mut gusts = [vec![], vec![], vec![]];
     const SEGMENT: usize = 4096;
     for _ in 0..SEGMENT * 64 {
@@ -397,7 +397,7 @@ fn law_gusts_have_drydens_spectra() {
         gusts.iter_mut().zip(now).for_each(|(column, x)| column.push(x));
     }
     for (axis, gust) in gusts.iter().enumerate() {
-        let spectrum = welch(gust, rate_hz, SEGMENT, Window::Hann).unwrap();
+        let spectrum = welch(gust, rate_hz, SEGMENT, SpectralTaper::Hann).unwrap();
         let density = |f: f64| {
             // The spectrum of samples is folded at half the rate.
             let folded = (1..50).flat_map(|k| [f64::from(k) * rate_hz - f, f64::from(k) * rate_hz + f]);

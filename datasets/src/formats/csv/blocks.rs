@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use super::{
     super::decimal::PAD,
-    cells::{Cells, ends_record, last_end},
+    cells::{CsvCells, ends_record, last_end},
 };
 
 /// The bytes of a block, more or less.
@@ -15,8 +15,8 @@ const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Whole records.
-pub(super) struct Block {
+/// Whole records of a text, followed by newlines, with their place in the block.
+pub(super) struct CsvBlock {
     /// The records, then newlines.
     text: Vec<u8>,
     len: usize,
@@ -26,7 +26,7 @@ pub(super) struct Block {
     pub(super) cut: bool,
 }
 
-impl Block {
+impl CsvBlock {
     /// The records, each with its end, and some more newlines.
     pub(super) fn text(&self) -> &[u8] {
         &self.text
@@ -44,8 +44,8 @@ impl Block {
     }
 }
 
-/// The blocks of a text, without its header.
-pub(super) struct Blocks<R> {
+/// Reader of the blocks of a text, without its header.
+pub(super) struct CsvBlockReader<R> {
     input: R,
     size: usize,
     /// The bytes read after the last block.
@@ -54,13 +54,13 @@ pub(super) struct Blocks<R> {
     done: bool,
 }
 
-impl<R: Read> Blocks<R> {
-    pub(super) fn new(input: R, size: usize) -> Blocks<R> {
-        Blocks { input, size, rest: vec![], begun: false, done: false }
+impl<R: Read> CsvBlockReader<R> {
+    pub(super) fn new(input: R, size: usize) -> CsvBlockReader<R> {
+        CsvBlockReader { input, size, rest: vec![], begun: false, done: false }
     }
 
     /// Up to `most` blocks, and the error that ends them, if any.
-    pub(super) fn some(&mut self, most: usize) -> (Vec<Block>, Option<io::Error>) {
+    pub(super) fn some(&mut self, most: usize) -> (Vec<CsvBlock>, Option<io::Error>) {
         let mut some = vec![];
         while some.len() < most.max(1) {
             match self.next() {
@@ -76,7 +76,7 @@ impl<R: Read> Blocks<R> {
     ///
     /// # Errors
     /// Fails with the errors of the input, and for a record without an end.
-    fn next(&mut self) -> io::Result<Option<Block>> {
+    fn next(&mut self) -> io::Result<Option<CsvBlock>> {
         if self.done {
             return Ok(None);
         }
@@ -108,7 +108,7 @@ impl<R: Read> Blocks<R> {
         // Empty lines before the header may fill a block.
         self.begun |= header.is_some();
         let start = header.unwrap_or(len);
-        Ok(Some(Block { text, len: len + usize::from(cut), start, cut }))
+        Ok(Some(CsvBlock { text, len: len + usize::from(cut), start, cut }))
     }
 }
 
@@ -118,5 +118,5 @@ fn after_header(text: &[u8], len: usize) -> Option<usize> {
     while at < len && ends_record(text[at]) {
         at += 1;
     }
-    (at < len).then(|| Cells::default().take(text, at).min(len))
+    (at < len).then(|| CsvCells::default().take(text, at).min(len))
 }

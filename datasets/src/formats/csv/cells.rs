@@ -8,13 +8,13 @@ pub(super) fn ends_record(byte: u8) -> bool {
 
 /// The cells of one record, without their quotes.
 #[derive(Default)]
-pub(super) struct Cells {
+pub(super) struct CsvCells {
     bytes: Vec<u8>,
     /// The end of each cell.
     ends: Vec<usize>,
 }
 
-impl Cells {
+impl CsvCells {
     /// Reads the cells of the record at `start`, and returns the position of the next one. A quote that is never
     /// closed, and a record that no newline ends, extend to the end of the text.
     pub(super) fn take(&mut self, text: &[u8], start: usize) -> usize {

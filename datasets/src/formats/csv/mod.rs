@@ -14,17 +14,17 @@ use arrow_schema::SchemaRef;
 use schemas::{Role, flight};
 
 use self::{
-    blocks::{BLOCK, Blocks},
-    rows::{Layout, Rows, Wrong},
-    scan::{Scan, at_once},
+    blocks::{BLOCK, CsvBlockReader},
+    rows::{CsvLayout, CsvRowFault, CsvRows},
+    scan::{CsvScan, at_once},
 };
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault, decimal, limits::check_columns, missing,
-    missing::Missing, text_end::TextFile,
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault, decimal, limits::check_columns,
+    missing, missing::MissingMarkers, text_end::TextFile,
 };
 use crate::{
     ReadError,
-    table::{Table, Values},
+    table::{ColumnTable, ColumnValues},
 };
 
 mod blocks;
@@ -36,7 +36,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "csv",
     about: "comma-separated values with a header row",
     extensions: &["csv", "txt"],
-    recognise: |head: &Head| head.first_line().is_some_and(|l| l.contains(',') && !l.starts_with('/')),
+    recognise: |head: &FileHead| head.first_line().is_some_and(|l| l.contains(',') && !l.starts_with('/')),
     open,
     topics: None,
     made_from: None,
@@ -44,7 +44,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 
 /// The type of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+enum CsvColumnKind {
     Number,
     Whole,
     Text,
@@ -52,57 +52,59 @@ enum Kind {
     Key,
 }
 
-impl Kind {
+impl CsvColumnKind {
     fn letter(self) -> char {
         match self {
-            Kind::Number => 'n',
-            Kind::Whole => 'w',
-            Kind::Text => 't',
-            Kind::Key => 'k',
+            CsvColumnKind::Number => 'n',
+            CsvColumnKind::Whole => 'w',
+            CsvColumnKind::Text => 't',
+            CsvColumnKind::Key => 'k',
         }
     }
 
-    fn of_letter(letter: char) -> Option<Kind> {
-        [Kind::Number, Kind::Whole, Kind::Text, Kind::Key].into_iter().find(|k| k.letter() == letter)
+    fn of_letter(letter: char) -> Option<CsvColumnKind> {
+        [CsvColumnKind::Number, CsvColumnKind::Whole, CsvColumnKind::Text, CsvColumnKind::Key]
+            .into_iter()
+            .find(|k| k.letter() == letter)
     }
 }
 
-fn open(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<RawFlight, ReadError> {
     open_in(path, options, reading, BLOCK)
 }
 
 /// Opens a file to be read in blocks of this size in bytes, which does not affect the result.
-fn open_in(path: &Path, options: &FlightOptions, reading: &Reading, block: usize) -> Result<Raw, ReadError> {
+fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usize) -> Result<RawFlight, ReadError> {
     let names = header(path)?;
-    let known = reading.found.as_deref().and_then(|text| Scan::parse(text, names.len()));
+    let known = reading.found.as_deref().and_then(|text| CsvScan::parse(text, names.len()));
     let scan = match known {
         Some(scan) => scan,
-        None => Scan::of(path, &names, options, (block, reading.threads))?,
+        None => CsvScan::read(path, &names, options, (block, reading.threads))?,
     };
     let notes = scan.notes(path, &names);
-    let missing = Missing::of(options);
+    let missing = MissingMarkers::from_options(options);
     let (fillers_to, drops_last) = (missing.highest(), scan.drops_last());
-    let layout = Layout { names, kinds: scan.kinds.clone(), missing, fillers_to, drops_last };
+    let layout = CsvLayout { names, kinds: scan.kinds.clone(), missing, fillers_to, drops_last };
     let schema = layout.schema();
     let file = TextFile::open(path)?;
-    let parts = Parts {
+    let parts = CsvBatchReader {
         path: path.to_path_buf(),
         keys: vec![String::new(); layout.names.len()],
         layout,
         schema: schema.clone(),
-        blocks: Blocks::new(file, block),
+        blocks: CsvBlockReader::new(file, block),
         threads: reading.threads,
         ready: VecDeque::new(),
         row: 0,
         line: 1,
         done: false,
     };
-    Ok(Raw { notes, found: Some(scan.spelt()), ..Raw::new(schema, Box::new(parts)) })
+    Ok(RawFlight { notes, found: Some(scan.spelt()), ..RawFlight::new(schema, Box::new(parts)) })
 }
 
 /// The names in the header, each once and none empty.
 pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
-    let head = Head::read(path)?;
+    let head = FileHead::read(path)?;
     if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
         return Err(ReadError::data(path, "is UTF-16 text").help("save it as UTF-8"));
     }
@@ -136,27 +138,27 @@ fn reader(path: &Path) -> Result<csv::Reader<TextFile>, ReadError> {
 }
 
 /// The type that the contract or the options give a column; `None` infers it from the values.
-fn settled_kind(name: &str, options: &FlightOptions) -> Option<Kind> {
+fn settled_kind(name: &str, options: &FlightOptions) -> Option<CsvColumnKind> {
     let ours = options.rename.get(name).map_or(name, String::as_str);
     let known = flight::describe(ours);
     match ours {
-        "flight" | "line" => Some(Kind::Key),
-        "year" | "doy" => Some(Kind::Whole),
+        "flight" | "line" => Some(CsvColumnKind::Key),
+        "year" | "doy" => Some(CsvColumnKind::Whole),
         _ => {
             let number = known.role != Role::Aux || !known.unit.is_empty() || options.units.contains_key(name);
-            number.then_some(Kind::Number)
+            number.then_some(CsvColumnKind::Number)
         }
     }
 }
 
-impl Layout {
+impl CsvLayout {
     fn schema(&self) -> SchemaRef {
-        let mut table = Table::default();
+        let mut table = ColumnTable::default();
         for (name, kind) in self.names.iter().zip(&self.kinds) {
             let values = match kind {
-                Kind::Number => Values::Number(vec![]),
-                Kind::Whole => Values::Whole(vec![]),
-                Kind::Text | Kind::Key => Values::Text(vec![]),
+                CsvColumnKind::Number => ColumnValues::Number(vec![]),
+                CsvColumnKind::Whole => ColumnValues::Whole(vec![]),
+                CsvColumnKind::Text | CsvColumnKind::Key => ColumnValues::Text(vec![]),
             };
             table.push(name, "", values);
         }
@@ -164,15 +166,15 @@ impl Layout {
     }
 }
 
-/// The rows of a file, a block at a time.
-struct Parts {
+/// Reader of the rows of a file, one block at a time.
+struct CsvBatchReader {
     path: PathBuf,
-    layout: Layout,
+    layout: CsvLayout,
     schema: SchemaRef,
-    blocks: Blocks<TextFile>,
+    blocks: CsvBlockReader<TextFile>,
     threads: usize,
     /// The next parts.
-    ready: VecDeque<Result<Part, ReadError>>,
+    ready: VecDeque<Result<FlightBatch, ReadError>>,
     /// Rows before the next block, and the line on which it begins.
     row: u64,
     line: u64,
@@ -181,8 +183,8 @@ struct Parts {
     done: bool,
 }
 
-impl Iterator for Parts {
-    type Item = Result<Part, ReadError>;
+impl Iterator for CsvBatchReader {
+    type Item = Result<FlightBatch, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         while self.ready.is_empty() && !self.done {
@@ -192,14 +194,14 @@ impl Iterator for Parts {
     }
 }
 
-impl Parts {
+impl CsvBatchReader {
     /// Reads the next blocks.
     fn read(&mut self) {
-        let Parts { path, layout, schema, keys, ready, .. } = self;
+        let CsvBatchReader { path, layout, schema, keys, ready, .. } = self;
         let (blocks, failed) = self.blocks.some(self.threads);
         self.done = blocks.is_empty() || failed.is_some();
-        for rows in at_once(&blocks, |block| Rows::of(layout, block)) {
-            let fault = |w: &Wrong| w.fault(path, layout, self.row + w.row as u64, self.line + w.newlines);
+        for rows in at_once(&blocks, |block| CsvRows::parse(layout, block)) {
+            let fault = |w: &CsvRowFault| w.fault(path, layout, self.row + w.row as u64, self.line + w.newlines);
             if let Some(fatal) = rows.wrong.last().filter(|w| w.is_fatal()) {
                 ready.push_back(Err(fault(fatal)));
                 self.done = true;
@@ -209,7 +211,7 @@ impl Parts {
             self.row += rows.rows as u64;
             self.line += rows.newlines;
             if rows.rows > 0 {
-                ready.push_back(rows.into_batch(path, schema, keys).map(|batch| Part { batch, faults }));
+                ready.push_back(rows.into_batch(path, schema, keys).map(|batch| FlightBatch { batch, faults }));
             }
         }
         ready.extend(failed.map(|e| Err(ReadError::io(path, &e))));

@@ -6,18 +6,18 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::SchemaRef;
 
 use super::{
-    super::{decimal, missing, missing::Missing},
-    Kind,
-    blocks::Block,
-    cells::{Cells, ends_record},
+    super::{decimal, missing, missing::MissingMarkers},
+    CsvColumnKind,
+    blocks::CsvBlock,
+    cells::{CsvCells, ends_record},
 };
 use crate::ReadError;
 
 /// The layout of the columns of a file.
-pub(super) struct Layout {
+pub(super) struct CsvLayout {
     pub(super) names: Vec<String>,
-    pub(super) kinds: Vec<Kind>,
-    pub(super) missing: Missing,
+    pub(super) kinds: Vec<CsvColumnKind>,
+    pub(super) missing: MissingMarkers,
     /// The largest number that can mark a missing value.
     pub(super) fillers_to: f64,
     /// Whether the row where the file ends is left out.
@@ -25,21 +25,21 @@ pub(super) struct Layout {
 }
 
 /// The values of one column of some rows.
-enum Column {
+enum CsvColumn {
     Number(Vec<f64>),
     Whole(Vec<Option<i64>>),
-    Text(Texts),
+    Text(TextBuffer),
 }
 
-/// Texts one after another.
+/// Texts in one buffer, one after another, with the end of each.
 #[derive(Default)]
-struct Texts {
+struct TextBuffer {
     all: String,
     /// Where each ends.
     ends: Vec<usize>,
 }
 
-impl Texts {
+impl TextBuffer {
     fn push(&mut self, text: &str) {
         self.all.push_str(text);
         self.ends.push(self.all.len());
@@ -56,26 +56,26 @@ impl Texts {
     }
 }
 
-impl Column {
+impl CsvColumn {
     fn truncate(&mut self, rows: usize) {
         match self {
-            Column::Number(out) => out.truncate(rows),
-            Column::Whole(out) => out.truncate(rows),
-            Column::Text(out) => out.truncate(rows),
+            CsvColumn::Number(out) => out.truncate(rows),
+            CsvColumn::Whole(out) => out.truncate(rows),
+            CsvColumn::Text(out) => out.truncate(rows),
         }
     }
 }
 
-/// The fault of a row.
-pub(super) struct Wrong {
+/// Fault of one row of a block, with its position.
+pub(super) struct CsvRowFault {
     /// Row within the block, from 0.
     pub(super) row: usize,
     /// Newlines of the block before it.
     pub(super) newlines: u64,
-    what: What,
+    what: CsvFaultKind,
 }
 
-enum What {
+enum CsvFaultKind {
     /// The number of values.
     Ragged(usize),
     /// The row where the file ends.
@@ -85,27 +85,29 @@ enum What {
     NoNumber(usize, Vec<u8>),
 }
 
-impl Wrong {
+impl CsvRowFault {
     /// Whether nothing after it can be read.
     pub(super) fn is_fatal(&self) -> bool {
-        matches!(self.what, What::OtherHeader)
+        matches!(self.what, CsvFaultKind::OtherHeader)
     }
 
     /// The fault of the row `row` in the line `line` of the file.
-    pub(super) fn fault(&self, path: &Path, layout: &Layout, row: u64, line: u64) -> ReadError {
+    pub(super) fn fault(&self, path: &Path, layout: &CsvLayout, row: u64, line: u64) -> ReadError {
         let of_row = |what: String| ReadError::data(path, what).in_row(row);
         let ragged = |n: usize| of_row(format!("the row has {n} values where the header has {}", layout.names.len()));
         match &self.what {
-            What::Ragged(n) => ragged(*n).help(format!("line {line} of the file")),
-            What::Cut(n) => ragged(*n)
+            CsvFaultKind::Ragged(n) => ragged(*n).help(format!("line {line} of the file")),
+            CsvFaultKind::Cut(n) => ragged(*n)
                 .help(format!("line {line} of the file, where the file ends without a newline: it is cut short")),
-            What::OtherHeader => {
+            CsvFaultKind::OtherHeader => {
                 let what = "the row looks like another header: the file is several tables, one after another";
                 of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))
             }
-            What::NoNumber(column, cell) => {
+            CsvFaultKind::NoNumber(column, cell) => {
                 let (what, help) = match std::str::from_utf8(cell) {
-                    Ok(text) if layout.kinds[*column] == Kind::Whole && layout.missing.number(text).is_some() => {
+                    Ok(text)
+                        if layout.kinds[*column] == CsvColumnKind::Whole && layout.missing.number(text).is_some() =>
+                    {
                         (format!("`{text}` is not a whole number"), format!("line {line} of the file"))
                     }
                     Ok(text) => {
@@ -121,31 +123,31 @@ impl Wrong {
 }
 
 /// The rows of a block.
-pub(super) struct Rows<'a> {
-    layout: &'a Layout,
-    columns: Vec<Column>,
-    cells: Cells,
+pub(super) struct CsvRows<'a> {
+    layout: &'a CsvLayout,
+    columns: Vec<CsvColumn>,
+    cells: CsvCells,
     pub(super) rows: usize,
-    pub(super) wrong: Vec<Wrong>,
+    pub(super) wrong: Vec<CsvRowFault>,
     /// Rows at the start whose flight and line are those of the row before the block.
     orphans: usize,
     /// Newlines of the block.
     pub(super) newlines: u64,
 }
 
-impl<'a> Rows<'a> {
+impl<'a> CsvRows<'a> {
     /// Reads the rows of a block, up to one after which nothing can be read.
-    pub(super) fn of(layout: &'a Layout, block: &Block) -> Rows<'a> {
+    pub(super) fn parse(layout: &'a CsvLayout, block: &CsvBlock) -> CsvRows<'a> {
         let text = block.text();
         let room = room(text, block).min(block.end() / layout.kinds.len().max(1) + 8);
-        let column = |kind: &Kind| match kind {
-            Kind::Number => Column::Number(Vec::with_capacity(room)),
-            Kind::Whole => Column::Whole(Vec::with_capacity(room)),
-            Kind::Text | Kind::Key => Column::Text(Texts::default()),
+        let column = |kind: &CsvColumnKind| match kind {
+            CsvColumnKind::Number => CsvColumn::Number(Vec::with_capacity(room)),
+            CsvColumnKind::Whole => CsvColumn::Whole(Vec::with_capacity(room)),
+            CsvColumnKind::Text | CsvColumnKind::Key => CsvColumn::Text(TextBuffer::default()),
         };
         let columns = layout.kinds.iter().map(column).collect();
         let mut rows =
-            Rows { layout, columns, cells: Cells::default(), rows: 0, wrong: vec![], orphans: 0, newlines: 0 };
+            CsvRows { layout, columns, cells: CsvCells::default(), rows: 0, wrong: vec![], orphans: 0, newlines: 0 };
         let (mut at, mut counted) = (block.start, 0);
         while at < block.end() {
             if ends_record(text[at]) {
@@ -172,7 +174,7 @@ impl<'a> Rows<'a> {
             if let Some(what) = rows.any_row(ends_file) {
                 rows.newlines += block.newlines(counted, start);
                 counted = start;
-                let wrong = Wrong { row: rows.rows, newlines: rows.newlines, what };
+                let wrong = CsvRowFault { row: rows.rows, newlines: rows.newlines, what };
                 let fatal = wrong.is_fatal();
                 rows.wrong.push(wrong);
                 if fatal {
@@ -193,17 +195,17 @@ impl<'a> Rows<'a> {
         let mut at = start;
         for (i, column) in self.columns.iter_mut().enumerate() {
             let end = match column {
-                Column::Number(out) => {
+                CsvColumn::Number(out) => {
                     let (x, end) = plain_number(text, at, self.layout)?;
                     out.push(x);
                     end
                 }
-                Column::Whole(out) => {
+                CsvColumn::Whole(out) => {
                     let (cell, end) = plain_cell(text, at)?;
                     out.push(self.layout.missing.whole(cell)?);
                     end
                 }
-                Column::Text(out) => {
+                CsvColumn::Text(out) => {
                     let (cell, end) = plain_cell(text, at)?;
                     out.push(cell);
                     end
@@ -219,29 +221,29 @@ impl<'a> Rows<'a> {
     }
 
     /// Appends the row in `cells`, and returns its fault.
-    fn any_row(&mut self, cut: bool) -> Option<What> {
+    fn any_row(&mut self, cut: bool) -> Option<CsvFaultKind> {
         let layout = self.layout;
         let whole = self.cells.len() == layout.names.len();
         let mut wrong = None;
         for (i, (column, kind)) in self.columns.iter_mut().zip(&layout.kinds).enumerate() {
             let text = if whole { std::str::from_utf8(self.cells.get(i)) } else { Ok("") };
             let read = match (column, &text) {
-                (Column::Number(out), text) => {
+                (CsvColumn::Number(out), text) => {
                     let number = text.as_ref().ok().and_then(|t| layout.missing.number(t));
                     out.push(number.unwrap_or(f64::NAN));
                     number.is_some()
                 }
-                (Column::Whole(out), text) => {
+                (CsvColumn::Whole(out), text) => {
                     let number = text.as_ref().ok().and_then(|t| layout.missing.whole(t));
                     out.push(number.unwrap_or(None));
                     number.is_some()
                 }
-                (Column::Text(out), _) if !whole && *kind == Kind::Key => {
+                (CsvColumn::Text(out), _) if !whole && *kind == CsvColumnKind::Key => {
                     let before = self.rows.checked_sub(1).map(|row| out.get(row).to_owned());
                     out.push(&before.unwrap_or_default());
                     true
                 }
-                (Column::Text(out), text) => {
+                (CsvColumn::Text(out), text) => {
                     out.push(text.as_ref().copied().unwrap_or_default());
                     text.is_ok()
                 }
@@ -253,19 +255,19 @@ impl<'a> Rows<'a> {
         if !whole {
             self.orphans += usize::from(self.orphans == self.rows);
             let n = self.cells.len();
-            return Some(if cut { What::Cut(n) } else { What::Ragged(n) });
+            return Some(if cut { CsvFaultKind::Cut(n) } else { CsvFaultKind::Ragged(n) });
         }
         let column = wrong?;
         if self.is_other_header() {
-            return Some(What::OtherHeader);
+            return Some(CsvFaultKind::OtherHeader);
         }
-        Some(What::NoNumber(column, self.cells.get(column).to_vec()))
+        Some(CsvFaultKind::NoNumber(column, self.cells.get(column).to_vec()))
     }
 
     /// Whether the row in `cells` has neither a number nor a missing value in its number columns.
     fn is_other_header(&self) -> bool {
-        let Layout { kinds, missing, .. } = self.layout;
-        let number = |(kind, _): &(&Kind, &[u8])| matches!(kind, Kind::Number | Kind::Whole);
+        let CsvLayout { kinds, missing, .. } = self.layout;
+        let number = |(kind, _): &(&CsvColumnKind, &[u8])| matches!(kind, CsvColumnKind::Number | CsvColumnKind::Whole);
         let (mut words, mut numbers) = (0, 0);
         for (_, cell) in kinds.iter().zip(self.cells.iter()).filter(number) {
             let is_word = |t: &str| !missing::is_usual_word(t) && missing.number(t).is_none();
@@ -286,10 +288,10 @@ impl<'a> Rows<'a> {
         let mut arrays: Vec<ArrayRef> = Vec::with_capacity(self.columns.len());
         for (i, column) in self.columns.into_iter().enumerate() {
             arrays.push(match column {
-                Column::Number(values) => Arc::new(Float64Array::from(values)),
-                Column::Whole(values) => Arc::new(Int64Array::from(values)),
-                Column::Text(texts) => {
-                    let is_key = self.layout.kinds.get(i) == Some(&Kind::Key);
+                CsvColumn::Number(values) => Arc::new(Float64Array::from(values)),
+                CsvColumn::Whole(values) => Arc::new(Int64Array::from(values)),
+                CsvColumn::Text(texts) => {
+                    let is_key = self.layout.kinds.get(i) == Some(&CsvColumnKind::Key);
                     let orphans = if is_key { self.orphans.min(rows) } else { 0 };
                     let before = keys.get(i).cloned().unwrap_or_default();
                     let one = |row| if row < orphans { before.as_str() } else { texts.get(row) };
@@ -306,7 +308,7 @@ impl<'a> Rows<'a> {
 }
 
 /// A guess at the rows of a block, by its first row.
-fn room(text: &[u8], block: &Block) -> usize {
+fn room(text: &[u8], block: &CsvBlock) -> usize {
     let first = text.get(block.start..block.end()).unwrap_or_default();
     let length = first.iter().position(|b| *b == b'\n').unwrap_or(first.len()).max(1);
     first.len() / length + first.len() / length / 8 + 8
@@ -321,14 +323,14 @@ pub(super) fn may_repeat(text: &[u8], start: usize, names: &[String]) -> bool {
 }
 
 /// Whether a row repeats the header.
-pub(super) fn repeats(cells: &Cells, names: &[String]) -> bool {
+pub(super) fn repeats(cells: &CsvCells, names: &[String]) -> bool {
     cells.len() == names.len() && cells.iter().zip(names).all(|(cell, name)| cell == name.as_bytes())
 }
 
 /// The number in the cell at `start` and the position after the cell; `None` for a cell with quotes or without a
 /// number.
 #[inline(always)]
-fn plain_number(text: &[u8], start: usize, layout: &Layout) -> Option<(f64, usize)> {
+fn plain_number(text: &[u8], start: usize, layout: &CsvLayout) -> Option<(f64, usize)> {
     let mut at = start;
     while text.get(at) == Some(&b' ') {
         at += 1;
@@ -346,7 +348,7 @@ fn plain_number(text: &[u8], start: usize, layout: &Layout) -> Option<(f64, usiz
 
 /// A number of many digits, or a word or an empty cell for a missing one.
 #[inline(never)]
-fn other_number(text: &[u8], start: usize, layout: &Layout) -> Option<(f64, usize)> {
+fn other_number(text: &[u8], start: usize, layout: &CsvLayout) -> Option<(f64, usize)> {
     let (cell, end) = plain_cell(text, start)?;
     Some((layout.missing.number(cell)?, end))
 }

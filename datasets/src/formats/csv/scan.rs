@@ -8,47 +8,47 @@ use rayon::prelude::*;
 use super::{
     super::{
         FlightOptions, decimal,
-        missing::Missing,
+        missing::MissingMarkers,
         text_end::{TextFile, is_whole},
     },
-    Kind,
-    blocks::{Block, Blocks},
-    cells::{Cells, ends_record},
+    CsvColumnKind,
+    blocks::{CsvBlock, CsvBlockReader},
+    cells::{CsvCells, ends_record},
     rows::{may_repeat, plain_cell, repeats},
     settled_kind,
 };
 use crate::ReadError;
 
-/// The result of the first reading.
+/// Result of the first pass over a file: column types, repeated headers and truncation.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Scan {
-    pub(super) kinds: Vec<Kind>,
+pub(super) struct CsvScan {
+    pub(super) kinds: Vec<CsvColumnKind>,
     /// Rows that repeat the header, and the line of the first.
     repeated: (u64, u64),
-    cut: Option<Cut>,
+    cut: Option<CsvTruncation>,
 }
 
-/// The last value of a file that does not end with a newline: it may be cut.
+/// Last value of a file that does not end with a newline, so that it may be truncated.
 #[derive(Clone, Debug, PartialEq)]
-struct Cut {
+struct CsvTruncation {
     value: String,
     line: u64,
     /// Whether it is shorter than all others of its column.
     short: bool,
 }
 
-/// The columns to examine.
-struct Question<'a> {
+/// Columns to examine in the first pass.
+struct CsvScanColumns<'a> {
     names: &'a [String],
-    missing: &'a Missing,
+    missing: &'a MissingMarkers,
     /// Columns that have only numbers so far, and may have other values.
     open: Vec<bool>,
     /// Whether the lengths of the last values matter.
     widths: bool,
 }
 
-/// The result of one block.
-struct Answer {
+/// Result of the first pass for one block.
+struct CsvBlockSummary {
     /// Columns with something other than numbers.
     words: Vec<usize>,
     /// Rows that repeat the header, and newlines of the block before the first.
@@ -60,34 +60,34 @@ struct Answer {
     last: Option<(Vec<u8>, u64)>,
 }
 
-impl Scan {
+impl CsvScan {
     /// Reads a file for it, some blocks at once.
     ///
     /// # Errors
     /// Fails when the file cannot be read.
-    pub(super) fn of(
+    pub(super) fn read(
         path: &Path,
         names: &[String],
         options: &FlightOptions,
         (block, threads): (usize, usize),
-    ) -> Result<Scan, ReadError> {
+    ) -> Result<CsvScan, ReadError> {
         let io = |e: std::io::Error| ReadError::io(path, &e);
-        let missing = Missing::of(options);
-        let settled: Vec<Option<Kind>> = names.iter().map(|n| settled_kind(n, options)).collect();
-        let mut kinds: Vec<Kind> = settled.iter().map(|k| k.unwrap_or(Kind::Number)).collect();
+        let missing = MissingMarkers::from_options(options);
+        let settled: Vec<Option<CsvColumnKind>> = names.iter().map(|n| settled_kind(n, options)).collect();
+        let mut kinds: Vec<CsvColumnKind> = settled.iter().map(|k| k.unwrap_or(CsvColumnKind::Number)).collect();
         let open = settled.iter().map(Option::is_none).collect();
         let widths = !is_whole(path).unwrap_or(true);
-        let mut question = Question { names, missing: &missing, open, widths };
-        let mut blocks = Blocks::new(TextFile::open(path)?, block);
+        let mut question = CsvScanColumns { names, missing: &missing, open, widths };
+        let mut blocks = CsvBlockReader::new(TextFile::open(path)?, block);
         let (mut repeated, mut line, mut shortest, mut last) = ((0, 0), 1, usize::MAX, None);
         loop {
             let (some, failed) = blocks.some(threads);
             if some.is_empty() && failed.is_none() {
                 break;
             }
-            for answer in at_once(&some, |block| Look::of(&question, block)) {
+            for answer in at_once(&some, |block| CsvBlockScanner::scan(&question, block)) {
                 for column in answer.words {
-                    kinds[column] = Kind::Text;
+                    kinds[column] = CsvColumnKind::Text;
                     question.open[column] = false;
                 }
                 if repeated.0 == 0 {
@@ -102,13 +102,13 @@ impl Scan {
                 return Err(io(error));
             }
         }
-        let numeric = matches!(kinds.last(), Some(Kind::Number | Kind::Whole));
-        let cut = last.map(|(value, line)| Cut {
+        let numeric = matches!(kinds.last(), Some(CsvColumnKind::Number | CsvColumnKind::Whole));
+        let cut = last.map(|(value, line)| CsvTruncation {
             line,
             short: numeric && value.len() < shortest && shortest < usize::MAX,
             value: String::from_utf8_lossy(&value).into_owned(),
         });
-        Ok(Scan { kinds, repeated, cut })
+        Ok(CsvScan { kinds, repeated, cut })
     }
 
     /// Whether the last row is left out, since its last number is cut.
@@ -116,22 +116,22 @@ impl Scan {
         self.cut.as_ref().is_some_and(|c| c.short)
     }
 
-    /// In one spelling, for [`Scan::parse`].
+    /// In one spelling, for [`CsvScan::parse`].
     pub(super) fn spelt(&self) -> String {
         let kinds: String = self.kinds.iter().map(|k| k.letter()).collect();
         let (count, line) = self.repeated;
         let mut text = format!("csv 1\n{kinds}\n{count} {line}\n");
-        if let Some(Cut { value, line, short }) = &self.cut {
+        if let Some(CsvTruncation { value, line, short }) = &self.cut {
             text += &format!("{line} {short} {value}");
         }
         text
     }
 
-    /// The inverse of [`Scan::spelt`] for a file with this number of columns.
-    pub(super) fn parse(text: &str, columns: usize) -> Option<Scan> {
+    /// The inverse of [`CsvScan::spelt`] for a file with this number of columns.
+    pub(super) fn parse(text: &str, columns: usize) -> Option<CsvScan> {
         let (kinds, rest) = text.strip_prefix("csv 1\n")?.split_once('\n')?;
         let (repeated, cut) = rest.split_once('\n')?;
-        let kinds: Vec<Kind> = kinds.chars().map(Kind::of_letter).collect::<Option<_>>()?;
+        let kinds: Vec<CsvColumnKind> = kinds.chars().map(CsvColumnKind::of_letter).collect::<Option<_>>()?;
         let (count, line) = repeated.split_once(' ')?;
         let repeated = (count.parse().ok()?, line.parse().ok()?);
         let cut = match cut {
@@ -139,10 +139,10 @@ impl Scan {
             cut => {
                 let mut words = cut.splitn(3, ' ');
                 let (line, short) = (words.next()?.parse().ok()?, words.next()?.parse().ok()?);
-                Some(Cut { line, short, value: words.next()?.to_owned() })
+                Some(CsvTruncation { line, short, value: words.next()?.to_owned() })
             }
         };
-        (kinds.len() == columns).then_some(Scan { kinds, repeated, cut })
+        (kinds.len() == columns).then_some(CsvScan { kinds, repeated, cut })
     }
 
     pub(super) fn notes(&self, path: &Path, names: &[String]) -> Vec<String> {
@@ -170,7 +170,7 @@ impl Scan {
 }
 
 /// One result for each of some blocks, computed in parallel.
-pub(super) fn at_once<T: Send>(blocks: &[Block], one: impl Fn(&Block) -> T + Send + Sync) -> Vec<T> {
+pub(super) fn at_once<T: Send>(blocks: &[CsvBlock], one: impl Fn(&CsvBlock) -> T + Send + Sync) -> Vec<T> {
     match blocks {
         // A pool would give this thread only unrelated work.
         [block] => vec![one(block)],
@@ -178,9 +178,9 @@ pub(super) fn at_once<T: Send>(blocks: &[Block], one: impl Fn(&Block) -> T + Sen
     }
 }
 
-impl Answer {
+impl CsvBlockSummary {
     /// Notes the last value of the whole row from `start` to `end`.
-    fn width(&mut self, value: &[u8], (block, start): (&Block, usize), end: usize) {
+    fn width(&mut self, value: &[u8], (block, start): (&CsvBlock, usize), end: usize) {
         if block.cut && end >= block.end() {
             self.last = Some((value.to_vec(), block.newlines(0, start)));
         } else {
@@ -189,25 +189,25 @@ impl Answer {
     }
 }
 
-/// The scan of a block.
-struct Look<'a> {
-    question: &'a Question<'a>,
+/// First pass over one block in progress: the columns without words, and the result so far.
+struct CsvBlockScanner<'a> {
+    question: &'a CsvScanColumns<'a>,
     /// Columns without words in this block.
     open: Vec<bool>,
-    cells: Cells,
+    cells: CsvCells,
     /// Columns of the current row that have words.
     doubts: Vec<usize>,
     /// The start and the end of the last value of that row.
     last: (usize, usize),
-    answer: Answer,
+    answer: CsvBlockSummary,
 }
 
-impl Look<'_> {
-    fn of(question: &Question, block: &Block) -> Answer {
+impl CsvBlockScanner<'_> {
+    fn scan(question: &CsvScanColumns, block: &CsvBlock) -> CsvBlockSummary {
         let text = block.text();
-        let answer = Answer { words: vec![], repeated: (0, 0), newlines: 0, shortest: usize::MAX, last: None };
-        let (cells, doubts, open) = (Cells::default(), vec![], question.open.clone());
-        let mut look = Look { question, open, cells, doubts, last: (0, 0), answer };
+        let answer = CsvBlockSummary { words: vec![], repeated: (0, 0), newlines: 0, shortest: usize::MAX, last: None };
+        let (cells, doubts, open) = (CsvCells::default(), vec![], question.open.clone());
+        let mut look = CsvBlockScanner { question, open, cells, doubts, last: (0, 0), answer };
         let all_settled = !question.widths && !question.open.contains(&true) && !text.contains(&b'"');
         let mut at = block.start;
         while at < block.end() {
@@ -283,8 +283,8 @@ impl Look<'_> {
 
     /// Scans any row, and returns the position of the next one.
     #[inline(never)]
-    fn any_row(&mut self, block: &Block, start: usize) -> usize {
-        let Question { names, missing, widths, .. } = self.question;
+    fn any_row(&mut self, block: &CsvBlock, start: usize) -> usize {
+        let CsvScanColumns { names, missing, widths, .. } = self.question;
         let end = self.cells.take(block.text(), start);
         if repeats(&self.cells, names) {
             if self.answer.repeated.0 == 0 {

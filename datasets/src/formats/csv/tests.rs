@@ -25,12 +25,12 @@ fn bits(x: f64) -> String {
 }
 
 fn told(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> Told {
-    let reading = Reading { found: None, threads };
+    let reading = ReadHints { found: None, threads };
     let raw = match open_in(path, options, &reading, block) {
         Ok(raw) => raw,
         Err(error) => return Told { error: Some(error.to_string()), ..Told::default() },
     };
-    let again = Reading { found: raw.found.clone(), threads: 1 };
+    let again = ReadHints { found: raw.found.clone(), threads: 1 };
     let again = open_in(path, options, &again, block).unwrap();
     assert_eq!((&again.notes, &again.schema, &again.found), (&raw.notes, &raw.schema, &raw.found), "what was found");
     let mut told = Told { notes: raw.notes, ..Told::default() };
@@ -69,7 +69,7 @@ fn told(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> T
 fn plainly(path: &Path, options: &FlightOptions) -> Told {
     let bytes = fs::read(path).unwrap();
     let names = header(path).unwrap();
-    let missing = Missing::of(options);
+    let missing = MissingMarkers::from_options(options);
     let mut records = vec![];
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(bytes.as_slice());
     for record in reader.byte_records() {
@@ -91,10 +91,10 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
     let text = |cell: &[u8]| std::str::from_utf8(cell).ok().map(str::to_owned);
     let number = |cell: &[u8]| text(cell).and_then(|t| missing.number(&t));
     let whole: Vec<&csv::ByteRecord> = records.iter().map(|r| &r.0).filter(|r| r.len() == names.len()).collect();
-    let kinds: Vec<Kind> = (0..names.len())
+    let kinds: Vec<CsvColumnKind> = (0..names.len())
         .map(|i| {
             let words = whole.iter().any(|r| number(&r[i]).is_none());
-            settled_kind(&names[i], options).unwrap_or(if words { Kind::Text } else { Kind::Number })
+            settled_kind(&names[i], options).unwrap_or(if words { CsvColumnKind::Text } else { CsvColumnKind::Number })
         })
         .collect();
     if !repeated.is_empty() {
@@ -107,7 +107,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
     if let Some((cut, line)) = last.filter(|(r, _)| r.len() == names.len()) {
         let value = String::from_utf8_lossy(&cut[names.len() - 1]).into_owned();
         let others = &whole[..whole.len() - 1];
-        let numeric = matches!(kinds.last().unwrap(), Kind::Number | Kind::Whole);
+        let numeric = matches!(kinds.last().unwrap(), CsvColumnKind::Number | CsvColumnKind::Whole);
         let short = numeric
             && !others.is_empty()
             && others.iter().all(|r| r[names.len() - 1].len() > cut[names.len() - 1].len());
@@ -130,21 +130,21 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
         for (i, kind) in kinds.iter().enumerate() {
             let cell = (record.len() == names.len()).then(|| &record[i]);
             let (value, right) = match kind {
-                Kind::Number => {
+                CsvColumnKind::Number => {
                     let number = cell.and_then(number);
                     (bits(number.unwrap_or(f64::NAN)), number.is_some())
                 }
-                Kind::Whole => {
+                CsvColumnKind::Whole => {
                     let whole = cell.and_then(text).and_then(|t| missing.whole(&t));
                     (whole.flatten().map_or("missing".to_owned(), |x| x.to_string()), whole.is_some())
                 }
-                Kind::Key if cell.is_none() => (keys[i].clone(), true),
-                Kind::Text | Kind::Key => {
+                CsvColumnKind::Key if cell.is_none() => (keys[i].clone(), true),
+                CsvColumnKind::Text | CsvColumnKind::Key => {
                     let text = cell.and_then(text);
                     (text.clone().unwrap_or_default(), text.is_some())
                 }
             };
-            if *kind == Kind::Key {
+            if *kind == CsvColumnKind::Key {
                 keys[i].clone_from(&value);
             }
             if !right && wrong.is_none() {
@@ -165,7 +165,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
             continue;
         }
         let Some(column) = wrong else { continue };
-        let numeric = |i: &usize| matches!(kinds[*i], Kind::Number | Kind::Whole);
+        let numeric = |i: &usize| matches!(kinds[*i], CsvColumnKind::Number | CsvColumnKind::Whole);
         let word =
             |i: &usize| text(&record[*i]).is_some_and(|t| !missing::is_usual_word(&t) && missing.number(&t).is_none());
         let (numbers, words) = ((0..names.len()).filter(numeric), (0..names.len()).filter(numeric).filter(word));
@@ -179,7 +179,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
         told.faults.push((
             row,
             match text(&record[column]) {
-                Some(t) if kinds[column] == Kind::Whole && missing.number(&t).is_some() => {
+                Some(t) if kinds[column] == CsvColumnKind::Whole && missing.number(&t).is_some() => {
                     format!("{place}: `{t}` is not a whole number ({at})")
                 }
                 Some(t) => {
@@ -353,12 +353,12 @@ fn unit_what_was_found_is_read_back_and_nothing_else() {
     let path = folder.path().join("f.csv");
     fs::write(&path, "flight,line,tt,a,b\n1,1,0.5,1,x\nflight,line,tt,a,b\n1,1,0.5,1,2").unwrap();
     let options = FlightOptions::default();
-    let first = open_in(&path, &options, &Reading::default(), BLOCK).unwrap();
+    let first = open_in(&path, &options, &ReadHints::default(), BLOCK).unwrap();
     let found = first.found.unwrap();
-    assert_eq!(Scan::parse(&found, 5).map(|s| s.spelt()), Some(found.clone()));
-    assert_eq!(Scan::parse(&found, 4), None);
+    assert_eq!(CsvScan::parse(&found, 5).map(|s| s.spelt()), Some(found.clone()));
+    assert_eq!(CsvScan::parse(&found, 4), None);
     for cut in 0..found.len() {
-        if let Some(scan) = Scan::parse(&found[..cut], 5) {
+        if let Some(scan) = CsvScan::parse(&found[..cut], 5) {
             // The truncation removes the last value, which the records of the pipeline guard.
             assert!(found.starts_with(&scan.spelt()) && scan.kinds.len() == 5, "{cut}");
         }
@@ -366,7 +366,7 @@ fn unit_what_was_found_is_read_back_and_nothing_else() {
     // A damaged or foreign text is as good as none.
     for text in ["", "csv 1", "csv 2\nkknnt\n1 3\n", "csv 1\nkkn\n0 0\n", "csv 1\nkkxnt\n0 0\n", "csv 1\nkknnt\nx y\n"]
     {
-        let reading = Reading { found: Some(text.to_owned()), threads: 1 };
+        let reading = ReadHints { found: Some(text.to_owned()), threads: 1 };
         let again = open_in(&path, &options, &reading, BLOCK).unwrap();
         assert_eq!((again.schema, again.notes), (first.schema.clone(), first.notes.clone()), "{text}");
     }

@@ -1,6 +1,6 @@
 //! The definitions of messages of a DataFlash log in its FMT, FMTU, UNIT and MULT messages.
 
-use super::super::records::{Column, Kind, text};
+use super::super::records::{RecordColumn, RecordFieldType, text};
 
 /// The length of a header: two marks and the type.
 pub(super) const HEADER: usize = 3;
@@ -11,21 +11,21 @@ pub(super) const FMT_LENGTH: u8 = 89;
 
 /// A definition: name, length with the header, and columns with offsets behind the header.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Definition {
+pub(super) struct MessageDefinition {
     pub(super) name: String,
     pub(super) length: u8,
     /// The columns of the message; an array is several.
-    pub(super) columns: Vec<Column>,
+    pub(super) columns: Vec<RecordColumn>,
     /// The field of each column, for units.
     pub(super) fields: Vec<usize>,
     /// The format character of each field.
     formats: Vec<u8>,
 }
 
-impl Definition {
+impl MessageDefinition {
     /// The definition in the body of an FMT message, and the type that it defines: type, length, name (4 characters),
     /// format (16), labels (64, between commas). `None` if it is inconsistent.
-    pub(super) fn parse(body: &[u8]) -> Option<(u8, Definition)> {
+    pub(super) fn parse(body: &[u8]) -> Option<(u8, MessageDefinition)> {
         let (&[of, length], rest) = body.split_first_chunk::<2>()?;
         let (name, rest) = rest.split_first_chunk::<4>()?;
         let (format, rest) = rest.split_first_chunk::<16>()?;
@@ -42,11 +42,11 @@ impl Definition {
         }
         let (mut columns, mut fields, mut size) = (vec![], vec![], 0);
         for (i, (character, label)) in format.chars().zip(&labels).enumerate() {
-            let Field { kind, array, divisor, unit } = Field::of(character)?;
+            let FormatCharacter { kind, array, divisor, unit } = FormatCharacter::from_char(character)?;
             let unit = if unit.is_empty() { unit_of(label) } else { unit };
             for k in 0..array.unwrap_or(1) {
                 let name = array.map_or_else(|| (*label).to_owned(), |_| format!("{label}[{k}]"));
-                columns.push(Column { name, kind, offset: size, divisor, unit: unit.to_owned() });
+                columns.push(RecordColumn { name, kind, offset: size, divisor, unit: unit.to_owned() });
                 fields.push(i);
                 size += kind.bytes();
             }
@@ -55,12 +55,12 @@ impl Definition {
         if twice || size + HEADER != usize::from(length) {
             return None;
         }
-        Some((of, Definition { name, length, columns, fields, formats: format.into_bytes() }))
+        Some((of, MessageDefinition { name, length, columns, fields, formats: format.into_bytes() }))
     }
 
     /// The definition of the FMT messages themselves.
-    pub(super) fn of_fmt() -> Definition {
-        let column = |(name, kind, offset): (&str, Kind, usize)| Column {
+    pub(super) fn of_fmt() -> MessageDefinition {
+        let column = |(name, kind, offset): (&str, RecordFieldType, usize)| RecordColumn {
             name: name.to_owned(),
             kind,
             offset,
@@ -68,13 +68,13 @@ impl Definition {
             unit: String::new(),
         };
         let columns = [
-            ("Type", Kind::U8, 0),
-            ("Length", Kind::U8, 1),
-            ("Name", Kind::Text(4), 2),
-            ("Format", Kind::Text(16), 6),
-            ("Columns", Kind::Text(64), 22),
+            ("Type", RecordFieldType::U8, 0),
+            ("Length", RecordFieldType::U8, 1),
+            ("Name", RecordFieldType::Text(4), 2),
+            ("Format", RecordFieldType::Text(16), 6),
+            ("Columns", RecordFieldType::Text(64), 22),
         ];
-        Definition {
+        MessageDefinition {
             name: "FMT".to_owned(),
             length: FMT_LENGTH,
             columns: columns.map(column).to_vec(),
@@ -84,7 +84,7 @@ impl Definition {
     }
 
     /// Whether another definition has the same columns at the same positions.
-    pub(super) fn is_like(&self, other: &Definition) -> bool {
+    pub(super) fn is_like(&self, other: &MessageDefinition) -> bool {
         self.name == other.name && self.length == other.length && self.formats == other.formats && {
             let (ours, theirs) = (self.columns.iter(), other.columns.iter());
             ours.map(|c| &c.name).eq(theirs.map(|c| &c.name))
@@ -92,12 +92,12 @@ impl Definition {
     }
 
     /// The column of a field by its label.
-    pub(super) fn find(&self, label: &str) -> Option<&Column> {
+    pub(super) fn find(&self, label: &str) -> Option<&RecordColumn> {
         self.columns.iter().find(|c| c.name == label)
     }
 
     /// The column of the field at an index.
-    pub(super) fn field(&self, index: usize) -> Option<&Column> {
+    pub(super) fn field(&self, index: usize) -> Option<&RecordColumn> {
         self.columns.iter().zip(&self.fields).find(|(_, of)| **of == index).map(|(c, _)| c)
     }
 
@@ -108,43 +108,43 @@ impl Definition {
 }
 
 /// The meaning of a format character.
-struct Field {
-    kind: Kind,
+struct FormatCharacter {
+    kind: RecordFieldType,
     array: Option<usize>,
     divisor: f64,
     unit: &'static str,
 }
 
-impl Field {
+impl FormatCharacter {
     /// [ArduPilot, libraries/AP_Logger/LogStructure.h]
-    fn of(character: char) -> Option<Field> {
+    fn from_char(character: char) -> Option<FormatCharacter> {
         let (kind, divisor) = match character {
-            'b' | 'M' => (if character == 'M' { Kind::U8 } else { Kind::I8 }, 1.0),
-            'B' => (Kind::U8, 1.0),
-            'h' => (Kind::I16, 1.0),
-            'H' => (Kind::U16, 1.0),
-            'i' => (Kind::I32, 1.0),
-            'I' => (Kind::U32, 1.0),
-            'q' => (Kind::I64, 1.0),
-            'Q' => (Kind::U64, 1.0),
-            'g' => (Kind::F16, 1.0),
-            'f' => (Kind::F32, 1.0),
-            'd' => (Kind::F64, 1.0),
-            'n' => (Kind::Text(4), 1.0),
-            'N' => (Kind::Text(16), 1.0),
-            'Z' => (Kind::Text(64), 1.0),
+            'b' | 'M' => (if character == 'M' { RecordFieldType::U8 } else { RecordFieldType::I8 }, 1.0),
+            'B' => (RecordFieldType::U8, 1.0),
+            'h' => (RecordFieldType::I16, 1.0),
+            'H' => (RecordFieldType::U16, 1.0),
+            'i' => (RecordFieldType::I32, 1.0),
+            'I' => (RecordFieldType::U32, 1.0),
+            'q' => (RecordFieldType::I64, 1.0),
+            'Q' => (RecordFieldType::U64, 1.0),
+            'g' => (RecordFieldType::F16, 1.0),
+            'f' => (RecordFieldType::F32, 1.0),
+            'd' => (RecordFieldType::F64, 1.0),
+            'n' => (RecordFieldType::Text(4), 1.0),
+            'N' => (RecordFieldType::Text(16), 1.0),
+            'Z' => (RecordFieldType::Text(64), 1.0),
             // Hundredths; division gives the nearest number to the decimal one.
-            'c' => (Kind::I16, 1e2),
-            'C' => (Kind::U16, 1e2),
-            'e' => (Kind::I32, 1e2),
-            'E' => (Kind::U32, 1e2),
+            'c' => (RecordFieldType::I16, 1e2),
+            'C' => (RecordFieldType::U16, 1e2),
+            'e' => (RecordFieldType::I32, 1e2),
+            'E' => (RecordFieldType::U32, 1e2),
             // Latitudes and longitudes.
-            'L' => (Kind::I32, 1e7),
-            'a' => (Kind::I16, 1.0),
+            'L' => (RecordFieldType::I32, 1e7),
+            'a' => (RecordFieldType::I16, 1.0),
             _ => return None,
         };
         let array = (character == 'a').then_some(32);
-        Some(Field { kind, array, divisor, unit: if character == 'L' { "deg" } else { "" } })
+        Some(FormatCharacter { kind, array, divisor, unit: if character == 'L' { "deg" } else { "" } })
     }
 }
 
@@ -159,7 +159,7 @@ fn unit_of(label: &str) -> &'static str {
 
 /// The units and multipliers of fields.
 #[derive(Default)]
-pub(super) struct Units {
+pub(super) struct DataflashUnits {
     /// The name of each unit character.
     names: Vec<(u8, String)>,
     /// The number of each multiplier character.
@@ -168,9 +168,9 @@ pub(super) struct Units {
     of: Vec<(u8, Vec<u8>, Vec<u8>)>,
 }
 
-impl Units {
+impl DataflashUnits {
     /// Takes the body of a UNIT, MULT or FMTU message.
-    pub(super) fn add(&mut self, definition: &Definition, body: &[u8]) {
+    pub(super) fn add(&mut self, definition: &MessageDefinition, body: &[u8]) {
         let byte = |label: &str| definition.find(label).and_then(|c| body.get(c.offset)).copied();
         let bytes = |label: &str| {
             let column = definition.find(label)?;
@@ -185,7 +185,7 @@ impl Units {
                 }
             }
             "MULT" => {
-                let column = definition.find("Mult").filter(|c| c.kind == Kind::F64);
+                let column = definition.find("Mult").filter(|c| c.kind == RecordFieldType::F64);
                 let factor = column.and_then(|c| body.get(c.offset..)?.first_chunk().map(|b| f64::from_le_bytes(*b)));
                 if let (Some(id), Some(factor)) = (byte("Id"), factor) {
                     self.factors.retain(|(known, _)| *known != id);
@@ -208,7 +208,7 @@ impl Units {
     }
 
     /// Gives the columns of a type their units.
-    pub(super) fn apply(&self, of: u8, definition: &mut Definition) {
+    pub(super) fn apply(&self, of: u8, definition: &mut MessageDefinition) {
         let Some((_, units, factors)) = self.of.iter().find(|(known, ..)| *known == of) else { return };
         for i in 0..definition.formats.len() {
             let known = units.get(i).and_then(|id| self.names.iter().find(|(known, _)| known == id));
@@ -290,9 +290,9 @@ mod tests {
             ("Q", 8),
         ];
         for (character, size) in sizes {
-            let (of, definition) = Definition::parse(&fmt(7, size + 3, "X", character, "A")).unwrap();
+            let (of, definition) = MessageDefinition::parse(&fmt(7, size + 3, "X", character, "A")).unwrap();
             assert_eq!((of, definition.name.as_str()), (7, "X"), "{character}");
-            assert!(Definition::parse(&fmt(7, size + 4, "X", character, "A")).is_none(), "{character}");
+            assert!(MessageDefinition::parse(&fmt(7, size + 4, "X", character, "A")).is_none(), "{character}");
         }
     }
 
@@ -306,17 +306,18 @@ mod tests {
             fmt(7, 5, "", "BB", "A,B"),
             fmt(7, 5, "X", "BB", "A,\u{1}"),
         ] {
-            assert!(Definition::parse(&body).is_none());
+            assert!(MessageDefinition::parse(&body).is_none());
         }
-        assert!(Definition::parse(&fmt(7, 5, "X", "BB", "A,B")[..80]).is_none());
+        assert!(MessageDefinition::parse(&fmt(7, 5, "X", "BB", "A,B")[..80]).is_none());
     }
 
     #[test]
     fn unit_units_of_fmtu_with_their_multipliers() {
-        let (_, unit) = Definition::parse(&fmt(1, 76, "UNIT", "QbZ", "TimeUS,Id,Label")).unwrap();
-        let (_, mult) = Definition::parse(&fmt(2, 20, "MULT", "Qbd", "TimeUS,Id,Mult")).unwrap();
-        let (_, fmtu) = Definition::parse(&fmt(3, 44, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")).unwrap();
-        let mut units = Units::default();
+        let (_, unit) = MessageDefinition::parse(&fmt(1, 76, "UNIT", "QbZ", "TimeUS,Id,Label")).unwrap();
+        let (_, mult) = MessageDefinition::parse(&fmt(2, 20, "MULT", "Qbd", "TimeUS,Id,Mult")).unwrap();
+        let (_, fmtu) =
+            MessageDefinition::parse(&fmt(3, 44, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")).unwrap();
+        let mut units = DataflashUnits::default();
         for (id, label) in [(b's', "s"), (b'G', "Gauss"), (b'D', "deglatitude"), (b'#', "instance")] {
             let mut body = vec![0; 8];
             body.push(id);
@@ -330,7 +331,7 @@ mod tests {
         }
         let mut of = [&[0; 8][..], &[9], b"s#GD", &[0; 12], b"F-CG", &[0; 12]].concat();
         units.add(&fmtu, &of);
-        let (_, mut mag) = Definition::parse(&fmt(9, 18, "MAG", "QBhL", "TimeUS,I,MagX,Lat")).unwrap();
+        let (_, mut mag) = MessageDefinition::parse(&fmt(9, 18, "MAG", "QBhL", "TimeUS,I,MagX,Lat")).unwrap();
         units.apply(9, &mut mag);
         let found: Vec<&str> = mag.columns.iter().map(|c| c.unit.as_str()).collect();
         assert_eq!((found.as_slice(), units.instance(9)), (["us", "", "mgauss", "deg"].as_slice(), Some(1)));

@@ -9,10 +9,10 @@
 
 use std::path::Path;
 
-use self::walk::{MARKS, Walk};
+use self::walk::{DataflashScanner, MARKS};
 use super::{
-    FlightFormat, FlightOptions, Head, Raw, Reading, Topic,
-    records::{Column, Records, Widths, batches},
+    FileHead, FlightFormat, FlightOptions, LogTopic, RawFlight, ReadHints,
+    records::{RecordBuffer, RecordColumn, WideIntegerScan, batches},
     stream::counted,
     topics::{chosen, listed},
 };
@@ -25,34 +25,34 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "dataflash",
     about: "binary log of an ArduPilot autopilot, DataFlash; `topic` is a message, `MAG:1` an instance",
     extensions: &["bin"],
-    recognise: |head: &Head| head.starts_with(MARKS),
+    recognise: |head: &FileHead| head.starts_with(MARKS),
     open,
     topics: Some(topics),
     made_from: None,
 };
 
-fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
-    let mut walk = Walk::open(path)?;
+fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<LogTopic>, ReadError> {
+    let mut walk = DataflashScanner::open(path)?;
     walk.finish(&mut |_, _, _, _| ())?;
     some_message(path, &walk)?;
-    let topic = |t: &walk::Topic| {
+    let topic = |t: &walk::DataflashTopic| {
         let columns = walk.state.layouts.get(t.layout).map(|l| l.definition.columns.iter());
-        let columns = columns.into_iter().flatten().map(Column::topic_column).collect();
-        Topic { name: walk.state.spelt(t), rows: t.rows, columns, note: String::new() }
+        let columns = columns.into_iter().flatten().map(RecordColumn::topic_column).collect();
+        LogTopic { name: walk.state.spelt(t), rows: t.rows, columns, note: String::new() }
     };
     let topics = walk.state.topics.iter().map(topic);
-    let lost = |(name, note)| Topic { name, rows: 0, columns: vec![], note };
+    let lost = |(name, note)| LogTopic { name, rows: 0, columns: vec![], note };
     Ok(topics.chain(walk.state.lost().into_iter().map(lost)).collect())
 }
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    let mut scan = Walk::open(path)?;
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
+    let mut scan = DataflashScanner::open(path)?;
     let asked = options.topic.as_deref();
-    let mut widths: Vec<Option<Widths>> = vec![];
+    let mut widths: Vec<Option<WideIntegerScan>> = vec![];
     scan.finish(&mut |topic, new, definition, body| {
         if new {
             let wanted = asked.is_none_or(|t| t.split(':').next() == Some(definition.name.as_str()));
-            widths.push(wanted.then(|| Widths::new(&definition.columns)));
+            widths.push(wanted.then(|| WideIntegerScan::new(&definition.columns)));
         }
         if let Some(Some(widths)) = widths.get_mut(topic) {
             widths.look(body);
@@ -69,7 +69,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let definition = scan.state.layouts[scan.state.topics[number].layout].definition.clone();
     let widths = widths.swap_remove(number).unwrap_or_default();
     let stride = usize::from(definition.length) - definitions::HEADER;
-    let records = Records::new(definition.columns, widths, stride);
+    let records = RecordBuffer::new(definition.columns, widths, stride);
     let schema = records.schema().clone();
     let mut walk = scan.again()?;
     let parts = batches(path, records, move |records| {
@@ -79,10 +79,10 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             }
         })
     });
-    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, parts) })
+    Ok(RawFlight { fillers: true, unstated: true, notes, ..RawFlight::new(schema, parts) })
 }
 
-fn some_message(path: &Path, walk: &Walk) -> Result<(), ReadError> {
+fn some_message(path: &Path, walk: &DataflashScanner) -> Result<(), ReadError> {
     if walk.state.topics.is_empty() {
         return Err(ReadError::data(path, "the file is not a DataFlash log: it holds no valid message"));
     }
@@ -106,7 +106,7 @@ fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)])
 }
 
 /// Notes on the whole file.
-fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
+fn notes(path: &Path, walk: &DataflashScanner, number: usize) -> Vec<String> {
     let state = &walk.state;
     let mut notes = vec![];
     notes.extend(state.damage.note());

@@ -10,10 +10,10 @@ use std::{
 
 use super::{
     super::{
-        records::{Kind, text},
-        stream::{Damage, Forward, counted},
+        records::{RecordFieldType, text},
+        stream::{Damage, ForwardReader, counted},
     },
-    definitions::{Definition, FMT, FMT_LENGTH, HEADER, Units},
+    definitions::{DataflashUnits, FMT, FMT_LENGTH, HEADER, MessageDefinition},
 };
 use crate::ReadError;
 
@@ -23,7 +23,7 @@ pub(super) const MARKS: &[u8] = &[0xa3, 0x95];
 const AHEAD: usize = 1 << 10;
 
 /// A topic: the messages of one name and, if any, of one instance.
-pub(super) struct Topic {
+pub(super) struct DataflashTopic {
     pub(super) instance: Option<String>,
     /// The position of its definition.
     pub(super) layout: usize,
@@ -31,9 +31,9 @@ pub(super) struct Topic {
     pub(super) rows: u64,
 }
 
-/// The definition of a name: the first one in the file.
-pub(super) struct Layout {
-    pub(super) definition: Definition,
+/// First definition of a message name in the file, and the topics of that name.
+pub(super) struct DataflashLayout {
+    pub(super) definition: MessageDefinition,
     /// Messages of the name under a later, different definition.
     pub(super) others: u64,
     /// The topic without an instance.
@@ -44,9 +44,9 @@ pub(super) struct Layout {
     by_name: HashMap<Vec<u8>, usize>,
 }
 
-impl Layout {
-    fn new(definition: Definition) -> Layout {
-        Layout { definition, others: 0, plain: None, by_byte: vec![None; 256], by_name: HashMap::new() }
+impl DataflashLayout {
+    fn new(definition: MessageDefinition) -> DataflashLayout {
+        DataflashLayout { definition, others: 0, plain: None, by_byte: vec![None; 256], by_name: HashMap::new() }
     }
 
     #[inline]
@@ -75,7 +75,7 @@ impl Layout {
 
 /// A message type.
 #[derive(Clone, Copy, Default)]
-struct Type {
+struct DataflashMessageType {
     /// Length with the header; 0 for an undefined type.
     length: u8,
     /// Its definition; `None` if it is invalid.
@@ -83,19 +83,19 @@ struct Type {
     /// Whether the definition of the type equals that of the name.
     same: bool,
     /// Offset and length of the instance.
-    instance: Option<(usize, Kind)>,
+    instance: Option<(usize, RecordFieldType)>,
 }
 
-/// State of the walk through a file.
-pub(super) struct State {
+/// State of the scan of a DataFlash log: definitions, topics and skipped messages.
+pub(super) struct DataflashScanState {
     /// The units, of the whole file.
-    units: Units,
-    types: Vec<Type>,
+    units: DataflashUnits,
+    types: Vec<DataflashMessageType>,
     /// The bodies of the FMT messages that define the types; a repeated definition has no effect.
     defined: Vec<Vec<u8>>,
-    pub(super) layouts: Vec<Layout>,
+    pub(super) layouts: Vec<DataflashLayout>,
     names: HashMap<String, usize>,
-    pub(super) topics: Vec<Topic>,
+    pub(super) topics: Vec<DataflashTopic>,
     pub(super) damage: Damage,
     /// Bytes of a message that ends with the file.
     pub(super) cut: u64,
@@ -111,7 +111,7 @@ pub(super) struct State {
 
 /// Classification of the bytes at a position.
 #[derive(Clone, Copy, PartialEq)]
-enum Found {
+enum DataflashMatch {
     /// A message of this length.
     Message(usize),
     /// The start of a message that ends with the file.
@@ -121,30 +121,30 @@ enum Found {
     Nothing,
 }
 
-/// A file and the position in it.
-pub(super) struct Walk {
+/// Scanner of a DataFlash log: the file, the position in it and the state.
+pub(super) struct DataflashScanner {
     path: PathBuf,
-    forward: Forward<File>,
-    pub(super) state: State,
+    forward: ForwardReader<File>,
+    pub(super) state: DataflashScanState,
 }
 
-impl Walk {
+impl DataflashScanner {
     /// Opens a file and first reads its units and instances, which can be anywhere in it.
     ///
     /// # Errors
     /// Fails for a file that cannot be read.
-    pub(super) fn open(path: &Path) -> Result<Walk, ReadError> {
-        let mut first = Walk::with(path, Units::default())?;
-        let mut units = Units::default();
+    pub(super) fn open(path: &Path) -> Result<DataflashScanner, ReadError> {
+        let mut first = DataflashScanner::with(path, DataflashUnits::default())?;
+        let mut units = DataflashUnits::default();
         first.finish(&mut |_, _, definition, body| units.add(definition, body))?;
-        Walk::with(path, units)
+        DataflashScanner::with(path, units)
     }
 
-    fn with(path: &Path, units: Units) -> Result<Walk, ReadError> {
-        let forward = Forward::open(path)?;
-        let mut state = State {
+    fn with(path: &Path, units: DataflashUnits) -> Result<DataflashScanner, ReadError> {
+        let forward = ForwardReader::open(path)?;
+        let mut state = DataflashScanState {
             units,
-            types: vec![Type::default(); 256],
+            types: vec![DataflashMessageType::default(); 256],
             defined: vec![vec![]; 256],
             layouts: vec![],
             names: HashMap::new(),
@@ -156,16 +156,16 @@ impl Walk {
             undefined: 0,
             unnamed: HashMap::new(),
         };
-        state.define(FMT, Some(Definition::of_fmt()), FMT_LENGTH);
-        Ok(Walk { path: path.to_path_buf(), forward, state })
+        state.define(FMT, Some(MessageDefinition::of_fmt()), FMT_LENGTH);
+        Ok(DataflashScanner { path: path.to_path_buf(), forward, state })
     }
 
     /// The same file and units, from its start.
     ///
     /// # Errors
     /// Fails for a file that cannot be opened.
-    pub(super) fn again(self) -> Result<Walk, ReadError> {
-        Walk::with(&self.path, self.state.units)
+    pub(super) fn again(self) -> Result<DataflashScanner, ReadError> {
+        DataflashScanner::with(&self.path, self.state.units)
     }
 
     /// Takes the next message and shows it to `visit` (topic, whether it is new, definition and body). Returns whether
@@ -174,22 +174,25 @@ impl Walk {
     /// # Errors
     /// Fails for a file that cannot be read.
     #[inline]
-    pub(super) fn step(&mut self, visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) -> Result<bool, ReadError> {
-        let Walk { path, forward, state } = self;
+    pub(super) fn step(
+        &mut self,
+        visit: &mut impl FnMut(usize, bool, &MessageDefinition, &[u8]),
+    ) -> Result<bool, ReadError> {
+        let DataflashScanner { path, forward, state } = self;
         let position = forward.position();
         let bytes = forward.ahead(AHEAD).map_err(|e| ReadError::io(path, &e))?;
         let taken = match state.found(bytes) {
             _ if bytes.is_empty() => return Ok(false),
-            Found::Message(length) if leads(bytes.get(length..).unwrap_or_default()) => {
+            DataflashMatch::Message(length) if leads(bytes.get(length..).unwrap_or_default()) => {
                 state.take(bytes.get(..length).unwrap_or_default(), visit);
                 length
             }
-            Found::Cut => {
+            DataflashMatch::Cut => {
                 state.cut += bytes.len() as u64;
                 bytes.len()
             }
             found => {
-                state.unknown += u64::from(found == Found::Unknown);
+                state.unknown += u64::from(found == DataflashMatch::Unknown);
                 let skipped = state.next_message(bytes);
                 state.damage.add(position, skipped as u64);
                 skipped
@@ -202,8 +205,11 @@ impl Walk {
     /// Reads to the end of the file.
     ///
     /// # Errors
-    /// Fails as [`Walk::step`].
-    pub(super) fn finish(&mut self, visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) -> Result<(), ReadError> {
+    /// Fails as [`DataflashScanner::step`].
+    pub(super) fn finish(
+        &mut self,
+        visit: &mut impl FnMut(usize, bool, &MessageDefinition, &[u8]),
+    ) -> Result<(), ReadError> {
         while self.step(visit)? {}
         Ok(())
     }
@@ -215,20 +221,20 @@ fn leads(bytes: &[u8]) -> bool {
     bytes.iter().zip(MARKS).all(|(a, b)| a == b)
 }
 
-impl State {
+impl DataflashScanState {
     /// Classification of the first bytes; they are at least [`AHEAD`], or end with the file.
     #[inline]
-    fn found(&self, bytes: &[u8]) -> Found {
+    fn found(&self, bytes: &[u8]) -> DataflashMatch {
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
-            return if leads(bytes) { Found::Cut } else { Found::Nothing };
+            return if leads(bytes) { DataflashMatch::Cut } else { DataflashMatch::Nothing };
         };
         if !header.starts_with(MARKS) {
-            return Found::Nothing;
+            return DataflashMatch::Nothing;
         }
         match self.types.get(usize::from(header[2])).map_or(0, |t| usize::from(t.length)) {
-            0 => Found::Unknown,
-            length if length <= bytes.len() => Found::Message(length),
-            _ => Found::Cut,
+            0 => DataflashMatch::Unknown,
+            length if length <= bytes.len() => DataflashMatch::Message(length),
+            _ => DataflashMatch::Cut,
         }
     }
 
@@ -237,18 +243,19 @@ impl State {
         let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
         let stands = |at: &usize| {
             let bytes = bytes.get(*at..).unwrap_or_default();
-            matches!(self.found(bytes), Found::Message(length) if leads(bytes.get(length..).unwrap_or_default()))
+            matches!(self.found(bytes), DataflashMatch::Message(length) if leads(bytes.get(length..).unwrap_or_default()))
         };
         (1..judged).find(stands).unwrap_or(judged.max(1))
     }
 
     #[inline]
-    fn take(&mut self, message: &[u8], visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) {
+    fn take(&mut self, message: &[u8], visit: &mut impl FnMut(usize, bool, &MessageDefinition, &[u8])) {
         let Some((header, body)) = message.split_first_chunk::<HEADER>() else { return };
         if header[2] == FMT {
             self.take_definition(body);
         }
-        let Some(Type { layout: Some(at), same, instance, .. }) = self.types.get(usize::from(header[2])).copied()
+        let Some(DataflashMessageType { layout: Some(at), same, instance, .. }) =
+            self.types.get(usize::from(header[2])).copied()
         else {
             self.undefined += 1;
             if let Some((_, messages)) = self.unnamed.get_mut(&header[2]) {
@@ -266,7 +273,7 @@ impl State {
             Some(number) => (number, false),
             None => {
                 let instance = instance.map(|(_, kind)| spelt(kind, key));
-                self.topics.push(Topic { instance, layout: at, rows: 0 });
+                self.topics.push(DataflashTopic { instance, layout: at, rows: 0 });
                 layout.set_topic(key, self.topics.len() - 1);
                 (self.topics.len() - 1, true)
             }
@@ -283,7 +290,7 @@ impl State {
             Some(known) if known != body => *known = body.to_vec(),
             _ => return,
         }
-        let definition = Definition::parse(body).map(|(_, definition)| definition);
+        let definition = MessageDefinition::parse(body).map(|(_, definition)| definition);
         // Without a definition, the length still separates its messages from others.
         if definition.is_none() {
             self.unreadable += 1;
@@ -294,22 +301,23 @@ impl State {
     }
 
     /// Defines a type.
-    fn define(&mut self, of: u8, definition: Option<Definition>, length: u8) {
+    fn define(&mut self, of: u8, definition: Option<MessageDefinition>, length: u8) {
         // FMT messages are always those of the format, and a header is the least that a message has.
         if (of == FMT && length != FMT_LENGTH) || usize::from(length) < HEADER {
             self.unreadable += u64::from(definition.is_some());
             return;
         }
-        let mut known = Type { length, ..Type::default() };
+        let mut known = DataflashMessageType { length, ..DataflashMessageType::default() };
         if let Some(mut definition) = definition {
             self.units.apply(of, &mut definition);
             known.instance = self.units.instance(of).and_then(|i| definition.field(i)).and_then(|c| {
-                let plain = c.divisor == 1.0 && matches!(c.kind, Kind::U8 | Kind::I8 | Kind::Text(_));
+                let plain = c.divisor == 1.0
+                    && matches!(c.kind, RecordFieldType::U8 | RecordFieldType::I8 | RecordFieldType::Text(_));
                 plain.then_some((c.offset, c.kind))
             });
             let at = *self.names.entry(definition.name.clone()).or_insert(self.layouts.len());
             if at == self.layouts.len() {
-                self.layouts.push(Layout::new(definition.clone()));
+                self.layouts.push(DataflashLayout::new(definition.clone()));
             }
             known.same = self.layouts.get(at).is_some_and(|l| l.definition.is_like(&definition));
             known.layout = Some(at);
@@ -334,17 +342,17 @@ impl State {
     }
 
     /// The name of a topic.
-    pub(super) fn spelt(&self, topic: &Topic) -> String {
+    pub(super) fn spelt(&self, topic: &DataflashTopic) -> String {
         let name = self.layouts.get(topic.layout).map_or("", |l| l.definition.name.as_str());
         topic.instance.as_ref().map_or_else(|| name.to_owned(), |instance| format!("{name}:{instance}"))
     }
 }
 
 /// An instance as text.
-fn spelt(kind: Kind, bytes: &[u8]) -> String {
+fn spelt(kind: RecordFieldType, bytes: &[u8]) -> String {
     match (kind, bytes) {
-        (Kind::I8, [b]) => b.cast_signed().to_string(),
-        (Kind::U8, [b]) => b.to_string(),
+        (RecordFieldType::I8, [b]) => b.cast_signed().to_string(),
+        (RecordFieldType::U8, [b]) => b.to_string(),
         _ => text(bytes),
     }
 }

@@ -47,7 +47,7 @@ fn lines_of(text: &str) -> Lines {
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("a.xyz");
     fs::write(&path, text).unwrap();
-    let mut reader = open_raw(&path, &FlightOptions::default(), &Reading::default()).unwrap();
+    let mut reader = open_raw(&path, &FlightOptions::default(), &ReadHints::default()).unwrap();
     let part = reader.next_part().unwrap().unwrap();
     let line = part.batch.column_by_name("line").unwrap().as_string::<i32>();
     let mut lines: Vec<(String, usize)> = vec![];
@@ -96,7 +96,7 @@ fn unit_what_is_wrong_is_said_with_its_line() {
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("a.xyz");
     fs::write(&path, "//Date 29 June\nLine 10\n1,2,3\n1,2\nL20\n4,5,6").unwrap();
-    let mut reader = open_raw(&path, &FlightOptions::default(), &Reading::default()).unwrap();
+    let mut reader = open_raw(&path, &FlightOptions::default(), &ReadHints::default()).unwrap();
     let said = reader.notes().join("\n");
     for words in ["column_1, column_2", "the date `29 June` cannot be read", "does not end with a newline"] {
         assert!(said.contains(words), "{said}");
@@ -106,5 +106,5 @@ fn unit_what_is_wrong_is_said_with_its_line() {
     let fault = part.faults[0].fault.to_string();
     assert!(fault.ends_with("row 1: the row has 2 values where the others have 3 (line 4 of the file)"), "{fault}");
     fs::write(&path, "/ x y\nLine 10\n\x1a").unwrap();
-    assert!(open_raw(&path, &FlightOptions::default(), &Reading::default()).is_err());
+    assert!(open_raw(&path, &FlightOptions::default(), &ReadHints::default()).is_err());
 }

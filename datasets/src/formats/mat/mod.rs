@@ -7,9 +7,11 @@
 
 use std::{collections::BTreeSet, path::Path};
 
-use self::tree::{Draft, Read, tables};
-use super::{FlightFormat, FlightOptions, Head, Part, Raw, Reading, Topic, TopicColumn, topics::chosen};
-use crate::{ReadError, table::Table};
+use self::tree::{MatContents, MatTable, tables};
+use super::{
+    FileHead, FlightBatch, FlightFormat, FlightOptions, LogTopic, RawFlight, ReadHints, TopicColumn, topics::chosen,
+};
+use crate::{ReadError, table::ColumnTable};
 
 mod tree;
 mod v5;
@@ -19,7 +21,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "mat",
     about: "MATLAB 5 to 7.3; `topic` is a matrix, a structure, or `.` for the vectors at the root",
     extensions: &["mat"],
-    recognise: |head: &Head| head.starts_with(V5) || is_v73(head),
+    recognise: |head: &FileHead| head.starts_with(V5) || is_v73(head),
     open,
     topics: Some(topics),
     made_from: None,
@@ -28,15 +30,15 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 const V5: &[u8] = b"MATLAB 5.0 MAT-file";
 
 /// The first files of this kind have the version 7.0.
-fn is_v73(head: &Head) -> bool {
+fn is_v73(head: &FileHead) -> bool {
     head.starts_with(b"MATLAB 7.") && head.has_at(512, super::hdf5::MAGIC)
 }
 
 /// Rows of a batch.
 const ROWS: usize = 65_536;
 
-fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
-    let head = Head::read(path)?;
+fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<MatContents, ReadError> {
+    let head = FileHead::read(path)?;
     if is_v73(&head) {
         return v73::read(path, keep);
     }
@@ -48,17 +50,17 @@ fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
     Err(ReadError::data(path, what).help("load an older file in MATLAB and save it with `save(name, '-v7')`"))
 }
 
-fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
-    let column = |c: tree::Column| TopicColumn { name: c.name, unit: String::new(), description: String::new() };
-    let topic = |Draft { name, rows, columns }: Draft| {
+fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<LogTopic>, ReadError> {
+    let column = |c: tree::MatColumn| TopicColumn { name: c.name, unit: String::new(), description: String::new() };
+    let topic = |MatTable { name, rows, columns }: MatTable| {
         let columns = columns.into_iter().map(column).collect();
-        Topic { name, rows, columns, note: String::new() }
+        LogTopic { name, rows, columns, note: String::new() }
     };
     Ok(tables(read(path, &|_| false)?.nodes).into_iter().map(topic).collect())
 }
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
-    let Read { nodes, notes: damage } = read(path, &|_| false)?;
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
+    let MatContents { nodes, notes: damage } = read(path, &|_| false)?;
     let skipped = tree::skipped(&nodes);
     let mut drafts = tables(nodes);
     let names: Vec<(String, u64)> = drafts.iter().map(|d| (d.name.clone(), d.rows)).collect();
@@ -67,16 +69,16 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
         Some(damage) => ReadError::data(path, format!("{damage}; {}", e.fault().what)),
         None => e,
     })?;
-    let Draft { name, columns, .. } = drafts.swap_remove(number);
+    let MatTable { name, columns, .. } = drafts.swap_remove(number);
     let variables: BTreeSet<String> = columns.into_iter().map(|c| c.variable).collect();
-    let Read { nodes, notes } = read(path, &|name| variables.contains(name))?;
+    let MatContents { nodes, notes } = read(path, &|name| variables.contains(name))?;
     let now = tree::skipped(&nodes);
     let draft = tables(nodes).into_iter().find(|d| d.name == name);
-    let Some(Draft { columns, .. }) = draft else {
+    let Some(MatTable { columns, .. }) = draft else {
         let what = notes.first().map_or("cannot be read", String::as_str);
         return Err(ReadError::data(path, format!("the topic `{name}`: {what}")));
     };
-    let mut table = Table::default();
+    let mut table = ColumnTable::default();
     for column in columns {
         if let Some(values) = column.values {
             table.push(&column.name, "", values);
@@ -90,8 +92,9 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     }
     let (schema, batch) = (table.schema(), table.into_batch(path)?);
     let starts = (0..batch.num_rows()).step_by(ROWS);
-    let parts: Vec<_> = starts.map(|at| Ok(Part::whole(batch.slice(at, ROWS.min(batch.num_rows() - at))))).collect();
-    Ok(Raw { fillers: true, notes, ..Raw::new(schema, Box::new(parts.into_iter())) })
+    let parts: Vec<_> =
+        starts.map(|at| Ok(FlightBatch::whole(batch.slice(at, ROWS.min(batch.num_rows() - at))))).collect();
+    Ok(RawFlight { fillers: true, notes, ..RawFlight::new(schema, Box::new(parts.into_iter())) })
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ fn user_a_labelled_matrix_becomes_a_flight() {
         ..topic("MAG")
     };
     let mut reader = open_flight(&path, &options).unwrap();
-    let canonical = schemas::canonical::Canonical::new(reader.schema()).unwrap();
+    let canonical = schemas::canonical::FlightConversion::new(reader.schema()).unwrap();
     let flight = canonical.apply(&reader.next().unwrap().unwrap()).unwrap();
     let (raw, nt) = (numbers(&read(&path, &topic("MAG")).unwrap(), "MagX"), numbers(&flight, "flux_a_x"));
     assert_eq!((raw.len(), raw[0], nt[0]), (6129, -195.0, -19_500.0));

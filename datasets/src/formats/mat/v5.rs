@@ -8,9 +8,9 @@ use std::{
 
 use flate2::read::ZlibDecoder;
 
-use super::super::limits::Limit;
-use super::tree::{Content, Node, Read as Outcome};
-use crate::{ReadError, table::Values};
+use super::super::limits::DecodeLimit;
+use super::tree::{MatContents as Outcome, MatValue, MatVariable};
+use crate::{ReadError, table::ColumnValues};
 
 /// Length of the header: the text, the subsystem's offset, the version and the byte-order mark.
 const HEADER: u64 = 128;
@@ -40,7 +40,7 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
             return Err(ReadError::data(path, "the file is not a MATLAB 5 file: its header lacks the byte-order mark"));
         }
     };
-    let (mut outcome, mut at, limit) = (Outcome::default(), HEADER, Limit::new(length));
+    let (mut outcome, mut at, limit) = (Outcome::default(), HEADER, DecodeLimit::new(length));
     while at < length {
         file.seek(SeekFrom::Start(at)).map_err(io)?;
         let mut tag = [0; 8];
@@ -52,7 +52,9 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
         let end = at + 8 + bytes;
         let node = match kind {
             _ if end > length => Err(broken(&format!("it has {} of {bytes} bytes", length - at - 8))),
-            MATRIX => Source::new(&mut (&mut file).take(bytes), big, &limit).matrix(bytes, DEPTH, keep, true).map(Some),
+            MATRIX => {
+                MatByteReader::new(&mut (&mut file).take(bytes), big, &limit).matrix(bytes, DEPTH, keep, true).map(Some)
+            }
             COMPRESSED => deflated((&mut file).take(bytes), big, &limit, keep).map(Some),
             // An element of another type at the root is not a variable.
             _ => Ok(None),
@@ -69,7 +71,7 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
 }
 
 /// The variable in a deflated element.
-fn deflated(input: impl Read, big: bool, limit: &Limit, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
+fn deflated(input: impl Read, big: bool, limit: &DecodeLimit, keep: &dyn Fn(&str) -> bool) -> io::Result<MatVariable> {
     let mut inflated = ZlibDecoder::new(input);
     let mut tag = [0; 8];
     inflated.read_exact(&mut tag)?;
@@ -77,9 +79,9 @@ fn deflated(input: impl Read, big: bool, limit: &Limit, keep: &dyn Fn(&str) -> b
         return Err(broken("it holds no array"));
     }
     let bytes = u64::from(word(&tag, 4, big));
-    let node = Source::new(&mut inflated, big, limit).matrix(bytes, DEPTH, keep, true)?;
+    let node = MatByteReader::new(&mut inflated, big, limit).matrix(bytes, DEPTH, keep, true)?;
     // The checksum is compared at the end of the stream; unused numbers are not read that far.
-    if !matches!(node.content, Content::Array { values: None, .. }) {
+    if !matches!(node.content, MatValue::Array { values: None, .. }) {
         io::copy(&mut inflated, &mut io::sink())?;
     }
     Ok(node)
@@ -96,7 +98,7 @@ fn word(bytes: &[u8], at: usize, big: bool) -> u32 {
 }
 
 /// The head of a data element.
-struct Tag {
+struct MatElementTag {
     kind: u32,
     bytes: u64,
     /// The data of an element of at most four bytes, stored in the head.
@@ -104,16 +106,16 @@ struct Tag {
 }
 
 /// The bytes of a variable.
-struct Source<'a> {
+struct MatByteReader<'a> {
     input: &'a mut dyn Read,
     big: bool,
     at: u64,
-    limit: &'a Limit,
+    limit: &'a DecodeLimit,
 }
 
-impl<'a> Source<'a> {
-    fn new(input: &'a mut dyn Read, big: bool, limit: &'a Limit) -> Source<'a> {
-        Source { input, big, at: 0, limit }
+impl<'a> MatByteReader<'a> {
+    fn new(input: &'a mut dyn Read, big: bool, limit: &'a DecodeLimit) -> MatByteReader<'a> {
+        MatByteReader { input, big, at: 0, limit }
     }
 
     /// Reads `bytes` bytes; memory grows with the bytes read, not with the declared length.
@@ -130,14 +132,14 @@ impl<'a> Source<'a> {
         if skipped < bytes { Err(broken("it is truncated")) } else { Ok(()) }
     }
 
-    fn tag(&mut self, end: u64) -> io::Result<Tag> {
+    fn tag(&mut self, end: u64) -> io::Result<MatElementTag> {
         let head = self.take(8)?;
         let first = word(&head, 0, self.big);
         if first >> 16 != 0 {
             let (kind, bytes) = (first & 0xffff, u64::from(first >> 16));
             let small = head.get(4..).and_then(|b| b.first_chunk::<4>()).copied().unwrap_or_default();
             return if bytes <= 4 {
-                Ok(Tag { kind, bytes, small: Some(small) })
+                Ok(MatElementTag { kind, bytes, small: Some(small) })
             } else {
                 Err(broken("a small element is too long"))
             };
@@ -146,11 +148,11 @@ impl<'a> Source<'a> {
         if bytes > end.saturating_sub(self.at) {
             return Err(broken("an element is longer than its array"));
         }
-        Ok(Tag { kind: first, bytes, small: None })
+        Ok(MatElementTag { kind: first, bytes, small: None })
     }
 
     /// The data of an element, with the padding after it.
-    fn data(&mut self, tag: &Tag, most: u64) -> io::Result<Vec<u8>> {
+    fn data(&mut self, tag: &MatElementTag, most: u64) -> io::Result<Vec<u8>> {
         if tag.bytes > most {
             return Err(broken("an element is too long"));
         }
@@ -162,7 +164,7 @@ impl<'a> Source<'a> {
         Ok(data)
     }
 
-    fn skip_data(&mut self, tag: &Tag) -> io::Result<()> {
+    fn skip_data(&mut self, tag: &MatElementTag) -> io::Result<()> {
         if tag.small.is_some() {
             return Ok(());
         }
@@ -171,7 +173,7 @@ impl<'a> Source<'a> {
     }
 
     /// Elements end at multiples of 8 bytes, but the last may not.
-    fn pad(&mut self, tag: &Tag) -> io::Result<()> {
+    fn pad(&mut self, tag: &MatElementTag) -> io::Result<()> {
         let padding = tag.bytes.next_multiple_of(8) - tag.bytes;
         self.at += io::copy(&mut self.input.take(padding), &mut io::sink())?;
         Ok(())
@@ -183,11 +185,17 @@ impl<'a> Source<'a> {
     }
 
     /// The array of this length after its head. With `outermost`, its own name decides whether its numbers are kept.
-    fn matrix(&mut self, bytes: u64, depth: usize, keep: &dyn Fn(&str) -> bool, outermost: bool) -> io::Result<Node> {
+    fn matrix(
+        &mut self,
+        bytes: u64,
+        depth: usize,
+        keep: &dyn Fn(&str) -> bool,
+        outermost: bool,
+    ) -> io::Result<MatVariable> {
         let end = self.at + bytes;
         let depth = depth.checked_sub(1).ok_or_else(|| broken("structures are nested too deeply"))?;
         if bytes == 0 {
-            return Ok(Node::skipped("", "empty"));
+            return Ok(MatVariable::skipped("", "empty"));
         }
         let flags = word(&self.element(end)?, 0, self.big);
         const OPAQUE: u32 = 17;
@@ -207,8 +215,8 @@ impl<'a> Source<'a> {
             dims.iter().try_fold(1u64, |n, d| n.checked_mul(*d)).ok_or_else(|| broken("its shape is too large"))?;
         let content = match class {
             // Double, single and the eight kinds of whole numbers.
-            6..=15 if flags & COMPLEX != 0 => Content::Skipped("complex numbers"),
-            6..=15 if dims.len() != 2 => Content::Skipped("an array of more than two dimensions"),
+            6..=15 if flags & COMPLEX != 0 => MatValue::Skipped("complex numbers"),
+            6..=15 if dims.len() != 2 => MatValue::Skipped("an array of more than two dimensions"),
             6..=15 => {
                 let tag = self.tag(end)?;
                 let values = if keep(&name) {
@@ -225,31 +233,31 @@ impl<'a> Source<'a> {
                 if values.is_none() && !outermost {
                     self.skip_data(&tag)?;
                 }
-                return self.done(name, Content::Array { rows, columns, values }, end, outermost && !kept);
+                return self.done(name, MatValue::Array { rows, columns, values }, end, outermost && !kept);
             }
             4 => {
                 let tag = self.tag(end)?;
                 let data = self.data(&tag, LONGEST)?;
-                Content::Texts(texts(&data, tag.kind, self.big, dims.first().copied().unwrap_or(0))?)
+                MatValue::Texts(texts(&data, tag.kind, self.big, dims.first().copied().unwrap_or(0))?)
             }
             1 => self.cells(count, end, depth, keep)?,
-            2 if count == 1 => Content::Struct(self.fields(end, depth, keep)?),
-            2 => Content::Skipped("an array of structures"),
-            3 => Content::Skipped("an object"),
-            5 => Content::Skipped("a sparse matrix"),
-            16 => Content::Skipped("a function"),
-            OPAQUE => Content::Skipped("an object of a class"),
-            _ => Content::Skipped("an array of an unknown class"),
+            2 if count == 1 => MatValue::Struct(self.fields(end, depth, keep)?),
+            2 => MatValue::Skipped("an array of structures"),
+            3 => MatValue::Skipped("an object"),
+            5 => MatValue::Skipped("a sparse matrix"),
+            16 => MatValue::Skipped("a function"),
+            OPAQUE => MatValue::Skipped("an object of a class"),
+            _ => MatValue::Skipped("an array of an unknown class"),
         };
         self.done(name, content, end, outermost && !kept)
     }
 
     /// Moves to the end of the array.
-    fn done(&mut self, name: String, content: Content, end: u64, stop: bool) -> io::Result<Node> {
+    fn done(&mut self, name: String, content: MatValue, end: u64, stop: bool) -> io::Result<MatVariable> {
         if !stop {
             self.skip(end.checked_sub(self.at).ok_or_else(|| broken("its parts are longer than the array"))?)?;
         }
-        Ok(Node { name, content })
+        Ok(MatVariable { name, content })
     }
 
     fn dims(&mut self, end: u64) -> io::Result<Vec<u64>> {
@@ -261,18 +269,18 @@ impl<'a> Source<'a> {
     }
 
     /// A cell array of texts; others are skipped.
-    fn cells(&mut self, count: u64, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Content> {
+    fn cells(&mut self, count: u64, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<MatValue> {
         let mut texts = vec![];
         for _ in 0..count {
             match self.nested(end, depth, keep)?.content {
-                Content::Texts(mut one) if one.len() <= 1 => texts.push(one.pop().unwrap_or_default()),
-                _ => return Ok(Content::Skipped("a cell array")),
+                MatValue::Texts(mut one) if one.len() <= 1 => texts.push(one.pop().unwrap_or_default()),
+                _ => return Ok(MatValue::Skipped("a cell array")),
             }
         }
-        Ok(Content::Texts(texts))
+        Ok(MatValue::Texts(texts))
     }
 
-    fn fields(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Vec<Node>> {
+    fn fields(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Vec<MatVariable>> {
         let longest = word(&self.element(end)?, 0, self.big) as usize;
         let names = self.element(end)?;
         if longest == 0 {
@@ -281,13 +289,13 @@ impl<'a> Source<'a> {
         let mut fields = vec![];
         for name in names.chunks_exact(longest) {
             let name = super::super::records::text(name);
-            fields.push(Node { name, ..self.nested(end, depth, keep)? });
+            fields.push(MatVariable { name, ..self.nested(end, depth, keep)? });
         }
         Ok(fields)
     }
 
     /// A nested array.
-    fn nested(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
+    fn nested(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<MatVariable> {
         let tag = self.tag(end)?;
         if tag.kind != MATRIX || tag.small.is_some() {
             return Err(broken("an element is not an array"));
@@ -297,7 +305,7 @@ impl<'a> Source<'a> {
 }
 
 /// The numbers of an element of a type, which may be smaller than that of the array.
-fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<Values> {
+fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<ColumnValues> {
     macro_rules! of {
         ($t:ty, $n:literal) => {
             data.chunks_exact($n)
@@ -307,7 +315,7 @@ fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<Values> 
     }
     macro_rules! floats {
         ($t:ty, $n:literal) => {
-            Values::Number(of!($t, $n).map(|x| x as f64).collect())
+            ColumnValues::Number(of!($t, $n).map(|x| x as f64).collect())
         };
     }
     let values = match kind {
@@ -331,14 +339,14 @@ fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<Values> 
 }
 
 /// Integers as floats if these are exact, otherwise with all their digits.
-fn exact(numbers: impl Iterator<Item = i128> + Clone) -> Values {
+fn exact(numbers: impl Iterator<Item = i128> + Clone) -> ColumnValues {
     const EXACT: u128 = 1 << 53;
     let most = numbers.clone().map(i128::unsigned_abs).max().unwrap_or(0);
     if most <= EXACT {
-        return Values::Number(numbers.map(|x| x as f64).collect());
+        return ColumnValues::Number(numbers.map(|x| x as f64).collect());
     }
     let whole: Option<Vec<Option<i64>>> = numbers.clone().map(|x| i64::try_from(x).ok().map(Some)).collect();
-    whole.map_or_else(|| Values::Text(numbers.map(|x| x.to_string()).collect()), Values::Whole)
+    whole.map_or_else(|| ColumnValues::Text(numbers.map(|x| x.to_string()).collect()), ColumnValues::Whole)
 }
 
 /// The rows of a matrix of characters, which is stored column by column.

@@ -7,7 +7,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::samples;
 
-fn read(name: &str, options: &PointOptions) -> SurveyPoints {
+fn read(name: &str, options: &PointOptions) -> SurveyPointSet {
     read_points(&samples::path(name), options).unwrap_or_else(|e| panic!("{e}"))
 }
 

@@ -18,8 +18,8 @@ fn ref_coordinates_come_in_metres() {
 #[test]
 fn unit_units_of_coordinates_in_every_format() {
     let grid = |units: [&'static str; 2], x: f64, step: f64| {
-        let values = Attribute::Shorts(vec![1, 2, 3, 4]);
-        netcdf(&[x, x + step], &[x, x + step], units, values, &[("units", Attribute::Text("nT"))])
+        let values = NetcdfValueFixture::Shorts(vec![1, 2, 3, 4]);
+        netcdf(&[x, x + step], &[x, x + step], units, values, &[("units", NetcdfValueFixture::Text("nT"))])
     };
     let west = |file: &[u8], name: &str, options: &MapOptions| bytes(name, file, options).map(|m| m.x.first);
     let foot = 1200.0 / 3937.0;
@@ -49,7 +49,7 @@ fn unit_units_of_coordinates_in_every_format() {
 
     // GeoTIFF: ProjLinearUnits, and a unit of the file's own.
     let keys = |unit: u16| vec![1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32767, 3076, 0, 1, unit];
-    let image = |keys: &[u16]| Image::band(2, 2, 8, 1, vec![1, 2, 3, 4]).with(34735, keys);
+    let image = |keys: &[u16]| TiffImageFixture::band(2, 2, 8, 1, vec![1, 2, 3, 4]).with(34735, keys);
     let corner = 500_000.0 + 100.0;
     for (code, metres) in [(9001, 1.0), (9002, 0.3048), (9003, foot), (9036, 1000.0)] {
         let found = west(&tiff(&[image(&keys(code))]), "m.tif", &utm()).unwrap();

@@ -15,11 +15,11 @@ fn r10_values_that_no_rock_makes() {
     }
     let missing = MapOptions { missing: vec!["99999".into()], ..MapOptions::default() };
     assert!(same(&read_grid(&case("emag2.nc"), &missing).unwrap(), (0.025, 600.825, 2)));
-    let accepted = MapOptions { accept: vec![Accept::Range], ..MapOptions::default() };
+    let accepted = MapOptions { accept: vec![PlausibilityCheck::Range], ..MapOptions::default() };
     assert_eq!(range_of(&read_grid(&case("emag2.nc"), &accepted).unwrap()).1, 99_999.0);
 
     let cells = [5.0, 6.0, 7.0, 1e308_f64].into_iter().flat_map(f64::to_le_bytes).collect();
-    let huge = tiff(&[Image::band(2, 2, 64, 3, cells)]);
+    let huge = tiff(&[TiffImageFixture::band(2, 2, 64, 3, cells)]);
     let fault = bytes("m.tif", &huge, &MapOptions::default()).unwrap_err();
     assert!(fault.contains("1e308 nT is not a magnetic anomaly") && fault.contains("missing = [1e308]"), "{fault}");
     let summary = bytes("m.tif", &huge, &accepted).unwrap().summary().unwrap();
@@ -60,7 +60,7 @@ fn r10_values_that_no_rock_makes() {
     let fault = bytes("m.csv", heights.as_bytes(), &MapOptions::default()).unwrap_err();
     assert!(fault.contains("10000000 m is outside the possible heights of a map"), "{fault}");
     let map = bytes("m.csv", heights.replace("1e7", "-99999").as_bytes(), &MapOptions::default()).unwrap();
-    assert!(matches!(&map.height, Height::Cells(cells) if cells[3].is_nan()), "{:?}", map.height);
+    assert!(matches!(&map.height, GridHeight::Cells(cells) if cells[3].is_nan()), "{:?}", map.height);
     let word = MapOptions { missing: vec!["dropout".into()], ..MapOptions::default() };
     assert!(read("8", &word).unwrap_err().contains("`dropout` of `missing` is not a number"));
 }
@@ -85,7 +85,7 @@ fn r10_values_of_survey_points() {
         );
         let missing = PointOptions { missing: vec![value.into()], ..PointOptions::default() };
         assert!(read(&rows(value, "100"), &missing).unwrap().value_nt[2].is_nan(), "{value}");
-        let accepted = PointOptions { accept: vec![Accept::Range], ..PointOptions::default() };
+        let accepted = PointOptions { accept: vec![PlausibilityCheck::Range], ..PointOptions::default() };
         assert!(read(&rows(value, "100"), &accepted).unwrap().value_nt[2] > 9000.0, "{value}");
     }
     assert!(read(&rows("inf", "100"), &plain).unwrap().value_nt[2].is_nan());

@@ -2,11 +2,11 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::super::records::{Column, Kind, text};
+use super::super::records::{RecordColumn, RecordFieldType, text};
 
 /// A field in the declaration of a format.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Declared {
+struct UlogFieldDeclaration {
     /// A basic type, or the name of another format.
     of: String,
     /// `None` for one value, the length for an array.
@@ -16,9 +16,9 @@ struct Declared {
 
 /// The layout of the data messages of a format.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Layout {
+pub(super) struct UlogMessageLayout {
     /// The columns, without padding.
-    pub(super) columns: Vec<Column>,
+    pub(super) columns: Vec<RecordColumn>,
     /// The bytes of a message without the padding at its end, which may be missing completely or in part.
     pub(super) least: usize,
     /// The bytes of a message with it.
@@ -27,8 +27,8 @@ pub(super) struct Layout {
 
 /// The formats of a file, by name.
 #[derive(Default)]
-pub(super) struct Formats {
-    known: HashMap<String, Vec<Declared>>,
+pub(super) struct UlogFormats {
+    known: HashMap<String, Vec<UlogFieldDeclaration>>,
     /// Names with two different definitions.
     pub(super) contradicted: Vec<String>,
 }
@@ -38,7 +38,7 @@ const DEPTH: usize = 16;
 /// The longest message, whose length has 16 bits.
 const LONGEST: usize = u16::MAX as usize;
 
-impl Formats {
+impl UlogFormats {
     /// Adds the format of a message `name:type field;type[n] field;`; `None` if it is invalid. A later definition of
     /// the same name replaces the earlier one from there on.
     pub(super) fn add(&mut self, body: &[u8]) -> Option<()> {
@@ -54,24 +54,26 @@ impl Formats {
 
     /// The layout of a format with the fields of nested formats; `None` if a format is missing, contains itself, has
     /// duplicate fields, is longer than a message, or has more than `most` columns.
-    pub(super) fn layout(&self, name: &str, most: usize) -> Option<Layout> {
-        let mut flat = Flat { most, ..Flat::default() };
+    pub(super) fn layout(&self, name: &str, most: usize) -> Option<UlogMessageLayout> {
+        let mut flat = UlogColumnBuilder { most, ..UlogColumnBuilder::default() };
         self.flatten(name, "", DEPTH, &mut flat)?;
         let mut names = HashSet::new();
         if !flat.columns.iter().all(|c| names.insert(c.name.as_str())) || flat.size == 0 {
             return None;
         }
-        Some(Layout { least: flat.size - flat.padding, most: flat.size, columns: flat.columns })
+        Some(UlogMessageLayout { least: flat.size - flat.padding, most: flat.size, columns: flat.columns })
     }
 
-    fn flatten(&self, name: &str, prefix: &str, depth: usize, to: &mut Flat) -> Option<()> {
+    fn flatten(&self, name: &str, prefix: &str, depth: usize, to: &mut UlogColumnBuilder) -> Option<()> {
         let depth = depth.checked_sub(1)?;
-        for Declared { of, length, name } in self.known.get(name)? {
+        for UlogFieldDeclaration { of, length, name } in self.known.get(name)? {
             let padding = name.starts_with("_padding");
             let indices = (0..length.unwrap_or(1)).map(|i| length.map_or(String::new(), |_| format!("[{i}]")));
-            match Basic::of(of) {
-                Some(Basic::Char) => to.push(format!("{prefix}{name}"), Kind::Text(length.unwrap_or(1)), padding)?,
-                Some(Basic::Number(kind)) => {
+            match UlogBasicType::from_name(of) {
+                Some(UlogBasicType::Char) => {
+                    to.push(format!("{prefix}{name}"), RecordFieldType::Text(length.unwrap_or(1)), padding)?
+                }
+                Some(UlogBasicType::Number(kind)) => {
                     for index in indices {
                         to.push(format!("{prefix}{name}{index}"), kind, padding)?;
                     }
@@ -87,36 +89,36 @@ impl Formats {
     }
 }
 
-/// A basic type.
-enum Basic {
-    Number(Kind),
+/// Basic type of a ULog field: a number or a character.
+enum UlogBasicType {
+    Number(RecordFieldType),
     Char,
 }
 
-impl Basic {
-    fn of(name: &str) -> Option<Basic> {
-        const NUMBERS: [(&str, Kind); 11] = [
-            ("int8_t", Kind::I8),
-            ("uint8_t", Kind::U8),
-            ("bool", Kind::U8),
-            ("int16_t", Kind::I16),
-            ("uint16_t", Kind::U16),
-            ("int32_t", Kind::I32),
-            ("uint32_t", Kind::U32),
-            ("int64_t", Kind::I64),
-            ("uint64_t", Kind::U64),
-            ("float", Kind::F32),
-            ("double", Kind::F64),
+impl UlogBasicType {
+    fn from_name(name: &str) -> Option<UlogBasicType> {
+        const NUMBERS: [(&str, RecordFieldType); 11] = [
+            ("int8_t", RecordFieldType::I8),
+            ("uint8_t", RecordFieldType::U8),
+            ("bool", RecordFieldType::U8),
+            ("int16_t", RecordFieldType::I16),
+            ("uint16_t", RecordFieldType::U16),
+            ("int32_t", RecordFieldType::I32),
+            ("uint32_t", RecordFieldType::U32),
+            ("int64_t", RecordFieldType::I64),
+            ("uint64_t", RecordFieldType::U64),
+            ("float", RecordFieldType::F32),
+            ("double", RecordFieldType::F64),
         ];
-        let number = NUMBERS.iter().find(|(known, _)| *known == name).map(|(_, kind)| Basic::Number(*kind));
-        number.or((name == "char").then_some(Basic::Char))
+        let number = NUMBERS.iter().find(|(known, _)| *known == name).map(|(_, kind)| UlogBasicType::Number(*kind));
+        number.or((name == "char").then_some(UlogBasicType::Char))
     }
 }
 
-/// Columns one after another.
+/// Columns of a format with nested formats flattened, while they are collected.
 #[derive(Default)]
-struct Flat {
-    columns: Vec<Column>,
+struct UlogColumnBuilder {
+    columns: Vec<RecordColumn>,
     /// The maximum number of columns.
     most: usize,
     size: usize,
@@ -124,8 +126,8 @@ struct Flat {
     padding: usize,
 }
 
-impl Flat {
-    fn push(&mut self, name: String, kind: Kind, padding: bool) -> Option<()> {
+impl UlogColumnBuilder {
+    fn push(&mut self, name: String, kind: RecordFieldType, padding: bool) -> Option<()> {
         let offset = self.size;
         self.size = self.size.checked_add(kind.bytes()).filter(|size| *size <= LONGEST)?;
         // Loggers omit the padding at the end, including that of the last nested format.
@@ -133,7 +135,7 @@ impl Flat {
         if !padding {
             self.most = self.most.checked_sub(1)?;
             let unit = unit(&name).to_owned();
-            self.columns.push(Column { name, kind, offset, divisor: 1.0, unit });
+            self.columns.push(RecordColumn { name, kind, offset, divisor: 1.0, unit });
         }
         Some(())
     }
@@ -163,21 +165,21 @@ fn unit(name: &str) -> &'static str {
     }
 }
 
-fn split(body: &[u8]) -> Option<(String, Vec<Declared>)> {
+fn split(body: &[u8]) -> Option<(String, Vec<UlogFieldDeclaration>)> {
     let body = text(body);
     let (name, fields) = body.split_once(':')?;
     let fields = fields.split(';').filter(|f| !f.is_empty()).map(declared).collect::<Option<Vec<_>>>()?;
     (is_name(name) && !fields.is_empty()).then(|| (name.to_owned(), fields))
 }
 
-fn declared(field: &str) -> Option<Declared> {
+fn declared(field: &str) -> Option<UlogFieldDeclaration> {
     let (of, name) = field.split_once(' ')?;
     let (of, length) = match of.split_once('[') {
         None => (of, None),
         // A length of more than a message would not fit one.
         Some((of, length)) => (of, Some(length.strip_suffix(']')?.parse().ok().filter(|n| *n <= LONGEST)?)),
     };
-    (is_name(of) && is_name(name)).then(|| Declared { of: of.to_owned(), length, name: name.to_owned() })
+    (is_name(of) && is_name(name)).then(|| UlogFieldDeclaration { of: of.to_owned(), length, name: name.to_owned() })
 }
 
 /// Whether a text may be the name of a format or field.
@@ -191,8 +193,8 @@ mod tests {
 
     use super::*;
 
-    fn formats(all: &[&str]) -> Formats {
-        let mut formats = Formats::default();
+    fn formats(all: &[&str]) -> UlogFormats {
+        let mut formats = UlogFormats::default();
         all.iter().for_each(|f| formats.add(f.as_bytes()).unwrap());
         formats
     }
@@ -236,7 +238,7 @@ mod tests {
             "a:uint8_t[99999999999999999999] x;",
             "a:uint8_t[2 x;",
         ] {
-            assert!(Formats::default().add(bad.as_bytes()).is_none(), "{bad}");
+            assert!(UlogFormats::default().add(bad.as_bytes()).is_none(), "{bad}");
         }
         assert_eq!(formats(&["a:float x;", "a:float x;", "a:double x;"]).contradicted, ["a"]);
     }

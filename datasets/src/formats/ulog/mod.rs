@@ -6,10 +6,10 @@
 
 use std::path::Path;
 
-use self::walk::{MAGIC, Walk};
+use self::walk::{MAGIC, UlogScanner};
 use super::{
-    FlightFormat, FlightOptions, Head, Raw, Reading, Topic,
-    records::{Column, Records, Widths, batches},
+    FileHead, FlightFormat, FlightOptions, LogTopic, RawFlight, ReadHints,
+    records::{RecordBuffer, RecordColumn, WideIntegerScan, batches},
     stream::counted,
     topics::chosen,
 };
@@ -22,32 +22,32 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "ulog",
     about: "log of a PX4 autopilot, ULog; `topic` is a message, `sensor_mag:1` its second instance",
     extensions: &["ulg"],
-    recognise: |head: &Head| head.starts_with(MAGIC),
+    recognise: |head: &FileHead| head.starts_with(MAGIC),
     open,
     topics: Some(topics),
     made_from: None,
 };
 
-fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
-    let mut walk = Walk::open(path)?;
+fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<LogTopic>, ReadError> {
+    let mut walk = UlogScanner::open(path)?;
     walk.finish(&mut |_, _| ())?;
-    let topic = |t: &walk::Topic| {
-        let columns = t.layout.columns.iter().map(Column::topic_column).collect();
-        Topic { name: t.spelt(), rows: t.rows, columns, note: t.lost().unwrap_or_default() }
+    let topic = |t: &walk::UlogTopic| {
+        let columns = t.layout.columns.iter().map(RecordColumn::topic_column).collect();
+        LogTopic { name: t.spelt(), rows: t.rows, columns, note: t.lost().unwrap_or_default() }
     };
     Ok(walk.state.topics.iter().filter(|t| t.rows > 0 || t.lost().is_some()).map(topic).collect())
 }
 
-fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
     // The number of instance 0 is optional.
     let asked = options.topic.as_deref().map(|t| t.strip_suffix(":0").unwrap_or(t));
-    let mut scan = Walk::open(path)?;
+    let mut scan = UlogScanner::open(path)?;
     // Topics appear when they are subscribed. Without a name, the log must have one topic.
-    let mut widths: Vec<Option<Widths>> = vec![];
+    let mut widths: Vec<Option<WideIntegerScan>> = vec![];
     loop {
-        let wanted = |t: &walk::Topic| asked.is_none_or(|name| t.spelt() == name);
+        let wanted = |t: &walk::UlogTopic| asked.is_none_or(|name| t.spelt() == name);
         let new = scan.state.topics.iter().skip(widths.len());
-        widths.extend(new.map(|t| wanted(t).then(|| Widths::new(&t.layout.columns))));
+        widths.extend(new.map(|t| wanted(t).then(|| WideIntegerScan::new(&t.layout.columns))));
         let more = scan.step(&mut |topic, record| {
             if let Some(Some(widths)) = widths.get_mut(topic) {
                 widths.look(record);
@@ -58,9 +58,9 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
         }
     }
     let held: Vec<usize> = (0..scan.state.topics.len()).filter(|i| scan.state.topics[*i].rows > 0).collect();
-    let lost = |t: &&walk::Topic| asked.is_none_or(|name| t.spelt() == name) && t.rows == 0;
+    let lost = |t: &&walk::UlogTopic| asked.is_none_or(|name| t.spelt() == name) && t.rows == 0;
     if (asked.is_some() || held.is_empty())
-        && let Some(what) = scan.state.topics.iter().filter(lost).find_map(walk::Topic::lost)
+        && let Some(what) = scan.state.topics.iter().filter(lost).find_map(walk::UlogTopic::lost)
     {
         return Err(ReadError::data(path, what));
     }
@@ -69,9 +69,9 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let notes = notes(path, &scan, number);
     let layout = scan.state.topics[number].layout.clone();
     let widths = widths.swap_remove(number).unwrap_or_default();
-    let records = Records::new(layout.columns, widths, layout.least);
+    let records = RecordBuffer::new(layout.columns, widths, layout.least);
     let schema = records.schema().clone();
-    let mut walk = Walk::open(path)?;
+    let mut walk = UlogScanner::open(path)?;
     let parts = batches(path, records, move |records| {
         walk.step(&mut |topic, record| {
             if topic == number {
@@ -79,11 +79,11 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             }
         })
     });
-    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, parts) })
+    Ok(RawFlight { fillers: true, unstated: true, notes, ..RawFlight::new(schema, parts) })
 }
 
 /// Notes on the whole file.
-fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
+fn notes(path: &Path, walk: &UlogScanner, number: usize) -> Vec<String> {
     let state = &walk.state;
     let mut notes = vec![];
     if state.version > 1 {
@@ -127,10 +127,10 @@ fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
 }
 
 /// Notes on the topics with messages that do not fit their definition.
-fn misfits(topics: &[walk::Topic]) -> Vec<String> {
+fn misfits(topics: &[walk::UlogTopic]) -> Vec<String> {
     /// Topics that are listed.
     const SHOWN: usize = 5;
-    let mut notes: Vec<String> = topics.iter().filter_map(walk::Topic::misfitting).collect();
+    let mut notes: Vec<String> = topics.iter().filter_map(walk::UlogTopic::misfitting).collect();
     if let Some(more) = notes.len().checked_sub(SHOWN).filter(|more| *more > 0) {
         notes.truncate(SHOWN);
         notes.push(format!(

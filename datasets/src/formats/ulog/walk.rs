@@ -10,9 +10,9 @@ use std::{
 use super::{
     super::{
         records::text,
-        stream::{Damage, Forward, counted},
+        stream::{Damage, ForwardReader, counted},
     },
-    definitions::{Formats, Layout, is_name},
+    definitions::{UlogFormats, UlogMessageLayout, is_name},
 };
 use crate::ReadError;
 
@@ -31,27 +31,27 @@ const NO_ID: u32 = u32::MAX;
 const MOST_COLUMNS: usize = 1 << 20;
 
 /// A topic: the messages of one name and instance.
-pub(super) struct Topic {
+pub(super) struct UlogTopic {
     pub(super) name: String,
     pub(super) instance: u8,
-    pub(super) layout: Layout,
+    pub(super) layout: UlogMessageLayout,
     /// Its messages so far.
     pub(super) rows: u64,
     /// Messages in another layout, after a redefinition of its format.
     pub(super) others: u64,
     /// Messages that are shorter or longer than their definition.
-    pub(super) misfits: Misfits,
+    pub(super) misfits: LengthMismatches,
 }
 
 /// Messages of a topic that do not match its definition.
 #[derive(Default)]
-pub(super) struct Misfits {
+pub(super) struct LengthMismatches {
     pub(super) messages: u64,
     /// Minimum and maximum of their lengths in bytes.
     pub(super) bytes: Option<(usize, usize)>,
 }
 
-impl Misfits {
+impl LengthMismatches {
     fn add(&mut self, bytes: usize) {
         self.messages += 1;
         let (least, most) = self.bytes.unwrap_or((bytes, bytes));
@@ -59,7 +59,7 @@ impl Misfits {
     }
 }
 
-impl Topic {
+impl UlogTopic {
     /// Its name in the options: without the number for instance 0.
     pub(super) fn spelt(&self) -> String {
         if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
@@ -96,10 +96,10 @@ struct Subscription {
     same: bool,
 }
 
-/// State of the walk through a file.
-pub(super) struct State {
-    formats: Formats,
-    pub(super) topics: Vec<Topic>,
+/// State of the scan of a ULog file: formats, topics, subscriptions and skipped messages.
+pub(super) struct UlogScanState {
+    formats: UlogFormats,
+    pub(super) topics: Vec<UlogTopic>,
     /// The position of each among them.
     numbers: HashMap<(String, u8), usize>,
     /// Columns of all of them together.
@@ -123,7 +123,7 @@ pub(super) struct State {
 
 /// Classification of the bytes at a position.
 #[derive(Clone, Copy, PartialEq)]
-enum Found {
+enum UlogMatch {
     /// A message of a known type and this length.
     Sure(usize),
     /// A possible message of this length, of an unknown type or id.
@@ -135,20 +135,20 @@ enum Found {
     Nothing,
 }
 
-/// A file and the position in it.
-pub(super) struct Walk {
+/// Scanner of a ULog file: the file, the position in it and the state.
+pub(super) struct UlogScanner {
     path: PathBuf,
-    forward: Forward<File>,
-    pub(super) state: State,
+    forward: ForwardReader<File>,
+    pub(super) state: UlogScanState,
 }
 
-impl Walk {
+impl UlogScanner {
     /// Opens a file.
     ///
     /// # Errors
     /// Fails for a file that is not a ULog file.
-    pub(super) fn open(path: &Path) -> Result<Walk, ReadError> {
-        let mut forward = Forward::open(path)?;
+    pub(super) fn open(path: &Path) -> Result<UlogScanner, ReadError> {
+        let mut forward = ForwardReader::open(path)?;
         let header = forward.ahead(HEADER).map_err(|e| ReadError::io(path, &e))?;
         let version = match (header.starts_with(MAGIC), header.get(MAGIC.len()), header.len() >= HEADER) {
             (true, Some(version), true) => *version,
@@ -156,8 +156,8 @@ impl Walk {
             _ => return Err(ReadError::data(path, "the file is not a ULog file: it must start with `ULog`")),
         };
         forward.skip(HEADER);
-        let state = State {
-            formats: Formats::default(),
+        let state = UlogScanState {
+            formats: UlogFormats::default(),
             topics: vec![],
             numbers: HashMap::new(),
             columns: 0,
@@ -172,7 +172,7 @@ impl Walk {
             unknown: 0,
             unreadable: 0,
         };
-        Ok(Walk { path: path.to_path_buf(), forward, state })
+        Ok(UlogScanner { path: path.to_path_buf(), forward, state })
     }
 
     /// Takes the next message and shows it to `visit` (topic and record) if it is one of data. Returns whether there
@@ -182,7 +182,7 @@ impl Walk {
     /// Fails for a file that cannot be read or has unsupported features.
     #[inline]
     pub(super) fn step(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<bool, ReadError> {
-        let Walk { path, forward, state } = self;
+        let UlogScanner { path, forward, state } = self;
         let position = forward.position();
         // A position that is already passed is not one of a file that was written so.
         while state.appended.last().is_some_and(|end| *end < position) {
@@ -198,19 +198,19 @@ impl Walk {
         }
         let taken = match state.found(bytes) {
             _ if bytes.is_empty() => return Ok(false),
-            Found::Sure(length) if state.stands(bytes, length) => {
+            UlogMatch::Sure(length) if state.stands(bytes, length) => {
                 state.take(path, position, bytes.get(..length).unwrap_or_default(), visit)?;
                 length
             }
-            Found::Unsure(length) if state.leads(bytes.get(length..).unwrap_or_default(), None, 4) => {
+            UlogMatch::Unsure(length) if state.leads(bytes.get(length..).unwrap_or_default(), None, 4) => {
                 state.unknown += 1;
                 length
             }
-            Found::Misfit(length) if state.leads(bytes.get(length..).unwrap_or_default(), None, 4) => {
+            UlogMatch::Misfit(length) if state.leads(bytes.get(length..).unwrap_or_default(), None, 4) => {
                 state.misfit(bytes.get(..length).unwrap_or_default());
                 length
             }
-            Found::Cut => {
+            UlogMatch::Cut => {
                 state.cut += bytes.len() as u64;
                 bytes.len()
             }
@@ -232,7 +232,7 @@ impl Walk {
     /// Reads to the end of the file.
     ///
     /// # Errors
-    /// Fails as [`Walk::step`].
+    /// Fails as [`UlogScanner::step`].
     pub(super) fn finish(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<(), ReadError> {
         while self.step(visit)? {}
         Ok(())
@@ -250,7 +250,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u16> {
     bytes.get(at..)?.first_chunk().map(|b| u16::from_le_bytes(*b))
 }
 
-impl State {
+impl UlogScanState {
     #[inline]
     fn subscription(&self, id: u16) -> Option<&Subscription> {
         self.subscriptions.get(*self.ids.get(usize::from(id))? as usize)
@@ -258,42 +258,42 @@ impl State {
 
     /// Classification of the first bytes; they end with the file or the section, or hold a whole message.
     #[inline]
-    fn found(&self, bytes: &[u8]) -> Found {
+    fn found(&self, bytes: &[u8]) -> UlogMatch {
         let Some((size, kind)) = size_of(bytes) else {
-            return if bytes.is_empty() { Found::Nothing } else { Found::Cut };
+            return if bytes.is_empty() { UlogMatch::Nothing } else { UlogMatch::Cut };
         };
         let body = bytes.get(3..3 + size);
         if kind == b'D' {
             let fits = match word(bytes, 3).map(|id| self.subscription(id)) {
                 Some(Some(s)) if size < 2 || (s.least..=s.most).contains(&(size - 2)) => size >= 2,
                 // At the end of the file, a cut message cannot be distinguished from damage.
-                Some(Some(_)) => return body.map_or(Found::Nothing, |_| Found::Misfit(3 + size)),
+                Some(Some(_)) => return body.map_or(UlogMatch::Nothing, |_| UlogMatch::Misfit(3 + size)),
                 Some(None) if size >= 2 => {
-                    return if body.is_some() { Found::Unsure(3 + size) } else { Found::Nothing };
+                    return if body.is_some() { UlogMatch::Unsure(3 + size) } else { UlogMatch::Nothing };
                 }
                 Some(None) => false,
                 None => size >= 2,
             };
             return match (fits, body) {
-                (false, _) => Found::Nothing,
-                (true, Some(_)) => Found::Sure(3 + size),
-                (true, None) => Found::Cut,
+                (false, _) => UlogMatch::Nothing,
+                (true, Some(_)) => UlogMatch::Sure(3 + size),
+                (true, None) => UlogMatch::Cut,
             };
         }
         let Some(body) = body else {
             let known = b"FIMPQARLCSOB".contains(&kind) && plausible(kind, size, None);
-            return if known { Found::Cut } else { Found::Nothing };
+            return if known { UlogMatch::Cut } else { UlogMatch::Nothing };
         };
         match kind {
             _ if b"FIMPQARLCSOB".contains(&kind) => {
                 if plausible(kind, size, Some(body)) {
-                    Found::Sure(3 + size)
+                    UlogMatch::Sure(3 + size)
                 } else {
-                    Found::Nothing
+                    UlogMatch::Nothing
                 }
             }
-            kind if kind.is_ascii_alphabetic() && (1..=LONGEST_UNKNOWN).contains(&size) => Found::Unsure(3 + size),
-            _ => Found::Nothing,
+            kind if kind.is_ascii_alphabetic() && (1..=LONGEST_UNKNOWN).contains(&size) => UlogMatch::Unsure(3 + size),
+            _ => UlogMatch::Nothing,
         }
     }
 
@@ -313,11 +313,15 @@ impl State {
             return true;
         }
         match self.found(bytes) {
-            Found::Sure(_) | Found::Cut => true,
-            Found::Unsure(length) => depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
+            UlogMatch::Sure(_) | UlogMatch::Cut => true,
+            UlogMatch::Unsure(length) => {
+                depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
+            }
             // Each has a known type and id, so several in a row are not accidental.
-            Found::Misfit(length) => depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
-            Found::Nothing => bytes.is_empty(),
+            UlogMatch::Misfit(length) => {
+                depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
+            }
+            UlogMatch::Nothing => bytes.is_empty(),
         }
     }
 
@@ -325,11 +329,11 @@ impl State {
     fn chain(&self, bytes: &[u8], messages: usize) -> bool {
         match self.found(bytes) {
             _ if messages == 0 => true,
-            Found::Sure(length) => self.chain(bytes.get(length..).unwrap_or_default(), messages - 1),
+            UlogMatch::Sure(length) => self.chain(bytes.get(length..).unwrap_or_default(), messages - 1),
             // At the start, the end of the file would count as a message.
-            Found::Cut => messages < 3,
-            Found::Nothing => bytes.is_empty(),
-            Found::Unsure(_) | Found::Misfit(_) => false,
+            UlogMatch::Cut => messages < 3,
+            UlogMatch::Nothing => bytes.is_empty(),
+            UlogMatch::Unsure(_) | UlogMatch::Misfit(_) => false,
         }
     }
 
@@ -396,14 +400,21 @@ impl State {
             self.unreadable += 1;
             return;
         };
-        let Layout { least, most, .. } = layout;
+        let UlogMessageLayout { least, most, .. } = layout;
         let key = (name, *instance);
         let (at, same) = match self.numbers.get(&key).and_then(|at| Some((*at, self.topics.get(*at)?))) {
             Some((at, topic)) => (at, topic.layout == layout),
             None => {
                 let (name, instance) = key.clone();
                 self.columns += layout.columns.len();
-                self.topics.push(Topic { name, instance, layout, rows: 0, others: 0, misfits: Misfits::default() });
+                self.topics.push(UlogTopic {
+                    name,
+                    instance,
+                    layout,
+                    rows: 0,
+                    others: 0,
+                    misfits: LengthMismatches::default(),
+                });
                 self.numbers.insert(key, self.topics.len() - 1);
                 (self.topics.len() - 1, true)
             }
@@ -453,7 +464,7 @@ fn plausible(kind: u8, size: usize, body: Option<&[u8]>) -> bool {
         b'L' => (9..=LONGEST_TEXT).contains(&size) && check(&level),
         b'C' => (11..=LONGEST_TEXT).contains(&size) && check(&level),
         b'A' => size >= 4 && check(&|b| is_name(&text(b.get(3..).unwrap_or_default()))),
-        b'F' => size >= 4 && check(&|b| Formats::default().add(b).is_some()),
+        b'F' => size >= 4 && check(&|b| UlogFormats::default().add(b).is_some()),
         b'I' | b'P' => size >= 2 && check(&is_key),
         b'M' | b'Q' => size >= 3 && check(&|b| is_key(b.get(1..).unwrap_or_default())),
         b'B' => size >= 40,

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use datasets::{AnomalyGrid, Height};
+use datasets::{AnomalyGrid, GridHeight};
 use figures::{CurveLabels, curve_svg};
 use numerics::maps::continuation::LCurve;
 use schemas::Fault;
 use stages::map_continue::MapContinue;
 
 use super::{
-    InputArgs, Stop, ThreadArgs, apart,
+    ExitReason, InputArgs, ThreadArgs, apart,
     flags::{StageFlags, in_flags},
     note, of_file, warn, write_to, wrong,
 };
@@ -45,7 +45,7 @@ pub struct ContinueArgs {
     threads: ThreadArgs,
 }
 
-pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
+pub fn run(args: &ContinueArgs) -> Result<(), ExitReason> {
     if args.to_m.len() > 1 && !args.output.to_string_lossy().contains("{alt}") {
         let help = "use for example `-o map_{alt}.tif`";
         return Err(Fault::new("several heights require `{alt}` in the name of the output file").help(help).into());
@@ -70,7 +70,12 @@ pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
 }
 
 /// The map at one height.
-fn one(args: &ContinueArgs, stage: &MapContinue, map: &AnomalyGrid, drape: Option<&AnomalyGrid>) -> Result<(), Stop> {
+fn one(
+    args: &ContinueArgs,
+    stage: &MapContinue,
+    map: &AnomalyGrid,
+    drape: Option<&AnomalyGrid>,
+) -> Result<(), ExitReason> {
     let done = stage.apply(map, drape).map_err(|fault| of_file(&args.map, in_flags::<MapContinue>(fault)))?;
     done.warnings.iter().for_each(|text| warn(text));
     done.notes.iter().for_each(|text| note(text));
@@ -81,8 +86,8 @@ fn one(args: &ContinueArgs, stage: &MapContinue, map: &AnomalyGrid, drape: Optio
         write_to(path, &map.with_plane_values(error.values).map_err(Fault::from)?, None)?;
     }
     let alt_m = match (&done.map.height, &map.height) {
-        (Height::Level(alt_m), _) | (_, Height::Level(alt_m)) => *alt_m,
-        (Height::Cells(_), Height::Cells(_)) => f64::NAN,
+        (GridHeight::Level(alt_m), _) | (_, GridHeight::Level(alt_m)) => *alt_m,
+        (GridHeight::Cells(_), GridHeight::Cells(_)) => f64::NAN,
     };
     let name = args.output.to_string_lossy().replace("{alt}", &alt_m.to_string());
     write_to(Path::new(&name), &done.map, args.output_format.as_deref())
@@ -101,6 +106,6 @@ fn l_curve(curve: &LCurve) -> String {
     curve_svg(&points, Some(curve.corner), &labels).unwrap_or_default()
 }
 
-fn unwritable(path: &Path, e: &std::io::Error) -> Stop {
-    Stop::Failed(format!("error: cannot write {}: {e}", path.display()))
+fn unwritable(path: &Path, e: &std::io::Error) -> ExitReason {
+    ExitReason::Failed(format!("error: cannot write {}: {e}", path.display()))
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use stages::map_convert::MapConvert;
 
 use super::{
-    InputArgs, OutputArgs, Stop, ThreadArgs,
+    ExitReason, InputArgs, OutputArgs, ThreadArgs,
     flags::{StageFlags, in_flags},
     of_file,
 };
@@ -25,7 +25,7 @@ pub struct ConvertArgs {
     threads: ThreadArgs,
 }
 
-pub fn run(args: &ConvertArgs) -> Result<(), Stop> {
+pub fn run(args: &ConvertArgs) -> Result<(), ExitReason> {
     let stage = args.stage.stage()?;
     stage.check().map_err(in_flags::<MapConvert>)?;
     args.output.check([&args.map])?;

@@ -7,7 +7,7 @@ use datasets::AnomalyGrid;
 use stages::map_fill::MapFill;
 
 use super::{
-    InputArgs, OutputArgs, Stop, ThreadArgs,
+    ExitReason, InputArgs, OutputArgs, ThreadArgs,
     flags::{StageFlags, in_flags},
     note, of_file, warn,
 };
@@ -30,7 +30,7 @@ pub struct FillArgs {
     threads: ThreadArgs,
 }
 
-pub fn run(args: &FillArgs) -> Result<(), Stop> {
+pub fn run(args: &FillArgs) -> Result<(), ExitReason> {
     let stage = args.stage.stage()?;
     stage.check(!args.with.is_empty()).map_err(in_flags::<MapFill>)?;
     args.output.check(args.with.iter().chain([&args.map]))?;
@@ -39,7 +39,7 @@ pub fn run(args: &FillArgs) -> Result<(), Stop> {
         // The others' heights and units are their files'.
         let input = InputArgs { format: None, epsg: None, alt: None, unit: None, ..args.input.clone() };
         let other = |path: &PathBuf| Ok((path.display().to_string(), input.read(path)?));
-        let others: Vec<(String, AnomalyGrid)> = args.with.iter().map(other).collect::<Result<_, Stop>>()?;
+        let others: Vec<(String, AnomalyGrid)> = args.with.iter().map(other).collect::<Result<_, ExitReason>>()?;
         let filled = stage.apply(&map, &others).map_err(|fault| of_file(&args.map, in_flags::<MapFill>(fault)))?;
         filled.warnings.iter().for_each(|text| warn(text));
         filled.notes.iter().for_each(|text| note(text));

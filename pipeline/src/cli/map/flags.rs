@@ -3,23 +3,23 @@
 use std::marker::PhantomData;
 
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches, parser::ValueSource};
-use schemas::{Args, Entry, Fault, Given, Literal, ParamDoc, Stage};
+use schemas::{Fault, Literal, ParamDoc, SpecEntries, SpecEntry, Stage, StageEntry};
 use stages::{map_continue::MapContinue, map_convert::MapConvert, map_fill::MapFill, map_grid::MapGrid};
 
-use super::Stop;
+use super::ExitReason;
 
-/// A stage whose parameters are flags.
-pub trait Flagged: Stage + Clone {
+/// Map stage whose parameters are command-line flags.
+pub trait FlagStage: Stage + Clone {
     /// Its declaration.
-    fn declared() -> Entry;
+    fn declared() -> StageEntry;
     /// Flags that have other spellings too, or stand for a value by themselves.
-    const SPELLINGS: &'static [Spelling] = &[];
+    const SPELLINGS: &'static [FlagSpelling] = &[];
     /// Parameters that the command asks for in its own way.
     const OWN: &'static [&'static str] = &[];
 }
 
-/// How else a flag is spelt.
-pub struct Spelling {
+/// Other names of a flag, and its value when given without one.
+pub struct FlagSpelling {
     /// The parameter.
     param: &'static str,
     /// Other names of the flag.
@@ -28,59 +28,59 @@ pub struct Spelling {
     bare: Option<&'static str>,
 }
 
-const fn also(param: &'static str, names: &'static [&'static str]) -> Spelling {
-    Spelling { param, names, bare: None }
+const fn also(param: &'static str, names: &'static [&'static str]) -> FlagSpelling {
+    FlagSpelling { param, names, bare: None }
 }
 
-impl Flagged for MapGrid {
-    fn declared() -> Entry {
+impl FlagStage for MapGrid {
+    fn declared() -> StageEntry {
         MapGrid::entry()
     }
-    const SPELLINGS: &'static [Spelling] = &[
+    const SPELLINGS: &'static [FlagSpelling] = &[
         also("spacing_m", &["spacing"]),
         also("level_m", &["level"]),
         also("block_m", &["block"]),
         also("mask_m", &["mask"]),
         also("remove_diurnal", &["diurnal"]),
         also("crossing_height_m", &["crossing-height"]),
-        Spelling { param: "level_order", names: &["level-lines"], bare: Some("0") },
+        FlagSpelling { param: "level_order", names: &["level-lines"], bare: Some("0") },
     ];
     // The file's own name of the column.
     const OWN: &'static [&'static str] = &["value"];
 }
 
-impl Flagged for MapFill {
-    fn declared() -> Entry {
+impl FlagStage for MapFill {
+    fn declared() -> StageEntry {
         MapFill::entry()
     }
-    const SPELLINGS: &'static [Spelling] =
+    const SPELLINGS: &'static [FlagSpelling] =
         &[also("within_m", &["within"]), also("feather_m", &["feather"]), also("bias", &["level"])];
 }
 
-impl Flagged for MapContinue {
-    fn declared() -> Entry {
+impl FlagStage for MapContinue {
+    fn declared() -> StageEntry {
         MapContinue::entry()
     }
-    const SPELLINGS: &'static [Spelling] = &[also("alpha_m2", &["alpha"])];
+    const SPELLINGS: &'static [FlagSpelling] = &[also("alpha_m2", &["alpha"])];
     // Keys that may occur several times.
     const OWN: &'static [&'static str] = &["to_m"];
 }
 
-impl Flagged for MapConvert {
-    fn declared() -> Entry {
+impl FlagStage for MapConvert {
+    fn declared() -> StageEntry {
         MapConvert::entry()
     }
-    const SPELLINGS: &'static [Spelling] = &[also("expand_nodes", &["expand"])];
+    const SPELLINGS: &'static [FlagSpelling] = &[also("expand_nodes", &["expand"])];
 }
 
-/// The parameters that a user gave to the stage `S`.
+/// Parameters of the stage `S` from the command line.
 #[derive(Clone)]
 pub struct StageFlags<S> {
-    given: Args,
+    given: SpecEntries,
     of: PhantomData<S>,
 }
 
-fn params<S: Flagged>() -> impl Iterator<Item = ParamDoc> {
+fn params<S: FlagStage>() -> impl Iterator<Item = ParamDoc> {
     S::declared().params.into_iter().filter(|p| !S::OWN.contains(&p.name))
 }
 
@@ -94,7 +94,7 @@ fn words(param: &ParamDoc) -> Vec<&str> {
     if param.type_name == "text" { param.rule.split('`').skip(1).step_by(2).collect() } else { vec![] }
 }
 
-fn arg<S: Flagged>(param: &ParamDoc) -> Arg {
+fn arg<S: FlagStage>(param: &ParamDoc) -> Arg {
     let mut help = param.doc.replace("\n\n", " ").replace('`', "");
     let unit = if param.unit.is_empty() || param.unit == "1" { String::new() } else { format!(" {}", param.unit) };
     let words = words(param);
@@ -144,7 +144,7 @@ fn literal(text: &str, param: &ParamDoc) -> Literal {
     }
 }
 
-impl<S: Flagged> clap::Args for StageFlags<S> {
+impl<S: FlagStage> clap::Args for StageFlags<S> {
     fn augment_args(command: Command) -> Command {
         command.args(params::<S>().map(|param| arg::<S>(&param)))
     }
@@ -154,15 +154,15 @@ impl<S: Flagged> clap::Args for StageFlags<S> {
     }
 }
 
-impl<S: Flagged> FromArgMatches for StageFlags<S> {
+impl<S: FlagStage> FromArgMatches for StageFlags<S> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let mut given = Args::new();
+        let mut given = SpecEntries::new();
         for param in params::<S>() {
             let id = format!("stage.{}", param.name);
             if matches.value_source(&id) == Some(ValueSource::CommandLine)
                 && let Some(text) = matches.get_one::<String>(&id)
             {
-                given.insert(param.name.to_owned(), Given { value: literal(text, &param), key_at: 0..0, at: 0..0 });
+                given.insert(param.name.to_owned(), SpecEntry { value: literal(text, &param), key_at: 0..0, at: 0..0 });
             }
         }
         Ok(StageFlags { given, of: PhantomData })
@@ -174,12 +174,12 @@ impl<S: Flagged> FromArgMatches for StageFlags<S> {
     }
 }
 
-impl<S: Flagged> StageFlags<S> {
+impl<S: FlagStage> StageFlags<S> {
     /// The stage with these parameters.
     ///
     /// # Errors
     /// Fails for values that the stage rejects, in the words of the command.
-    pub fn stage(&self) -> Result<S, Stop> {
+    pub fn stage(&self) -> Result<S, ExitReason> {
         let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
         let built = (S::declared().build)(&self.given).map_err(first)?;
         let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("a stage of another type"))?;
@@ -199,7 +199,7 @@ const TERMS: [(&str, &str); 6] = [
 ];
 
 /// A fault of the stage `S` with flags in the place of parameters.
-pub fn in_flags<S: Flagged>(fault: Fault) -> Fault {
+pub fn in_flags<S: FlagStage>(fault: Fault) -> Fault {
     let said = |text: &str| {
         let mut text = text.to_owned();
         for param in S::declared().params {
@@ -222,7 +222,7 @@ mod tests {
         let matches = command.try_get_matches_from(["grid"].iter().chain(args)).map_err(|e| e.to_string())?;
         let flags = StageFlags::<MapGrid>::from_arg_matches(&matches).map_err(|e| e.to_string())?;
         flags.stage().map_err(|stop| match stop {
-            Stop::Wrong(text) | Stop::Failed(text) => text,
+            ExitReason::Wrong(text) | ExitReason::Failed(text) => text,
             _ => String::new(),
         })
     }

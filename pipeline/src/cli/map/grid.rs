@@ -3,21 +3,21 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use datasets::{Height, LineType, PointOptions, SurveyPoints, check_output, doubts, read_points};
+use datasets::{GridHeight, LineType, PointOptions, SurveyPointSet, check_output, doubts, read_points};
 use numerics::maps::{
-    gridding::{GridReport, Spread},
-    levelling::{Levelled, LineCorrection, Merit},
+    gridding::{DifferenceStatistics, GriddingReport},
+    levelling::{CrossoverMerit, LevellingResult, LineCorrection},
     plane_grid::PlaneGrid,
 };
 use schemas::Fault;
-use stages::map_grid::{MapGrid, Mapped, NO_HEIGHTS, Progress as Told, without_far};
+use stages::map_grid::{MapGrid, MapGridProgress as Told, NO_HEIGHTS, SurveyMap, without_far};
 
 use super::{
-    DoubtfulArgs, OutputArgs, Stop, ThreadArgs, apart,
+    ExitReason, InvalidValueArgs, OutputArgs, ThreadArgs, apart,
     flags::{StageFlags, in_flags},
     of_file, say, warn, write_to,
 };
-use crate::cli::{is_quiet, note, progress::Progress};
+use crate::cli::{is_quiet, note, progress::ProgressDisplay};
 
 /// Points far from all others that are named one by one.
 const NAMED: usize = 5;
@@ -65,10 +65,10 @@ struct ColumnArgs {
     #[arg(long)]
     epsg: Option<u16>,
     #[command(flatten)]
-    doubtful: DoubtfulArgs,
+    doubtful: InvalidValueArgs,
 }
 
-pub fn run(args: &GridArgs) -> Result<(), Stop> {
+pub fn run(args: &GridArgs) -> Result<(), ExitReason> {
     args.output.check(&args.points)?;
     if let Some(path) = &args.error {
         apart(path, &args.points)?;
@@ -76,7 +76,7 @@ pub fn run(args: &GridArgs) -> Result<(), Stop> {
     }
     let stage = args.stage.stage()?;
     stage.check().map_err(in_flags::<MapGrid>)?;
-    let shown = Progress::new(is_quiet());
+    let shown = ProgressDisplay::new(is_quiet());
     args.threads.run(|| {
         let progress = |what: &str, done: usize, all: usize| {
             shown.stage(what);
@@ -84,12 +84,12 @@ pub fn run(args: &GridArgs) -> Result<(), Stop> {
         };
         let (mut points, far) = read(args, &stage, &progress)?;
         let refused = |fault| of_file(&args.points[0], in_flags::<MapGrid>(fault));
-        let Mapped { map, error, report, levelled } = stage.apply(&mut points, &progress).map_err(refused)?;
+        let SurveyMap { map, error, report, levelled } = stage.apply(&mut points, &progress).map_err(refused)?;
         if let Some(levelled) = &levelled {
             say(told(levelled, &points.lines))?;
         }
         say(reported(&map.plane(), &report, &points, far))?;
-        if matches!(map.height, Height::Level(alt_m) if alt_m.is_nan()) {
+        if matches!(map.height, GridHeight::Level(alt_m) if alt_m.is_nan()) {
             note(NO_HEIGHTS);
         }
         if let (Some(path), Some(error)) = (&args.error, &error) {
@@ -100,7 +100,7 @@ pub fn run(args: &GridArgs) -> Result<(), Stop> {
 }
 
 /// All points, on the plane of the first file, and how many of them are far from all others.
-fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoints, usize), Stop> {
+fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPointSet, usize), ExitReason> {
     let c = &args.columns;
     let mut options = PointOptions {
         format: c.format.clone(),
@@ -114,14 +114,14 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
         accept: c.doubtful.accept(),
         to_epsg: stage.epsg().map_err(in_flags::<MapGrid>)?,
     };
-    let mut all: Option<SurveyPoints> = None;
+    let mut all: Option<SurveyPointSet> = None;
     let mut starts = vec![];
     for (done, path) in args.points.iter().enumerate() {
         progress("reading points", done, args.points.len());
         let points = read_points(path, &options).map_err(Fault::from)?;
         points.notes.iter().for_each(|n| note(&format!("{}: {n}", path.display())));
         doubts(&points).iter().for_each(|n| warn(&format!("{}: {n}", path.display())));
-        starts.push(all.as_ref().map_or(0, SurveyPoints::len));
+        starts.push(all.as_ref().map_or(0, SurveyPointSet::len));
         match &mut all {
             None => {
                 options.to_epsg = Some(points.crs.code());
@@ -130,7 +130,7 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
             Some(all) => append(all, points),
         }
     }
-    let mut all = all.ok_or_else(|| Stop::from(Fault::new("there are no survey points")))?;
+    let mut all = all.ok_or_else(|| ExitReason::from(Fault::new("there are no survey points")))?;
     let far = if stage.keep_outliers { vec![] } else { without_far(&mut all) };
     name_far(&far, &all, &args.points, &starts);
     Ok((all, far.len()))
@@ -138,7 +138,7 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
 
 /// Adds the points of another file. A line of one name is one line, unless the files give it two types: the second
 /// then gets the letter of its type in front.
-fn append(all: &mut SurveyPoints, more: SurveyPoints) {
+fn append(all: &mut SurveyPointSet, more: SurveyPointSet) {
     let places: Vec<u32> =
         more.lines.iter().zip(&more.types).map(|(name, kind)| place(all, name.clone(), *kind) as u32).collect();
     all.line.extend(more.line.iter().map(|l| places[*l as usize]));
@@ -162,7 +162,7 @@ fn append(all: &mut SurveyPoints, more: SurveyPoints) {
 }
 
 /// The place of a line of this name and type, which is added where there is none.
-fn place(all: &mut SurveyPoints, mut name: String, kind: Option<LineType>) -> usize {
+fn place(all: &mut SurveyPointSet, mut name: String, kind: Option<LineType>) -> usize {
     loop {
         match (all.lines.iter().position(|known| *known == name), kind) {
             (None, _) => {
@@ -187,7 +187,7 @@ fn place(all: &mut SurveyPoints, mut name: String, kind: Option<LineType>) -> us
 }
 
 /// Names points that are far from all others; the points of each file begin at its entry of `starts`.
-fn name_far(far: &[usize], points: &SurveyPoints, files: &[PathBuf], starts: &[usize]) {
+fn name_far(far: &[usize], points: &SurveyPointSet, files: &[PathBuf], starts: &[usize]) {
     if far.is_empty() {
         return;
     }
@@ -211,8 +211,8 @@ fn name_far(far: &[usize], points: &SurveyPoints, files: &[PathBuf], starts: &[u
 }
 
 /// Report of levelling.
-fn told(levelled: &Levelled, names: &[String]) -> String {
-    let row = |name: &str, m: &Merit| {
+fn told(levelled: &LevellingResult, names: &[String]) -> String {
+    let row = |name: &str, m: &CrossoverMerit| {
         format!("{name:<22} {:>10.3} {:>10.3} {:>8}\n", m.figure_of_merit_crossings, m.median_nt, m.n)
     };
     let mut text = format!("{:<22} {:>10} {:>10} {:>8}\n", "crossings", "rms [nT]", "median [nT]", "n");
@@ -251,9 +251,9 @@ fn size(line: &LineCorrection) -> f64 {
 }
 
 /// Report of gridding.
-fn reported(grid: &PlaneGrid, r: &GridReport, points: &SurveyPoints, far: usize) -> String {
+fn reported(grid: &PlaneGrid, r: &GriddingReport, points: &SurveyPointSet, far: usize) -> String {
     let c = &r.cleaned;
-    let spread = |s: &Spread| {
+    let spread = |s: &DifferenceStatistics| {
         format!("median {:.2} nT, rms {:.2} nT, 95 % below {:.2} nT, at {}", s.median_nt, s.rms_nt, s.p95_nt, s.n)
     };
     let mut text = format!(

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use datasets::Figure;
+use datasets::SummaryValue;
 use schemas::Fault;
 use serde_json::{Map as Object, Value, json};
 
-use super::{InputArgs, Stop, say, tell};
+use super::{ExitReason, InputArgs, say, tell};
 
 #[derive(Args)]
 pub struct InfoArgs {
@@ -21,7 +21,7 @@ pub struct InfoArgs {
     json: bool,
 }
 
-pub fn run(args: &InfoArgs) -> Result<(), Stop> {
+pub fn run(args: &InfoArgs) -> Result<(), ExitReason> {
     let mut last = Ok(());
     for path in &args.maps {
         // The other maps are still told about.
@@ -37,8 +37,8 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
                             object.insert(
                                 key,
                                 match value {
-                                    Figure::Number(number) => json!(number),
-                                    Figure::Text(text) => json!(text),
+                                    SummaryValue::Number(number) => json!(number),
+                                    SummaryValue::Text(text) => json!(text),
                                 },
                             );
                         }
@@ -50,7 +50,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
             Err(stop) => {
                 // The last error is reported on exit.
                 let before = std::mem::replace(&mut last, Err(stop));
-                if let Err(Stop::Wrong(text) | Stop::Failed(text)) = before {
+                if let Err(ExitReason::Wrong(text) | ExitReason::Failed(text)) = before {
                     tell(&text);
                 }
             }
@@ -60,14 +60,14 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
 }
 
 /// A line a figure: its name, its value, its unit.
-fn table(path: &Path, figures: &[(String, Figure, &'static str)]) -> String {
+fn table(path: &Path, figures: &[(String, SummaryValue, &'static str)]) -> String {
     let widest = figures.iter().map(|(name, _, _)| name.chars().count()).max().unwrap_or(0);
     let mut text = format!("{}\n", path.display());
     for (name, value, unit) in figures {
         let value = match value {
             // Ten digits are a millimetre of a northing and a nanotesla of anything.
-            Figure::Number(number) => format!("{}", (number * 1e6).round() / 1e6),
-            Figure::Text(text) => text.clone(),
+            SummaryValue::Number(number) => format!("{}", (number * 1e6).round() / 1e6),
+            SummaryValue::Text(text) => text.clone(),
         };
         text += format!("  {name:<widest$}  {value} {unit}").trim_end();
         text.push('\n');

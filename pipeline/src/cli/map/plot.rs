@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
-use datasets::{AnomalyGrid, FlightOptions, Reading};
-use figures::{EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
-use schemas::{Fault, canonical::Canonical};
+use datasets::{AnomalyGrid, FlightOptions, ReadHints};
+use figures::{AxisQuantity, ColourMapping, EarthTrack, HillShading, MapPicture, MapStyle, Palette, TrackLine};
+use schemas::{Fault, canonical::FlightConversion};
 
-use super::{InputArgs, Stop, ThreadArgs, say, wrong};
+use super::{ExitReason, InputArgs, ThreadArgs, say, wrong};
 use crate::sources::open_flight;
 
 #[derive(Args)]
@@ -36,8 +36,8 @@ pub struct PlotArgs {
     #[arg(long, default_value_t = 1600)]
     width: usize,
     /// The colour palette.
-    #[arg(long, value_enum, default_value_t = Colours::Turbo)]
-    palette: Colours,
+    #[arg(long, value_enum, default_value_t = PaletteName::Turbo)]
+    palette: PaletteName,
     /// The colour scale: `equalised`, `linear`, a range `LOW..HIGH` in nT, or percentiles `LOW%..HIGH%`.
     #[arg(long, default_value = "equalised", allow_hyphen_values = true)]
     scale: String,
@@ -53,7 +53,7 @@ pub struct PlotArgs {
 
 /// Colour scales.
 #[derive(Clone, Copy, ValueEnum)]
-enum Colours {
+enum PaletteName {
     /// The rainbow of potential-field maps, without its false edges.
     Turbo,
     /// Dark blue to yellow, readable without red or green.
@@ -62,15 +62,15 @@ enum Colours {
     Diverging,
 }
 
-/// One line flown.
-struct Track {
+/// Positions of one flight line.
+struct PlotTrack {
     name: String,
     lat: Vec<f64>,
     lon: Vec<f64>,
     alt: Vec<f64>,
 }
 
-pub fn run(args: &PlotArgs) -> Result<(), Stop> {
+pub fn run(args: &PlotArgs) -> Result<(), ExitReason> {
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         let mut tracks = vec![];
@@ -90,31 +90,31 @@ pub fn run(args: &PlotArgs) -> Result<(), Stop> {
     })
 }
 
-fn look(args: &PlotArgs) -> Result<Look, Stop> {
+fn look(args: &PlotArgs) -> Result<MapStyle, ExitReason> {
     let palette = match args.palette {
-        Colours::Turbo => Palette::Turbo,
-        Colours::Viridis => Palette::Viridis,
-        Colours::Diverging => Palette::Diverging,
+        PaletteName::Turbo => Palette::Turbo,
+        PaletteName::Viridis => Palette::Viridis,
+        PaletteName::Diverging => Palette::Diverging,
     };
-    Ok(Look {
+    Ok(MapStyle {
         width_px: args.width,
         palette,
         scale: scale(&args.scale)?,
-        shade: (!args.no_shade).then(Shade::default),
+        shade: (!args.no_shade).then(HillShading::default),
         contours: args.contours,
-        ..Look::default()
+        ..MapStyle::default()
     })
 }
 
-fn scale(text: &str) -> Result<Scale, Stop> {
+fn scale(text: &str) -> Result<ColourMapping, ExitReason> {
     let ends = |a: &str, b: &str| Some((a.parse::<f64>().ok()?, b.parse::<f64>().ok()?));
     let range = text.split_once("..");
     let percent = range.and_then(|(a, b)| ends(a.strip_suffix('%')?, b.strip_suffix('%')?));
     match (text, percent, range.and_then(|(a, b)| ends(a, b))) {
-        ("equalised", _, _) => Ok(Scale::Equalised),
-        ("linear", _, _) => Ok(Scale::Linear),
-        (_, Some((a, b)), _) => Ok(Scale::Percentile(a, b)),
-        (_, _, Some((a, b))) => Ok(Scale::Range(a, b)),
+        ("equalised", _, _) => Ok(ColourMapping::Equalised),
+        ("linear", _, _) => Ok(ColourMapping::Linear),
+        (_, Some((a, b)), _) => Ok(ColourMapping::Percentile(a, b)),
+        (_, _, Some((a, b))) => Ok(ColourMapping::Range(a, b)),
         _ => {
             let fault = Fault::new(format!("`{text}` is not a colour scale"));
             Err(fault
@@ -137,9 +137,9 @@ fn quantity(map: &AnomalyGrid) -> &'static str {
 fn flat<T>(
     args: &PlotArgs,
     map: &AnomalyGrid,
-    tracks: &[Track],
-    draw: impl Fn(&MapPicture, &Look, &[TrackLine]) -> Result<T, Fault>,
-) -> Result<T, Stop> {
+    tracks: &[PlotTrack],
+    draw: impl Fn(&MapPicture, &MapStyle, &[TrackLine]) -> Result<T, Fault>,
+) -> Result<T, ExitReason> {
     let plane = map.plane();
     let (unit_x, unit_y) = map.unit_m();
     let places: Vec<(Vec<f64>, Vec<f64>)> = tracks
@@ -155,8 +155,11 @@ fn flat<T>(
     let drawn: Vec<TrackLine> =
         tracks.iter().zip(&places).map(|(track, (x, y))| TrackLine { name: &track.name, x, y, colour: None }).collect();
     let title = title(args);
-    let (x, y, kind) =
-        if map.is_geographic() { (map.x, map.y, Plane::Degrees) } else { (plane.east_m, plane.north_m, Plane::Metres) };
+    let (x, y, kind) = if map.is_geographic() {
+        (map.x, map.y, AxisQuantity::Degrees)
+    } else {
+        (plane.east_m, plane.north_m, AxisQuantity::Metres)
+    };
     let picture = MapPicture {
         x,
         y,
@@ -168,17 +171,17 @@ fn flat<T>(
         x_label: None,
         y_label: None,
     };
-    draw(&picture, &look(args)?, &drawn).map_err(|e| Stop::from(e.in_file(&args.map.display().to_string())))
+    draw(&picture, &look(args)?, &drawn).map_err(|e| ExitReason::from(e.in_file(&args.map.display().to_string())))
 }
 
-fn earth(args: &PlotArgs, map: &AnomalyGrid, tracks: &[Track], zipped: bool) -> Result<(), Stop> {
+fn earth(args: &PlotArgs, map: &AnomalyGrid, tracks: &[PlotTrack], zipped: bool) -> Result<(), ExitReason> {
     let map = if map.is_geographic() { map.clone() } else { map.to_crs(4326, None).map_err(Fault::from)? };
     let title = title(args);
     let picture = MapPicture {
         x: map.x,
         y: map.y,
         values: &map.anomaly_nt,
-        plane: Plane::Degrees,
+        plane: AxisQuantity::Degrees,
         title: &title,
         quantity: quantity(&map),
         unit: map.value_unit,
@@ -208,15 +211,15 @@ fn earth(args: &PlotArgs, map: &AnomalyGrid, tracks: &[Track], zipped: bool) -> 
 }
 
 /// The lines of a flight file that are to be drawn.
-fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
-    let in_file = |fault: Fault| Stop::from(fault.in_file(&path.display().to_string()));
-    let reader = open_flight(path, &FlightOptions::default(), &Reading::default()).map_err(Fault::from)?;
-    let rules = Canonical::new(reader.schema()).map_err(|faults| {
+fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<PlotTrack>, ExitReason> {
+    let in_file = |fault: Fault| ExitReason::from(fault.in_file(&path.display().to_string()));
+    let reader = open_flight(path, &FlightOptions::default(), &ReadHints::default()).map_err(Fault::from)?;
+    let rules = FlightConversion::new(reader.schema()).map_err(|faults| {
         let first = faults.into_iter().next().unwrap_or_else(|| Fault::data("is not a flight table"));
         in_file(first)
     })?;
     let names = if args.ins { ["ins_lat", "ins_lon", "ins_alt"] } else { ["lat", "lon", "alt"] };
-    let mut tracks: Vec<Track> = vec![];
+    let mut tracks: Vec<PlotTrack> = vec![];
     for batch in reader {
         let batch = rules.apply(&batch.map_err(Fault::from)?).map_err(in_file)?;
         let column = |name: &str| batch.column_by_name(name);
@@ -231,7 +234,7 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
         {
             let name = format!("{} {}", flight.value(i), line.value(i));
             if tracks.last().is_none_or(|t| t.name != name) {
-                tracks.push(Track { name, lat: vec![], lon: vec![], alt: vec![] });
+                tracks.push(PlotTrack { name, lat: vec![], lon: vec![], alt: vec![] });
             }
             if let Some(track) = tracks.last_mut() {
                 track.lat.push(lat[i]);
@@ -246,7 +249,8 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
     Ok(tracks)
 }
 
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
-    std::fs::write(path, bytes).map_err(|e| Stop::Failed(format!("error: cannot write {}: {e}", path.display())))?;
+fn write(path: &Path, bytes: &[u8]) -> Result<(), ExitReason> {
+    std::fs::write(path, bytes)
+        .map_err(|e| ExitReason::Failed(format!("error: cannot write {}: {e}", path.display())))?;
     say(format!("{}\n", path.display()))
 }

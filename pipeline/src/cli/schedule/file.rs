@@ -29,8 +29,8 @@ pub fn check(flag: &str, path: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Writes a file in one step: whoever reads it sees what was there before, or all of it. What is not a regular file, such
-/// as a pipe, is written to as it is.
+/// Writes a file in one step: whoever reads it sees what was there before, or all of it. What is not a regular file,
+/// such as a pipe, is written to as it is.
 ///
 /// # Errors
 /// Fails when the file system refuses; what was there before stays.

@@ -30,24 +30,24 @@ const FLUSH: Duration = Duration::from_secs(15);
 /// Where the events are taken, below the address of a server.
 const ENDPOINT: &str = "/api/v1/lineage";
 
-/// Where events go.
-enum Target {
+/// Destination of OpenLineage events.
+enum LineageTarget {
     File(PathBuf),
     Http { url: Url, agent: Box<ureq::Agent>, key: Option<String> },
 }
 
-/// Sends events, in their order, on a thread of its own.
-pub struct Sink {
+/// Sender of OpenLineage events: a thread that keeps their order.
+pub struct LineageSink {
     sender: Mutex<Option<mpsc::Sender<Value>>>,
     done: Mutex<mpsc::Receiver<()>>,
 }
 
-impl Sink {
+impl LineageSink {
     /// To a file, or an address.
     ///
     /// # Errors
     /// Fails for a folder that is not there, and for an address that cannot be sent to.
-    pub fn open(to: &str) -> Result<Sink, Fault> {
+    pub fn open(to: &str) -> Result<LineageSink, Fault> {
         let target = target(to)?;
         let (sender, events) = mpsc::channel();
         let (done, over) = mpsc::channel();
@@ -56,7 +56,7 @@ impl Sink {
             // Whoever waited may have gone.
             let _ = done.send(());
         });
-        Ok(Sink { sender: Mutex::new(Some(sender)), done: Mutex::new(over) })
+        Ok(LineageSink { sender: Mutex::new(Some(sender)), done: Mutex::new(over) })
     }
 
     /// Hands an event over.
@@ -81,10 +81,10 @@ fn warn(why: &str) {
     err!("warning: OpenLineage events are lost: {why}");
 }
 
-fn target(to: &str) -> Result<Target, Fault> {
+fn target(to: &str) -> Result<LineageTarget, Fault> {
     if !to.contains("://") {
         file::check("--openlineage", Path::new(to))?;
-        return Ok(Target::File(PathBuf::from(to)));
+        return Ok(LineageTarget::File(PathBuf::from(to)));
     }
     let wrong = |why: &str| {
         Fault::new(format!("`--openlineage`: cannot send to `{}`", without_password(to))).help(why.to_owned())
@@ -96,7 +96,7 @@ fn target(to: &str) -> Result<Target, Fault> {
         "file" => {
             let path = url.to_file_path().map_err(|()| wrong("give a file on this host"))?;
             file::check("--openlineage", &path)?;
-            return Ok(Target::File(path));
+            return Ok(LineageTarget::File(path));
         }
         _ => return Err(wrong("give a path or `http://host:port`")),
     }
@@ -105,11 +105,11 @@ fn target(to: &str) -> Result<Target, Fault> {
     }
     let agent = ureq::Agent::config_builder().timeout_global(Some(REQUEST)).max_redirects(0).build().into();
     let key = std::env::var("OPENLINEAGE_API_KEY").ok().filter(|k| !k.is_empty());
-    Ok(Target::Http { url, agent: Box::new(agent), key })
+    Ok(LineageTarget::Http { url, agent: Box::new(agent), key })
 }
 
 /// Delivers events until there are no more, or it is of no use.
-fn deliver(target: &Target, events: &mpsc::Receiver<Value>) {
+fn deliver(target: &LineageTarget, events: &mpsc::Receiver<Value>) {
     let (mut lost, mut in_a_row) = (0, 0);
     let mut why = String::new();
     for event in events {
@@ -130,16 +130,16 @@ fn deliver(target: &Target, events: &mpsc::Receiver<Value>) {
     }
 }
 
-fn one(target: &Target, event: &Value) -> Result<(), String> {
+fn one(target: &LineageTarget, event: &Value) -> Result<(), String> {
     let text = event.to_string();
     match target {
-        Target::File(path) => {
+        LineageTarget::File(path) => {
             let line = format!("{text}\n");
             // One write for each, so that lines of several runs do not mix.
             let file = File::options().create(true).append(true).open(path);
             file.and_then(|mut f| f.write_all(line.as_bytes())).map_err(|e| format!("{}: {e}", path.display()))
         }
-        Target::Http { url, agent, key } => {
+        LineageTarget::Http { url, agent, key } => {
             let (begun, shown) = (Instant::now(), without_password(url.as_str()));
             let sent = post(agent, url, key.as_deref(), &text);
             match sent {
@@ -177,8 +177,8 @@ mod tests {
     #[test]
     fn unit_addresses_are_checked_before_anything_runs() {
         let url = |to: &str| match target(to) {
-            Ok(Target::Http { url, .. }) => url.to_string(),
-            Ok(Target::File(path)) => path.display().to_string(),
+            Ok(LineageTarget::Http { url, .. }) => url.to_string(),
+            Ok(LineageTarget::File(path)) => path.display().to_string(),
             Err(fault) => fault.what,
         };
         assert_eq!(url("http://localhost:5000"), "http://localhost:5000/api/v1/lineage");

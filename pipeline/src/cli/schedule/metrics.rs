@@ -2,7 +2,7 @@
 
 use std::{fmt::Write, fs, path::Path};
 
-use super::watch::{Ended, State, Status};
+use super::watch::{RunEnd, RunStatus, RunWatchState};
 use crate::clock;
 
 /// The time of the last run that did all it was asked.
@@ -30,7 +30,7 @@ fn before(path: &Path, labels: &str) -> Option<f64> {
 }
 
 /// The metrics of a run, in place of those at `path`.
-pub fn text(state: &State, end: &Ended, path: &Path) -> String {
+pub fn text(state: &RunWatchState, end: &RunEnd, path: &Path) -> String {
     let pipeline = format!("pipeline={}", quoted(state.pipeline.as_deref().unwrap_or_default()));
     let of = |table: &str| format!("{pipeline},table={}", quoted(table));
     let mut out = String::new();
@@ -53,7 +53,7 @@ pub fn text(state: &State, end: &Ended, path: &Path) -> String {
     family(&mut out, "magline_run_exit_status", "Exit status of the last run.", one(f64::from(end.status.exit())));
     let now = clock::unix();
     family(&mut out, "magline_run_end_timestamp_seconds", "End of the last run, Unix time in s.", one(now));
-    let success = if end.status == Status::Done { Some(now) } else { before(path, &pipeline) };
+    let success = if end.status == RunStatus::Done { Some(now) } else { before(path, &pipeline) };
     let success = success.map(|t| (pipeline.clone(), t));
     family(&mut out, SUCCESS, "End of the last successful run, Unix time in s.", success);
     out

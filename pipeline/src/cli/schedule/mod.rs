@@ -20,15 +20,15 @@ use std::{
 use clap::Args;
 use schemas::Fault;
 
-use super::{Stop, interrupt, note, open, tend};
+use super::{ExitReason, interrupt, note, open, tend};
 use crate::{
     plan::Plan,
-    run::{Event, Listener, Summary},
-    spec::Faults,
-    store::{Held, Lock, Publisher, Store, generation},
+    run::{Event, Listener, RunSummary},
+    spec::SpecFaults,
+    store::{ForeignLock, LockOutcome, PipelineLock, Store, generation},
 };
 pub use summary::compared;
-pub use watch::Watch;
+pub use watch::RunWatch;
 
 /// The exit status where another run has the lock.
 pub const LOCKED: u8 = 3;
@@ -65,9 +65,9 @@ pub struct ScheduleArgs {
     openlineage: Option<String>,
 }
 
-/// The tables that the options name, as positions in the plan.
+/// Tables of `--until` and `--force`, as positions in the plan.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Named {
+pub struct ScheduleTables {
     /// That of `--until`.
     pub until: Option<usize>,
     /// That of `--force`: all where it names none.
@@ -84,7 +84,7 @@ impl ScheduleArgs {
     ///
     /// # Errors
     /// Fails for a table that is not there, and for a part of a search, whose trials follow from its scores.
-    pub fn named(&self, plan: &Plan) -> Result<Named, Fault> {
+    pub fn named(&self, plan: &Plan) -> Result<ScheduleTables, Fault> {
         if let Some(search) = plan.spec.search.as_ref().filter(|_| self.until.is_some()) {
             let fault = Fault::new("`--until` cannot be combined with a `[search]`");
             return Err(fault.help(format!("the trials depend on the scores in `{}`; remove `--until`", search.table)));
@@ -100,7 +100,7 @@ impl ScheduleArgs {
             Some(node) => {
                 Err(Fault::new(format!("`{}` has `keep = false`, so the store has no results to compare", node.name)))
             }
-            None => Ok(Named { until, force }),
+            None => Ok(ScheduleTables { until, force }),
         }
     }
 
@@ -111,9 +111,9 @@ impl ScheduleArgs {
     /// Fails when the spec is wrong, the store cannot be opened, or the lock is not to be had.
     pub fn enter(
         &self,
-        read: &dyn Fn() -> Result<Plan, Faults>,
-        watch: &Watch,
-    ) -> Result<(Plan, Store, Publisher), Stop> {
+        read: &dyn Fn() -> Result<Plan, SpecFaults>,
+        watch: &RunWatch,
+    ) -> Result<(Plan, Store, PipelineLock), ExitReason> {
         let begun = Instant::now();
         loop {
             let plan = read()?;
@@ -135,12 +135,12 @@ impl ScheduleArgs {
         }
     }
 
-    fn locked(&self, store: &Store, name: &str, begun: Instant, watch: &Watch) -> Result<Publisher, Stop> {
+    fn locked(&self, store: &Store, name: &str, begun: Instant, watch: &RunWatch) -> Result<PipelineLock, ExitReason> {
         let mut told = false;
         loop {
             let held = match store.lock(name)? {
-                Lock::Mine(publisher) => return Ok(publisher),
-                Lock::Held(held) => held,
+                LockOutcome::Mine(publisher) => return Ok(publisher),
+                LockOutcome::Held(held) => held,
             };
             let what = held.told(name, store.root());
             match self.wait {
@@ -167,7 +167,7 @@ impl ScheduleArgs {
     }
 
     /// Begins to count the time of a run.
-    pub fn limit(&self) -> Limit {
+    pub fn limit(&self) -> RunTimeLimit {
         let (sender, receiver) = mpsc::channel();
         if let Some(most) = self.max_time {
             std::thread::spawn(move || {
@@ -177,7 +177,7 @@ impl ScheduleArgs {
                 }
             });
         }
-        Limit { _running: sender }
+        RunTimeLimit { _running: sender }
     }
 }
 
@@ -187,8 +187,8 @@ static OVER: AtomicBool = AtomicBool::new(false);
 /// The message of a run that its time limit stopped.
 pub const STOPPED: &str = "stopped by `--max-time`; finished results are stored, run the same command again to resume";
 
-/// The limit of time of a run, until it is dropped.
-pub struct Limit {
+/// Time limit of a run, in force until dropped.
+pub struct RunTimeLimit {
     _running: mpsc::Sender<()>,
 }
 
@@ -197,25 +197,25 @@ pub fn is_out_of_time() -> bool {
     OVER.load(Ordering::SeqCst)
 }
 
-fn refused(what: &str, help: &str, held: Held, watch: &Watch) -> Stop {
+fn refused(what: &str, help: &str, held: ForeignLock, watch: &RunWatch) -> ExitReason {
     watch.refused(held);
-    Stop::Locked(format!("error: {what}\n  help: {help}"))
+    ExitReason::Locked(format!("error: {what}\n  help: {help}"))
 }
 
-/// Hands each event to two listeners.
-pub struct Both<'a>(pub &'a dyn Listener, pub &'a dyn Listener);
+/// Pair of listeners: each event goes to both.
+pub struct ListenerPair<'a>(pub &'a dyn Listener, pub &'a dyn Listener);
 
-impl Listener for Both<'_> {
+impl Listener for ListenerPair<'_> {
     fn hear(&self, event: &Event) {
         self.0.hear(event);
         self.1.hear(event);
     }
 }
 
-/// Keeps the end of a run to itself, as something follows.
-pub struct ButTheEnd<'a>(pub &'a dyn Listener);
+/// Listener that drops the event `Finished`, because the command continues.
+pub struct FinishFilter<'a>(pub &'a dyn Listener);
 
-impl Listener for ButTheEnd<'_> {
+impl Listener for FinishFilter<'_> {
     fn hear(&self, event: &Event) {
         match event {
             Event::Finished { .. } => {}
@@ -233,10 +233,10 @@ impl Listener for ButTheEnd<'_> {
     }
 }
 
-/// Lets only the progress of a second run be heard: its tables are not those of the first.
-pub struct Working<'a>(pub &'a dyn Listener);
+/// Listener that passes only the progress of a second run, whose tables are not those of the first.
+pub struct ProgressFilter<'a>(pub &'a dyn Listener);
 
-impl Listener for Working<'_> {
+impl Listener for ProgressFilter<'_> {
     fn hear(&self, event: &Event) {
         if matches!(event, Event::Working { .. } | Event::Computing { .. }) {
             self.0.hear(event);
@@ -245,7 +245,7 @@ impl Listener for Working<'_> {
 }
 
 /// Adds what came of computing again to the summary of a run.
-pub fn told_again(summary: &mut Summary, compared: Vec<crate::run::Compared>) {
+pub fn told_again(summary: &mut RunSummary, compared: Vec<crate::run::TableComparison>) {
     for one in &compared {
         let units = super::counted(one.units, "unit");
         let what = match one.differ.len() {
@@ -262,8 +262,8 @@ pub fn told_again(summary: &mut Summary, compared: Vec<crate::run::Compared>) {
 ///
 /// # Errors
 /// Fails for a file that cannot be written, or an address that cannot be sent to; nothing is run then.
-pub fn watch(args: &ScheduleArgs, spec: &super::SpecArgs) -> Result<Arc<Watch>, Stop> {
-    let watch = Arc::new(Watch::new(args, spec)?);
+pub fn watch(args: &ScheduleArgs, spec: &super::SpecArgs) -> Result<Arc<RunWatch>, ExitReason> {
+    let watch = Arc::new(RunWatch::new(args, spec)?);
     let last = watch.clone();
     interrupt::at_exit(move |status| last.cut(status));
     Ok(watch)

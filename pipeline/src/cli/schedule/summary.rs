@@ -2,15 +2,15 @@
 
 use serde_json::{Value, json};
 
-use super::watch::{Ended, State};
+use super::watch::{RunEnd, RunWatchState};
 use crate::{
     cli::events::{counts, failure, merged, warning},
-    run::{Compared, Count},
-    store::{Held, current},
+    run::{OutcomeCounts, TableComparison},
+    store::{ForeignLock, current},
 };
 
 /// The summary of a run.
-pub fn json(state: &State, end: &Ended) -> Value {
+pub fn json(state: &RunWatchState, end: &RunEnd) -> Value {
     let published = state.published(end);
     let tables = state.tables.iter().map(|(name, count, seconds)| {
         let table = published.as_ref().and_then(|v| v.manifest.tables.iter().find(|t| t.name == *name));
@@ -20,7 +20,7 @@ pub fn json(state: &State, end: &Ended) -> Value {
         merged(merged(json!({ "name": name }), counts(count)), about)
     });
     let tables: Vec<Value> = tables.collect();
-    let total = state.tables.iter().fold(Count::default(), |sum, (_, count, _)| sum + *count);
+    let total = state.tables.iter().fold(OutcomeCounts::default(), |sum, (_, count, _)| sum + *count);
     let run = end.summary;
     json!({
         "schema": "urn:magline:run-summary:1",
@@ -53,19 +53,19 @@ pub fn json(state: &State, end: &Ended) -> Value {
 }
 
 /// Outcome of the recomputation of a table.
-pub fn compared(one: &Compared) -> Value {
+pub fn compared(one: &TableComparison) -> Value {
     json!({ "table": one.table, "units": one.units, "differ": one.differ.len() })
 }
 
-fn holder(held: &Held) -> Option<Value> {
+fn holder(held: &ForeignLock) -> Option<Value> {
     let holder = held.holder.as_ref()?;
     let silent = held.silent.map(|s| s.as_secs_f64());
     Some(json!({ "host": holder.host, "pid": holder.pid, "since": holder.since, "silent": silent }))
 }
 
-impl State {
+impl RunWatchState {
     /// The version of the tables that a run left, where it came so far.
-    pub fn published(&self, end: &Ended) -> Option<crate::store::Version> {
+    pub fn published(&self, end: &RunEnd) -> Option<crate::store::Version> {
         end.summary.filter(|s| !s.interrupted)?;
         current(self.root.as_ref()?, self.pipeline.as_ref()?)
     }

@@ -11,19 +11,19 @@ use std::{
 use serde_json::Value;
 use uuid::Uuid;
 
-use super::{LOCKED, OUT_OF_TIME, ScheduleArgs, file, lineage::Sink, metrics, summary};
+use super::{LOCKED, OUT_OF_TIME, ScheduleArgs, file, lineage::LineageSink, metrics, summary};
 use crate::{
-    cli::{SpecArgs, Stop, interrupt, say, say::err},
+    cli::{ExitReason, SpecArgs, interrupt, say, say::err},
     clock,
     plan::Plan,
-    run::{Count, Event, Listener, Summary},
-    store::Held,
-    views::openlineage::{self, Parent, Run, TableLineage},
+    run::{Event, Listener, OutcomeCounts, RunSummary},
+    store::ForeignLock,
+    views::openlineage::{self, LineageRun, ParentRun, TableLineage},
 };
 
-/// How a run ended.
+/// Final status of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
+pub enum RunStatus {
     /// All is there.
     Done,
     /// Something failed.
@@ -38,44 +38,44 @@ pub enum Status {
     Interrupted,
 }
 
-impl Status {
+impl RunStatus {
     /// The word for it.
     pub fn as_str(self) -> &'static str {
         match self {
-            Status::Done => "done",
-            Status::Failed => "failed",
-            Status::Wrong => "wrong",
-            Status::Locked => "locked",
-            Status::OutOfTime => "out_of_time",
-            Status::Interrupted => "interrupted",
+            RunStatus::Done => "done",
+            RunStatus::Failed => "failed",
+            RunStatus::Wrong => "wrong",
+            RunStatus::Locked => "locked",
+            RunStatus::OutOfTime => "out_of_time",
+            RunStatus::Interrupted => "interrupted",
         }
     }
 
     /// The exit status.
     pub fn exit(self) -> u8 {
         match self {
-            Status::Done => 0,
-            Status::Failed => 1,
-            Status::Wrong => 2,
-            Status::Locked => LOCKED,
-            Status::OutOfTime => OUT_OF_TIME,
-            Status::Interrupted => interrupt::STATUS,
+            RunStatus::Done => 0,
+            RunStatus::Failed => 1,
+            RunStatus::Wrong => 2,
+            RunStatus::Locked => LOCKED,
+            RunStatus::OutOfTime => OUT_OF_TIME,
+            RunStatus::Interrupted => interrupt::STATUS,
         }
     }
 }
 
 /// The end of a run.
-pub struct Ended<'a> {
+pub struct RunEnd<'a> {
     /// How it ended.
-    pub status: Status,
+    pub status: RunStatus,
     /// Message for the user.
     pub error: Option<String>,
     /// Its summary, where it came so far.
-    pub summary: Option<&'a Summary>,
+    pub summary: Option<&'a RunSummary>,
 }
 
 /// State of a run.
-pub struct State {
+pub struct RunWatchState {
     /// Its identifier, another for each.
     pub id: Uuid,
     /// When it began, UTC.
@@ -97,10 +97,10 @@ pub struct State {
     /// The hash of what is asked and of the data.
     pub run: Option<String>,
     /// The outcome and the seconds of each table that is done.
-    pub tables: Vec<(String, Count, f64)>,
+    pub tables: Vec<(String, OutcomeCounts, f64)>,
     /// Who has the lock, where it is not this run.
-    pub held: Option<Held>,
-    of: Option<Run>,
+    pub held: Option<ForeignLock>,
+    of: Option<LineageRun>,
     lineage: Vec<TableLineage>,
     begun_tables: BTreeSet<String>,
     ended_tables: BTreeSet<String>,
@@ -108,24 +108,24 @@ pub struct State {
     is_over: bool,
 }
 
-/// Watches a run: hears its events, and writes what came of it when it ends.
-pub struct Watch {
+/// Listener of a run, which writes summary, metrics and lineage at its end.
+pub struct RunWatch {
     files: [Option<PathBuf>; 2],
-    sink: Option<Sink>,
-    state: Mutex<State>,
+    sink: Option<LineageSink>,
+    state: Mutex<RunWatchState>,
 }
 
-impl Watch {
+impl RunWatch {
     /// For a run of a spec.
     ///
     /// # Errors
     /// Fails for a file or an address that cannot be written to.
-    pub fn new(args: &ScheduleArgs, spec: &SpecArgs) -> Result<Watch, Stop> {
+    pub fn new(args: &ScheduleArgs, spec: &SpecArgs) -> Result<RunWatch, ExitReason> {
         for (flag, path) in [("--summary", &args.summary), ("--metrics", &args.metrics)] {
             path.as_ref().map_or(Ok(()), |path| file::check(flag, path))?;
         }
-        let sink = args.openlineage.as_deref().map(Sink::open).transpose()?;
-        let state = State {
+        let sink = args.openlineage.as_deref().map(LineageSink::open).transpose()?;
+        let state = RunWatchState {
             id: Uuid::new_v4(),
             started: clock::now_ms(),
             begun: Instant::now(),
@@ -145,10 +145,10 @@ impl Watch {
             first_error: None,
             is_over: false,
         };
-        Ok(Watch { files: [args.summary.clone(), args.metrics.clone()], sink, state: Mutex::new(state) })
+        Ok(RunWatch { files: [args.summary.clone(), args.metrics.clone()], sink, state: Mutex::new(state) })
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, RunWatchState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -168,7 +168,7 @@ impl Watch {
     }
 
     /// Another run has the lock.
-    pub fn refused(&self, held: Held) {
+    pub fn refused(&self, held: ForeignLock) {
         self.state().held = Some(held);
     }
 
@@ -180,44 +180,44 @@ impl Watch {
         let named = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
         let namespace = named("OPENLINEAGE_NAMESPACE").unwrap_or_else(|| "magline".to_owned());
         let said = named("OPENLINEAGE_PARENT_ID");
-        let parent = said.as_deref().and_then(Parent::parse);
+        let parent = said.as_deref().and_then(ParentRun::parse);
         if let Some(text) = said.filter(|_| parent.is_none()) {
             err!("warning: OPENLINEAGE_PARENT_ID is not <namespace>/<job>/<run>: `{text}`");
         }
         let mut state = self.state();
-        let run = Run::new(plan, state.id, namespace, parent);
-        self.send([run.event(openlineage::State::Start, None)]);
+        let run = LineageRun::new(plan, state.id, namespace, parent);
+        self.send([run.event(openlineage::LineageEventType::Start, None)]);
         state.of = Some(run);
     }
 
     /// The run is over; writes what came of it, once.
-    pub fn end(&self, done: &Result<(), Stop>, summary: Option<&Summary>) {
+    pub fn end(&self, done: &Result<(), ExitReason>, summary: Option<&RunSummary>) {
         let (status, error) = match done {
             Ok(()) => match say::lost() {
-                Some(why) => (Status::Failed, Some(format!("cannot write to standard output: {why}"))),
-                None => (Status::Done, None),
+                Some(why) => (RunStatus::Failed, Some(format!("cannot write to standard output: {why}"))),
+                None => (RunStatus::Done, None),
             },
-            Err(Stop::Failed(text)) => (Status::Failed, Some(text.clone()).filter(|t| !t.is_empty())),
-            Err(Stop::Wrong(text)) => (Status::Wrong, Some(text.clone())),
-            Err(Stop::Locked(text)) => (Status::Locked, Some(text.clone())),
-            Err(Stop::OutOfTime) => (Status::OutOfTime, Some(super::STOPPED.to_owned())),
-            Err(Stop::Told(_)) => (Status::Failed, None),
-            Err(Stop::Interrupted) => (Status::Interrupted, Some(interrupt::SAID.to_owned())),
+            Err(ExitReason::Failed(text)) => (RunStatus::Failed, Some(text.clone()).filter(|t| !t.is_empty())),
+            Err(ExitReason::Wrong(text)) => (RunStatus::Wrong, Some(text.clone())),
+            Err(ExitReason::Locked(text)) => (RunStatus::Locked, Some(text.clone())),
+            Err(ExitReason::OutOfTime) => (RunStatus::OutOfTime, Some(super::STOPPED.to_owned())),
+            Err(ExitReason::Told(_)) => (RunStatus::Failed, None),
+            Err(ExitReason::Interrupted) => (RunStatus::Interrupted, Some(interrupt::SAID.to_owned())),
         };
-        self.over(&Ended { status, error, summary });
+        self.over(&RunEnd { status, error, summary });
     }
 
     /// The process ends with `status`, before the run has.
     pub fn cut(&self, status: u8) {
         let (status, error) = if status == OUT_OF_TIME {
-            (Status::OutOfTime, super::STOPPED)
+            (RunStatus::OutOfTime, super::STOPPED)
         } else {
-            (Status::Interrupted, interrupt::SAID)
+            (RunStatus::Interrupted, interrupt::SAID)
         };
-        self.over(&Ended { status, error: Some(error.to_owned()), summary: None });
+        self.over(&RunEnd { status, error: Some(error.to_owned()), summary: None });
     }
 
-    fn over(&self, end: &Ended) {
+    fn over(&self, end: &RunEnd) {
         let mut state = self.state();
         if std::mem::replace(&mut state.is_over, true) {
             return;
@@ -233,7 +233,7 @@ impl Watch {
             saved(path, &text);
         }
         // The run that has the lock writes its own.
-        if let Some(path) = metrics.as_ref().filter(|_| end.status != Status::Locked) {
+        if let Some(path) = metrics.as_ref().filter(|_| end.status != RunStatus::Locked) {
             saved(path, &metrics::text(&state, end, path));
         }
         self.last(&state, end);
@@ -243,13 +243,13 @@ impl Watch {
     }
 
     /// The last events: of tables that were begun and not ended, and of the run.
-    fn last(&self, state: &State, end: &Ended) {
-        use openlineage::State as Told;
+    fn last(&self, state: &RunWatchState, end: &RunEnd) {
+        use openlineage::LineageEventType as Told;
         let Some(run) = &state.of else { return };
         let told = match end.status {
-            Status::Done => Told::Complete,
-            Status::Failed | Status::Wrong | Status::Locked => Told::Fail,
-            Status::OutOfTime | Status::Interrupted => Told::Abort,
+            RunStatus::Done => Told::Complete,
+            RunStatus::Failed | RunStatus::Wrong | RunStatus::Locked => Told::Fail,
+            RunStatus::OutOfTime | RunStatus::Interrupted => Told::Abort,
         };
         let stopped = if told == Told::Abort { Told::Abort } else { Told::Fail };
         let open = state.begun_tables.difference(&state.ended_tables);
@@ -260,16 +260,16 @@ impl Watch {
         self.send([run.event(told, error.as_deref().filter(|_| told != Told::Complete))]);
     }
 
-    fn begun_table(&self, state: &mut State, name: &str) {
+    fn begun_table(&self, state: &mut RunWatchState, name: &str) {
         let known = state.lineage.iter().any(|t| t.name == name);
         if !known || !state.begun_tables.insert(name.to_owned()) {
             return;
         }
         let of = state.of.as_ref().zip(state.lineage.iter().find(|t| t.name == name));
-        self.send(of.map(|(run, table)| run.of_table(table, openlineage::State::Start, None)));
+        self.send(of.map(|(run, table)| run.of_table(table, openlineage::LineageEventType::Start, None)));
     }
 
-    fn ended_table(&self, state: &mut State, name: &str, count: &Count) {
+    fn ended_table(&self, state: &mut RunWatchState, name: &str, count: &OutcomeCounts) {
         self.begun_table(state, name);
         if !state.ended_tables.insert(name.to_owned()) {
             return;
@@ -281,16 +281,16 @@ impl Watch {
         let why = state.first_error.as_ref().map(|e| format!(": {e}")).unwrap_or_default();
         let error = (bad > 0).then(|| format!("{bad} of {all} units failed or were skipped{why}"));
         let told = match (aborted, bad) {
-            (true, _) => openlineage::State::Abort,
-            (false, 0) => openlineage::State::Complete,
-            (false, _) => openlineage::State::Fail,
+            (true, _) => openlineage::LineageEventType::Abort,
+            (false, 0) => openlineage::LineageEventType::Complete,
+            (false, _) => openlineage::LineageEventType::Fail,
         };
         let of = state.of.as_ref().zip(state.lineage.iter().find(|t| t.name == name));
         self.send(of.map(|(run, table)| run.of_table(table, told, error.as_deref())));
     }
 }
 
-impl Listener for Watch {
+impl Listener for RunWatch {
     fn hear(&self, event: &Event) {
         match event {
             Event::Started { run, graph, .. } => {
@@ -301,7 +301,7 @@ impl Listener for Watch {
                 }
             }
             Event::Computing { table, .. } => self.begun_table(&mut self.state(), table),
-            Event::Unit { fault: Some(fault), outcome: crate::run::Outcome::Failed, .. } => {
+            Event::Unit { fault: Some(fault), outcome: crate::run::UnitOutcome::Failed, .. } => {
                 let mut state = self.state();
                 if state.first_error.is_none() {
                     state.first_error = Some(fault.to_string());

@@ -23,10 +23,10 @@ use tonic::{
 };
 
 use super::{
-    closed::Closed,
-    key::Trust,
+    closed::JobPlan,
+    key::ClusterTrust,
     runtime,
-    units::{Answered, Codec, Handed, Units, handed_schema},
+    units::{AnswerMessage, TaskComputeExec, TaskMessage, TaskPlanCodec, handed_schema},
 };
 use crate::run::task::VERSION;
 
@@ -53,21 +53,21 @@ fn version_of(name: &str) -> Option<&str> {
     name.strip_prefix(NAMED)?.split('-').next()
 }
 
-/// A scheduler.
+/// Client of a scheduler.
 #[derive(Clone, Debug)]
-pub struct Scheduler {
+pub struct SchedulerClient {
     /// HOST:PORT.
     pub authority: String,
     /// How it and this program know each other.
-    trust: Trust,
+    trust: ClusterTrust,
     channel: Channel,
     /// The runtime of the connection.
     runtime: Arc<Runtime>,
 }
 
-/// Why a scheduler is not to be worked with.
+/// Reason why a scheduler is unusable.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Trouble {
+pub enum SchedulerFault {
     /// It does not answer.
     Silent(String),
     /// It has another key, or none.
@@ -76,9 +76,9 @@ pub enum Trouble {
     Other(String),
 }
 
-/// A scheduler and its workers as they were seen.
+/// Name, cores and workers of a scheduler at the last observation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Seen {
+pub struct ClusterSnapshot {
     /// The scheduler's name, another one each time it is started.
     pub scheduler: String,
     /// The cores of the workers of this version.
@@ -87,21 +87,21 @@ pub struct Seen {
     pub others: Vec<String>,
 }
 
-impl Trouble {
+impl SchedulerFault {
     /// Fault for the user, with the cause and a remedy.
     pub fn fault(&self, authority: &str) -> Fault {
         match self {
-            Trouble::Silent(why) => {
+            SchedulerFault::Silent(why) => {
                 let fault = Fault::machine(format!("cannot connect to the scheduler at {authority}: {why}"));
                 fault.help(format!(
                     "start it with `magline scheduler --bind {authority}`; scheduler, workers and runs need the same key"
                 ))
             }
-            Trouble::Stranger => {
+            SchedulerFault::Stranger => {
                 let fault = Fault::new(format!("the scheduler at {authority} has another key or no key"));
                 fault.help("use the same `--key-file` for scheduler, workers and runs")
             }
-            Trouble::Other(what) => {
+            SchedulerFault::Other(what) => {
                 let fault = Fault::new(format!("the scheduler at {authority} is {what}; this is magline {VERSION}"));
                 fault.help("use the same version for scheduler, workers and runs")
             }
@@ -109,9 +109,9 @@ impl Trouble {
     }
 }
 
-impl Scheduler {
+impl SchedulerClient {
     /// The place to hand jobs to, and how it is known.
-    pub fn place(&self) -> (String, Trust) {
+    pub fn place(&self) -> (String, ClusterTrust) {
         (self.authority.clone(), self.trust.clone())
     }
 
@@ -119,14 +119,14 @@ impl Scheduler {
     ///
     /// # Errors
     /// Fails when that names no place, or there are no threads for a connection.
-    pub fn at(authority: &str, trust: &Trust) -> Result<Scheduler, Fault> {
+    pub fn at(authority: &str, trust: &ClusterTrust) -> Result<SchedulerClient, Fault> {
         let runtime = Arc::new(runtime()?);
         let channel = {
             let _within = runtime.enter();
             let wrong = |e| Fault::new(format!("`{authority}` is not the address of a scheduler: {}", said(&e)));
             trust.endpoint(authority).map_err(wrong)?.connect_lazy()
         };
-        Ok(Scheduler { authority: authority.to_owned(), trust: trust.clone(), channel, runtime })
+        Ok(SchedulerClient { authority: authority.to_owned(), trust: trust.clone(), channel, runtime })
     }
 
     /// Where it is asked.
@@ -135,30 +135,30 @@ impl Scheduler {
     }
 
     /// Asks it for something, and reads the whole answer.
-    fn request(&self, method: http::Method, path: &str) -> Result<Vec<u8>, Trouble> {
+    fn request(&self, method: http::Method, path: &str) -> Result<Vec<u8>, SchedulerFault> {
         let request = http::Request::builder().method(method).uri(format!("{}/api/{path}", self.url()));
-        let request = request.body(Body::empty()).map_err(|e| Trouble::Silent(e.to_string()))?;
+        let request = request.body(Body::empty()).map_err(|e| SchedulerFault::Silent(e.to_string()))?;
         let mut channel = self.channel.clone();
         let asked = async move {
             poll_fn(|cx| channel.poll_ready(cx)).await.map_err(|e| trouble(&e))?;
             let answer = channel.call(request).await.map_err(|e| trouble(&e))?;
             let (mut body, mut bytes) = (answer.into_body(), vec![]);
             while let Some(frame) = poll_fn(|cx| Pin::new(&mut body).poll_frame(cx)).await {
-                let data = frame.map_err(|e| Trouble::Silent(e.message().to_owned()))?.into_data();
+                let data = frame.map_err(|e| SchedulerFault::Silent(e.message().to_owned()))?.into_data();
                 bytes.extend_from_slice(&data.unwrap_or_default());
                 if bytes.len() > MOST_BYTES {
-                    return Err(Trouble::Silent("its response is too large".to_owned()));
+                    return Err(SchedulerFault::Silent("its response is too large".to_owned()));
                 }
             }
             Ok(bytes)
         };
-        let late = |_| Trouble::Silent(format!("no response within {} s", ANSWER.as_secs()));
+        let late = |_| SchedulerFault::Silent(format!("no response within {} s", ANSWER.as_secs()));
         self.runtime.block_on(async { timeout(ANSWER, asked).await }).map_err(late)?
     }
 
-    fn ask(&self, path: &str) -> Result<Value, Trouble> {
+    fn ask(&self, path: &str) -> Result<Value, SchedulerFault> {
         let bytes = self.request(http::Method::GET, path)?;
-        let wrong = |_| Trouble::Silent("the server is not a Ballista scheduler".to_owned());
+        let wrong = |_| SchedulerFault::Silent("the server is not a Ballista scheduler".to_owned());
         serde_json::from_slice(&bytes).map_err(wrong)
     }
 
@@ -166,22 +166,22 @@ impl Scheduler {
     ///
     /// # Errors
     /// Fails when it does not answer, or is another version.
-    pub fn name(&self) -> Result<String, Trouble> {
+    pub fn name(&self) -> Result<String, SchedulerFault> {
         let state = self.ask("state")?;
         let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();
         match version_of(name) {
             _ if is_ours(name) => Ok(name.to_owned()),
-            Some(version) => Err(Trouble::Other(format!("magline {version}"))),
-            None => Err(Trouble::Other("not a scheduler of magline".to_owned())),
+            Some(version) => Err(SchedulerFault::Other(format!("magline {version}"))),
+            None => Err(SchedulerFault::Other("not a scheduler of magline".to_owned())),
         }
     }
 
     /// The scheduler and its workers.
     ///
     /// # Errors
-    /// The same as [`Scheduler::name`].
-    pub fn look(&self) -> Result<Seen, Trouble> {
-        let mut seen = Seen { scheduler: self.name()?, ..Seen::default() };
+    /// The same as [`SchedulerClient::name`].
+    pub fn look(&self) -> Result<ClusterSnapshot, SchedulerFault> {
+        let mut seen = ClusterSnapshot { scheduler: self.name()?, ..ClusterSnapshot::default() };
         let workers = self.ask("executors")?;
         for worker in workers.as_array().into_iter().flatten() {
             let name = worker.get("id").and_then(Value::as_str).unwrap_or_default();
@@ -227,13 +227,13 @@ fn said(e: &dyn Error) -> String {
 }
 
 /// Why there is no answer: a scheduler that does not hold our key, or one that is not there.
-fn trouble(e: &(dyn Error + 'static)) -> Trouble {
+fn trouble(e: &(dyn Error + 'static)) -> SchedulerFault {
     let of_key = |e: &(dyn Error + 'static)| {
         let inner = e.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
         inner.is_some_and(|inner| inner.is::<rustls::Error>()) || e.is::<rustls::Error>()
     };
     let mut causes = std::iter::successors(Some(e), |&e| e.source());
-    if causes.any(of_key) { Trouble::Stranger } else { Trouble::Silent(said(e)) }
+    if causes.any(of_key) { SchedulerFault::Stranger } else { SchedulerFault::Silent(said(e)) }
 }
 
 /// Has tasks computed as the job `name`, one task of Ballista for each partition of `parts`.
@@ -241,24 +241,24 @@ fn trouble(e: &(dyn Error + 'static)) -> Trouble {
 /// # Errors
 /// Fails when the scheduler cannot be reached, and when the job fails or is cancelled.
 pub async fn job(
-    (authority, trust): (String, Trust),
+    (authority, trust): (String, ClusterTrust),
     session: String,
     name: String,
-    parts: Vec<Vec<Handed>>,
-) -> Result<Vec<Answered>, DataFusionError> {
+    parts: Vec<Vec<TaskMessage>>,
+) -> Result<Vec<AnswerMessage>, DataFusionError> {
     let config = SessionConfig::new_with_ballista()
         .set_usize(BALLISTA_SCHEDULER_MAX_PARTITIONS_PER_TASK, 1)
         .with_ballista_job_name(&name)
         .with_ballista_override_create_grpc_client_endpoint(trust.endpoints())
         .with_ballista_use_tls(trust.encrypts());
     let parts =
-        parts.iter().map(|tasks| Ok(vec![Handed::rows(tasks)?])).collect::<Result<Vec<_>, DataFusionError>>()?;
+        parts.iter().map(|tasks| Ok(vec![TaskMessage::rows(tasks)?])).collect::<Result<Vec<_>, DataFusionError>>()?;
     let leaf = DataSourceExec::from_data_source(MemorySourceConfig::try_new(&parts, handed_schema(), None)?);
-    let units: Arc<dyn ExecutionPlan> = Arc::new(Units::new(leaf));
-    let (settings, codec, url) = (config.ballista_config(), Codec::default(), trust.url(&authority));
-    let rows = execute_physical_plan::<Closed>(url, &settings, units, &codec, session, config).await?;
+    let units: Arc<dyn ExecutionPlan> = Arc::new(TaskComputeExec::new(leaf));
+    let (settings, codec, url) = (config.ballista_config(), TaskPlanCodec::default(), trust.url(&authority));
+    let rows = execute_physical_plan::<JobPlan>(url, &settings, units, &codec, session, config).await?;
     let rows = collect(rows).await?;
-    let answers: Option<Vec<Vec<Answered>>> = rows.iter().map(Answered::read).collect();
+    let answers: Option<Vec<Vec<AnswerMessage>>> = rows.iter().map(AnswerMessage::read).collect();
     let answers = answers.ok_or_else(|| DataFusionError::Execution("the response contains no receipts".to_owned()))?;
     Ok(answers.into_iter().flatten().collect())
 }

@@ -1,5 +1,5 @@
-//! The plans that a cluster takes: tasks of magline as rows in memory, the node that computes them, and the writer of its
-//! answers. Nothing else is made into a plan: no file is read or written, no function is called.
+//! The plans that a cluster takes: tasks of magline as rows in memory, the node that computes them, and the writer of
+//! its answers. Nothing else is made into a plan: no file is read or written, no function is called.
 //!
 //! The check is on the message of a plan, before any node of it is made.
 
@@ -31,11 +31,11 @@ const LONGEST_NAME: usize = 64;
 
 /// The physical plan of a job, or of a task of it.
 #[derive(Clone, Debug)]
-pub struct Closed(PhysicalPlanNode);
+pub struct JobPlan(PhysicalPlanNode);
 
-/// A logical plan: there are none.
+/// Placeholder for logical plans, which magline does not use.
 #[derive(Clone, Debug)]
-pub struct Never;
+pub struct LogicalPlanStub;
 
 /// Whether this is the name of a job, of which the name of a folder is made.
 pub fn names_a_job(name: &str) -> bool {
@@ -87,12 +87,12 @@ fn units(node: &PhysicalExtensionNode) -> Result<()> {
     }
 }
 
-impl AsExecutionPlan for Closed {
-    fn try_decode(bytes: &[u8]) -> Result<Closed> {
+impl AsExecutionPlan for JobPlan {
+    fn try_decode(bytes: &[u8]) -> Result<JobPlan> {
         let plan = PhysicalPlanNode::decode(bytes);
         let plan = plan.map_err(|e| DataFusionError::Execution(format!("the plan is unreadable: {e}")))?;
         check(&plan)?;
-        Ok(Closed(plan))
+        Ok(JobPlan(plan))
     }
 
     fn try_encode<B: BufMut>(&self, buffer: &mut B) -> Result<()> {
@@ -107,13 +107,13 @@ impl AsExecutionPlan for Closed {
         self.0.try_into_physical_plan(context, codec)
     }
 
-    fn try_from_physical_plan(plan: Arc<dyn ExecutionPlan>, codec: &dyn PhysicalExtensionCodec) -> Result<Closed> {
-        PhysicalPlanNode::try_from_physical_plan(plan, codec).map(Closed)
+    fn try_from_physical_plan(plan: Arc<dyn ExecutionPlan>, codec: &dyn PhysicalExtensionCodec) -> Result<JobPlan> {
+        PhysicalPlanNode::try_from_physical_plan(plan, codec).map(JobPlan)
     }
 }
 
-impl AsLogicalPlan for Never {
-    fn try_decode(_: &[u8]) -> Result<Never> {
+impl AsLogicalPlan for LogicalPlanStub {
+    fn try_decode(_: &[u8]) -> Result<LogicalPlanStub> {
         refused("it accepts no queries")
     }
 
@@ -125,7 +125,7 @@ impl AsLogicalPlan for Never {
         refused("it accepts no queries")
     }
 
-    fn try_from_logical_plan(_: &LogicalPlan, _: &dyn LogicalExtensionCodec) -> Result<Never> {
+    fn try_from_logical_plan(_: &LogicalPlan, _: &dyn LogicalExtensionCodec) -> Result<LogicalPlanStub> {
         refused("it accepts no queries")
     }
 }

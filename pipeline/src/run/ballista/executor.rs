@@ -1,6 +1,6 @@
-//! The executor of a worker: it registers at the scheduler, takes tasks, and serves their answers. Ballista's own process of
-//! this kind listens without encryption and takes any plan of DataFusion; this one asks each connection for the key of the
-//! cluster, and takes the plans of `closed.rs` alone.
+//! The executor of a worker: it registers at the scheduler, takes tasks, and serves their answers. Ballista's own
+//! process of this kind listens without encryption and takes any plan of DataFusion; this one asks each connection for
+//! the key of the cluster, and takes the plans of `closed.rs` alone.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -54,13 +54,13 @@ use tonic::{
 };
 
 use super::{
-    closed::{Closed, Never, names_a_job},
-    flight::Answers,
-    key::Trust,
+    closed::{JobPlan, LogicalPlanStub, names_a_job},
+    flight::AnswerFileService,
+    key::ClusterTrust,
     told_to_stop,
-    units::Codec,
+    units::TaskPlanCodec,
 };
-use crate::ports::Door;
+use crate::ports::PortListener;
 
 /// The longest message.
 pub const MESSAGE: usize = 16 << 20;
@@ -79,13 +79,13 @@ const KEPT: Duration = Duration::from_secs(3600);
 const CLEANS_EVERY: Duration = Duration::from_secs(600);
 
 /// Settings of an executor.
-pub struct Executor {
+pub struct ExecutorSettings {
     /// Its name.
     pub id: String,
     /// HOST:PORT of the scheduler.
     pub scheduler: String,
     /// How scheduler and executor know each other.
-    pub trust: Trust,
+    pub trust: ClusterTrust,
     /// The name by which the scheduler reaches it.
     pub host: String,
     /// The ports for answers and for tasks.
@@ -101,10 +101,10 @@ pub struct Executor {
 /// A task that runs: job, stage and number.
 type TaskKey = (String, usize, usize);
 
-struct Inner {
+struct ExecutorState {
     me: ExecutorRegistration,
     scheduler: SchedulerGrpcClient<Channel>,
-    codec: BallistaCodec<Never, Closed>,
+    codec: BallistaCodec<LogicalPlanStub, JobPlan>,
     engine: DefaultExecutionEngine,
     runtime: RuntimeProducer,
     work: PathBuf,
@@ -115,7 +115,7 @@ struct Inner {
 }
 
 #[derive(Clone)]
-struct Tasks(Arc<Inner>);
+struct ExecutorService(Arc<ExecutorState>);
 
 fn now_ms() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -126,7 +126,7 @@ fn general(what: String) -> BallistaError {
     BallistaError::General(what)
 }
 
-impl Executor {
+impl ExecutorSettings {
     /// Computes until a signal or the scheduler stops it, or the scheduler is gone.
     ///
     /// # Errors
@@ -148,10 +148,13 @@ impl Executor {
             ballista_protocol_version: BALLISTA_PROTOCOL_VERSION,
         };
         let spill = self.work.clone();
-        let tasks = Tasks(Arc::new(Inner {
+        let tasks = ExecutorService(Arc::new(ExecutorState {
             me,
             scheduler: self.connected().await?,
-            codec: BallistaCodec::new(Arc::new(BallistaLogicalExtensionCodec::default()), Arc::new(Codec::of_worker())),
+            codec: BallistaCodec::new(
+                Arc::new(BallistaLogicalExtensionCodec::default()),
+                Arc::new(TaskPlanCodec::of_worker()),
+            ),
             engine: DefaultExecutionEngine::new(),
             runtime: Arc::new(move |_| RuntimeEnvBuilder::new().with_temp_file_path(spill.clone()).build_arc()),
             work: self.work.clone(),
@@ -159,10 +162,10 @@ impl Executor {
             ends: AtomicBool::new(false),
             stop: Notify::new(),
         }));
-        let door = |listener: TcpListener| -> Result<Door, BallistaError> {
-            Ok(Door::by_handshake(tokio::net::TcpListener::from_std(listener)?, encryption.clone()))
+        let door = |listener: TcpListener| -> Result<PortListener, BallistaError> {
+            Ok(PortListener::by_handshake(tokio::net::TcpListener::from_std(listener)?, encryption.clone()))
         };
-        let answers = FlightServiceServer::new(Answers::new(&self.work)).max_decoding_message_size(MESSAGE);
+        let answers = FlightServiceServer::new(AnswerFileService::new(&self.work)).max_decoding_message_size(MESSAGE);
         let launches = ExecutorGrpcServer::new(tasks.clone()).max_decoding_message_size(MESSAGE);
         let answers = Server::builder().add_service(answers).serve_with_incoming(door(self.listeners.0)?.open());
         let launches = Server::builder().add_service(launches).serve_with_incoming(door(self.listeners.1)?.open());
@@ -190,7 +193,7 @@ impl Executor {
     }
 }
 
-impl Tasks {
+impl ExecutorService {
     fn running(&self) -> MutexGuard<'_, BTreeMap<TaskKey, AbortHandle>> {
         self.0.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -303,7 +306,7 @@ impl Tasks {
     fn written(
         &self,
         task: TaskDefinition,
-    ) -> Pin<Box<dyn Future<Output = Result<Written, BallistaError>> + Send + 'static>> {
+    ) -> Pin<Box<dyn Future<Output = Result<ExecutorTaskOutput, BallistaError>> + Send + 'static>> {
         let tasks = self.0.clone();
         Box::pin(async move {
             let stage = tasks.engine.create_query_stage_exec(
@@ -338,14 +341,14 @@ impl Tasks {
     }
 }
 
-/// The files of a task's answers, and what its nodes counted.
-type Written = (
+/// The files of a task's answers, and the metrics of its plan nodes.
+type ExecutorTaskOutput = (
     Vec<ballista_core::serde::protobuf::ShuffleWritePartition>,
     Vec<ballista_core::serde::protobuf::OperatorMetricsSet>,
 );
 
 #[tonic::async_trait]
-impl ExecutorGrpc for Tasks {
+impl ExecutorGrpc for ExecutorService {
     async fn launch_task(&self, _: Request<LaunchTaskParams>) -> Result<Response<LaunchTaskResult>, Status> {
         Err(Status::unimplemented("tasks are launched together"))
     }

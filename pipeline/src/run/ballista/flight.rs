@@ -1,4 +1,5 @@
-//! The answers of a worker, which the scheduler fetches for a run: Ballista's service of files, limited to files of jobs.
+//! The answers of a worker, which the scheduler fetches for a run: Ballista's service of files, limited to files of
+//! jobs.
 
 use std::path::Path;
 
@@ -14,9 +15,9 @@ use tonic::{Request, Response, Status, Streaming};
 use super::closed::names_a_job;
 
 /// Answers of tasks, as files in a folder.
-pub struct Answers(BallistaFlightService);
+pub struct AnswerFileService(BallistaFlightService);
 
-type Answer<T> = Result<Response<T>, Status>;
+type ArrowFlightResult<T> = Result<Response<T>, Status>;
 
 /// Refuses to fetch anything but the answers of a job.
 fn check(bytes: &[u8]) -> Result<(), Status> {
@@ -27,19 +28,19 @@ fn check(bytes: &[u8]) -> Result<(), Status> {
     }
 }
 
-fn none<T>() -> Answer<T> {
+fn none<T>() -> ArrowFlightResult<T> {
     Err(Status::unimplemented("a worker serves only results of tasks"))
 }
 
-impl Answers {
+impl AnswerFileService {
     /// Service of the tasks that write to a folder.
-    pub fn new(folder: &Path) -> Answers {
-        Answers(BallistaFlightService::new(folder.display().to_string()))
+    pub fn new(folder: &Path) -> AnswerFileService {
+        AnswerFileService(BallistaFlightService::new(folder.display().to_string()))
     }
 }
 
 #[tonic::async_trait]
-impl FlightService for Answers {
+impl FlightService for AnswerFileService {
     type HandshakeStream = BoxStream<'static, Result<HandshakeResponse, Status>>;
     type ListFlightsStream = BoxStream<'static, Result<FlightInfo, Status>>;
     type DoGetStream = <BallistaFlightService as FlightService>::DoGetStream;
@@ -48,45 +49,45 @@ impl FlightService for Answers {
     type DoActionStream = <BallistaFlightService as FlightService>::DoActionStream;
     type ListActionsStream = BoxStream<'static, Result<ActionType, Status>>;
 
-    async fn do_get(&self, request: Request<Ticket>) -> Answer<Self::DoGetStream> {
+    async fn do_get(&self, request: Request<Ticket>) -> ArrowFlightResult<Self::DoGetStream> {
         check(&request.get_ref().ticket)?;
         self.0.do_get(request).await
     }
 
-    async fn do_action(&self, request: Request<Action>) -> Answer<Self::DoActionStream> {
+    async fn do_action(&self, request: Request<Action>) -> ArrowFlightResult<Self::DoActionStream> {
         check(&request.get_ref().body)?;
         self.0.do_action(request).await
     }
 
-    async fn handshake(&self, _: Request<Streaming<HandshakeRequest>>) -> Answer<Self::HandshakeStream> {
+    async fn handshake(&self, _: Request<Streaming<HandshakeRequest>>) -> ArrowFlightResult<Self::HandshakeStream> {
         none()
     }
 
-    async fn list_flights(&self, _: Request<Criteria>) -> Answer<Self::ListFlightsStream> {
+    async fn list_flights(&self, _: Request<Criteria>) -> ArrowFlightResult<Self::ListFlightsStream> {
         none()
     }
 
-    async fn get_flight_info(&self, _: Request<FlightDescriptor>) -> Answer<FlightInfo> {
+    async fn get_flight_info(&self, _: Request<FlightDescriptor>) -> ArrowFlightResult<FlightInfo> {
         none()
     }
 
-    async fn poll_flight_info(&self, _: Request<FlightDescriptor>) -> Answer<PollInfo> {
+    async fn poll_flight_info(&self, _: Request<FlightDescriptor>) -> ArrowFlightResult<PollInfo> {
         none()
     }
 
-    async fn get_schema(&self, _: Request<FlightDescriptor>) -> Answer<SchemaResult> {
+    async fn get_schema(&self, _: Request<FlightDescriptor>) -> ArrowFlightResult<SchemaResult> {
         none()
     }
 
-    async fn do_put(&self, _: Request<Streaming<FlightData>>) -> Answer<Self::DoPutStream> {
+    async fn do_put(&self, _: Request<Streaming<FlightData>>) -> ArrowFlightResult<Self::DoPutStream> {
         none()
     }
 
-    async fn do_exchange(&self, _: Request<Streaming<FlightData>>) -> Answer<Self::DoExchangeStream> {
+    async fn do_exchange(&self, _: Request<Streaming<FlightData>>) -> ArrowFlightResult<Self::DoExchangeStream> {
         none()
     }
 
-    async fn list_actions(&self, _: Request<Empty>) -> Answer<Self::ListActionsStream> {
+    async fn list_actions(&self, _: Request<Empty>) -> ArrowFlightResult<Self::ListActionsStream> {
         none()
     }
 }

@@ -2,8 +2,8 @@
 
 /// Overhead of a job at its worker and the scheduler, s: `pipeline/CLUSTER.md`.
 const JOB_S: f64 = 0.06;
-/// The largest overhead as a part of the work, and the same at the end of a wave, where jobs are smaller so that all cores end
-/// together.
+/// The largest overhead as a part of the work, and the same at the end of a wave, where jobs are smaller so that all
+/// cores end together.
 const MOST_BESIDE: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
 /// Time of the scheduler for a job, s; it handles one after another.

@@ -1,5 +1,5 @@
-//! The key of a cluster: a secret that scheduler, workers and runs share. Each of their connections is encrypted by TLS, and
-//! both sides prove in its handshake that they hold the key. The key itself is never sent.
+//! The key of a cluster: a secret that scheduler, workers and runs share. Each of their connections is encrypted by
+//! TLS, and both sides prove in its handshake that they hold the key. The key itself is never sent.
 //!
 //! A signing key is derived from the secret, and a certificate is made of it that both sides show and trust alone.
 
@@ -29,41 +29,41 @@ const LONGEST: Duration = Duration::from_secs(20);
 /// The interval of asking whether the other side is still there.
 const ALIVE: Duration = Duration::from_secs(30);
 
-/// How the members of a cluster know each other.
+/// Mutual authentication of the members of a cluster.
 #[derive(Clone)]
-pub enum Trust {
+pub enum ClusterTrust {
     /// By the key of the cluster.
-    Key(Arc<Key>),
+    Key(Arc<ClusterIdentity>),
     /// Not at all, for tests: on the loopback alone.
     Loopback,
 }
 
-/// Identity of a member of a cluster.
-pub struct Key {
+/// Identity of a member of a cluster: certificate and private key.
+pub struct ClusterIdentity {
     /// The certificate, DER.
     certificate: Vec<u8>,
     /// Its key, PKCS #8.
     key: Vec<u8>,
 }
 
-impl std::fmt::Debug for Trust {
+impl std::fmt::Debug for ClusterTrust {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.write_str(match self {
-            Trust::Key(_) => "by key",
-            Trust::Loopback => "all",
+            ClusterTrust::Key(_) => "by key",
+            ClusterTrust::Loopback => "all",
         })
     }
 }
 
-impl Trust {
+impl ClusterTrust {
     /// By the key in a file, or else in the environment variable; `insecure` does without.
     ///
     /// # Errors
     /// Fails where there is no key, or one that others can read or guess.
-    pub fn read(file: Option<&Path>, insecure: bool) -> Result<Trust, Fault> {
+    pub fn read(file: Option<&Path>, insecure: bool) -> Result<ClusterTrust, Fault> {
         let secret =
             match (file, insecure) {
-                (None, true) => return Ok(Trust::Loopback),
+                (None, true) => return Ok(ClusterTrust::Loopback),
                 (Some(file), _) => secret_of(file)?,
                 (None, false) => std::env::var(VARIABLE).map_err(|_| {
                     Fault::new("the cluster has no key, so anyone who can connect to its ports could run \
@@ -73,7 +73,7 @@ impl Trust {
                 ))
                 })?,
             };
-        Key::derive(&secret).map(|key| Trust::Key(Arc::new(key)))
+        ClusterIdentity::derive(&secret).map(|key| ClusterTrust::Key(Arc::new(key)))
     }
 
     /// Refuses an address that others reach, where nobody is asked for a key.
@@ -82,12 +82,12 @@ impl Trust {
     /// Names the address.
     pub fn admits(&self, address: IpAddr) -> Result<(), Fault> {
         match self {
-            Trust::Loopback if !address.is_loopback() => {
+            ClusterTrust::Loopback if !address.is_loopback() => {
                 let what =
                     format!("`--insecure-loopback` requires no key, but other machines can connect to {address}");
                 Err(Fault::new(what).help("listen on 127.0.0.1, or give a key with `--key-file`"))
             }
-            Trust::Loopback | Trust::Key(_) => Ok(()),
+            ClusterTrust::Loopback | ClusterTrust::Key(_) => Ok(()),
         }
     }
 
@@ -96,7 +96,7 @@ impl Trust {
     /// # Errors
     /// Fails when this processor cannot encrypt.
     pub fn server(&self) -> Result<Option<Arc<ServerConfig>>, Fault> {
-        let Trust::Key(key) = self else { return Ok(None) };
+        let ClusterTrust::Key(key) = self else { return Ok(None) };
         let wrong = |e: &dyn std::fmt::Display| Fault::bug(format!("cannot make the certificate of the cluster: {e}"));
         let provider = cryptography()?;
         let certificate = CertificateDer::from(key.certificate.clone());
@@ -119,7 +119,7 @@ impl Trust {
 
     /// Whether connections are encrypted.
     pub fn encrypts(&self) -> bool {
-        matches!(self, Trust::Key(_))
+        matches!(self, ClusterTrust::Key(_))
     }
 
     /// A place to connect to, at HOST:PORT.
@@ -133,7 +133,7 @@ impl Trust {
             .tcp_nodelay(true)
             .http2_keep_alive_interval(ALIVE)
             .keep_alive_while_idle(true);
-        let Trust::Key(key) = self else { return Ok(endpoint) };
+        let ClusterTrust::Key(key) = self else { return Ok(endpoint) };
         let certificate = pem("CERTIFICATE", &key.certificate);
         let tls = ClientTlsConfig::new()
             .domain_name(NAME)
@@ -166,12 +166,12 @@ fn secret_of(file: &Path) -> Result<String, Fault> {
     std::fs::read_to_string(file).map_err(unreadable)
 }
 
-impl Key {
+impl ClusterIdentity {
     /// Derives it from a secret.
     ///
     /// # Errors
     /// Fails when it is too short, or no word.
-    fn derive(secret: &str) -> Result<Key, Fault> {
+    fn derive(secret: &str) -> Result<ClusterIdentity, Fault> {
         let secret = secret.trim();
         let fault = |what: String| Fault::new(what).help("create one with `openssl rand -hex 32`");
         if !secret.chars().all(|c| c.is_ascii_graphic()) {
@@ -188,7 +188,7 @@ impl Key {
         let signing = Ed25519SigningKey::from_pkcs8_der(&key);
         let signing = signing.map_err(|e| Fault::bug(format!("cannot use the key of the cluster: {e:?}")))?;
         let certificate = certificate(&signing);
-        Ok(Key { certificate, key })
+        Ok(ClusterIdentity { certificate, key })
     }
 }
 
@@ -243,16 +243,16 @@ mod tests {
 
     #[test]
     fn unit_a_secret_gives_one_key_and_another_one_another() {
-        let one = Key::derive(SECRET).unwrap();
-        let same = Key::derive(&format!(" {SECRET}\n")).unwrap();
-        let other = Key::derive("0123456789abcdef0123456789abcdeg").unwrap();
+        let one = ClusterIdentity::derive(SECRET).unwrap();
+        let same = ClusterIdentity::derive(&format!(" {SECRET}\n")).unwrap();
+        let other = ClusterIdentity::derive("0123456789abcdef0123456789abcdeg").unwrap();
         assert!(one.certificate == same.certificate && one.certificate != other.certificate);
         // The secret is in nothing that is sent.
         assert!(!one.certificate.windows(16).any(|w| SECRET.as_bytes().windows(16).any(|s| s == w)));
         for wrong in
             ["", "0123456789abcdef", "0123456789abcdef 0123456789abcdef", "\u{e9}123456789abcdef0123456789abcdef"]
         {
-            assert!(Key::derive(wrong).is_err(), "{wrong}");
+            assert!(ClusterIdentity::derive(wrong).is_err(), "{wrong}");
         }
     }
 
@@ -262,15 +262,15 @@ mod tests {
         let file = folder.path().join("cluster.key");
         std::fs::write(&file, SECRET).unwrap();
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o640)).unwrap();
-        let fault = Trust::read(Some(&file), false).unwrap_err().to_string();
+        let fault = ClusterTrust::read(Some(&file), false).unwrap_err().to_string();
         assert!(fault.contains("can read the key") && !fault.contains(SECRET), "{fault}");
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
-        assert!(Trust::read(Some(&file), false).unwrap().encrypts());
+        assert!(ClusterTrust::read(Some(&file), false).unwrap().encrypts());
     }
 
     #[test]
     fn unit_without_a_key_only_the_loopback_is_served() {
-        let insecure = Trust::read(None, true).unwrap();
+        let insecure = ClusterTrust::read(None, true).unwrap();
         assert!(insecure.admits("127.0.0.1".parse().unwrap()).is_ok() && insecure.server().unwrap().is_none());
         for wide in ["0.0.0.0", "10.0.0.1", "::", "fe80::1"] {
             assert!(insecure.admits(wide.parse().unwrap()).is_err(), "{wide}");

@@ -27,13 +27,13 @@ use uuid::Uuid;
 
 use super::{
     client::named,
-    closed::{Closed, Never},
+    closed::{JobPlan, LogicalPlanStub},
     executor::MESSAGE,
-    key::Trust,
+    key::ClusterTrust,
     runtime, told_to_stop,
-    units::Codec,
+    units::TaskPlanCodec,
 };
-use crate::{ports::Door, store::host};
+use crate::{ports::PortListener, store::host};
 
 /// Interval of the checks for silent workers.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
@@ -42,18 +42,18 @@ const KEPT: Duration = Duration::from_secs(60);
 /// The interval of asking whether a client is still there.
 const ALIVE: Duration = Duration::from_secs(30);
 
-/// A scheduler that listens, and does not yet answer.
-pub struct Listening {
+/// A scheduler with a bound port that does not serve yet.
+pub struct BoundScheduler {
     listener: TcpListener,
     address: SocketAddr,
     config: SchedulerConfig,
-    trust: Trust,
+    trust: ClusterTrust,
     encryption: Option<Arc<ServerConfig>>,
 }
 
-/// Listens on `address`, with port 0 on a free one. Workers report to it by the name `advertise`; by default the address, or this
-/// host's name where that is all addresses. A worker that is silent for `worker_timeout` is given up. Workers and runs are
-/// known by `trust`.
+/// Listens on `address`, with port 0 on a free one. Workers report to it by the name `advertise`; by default the
+/// address, or this host's name where that is all addresses. A worker that is silent for `worker_timeout` is given up.
+/// Workers and runs are known by `trust`.
 ///
 /// # Errors
 /// Fails when the address is taken or not this host's, or is reached by others while nobody is asked for a key.
@@ -61,8 +61,8 @@ pub fn listen(
     address: SocketAddr,
     advertise: Option<&str>,
     worker_timeout: Duration,
-    trust: Trust,
-) -> Result<Listening, Fault> {
+    trust: ClusterTrust,
+) -> Result<BoundScheduler, Fault> {
     trust.admits(address.ip())?;
     let encryption = trust.server()?;
     let fail = |e: std::io::Error| Fault::machine(format!("cannot listen on {address}: {e}"));
@@ -78,7 +78,7 @@ pub fn listen(
         // No page of another host may ask for anything.
         cors_allowed_origins: format!("http://{advertised}:{}", address.port()),
         external_host: advertised,
-        override_physical_codec: Some(Arc::new(Codec::default())),
+        override_physical_codec: Some(Arc::new(TaskPlanCodec::default())),
         override_create_grpc_client_endpoint: Some(trust.endpoints()),
         use_tls: trust.encrypts(),
         enable_embedded_flight_proxy: true,
@@ -90,7 +90,7 @@ pub fn listen(
         finished_job_state_clean_up_interval_seconds: KEPT.as_secs(),
         ..SchedulerConfig::default()
     };
-    Ok(Listening { listener, address, config, trust, encryption })
+    Ok(BoundScheduler { listener, address, config, trust, encryption })
 }
 
 /// The name by which others find an address of this host.
@@ -102,7 +102,7 @@ pub fn name_of(address: SocketAddr) -> String {
     }
 }
 
-impl Listening {
+impl BoundScheduler {
     /// The address, with the port that was free.
     pub fn address(&self) -> SocketAddr {
         self.address
@@ -118,11 +118,11 @@ impl Listening {
     /// # Errors
     /// Fails when Ballista does.
     pub fn serve(self) -> Result<(), Fault> {
-        let Listening { listener, config, trust, encryption, .. } = self;
+        let BoundScheduler { listener, config, trust, encryption, .. } = self;
         let served = async move {
             let listener = tokio::net::TcpListener::from_std(listener).map_err(BallistaError::from)?;
             let cluster = BallistaCluster::new_from_config(&config).await?;
-            let scheduler = create_scheduler::<Never, Closed>(cluster, Arc::new(config)).await?;
+            let scheduler = create_scheduler::<LogicalPlanStub, JobPlan>(cluster, Arc::new(config)).await?;
             let jobs = SchedulerGrpcServer::new(scheduler.clone());
             let endpoints = Arc::new(BallistaConfigGrpcEndpoint::new(trust.endpoints()));
             let answers = BallistaFlightProxyService::new(MESSAGE, MESSAGE, trust.encrypts(), Some(endpoints));
@@ -133,7 +133,7 @@ impl Listening {
             let routes = get_routes(Arc::new(scheduler)).merge(routes.routes().into_axum_router());
             let server = Server::builder().http2_keepalive_interval(Some(ALIVE)).add_routes(Routes::from(routes));
             tokio::select! {
-                served = server.serve_with_incoming(Door::by_handshake(listener, encryption).open()) => {
+                served = server.serve_with_incoming(PortListener::by_handshake(listener, encryption).open()) => {
                     served.map_err(BallistaError::TonicError)
                 }
                 () = told_to_stop() => Ok(()),

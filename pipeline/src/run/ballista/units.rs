@@ -1,8 +1,8 @@
 //! Messages that travel through Ballista: tasks, receipts, and the node of a plan that carries them.
 //!
-//! The leaf of a plan is a source in memory with tasks as rows, since Ballista cuts only leaves that it knows into the partitions
-//! of its tasks; the node above it has the same partitions. The scheduler decodes and encodes the node without computing
-//! anything. A worker never fails a partition, which would fail the job: what goes wrong is a row.
+//! The leaf of a plan is a source in memory with tasks as rows, since Ballista cuts only leaves that it knows into the
+//! partitions of its tasks; the node above it has the same partitions. The scheduler decodes and encodes the node
+//! without computing anything. A worker never fails a partition, which would fail the job: what goes wrong is a row.
 
 use std::{
     fmt,
@@ -28,14 +28,14 @@ use datafusion::{
 use datafusion_proto::physical_plan::{PhysicalExtensionCodec, PhysicalProtoConverterExtension};
 use futures::TryStreamExt;
 
-use crate::run::{children::Leash, task::VERSION};
+use crate::run::{children::ProcessStopHandle, task::VERSION};
 
 /// Time that a worker process has to finish its unit after a stop signal.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// A task as it travels.
+/// Wire form of a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Handed {
+pub struct TaskMessage {
     /// Its hash.
     pub id: String,
     /// The wave: the tasks of a table in a run.
@@ -48,9 +48,9 @@ pub struct Handed {
     pub task: String,
 }
 
-/// The answer to a task as it travels.
+/// Wire form of the answer to a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Answered {
+pub struct AnswerMessage {
     /// The hash of the task.
     pub id: String,
     /// The worker.
@@ -90,13 +90,13 @@ fn number(rows: &RecordBatch, column: &str, row: usize) -> Option<u64> {
     (row < array.len() && array.is_valid(row)).then(|| array.value(row))
 }
 
-impl Handed {
+impl TaskMessage {
     /// Tasks as rows.
     ///
     /// # Errors
     /// Fails when Arrow refuses the columns.
-    pub fn rows(all: &[Handed]) -> Result<RecordBatch> {
-        let numbers = |of: fn(&Handed) -> u64| Arc::new(all.iter().map(of).collect::<UInt64Array>()) as ArrayRef;
+    pub fn rows(all: &[TaskMessage]) -> Result<RecordBatch> {
+        let numbers = |of: fn(&TaskMessage) -> u64| Arc::new(all.iter().map(of).collect::<UInt64Array>()) as ArrayRef;
         let columns = vec![
             texts(all.iter().map(|h| Some(h.id.as_str()))),
             texts(all.iter().map(|h| Some(h.wave.as_str()))),
@@ -108,9 +108,9 @@ impl Handed {
     }
 
     /// The tasks of some rows.
-    fn read(rows: &RecordBatch) -> Option<Vec<Handed>> {
+    fn read(rows: &RecordBatch) -> Option<Vec<TaskMessage>> {
         let one = |i: usize| {
-            Some(Handed {
+            Some(TaskMessage {
                 id: text(rows, "id", i)?,
                 wave: text(rows, "wave", i)?,
                 retries: number(rows, "retries", i)?,
@@ -122,8 +122,8 @@ impl Handed {
     }
 }
 
-impl Answered {
-    fn rows(all: &[Answered]) -> Result<RecordBatch> {
+impl AnswerMessage {
+    fn rows(all: &[AnswerMessage]) -> Result<RecordBatch> {
         let columns = vec![
             texts(all.iter().map(|a| Some(a.id.as_str()))),
             texts(all.iter().map(|a| Some(a.worker.as_str()))),
@@ -134,9 +134,9 @@ impl Answered {
     }
 
     /// The answers of some rows; none where they are not answers.
-    pub fn read(rows: &RecordBatch) -> Option<Vec<Answered>> {
+    pub fn read(rows: &RecordBatch) -> Option<Vec<AnswerMessage>> {
         let one = |i: usize| {
-            Some(Answered {
+            Some(AnswerMessage {
                 id: text(rows, "id", i)?,
                 worker: text(rows, "worker", i)?,
                 receipt: text(rows, "receipt", i),
@@ -148,19 +148,19 @@ impl Answered {
 }
 
 /// Component that computes tasks in a worker.
-pub trait Compute: Send + Sync {
+pub trait TaskComputer: Send + Sync {
     /// Computes tasks that a program of the version `version` has dispatched. Returns one answer for each task, or none
     /// for those that a stop signal prevents.
-    fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered>;
+    fn answers(&self, tasks: Vec<TaskMessage>, version: &str, leash: &ProcessStopHandle) -> Vec<AnswerMessage>;
 }
 
 /// Component that computes tasks in this process; unset in a scheduler or a driver.
-pub static COMPUTE: OnceLock<Box<dyn Compute>> = OnceLock::new();
+pub static COMPUTE: OnceLock<Box<dyn TaskComputer>> = OnceLock::new();
 
-/// Stops the work when its partition is cancelled.
-struct Tether(Option<Leash>);
+/// Guard that stops the work when its partition is cancelled.
+struct CancellationGuard(Option<ProcessStopHandle>);
 
-impl Drop for Tether {
+impl Drop for CancellationGuard {
     fn drop(&mut self) {
         if let Some(leash) = self.0.take() {
             leash.stop();
@@ -174,45 +174,47 @@ impl Drop for Tether {
 
 async fn computed(rows: RecordBatch, version: String) -> Result<RecordBatch> {
     let Some(compute) = COMPUTE.get() else { return exec_err!("this process computes no tasks") };
-    let Some(tasks) = Handed::read(&rows) else { return exec_err!("the dispatched rows are not tasks of magline") };
-    let leash = Leash::default();
-    let mut tether = Tether(Some(leash.clone()));
+    let Some(tasks) = TaskMessage::read(&rows) else {
+        return exec_err!("the dispatched rows are not tasks of magline");
+    };
+    let leash = ProcessStopHandle::default();
+    let mut tether = CancellationGuard(Some(leash.clone()));
     let answers = tokio::task::spawn_blocking(move || compute.answers(tasks, &version, &leash)).await;
     tether.0.take();
-    Answered::rows(&answers.map_err(|e| DataFusionError::External(Box::new(e)))?)
+    AnswerMessage::rows(&answers.map_err(|e| DataFusionError::External(Box::new(e)))?)
 }
 
-/// The node that computes tasks: rows of tasks in, rows of answers out.
+/// Plan node that computes tasks: rows of tasks in, rows of answers out.
 #[derive(Debug)]
-pub struct Units {
+pub struct TaskComputeExec {
     input: Arc<dyn ExecutionPlan>,
     /// The version of the program that made the plan.
     version: String,
     properties: Arc<PlanProperties>,
 }
 
-impl Units {
+impl TaskComputeExec {
     /// Above a source of tasks, by this version.
-    pub fn new(input: Arc<dyn ExecutionPlan>) -> Units {
-        Units::of(input, VERSION.to_owned())
+    pub fn new(input: Arc<dyn ExecutionPlan>) -> TaskComputeExec {
+        TaskComputeExec::with_version(input, VERSION.to_owned())
     }
 
-    fn of(input: Arc<dyn ExecutionPlan>, version: String) -> Units {
+    fn with_version(input: Arc<dyn ExecutionPlan>, version: String) -> TaskComputeExec {
         // The scheduler cuts the input, so that its partitions are found anew each time.
         let partitions = input.properties().output_partitioning().clone();
         let equal = EquivalenceProperties::new(answered_schema());
         let properties = PlanProperties::new(equal, partitions, EmissionType::Incremental, Boundedness::Bounded);
-        Units { input, version, properties: Arc::new(properties) }
+        TaskComputeExec { input, version, properties: Arc::new(properties) }
     }
 }
 
-impl DisplayAs for Units {
+impl DisplayAs for TaskComputeExec {
     fn fmt_as(&self, _: DisplayFormatType, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "magline units, {}", self.version)
     }
 }
 
-impl ExecutionPlan for Units {
+impl ExecutionPlan for TaskComputeExec {
     fn name(&self) -> &'static str {
         "MaglineUnits"
     }
@@ -238,7 +240,9 @@ impl ExecutionPlan for Units {
 
     fn with_new_children(self: Arc<Self>, mut children: Vec<Arc<dyn ExecutionPlan>>) -> Result<Arc<dyn ExecutionPlan>> {
         match children.pop() {
-            Some(input) if children.is_empty() => Ok(Arc::new(Units::of(input, self.version.clone()))),
+            Some(input) if children.is_empty() => {
+                Ok(Arc::new(TaskComputeExec::with_version(input, self.version.clone())))
+            }
             _ => exec_err!("units of magline have one input"),
         }
     }
@@ -255,23 +259,23 @@ pub const MARK: &str = "\0magline ";
 
 /// Node of magline in a plan of Ballista.
 ///
-/// A scheduler and a driver refuse a node of another version. A worker reads it: it says in its answers that it refuses the tasks,
-/// where a failure would be one of the whole job.
+/// A scheduler and a driver refuse a node of another version. A worker reads it: it says in its answers that it refuses
+/// the tasks, where a failure would be one of the whole job.
 #[derive(Debug, Default)]
-pub struct Codec {
+pub struct TaskPlanCodec {
     ballista: BallistaPhysicalExtensionCodec,
     /// Whether nodes of other versions are read.
     lenient: bool,
 }
 
-impl Codec {
+impl TaskPlanCodec {
     /// Codec of a worker.
-    pub fn of_worker() -> Codec {
-        Codec { lenient: true, ..Codec::default() }
+    pub fn of_worker() -> TaskPlanCodec {
+        TaskPlanCodec { lenient: true, ..TaskPlanCodec::default() }
     }
 }
 
-impl PhysicalExtensionCodec for Codec {
+impl PhysicalExtensionCodec for TaskPlanCodec {
     fn try_decode(
         &self,
         bytes: &[u8],
@@ -282,7 +286,7 @@ impl PhysicalExtensionCodec for Codec {
         let version = std::str::from_utf8(bytes).ok().and_then(|text| text.strip_prefix(MARK));
         match (version, inputs) {
             (Some(version), [input]) if version == VERSION || self.lenient => {
-                Ok(Arc::new(Units::of(input.clone(), version.to_owned())))
+                Ok(Arc::new(TaskComputeExec::with_version(input.clone(), version.to_owned())))
             }
             (Some(version), [_]) => {
                 exec_err!("the run is magline {version}, but the scheduler is magline {VERSION}: use the same version")
@@ -298,7 +302,7 @@ impl PhysicalExtensionCodec for Codec {
         bytes: &mut Vec<u8>,
         converter: &dyn PhysicalProtoConverterExtension,
     ) -> Result<()> {
-        match node.downcast_ref::<Units>() {
+        match node.downcast_ref::<TaskComputeExec>() {
             Some(units) => bytes.extend_from_slice(format!("{MARK}{}", units.version).as_bytes()),
             None => return self.ballista.try_encode(node, bytes, converter),
         }
@@ -315,33 +319,37 @@ mod tests {
 
     use super::*;
 
-    fn task(id: &str) -> Handed {
+    fn task(id: &str) -> TaskMessage {
         let (id, wave, task) = (id.to_owned(), "w".to_owned(), "{\"task\":1}".to_owned());
-        Handed { id, wave, retries: 2, unit_timeout_s: 0, task }
+        TaskMessage { id, wave, retries: 2, unit_timeout_s: 0, task }
     }
 
     #[test]
     fn unit_tasks_and_answers_are_read_as_they_are_written() {
-        let tasks = [task("a"), Handed { unit_timeout_s: 7, ..task("b\n\"") }];
-        let rows = Handed::rows(&tasks).unwrap();
-        assert_eq!(Handed::read(&rows).unwrap(), tasks);
+        let tasks = [task("a"), TaskMessage { unit_timeout_s: 7, ..task("b\n\"") }];
+        let rows = TaskMessage::rows(&tasks).unwrap();
+        assert_eq!(TaskMessage::read(&rows).unwrap(), tasks);
         let answer = |id: &str, receipt: Option<&str>| {
             let refused = if receipt.is_none() { Some("no".to_owned()) } else { None };
-            Answered { id: id.to_owned(), worker: "w".to_owned(), receipt: receipt.map(str::to_owned), refused }
+            AnswerMessage { id: id.to_owned(), worker: "w".to_owned(), receipt: receipt.map(str::to_owned), refused }
         };
         let answers = [answer("a", Some("{}")), answer("b", None)];
-        assert_eq!(Answered::read(&Answered::rows(&answers).unwrap()).unwrap(), answers);
-        assert!(Answered::read(&rows).is_none() && Handed::read(&Answered::rows(&answers).unwrap()).is_none());
+        assert_eq!(AnswerMessage::read(&AnswerMessage::rows(&answers).unwrap()).unwrap(), answers);
+        assert!(
+            AnswerMessage::read(&rows).is_none()
+                && TaskMessage::read(&AnswerMessage::rows(&answers).unwrap()).is_none()
+        );
     }
 
     #[test]
     fn unit_a_node_of_another_version_is_refused_by_a_scheduler_and_read_by_a_worker() {
-        let parts = vec![vec![Handed::rows(&[task("a")]).unwrap()], vec![Handed::rows(&[task("b")]).unwrap()]];
+        let parts =
+            vec![vec![TaskMessage::rows(&[task("a")]).unwrap()], vec![TaskMessage::rows(&[task("b")]).unwrap()]];
         let leaf = MemorySourceConfig::try_new(&parts, handed_schema(), None).unwrap();
         let leaf = DataSourceExec::from_data_source(leaf) as Arc<dyn ExecutionPlan>;
-        let node = Arc::new(Units::of(leaf.clone(), "9.9.9".to_owned()));
+        let node = Arc::new(TaskComputeExec::with_version(leaf.clone(), "9.9.9".to_owned()));
         assert_eq!(node.properties().output_partitioning().partition_count(), 2);
-        let (strict, worker) = (Codec::default(), Codec::of_worker());
+        let (strict, worker) = (TaskPlanCodec::default(), TaskPlanCodec::of_worker());
         let converter = DefaultPhysicalProtoConverter {};
         let mut bytes = vec![];
         strict.try_encode(node, &mut bytes, &converter).unwrap();

@@ -13,20 +13,20 @@ use schemas::Fault;
 use uuid::Uuid;
 
 use super::{
-    Ballista, Since,
-    client::{Seen, Trouble, job},
+    BallistaEngine, ObservationTimer,
+    client::{ClusterSnapshot, SchedulerFault, job},
     job_size::{JOBS_A_CORE, size},
-    units::{Answered, Handed},
-    verdict::{Facts, STALL, Verdict},
+    units::{AnswerMessage, TaskMessage},
+    verdict::{JobAction, JobObservation, STALL},
 };
 use crate::{
     run::{
         children::failed,
         compute::pack_of,
-        engine::Wave,
-        events::Outcome,
+        engine::TaskWave,
+        events::UnitOutcome,
         interrupt::INTERRUPTED,
-        task::{Answer, Receipt, Task, TaskUnit},
+        task::{Receipt, Task, TaskUnit, UnitAnswer},
     },
     store::shown,
 };
@@ -49,8 +49,8 @@ const SAID_AFTER: Duration = Duration::from_secs(3);
 /// The interval of looking whether there is anything new.
 const TICK: Duration = Duration::from_millis(100);
 
-/// A job that is under way.
-struct Job {
+/// A job in progress.
+struct WaveJob {
     tasks: Vec<usize>,
     begun: Instant,
     looked: Instant,
@@ -61,16 +61,16 @@ struct Job {
 }
 
 /// Number of a job, and its answers or its error.
-type Told = (usize, Result<Vec<Answered>, String>);
+type WaveJobResult = (usize, Result<Vec<AnswerMessage>, String>);
 
-/// A wave at work.
-pub struct Handing<'a> {
-    engine: &'a Ballista,
-    wave: &'a Wave<'a>,
+/// Dispatch of a wave to a cluster, with its jobs and receipts.
+pub struct WaveDispatcher<'a> {
+    engine: &'a BallistaEngine,
+    wave: &'a TaskWave<'a>,
     id: String,
     tasks: BTreeMap<String, usize>,
     waiting: VecDeque<usize>,
-    jobs: BTreeMap<usize, Job>,
+    jobs: BTreeMap<usize, WaveJob>,
     receipts: Vec<Option<Receipt>>,
     /// Number of failed attempts of each task.
     tries: Vec<usize>,
@@ -80,21 +80,21 @@ pub struct Handing<'a> {
     /// Tasks that were refused since one was answered.
     refused: usize,
     restarts: usize,
-    seen: Seen,
+    seen: ClusterSnapshot,
     looked: Option<Instant>,
     /// Since the scheduler answered, since there was a worker, since a job failed.
-    reached: Since,
-    manned: Since,
-    troubled: Option<Since>,
+    reached: ObservationTimer,
+    manned: ObservationTimer,
+    troubled: Option<ObservationTimer>,
     trouble: String,
     waits: bool,
 }
 
-impl<'a> Handing<'a> {
+impl<'a> WaveDispatcher<'a> {
     /// Nothing is handed out yet.
-    pub fn new(engine: &'a Ballista, wave: &'a Wave<'a>) -> Handing<'a> {
+    pub fn new(engine: &'a BallistaEngine, wave: &'a TaskWave<'a>) -> WaveDispatcher<'a> {
         let count = wave.tasks.len();
-        Handing {
+        WaveDispatcher {
             engine,
             wave,
             id: Uuid::new_v4().simple().to_string(),
@@ -109,8 +109,8 @@ impl<'a> Handing<'a> {
             restarts: 0,
             seen: engine.seen.clone(),
             looked: None,
-            reached: Since::now(),
-            manned: Since::now(),
+            reached: ObservationTimer::now(),
+            manned: ObservationTimer::now(),
             troubled: None,
             trouble: String::new(),
             waits: false,
@@ -143,7 +143,7 @@ impl<'a> Handing<'a> {
     }
 
     /// Hears what came of a job, if there is any news.
-    fn listen(&mut self, hear: &Receiver<Told>) {
+    fn listen(&mut self, hear: &Receiver<WaveJobResult>) {
         match hear.recv_timeout(TICK) {
             Ok((number, told)) => {
                 let Some(job) = self.jobs.remove(&number) else { return };
@@ -173,10 +173,10 @@ impl<'a> Handing<'a> {
                 }
                 self.seen = seen;
             }
-            Err(why @ (Trouble::Other(_) | Trouble::Stranger)) => {
+            Err(why @ (SchedulerFault::Other(_) | SchedulerFault::Stranger)) => {
                 return Some(why.fault(&self.engine.scheduler.authority));
             }
-            Err(Trouble::Silent(why)) => {
+            Err(SchedulerFault::Silent(why)) => {
                 self.seen.cores = 0;
                 self.trouble = why;
             }
@@ -224,7 +224,7 @@ impl<'a> Handing<'a> {
     }
 
     /// Hands out as many jobs as the cluster is to have.
-    fn hand_out(&mut self, tell: &Sender<Told>) {
+    fn hand_out(&mut self, tell: &Sender<WaveJobResult>) {
         if self.troubled.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
             return;
         }
@@ -237,7 +237,7 @@ impl<'a> Handing<'a> {
             self.number += 1;
             let (number, tell) = (self.number, tell.clone());
             let now = Instant::now();
-            self.jobs.insert(number, Job { tasks, begun: now, looked: now, there: false, idle: None });
+            self.jobs.insert(number, WaveJob { tasks, begun: now, looked: now, there: false, idle: None });
             let made = job(self.engine.scheduler.place(), self.engine.session.clone(), self.name(number), vec![handed]);
             self.engine.runtime.spawn(async move {
                 // Nobody listens after an interrupt.
@@ -264,7 +264,7 @@ impl<'a> Handing<'a> {
     }
 
     /// The next tasks that are handed out together.
-    fn bundle(&mut self) -> (Vec<usize>, Vec<Handed>) {
+    fn bundle(&mut self) -> (Vec<usize>, Vec<TaskMessage>) {
         let most = self.most();
         let (mut tasks, mut handed, mut bytes) = (vec![], vec![], 0);
         while tasks.len() < most && bytes < MOST_BYTES {
@@ -289,10 +289,10 @@ impl<'a> Handing<'a> {
         (tasks, handed)
     }
 
-    fn handed(&self, i: usize) -> Result<Handed, Fault> {
+    fn handed(&self, i: usize) -> Result<TaskMessage, Fault> {
         let task: &Task = &self.wave.tasks[i];
         let limits = self.engine.limits;
-        Ok(Handed {
+        Ok(TaskMessage {
             id: task.id().to_string(),
             wave: self.id.clone(),
             retries: limits.retries as u64,
@@ -324,9 +324,9 @@ impl<'a> Handing<'a> {
     }
 
     /// The answers of a job.
-    fn hear(&mut self, tasks: &[usize], answers: Vec<Answered>) {
+    fn hear(&mut self, tasks: &[usize], answers: Vec<AnswerMessage>) {
         let mut left: Vec<usize> = tasks.to_vec();
-        for Answered { id, worker, receipt, refused: why } in answers {
+        for AnswerMessage { id, worker, receipt, refused: why } in answers {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
                 // Computed twice, or not ours: what came back is not what was handed out.
                 let fault = Fault::bug(format!(
@@ -353,7 +353,7 @@ impl<'a> Handing<'a> {
     fn receipt(&mut self, i: usize, receipt: Receipt) {
         let task = &self.wave.tasks[i];
         let wanted = |u: &&TaskUnit| !u.have;
-        let same = |(u, a): (&TaskUnit, &Answer)| (u.point, u.line, u.key) == (a.point, a.line, a.key);
+        let same = |(u, a): (&TaskUnit, &UnitAnswer)| (u.point, u.line, u.key) == (a.point, a.line, a.key);
         let known = task.units.iter().filter(wanted);
         if receipt.units.len() == known.clone().count() && known.zip(&receipt.units).all(same) {
             self.answered = (self.answered.0 + 1, self.answered.1 + receipt.seconds);
@@ -369,7 +369,7 @@ impl<'a> Handing<'a> {
         let before = self.seen.scheduler.clone();
         self.looked = None;
         let lost = self.look().is_some() || self.seen.cores == 0 || self.seen.scheduler != before;
-        self.troubled = Some(Since::now());
+        self.troubled = Some(ObservationTimer::now());
         if lost {
             // Not the fault of what was computed.
             self.waiting.extend(tasks);
@@ -394,7 +394,7 @@ impl<'a> Handing<'a> {
 
     /// Looks after jobs that take long: an answer may have been lost, which neither scheduler nor worker know.
     fn look_after(&mut self) {
-        let long = |job: &Job| job.begun.elapsed() > LONG && job.looked.elapsed() > LONG;
+        let long = |job: &WaveJob| job.begun.elapsed() > LONG && job.looked.elapsed() > LONG;
         let due: Vec<usize> = self.jobs.iter().filter(|(_, job)| long(job)).map(|(n, _)| *n).collect();
         if due.is_empty() {
             return;
@@ -406,7 +406,7 @@ impl<'a> Handing<'a> {
             let (tasks, found) = (job.tasks.clone(), self.found(&job.tasks));
             let name = self.name(number);
             let id = going.iter().find(|(_, of)| *of == name).map(|(id, _)| id);
-            let facts = Facts {
+            let facts = JobObservation {
                 there: found.is_some(),
                 were_there: job.there,
                 is_handed: id.is_some_and(|id| self.engine.scheduler.is_at_work(id)),
@@ -420,12 +420,12 @@ impl<'a> Handing<'a> {
                 job.idle = if facts.is_idle() { job.idle.or_else(|| Some(Instant::now())) } else { None };
             }
             match (verdict, found) {
-                (Verdict::Wait, _) => {}
-                (Verdict::Take, Some(receipts)) => {
+                (JobAction::Wait, _) => {}
+                (JobAction::Take, Some(receipts)) => {
                     self.cancel(Some(number));
                     tasks.into_iter().zip(receipts).for_each(|(i, receipt)| self.settle(i, receipt));
                 }
-                (Verdict::Again | Verdict::Take, _) => {
+                (JobAction::Again | JobAction::Take, _) => {
                     self.cancel(Some(number));
                     let why = format!("no worker computed it or returned a receipt for {} s", STALL.as_secs());
                     tasks.into_iter().for_each(|i| self.again(i, Fault::machine(why.clone())));
@@ -439,14 +439,14 @@ impl<'a> Handing<'a> {
         let store = self.wave.worker.store();
         let cut = self.wave.worker.cut(self.wave.table).ok()?;
         let answer = |unit: &TaskUnit| match store.find(unit.key)?.rows {
-            Some(_) => Some(Answer::of(unit, Outcome::Reused, None)),
-            None => store.failed(unit.key).ok()?.map(|fault| Answer::of(unit, Outcome::Failed, Some(fault))),
+            Some(_) => Some(UnitAnswer::new(unit, UnitOutcome::Reused, None)),
+            None => store.failed(unit.key).ok()?.map(|fault| UnitAnswer::new(unit, UnitOutcome::Failed, Some(fault))),
         };
         let one = |i: &usize| {
             let task = &self.wave.tasks[*i];
             let all: Vec<&TaskUnit> = task.units.iter().collect();
             store.adopt(pack_of(cut, self.wave.table, task.part, &all));
-            let units: Option<Vec<Answer>> = task.units.iter().filter(|u| !u.have).map(answer).collect();
+            let units: Option<Vec<UnitAnswer>> = task.units.iter().filter(|u| !u.have).map(answer).collect();
             Some(task.receipt(units?))
         };
         tasks.iter().map(one).collect()

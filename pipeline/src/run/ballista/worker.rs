@@ -1,5 +1,5 @@
-//! A worker: Ballista's executor, which takes tasks from the scheduler, and a process of this program for each core, which
-//! computes them. A crash, a hang or excessive memory use affects only the process of the unit. The executor then
+//! A worker: Ballista's executor, which takes tasks from the scheduler, and a process of this program for each core,
+//! which computes them. A crash, a hang or excessive memory use affects only the process of the unit. The executor then
 //! continues to report to the scheduler.
 
 use std::{
@@ -20,17 +20,17 @@ use schemas::Fault;
 use uuid::Uuid;
 
 use super::{
-    client::{Scheduler, Trouble, named},
-    executor::Executor,
-    key::Trust,
+    client::{SchedulerClient, SchedulerFault, named},
+    executor::ExecutorSettings,
+    key::ClusterTrust,
     runtime,
     scheduler::name_of,
     told_to_stop,
-    units::{Answered, COMPUTE, Compute, Handed},
+    units::{AnswerMessage, COMPUTE, TaskComputer, TaskMessage},
 };
 use crate::{
     run::{
-        children::{Children, Leash, Running},
+        children::{ProcessStopHandle, WorkerCommand, WorkerProcess},
         interrupt::INTERRUPTED,
         task::{Receipt, Task, VERSION},
     },
@@ -48,7 +48,7 @@ const FETCHED_AFTER: Duration = Duration::from_secs(2);
 
 /// Configuration of a worker.
 #[derive(Clone, Debug)]
-pub struct Config {
+pub struct WorkerConfig {
     /// The host of the scheduler.
     pub host: String,
     /// Its port.
@@ -70,20 +70,20 @@ pub struct Config {
     /// The time between two reports to the scheduler.
     pub heartbeat: Duration,
     /// How scheduler and worker know each other.
-    pub trust: Trust,
+    pub trust: ClusterTrust,
 }
 
-/// Why a worker ended.
+/// Reason for the end of a worker.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum WorkerExit {
     /// It was told to.
     Told,
     /// The scheduler no longer answers, or does not know it: it may begin again.
     Alone,
 }
 
-/// Hears of receipts.
-pub type Hear = Box<dyn Fn(&Receipt) + Send + Sync>;
+/// Callback for receipts.
+pub type ReceiptHandler = Box<dyn Fn(&Receipt) + Send + Sync>;
 
 /// Why this worker must end: the scheduler is another version, or its store is not that of the runs.
 static AT_ODDS: OnceLock<Fault> = OnceLock::new();
@@ -103,11 +103,11 @@ fn leave(why: Fault, after: Duration) {
 ///
 /// # Errors
 /// Fails when the scheduler is another version, cannot reach this worker, or a port or folder is not to be had.
-pub fn work(config: &Config, hear: Hear) -> Result<Ended, Fault> {
+pub fn work(config: &WorkerConfig, hear: ReceiptHandler) -> Result<WorkerExit, Fault> {
     config.trust.admits(config.bind)?;
-    let scheduler = Scheduler::at(&format!("{}:{}", config.host, config.port), &config.trust)?;
+    let scheduler = SchedulerClient::at(&format!("{}:{}", config.host, config.port), &config.trust)?;
     let name = named(&format!("{}-{}-{}", kernel(), std::process::id(), short()));
-    let crew = Crew::new(config, name.clone(), scheduler.authority.clone(), hear);
+    let crew = WorkerPool::new(config, name.clone(), scheduler.authority.clone(), hear);
     if COMPUTE.set(Box::new(crew.clone())).is_err() {
         return Err(Fault::bug("two workers in one process"));
     }
@@ -130,12 +130,12 @@ fn short() -> String {
     Uuid::new_v4().simple().to_string().chars().take(8).collect()
 }
 
-fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault> {
+fn executed(config: &WorkerConfig, name: String, folder: &Path) -> Result<WorkerExit, Fault> {
     let listeners = listeners(config)?;
     let port = |listener: &TcpListener| listener.local_addr().map_or(0, |a| a.port());
     let ports = (port(&listeners.0), port(&listeners.1));
     let own = config.advertise.clone().unwrap_or_else(|| name_of(SocketAddr::new(config.bind, ports.0)));
-    let executor = Executor {
+    let executor = ExecutorSettings {
         id: name,
         scheduler: format!("{}:{}", config.host, config.port),
         trust: config.trust.clone(),
@@ -153,8 +153,8 @@ fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault
         executor.run().await
     });
     match ended {
-        Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(Ended::Told),
-        Ok(()) => Ok(Ended::Alone),
+        Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(WorkerExit::Told),
+        Ok(()) => Ok(WorkerExit::Alone),
         Err(e) => {
             let what = format!("the scheduler at {}:{} rejects this worker: {e}", config.host, config.port);
             Err(Fault::machine(what).help(format!(
@@ -167,7 +167,7 @@ fn executed(config: &Config, name: String, folder: &Path) -> Result<Ended, Fault
 }
 
 /// Two ports: those that were asked for, or two that are free.
-fn listeners(config: &Config) -> Result<(TcpListener, TcpListener), Fault> {
+fn listeners(config: &WorkerConfig) -> Result<(TcpListener, TcpListener), Fault> {
     let next = match config.ports {
         0 => 0,
         port => port
@@ -185,9 +185,9 @@ fn listeners(config: &Config) -> Result<(TcpListener, TcpListener), Fault> {
 
 /// Worker processes, at most one for each core.
 #[derive(Clone)]
-struct Crew(Arc<Inner>);
+struct WorkerPool(Arc<WorkerPoolState>);
 
-struct Inner {
+struct WorkerPoolState {
     name: String,
     /// The scheduler.
     authority: String,
@@ -195,37 +195,37 @@ struct Inner {
     proven: AtomicBool,
     program: PathBuf,
     store: PathBuf,
-    places: Mutex<Places>,
+    places: Mutex<WorkerSlots>,
     freed: Condvar,
-    hear: Hear,
+    hear: ReceiptHandler,
 }
 
-struct Places {
+struct WorkerSlots {
     free: usize,
-    resting: Vec<Resting>,
+    resting: Vec<IdleProcess>,
 }
 
-/// A process without a task. It knows the store as it was when its wave began.
-struct Resting {
+/// A process without a task, with a view of the store from the start of its wave.
+struct IdleProcess {
     wave: String,
     since: Instant,
-    process: Running,
+    process: WorkerProcess,
 }
 
-impl Crew {
-    fn new(config: &Config, name: String, authority: String, hear: Hear) -> Crew {
-        let places = Mutex::new(Places { free: config.cores, resting: vec![] });
+impl WorkerPool {
+    fn new(config: &WorkerConfig, name: String, authority: String, hear: ReceiptHandler) -> WorkerPool {
+        let places = Mutex::new(WorkerSlots { free: config.cores, resting: vec![] });
         let (program, store, freed) = (config.program.clone(), config.store.clone(), Condvar::new());
         let proven = AtomicBool::new(false);
-        Crew(Arc::new(Inner { name, authority, proven, program, store, places, freed, hear }))
+        WorkerPool(Arc::new(WorkerPoolState { name, authority, proven, program, store, places, freed, hear }))
     }
 
-    fn places(&self) -> MutexGuard<'_, Places> {
+    fn places(&self) -> MutexGuard<'_, WorkerSlots> {
         self.0.places.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Does something while processes that rest too long are ended, and the scheduler is watched.
-    fn attended<T>(&self, scheduler: &Scheduler, work: impl FnOnce() -> T) -> T {
+    fn attended<T>(&self, scheduler: &SchedulerClient, work: impl FnOnce() -> T) -> T {
         let over = AtomicBool::new(false);
         thread::scope(|scope| {
             scope.spawn(|| {
@@ -237,7 +237,7 @@ impl Crew {
                     if looked.elapsed() >= LOOKS_EVERY {
                         looked = Instant::now();
                         // One that does not answer may come back.
-                        if let Err(why @ Trouble::Other(_)) = scheduler.name() {
+                        if let Err(why @ SchedulerFault::Other(_)) = scheduler.name() {
                             leave(why.fault(&self.0.authority), Duration::ZERO);
                         }
                     }
@@ -252,16 +252,16 @@ impl Crew {
     }
 
     /// Processes that rest too long.
-    fn old(&self) -> Vec<Resting> {
+    fn old(&self) -> Vec<IdleProcess> {
         let mut places = self.places();
         let (old, young) = std::mem::take(&mut places.resting).into_iter().partition(|r| r.since.elapsed() > RESTS);
         places.resting = young;
         old
     }
 
-    /// A place, and the process of the wave that rests there. Waits until one is free: a task that was cancelled has its place
-    /// until its process has ended.
-    fn enter(&self, wave: &str) -> Option<Running> {
+    /// A place, and the process of the wave that rests there. Waits until one is free: a task that was cancelled has
+    /// its place until its process has ended.
+    fn enter(&self, wave: &str) -> Option<WorkerProcess> {
         let mut places = self.places();
         while places.free == 0 {
             places = self.0.freed.wait(places).unwrap_or_else(PoisonError::into_inner);
@@ -272,30 +272,35 @@ impl Crew {
         // Those of other waves give way, so that there are no more processes than places.
         let most = places.free;
         let surplus = places.resting.len().saturating_sub(most);
-        let gone: Vec<Resting> = places.resting.drain(..surplus).collect();
+        let gone: Vec<IdleProcess> = places.resting.drain(..surplus).collect();
         drop(places);
         drop(gone);
         found
     }
 
-    fn rest(&self, wave: &str, process: Option<Running>) {
+    fn rest(&self, wave: &str, process: Option<WorkerProcess>) {
         let mut places = self.places();
         places.free += 1;
-        let resting = process.map(|process| Resting { wave: wave.to_owned(), since: Instant::now(), process });
+        let resting = process.map(|process| IdleProcess { wave: wave.to_owned(), since: Instant::now(), process });
         places.resting.extend(resting);
         drop(places);
         self.0.freed.notify_one();
     }
 
-    fn answer(&self, handed: &Handed, process: &mut Option<Running>, leash: &Leash) -> Option<Answered> {
+    fn answer(
+        &self,
+        handed: &TaskMessage,
+        process: &mut Option<WorkerProcess>,
+        leash: &ProcessStopHandle,
+    ) -> Option<AnswerMessage> {
         let answered =
-            |receipt, refused| Answered { id: handed.id.clone(), worker: self.0.name.clone(), receipt, refused };
+            |receipt, refused| AnswerMessage { id: handed.id.clone(), worker: self.0.name.clone(), receipt, refused };
         let refused = |why: String| Some(answered(None, Some(why)));
         let task = match Task::parse(&handed.task) {
             Ok(task) => task,
             Err(fault) => return refused(fault.to_string()),
         };
-        let children = Children {
+        let children = WorkerCommand {
             program: self.0.program.clone(),
             store: self.0.store.clone(),
             retries: usize::try_from(handed.retries).unwrap_or(usize::MAX - 1),
@@ -332,12 +337,12 @@ impl Crew {
     }
 }
 
-impl Compute for Crew {
-    fn answers(&self, tasks: Vec<Handed>, version: &str, leash: &Leash) -> Vec<Answered> {
+impl TaskComputer for WorkerPool {
+    fn answers(&self, tasks: Vec<TaskMessage>, version: &str, leash: &ProcessStopHandle) -> Vec<AnswerMessage> {
         if version != VERSION {
-            leave(Trouble::Other(format!("magline {version}")).fault(&self.0.authority), FETCHED_AFTER);
+            leave(SchedulerFault::Other(format!("magline {version}")).fault(&self.0.authority), FETCHED_AFTER);
             let why = format!("the worker is magline {VERSION}, but the run is magline {version}");
-            let one = |h: Handed| Answered {
+            let one = |h: TaskMessage| AnswerMessage {
                 id: h.id,
                 worker: self.0.name.clone(),
                 receipt: None,

@@ -9,17 +9,17 @@ use arrow_array::{BooleanArray, RecordBatch};
 use arrow_schema::{DataType, Field, Schema};
 use arrow_select::concat::concat_batches;
 use rayon::prelude::*;
-use schemas::{AnyStage, Fault, InputKind, LineIn, Prepared};
+use schemas::{AnySharedData, AnyStage, Fault, InputKind, LineInput};
 
 use super::{
-    super::held::{Held, filled},
-    Basis, Worker, empty, guarded,
+    super::held::{LineColumnCache, filled},
+    PreparationKey, UnitWorker, empty, guarded,
 };
-use crate::plan::{IN_SAMPLE, Instance, LineId, Ref, Unit};
+use crate::plan::{IN_SAMPLE, LineId, PlanUnit, StageInstance, TableRef};
 
-impl Worker<'_> {
+impl UnitWorker<'_> {
     /// The inputs of the stage on one line.
-    pub(super) fn line_in(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
+    pub(super) fn line_in(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<LineInput, Fault> {
         let it = self.instance(unit);
         let (flight, name) = self.graph.lines[line].clone();
         let kinds = it.kinds();
@@ -42,16 +42,16 @@ impl Worker<'_> {
             }
             _ => None,
         };
-        Ok(LineIn { flight, line: name, inputs, keep })
+        Ok(LineInput { flight, line: name, inputs, keep })
     }
 
     /// The columns of the scores of a line, [`IN_SAMPLE`] among them where it is asked for.
     pub(super) fn scores(
         &self,
-        r: Ref,
+        r: TableRef,
         line: LineId,
         columns: &[String],
-        held: &mut Held,
+        held: &mut LineColumnCache,
     ) -> Result<RecordBatch, Fault> {
         let asked = columns.iter().any(|c| c == IN_SAMPLE);
         let Some(seen) = (if asked { self.graph.in_sample(r, line)? } else { None }) else {
@@ -68,10 +68,10 @@ impl Worker<'_> {
 
     /// Builds what the stages of `units`, all of one table, need from their models and maps, each once. It is then
     /// shared by every line.
-    pub fn prepare_all(&self, units: impl Iterator<Item = Unit>) {
+    pub fn prepare_all(&self, units: impl Iterator<Item = PlanUnit>) {
         let mut seen = HashSet::new();
-        let mut bases: BTreeMap<Basis, (Unit, AnyStage)> = BTreeMap::new();
-        let mut waiting: Vec<Unit> = units.collect();
+        let mut bases: BTreeMap<PreparationKey, (PlanUnit, AnyStage)> = BTreeMap::new();
+        let mut waiting: Vec<PlanUnit> = units.collect();
         while let Some(unit) = waiting.pop() {
             if !seen.insert((unit.table, unit.instance)) {
                 continue;
@@ -84,10 +84,10 @@ impl Worker<'_> {
             }
             // Results that are not kept are recomputed on demand.
             let made_again = self.instance(unit).inputs().into_iter().filter_map(|r| match r {
-                Ref::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
-                    Some(Unit { table, instance, line: None })
+                TableRef::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
+                    Some(PlanUnit { table, instance, line: None })
                 }
-                Ref::Stage(..) | Ref::Flights(_) | Ref::Map(_) => None,
+                TableRef::Stage(..) | TableRef::Flights(_) | TableRef::Map(_) => None,
             });
             waiting.extend(made_again);
         }
@@ -97,7 +97,7 @@ impl Worker<'_> {
         });
     }
 
-    fn basis(&self, unit: Unit, stage: &AnyStage) -> Result<Basis, Fault> {
+    fn basis(&self, unit: PlanUnit, stage: &AnyStage) -> Result<PreparationKey, Fault> {
         let it = self.instance(unit);
         let mut name = stage.of_lines()?.prepare_key();
         for (i, (r, kind)) in it.inputs().iter().zip(it.kinds()).enumerate() {
@@ -116,7 +116,7 @@ impl Worker<'_> {
 
     /// The preparations for all lines of a table. It is built without a lock: a thread that waits for its own parallel
     /// work takes up other lines meanwhile, which may come to the same place.
-    pub(super) fn prepare(&self, unit: Unit, stage: &AnyStage) -> Result<Prepared, Fault> {
+    pub(super) fn prepare(&self, unit: PlanUnit, stage: &AnyStage) -> Result<AnySharedData, Fault> {
         let basis = self.basis(unit, stage)?;
         let failed = || Fault::bug("another thread failed while preparing the stage");
         if let Some(known) = self.prepared.lock().map_err(|_| failed())?.get(&basis) {
@@ -131,8 +131,8 @@ impl Worker<'_> {
     }
 
     /// The inputs that are the same for all lines; those by line are empty.
-    pub(super) fn whole_inputs(&self, it: &Instance) -> Result<Vec<RecordBatch>, Fault> {
-        let one = |(i, (kind, r)): (usize, (InputKind, Ref))| match kind {
+    pub(super) fn whole_inputs(&self, it: &StageInstance) -> Result<Vec<RecordBatch>, Fault> {
+        let one = |(i, (kind, r)): (usize, (InputKind, TableRef))| match kind {
             InputKind::Record | InputKind::ManyRecords => self.record(r, &self.graph.read(it, i)),
             InputKind::Map | InputKind::ManyMaps => self.graph.map(self.store, r),
             InputKind::Model | InputKind::ManyModels => self.model(r),
@@ -142,8 +142,8 @@ impl Worker<'_> {
     }
 
     /// The columns `columns` of all lines of a record, one line after another.
-    fn record(&self, r: Ref, columns: &[String]) -> Result<RecordBatch, Fault> {
-        let mut held = Held::new(self);
+    fn record(&self, r: TableRef, columns: &[String]) -> Result<RecordBatch, Fault> {
+        let mut held = LineColumnCache::new(self);
         let shape = held.shape(r);
         let mut lines = vec![];
         for line in self.graph.lines_in(r) {
@@ -153,11 +153,11 @@ impl Worker<'_> {
         concat_batches(&schema, &lines).map_err(|e| Fault::machine(e.to_string()))
     }
 
-    fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {
+    fn model(&self, r: TableRef) -> Result<RecordBatch, Fault> {
         let (t, i) = match r {
-            Ref::Stage(t, i) => (t, i),
-            Ref::Map(_) => return self.store.whole(self.graph.whole(r)?),
-            Ref::Flights(_) => return Ok(empty()),
+            TableRef::Stage(t, i) => (t, i),
+            TableRef::Map(_) => return self.store.whole(self.graph.whole(r)?),
+            TableRef::Flights(_) => return Ok(empty()),
         };
         let columns: Vec<&str> =
             self.graph.plan.instance(t, i).variant.yields.columns.iter().map(|c| c.name.as_str()).collect();

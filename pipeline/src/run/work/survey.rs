@@ -8,33 +8,33 @@ use std::{
 };
 
 use rayon::prelude::*;
-use schemas::{AnySurveyPoint, Fault, InputKind, LineIn, Part, Product, Work};
+use schemas::{AnyLinePart, AnySurveyPoint, CheckpointMonitor, Fault, InputKind, LineInput, StageOutput};
 
 use super::{
-    super::{Event, held::Held, interrupt::INTERRUPTED},
-    Made, Usable, Worker, guarded,
+    super::{Event, held::LineColumnCache, interrupt::INTERRUPTED},
+    LineUsability, UnitResult, UnitWorker, guarded,
 };
 use crate::{
-    keys::Key,
-    plan::{LineId, Unit},
+    keys::HashKey,
+    plan::{LineId, PlanUnit},
     store::Remarks,
 };
 
 /// The least time between two reports of the progress of a unit.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 
-/// The result of a survey stage for a point: the lines that it left out, and its table.
-type Gathered = (Vec<Fault>, Result<Product, Fault>);
+/// The result of a survey stage for a point: the faults of skipped lines, and its table.
+type SurveyUnitResult = (Vec<Fault>, Result<StageOutput, Fault>);
 
 /// Inputs of a survey stage for its units, one per point.
-struct Attended<'a> {
-    worker: &'a Worker<'a>,
-    units: &'a [Unit],
+struct SurveyUnitInputs<'a> {
+    worker: &'a UnitWorker<'a>,
+    units: &'a [PlanUnit],
     /// When progress was told last.
     told: Mutex<Option<Instant>>,
 }
 
-impl Attended<'_> {
+impl SurveyUnitInputs<'_> {
     /// Whether it is time to tell progress.
     fn is_due(&self) -> bool {
         let Ok(mut told) = self.told.lock() else { return false };
@@ -45,18 +45,19 @@ impl Attended<'_> {
         due
     }
 
-    fn key(&self, point: usize) -> Option<Key> {
+    fn key(&self, point: usize) -> Option<HashKey> {
         self.units.get(point).and_then(|unit| self.worker.graph.key(*unit).ok())
     }
 }
 
-impl Work for Attended<'_> {
+impl CheckpointMonitor for SurveyUnitInputs<'_> {
     fn kept(&self, point: usize) -> Option<Vec<u8>> {
         self.worker.store.checkpoint(self.key(point)?)
     }
 
     fn keep(&self, point: usize, state: &[u8]) {
-        // A state that is not kept costs the time to compute it again, and the disk's fault shows when results are written.
+        // A state that is not kept costs the time to compute it again, and the disk's fault shows when results are
+        // written.
         let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
     }
 
@@ -70,10 +71,10 @@ impl Work for Attended<'_> {
     }
 }
 
-impl Worker<'_> {
+impl UnitWorker<'_> {
     /// All points that see the same lines of the same tables.
-    pub(super) fn by_lines_seen(&self, units: &[Unit]) -> Vec<Vec<Unit>> {
-        let mut groups: Vec<Vec<Unit>> = vec![];
+    pub(super) fn by_lines_seen(&self, units: &[PlanUnit]) -> Vec<Vec<PlanUnit>> {
+        let mut groups: Vec<Vec<PlanUnit>> = vec![];
         let mut at: HashMap<String, usize> = HashMap::new();
         for unit in units {
             let group = *at.entry(self.seen(*unit)).or_insert_with(|| {
@@ -86,15 +87,15 @@ impl Worker<'_> {
     }
 
     /// The lines, tables and rows that a survey stage sees.
-    pub fn seen(&self, unit: Unit) -> String {
+    pub fn seen(&self, unit: PlanUnit) -> String {
         let it = self.instance(unit);
         let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
         format!("{:?} {rows:?} {:?}", self.graph.line_inputs(&it), self.graph.line_set(unit.table, unit.instance))
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.
-    pub(super) fn survey(&self, units: &[Unit], usable: &Usable) -> Vec<Made> {
-        let all = |fault: Fault| units.iter().map(|u| Made::failed(*u, fault.clone())).collect();
+    pub(super) fn survey(&self, units: &[PlanUnit], usable: &LineUsability) -> Vec<UnitResult> {
+        let all = |fault: Fault| units.iter().map(|u| UnitResult::failed(*u, fault.clone())).collect();
         let stages = match units.iter().map(|u| self.instance(*u).stage()).collect::<Result<Vec<_>, Fault>>() {
             Ok(stages) => stages,
             Err(fault) => return all(fault),
@@ -118,11 +119,11 @@ impl Worker<'_> {
         let first = units[0];
         let lines: Vec<LineId> =
             self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
-        let mapped: Vec<Result<Part, Fault>> = lines
+        let mapped: Vec<Result<AnyLinePart, Fault>> = lines
             .par_iter()
             .with_max_len(1)
             .map(|line| {
-                let mut held = Held::new(self);
+                let mut held = LineColumnCache::new(self);
                 let input = self.gathered(units, *line, &mut held)?;
                 guarded(|| gather.map(&input)).map_err(|f| f.in_line(&input.flight, &input.line))
             })
@@ -148,29 +149,30 @@ impl Worker<'_> {
             }
         }
         let mut tables =
-            match guarded(|| gather.finish(parts, &Attended { worker: self, units, told: Mutex::default() })) {
+            match guarded(|| gather.finish(parts, &SurveyUnitInputs { worker: self, units, told: Mutex::default() })) {
                 Ok(tables) => tables,
                 Err(fault) => return all(fault),
             };
         for (table, left_out) in tables.iter_mut().zip(&left_out).filter(|(_, l)| l.len() == lines.len()) {
             *table = Err(nothing_left(left_out));
         }
-        let made = |(unit, (left_out, table)): (&Unit, Gathered)| {
+        let made = |(unit, (left_out, table)): (&PlanUnit, SurveyUnitResult)| {
             let (rows, warnings) = match table {
-                Ok(Product { columns, warnings }) => (self.batch(&self.instance(*unit), columns), warnings),
+                Ok(StageOutput { columns, warnings }) => (self.batch(&self.instance(*unit), columns), warnings),
                 Err(fault) => (Err(fault), vec![]),
             };
-            Made { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
+            UnitResult { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
         };
         let made = units.iter().zip(left_out.into_iter().zip(tables)).map(made);
         // An interrupted unit has no final outcome.
-        let stopped =
-            |m: &Made| INTERRUPTED.load(Ordering::Relaxed) && m.rows.as_ref().is_err_and(|f| !f.owner.is_lasting());
+        let stopped = |m: &UnitResult| {
+            INTERRUPTED.load(Ordering::Relaxed) && m.rows.as_ref().is_err_and(|f| !f.owner.is_lasting())
+        };
         made.filter(|m| !stopped(m)).collect()
     }
 
     /// One line as all points of a survey task see it: the columns of all of them.
-    fn gathered(&self, units: &[Unit], line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
+    fn gathered(&self, units: &[PlanUnit], line: LineId, held: &mut LineColumnCache) -> Result<LineInput, Fault> {
         let first = units[0];
         let mut input = self.line_in(first, line, held)?;
         for (i, r) in self.graph.line_inputs(&self.instance(first)) {

@@ -1,13 +1,13 @@
 //! Directions of the field in which an optically pumped magnetometer gives no reading.
 //!
-//! Its signal vanishes where the field lies along the optical axis (a polar dead zone) or across it (an equatorial one), so that
-//! what is lost depends on the attitude: the directions of the field in the aircraft, by a vector magnetometer, at the lost
-//! samples are a cone or a belt, in which next to nothing else is. [Geometrics: G-823A and MFAM manuals, which state
-//! zones of 10 and 35 degrees]
+//! Its signal vanishes where the field lies along the optical axis (a polar dead zone) or across it (an equatorial
+//! one), so that what is lost depends on the attitude: the directions of the field in the aircraft, by a vector
+//! magnetometer, at the lost samples are a cone or a belt, in which next to nothing else is. [Geometrics: G-823A and
+//! MFAM manuals, which state zones of 10 and 35 degrees]
 
 /// The shape of a dead zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
+pub enum DeadZoneShape {
     /// A cone to either side along an axis.
     Polar,
     /// A belt across an axis.
@@ -18,7 +18,7 @@ pub enum Shape {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeadZone {
     /// Its shape.
-    pub shape: Shape,
+    pub shape: DeadZoneShape,
     /// The angle from its middle to its edge, degrees.
     pub half_width_deg: f64,
     /// The lost samples in it.
@@ -36,12 +36,12 @@ const OUTSIDE: f64 = 0.1;
 /// Wider zones are none of an instrument that is sold, degrees: polar and equatorial.
 const WIDEST_DEG: [f64; 2] = [60.0, 30.0];
 
-/// The dead zone of a magnetometer that has `lost` samples, by the components of the field in the frame of the aircraft (any unit).
-/// `None` where what is lost does not depend on the direction, or nearly all or nothing is lost.
+/// The dead zone of a magnetometer that has `lost` samples, by the components of the field in the frame of the aircraft
+/// (any unit). `None` where what is lost does not depend on the direction, or nearly all or nothing is lost.
 pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
     let [x, y, z] = field;
     let rows = lost.iter().zip(x).zip(y).zip(z).enumerate();
-    let known: Vec<Direction> = rows
+    let known: Vec<FieldDirection> = rows
         .filter_map(|(row, (((lost, x), y), z))| {
             let size = (x * x + y * y + z * z).sqrt();
             (size.is_finite() && size > 0.0).then(|| (row, *lost, [x / size, y / size, z / size]))
@@ -62,7 +62,7 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
     // Its trace is 1, so that the axis of least scatter is that of the most in what is left of 1.
     let mut across = scatter.map(|row| row.map(|x| -x));
     across.iter_mut().enumerate().for_each(|(i, row)| row[i] += 1.0);
-    let [polar, equatorial] = [(Shape::Polar, &scatter), (Shape::Equatorial, &across)]
+    let [polar, equatorial] = [(DeadZoneShape::Polar, &scatter), (DeadZoneShape::Equatorial, &across)]
         .map(|(shape, matrix)| zone(shape, principal_axis(matrix), &known));
     match (polar, equatorial) {
         (Some(a), Some(b)) => Some(if b.0 > a.0 { b.1 } else { a.1 }),
@@ -71,16 +71,16 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
 }
 
 /// A row, whether its sample is lost, and the direction of the field.
-type Direction = (usize, bool, [f64; 3]);
+type FieldDirection = (usize, bool, [f64; 3]);
 
-/// The zone about an axis that parts the lost samples from the others best, and how well: the part of the lost samples in it less
-/// that of the others, 1 at the best.
-fn zone(shape: Shape, axis: [f64; 3], known: &[Direction]) -> Option<(f64, DeadZone)> {
+/// The zone about an axis that parts the lost samples from the others best, and how well: the part of the lost samples
+/// in it less that of the others, 1 at the best.
+fn zone(shape: DeadZoneShape, axis: [f64; 3], known: &[FieldDirection]) -> Option<(f64, DeadZone)> {
     let angle_deg = |u: &[f64; 3]| {
         let along = u.iter().zip(axis).map(|(a, b)| a * b).sum::<f64>().abs().min(1.0);
         match shape {
-            Shape::Polar => along.acos().to_degrees(),
-            Shape::Equatorial => along.asin().to_degrees(),
+            DeadZoneShape::Polar => along.acos().to_degrees(),
+            DeadZoneShape::Equatorial => along.asin().to_degrees(),
         }
     };
     let mut angles: Vec<(f64, bool)> = known.iter().map(|(_, lost, u)| (angle_deg(u), *lost)).collect();
@@ -99,7 +99,7 @@ fn zone(shape: Shape, axis: [f64; 3], known: &[Direction]) -> Option<(f64, DeadZ
     let (parted, edge_deg, gone_in, kept_in) = best?;
     let inside = gone_in / (gone_in + kept_in);
     let outside = (gone - gone_in) / (gone - gone_in + kept - kept_in).max(1.0);
-    let widest = WIDEST_DEG[usize::from(shape == Shape::Equatorial)];
+    let widest = WIDEST_DEG[usize::from(shape == DeadZoneShape::Equatorial)];
     if inside < INSIDE || outside > OUTSIDE * inside || edge_deg > widest {
         return None;
     }
@@ -126,7 +126,7 @@ fn principal_axis(matrix: &[[f64; 3]; 3]) -> [f64; 3] {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use numerics::random::Normals;
+    use numerics::random::NormalGenerator;
 
     use super::*;
 
@@ -145,7 +145,7 @@ mod tests {
         (u.iter().zip(axis).map(|(a, b)| a * b).sum::<f64>() / size).abs()
     }
 
-    fn of(lost: &[bool], field: &[Vec<f64>; 3]) -> Option<DeadZone> {
+    fn detect(lost: &[bool], field: &[Vec<f64>; 3]) -> Option<DeadZone> {
         dead_zone(lost, [&field[0], &field[1], &field[2]])
     }
 
@@ -155,31 +155,31 @@ mod tests {
         let axis = [0.6, 0.0, 0.8];
         // The dead zones of two instruments: 35 degrees along the axis; 10 degrees across it.
         let polar: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) > 35.0_f64.to_radians().cos()).collect();
-        let found = of(&polar, &field).unwrap();
-        assert_eq!(found.shape, Shape::Polar);
+        let found = detect(&polar, &field).unwrap();
+        assert_eq!(found.shape, DeadZoneShape::Polar);
         // The directions that were met are not even about the axis, so that its estimate is off by some degrees.
         assert!((found.half_width_deg - 35.0).abs() < 3.0, "{found:?}");
         assert_eq!(found.first, polar.iter().position(|lost| *lost).unwrap());
         let belt: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) < 10.0_f64.to_radians().sin()).collect();
-        let found = of(&belt, &field).unwrap();
-        assert_eq!(found.shape, Shape::Equatorial);
+        let found = detect(&belt, &field).unwrap();
+        assert_eq!(found.shape, DeadZoneShape::Equatorial);
         assert!((found.half_width_deg - 10.0).abs() < 1.5, "{found:?}");
     }
 
     #[test]
     fn law_dropouts_at_random_and_of_one_turn_are_none() {
         let field = tumbling(30_000);
-        let mut normals = Normals::new(7);
+        let mut normals = NormalGenerator::new(7);
         let random: Vec<bool> = (0..30_000).map(|_| normals.draw() > 1.6).collect();
-        assert_eq!(of(&random, &field), None);
+        assert_eq!(detect(&random, &field), None);
         // A plug that is loose for a while.
         let once: Vec<bool> = (0..30_000).map(|k| (9_000..9_120).contains(&k)).collect();
-        assert_eq!(of(&once, &field), None);
-        assert_eq!(of(&[true; 30_000], &field), None);
-        assert_eq!(of(&[false; 30_000], &field), None);
-        assert_eq!(of(&[], &[vec![], vec![], vec![]]), None);
+        assert_eq!(detect(&once, &field), None);
+        assert_eq!(detect(&[true; 30_000], &field), None);
+        assert_eq!(detect(&[false; 30_000], &field), None);
+        assert_eq!(detect(&[], &[vec![], vec![], vec![]]), None);
         let dead = [vec![0.0; 30_000], vec![f64::NAN; 30_000], vec![0.0; 30_000]];
-        assert_eq!(of(&random, &dead), None);
+        assert_eq!(detect(&random, &dead), None);
     }
 
     #[test]

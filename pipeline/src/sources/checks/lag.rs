@@ -1,6 +1,6 @@
 //! How much later one magnetometer reports than another of the aircraft.
 
-use numerics::signal::lag::{Lag, lag_of};
+use numerics::signal::lag::{SignalLag, lag_of};
 
 use super::sampling;
 
@@ -9,18 +9,18 @@ const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
 /// Maximum number of samples, from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
-/// The two must see the same: magnetometers at different places of an aircraft share only part of its field, and what they do not
-/// share moves the peak.
+/// The two must see the same: magnetometers at different places of an aircraft share only part of its field, and what
+/// they do not share moves the peak.
 const LEAST_CORRELATION: f64 = 0.9;
 /// Another peak of such a part of the height makes the lag ambiguous, as that of mains hum is.
 const NEXT_PEAK: f64 = 0.8;
 /// The standard error is below this part of a sample.
 const KNOWN: f64 = 0.1;
 
-/// The lag of `signal` against `reference`, both at the times `tt`, by the cross-correlation of their differences from sample to
-/// sample, which take off what is slow and has a flat peak. `turned` says that one may have the opposite sign. `None` where they
-/// do not share enough, or the lag is ambiguous.
-pub fn lag(reference: &[f64], signal: &[f64], tt: &[f64], turned: bool) -> Option<Lag> {
+/// The lag of `signal` against `reference`, both at the times `tt`, by the cross-correlation of their differences from
+/// sample to sample, which take off what is slow and has a flat peak. `turned` says that one may have the opposite
+/// sign. `None` where they do not share enough, or the lag is ambiguous.
+pub fn lag(reference: &[f64], signal: &[f64], tt: &[f64], turned: bool) -> Option<SignalLag> {
     let rate_hz = sampling::sampling(tt)?.rate_hz;
     let breaks = sampling::breaks(tt);
     let (mut longest, mut start) = (0..0, 0);
@@ -43,7 +43,7 @@ pub fn lag(reference: &[f64], signal: &[f64], tt: &[f64], turned: bool) -> Optio
 
 #[cfg(test)]
 mod tests {
-    use numerics::random::Normals;
+    use numerics::random::NormalGenerator;
 
     use super::*;
 
@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn law_the_lag_that_was_made_is_found_beside_a_gap() {
         let tt: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.1 + if k >= 500 { 30.0 } else { 0.0 }).collect();
-        let mut normals = Normals::new(3);
+        let mut normals = NormalGenerator::new(3);
         for late_s in [0.0, 0.07, -0.23, 0.4] {
             let one: Vec<f64> = tt.iter().map(|t| manoeuvres(*t) + 0.05 * normals.draw()).collect();
             let two: Vec<f64> = tt.iter().map(|t| 0.8 * manoeuvres(t - late_s) + 0.05 * normals.draw()).collect();
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn law_what_is_not_shared_has_none() {
         let tt: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.1).collect();
-        let mut normals = Normals::new(5);
+        let mut normals = NormalGenerator::new(5);
         let noise: Vec<f64> = tt.iter().map(|_| normals.draw()).collect();
         let signal: Vec<f64> = tt.iter().map(|t| manoeuvres(*t)).collect();
         assert!(lag(&signal, &noise, &tt, false).is_none());

@@ -2,11 +2,11 @@
 
 use schemas::{Role, flight};
 
-use super::{Figure, Measure};
+use super::{QualityFigure, QualityMeasure};
 
 /// Context for judging a figure.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Around {
+pub struct FigureContext {
     /// The samples of the lines that it is about.
     pub samples: u64,
     /// The rate of the samples, Hz.
@@ -34,27 +34,33 @@ const PREFERRED: f64 = 0.1;
 const LATE: f64 = 0.5;
 
 /// Whether a figure is one that people would look at before they use the column.
-pub fn needs_a_look(measure: &Measure, around: &Around) -> bool {
+pub fn needs_a_look(measure: &QualityMeasure, around: &FigureContext) -> bool {
     let is_magnetometer = flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some();
     let share = measure.count as f64 / (around.samples.max(1)) as f64;
     match measure.check {
-        Figure::Rate | Figure::Midnight => false,
-        Figure::Jitter => measure.value * around.rate_hz > JITTER,
-        Figure::Gaps => measure.value * around.rate_hz > MISSING * around.samples as f64,
-        Figure::LongestGap => measure.value > GAP_S,
-        Figure::RepeatedTime | Figure::BackwardTime => true,
-        Figure::Dropouts => measure.value > GAP_S || share > MISSING,
-        Figure::Stuck | Figure::Saturation => true,
-        Figure::Quantisation => is_magnetometer && (around.noise.is_nan() || measure.value > COARSE * around.noise),
-        Figure::Noise => flight::is_scalar_reading(&measure.column) && measure.value > NOISY * around.quietest_nt,
+        QualityFigure::Rate | QualityFigure::Midnight => false,
+        QualityFigure::Jitter => measure.value * around.rate_hz > JITTER,
+        QualityFigure::Gaps => measure.value * around.rate_hz > MISSING * around.samples as f64,
+        QualityFigure::LongestGap => measure.value > GAP_S,
+        QualityFigure::RepeatedTime | QualityFigure::BackwardTime => true,
+        QualityFigure::Dropouts => measure.value > GAP_S || share > MISSING,
+        QualityFigure::Stuck | QualityFigure::Saturation => true,
+        QualityFigure::Quantisation => {
+            is_magnetometer && (around.noise.is_nan() || measure.value > COARSE * around.noise)
+        }
+        QualityFigure::Noise => {
+            flight::is_scalar_reading(&measure.column) && measure.value > NOISY * around.quietest_nt
+        }
         // Estimates step at each fix.
-        Figure::Spikes => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role == Role::Sensor,
-        Figure::Preferred => share > PREFERRED,
-        Figure::DeadZone | Figure::PolarDeadZone | Figure::EquatorialDeadZone => true,
-        Figure::Lag => measure.value.abs() * around.rate_hz > LATE,
+        QualityFigure::Spikes => {
+            !measure.column.starts_with("ins_") && flight::describe(&measure.column).role == Role::Sensor
+        }
+        QualityFigure::Preferred => share > PREFERRED,
+        QualityFigure::DeadZone | QualityFigure::PolarDeadZone | QualityFigure::EquatorialDeadZone => true,
+        QualityFigure::Lag => measure.value.abs() * around.rate_hz > LATE,
         // Missing values are dropouts.
-        Figure::Found(super::Check::Missing) => false,
-        Figure::Found(_) => true,
+        QualityFigure::Found(super::FindingKind::Missing) => false,
+        QualityFigure::Found(_) => true,
     }
 }
 
@@ -64,22 +70,28 @@ mod tests {
 
     #[test]
     fn unit_a_figure_is_judged_by_what_is_around_it() {
-        let around = Around { samples: 10_000, rate_hz: 10.0, quietest_nt: 0.01, noise: 0.02 };
+        let around = FigureContext { samples: 10_000, rate_hz: 10.0, quietest_nt: 0.01, noise: 0.02 };
         let of = |column: &str, check, value, count| {
-            let measure = Measure { column: column.into(), check, value, unit: "".into(), count, first_tt: f64::NAN };
+            let measure =
+                QualityMeasure { column: column.into(), check, value, unit: "".into(), count, first_tt: f64::NAN };
             needs_a_look(&measure, &around)
         };
-        assert!(of("mag_1_uc", Figure::Dropouts, 0.3, 200) && of("mag_1_uc", Figure::Dropouts, 2.0, 20));
-        assert!(!of("mag_1_uc", Figure::Dropouts, 0.3, 20));
-        assert!(of("tt", Figure::Jitter, 0.02, 10_000) && !of("tt", Figure::Jitter, 0.001, 10_000));
-        assert!(of("tt", Figure::Gaps, 11.0, 40) && !of("tt", Figure::Gaps, 9.0, 40));
-        assert!(of("mag_1_uc", Figure::Noise, 0.2, 1) && !of("mag_1_uc", Figure::Noise, 0.05, 1));
-        assert!(!of("cur_1", Figure::Noise, 500.0, 1));
-        assert!(of("flux_a_x", Figure::Quantisation, 100.0, 1) && !of("flux_a_x", Figure::Quantisation, 0.03, 1));
-        assert!(of("mag_1_uc", Figure::Spikes, 5.0, 1) && !of("ins_vn", Figure::Spikes, 5.0, 1));
-        assert!(!of("tt", Figure::Midnight, 86_400.0, 1));
-        assert!(of("mag_1_uc", Figure::Lag, -0.06, 900) && !of("mag_1_uc", Figure::Lag, 0.04, 900));
-        assert!(of("mag_1_uc", Figure::Preferred, 2.0, 3000) && !of("mag_1_uc", Figure::Preferred, 2.0, 600));
-        assert!(of("mag_1_uc", Figure::PolarDeadZone, 35.0, 30));
+        assert!(of("mag_1_uc", QualityFigure::Dropouts, 0.3, 200) && of("mag_1_uc", QualityFigure::Dropouts, 2.0, 20));
+        assert!(!of("mag_1_uc", QualityFigure::Dropouts, 0.3, 20));
+        assert!(of("tt", QualityFigure::Jitter, 0.02, 10_000) && !of("tt", QualityFigure::Jitter, 0.001, 10_000));
+        assert!(of("tt", QualityFigure::Gaps, 11.0, 40) && !of("tt", QualityFigure::Gaps, 9.0, 40));
+        assert!(of("mag_1_uc", QualityFigure::Noise, 0.2, 1) && !of("mag_1_uc", QualityFigure::Noise, 0.05, 1));
+        assert!(!of("cur_1", QualityFigure::Noise, 500.0, 1));
+        assert!(
+            of("flux_a_x", QualityFigure::Quantisation, 100.0, 1)
+                && !of("flux_a_x", QualityFigure::Quantisation, 0.03, 1)
+        );
+        assert!(of("mag_1_uc", QualityFigure::Spikes, 5.0, 1) && !of("ins_vn", QualityFigure::Spikes, 5.0, 1));
+        assert!(!of("tt", QualityFigure::Midnight, 86_400.0, 1));
+        assert!(of("mag_1_uc", QualityFigure::Lag, -0.06, 900) && !of("mag_1_uc", QualityFigure::Lag, 0.04, 900));
+        assert!(
+            of("mag_1_uc", QualityFigure::Preferred, 2.0, 3000) && !of("mag_1_uc", QualityFigure::Preferred, 2.0, 600)
+        );
+        assert!(of("mag_1_uc", QualityFigure::PolarDeadZone, 35.0, 30));
     }
 }

@@ -4,13 +4,13 @@ use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use schemas::flight;
 
 use super::{
-    Figure, Measure,
-    dead_zone::{Shape, dead_zone},
+    QualityFigure, QualityMeasure,
+    dead_zone::{DeadZoneShape, dead_zone},
     dropouts, lag,
 };
 
 /// The figures of the magnetometers of a line.
-pub fn of_magnetometers(line: &RecordBatch, tt: &[f64], out: &mut Vec<Measure>) {
+pub fn of_magnetometers(line: &RecordBatch, tt: &[f64], out: &mut Vec<QualityMeasure>) {
     let schema = line.schema();
     let values = |name: &str| -> Option<Vec<f64>> {
         let column = line.column_by_name(name)?.as_primitive_opt::<Float64Type>()?;
@@ -32,7 +32,7 @@ pub fn of_magnetometers(line: &RecordBatch, tt: &[f64], out: &mut Vec<Measure>) 
         let flags = name.strip_suffix("_uc").and_then(|n| values(&format!("{n}_deadzone")));
         let flagged: Vec<f64> = flags.iter().flatten().map(|flag| if *flag > 0.0 { f64::NAN } else { 0.0 }).collect();
         if let Some(found) = dropouts::dropouts(&flagged, tt) {
-            out.push(measure(name, Figure::DeadZone, found.longest_s, "s", found.samples, at(found.first)));
+            out.push(measure(name, QualityFigure::DeadZone, found.longest_s, "s", found.samples, at(found.first)));
         }
         let lost: Vec<bool> = reading
             .iter()
@@ -43,8 +43,8 @@ pub fn of_magnetometers(line: &RecordBatch, tt: &[f64], out: &mut Vec<Measure>) 
             && let Some(found) = dead_zone(&lost, [x, y, z])
         {
             let figure = match found.shape {
-                Shape::Polar => Figure::PolarDeadZone,
-                Shape::Equatorial => Figure::EquatorialDeadZone,
+                DeadZoneShape::Polar => QualityFigure::PolarDeadZone,
+                DeadZoneShape::Equatorial => QualityFigure::EquatorialDeadZone,
             };
             out.push(measure(name, figure, found.half_width_deg, "deg", found.samples, at(found.first)));
         }
@@ -52,7 +52,7 @@ pub fn of_magnetometers(line: &RecordBatch, tt: &[f64], out: &mut Vec<Measure>) 
     if let Some(((_, reference), others)) = readings.split_first() {
         for (name, reading) in others {
             if let Some(found) = lag::lag(reference, reading, tt, false) {
-                out.push(measure(name, Figure::Lag, found.lag_s, "s", found.pairs, f64::NAN));
+                out.push(measure(name, QualityFigure::Lag, found.lag_s, "s", found.pairs, f64::NAN));
             }
         }
     }
@@ -61,7 +61,7 @@ pub fn of_magnetometers(line: &RecordBatch, tt: &[f64], out: &mut Vec<Measure>) 
         for (name, vector) in others {
             if let Some(found) = lag::lag(&reference[most], &vector[most], tt, true) {
                 let column = format!("{name}_{}", ["x", "y", "z"][most]);
-                out.push(measure(&column, Figure::Lag, found.lag_s, "s", found.pairs, f64::NAN));
+                out.push(measure(&column, QualityFigure::Lag, found.lag_s, "s", found.pairs, f64::NAN));
             }
         }
     }
@@ -72,6 +72,6 @@ fn roughness(x: &[f64]) -> f64 {
     x.windows(2).map(|w| (w[1] - w[0]).powi(2)).filter(|d| d.is_finite()).sum()
 }
 
-fn measure(column: &str, check: Figure, value: f64, unit: &str, count: usize, first_tt: f64) -> Measure {
-    Measure { column: column.to_owned(), check, value, unit: unit.to_owned(), count: count as u64, first_tt }
+fn measure(column: &str, check: QualityFigure, value: f64, unit: &str, count: usize, first_tt: f64) -> QualityMeasure {
+    QualityMeasure { column: column.to_owned(), check, value, unit: unit.to_owned(), count: count as u64, first_tt }
 }

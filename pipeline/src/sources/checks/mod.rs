@@ -1,5 +1,5 @@
-//! The quality of a line's data as figures: sampling, dropouts, spikes, noise, quantisation, saturation and stuck channels of
-//! each column, dead zones and lags of magnetometers. Each check is one file with one function of numbers.
+//! The quality of a line's data as figures: sampling, dropouts, spikes, noise, quantisation, saturation and stuck
+//! channels of each column, dead zones and lags of magnetometers. Each check is one file with one function of numbers.
 
 mod dead_zone;
 mod dropouts;
@@ -16,21 +16,21 @@ mod stretches;
 mod stuck;
 pub mod table;
 
-pub use look::{Around, needs_a_look};
+pub use look::{FigureContext, needs_a_look};
 pub use stretches::{gaps, stretches};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
 use schemas::{Role, describe_field, flight};
 
-use super::quality::{Check, Finding};
+use super::quality::{Finding, FindingKind};
 
 /// Raised when figures change.
 pub const VERSION: &str = "checks 2";
 
 /// Kind of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Figure {
+pub enum QualityFigure {
     /// One over the median step of the time.
     Rate,
     /// The robust standard deviation of the steps.
@@ -68,77 +68,77 @@ pub enum Figure {
     /// How much later it reports than the first magnetometer of its kind.
     Lag,
     /// A finding of the examination.
-    Found(Check),
+    Found(FindingKind),
 }
 
-impl Figure {
+impl QualityFigure {
     /// All of them.
-    pub const ALL: [Figure; 25] = [
-        Figure::Rate,
-        Figure::Jitter,
-        Figure::Gaps,
-        Figure::LongestGap,
-        Figure::RepeatedTime,
-        Figure::BackwardTime,
-        Figure::Midnight,
-        Figure::Dropouts,
-        Figure::Stuck,
-        Figure::Saturation,
-        Figure::Quantisation,
-        Figure::Noise,
-        Figure::Spikes,
-        Figure::Preferred,
-        Figure::DeadZone,
-        Figure::PolarDeadZone,
-        Figure::EquatorialDeadZone,
-        Figure::Lag,
-        Figure::Found(Check::Missing),
-        Figure::Found(Check::Infinite),
-        Figure::Found(Check::ZeroReading),
-        Figure::Found(Check::Impossible),
-        Figure::Found(Check::NotTotalField),
-        Figure::Found(Check::Inconsistent),
-        Figure::Found(Check::Constant),
+    pub const ALL: [QualityFigure; 25] = [
+        QualityFigure::Rate,
+        QualityFigure::Jitter,
+        QualityFigure::Gaps,
+        QualityFigure::LongestGap,
+        QualityFigure::RepeatedTime,
+        QualityFigure::BackwardTime,
+        QualityFigure::Midnight,
+        QualityFigure::Dropouts,
+        QualityFigure::Stuck,
+        QualityFigure::Saturation,
+        QualityFigure::Quantisation,
+        QualityFigure::Noise,
+        QualityFigure::Spikes,
+        QualityFigure::Preferred,
+        QualityFigure::DeadZone,
+        QualityFigure::PolarDeadZone,
+        QualityFigure::EquatorialDeadZone,
+        QualityFigure::Lag,
+        QualityFigure::Found(FindingKind::Missing),
+        QualityFigure::Found(FindingKind::Infinite),
+        QualityFigure::Found(FindingKind::ZeroReading),
+        QualityFigure::Found(FindingKind::Impossible),
+        QualityFigure::Found(FindingKind::NotTotalField),
+        QualityFigure::Found(FindingKind::Inconsistent),
+        QualityFigure::Found(FindingKind::Constant),
     ];
 
     /// The word for it.
     pub const fn as_str(self) -> &'static str {
         match self {
-            Figure::Rate => "rate",
-            Figure::Jitter => "jitter",
-            Figure::Gaps => "gaps",
-            Figure::LongestGap => "longest_gap",
-            Figure::RepeatedTime => "repeated_time",
-            Figure::BackwardTime => "backward_time",
-            Figure::Midnight => "midnight",
-            Figure::Dropouts => "dropouts",
-            Figure::Stuck => "stuck",
-            Figure::Saturation => "saturation",
-            Figure::Quantisation => "quantisation",
-            Figure::Noise => "noise",
-            Figure::Spikes => "spikes",
-            Figure::Preferred => "preferred_values",
-            Figure::DeadZone => "dead_zone",
-            Figure::PolarDeadZone => "polar_dead_zone",
-            Figure::EquatorialDeadZone => "equatorial_dead_zone",
-            Figure::Lag => "lag",
-            Figure::Found(check) => check.as_str(),
+            QualityFigure::Rate => "rate",
+            QualityFigure::Jitter => "jitter",
+            QualityFigure::Gaps => "gaps",
+            QualityFigure::LongestGap => "longest_gap",
+            QualityFigure::RepeatedTime => "repeated_time",
+            QualityFigure::BackwardTime => "backward_time",
+            QualityFigure::Midnight => "midnight",
+            QualityFigure::Dropouts => "dropouts",
+            QualityFigure::Stuck => "stuck",
+            QualityFigure::Saturation => "saturation",
+            QualityFigure::Quantisation => "quantisation",
+            QualityFigure::Noise => "noise",
+            QualityFigure::Spikes => "spikes",
+            QualityFigure::Preferred => "preferred_values",
+            QualityFigure::DeadZone => "dead_zone",
+            QualityFigure::PolarDeadZone => "polar_dead_zone",
+            QualityFigure::EquatorialDeadZone => "equatorial_dead_zone",
+            QualityFigure::Lag => "lag",
+            QualityFigure::Found(check) => check.as_str(),
         }
     }
 
     /// The figure of a word.
-    pub fn of(word: &str) -> Option<Figure> {
-        Figure::ALL.into_iter().find(|figure| figure.as_str() == word)
+    pub fn from_word(word: &str) -> Option<QualityFigure> {
+        QualityFigure::ALL.into_iter().find(|figure| figure.as_str() == word)
     }
 }
 
 /// One figure of one column of a line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Measure {
+pub struct QualityMeasure {
     /// The column.
     pub column: String,
     /// Kind of the check.
-    pub check: Figure,
+    pub check: QualityFigure,
     /// The figure.
     pub value: f64,
     /// Its unit.
@@ -150,7 +150,7 @@ pub struct Measure {
 }
 
 /// The figures of all columns of numbers of a line, `tt` first. Checks that find nothing give no figure.
-pub fn measures(line: &RecordBatch) -> Vec<Measure> {
+pub fn measures(line: &RecordBatch) -> Vec<QualityMeasure> {
     let Some(tt) = line.column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>()) else { return vec![] };
     let tt: &[f64] = tt.values();
     let mut out = of_time(tt);
@@ -167,11 +167,11 @@ pub fn measures(line: &RecordBatch) -> Vec<Measure> {
     out
 }
 
-fn of_time(tt: &[f64]) -> Vec<Measure> {
+fn of_time(tt: &[f64]) -> Vec<QualityMeasure> {
     let Some(found) = sampling::sampling(tt) else { return vec![] };
     let at = |row: Option<usize>| row.and_then(|r| tt.get(r)).copied().unwrap_or(f64::NAN);
     let all = tt.len() as u64;
-    let one = |check, value, unit: &str, count, first| Measure {
+    let one = |check, value, unit: &str, count, first| QualityMeasure {
         column: "tt".to_owned(),
         check,
         value,
@@ -179,14 +179,16 @@ fn of_time(tt: &[f64]) -> Vec<Measure> {
         count,
         first_tt: at(first),
     };
-    let mut out =
-        vec![one(Figure::Rate, found.rate_hz, "Hz", all, None), one(Figure::Jitter, found.jitter_s, "s", all, None)];
+    let mut out = vec![
+        one(QualityFigure::Rate, found.rate_hz, "Hz", all, None),
+        one(QualityFigure::Jitter, found.jitter_s, "s", all, None),
+    ];
     for (check, tally, value, unit) in [
-        (Figure::Gaps, found.gaps, found.missing_s, "s"),
-        (Figure::LongestGap, found.gaps, found.longest_gap_s, "s"),
-        (Figure::RepeatedTime, found.repeated, 0.0, "s"),
-        (Figure::BackwardTime, found.backward, found.worst_step_back_s, "s"),
-        (Figure::Midnight, found.midnights, 86_400.0, "s"),
+        (QualityFigure::Gaps, found.gaps, found.missing_s, "s"),
+        (QualityFigure::LongestGap, found.gaps, found.longest_gap_s, "s"),
+        (QualityFigure::RepeatedTime, found.repeated, 0.0, "s"),
+        (QualityFigure::BackwardTime, found.backward, found.worst_step_back_s, "s"),
+        (QualityFigure::Midnight, found.midnights, 86_400.0, "s"),
     ] {
         if tally.n > 0 {
             out.push(one(check, value, unit, tally.n, tally.first));
@@ -195,11 +197,11 @@ fn of_time(tt: &[f64]) -> Vec<Measure> {
     out
 }
 
-fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool], out: &mut Vec<Measure>) {
+fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool], out: &mut Vec<QualityMeasure>) {
     let at = |row: usize| tt.get(row).copied().unwrap_or(f64::NAN);
     let mut push = |check, value: f64, unit: &str, count: usize, first: Option<usize>| {
         let first_tt = first.map_or(f64::NAN, at);
-        out.push(Measure {
+        out.push(QualityMeasure {
             column: about.name.clone(),
             check,
             value,
@@ -209,7 +211,7 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
         });
     };
     if let Some(found) = dropouts::dropouts(values, tt) {
-        push(Figure::Dropouts, found.longest_s, "s", found.samples, Some(found.first));
+        push(QualityFigure::Dropouts, found.longest_s, "s", found.samples, Some(found.first));
     }
     let known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     let constant = known.windows(2).all(|w| w[0] == w[1]);
@@ -218,36 +220,36 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
     }
     let is_sensor = about.role == Role::Sensor;
     if is_sensor && let Some(found) = stuck::stuck(values, tt) {
-        push(Figure::Stuck, found.longest_s, "s", found.samples, Some(found.first));
+        push(QualityFigure::Stuck, found.longest_s, "s", found.samples, Some(found.first));
     }
     if is_sensor && let Some(found) = saturation::saturation(values) {
-        push(Figure::Saturation, found.value, &about.unit, found.samples, Some(found.first));
+        push(QualityFigure::Saturation, found.value, &about.unit, found.samples, Some(found.first));
     }
     let step = quantisation::step(&known);
     if let Some(step) = step {
-        push(Figure::Quantisation, step, &about.unit, known.len(), None);
+        push(QualityFigure::Quantisation, step, &about.unit, known.len(), None);
     } else if flight::is_scalar_reading(&about.name)
         && let Some(found) = preferred::preferred(&known)
     {
-        push(Figure::Preferred, found.step, &about.unit, found.samples, None);
+        push(QualityFigure::Preferred, found.step, &about.unit, found.samples, None);
     }
     let continuous = if wraps(about) { unwrapped(values) } else { values.to_vec() };
     let fourth = noise::fourth_differences(&continuous, gaps);
-    let resolution = quantisation::Resolution::of(&continuous, step);
+    let resolution = quantisation::ValueResolution::new(&continuous, step);
     // A value that is held for more than half of the time has differences of 0, and steps that are no spikes.
     let Some(sigma) = noise::noise(&fourth, &resolution) else { return };
-    push(Figure::Noise, sigma, &about.unit, fourth.iter().filter(|d| d.is_finite()).count(), None);
+    push(QualityFigure::Noise, sigma, &about.unit, fourth.iter().filter(|d| d.is_finite()).count(), None);
     if let Some(found) = spikes::spikes(&fourth, &resolution) {
-        push(Figure::Spikes, found.largest, &about.unit, found.samples, Some(found.first));
+        push(QualityFigure::Spikes, found.largest, &about.unit, found.samples, Some(found.first));
     }
 }
 
 /// The figures of what an examination of a line found in it.
-pub fn of_findings(findings: &[Finding], tt: &[f64]) -> Vec<Measure> {
+pub fn of_findings(findings: &[Finding], tt: &[f64]) -> Vec<QualityMeasure> {
     let at = |row: u64| usize::try_from(row).ok().and_then(|row| tt.get(row)).copied().unwrap_or(f64::NAN);
-    let one = |f: &Finding| Measure {
+    let one = |f: &Finding| QualityMeasure {
         column: f.column.clone(),
-        check: Figure::Found(f.check),
+        check: QualityFigure::Found(f.check),
         value: f.value().unwrap_or(f64::NAN),
         unit: f.unit.clone(),
         count: f.n,
@@ -276,14 +278,14 @@ fn unwrapped(angles: &[f64]) -> Vec<f64> {
     angles.iter().map(one).collect()
 }
 
-/// How many samples, and the row of the first.
+/// Number of samples, and the row of the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Tally {
+pub(super) struct SampleTally {
     n: u64,
     first: Option<usize>,
 }
 
-impl Tally {
+impl SampleTally {
     fn add(&mut self, row: usize) {
         self.n += 1;
         self.first.get_or_insert(row);
@@ -332,7 +334,8 @@ mod tests {
         let rows = 3000;
         let at = |t: f64| 50_000.0 + 40.0 * (0.9 * t).sin() + 30.0 * (2.3 * t + 1.0).sin() + 25.0 * (4.1 * t).cos();
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..rows).map(|k| f(f64::from(k) * 0.1)).collect() };
-        // Reading 2 is late, and missing where the field is along the body's x axis; the logger says so of a part of it.
+        // Reading 2 is late, and missing where the field is along the body's x axis; the logger says so of a part of
+        // it.
         let x = of(&|t| 50_000.0 * (0.4 * t).cos());
         let y = of(&|t| 50_000.0 * (0.4 * t).sin());
         let lost = |k: usize| x[k].abs() > 45_000.0;
@@ -362,7 +365,7 @@ mod tests {
         let of = |column: &str, check: &str| found.iter().find(|m| m.column == column && m.check.as_str() == check);
         let lag = of("mag_2_uc", "lag").unwrap();
         assert!((lag.value - 0.12).abs() < 0.005, "{lag:?}");
-        let vector = found.iter().find(|m| m.column.starts_with("flux_b") && m.check == Figure::Lag).unwrap();
+        let vector = found.iter().find(|m| m.column.starts_with("flux_b") && m.check == QualityFigure::Lag).unwrap();
         assert!((vector.value - 0.05).abs() < 0.005, "{vector:?}");
         let zone = of("mag_2_uc", "polar_dead_zone").unwrap();
         // The field's z component keeps its direction off the axis: acos(45,000 / |field|).

@@ -1,14 +1,15 @@
 //! The noise floor of a column, from its fourth differences.
 //!
-//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0, and that of white noise has the
-//! variance 1 + 16 + 36 + 16 + 1 = 70 times its own. It is what surveyors judge a magnetometer by, divided by 16.
+//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0, and that of white noise has
+//! the variance 1 + 16 + 36 + 16 + 1 = 70 times its own. It is what surveyors judge a magnetometer by, divided by 16.
 //! [Reeves 2005, Aeromagnetic Surveys, section 3; Coyle et al. 2014, GSC Open File 7617]
 
 use numerics::regression::statistics::median;
 
-use super::quantisation::Resolution;
+use super::quantisation::ValueResolution;
 
-/// The fourth difference centred at each row; NaN at the ends, at missing values and across gaps (`breaks`, before each row).
+/// The fourth difference centred at each row; NaN at the ends, at missing values and across gaps (`breaks`, before each
+/// row).
 pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
     let one = |i: usize| {
         let (Some(w), Some(gaps)) =
@@ -27,10 +28,10 @@ pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
 /// The least number of fourth differences that give an estimate.
 const LEAST: usize = 20;
 
-/// The standard deviation of the white noise of a column whose fourth differences these are, robust against spikes and short
-/// manoeuvres. `None` where there are too few, or where most are 0 but for rounding: a value that is held or interpolated, or too
-/// coarse to show its noise.
-pub fn noise(fourth: &[f64], resolution: &Resolution) -> Option<f64> {
+/// The standard deviation of the white noise of a column whose fourth differences these are, robust against spikes and
+/// short manoeuvres. `None` where there are too few, or where most are 0 but for rounding: a value that is held or
+/// interpolated, or too coarse to show its noise.
+pub fn noise(fourth: &[f64], resolution: &ValueResolution) -> Option<f64> {
     let mut sizes: Vec<f64> = fourth.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
     if sizes.len() < LEAST {
         return None;
@@ -64,7 +65,7 @@ mod tests {
             })
             .collect();
         let no_gaps = vec![false; x.len()];
-        let resolution = Resolution::of(&x, None);
+        let resolution = ValueResolution::new(&x, None);
         let found = noise(&fourth_differences(&x, &no_gaps), &resolution).unwrap();
         // The median of 20,000 correlated values: 2 per cent.
         assert!((found / 0.2 - 1.0).abs() < 0.03, "{found}");
@@ -86,7 +87,7 @@ mod tests {
         for x in [held, interpolated] {
             let fourth = fourth_differences(&x, &vec![false; x.len()]);
             assert!(fourth.iter().any(|d| d.abs() > 1e-3));
-            assert_eq!(noise(&fourth, &Resolution::of(&x, None)), None);
+            assert_eq!(noise(&fourth, &ValueResolution::new(&x, None)), None);
         }
     }
 
@@ -94,7 +95,7 @@ mod tests {
     fn law_a_cubic_has_none_and_gaps_are_not_crossed() {
         let x: Vec<f64> = (0..40).map(|i| f64::from(i * i * i)).collect();
         let mut breaks = vec![false; 40];
-        assert_eq!(noise(&fourth_differences(&x, &breaks), &Resolution::of(&x, None)), None);
+        assert_eq!(noise(&fourth_differences(&x, &breaks), &ValueResolution::new(&x, None)), None);
         let mut jumped = x;
         jumped.iter_mut().skip(20).for_each(|v| *v += 1e6);
         breaks[20] = true;

@@ -1,8 +1,9 @@
 //! Evenly spaced values that a sensor prefers, although it gives others too.
 //!
-//! The scalar magnetometers of a real drone give a third of their samples near evenly spaced values, on all flights, with a narrow
-//! distribution about each: a histogram with sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7 to 3.9]. That is no quantisation
-//! step, since the other samples lie between. What is there is one peak of the histogram after another, at one spacing.
+//! The scalar magnetometers of a real drone give a third of their samples near evenly spaced values, on all flights,
+//! with a narrow distribution about each: a histogram with sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7
+//! to 3.9]. That is no quantisation step, since the other samples lie between. What is there is one peak of the
+//! histogram after another, at one spacing.
 
 use std::ops::Range;
 
@@ -10,7 +11,7 @@ use numerics::regression::statistics::median;
 
 /// Over-represented values of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Preferred {
+pub struct PreferredValues {
     /// The spacing of the values.
     pub step: f64,
     /// Samples at them, less those that would be there anyway.
@@ -38,7 +39,7 @@ const OFF: f64 = 0.08;
 const SHARE: f64 = 0.05;
 
 /// The evenly spaced values that a column prefers; `None` where there are none. `values` are finite.
-pub fn preferred(values: &[f64]) -> Option<Preferred> {
+pub fn preferred(values: &[f64]) -> Option<PreferredValues> {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     if high <= low {
         return None;
@@ -48,7 +49,7 @@ pub fn preferred(values: &[f64]) -> Option<Preferred> {
     found.max_by_key(|p| p.samples)
 }
 
-fn of_bins(values: &[f64], low: f64, width: f64, bins: usize) -> Option<Preferred> {
+fn of_bins(values: &[f64], low: f64, width: f64, bins: usize) -> Option<PreferredValues> {
     let mut histogram = vec![(0.0_f64, 0.0_f64); bins];
     for x in values {
         if let Some((count, sum)) = histogram.get_mut((((x - low) / width) as usize).min(bins - 1)) {
@@ -82,7 +83,7 @@ fn of_bins(values: &[f64], low: f64, width: f64, bins: usize) -> Option<Preferre
     let (centres, excess): (Vec<f64>, Vec<f64>) = peaks.iter().map(of_peak).unzip();
     let samples = excess.iter().sum::<f64>();
     let step = spacing(&centres).filter(|step| *step >= CLOSEST * width)?;
-    (samples >= SHARE * values.len() as f64).then_some(Preferred { step, samples: samples as usize })
+    (samples >= SHARE * values.len() as f64).then_some(PreferredValues { step, samples: samples as usize })
 }
 
 /// The spacing of evenly spaced centres, of which some may be missing.
@@ -129,19 +130,19 @@ fn line_through(x: &[f64], y: &[f64]) -> (f64, f64) {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use numerics::random::Normals;
+    use numerics::random::NormalGenerator;
 
     use super::*;
 
     /// A field along a flight, nT, with noise.
-    fn field(normals: &mut Normals, k: usize) -> f64 {
+    fn field(normals: &mut NormalGenerator, k: usize) -> f64 {
         let t = k as f64 * 0.01;
         48_600.0 + 60.0 * (0.11 * t).sin() + 25.0 * (0.53 * t).cos() + 4.0 * (3.1 * t).sin() + 0.1 * normals.draw()
     }
 
     #[test]
     fn law_a_third_of_the_samples_near_evenly_spaced_values_is_found() {
-        let mut normals = Normals::new(11);
+        let mut normals = NormalGenerator::new(11);
         for step in [2.0, 3.7] {
             // Near a preferred value the sensor stays at it: a third of all samples, and some noise after.
             let stuck = |x: f64, noise: f64| {
@@ -163,7 +164,7 @@ mod tests {
 
     #[test]
     fn law_a_sensor_that_gives_all_values_prefers_none() {
-        let mut normals = Normals::new(13);
+        let mut normals = NormalGenerator::new(13);
         let values: Vec<f64> = (0..60_000).map(|k| field(&mut normals, k)).collect();
         assert_eq!(preferred(&values), None);
         // Lines flown at one level each: the values are near a few, at no even spacing.

@@ -7,8 +7,8 @@ const LEAST: usize = 8;
 /// A value may be so far from the grid, in steps: rounding to decimals and single precision.
 const TOLERANCE: f64 = 0.05;
 
-/// The quantisation step: the largest step of which nearly all differences between neighbouring distinct values are whole
-/// multiples. `None` where the values lie on no grid.
+/// The quantisation step: the largest step of which nearly all differences between neighbouring distinct values are
+/// whole multiples. `None` where the values lie on no grid.
 pub fn step(values: &[f64]) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).take(MOST).collect();
     sorted.sort_by(f64::total_cmp);
@@ -37,16 +37,16 @@ pub fn step(values: &[f64]) -> Option<f64> {
 
 /// Resolution of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Resolution {
+pub struct ValueResolution {
     /// The quantisation step; 0 where the values lie on no grid.
     step: f64,
     /// The fourth difference that rounding to double precision makes of values of this size, at most.
     rounding: f64,
 }
 
-impl Resolution {
+impl ValueResolution {
     /// Resolution of values on a grid of `step`, or without a grid.
-    pub fn of(values: &[f64], step: Option<f64>) -> Self {
+    pub fn new(values: &[f64], step: Option<f64>) -> Self {
         let size = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |a, x| a.max(x.abs()));
         // The coefficients of the difference, regardless of sign, add up to 16.
         Self { step: step.unwrap_or(0.0), rounding: 16.0 * f64::EPSILON * size }
@@ -57,8 +57,8 @@ impl Resolution {
         self.rounding
     }
 
-    /// The standard deviation of the fourth difference that the step alone makes: errors even within a step have the variance
-    /// step²/12, and the difference has 70 times theirs.
+    /// The standard deviation of the fourth difference that the step alone makes: errors even within a step have the
+    /// variance step²/12, and the difference has 70 times theirs.
     pub fn fourth_difference_sigma(&self) -> f64 {
         self.step * (70.0_f64 / 12.0).sqrt()
     }

@@ -2,52 +2,52 @@
 
 use numerics::regression::statistics::median;
 
-use super::Tally;
+use super::SampleTally;
 
 /// Sampling of a line's time stamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sampling {
+pub struct TimeStampFigures {
     /// One over the median step.
     pub rate_hz: f64,
     /// The robust standard deviation of the steps: 1.4826 times the median distance from their median.
     pub jitter_s: f64,
     /// Steps longer than [`GAP`] medians; the row after each.
-    pub gaps: Tally,
+    pub gaps: SampleTally,
     /// The time of the samples that the gaps lack.
     pub missing_s: f64,
     /// The longest gap, of the samples it lacks.
     pub longest_gap_s: f64,
     /// Rows with the time of the row before.
-    pub repeated: Tally,
+    pub repeated: SampleTally,
     /// Rows with an earlier time than the row before.
-    pub backward: Tally,
+    pub backward: SampleTally,
     /// The largest step back.
     pub worst_step_back_s: f64,
     /// Midnights that the line runs over.
-    pub midnights: Tally,
+    pub midnights: SampleTally,
 }
 
 /// Minimum length of a gap in median steps. One lost sample makes a step of two.
 const GAP: f64 = 1.75;
 
 /// The sampling of time stamps; `None` for fewer than three.
-pub fn sampling(tt: &[f64]) -> Option<Sampling> {
+pub fn sampling(tt: &[f64]) -> Option<TimeStampFigures> {
     let mut forward: Vec<f64> = tt.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
     if forward.len() < 2 {
         return None;
     }
     let step = median(&mut forward);
     let mut off: Vec<f64> = forward.iter().map(|d| (d - step).abs()).collect();
-    let mut out = Sampling {
+    let mut out = TimeStampFigures {
         rate_hz: 1.0 / step,
         jitter_s: 1.4826 * median(&mut off),
-        gaps: Tally::default(),
+        gaps: SampleTally::default(),
         missing_s: 0.0,
         longest_gap_s: 0.0,
-        repeated: Tally::default(),
-        backward: Tally::default(),
+        repeated: SampleTally::default(),
+        backward: SampleTally::default(),
         worst_step_back_s: 0.0,
-        midnights: Tally::default(),
+        midnights: SampleTally::default(),
     };
     for (i, w) in tt.windows(2).enumerate() {
         let d = w[1] - w[0];
@@ -93,7 +93,8 @@ mod tests {
 
     #[test]
     fn law_what_was_taken_out_is_found() {
-        // 100 Hz over midnight, 3 samples lost at one place and 50 at another, one stamp twice, the clock set back once.
+        // 100 Hz over midnight, 3 samples lost at one place and 50 at another, one stamp twice, the clock set back
+        // once.
         let all: Vec<f64> = (0..1000).map(|i| 86_399.0 + f64::from(i) / 100.0).collect();
         let mut tt: Vec<f64> = [&all[..200], &all[203..500], &all[550..]].concat();
         tt.insert(10, tt[10]);

@@ -20,8 +20,8 @@ const EXCESS: usize = 5;
 /// Values next to the end.
 const NEXT: usize = 3;
 
-/// The samples at the end of the range where there are far more of them than of the values next to it, and in runs. `None`
-/// where there is no sign of it.
+/// The samples at the end of the range where there are far more of them than of the values next to it, and in runs.
+/// `None` where there is no sign of it.
 pub fn saturation(values: &[f64]) -> Option<Saturation> {
     let mut counts: Vec<(f64, usize)> = vec![];
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();

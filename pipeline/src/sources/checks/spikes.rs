@@ -2,7 +2,7 @@
 
 use numerics::regression::statistics::median;
 
-use super::quantisation::Resolution;
+use super::quantisation::ValueResolution;
 
 /// The spikes of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,16 +20,16 @@ const SIGMAS: f64 = 8.0;
 /// Number of surrounding samples that determine the scale, so that a manoeuvre is not a spike.
 const BLOCK: usize = 64;
 
-/// The spikes of a column whose fourth differences these are; `None` where there are none. A deviation below that of the
-/// quantisation is none.
-pub fn spikes(fourth: &[f64], resolution: &Resolution) -> Option<Spikes> {
+/// The spikes of a column whose fourth differences these are; `None` where there are none. A deviation below that of
+/// the quantisation is none.
+pub fn spikes(fourth: &[f64], resolution: &ValueResolution) -> Option<Spikes> {
     let found = peaks(fourth, resolution);
     let largest = found.iter().map(|(_, height)| *height).fold(0.0, f64::max);
     found.first().map(|(first, _)| Spikes { samples: found.len(), first: *first, largest })
 }
 
 /// The row and the height of each.
-pub fn peaks(fourth: &[f64], resolution: &Resolution) -> Vec<(usize, f64)> {
+pub fn peaks(fourth: &[f64], resolution: &ValueResolution) -> Vec<(usize, f64)> {
     let scale = |part: &[f64]| {
         let mut sizes: Vec<f64> = part.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
         if sizes.is_empty() { 0.0 } else { 1.4826 * median(&mut sizes) }
@@ -66,8 +66,8 @@ mod tests {
 
     use super::{super::noise::fourth_differences, *};
 
-    fn of(x: &[f64]) -> Option<Spikes> {
-        let resolution = Resolution::of(x, super::super::quantisation::step(x));
+    fn detect(x: &[f64]) -> Option<Spikes> {
+        let resolution = ValueResolution::new(x, super::super::quantisation::step(x));
         spikes(&fourth_differences(x, &vec![false; x.len()]), &resolution)
     }
 
@@ -79,33 +79,34 @@ mod tests {
     #[test]
     fn law_each_spike_is_found_once_with_its_height() {
         let mut x: Vec<f64> = (0..2000).map(wave).collect();
-        assert_eq!(of(&x), None);
+        assert_eq!(detect(&x), None);
         x[500] += 400.0;
         x[1200] -= 1000.0;
-        let found = of(&x).unwrap();
+        let found = detect(&x).unwrap();
         assert_eq!((found.samples, found.first), (2, 500));
         assert!((found.largest / 1000.0 - 1.0).abs() < 0.02, "{found:?}");
     }
 
     #[test]
     fn law_the_steps_of_a_smooth_column_are_no_spikes() {
-        // The variation of the earth's field at 10 Hz in hundredths of a nanotesla, slow, and fast enough that most samples differ.
+        // The variation of the earth's field at 10 Hz in hundredths of a nanotesla, slow, and fast enough that most
+        // samples differ.
         for period_s in [43_200.0, 7200.0, 600.0, 60.0] {
             let variation = |i: usize| 20.0 * (std::f64::consts::TAU * i as f64 / (10.0 * period_s)).sin();
             let mut x: Vec<f64> = (0..36_000).map(|i| (variation(i) * 100.0).round() / 100.0).collect();
-            assert_eq!(of(&x), None, "{period_s}");
+            assert_eq!(detect(&x), None, "{period_s}");
             x[20_000] += 5.0;
             let shows = period_s < 1000.0;
-            assert_eq!(of(&x).map(|s| (s.samples, s.first)), shows.then_some((1, 20_000)), "{period_s}");
+            assert_eq!(detect(&x).map(|s| (s.samples, s.first)), shows.then_some((1, 20_000)), "{period_s}");
         }
     }
 
     #[test]
     fn law_a_manoeuvre_is_no_spike() {
         let x: Vec<f64> = (0..2000).map(|i| wave(i) * if (900..1100).contains(&i) { 60.0 } else { 1.0 }).collect();
-        let found = of(&x);
+        let found = detect(&x);
         assert!(found.is_none(), "{found:?}");
-        assert_eq!(of(&[1.0; 100]), None);
-        assert_eq!(of(&[]), None);
+        assert_eq!(detect(&[1.0; 100]), None);
+        assert_eq!(detect(&[]), None);
     }
 }

@@ -1,35 +1,35 @@
 //! Where in a line the figures of a column come from.
 
-use super::{Figure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
+use super::{QualityFigure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
 
-/// The times, first and last, of the parts of a column that a figure is about, s; empty for a figure of the whole column. Taken as
-/// missing are infinities, readings of 0 and impossible values too.
-pub fn stretches(figure: Figure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
+/// The times, first and last, of the parts of a column that a figure is about, s; empty for a figure of the whole
+/// column. Taken as missing are infinities, readings of 0 and impossible values too.
+pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
     let rows = match figure {
-        Figure::Dropouts => dropouts::stretches(values),
-        Figure::Stuck => stuck::stretches(values),
-        Figure::Saturation => saturation::stretches(values),
-        Figure::Spikes => {
+        QualityFigure::Dropouts => dropouts::stretches(values),
+        QualityFigure::Stuck => stuck::stretches(values),
+        QualityFigure::Saturation => saturation::stretches(values),
+        QualityFigure::Spikes => {
             let fourth = noise::fourth_differences(values, &sampling::breaks(tt));
-            let resolution = quantisation::Resolution::of(values, quantisation::step(values));
+            let resolution = quantisation::ValueResolution::new(values, quantisation::step(values));
             let known = noise::noise(&fourth, &resolution).is_some();
             spikes::peaks(&fourth, &resolution).into_iter().filter(|_| known).map(|(row, _)| row..row + 1).collect()
         }
-        Figure::Rate
-        | Figure::Jitter
-        | Figure::Gaps
-        | Figure::LongestGap
-        | Figure::RepeatedTime
-        | Figure::BackwardTime
-        | Figure::Midnight
-        | Figure::Quantisation
-        | Figure::Noise
-        | Figure::Preferred
-        | Figure::DeadZone
-        | Figure::PolarDeadZone
-        | Figure::EquatorialDeadZone
-        | Figure::Lag
-        | Figure::Found(_) => vec![],
+        QualityFigure::Rate
+        | QualityFigure::Jitter
+        | QualityFigure::Gaps
+        | QualityFigure::LongestGap
+        | QualityFigure::RepeatedTime
+        | QualityFigure::BackwardTime
+        | QualityFigure::Midnight
+        | QualityFigure::Quantisation
+        | QualityFigure::Noise
+        | QualityFigure::Preferred
+        | QualityFigure::DeadZone
+        | QualityFigure::PolarDeadZone
+        | QualityFigure::EquatorialDeadZone
+        | QualityFigure::Lag
+        | QualityFigure::Found(_) => vec![],
     };
     rows.into_iter().filter_map(|run| Some((*tt.get(run.start)?, *tt.get(run.end.checked_sub(1)?)?))).collect()
 }
@@ -58,14 +58,14 @@ mod tests {
             let close = found.iter().zip(expected).all(|(a, b)| (a.0 - b.0).abs() < 1e-9 && (a.1 - b.1).abs() < 1e-9);
             assert!(found.len() == expected.len() && close, "{found:?} {expected:?}");
         };
-        near(stretches(Figure::Dropouts, &x, &tt), &[(10.0, 13.9)]);
-        near(stretches(Figure::Stuck, &x, &tt), &[(40.0, 45.9)]);
-        near(stretches(Figure::Spikes, &x, &tt), &[(70.0, 70.0)]);
+        near(stretches(QualityFigure::Dropouts, &x, &tt), &[(10.0, 13.9)]);
+        near(stretches(QualityFigure::Stuck, &x, &tt), &[(40.0, 45.9)]);
+        near(stretches(QualityFigure::Spikes, &x, &tt), &[(70.0, 70.0)]);
         near(gaps(&tt), &[(99.9, 107.0)]);
-        assert!(stretches(Figure::Noise, &x, &tt).is_empty());
+        assert!(stretches(QualityFigure::Noise, &x, &tt).is_empty());
         // A range of -1 to 1, and a sensor that ends at 1.2.
         let clipped: Vec<f64> = (0..2000).map(|i| (2.0 * (i as f64 * 0.013).sin()).min(1.2)).collect();
-        let found = stretches(Figure::Saturation, &clipped, &tt);
+        let found = stretches(QualityFigure::Saturation, &clipped, &tt);
         assert!(!found.is_empty());
         let within = |t: f64| found.iter().any(|(a, b)| (*a..=*b).contains(&t));
         assert!(tt.iter().zip(&clipped).all(|(t, x)| within(*t) == (*x == 1.2)));

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-/// The longest time for which a column keeps its value.
+/// Longest run of equal values in a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stuck {
+pub struct ConstantRun {
     /// Samples of that run.
     pub samples: usize,
     /// Its first row.
@@ -17,12 +17,12 @@ pub struct Stuck {
 const LEAST: usize = 20;
 const LONGER: usize = 10;
 
-/// The longest run of equal values, where it is far longer than the others: a value that is always held, or coarse, is not
-/// stuck. `None` where there is none.
-pub fn stuck(values: &[f64], tt: &[f64]) -> Option<Stuck> {
+/// The longest run of equal values, where it is far longer than the others: a value that is always held, or coarse, is
+/// not stuck. `None` where there is none.
+pub fn stuck(values: &[f64], tt: &[f64]) -> Option<ConstantRun> {
     let longest = stretches(values).into_iter().max_by_key(|run| (run.len(), std::cmp::Reverse(run.start)))?;
     let longest_s = tt.get(longest.end.checked_sub(1)?)? - tt.get(longest.start)?;
-    Some(Stuck { samples: longest.len(), first: longest.start, longest_s })
+    Some(ConstantRun { samples: longest.len(), first: longest.start, longest_s })
 }
 
 /// All runs of equal values that are far longer than the others.
@@ -52,7 +52,7 @@ mod tests {
         assert_eq!(stuck(&x, &tt), None);
         let value = x[300];
         x[300..360].fill(value);
-        let found = stuck(&x, &tt).unwrap_or(Stuck { samples: 0, first: 0, longest_s: 0.0 });
+        let found = stuck(&x, &tt).unwrap_or(ConstantRun { samples: 0, first: 0, longest_s: 0.0 });
         assert_eq!((found.samples, found.first), (60, 300));
         assert!((found.longest_s - 5.9).abs() < 1e-9);
         // Positions at 1 Hz among rows at 50 Hz.

@@ -10,17 +10,17 @@ use arrow_array::{
 use arrow_schema::{Field, Schema};
 use schemas::{Fault, Role, field};
 
-use super::{Figure, Measure};
+use super::{QualityFigure, QualityMeasure};
 
-/// A figure of a line.
+/// Quality measure of a line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OfLine {
+pub struct LineMeasure {
     /// The flight.
     pub flight: String,
     /// The line.
     pub line: String,
     /// The figure.
-    pub measure: Measure,
+    pub measure: QualityMeasure,
 }
 
 /// The names of the columns.
@@ -30,11 +30,11 @@ pub const COLUMNS: [&str; 8] = ["flight", "line", "column", "check", "value", "u
 ///
 /// # Errors
 /// Fails only where the columns have different lengths, which is an error in the program.
-pub fn table(rows: &[(&str, &str, &Measure)]) -> Result<RecordBatch, Fault> {
-    let text = |f: &dyn Fn(&(&str, &str, &Measure)) -> String| -> ArrayRef {
+pub fn table(rows: &[(&str, &str, &QualityMeasure)]) -> Result<RecordBatch, Fault> {
+    let text = |f: &dyn Fn(&(&str, &str, &QualityMeasure)) -> String| -> ArrayRef {
         Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
     };
-    let number = |f: fn(&Measure) -> f64| -> ArrayRef {
+    let number = |f: fn(&QualityMeasure) -> f64| -> ArrayRef {
         // Missing values are null, not NaN, because many programs read the table.
         Arc::new(rows.iter().map(|r| Some(f(r.2)).filter(|x| x.is_finite())).collect::<Float64Array>())
     };
@@ -65,7 +65,7 @@ pub fn table(rows: &[(&str, &str, &Measure)]) -> Result<RecordBatch, Fault> {
 }
 
 /// The figures of a table; what another version of magline has written and this one does not know is left out.
-pub fn figures(table: &RecordBatch) -> Vec<OfLine> {
+pub fn figures(table: &RecordBatch) -> Vec<LineMeasure> {
     let [flight, line, column, check, value, unit, count, first_tt] = COLUMNS;
     let text = |name: &str| table.column_by_name(name).and_then(|c| c.as_string_opt::<i32>());
     let number = |name: &str| table.column_by_name(name).and_then(|c| c.as_primitive_opt::<Float64Type>());
@@ -78,15 +78,15 @@ pub fn figures(table: &RecordBatch) -> Vec<OfLine> {
     let (Some(value), Some(first_tt), Some(count)) = (number(value), number(first_tt), count) else { return vec![] };
     let at = |x: &Float64Array, row: usize| if x.is_null(row) { f64::NAN } else { x.value(row) };
     let one = |row: usize| {
-        let measure = Measure {
+        let measure = QualityMeasure {
             column: column.value(row).to_owned(),
-            check: Figure::of(check.value(row))?,
+            check: QualityFigure::from_word(check.value(row))?,
             value: at(value, row),
             unit: unit.value(row).to_owned(),
             count: u64::try_from(count.value(row)).ok()?,
             first_tt: at(first_tt, row),
         };
-        Some(OfLine { flight: flight.value(row).to_owned(), line: line.value(row).to_owned(), measure })
+        Some(LineMeasure { flight: flight.value(row).to_owned(), line: line.value(row).to_owned(), measure })
     };
     (0..table.num_rows()).filter_map(one).collect()
 }
@@ -99,13 +99,13 @@ mod tests {
 
     #[test]
     fn law_a_table_gives_back_the_figures_it_was_made_of() {
-        let all: Vec<OfLine> = Figure::ALL
+        let all: Vec<LineMeasure> = QualityFigure::ALL
             .into_iter()
             .enumerate()
-            .map(|(i, check)| OfLine {
+            .map(|(i, check)| LineMeasure {
                 flight: "1".into(),
                 line: format!("1.{i}"),
-                measure: Measure {
+                measure: QualityMeasure {
                     column: "mag_1_uc".into(),
                     check,
                     value: 0.1 * i as f64,
@@ -115,10 +115,10 @@ mod tests {
                 },
             })
             .collect();
-        let rows: Vec<(&str, &str, &Measure)> =
+        let rows: Vec<(&str, &str, &QualityMeasure)> =
             all.iter().map(|r| (r.flight.as_str(), r.line.as_str(), &r.measure)).collect();
         assert_eq!(figures(&table(&rows).unwrap()), all);
-        let nothing = Measure { value: f64::NAN, first_tt: f64::NAN, ..all[0].measure.clone() };
+        let nothing = QualityMeasure { value: f64::NAN, first_tt: f64::NAN, ..all[0].measure.clone() };
         let back = figures(&table(&[("1", "2", &nothing)]).unwrap());
         assert!(back[0].measure.value.is_nan() && back[0].measure.first_tt.is_nan());
     }

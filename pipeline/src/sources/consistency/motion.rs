@@ -3,7 +3,7 @@
 use numerics::earth::geodesy::EarthModel;
 use schemas::{Fault, convert, plausible::shown};
 
-use super::{Finding, INS, Line, MOVING_MPS, Set, TRUTH, both_could_be_radians, round};
+use super::{ConsistencyLine, Finding, INS, MOVING_MPS, MotionColumns, TRUTH, both_could_be_radians, round};
 
 /// The duration of the chords over which positions and velocities are compared.
 pub const CHORD_S: f64 = 10.0;
@@ -31,7 +31,7 @@ const SPEEDS: [&str; 6] = ["m/s", "km/h", "kn", "ft/s", "mph", "cm/s"];
 const CLIMBS: [&str; 7] = ["m/s", "ft/s", "ft/min", "m/min", "km/h", "kn", "cm/s"];
 
 /// The displacement over a chord, north and east in metres, by positions and by velocities; the row it begins at.
-pub struct Chord {
+pub struct MotionChord {
     pub row: usize,
     pub seconds: f64,
     pub moved: [f64; 2],
@@ -39,7 +39,7 @@ pub struct Chord {
 }
 
 /// Chords of at least `chord_s` of time, latitude and longitude; without velocities `flown` is zero.
-pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<Chord> {
+pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut flown) = (0, [0.0; 2]);
     for i in 1..tt.len() {
@@ -54,7 +54,7 @@ pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, c
         } else if tt[i] - tt[start] >= chord_s {
             let (north, east) = EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
             if north.is_finite() && east.is_finite() {
-                found.push(Chord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
+                found.push(MotionChord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
             }
             (start, flown) = (i, [0.0; 2]);
         }
@@ -67,13 +67,13 @@ pub fn length(v: [f64; 2]) -> f64 {
 }
 
 /// The mean speed over chords, in m/s, by one of their displacements.
-pub fn mean_speed(chords: &[Chord], displacement: fn(&Chord) -> [f64; 2]) -> f64 {
+pub fn mean_speed(chords: &[MotionChord], displacement: fn(&MotionChord) -> [f64; 2]) -> f64 {
     let seconds: f64 = chords.iter().map(|c| c.seconds).sum();
     chords.iter().map(|c| length(displacement(c))).sum::<f64>() / seconds
 }
 
 /// The part of the distance by which positions and velocities disagree; `turn` changes the velocities.
-fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
+fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
     for chord in chords {
         let f = turn(chord.flown);
@@ -84,19 +84,20 @@ fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     apart / f64::max(moved, flown)
 }
 
-/// Positions that do not move with the velocities: those of the truth, those of the INS, or of both where each lacks one.
-pub fn horizontal(line: &Line) -> Option<(Fault, Finding)> {
+/// Positions that do not move with the velocities: those of the truth, those of the INS, or of both where each lacks
+/// one.
+pub fn horizontal(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let own = [TRUTH, INS].into_iter().find_map(|set| motion(line, set));
     let mixed = || match (line.get(TRUTH.lat), line.get(INS.lat)) {
-        (Some(_), None) => motion(line, Set { vn: INS.vn, ve: INS.ve, ..TRUTH }),
-        (None, Some(_)) => motion(line, Set { vn: TRUTH.vn, ve: TRUTH.ve, ..INS }),
+        (Some(_), None) => motion(line, MotionColumns { vn: INS.vn, ve: INS.ve, ..TRUTH }),
+        (None, Some(_)) => motion(line, MotionColumns { vn: TRUTH.vn, ve: TRUTH.ve, ..INS }),
         _ => None,
     };
     own.or_else(mixed)
 }
 
 /// A unit that velocities may be in, and its factor to the unit that they are said to be in.
-fn other_units<'a>(line: &Line, column: &str, units: &'a [&'a str]) -> Vec<(&'a str, f64)> {
+fn other_units<'a>(line: &ConsistencyLine, column: &str, units: &'a [&'a str]) -> Vec<(&'a str, f64)> {
     let declared = match line.origins.unit(column) {
         "" => "m/s",
         unit => unit,
@@ -106,7 +107,7 @@ fn other_units<'a>(line: &Line, column: &str, units: &'a [&'a str]) -> Vec<(&'a 
 }
 
 /// Positions that do not move with the velocities.
-fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     let (vn, ve) = (line.get(set.vn)?, line.get(set.ve)?);
     let over = |chord_s: f64| chords([tt, lat, lon], Some((vn, ve)), chord_s);
@@ -149,7 +150,7 @@ fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
 }
 
 /// The disagreement that is left in each other unit of both velocities, or of one of them, and what to do about it.
-fn in_other_units(line: &Line, set: Set, all: &[Chord]) -> Vec<(f64, String)> {
+fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> Vec<(f64, String)> {
     let mut causes = vec![];
     for columns in [vec![set.vn, set.ve], vec![set.vn], vec![set.ve]] {
         let (north, east) = (columns.contains(&set.vn), columns.contains(&set.ve));
@@ -164,7 +165,7 @@ fn in_other_units(line: &Line, set: Set, all: &[Chord]) -> Vec<(f64, String)> {
 }
 
 /// The same for axes that are swapped or turned.
-fn otherwise(line: &Line, set: Set, all: &[Chord]) -> [(f64, String); 2] {
+fn otherwise(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> [(f64, String); 2] {
     let (n, e) = (line.origins.name(set.vn), line.origins.name(set.ve));
     let signs = format!("longitude and `{e}` have opposite signs; both must be positive to the east");
     [
@@ -174,7 +175,7 @@ fn otherwise(line: &Line, set: Set, all: &[Chord]) -> [(f64, String); 2] {
 }
 
 /// A speed over ground, in the unit that the file or the spec gives, that fits the positions in another unit only.
-pub fn ground_speed(line: &Line) -> Option<(Fault, Finding)> {
+pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(TRUTH.lat)?, line.get(TRUTH.lon)?);
     GROUND_SPEEDS.into_iter().find_map(|name| {
         let speed = line.get(name)?;
@@ -199,7 +200,7 @@ pub fn ground_speed(line: &Line) -> Option<(Fault, Finding)> {
 }
 
 /// Heights that change with the vertical velocity in another unit only.
-pub fn vertical(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, alt, vd) = (line.get("tt")?, line.get(set.alt)?, line.get(set.vd)?);
     let climbs = climbs(tt, alt, vd);
     if climbs.len() < CHORDS || disagreement(&climbs, |f| f) < DISAGREE {
@@ -220,8 +221,9 @@ pub fn vertical(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     Some(line.contradiction((set.vd, row, vd[row], "m/s"), climbs.len(), what, &help))
 }
 
-/// Chords that climb or sink by [`CLIMB_M`] or more, by the heights and by the vertical velocity, in their first component.
-fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<Chord> {
+/// Chords that climb or sink by [`CLIMB_M`] or more, by the heights and by the vertical velocity, in their first
+/// component.
+fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut flown) = (0, 0.0);
     for i in 1..tt.len() {
@@ -232,7 +234,7 @@ fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<Chord> {
         if whole && seconds >= CHORD_S {
             let moved = alt[i] - alt[start];
             if moved.abs() >= CLIMB_M {
-                found.push(Chord { row: start, seconds, moved: [moved, 0.0], flown: [flown, 0.0] });
+                found.push(MotionChord { row: start, seconds, moved: [moved, 0.0], flown: [flown, 0.0] });
             }
         }
         if !whole || seconds >= CHORD_S {

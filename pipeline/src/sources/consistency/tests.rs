@@ -9,8 +9,8 @@ use arrow_schema::{DataType, Field, Schema};
 
 use super::*;
 
-/// A line at 60 m/s to the east and 20 m/s to the north that climbs at 3 m/s, with velocities times `factors` and a noise of
-/// the positions, m.
+/// A line at 60 m/s to the east and 20 m/s to the north that climbs at 3 m/s, with velocities times `factors` and a
+/// noise of the positions, m.
 fn flown(rows: usize, factors: [f64; 3], noise_m: f64) -> RecordBatch {
     let t = |i: usize| i as f64 * 0.1;
     let noise = |i: usize, k: f64| noise_m * (1e3 * (i as f64 + k)).sin();
@@ -28,7 +28,7 @@ fn flown(rows: usize, factors: [f64; 3], noise_m: f64) -> RecordBatch {
 }
 
 fn said(batch: &RecordBatch) -> Vec<String> {
-    contradictions(batch, &[], &Origins::default()).iter().map(|(fault, _)| fault.to_string()).collect()
+    contradictions(batch, &[], &FileColumns::default()).iter().map(|(fault, _)| fault.to_string()).collect()
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn unit_a_speed_over_ground_is_compared_in_its_own_unit() {
         let speed: ArrayRef = Arc::new(Float64Array::from(vec![speed; 600]));
         let columns = batch.columns().iter().cloned().chain([speed]).collect();
         let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).unwrap();
-        let origins = Origins::new(&batch.schema(), &BTreeMap::new());
+        let origins = FileColumns::new(&batch.schema(), &BTreeMap::new());
         contradictions(&batch, &[], &origins).iter().map(|(fault, _)| fault.to_string()).collect::<Vec<_>>()
     };
     let mps = 63.2;

@@ -3,10 +3,10 @@
 use std::{collections::BTreeMap, path::Path};
 
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{Fault, canonical::Canonical};
+use schemas::{Fault, canonical::FlightConversion};
 
-use super::{Attitude, Channels, Found, Position};
-use crate::sources::{line_table::LineTable, log_reader::LogReader, midnight::Rise};
+use super::{AttitudeChannel, FlightChannels, LineDetection, PositionChannel};
+use crate::sources::{line_table::LineTable, log_reader::LogReader, midnight::MidnightUnwrapper};
 
 /// Samples closer than this to the one before are left out, s: lines are found at a few samples a second.
 const STEP_S: f64 = 0.095;
@@ -19,11 +19,11 @@ const ATTITUDES: [[&str; 3]; 2] = [["ins_roll", "ins_pitch", "ins_yaw"], ["roll"
 
 /// Three columns of a flight in one table.
 #[derive(Clone, Debug, Default)]
-struct Triple {
+struct TimedTriples {
     rows: Vec<[f64; 4]>,
 }
 
-impl Triple {
+impl TimedTriples {
     /// Rows at which the first two are known.
     fn known(&self) -> usize {
         self.rows.iter().filter(|[_, a, b, _]| a.is_finite() && b.is_finite()).count()
@@ -38,31 +38,31 @@ impl Triple {
     }
 }
 
-/// A flight that is read.
+/// Positions and attitudes of one flight, from one table of a log.
 #[derive(Default)]
-struct Reading {
-    rise: Rise,
+struct FlightReadings {
+    rise: MidnightUnwrapper,
     last_s: Option<f64>,
-    positions: [Triple; 2],
-    attitudes: [Triple; 2],
+    positions: [TimedTriples; 2],
+    attitudes: [TimedTriples; 2],
 }
 
-/// Gathers what lines are found from, out of one or several tables of a log.
+/// Collector of positions and attitudes by flight, from the tables of a log.
 #[derive(Default)]
-pub struct Collector {
+pub struct ChannelCollector {
     /// Readings of each table, by flight.
-    flights: BTreeMap<String, BTreeMap<String, Reading>>,
+    flights: BTreeMap<String, BTreeMap<String, FlightReadings>>,
 }
 
-impl Collector {
+impl ChannelCollector {
     /// Reads a table of a log; tables of one name go on from each other.
     ///
     /// # Errors
     /// Fails for a log that cannot be read.
     pub fn read(&mut self, mut log: LogReader, table: &str) -> Result<(), Fault> {
-        let canonical = Canonical::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+        let canonical = FlightConversion::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
         for reading in self.flights.values_mut().filter_map(|tables| tables.get_mut(table)) {
-            (reading.rise, reading.last_s) = (Rise::default(), None);
+            (reading.rise, reading.last_s) = (MidnightUnwrapper::default(), None);
         }
         while let Some(part) = log.next_part() {
             let batch = canonical.apply_with_zeros(&part.map_err(Fault::from)?.batch)?;
@@ -72,13 +72,13 @@ impl Collector {
     }
 
     /// The flights with the lines found in each.
-    pub fn found(self) -> Vec<(String, Found)> {
-        let best = |all: &mut dyn Iterator<Item = Triple>| {
+    pub fn found(self) -> Vec<(String, LineDetection)> {
+        let best = |all: &mut dyn Iterator<Item = TimedTriples>| {
             // The first of equal ones is used.
             let best = all.reduce(|a, b| if b.known() > a.known() { b } else { a }).filter(|t| t.known() > 0);
-            best.map(Triple::in_time).unwrap_or_default()
+            best.map(TimedTriples::in_time).unwrap_or_default()
         };
-        let one = |(flight, tables): (String, BTreeMap<String, Reading>)| {
+        let one = |(flight, tables): (String, BTreeMap<String, FlightReadings>)| {
             let (mut positions, mut attitudes) = (vec![], vec![]);
             for table in tables.into_values() {
                 positions.extend(table.positions);
@@ -86,19 +86,19 @@ impl Collector {
             }
             let (at, turned) = (best(&mut positions.into_iter()), best(&mut attitudes.into_iter()));
             let column = |rows: &[[f64; 4]], k: usize| rows.iter().map(|row| row[k]).collect::<Vec<f64>>();
-            let channels = Channels {
-                position: Position {
+            let channels = FlightChannels {
+                position: PositionChannel {
                     tt_s: column(&at, 0),
                     lat_deg: column(&at, 1),
                     lon_deg: column(&at, 2),
                     alt_m: column(&at, 3),
                 },
-                attitude: Attitude {
+                attitude: AttitudeChannel {
                     tt_s: column(&turned, 0),
                     angles_deg: [column(&turned, 1), column(&turned, 2), column(&turned, 3)],
                 },
             };
-            (flight, Found::of(&channels))
+            (flight, LineDetection::from_channels(&channels))
         };
         self.flights.into_iter().map(one).collect()
     }
@@ -120,7 +120,7 @@ impl Collector {
             }
             let Some(tables) = self.flights.get_mut(flight) else { continue };
             if !tables.contains_key(table) {
-                tables.insert(table.to_owned(), Reading::default());
+                tables.insert(table.to_owned(), FlightReadings::default());
             }
             let Some(reading) = tables.get_mut(table) else { continue };
             let tt_s = reading.rise.next(if tt.is_null(row) { f64::NAN } else { tt.value(row) });
@@ -149,12 +149,12 @@ impl Collector {
 /// # Errors
 /// Fails for a file that cannot be read, and for a flight in which there are none.
 pub fn table(log: LogReader, path: &Path) -> Result<LineTable, Fault> {
-    let mut collector = Collector::default();
+    let mut collector = ChannelCollector::default();
     collector.read(log, "")?;
     let flights = collector.found();
     let file = path.display().to_string();
     if let Some(fault) = flights.iter().find_map(|(flight, found)| found.missing(flight)) {
         return Err(fault.in_file(&file));
     }
-    Ok(LineTable::of("the lines that were found", flights.iter().map(|(f, found)| (f.clone(), found.spans()))))
+    Ok(LineTable::new("the lines that were found", flights.iter().map(|(f, found)| (f.clone(), found.spans()))))
 }

@@ -4,9 +4,10 @@ use std::ops::Range;
 
 use numerics::regression::statistics::{mean, quantile};
 
-use super::motion::{Motion, RATE_HZ, runs};
+use super::motion::{FlightMotion, RATE_HZ, runs};
 
-/// A turn is faster than this part of the rate at which the flight usually turns, within these limits, degrees per second.
+/// A turn is faster than this part of the rate at which the flight usually turns, within these limits, degrees per
+/// second.
 const PART: f64 = 0.25;
 const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
 /// It changes the course by so much, degrees: the yaws of a calibration do not.
@@ -31,7 +32,7 @@ const CONTRAST: f64 = 3.0;
 
 /// Class of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum MotionClass {
     /// On the ground, hovering, or not known.
     Slow,
     /// Straight on.
@@ -44,7 +45,7 @@ pub enum Part {
 
 /// A straight stretch.
 #[derive(Clone, Debug)]
-pub struct Leg {
+pub struct StraightLeg {
     /// Its rows.
     pub rows: Range<usize>,
     /// The number of the run that it is in.
@@ -57,35 +58,35 @@ pub struct Leg {
 
 /// A turn to one side.
 #[derive(Clone, Debug)]
-pub struct Turn {
+pub struct FlightTurn {
     /// Its rows.
     pub rows: Range<usize>,
     /// The change of the course, degrees, positive to the right.
     pub change_deg: f64,
 }
 
-/// A flight in parts.
+/// Segmentation of a flight into legs and turns.
 #[derive(Clone, Debug, Default)]
-pub struct Parts {
+pub struct FlightSegments {
     /// Class of each sample.
-    pub parts: Vec<Part>,
+    pub parts: Vec<MotionClass>,
     /// In the order of time.
-    pub legs: Vec<Leg>,
+    pub legs: Vec<StraightLeg>,
     /// In the order of time.
-    pub turns: Vec<Turn>,
+    pub turns: Vec<FlightTurn>,
     /// The root mean square of roll, pitch and yaw about their slow changes, degrees; NaN off the legs.
     pub power_deg: [Vec<f64>; 3],
 }
 
-impl Parts {
+impl FlightSegments {
     /// The parts of a flight.
-    pub fn of(motion: &Motion) -> Parts {
+    pub fn from_motion(motion: &FlightMotion) -> FlightSegments {
         let rows = motion.tt_s.len();
         let none = vec![f64::NAN; rows];
-        let mut found = Parts {
-            parts: vec![Part::Slow; rows],
+        let mut found = FlightSegments {
+            parts: vec![MotionClass::Slow; rows],
             power_deg: std::array::from_fn(|_| none.clone()),
-            ..Parts::default()
+            ..FlightSegments::default()
         };
         let least_dps = threshold_dps(motion);
         let turning: Vec<Vec<bool>> = motion.runs.iter().map(|run| found.turning(motion, run, least_dps)).collect();
@@ -94,11 +95,11 @@ impl Parts {
         let longest = stretches.iter().flatten().map(ExactSizeIterator::len).max().unwrap_or(0) as f64;
         let least = (LEG_OF_SHORT * longest).clamp(LEG_S.0 * RATE_HZ, LEG_S.1 * RATE_HZ);
         for (number, (run, straight)) in motion.runs.iter().zip(stretches).enumerate() {
-            found.parts[run.clone()].fill(Part::Turn);
+            found.parts[run.clone()].fill(MotionClass::Turn);
             for rows in straight.into_iter().filter(|rows| rows.len() as f64 >= least) {
-                found.parts[rows.clone()].fill(Part::Straight);
+                found.parts[rows.clone()].fill(MotionClass::Straight);
                 let course_deg = mean(&motion.course_deg[rows.clone()]).value;
-                found.legs.push(Leg { rows, run: number, course_deg, manoeuvres: [false; 3] });
+                found.legs.push(StraightLeg { rows, run: number, course_deg, manoeuvres: [false; 3] });
             }
         }
         let mut legs = std::mem::take(&mut found.legs);
@@ -108,7 +109,7 @@ impl Parts {
     }
 
     /// Whether each sample of a run is in a turn; the turns are kept.
-    fn turning(&mut self, motion: &Motion, run: &Range<usize>, least_dps: f64) -> Vec<bool> {
+    fn turning(&mut self, motion: &FlightMotion, run: &Range<usize>, least_dps: f64) -> Vec<bool> {
         let rates = &motion.turn_dps[run.clone()];
         let mut sides: Vec<i8> = rates.iter().map(|r| if r.abs() < least_dps { 0 } else { r.signum() as i8 }).collect();
         let lull = (LULL_S * RATE_HZ) as usize;
@@ -127,14 +128,14 @@ impl Parts {
             let change_deg = course[rows.end - 1] - course[rows.start];
             if change_deg.abs() >= LEAST_DEG {
                 turning[side].fill(true);
-                self.turns.push(Turn { rows, change_deg });
+                self.turns.push(FlightTurn { rows, change_deg });
             }
         }
         turning
     }
 
     /// The power of the angles on a leg, and which of them have a manoeuvre.
-    fn manoeuvres(&mut self, motion: &Motion, leg: &mut Leg) {
+    fn manoeuvres(&mut self, motion: &FlightMotion, leg: &mut StraightLeg) {
         let settle = (SETTLE_S * RATE_HZ) as usize;
         let inner = leg.rows.start + settle..leg.rows.end.saturating_sub(settle);
         if inner.len() < (2.0 * POWER_S * RATE_HZ) as usize {
@@ -160,20 +161,21 @@ impl Parts {
             // Halfway between both, in decibels.
             let limit = (quiet.max(0.01 * loud) * loud).sqrt();
             let at = inner.clone().zip(&rms).filter(|(_, rms)| **rms > limit);
-            at.for_each(|(row, _)| self.parts[row] = Part::Manoeuvre);
+            at.for_each(|(row, _)| self.parts[row] = MotionClass::Manoeuvre);
         }
     }
 
-    /// The change of the course from the end of one leg to the start of the next, degrees; `None` where there is a gap between.
-    pub fn turned_deg(&self, motion: &Motion, from: &Leg, to: &Leg) -> Option<f64> {
+    /// The change of the course from the end of one leg to the start of the next, degrees; `None` where there is a gap
+    /// between.
+    pub fn turned_deg(&self, motion: &FlightMotion, from: &StraightLeg, to: &StraightLeg) -> Option<f64> {
         let course = |row: usize| motion.course_deg.get(row).copied();
         (from.run == to.run).then(|| Some(course(to.rows.start)? - course(from.rows.end.checked_sub(1)?)?))?
     }
 }
 
-/// The rate above which it is a turn: a part of that at which half of all that is turned is turned. Long straight flight does
-/// not count, and neither does a sharp corner.
-fn threshold_dps(motion: &Motion) -> f64 {
+/// The rate above which it is a turn: a part of that at which half of all that is turned is turned. Long straight
+/// flight does not count, and neither does a sharp corner.
+fn threshold_dps(motion: &FlightMotion) -> f64 {
     let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();
     rates.sort_by(f64::total_cmp);
     let half = 0.5 * rates.iter().sum::<f64>();
@@ -186,7 +188,7 @@ fn threshold_dps(motion: &Motion) -> f64 {
 }
 
 /// The straight stretches between the turns of a run.
-fn straight(motion: &Motion, run: &Range<usize>, turning: &[bool]) -> Vec<Range<usize>> {
+fn straight(motion: &FlightMotion, run: &Range<usize>, turning: &[bool]) -> Vec<Range<usize>> {
     let between = runs(turning.iter().map(|t| !t)).into_iter();
     let rows = between.map(|rows| run.start + rows.start..run.start + rows.end);
     rows.filter(|rows| is_straight(&motion.course_deg[rows.clone()])).collect()

@@ -1,9 +1,9 @@
-//! Lines of a flight that has none, found from where it went and how it moved: survey lines and tie lines, calibration boxes,
-//! cloverleafs, figures of eight, and circles.
+//! Lines of a flight that has none, found from where it went and how it moved: survey lines and tie lines, calibration
+//! boxes, cloverleafs, figures of eight, and circles.
 //!
-//! A turn is where the course changes, to one side and by more than a calibration's yaws; the legs between are straight.
-//! Manoeuvres are where the power of roll, pitch or yaw on a leg is far above that of its quiet moments. Nothing is tuned to an
-//! aircraft: limits are parts of what is usual in the flight.
+//! A turn is where the course changes, to one side and by more than a calibration's yaws; the legs between are
+//! straight. Manoeuvres are where the power of roll, pitch or yaw on a leg is far above that of its quiet moments.
+//! Nothing is tuned to an aircraft: limits are parts of what is usual in the flight.
 
 mod collect;
 mod legs;
@@ -17,58 +17,59 @@ use std::fmt::Write;
 
 use schemas::Fault;
 
-pub use collect::{Collector, table};
-pub use legs::{Part, Parts};
-pub use motion::{Attitude, Channels, Motion, Position};
-pub use patterns::{FoundLine, Kind};
+pub use collect::{ChannelCollector, table};
+pub use legs::{FlightSegments, MotionClass};
+pub use motion::{AttitudeChannel, FlightChannels, FlightMotion, PositionChannel};
+pub use patterns::{DetectedLine, LinePattern};
 pub use picture::{png, svg};
 
 /// Raised when other lines are found.
 pub const VERSION: &str = "found lines 2";
 
-/// The lines of a flight, with what they were found from.
+/// Lines detected in a flight, with its motion and segments.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct LineDetection {
     /// The flight on even times.
-    pub motion: Motion,
+    pub motion: FlightMotion,
     /// Its parts.
-    pub parts: Parts,
+    pub parts: FlightSegments,
     /// Its lines, in the order of their times.
-    pub lines: Vec<FoundLine>,
+    pub lines: Vec<DetectedLine>,
 }
 
-impl Found {
+impl LineDetection {
     /// Finds the lines of a flight.
-    pub fn of(channels: &Channels) -> Found {
-        let motion = Motion::of(channels);
-        let parts = Parts::of(&motion);
+    pub fn from_channels(channels: &FlightChannels) -> LineDetection {
+        let motion = FlightMotion::from_channels(channels);
+        let parts = FlightSegments::from_motion(&motion);
         let lines = patterns::lines(&motion, &parts);
-        Found { motion, parts, lines }
+        LineDetection { motion, parts, lines }
     }
 
     /// The first and last time of a line, s past midnight UTC: tenths, so that they are the same as text.
-    pub fn times_s(&self, line: &FoundLine) -> (f64, f64) {
+    pub fn times_s(&self, line: &DetectedLine) -> (f64, f64) {
         let at = |row: usize| self.motion.tt_s.get(row).map_or(f64::NAN, |t| (10.0 * t).round() / 10.0);
         (at(line.rows.start), at(line.rows.end.saturating_sub(1)))
     }
 
     /// Name, first and last time of each line.
     pub fn spans(&self) -> Vec<(String, f64, f64)> {
-        let one = |line: &FoundLine| {
+        let one = |line: &DetectedLine| {
             let (from, to) = self.times_s(line);
             (line.name.clone(), from, to)
         };
         self.lines.iter().map(one).collect()
     }
 
-    /// Takes other lines for those that were found: name, first and last time, s past midnight UTC. Their kinds are what their
-    /// names begin with.
+    /// Takes other lines for those that were found: name, first and last time, s past midnight UTC. Their kinds are
+    /// what their names begin with.
     pub fn divide(&mut self, lines: &[(String, f64, f64)]) {
         let tt = &self.motion.tt_s;
         let one = |(name, from, to): &(String, f64, f64)| {
             let rows = tt.partition_point(|t| t < from)..tt.partition_point(|t| t <= to);
-            let kind = Kind::ALL.into_iter().find(|kind| name.starts_with(kind.word())).unwrap_or(Kind::Line);
-            FoundLine { name: name.clone(), kind, rows, heading_deg: None, manoeuvres: [false; 3] }
+            let kind =
+                LinePattern::ALL.into_iter().find(|kind| name.starts_with(kind.word())).unwrap_or(LinePattern::Line);
+            DetectedLine { name: name.clone(), kind, rows, heading_deg: None, manoeuvres: [false; 3] }
         };
         self.lines = lines.iter().map(one).filter(|line| !line.rows.is_empty()).collect();
     }
@@ -93,7 +94,7 @@ impl Found {
 }
 
 /// The lines of flights as a table of lines, in CSV; columns beyond the first four are for people.
-pub fn csv(flights: &[(String, Found)]) -> String {
+pub fn csv(flights: &[(String, LineDetection)]) -> String {
     let mut text = "flight,line,t_start,t_end,kind,heading_deg,length_m,alt_m,manoeuvres\n".to_owned();
     for (flight, found) in flights {
         for line in &found.lines {
@@ -123,9 +124,9 @@ fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 
-impl Found {
+impl LineDetection {
     /// The way along a line, m; `None` without positions.
-    pub fn length_m(&self, line: &FoundLine) -> Option<f64> {
+    pub fn length_m(&self, line: &DetectedLine) -> Option<f64> {
         let north = self.motion.north_m.get(line.rows.clone())?;
         let east = self.motion.east_m.get(line.rows.clone())?;
         let steps = north.windows(2).zip(east.windows(2)).map(|(n, e)| (n[1] - n[0]).hypot(e[1] - e[0]));
@@ -134,7 +135,7 @@ impl Found {
     }
 
     /// The mean height of a line, m.
-    pub fn height_m(&self, line: &FoundLine) -> Option<f64> {
+    pub fn height_m(&self, line: &DetectedLine) -> Option<f64> {
         let all = self.motion.alt_m.get(line.rows.clone())?;
         let known: Vec<f64> = all.iter().copied().filter(|x| x.is_finite()).collect();
         (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)

@@ -21,7 +21,7 @@ const USUAL: f64 = 0.95;
 
 /// Positions of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
-pub struct Position {
+pub struct PositionChannel {
     /// s past midnight UTC.
     pub tt_s: Vec<f64>,
     /// Degrees.
@@ -34,25 +34,25 @@ pub struct Position {
 
 /// Attitudes of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
-pub struct Attitude {
+pub struct AttitudeChannel {
     /// s past midnight UTC.
     pub tt_s: Vec<f64>,
     /// Roll, pitch and yaw, degrees.
     pub angles_deg: [Vec<f64>; 3],
 }
 
-/// Channels from which lines are found.
+/// Position and attitude of a flight, the inputs of line detection.
 #[derive(Clone, Debug, Default)]
-pub struct Channels {
+pub struct FlightChannels {
     /// Empty where there is none.
-    pub position: Position,
+    pub position: PositionChannel,
     /// Empty where there is none.
-    pub attitude: Attitude,
+    pub attitude: AttitudeChannel,
 }
 
-/// A flight at 5 Hz; NaN where it is not known.
+/// Motion of a flight at 5 Hz; NaN where unknown.
 #[derive(Clone, Debug, Default)]
-pub struct Motion {
+pub struct FlightMotion {
     /// Multiples of the step, s past midnight UTC.
     pub tt_s: Vec<f64>,
     /// From the first position, m.
@@ -73,11 +73,11 @@ pub struct Motion {
     pub runs: Vec<Range<usize>>,
 }
 
-impl Motion {
+impl FlightMotion {
     /// The motion of a flight; empty where it has neither positions nor headings.
-    pub fn of(channels: &Channels) -> Motion {
-        let Channels { position, attitude } = channels;
-        let Some(tt_s) = even_times(&[&position.tt_s, &attitude.tt_s]) else { return Motion::default() };
+    pub fn from_channels(channels: &FlightChannels) -> FlightMotion {
+        let FlightChannels { position, attitude } = channels;
+        let Some(tt_s) = even_times(&[&position.tt_s, &attitude.tt_s]) else { return FlightMotion::default() };
         let (at_s, north, east, alt) = on_the_plane(position);
         let on = |x: &[f64]| onto(&at_s, x, &tt_s);
         let (north_m, east_m, alt_m) = (on(&north), on(&east), on(&alt));
@@ -86,7 +86,7 @@ impl Motion {
         let none = vec![f64::NAN; tt_s.len()];
         let (course_deg, turn_dps, speed_mps) = (none.clone(), none.clone(), none);
         let mut motion =
-            Motion { tt_s, north_m, east_m, alt_m, speed_mps, course_deg, turn_dps, angles_deg, runs: vec![] };
+            FlightMotion { tt_s, north_m, east_m, alt_m, speed_mps, course_deg, turn_dps, angles_deg, runs: vec![] };
         let moving = if at_s.is_empty() { motion.of_headings() } else { motion.of_positions() };
         motion.turns(&moving);
         motion
@@ -163,9 +163,9 @@ fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
     Some((0..=(to - from) as usize).map(|k| (from + k as f64) / RATE_HZ).collect())
 }
 
-/// Times, north, east (from the first position) and height, m, of the positions that are new: a receiver's are repeated until
-/// its next fix.
-fn on_the_plane(position: &Position) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
+/// Times, north, east (from the first position) and height, m, of the positions that are new: a receiver's are repeated
+/// until its next fix.
+fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut tt, mut north, mut east, mut alt) = (vec![], vec![], vec![], vec![]);
     let mut last: Option<(f64, f64)> = None;
     let (mut n, mut e) = (0.0, 0.0);

@@ -5,13 +5,13 @@ use std::ops::Range;
 use numerics::angle::wrap_deg;
 
 use super::{
-    legs::{Leg, Parts},
-    motion::{Motion, RATE_HZ},
+    legs::{FlightSegments, StraightLeg},
+    motion::{FlightMotion, RATE_HZ},
 };
 
-/// Kind of a line.
+/// Flight pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum LinePattern {
     /// Straight on.
     Line,
     /// A line across two or more of the survey's lines.
@@ -26,30 +26,37 @@ pub enum Kind {
     Circle,
 }
 
-impl Kind {
+impl LinePattern {
     /// All of them.
-    pub const ALL: [Kind; 6] = [Kind::Line, Kind::Tie, Kind::Box, Kind::Cloverleaf, Kind::FigureEight, Kind::Circle];
+    pub const ALL: [LinePattern; 6] = [
+        LinePattern::Line,
+        LinePattern::Tie,
+        LinePattern::Box,
+        LinePattern::Cloverleaf,
+        LinePattern::FigureEight,
+        LinePattern::Circle,
+    ];
 
     /// The word for it, with which names of lines begin.
     pub const fn word(self) -> &'static str {
         match self {
-            Kind::Line => "line",
-            Kind::Tie => "tie",
-            Kind::Box => "box",
-            Kind::Cloverleaf => "cloverleaf",
-            Kind::FigureEight => "figure_eight",
-            Kind::Circle => "circle",
+            LinePattern::Line => "line",
+            LinePattern::Tie => "tie",
+            LinePattern::Box => "box",
+            LinePattern::Cloverleaf => "cloverleaf",
+            LinePattern::FigureEight => "figure_eight",
+            LinePattern::Circle => "circle",
         }
     }
 }
 
-/// A line that was found.
+/// A detected line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FoundLine {
+pub struct DetectedLine {
     /// Its kind and its number among those, such as `box1`; numbers of one kind have as many digits.
     pub name: String,
     /// Kind of the line.
-    pub kind: Kind,
+    pub kind: LinePattern,
     /// Its rows of the even times.
     pub rows: Range<usize>,
     /// The course of a straight line, 0 to 360 degrees.
@@ -70,42 +77,45 @@ const BEYOND: f64 = 0.1;
 /// Maximum distance between crossings at one place: share of the way from the place to the loop, and m.
 const SAME_PART: f64 = 0.35;
 const SAME_M: f64 = 10.0;
-/// The way to the first loop, and from the last, is taken to be as long as this many times that from the place to the loop.
+/// The way to the first loop, and from the last, is taken to be as long as this many times that from the place to the
+/// loop.
 const LEAD: f64 = 1.5;
-/// Loops to either side that make a figure of eight, and loops to one side that make a cloverleaf: two of these also lead from a
-/// survey line to the next one, where that is near.
+/// Loops to either side that make a figure of eight, and loops to one side that make a cloverleaf: two of these also
+/// lead from a survey line to the next one, where that is near.
 const EIGHT: usize = 2;
 const CLOVER: usize = 3;
 /// A circle, degrees: nearly, since a turn begins and ends slowly.
 const CIRCLE_DEG: f64 = 340.0;
-/// The shortest line: a part of the longest leg, within these limits, s; where no leg is long, this part of the longest.
+/// The shortest line: a part of the longest leg, within these limits, s; where no leg is long, this part of the
+/// longest.
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
 const SHORTEST_OF_SHORT: f64 = 0.35;
-/// A leg across two that are parallel, from the one to the other, is no line where it is shorter than this part of both.
+/// A leg across two that are parallel, from the one to the other, is no line where it is shorter than this part of
+/// both.
 const CONNECTS: f64 = 0.6;
 /// Lines of a survey are within this of its axis, and tie lines of the perpendicular, degrees.
 const ALONG_DEG: f64 = 25.0;
 /// How even the lines' axis is, 0 to 1, where the survey has one.
 const ONE_AXIS: f64 = 0.2;
 
-type Place = (f64, f64);
+type NorthEast = (f64, f64);
 
-/// A flight with its parts.
-struct Flown<'a> {
-    motion: &'a Motion,
-    parts: &'a Parts,
+/// Motion and segments of a flight.
+struct SegmentedFlight<'a> {
+    motion: &'a FlightMotion,
+    parts: &'a FlightSegments,
 }
 
-/// A leg, a loop, and the leg after it, which cross.
-struct Loop {
+/// Loop between two legs that cross.
+struct TurnLoop {
     /// The leg before.
     leg: usize,
     /// The leg after; none where the flight ends with the loop.
     next: Option<usize>,
     right: bool,
     /// Where they cross: north and east, m.
-    place: Place,
+    place: NorthEast,
     /// From there to the loop, m.
     lead_m: f64,
     /// The rows where the place is passed before and after.
@@ -113,9 +123,9 @@ struct Loop {
 }
 
 /// The lines of a flight, in the order of their times.
-pub fn lines(motion: &Motion, parts: &Parts) -> Vec<FoundLine> {
-    let flown = Flown { motion, parts };
-    let mut found: Vec<FoundLine> = vec![];
+pub fn lines(motion: &FlightMotion, parts: &FlightSegments) -> Vec<DetectedLine> {
+    let flown = SegmentedFlight { motion, parts };
+    let mut found: Vec<DetectedLine> = vec![];
     let mut taken = vec![false; parts.legs.len()];
     let least = flown.shortest();
     let mut rest: Vec<Range<usize>> = vec![];
@@ -131,21 +141,21 @@ pub fn lines(motion: &Motion, parts: &Parts) -> Vec<FoundLine> {
         found.push(line);
     }
     for legs in flown.boxes(&taken) {
-        found.push(flown.one(Kind::Box, legs.clone()));
+        found.push(flown.one(LinePattern::Box, legs.clone()));
         taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
     }
-    let within = |rows: &Range<usize>, lines: &[FoundLine]| {
+    let within = |rows: &Range<usize>, lines: &[DetectedLine]| {
         lines.iter().any(|l| l.rows.start < rows.end && rows.start < l.rows.end)
     };
     let circles = parts.turns.iter().filter(|t| t.change_deg.abs() >= CIRCLE_DEG && !within(&t.rows, &found));
-    let circle = |rows: &Range<usize>| flown.line(Kind::Circle, rows.clone(), [false; 3]);
-    let circles: Vec<FoundLine> = circles.map(|t| circle(&t.rows)).collect();
+    let circle = |rows: &Range<usize>| flown.line(LinePattern::Circle, rows.clone(), [false; 3]);
+    let circles: Vec<DetectedLine> = circles.map(|t| circle(&t.rows)).collect();
     found.extend(circles);
     let free = (0..parts.legs.len()).filter(|i| taken.get(*i) == Some(&false) && !flown.connects(*i));
     let legs = free.filter_map(|i| parts.legs.get(i));
-    let mut straight: Vec<FoundLine> =
-        legs.map(|leg| flown.line(Kind::Line, leg.rows.clone(), leg.manoeuvres)).collect();
-    straight.extend(rest.into_iter().map(|rows| flown.line(Kind::Line, rows, [false; 3])));
+    let mut straight: Vec<DetectedLine> =
+        legs.map(|leg| flown.line(LinePattern::Line, leg.rows.clone(), leg.manoeuvres)).collect();
+    straight.extend(rest.into_iter().map(|rows| flown.line(LinePattern::Line, rows, [false; 3])));
     straight.retain(|line| line.rows.len() >= least);
     flown.tie(&mut straight);
     found.extend(straight);
@@ -155,8 +165,8 @@ pub fn lines(motion: &Motion, parts: &Parts) -> Vec<FoundLine> {
 }
 
 /// Numbers the lines of each kind.
-fn name(lines: &mut [FoundLine]) {
-    for kind in Kind::ALL {
+fn name(lines: &mut [DetectedLine]) {
+    for kind in LinePattern::ALL {
         let all = lines.iter().filter(|l| l.kind == kind).count();
         let digits = all.to_string().len();
         for (i, line) in lines.iter_mut().filter(|l| l.kind == kind).enumerate() {
@@ -165,13 +175,13 @@ fn name(lines: &mut [FoundLine]) {
     }
 }
 
-impl Flown<'_> {
-    fn at(&self, row: usize) -> Place {
+impl SegmentedFlight<'_> {
+    fn at(&self, row: usize) -> NorthEast {
         let of = |x: &[f64]| x.get(row).copied().unwrap_or(f64::NAN);
         (of(&self.motion.north_m), of(&self.motion.east_m))
     }
 
-    fn ends(&self, rows: &Range<usize>) -> (Place, Place) {
+    fn ends(&self, rows: &Range<usize>) -> (NorthEast, NorthEast) {
         (self.at(rows.start), self.at(rows.end.saturating_sub(1)))
     }
 
@@ -182,16 +192,16 @@ impl Flown<'_> {
         (SHORTEST * longest).clamp(least, SHORTEST_S.1 * RATE_HZ) as usize
     }
 
-    fn line(&self, kind: Kind, rows: Range<usize>, manoeuvres: [bool; 3]) -> FoundLine {
+    fn line(&self, kind: LinePattern, rows: Range<usize>, manoeuvres: [bool; 3]) -> DetectedLine {
         let (from, to) = self.ends(&rows);
-        let straight = matches!(kind, Kind::Line | Kind::Tie);
+        let straight = matches!(kind, LinePattern::Line | LinePattern::Tie);
         let heading = (to.1 - from.1).atan2(to.0 - from.0).to_degrees().rem_euclid(360.0);
         let heading = if heading.is_finite() { heading } else { self.motion.heading_deg(rows.start) };
-        FoundLine { name: String::new(), kind, rows, heading_deg: straight.then_some(heading), manoeuvres }
+        DetectedLine { name: String::new(), kind, rows, heading_deg: straight.then_some(heading), manoeuvres }
     }
 
     /// One line of several legs.
-    fn one(&self, kind: Kind, legs: Range<usize>) -> FoundLine {
+    fn one(&self, kind: LinePattern, legs: Range<usize>) -> DetectedLine {
         let all = self.parts.legs.get(legs).unwrap_or_default();
         let rows = all.first().map_or(0, |l| l.rows.start)..all.last().map_or(0, |l| l.rows.end);
         let manoeuvres = std::array::from_fn(|angle| all.iter().any(|leg| leg.manoeuvres[angle]));
@@ -203,7 +213,7 @@ impl Flown<'_> {
         let legs = &self.parts.legs;
         let near = number.checked_sub(1).and_then(|before| legs.get(before)).zip(legs.get(number + 1));
         let (Some((before, after)), Some(leg)) = (near, legs.get(number)) else { return false };
-        let off = |other: &Leg| {
+        let off = |other: &StraightLeg| {
             let off = (leg.course_deg - other.course_deg).rem_euclid(180.0);
             off.min(180.0 - off)
         };
@@ -213,11 +223,11 @@ impl Flown<'_> {
     }
 
     /// Groups of loops over one place.
-    fn crossings(&self) -> Vec<Vec<Loop>> {
-        let mut groups: Vec<Vec<Loop>> = vec![];
+    fn crossings(&self) -> Vec<Vec<TurnLoop>> {
+        let mut groups: Vec<Vec<TurnLoop>> = vec![];
         for leg in 0..self.parts.legs.len() {
             let Some(found) = self.loop_after(leg) else { continue };
-            let goes_on = |last: &Loop| {
+            let goes_on = |last: &TurnLoop| {
                 let off = (last.place.0 - found.place.0).hypot(last.place.1 - found.place.1);
                 last.next == Some(leg) && off <= SAME_PART * last.lead_m.min(found.lead_m) + SAME_M
             };
@@ -231,7 +241,7 @@ impl Flown<'_> {
     }
 
     /// The loop at the end of a leg that leads back over it.
-    fn loop_after(&self, number: usize) -> Option<Loop> {
+    fn loop_after(&self, number: usize) -> Option<TurnLoop> {
         let legs = &self.parts.legs;
         let leg = legs.get(number)?;
         let run = self.motion.runs.get(leg.run)?;
@@ -262,7 +272,7 @@ impl Flown<'_> {
                 (0.0..2.0 * lead_m.max(1.0)).contains(&ahead_m)
             }
         };
-        (on_leg.contains(&along) && reached).then(|| Loop {
+        (on_leg.contains(&along) && reached).then(|| TurnLoop {
             leg: number,
             next: after.map(|_| number + 1),
             right: turned_deg > 0.0,
@@ -273,12 +283,12 @@ impl Flown<'_> {
     }
 
     /// The line of loops over one place, and its legs.
-    fn over_one_place(&self, group: &[Loop]) -> (FoundLine, Range<usize>) {
+    fn over_one_place(&self, group: &[TurnLoop]) -> (DetectedLine, Range<usize>) {
         let (Some(first), Some(last)) = (group.first(), group.last()) else {
-            return (self.line(Kind::Cloverleaf, 0..0, [false; 3]), 0..0);
+            return (self.line(LinePattern::Cloverleaf, 0..0, [false; 3]), 0..0);
         };
         let legs = first.leg..last.next.unwrap_or(last.leg) + 1;
-        let kind = if to_each_side(group) { Kind::FigureEight } else { Kind::Cloverleaf };
+        let kind = if to_each_side(group) { LinePattern::FigureEight } else { LinePattern::Cloverleaf };
         let mut line = self.one(kind, legs.clone());
         let lead = |rows: usize| (LEAD * rows as f64) as usize;
         if let Some(leg) = self.parts.legs.get(first.leg) {
@@ -330,9 +340,9 @@ impl Flown<'_> {
     }
 
     /// Tells tie lines from the lines that they cross.
-    fn tie(&self, lines: &mut [FoundLine]) {
-        let sides: Vec<(Place, Place)> = lines.iter().map(|l| self.ends(&l.rows)).collect();
-        let vector = |(a, b): &(Place, Place)| (b.0 - a.0, b.1 - a.1);
+    fn tie(&self, lines: &mut [DetectedLine]) {
+        let sides: Vec<(NorthEast, NorthEast)> = lines.iter().map(|l| self.ends(&l.rows)).collect();
+        let vector = |(a, b): &(NorthEast, NorthEast)| (b.0 - a.0, b.1 - a.1);
         // Twice the angle, so that to and fro are one axis.
         let (mut cos, mut sin, mut all_m) = (0.0, 0.0, 0.0);
         for side in &sides {
@@ -348,31 +358,33 @@ impl Flown<'_> {
             return;
         }
         let axis_deg = 0.5 * sin.atan2(cos).to_degrees();
-        let off_deg = |side: &(Place, Place)| {
+        let off_deg = |side: &(NorthEast, NorthEast)| {
             let (n, e) = vector(side);
             let off = (e.atan2(n).to_degrees() - axis_deg).rem_euclid(180.0);
             off.min(180.0 - off)
         };
-        let survey: Vec<&(Place, Place)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
+        let survey: Vec<&(NorthEast, NorthEast)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
         // A tie line may begin and end on lines; what crosses beyond their ends leads from one to another.
-        let on =
-            |(_, tie, line): (Place, f64, f64)| (-BEYOND..1.0 + BEYOND).contains(&tie) && (0.0..=1.0).contains(&line);
+        let on = |(_, tie, line): (NorthEast, f64, f64)| {
+            (-BEYOND..1.0 + BEYOND).contains(&tie) && (0.0..=1.0).contains(&line)
+        };
         for (line, side) in lines.iter_mut().zip(&sides) {
-            let crosses = |other: &&&(Place, Place)| crossing(*side, ***other).is_some_and(on);
+            let crosses = |other: &&&(NorthEast, NorthEast)| crossing(*side, ***other).is_some_and(on);
             if off_deg(side) >= 90.0 - ALONG_DEG && survey.iter().filter(crosses).count() >= 2 {
-                line.kind = Kind::Tie;
+                line.kind = LinePattern::Tie;
             }
         }
     }
 }
 
 /// Whether loops are to one side and the other in turn.
-fn to_each_side(group: &[Loop]) -> bool {
+fn to_each_side(group: &[TurnLoop]) -> bool {
     group.windows(2).all(|w| w[0].right != w[1].right)
 }
 
-/// Where two straight lines cross, and how far along each of them, in its lengths; `None` where they are nearly parallel.
-fn crossing(a: (Place, Place), b: (Place, Place)) -> Option<(Place, f64, f64)> {
+/// Where two straight lines cross, and how far along each of them, in its lengths; `None` where they are nearly
+/// parallel.
+fn crossing(a: (NorthEast, NorthEast), b: (NorthEast, NorthEast)) -> Option<(NorthEast, f64, f64)> {
     /// The sine of the least angle.
     const LEAST: f64 = 0.5;
     let (u, v) = ((a.1.0 - a.0.0, a.1.1 - a.0.1), (b.1.0 - b.0.0, b.1.1 - b.0.1));

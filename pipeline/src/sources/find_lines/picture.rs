@@ -3,15 +3,15 @@
 use figures::{FlightPart, FlightPicture, TimePanel, flight_png, flight_svg};
 use schemas::Fault;
 
-use super::{Found, Kind, Part};
+use super::{LineDetection, LinePattern, MotionClass};
 
 /// Classes of a sample that are not kinds of lines.
 const SLOW: usize = 0;
 const BETWEEN: usize = 1;
-const MANOEUVRE: usize = 2 + Kind::ALL.len();
+const MANOEUVRE: usize = 2 + LinePattern::ALL.len();
 
-/// Names and colours: first what is between the lines, then the lines, then manoeuvres upon them. Distinguishable without
-/// red-green vision [Wong 2011, Nature Methods 8, 441].
+/// Names and colours: first what is between the lines, then the lines, then manoeuvres upon them. Distinguishable
+/// without red-green vision [Wong 2011, Nature Methods 8, 441].
 const KINDS: [(&str, [u8; 3]); 9] = [
     ("on the ground, or slow", [205, 205, 205]),
     ("turn, or too short", [140, 140, 140]),
@@ -29,7 +29,7 @@ const ANGLES: [(&str, [u8; 3]); 3] = [("roll", [213, 94, 0]), ("pitch", [0, 114,
 ///
 /// # Errors
 /// Fails for a flight of fewer than two times.
-pub fn svg(title: &str, found: &Found) -> Result<String, Fault> {
+pub fn svg(title: &str, found: &LineDetection) -> Result<String, Fault> {
     drawn(title, found, &|picture| flight_svg(picture))
 }
 
@@ -37,24 +37,25 @@ pub fn svg(title: &str, found: &Found) -> Result<String, Fault> {
 ///
 /// # Errors
 /// Fails as [`svg`], and for a width that is out of range.
-pub fn png(title: &str, found: &Found, width_px: usize) -> Result<Vec<u8>, Fault> {
+pub fn png(title: &str, found: &LineDetection, width_px: usize) -> Result<Vec<u8>, Fault> {
     drawn(title, found, &|picture| flight_png(picture, width_px))
 }
 
-fn index(kind: Kind) -> usize {
-    2 + Kind::ALL.iter().position(|k| *k == kind).unwrap_or(0)
+fn index(kind: LinePattern) -> usize {
+    2 + LinePattern::ALL.iter().position(|k| *k == kind).unwrap_or(0)
 }
 
-fn drawn<T>(title: &str, found: &Found, draw: &dyn Fn(&FlightPicture) -> Result<T, Fault>) -> Result<T, Fault> {
+fn drawn<T>(title: &str, found: &LineDetection, draw: &dyn Fn(&FlightPicture) -> Result<T, Fault>) -> Result<T, Fault> {
     let motion = &found.motion;
     let mut kind: Vec<usize> =
-        found.parts.parts.iter().map(|part| if *part == Part::Slow { SLOW } else { BETWEEN }).collect();
+        found.parts.parts.iter().map(|part| if *part == MotionClass::Slow { SLOW } else { BETWEEN }).collect();
     let mut parts = vec![];
     for line in &found.lines {
         kind.iter_mut().take(line.rows.end).skip(line.rows.start).for_each(|k| *k = index(line.kind));
         parts.push(FlightPart { name: line.name.clone(), kind: index(line.kind), time: found.times_s(line) });
     }
-    let busy = found.parts.parts.iter().zip(&mut kind).filter(|(part, k)| **part == Part::Manoeuvre && **k > BETWEEN);
+    let busy =
+        found.parts.parts.iter().zip(&mut kind).filter(|(part, k)| **part == MotionClass::Manoeuvre && **k > BETWEEN);
     busy.for_each(|(_, k)| *k = MANOEUVRE);
     let course: Vec<f64> = motion.course_deg.iter().map(|course| course.rem_euclid(360.0)).collect();
     let power: Vec<(&str, [u8; 3], &[f64])> =

@@ -5,7 +5,7 @@
 use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
 
 use arrow_array::{cast::AsArray, types::Float64Type};
-use datasets::{FlightOptions, Reading, samples};
+use datasets::{FlightOptions, ReadHints, samples};
 use tempfile::TempDir;
 
 use super::*;
@@ -15,7 +15,7 @@ use crate::sources::{mapping::Mapping, open_log};
 type Times = BTreeMap<String, (f64, f64)>;
 
 /// Lines found in a simulated flight, and the simulator's times of the lines.
-fn flown(lines: &str) -> (Found, Times) {
+fn flown(lines: &str) -> (LineDetection, Times) {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
@@ -25,7 +25,7 @@ fn flown(lines: &str) -> (Found, Times) {
         map.display()
     );
     fs::write(&path, text).unwrap();
-    let open = || open_log(&path, &FlightOptions::default(), None, &Reading::default()).unwrap();
+    let open = || open_log(&path, &FlightOptions::default(), None, &ReadHints::default()).unwrap();
     let mut times: Times = BTreeMap::new();
     let mut log = open();
     while let Some(part) = log.next_part() {
@@ -38,7 +38,7 @@ fn flown(lines: &str) -> (Found, Times) {
             *known = (known.0.min(t), known.1.max(t));
         }
     }
-    let mut collector = Collector::default();
+    let mut collector = ChannelCollector::default();
     collector.read(open(), "").unwrap();
     let mut flights = collector.found();
     assert_eq!(flights.len(), 1);
@@ -49,7 +49,7 @@ fn line(name: &str, keys: &str) -> String {
     format!("[[flights.lines]]\nname = '{name}'\nalt_m = 600.0\n{keys}\n")
 }
 
-fn kinds(found: &Found) -> Vec<Kind> {
+fn kinds(found: &LineDetection) -> Vec<LinePattern> {
     found.lines.iter().map(|l| l.kind).collect()
 }
 
@@ -72,8 +72,15 @@ fn law_calibrations_are_found_where_the_simulator_flew_them() {
         line("7", "kind = 'cloverleaf'\ncenter = [-22.0, 140.6]\ncrossings = 9\ndirection = 'left'"),
     ];
     let (found, known) = flown(&spec.concat());
-    let expected =
-        [Kind::Box, Kind::Cloverleaf, Kind::FigureEight, Kind::Box, Kind::Circle, Kind::FigureEight, Kind::Cloverleaf];
+    let expected = [
+        LinePattern::Box,
+        LinePattern::Cloverleaf,
+        LinePattern::FigureEight,
+        LinePattern::Box,
+        LinePattern::Circle,
+        LinePattern::FigureEight,
+        LinePattern::Cloverleaf,
+    ];
     assert_eq!(kinds(&found), expected, "{:?}", found.spans());
     for (line, known) in found.lines.iter().zip(known.values()) {
         let times = found.times_s(line);
@@ -99,9 +106,9 @@ fn law_a_grid_flown_at_once_has_the_lines_that_it_has_one_by_one() {
     let ((found, whole), (_, known)) = (grid(false), grid(true));
     assert_eq!((whole.len(), known.len()), (1, 8));
     for (name, times) in &known {
-        let near = |l: &&FoundLine| close(found.times_s(l), *times);
+        let near = |l: &&DetectedLine| close(found.times_s(l), *times);
         let line = found.lines.iter().find(near).unwrap_or_else(|| panic!("{name} {times:?} in {:?}", found.spans()));
-        assert_eq!(line.kind, if name.contains('T') { Kind::Tie } else { Kind::Line }, "{name}");
+        assert_eq!(line.kind, if name.contains('T') { LinePattern::Tie } else { LinePattern::Line }, "{name}");
     }
     // Another straight stretch leads from the last line to the first tie line.
     let overlaps = |a: (f64, f64), b: (f64, f64)| a.0 < b.1 - SHARP_S && b.0 < a.1 - SHARP_S;
@@ -118,7 +125,7 @@ fn law_survey_legs_are_lines_and_a_square_without_manoeuvres_is_no_box() {
         "kind = 'free'\nwaypoints = [[-22.0, 140.6], [-21.9, 140.6], [-21.9, 140.7], [-22.0, 140.7], [-22.0, 140.58]]";
     let narrow = "kind = 'grid'\nsplit = false\norigin = [-22.0, 140.6]\nline_m = 3000.0\nspacing_m = 50.0\ncount = 6\nspeed_mps = 28.0";
     let (found, known) = flown(&line("1", square));
-    assert_eq!(kinds(&found), [Kind::Line; 4], "{:?}", found.spans());
+    assert_eq!(kinds(&found), [LinePattern::Line; 4], "{:?}", found.spans());
     let headings: Vec<f64> = found.lines.iter().filter_map(|l| l.heading_deg).collect();
     for (heading, expected) in headings.iter().zip([0.0, 90.0, 180.0, 270.0]) {
         assert!((heading - expected + 180.0_f64).rem_euclid(360.0) - 180.0 < 1.0, "{headings:?}");
@@ -127,17 +134,17 @@ fn law_survey_legs_are_lines_and_a_square_without_manoeuvres_is_no_box() {
     assert!(close((first, last), known["1"]));
     // Loops of 270 degrees that lead from one line to the next, near one, are no cloverleafs.
     let (found, _) = flown(&line("1", narrow));
-    assert!(kinds(&found).iter().all(|k| *k == Kind::Line) && found.lines.len() >= 6, "{:?}", found.spans());
+    assert!(kinds(&found).iter().all(|k| *k == LinePattern::Line) && found.lines.len() >= 6, "{:?}", found.spans());
 }
 
 /// Lines found in tables of a log, through a ready mapping.
-fn through(mapping: &str, files: &[(&str, &str)]) -> Found {
+fn through(mapping: &str, files: &[(&str, &str)]) -> LineDetection {
     let mapping = Arc::new(Mapping::load(mapping, Path::new(".")).unwrap());
-    let mut collector = Collector::default();
+    let mut collector = ChannelCollector::default();
     for (file, table) in files {
         let mapped = mapping.table(Some(table)).unwrap();
         let path = samples::path(file);
-        let log = open_log(&path, &FlightOptions::default(), Some(&mapped), &Reading::default()).unwrap();
+        let log = open_log(&path, &FlightOptions::default(), Some(&mapped), &ReadHints::default()).unwrap();
         collector.read(log, table).unwrap();
     }
     collector.found().remove(0).1
@@ -145,15 +152,16 @@ fn through(mapping: &str, files: &[(&str, &str)]) -> Found {
 
 #[test]
 fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
-    // Its log says: in the air from 211 to 579 s, squares of 150 m from 235 to 533 s. Its clock was 0 at 16:45:31.259 UTC.
+    // Its log says: in the air from 211 to 579 s, squares of 150 m from 235 to 533 s. Its clock was 0 at 16:45:31.259
+    // UTC.
     let found = through("thor75_parquet", &[("thor75/flight.parquet", "flight")]);
     let start_s = 16.0 * 3600.0 + 45.0 * 60.0 + 31.259;
-    let on_squares = |line: &&FoundLine| {
+    let on_squares = |line: &&DetectedLine| {
         let (from, to) = found.times_s(line);
         assert!(from > start_s + 210.0 && to < start_s + 580.0, "{} {from} {to}", line.name);
         from > start_s + 235.0 && to < start_s + 533.0
     };
-    let sides: Vec<&FoundLine> = found.lines.iter().filter(on_squares).collect();
+    let sides: Vec<&DetectedLine> = found.lines.iter().filter(on_squares).collect();
     // Seven laps; the leg downwind is one turn, in which the roll is never level for two seconds.
     let headings: Vec<f64> = sides.iter().map(|side| (side.heading_deg.unwrap() + 5.0).rem_euclid(360.0)).collect();
     for course in [0.0, 180.0, 270.0] {
@@ -169,7 +177,7 @@ fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
     }
     // Before that its pilot climbed out in a turn.
     let mut later = found.lines.iter().filter(|l| found.times_s(l).0 > start_s + 235.0);
-    assert!(later.all(|l| l.kind == Kind::Line), "{:?}", found.spans());
+    assert!(later.all(|l| l.kind == LinePattern::Line), "{:?}", found.spans());
 }
 
 #[test]
@@ -178,7 +186,7 @@ fn ref_an_aerobatic_flight_has_circles_and_none_on_the_ground() {
     let tables = [("skywalker_x8/gps.parquet", "gps"), ("skywalker_x8/attitude.parquet", "attitude")];
     let found = through("skywalker_x8_parquet", &tables);
     let start_s = 21.0 * 3600.0 + 59.0 * 60.0 + 47.52;
-    assert!(found.lines.iter().filter(|l| l.kind == Kind::Circle).count() >= 5, "{:?}", found.spans());
+    assert!(found.lines.iter().filter(|l| l.kind == LinePattern::Circle).count() >= 5, "{:?}", found.spans());
     for line in &found.lines {
         let (from, to) = found.times_s(line);
         assert!(from > start_s + 260.0 && to < start_s + 582.0, "{} {from} {to}", line.name);
@@ -189,8 +197,8 @@ fn ref_an_aerobatic_flight_has_circles_and_none_on_the_ground() {
 }
 
 /// Flight from a place along courses, in degrees and s, at 40 m/s, with turns of 3 degrees per second.
-fn along(legs: &[(f64, f64)], from: (f64, f64)) -> Channels {
-    let mut channels = Channels::default();
+fn along(legs: &[(f64, f64)], from: (f64, f64)) -> FlightChannels {
+    let mut channels = FlightChannels::default();
     let (mut lat, mut lon, mut t) = (from.0, from.1, 1000.0);
     let mut course = legs[0].0;
     let mut fly = |course: f64| {
@@ -220,7 +228,7 @@ fn along(legs: &[(f64, f64)], from: (f64, f64)) -> Channels {
 #[test]
 fn law_the_same_lines_are_found_anywhere_and_from_headings_alone() {
     let legs = [(350.0, 120.0), (440.0, 90.0), (530.0, 120.0)];
-    let spans = |channels: &Channels| Found::of(channels).spans();
+    let spans = |channels: &FlightChannels| LineDetection::from_channels(channels).spans();
     let here = spans(&along(&legs, (-33.0, 20.0)));
     assert_eq!(here.len(), 3);
     // Legs of 120, 90 and 120 s with turns of 30 s between.
@@ -229,36 +237,36 @@ fn law_the_same_lines_are_found_anywhere_and_from_headings_alone() {
     }
     assert_eq!(spans(&along(&legs, (52.0, 179.95))), here, "over the date line");
     let mut headings = along(&legs, (-33.0, 20.0));
-    headings.position = Position::default();
-    let found = Found::of(&headings);
+    headings.position = PositionChannel::default();
+    let found = LineDetection::from_channels(&headings);
     assert_eq!(found.lines.len(), 3);
     assert!(found.lines.iter().all(|l| found.length_m(l).is_none() && l.heading_deg.is_some()));
 }
 
 #[test]
 fn unit_what_has_no_lines_says_why() {
-    let said = |channels: &Channels| Found::of(channels).missing("7").unwrap().to_string();
-    assert!(said(&Channels::default()).contains("neither positions nor headings"));
+    let said = |channels: &FlightChannels| LineDetection::from_channels(channels).missing("7").unwrap().to_string();
+    assert!(said(&FlightChannels::default()).contains("neither positions nor headings"));
     let mut still = along(&[(0.0, 60.0)], (10.0, 10.0));
     still.position.lat_deg.fill(10.0);
     still.position.lon_deg.fill(10.0);
-    assert!(Found::of(&still).lines.is_empty());
+    assert!(LineDetection::from_channels(&still).lines.is_empty());
     let mut gone = along(&[(0.0, 60.0)], (10.0, 10.0));
     gone.position.lat_deg.fill(f64::NAN);
-    gone.attitude = Attitude::default();
+    gone.attitude = AttitudeChannel::default();
     assert!(said(&gone).contains("neither positions nor headings"));
     // A gap of the receiver divides a line.
     let mut gap = along(&[(0.0, 100.0)], (10.0, 10.0));
-    gap.attitude = Attitude::default();
+    gap.attitude = AttitudeChannel::default();
     gap.position.lat_deg[400..600].fill(f64::NAN);
-    let spans = Found::of(&gap).spans();
+    let spans = LineDetection::from_channels(&gap).spans();
     assert_eq!(spans.len(), 2, "{spans:?}");
     assert!((spans[0].2 - 1039.9).abs() < 1.0 && (spans[1].1 - 1060.0).abs() < 1.0, "{spans:?}");
 }
 
 #[test]
 fn unit_the_table_of_lines_reads_back_as_it_was_found() {
-    let found = Found::of(&along(&[(350.0, 120.0), (440.0, 90.0)], (-33.0, 20.0)));
+    let found = LineDetection::from_channels(&along(&[(350.0, 120.0), (440.0, 90.0)], (-33.0, 20.0)));
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("lines.csv");
     let spans = found.spans();
@@ -268,7 +276,7 @@ fn unit_the_table_of_lines_reads_back_as_it_was_found() {
     // And lines that were given are shown as those that were found.
     let mut given = found.clone();
     given.divide(&spans);
-    let rows = |f: &Found| f.lines.iter().map(|l| (l.name.clone(), l.kind, l.rows.clone())).collect::<Vec<_>>();
+    let rows = |f: &LineDetection| f.lines.iter().map(|l| (l.name.clone(), l.kind, l.rows.clone())).collect::<Vec<_>>();
     assert_eq!(rows(&given), rows(&found));
     assert!(svg("a flight", &found).unwrap().contains("line2"));
 }

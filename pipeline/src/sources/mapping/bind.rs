@@ -1,4 +1,5 @@
-//! A table of a mapping against the columns of one file: every name, unit and expression is checked before a row is read.
+//! A table of a mapping against the columns of one file: every name, unit and expression is checked before a row is
+//! read.
 
 use std::sync::Arc;
 
@@ -8,15 +9,15 @@ use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use schemas::{Fault, canonical::identifier, field, flight};
 
 use super::{
-    clock::Instant,
-    columns::{Columns, Output, Sql, as_numbers, column, numbers},
+    clock::UtcInstant,
+    columns::{ColumnRecipe, MappingColumns, SqlExpression, as_numbers, column, numbers},
     document::{KeyDecl, TableDecl},
-    make::{Made, one_column, one_quaternion, one_vector, others},
-    time::TimeOf,
+    make::{ColumnRecipes, one_column, one_quaternion, one_vector, others},
+    time::TableClock,
     vector::roll_pitch_yaw_deg,
 };
 
-/// Where the flight or the line comes from.
+/// Source of the flight or line identifier.
 #[derive(Clone, Debug)]
 pub enum KeySource {
     /// One for all rows.
@@ -24,23 +25,23 @@ pub enum KeySource {
     /// A column.
     Column(usize),
     /// An expression.
-    Sql(Sql),
+    Sql(SqlExpression),
 }
 
-/// A table of a mapping that fits a file.
+/// Mapping table bound to the columns of a file.
 #[derive(Clone, Debug)]
-pub struct Bound {
+pub struct MappingBinding {
     /// The fields of what it yields: flight, line, tt, the date where it is known, and the other columns.
     pub schema: SchemaRef,
     /// The flight and the line.
     pub keys: [KeySource; 2],
     /// The clock.
-    pub time: TimeOf,
+    pub time: TableClock,
     /// The condition on rows.
-    pub rows: Option<Sql>,
+    pub rows: Option<SqlExpression>,
     /// Notes for the user.
     pub notes: Vec<String>,
-    outputs: Vec<Output>,
+    outputs: Vec<ColumnRecipe>,
 }
 
 /// Flight and line from the table of a spec or the command line.
@@ -54,12 +55,17 @@ pub struct GivenKeys<'a> {
     pub stem: &'a str,
 }
 
-impl Bound {
+impl MappingBinding {
     /// The table `decl` on the columns of a file. Faults are left in `columns`.
-    pub fn new(decl: &TableDecl, columns: &mut Columns, given: GivenKeys, epoch: Option<Instant>) -> Option<Bound> {
+    pub fn new(
+        decl: &TableDecl,
+        columns: &mut MappingColumns,
+        given: GivenKeys,
+        epoch: Option<UtcInstant>,
+    ) -> Option<MappingBinding> {
         let flight = key(decl, "flight", (decl.flight.as_ref(), given.flight, given.stem), columns);
         let line = key(decl, "line", (decl.line.as_ref(), given.line, given.stem), columns);
-        let time = TimeOf::new(&decl.time, columns, epoch);
+        let time = TableClock::new(&decl.time, columns, epoch);
         let rows = decl.head.value.rows.as_ref().and_then(|sql| {
             let sql = columns.expression(sql, decl.head.at("rows"))?;
             if sql.value.data_type() != &DataType::Boolean {
@@ -72,8 +78,8 @@ impl Bound {
             }
             Some(sql)
         });
-        let mut made = Made::default();
-        if time.as_ref().is_some_and(TimeOf::is_dated) {
+        let mut made = ColumnRecipes::default();
+        if time.as_ref().is_some_and(TableClock::is_dated) {
             for name in ["year", "doy"] {
                 let known = flight::describe(name);
                 let date = field(name, DataType::Int64, known.unit, known.role, known.description);
@@ -106,7 +112,7 @@ impl Bound {
         }
         let keys = [flight?, line?];
         let schema = Arc::new(Schema::new(fields));
-        Some(Bound { schema, keys, time: time?, rows, notes: made.notes, outputs: made.outputs })
+        Some(MappingBinding { schema, keys, time: time?, rows, notes: made.notes, outputs: made.outputs })
     }
 
     /// Columns of some rows of the file, except keys, time and date.
@@ -117,16 +123,18 @@ impl Bound {
         let mut out: Vec<ArrayRef> = vec![];
         for output in &self.outputs {
             match output {
-                Output::AsItIs(at) => out.push(column(batch, *at)?.clone()),
-                Output::AsGiven(sql) => out.push(sql.evaluate(batch)?),
-                Output::Linear { numbers, scale, offset } => {
+                ColumnRecipe::AsItIs(at) => out.push(column(batch, *at)?.clone()),
+                ColumnRecipe::AsGiven(sql) => out.push(sql.evaluate(batch)?),
+                ColumnRecipe::Linear { numbers, scale, offset } => {
                     let values = numbers.read(batch)?.into_iter().map(|x| scale * x + offset);
                     out.push(Arc::new(values.collect::<Float64Array>()));
                 }
-                Output::Number(x) => out.push(Arc::new(Float64Array::from(vec![*x; batch.num_rows()]))),
-                Output::Whole(x) => out.push(Arc::new(Int64Array::from(vec![*x; batch.num_rows()]))),
-                Output::Text(text) => out.push(Arc::new(StringArray::from(vec![text.as_str(); batch.num_rows()]))),
-                Output::Vector { numbers, scale, offset, mounting } => {
+                ColumnRecipe::Number(x) => out.push(Arc::new(Float64Array::from(vec![*x; batch.num_rows()]))),
+                ColumnRecipe::Whole(x) => out.push(Arc::new(Int64Array::from(vec![*x; batch.num_rows()]))),
+                ColumnRecipe::Text(text) => {
+                    out.push(Arc::new(StringArray::from(vec![text.as_str(); batch.num_rows()])))
+                }
+                ColumnRecipe::Vector { numbers, scale, offset, mounting } => {
                     let [x, y, z] = numbers.as_ref();
                     let own = [x.read(batch)?, y.read(batch)?, z.read(batch)?];
                     let rows = own[0].iter().zip(&own[1]).zip(&own[2]);
@@ -138,7 +146,7 @@ impl Bound {
                         .collect();
                     out.extend(axes_of(&body));
                 }
-                Output::Quaternion { at: [a, b, c, d], order, frames } => {
+                ColumnRecipe::Quaternion { at: [a, b, c, d], order, frames } => {
                     let of = |at: &usize| numbers(batch, *at);
                     let (a, b, c, d) = (of(a)?, of(b)?, of(c)?, of(d)?);
                     let rows = a.iter().zip(&b).zip(&c).zip(&d);
@@ -199,7 +207,7 @@ fn key(
     decl: &TableDecl,
     name: &str,
     (said, given, stem): (Option<&KeyDecl>, Option<&str>, &str),
-    columns: &mut Columns,
+    columns: &mut MappingColumns,
 ) -> Option<KeySource> {
     if let Some(given) = given {
         return Some(KeySource::Constant(given.to_owned()));

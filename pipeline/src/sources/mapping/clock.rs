@@ -7,7 +7,7 @@ pub const DAY_S: f64 = 86_400.0;
 
 /// An instant of UTC; leap seconds are not counted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instant {
+pub struct UtcInstant {
     /// Days since 1970-01-01.
     pub day: i64,
     /// Seconds past the midnight that the day begins with, 0 to 86400.
@@ -19,8 +19,8 @@ const UNIX_DAY: i64 = 719_163;
 /// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
 const GPS_DAY: i64 = 3_657;
 
-/// From when on GPS time is how many seconds ahead of UTC: days since 1970-01-01 (IERS bulletin C). The first day of each
-/// difference.
+/// From when on GPS time is how many seconds ahead of UTC: days since 1970-01-01 (IERS bulletin C). The first day of
+/// each difference.
 const LEAP_S: &[(i64, f64)] = &[
     (GPS_DAY, 0.0),
     (4_199, 1.0),   // 1981-07-01
@@ -43,29 +43,29 @@ const LEAP_S: &[(i64, f64)] = &[
     (17_167, 18.0), // 2017-01-01
 ];
 
-impl Instant {
+impl UtcInstant {
     /// The instant some seconds after the midnight of a day; the seconds may be outside of the day.
-    pub fn new(day: i64, s: f64) -> Instant {
+    pub fn new(day: i64, s: f64) -> UtcInstant {
         let days = (s / DAY_S).floor();
         let within = s - days * DAY_S;
         // The difference may round up to a whole day.
         if within >= DAY_S {
-            Instant { day: day + days as i64 + 1, s: 0.0 }
+            UtcInstant { day: day + days as i64 + 1, s: 0.0 }
         } else {
-            Instant { day: day + days as i64, s: within.max(0.0) }
+            UtcInstant { day: day + days as i64, s: within.max(0.0) }
         }
     }
 
     /// The instant of a count of nanoseconds since 1970-01-01.
-    pub fn of_unix_ns(ns: i128) -> Instant {
+    pub fn of_unix_ns(ns: i128) -> UtcInstant {
         const DAY_NS: i128 = 86_400_000_000_000;
-        Instant { day: ns.div_euclid(DAY_NS) as i64, s: ns.rem_euclid(DAY_NS) as f64 / 1e9 }
+        UtcInstant { day: ns.div_euclid(DAY_NS) as i64, s: ns.rem_euclid(DAY_NS) as f64 / 1e9 }
     }
 
     /// The instant of a GPS week and seconds of it. `leap_s` is GPS time less UTC; that of the date where it is `None`.
     /// `None` before 1980.
-    pub fn of_gps(week: i64, s: f64, leap_s: Option<f64>) -> Option<Instant> {
-        let gps = Instant::new(GPS_DAY.checked_add(week.checked_mul(7)?)?, s);
+    pub fn of_gps(week: i64, s: f64, leap_s: Option<f64>) -> Option<UtcInstant> {
+        let gps = UtcInstant::new(GPS_DAY.checked_add(week.checked_mul(7)?)?, s);
         if gps.day < GPS_DAY {
             return None;
         }
@@ -83,8 +83,8 @@ impl Instant {
     }
 
     /// Some seconds later.
-    pub fn plus(self, s: f64) -> Instant {
-        Instant::new(self.day, self.s + s)
+    pub fn plus(self, s: f64) -> UtcInstant {
+        UtcInstant::new(self.day, self.s + s)
     }
 }
 
@@ -107,8 +107,8 @@ pub fn read_date(text: &str) -> Option<i64> {
 }
 
 /// The instant of a date, or of a date and time of ISO 8601; without an offset it is UTC.
-pub fn read_instant(text: &str) -> Option<Instant> {
-    read_date(text).map(|day| Instant { day, s: 0.0 }).or_else(|| iso(text))
+pub fn read_instant(text: &str) -> Option<UtcInstant> {
+    read_date(text).map(|day| UtcInstant { day, s: 0.0 }).or_else(|| iso(text))
 }
 
 /// Seconds east of Greenwich of an offset such as `+10:00`, `-03:30`, `+02` or `Z`.
@@ -135,11 +135,11 @@ pub fn read_zone(text: &str) -> Option<f64> {
 
 /// A time stamp in text: with its date, or of a day.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Read {
+pub enum TimeText {
     /// An instant, of UTC where the text says its offset.
     At {
         /// The instant.
-        instant: Instant,
+        instant: UtcInstant,
         /// Whether the text says its own offset from UTC, which was taken off.
         zoned: bool,
     },
@@ -149,7 +149,7 @@ pub enum Read {
 
 /// The form of time stamps in text.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Form {
+pub enum TimeTextFormat {
     /// ISO 8601.
     Iso,
     /// In the letters of `strftime`, with a date.
@@ -158,11 +158,11 @@ pub enum Form {
     OfDay(String),
 }
 
-impl Form {
+impl TimeTextFormat {
     /// Reads a form; `None` where it has letters that `strftime` does not have, or no time.
-    pub fn new(format: Option<&str>) -> Option<Form> {
+    pub fn new(format: Option<&str>) -> Option<TimeTextFormat> {
         use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
-        let Some(format) = format else { return Some(Form::Iso) };
+        let Some(format) = format else { return Some(TimeTextFormat::Iso) };
         let items: Vec<Item> = StrftimeItems::new(format).collect();
         if items.iter().any(|i| matches!(i, Item::Error)) {
             return None;
@@ -182,45 +182,47 @@ impl Form {
         let year = has(&[Numeric::Year, Numeric::YearMod100]);
         let timed = has(&[Numeric::Hour, Numeric::Hour12]);
         match (whole || year, whole || timed) {
-            (true, true) => Some(Form::Dated(format.to_owned(), zoned)),
-            (false, true) => Some(Form::OfDay(format.to_owned())),
+            (true, true) => Some(TimeTextFormat::Dated(format.to_owned(), zoned)),
+            (false, true) => Some(TimeTextFormat::OfDay(format.to_owned())),
             (_, false) => None,
         }
     }
 
     /// Whether its text holds a date.
     pub fn is_dated(&self) -> bool {
-        !matches!(self, Form::OfDay(_))
+        !matches!(self, TimeTextFormat::OfDay(_))
     }
 
     /// Whether its text holds an offset from UTC. That of ISO 8601 may or may not.
     pub fn is_zoned(&self) -> bool {
-        matches!(self, Form::Dated(_, true))
+        matches!(self, TimeTextFormat::Dated(_, true))
     }
 
     /// The time that a text says.
-    pub fn read(&self, text: &str) -> Option<Read> {
+    pub fn read(&self, text: &str) -> Option<TimeText> {
         let text = text.trim();
         match self {
-            Form::Iso => {
+            TimeTextFormat::Iso => {
                 let zoned = DateTime::parse_from_rfc3339(text).is_ok() || text.ends_with(['Z', 'z']);
-                iso(text).map(|instant| Read::At { instant, zoned })
+                iso(text).map(|instant| TimeText::At { instant, zoned })
             }
-            Form::Dated(format, true) => {
+            TimeTextFormat::Dated(format, true) => {
                 let at = DateTime::parse_from_str(text, format).ok()?.naive_utc();
-                Some(Read::At { instant: instant(at), zoned: true })
+                Some(TimeText::At { instant: instant(at), zoned: true })
             }
-            Form::Dated(format, false) => {
+            TimeTextFormat::Dated(format, false) => {
                 let at = NaiveDateTime::parse_from_str(text, format).ok()?;
-                Some(Read::At { instant: instant(at), zoned: false })
+                Some(TimeText::At { instant: instant(at), zoned: false })
             }
-            Form::OfDay(format) => NaiveTime::parse_from_str(text, format).ok().map(|t| Read::OfDay(of_day(t))),
+            TimeTextFormat::OfDay(format) => {
+                NaiveTime::parse_from_str(text, format).ok().map(|t| TimeText::OfDay(of_day(t)))
+            }
         }
     }
 }
 
-/// The digits before the decimal point of a number in a form: 6 of `%H%M%S%.f`. `None` where the form holds anything but
-/// digits and a fraction at its end.
+/// The digits before the decimal point of a number in a form: 6 of `%H%M%S%.f`. `None` where the form holds anything
+/// but digits and a fraction at its end.
 pub fn digits_of(format: &str) -> Option<usize> {
     use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
     let (mut digits, mut fraction) = (0, false);
@@ -251,7 +253,7 @@ pub fn padded(x: f64, digits: usize) -> String {
 }
 
 /// ISO 8601 with a `T` or a space; without an offset as it stands.
-fn iso(text: &str) -> Option<Instant> {
+fn iso(text: &str) -> Option<UtcInstant> {
     let text = text.trim();
     if let Ok(at) = DateTime::parse_from_rfc3339(text) {
         return Some(instant(at.naive_utc()));
@@ -261,8 +263,8 @@ fn iso(text: &str) -> Option<Instant> {
     forms.iter().find_map(|f| NaiveDateTime::parse_from_str(bare, f).ok()).map(instant)
 }
 
-fn instant(at: NaiveDateTime) -> Instant {
-    Instant { day: i64::from(at.date().num_days_from_ce()) - UNIX_DAY, s: of_day(at.time()) }
+fn instant(at: NaiveDateTime) -> UtcInstant {
+    UtcInstant { day: i64::from(at.date().num_days_from_ce()) - UNIX_DAY, s: of_day(at.time()) }
 }
 
 fn of_day(time: NaiveTime) -> f64 {
@@ -278,19 +280,19 @@ mod tests {
     #[test]
     fn ref_gps_weeks_are_the_dates_that_receivers_print() {
         // The logs of this project: log171.bin of ArduPilot (21 Nov 2015, 23:44 UTC), the Skywalker (29 Nov 2013).
-        let at = Instant::of_gps(1871, 603_882.4, None).unwrap();
+        let at = UtcInstant::of_gps(1871, 603_882.4, None).unwrap();
         assert_eq!(date_text(at.day), "2015-11-21");
         assert!((at.s - (23.0 * 3600.0 + 44.0 * 60.0 + 25.4)).abs() < 1e-6, "{at:?}");
-        let at = Instant::of_gps(1768, 511_214.5, None).unwrap();
+        let at = UtcInstant::of_gps(1768, 511_214.5, None).unwrap();
         assert_eq!((date_text(at.day).as_str(), at.s), ("2013-11-29", 79_198.5));
         // The leap second of 2016: GPS week 1930, 17 s before midnight and 18 s after.
-        let before = Instant::of_gps(1930, 16.0, None).unwrap();
+        let before = UtcInstant::of_gps(1930, 16.0, None).unwrap();
         assert_eq!((date_text(before.day).as_str(), before.s), ("2016-12-31", 86_399.0));
-        let after = Instant::of_gps(1930, 18.0, None).unwrap();
+        let after = UtcInstant::of_gps(1930, 18.0, None).unwrap();
         assert_eq!((date_text(after.day).as_str(), after.s), ("2017-01-01", 0.0));
-        assert_eq!(Instant::of_gps(0, 0.0, None).unwrap(), Instant { day: GPS_DAY, s: 0.0 });
-        assert_eq!(Instant::of_gps(1871, 0.0, Some(0.0)).unwrap().s, 0.0);
-        assert!(Instant::of_gps(-1, 0.0, None).is_none() && Instant::of_gps(i64::MAX, 0.0, None).is_none());
+        assert_eq!(UtcInstant::of_gps(0, 0.0, None).unwrap(), UtcInstant { day: GPS_DAY, s: 0.0 });
+        assert_eq!(UtcInstant::of_gps(1871, 0.0, Some(0.0)).unwrap().s, 0.0);
+        assert!(UtcInstant::of_gps(-1, 0.0, None).is_none() && UtcInstant::of_gps(i64::MAX, 0.0, None).is_none());
     }
 
     #[test]
@@ -324,12 +326,12 @@ mod tests {
     #[test]
     fn law_unix_time_is_exact_to_the_nanosecond_of_a_double() {
         // 2021-04-21T12:00:00.000001Z
-        let at = Instant::of_unix_ns(1_619_006_400_000_001_000);
+        let at = UtcInstant::of_unix_ns(1_619_006_400_000_001_000);
         assert_eq!((date_text(at.day).as_str(), at.s), ("2021-04-21", 43_200.000_001));
-        assert_eq!(Instant::of_unix_ns(-1), Instant { day: -1, s: 86_399.999_999_999 });
-        assert_eq!(Instant::new(5, -1.0), Instant { day: 4, s: 86_399.0 });
-        assert_eq!(Instant::new(5, -1e-20), Instant { day: 5, s: 0.0 });
-        assert_eq!(Instant::new(5, 2.0 * DAY_S), Instant { day: 7, s: 0.0 });
+        assert_eq!(UtcInstant::of_unix_ns(-1), UtcInstant { day: -1, s: 86_399.999_999_999 });
+        assert_eq!(UtcInstant::new(5, -1.0), UtcInstant { day: 4, s: 86_399.0 });
+        assert_eq!(UtcInstant::new(5, -1e-20), UtcInstant { day: 5, s: 0.0 });
+        assert_eq!(UtcInstant::new(5, 2.0 * DAY_S), UtcInstant { day: 7, s: 0.0 });
     }
 
     #[test]
@@ -347,22 +349,22 @@ mod tests {
 
     #[test]
     fn ref_text_of_many_forms() {
-        let read = |format: Option<&str>, text: &str| Form::new(format).unwrap().read(text);
-        let noon = Instant { day: read_date("2021-04-21").unwrap(), s: 43_200.25 };
+        let read = |format: Option<&str>, text: &str| TimeTextFormat::new(format).unwrap().read(text);
+        let noon = UtcInstant { day: read_date("2021-04-21").unwrap(), s: 43_200.25 };
         for (format, text) in [
             (None, "2021-04-21T12:00:00.25"),
             (None, "2021-04-21 12:00:00.25"),
             (Some("%d/%m/%Y %H:%M:%S%.f"), "21/04/2021 12:00:00.25"),
             (Some("%y%j %I:%M:%S%.f %p"), "21111 12:00:00.25 PM"),
         ] {
-            assert_eq!(read(format, text), Some(Read::At { instant: noon, zoned: false }), "{text}");
+            assert_eq!(read(format, text), Some(TimeText::At { instant: noon, zoned: false }), "{text}");
         }
-        assert_eq!(read(None, "2021-04-21T14:00:00.25+02:00"), Some(Read::At { instant: noon, zoned: true }));
+        assert_eq!(read(None, "2021-04-21T14:00:00.25+02:00"), Some(TimeText::At { instant: noon, zoned: true }));
         assert_eq!(
             read(Some("%Y-%m-%d %H:%M:%S%.f %z"), "2021-04-21 14:00:00.25 +0200"),
             read(None, "2021-04-21T12:00:00.25Z")
         );
-        assert_eq!(read(Some("%H:%M:%S%.f"), "00:01:02.5"), Some(Read::OfDay(62.5)));
+        assert_eq!(read(Some("%H:%M:%S%.f"), "00:01:02.5"), Some(TimeText::OfDay(62.5)));
         assert_eq!(read(Some("%H:%M:%S%.f"), "25:01:02.5"), None);
         for (format, x, s) in [
             ("%H%M%S%.f", 641.5, 401.5),
@@ -371,16 +373,16 @@ mod tests {
             ("%H%M", 5.0, 300.0),
         ] {
             let text = padded(x, digits_of(format).unwrap());
-            assert_eq!(read(Some(format), &text), Some(Read::OfDay(s)), "{text}");
+            assert_eq!(read(Some(format), &text), Some(TimeText::OfDay(s)), "{text}");
         }
         let text = format!("{} {}", padded(50_319.0, 6), padded(101.25, 6));
         let day = read_date("2019-03-05").unwrap();
-        let expected = Read::At { instant: Instant { day, s: 61.25 }, zoned: false };
+        let expected = TimeText::At { instant: UtcInstant { day, s: 61.25 }, zoned: false };
         assert_eq!(read(Some("%d%m%y %H%M%S%.f"), &text), Some(expected));
         assert_eq!(
             (digits_of("%Y%m%d"), digits_of("%y%j"), digits_of("%H:%M"), digits_of("%s")),
             (Some(8), Some(5), None, None)
         );
-        assert!(Form::new(Some("%Q")).is_none() && Form::new(Some("%Y-%m-%d")).is_none());
+        assert!(TimeTextFormat::new(Some("%Q")).is_none() && TimeTextFormat::new(Some("%Y-%m-%d")).is_none());
     }
 }

@@ -6,15 +6,15 @@ use arrow_schema::{DataType, Schema};
 use schemas::Fault;
 
 use super::{
-    declare::{Frames, Order},
-    document::Span,
+    declare::{QuaternionFrames, QuaternionOrder},
+    document::MappingSpan,
     other_ready,
-    row_value::RowValue,
-    vector::Mounting,
+    row_value::RowExpression,
+    vector::SensorMounting,
 };
 
-/// The columns of a file, and what is wrong with the mapping of them.
-pub struct Columns<'a> {
+/// Columns of a file, and the faults of their mapping.
+pub struct MappingColumns<'a> {
     /// Their fields.
     pub source: &'a Schema,
     /// The file and its topic, for messages.
@@ -23,10 +23,10 @@ pub struct Columns<'a> {
     pub faults: Vec<Fault>,
 }
 
-impl<'a> Columns<'a> {
+impl<'a> MappingColumns<'a> {
     /// Columns of a file.
-    pub fn new(source: &'a Schema, place: String) -> Columns<'a> {
-        Columns { source, place, faults: vec![] }
+    pub fn new(source: &'a Schema, place: String) -> MappingColumns<'a> {
+        MappingColumns { source, place, faults: vec![] }
     }
 
     /// Notes a fault.
@@ -35,7 +35,7 @@ impl<'a> Columns<'a> {
     }
 
     /// The position of a column.
-    pub fn find(&mut self, name: &str, at: Span) -> Option<usize> {
+    pub fn find(&mut self, name: &str, at: MappingSpan) -> Option<usize> {
         let found = self.source.index_of(name).ok();
         if found.is_none() {
             let names: Vec<&str> = self.source.fields().iter().map(|f| f.name().as_str()).collect();
@@ -51,7 +51,7 @@ impl<'a> Columns<'a> {
     }
 
     /// The position of a column of numbers.
-    pub fn number(&mut self, name: &str, at: Span) -> Option<usize> {
+    pub fn number(&mut self, name: &str, at: MappingSpan) -> Option<usize> {
         let found = self.find(name, at.clone())?;
         let kind = self.source.field(found).data_type();
         if is_number(kind) {
@@ -62,9 +62,9 @@ impl<'a> Columns<'a> {
         None
     }
 
-    pub(super) fn expression(&mut self, sql: &str, at: Span) -> Option<Sql> {
-        match RowValue::new(sql, self.source) {
-            Ok(value) => Some(Sql { value, at }),
+    pub(super) fn expression(&mut self, sql: &str, at: MappingSpan) -> Option<SqlExpression> {
+        match RowExpression::new(sql, self.source) {
+            Ok(value) => Some(SqlExpression { value, at }),
             Err(fault) => {
                 let fault = Fault { what: format!("{} in {}", fault.what, self.place), ..fault };
                 self.push(fault.at(at));
@@ -79,14 +79,14 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// An expression, and where the mapping has it.
+/// SQL expression, and its position in the mapping.
 #[derive(Clone, Debug)]
-pub struct Sql {
-    pub(super) value: RowValue,
-    pub(super) at: Span,
+pub struct SqlExpression {
+    pub(super) value: RowExpression,
+    pub(super) at: MappingSpan,
 }
 
-impl Sql {
+impl SqlExpression {
     /// Its values.
     ///
     /// # Errors
@@ -96,31 +96,31 @@ impl Sql {
     }
 }
 
-/// Where numbers come from.
+/// Source of numbers: a column or an expression.
 #[derive(Clone, Debug)]
-pub(super) enum Numbers {
+pub(super) enum NumberSource {
     Column(usize),
-    Sql(Sql),
+    Sql(SqlExpression),
 }
 
-impl Numbers {
+impl NumberSource {
     pub(super) fn read(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         match self {
-            Numbers::Column(at) => numbers(batch, *at),
-            Numbers::Sql(sql) => as_numbers(&sql.evaluate(batch)?).map_err(|f| f.at(sql.at.clone())),
+            NumberSource::Column(at) => numbers(batch, *at),
+            NumberSource::Sql(sql) => as_numbers(&sql.evaluate(batch)?).map_err(|f| f.at(sql.at.clone())),
         }
     }
 }
 
-/// How one column, or three, come about.
+/// Recipe of one output column, or of three.
 #[derive(Clone, Debug)]
-pub(super) enum Output {
+pub(super) enum ColumnRecipe {
     /// Unchanged column of the file.
     AsItIs(usize),
     /// Result of an expression.
-    AsGiven(Sql),
+    AsGiven(SqlExpression),
     Linear {
-        numbers: Numbers,
+        numbers: NumberSource,
         scale: f64,
         offset: f64,
     },
@@ -128,15 +128,15 @@ pub(super) enum Output {
     Whole(i64),
     Text(String),
     Vector {
-        numbers: Box<[Numbers; 3]>,
+        numbers: Box<[NumberSource; 3]>,
         scale: [f64; 3],
         offset: [f64; 3],
-        mounting: Mounting,
+        mounting: SensorMounting,
     },
     Quaternion {
         at: [usize; 4],
-        order: Order,
-        frames: Frames,
+        order: QuaternionOrder,
+        frames: QuaternionFrames,
     },
 }
 

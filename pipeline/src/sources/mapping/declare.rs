@@ -1,10 +1,13 @@
 //! Declaration of a mapping: the keys of its tables, clocks, columns and sensors.
 
-use schemas::{Fault, Lists, Literal, Nested, Param, ParamDoc, Reader, Rule, Sections, Value, choice, params};
+use schemas::{
+    ChoiceRegistry, Fault, Literal, NestedParams, Param, ParamDoc, ParamReader, ParamValue, ParamsList, Rule, choice,
+    params,
+};
 
 choice! {
     /// The zero of a time.
-    pub enum Clock {
+    pub enum ClockZero {
         /// The start of the log, given by `epoch`.
         Boot = "boot",
         /// Midnight in UTC or in `zone`.
@@ -20,7 +23,7 @@ choice! {
 
 choice! {
     /// The order of the entries of a quaternion.
-    pub enum Order {
+    pub enum QuaternionOrder {
         /// The real part is first.
         Wxyz = "wxyz",
         /// The real part is last.
@@ -30,7 +33,7 @@ choice! {
 
 choice! {
     /// The source and target frames of a quaternion.
-    pub enum Frames {
+    pub enum QuaternionFrames {
         /// Nose-right-down to north-east-down.
         FrdToNed = "frd_to_ned",
         /// Nose-left-up to east-north-up.
@@ -52,57 +55,57 @@ choice! {
 
 /// A number or a text.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Constant {
+pub enum ConstantValue {
     /// A number.
     Number(f64),
     /// A text; where a column is meant, its name.
     Text(String),
 }
 
-impl Value for Constant {
+impl ParamValue for ConstantValue {
     const TYPE: &'static str = "number or text";
 
-    fn read(literal: &Literal) -> Option<Constant> {
+    fn read(literal: &Literal) -> Option<ConstantValue> {
         match literal.as_text() {
-            Some(text) => Some(Constant::Text(text.to_owned())),
-            None => f64::read(literal).map(Constant::Number),
+            Some(text) => Some(ConstantValue::Text(text.to_owned())),
+            None => f64::read(literal).map(ConstantValue::Number),
         }
     }
 
     fn check(&self, rule: &Rule) -> Result<(), Fault> {
         match self {
-            Constant::Number(x) => x.check(rule),
-            Constant::Text(_) => Ok(()),
+            ConstantValue::Number(x) => x.check(rule),
+            ConstantValue::Text(_) => Ok(()),
         }
     }
 
     fn canonical(&self) -> String {
         match self {
-            Constant::Number(x) => x.canonical(),
-            Constant::Text(text) => format!("{text:?}"),
+            ConstantValue::Number(x) => x.canonical(),
+            ConstantValue::Text(text) => format!("{text:?}"),
         }
     }
 
-    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+    fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         reader.plain(param)
     }
 
-    fn document(doc: ParamDoc, _: &Lists) -> Vec<ParamDoc> {
+    fn document(doc: ParamDoc, _: &ChoiceRegistry) -> Vec<ParamDoc> {
         vec![doc]
     }
 }
 
 params! {
     /// A time as a file has it.
-    pub struct Stamp, all default;
+    pub struct TimeStampKeys, all default;
     /// The column of the time. Several text columns, such as date and time, are joined by a space.
     from: Vec<String>, unit "", default Vec::<String>::new();
     /// The clock: the zero of the time.
-    clock: Option<Clock>, unit "", default None, absent "required";
+    clock: Option<ClockZero>, unit "", default None, absent "required";
     /// The unit of the time.
     unit: Option<String>, unit "", default None, absent "from the file";
     /// The GPS week: a column or a number.
-    week: Option<Constant>, unit "", default None, absent "required with `clock = \"gps\"`";
+    week: Option<ConstantValue>, unit "", default None, absent "required with `clock = \"gps\"`";
     /// The number of rollovers since 1980 of the 10-bit week of a receiver: 2 since April 2019.
     rollovers: usize, unit "", default 0usize, rule Rule::Between(0.0, 10.0);
     /// GPS time minus UTC.
@@ -117,9 +120,9 @@ params! {
 
 params! {
     /// When a log's own clock was 0.
-    pub struct Epoch, groups [
+    pub struct LogEpochKeys, groups [
         /// The UTC time that is logged with the log's own clock.
-        stamp: Stamp,
+        stamp: TimeStampKeys,
     ];
     /// The UTC time at which the log's clock was 0: `2012-10-10`, or `2012-10-10T18:20:00Z`.
     utc: Option<String>, unit "", default None, absent "computed from `from` and `boot`";
@@ -141,7 +144,7 @@ params! {
 
 params! {
     /// The flight or line of each row, if it is not one text for all rows.
-    pub struct KeyOf, all default;
+    pub struct RowIdentifierKeys, all default;
     /// The column with the identifier.
     from: Option<String>, unit "", default None, absent "set by another key";
     /// An SQL expression for the identifier.
@@ -152,13 +155,13 @@ params! {
 
 params! {
     /// A column of the flight table.
-    pub struct ColumnOf, all default;
+    pub struct MappingColumnKeys, all default;
     /// The column of the file.
     from: Option<String>, unit "", default None, absent "set by another key";
     /// An SQL expression over the columns of the file, evaluated for each row. Write column names in double quotes.
     sql: Option<String>, unit "", default None, absent "set by another key";
     /// One value for all rows.
-    value: Option<Constant>, unit "", default None, absent "set by another key";
+    value: Option<ConstantValue>, unit "", default None, absent "set by another key";
     /// The unit of the file's values or of the result of `sql`, after `scale` and `offset`.
     unit: Option<String>, unit "", default None, absent "from the file";
     /// The column is `scale` times the file's value, plus `offset`; -1 changes the sign.
@@ -173,7 +176,7 @@ params! {
 
 params! {
     /// A vector sensor: three columns in sensor axes, rotated to the body frame (nose, right wing, down).
-    pub struct VectorOf, all default;
+    pub struct VectorSensorKeys, all default;
     /// The columns of the sensor's x, y and z.
     from: Vec<String>, unit "", default Vec::<String>::new();
     /// SQL expressions for the sensor's x, y and z, instead of `from`.
@@ -198,20 +201,20 @@ params! {
 
 params! {
     /// An attitude in the form of a quaternion.
-    pub struct QuaternionOf;
+    pub struct QuaternionKeys;
     /// The four columns of the file.
     from: Vec<String>, unit "";
     /// The columns of roll, pitch and yaw.
     to: Vec<String>, unit "", default vec!["ins_roll".to_owned(), "ins_pitch".to_owned(), "ins_yaw".to_owned()];
     /// The order of the entries.
-    order: Order, unit "", default Order::Wxyz;
+    order: QuaternionOrder, unit "", default QuaternionOrder::Wxyz;
     /// The source and target frames of the rotation.
-    frames: Frames, unit "", default Frames::FrdToNed;
+    frames: QuaternionFrames, unit "", default QuaternionFrames::FrdToNed;
 }
 
 params! {
     /// One table of a mapping, without its clock, keys and columns.
-    pub struct Head, all default;
+    pub struct MappingTableKeys, all default;
     /// The message, topic or array of the table.
     topic: Option<String>, unit "", default None, absent "the file is one table";
     /// A pattern for the names of its files, such as `mag*.parquet`.
@@ -228,16 +231,16 @@ params! {
 
 params! {
     /// The attitudes of a table.
-    pub struct Attitudes, all default;
+    pub struct AttitudeKeys, all default;
     /// Attitudes in the form of quaternions.
-    quaternions: Sections<QuaternionOf>, unit "", default Vec::<QuaternionOf>::new();
+    quaternions: ParamsList<QuaternionKeys>, unit "", default Vec::<QuaternionKeys>::new();
 }
 
 params! {
     /// The clock of a table.
-    pub struct Time;
+    pub struct TableClockKeys;
     /// The time of each row.
-    time: Nested<Stamp>, unit "";
+    time: NestedParams<TimeStampKeys>, unit "";
     /// The time at which the log's own clock was 0, for `clock = "boot"`.
-    epoch: Option<Nested<Epoch>>, unit "", default None, absent "the epoch of the mapping";
+    epoch: Option<NestedParams<LogEpochKeys>>, unit "", default None, absent "the epoch of the mapping";
 }

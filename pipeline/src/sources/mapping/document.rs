@@ -2,38 +2,41 @@
 
 use std::ops::Range;
 
-use schemas::{Args, Fault, Given, Lists, Literal, Params, Reader, Section};
+use schemas::{ChoiceRegistry, Fault, Literal, ParamReader, Params, SpecEntries, SpecEntry, SpecSection};
 
-use super::declare::{Attitudes, ColumnOf, Epoch, Head, KeyOf, QuaternionOf, Stamp, Time, VectorOf};
+use super::declare::{
+    AttitudeKeys, LogEpochKeys, MappingColumnKeys, MappingTableKeys, QuaternionKeys, RowIdentifierKeys, TableClockKeys,
+    TimeStampKeys, VectorSensorKeys,
+};
 
-/// Bytes of the mapping.
-pub type Span = Range<usize>;
+/// Byte range in the text of a mapping.
+pub type MappingSpan = Range<usize>;
 
-/// Something with the keys that said it.
+/// Parsed value with its keys and its position in the text.
 #[derive(Clone, Debug)]
-pub struct Placed<T> {
+pub struct SpannedValue<T> {
     /// Value.
     pub value: T,
     /// Its keys as they are given.
-    pub args: Args,
+    pub args: SpecEntries,
     /// Where it stands.
-    pub at: Span,
+    pub at: MappingSpan,
 }
 
-impl<T> Placed<T> {
+impl<T> SpannedValue<T> {
     /// Where the value of a key stands; where the whole stands if the key is left out.
-    pub fn at(&self, key: &str) -> Span {
+    pub fn at(&self, key: &str) -> MappingSpan {
         self.args.get(key).map_or(self.at.clone(), |given| given.at.clone())
     }
 }
 
-/// How the flight or the line of a row is found.
+/// Source of the flight or line identifier of a row.
 #[derive(Clone, Debug)]
 pub enum KeyDecl {
     /// One for all rows.
     Constant(String),
     /// Otherwise.
-    Of(Placed<KeyOf>),
+    Of(SpannedValue<RowIdentifierKeys>),
 }
 
 /// One table of a mapping.
@@ -42,26 +45,26 @@ pub struct TableDecl {
     /// Its name.
     pub name: String,
     /// Input that it reads.
-    pub head: Placed<Head>,
+    pub head: SpannedValue<MappingTableKeys>,
     /// The flight, if the mapping says it.
     pub flight: Option<KeyDecl>,
     /// The line, if the mapping says it.
     pub line: Option<KeyDecl>,
     /// The time of each row.
-    pub time: Placed<Stamp>,
+    pub time: SpannedValue<TimeStampKeys>,
     /// When the log's own clock was 0.
-    pub epoch: Option<Placed<Epoch>>,
+    pub epoch: Option<SpannedValue<LogEpochKeys>>,
     /// The columns by their names in the flight table, in the order of the text.
-    pub columns: Vec<(String, Placed<ColumnOf>)>,
+    pub columns: Vec<(String, SpannedValue<MappingColumnKeys>)>,
     /// The vector sensors by theirs.
-    pub vectors: Vec<(String, Placed<VectorOf>)>,
+    pub vectors: Vec<(String, SpannedValue<VectorSensorKeys>)>,
     /// The attitudes that are quaternions.
-    pub quaternions: Vec<Placed<QuaternionOf>>,
+    pub quaternions: Vec<SpannedValue<QuaternionKeys>>,
 }
 
-/// The whole text.
+/// Parsed text of a mapping.
 #[derive(Clone, Debug)]
-pub struct Document {
+pub struct MappingDocument {
     /// Purpose of the mapping.
     pub about: String,
     /// Its tables, in the order of the text.
@@ -75,20 +78,20 @@ const TABLE: [&str; 6] = ["flight", "line", "time", "epoch", "columns", "vectors
 ///
 /// # Errors
 /// All that is wrong with its form, each with its position.
-pub fn read(text: &str) -> Result<Document, Vec<Fault>> {
-    let root = Section::document(text)?;
-    let mut reading = Reading { faults: vec![], lists: Lists::default() };
+pub fn read(text: &str) -> Result<MappingDocument, Vec<Fault>> {
+    let root = SpecSection::document(text)?;
+    let mut reading = MappingParser { faults: vec![], lists: ChoiceRegistry::default() };
     let document = reading.document(&root);
     if reading.faults.is_empty() { Ok(document) } else { Err(reading.faults) }
 }
 
-struct Reading {
+struct MappingParser {
     faults: Vec<Fault>,
-    lists: Lists,
+    lists: ChoiceRegistry,
 }
 
-impl Reading {
-    fn document(&mut self, root: &Section) -> Document {
+impl MappingParser {
+    fn document(&mut self, root: &SpecSection) -> MappingDocument {
         for (key, given) in root.keys.iter().filter(|(key, _)| !TOP.contains(&key.as_str())) {
             let fault = Fault::new(format!("a mapping has no key `{key}`")).nearest(key, &TOP);
             self.faults.push(fault.at(given.key_at.clone()));
@@ -104,22 +107,22 @@ impl Reading {
                 }
             }
         }
-        Document { about, tables }
+        MappingDocument { about, tables }
     }
 
     /// The entries of a table, in the order of the text.
-    fn entries(&mut self, name: &str, given: &Given) -> Vec<(String, Given)> {
+    fn entries(&mut self, name: &str, given: &SpecEntry) -> Vec<(String, SpecEntry)> {
         let Literal::Section(section) = &given.value else {
             let what = format!("`{name}` must be a table, not a {}", given.value.type_name());
             self.faults.push(Fault::new(what).at(given.at.clone()));
             return vec![];
         };
-        let mut all: Vec<(String, Given)> = section.keys.iter().map(|(k, g)| (k.clone(), g.clone())).collect();
+        let mut all: Vec<(String, SpecEntry)> = section.keys.iter().map(|(k, g)| (k.clone(), g.clone())).collect();
         all.sort_by_key(|(_, given)| given.key_at.start);
         all
     }
 
-    fn text(&mut self, args: &Args, key: &str) -> Option<String> {
+    fn text(&mut self, args: &SpecEntries, key: &str) -> Option<String> {
         let given = args.get(key)?;
         if given.value.as_text().is_none() {
             self.faults.push(Fault::new(format!("`{key}` must be text")).at(given.at.clone()));
@@ -127,7 +130,7 @@ impl Reading {
         given.value.as_text().map(str::to_owned)
     }
 
-    fn table(&mut self, name: &str, given: &Given, root: &Section, format: Option<&str>) -> Option<TableDecl> {
+    fn table(&mut self, name: &str, given: &SpecEntry, root: &SpecSection, format: Option<&str>) -> Option<TableDecl> {
         let fine = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         if !(name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(fine)) {
             let fault = Fault::new(format!("`{}` is not a valid name of a table", name.escape_default()));
@@ -144,29 +147,29 @@ impl Reading {
         let at = given.key_at.clone();
         let of_mapping = |key: &str| section.keys.get(key).or(root.keys.get(key)).cloned();
         let lists = self.lists.clone();
-        let mut reader = Reader::new(name, &section.keys, Some(at.clone()), &lists);
-        let head = Head::read(&mut reader, None);
-        let attitudes = Attitudes::read(&mut reader, None);
-        let time = Time::read(&mut reader, None);
+        let mut reader = ParamReader::new(name, &section.keys, Some(at.clone()), &lists);
+        let head = MappingTableKeys::read(&mut reader, None);
+        let attitudes = AttitudeKeys::read(&mut reader, None);
+        let time = TableClockKeys::read(&mut reader, None);
         let names = |docs: Vec<schemas::ParamDoc>| docs.into_iter().map(|d| d.name).collect::<Vec<_>>();
-        let known = [names(Head::docs(&lists)), names(Attitudes::docs(&lists)), TABLE.to_vec()].concat();
+        let known = [names(MappingTableKeys::docs(&lists)), names(AttitudeKeys::docs(&lists)), TABLE.to_vec()].concat();
         reader.unknown_keys(&known, &[]);
         self.faults.extend(reader.into_faults());
         let flight = of_mapping("flight").and_then(|g| self.key("flight", &g));
         let line = of_mapping("line").and_then(|g| self.key("line", &g));
         // The faults of a table's own epoch are reported with its clock.
         let epoch = match (section.keys.get("epoch"), root.keys.get("epoch")) {
-            (None, Some(given)) => self.group::<Epoch>("epoch", given),
+            (None, Some(given)) => self.group::<LogEpochKeys>("epoch", given),
             (Some(given), _) => time.as_ref().and_then(|t| placed(t.epoch.clone()?.0, given)),
             (None, None) => None,
         };
-        let columns = self.groups::<ColumnOf>("columns", &section.keys);
-        let vectors = self.groups::<VectorOf>("vectors", &section.keys);
+        let columns = self.groups::<MappingColumnKeys>("columns", &section.keys);
+        let vectors = self.groups::<VectorSensorKeys>("vectors", &section.keys);
         let mut head = head?;
         head.format = head.format.or(format.map(str::to_owned));
         Some(TableDecl {
             name: name.to_owned(),
-            head: Placed { value: head, args: section.keys.clone(), at },
+            head: SpannedValue { value: head, args: section.keys.clone(), at },
             flight,
             line,
             time: placed(time?.time.0, section.keys.get("time")?)?,
@@ -178,9 +181,9 @@ impl Reading {
     }
 
     /// A flight or a line: a text, a whole number, or a table.
-    fn key(&mut self, name: &str, given: &Given) -> Option<KeyDecl> {
+    fn key(&mut self, name: &str, given: &SpecEntry) -> Option<KeyDecl> {
         match &given.value {
-            Literal::Section(_) => self.group::<KeyOf>(name, given).map(KeyDecl::Of),
+            Literal::Section(_) => self.group::<RowIdentifierKeys>(name, given).map(KeyDecl::Of),
             Literal::Text(_) | Literal::Int(_) => Some(KeyDecl::Constant(given.value.to_string())),
             // A number with a fraction would lose its last zeros.
             Literal::Bool(_) | Literal::List(_) | Literal::Float(_) => {
@@ -191,44 +194,45 @@ impl Reading {
         }
     }
 
-    fn groups<T: Params>(&mut self, name: &str, args: &Args) -> Vec<(String, Placed<T>)> {
+    fn groups<T: Params>(&mut self, name: &str, args: &SpecEntries) -> Vec<(String, SpannedValue<T>)> {
         let Some(given) = args.get(name) else { return vec![] };
         let entries = self.entries(name, given);
         entries.iter().filter_map(|(key, given)| Some((key.clone(), self.group::<T>(key, given)?))).collect()
     }
 
-    fn group<T: Params>(&mut self, name: &str, given: &Given) -> Option<Placed<T>> {
+    fn group<T: Params>(&mut self, name: &str, given: &SpecEntry) -> Option<SpannedValue<T>> {
         let Literal::Section(section) = &given.value else {
             let what = format!("`{name}` must be a table, not a {}", given.value.type_name());
             self.faults.push(Fault::new(what).at(given.at.clone()));
             return None;
         };
         let lists = self.lists.clone();
-        let (group, faults) = Reader::new(name, &section.keys, Some(given.key_at.clone()), &lists).group::<T>(None);
+        let (group, faults) =
+            ParamReader::new(name, &section.keys, Some(given.key_at.clone()), &lists).group::<T>(None);
         let fine = faults.is_empty();
         self.faults.extend(faults);
         placed(group.filter(|_| fine)?, given)
     }
 }
 
-fn placed<T>(value: T, given: &Given) -> Option<Placed<T>> {
+fn placed<T>(value: T, given: &SpecEntry) -> Option<SpannedValue<T>> {
     let Literal::Section(section) = &given.value else { return None };
-    Some(Placed { value, args: section.keys.clone(), at: given.key_at.clone() })
+    Some(SpannedValue { value, args: section.keys.clone(), at: given.key_at.clone() })
 }
 
-fn quaternions(attitudes: Attitudes, args: &Args) -> Vec<Placed<QuaternionOf>> {
+fn quaternions(attitudes: AttitudeKeys, args: &SpecEntries) -> Vec<SpannedValue<QuaternionKeys>> {
     let given = args.get("quaternions");
     let at = given.map_or(0..0, |g| g.key_at.clone());
-    let sections: Vec<Args> = match given.map(|g| &g.value) {
+    let sections: Vec<SpecEntries> = match given.map(|g| &g.value) {
         Some(Literal::List(items)) => items.iter().filter_map(section_of).collect(),
         Some(one) => section_of(one).into_iter().collect(),
         None => vec![],
     };
     let each = attitudes.quaternions.0.into_iter().zip(sections);
-    each.map(|(value, args)| Placed { value, args, at: at.clone() }).collect()
+    each.map(|(value, args)| SpannedValue { value, args, at: at.clone() }).collect()
 }
 
-fn section_of(literal: &Literal) -> Option<Args> {
+fn section_of(literal: &Literal) -> Option<SpecEntries> {
     if let Literal::Section(section) = literal { Some(section.keys.clone()) } else { None }
 }
 

@@ -1,25 +1,26 @@
-//! When the clock of a log was 0: as the mapping says, or from a topic that holds both clocks, such as the fixes of GNSS.
+//! When the clock of a log was 0: as the mapping says, or from a topic that holds both clocks, such as the fixes of
+//! GNSS.
 
 use std::path::{Path, PathBuf};
 
-use datasets::{FlightOptions, ReadError, Reading, formats::FlightFormat, open_raw_among};
+use datasets::{FlightOptions, ReadError, ReadHints, formats::FlightFormat, open_raw_among};
 use numerics::regression::statistics::median;
 use schemas::Fault;
 
 use super::{
     Mapping,
-    bind::Bound,
-    clock::{Instant, date_text, read_instant},
-    columns::Columns,
-    declare::{ColumnOf, Epoch, Head},
-    document::{KeyDecl, Placed, TableDecl},
-    time::{BootColumn, Times},
+    bind::MappingBinding,
+    clock::{UtcInstant, date_text, read_instant},
+    columns::MappingColumns,
+    declare::{LogEpochKeys, MappingColumnKeys, MappingTableKeys},
+    document::{KeyDecl, SpannedValue, TableDecl},
+    time::{BootColumn, RowTimes},
 };
 
-/// When a log's clock was 0, and a note on it.
-pub struct Found {
+/// Instant at which a log's clock was 0, and a note on it.
+pub struct LogEpoch {
     /// The instant; `None` where nobody knows.
-    pub instant: Option<Instant>,
+    pub instant: Option<UtcInstant>,
     /// Note for the user.
     pub note: String,
 }
@@ -28,7 +29,7 @@ pub struct Found {
 const SET_S: f64 = 5.0;
 
 /// Path of the file next to `log` that holds both clocks, where the epoch names one.
-pub fn other_file(epoch: &Epoch, log: &Path) -> Option<PathBuf> {
+pub fn other_file(epoch: &LogEpochKeys, log: &Path) -> Option<PathBuf> {
     epoch.file.as_ref().map(|name| log.with_file_name(name))
 }
 
@@ -41,7 +42,7 @@ pub fn find(
     decl: &TableDecl,
     (log, options): (&Path, &FlightOptions),
     formats: &[FlightFormat],
-) -> Result<Found, ReadError> {
+) -> Result<LogEpoch, ReadError> {
     let Some(epoch) = &decl.epoch else {
         let fault = Fault::new("the time counts from the start of the log, but the start time is unknown");
         let help = "set `epoch`: a `utc` time, a `topic` with both clocks, or `unknown = true`";
@@ -56,7 +57,7 @@ pub fn find(
     }
     if said.unknown {
         let note = format!("{name}: `tt` counts from the start of the log; its time of day and date are unknown");
-        return Ok(Found { instant: None, note });
+        return Ok(LogEpoch { instant: None, note });
     }
     if let Some(utc) = &said.utc {
         let Some(instant) = read_instant(utc) else {
@@ -64,7 +65,7 @@ pub fn find(
             let help = "write it as `2012-10-10` or `2012-10-10T18:20:00Z`";
             return Err(mapping.wrong(vec![fault.help(help).at(epoch.at("utc"))]));
         };
-        return Ok(Found { instant: Some(instant), note: String::new() });
+        return Ok(LogEpoch { instant: Some(instant), note: String::new() });
     }
     let Some(boot) = &said.boot else {
         let fault = Fault::new("`epoch` requires `boot`, the column of the log's own clock");
@@ -73,13 +74,13 @@ pub fn find(
     let path = other_file(said, log).unwrap_or_else(|| log.to_owned());
     let topic = said.topic.clone().or_else(|| decl.head.value.topic.clone().filter(|_| said.file.is_none()));
     let options = FlightOptions { topic: topic.clone(), ..options.clone() };
-    let reader = open_raw_among(formats, &path, &options, &Reading::default());
+    let reader = open_raw_among(formats, &path, &options, &ReadHints::default());
     let mut reader = reader.map_err(|e| e.help(format!("the epoch of `{}` is read from it", decl.name)))?;
     let schema = reader.schema().clone();
     let place = super::place(&path, topic.as_deref());
-    let mut columns = Columns::new(&schema, place.clone());
+    let mut columns = MappingColumns::new(&schema, place.clone());
     let table = as_table(decl, epoch);
-    let bound = Bound::new(&table, &mut columns, super::bind::GivenKeys::default(), None);
+    let bound = MappingBinding::new(&table, &mut columns, super::bind::GivenKeys::default(), None);
     let unit = said.boot_unit.as_deref();
     let boot = BootColumn::new(boot, unit, epoch.at("boot"), &mut columns);
     if let Some(bound) = bound.as_ref().filter(|b| columns.faults.is_empty() && !b.time.is_dated()) {
@@ -90,14 +91,14 @@ pub fn find(
     let (Some(mut bound), Some(boot), true) = (bound, boot, columns.faults.is_empty()) else {
         return Err(mapping.wrong(columns.faults));
     };
-    let mut starts: Vec<Instant> = vec![];
+    let mut starts: Vec<UtcInstant> = vec![];
     let mut last = None;
     while let Some(part) = reader.next_part() {
         let batch = part?.batch;
         let own = boot.read(&batch).map_err(|f| mapping.in_data(&path, f))?;
         let kept = bound.kept(&batch).map_err(|f| mapping.in_data(&path, f))?;
         let (times, _) = bound.time.read(&batch).map_err(|f| mapping.in_data(&path, f))?;
-        let Times::Dated(times) = times else { continue };
+        let RowTimes::Dated(times) = times else { continue };
         for (row, (time, own)) in times.iter().zip(&own).enumerate() {
             let is_kept = kept.as_ref().is_none_or(|k| k.get(row).copied().unwrap_or(false));
             let (Some(time), true, true) = (time, own.is_finite(), is_kept) else { continue };
@@ -114,7 +115,7 @@ pub fn find(
     };
     let mut seconds: Vec<f64> = starts.iter().map(|s| s.seconds_since(day)).collect();
     let (low, high) = seconds.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(*s), h.max(*s)));
-    let instant = Instant::new(day, median(&mut seconds));
+    let instant = UtcInstant::new(day, median(&mut seconds));
     let set = if high - low > SET_S { "; one of the clocks was set during the log" } else { "" };
     let note = format!(
         "{name}: its clock was 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} s{set}",
@@ -123,7 +124,7 @@ pub fn find(
         starts.len(),
         high - low,
     );
-    Ok(Found { instant: Some(instant), note })
+    Ok(LogEpoch { instant: Some(instant), note })
 }
 
 fn time_text(s: f64) -> String {
@@ -133,16 +134,17 @@ fn time_text(s: f64) -> String {
 }
 
 /// The rows of an epoch as those of a table: their times and condition, and one column that nobody reads.
-fn as_table(decl: &TableDecl, epoch: &Placed<Epoch>) -> TableDecl {
-    let head = Head { rows: epoch.value.rows.clone(), ..Head::default() };
-    let nothing = ColumnOf { value: Some(super::declare::Constant::Number(0.0)), ..ColumnOf::default() };
-    let placed = Placed { value: nothing, args: schemas::Args::default(), at: epoch.at.clone() };
+fn as_table(decl: &TableDecl, epoch: &SpannedValue<LogEpochKeys>) -> TableDecl {
+    let head = MappingTableKeys { rows: epoch.value.rows.clone(), ..MappingTableKeys::default() };
+    let nothing =
+        MappingColumnKeys { value: Some(super::declare::ConstantValue::Number(0.0)), ..MappingColumnKeys::default() };
+    let placed = SpannedValue { value: nothing, args: schemas::SpecEntries::default(), at: epoch.at.clone() };
     TableDecl {
         name: decl.name.clone(),
-        head: Placed { value: head, args: epoch.args.clone(), at: epoch.at.clone() },
+        head: SpannedValue { value: head, args: epoch.args.clone(), at: epoch.at.clone() },
         flight: Some(KeyDecl::Constant(String::new())),
         line: Some(KeyDecl::Constant(String::new())),
-        time: Placed { value: epoch.value.stamp.clone(), args: epoch.args.clone(), at: epoch.at.clone() },
+        time: SpannedValue { value: epoch.value.stamp.clone(), args: epoch.args.clone(), at: epoch.at.clone() },
         epoch: None,
         columns: vec![("nothing".to_owned(), placed)],
         vectors: vec![],

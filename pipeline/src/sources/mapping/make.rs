@@ -4,19 +4,19 @@ use arrow_schema::{DataType, Field};
 use schemas::{Fault, Role, convert, convertible_to, field, flight};
 
 use super::{
-    columns::{Columns, Numbers, Output, is_number, is_text},
-    declare::{ColumnOf, ColumnRole, Constant, QuaternionOf, VectorOf},
-    document::{Placed, Span, TableDecl},
-    vector::{Mounting, read_axes},
+    columns::{ColumnRecipe, MappingColumns, NumberSource, is_number, is_text},
+    declare::{ColumnRole, ConstantValue, MappingColumnKeys, QuaternionKeys, VectorSensorKeys},
+    document::{MappingSpan, SpannedValue, TableDecl},
+    vector::{SensorMounting, read_axes},
 };
 
-/// Columns of the result.
+/// Output columns of a mapping table, with their recipes.
 #[derive(Default)]
-pub(super) struct Made {
+pub(super) struct ColumnRecipes {
     /// Their fields, each with where the mapping has it.
-    pub fields: Vec<(Field, Span)>,
+    pub fields: Vec<(Field, MappingSpan)>,
     /// How they come about.
-    pub outputs: Vec<Output>,
+    pub outputs: Vec<ColumnRecipe>,
     /// Notes for the user.
     pub notes: Vec<String>,
 }
@@ -26,8 +26,8 @@ fn unit_of(
     name: &str,
     unit: Option<&str>,
     said: Option<&str>,
-    at: (Span, Span),
-    columns: &mut Columns,
+    at: (MappingSpan, MappingSpan),
+    columns: &mut MappingColumns,
 ) -> Option<String> {
     let wanted = flight::describe(name).unit;
     let Some(own) = unit.or(said) else {
@@ -50,7 +50,7 @@ fn unit_of(
 }
 
 /// The role of the column `name`: that of its name, where the name has one.
-fn role_of(name: &str, given: Option<ColumnRole>, at: Span, columns: &mut Columns) -> Role {
+fn role_of(name: &str, given: Option<ColumnRole>, at: MappingSpan, columns: &mut MappingColumns) -> Role {
     let known = flight::describe(name);
     let given = given.map(|role| match role {
         ColumnRole::Truth => Role::Truth,
@@ -67,7 +67,7 @@ fn role_of(name: &str, given: Option<ColumnRole>, at: Span, columns: &mut Column
     known.role
 }
 
-fn is_key(name: &str, at: &Span, columns: &mut Columns) -> bool {
+fn is_key(name: &str, at: &MappingSpan, columns: &mut MappingColumns) -> bool {
     let key = flight::KEYS.contains(&name);
     if key {
         let help = if name == "tt" { "set it in `time`" } else { "set it in the table itself, not in `columns`" };
@@ -76,7 +76,12 @@ fn is_key(name: &str, at: &Span, columns: &mut Columns) -> bool {
     key
 }
 
-pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Columns, made: &mut Made) {
+pub(super) fn one_column(
+    name: &str,
+    column: &SpannedValue<MappingColumnKeys>,
+    columns: &mut MappingColumns,
+    made: &mut ColumnRecipes,
+) {
     if is_key(name, &column.at, columns) {
         return;
     }
@@ -92,12 +97,16 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
                 let Some(at) = columns.number(from, column.at("from")) else { return };
                 if linear {
                     let (scale, offset) = (said.scale, said.offset);
-                    (Output::Linear { numbers: Numbers::Column(at), scale, offset }, DataType::Float64, of_file)
+                    (
+                        ColumnRecipe::Linear { numbers: NumberSource::Column(at), scale, offset },
+                        DataType::Float64,
+                        of_file,
+                    )
                 } else {
-                    (Output::AsItIs(at), columns.source.field(at).data_type().clone(), of_file)
+                    (ColumnRecipe::AsItIs(at), columns.source.field(at).data_type().clone(), of_file)
                 }
             } else {
-                (Output::AsItIs(at), columns.source.field(at).data_type().clone(), of_file)
+                (ColumnRecipe::AsItIs(at), columns.source.field(at).data_type().clone(), of_file)
             }
         }
         (None, Some(sql), None) => {
@@ -110,24 +119,26 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
             }
             if linear {
                 let (scale, offset) = (said.scale, said.offset);
-                (Output::Linear { numbers: Numbers::Sql(sql), scale, offset }, DataType::Float64, None)
+                (ColumnRecipe::Linear { numbers: NumberSource::Sql(sql), scale, offset }, DataType::Float64, None)
             } else {
-                (Output::AsGiven(sql), kind, None)
+                (ColumnRecipe::AsGiven(sql), kind, None)
             }
         }
-        (None, None, Some(Constant::Number(x))) if matches!(name, "year" | "doy") && !linear && x.fract() == 0.0 => {
-            (Output::Whole(*x as i64), DataType::Int64, None)
+        (None, None, Some(ConstantValue::Number(x)))
+            if matches!(name, "year" | "doy") && !linear && x.fract() == 0.0 =>
+        {
+            (ColumnRecipe::Whole(*x as i64), DataType::Int64, None)
         }
-        (None, None, Some(Constant::Number(x))) => {
-            (Output::Number(said.scale * x + said.offset), DataType::Float64, None)
+        (None, None, Some(ConstantValue::Number(x))) => {
+            (ColumnRecipe::Number(said.scale * x + said.offset), DataType::Float64, None)
         }
-        (None, None, Some(Constant::Text(text))) => {
+        (None, None, Some(ConstantValue::Text(text))) => {
             if linear || !known.unit.is_empty() || matches!(name, "year" | "doy") {
                 let what = format!("`{name}` is a number, not the text `{text}`");
                 columns.push(Fault::new(what).at(column.at("value")));
                 return;
             }
-            (Output::Text(text.clone()), DataType::Utf8, None)
+            (ColumnRecipe::Text(text.clone()), DataType::Utf8, None)
         }
         _ => {
             let fault = Fault::new(format!("`{name}` requires exactly one of `from`, `sql` and `value`"));
@@ -148,7 +159,12 @@ pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Co
     made.outputs.push(output);
 }
 
-pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Columns, made: &mut Made) {
+pub(super) fn one_vector(
+    name: &str,
+    vector: &SpannedValue<VectorSensorKeys>,
+    columns: &mut MappingColumns,
+    made: &mut ColumnRecipes,
+) {
     let said = &vector.value;
     let axes = read_axes(&said.axes);
     if axes.is_none() {
@@ -163,7 +179,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
         _ => three(&said.scale, "scale", vector, columns),
     };
     let mut own_unit = None;
-    let parts: Vec<Option<Numbers>> = match (said.from.as_slice(), said.sql.as_slice()) {
+    let parts: Vec<Option<NumberSource>> = match (said.from.as_slice(), said.sql.as_slice()) {
         ([_, _, _], []) => {
             let found: Vec<Option<usize>> =
                 said.from.iter().map(|name| columns.number(name, vector.at("from"))).collect();
@@ -173,7 +189,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
                 columns.push(Fault::new(what).help("set `unit`").at(vector.at("from")));
             }
             own_unit = units.first().copied().flatten().map(str::to_owned);
-            found.into_iter().map(|at| at.map(Numbers::Column)).collect()
+            found.into_iter().map(|at| at.map(NumberSource::Column)).collect()
         }
         ([], [_, _, _]) => {
             let each = said.sql.iter().map(|sql| {
@@ -184,7 +200,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
                     columns.push(Fault::new(what).at(sql.at.clone()));
                     return None;
                 }
-                Some(Numbers::Sql(sql))
+                Some(NumberSource::Sql(sql))
             });
             each.collect()
         }
@@ -204,13 +220,14 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
             .push(format!("`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is used"));
     }
     let role = role_of(&axes_names[0], said.role, vector.at("role"), columns);
-    let parts: Option<[Numbers; 3]> = parts.into_iter().collect::<Option<Vec<_>>>().and_then(|p| p.try_into().ok());
+    let parts: Option<[NumberSource; 3]> =
+        parts.into_iter().collect::<Option<Vec<_>>>().and_then(|p| p.try_into().ok());
     let (Some(axes), Some(rotation), Some(offset), Some(scale), Some(unit), Some(numbers)) =
         (axes, rotation, offset, scale, unit, parts)
     else {
         return;
     };
-    let mounting = Mounting::new(axes, rotation);
+    let mounting = SensorMounting::new(axes, rotation);
     if mounting.is_mirror() {
         made.notes
             .push(format!("`{name}`: its axes `{}` form a left-handed frame; a sign is probably wrong", said.axes));
@@ -219,10 +236,15 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
         let description = said.description.as_deref().unwrap_or(flight::describe(axis).description);
         made.fields.push((field(axis, DataType::Float64, &unit, role, description), vector.at.clone()));
     }
-    made.outputs.push(Output::Vector { numbers: Box::new(numbers), scale, offset, mounting });
+    made.outputs.push(ColumnRecipe::Vector { numbers: Box::new(numbers), scale, offset, mounting });
 }
 
-fn three(list: &[f64], key: &str, vector: &Placed<VectorOf>, columns: &mut Columns) -> Option<[f64; 3]> {
+fn three(
+    list: &[f64],
+    key: &str,
+    vector: &SpannedValue<VectorSensorKeys>,
+    columns: &mut MappingColumns,
+) -> Option<[f64; 3]> {
     let found = <[f64; 3]>::try_from(list).ok();
     if found.is_none() {
         let what = format!("`{key}` requires three entries, not {}", list.len());
@@ -231,8 +253,12 @@ fn three(list: &[f64], key: &str, vector: &Placed<VectorOf>, columns: &mut Colum
     found
 }
 
-pub(super) fn one_quaternion(quaternion: &Placed<QuaternionOf>, columns: &mut Columns, made: &mut Made) {
-    let QuaternionOf { from, to, order, frames } = &quaternion.value;
+pub(super) fn one_quaternion(
+    quaternion: &SpannedValue<QuaternionKeys>,
+    columns: &mut MappingColumns,
+    made: &mut ColumnRecipes,
+) {
+    let QuaternionKeys { from, to, order, frames } = &quaternion.value;
     let at: Vec<Option<usize>> = from.iter().map(|name| columns.number(name, quaternion.at("from"))).collect();
     let at: Option<Vec<usize>> = at.into_iter().collect();
     let (Some(at), [_, _, _]) = (at, to.as_slice()) else {
@@ -258,11 +284,11 @@ pub(super) fn one_quaternion(quaternion: &Placed<QuaternionOf>, columns: &mut Co
         }
         made.fields.push((field(name, DataType::Float64, "deg", known.role, known.description), quaternion.at.clone()));
     }
-    made.outputs.push(Output::Quaternion { at, order: *order, frames: *frames });
+    made.outputs.push(ColumnRecipe::Quaternion { at, order: *order, frames: *frames });
 }
 
 /// The columns that nothing of the mapping names, under their own names.
-pub(super) fn others(decl: &TableDecl, columns: &mut Columns, made: &mut Made) {
+pub(super) fn others(decl: &TableDecl, columns: &mut MappingColumns, made: &mut ColumnRecipes) {
     let named = |name: &String| {
         decl.columns.iter().any(|(_, c)| c.value.from.as_ref() == Some(name))
             || decl.vectors.iter().any(|(_, v)| v.value.from.contains(name))
@@ -288,6 +314,6 @@ pub(super) fn others(decl: &TableDecl, columns: &mut Columns, made: &mut Made) {
         let own = source.metadata().get("description").map(String::as_str).filter(|d| !d.is_empty());
         let description = own.unwrap_or(known.description);
         made.fields.push((field(&name, source.data_type().clone(), &unit, known.role, description), here.0));
-        made.outputs.push(Output::AsItIs(at));
+        made.outputs.push(ColumnRecipe::AsItIs(at));
     }
 }

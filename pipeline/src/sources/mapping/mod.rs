@@ -1,8 +1,8 @@
 //! Meaning of a foreign log: a TOML file that assigns its columns, units, axes and clocks.
 //!
-//! A mapping has one or several tables, each of which reads one topic of a log. A table is checked against the columns of a
-//! file before any row is read (`bind`); then the rows come through it batch by batch (`rows`). The format is described
-//! in `datasets/mappings/README.md`.
+//! A mapping has one or several tables, each of which reads one topic of a log. A table is checked against the columns
+//! of a file before any row is read (`bind`); then the rows come through it batch by batch (`rows`). The format is
+//! described in `datasets/mappings/README.md`.
 
 mod bind;
 mod clock;
@@ -25,15 +25,18 @@ use std::{
     sync::{Arc, PoisonError},
 };
 
-use datasets::{FlightOptions, ReadError, Reading, formats::FlightFormat, open_raw_among};
+use datasets::{FlightOptions, ReadError, ReadHints, formats::FlightFormat, open_raw_among};
 use schemas::{Fault, Params};
 
 pub use datasets::mappings::READY;
-pub use declare::{ColumnOf, Epoch, Head, KeyOf, QuaternionOf, Stamp, VectorOf};
-use document::{Document, TableDecl};
+pub use declare::{
+    LogEpochKeys, MappingColumnKeys, MappingTableKeys, QuaternionKeys, RowIdentifierKeys, TimeStampKeys,
+    VectorSensorKeys,
+};
+use document::{MappingDocument, TableDecl};
 
 use super::{files::file, log_reader::LogReader};
-use crate::keys::Key;
+use crate::keys::HashKey;
 
 /// Raised when the same mapping makes other values of the same file.
 const VERSION: &str = "mapping 2";
@@ -44,12 +47,12 @@ pub struct Mapping {
     /// Its file, or the name of a ready one with `.toml`.
     pub label: String,
     text: String,
-    document: Document,
+    document: MappingDocument,
 }
 
 /// One table of a mapping.
 #[derive(Clone, Debug)]
-pub struct Mapped {
+pub struct MappingTable {
     mapping: Arc<Mapping>,
     table: usize,
 }
@@ -102,7 +105,7 @@ impl Mapping {
     ///
     /// # Errors
     /// Fails for a table that it does not have, and for several where none is named.
-    pub fn table(self: &Arc<Self>, name: Option<&str>) -> Result<Mapped, Fault> {
+    pub fn table(self: &Arc<Self>, name: Option<&str>) -> Result<MappingTable, Fault> {
         let tables = self.tables();
         let table = match (name, tables.as_slice()) {
             (None, [_]) => 0,
@@ -114,7 +117,7 @@ impl Mapping {
                 Fault::new(format!("the mapping {} has no table `{name}`", self.label)).nearest(name, &tables)
             })?,
         };
-        Ok(Mapped { mapping: self.clone(), table })
+        Ok(MappingTable { mapping: self.clone(), table })
     }
 
     /// Faults of the mapping, each with its place in it.
@@ -143,7 +146,7 @@ fn place(path: &Path, topic: Option<&str>) -> String {
     topic.map_or(name.clone(), |topic| format!("`{topic}` of {name}"))
 }
 
-impl Mapped {
+impl MappingTable {
     fn decl(&self) -> Option<&TableDecl> {
         self.mapping.document.tables.get(self.table)
     }
@@ -176,8 +179,8 @@ impl Mapped {
     }
 
     /// The key of what it says: another one for another text.
-    pub fn key(&self) -> Key {
-        Key::of([VERSION, &self.mapping.text, self.name()])
+    pub fn key(&self) -> HashKey {
+        HashKey::from_parts([VERSION, &self.mapping.text, self.name()])
     }
 
     /// Path of the file next to `log` that its values depend on as well.
@@ -204,7 +207,7 @@ impl Mapped {
         &self,
         path: &Path,
         options: &FlightOptions,
-        reading: &Reading,
+        reading: &ReadHints,
         formats: &[FlightFormat],
     ) -> Result<LogReader, ReadError> {
         let decl = self.decl().ok_or_else(|| ReadError::options(path, "the mapping has no such table"))?;
@@ -233,7 +236,7 @@ impl Mapped {
         &self,
         path: &Path,
         options: (&FlightOptions, &FlightOptions),
-        reading: &Reading,
+        reading: &ReadHints,
         formats: &[FlightFormat],
     ) -> Result<LogReader, ReadError> {
         let (log, rows) = self.rows(path, options, reading, formats)?;
@@ -245,13 +248,13 @@ impl Mapped {
         &self,
         path: &Path,
         (options, raw): (&FlightOptions, &FlightOptions),
-        reading: &Reading,
+        reading: &ReadHints,
         formats: &[FlightFormat],
-    ) -> Result<(LogReader, rows::Rows), ReadError> {
+    ) -> Result<(LogReader, rows::MappingReader), ReadError> {
         let decl = self.decl().ok_or_else(|| ReadError::options(path, "the mapping has no such table"))?;
         let reader = open_raw_among(formats, path, raw, reading)?;
         let mut notes = reader.notes().to_vec();
-        let is_boot = decl.time.value.clock == Some(declare::Clock::Boot);
+        let is_boot = decl.time.value.clock == Some(declare::ClockZero::Boot);
         let mut instant = None;
         if is_boot {
             let found = epoch::find(&self.mapping, decl, (path, raw), formats)?;
@@ -259,10 +262,10 @@ impl Mapped {
             instant = found.instant;
         }
         let schema = reader.schema().clone();
-        let mut columns = columns::Columns::new(&schema, place(path, raw.topic.as_deref()));
+        let mut columns = columns::MappingColumns::new(&schema, place(path, raw.topic.as_deref()));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let given = bind::GivenKeys { flight: options.flight.as_deref(), line: options.line.as_deref(), stem: &stem };
-        let bound = bind::Bound::new(decl, &mut columns, given, instant);
+        let bound = bind::MappingBinding::new(decl, &mut columns, given, instant);
         let bound = match bound {
             Some(bound) if columns.faults.is_empty() => bound,
             _ => return Err(self.mapping.wrong(columns.faults)),
@@ -277,21 +280,21 @@ impl Mapped {
             parts: Box::new(std::iter::empty()),
         };
         let drop = decl.head.value.drop_repeated;
-        Ok((log, rows::Rows::new(reader, bound, self.mapping.clone(), path.to_owned(), drop)))
+        Ok((log, rows::MappingReader::new(reader, bound, self.mapping.clone(), path.to_owned(), drop)))
     }
 }
 
 /// Every key of a mapping, as tables of the reference.
 pub fn reference() -> String {
-    let lists = schemas::Lists::default();
+    let lists = schemas::ChoiceRegistry::default();
     let groups = [
-        ("[tables.NAME]", [Head::docs(&lists), declare::Attitudes::docs(&lists)].concat()),
-        ("time", Stamp::docs(&lists)),
-        ("epoch (and the keys of `time`)", Epoch::docs(&lists).into_iter().take(8).collect()),
-        ("flight, line", KeyOf::docs(&lists)),
-        ("columns", ColumnOf::docs(&lists)),
-        ("vectors", VectorOf::docs(&lists)),
-        ("quaternions", QuaternionOf::docs(&lists)),
+        ("[tables.NAME]", [MappingTableKeys::docs(&lists), declare::AttitudeKeys::docs(&lists)].concat()),
+        ("time", TimeStampKeys::docs(&lists)),
+        ("epoch (and the keys of `time`)", LogEpochKeys::docs(&lists).into_iter().take(8).collect()),
+        ("flight, line", RowIdentifierKeys::docs(&lists)),
+        ("columns", MappingColumnKeys::docs(&lists)),
+        ("vectors", VectorSensorKeys::docs(&lists)),
+        ("quaternions", QuaternionKeys::docs(&lists)),
     ];
     let mut text = String::new();
     for (title, docs) in groups {

@@ -4,32 +4,32 @@ use arrow_array::{ArrayRef, RecordBatch, RecordBatchOptions};
 use arrow_cast::cast;
 use arrow_schema::{DataType, Field, Schema};
 use expressions::Expression;
-use schemas::{Column, ColumnType, Fault, Shape};
+use schemas::{Column, ColumnType, Fault, TableShape};
 
 /// Name of the expression in a fault.
 const SUBJECT: &str = "`sql`";
 
-/// An expression that was checked against the columns of a file. Numbers of every type are Float64 to it.
+/// Expression checked against the columns of a file; its numeric inputs are Float64.
 #[derive(Clone, Debug)]
-pub struct RowValue {
+pub struct RowExpression {
     expression: Expression,
     /// The columns it reads: their positions in the file's batches, and their fields as it sees them.
     reads: Vec<(usize, Field)>,
 }
 
-impl RowValue {
+impl RowExpression {
     /// Reads `sql` against the columns of a file.
     ///
     /// # Errors
     /// Fails as [`Expression::new`].
-    pub fn new(sql: &str, source: &Schema) -> Result<RowValue, Fault> {
+    pub fn new(sql: &str, source: &Schema) -> Result<RowExpression, Fault> {
         let seen: Vec<(usize, Column)> =
             source.fields().iter().enumerate().filter_map(|(at, field)| Some((at, seen(field)?))).collect();
-        let shape = Shape { columns: seen.iter().map(|(_, column)| column.clone()).collect(), rate_hz: None };
+        let shape = TableShape { columns: seen.iter().map(|(_, column)| column.clone()).collect(), rate_hz: None };
         let expression = Expression::new(sql, &shape, SUBJECT)?;
         let read = seen.into_iter().filter(|(_, column)| expression.columns.contains(&column.name));
         let reads = read.map(|(at, column)| (at, column.field().with_nullable(true))).collect();
-        Ok(RowValue { expression, reads })
+        Ok(RowExpression { expression, reads })
     }
 
     /// The type of its values.
@@ -96,20 +96,23 @@ mod tests {
         RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).unwrap()
     }
 
-    fn of(sql: &str) -> Result<Vec<Option<f64>>, Fault> {
+    fn evaluate_sql(sql: &str) -> Result<Vec<Option<f64>>, Fault> {
         let batch = batch();
-        let value = RowValue::new(sql, &batch.schema())?.evaluate(&batch)?;
+        let value = RowExpression::new(sql, &batch.schema())?.evaluate(&batch)?;
         Ok(cast(&value, &DataType::Float64).unwrap().as_primitive::<Float64Type>().iter().collect())
     }
 
     #[test]
     fn law_whole_numbers_keep_their_fraction_and_nan_is_missing() {
-        assert_eq!(of("\"Raw\" / 100").unwrap(), [Some(0.03), Some(0.5), None]);
-        assert_eq!(of("\"Raw\" * 0.05 + x").unwrap(), [Some(1.15), Some(4.5), None]);
-        assert_eq!(of("case when mode = 'b' then 1.0 else 0.0 end").unwrap(), [Some(0.0), Some(1.0), Some(0.0)]);
-        assert_eq!(of("5").unwrap(), [Some(5.0); 3]);
-        assert_eq!(of("x * (1 / 2)").unwrap(), [Some(0.5), Some(1.0), None]);
-        assert_eq!(of("coalesce(x, 0.0)").unwrap(), [Some(1.0), Some(2.0), Some(0.0)]);
+        assert_eq!(evaluate_sql("\"Raw\" / 100").unwrap(), [Some(0.03), Some(0.5), None]);
+        assert_eq!(evaluate_sql("\"Raw\" * 0.05 + x").unwrap(), [Some(1.15), Some(4.5), None]);
+        assert_eq!(
+            evaluate_sql("case when mode = 'b' then 1.0 else 0.0 end").unwrap(),
+            [Some(0.0), Some(1.0), Some(0.0)]
+        );
+        assert_eq!(evaluate_sql("5").unwrap(), [Some(5.0); 3]);
+        assert_eq!(evaluate_sql("x * (1 / 2)").unwrap(), [Some(0.5), Some(1.0), None]);
+        assert_eq!(evaluate_sql("coalesce(x, 0.0)").unwrap(), [Some(1.0), Some(2.0), Some(0.0)]);
     }
 
     #[test]
@@ -123,13 +126,13 @@ mod tests {
             ("Raw + 1", "put the name in double quotes: `\"Raw\"`"),
             ("x +", "cannot be read"),
         ] {
-            let fault = RowValue::new(sql, &batch().schema()).unwrap_err();
+            let fault = RowExpression::new(sql, &batch().schema()).unwrap_err();
             assert!(fault.to_string().contains(says), "{sql}: {fault}");
         }
     }
 
     #[test]
     fn unit_a_value_that_cannot_be_cast_is_an_error() {
-        assert!(of("cast(mode as double)").is_err());
+        assert!(evaluate_sql("cast(mode as double)").is_err());
     }
 }

@@ -7,20 +7,20 @@ use std::{
 
 use arrow_array::{Array, ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray};
 use arrow_select::filter::filter_record_batch;
-use datasets::{FlightReader, Part, ReadError, RowFault};
+use datasets::{FlightBatch, FlightReader, ReadError, RowFault};
 use schemas::Fault;
 
 use super::{
     Mapping,
-    bind::{Bound, key_texts, whole},
-    clock::{Instant, year_and_day},
-    time::{NoTime, Times},
+    bind::{MappingBinding, key_texts, whole},
+    clock::{UtcInstant, year_and_day},
+    time::{RowTimes, TimeParseError},
 };
 
-/// Reads a file through a table of a mapping.
-pub struct Rows {
+/// Reader of a file through a table of a mapping.
+pub struct MappingReader {
     reader: FlightReader,
-    bound: Bound,
+    bound: MappingBinding,
     mapping: Arc<Mapping>,
     path: PathBuf,
     drop_repeated: bool,
@@ -38,10 +38,16 @@ pub struct Rows {
     done: bool,
 }
 
-impl Rows {
+impl MappingReader {
     /// From the start of a file.
-    pub fn new(reader: FlightReader, bound: Bound, mapping: Arc<Mapping>, path: PathBuf, drop_repeated: bool) -> Rows {
-        Rows {
+    pub fn new(
+        reader: FlightReader,
+        bound: MappingBinding,
+        mapping: Arc<Mapping>,
+        path: PathBuf,
+        drop_repeated: bool,
+    ) -> MappingReader {
+        MappingReader {
             reader,
             bound,
             mapping,
@@ -62,8 +68,8 @@ impl Rows {
         self.repeated.clone()
     }
 
-    fn mapped(&mut self, part: Part) -> Result<Option<Part>, ReadError> {
-        let Part { batch, faults } = part;
+    fn mapped(&mut self, part: FlightBatch) -> Result<Option<FlightBatch>, ReadError> {
+        let FlightBatch { batch, faults } = part;
         let first = self.row;
         self.row += batch.num_rows() as u64;
         let in_data = |f: Fault| self.mapping.in_data(&self.path, f);
@@ -83,7 +89,7 @@ impl Rows {
         let file_row = |row: usize| first + rows.as_ref().and_then(|r| r.get(row).copied()).unwrap_or(row) as u64;
         let in_data = |f: Fault| self.mapping.in_data(&self.path, f);
         let (times, wrong) = self.bound.time.read(&batch).map_err(in_data)?;
-        let no_time = |w: NoTime| {
+        let no_time = |w: TimeParseError| {
             let fault = ReadError::data(&self.path, format!("`{}` is not a time in the format of the mapping", w.text));
             RowFault { row: w.row, fault: fault.in_row(file_row(w.row)) }
         };
@@ -107,7 +113,7 @@ impl Rows {
             *self.repeated.lock().unwrap_or_else(PoisonError::into_inner) += (repeated.len() - rows.len()) as u64;
             faults = self.placed(faults, Some(&rows), mapped.num_rows());
         }
-        Ok((mapped.num_rows() > 0).then_some(Part { batch: mapped, faults }))
+        Ok((mapped.num_rows() > 0).then_some(FlightBatch { batch: mapped, faults }))
     }
 
     /// The faults of rows at the rows that are left: that of a row that was left out is at the next one.
@@ -123,9 +129,14 @@ impl Rows {
         placed
     }
 
-    /// Seconds past the midnight of the first sample of each line, the date of each sample, and which rows repeat the time of
-    /// the row before.
-    fn times(&mut self, times: &Times, flights: &StringArray, lines: &StringArray) -> (Vec<f64>, Dates, Vec<bool>) {
+    /// Seconds past the midnight of the first sample of each line, the date of each sample, and which rows repeat the
+    /// time of the row before.
+    fn times(
+        &mut self,
+        times: &RowTimes,
+        flights: &StringArray,
+        lines: &StringArray,
+    ) -> (Vec<f64>, DateColumns, Vec<bool>) {
         let text = |keys: &StringArray, row: usize| if keys.is_null(row) { "" } else { keys.value(row) }.to_owned();
         let mut tt = vec![];
         let mut repeated = vec![];
@@ -136,9 +147,9 @@ impl Rows {
             let same = self.line.as_ref().is_some_and(|(flight, line)| {
                 !flights.is_null(row) && !lines.is_null(row) && flights.value(row) == flight && lines.value(row) == line
             });
-            let at: Option<Instant> = match times {
-                Times::Undated(_) => None,
-                Times::Dated(all) => all.get(row).copied().flatten(),
+            let at: Option<UtcInstant> = match times {
+                RowTimes::Undated(_) => None,
+                RowTimes::Dated(all) => all.get(row).copied().flatten(),
             };
             if !same {
                 self.line = Some((text(flights, row), text(lines, row)));
@@ -148,15 +159,15 @@ impl Rows {
                 self.day = at.map_or(i64::MIN, |i| i.day);
             }
             let time = match times {
-                Times::Undated(all) => all.get(row).copied().unwrap_or(f64::NAN),
-                Times::Dated(_) => at.map_or(f64::NAN, |i| i.seconds_since(self.day)),
+                RowTimes::Undated(all) => all.get(row).copied().unwrap_or(f64::NAN),
+                RowTimes::Dated(_) => at.map_or(f64::NAN, |i| i.seconds_since(self.day)),
             };
             repeated.push(self.drop_repeated && time == self.last_tt);
             if time.is_finite() {
                 self.last_tt = time;
             }
             tt.push(time);
-            if let Times::Dated(_) = times {
+            if let RowTimes::Dated(_) = times {
                 if let Some(i) = at.filter(|i| i.day != date.0) {
                     date = (i.day, year_and_day(i.day));
                 }
@@ -165,16 +176,16 @@ impl Rows {
                 days.push(known.map(|d| d.1));
             }
         }
-        let dates = matches!(times, Times::Dated(_)).then_some((years, days));
+        let dates = matches!(times, RowTimes::Dated(_)).then_some((years, days));
         (tt, dates, repeated)
     }
 }
 
 /// Years and days of the year.
-type Dates = Option<(Vec<Option<i64>>, Vec<Option<i64>>)>;
+type DateColumns = Option<(Vec<Option<i64>>, Vec<Option<i64>>)>;
 
-impl Iterator for Rows {
-    type Item = Result<Part, ReadError>;
+impl Iterator for MappingReader {
+    type Item = Result<FlightBatch, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         while !self.done {

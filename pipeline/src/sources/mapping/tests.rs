@@ -5,7 +5,7 @@
 use std::{fs, path::Path};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::canonical::Canonical;
+use schemas::canonical::FlightConversion;
 use tempfile::TempDir;
 
 use super::*;
@@ -19,14 +19,14 @@ fn opened(csv: &str, mapping: &str, options: &FlightOptions) -> Result<(LogReade
     fs::write(folder.path().join("m.toml"), mapping).unwrap();
     let mapping = Arc::new(Mapping::load("m.toml", folder.path())?);
     let mapped = mapping.table(None)?;
-    let reader = open_log(&path, options, Some(&mapped), &Reading::default())?;
+    let reader = open_log(&path, options, Some(&mapped), &ReadHints::default())?;
     Ok((reader, folder))
 }
 
 /// The canonical rows of a file through a mapping.
 fn rows(csv: &str, mapping: &str) -> Result<RecordBatch, Fault> {
     let (mut reader, _folder) = opened(csv, mapping, &FlightOptions::default())?;
-    let canonical = Canonical::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap())?;
+    let canonical = FlightConversion::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap())?;
     let mut batches = vec![];
     while let Some(part) = reader.next_part() {
         let part = part?;
@@ -145,7 +145,7 @@ fn law_the_epoch_is_the_median_over_new_fixes() {
                 time = { from = 'ms', unit = 'ms', clock = 'boot' }\n";
     let open = |text: &str| {
         let mapped = Arc::new(Mapping::of_text("m.toml".into(), text.into()).unwrap()).table(None).unwrap();
-        open_log(&folder.path().join("log.csv"), &FlightOptions::default(), Some(&mapped), &Reading::default())
+        open_log(&folder.path().join("log.csv"), &FlightOptions::default(), Some(&mapped), &ReadHints::default())
     };
     let mut reader = open(text).unwrap();
     let note = &reader.notes[0];

@@ -6,32 +6,32 @@ use arrow_schema::{DataType, TimeUnit};
 use schemas::{Fault, convert};
 
 use super::{
-    clock::{DAY_S, Form, Instant, Read, digits_of, padded, read_date, read_zone},
-    columns::{Columns, is_text, numbers, texts},
-    declare::{Clock, Constant, Stamp},
-    document::Placed,
+    clock::{DAY_S, TimeText, TimeTextFormat, UtcInstant, digits_of, padded, read_date, read_zone},
+    columns::{MappingColumns, is_text, numbers, texts},
+    declare::{ClockZero, ConstantValue, TimeStampKeys},
+    document::SpannedValue,
 };
 use crate::sources::clock_digits;
 
 /// The times of the rows of a batch.
-pub enum Times {
+pub enum RowTimes {
     /// Seconds past some midnight whose date is not known, or of the log's own clock; NaN is missing.
     Undated(Vec<f64>),
     /// Instants of UTC.
-    Dated(Vec<Option<Instant>>),
+    Dated(Vec<Option<UtcInstant>>),
 }
 
-/// A row whose text is no time.
-pub struct NoTime {
+/// Row whose text is not a time.
+pub struct TimeParseError {
     /// The row of the batch.
     pub row: usize,
     /// The text.
     pub text: String,
 }
 
-/// A column that counts.
+/// Column of a counting clock.
 #[derive(Clone, Debug)]
-struct Ticks {
+struct CounterColumn {
     at: usize,
     /// Nanoseconds to a count, for whole numbers.
     ns: Option<i128>,
@@ -40,23 +40,23 @@ struct Ticks {
 }
 
 #[derive(Clone, Debug)]
-enum Source {
-    Boot { ticks: Ticks, epoch: Option<Instant> },
-    Day { ticks: Ticks },
-    Unix { ticks: Ticks },
-    Gps { ticks: Ticks, week: Week, rollovers: i64, leap_s: Option<f64> },
-    Text { columns: Vec<Cells>, form: Form },
+enum ClockSource {
+    Boot { ticks: CounterColumn, epoch: Option<UtcInstant> },
+    Day { ticks: CounterColumn },
+    Unix { ticks: CounterColumn },
+    Gps { ticks: CounterColumn, week: GpsWeek, rollovers: i64, leap_s: Option<f64> },
+    Text { columns: Vec<TimeTextColumn>, form: TimeTextFormat },
 }
 
-/// A column of the text of a time.
+/// Column with part of the text of a time.
 #[derive(Clone, Debug)]
-struct Cells {
+struct TimeTextColumn {
     at: usize,
     /// Digits before the decimal point, for a column of numbers.
     digits: Option<usize>,
 }
 
-impl Cells {
+impl TimeTextColumn {
     fn read(&self, batch: &RecordBatch) -> Result<Vec<Option<String>>, Fault> {
         match self.digits {
             None => texts(batch, self.at),
@@ -69,15 +69,15 @@ impl Cells {
 }
 
 #[derive(Clone, Debug)]
-enum Week {
+enum GpsWeek {
     Column(usize),
     Number(i64),
 }
 
 /// The clock of a table, checked against the columns of a file. It is fed batch by batch, in order.
 #[derive(Clone, Debug)]
-pub struct TimeOf {
-    source: Source,
+pub struct TableClock {
+    source: ClockSource,
     /// Seconds east of Greenwich; none for UTC.
     zone_s: Option<f64>,
     /// The local date of the next row, of a clock that counts from midnight.
@@ -86,9 +86,13 @@ pub struct TimeOf {
     last_s: f64,
 }
 
-impl TimeOf {
+impl TableClock {
     /// A clock; `epoch` is when that of the log was 0, `None` where nobody knows.
-    pub fn new(stamp: &Placed<Stamp>, columns: &mut Columns, epoch: Option<Instant>) -> Option<TimeOf> {
+    pub fn new(
+        stamp: &SpannedValue<TimeStampKeys>,
+        columns: &mut MappingColumns,
+        epoch: Option<UtcInstant>,
+    ) -> Option<TableClock> {
         let said = &stamp.value;
         let Some(clock) = said.clock else {
             let fault = Fault::new("`clock`, the zero of the time, is required");
@@ -114,95 +118,95 @@ impl TimeOf {
             },
         };
         let source = match clock {
-            Clock::Boot => Source::Boot { ticks: ticks(stamp, columns)?, epoch },
-            Clock::Day => Source::Day { ticks: ticks(stamp, columns)? },
-            Clock::Unix => Source::Unix { ticks: ticks(stamp, columns)? },
-            Clock::Gps => gps(stamp, columns)?,
-            Clock::Text => text(stamp, columns)?,
+            ClockZero::Boot => ClockSource::Boot { ticks: ticks(stamp, columns)?, epoch },
+            ClockZero::Day => ClockSource::Day { ticks: ticks(stamp, columns)? },
+            ClockZero::Unix => ClockSource::Unix { ticks: ticks(stamp, columns)? },
+            ClockZero::Gps => gps(stamp, columns)?,
+            ClockZero::Text => text(stamp, columns)?,
         };
-        Some(TimeOf { source, zone_s, day, last_s: f64::NAN })
+        Some(TableClock { source, zone_s, day, last_s: f64::NAN })
     }
 
     /// Whether its times have dates.
     pub fn is_dated(&self) -> bool {
         match &self.source {
-            Source::Boot { epoch, .. } => epoch.is_some(),
-            Source::Day { .. } => self.day.is_some(),
-            Source::Unix { .. } | Source::Gps { .. } => true,
-            Source::Text { form, .. } => form.is_dated() || self.day.is_some(),
+            ClockSource::Boot { epoch, .. } => epoch.is_some(),
+            ClockSource::Day { .. } => self.day.is_some(),
+            ClockSource::Unix { .. } | ClockSource::Gps { .. } => true,
+            ClockSource::Text { form, .. } => form.is_dated() || self.day.is_some(),
         }
     }
 
     /// Whether it counts from the start of the log.
     pub fn is_boot(&self) -> bool {
-        matches!(self.source, Source::Boot { .. })
+        matches!(self.source, ClockSource::Boot { .. })
     }
 
     /// The times of the next rows, and the rows whose text is no time.
-    pub fn read(&mut self, batch: &RecordBatch) -> Result<(Times, Vec<NoTime>), Fault> {
+    pub fn read(&mut self, batch: &RecordBatch) -> Result<(RowTimes, Vec<TimeParseError>), Fault> {
         let mut wrong = vec![];
         let zone_s = self.zone_s.unwrap_or(0.0);
         let times = match self.source.clone() {
-            Source::Boot { ticks, epoch } => {
+            ClockSource::Boot { ticks, epoch } => {
                 let elapsed = ticks.seconds(batch)?;
                 match epoch {
-                    None => Times::Undated(elapsed),
+                    None => RowTimes::Undated(elapsed),
                     Some(epoch) => {
-                        Times::Dated(elapsed.iter().map(|s| s.is_finite().then(|| epoch.plus(*s))).collect())
+                        RowTimes::Dated(elapsed.iter().map(|s| s.is_finite().then(|| epoch.plus(*s))).collect())
                     }
                 }
             }
-            Source::Day { ticks } => {
+            ClockSource::Day { ticks } => {
                 let seconds = ticks.seconds(batch)?;
                 if let Some(row) = clock_digits::minute_after(&seconds) {
                     return Err(in_digits(&seconds, row));
                 }
                 self.of_day(&seconds)
             }
-            Source::Unix { ticks } => {
-                Times::Dated(ticks.instants(batch)?.into_iter().map(|i| Some(i?.plus(-zone_s))).collect())
+            ClockSource::Unix { ticks } => {
+                RowTimes::Dated(ticks.instants(batch)?.into_iter().map(|i| Some(i?.plus(-zone_s))).collect())
             }
-            Source::Gps { ticks, week, rollovers, leap_s } => {
+            ClockSource::Gps { ticks, week, rollovers, leap_s } => {
                 let seconds = ticks.seconds(batch)?;
                 let weeks = match week {
-                    Week::Number(n) => vec![n as f64; seconds.len()],
-                    Week::Column(at) => numbers(batch, at)?,
+                    GpsWeek::Number(n) => vec![n as f64; seconds.len()],
+                    GpsWeek::Column(at) => numbers(batch, at)?,
                 };
                 let one = |(s, week): (&f64, &f64)| {
                     // A receiver without a fix says week 0 or -1.
                     let known = s.is_finite() && *week >= 0.0 && week.fract() == 0.0 && *week < 1e6;
-                    known.then(|| Instant::of_gps(*week as i64 + 1024 * rollovers, *s, leap_s)).flatten()
+                    known.then(|| UtcInstant::of_gps(*week as i64 + 1024 * rollovers, *s, leap_s)).flatten()
                 };
-                Times::Dated(seconds.iter().zip(&weeks).map(one).collect())
+                RowTimes::Dated(seconds.iter().zip(&weeks).map(one).collect())
             }
-            Source::Text { columns, form } => {
+            ClockSource::Text { columns, form } => {
                 let cells = columns.iter().map(|cells| cells.read(batch)).collect::<Result<Vec<_>, _>>()?;
                 let mut second = None;
-                let mut read = |row: usize| -> Option<Read> {
+                let mut read = |row: usize| -> Option<TimeText> {
                     let parts: Option<Vec<&str>> = cells.iter().map(|c| c.get(row)?.as_deref()).collect();
                     let text = parts?.join(" ");
                     if text.trim().is_empty() {
                         return None;
                     }
                     let time = form.read(&text);
-                    if self.zone_s.is_some() && matches!(time, Some(Read::At { zoned: true, .. })) {
+                    if self.zone_s.is_some() && matches!(time, Some(TimeText::At { zoned: true, .. })) {
                         second.get_or_insert_with(|| text.clone());
                     }
                     if time.is_none() {
-                        wrong.push(NoTime { row, text });
+                        wrong.push(TimeParseError { row, text });
                     }
                     time
                 };
-                let all: Vec<Option<Read>> = (0..batch.num_rows()).map(&mut read).collect();
+                let all: Vec<Option<TimeText>> = (0..batch.num_rows()).map(&mut read).collect();
                 if let Some(text) = second {
                     return Err(second_zone(&format!("the time `{text}` has its own offset from UTC")));
                 }
                 if form.is_dated() {
-                    Times::Dated(all.iter().map(|t| t.map(|t| at(t, zone_s))).collect())
+                    RowTimes::Dated(all.iter().map(|t| t.map(|t| at(t, zone_s))).collect())
                 } else {
-                    let of_day = |t: &Option<Read>| match t {
-                        Some(Read::OfDay(s)) => *s,
-                        Some(Read::At { .. }) | None => f64::NAN,
+                    let of_day = |t: &Option<TimeText>| match t {
+                        Some(TimeText::OfDay(s)) => *s,
+                        Some(TimeText::At { .. }) | None => f64::NAN,
                     };
                     self.of_day(&all.iter().map(of_day).collect::<Vec<_>>())
                 }
@@ -212,13 +216,13 @@ impl TimeOf {
     }
 
     /// Times of a day; after midnight, a date moves on.
-    fn of_day(&mut self, seconds: &[f64]) -> Times {
+    fn of_day(&mut self, seconds: &[f64]) -> RowTimes {
         /// How far from midnight a fall of the time may begin and end.
         const NEAR_S: f64 = 3_600.0;
         let zone_s = self.zone_s;
         let Some(mut day) = self.day else {
             let utc = |s: &f64| zone_s.map_or(*s, |zone| (s - zone).rem_euclid(DAY_S));
-            return Times::Undated(seconds.iter().map(utc).collect());
+            return RowTimes::Undated(seconds.iter().map(utc).collect());
         };
         let mut last = self.last_s;
         let dated = seconds.iter().map(|&s| {
@@ -229,33 +233,33 @@ impl TimeOf {
                 day += 1;
             }
             last = s;
-            Some(Instant::new(day, s - zone_s.unwrap_or(0.0)))
+            Some(UtcInstant::new(day, s - zone_s.unwrap_or(0.0)))
         });
         let dated = dated.collect();
         (self.day, self.last_s) = (Some(day), last);
-        Times::Dated(dated)
+        RowTimes::Dated(dated)
     }
 }
 
 /// The instant of a text with a date.
-fn at(time: Read, zone_s: f64) -> Instant {
+fn at(time: TimeText, zone_s: f64) -> UtcInstant {
     match time {
-        Read::At { instant, zoned: true } => instant,
-        Read::At { instant, zoned: false } => instant.plus(-zone_s),
-        Read::OfDay(s) => Instant::new(0, s),
+        TimeText::At { instant, zoned: true } => instant,
+        TimeText::At { instant, zoned: false } => instant.plus(-zone_s),
+        TimeText::OfDay(s) => UtcInstant::new(0, s),
     }
 }
 
 /// Keys that say nothing with this clock.
-fn foreign_keys(stamp: &Placed<Stamp>, clock: Clock, columns: &mut Columns) {
-    let owners: [(&str, &[Clock]); 7] = [
-        ("week", &[Clock::Gps]),
-        ("rollovers", &[Clock::Gps]),
-        ("leap_s", &[Clock::Gps]),
-        ("format", &[Clock::Text]),
-        ("zone", &[Clock::Day, Clock::Unix, Clock::Text]),
-        ("date", &[Clock::Day, Clock::Text]),
-        ("unit", &[Clock::Boot, Clock::Day, Clock::Unix, Clock::Gps]),
+fn foreign_keys(stamp: &SpannedValue<TimeStampKeys>, clock: ClockZero, columns: &mut MappingColumns) {
+    let owners: [(&str, &[ClockZero]); 7] = [
+        ("week", &[ClockZero::Gps]),
+        ("rollovers", &[ClockZero::Gps]),
+        ("leap_s", &[ClockZero::Gps]),
+        ("format", &[ClockZero::Text]),
+        ("zone", &[ClockZero::Day, ClockZero::Unix, ClockZero::Text]),
+        ("date", &[ClockZero::Day, ClockZero::Text]),
+        ("unit", &[ClockZero::Boot, ClockZero::Day, ClockZero::Unix, ClockZero::Gps]),
     ];
     for (key, clocks) in owners {
         if let Some(given) = stamp.args.get(key).filter(|_| !clocks.contains(&clock)) {
@@ -264,13 +268,13 @@ fn foreign_keys(stamp: &Placed<Stamp>, clock: Clock, columns: &mut Columns) {
             columns.push(Fault::new(what).at(given.key_at.clone()));
         }
     }
-    if clock != Clock::Text && stamp.value.from.len() > 1 {
+    if clock != ClockZero::Text && stamp.value.from.len() > 1 {
         let what = format!("the clock `{}` requires one column, not {}", clock.word(), stamp.value.from.len());
         columns.push(Fault::new(what).at(stamp.at("from")));
     }
 }
 
-fn zone(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<f64> {
+fn zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<f64> {
     let text = stamp.value.zone.as_ref()?;
     let zone = read_zone(text);
     if zone.is_none() {
@@ -281,7 +285,7 @@ fn zone(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<f64> {
 }
 
 /// Rejects a zone for time stamps that are in UTC by their type, or in the zone of their text.
-fn refuse_second_zone(stamp: &Placed<Stamp>, columns: &mut Columns) {
+fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) {
     if stamp.value.zone.is_none() {
         return;
     }
@@ -294,7 +298,7 @@ fn refuse_second_zone(stamp: &Placed<Stamp>, columns: &mut Columns) {
             columns.push(fault.at(stamp.at("zone")));
         }
     }
-    if Form::new(stamp.value.format.as_deref()).is_some_and(|form| form.is_zoned()) {
+    if TimeTextFormat::new(stamp.value.format.as_deref()).is_some_and(|form| form.is_zoned()) {
         columns.push(second_zone("the `format` reads an offset from UTC").at(stamp.at("zone")));
     }
 }
@@ -311,7 +315,7 @@ fn in_digits(numbers: &[f64], row: usize) -> Fault {
 }
 
 /// The column that counts, and what it counts.
-fn ticks(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Ticks> {
+fn ticks(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<CounterColumn> {
     let name = stamp.value.from.first()?;
     of_column(name, stamp.value.unit.as_deref(), (stamp.at("from"), stamp.at("unit")), columns)
 }
@@ -320,9 +324,9 @@ fn ticks(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Ticks> {
 fn of_column(
     name: &str,
     unit: Option<&str>,
-    (from_at, unit_at): (super::document::Span, super::document::Span),
-    columns: &mut Columns,
-) -> Option<Ticks> {
+    (from_at, unit_at): (super::document::MappingSpan, super::document::MappingSpan),
+    columns: &mut MappingColumns,
+) -> Option<CounterColumn> {
     let at = columns.find(name, from_at.clone())?;
     let field = columns.source.field(at);
     let said = match field.data_type() {
@@ -355,15 +359,20 @@ fn of_column(
     let rate = if factor <= 1.0 && (per_second * factor - 1.0).abs() < 1e-12 { Ok(per_second) } else { Err(factor) };
     let ns = (factor * 1e9).round();
     let ns = (kind.is_integer() || said.is_some()).then_some(ns as i128).filter(|n| *n > 0);
-    Some(Ticks { at, ns, rate })
+    Some(CounterColumn { at, ns, rate })
 }
 
 /// The seconds of a column of a log's own clock.
-pub struct BootColumn(Ticks);
+pub struct BootColumn(CounterColumn);
 
 impl BootColumn {
     /// A column in a unit that the mapping or the file says.
-    pub fn new(name: &str, unit: Option<&str>, at: super::document::Span, columns: &mut Columns) -> Option<BootColumn> {
+    pub fn new(
+        name: &str,
+        unit: Option<&str>,
+        at: super::document::MappingSpan,
+        columns: &mut MappingColumns,
+    ) -> Option<BootColumn> {
         of_column(name, unit, (at.clone(), at), columns).map(BootColumn)
     }
 
@@ -373,7 +382,7 @@ impl BootColumn {
     }
 }
 
-impl Ticks {
+impl CounterColumn {
     fn whole(&self, batch: &RecordBatch) -> Result<Option<ArrayRef>, Fault> {
         if self.ns.is_none() {
             return Ok(None);
@@ -392,18 +401,18 @@ impl Ticks {
     }
 
     /// Instants counted from 1970; whole numbers lose nothing.
-    fn instants(&self, batch: &RecordBatch) -> Result<Vec<Option<Instant>>, Fault> {
+    fn instants(&self, batch: &RecordBatch) -> Result<Vec<Option<UtcInstant>>, Fault> {
         if let (Some(ns), Some(whole)) = (self.ns, self.whole(batch)?) {
             let whole = whole.as_primitive::<Int64Type>();
-            return Ok(whole.iter().map(|x| Some(Instant::of_unix_ns(i128::from(x?) * ns))).collect());
+            return Ok(whole.iter().map(|x| Some(UtcInstant::of_unix_ns(i128::from(x?) * ns))).collect());
         }
         // Beyond 10^12 s a count of seconds is something else, such as milliseconds.
-        let instant = |s: f64| (s.abs() < 1e12).then(|| Instant::new(0, s));
+        let instant = |s: f64| (s.abs() < 1e12).then(|| UtcInstant::new(0, s));
         Ok(self.seconds(batch)?.into_iter().map(instant).collect())
     }
 }
 
-fn gps(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
+fn gps(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {
     let said = &stamp.value;
     let week = match &said.week {
         None => {
@@ -411,20 +420,20 @@ fn gps(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
             columns.push(fault.at(stamp.at.clone()));
             return None;
         }
-        Some(Constant::Number(x)) if x.fract() == 0.0 && (0.0..1e5).contains(x) => Week::Number(*x as i64),
-        Some(Constant::Number(x)) => {
+        Some(ConstantValue::Number(x)) if x.fract() == 0.0 && (0.0..1e5).contains(x) => GpsWeek::Number(*x as i64),
+        Some(ConstantValue::Number(x)) => {
             columns.push(
                 Fault::new(format!("a GPS week must be a whole number, 0 or above, not {x}")).at(stamp.at("week")),
             );
             return None;
         }
-        Some(Constant::Text(name)) => Week::Column(columns.number(name, stamp.at("week"))?),
+        Some(ConstantValue::Text(name)) => GpsWeek::Column(columns.number(name, stamp.at("week"))?),
     };
     let rollovers = said.rollovers as i64;
-    Some(Source::Gps { ticks: ticks(stamp, columns)?, week, rollovers, leap_s: said.leap_s })
+    Some(ClockSource::Gps { ticks: ticks(stamp, columns)?, week, rollovers, leap_s: said.leap_s })
 }
 
-fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
+fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {
     let names = &stamp.value.from;
     let format = stamp.value.format.as_deref();
     // A form of several columns has a blank between their parts.
@@ -433,7 +442,7 @@ fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
     for (i, name) in names.iter().enumerate() {
         let at = columns.find(name, stamp.at("from"))?;
         if is_text(columns.source, at) {
-            found.push(Cells { at, digits: None });
+            found.push(TimeTextColumn { at, digits: None });
             continue;
         }
         let kind = columns.source.field(at).data_type();
@@ -446,9 +455,9 @@ fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
             columns.push(Fault::new(what).help(help).at(stamp.at("from")));
             return None;
         }
-        found.push(Cells { at, digits });
+        found.push(TimeTextColumn { at, digits });
     }
-    let Some(form) = Form::new(format) else {
+    let Some(form) = TimeTextFormat::new(format) else {
         let text = stamp.value.format.clone().unwrap_or_default();
         let fault = Fault::new(format!("`format` cannot be `{text}`"));
         let help = "it requires at least the hour, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
@@ -458,5 +467,5 @@ fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
     if form.is_dated() && stamp.value.date.is_some() {
         columns.push(Fault::new("the text already contains the date").at(stamp.at("date")));
     }
-    Some(Source::Text { columns: found, form })
+    Some(ClockSource::Text { columns: found, form })
 }

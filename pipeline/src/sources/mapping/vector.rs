@@ -2,11 +2,11 @@
 
 use numerics::earth::attitude::body_to_ned;
 
-use super::declare::{Frames, Order};
+use super::declare::{QuaternionFrames, QuaternionOrder};
 
 /// The matrix, row by row, that turns a sensor's x, y and z into the body's nose, right wing and down.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mounting(pub [[f64; 3]; 3]);
+pub struct SensorMounting(pub [[f64; 3]; 3]);
 
 /// Reads `+x -y -z`: which axis of the sensor lies along the nose, the right wing and down.
 pub fn read_axes(text: &str) -> Option<[[f64; 3]; 3]> {
@@ -31,11 +31,11 @@ pub fn read_axes(text: &str) -> Option<[[f64; 3]; 3]> {
     Some(rows)
 }
 
-impl Mounting {
+impl SensorMounting {
     /// A sensor whose axes are permuted first, and then turned by roll, pitch and yaw, degrees.
-    pub fn new(axes: [[f64; 3]; 3], [roll, pitch, yaw]: [f64; 3]) -> Mounting {
+    pub fn new(axes: [[f64; 3]; 3], [roll, pitch, yaw]: [f64; 3]) -> SensorMounting {
         if [roll, pitch, yaw] == [0.0; 3] {
-            return Mounting(axes);
+            return SensorMounting(axes);
         }
         let turn = body_to_ned(roll.to_radians(), pitch.to_radians(), yaw.to_radians());
         let mut out = [[0.0; 3]; 3];
@@ -44,7 +44,7 @@ impl Mounting {
                 *cell = axes.iter().enumerate().map(|(k, of)| turn[(i, k)] * of[j]).sum();
             }
         }
-        Mounting(out)
+        SensorMounting(out)
     }
 
     /// Whether it is a mirror, which no mounting of a right-handed sensor is.
@@ -68,10 +68,10 @@ impl Mounting {
 /// Roll, pitch and yaw, in degrees, of a quaternion; NaN where it is none. Yaw is from 0 to 360.
 ///
 /// It turns a vector's components in the body frame into those in the navigation frame. Its length does not matter.
-pub fn roll_pitch_yaw_deg(q: [f64; 4], order: Order, frames: Frames) -> [f64; 3] {
+pub fn roll_pitch_yaw_deg(q: [f64; 4], order: QuaternionOrder, frames: QuaternionFrames) -> [f64; 3] {
     let [w, x, y, z] = match order {
-        Order::Wxyz => q,
-        Order::Xyzw => [q[3], q[0], q[1], q[2]],
+        QuaternionOrder::Wxyz => q,
+        QuaternionOrder::Xyzw => [q[3], q[0], q[1], q[2]],
     };
     let size = (w * w + x * x + y * y + z * z).sqrt();
     if !(size.is_finite() && size > 0.0) {
@@ -84,10 +84,10 @@ pub fn roll_pitch_yaw_deg(q: [f64; 4], order: Order, frames: Frames) -> [f64; 3]
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
     ];
     let m = match frames {
-        Frames::FrdToNed => m,
+        QuaternionFrames::FrdToNed => m,
         // North is the second axis of east-north-up and down the negative third; right and down are the negative second
         // and third of nose-left-up.
-        Frames::FluToEnu => {
+        QuaternionFrames::FluToEnu => {
             [[m[1][0], -m[1][1], -m[1][2]], [m[0][0], -m[0][1], -m[0][2]], [-m[2][0], m[2][1], m[2][2]]]
         }
     };
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn law_axes_say_what_lies_along_the_nose_the_right_wing_and_down() {
-        let body = |axes: &str, v| Mounting::new(read_axes(axes).unwrap(), [0.0; 3]).apply(v);
+        let body = |axes: &str, v| SensorMounting::new(read_axes(axes).unwrap(), [0.0; 3]).apply(v);
         assert_eq!(body("+x +y +z", [1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
         assert_eq!(body("x -y -z", [1.0, 2.0, 3.0]), [1.0, -2.0, -3.0]);
         assert_eq!(body("-y, +x, +z", [1.0, 2.0, 3.0]), [-2.0, 1.0, 3.0]);
@@ -123,23 +123,23 @@ mod tests {
         for wrong in ["+x +x +z", "+x +y", "+x +y +z +x", "a b c", "", "+x +y +", "é"] {
             assert_eq!(read_axes(wrong), None, "{wrong}");
         }
-        assert!(Mounting::new(read_axes("+x +y -z").unwrap(), [0.0; 3]).is_mirror());
-        assert!(!Mounting::new(read_axes("+x -y -z").unwrap(), [10.0, 20.0, 30.0]).is_mirror());
+        assert!(SensorMounting::new(read_axes("+x +y -z").unwrap(), [0.0; 3]).is_mirror());
+        assert!(!SensorMounting::new(read_axes("+x -y -z").unwrap(), [10.0, 20.0, 30.0]).is_mirror());
     }
 
     #[test]
     fn law_a_rotation_is_that_of_attitude_angles() {
         let identity = read_axes("+x +y +z").unwrap();
         // A sensor turned by 90 degrees of yaw has its x axis along the right wing.
-        assert!(close(Mounting::new(identity, [0.0, 0.0, 90.0]).apply([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
+        assert!(close(SensorMounting::new(identity, [0.0, 0.0, 90.0]).apply([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
         // By 90 degrees of roll its y axis points down, of pitch its x axis up.
-        assert!(close(Mounting::new(identity, [90.0, 0.0, 0.0]).apply([0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]));
-        assert!(close(Mounting::new(identity, [0.0, 90.0, 0.0]).apply([1.0, 0.0, 0.0]), [0.0, 0.0, -1.0]));
+        assert!(close(SensorMounting::new(identity, [90.0, 0.0, 0.0]).apply([0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]));
+        assert!(close(SensorMounting::new(identity, [0.0, 90.0, 0.0]).apply([1.0, 0.0, 0.0]), [0.0, 0.0, -1.0]));
         // 180 degrees of roll is `+x -y -z`.
-        let axes = Mounting::new(read_axes("+x -y -z").unwrap(), [0.0; 3]).apply([1.0, 2.0, 3.0]);
-        assert!(close(Mounting::new(identity, [180.0, 0.0, 0.0]).apply([1.0, 2.0, 3.0]), axes));
+        let axes = SensorMounting::new(read_axes("+x -y -z").unwrap(), [0.0; 3]).apply([1.0, 2.0, 3.0]);
+        assert!(close(SensorMounting::new(identity, [180.0, 0.0, 0.0]).apply([1.0, 2.0, 3.0]), axes));
         // The axes come before the rotation.
-        let both = Mounting::new(read_axes("-y +x +z").unwrap(), [0.0, 0.0, 90.0]).apply([1.0, 0.0, 0.0]);
+        let both = SensorMounting::new(read_axes("-y +x +z").unwrap(), [0.0, 0.0, 90.0]).apply([1.0, 0.0, 0.0]);
         assert!(close(both, [-1.0, 0.0, 0.0]), "{both:?}");
     }
 
@@ -157,19 +157,33 @@ mod tests {
             ];
             let (r, p, y) = euler_rad(&body_to_ned(roll, pitch, yaw));
             let expected = [r, p, y.rem_euclid(std::f64::consts::TAU)].map(f64::to_degrees);
-            assert!(close(roll_pitch_yaw_deg(q, Order::Wxyz, Frames::FrdToNed), expected));
+            assert!(close(roll_pitch_yaw_deg(q, QuaternionOrder::Wxyz, QuaternionFrames::FrdToNed), expected));
             // Neither its length nor its sign matters.
-            assert!(close(roll_pitch_yaw_deg(q.map(|x| -3.0 * x), Order::Wxyz, Frames::FrdToNed), expected));
-            assert!(close(roll_pitch_yaw_deg([q[1], q[2], q[3], q[0]], Order::Xyzw, Frames::FrdToNed), expected));
+            assert!(close(
+                roll_pitch_yaw_deg(q.map(|x| -3.0 * x), QuaternionOrder::Wxyz, QuaternionFrames::FrdToNed),
+                expected
+            ));
+            assert!(close(
+                roll_pitch_yaw_deg([q[1], q[2], q[3], q[0]], QuaternionOrder::Xyzw, QuaternionFrames::FrdToNed),
+                expected
+            ));
         }
         // East-north-up: no rotation has the nose (x) to the east; a turn by +90 degrees about up has it to the north.
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        assert!(close(roll_pitch_yaw_deg([1.0, 0.0, 0.0, 0.0], Order::Wxyz, Frames::FluToEnu), [0.0, 0.0, 90.0]));
-        assert!(close(roll_pitch_yaw_deg([half, 0.0, 0.0, half], Order::Wxyz, Frames::FluToEnu), [0.0, 0.0, 0.0]));
+        assert!(close(
+            roll_pitch_yaw_deg([1.0, 0.0, 0.0, 0.0], QuaternionOrder::Wxyz, QuaternionFrames::FluToEnu),
+            [0.0, 0.0, 90.0]
+        ));
+        assert!(close(
+            roll_pitch_yaw_deg([half, 0.0, 0.0, half], QuaternionOrder::Wxyz, QuaternionFrames::FluToEnu),
+            [0.0, 0.0, 0.0]
+        ));
         // A turn about the nose is roll in both.
         let turned = [0.15_f64.cos(), 0.15_f64.sin(), 0.0, 0.0];
-        let [roll, ..] = roll_pitch_yaw_deg(turned, Order::Wxyz, Frames::FluToEnu);
+        let [roll, ..] = roll_pitch_yaw_deg(turned, QuaternionOrder::Wxyz, QuaternionFrames::FluToEnu);
         assert!((roll - 0.3_f64.to_degrees()).abs() < 1e-12);
-        assert!(roll_pitch_yaw_deg([0.0; 4], Order::Wxyz, Frames::FrdToNed).iter().all(|x| x.is_nan()));
+        assert!(
+            roll_pitch_yaw_deg([0.0; 4], QuaternionOrder::Wxyz, QuaternionFrames::FrdToNed).iter().all(|x| x.is_nan())
+        );
     }
 }

@@ -14,19 +14,20 @@ use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
 use super::{
-    super::lock::{GONE_AFTER, Held, Holder},
-    Remote,
+    super::lock::{ForeignLock, GONE_AFTER, LockHolder},
+    RemoteStore,
 };
-use crate::{keys::Key, remote::Listed};
+use crate::{keys::HashKey, remote::ObjectEntry};
 
 /// The interval at which the holder writes its lease again.
 const BEAT: Duration = Duration::from_secs(15);
 
 /// The content of a lease.
 #[derive(Clone, Serialize, Deserialize)]
-struct Said {
-    holder: Holder,
-    /// The cache of the holder. Processes of one boot that have the same one see each other's locks of the operating system.
+struct LeaseContent {
+    holder: LockHolder,
+    /// The cache of the holder. Processes of one boot that have the same one see each other's locks of the operating
+    /// system.
     cache: String,
     /// Identifier of this lease.
     once: String,
@@ -35,26 +36,26 @@ struct Said {
     sum: String,
 }
 
-impl Said {
-    fn new(cache: String) -> Said {
-        let (holder, once) = (Holder::this(), Uuid::new_v4().to_string());
-        let said = Said { holder, cache, once, sum: String::new() };
-        Said { sum: said.sum_of(), ..said }
+impl LeaseContent {
+    fn new(cache: String) -> LeaseContent {
+        let (holder, once) = (LockHolder::this(), Uuid::new_v4().to_string());
+        let said = LeaseContent { holder, cache, once, sum: String::new() };
+        LeaseContent { sum: said.sum_of(), ..said }
     }
 
     fn sum_of(&self) -> String {
-        Key::of([self.holder.sum(), self.cache.as_str(), self.once.as_str()]).to_string()
+        HashKey::from_parts([self.holder.sum(), self.cache.as_str(), self.once.as_str()]).to_string()
     }
 }
 
 /// Whether the object of a lease is as it was written.
 pub(super) fn is_lease_whole(bytes: &[u8]) -> bool {
-    let whole = |said: Said| said.holder.is_whole() && said.sum == said.sum_of();
+    let whole = |said: LeaseContent| said.holder.is_whole() && said.sum == said.sum_of();
     serde_json::from_slice(bytes).is_ok_and(whole)
 }
 
 /// A lease in the store.
-struct Lease {
+struct LeaseObject {
     number: u64,
     key: String,
     written: SystemTime,
@@ -62,16 +63,16 @@ struct Lease {
 
 /// The lease of this process.
 pub struct RemoteLease {
-    remote: Arc<Remote>,
+    remote: Arc<RemoteStore>,
     pipeline: String,
     number: u64,
-    said: Said,
-    shared: Arc<Shared>,
+    said: LeaseContent,
+    shared: Arc<RemoteHeartbeatState>,
     heart: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
-struct Shared {
+struct RemoteHeartbeatState {
     over: Mutex<bool>,
     wake: Condvar,
     lost: AtomicBool,
@@ -81,23 +82,23 @@ fn start(pipeline: &str) -> String {
     format!("locks/{pipeline}.lease-")
 }
 
-fn text(said: &Said) -> Result<Vec<u8>, Fault> {
+fn text(said: &LeaseContent) -> Result<Vec<u8>, Fault> {
     serde_json::to_vec(said).map_err(|e| Fault::machine(e.to_string()))
 }
 
-impl Remote {
+impl RemoteStore {
     /// The leases of a pipeline, sorted.
-    fn leases(&self, pipeline: &str) -> Result<Vec<Lease>, Fault> {
+    fn leases(&self, pipeline: &str) -> Result<Vec<LeaseObject>, Fault> {
         let start = start(pipeline);
-        let one = |o: Listed| {
-            Some(Lease { number: o.key.strip_prefix(&start)?.parse().ok()?, written: o.modified, key: o.key })
+        let one = |o: ObjectEntry| {
+            Some(LeaseObject { number: o.key.strip_prefix(&start)?.parse().ok()?, written: o.modified, key: o.key })
         };
-        let mut found: Vec<Lease> = self.bucket.list_flat("locks")?.into_iter().filter_map(one).collect();
+        let mut found: Vec<LeaseObject> = self.bucket.list_flat("locks")?.into_iter().filter_map(one).collect();
         found.sort_by_key(|lease| lease.number);
         Ok(found)
     }
 
-    fn said(&self, lease: &Lease) -> Result<Option<Said>, Fault> {
+    fn said(&self, lease: &LeaseObject) -> Result<Option<LeaseContent>, Fault> {
         Ok(self.bucket.get(&lease.key)?.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
     }
 
@@ -126,7 +127,7 @@ impl Remote {
     pub(super) fn is_busy(&self) -> Result<bool, Fault> {
         let now = self.time()?;
         for lease in self.bucket.list_flat("locks")?.into_iter().filter(|o| o.key.contains(".lease-")) {
-            let lease = Lease { number: 0, written: lease.modified, key: lease.key };
+            let lease = LeaseObject { number: 0, written: lease.modified, key: lease.key };
             let free = self.said(&lease)?.is_some_and(|said| self.is_over(&said));
             if !free && !is_silent(now, lease.written) {
                 return Ok(true);
@@ -136,8 +137,8 @@ impl Remote {
     }
 
     /// Whether the holder has released its lease, or would hold the lock of this cache.
-    fn is_over(&self, said: &Said) -> bool {
-        let boot = Holder::this().boot;
+    fn is_over(&self, said: &LeaseContent) -> bool {
+        let boot = LockHolder::this().boot;
         said.holder.is_free() || (said.cache == self.cache && !boot.is_empty() && said.holder.boot == boot)
     }
 
@@ -145,7 +146,7 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn lease(self: &Arc<Remote>, pipeline: &str) -> Result<Result<RemoteLease, Held>, Fault> {
+    pub fn lease(self: &Arc<RemoteStore>, pipeline: &str) -> Result<Result<RemoteLease, ForeignLock>, Fault> {
         let last = self.leases(pipeline)?.pop();
         let number = last.as_ref().map_or(1, |lease| lease.number.saturating_add(1));
         if let Some(lease) = last {
@@ -154,11 +155,11 @@ impl Remote {
                 let now = self.time()?;
                 if !is_silent(now, lease.written) {
                     let silent = now.duration_since(lease.written).ok();
-                    return Ok(Err(Held { holder: said.map(|s| s.holder), silent }));
+                    return Ok(Err(ForeignLock { holder: said.map(|s| s.holder), silent }));
                 }
             }
         }
-        let said = Said::new(self.cache.clone());
+        let said = LeaseContent::new(self.cache.clone());
         let key = format!("{}{number}", start(pipeline));
         let made = self.bucket.create(&key, &text(&said)?)?;
         let known = self.leases(pipeline)?;
@@ -167,7 +168,7 @@ impl Remote {
                 self.bucket.remove(&key)?;
             }
             let holder = known.last().map(|lease| self.said(lease)).transpose()?.flatten().map(|said| said.holder);
-            return Ok(Err(Held { holder, silent: None }));
+            return Ok(Err(ForeignLock { holder, silent: None }));
         }
         for older in known.iter().filter(|lease| lease.number < number) {
             // The highest number counts; others are removed by the next holder.
@@ -182,8 +183,8 @@ fn is_silent(now: SystemTime, written: SystemTime) -> bool {
 }
 
 impl RemoteLease {
-    fn start(remote: Arc<Remote>, pipeline: &str, number: u64, said: Said) -> Result<RemoteLease, Fault> {
-        let shared = Arc::new(Shared::default());
+    fn start(remote: Arc<RemoteStore>, pipeline: &str, number: u64, said: LeaseContent) -> Result<RemoteLease, Fault> {
+        let shared = Arc::new(RemoteHeartbeatState::default());
         let (of_thread, store, name, bytes) = (shared.clone(), remote.clone(), pipeline.to_owned(), text(&said)?);
         let beat = move || {
             let mut over = of_thread.over.lock().unwrap_or_else(PoisonError::into_inner);
@@ -193,7 +194,8 @@ impl RemoteLease {
                 if *over || !waited.1.timed_out() {
                     continue;
                 }
-                // The time of the object is that of the server's clock. A failed write is repeated at the next interval.
+                // The time of the object is that of the server's clock. A failed write is repeated at the next
+                // interval.
                 match store.leases(&name).map(|all| all.last().map(|lease| lease.number)) {
                     Ok(last) if last != Some(number) => {
                         of_thread.lost.store(true, Ordering::SeqCst);

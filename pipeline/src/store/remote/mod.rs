@@ -1,13 +1,15 @@
 //! A store in an object store, and its copy in a folder of this machine: the cache.
 //!
-//! The objects are the store; the cache has the layout of a store in a folder, with the files that this machine has written or
-//! read. Files that never change under their names (packs, sources, plans, the files of a version) are written to the object
-//! store first and then to the cache, and copied when they are first read, with their checksums. The others are small, and
-//! copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`, which names the newest
-//! version and is replaced on the condition that it is still the object that was read. The files of a version that are packs are
-//! not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
+//! The objects are the store; the cache has the layout of a store in a folder, with the files that this machine has
+//! written or read. Files that never change under their names (packs, sources, plans, the files of a version) are
+//! written to the object store first and then to the cache, and copied when they are first read, with their checksums.
+//! The others are small, and copied when the store is opened: the plans, runs and costs of pipelines, and
+//! `tables/<pipeline>`, which names the newest version and is replaced on the condition that it is still the object
+//! that was read. The files of a version that are packs are not written again: `versions/<pipeline>/<n>/version.json`
+//! lists them by name.
 //!
-//! Locks are leases, as between hosts that share a folder: objects that only one can create, written to again and again.
+//! Locks are leases, as between hosts that share a folder: objects that only one can create, written to again and
+//! again.
 
 mod lease;
 mod pull;
@@ -34,15 +36,15 @@ use uuid::Uuid;
 
 use super::{
     LAYOUT,
-    catalogue::{self, Pack},
+    catalogue::{self, StorePack},
     checkpoints, is_other_layout, make_folder,
-    sealed::{self, Trouble},
+    sealed::{self, StoreFileFault},
     trouble,
     unfinished::own_folder,
 };
 use crate::{
-    keys::Key,
-    remote::{Address, Bucket, Listed, Place, cache, connect, each, place, supported},
+    keys::HashKey,
+    remote::{Bucket, ObjectAddress, ObjectEntry, StorageLocation, cache, connect, each, place, supported},
 };
 pub use lease::RemoteLease;
 pub use tend::is_object_old;
@@ -54,16 +56,16 @@ const TRIALS: usize = 3;
 /// The end of a pack that is read at first: most footers are shorter.
 const TAIL: u64 = 64 << 10;
 
-/// The text of [`MARK`].
+/// The content of the file [`MARK`].
 #[derive(Serialize, Deserialize)]
-struct Mark {
+struct CacheMarker {
     address: String,
     /// Identifier of this cache.
     cache: String,
 }
 
 /// A store in an object store.
-pub struct Remote {
+pub struct RemoteStore {
     bucket: Bucket,
     root: PathBuf,
     cache: String,
@@ -72,7 +74,7 @@ pub struct Remote {
 }
 
 /// Those that this process uses, by the folder of their cache.
-static OPEN: Mutex<BTreeMap<PathBuf, Arc<Remote>>> = Mutex::new(BTreeMap::new());
+static OPEN: Mutex<BTreeMap<PathBuf, Arc<RemoteStore>>> = Mutex::new(BTreeMap::new());
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -84,8 +86,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Fails for other addresses, where this program is built without object stores, and when the cache cannot be made.
 pub fn located(text: &str) -> Result<PathBuf, Fault> {
     match place(text)? {
-        Place::Path(path) => Ok(path),
-        Place::Object(address) => prepared(&address),
+        StorageLocation::Path(path) => Ok(path),
+        StorageLocation::Object(address) => prepared(&address),
     }
 }
 
@@ -93,13 +95,13 @@ pub fn located(text: &str) -> Result<PathBuf, Fault> {
 ///
 /// # Errors
 /// Fails where this program is built without object stores, and when the cache cannot be made.
-pub fn prepared(address: &Address) -> Result<PathBuf, Fault> {
+pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     supported()?;
     let root = cache::of_store(address)?;
     let mark = root.join(MARK);
     if !mark.is_file() {
         let cache = Uuid::new_v4().to_string();
-        let text = serde_json::to_string(&Mark { address: address.to_string(), cache: cache.clone() });
+        let text = serde_json::to_string(&CacheMarker { address: address.to_string(), cache: cache.clone() });
         let text = text.map_err(|e| Fault::machine(e.to_string()))? + "\n";
         let unfinished = root.join("tmp").join(format!("{MARK}-{cache}"));
         let made = make_folder(&root.join("tmp"))
@@ -119,7 +121,7 @@ pub fn prepared(address: &Address) -> Result<PathBuf, Fault> {
 
 /// Name of the store in the folder `root`: its address, where it is in an object store.
 pub fn shown(root: &Path) -> String {
-    match Remote::of(root) {
+    match RemoteStore::from_cache(root) {
         Ok(Some(remote)) => remote.bucket.address().to_string(),
         Ok(None) | Err(_) => root.display().to_string(),
     }
@@ -137,12 +139,12 @@ pub fn is_copy(root: &Path) -> bool {
     root.join(MARK).is_file()
 }
 
-impl Remote {
+impl RemoteStore {
     /// The store whose cache is the folder `root`; `None` where that is a store itself, or nothing.
     ///
     /// # Errors
     /// Fails when the cache cannot be read, and where the environment does not say how to reach the store.
-    pub fn of(root: &Path) -> Result<Option<Arc<Remote>>, Fault> {
+    pub fn from_cache(root: &Path) -> Result<Option<Arc<RemoteStore>>, Fault> {
         let Ok(root) = root.canonicalize() else { return Ok(None) };
         if let Some(known) = locked(&OPEN).get(&root) {
             return Ok(Some(known.clone()));
@@ -157,14 +159,14 @@ impl Remote {
             Fault::machine(format!("{} is damaged", path.display()))
                 .help(format!("remove the folder {}; it is only a copy", root.display()))
         };
-        let mark: Mark = serde_json::from_slice(&bytes).map_err(|_| damaged())?;
-        let Place::Object(address) = place(&mark.address)? else { return Err(damaged()) };
-        Ok(Some(Remote::over(&root, connect(&address)?, mark.cache)))
+        let mark: CacheMarker = serde_json::from_slice(&bytes).map_err(|_| damaged())?;
+        let StorageLocation::Object(address) = place(&mark.address)? else { return Err(damaged()) };
+        Ok(Some(RemoteStore::over(&root, connect(&address)?, mark.cache)))
     }
 
     /// The store in `bucket` whose cache is the folder `root`.
-    fn over(root: &Path, bucket: Bucket, cache: String) -> Arc<Remote> {
-        let new = Remote { bucket, root: root.to_owned(), cache, tmp: Mutex::default(), next: AtomicU64::new(0) };
+    fn over(root: &Path, bucket: Bucket, cache: String) -> Arc<RemoteStore> {
+        let new = RemoteStore { bucket, root: root.to_owned(), cache, tmp: Mutex::default(), next: AtomicU64::new(0) };
         locked(&OPEN).entry(root.to_owned()).or_insert_with(|| Arc::new(new)).clone()
     }
 
@@ -221,8 +223,8 @@ impl Remote {
         Ok(mark.is_some())
     }
 
-    /// Removes the objects of a folder for which `gone` is true. It is given the first part of their names below the folder, and
-    /// their age by the server's clock.
+    /// Removes the objects of a folder for which `gone` is true. It is given the first part of their names below the
+    /// folder, and their age by the server's clock.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
@@ -233,7 +235,7 @@ impl Remote {
             return Ok(());
         }
         let now = self.time()?;
-        let age = |o: &Listed| now.duration_since(o.modified).unwrap_or_default();
+        let age = |o: &ObjectEntry| now.duration_since(o.modified).unwrap_or_default();
         let wanted: Vec<String> = all.into_iter().filter(|o| gone(&name(&o.key), age(o))).map(|o| o.key).collect();
         each(&wanted, |key| self.bucket.remove(key)).map(drop)
     }
@@ -290,7 +292,7 @@ impl Remote {
     }
 
     /// The name of the object of a pack.
-    fn pack_key(id: Key) -> String {
+    fn pack_key(id: HashKey) -> String {
         let name = id.to_string();
         format!("objects/{}/{name}.parquet", name.get(..2).unwrap_or_default())
     }
@@ -299,33 +301,33 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when it is not there, cannot be read, or its bytes are not those that were written.
-    pub fn bring(&self, id: Key, size: Option<u64>) -> Result<(), Trouble> {
+    pub fn bring(&self, id: HashKey, size: Option<u64>) -> Result<(), StoreFileFault> {
         let file = catalogue::path(&self.root, id);
         if fs::metadata(&file).is_ok_and(|about| size.is_none_or(|size| size == about.len())) {
             return Ok(());
         }
-        let machine = |fault: Fault| Trouble::Machine(fault.to_string());
+        let machine = |fault: Fault| StoreFileFault::Machine(fault.to_string());
         let mut why = String::new();
         for _ in 0..TRIALS {
             let tmp = self.temporary().map_err(machine)?;
-            if !self.bucket.fetch(&Remote::pack_key(id), &tmp, None).map_err(machine)? {
-                return Err(Trouble::Gone);
+            if !self.bucket.fetch(&RemoteStore::pack_key(id), &tmp, None).map_err(machine)? {
+                return Err(StoreFileFault::Gone);
             }
             match sealed::verify(&tmp) {
                 Ok(()) => return self.settle(&tmp, &file).map_err(machine),
-                Err(Trouble::Damaged(what)) => why = what,
+                Err(StoreFileFault::Damaged(what)) => why = what,
                 Err(other) => return Err(other),
             }
             let _ = fs::remove_file(&tmp);
         }
-        Err(Trouble::Damaged(why))
+        Err(StoreFileFault::Damaged(why))
     }
 
     /// Copies the pack `id` into the cache in place of the copy there, which is damaged or was removed.
     ///
     /// # Errors
-    /// The same as [`Remote::bring`].
-    pub fn bring_again(&self, id: Key) -> Result<(), Trouble> {
+    /// The same as [`RemoteStore::bring`].
+    pub fn bring_again(&self, id: HashKey) -> Result<(), StoreFileFault> {
         // Where it cannot be removed it is replaced.
         let _ = fs::remove_file(catalogue::path(&self.root, id));
         self.bring(id, None)
@@ -335,10 +337,10 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn packs(&self) -> Result<Vec<(Key, u64)>, Fault> {
+    pub fn packs(&self) -> Result<Vec<(HashKey, u64)>, Fault> {
         let id = |key: &str| {
-            let id = key.rsplit('/').next()?.strip_suffix(".parquet").and_then(Key::parse)?;
-            (Remote::pack_key(id) == key).then_some(id)
+            let id = key.rsplit('/').next()?.strip_suffix(".parquet").and_then(HashKey::parse)?;
+            (RemoteStore::pack_key(id) == key).then_some(id)
         };
         let all = self.bucket.list("objects")?;
         Ok(all.iter().filter_map(|o| Some((id(&o.key)?, o.size))).collect())
@@ -348,7 +350,7 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn index(&self) -> Result<Option<Vec<Pack>>, Fault> {
+    pub fn index(&self) -> Result<Option<Vec<StorePack>>, Fault> {
         let bytes = self.bucket.get("index")?;
         Ok(bytes.and_then(|bytes| catalogue::parse(&bytes)))
     }
@@ -357,27 +359,28 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when it is not there, cannot be read, or its footer is damaged.
-    pub fn pack(&self, id: Key, size: Option<u64>) -> Result<Pack, Trouble> {
-        let machine = |fault: Fault| Trouble::Machine(fault.to_string());
-        let key = Remote::pack_key(id);
+    pub fn pack(&self, id: HashKey, size: Option<u64>) -> Result<StorePack, StoreFileFault> {
+        let machine = |fault: Fault| StoreFileFault::Machine(fault.to_string());
+        let key = RemoteStore::pack_key(id);
         let size = match size {
             Some(size) => size,
-            None => self.bucket.about(&key).map_err(machine)?.ok_or(Trouble::Gone)?.size,
+            None => self.bucket.about(&key).map_err(machine)?.ok_or(StoreFileFault::Gone)?.size,
         };
         let mut want = TAIL.min(size);
-        let mut why = Trouble::Damaged("it is empty".to_owned());
+        let mut why = StoreFileFault::Damaged("it is empty".to_owned());
         for _ in 0..TRIALS {
             if want == 0 {
                 break;
             }
-            let tail = self.bucket.range(&key, size - want..size, None).map_err(machine)?.ok_or(Trouble::Gone)?;
+            let tail =
+                self.bucket.range(&key, size - want..size, None).map_err(machine)?.ok_or(StoreFileFault::Gone)?;
             match sealed::tail_text(Bytes::from(tail), size, catalogue::UNITS) {
                 Ok(Ok(text)) => {
                     let (kind, units) = catalogue::units_of(text.as_deref())?;
-                    return Ok(Pack { id, size, modified_ns: 0, kind, units });
+                    return Ok(StorePack { id, size, modified_ns: 0, kind, units });
                 }
                 Ok(Err(more)) if more <= size && more > want => want = more,
-                Ok(Err(_)) => return Err(Trouble::Damaged("it is truncated".to_owned())),
+                Ok(Err(_)) => return Err(StoreFileFault::Damaged("it is truncated".to_owned())),
                 Err(wrong) => why = wrong,
             }
         }
@@ -385,8 +388,8 @@ impl Remote {
     }
 
     /// Sets a damaged pack aside.
-    pub fn set_aside(&self, id: Key) {
+    pub fn set_aside(&self, id: HashKey) {
         // Without the permission to write it stays, and is found damaged again.
-        let _ = self.bucket.rename(&Remote::pack_key(id), &format!("damaged/{id}.parquet"));
+        let _ = self.bucket.rename(&RemoteStore::pack_key(id), &format!("damaged/{id}.parquet"));
     }
 }

@@ -14,9 +14,9 @@ use super::{
         PARTS,
         version::{Manifest, ManifestFile, ManifestTable, Version, current, link, newest},
     },
-    Remote, make_folder, trouble,
+    RemoteStore, make_folder, trouble,
 };
-use crate::{keys::Key, remote::each};
+use crate::{keys::HashKey, remote::each};
 
 /// The folders whose files of these endings change.
 const CHANGING: [(&str, &str); 3] = [("plans", ".json"), ("runs", ".jsonl"), (crate::cost::FOLDER, ".json")];
@@ -43,12 +43,12 @@ fn is_plain(name: &str) -> bool {
     matches!(parts.as_slice(), [Component::Normal(part)] if *part == name)
 }
 
-impl Remote {
+impl RemoteStore {
     /// Copies the objects that change under their names into the cache. Whether there is a store.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, the store is of another version of magline, or the cache cannot be
-    /// written.
+    /// Fails when the server cannot be reached or refuses, the store is of another version of magline, or the cache
+    /// cannot be written.
     pub fn pull(&self) -> Result<bool, Fault> {
         for part in PARTS {
             let folder = self.root.join(part);
@@ -191,7 +191,7 @@ impl Remote {
     /// Copies the files of a version that are no packs into the cache.
     ///
     /// # Errors
-    /// The same as [`Remote::at_hand`].
+    /// The same as [`RemoteStore::at_hand`].
     pub fn own_at_hand(&self, version: &Version) -> Result<(), Fault> {
         let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let files: Vec<&ManifestFile> = files.filter(|f| f.pack.is_none()).collect();
@@ -208,9 +208,9 @@ impl Remote {
             Fault::machine(format!("{}/{key} {what}", self.bucket.address()))
                 .help("run the spec again to recompute and publish damaged results")
         };
-        if let Some(id) = file.pack.as_deref().and_then(Key::parse) {
+        if let Some(id) = file.pack.as_deref().and_then(HashKey::parse) {
             self.bring(id, Some(file.size)).map_err(|e| {
-                let what = format!("cannot read {}/{}: {e}", self.bucket.address(), Remote::pack_key(id));
+                let what = format!("cannot read {}/{}: {e}", self.bucket.address(), RemoteStore::pack_key(id));
                 Fault::machine(what).help("run the spec again to recompute and publish damaged results")
             })?;
             remove(&path)?;
@@ -220,18 +220,18 @@ impl Remote {
             };
         }
         let bytes = self.bucket.get(&key)?.ok_or_else(|| wrong("is missing"))?;
-        if Some(Key::of([&bytes]).to_string()) != file.hash {
+        if Some(HashKey::from_parts([&bytes]).to_string()) != file.hash {
             return Err(wrong("has changed since it was written"));
         }
         self.keep(&path, &bytes)
     }
 
-    /// Publishes the version in `folder`, with the files of it that are no packs, and puts it into its place in the cache.
-    /// `check` says whether this process may still do so.
+    /// Publishes the version in `folder`, with the files of it that are no packs, and puts it into its place in the
+    /// cache. `check` says whether this process may still do so.
     ///
     /// # Errors
-    /// Fails when it may not, when another process has published meanwhile, and when the server cannot be reached or refuses;
-    /// the version before stays the newest then.
+    /// Fails when it may not, when another process has published meanwhile, and when the server cannot be reached or
+    /// refuses; the version before stays the newest then.
     pub fn publish(
         &self,
         pipeline: &str,

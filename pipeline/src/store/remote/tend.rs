@@ -11,27 +11,27 @@ use schemas::Fault;
 use super::{
     super::{
         Store, attempts, catalogue,
-        scrub::{SMALL, Scrubbed, is_whole},
-        sealed::{Trouble, verify},
-        tend::{Collect, Collected, packs_unknown},
+        scrub::{SMALL, ScrubReport, is_whole},
+        sealed::{StoreFileFault, verify},
+        tend::{GcOptions, GcReport, packs_unknown},
     },
-    Remote,
+    RemoteStore,
     lease::is_lease_whole,
 };
 use crate::{
-    keys::Key,
-    remote::{Listed, each},
+    keys::HashKey,
+    remote::{ObjectEntry, each},
 };
 
 /// Results that are younger are kept: workers of other machines may be about to name them.
 const YOUNG: Duration = Duration::from_secs(3600);
 
 /// Whether an object is as old as `than`, at the time `now` of the server.
-pub fn is_object_old(about: &Listed, than: Duration, now: SystemTime) -> bool {
+pub fn is_object_old(about: &ObjectEntry, than: Duration, now: SystemTime) -> bool {
     than.is_zero() || now.duration_since(about.modified).is_ok_and(|age| age >= than)
 }
 
-impl Remote {
+impl RemoteStore {
     /// The pipelines that have versions.
     fn pipelines(&self) -> Result<BTreeSet<String>, Fault> {
         let all = self.bucket.list("versions")?;
@@ -42,12 +42,12 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses, and where the list of a newest version is damaged.
-    pub fn collect(&self, store: &Store, what: Collect) -> Result<Collected, Fault> {
+    pub fn collect(&self, store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
         let (alone, time) = (store.alone()?, self.time()?);
-        let is_old = |about: &Listed, than: Duration| is_object_old(about, than, time);
+        let is_old = |about: &ObjectEntry, than: Duration| is_object_old(about, than, time);
         let tried = self.bucket.list(attempts::FOLDER)?;
         let busy = alone.is_none() || self.is_busy()? || tried.iter().any(|o| !is_old(o, YOUNG));
-        let mut done = Collected { busy, ..Collected::default() };
+        let mut done = GcReport { busy, ..GcReport::default() };
         let mut live: HashSet<String> = HashSet::new();
         for name in self.pipelines()? {
             let now = self.newest(&name)?;
@@ -92,9 +92,9 @@ impl Remote {
             store.drop_attempts(|_| false, Some(what.older_than));
             store.drop_plans(what.older_than);
         }
-        let id = |o: &Listed| o.key.rsplit('/').next()?.strip_suffix(".parquet").and_then(Key::parse);
+        let id = |o: &ObjectEntry| o.key.rsplit('/').next()?.strip_suffix(".parquet").and_then(HashKey::parse);
         let packs = self.bucket.list("objects")?;
-        let dead: Vec<&Listed> = packs
+        let dead: Vec<&ObjectEntry> = packs
             .iter()
             .filter(|o| id(o).is_some_and(|id| !live.contains(&id.to_string())) && is_old(o, what.older_than))
             .collect();
@@ -117,8 +117,8 @@ impl Remote {
     ///
     /// # Errors
     /// Fails when the server cannot be reached or refuses.
-    pub fn scrub(&self, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
-        let mut found = Scrubbed::default();
+    pub fn scrub(&self, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<ScrubReport, Fault> {
+        let mut found = ScrubReport::default();
         for text in store.damaged() {
             let (path, why) = text.split_once(": ").unwrap_or((&text, ""));
             found.damaged.insert(path.into(), why.to_owned());
@@ -144,9 +144,9 @@ impl Remote {
             }
         }
         // Sealed files: packs, and tables of quality.
-        let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
-        let mut sealed: Vec<(String, Option<Key>)> =
-            packs.into_iter().map(|id| (Remote::pack_key(id), Some(id))).collect();
+        let packs: Vec<HashKey> = store.catalogue().packs().map(|p| p.id).collect();
+        let mut sealed: Vec<(String, Option<HashKey>)> =
+            packs.into_iter().map(|id| (RemoteStore::pack_key(id), Some(id))).collect();
         sealed.extend(self.bucket.list("quality")?.into_iter().map(|o| (o.key, None)));
         let all = sealed.len() + own.len();
         for (i, (key, pack)) in sealed.into_iter().enumerate() {
@@ -162,11 +162,11 @@ impl Remote {
             found.files += 1;
             found.bytes += fs::metadata(&tmp).map_or(0, |m| m.len());
             match verify(&tmp) {
-                Ok(()) | Err(Trouble::Gone) => {}
-                Err(Trouble::Machine(why)) => {
+                Ok(()) | Err(StoreFileFault::Gone) => {}
+                Err(StoreFileFault::Machine(why)) => {
                     return Err(Fault::machine(format!("cannot read {}: {why}", named(&key))));
                 }
-                Err(Trouble::Damaged(why)) => {
+                Err(StoreFileFault::Damaged(why)) => {
                     if let Some(id) = pack {
                         store.set_aside(id, &why);
                     }
@@ -185,7 +185,7 @@ impl Remote {
                 Some(bytes) => {
                     found.files += 1;
                     found.bytes += bytes.len() as u64;
-                    (Some(Key::of([&bytes]).to_string()) != hash).then_some("its content has changed")
+                    (Some(HashKey::from_parts([&bytes]).to_string()) != hash).then_some("its content has changed")
                 }
             };
             if let Some(why) = wrong {
@@ -197,7 +197,7 @@ impl Remote {
     }
 
     /// The index, and the small objects that verify themselves.
-    fn scrub_small(&self, found: &mut Scrubbed) -> Result<(), Fault> {
+    fn scrub_small(&self, found: &mut ScrubReport) -> Result<(), Fault> {
         let mut check = |key: &str, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
             let Some(bytes) = self.bucket.get(key)? else { return Ok(()) };
             found.files += 1;

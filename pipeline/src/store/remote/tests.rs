@@ -9,13 +9,13 @@ use tempfile::TempDir;
 
 use super::{
     super::{
-        Beside, Lock, Store, TableFiles, current, generation, published,
+        ExtraTable, LockOutcome, Store, TableFiles, current, generation, published,
         scrub::scrub,
-        tend::{Collect, collect},
+        tend::{GcOptions, collect},
     },
     *,
 };
-use crate::{catalogue, plan::Plan, read_spec, remote::Address, run};
+use crate::{catalogue, plan::Plan, read_spec, remote::ObjectAddress, run};
 use lab::Lab;
 
 mod lab;
@@ -28,12 +28,12 @@ fn batch(rows: usize, from: f64) -> RecordBatch {
     RecordBatch::try_new(Arc::new(Schema::new(fields)), vec![numbers]).unwrap()
 }
 
-fn key(name: &str) -> Key {
-    Key::of([name])
+fn key(name: &str) -> HashKey {
+    HashKey::from_parts([name])
 }
 
 /// The pack of a unit.
-fn pack_of(store: &Store, unit: Key) -> Key {
+fn pack_of(store: &Store, unit: HashKey) -> HashKey {
     let catalogue = store.catalogue();
     catalogue.pack(catalogue.find(unit).unwrap().pack).unwrap().id
 }
@@ -87,7 +87,7 @@ fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
     let other = Store::open(there.path()).unwrap();
     // A copy with a flipped bit.
     other.whole(key("a")).unwrap();
-    let (a, object) = (pack_of(&other, key("a")), |name: &str| Remote::pack_key(pack_of(&store, key(name))));
+    let (a, object) = (pack_of(&other, key("a")), |name: &str| RemoteStore::pack_key(pack_of(&store, key(name))));
     let copy = other.file(a);
     drop(other);
     let mut bytes = fs::read(&copy).unwrap();
@@ -156,10 +156,10 @@ fn unit_a_prefix_that_holds_something_else_is_refused() {
     assert!(fault.contains("another version of magline"), "{fault}");
 }
 
-fn mine(lock: Lock) -> super::super::Publisher {
+fn mine(lock: LockOutcome) -> super::super::PipelineLock {
     match lock {
-        Lock::Mine(publisher) => publisher,
-        Lock::Held(held) => unreachable!("held: {held:?}"),
+        LockOutcome::Mine(publisher) => publisher,
+        LockOutcome::Held(held) => unreachable!("held: {held:?}"),
     }
 }
 
@@ -170,7 +170,7 @@ fn publish(store: &Store, unit: &str, run: &str) -> Result<bool, Fault> {
     let tables = [TableFiles { name: "t".to_owned(), packs: packs.clone(), units: None }];
     let file = store.temporary();
     store.write_table(&file, &batch(2, 7.0), &[])?;
-    store.publish(&publisher, run, &tables, &[Beside { name: "failures".to_owned(), file }], &packs, &[])
+    store.publish(&publisher, run, &tables, &[ExtraTable { name: "failures".to_owned(), file }], &packs, &[])
 }
 
 fn read(root: &Path, table: &str) -> RecordBatch {
@@ -205,7 +205,7 @@ fn unit_readers_see_one_version_or_the_next() {
     // Someone else has published since the pointer was read.
     let version = current(here.path(), "p").unwrap();
     let meanwhile = || lab.bucket.put("tables/p", b"../versions/p/9/tables\nx\n".to_vec());
-    let remote = Remote::of(here.path()).unwrap().unwrap();
+    let remote = RemoteStore::from_cache(here.path()).unwrap().unwrap();
     assert_eq!(read(here.path(), "failures"), batch(2, 7.0));
     let fault = remote.publish("p", &version.folder, &version.manifest, &meanwhile).unwrap_err().to_string();
     assert!(fault.contains("another run published `p`"), "{fault}");
@@ -222,20 +222,20 @@ fn unit_gc_drops_what_nothing_names_and_keeps_the_rest() {
     }
     publish(&one, "a", "first").unwrap();
     publish(&one, "b", "second").unwrap();
-    let what = Collect { keep: 1, older_than: Duration::ZERO, dry: true };
+    let what = GcOptions { keep: 1, older_than: Duration::ZERO, dry: true };
     let seen = collect(&one, what).unwrap();
     assert_eq!((seen.packs, seen.versions.as_slice(), seen.busy), (2, ["p/1".to_owned()].as_slice(), false));
     assert_eq!(lab.bucket.list("objects").unwrap().len(), 3, "nothing was removed");
     // A run of another host holds a lock: packs are kept.
     let two = Store::open(there.path()).unwrap();
     let lock = mine(two.lock("q").unwrap());
-    assert!(collect(&one, Collect { dry: false, ..what }).unwrap().busy);
+    assert!(collect(&one, GcOptions { dry: false, ..what }).unwrap().busy);
     assert_eq!(lab.bucket.list("objects").unwrap().len(), 3);
     drop(lock);
     let worker = two.attempt(&[key("z")]).unwrap();
-    assert!(collect(&one, Collect { dry: false, ..what }).unwrap().busy);
+    assert!(collect(&one, GcOptions { dry: false, ..what }).unwrap().busy);
     worker.end(&two, &HashMap::new());
-    assert_eq!(collect(&one, Collect { dry: false, ..what }).unwrap().packs, 2);
+    assert_eq!(collect(&one, GcOptions { dry: false, ..what }).unwrap().packs, 2);
     assert_eq!(lab.bucket.list("objects").unwrap().len(), 1);
     super::super::pulled(there.path()).unwrap();
     assert_eq!(read(there.path(), "t"), batch(5, 2.0));

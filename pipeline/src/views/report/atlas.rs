@@ -1,4 +1,5 @@
-//! The map with the tracks and their error ellipses on it: the whole line, and a close look where the INS error is largest.
+//! The map with the tracks and their error ellipses on it: the whole line, and a close look where the INS error is
+//! largest.
 
 use std::rc::Rc;
 
@@ -18,10 +19,10 @@ use numerics::earth::geodesy::EarthModel;
 use schemas::Fault;
 
 use super::{
-    source::Source,
-    track::{Flown, Track},
+    source::ReportSource,
+    track::{DegreeTrack, LineTracks},
 };
-use crate::{plan::Ref, views::text::number};
+use crate::{plan::TableRef, views::text::number};
 
 /// The size of the ellipses, in sigma: 98.9 % of a two-dimensional normal distribution are inside.
 const SIGMAS: f64 = 3.0;
@@ -33,45 +34,46 @@ const SMALLEST_PX: f64 = 6.0;
 /// The longest semi-axis that they are enlarged to.
 const ENLARGED_PX: f64 = 18.0;
 
-/// The part of a map that is drawn under tracks, which is in the page once.
-struct Picture {
+/// Map image below tracks, embedded once per page.
+struct AtlasImage {
     id: String,
     raster: Raster,
 }
 
-/// The data that all maps of a navigation share: the visible part of the map and its picture.
+/// Map data shared by all plots of a navigation: the visible bounds and the image.
 pub struct Atlas {
     bounds: Bounds,
-    picture: Option<Rc<Picture>>,
+    picture: Option<Rc<AtlasImage>>,
 }
 
 /// Tracks, and the map that they were navigated on.
-pub type Over = (Option<Ref>, Vec<Track>);
+pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 
-/// The atlas of each group of tracks, `None` where there is no place; and the pictures of the maps, for references. Groups
-/// over the same map share its picture.
+/// The atlas of each group of tracks, `None` where there is no place; and the pictures of the maps, for references.
+/// Groups over the same map share its picture.
 ///
 /// # Errors
 /// When the store is damaged.
-pub fn atlases(source: &Source, groups: &[Over]) -> Result<(Vec<Option<Atlas>>, Markup), Fault> {
+pub fn atlases(source: &ReportSource, groups: &[AtlasTracks]) -> Result<(Vec<Option<Atlas>>, Markup), Fault> {
     let bounds: Vec<Option<Bounds>> = groups.iter().map(|(_, tracks)| around(tracks)).collect();
-    let mut drawn: Vec<(Ref, Option<Rc<Picture>>)> = vec![];
+    let mut drawn: Vec<(TableRef, Option<Rc<AtlasImage>>)> = vec![];
     for (map, _) in groups {
         let Some(map) = map.filter(|m| !drawn.iter().any(|(known, _)| known == m)) else { continue };
         let here = groups.iter().zip(&bounds).filter(|((m, _), _)| *m == Some(map)).filter_map(|(_, b)| *b);
         let Some(all) = here.reduce(together) else { continue };
         let id = format!("map-{}", source.graph.plan.name_of(map));
-        drawn.push((map, raster_of(source, map, &all)?.map(|raster| Rc::new(Picture { id, raster }))));
+        drawn.push((map, raster_of(source, map, &all)?.map(|raster| Rc::new(AtlasImage { id, raster }))));
     }
-    let picture = |map: Option<Ref>| drawn.iter().find(|(m, _)| Some(*m) == map).and_then(|(_, p)| p.clone());
-    let atlas =
-        |((map, _), bounds): (&Over, Option<Bounds>)| bounds.map(|b| Atlas { bounds: b, picture: picture(*map) });
+    let picture = |map: Option<TableRef>| drawn.iter().find(|(m, _)| Some(*m) == map).and_then(|(_, p)| p.clone());
+    let atlas = |((map, _), bounds): (&AtlasTracks, Option<Bounds>)| {
+        bounds.map(|b| Atlas { bounds: b, picture: picture(*map) })
+    };
     let all = groups.iter().zip(bounds).map(atlas).collect();
     Ok((all, defs(drawn.iter().filter_map(|(_, p)| p.as_deref()))))
 }
 
 /// The part of the map within `around`.
-fn raster_of(source: &Source, map: Ref, around: &Bounds) -> Result<Option<Raster>, Fault> {
+fn raster_of(source: &ReportSource, map: TableRef, around: &Bounds) -> Result<Option<Raster>, Fault> {
     let Some(grid) = source.map(map)? else { return Ok(None) };
     // Maps may count longitudes from 0 to 360.
     let middle = 0.5 * (grid.lon().first_deg() + grid.lon().last_deg());
@@ -95,11 +97,11 @@ fn together(a: Bounds, b: Bounds) -> Bounds {
 }
 
 /// The pictures and the colour scale.
-fn defs<'a>(pictures: impl Iterator<Item = &'a Picture>) -> Markup {
-    let pictures: Vec<&Picture> = pictures.collect();
+fn defs<'a>(pictures: impl Iterator<Item = &'a AtlasImage>) -> Markup {
+    let pictures: Vec<&AtlasImage> = pictures.collect();
     html! {
         @if !pictures.is_empty() { svg.defs width="0" height="0" aria-hidden="true" { defs {
-            @for Picture { id, raster } in pictures {
+            @for AtlasImage { id, raster } in pictures {
                 image id=(id) width=(raster.size.0) height=(raster.size.1) preserveAspectRatio="none" href=(data_url(&raster.png)) {}
             }
             linearGradient id="scale" { @for k in 0..=10 {
@@ -111,7 +113,7 @@ fn defs<'a>(pictures: impl Iterator<Item = &'a Picture>) -> Markup {
 
 impl Atlas {
     /// Both maps of one line.
-    pub fn plots(&self, flown: &Flown) -> Markup {
+    pub fn plots(&self, flown: &LineTracks) -> Markup {
         let place = worst_place(flown);
         let zoom = place.map(|k| zoom_bounds(flown, k));
         html! {
@@ -123,7 +125,7 @@ impl Atlas {
         }
     }
 
-    fn whole(&self, flown: &Flown, zoom: Option<&Bounds>) -> Markup {
+    fn whole(&self, flown: &LineTracks, zoom: Option<&Bounds>) -> Markup {
         let canvas = Canvas::new(self.bounds);
         let rings = ellipses(flown, &spaced(0..flown.tt.len(), ELLIPSES));
         let times = enlargement(&canvas, &rings);
@@ -159,7 +161,7 @@ impl Atlas {
         }
     }
 
-    fn close(&self, flown: &Flown, k: usize, zoom: &Bounds) -> Markup {
+    fn close(&self, flown: &LineTracks, k: usize, zoom: &Bounds) -> Markup {
         let canvas = Canvas::new(*zoom);
         let rings = ellipses(flown, &in_sight(&canvas, flown, k));
         let of = if flown.truth.is_some() { "from the truth" } else { "from the estimate" };
@@ -190,7 +192,7 @@ impl Atlas {
     }
 
     /// Where the ellipse is largest, at its own scale.
-    fn near(&self, flown: &Flown, (k, widest): (usize, Ellipse)) -> Markup {
+    fn near(&self, flown: &LineTracks, (k, widest): (usize, Ellipse)) -> Markup {
         let canvas = Canvas::new(square(flown.estimate.at(k).unwrap_or_default(), (4.0 * widest.major_m).max(50.0)));
         let rings = ellipses(flown, &in_sight(&canvas, flown, k));
         let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
@@ -210,10 +212,10 @@ impl Atlas {
         }
     }
 
-    fn drawn(&self, canvas: &Canvas, flown: &Flown, label: &str, under: Markup, over: Markup) -> Markup {
+    fn drawn(&self, canvas: &Canvas, flown: &LineTracks, label: &str, under: Markup, over: Markup) -> Markup {
         let tracks = [flown.ins.as_ref(), flown.truth.as_ref(), Some(&flown.estimate)];
         let spots: Vec<(f64, f64)> =
-            tracks.into_iter().flatten().flat_map(Track::places).filter_map(|p| canvas.spot(p)).collect();
+            tracks.into_iter().flatten().flat_map(DegreeTrack::places).filter_map(|p| canvas.spot(p)).collect();
         canvas.framed(
             label,
             html! {
@@ -231,8 +233,8 @@ impl Atlas {
 }
 
 /// The rectangle around all tracks, with a margin.
-pub fn around(tracks: &[Track]) -> Option<Bounds> {
-    let places = || tracks.iter().flat_map(Track::places).filter(|(a, b)| a.is_finite() && b.is_finite());
+pub fn around(tracks: &[DegreeTrack]) -> Option<Bounds> {
+    let places = || tracks.iter().flat_map(DegreeTrack::places).filter(|(a, b)| a.is_finite() && b.is_finite());
     let first = places().next()?;
     let mut b = Bounds { lat: (first.0, first.0), lon: (first.1, first.1) };
     for (lat, lon) in places() {
@@ -250,28 +252,28 @@ pub fn around(tracks: &[Track]) -> Option<Bounds> {
 }
 
 /// The distance of INS and truth (without truth: INS and estimate) at row `k`, m.
-fn separation(flown: &Flown, k: usize) -> Option<f64> {
+fn separation(flown: &LineTracks, k: usize) -> Option<f64> {
     apart(flown.ins.as_ref()?, flown.truth.as_ref().unwrap_or(&flown.estimate), k)
 }
 
-fn own_error(flown: &Flown, k: usize) -> Option<f64> {
+fn own_error(flown: &LineTracks, k: usize) -> Option<f64> {
     apart(&flown.estimate, flown.truth.as_ref()?, k)
 }
 
 /// The distance of two tracks at row `k`, m.
-pub fn apart(a: &Track, b: &Track, k: usize) -> Option<f64> {
-    let at = |t: &Track| Some((*t.lat.get(k)?, *t.lon.get(k)?));
+pub fn apart(a: &DegreeTrack, b: &DegreeTrack, k: usize) -> Option<f64> {
+    let at = |t: &DegreeTrack| Some((*t.lat.get(k)?, *t.lon.get(k)?));
     let (north, east) = EarthModel::default().offset_ne_m(at(b)?, at(a)?, 0.0);
     Some(north.hypot(east)).filter(|d| d.is_finite())
 }
 
-fn worst_place(flown: &Flown) -> Option<usize> {
+fn worst_place(flown: &LineTracks) -> Option<usize> {
     let all = (0..flown.tt.len()).filter_map(|k| separation(flown, k).map(|d| (k, d)));
     all.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(k, _)| k)
 }
 
 /// A square around the tracks at row `k`, a few times as wide as they are apart.
-fn zoom_bounds(flown: &Flown, k: usize) -> Bounds {
+fn zoom_bounds(flown: &LineTracks, k: usize) -> Bounds {
     let centre = flown.truth.as_ref().unwrap_or(&flown.estimate);
     let (lat, lon) = (centre.lat.get(k).copied().unwrap_or(0.0), centre.lon.get(k).copied().unwrap_or(0.0));
     square((lat, lon), (1.4 * separation(flown, k).unwrap_or(0.0)).max(250.0))
@@ -285,21 +287,22 @@ fn square((lat, lon): (f64, f64), half_m: f64) -> Bounds {
     Bounds { lat: (lat - north, lat + north), lon: (lon - east, lon + east) }
 }
 
-/// Whether the close look has an ellipse that is large enough to be seen, and about as large as the `widest` of the line.
-fn is_seen(flown: &Flown, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
+/// Whether the close look has an ellipse that is large enough to be seen, and about as large as the `widest` of the
+/// line.
+fn is_seen(flown: &LineTracks, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
     let Some((k, zoom)) = close else { return false };
     let there = flown.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
     there >= SMALLEST_PX * Canvas::new(*zoom).metres_per_px() && there >= 0.6 * widest.major_m
 }
 
 /// The largest ellipse of a line and its row.
-fn widest(flown: &Flown) -> Option<(usize, Ellipse)> {
+fn widest(flown: &LineTracks) -> Option<(usize, Ellipse)> {
     let there = (0..flown.tt.len()).filter(|k| flown.estimate.at(*k).is_some());
     let all = there.filter_map(|k| flown.ellipse(k, SIGMAS).map(|e| (k, e)));
     all.max_by(|a, b| a.1.major_m.total_cmp(&b.1.major_m).then(b.0.cmp(&a.0)))
 }
 
-fn placed(canvas: &Canvas, Picture { id, raster }: &Picture) -> Markup {
+fn placed(canvas: &Canvas, AtlasImage { id, raster }: &AtlasImage) -> Markup {
     let b = &raster.bounds;
     let (x, y) = (canvas.x(b.lon.0), canvas.y(b.lat.1));
     let wide = (b.lon.1 - b.lon.0) * canvas.per_degree_east();
@@ -307,7 +310,7 @@ fn placed(canvas: &Canvas, Picture { id, raster }: &Picture) -> Markup {
     html! { use href=(format!("#{id}")) transform=(format!("translate({x:.2} {y:.2}) scale({sx:.5} {sy:.5})")) {} }
 }
 
-fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
+fn line(canvas: &Canvas, track: &DegreeTrack, class: &str) -> Markup {
     // Positions that coincide on the picture are drawn once.
     let spots: Vec<Option<(f64, f64)>> = track.places().map(|p| canvas.spot(p)).collect();
     let inside = spots.iter().flatten().count();
@@ -323,7 +326,7 @@ fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
     }
 }
 
-fn ends(canvas: &Canvas, track: &Track) -> Markup {
+fn ends(canvas: &Canvas, track: &DegreeTrack) -> Markup {
     let there = || track.places().filter(|p| p.0.is_finite()).map(|p| canvas.spot(p));
     let (first, last) = (there().next().flatten(), there().last().flatten());
     html! {
@@ -351,7 +354,7 @@ pub fn spaced(range: std::ops::Range<usize>, most: usize) -> Vec<usize> {
 }
 
 /// Row `k` and some others of which the estimate is on the picture.
-fn in_sight(canvas: &Canvas, flown: &Flown, k: usize) -> Vec<usize> {
+fn in_sight(canvas: &Canvas, flown: &LineTracks, k: usize) -> Vec<usize> {
     let on_it = |i: &usize| flown.estimate.at(*i).is_some_and(|p| canvas.holds(p));
     let inside: Vec<usize> = (0..flown.tt.len()).filter(on_it).collect();
     let mut rows: Vec<usize> = spaced(0..inside.len(), CLOSE).into_iter().map(|i| inside[i]).chain([k]).collect();
@@ -361,7 +364,7 @@ fn in_sight(canvas: &Canvas, flown: &Flown, k: usize) -> Vec<usize> {
 }
 
 /// The ellipses of the estimate at `rows`.
-fn ellipses(flown: &Flown, rows: &[usize]) -> Vec<(usize, Ellipse)> {
+fn ellipses(flown: &LineTracks, rows: &[usize]) -> Vec<(usize, Ellipse)> {
     rows.iter().filter_map(|k| Some((*k, flown.ellipse(*k, SIGMAS)?))).collect()
 }
 
@@ -372,7 +375,7 @@ fn enlargement(canvas: &Canvas, rings: &[(usize, Ellipse)]) -> f64 {
 }
 
 /// Ellipses, enlarged by the factor `times`.
-fn outlines(canvas: &Canvas, flown: &Flown, rings: &[(usize, Ellipse)], times: f64) -> Markup {
+fn outlines(canvas: &Canvas, flown: &LineTracks, rings: &[(usize, Ellipse)], times: f64) -> Markup {
     let metres = canvas.metres_per_px() / times;
     let places = rings.iter().filter_map(|(k, e)| Some((canvas.spot(flown.estimate.at(*k)?)?, e)));
     html! { @for ((x, y), e) in places {
@@ -382,7 +385,7 @@ fn outlines(canvas: &Canvas, flown: &Flown, rings: &[(usize, Ellipse)], times: f
 }
 
 /// Legend of the map. `ellipses` is the enlargement of the ellipses; `None` where none are drawn.
-fn legend(flown: &Flown, ellipses: Option<f64>) -> Markup {
+fn legend(flown: &LineTracks, ellipses: Option<f64>) -> Markup {
     html! {
         p.legend {
             @if flown.truth.is_some() { span { i class="key truth" {} "true" } }
@@ -422,14 +425,14 @@ mod tests {
 
     use super::*;
 
-    fn flown() -> Flown {
-        let track = |shift: f64| Track {
+    fn flown() -> LineTracks {
+        let track = |shift: f64| DegreeTrack {
             lat: (0..100).map(|k| -22.0 + f64::from(k) * 1e-3).collect(),
             lon: (0..100).map(|k| 140.0 + shift * f64::from(k)).collect(),
         };
         let sigma = Some([vec![10.0; 100], vec![10.0; 100], vec![0.0; 100]]);
         let tt = (0..100).map(f64::from).collect();
-        Flown {
+        LineTracks {
             tt,
             truth: Some(track(0.0)),
             ins: Some(track(1e-5)),
@@ -507,7 +510,7 @@ mod tests {
 
     #[test]
     fn unit_tracks_across_the_date_line_stay_together() {
-        let track = Track { lat: vec![0.0, 0.0], lon: vec![179.9, -179.9] };
+        let track = DegreeTrack { lat: vec![0.0, 0.0], lon: vec![179.9, -179.9] };
         let b = around(&[track]).unwrap();
         assert!(b.lon.1 - b.lon.0 < 0.3, "{b:?}");
         let canvas = Canvas::new(b);

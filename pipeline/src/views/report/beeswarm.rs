@@ -1,5 +1,5 @@
-//! The beeswarm of the parts of predictions, as users of the SHAP package know it: a row for each input, a dot for each sample,
-//! as far to the right as it raises the prediction, and of the colour of the input's value.
+//! The beeswarm of the parts of predictions, as users of the SHAP package know it: a row for each input, a dot for each
+//! sample, as far to the right as it raises the prediction, and of the colour of the input's value.
 
 use std::collections::BTreeMap;
 
@@ -34,11 +34,11 @@ const GREY: &str = "#777777";
 
 /// The samples of one model, by group: the part of the prediction, and the value of the input, NaN where there is none.
 #[derive(Default)]
-pub struct Swarm {
+pub struct BeeswarmSamples {
     groups: BTreeMap<String, Vec<(f64, f64)>>,
 }
 
-impl Swarm {
+impl BeeswarmSamples {
     /// Adds the samples of a group on a line; those without a part are left out.
     pub fn add(&mut self, group: &str, parts: &[f64], inputs: &[f64]) {
         let samples = parts.iter().copied().zip(inputs.iter().copied()).filter(|(part, _)| part.is_finite());
@@ -94,15 +94,15 @@ fn size(samples: &[(f64, f64)]) -> f64 {
     samples.iter().map(|(part, _)| part.abs()).sum::<f64>() / samples.len().max(1) as f64
 }
 
-/// A sample: its part, its place within the row from -1 to 1, its colour.
-struct Dot {
+/// Plot point: its contribution, its vertical offset from -1 to 1, its colour.
+struct BeeswarmDot {
     part: f64,
     up: f64,
     colour: String,
 }
 
 /// The dots of a group: those of nearly one part are laid in turn above and below each other.
-fn dots(samples: &[(f64, f64)]) -> Vec<Dot> {
+fn dots(samples: &[(f64, f64)]) -> Vec<BeeswarmDot> {
     let shown = samples.len().min(DOTS);
     let samples: Vec<(f64, f64)> = (0..shown).map(|k| samples[(2 * k + 1) * samples.len() / (2 * shown)]).collect();
     let low = samples.iter().fold(f64::INFINITY, |low, (part, _)| low.min(*part));
@@ -120,7 +120,7 @@ fn dots(samples: &[(f64, f64)]) -> Vec<Dot> {
     }
     let most = up.iter().fold(0.0_f64, |most, up| most.max(up.abs())) + 1.0;
     let ends = ends(&samples);
-    let dot = |((part, input), up): ((f64, f64), f64)| Dot { part, up: up / most, colour: colour(input, ends) };
+    let dot = |((part, input), up): ((f64, f64), f64)| BeeswarmDot { part, up: up / most, colour: colour(input, ends) };
     samples.into_iter().zip(up).map(dot).collect()
 }
 
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn unit_rows_are_in_the_order_of_the_mean_absolute_part() {
-        let mut swarm = Swarm::default();
+        let mut swarm = BeeswarmSamples::default();
         swarm.add("small", &[0.1, -0.1, f64::NAN], &[1.0, 2.0, 3.0]);
         swarm.add("large", &[-3.0, 3.0], &[1.0, 2.0]);
         swarm.add("none", &[f64::NAN], &[1.0]);
@@ -201,6 +201,6 @@ mod tests {
         assert!(places.len() == 2 && places.is_sorted() && !drawn.contains(">none<"), "{drawn}");
         assert_eq!(drawn.matches("<circle").count(), 4);
         assert!(drawn.contains("contribution to the prediction, nT"));
-        assert!(Swarm::default().drawn("importance", "nT").is_none());
+        assert!(BeeswarmSamples::default().drawn("importance", "nT").is_none());
     }
 }

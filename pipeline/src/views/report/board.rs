@@ -2,14 +2,14 @@
 
 use schemas::Fault;
 
-use super::source::Source;
+use super::source::ReportSource;
 use crate::{
     store::parts,
     views::{pooled, scores::Scores, warnings::Warning},
 };
 
 /// The pooled scores of one score table.
-pub struct Board {
+pub struct ScoreBoard {
     /// The table, as a position in the plan.
     pub table: usize,
     /// Its scores.
@@ -18,12 +18,12 @@ pub struct Board {
     pub instances: Vec<usize>,
 }
 
-impl Board {
+impl ScoreBoard {
     /// The boards of all score tables that were published.
     ///
     /// # Errors
     /// Fails when one cannot be read.
-    pub fn all(source: &Source, warnings: &[Warning]) -> Result<Vec<Board>, Fault> {
+    pub fn all(source: &ReportSource, warnings: &[Warning]) -> Result<Vec<ScoreBoard>, Fault> {
         let (graph, store) = (source.graph, source.store);
         let plan = graph.plan;
         let pooled = pooled::written(plan, store)?.map_or_else(|| pooled::present(graph, store), Ok)?;
@@ -36,7 +36,7 @@ impl Board {
             let (mut scores, instances) = Scores::new(plan, table, &pooled);
             scores.mark(name, warnings);
             if !scores.rows.is_empty() {
-                found.push(Board { table, scores, instances });
+                found.push(ScoreBoard { table, scores, instances });
             }
         }
         Ok(found)
@@ -73,10 +73,10 @@ impl Board {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use crate::views::scores::{self, InSample};
+    use crate::views::scores::{self, InSampleScores};
 
     /// A board of two axes, for tests.
-    pub fn example() -> Board {
+    pub fn example() -> ScoreBoard {
         let row = |a: &str, b: &str, v: [f64; 3]| {
             (vec![a.to_owned(), b.to_owned()], v.map(|x| x.is_finite().then_some(x)).to_vec())
         };
@@ -89,7 +89,7 @@ pub mod tests {
         ];
         let axes = vec!["mag".to_owned(), "lambda".to_owned()];
         let marks = vec![0; rows.len()];
-        Board {
+        ScoreBoard {
             table: 0,
             scores: Scores { axes, metrics, rows, lines: 6, marks, cautious: vec![], in_sample: vec![] },
             instances: vec![0, 1, 2, 3],
@@ -142,7 +142,7 @@ pub mod tests {
         let mut board = example();
         let of = |metrics: [bool; 3]| {
             let held_out = usize::from(metrics != [true; 3]);
-            InSample { lines: 1, held_out, metrics: metrics.to_vec(), values: vec![Some(1.0); 3] }
+            InSampleScores { lines: 1, held_out, metrics: metrics.to_vec(), values: vec![Some(1.0); 3] }
         };
         board.scores.in_sample = vec![of([true; 3]), of([true, true, false]), of([false; 3]), of([false; 3])];
         assert_eq!((board.ranked(1), board.scores.best(1)), (vec![3, 1, 0], Some(3)));

@@ -1,5 +1,5 @@
-//! The leading score line by line: a row for each line, a column for each value of an axis, as theses print the errors of
-//! methods over flight lines. [Gnadt 2022, Tables 6.2, 6.4 and 6.6]
+//! The leading score line by line: a row for each line, a column for each value of an axis, as theses print the errors
+//! of methods over flight lines. [Gnadt 2022, Tables 6.2, 6.4 and 6.6]
 
 use std::collections::BTreeSet;
 
@@ -7,9 +7,9 @@ use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use maud::{Markup, html};
 use schemas::{Fault, metric::Metric};
 
-use super::{board::Board, source::Source, warnings::Warning};
+use super::{board::ScoreBoard, source::ReportSource, warnings::Warning};
 use crate::{
-    plan::{LineId, Seen, Unit},
+    plan::{InSampleLines, LineId, PlanUnit},
     views::text::number,
 };
 
@@ -23,14 +23,14 @@ const OPEN: usize = 30;
 const DRMS: &str = "drms";
 const INS: &str = "ins_drms";
 
-/// One table.
-struct Table {
+/// Table of one metric by line and sweep point.
+struct LineScoreTable {
     metric: Metric,
     /// The axis of the columns; none where there is one point.
     axis: Option<String>,
     /// Values of the other axes.
     others: String,
-    columns: Vec<Column>,
+    columns: Vec<LineScoreColumn>,
     /// Flight and line of each row.
     lines: Vec<(String, String)>,
     /// The INS alone, where it is the same for all columns: a value for each line, and the pooled one.
@@ -39,10 +39,10 @@ struct Table {
     all: (usize, usize),
 }
 
-/// One point.
-struct Column {
+/// Table column: one sweep point.
+struct LineScoreColumn {
     name: String,
-    cells: Vec<Cell>,
+    cells: Vec<LineScoreCell>,
     pooled: Option<f64>,
     /// The number of marked lines.
     marks: usize,
@@ -52,7 +52,7 @@ struct Column {
 
 /// The score of one line at one point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Cell {
+struct LineScoreCell {
     value: Option<f64>,
     ins: Option<f64>,
     marked: bool,
@@ -63,7 +63,7 @@ struct Cell {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Vec<Markup>, Fault> {
+pub fn tables(source: &ReportSource, board: &ScoreBoard, warnings: &[Warning]) -> Result<Vec<Markup>, Fault> {
     let Some(metric) = board.scores.metric(DRMS).or_else(|| board.headline()) else { return Ok(vec![]) };
     let Some(best) = board.ranked(metric).first().copied() else { return Ok(vec![]) };
     let plan = source.graph.plan;
@@ -98,7 +98,7 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
         let others = point.iter().filter(|(k, _)| Some(*k) != of_axis.as_ref()).map(|(k, v)| format!("{k} = {v}"));
         let others = others.collect::<Vec<_>>().join(", ");
         let pooled_ins = board.scores.metric(INS).and_then(|m| board.value(best, m));
-        let table = Table {
+        let table = LineScoreTable {
             metric: board.scores.metrics[metric],
             axis: of_axis,
             others,
@@ -113,18 +113,18 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
 }
 
 fn column(
-    source: &Source,
-    board: &Board,
+    source: &ReportSource,
+    board: &ScoreBoard,
     (metric, axis, instance): (usize, Option<usize>, usize),
     lines: &[LineId],
-    (marked, seen): (&[BTreeSet<&(String, String)>], &Seen),
-) -> Result<Column, Fault> {
+    (marked, seen): (&[BTreeSet<&(String, String)>], &InSampleLines),
+) -> Result<LineScoreColumn, Fault> {
     let plan = source.graph.plan;
     let row = board.instances.binary_search(&instance).ok();
     let spoilt = row.and_then(|r| marked.get(r));
     let mut cells = vec![];
     for line in lines {
-        let unit = Unit { table: board.table, instance, line: Some(*line) };
+        let unit = PlanUnit { table: board.table, instance, line: Some(*line) };
         let name = board.scores.metrics[metric].name;
         let [value, ins] = match source.tidy(unit, &["metric", "value"])? {
             Some(batch) => {
@@ -139,11 +139,11 @@ fn column(
             None => [None, None],
         };
         let marked = source.graph.lines.get(*line).is_some_and(|l| spoilt.is_some_and(|s| s.contains(l)));
-        cells.push(Cell { value, ins, marked, in_sample: seen.has(instance, *line) });
+        cells.push(LineScoreCell { value, ins, marked, in_sample: seen.has(instance, *line) });
     }
     let value_of = |a: usize| plan.tables[board.table].grid().place(instance).find(|(axis, _)| *axis == a);
     let name = axis.and_then(value_of).and_then(|(a, at)| plan.spec.axes.get(a)?.values.get(at));
-    Ok(Column {
+    Ok(LineScoreColumn {
         name: name.map(ToString::to_string).unwrap_or_default(),
         cells,
         pooled: row.and_then(|r| board.value(r, metric)),
@@ -153,7 +153,7 @@ fn column(
 }
 
 /// The INS of each line, where it is one for all columns.
-fn ins(columns: &[Column], lines: usize) -> Option<Vec<Option<f64>>> {
+fn ins(columns: &[LineScoreColumn], lines: usize) -> Option<Vec<Option<f64>>> {
     let mut each = vec![None; lines];
     for column in columns {
         for (known, cell) in each.iter_mut().zip(&column.cells) {
@@ -167,7 +167,7 @@ fn ins(columns: &[Column], lines: usize) -> Option<Vec<Option<f64>>> {
     each.iter().any(Option::is_some).then_some(each)
 }
 
-impl Table {
+impl LineScoreTable {
     fn drawn(&self) -> Markup {
         let title = self.title();
         html! {
@@ -189,8 +189,13 @@ impl Table {
 
     fn rows(&self) -> Markup {
         let several = self.columns.len() > 1;
-        let pooled = |c: &Column| Cell { value: c.pooled, ins: None, marked: c.marks > 0, in_sample: c.in_sample };
-        let pooled: Vec<Cell> = self.columns.iter().map(pooled).collect();
+        let pooled = |c: &LineScoreColumn| LineScoreCell {
+            value: c.pooled,
+            ins: None,
+            marked: c.marks > 0,
+            in_sample: c.in_sample,
+        };
+        let pooled: Vec<LineScoreCell> = self.columns.iter().map(pooled).collect();
         html! {
             div.scroll.wide {
                 table.sortable.lines {
@@ -200,7 +205,7 @@ impl Table {
                         @if self.ins.is_some() { th.n scope="col" { button { "INS alone" } } }
                     } }
                     tbody { @for (i, (flight, line)) in self.lines.iter().enumerate() {
-                        @let cells: Vec<Cell> = self.columns.iter().filter_map(|c| c.cells.get(i)).copied().collect();
+                        @let cells: Vec<LineScoreCell> = self.columns.iter().filter_map(|c| c.cells.get(i)).copied().collect();
                         tr { td { (flight) } td { (line) }
                             (self.cells(&cells))
                             @if let Some((each, _)) = &self.ins { td.n { (number(each.get(i).copied().flatten())) } }
@@ -216,8 +221,9 @@ impl Table {
         }
     }
 
-    fn cells(&self, cells: &[Cell]) -> Markup {
-        let cost = |c: &Cell| c.value.filter(|_| !c.marked && !c.in_sample).and_then(|v| self.metric.better.cost(v));
+    fn cells(&self, cells: &[LineScoreCell]) -> Markup {
+        let cost =
+            |c: &LineScoreCell| c.value.filter(|_| !c.marked && !c.in_sample).and_then(|v| self.metric.better.cost(v));
         let best = (0..cells.len()).filter_map(|i| cost(&cells[i]).map(|c| (i, c))).min_by(|a, b| a.1.total_cmp(&b.1));
         let best = best.map(|b| b.0).filter(|_| cells.len() > 1);
         html! { @for (i, cell) in cells.iter().enumerate() {
@@ -244,7 +250,7 @@ impl Table {
                     .to_owned(),
             );
         }
-        let seen = |column: &Column| column.cells.iter().any(|c| c.in_sample);
+        let seen = |column: &LineScoreColumn| column.cells.iter().any(|c| c.in_sample);
         if self.columns.iter().any(seen) {
             let what = "Values with a ~ are in sample: a model, noise or map was made from the line, or it was used to \
                         choose a parameter.";
@@ -273,12 +279,12 @@ mod tests {
     use super::*;
     use crate::views::scores::declared;
 
-    fn cell(value: f64, marked: bool) -> Cell {
-        Cell { value: Some(value), ins: Some(300.0), marked, in_sample: false }
+    fn cell(value: f64, marked: bool) -> LineScoreCell {
+        LineScoreCell { value: Some(value), ins: Some(300.0), marked, in_sample: false }
     }
 
-    fn example() -> Table {
-        let column = |name: &str, cells: Vec<Cell>, pooled, marks| Column {
+    fn example() -> LineScoreTable {
+        let column = |name: &str, cells: Vec<LineScoreCell>, pooled, marks| LineScoreColumn {
             name: name.into(),
             cells,
             pooled,
@@ -288,9 +294,9 @@ mod tests {
         let columns = vec![
             column("ekf", vec![cell(40.0, false), cell(12.0, true)], Some(29.5), 1),
             column("mpf", vec![cell(25.0, false), cell(30.0, false)], Some(27.6), 0),
-            column("slam", vec![cell(90.0, false), Cell::default()], Some(90.0), 0),
+            column("slam", vec![cell(90.0, false), LineScoreCell::default()], Some(90.0), 0),
         ];
-        Table {
+        LineScoreTable {
             metric: declared(["drms"])[0],
             axis: Some("filter".into()),
             others: "mag = mag_4_uc".into(),

@@ -1,8 +1,8 @@
 //! The tracks of a run, their error ellipses and the map below them, for Google Earth and QGIS.
 
 use figures::{
-    EarthArea, EarthFolder, EarthTrack, Kml, Look, MapPicture, Palette, Plane, ellipse::Ellipse, folders_kml,
-    raster::Bounds,
+    AxisQuantity, EarthArea, EarthFolder, EarthTrack, Kml, MapPicture, MapStyle, Palette, ellipse::Ellipse,
+    folders_kml, raster::Bounds,
 };
 use numerics::{
     earth::geodesy::EarthModel,
@@ -11,13 +11,13 @@ use numerics::{
 use schemas::Fault;
 
 use super::{
-    Group, atlas, groups, over, scored,
-    source::Source,
-    subject::{self, Shown, Subject},
-    track::{Flown, Track},
+    SubjectGroup, atlas, groups, over, scored,
+    source::ReportSource,
+    subject::{self, ReportLine, ReportSubject},
+    track::{DegreeTrack, LineTracks},
 };
 use crate::{
-    plan::{Graph, Ref},
+    plan::{PlanGraph, TableRef},
     store::Store,
     views::text::number,
 };
@@ -33,30 +33,30 @@ const INS: [u8; 3] = [255, 122, 26];
 const ESTIMATE: [u8; 3] = [255, 79, 208];
 
 /// Selection of tracks and their form.
-pub struct Choice<'a> {
+pub struct TrackSelection<'a> {
     /// Tables of `navigate`; all where there is none.
     pub tables: &'a [String],
     /// Lines; those that the report shows where there is none.
     pub lines: &'a [String],
 }
 
-/// One line at one point.
-struct Leg {
+/// Tracks of one line at one point, with heights in m.
+struct KmlTrack {
     name: String,
-    flown: Flown,
+    flown: LineTracks,
     /// Heights of truth, INS and estimate, m.
     alt: [Vec<f64>; 3],
 }
 
-/// The tracks of the plan's results in `store`: of each table of `navigate` the points and lines of the report, or the lines
-/// of `choice`. Pictures of the maps are named after `stem`.
+/// The tracks of the plan's results in `store`: of each table of `navigate` the points and lines of the report, or the
+/// lines of `choice`. Pictures of the maps are named after `stem`.
 ///
 /// # Errors
 /// Fails when there are no results of the plan, no track of that choice, or the store is damaged.
-pub fn kml(graph: &Graph, store: &Store, choice: &Choice, stem: &str) -> Result<Kml, Fault> {
-    let source = Source::new(graph, store);
+pub fn kml(graph: &PlanGraph, store: &Store, choice: &TrackSelection, stem: &str) -> Result<Kml, Fault> {
+    let source = ReportSource::new(graph, store);
     let groups = chosen(&source, choice)?;
-    let mut points: Vec<(String, Vec<Leg>)> = vec![];
+    let mut points: Vec<(String, Vec<KmlTrack>)> = vec![];
     for group in &groups {
         for subject in &group.subjects {
             let mut legs = vec![];
@@ -73,14 +73,14 @@ pub fn kml(graph: &Graph, store: &Store, choice: &Choice, stem: &str) -> Result<
         return Err(fault.help("add a stage `navigate`, which makes tracks, and run the spec"));
     }
     let maps = maps(&source, &groups)?;
-    let pictures: Vec<MapPicture> = maps.iter().map(Map::picture).collect();
+    let pictures: Vec<MapPicture> = maps.iter().map(KmlMap::picture).collect();
     let folders: Vec<EarthFolder> = points.iter().map(|(name, legs)| folder(name, legs)).collect();
-    let look = Look { palette: Palette::Viridis, width_px: 1200, ..Look::default() };
+    let look = MapStyle { palette: Palette::Viridis, width_px: 1200, ..MapStyle::default() };
     folders_kml(&graph.plan.spec.name, &pictures, &look, &folders, stem)
 }
 
 /// The navigations of `choice`, with its lines.
-fn chosen(source: &Source, choice: &Choice) -> Result<Vec<Group>, Fault> {
+fn chosen(source: &ReportSource, choice: &TrackSelection) -> Result<Vec<SubjectGroup>, Fault> {
     let plan = source.graph.plan;
     let navigates: Vec<&str> =
         plan.tables.iter().filter(|t| t.entry.name == "navigate").map(|t| t.name.as_str()).collect();
@@ -88,7 +88,7 @@ fn chosen(source: &Source, choice: &Choice) -> Result<Vec<Group>, Fault> {
         return Err(Fault::new(format!("there is no table `{name}` of stage `navigate`")).nearest(name, &navigates));
     }
     let (mut found, _) = groups(source, &scored(source)?.boards, usize::MAX)?;
-    let wanted = |s: &Subject| {
+    let wanted = |s: &ReportSubject| {
         s.navigate.is_some_and(|r| choice.tables.is_empty() || choice.tables.iter().any(|t| t == plan.name_of(r)))
     };
     for group in &mut found {
@@ -100,12 +100,12 @@ fn chosen(source: &Source, choice: &Choice) -> Result<Vec<Group>, Fault> {
     }
     let mut known: Vec<&str> = vec![];
     for group in &mut found {
-        let Some(Ref::Stage(t, i)) = group.subjects.first().and_then(|s| s.navigate) else { continue };
+        let Some(TableRef::Stage(t, i)) = group.subjects.first().and_then(|s| s.navigate) else { continue };
         let named = |l: &usize| source.graph.lines.get(*l).map(|(_, name)| name.as_str()).unwrap_or_default();
         let all = source.graph.lines_of(t, i);
         known.extend(all.iter().map(named));
         let of_choice = all.iter().filter(|l| choice.lines.iter().any(|c| c == named(l)));
-        group.lines = of_choice.map(|line| Shown { line: *line, why: "" }).collect();
+        group.lines = of_choice.map(|line| ReportLine { line: *line, why: "" }).collect();
     }
     match choice.lines.iter().find(|l| !known.contains(&l.as_str())) {
         Some(line) => Err(Fault::new(format!("no table of `navigate` has a line `{line}`")).nearest(line, &known)),
@@ -114,7 +114,7 @@ fn chosen(source: &Source, choice: &Choice) -> Result<Vec<Group>, Fault> {
 }
 
 /// Table and point, and what the report has it for where it has several.
-fn point_name(source: &Source, subject: &Subject, group: &Group) -> String {
+fn point_name(source: &ReportSource, subject: &ReportSubject, group: &SubjectGroup) -> String {
     let table = subject.navigate.map(|r| source.graph.plan.name_of(r)).unwrap_or_default();
     let mut name = if subject.point.is_empty() { table.to_owned() } else { format!("{table}, {}", subject.point) };
     if group.subjects.len() > 1 {
@@ -123,9 +123,11 @@ fn point_name(source: &Source, subject: &Subject, group: &Group) -> String {
     name
 }
 
-fn leg(source: &Source, subject: &Subject, shown: &Shown) -> Result<Option<Leg>, Fault> {
-    let (Some(r), Some(flown)) = (subject.navigate, Flown::read(source, subject, shown.line)?) else { return Ok(None) };
-    let Ref::Stage(t, i) = r else { return Ok(None) };
+fn leg(source: &ReportSource, subject: &ReportSubject, shown: &ReportLine) -> Result<Option<KmlTrack>, Fault> {
+    let (Some(r), Some(flown)) = (subject.navigate, LineTracks::read(source, subject, shown.line)?) else {
+        return Ok(None);
+    };
+    let TableRef::Stage(t, i) = r else { return Ok(None) };
     let own = source.floats(r, shown.line, "alt")?.unwrap_or_else(|| vec![0.0; flown.tt.len()]);
     let mut alt = [own.clone(), own.clone(), own];
     if let Some(flights) = source.graph.plan.instance(t, i).first_input() {
@@ -136,14 +138,18 @@ fn leg(source: &Source, subject: &Subject, shown: &Shown) -> Result<Option<Leg>,
             }
         }
     }
-    Ok(Some(Leg { name: subject::named(source, shown.line), flown, alt }))
+    Ok(Some(KmlTrack { name: subject::named(source, shown.line), flown, alt }))
 }
 
-fn folder<'a>(name: &str, legs: &'a [Leg]) -> EarthFolder<'a> {
-    EarthFolder { name: name.to_owned(), folders: legs.iter().map(Leg::folder).collect(), ..EarthFolder::default() }
+fn folder<'a>(name: &str, legs: &'a [KmlTrack]) -> EarthFolder<'a> {
+    EarthFolder {
+        name: name.to_owned(),
+        folders: legs.iter().map(KmlTrack::folder).collect(),
+        ..EarthFolder::default()
+    }
 }
 
-impl Leg {
+impl KmlTrack {
     fn folder(&self) -> EarthFolder<'_> {
         let name = format!("{SIGMAS}σ ellipses of the estimate");
         let ellipses = EarthFolder { name, areas: self.areas(), ..EarthFolder::default() };
@@ -152,7 +158,7 @@ impl Leg {
     }
 
     fn tracks<'a>(&'a self) -> Vec<EarthTrack<'a>> {
-        let Flown { truth, ins, estimate, .. } = &self.flown;
+        let LineTracks { truth, ins, estimate, .. } = &self.flown;
         let all = [
             ("truth", truth.as_ref(), TRUTH),
             ("INS alone", ins.as_ref(), INS),
@@ -160,7 +166,7 @@ impl Leg {
         ];
         let mut tracks = vec![];
         for ((name, track, colour), alt_m) in all.into_iter().zip(&self.alt) {
-            let one = |Track { lat, lon }: &'a Track| EarthTrack {
+            let one = |DegreeTrack { lat, lon }: &'a DegreeTrack| EarthTrack {
                 name,
                 lat_deg: lat,
                 lon_deg: lon,
@@ -179,7 +185,7 @@ impl Leg {
     }
 
     fn area(&self, k: usize) -> Option<EarthArea> {
-        let Flown { tt, truth, estimate, .. } = &self.flown;
+        let LineTracks { tt, truth, estimate, .. } = &self.flown;
         let (centre, ellipse) = (estimate.at(k)?, self.flown.ellipse(k, SIGMAS)?);
         let [_, _, alt] = &self.alt;
         let mut about = format!(
@@ -215,21 +221,21 @@ fn outline((lat, lon): (f64, f64), ellipse: Ellipse) -> (Vec<f64>, Vec<f64>) {
     corners.into_iter().unzip()
 }
 
-/// The part of a map that tracks lie on.
-struct Map {
+/// Part of a map below tracks.
+struct KmlMap {
     name: String,
     x: EvenAxis,
     y: EvenAxis,
     values: Vec<f64>,
 }
 
-impl Map {
+impl KmlMap {
     fn picture(&self) -> MapPicture<'_> {
         MapPicture {
             x: self.x,
             y: self.y,
             values: &self.values,
-            plane: Plane::Degrees,
+            plane: AxisQuantity::Degrees,
             title: &self.name,
             quantity: &self.name,
             unit: "nT",
@@ -240,8 +246,8 @@ impl Map {
 }
 
 /// Each map below tracks once, as far as these go.
-fn maps(source: &Source, groups: &[Group]) -> Result<Vec<Map>, Fault> {
-    let mut around: Vec<(Ref, Vec<Track>)> = vec![];
+fn maps(source: &ReportSource, groups: &[SubjectGroup]) -> Result<Vec<KmlMap>, Fault> {
+    let mut around: Vec<(TableRef, Vec<DegreeTrack>)> = vec![];
     for group in groups {
         let (Some(map), tracks) = over(source, group)? else { continue };
         match around.iter_mut().find(|(known, _)| *known == map) {
@@ -259,7 +265,7 @@ fn maps(source: &Source, groups: &[Group]) -> Result<Vec<Map>, Fault> {
 }
 
 /// The nodes of a map within `bounds`; `None` where none of them is known.
-fn cut(name: &str, grid: &GeographicGrid, bounds: &Bounds) -> Option<Map> {
+fn cut(name: &str, grid: &GeographicGrid, bounds: &Bounds) -> Option<KmlMap> {
     let (lat, lon) = (grid.lat(), grid.lon());
     // Maps may count longitudes from 0 to 360.
     let middle = 0.5 * (lon.first_deg() + lon.last_deg());
@@ -278,7 +284,7 @@ fn cut(name: &str, grid: &GeographicGrid, bounds: &Bounds) -> Option<Map> {
     let part = |r: usize| grid.values().get(r * lon.len() + columns.start..r * lon.len() + columns.end);
     let values: Vec<f64> = rows.filter_map(part).flatten().copied().collect();
     let known = values.len() == x.len * y.len && values.iter().any(|v| v.is_finite());
-    known.then(|| Map { name: name.to_owned(), x, y, values })
+    known.then(|| KmlMap { name: name.to_owned(), x, y, values })
 }
 
 #[cfg(test)]
@@ -287,12 +293,12 @@ mod tests {
 
     use super::*;
 
-    fn leg() -> Leg {
-        let track = |shift: f64| Track {
+    fn leg() -> KmlTrack {
+        let track = |shift: f64| DegreeTrack {
             lat: (0..200).map(|k| -22.0 + f64::from(k) * 1e-3).collect(),
             lon: (0..200).map(|k| 140.0 + shift * f64::from(k)).collect(),
         };
-        let flown = Flown {
+        let flown = LineTracks {
             tt: (0..200).map(|k| 600.0 + 6.0 * f64::from(k)).collect(),
             truth: Some(track(0.0)),
             ins: Some(track(1e-5)),
@@ -301,7 +307,11 @@ mod tests {
             residual: None,
             nis: None,
         };
-        Leg { name: "flight 1, line 1.02".into(), flown, alt: [vec![500.0; 200], vec![510.0; 200], vec![505.0; 200]] }
+        KmlTrack {
+            name: "flight 1, line 1.02".into(),
+            flown,
+            alt: [vec![500.0; 200], vec![510.0; 200], vec![505.0; 200]],
+        }
     }
 
     #[test]
@@ -324,7 +334,7 @@ mod tests {
             "{}",
             areas[59].about
         );
-        let made = folders_kml("t", &[], &Look::default(), &[folder], "t").unwrap().document;
+        let made = folders_kml("t", &[], &MapStyle::default(), &[folder], "t").unwrap().document;
         assert_eq!((made.matches("<LineString>").count(), made.matches("<Polygon>").count()), (3, 60));
     }
 

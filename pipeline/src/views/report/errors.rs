@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use figures::{
-    chart::{Band, Chart, Dim, Line},
+    chart::{ChartAxis, ChartBand, ChartLine, LineChart},
     decimate::{MOST, envelope, extremes},
 };
 use maud::Markup;
@@ -11,7 +11,7 @@ use numerics::regression::statistics;
 
 use super::{
     signal::{minutes, time_axis},
-    track::{Flown, Offsets, nees},
+    track::{LineTracks, TrackOffsets, nees},
     whiteness::Z95,
 };
 use crate::views::text::number;
@@ -22,7 +22,7 @@ const BAND_POINTS: usize = 500;
 const SIGMAS: f64 = 3.0;
 
 /// The plots of one line at a point, which `place` names. `outcomes` counts the outcomes of its measurements.
-pub fn plots(flown: &Flown, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
+pub fn plots(flown: &LineTracks, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
     let mut charts = vec![];
     if let Some(errors) = flown.errors() {
         charts.extend(positions(flown, place, &errors));
@@ -31,12 +31,12 @@ pub fn plots(flown: &Flown, place: &str, outcomes: &BTreeMap<String, usize>) -> 
     if let (Some(errors), Some(sigma)) = (flown.errors(), &flown.sigma) {
         charts.push(nees_chart(&flown.tt, &nees(&errors, sigma)));
     }
-    charts.iter().filter_map(Chart::draw).collect()
+    charts.iter().filter_map(LineChart::draw).collect()
 }
 
-fn positions(flown: &Flown, place: &str, errors: &Offsets) -> Vec<Chart> {
+fn positions(flown: &LineTracks, place: &str, errors: &TrackOffsets) -> Vec<LineChart> {
     let ins = flown.ins_errors();
-    let alone = |pick: fn(&Offsets) -> &Vec<f64>| ins.as_ref().map(pick);
+    let alone = |pick: fn(&TrackOffsets) -> &Vec<f64>| ins.as_ref().map(pick);
     let sigma = |i: usize| flown.sigma.as_ref().map(|s| &s[i]);
     let mut both = vec![
         position(flown, "North", &errors.north, alone(|o| &o.north), sigma(0)),
@@ -46,17 +46,23 @@ fn positions(flown: &Flown, place: &str, errors: &Offsets) -> Vec<Chart> {
     both
 }
 
-fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Chart {
+fn position(
+    flown: &LineTracks,
+    way: &str,
+    error: &[f64],
+    ins: Option<&Vec<f64>>,
+    sigma: Option<&Vec<f64>>,
+) -> LineChart {
     let time = minutes(&flown.tt);
     let rms = |x: &[f64]| number(Some(statistics::rms(x).value));
     let mut caption = format!("Truth minus estimate: {} m root mean square", rms(error));
     let mut lines = vec![];
     if let Some(ins) = ins {
         caption.push_str(&format!("; {} m for the INS alone", rms(ins)));
-        lines.push(Line { name: "INS alone".into(), class: "ins", points: extremes(&time, ins, MOST) });
+        lines.push(ChartLine { name: "INS alone".into(), class: "ins", points: extremes(&time, ins, MOST) });
     }
     caption.push('.');
-    lines.push(Line { name: "estimate".into(), class: "after", points: extremes(&time, error, MOST) });
+    lines.push(ChartLine { name: "estimate".into(), class: "after", points: extremes(&time, error, MOST) });
     let mut bands = vec![];
     if let Some(sigma) = sigma {
         caption.push_str(&format!(
@@ -65,14 +71,14 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
         ));
         let ends = |(t, s): (f64, f64)| (t, -SIGMAS * s, SIGMAS * s);
         let points = envelope(&time, sigma, BAND_POINTS).into_iter().map(ends).collect();
-        bands.push(Band { name: "±3σ of the filter".into(), points });
+        bands.push(ChartBand { name: "±3σ of the filter".into(), points });
     }
-    let y = Dim { range: frame(error, ins, sigma), ..Dim::new(format!("error {}, m", way.to_lowercase())) };
+    let y = ChartAxis { range: frame(error, ins, sigma), ..ChartAxis::new(format!("error {}, m", way.to_lowercase())) };
     if y.range.is_some() {
         caption.push_str(" The errors of the INS alone exceed the plot.");
     }
     let title = format!("{way} error");
-    Chart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..Chart::default() }
+    LineChart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..LineChart::default() }
 }
 
 /// The part of the axis that shows estimate and band, where the INS alone would compress them to a line.
@@ -94,7 +100,7 @@ fn share_inside(error: &[f64], sigma: &[f64]) -> String {
     if inside < all { format!("{:.1} %", share.min(99.9)) } else { "100 %".to_owned() }
 }
 
-fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Chart> {
+fn innovations(flown: &LineTracks, outcomes: &BTreeMap<String, usize>) -> Option<LineChart> {
     let (residual, time) = (flown.residual.as_ref()?, minutes(&flown.tt));
     let mut bands = vec![];
     if let Some(nis) = &flown.nis {
@@ -102,7 +108,7 @@ fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Char
         let half: Vec<f64> =
             residual.iter().zip(nis).map(|(r, n)| if *n > 0.0 { Z95 * r.abs() / n.sqrt() } else { f64::NAN }).collect();
         let points = envelope(&time, &half, BAND_POINTS).into_iter().map(|(t, s)| (t, -s, s)).collect();
-        bands.push(Band { name: "predicted 95 %".into(), points });
+        bands.push(ChartBand { name: "predicted 95 %".into(), points });
     }
     let counted: Vec<String> =
         outcomes.iter().map(|(outcome, n)| format!("{n} {}", outcome.replace('_', " "))).collect();
@@ -111,19 +117,19 @@ fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Char
          within the band for 95 % of the time. Samples: {}.",
         if counted.is_empty() { "not counted".to_owned() } else { counted.join(", ") }
     );
-    Some(Chart {
+    Some(LineChart {
         title: "Innovations".into(),
         caption,
         x: time_axis(),
-        y: Dim::new("innovation, nT"),
+        y: ChartAxis::new("innovation, nT"),
         bands,
-        lines: vec![Line { name: "innovation".into(), class: "after", points: extremes(&time, residual, MOST) }],
+        lines: vec![ChartLine { name: "innovation".into(), class: "after", points: extremes(&time, residual, MOST) }],
         height: 230.0,
-        ..Chart::default()
+        ..LineChart::default()
     })
 }
 
-fn nees_chart(tt: &[f64], nees: &[f64]) -> Chart {
+fn nees_chart(tt: &[f64], nees: &[f64]) -> LineChart {
     // Chi-square with two degrees of freedom is an exponential distribution.
     let (low, high) = (-2.0 * 0.975f64.ln(), -2.0 * 0.025f64.ln());
     let caption = format!(
@@ -135,15 +141,15 @@ fn nees_chart(tt: &[f64], nees: &[f64]) -> Chart {
         number(Some(statistics::mean(nees).value)),
     );
     let points = extremes(&minutes(tt), nees, MOST).into_iter().map(|(t, v)| (t, v.max(1e-3))).collect();
-    Chart {
+    LineChart {
         title: "NEES of the position".into(),
         caption,
         x: time_axis(),
-        y: Dim::new("NEES").log(),
-        lines: vec![Line { name: "NEES".into(), class: "after", points }],
+        y: ChartAxis::new("NEES").log(),
+        lines: vec![ChartLine { name: "NEES".into(), class: "after", points }],
         levels: vec![("95 % band".into(), low), (String::new(), high)],
         height: 220.0,
-        ..Chart::default()
+        ..LineChart::default()
     }
 }
 
@@ -172,14 +178,14 @@ mod tests {
     }
 
     /// North off by 0 to 59 m at a sigma of 10 to 15.9 m, east exact.
-    fn flown() -> Flown {
-        use crate::views::report::track::Track;
+    fn flown() -> LineTracks {
+        use crate::views::report::track::DegreeTrack;
         let metres = |north: f64| numerics::earth::geodesy::EarthModel::default().north_m_to_lat_rad(north, 0.0, 0.0);
-        let track = |step: f64| Track {
+        let track = |step: f64| DegreeTrack {
             lat: (0..60).map(|k| metres(step * f64::from(k)).to_degrees()).collect(),
             lon: vec![140.0; 60],
         };
-        Flown {
+        LineTracks {
             tt: (0..60).map(|k| 60.0 * f64::from(k)).collect(),
             truth: Some(track(1.0)),
             ins: Some(track(-2.0)),
@@ -221,11 +227,11 @@ mod tests {
 
     #[test]
     fn unit_the_innovation_band_is_what_the_filter_predicted() {
-        use crate::views::report::track::Track;
-        let estimate = Track { lat: vec![0.0; 2], lon: vec![0.0; 2] };
+        use crate::views::report::track::DegreeTrack;
+        let estimate = DegreeTrack { lat: vec![0.0; 2], lon: vec![0.0; 2] };
         // r²/S = nis with S = 25: the band is 1.96 times 5.
         let (residual, nis) = (Some(vec![10.0, -2.5]), Some(vec![4.0, 0.25]));
-        let flown = Flown { tt: vec![0.0, 60.0], truth: None, ins: None, estimate, sigma: None, residual, nis };
+        let flown = LineTracks { tt: vec![0.0, 60.0], truth: None, ins: None, estimate, sigma: None, residual, nis };
         let chart = innovations(&flown, &BTreeMap::new()).unwrap();
         assert!(chart.bands[0].points.iter().all(|p| (p.2 - 9.8).abs() < 1e-3 && p.1 == -p.2));
         assert!(flown.errors().is_none());

@@ -3,8 +3,8 @@
 use figures::chart::px;
 use maud::{Markup, html};
 
-use super::source::Source;
-use crate::plan::Ref;
+use super::source::ReportSource;
+use crate::plan::TableRef;
 
 const BOX_W: f64 = 140.0;
 const BOX_H: f64 = 89.0;
@@ -13,8 +13,8 @@ const GAP_Y: f64 = 18.0;
 /// Height of the lane of an arrow past other boxes.
 const LANE_H: f64 = 12.0;
 
-/// The text of a box, and the sources of its arrows.
-struct Node {
+/// Box of the flow chart: its text, and the sources of its arrows.
+struct FlowNode {
     name: String,
     lines: Vec<String>,
     inputs: Vec<usize>,
@@ -22,8 +22,8 @@ struct Node {
     incomplete: bool,
 }
 
-/// A slot in a column of the drawing: a box, or a lane for an arrow that passes.
-struct Place {
+/// Slot in a column of the flow chart: a box, or a lane for a passing arrow.
+struct FlowSlot {
     node: Option<usize>,
     /// The slots of the previous column that arrows come from.
     from: Vec<usize>,
@@ -31,20 +31,20 @@ struct Place {
 }
 
 /// The plan's drawing.
-pub fn drawing(source: &Source) -> Markup {
+pub fn drawing(source: &ReportSource) -> Markup {
     drawn(&nodes(source))
 }
 
-fn nodes(source: &Source) -> Vec<Node> {
+fn nodes(source: &ReportSource) -> Vec<FlowNode> {
     let plan = source.graph.plan;
     let mut nodes = vec![];
     for (flights, records) in plan.flights.iter().zip(&source.graph.records) {
         let rows: usize = records.values().map(|r| r.rows).sum();
         let lines = vec!["flights".to_owned(), plural(records.len(), "line"), plural(rows, "sample")];
-        nodes.push(Node { name: flights.name.clone(), lines, inputs: vec![], source: true, incomplete: false });
+        nodes.push(FlowNode { name: flights.name.clone(), lines, inputs: vec![], source: true, incomplete: false });
     }
     for map in &plan.maps {
-        nodes.push(Node {
+        nodes.push(FlowNode {
             name: map.name.clone(),
             lines: vec![map.word().to_owned()],
             inputs: vec![],
@@ -53,10 +53,10 @@ fn nodes(source: &Source) -> Vec<Node> {
         });
     }
     let (flights, sources) = (plan.flights.len(), nodes.len());
-    let position = |r: &Ref| match r {
-        Ref::Flights(i) => *i,
-        Ref::Map(i) => flights + i,
-        Ref::Stage(t, _) => sources + t,
+    let position = |r: &TableRef| match r {
+        TableRef::Flights(i) => *i,
+        TableRef::Map(i) => flights + i,
+        TableRef::Stage(t, _) => sources + t,
     };
     for (t, table) in plan.tables.iter().enumerate() {
         let mut inputs: Vec<usize> = table.sources().iter().map(position).collect();
@@ -69,7 +69,7 @@ fn nodes(source: &Source) -> Vec<Node> {
         lines.extend((!axes.is_empty()).then(|| plural(table.len(), "point") + " of"));
         lines.extend((!axes.is_empty()).then(|| axes.join(", ")));
         lines.push(format!("{there} of {all} computed"));
-        nodes.push(Node { name: table.name.clone(), lines, inputs, source: false, incomplete: there < all });
+        nodes.push(FlowNode { name: table.name.clone(), lines, inputs, source: false, incomplete: there < all });
     }
     nodes
 }
@@ -79,7 +79,7 @@ fn plural(n: usize, what: &str) -> String {
 }
 
 /// The column of each node: one past its last input; sources are next to their first reader.
-fn columns_of(nodes: &[Node]) -> Vec<usize> {
+fn columns_of(nodes: &[FlowNode]) -> Vec<usize> {
     let mut column = vec![0usize; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
         column[i] = node.inputs.iter().map(|k| column[*k] + 1).max().unwrap_or(0);
@@ -92,26 +92,26 @@ fn columns_of(nodes: &[Node]) -> Vec<usize> {
 }
 
 /// Boxes and lanes, column by column, each column in the order of its sources.
-fn layout(nodes: &[Node]) -> Vec<Vec<Place>> {
+fn layout(nodes: &[FlowNode]) -> Vec<Vec<FlowSlot>> {
     let column = columns_of(nodes);
     let last = column.iter().copied().max().unwrap_or(0);
-    let mut columns: Vec<Vec<Place>> = vec![];
+    let mut columns: Vec<Vec<FlowSlot>> = vec![];
     // For each node the slot where its box, or the lane of its arrow, is in the column before.
     let mut held: Vec<Option<usize>> = vec![None; nodes.len()];
     for c in 0..=last {
-        let mut places: Vec<(Place, usize)> = vec![];
+        let mut places: Vec<(FlowSlot, usize)> = vec![];
         for (i, node) in nodes.iter().enumerate() {
             let is_box = column[i] == c;
             let passes = column[i] < c && (0..nodes.len()).any(|k| nodes[k].inputs.contains(&i) && column[k] > c);
             if is_box {
                 let from = node.inputs.iter().filter_map(|k| held[*k]).collect();
-                places.push((Place { node: Some(i), from, y: 0.0 }, i));
+                places.push((FlowSlot { node: Some(i), from, y: 0.0 }, i));
             } else if passes {
-                places.push((Place { node: None, from: held[i].into_iter().collect(), y: 0.0 }, i));
+                places.push((FlowSlot { node: None, from: held[i].into_iter().collect(), y: 0.0 }, i));
             }
         }
         let before: Vec<f64> = columns.last().map(|p| p.iter().map(|p| p.y).collect()).unwrap_or_default();
-        let weight = |p: &Place| {
+        let weight = |p: &FlowSlot| {
             let ys: Vec<f64> = p.from.iter().filter_map(|k| before.get(*k).copied()).collect();
             if ys.is_empty() { f64::MAX } else { ys.iter().sum::<f64>() / ys.len() as f64 }
         };
@@ -126,12 +126,12 @@ fn layout(nodes: &[Node]) -> Vec<Vec<Place>> {
     columns
 }
 
-fn height(place: &Place) -> f64 {
+fn height(place: &FlowSlot) -> f64 {
     if place.node.is_some() { BOX_H } else { LANE_H }
 }
 
 /// Stacks the slots of a column, about the middle of the previous column.
-fn stack(places: &mut [(Place, usize)], before: &[f64]) {
+fn stack(places: &mut [(FlowSlot, usize)], before: &[f64]) {
     let total: f64 = places.iter().map(|p| height(&p.0) + GAP_Y).sum::<f64>() - GAP_Y;
     let ends = before.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), y| (a.min(*y), b.max(*y)));
     let middle = if before.is_empty() { 0.0 } else { 0.5 * (ends.0 + ends.1) };
@@ -142,7 +142,7 @@ fn stack(places: &mut [(Place, usize)], before: &[f64]) {
     }
 }
 
-fn drawn(nodes: &[Node]) -> Markup {
+fn drawn(nodes: &[FlowNode]) -> Markup {
     let columns = layout(nodes);
     let x = |c: usize| 4.0 + c as f64 * (BOX_W + GAP_X);
     let bottom = columns.iter().flatten().map(|p| p.y + 0.5 * height(p)).fold(0.0, f64::max);
@@ -170,7 +170,7 @@ fn arrow(x0: f64, y0: f64, x1: f64, y1: f64) -> String {
     format!("M{} {}C{middle} {} {middle} {} {} {}", px(x0), px(y0), px(y0), px(y1), px(x1), px(y1))
 }
 
-fn boxed(node: &Node, x: f64, place: &Place) -> Markup {
+fn boxed(node: &FlowNode, x: f64, place: &FlowSlot) -> Markup {
     let top = place.y - 0.5 * BOX_H;
     let fit = |text: &str, most: usize| {
         if text.chars().count() > most { text.chars().take(most - 1).chain(['…']).collect() } else { text.to_owned() }
@@ -191,12 +191,12 @@ fn boxed(node: &Node, x: f64, place: &Place) -> Markup {
 mod tests {
     use super::*;
 
-    fn node(name: &str, inputs: &[usize], source: bool) -> Node {
-        Node { name: name.into(), lines: vec![], inputs: inputs.to_vec(), source, incomplete: false }
+    fn node(name: &str, inputs: &[usize], source: bool) -> FlowNode {
+        FlowNode { name: name.into(), lines: vec![], inputs: inputs.to_vec(), source, incomplete: false }
     }
 
     /// flights, map, even, terms, coefficients, clean, track, scores.
-    fn example() -> Vec<Node> {
+    fn example() -> Vec<FlowNode> {
         vec![
             node("flights", &[], true),
             node("anomaly", &[], true),

@@ -1,4 +1,5 @@
-//! Which inputs matter to a model: bars of the means over lines and seeds, with a dot for each, and the beeswarm of samples.
+//! Which inputs matter to a model: bars of the means over lines and seeds, with a dot for each, and the beeswarm of
+//! samples.
 
 use std::collections::BTreeMap;
 
@@ -7,9 +8,9 @@ use figures::chart::px;
 use maud::{Markup, html};
 use schemas::{Fault, Literal};
 
-use super::{beeswarm::Swarm, source::Source};
+use super::{beeswarm::BeeswarmSamples, source::ReportSource};
 use crate::{
-    plan::Point,
+    plan::SweepPoint,
     spec::Spec,
     views::text::{number, point_words},
 };
@@ -27,13 +28,13 @@ const ROW: f64 = 22.0;
 
 /// Importance of features in one model over all lines.
 #[derive(Default)]
-struct Ranking {
+struct ImportanceRanking {
     method: String,
     unit: String,
     /// The absolute value on each line, by group.
     groups: BTreeMap<String, Vec<f64>>,
     /// The samples, where they are kept.
-    swarm: Swarm,
+    swarm: BeeswarmSamples,
 }
 
 /// The axes that give a seed: what they differ in is chance, and no other model.
@@ -49,9 +50,9 @@ fn seeds(spec: &Spec) -> Vec<&str> {
 ///
 /// # Errors
 /// Fails when a table cannot be read.
-pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
-    let mut models: BTreeMap<(usize, usize), (String, Ranking)> = BTreeMap::new();
+    let mut models: BTreeMap<(usize, usize), (String, ImportanceRanking)> = BTreeMap::new();
     let (seeds, mut first_of) = (seeds(&graph.plan.spec), BTreeMap::new());
     for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.name == "importance") {
         for unit in graph.units(t) {
@@ -66,13 +67,13 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
             else {
                 continue;
             };
-            let mut point: Point = graph.plan.instance(unit.table, unit.instance).point();
+            let mut point: SweepPoint = graph.plan.instance(unit.table, unit.instance).point();
             point.retain(|axis, _| !seeds.contains(&axis.as_str()));
             let point = point_words(&point);
             let instance = *first_of.entry((t, point.clone())).or_insert(unit.instance);
             let (_, ranking) = models.entry((t, instance)).or_insert_with(|| {
                 let title = if point.is_empty() { node.name.clone() } else { format!("{}: {point}", node.name) };
-                (title, Ranking::default())
+                (title, ImportanceRanking::default())
             });
             for i in (0..batch.num_rows()).filter(|i| values.is_valid(*i) && values.value(*i).is_finite()) {
                 methods.value(i).clone_into(&mut ranking.method);
@@ -120,7 +121,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-impl Ranking {
+impl ImportanceRanking {
     fn drawn(&self, title: &str) -> Markup {
         let mut groups: Vec<(&String, &Vec<f64>)> = self.groups.iter().collect();
         groups.sort_by(|a, b| mean(b.1).total_cmp(&mean(a.1)).then_with(|| a.0.cmp(b.0)));
@@ -157,7 +158,12 @@ mod tests {
     fn unit_groups_are_in_the_order_of_their_means_with_a_dot_for_each_line() {
         let groups = [("a", vec![1.0, 2.0]), ("b", vec![5.0]), ("c", vec![0.5, 0.5, 0.5])];
         let groups = groups.into_iter().map(|(name, values)| (name.to_owned(), values)).collect();
-        let ranking = Ranking { method: "permutation".into(), unit: "nT2".into(), groups, swarm: Swarm::default() };
+        let ranking = ImportanceRanking {
+            method: "permutation".into(),
+            unit: "nT2".into(),
+            groups,
+            swarm: BeeswarmSamples::default(),
+        };
         let drawn = ranking.drawn("importance").0;
         let places: Vec<usize> = [">b<", ">a<", ">c<"].iter().filter_map(|name| drawn.find(name)).collect();
         assert!(places.len() == 3 && places.is_sorted(), "{drawn}");

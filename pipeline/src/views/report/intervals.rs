@@ -9,12 +9,12 @@ use figures::{chart::px, ticks};
 use maud::{Markup, html};
 use schemas::{
     Fault,
-    metric::{Metric, Pool},
+    metric::{Metric, PoolingRule},
 };
 
-use super::source::Source;
+use super::source::ReportSource;
 use crate::{
-    plan::Unit,
+    plan::PlanUnit,
     views::{text::number, warnings::limits},
 };
 
@@ -31,14 +31,14 @@ const BOTTOM: f64 = 22.0;
 
 /// One metric over the points of a sweep.
 #[derive(Debug)]
-struct Row {
+struct IntervalRow {
     metric: Metric,
-    dots: Vec<Dot>,
+    dots: Vec<IntervalDot>,
 }
 
 /// A pooled value.
 #[derive(Debug)]
-struct Dot {
+struct IntervalDot {
     point: String,
     value: f64,
     /// `None` for a single line.
@@ -50,13 +50,13 @@ struct Dot {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
+pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];
     for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
-        let mut metrics: Vec<Row> = vec![];
+        let mut metrics: Vec<IntervalRow> = vec![];
         for (instance, it) in plan.instances(table).enumerate() {
-            let unit = Unit { table, instance, line: None };
+            let unit = PlanUnit { table, instance, line: None };
             let columns = ["metric", "value", "low", "high", "lines"];
             let Some(batch) = source.tidy(unit, &columns)? else { continue };
             let point = node.axis_columns(&it, &plan.spec).iter().map(|(_, v)| v.to_string()).collect::<Vec<_>>();
@@ -72,24 +72,24 @@ pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
 }
 
 /// Adds the figures of one point, of metrics that are `declared`. Numbers of samples are no scores.
-fn add(metrics: &mut Vec<Row>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<Metric>) {
+fn add(metrics: &mut Vec<IntervalRow>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<Metric>) {
     let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
     let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
     let lines = batch.column_by_name("lines").and_then(|a| a.as_primitive_opt::<Int64Type>());
     let (Some(names), Some(values), Some(lines)) = (text("metric"), floats("value"), lines) else { return };
     let end = |name: &str, i: usize| floats(name).filter(|a| a.is_valid(i)).map(|a| a.value(i));
     for i in (0..batch.num_rows()).filter(|i| values.is_valid(*i) && values.value(*i).is_finite()) {
-        let Some(metric) = declared(names.value(i)).filter(|m| m.pool != Pool::Sum) else { continue };
+        let Some(metric) = declared(names.value(i)).filter(|m| m.pool != PoolingRule::Sum) else { continue };
         let interval = end("low", i).zip(end("high", i)).filter(|(a, b)| a.is_finite() && b.is_finite());
-        let dot = Dot { point: point.to_owned(), value: values.value(i), interval, lines: lines.value(i) };
+        let dot = IntervalDot { point: point.to_owned(), value: values.value(i), interval, lines: lines.value(i) };
         match metrics.iter_mut().find(|row| row.metric.name == metric.name) {
             Some(row) => row.dots.push(dot),
-            None => metrics.push(Row { metric, dots: vec![dot] }),
+            None => metrics.push(IntervalRow { metric, dots: vec![dot] }),
         }
     }
 }
 
-fn section(name: &str, axes: &[&str], metrics: &[Row]) -> Markup {
+fn section(name: &str, axes: &[&str], metrics: &[IntervalRow]) -> Markup {
     let longest = metrics.iter().map(|m| m.dots.len()).max().unwrap_or(0);
     html! {
         section id=(format!("summary-{name}")) {
@@ -104,9 +104,9 @@ fn section(name: &str, axes: &[&str], metrics: &[Row]) -> Markup {
     }
 }
 
-impl Row {
+impl IntervalRow {
     /// Its mean for a consistent filter.
-    fn law(&self) -> Option<&'static limits::Law> {
+    fn law(&self) -> Option<&'static limits::ConsistencyLimit> {
         match self.metric.name {
             "nees" => Some(&limits::NEES),
             "nis" => Some(&limits::NIS),
@@ -155,7 +155,7 @@ impl Row {
     }
 }
 
-impl Dot {
+impl IntervalDot {
     fn words(&self) -> String {
         let lines = if self.lines == 1 { "one line".to_owned() } else { format!("{} lines", self.lines) };
         let value = number(Some(self.value));

@@ -1,20 +1,20 @@
 //! The map along a line, with the measured and the true anomaly.
 
 use figures::{
-    chart::{Chart, Dim, Line},
+    chart::{ChartAxis, ChartLine, LineChart},
     decimate::{MOST, extremes},
 };
 use maud::Markup;
 use numerics::regression::statistics;
-use schemas::{Correction, Fault, Shape};
+use schemas::{Fault, MagneticCorrection, TableShape};
 
 use super::{
     signal::{minutes, time_axis},
-    source::Source,
-    subject::Subject,
+    source::ReportSource,
+    subject::ReportSubject,
 };
 use crate::{
-    plan::{LineId, Ref},
+    plan::{LineId, TableRef},
     views::text::number,
 };
 
@@ -23,20 +23,21 @@ use crate::{
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Markup>, Fault> {
+pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Option<Markup>, Fault> {
     let Some(r) = subject.map_value else { return Ok(None) };
     let column = |name: &str| source.floats(r, line, name);
     let (Some(tt), Some(map)) = (column("tt")?, column("map_anomaly")?) else { return Ok(None) };
-    let mut found = Along { tt, map, measured: None, truth: column("anomaly_truth")? };
+    let mut found = MapProfile { tt, map, measured: None, truth: column("anomaly_truth")? };
     found.measured = measured(source, subject, r, line, found.tt.len())?;
     Ok(found.chart().draw())
 }
 
-/// A signal less core field and temporal variation, and its name. What the signal has lost before is not subtracted again.
+/// A signal less core field and temporal variation, and its name. What the signal has lost before is not subtracted
+/// again.
 fn measured(
-    source: &Source,
-    subject: &Subject,
-    r: Ref,
+    source: &ReportSource,
+    subject: &ReportSubject,
+    r: TableRef,
     line: LineId,
     rows: usize,
 ) -> Result<Option<(String, Vec<f64>)>, Fault> {
@@ -57,26 +58,27 @@ fn measured(
 }
 
 /// The columns of the core field and the temporal variation that the signal `name` still holds.
-fn remaining(shape: Option<&Shape>, name: &str) -> Vec<&'static str> {
+fn remaining(shape: Option<&TableShape>, name: &str) -> Vec<&'static str> {
     let removed = shape.and_then(|shape| shape.get(name)).map(|column| &column.removed);
-    let is_left = |known: &&str| match (Correction::by_column(known), removed) {
+    let is_left = |known: &&str| match (MagneticCorrection::by_column(known), removed) {
         (Some(correction), Some(removed)) => !removed.contains(&correction),
         _ => true,
     };
     ["igrf", "diurnal"].into_iter().filter(is_left).collect()
 }
 
-struct Along {
+struct MapProfile {
     tt: Vec<f64>,
     map: Vec<f64>,
     measured: Option<(String, Vec<f64>)>,
     truth: Option<Vec<f64>>,
 }
 
-impl Along {
-    fn chart(&self) -> Chart {
+impl MapProfile {
+    fn chart(&self) -> LineChart {
         let time = minutes(&self.tt);
-        let line = |name: &str, class, y: &[f64]| Line { name: name.into(), class, points: extremes(&time, y, MOST) };
+        let line =
+            |name: &str, class, y: &[f64]| ChartLine { name: name.into(), class, points: extremes(&time, y, MOST) };
         let mut caption = "The anomaly of the map at the positions of the line.".to_owned();
         let mut lines = vec![];
         if let Some((name, signal)) = &self.measured {
@@ -95,14 +97,14 @@ impl Along {
             caption.push_str(&format!(" The standard deviation of the map minus the true anomaly is {off} nT."));
         }
         lines.push(line("map", "after", &self.map));
-        Chart {
+        LineChart {
             title: "The map along the line".into(),
             caption,
             x: time_axis(),
-            y: Dim::new("anomaly, nT"),
+            y: ChartAxis::new("anomaly, nT"),
             lines,
             height: 260.0,
-            ..Chart::default()
+            ..LineChart::default()
         }
     }
 }
@@ -125,15 +127,15 @@ mod tests {
 
     #[test]
     fn bug_what_a_signal_has_lost_before_is_not_subtracted_again() {
-        let column = |name: &str, removed: &[Correction]| {
+        let column = |name: &str, removed: &[MagneticCorrection]| {
             schemas::Column::float(name, "nT", "").without(removed.iter().copied().collect())
         };
         let columns = vec![
             column("mag_c", &[]),
-            column("target", &[Correction::Diurnal]),
-            column("both", &[Correction::Core, Correction::Diurnal, Correction::Lag]),
+            column("target", &[MagneticCorrection::Diurnal]),
+            column("both", &[MagneticCorrection::Core, MagneticCorrection::Diurnal, MagneticCorrection::Lag]),
         ];
-        let shape = Shape { columns, rate_hz: None };
+        let shape = TableShape { columns, rate_hz: None };
         let of = |name: &str| remaining(Some(&shape), name);
         assert_eq!(of("mag_c"), ["igrf", "diurnal"]);
         assert_eq!(of("target"), ["igrf"]);
@@ -145,7 +147,7 @@ mod tests {
         let map: Vec<f64> = (0..600).map(|i| (f64::from(i) / 50.0).sin() * 40.0).collect();
         let signal = map.iter().map(|x| x - 350.0).collect();
         let tt = (0..600).map(|i| 100.0 + f64::from(i)).collect();
-        let along = Along { tt, measured: Some(("mag_c".into(), signal)), truth: Some(map.clone()), map };
+        let along = MapProfile { tt, measured: Some(("mag_c".into(), signal)), truth: Some(map.clone()), map };
         let chart = along.chart();
         assert_eq!(chart.lines.len(), 3);
         assert!(chart.caption.contains("Its mean of -350.0 nT"), "{}", chart.caption);

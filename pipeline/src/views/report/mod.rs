@@ -36,16 +36,16 @@ use schemas::{Fault, InputKind};
 
 use super::warnings::{self, Warning};
 use crate::{
-    plan::{Graph, Ref},
+    plan::{PlanGraph, TableRef},
     spec::Spec,
     store::{self, Store},
 };
-use atlas::{Atlas, Over, atlases};
-use board::Board;
-pub use earth::{Choice, kml};
-use source::Source;
-use subject::{Shown, Subject};
-use track::Flown;
+use atlas::{Atlas, AtlasTracks, atlases};
+use board::ScoreBoard;
+pub use earth::{TrackSelection, kml};
+use source::ReportSource;
+use subject::{ReportLine, ReportSubject};
+use track::LineTracks;
 
 /// Checks that `spec` has a store to report on, without creating one.
 ///
@@ -57,8 +57,8 @@ pub fn was_run(spec: &Spec) -> Result<(), Fault> {
 }
 
 /// Whether the last run in `store` was of exactly this plan and data.
-pub fn is_current(graph: &Graph, store: &Store) -> bool {
-    published::is_current(&Source::new(graph, store))
+pub fn is_current(graph: &PlanGraph, store: &Store) -> bool {
+    published::is_current(&ReportSource::new(graph, store))
 }
 
 fn not_run(spec: &Spec) -> Fault {
@@ -70,9 +70,9 @@ fn not_run(spec: &Spec) -> Fault {
 ///
 /// # Errors
 /// Fails when there are no results of the plan, or the store is damaged.
-pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
-    let source = Source::new(graph, store);
-    let Scored { current, warnings, boards } = scored(&source)?;
+pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
+    let source = ReportSource::new(graph, store);
+    let RunScores { current, warnings, boards } = scored(&source)?;
     let mut sections: Vec<Markup> = vec![];
     if current {
         sections.extend(search::section(&source)?);
@@ -84,7 +84,7 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     sections.extend(training::section(&source)?);
     sections.extend(importance::section(&source)?);
     let (groups, more) = groups(&source, &boards, NAVIGATIONS)?;
-    let over = groups.iter().map(|g| over(&source, g)).collect::<Result<Vec<Over>, Fault>>()?;
+    let over = groups.iter().map(|g| over(&source, g)).collect::<Result<Vec<AtlasTracks>, Fault>>()?;
     let (atlases, defs) = atlases(&source, &over)?;
     for (group, atlas) in groups.iter().zip(&atlases) {
         for subject in &group.subjects {
@@ -102,20 +102,20 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     sections.extend(quality::section(&source)?);
     // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
-    let trouble = page::Trouble { failures, warnings, outdated: !current };
+    let trouble = page::ReportAlerts { failures, warnings, outdated: !current };
     Ok(page::page(&source, &trouble, defs, &sections))
 }
 
 /// The scores of a run.
-struct Scored {
+struct RunScores {
     /// Whether the published tables are of this spec and its data.
     current: bool,
     warnings: Vec<Warning>,
-    boards: Vec<Board>,
+    boards: Vec<ScoreBoard>,
 }
 
 /// Reads the scores.
-fn scored(source: &Source) -> Result<Scored, Fault> {
+fn scored(source: &ReportSource) -> Result<RunScores, Fault> {
     let (graph, store) = (source.graph, source.store);
     if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
         return Err(not_run(&graph.plan.spec));
@@ -124,8 +124,8 @@ fn scored(source: &Source) -> Result<Scored, Fault> {
     let written = if current { warnings::written(graph.plan, store)? } else { None };
     // Results are read by key, so they are of this plan even where the published tables are not.
     let warnings = written.map_or_else(|| warnings::present(graph, store), Ok)?;
-    let boards = if current { Board::all(source, &warnings)? } else { vec![] };
-    Ok(Scored { current, warnings, boards })
+    let boards = if current { ScoreBoard::all(source, &warnings)? } else { vec![] };
+    Ok(RunScores { current, warnings, boards })
 }
 
 /// Writes `bytes` to `path`: under a temporary name first, so that it appears complete.
@@ -146,33 +146,34 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
 /// Maximum number of tables of `navigate` that are shown in addition to that of the first scores.
 const NAVIGATIONS: usize = 4;
 
-/// Points of a sweep that are shown over the same lines.
-struct Group {
-    subjects: Vec<Subject>,
-    lines: Vec<Shown>,
+/// Sweep points shown over the same lines.
+struct SubjectGroup {
+    subjects: Vec<ReportSubject>,
+    lines: Vec<ReportLine>,
 }
 
-/// The best and the worst point of the first scores, then `most` other navigations; and how many more of these there are.
-fn groups(source: &Source, boards: &[Board], most: usize) -> Result<(Vec<Group>, usize), Fault> {
+/// The best and the worst point of the first scores, then `most` other navigations; and how many more of these there
+/// are.
+fn groups(source: &ReportSource, boards: &[ScoreBoard], most: usize) -> Result<(Vec<SubjectGroup>, usize), Fault> {
     let subjects = subject::subjects(source, boards);
     let (others, more) = subject::navigations(source, boards, &subjects, most);
     let lines = subjects.first().map_or(Ok(vec![]), |first| subject::lines(source, first))?;
-    let mut groups = vec![Group { subjects, lines }];
+    let mut groups = vec![SubjectGroup { subjects, lines }];
     for subject in others {
         let lines = subject::few_lines(source, &subject)?;
-        groups.push(Group { subjects: vec![subject], lines });
+        groups.push(SubjectGroup { subjects: vec![subject], lines });
     }
     Ok((groups, more))
 }
 
 /// The map under the lines of a group, and their tracks.
-fn over(source: &Source, group: &Group) -> Result<Over, Fault> {
-    let Some((subject, Ref::Stage(t, i))) = group.subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else {
+fn over(source: &ReportSource, group: &SubjectGroup) -> Result<AtlasTracks, Fault> {
+    let Some((subject, TableRef::Stage(t, i))) = group.subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else {
         return Ok((None, vec![]));
     };
     let mut tracks = vec![];
     for shown in &group.lines {
-        if let Some(flown) = Flown::read(source, subject, shown.line)? {
+        if let Some(flown) = LineTracks::read(source, subject, shown.line)? {
             tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
         }
     }
@@ -182,9 +183,9 @@ fn over(source: &Source, group: &Group) -> Result<Over, Fault> {
 
 /// One sweep point: its plots, a panel per line, and its model; `None` where it has neither.
 fn detail(
-    source: &Source,
-    subject: &Subject,
-    lines: &[Shown],
+    source: &ReportSource,
+    subject: &ReportSubject,
+    lines: &[ReportLine],
     labels: &[String],
     atlas: Option<&Atlas>,
 ) -> Result<Option<Markup>, Fault> {
@@ -214,10 +215,15 @@ fn detail(
 }
 
 /// The plots of one line.
-fn line(source: &Source, subject: &Subject, shown: &Shown, atlas: Option<&Atlas>) -> Result<Vec<Markup>, Fault> {
+fn line(
+    source: &ReportSource,
+    subject: &ReportSubject,
+    shown: &ReportLine,
+    atlas: Option<&Atlas>,
+) -> Result<Vec<Markup>, Fault> {
     let mut plots = signal::plots(source, subject, shown.line)?;
     plots.extend(known::plots(source, subject, shown.line)?);
-    if let Some(flown) = Flown::read(source, subject, shown.line)? {
+    if let Some(flown) = LineTracks::read(source, subject, shown.line)? {
         plots.extend(atlas.map(|a| a.plots(&flown)));
         let fates = match subject.navigate {
             Some(r) => source.tally(r, shown.line, "update")?,

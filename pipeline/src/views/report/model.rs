@@ -8,9 +8,9 @@ use arrow_array::{
 use maud::{Markup, html};
 use schemas::Fault;
 
-use super::{source::Source, subject::Subject};
+use super::{source::ReportSource, subject::ReportSubject};
 use crate::{
-    plan::{Ref, Unit},
+    plan::{PlanUnit, TableRef},
     views::text::number,
 };
 
@@ -19,15 +19,15 @@ const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.
 #[derive(Clone, Debug, PartialEq)]
-struct Term {
+struct ReportModelTerm {
     name: String,
     value: f64,
     sigma: f64,
 }
 
 /// A fitted model.
-struct Model {
-    terms: Vec<Term>,
+struct ReportModel {
+    terms: Vec<ReportModelTerm>,
     rows: i64,
     left_out: i64,
     condition: f64,
@@ -41,8 +41,8 @@ struct Model {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn table(source: &Source, subject: &Subject) -> Result<Option<Markup>, Fault> {
-    let Some(Ref::Stage(table, instance)) = subject.fit else { return Ok(None) };
+pub fn table(source: &ReportSource, subject: &ReportSubject) -> Result<Option<Markup>, Fault> {
+    let Some(TableRef::Stage(table, instance)) = subject.fit else { return Ok(None) };
     let columns = [
         "term",
         "value",
@@ -55,24 +55,25 @@ pub fn table(source: &Source, subject: &Subject) -> Result<Option<Markup>, Fault
         "approximation_bound",
         "warning",
     ];
-    let batch = source.tidy(Unit { table, instance, line: None }, &columns)?;
+    let batch = source.tidy(PlanUnit { table, instance, line: None }, &columns)?;
     let name = &source.graph.plan.tables[table].name;
-    Ok(batch.as_ref().and_then(Model::read).map(|m| m.drawn(name)))
+    Ok(batch.as_ref().and_then(ReportModel::read).map(|m| m.drawn(name)))
 }
 
-impl Model {
-    fn read(batch: &RecordBatch) -> Option<Model> {
+impl ReportModel {
+    fn read(batch: &RecordBatch) -> Option<ReportModel> {
         let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
         let whole = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Int64Type>());
         let names = batch.column_by_name("term").and_then(|a| a.as_string_opt::<i32>())?;
         let (values, sigmas) = (floats("value")?, floats("std")?);
         let at = |a: &arrow_array::Float64Array, i: usize| if a.is_valid(i) { a.value(i) } else { f64::NAN };
-        let term = |i: usize| Term { name: names.value(i).to_owned(), value: at(values, i), sigma: at(sigmas, i) };
+        let term =
+            |i: usize| ReportModelTerm { name: names.value(i).to_owned(), value: at(values, i), sigma: at(sigmas, i) };
         let first = |name: &str| floats(name).map_or(f64::NAN, |a| at(a, 0));
         let count = |name: &str| whole(name).filter(|a| a.is_valid(0)).map_or(0, |a| a.value(0));
         let words = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
         let text = |name: &str| words(name).filter(|a| a.is_valid(0)).map_or(String::new(), |a| a.value(0).to_owned());
-        (batch.num_rows() > 0).then(|| Model {
+        (batch.num_rows() > 0).then(|| ReportModel {
             terms: (0..batch.num_rows()).map(term).collect(),
             rows: count("n"),
             left_out: count("left_out"),
@@ -148,7 +149,7 @@ impl Model {
     }
 }
 
-impl Term {
+impl ReportModelTerm {
     fn ratio(&self) -> f64 {
         self.value.abs() / self.sigma
     }
@@ -175,10 +176,10 @@ impl Term {
 mod tests {
     use super::*;
 
-    fn model(condition: f64) -> Model {
-        let term = |name: &str, value, sigma| Term { name: name.to_owned(), value, sigma };
+    fn model(condition: f64) -> ReportModel {
+        let term = |name: &str, value, sigma| ReportModelTerm { name: name.to_owned(), value, sigma };
         let terms = vec![term("permanent_x", 250.0, 2.0), term("eddy_xy", -1.0, 3.0)];
-        Model {
+        ReportModel {
             terms,
             rows: 100,
             left_out: 4,
@@ -201,7 +202,7 @@ mod tests {
     fn unit_a_warning_stands_before_the_coefficients() {
         let sound = model(10.0).drawn("coefficients").into_string();
         assert!(!sound.contains("role=\"alert\"") && sound.contains("is at most 0.4000 nT"), "{sound}");
-        let warned = Model { warning: "the flight hardly excites `xx`".into(), ..model(10.0) };
+        let warned = ReportModel { warning: "the flight hardly excites `xx`".into(), ..model(10.0) };
         let text = warned.drawn("coefficients").into_string();
         let (at, table) = (text.find("the flight hardly excites `xx`"), text.find("<table"));
         assert!(at.is_some() && at < table, "{text}");

@@ -4,11 +4,11 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::{
     flow,
-    source::{Failed, Source},
+    source::{FailureCount, ReportSource},
     warnings::Warning,
 };
 use crate::{
-    spec::{Axis, Spec},
+    spec::{Spec, SweepAxis},
     views::text::number,
 };
 
@@ -16,9 +16,9 @@ use crate::{
 const MOST: usize = 50;
 
 /// Alerts that the reader must know before using the rest.
-pub struct Trouble {
+pub struct ReportAlerts {
     /// The failures.
-    pub failures: Vec<Failed>,
+    pub failures: Vec<FailureCount>,
     /// The warnings.
     pub warnings: Vec<Warning>,
     /// Whether the published tables are of another version of the spec or its data.
@@ -26,7 +26,7 @@ pub struct Trouble {
 }
 
 /// The page.
-pub fn page(source: &Source, trouble: &Trouble, defs: Markup, sections: &[Markup]) -> String {
+pub fn page(source: &ReportSource, trouble: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
     let markup = html! {
         (DOCTYPE)
@@ -54,7 +54,7 @@ pub fn page(source: &Source, trouble: &Trouble, defs: Markup, sections: &[Markup
     markup.into_string()
 }
 
-fn heading(source: &Source) -> Markup {
+fn heading(source: &ReportSource) -> Markup {
     let plan = source.graph.plan;
     let axes = &plan.spec.axes;
     // No table need have all axes: the largest one gives the number of computed points.
@@ -83,7 +83,7 @@ fn heading(source: &Source) -> Markup {
 }
 
 /// The values of an axis; of one that is searched where they are searched.
-fn axis_words(spec: &Spec, axis: &Axis) -> String {
+fn axis_words(spec: &Spec, axis: &SweepAxis) -> String {
     let searched = spec.search.iter().flat_map(|s| &s.axes).find(|a| a.name == axis.name);
     searched.map_or_else(|| listed(&axis.values), |a| format!("searched: {}", a.words()))
 }
@@ -118,7 +118,7 @@ fn grouped(n: usize) -> String {
 }
 
 /// The failures and missing results, if any.
-fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble) -> Markup {
+fn troubles(source: &ReportSource, ReportAlerts { failures, warnings, outdated }: &ReportAlerts) -> Markup {
     let plan = source.graph.plan;
     let missing: Vec<(&str, usize, usize)> = plan
         .tables
@@ -213,7 +213,7 @@ fn listed_warnings(warnings: &[&Warning]) -> Markup {
     }
 }
 
-fn plan(source: &Source) -> Markup {
+fn plan(source: &ReportSource) -> Markup {
     let plan = source.graph.plan;
     html! {
         section id="plan" {

@@ -2,18 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use super::source::Source;
+use super::source::ReportSource;
 use crate::views::{Snapshot, SnapshotTable, snapshots};
 
 /// Whether the last run was of exactly this plan and data: otherwise the published tables may hold other scores under
 /// the same axis values.
-pub fn is_current(source: &Source) -> bool {
+pub fn is_current(source: &ReportSource) -> bool {
     let plan = source.graph.plan;
     let recorded = snapshots(source.store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
     recorded.is_some_and(|old| same_sources(source, &old) && same_tables(source, &old))
 }
 
-fn same_sources(source: &Source, old: &Snapshot) -> bool {
+fn same_sources(source: &ReportSource, old: &Snapshot) -> bool {
     let (plan, graph) = (source.graph.plan, source.graph);
     let recorded = |name: &str| old.sources.iter().find(|s| s.name == name).map(|s| &s.lines);
     let flights = plan.flights.iter().zip(&graph.records).all(|(flights, records)| {
@@ -25,7 +25,7 @@ fn same_sources(source: &Source, old: &Snapshot) -> bool {
     flights && plan.maps.iter().zip(&graph.maps).all(|(m, key)| same_map((&m.name, key.to_string())))
 }
 
-fn same_tables(source: &Source, old: &Snapshot) -> bool {
+fn same_tables(source: &ReportSource, old: &Snapshot) -> bool {
     let plan = source.graph.plan;
     let same = |t: usize| {
         let old = old.tables.iter().find(|o| o.name == plan.tables[t].name);
@@ -34,7 +34,7 @@ fn same_tables(source: &Source, old: &Snapshot) -> bool {
     (0..plan.tables.len()).all(same)
 }
 
-fn same_table(source: &Source, t: usize, old: &SnapshotTable) -> bool {
+fn same_table(source: &ReportSource, t: usize, old: &SnapshotTable) -> bool {
     let plan = source.graph.plan;
     let node = &plan.tables[t];
     let mut inputs: Vec<&str> = node.sources().into_iter().map(|r| plan.name_of(r)).collect();

@@ -1,4 +1,5 @@
-//! The quality of the data that were read: clocks, figures by column with those that need a look marked, and a picture of when.
+//! The quality of the data that were read: clocks, figures by column with those that need a look marked, and a picture
+//! of when.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,14 +7,14 @@ use maud::{Markup, html};
 use schemas::{Fault, flight};
 
 use super::{
-    source::Source,
-    timeline::{Lane, Timeline},
+    source::ReportSource,
+    timeline::{Timeline, TimelineLane},
 };
 use crate::{
-    plan::{LineId, Ref},
+    plan::{LineId, TableRef},
     sources::checks::{
-        Around, Figure, Measure, gaps, needs_a_look, stretches,
-        table::{COLUMNS, OfLine, figures},
+        FigureContext, QualityFigure, QualityMeasure, gaps, needs_a_look, stretches,
+        table::{COLUMNS, LineMeasure, figures},
     },
     store::published,
     views::text::number,
@@ -25,20 +26,20 @@ const ROWS: usize = 400;
 const PICTURES: usize = 4;
 const LANES: usize = 14;
 
-/// A column of the lines of a flight in a table.
+/// Quality measures of one column of a flight in a table.
 #[derive(Clone, Debug)]
-struct ColumnOf {
+struct QualityColumn {
     source: usize,
     flight: String,
     column: String,
     /// The worst of its lines, with the samples of all.
-    figures: BTreeMap<Figure, Measure>,
+    figures: BTreeMap<QualityFigure, QualityMeasure>,
     /// The figures that need a look.
-    marks: BTreeSet<Figure>,
+    marks: BTreeSet<QualityFigure>,
 }
 
-impl ColumnOf {
-    fn figure(&self, figure: Figure) -> Option<&Measure> {
+impl QualityColumn {
+    fn figure(&self, figure: QualityFigure) -> Option<&QualityMeasure> {
         self.figures.get(&figure)
     }
 
@@ -51,14 +52,14 @@ impl ColumnOf {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (columns, unreadable) = columns(source);
     if columns.is_empty() && unreadable == 0 {
         return Ok(None);
     }
-    let (clocks, columns): (Vec<&ColumnOf>, Vec<&ColumnOf>) = columns.iter().partition(|c| c.is_clock());
+    let (clocks, columns): (Vec<&QualityColumn>, Vec<&QualityColumn>) = columns.iter().partition(|c| c.is_clock());
     let marked = columns.iter().chain(&clocks).filter(|c| !c.marks.is_empty()).count();
-    let several = Several::of(&clocks, &columns);
+    let several = QualityKeyColumns::from_columns(&clocks, &columns);
     let pictures = pictures(source, &clocks, &columns)?;
     Ok(Some(html! {
         section id="quality" {
@@ -79,25 +80,25 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
     }))
 }
 
-/// Which keys differ, and so need a column.
-struct Several {
+/// Key columns that the quality table needs, because their values differ.
+struct QualityKeyColumns {
     tables: bool,
     flights: bool,
 }
 
-impl Several {
-    fn of(clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Several {
+impl QualityKeyColumns {
+    fn from_columns(clocks: &[&QualityColumn], columns: &[&QualityColumn]) -> QualityKeyColumns {
         let all = || clocks.iter().chain(columns);
         let tables: BTreeSet<usize> = all().map(|c| c.source).collect();
         let flights: BTreeSet<&str> = all().map(|c| c.flight.as_str()).collect();
-        Several { tables: tables.len() > 1, flights: flights.len() > 1 }
+        QualityKeyColumns { tables: tables.len() > 1, flights: flights.len() > 1 }
     }
 }
 
 /// All columns with a figure, the worst first; and the number of files whose figures cannot be read.
-fn columns(source: &Source) -> (Vec<ColumnOf>, usize) {
+fn columns(source: &ReportSource) -> (Vec<QualityColumn>, usize) {
     let mut unreadable = 0;
-    let mut found: BTreeMap<(usize, String, String), BTreeMap<Figure, Measure>> = BTreeMap::new();
+    let mut found: BTreeMap<(usize, String, String), BTreeMap<QualityFigure, QualityMeasure>> = BTreeMap::new();
     for (table, folders) in source.graph.quality.iter().enumerate() {
         for folder in folders {
             let Ok(rows) = published(folder, &COLUMNS) else {
@@ -105,7 +106,7 @@ fn columns(source: &Source) -> (Vec<ColumnOf>, usize) {
                 continue;
             };
             let rows = rows.map(|rows| figures(&rows)).unwrap_or_default();
-            for OfLine { flight, measure, .. } in rows {
+            for LineMeasure { flight, measure, .. } in rows {
                 let of = found.entry((table, flight, measure.column.clone())).or_default();
                 match of.get_mut(&measure.check) {
                     Some(known) => pool(known, &measure),
@@ -126,27 +127,28 @@ fn columns(source: &Source) -> (Vec<ColumnOf>, usize) {
     let mut quietest: BTreeMap<(usize, String), f64> = BTreeMap::new();
     for ((table, flight, column), figures) in &found {
         let key = (*table, flight.clone());
-        if let Some(rate) = figures.get(&Figure::Rate) {
+        if let Some(rate) = figures.get(&QualityFigure::Rate) {
             rates.insert(key.clone(), rate.value);
         }
-        if let Some(noise) = figures.get(&Figure::Noise).filter(|_| flight::is_scalar_reading(column)) {
+        if let Some(noise) = figures.get(&QualityFigure::Noise).filter(|_| flight::is_scalar_reading(column)) {
             let least = quietest.entry(key).or_insert(f64::INFINITY);
             *least = least.min(noise.value);
         }
     }
-    let one = |((source, flight, column), figures): ((usize, String, String), BTreeMap<Figure, Measure>)| {
-        let key = (source, flight.clone());
-        let around = Around {
-            samples: samples.get(&(source, flight.as_str())).copied().unwrap_or(0),
-            rate_hz: rates.get(&key).copied().unwrap_or(f64::NAN),
-            quietest_nt: quietest.get(&key).copied().unwrap_or(f64::NAN),
-            noise: figures.get(&Figure::Noise).map_or(f64::NAN, |m| m.value),
+    let one =
+        |((source, flight, column), figures): ((usize, String, String), BTreeMap<QualityFigure, QualityMeasure>)| {
+            let key = (source, flight.clone());
+            let around = FigureContext {
+                samples: samples.get(&(source, flight.as_str())).copied().unwrap_or(0),
+                rate_hz: rates.get(&key).copied().unwrap_or(f64::NAN),
+                quietest_nt: quietest.get(&key).copied().unwrap_or(f64::NAN),
+                noise: figures.get(&QualityFigure::Noise).map_or(f64::NAN, |m| m.value),
+            };
+            let marks = figures.values().filter(|m| needs_a_look(m, &around)).map(|m| m.check).collect();
+            QualityColumn { source, flight, column, figures, marks }
         };
-        let marks = figures.values().filter(|m| needs_a_look(m, &around)).map(|m| m.check).collect();
-        ColumnOf { source, flight, column, figures, marks }
-    };
-    let mut all: Vec<ColumnOf> = found.into_iter().map(one).collect();
-    let lost = |c: &ColumnOf| c.figure(Figure::Dropouts).map_or(0, |m| m.count);
+    let mut all: Vec<QualityColumn> = found.into_iter().map(one).collect();
+    let lost = |c: &QualityColumn| c.figure(QualityFigure::Dropouts).map_or(0, |m| m.count);
     all.sort_by(|a, b| {
         let worse = b.marks.len().cmp(&a.marks.len()).then(lost(b).cmp(&lost(a)));
         worse.then_with(|| (a.source, &a.flight, &a.column).cmp(&(b.source, &b.flight, &b.column)))
@@ -155,28 +157,28 @@ fn columns(source: &Source) -> (Vec<ColumnOf>, usize) {
 }
 
 /// Takes the worse value of two lines, and the samples of both.
-fn pool(known: &mut Measure, other: &Measure) {
+fn pool(known: &mut QualityMeasure, other: &QualityMeasure) {
     known.count += other.count;
     let sums = match known.check {
-        Figure::Gaps => true,
-        Figure::Rate
-        | Figure::Jitter
-        | Figure::LongestGap
-        | Figure::RepeatedTime
-        | Figure::BackwardTime
-        | Figure::Midnight
-        | Figure::Dropouts
-        | Figure::Stuck
-        | Figure::Saturation
-        | Figure::Quantisation
-        | Figure::Noise
-        | Figure::Spikes
-        | Figure::Preferred
-        | Figure::DeadZone
-        | Figure::PolarDeadZone
-        | Figure::EquatorialDeadZone
-        | Figure::Lag
-        | Figure::Found(_) => false,
+        QualityFigure::Gaps => true,
+        QualityFigure::Rate
+        | QualityFigure::Jitter
+        | QualityFigure::LongestGap
+        | QualityFigure::RepeatedTime
+        | QualityFigure::BackwardTime
+        | QualityFigure::Midnight
+        | QualityFigure::Dropouts
+        | QualityFigure::Stuck
+        | QualityFigure::Saturation
+        | QualityFigure::Quantisation
+        | QualityFigure::Noise
+        | QualityFigure::Spikes
+        | QualityFigure::Preferred
+        | QualityFigure::DeadZone
+        | QualityFigure::PolarDeadZone
+        | QualityFigure::EquatorialDeadZone
+        | QualityFigure::Lag
+        | QualityFigure::Found(_) => false,
     };
     if sums {
         known.value += other.value;
@@ -186,13 +188,18 @@ fn pool(known: &mut Measure, other: &Measure) {
 }
 
 /// A figure in a table: marked where it needs a look.
-fn cell(column: &ColumnOf, figure: Figure, text: &dyn Fn(&Measure) -> String, sorted: fn(&Measure) -> f64) -> Markup {
+fn cell(
+    column: &QualityColumn,
+    figure: QualityFigure,
+    text: &dyn Fn(&QualityMeasure) -> String,
+    sorted: fn(&QualityMeasure) -> f64,
+) -> Markup {
     let Some(measure) = column.figure(figure) else { return html! { td.n { "-" } } };
     let bad = column.marks.contains(&figure);
     html! { td.n.bad[bad] data-v=(sorted(measure)) { @if bad { "! " } (text(measure)) } }
 }
 
-fn keys(source: &Source, several: &Several, column: &ColumnOf) -> Markup {
+fn keys(source: &ReportSource, several: &QualityKeyColumns, column: &QualityColumn) -> Markup {
     let table = source.graph.plan.flights.get(column.source).map_or("", |f| f.name.as_str());
     html! {
         @if several.tables { td { (table) } }
@@ -200,23 +207,23 @@ fn keys(source: &Source, several: &Several, column: &ColumnOf) -> Markup {
     }
 }
 
-fn key_heads(several: &Several) -> Markup {
+fn key_heads(several: &QualityKeyColumns) -> Markup {
     html! {
         @if several.tables { th scope="col" { button { "table" } } }
         @if several.flights { th scope="col" { button { "flight" } } }
     }
 }
 
-fn value(measure: &Measure) -> String {
+fn value(measure: &QualityMeasure) -> String {
     number(Some(measure.value).filter(|x| x.is_finite()))
 }
 
 /// One row for each clock.
-fn clock_table(source: &Source, several: &Several, clocks: &[&ColumnOf]) -> Markup {
-    let text = |m: &Measure| value(m);
-    let times = |m: &Measure| m.count.to_string();
-    let count: fn(&Measure) -> f64 = |m| m.count as f64;
-    let size: fn(&Measure) -> f64 = |m| m.value;
+fn clock_table(source: &ReportSource, several: &QualityKeyColumns, clocks: &[&QualityColumn]) -> Markup {
+    let text = |m: &QualityMeasure| value(m);
+    let times = |m: &QualityMeasure| m.count.to_string();
+    let count: fn(&QualityMeasure) -> f64 = |m| m.count as f64;
+    let size: fn(&QualityMeasure) -> f64 = |m| m.value;
     html! {
         h4.lines { "Clocks" }
         div.scroll.wide { table.sortable.lines {
@@ -226,14 +233,14 @@ fn clock_table(source: &Source, several: &Several, clocks: &[&ColumnOf]) -> Mark
                 }
             } }
             tbody { @for c in clocks.iter().take(ROWS) { tr { (keys(source, several, c))
-                (cell(c, Figure::Rate, &text, size))
-                (cell(c, Figure::Jitter, &text, size))
-                (cell(c, Figure::Gaps, &times, count))
-                (cell(c, Figure::Gaps, &text, size))
-                (cell(c, Figure::LongestGap, &text, size))
-                (cell(c, Figure::RepeatedTime, &times, count))
-                (cell(c, Figure::BackwardTime, &times, count))
-                (cell(c, Figure::Midnight, &times, count))
+                (cell(c, QualityFigure::Rate, &text, size))
+                (cell(c, QualityFigure::Jitter, &text, size))
+                (cell(c, QualityFigure::Gaps, &times, count))
+                (cell(c, QualityFigure::Gaps, &text, size))
+                (cell(c, QualityFigure::LongestGap, &text, size))
+                (cell(c, QualityFigure::RepeatedTime, &times, count))
+                (cell(c, QualityFigure::BackwardTime, &times, count))
+                (cell(c, QualityFigure::Midnight, &times, count))
             } } }
         } }
         @if clocks.len() > ROWS { p.note { "and " (clocks.len() - ROWS) " more" } }
@@ -241,8 +248,9 @@ fn clock_table(source: &Source, several: &Several, clocks: &[&ColumnOf]) -> Mark
 }
 
 /// One row for each column: those with a mark, and the others folded.
-fn column_table(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
-    let (marked, others): (Vec<&ColumnOf>, Vec<&ColumnOf>) = columns.iter().partition(|c| !c.marks.is_empty());
+fn column_table(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityColumn]) -> Markup {
+    let (marked, others): (Vec<&QualityColumn>, Vec<&QualityColumn>) =
+        columns.iter().partition(|c| !c.marks.is_empty());
     html! {
         @if !marked.is_empty() {
             h4.lines { "Columns" }
@@ -256,13 +264,14 @@ fn column_table(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Ma
     }
 }
 
-fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
-    let count: fn(&Measure) -> f64 = |m| m.count as f64;
-    let size: fn(&Measure) -> f64 = |m| m.value;
-    let unit =
-        |m: &Measure| if m.unit.is_empty() || m.unit == "1" { value(m) } else { format!("{} {}", value(m), m.unit) };
-    let lasting = |m: &Measure| format!("{}, {} s", m.count, value(m));
-    let many = |m: &Measure| format!("{}, {}", m.count, unit(m));
+fn rows(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityColumn]) -> Markup {
+    let count: fn(&QualityMeasure) -> f64 = |m| m.count as f64;
+    let size: fn(&QualityMeasure) -> f64 = |m| m.value;
+    let unit = |m: &QualityMeasure| {
+        if m.unit.is_empty() || m.unit == "1" { value(m) } else { format!("{} {}", value(m), m.unit) }
+    };
+    let lasting = |m: &QualityMeasure| format!("{}, {} s", m.count, value(m));
+    let many = |m: &QualityMeasure| format!("{}, {}", m.count, unit(m));
     html! {
         div.scroll.wide { table.sortable.lines {
             thead { tr { (key_heads(several)) th scope="col" { button { "column" } }
@@ -273,15 +282,15 @@ fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
                 th scope="col" { button { "findings" } }
             } }
             tbody { @for c in columns.iter().take(ROWS) { tr { (keys(source, several, c)) td { (c.column) }
-                (cell(c, Figure::Dropouts, &lasting, count))
-                (cell(c, Figure::Spikes, &many, count))
-                (cell(c, Figure::Stuck, &lasting, size))
-                (cell(c, Figure::Saturation, &many, count))
-                (cell(c, Figure::Quantisation, &unit, size))
-                (cell(c, Figure::Preferred, &many, count))
+                (cell(c, QualityFigure::Dropouts, &lasting, count))
+                (cell(c, QualityFigure::Spikes, &many, count))
+                (cell(c, QualityFigure::Stuck, &lasting, size))
+                (cell(c, QualityFigure::Saturation, &many, count))
+                (cell(c, QualityFigure::Quantisation, &unit, size))
+                (cell(c, QualityFigure::Preferred, &many, count))
                 (cell(c, dead_zone(c), &many, count))
-                (cell(c, Figure::Lag, &unit, size))
-                (cell(c, Figure::Noise, &unit, size))
+                (cell(c, QualityFigure::Lag, &unit, size))
+                (cell(c, QualityFigure::Noise, &unit, size))
                 (findings(c))
             } } }
         } }
@@ -290,14 +299,15 @@ fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
 }
 
 /// The dead zone of a column: its shape where that is known, otherwise what the sensor says.
-fn dead_zone(column: &ColumnOf) -> Figure {
-    let shapes = [Figure::PolarDeadZone, Figure::EquatorialDeadZone];
-    shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(Figure::DeadZone)
+fn dead_zone(column: &QualityColumn) -> QualityFigure {
+    let shapes = [QualityFigure::PolarDeadZone, QualityFigure::EquatorialDeadZone];
+    shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(QualityFigure::DeadZone)
 }
 
 /// Findings of an examination in a column.
-fn findings(column: &ColumnOf) -> Markup {
-    let found: Vec<&Measure> = column.figures.values().filter(|m| matches!(m.check, Figure::Found(_))).collect();
+fn findings(column: &QualityColumn) -> Markup {
+    let found: Vec<&QualityMeasure> =
+        column.figures.values().filter(|m| matches!(m.check, QualityFigure::Found(_))).collect();
     let bad = found.iter().any(|m| column.marks.contains(&m.check));
     let words: Vec<String> = found
         .iter()
@@ -346,11 +356,17 @@ fn glossary() -> Markup {
 }
 
 /// A picture of each of the worst flights: what is missing, stuck, saturated or a spike, over time.
-fn pictures(source: &Source, clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Result<Vec<Markup>, Fault> {
-    const SEEN: [Figure; 4] = [Figure::Dropouts, Figure::Stuck, Figure::Saturation, Figure::Spikes];
-    let gappy = |c: &ColumnOf| c.marks.contains(&Figure::Gaps) || c.marks.contains(&Figure::LongestGap);
-    let seen = |c: &ColumnOf| SEEN.iter().any(|f| c.marks.contains(f));
-    let mut by_flight: BTreeMap<&str, (Vec<&ColumnOf>, Vec<&ColumnOf>)> = BTreeMap::new();
+fn pictures(
+    source: &ReportSource,
+    clocks: &[&QualityColumn],
+    columns: &[&QualityColumn],
+) -> Result<Vec<Markup>, Fault> {
+    const SEEN: [QualityFigure; 4] =
+        [QualityFigure::Dropouts, QualityFigure::Stuck, QualityFigure::Saturation, QualityFigure::Spikes];
+    let gappy =
+        |c: &QualityColumn| c.marks.contains(&QualityFigure::Gaps) || c.marks.contains(&QualityFigure::LongestGap);
+    let seen = |c: &QualityColumn| SEEN.iter().any(|f| c.marks.contains(f));
+    let mut by_flight: BTreeMap<&str, (Vec<&QualityColumn>, Vec<&QualityColumn>)> = BTreeMap::new();
     for column in columns.iter().filter(|c| seen(c)) {
         by_flight.entry(&column.flight).or_default().1.push(column);
     }
@@ -360,7 +376,7 @@ fn pictures(source: &Source, clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Res
             by_flight.entry(&clock.flight).or_default().0.push(clock);
         }
     }
-    let marks = |(clocks, columns): &(Vec<&ColumnOf>, Vec<&ColumnOf>)| {
+    let marks = |(clocks, columns): &(Vec<&QualityColumn>, Vec<&QualityColumn>)| {
         clocks.iter().chain(columns).map(|c| c.marks.len()).sum::<usize>()
     };
     let mut flights: Vec<_> = by_flight.into_iter().collect();
@@ -375,7 +391,7 @@ fn pictures(source: &Source, clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Res
             lanes.push(lane(source, clock, &lines, &[])?);
         }
         for column in columns.iter().take(LANES) {
-            let figures: Vec<Figure> = SEEN.into_iter().filter(|f| column.figures.contains_key(f)).collect();
+            let figures: Vec<QualityFigure> = SEEN.into_iter().filter(|f| column.figures.contains_key(f)).collect();
             lanes.push(lane(source, column, &lines, &figures)?);
         }
         let hidden = columns.len().saturating_sub(LANES);
@@ -388,19 +404,24 @@ fn pictures(source: &Source, clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Res
 }
 
 /// The lines of a flight.
-fn lines_of(source: &Source, flight: &str) -> Vec<LineId> {
+fn lines_of(source: &ReportSource, flight: &str) -> Vec<LineId> {
     let lines = source.graph.lines.iter().enumerate();
     lines.filter(|(_, (of, _))| of == flight).map(|(id, _)| id).collect()
 }
 
 /// When a column has samples, and when something is wrong with them.
-fn lane(source: &Source, column: &ColumnOf, lines: &[LineId], figures: &[Figure]) -> Result<Lane, Fault> {
+fn lane(
+    source: &ReportSource,
+    column: &QualityColumn,
+    lines: &[LineId],
+    figures: &[QualityFigure],
+) -> Result<TimelineLane, Fault> {
     let plan = source.graph.plan;
     let table = plan.flights.get(column.source).map_or("", |f| f.name.as_str());
     let name = if column.is_clock() { "samples" } else { &column.column };
     let name = if plan.flights.len() > 1 { format!("{table}.{name}") } else { name.to_owned() };
-    let mut lane = Lane { name, ..Lane::default() };
-    let r = Ref::Flights(column.source);
+    let mut lane = TimelineLane { name, ..TimelineLane::default() };
+    let r = TableRef::Flights(column.source);
     for line in lines {
         let Some(tt) = source.floats(r, *line, "tt")? else { continue };
         lane.lines.extend(tt.first().zip(tt.last()).map(|(a, b)| (*a, *b)));
@@ -423,36 +444,40 @@ mod tests {
 
     use super::*;
 
-    fn measure(check: Figure, value: f64, count: u64) -> Measure {
-        Measure { column: "mag_1_uc".into(), check, value, unit: "s".into(), count, first_tt: 5.0 }
+    fn measure(check: QualityFigure, value: f64, count: u64) -> QualityMeasure {
+        QualityMeasure { column: "mag_1_uc".into(), check, value, unit: "s".into(), count, first_tt: 5.0 }
     }
 
     #[test]
     fn unit_of_several_lines_the_worst_value_and_all_samples_are_shown() {
-        let mut known = measure(Figure::Dropouts, 0.5, 10);
-        pool(&mut known, &measure(Figure::Dropouts, 2.0, 3));
+        let mut known = measure(QualityFigure::Dropouts, 0.5, 10);
+        pool(&mut known, &measure(QualityFigure::Dropouts, 2.0, 3));
         assert_eq!((known.value, known.count), (2.0, 13));
-        let mut gaps = measure(Figure::Gaps, 0.5, 10);
-        pool(&mut gaps, &measure(Figure::Gaps, 2.0, 3));
+        let mut gaps = measure(QualityFigure::Gaps, 0.5, 10);
+        pool(&mut gaps, &measure(QualityFigure::Gaps, 2.0, 3));
         assert_eq!((gaps.value, gaps.count), (2.5, 13));
-        let mut low = measure(Figure::Saturation, -400.0, 1);
-        pool(&mut low, &measure(Figure::Saturation, 100.0, 1));
+        let mut low = measure(QualityFigure::Saturation, -400.0, 1);
+        pool(&mut low, &measure(QualityFigure::Saturation, 100.0, 1));
         assert_eq!(low.value, -400.0);
     }
 
     #[test]
     fn unit_a_marked_figure_says_so_and_sorts_by_its_number() {
-        let mut column = ColumnOf {
+        let mut column = QualityColumn {
             source: 0,
             flight: "1".into(),
             column: "mag_1_uc".into(),
-            figures: [(Figure::Dropouts, measure(Figure::Dropouts, 2.0, 13))].into(),
-            marks: [Figure::Dropouts].into(),
+            figures: [(QualityFigure::Dropouts, measure(QualityFigure::Dropouts, 2.0, 13))].into(),
+            marks: [QualityFigure::Dropouts].into(),
         };
-        let text = |c: &ColumnOf| cell(c, Figure::Dropouts, &|m| value(m), |m| m.count as f64).into_string();
+        let text =
+            |c: &QualityColumn| cell(c, QualityFigure::Dropouts, &|m| value(m), |m| m.count as f64).into_string();
         assert_eq!(text(&column), "<td class=\"n bad\" data-v=\"13\">! 2.000</td>");
         column.marks.clear();
         assert_eq!(text(&column), "<td class=\"n\" data-v=\"13\">2.000</td>");
-        assert_eq!(cell(&column, Figure::Stuck, &|m| value(m), |m| m.value).into_string(), "<td class=\"n\">-</td>");
+        assert_eq!(
+            cell(&column, QualityFigure::Stuck, &|m| value(m), |m| m.value).into_string(),
+            "<td class=\"n\">-</td>"
+        );
     }
 }

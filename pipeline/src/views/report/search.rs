@@ -9,14 +9,14 @@ use arrow_array::{
 };
 use arrow_cast::cast;
 use arrow_schema::DataType;
-use figures::chart::{Chart, Dim, Line};
-use learning::search::Dimension;
+use figures::chart::{ChartAxis, ChartLine, LineChart};
+use learning::search::SearchDimension;
 use maud::{Markup, html};
 use schemas::{Fault, Literal, metric::Metric};
 
-use super::source::Source;
+use super::source::ReportSource;
 use crate::{
-    spec::{Fate, Search, Searched},
+    spec::{RungOutcome, SearchAxis, SearchSpec},
     store::published,
     views::{text::number, trials::short},
 };
@@ -28,7 +28,7 @@ const MOST: usize = 1000;
 const WIDE: f64 = 8.0;
 
 /// One row of the table of trials.
-struct Trial {
+struct TrialTableRow {
     number: f64,
     words: Vec<String>,
     values: Vec<Option<f64>>,
@@ -41,7 +41,7 @@ struct Trial {
 ///
 /// # Errors
 /// Fails when the table cannot be read.
-pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let plan = source.graph.plan;
     let (Some(search), Some(goal)) = (&plan.spec.search, plan.goal()?) else { return Ok(None) };
     let names: Vec<&str> = search.columns().into_iter().map(|(name, _)| name).collect();
@@ -54,7 +54,7 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
     Ok(Some(drawn(search, &goal.metric, &names, &trials)))
 }
 
-fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) -> Result<Vec<Trial>, Fault> {
+fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) -> Result<Vec<TrialTableRow>, Fault> {
     let column = |name: &str, kind: &DataType| {
         let lacking = || Fault::machine(format!("the table of trials has no column `{name}` of {kind}"));
         cast(batch.column_by_name(name).ok_or_else(lacking)?, kind).map_err(|_| lacking())
@@ -70,7 +70,7 @@ fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) 
         let words: Vec<String> =
             words.iter().map(|w| if w.is_null(i) { String::new() } else { w.value(i).to_owned() }).collect();
         let goal = goals.is_valid(i).then(|| goals.value(i));
-        Trial {
+        TrialTableRow {
             number: numbers.value(i) as f64,
             values: words.iter().map(|w| w.parse().ok()).collect(),
             words,
@@ -82,8 +82,8 @@ fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) 
     Ok((0..batch.num_rows()).map(one).collect())
 }
 
-fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> Markup {
-    let done = |t: &&Trial| t.state == Fate::Done.as_str();
+fn drawn(search: &SearchSpec, metric: &Metric, names: &[&str], trials: &[TrialTableRow]) -> Markup {
+    let done = |t: &&TrialTableRow| t.state == RungOutcome::Done.as_str();
     let best = trials
         .iter()
         .filter(done)
@@ -91,7 +91,7 @@ fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> 
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, t)| t);
     let label = if metric.unit == "1" { metric.name.to_owned() } else { format!("{}, {}", metric.name, metric.unit) };
-    let scale = Scale::of(trials, label);
+    let scale = GoalScale::from_trials(trials, label);
     let mut plots: Vec<Option<Markup>> = vec![over_trials(trials, &scale)];
     plots.extend(search.axes.iter().map(|axis| over_axis(search, axis, names, trials, &scale)));
     let many = trials.iter().map(|t| t.words.first()).collect::<std::collections::BTreeSet<_>>().len();
@@ -109,7 +109,7 @@ fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> 
                         th scope="col" { button { "state" } }
                     } }
                     tbody { @for t in trials.iter().take(MOST) {
-                        tr.bad[t.state == Fate::Failed.as_str()] {
+                        tr.bad[t.state == RungOutcome::Failed.as_str()] {
                             @for (word, value) in t.words.iter().zip(&t.values) { td data-v=[value.map(|v| v.to_string())] { (shown(word)) } }
                             td.n data-v=[t.goal.map(|v| v.to_string())] { (number(t.goal)) }
                             td { (t.state) }
@@ -132,20 +132,20 @@ fn shown(word: &str) -> String {
 }
 
 /// The vertical axis, which all plots share.
-struct Scale {
-    dim: Dim,
+struct GoalScale {
+    dim: ChartAxis,
 }
 
-impl Scale {
+impl GoalScale {
     /// By ratio where the goals are above 0 and far apart.
-    fn of(trials: &[Trial], label: String) -> Scale {
+    fn from_trials(trials: &[TrialTableRow], label: String) -> GoalScale {
         let goals = || trials.iter().filter_map(|t| t.goal);
         let (low, high) = goals().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let log = low > 0.0 && high > WIDE * low;
         let pad = if log { 1.1 } else { 0.05 * (high - low).max(1e-9 * high.abs()).max(f64::MIN_POSITIVE) };
         let range = if log { (low / pad, high * pad) } else { (low - pad, high + pad) };
         let range = (low <= high).then_some(range);
-        Scale { dim: Dim { label, log, range } }
+        GoalScale { dim: ChartAxis { label, log, range } }
     }
 }
 
@@ -154,8 +154,8 @@ fn marks(points: impl Iterator<Item = (f64, f64)>) -> Vec<(String, f64, f64)> {
 }
 
 /// The goal of each trial, and the best so far.
-fn over_trials(trials: &[Trial], scale: &Scale) -> Option<Markup> {
-    let top = |t: &&Trial| t.state == Fate::Done.as_str();
+fn over_trials(trials: &[TrialTableRow], scale: &GoalScale) -> Option<Markup> {
+    let top = |t: &&TrialTableRow| t.state == RungOutcome::Done.as_str();
     let mut best: Option<(f64, f64)> = None;
     let mut points = vec![];
     for t in trials.iter().filter(top) {
@@ -167,46 +167,52 @@ fn over_trials(trials: &[Trial], scale: &Scale) -> Option<Markup> {
         points.extend(best.map(|(_, goal)| (t.number, goal)));
     }
     let last = trials.iter().map(|t| t.number).fold(1.0, f64::max);
-    let chart = Chart {
+    let chart = LineChart {
         title: "Goal of each trial".into(),
         caption: "Circles are trials at each completed rung. The line is the best goal so far.".into(),
-        x: Dim { range: Some((0.5, last + 0.5)), ..Dim::new("trial") },
+        x: ChartAxis { range: Some((0.5, last + 0.5)), ..ChartAxis::new("trial") },
         y: scale.dim.clone(),
-        lines: vec![Line { name: "best so far".into(), class: "after", points }],
+        lines: vec![ChartLine { name: "best so far".into(), class: "after", points }],
         marks: marks(trials.iter().filter_map(|t| Some((t.number, t.goal?)))),
         height: HEIGHT,
         half: true,
-        ..Chart::default()
+        ..LineChart::default()
     };
     scale.dim.range.and_then(|_| chart.draw())
 }
 
 /// The goal against one axis; of a choice among words the best and the mean of each.
-fn over_axis(search: &Search, axis: &Searched, names: &[&str], trials: &[Trial], scale: &Scale) -> Option<Markup> {
+fn over_axis(
+    search: &SearchSpec,
+    axis: &SearchAxis,
+    names: &[&str],
+    trials: &[TrialTableRow],
+    scale: &GoalScale,
+) -> Option<Markup> {
     let at = names.iter().position(|n| *n == axis.name)?;
     let (low, high, log) = match axis.dimension {
-        Dimension::Real { low, high, log } => (low, high, log),
-        Dimension::Whole { low, high, log } => (low as f64, high as f64, log),
-        Dimension::Choice(_) => return by_choice(axis, at, trials),
+        SearchDimension::Real { low, high, log } => (low, high, log),
+        SearchDimension::Whole { low, high, log } => (low as f64, high as f64, log),
+        SearchDimension::Choice(_) => return by_choice(axis, at, trials),
     };
     let pad = if log { (high / low).powf(0.03) } else { 0.03 * (high - low) };
     let range = if log { (low / pad, high * pad) } else { (low - pad, high + pad) };
     let rungs = if search.rungs() > 1 { " at one completed rung" } else { "" };
-    let chart = Chart {
+    let chart = LineChart {
         title: format!("Goal over {}", axis.name),
         caption: format!("Each circle is a trial{rungs}."),
-        x: Dim { label: axis.name.clone(), log, range: Some(range) },
+        x: ChartAxis { label: axis.name.clone(), log, range: Some(range) },
         y: scale.dim.clone(),
         marks: marks(trials.iter().filter_map(|t| Some(((*t.values.get(at)?)?, t.goal?)))),
         height: HEIGHT,
         half: true,
-        ..Chart::default()
+        ..LineChart::default()
     };
     scale.dim.range.and_then(|_| chart.draw())
 }
 
-fn by_choice(axis: &Searched, at: usize, trials: &[Trial]) -> Option<Markup> {
-    let mut groups: BTreeMap<&str, Vec<&Trial>> = BTreeMap::new();
+fn by_choice(axis: &SearchAxis, at: usize, trials: &[TrialTableRow]) -> Option<Markup> {
+    let mut groups: BTreeMap<&str, Vec<&TrialTableRow>> = BTreeMap::new();
     for t in trials {
         groups.entry(t.words.get(at)?.as_str()).or_default().push(t);
     }

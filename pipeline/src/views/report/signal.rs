@@ -1,28 +1,28 @@
 //! The compensated signal of one line: its error over time and over frequency.
 
 use figures::{
-    chart::{Chart, Dim, Line},
+    chart::{ChartAxis, ChartLine, LineChart},
     decimate::{MOST, extremes},
 };
 use maud::Markup;
 use numerics::{
     regression::statistics::{self, summary},
     signal::{
-        filter::{Band, ZeroPhase},
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
-        spectrum::{Window, welch},
+        filter::{FilterBand, ZeroPhaseFilter},
+        segments::{RowMask, STEP_TOLERANCE, filter_column, sample_rate},
+        spectrum::{SpectralTaper, welch},
     },
 };
 use schemas::Fault;
 
-use super::{source::Source, subject::Subject};
+use super::{source::ReportSource, subject::ReportSubject};
 use crate::{
-    plan::{LineId, Ref},
+    plan::{LineId, TableRef},
     views::text::number,
 };
 
 /// A signal before and after compensation, each about its mean.
-struct Signal {
+struct CompensationSignal {
     tt: Vec<f64>,
     before: Vec<f64>,
     after: Vec<f64>,
@@ -35,7 +35,7 @@ struct Signal {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Markup>, Fault> {
+pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
     let band = pass_band(source, subject);
     let second = if signal.truth.is_some() { Some(after(&signal)) } else { band.and_then(|b| within(&signal, b)) };
@@ -43,7 +43,7 @@ pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Mar
     Ok(charts.into_iter().flatten().filter_map(|c| c.draw()).collect())
 }
 
-fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Signal>, Fault> {
+fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Option<CompensationSignal>, Fault> {
     let Some(r) = subject.compensate else { return Ok(None) };
     let column = |name: &str| source.floats(r, line, name);
     let (Some(tt), Some(mut after), Some(aircraft)) = (column("tt")?, column("mag_c")?, column("mag_aircraft")?) else {
@@ -58,7 +58,7 @@ fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Signa
     }
     let mut before: Vec<f64> = after.iter().zip(&aircraft).map(|(m, a)| m + a).collect();
     let means = (centre(&mut before), centre(&mut after));
-    Ok(Some(Signal { tt, before, after, truth: truth.map(|t| t.0), means }))
+    Ok(Some(CompensationSignal { tt, before, after, truth: truth.map(|t| t.0), means }))
 }
 
 /// Subtracts the mean, and returns it.
@@ -75,21 +75,21 @@ pub fn minutes(tt: &[f64]) -> Vec<f64> {
 }
 
 /// The horizontal axis of everything over time.
-pub fn time_axis() -> Dim {
-    Dim::new("time since the start of the line, min")
+pub fn time_axis() -> ChartAxis {
+    ChartAxis::new("time since the start of the line, min")
 }
 
-impl Signal {
+impl CompensationSignal {
     fn quantity(&self) -> &'static str {
         if self.truth.is_some() { "error, nT" } else { "signal minus its mean, nT" }
     }
 
-    fn line(&self, name: &str, class: &'static str, y: &[f64]) -> Line {
-        Line { name: name.to_owned(), class, points: extremes(&minutes(&self.tt), y, MOST) }
+    fn line(&self, name: &str, class: &'static str, y: &[f64]) -> ChartLine {
+        ChartLine { name: name.to_owned(), class, points: extremes(&minutes(&self.tt), y, MOST) }
     }
 }
 
-fn both(signal: &Signal) -> Chart {
+fn both(signal: &CompensationSignal) -> LineChart {
     let (uncompensated, compensated) = (summary(&signal.before), summary(&signal.after));
     let of = match &signal.truth {
         Some(truth) => format!("Signal minus the truth {truth}, before and after compensation"),
@@ -104,31 +104,31 @@ fn both(signal: &Signal) -> Chart {
         number(Some(signal.means.0)),
         number(Some(signal.means.1)),
     );
-    Chart {
+    LineChart {
         title: "Before and after compensation".into(),
         caption,
         x: time_axis(),
-        y: Dim::new(signal.quantity()),
+        y: ChartAxis::new(signal.quantity()),
         lines: vec![
             signal.line("uncompensated", "before", &signal.before),
             signal.line("compensated", "after", &signal.after),
         ],
         height: 270.0,
-        ..Chart::default()
+        ..LineChart::default()
     }
 }
 
-fn after(signal: &Signal) -> Chart {
+fn after(signal: &CompensationSignal) -> LineChart {
     let caption =
         "The compensated signal of the plot above, enlarged. This residual is the measurement noise of navigation.";
-    Chart {
+    LineChart {
         title: "After compensation, enlarged".into(),
         caption: caption.into(),
         x: time_axis(),
-        y: Dim::new(signal.quantity()),
+        y: ChartAxis::new(signal.quantity()),
         lines: vec![signal.line("compensated", "after", &signal.after)],
         height: 220.0,
-        ..Chart::default()
+        ..LineChart::default()
     }
 }
 
@@ -141,8 +141,8 @@ struct PassBand {
 }
 
 /// The pass band of the model's fit, where it has both corners.
-fn pass_band(source: &Source, subject: &Subject) -> Option<PassBand> {
-    let Some(Ref::Stage(t, i)) = subject.fit else { return None };
+fn pass_band(source: &ReportSource, subject: &ReportSubject) -> Option<PassBand> {
+    let Some(TableRef::Stage(t, i)) = subject.fit else { return None };
     let params = source.graph.plan.instance(t, i).params();
     let value = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
     let hz = |name: &str| value(name).and_then(|v| v.parse::<f64>().ok());
@@ -155,12 +155,13 @@ fn pass_band(source: &Source, subject: &Subject) -> Option<PassBand> {
 }
 
 /// Before and after within the pass band: without a truth the only band where the aircraft is separable from geology.
-fn within(signal: &Signal, band: PassBand) -> Option<Chart> {
+fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
     let filter =
-        ZeroPhase::new(Band::between(Some(band.low_hz), Some(band.high_hz)).ok()?, rate_hz, band.order).ok()?;
+        ZeroPhaseFilter::new(FilterBand::between(Some(band.low_hz), Some(band.high_hz)).ok()?, rate_hz, band.order)
+            .ok()?;
     let passed = |x: &[f64]| {
-        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(&signal.tt, rate_hz);
+        let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(&signal.tt, rate_hz);
         filter_column(&filter, x, &runs).ok().map(|(y, _)| y)
     };
     let (before, after) = (passed(&signal.before)?, passed(&signal.after)?);
@@ -174,14 +175,14 @@ fn within(signal: &Signal, band: PassBand) -> Option<Chart> {
         std(&before),
         std(&after)
     );
-    Some(Chart {
+    Some(LineChart {
         title: "Before and after, in the pass band of the fit".into(),
         caption,
         x: time_axis(),
-        y: Dim::new("band-passed signal, nT"),
+        y: ChartAxis::new("band-passed signal, nT"),
         lines: vec![signal.line("uncompensated", "before", &before), signal.line("compensated", "after", &after)],
         height: 250.0,
-        ..Chart::default()
+        ..LineChart::default()
     })
 }
 
@@ -191,13 +192,13 @@ fn segment(rows: usize) -> usize {
     (1usize << quarter.ilog2()).min(1024)
 }
 
-fn spectra(signal: &Signal, band: Option<PassBand>) -> Option<Chart> {
+fn spectra(signal: &CompensationSignal, band: Option<PassBand>) -> Option<LineChart> {
     let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
     let length = segment(signal.tt.len());
     let of = |name: &str, class: &'static str, x: &[f64]| {
-        let spectrum = welch(x, rate_hz, length, Window::Hann).ok()?;
+        let spectrum = welch(x, rate_hz, length, SpectralTaper::Hann).ok()?;
         let points = spectrum.frequency_hz.iter().copied().zip(spectrum.density).skip(1).collect();
-        Some((Line { name: name.to_owned(), class, points }, spectrum.segments))
+        Some((ChartLine { name: name.to_owned(), class, points }, spectrum.segments))
     };
     let (before, segments) = of("uncompensated", "before", &signal.before)?;
     let (after, _) = of("compensated", "after", &signal.after)?;
@@ -207,17 +208,17 @@ fn spectra(signal: &Signal, band: Option<PassBand>) -> Option<Chart> {
     } else {
         ""
     };
-    Some(Chart {
+    Some(LineChart {
         title: format!("Power spectral density of the {what}"),
         caption: format!(
             "Welch's method: {segments} segments of {length} samples, Hann window, overlapping by half.{shaded}"
         ),
-        x: Dim::new("frequency, Hz").log(),
-        y: Dim::new("density, nT²/Hz").log(),
+        x: ChartAxis::new("frequency, Hz").log(),
+        y: ChartAxis::new("density, nT²/Hz").log(),
         lines: vec![before, after],
         stretch: band.map(|b| ("pass band of the fit".to_owned(), b.low_hz, b.high_hz)),
         height: 280.0,
-        ..Chart::default()
+        ..LineChart::default()
     })
 }
 
@@ -231,17 +232,17 @@ mod tests {
 
     const BAND: PassBand = PassBand { low_hz: 0.1, high_hz: 0.9, order: 4 };
 
-    fn signal() -> Signal {
+    fn signal() -> CompensationSignal {
         let tt: Vec<f64> = (0..4000).map(|k| 100.0 + f64::from(k) / 10.0).collect();
         let before: Vec<f64> = tt.iter().map(|t| 50.0 * (TAU * 0.5 * t).sin()).collect();
         let after = before.iter().map(|x| x / 10.0).collect();
-        Signal { tt, before, after, truth: None, means: (0.0, 0.0) }
+        CompensationSignal { tt, before, after, truth: None, means: (0.0, 0.0) }
     }
 
     #[test]
     fn unit_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
         let chart = spectra(&signal(), Some(BAND)).unwrap();
-        let peak = |l: &Line| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let peak = |l: &ChartLine| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         let (before, after) = (peak(&chart.lines[0]), peak(&chart.lines[1]));
         assert!((before.0 - 0.5).abs() < 0.02, "the line is at 0.5 Hz: {before:?}");
         // Scaling is exact but for rounding.

@@ -7,18 +7,18 @@ use std::{
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
 use numerics::maps::map_surface::GeographicGrid;
-use schemas::{Fault, Shape};
+use schemas::{Fault, TableShape};
 
 use crate::{
-    keys::Key,
-    plan::{Graph, LineId, Ref, Unit},
+    keys::HashKey,
+    plan::{LineId, PlanGraph, PlanUnit, TableRef},
     store::{Store, published},
 };
 
-/// Reads columns by their keys, so that only results of this spec are shown.
-pub struct Source<'a> {
+/// Reader of result columns by their keys, so that only results of this spec are shown.
+pub struct ReportSource<'a> {
     /// The plan with its lines and keys.
-    pub graph: &'a Graph<'a>,
+    pub graph: &'a PlanGraph<'a>,
     /// The store of the columns.
     pub store: &'a Store,
     /// The number of available units of each requested table.
@@ -27,7 +27,7 @@ pub struct Source<'a> {
 
 /// A failure, with its number of occurrences.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Failed {
+pub struct FailureCount {
     /// The table.
     pub stage: String,
     /// Why.
@@ -38,19 +38,19 @@ pub struct Failed {
     pub times: usize,
 }
 
-impl<'a> Source<'a> {
+impl<'a> ReportSource<'a> {
     /// The columns of `graph` that are in `store`.
-    pub fn new(graph: &'a Graph<'a>, store: &'a Store) -> Source<'a> {
-        Source { graph, store, counted: Mutex::default() }
+    pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store) -> ReportSource<'a> {
+        ReportSource { graph, store, counted: Mutex::default() }
     }
 
     /// The columns of a table.
-    pub fn shape(&self, r: Ref) -> Option<&Shape> {
+    pub fn shape(&self, r: TableRef) -> Option<&TableShape> {
         let plan = self.graph.plan;
         match r {
-            Ref::Flights(i) => plan.flights.get(i).map(|f| &f.shape),
-            Ref::Stage(t, i) => Some(plan.instance(t, i).variant.table.shape()),
-            Ref::Map(_) => None,
+            TableRef::Flights(i) => plan.flights.get(i).map(|f| &f.shape),
+            TableRef::Stage(t, i) => Some(plan.instance(t, i).variant.table.shape()),
+            TableRef::Map(_) => None,
         }
     }
 
@@ -59,7 +59,7 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn floats(&self, r: Ref, line: LineId, name: &str) -> Result<Option<Vec<f64>>, Fault> {
+    pub fn floats(&self, r: TableRef, line: LineId, name: &str) -> Result<Option<Vec<f64>>, Fault> {
         let Some(batch) = self.column(r, line, name)? else { return Ok(None) };
         let numbers = batch.column(0).as_primitive_opt::<Float64Type>();
         Ok(numbers.map(|a| a.iter().map(|v| v.unwrap_or(f64::NAN)).collect()))
@@ -69,7 +69,7 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn tally(&self, r: Ref, line: LineId, name: &str) -> Result<BTreeMap<String, usize>, Fault> {
+    pub fn tally(&self, r: TableRef, line: LineId, name: &str) -> Result<BTreeMap<String, usize>, Fault> {
         let mut counts = BTreeMap::new();
         let batch = self.column(r, line, name)?;
         let words: Option<&StringArray> = batch.as_ref().and_then(|b| b.column(0).as_string_opt::<i32>());
@@ -83,12 +83,12 @@ impl<'a> Source<'a> {
         Ok(counts)
     }
 
-    fn column(&self, r: Ref, line: LineId, name: &str) -> Result<Option<RecordBatch>, Fault> {
+    fn column(&self, r: TableRef, line: LineId, name: &str) -> Result<Option<RecordBatch>, Fault> {
         if self.shape(r).is_none_or(|s| s.get(name).is_none()) {
             return Ok(None);
         }
         let origin = self.graph.origin(r, name);
-        if let Ref::Flights(i) = origin.made_by {
+        if let TableRef::Flights(i) = origin.made_by {
             let record = self.graph.records.get(i).and_then(|r| r.get(&line));
             if record.is_none_or(|l| l.fault.is_some() || !l.columns.contains_key(&origin.column)) {
                 return Ok(None);
@@ -104,7 +104,7 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn tidy(&self, unit: Unit, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
+    pub fn tidy(&self, unit: PlanUnit, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
         match self.graph.key(unit) {
             Ok(key) if self.store.has(key) => self.store.get(key, columns).map(Some),
             _ => Ok(None),
@@ -115,8 +115,8 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// When the store is damaged.
-    pub fn map(&self, r: Ref) -> Result<Option<GeographicGrid>, Fault> {
-        let there = |key: Key| self.store.find(key).is_some_and(|place| place.rows.is_some());
+    pub fn map(&self, r: TableRef) -> Result<Option<GeographicGrid>, Fault> {
+        let there = |key: HashKey| self.store.find(key).is_some_and(|place| place.rows.is_some());
         if !self.graph.whole(r).is_ok_and(there) {
             return Ok(None);
         }
@@ -138,7 +138,7 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// Fails when the table of failures cannot be read.
-    pub fn failures(&self) -> Result<Vec<Failed>, Fault> {
+    pub fn failures(&self) -> Result<Vec<FailureCount>, Fault> {
         let spec = &self.graph.plan.spec;
         let folder = self.store.table(&spec.name, "failures");
         let axes: Vec<&str> = spec.axes.iter().map(|a| a.name.as_str()).collect();
@@ -148,9 +148,9 @@ impl<'a> Source<'a> {
 }
 
 /// Rows of failures, equal ones merged, in the order of their first.
-fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<Failed>, Fault> {
+fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<FailureCount>, Fault> {
     let unreadable = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the failures: {e}"));
-    let mut found: Vec<Failed> = vec![];
+    let mut found: Vec<FailureCount> = vec![];
     let mut known: HashMap<(String, String), usize> = HashMap::new();
     let cell = |row: usize, name: &str| -> Result<Option<String>, Fault> {
         let array = batch.column_by_name(name).filter(|a| a.is_valid(row));
@@ -168,7 +168,7 @@ fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<Failed>, Fault> {
         for name in axes.iter().copied().chain(["flight", "line"]) {
             place.extend(cell(row, name)?.map(|v| format!("{name} {v}")));
         }
-        found.push(Failed { stage, error, example: place.join(", "), times: 1 });
+        found.push(FailureCount { stage, error, example: place.join(", "), times: 1 });
     }
     Ok(found)
 }

@@ -1,16 +1,16 @@
 //! The recorded signals of one line over frequency, with published ones: noise floors of sensors, the spectrum of an
 //! observatory, the band of manoeuvres.
 
-use figures::chart::{Chart, Dim, Line};
+use figures::chart::{ChartAxis, ChartLine, LineChart};
 use maud::Markup;
 use numerics::signal::{
     segments::{STEP_TOLERANCE, sample_rate},
-    spectrum::{Window, welch},
+    spectrum::{SpectralTaper, welch},
 };
 use schemas::{Column, Fault};
 
-use super::{source::Source, subject::Subject};
-use crate::plan::{LineId, Ref};
+use super::{source::ReportSource, subject::ReportSubject};
+use crate::plan::{LineId, TableRef};
 
 /// The spectrum of Boulder's record, made by `datasets/reference/make_observatory_spectrum.py`.
 const OBSERVATORY: &str = include_str!("observatory_spectrum.csv");
@@ -30,7 +30,7 @@ const MOST: usize = 8;
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Markup>, Fault> {
+pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(flights) = subject.compensate.or(subject.navigate).and_then(|r| flights(source, r)) else {
         return Ok(vec![]);
     };
@@ -40,7 +40,7 @@ pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Mar
     let mut lines = vec![];
     for (class, name) in CLASSES.into_iter().zip(recorded(columns)) {
         let Some(x) = source.floats(flights, line, &name)? else { continue };
-        lines.extend(amplitude(&x, rate_hz).map(|points| Line { name, class, points }));
+        lines.extend(amplitude(&x, rate_hz).map(|points| ChartLine { name, class, points }));
     }
     Ok(chart(lines, rate_hz).and_then(|c| c.draw()).into_iter().collect())
 }
@@ -48,13 +48,13 @@ pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Mar
 const CLASSES: [&str; MOST] = ["s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7"];
 
 /// The table of flights that `r` was made from.
-fn flights(source: &Source, r: Ref) -> Option<Ref> {
+fn flights(source: &ReportSource, r: TableRef) -> Option<TableRef> {
     let plan = source.graph.plan;
     let mut at = r;
-    while let Ref::Stage(t, i) = at {
+    while let TableRef::Stage(t, i) = at {
         at = plan.instance(t, i).first_input()?;
     }
-    matches!(at, Ref::Flights(_)).then_some(at)
+    matches!(at, TableRef::Flights(_)).then_some(at)
 }
 
 /// The drawn signals: the temporal variation, the geology where it is known, and the scalar magnetometers.
@@ -68,7 +68,7 @@ fn recorded(columns: &[Column]) -> Vec<String> {
 /// Amplitude density in nT/√Hz; `None` for a signal that does not vary.
 fn amplitude(x: &[f64], rate_hz: f64) -> Option<Vec<(f64, f64)>> {
     let quarter = (x.len() / 4).max(2);
-    let spectrum = welch(x, rate_hz, 1usize << quarter.ilog2().min(12), Window::Hann).ok()?;
+    let spectrum = welch(x, rate_hz, 1usize << quarter.ilog2().min(12), SpectralTaper::Hann).ok()?;
     let points = spectrum.frequency_hz.iter().copied().zip(spectrum.density.iter().map(|d| d.sqrt()));
     let points: Vec<(f64, f64)> = points.skip(1).filter(|p| p.1 > 0.0).collect();
     (!points.is_empty()).then_some(points)
@@ -85,7 +85,7 @@ fn observatory(record: &str) -> Vec<(f64, f64)> {
     OBSERVATORY.lines().skip(1).filter_map(point).collect()
 }
 
-fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
+fn chart(mut lines: Vec<ChartLine>, rate_hz: f64) -> Option<LineChart> {
     let lowest = lines.iter().filter_map(|l| l.points.first()).map(|p| p.0).fold(f64::INFINITY, f64::min);
     if !lowest.is_finite() {
         return None;
@@ -96,7 +96,7 @@ fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
         let points: Vec<(f64, f64)> =
             observatory(record).into_iter().filter(|p| p.0 >= lowest && p.0 <= 0.5 * rate_hz).collect();
         if points.len() > 1 {
-            lines.push(Line { name: name.to_owned(), class: "reference", points });
+            lines.push(ChartLine { name: name.to_owned(), class: "reference", points });
         }
     }
     let caption = "The recorded signals, including core field and anomaly, compared with published spectra: the \
@@ -104,16 +104,16 @@ fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
                    2014 and 1 January 2020), and the sensitivity stated by manufacturers of magnetometers. The \
                    shaded band contains the manoeuvres of a calibration box. Anomaly and temporal variation dominate \
                    below it, sensor noise dominates above it.";
-    Some(Chart {
+    Some(LineChart {
         title: "Spectra of the recorded signals".into(),
         caption: caption.into(),
-        x: Dim::new("frequency, Hz").log(),
-        y: Dim::new("amplitude density, nT/√Hz").log(),
+        x: ChartAxis::new("frequency, Hz").log(),
+        y: ChartAxis::new("amplitude density, nT/√Hz").log(),
         lines,
         levels: FLOORS.map(|(name, nt)| (name.to_owned(), nt)).to_vec(),
         stretch: Some(("manoeuvres".to_owned(), MANOEUVRES_HZ.0.max(lowest), MANOEUVRES_HZ.1.min(0.5 * rate_hz))),
         height: 340.0,
-        ..Chart::default()
+        ..LineChart::default()
     })
 }
 
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn unit_only_what_varies_is_drawn() {
         let wave: Vec<f64> = (0..4000).map(|k| (TAU * 0.1 * f64::from(k)).sin()).collect();
-        let line = Line { name: "mag_1_uc".into(), class: "s0", points: amplitude(&wave, 10.0).unwrap() };
+        let line = ChartLine { name: "mag_1_uc".into(), class: "s0", points: amplitude(&wave, 10.0).unwrap() };
         assert!(amplitude(&[5.0; 4000], 10.0).is_none());
         let drawn = chart(vec![line], 10.0).unwrap().draw().unwrap().into_string();
         for part in ["mag_1_uc", "Boulder", "G-823A", "manoeuvres"] {

@@ -3,14 +3,14 @@
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use schemas::{Fault, metric::Metric};
 
-use super::{board::Board, source::Source};
+use super::{board::ScoreBoard, source::ReportSource};
 use crate::{
-    plan::{LineId, Ref, Unit},
+    plan::{LineId, PlanUnit, TableRef},
     views::text::number,
 };
 
 /// A sweep point that is shown in detail: the stages that it went through.
-pub struct Subject {
+pub struct ReportSubject {
     /// `best`, `worst`, `first` or the table, for anchors.
     pub id: String,
     /// The heading.
@@ -20,36 +20,36 @@ pub struct Subject {
     /// The score it was chosen by, as text.
     pub why: String,
     /// The table with the compensated signal.
-    pub compensate: Option<Ref>,
+    pub compensate: Option<TableRef>,
     /// The table with the track.
-    pub navigate: Option<Ref>,
+    pub navigate: Option<TableRef>,
     /// The table with the map's values along the line.
-    pub map_value: Option<Ref>,
+    pub map_value: Option<TableRef>,
     /// The model.
-    pub fit: Option<Ref>,
+    pub fit: Option<TableRef>,
     /// The column of the true field, where the scores name one.
     pub truth: Option<String>,
     /// The score that it was chosen by.
-    pub chosen: Option<Chosen>,
+    pub chosen: Option<SubjectScore>,
 }
 
-/// A line that is shown.
+/// Line shown in detail.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shown {
+pub struct ReportLine {
     /// The line.
     pub line: LineId,
     /// The reason of its choice.
     pub why: &'static str,
 }
 
-/// The score that a point was chosen by.
-pub struct Chosen {
+/// Score that a sweep point was selected by.
+pub struct SubjectScore {
     /// The score table and its instance at the point.
     at: (usize, usize),
     metric: Metric,
 }
 
-impl Chosen {
+impl SubjectScore {
     /// A value of the metric as text.
     fn words(&self, value: Option<f64>) -> String {
         let Metric { name, unit, .. } = self.metric;
@@ -59,7 +59,7 @@ impl Chosen {
 }
 
 /// The best point and the worst one; the first one where nothing was scored.
-pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
+pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubject> {
     let Some((board, metric)) = ranking(boards) else { return unscored(source).into_iter().collect() };
     let ranked = board.ranked(metric);
     let (Some(best), Some(worst)) = (ranked.first(), ranked.last()) else { return vec![] };
@@ -84,17 +84,22 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
 const LINES: usize = 2;
 
 /// The board and metric that points are ranked by.
-fn ranking(boards: &[Board]) -> Option<(&Board, usize)> {
+fn ranking(boards: &[ScoreBoard]) -> Option<(&ScoreBoard, usize)> {
     boards.iter().find_map(|b| b.headline().map(|m| (b, m)))
 }
 
-/// Each other table of `navigate` that has results, `most` of them, at its best point by the scores made of it, at its first
-/// one without; and how many more there are.
-pub fn navigations(source: &Source, boards: &[Board], shown: &[Subject], most: usize) -> (Vec<Subject>, usize) {
+/// Each other table of `navigate` that has results, `most` of them, at its best point by the scores made of it, at its
+/// first one without; and how many more there are.
+pub fn navigations(
+    source: &ReportSource,
+    boards: &[ScoreBoard],
+    shown: &[ReportSubject],
+    most: usize,
+) -> (Vec<ReportSubject>, usize) {
     let plan = source.graph.plan;
-    let table_of = |r: &Ref| match r {
-        Ref::Stage(t, _) => Some(*t),
-        Ref::Flights(_) | Ref::Map(_) => None,
+    let table_of = |r: &TableRef| match r {
+        TableRef::Stage(t, _) => Some(*t),
+        TableRef::Flights(_) | TableRef::Map(_) => None,
     };
     let taken: Vec<usize> = shown.iter().filter_map(|s| table_of(s.navigate.as_ref()?)).collect();
     let others = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.name == "navigate" && !taken.contains(t));
@@ -102,7 +107,7 @@ pub fn navigations(source: &Source, boards: &[Board], shown: &[Subject], most: u
     let more = others.len().saturating_sub(most);
     others.truncate(most);
     let scored = |table: usize| {
-        let made_of = |b: &&Board| {
+        let made_of = |b: &&ScoreBoard| {
             let track = plan.upstream(&plan.instance(b.table, 0).inputs(), "navigate");
             track.and_then(|r| table_of(&r)) == Some(table)
         };
@@ -110,7 +115,7 @@ pub fn navigations(source: &Source, boards: &[Board], shown: &[Subject], most: u
         board.ranked(metric).first().map(|row| (board, metric, *row))
     };
     let one = |table: usize| {
-        let (name, at) = (&plan.tables[table].name, Ref::Stage(table, 0));
+        let (name, at) = (&plan.tables[table].name, TableRef::Stage(table, 0));
         let (id, title) = (format!("table-{name}"), format!("Navigation: table {name}"));
         let found = match scored(table) {
             Some((board, metric, row)) => subject(source, (board, metric), &id, &title, row),
@@ -118,19 +123,25 @@ pub fn navigations(source: &Source, boards: &[Board], shown: &[Subject], most: u
                 let point =
                     plan.instance(table, 0).point().iter().map(|(k, v)| format!("{k} = {v}")).collect::<Vec<_>>();
                 let stages = stages_of(source, &[at], None);
-                Subject { id, title, point: point.join(", "), why: "without scores".to_owned(), ..stages }
+                ReportSubject { id, title, point: point.join(", "), why: "without scores".to_owned(), ..stages }
             }
         };
         // Earlier stages are shown where the navigation is scored first.
-        Subject { compensate: None, map_value: None, fit: None, ..found }
+        ReportSubject { compensate: None, map_value: None, fit: None, ..found }
     };
     (others.into_iter().map(one).collect(), more)
 }
 
-fn subject(source: &Source, (board, metric): (&Board, usize), id: &str, title: &str, row: usize) -> Subject {
+fn subject(
+    source: &ReportSource,
+    (board, metric): (&ScoreBoard, usize),
+    id: &str,
+    title: &str,
+    row: usize,
+) -> ReportSubject {
     let instance = board.instances.get(row).copied().unwrap_or(0);
     let it = source.graph.plan.instance(board.table, instance);
-    let chosen = Chosen { at: (board.table, instance), metric: board.scores.metrics[metric] };
+    let chosen = SubjectScore { at: (board.table, instance), metric: board.scores.metrics[metric] };
     let lines = board.scores.lines;
     let pooled = if lines > 1 { format!(", {}", board.scores.over()) } else { String::new() };
     let marked = match board.marked(row) {
@@ -140,17 +151,24 @@ fn subject(source: &Source, (board, metric): (&Board, usize), id: &str, title: &
     let why = chosen.words(board.value(row, metric)) + &pooled + &marked;
     let truth = it.params().iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));
     let stages = stages_of(source, &it.inputs(), truth);
-    Subject { id: id.to_owned(), title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
+    ReportSubject {
+        id: id.to_owned(),
+        title: title.to_owned(),
+        point: board.point(row),
+        why,
+        chosen: Some(chosen),
+        ..stages
+    }
 }
 
 /// Without scores: the first point of every table, the last tables first.
-fn unscored(source: &Source) -> Option<Subject> {
+fn unscored(source: &ReportSource) -> Option<ReportSubject> {
     let plan = source.graph.plan;
-    let from: Vec<Ref> = (0..plan.tables.len()).rev().map(|t| Ref::Stage(t, 0)).collect();
+    let from: Vec<TableRef> = (0..plan.tables.len()).rev().map(|t| TableRef::Stage(t, 0)).collect();
     let first = plan.spec.axes.iter().filter_map(|a| a.values.first().map(|v| format!("{} = {v}", a.name)));
     let point = first.collect::<Vec<_>>().join(", ");
     let title = if point.is_empty() { "In detail" } else { "The first point in detail" }.to_owned();
-    let subject = Subject {
+    let subject = ReportSubject {
         id: "first".to_owned(),
         title,
         point,
@@ -160,7 +178,7 @@ fn unscored(source: &Source) -> Option<Subject> {
     (!from.is_empty()).then_some(subject)
 }
 
-fn stages_of(source: &Source, from: &[Ref], truth: Option<String>) -> Subject {
+fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) -> ReportSubject {
     let plan = source.graph.plan;
     let find = |stage: &str| plan.upstream(from, stage);
     let compensate = find("compensate");
@@ -169,10 +187,10 @@ fn stages_of(source: &Source, from: &[Ref], truth: Option<String>) -> Subject {
     let fit = model.or_else(|| find("fit"));
     let navigate = find("navigate");
     // It need not be scored to be worth a look.
-    let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| Ref::Stage(t, 0));
+    let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| TableRef::Stage(t, 0));
     let map_value = find("map_value").or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
-    Subject { id: String::new(), title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
+    ReportSubject { id: String::new(), title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
 }
 
 /// The text in the one spelling that parameters have.
@@ -186,7 +204,7 @@ pub fn word(canonical: &str) -> Option<String> {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
+pub fn lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<ReportLine>, Fault> {
     let scored = scored_lines(source, subject)?;
     let picks: &[(usize, &'static str)] = match scored.len() {
         0 => return Ok(longest(source, subject)),
@@ -194,7 +212,7 @@ pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
         2 => &[(0, "the better line"), (1, "the worse line")],
         n => &[(n / 2, "the median line"), (0, "the best line"), (n - 1, "the worst line")],
     };
-    let shown = |(i, why): &(usize, &'static str)| scored.get(*i).map(|line| Shown { line: *line, why });
+    let shown = |(i, why): &(usize, &'static str)| scored.get(*i).map(|line| ReportLine { line: *line, why });
     Ok(picks.iter().filter_map(shown).collect())
 }
 
@@ -202,7 +220,7 @@ pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn few_lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
+pub fn few_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<ReportLine>, Fault> {
     let mut all = lines(source, subject)?;
     if all.len() > LINES {
         all.drain(1..=all.len() - LINES);
@@ -211,12 +229,12 @@ pub fn few_lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault
 }
 
 /// Flight and line as text.
-pub fn named(source: &Source, line: LineId) -> String {
+pub fn named(source: &ReportSource, line: LineId) -> String {
     source.graph.lines.get(line).map(|(f, l)| format!("flight {f}, line {l}")).unwrap_or_default()
 }
 
 /// The line at the point of `subject` as text.
-pub fn place(source: &Source, subject: &Subject, line: LineId) -> String {
+pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> String {
     let table = subject.navigate.map(|r| source.graph.plan.name_of(r)).unwrap_or_default();
     let words = [table, &named(source, line), &subject.point].map(str::to_owned);
     words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(", ")
@@ -226,7 +244,12 @@ pub fn place(source: &Source, subject: &Subject, line: LineId) -> String {
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn label(source: &Source, subject: &Subject, shown: &Shown, best: &Subject) -> Result<String, Fault> {
+pub fn label(
+    source: &ReportSource,
+    subject: &ReportSubject,
+    shown: &ReportLine,
+    best: &ReportSubject,
+) -> Result<String, Fault> {
     let mut label =
         source.graph.lines.get(shown.line).map(|(f, l)| format!("Flight {f}, line {l}")).unwrap_or_default();
     if let Some(chosen) = &subject.chosen {
@@ -240,9 +263,9 @@ pub fn label(source: &Source, subject: &Subject, shown: &Shown, best: &Subject) 
 }
 
 /// The score of one line.
-fn score(source: &Source, chosen: &Chosen, line: LineId) -> Result<Option<f64>, Fault> {
+fn score(source: &ReportSource, chosen: &SubjectScore, line: LineId) -> Result<Option<f64>, Fault> {
     let (table, instance) = chosen.at;
-    let batch = source.tidy(Unit { table, instance, line: Some(line) }, &["metric", "value"])?;
+    let batch = source.tidy(PlanUnit { table, instance, line: Some(line) }, &["metric", "value"])?;
     let Some(batch) = batch else { return Ok(None) };
     let (Some(names), Some(values)) =
         (batch.column(0).as_string_opt::<i32>(), batch.column(1).as_primitive_opt::<Float64Type>())
@@ -254,7 +277,7 @@ fn score(source: &Source, chosen: &Chosen, line: LineId) -> Result<Option<f64>, 
 }
 
 /// The lines that have a score at the subject's point, best first.
-fn scored_lines(source: &Source, subject: &Subject) -> Result<Vec<LineId>, Fault> {
+fn scored_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<LineId>, Fault> {
     let Some(chosen) = &subject.chosen else { return Ok(vec![]) };
     let mut found: Vec<(f64, LineId)> = vec![];
     for line in source.graph.lines_of(chosen.at.0, chosen.at.1) {
@@ -266,12 +289,14 @@ fn scored_lines(source: &Source, subject: &Subject) -> Result<Vec<LineId>, Fault
 }
 
 /// The line with the most samples.
-fn longest(source: &Source, subject: &Subject) -> Vec<Shown> {
-    let Some(Ref::Stage(t, i)) = subject.navigate.or(subject.compensate).or(subject.map_value) else { return vec![] };
+fn longest(source: &ReportSource, subject: &ReportSubject) -> Vec<ReportLine> {
+    let Some(TableRef::Stage(t, i)) = subject.navigate.or(subject.compensate).or(subject.map_value) else {
+        return vec![];
+    };
     let rows = |l: &LineId| source.graph.records.iter().filter_map(|r| r.get(l)).map(|r| r.rows).max().unwrap_or(0);
     let lines = source.graph.lines_of(t, i).iter();
     let best = lines.copied().max_by_key(|l| (rows(l), std::cmp::Reverse(*l)));
-    best.map(|line| Shown { line, why: "the longest line" }).into_iter().collect()
+    best.map(|line| ReportLine { line, why: "the longest line" }).into_iter().collect()
 }
 
 #[cfg(test)]

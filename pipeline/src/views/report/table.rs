@@ -2,16 +2,16 @@
 
 use figures::palette::{Palette, hex, ink_on};
 use maud::{Markup, html};
-use schemas::metric::{Better, Metric};
+use schemas::metric::{Metric, MetricPreference};
 
-use super::{board::Board, source::Source};
+use super::{board::ScoreBoard, source::ReportSource};
 use crate::views::text::number;
 
 /// The most rows of the table: more are no longer looked through.
 const MOST: usize = 1000;
 
 /// One board: table and heat maps, and `by_line` what is said of single lines.
-pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
+pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) -> Markup {
     let name = &source.graph.plan.tables[board.table].name;
     let points = board.scores.rows.len();
     let spec = &source.graph.plan.spec;
@@ -46,7 +46,7 @@ pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
     }
 }
 
-fn table(board: &Board) -> Markup {
+fn table(board: &ScoreBoard) -> Markup {
     let best: Vec<Option<usize>> = (0..board.scores.metrics.len()).map(|m| board.scores.best(m)).collect();
     let marked = (0..board.scores.rows.len()).any(|r| board.marked(r) > 0);
     let in_sample = board.scores.in_sample.iter().any(|row| row.lines > 0);
@@ -82,7 +82,7 @@ fn table(board: &Board) -> Markup {
 }
 
 /// The rows of the table: all, or the best of too many.
-fn shown(board: &Board) -> Vec<usize> {
+fn shown(board: &ScoreBoard) -> Vec<usize> {
     let mut rows: Vec<usize> = (0..board.scores.rows.len()).collect();
     if rows.len() > MOST
         && let Some(metric) = board.headline()
@@ -101,14 +101,14 @@ fn spaced(name: &str) -> Markup {
 }
 
 /// Meaning of each metric, folded.
-fn glossary(board: &Board) -> Markup {
+fn glossary(board: &ScoreBoard) -> Markup {
     html! {
         details { summary { "Meaning of the columns" }
             dl { @for metric in &board.scores.metrics { dt { (metric.name) } dd { (spelt(metric.meaning))
                 (match metric.better {
-                    Better::Lower => "; smaller is better",
-                    Better::Higher => "; larger is better",
-                    Better::Near(_) | Better::Neither => "",
+                    MetricPreference::Lower => "; smaller is better",
+                    MetricPreference::Higher => "; larger is better",
+                    MetricPreference::Near(_) | MetricPreference::Neither => "",
                 }) } } }
         }
     }
@@ -119,8 +119,8 @@ fn spelt(text: &str) -> Markup {
     html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }
 
-/// A metric over two axes: the best over all others in each cell.
-struct Heat {
+/// Heat map of a metric over two axes: each cell is the best over the other axes.
+struct HeatMap {
     metric: usize,
     /// The two axes, as positions.
     axes: (usize, usize),
@@ -130,13 +130,13 @@ struct Heat {
     cells: Vec<Option<usize>>,
 }
 
-fn heat_maps(board: &Board, searched: &[&str]) -> Vec<Markup> {
+fn heat_maps(board: &ScoreBoard, searched: &[&str]) -> Vec<Markup> {
     let worth = (0..board.scores.metrics.len()).filter(|m| board.scores.metrics[*m].shown.heat_map);
     worth.filter_map(|m| heat(board, m, searched)).map(|h| drawn(board, &h)).collect()
 }
 
 /// Over the first two axes that have several values, other than those `searched`, whose values are met once.
-fn heat(board: &Board, metric: usize, searched: &[&str]) -> Option<Heat> {
+fn heat(board: &ScoreBoard, metric: usize, searched: &[&str]) -> Option<HeatMap> {
     const SIDE: usize = 40;
     let values = |axis: usize| {
         let mut seen: Vec<String> = vec![];
@@ -165,10 +165,10 @@ fn heat(board: &Board, metric: usize, searched: &[&str]) -> Option<Heat> {
             cells[i * columns.len() + k] = Some(row);
         }
     }
-    Some(Heat { metric, axes: (a, b), values: (rows, columns), cells })
+    Some(HeatMap { metric, axes: (a, b), values: (rows, columns), cells })
 }
 
-fn drawn(board: &Board, heat: &Heat) -> Markup {
+fn drawn(board: &ScoreBoard, heat: &HeatMap) -> Markup {
     let Metric { name, unit, .. } = board.scores.metrics[heat.metric];
     let axis = |i: usize| board.scores.axes[i].as_str();
     let others: Vec<&str> =
@@ -205,7 +205,7 @@ fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.filter(|v| *v > 0.0).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
 }
 
-fn tile(board: &Board, metric: usize, cell: Option<usize>, (low, high): (f64, f64)) -> Markup {
+fn tile(board: &ScoreBoard, metric: usize, cell: Option<usize>, (low, high): (f64, f64)) -> Markup {
     let Some((row, value)) = cell.and_then(|r| board.value(r, metric).map(|v| (r, v))) else {
         return html! { td { "-" } };
     };
@@ -225,7 +225,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::views::{report::board::tests::example, scores::InSample};
+    use crate::views::{report::board::tests::example, scores::InSampleScores};
 
     #[test]
     fn unit_the_best_of_each_metric_is_marked_once() {
@@ -275,7 +275,7 @@ mod tests {
     #[test]
     fn unit_a_value_in_sample_is_neither_coloured_nor_best() {
         let mut board = example();
-        let of = |seen: bool| InSample {
+        let of = |seen: bool| InSampleScores {
             lines: if seen { 2 } else { 0 },
             held_out: if seen { 0 } else { 2 },
             metrics: vec![seen; 3],

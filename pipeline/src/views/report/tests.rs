@@ -10,7 +10,7 @@ fn looked_at<T>(
     example: &str,
     ran: &[&str],
     asked: &[&str],
-    look: impl Fn(&Graph, &Store) -> Result<T, Fault>,
+    look: impl Fn(&PlanGraph, &Store) -> Result<T, Fault>,
 ) -> Result<T, Fault> {
     let store = tempfile::tempdir().unwrap();
     let place = format!("store={}", store.path().display());
@@ -21,8 +21,8 @@ fn looked_at<T>(
     };
     let (first, second) = (plan(ran), plan(asked));
     let held = Store::open(store.path()).unwrap();
-    run::run(&first, &held, run::Options::default(), &run::Quiet).unwrap();
-    let graph = Graph::new(&second, &held, &|_, _| ()).unwrap();
+    run::run(&first, &held, run::RunOptions::default(), &run::SilentListener).unwrap();
+    let graph = PlanGraph::new(&second, &held, &|_, _| ()).unwrap();
     look(&graph, &held)
 }
 
@@ -116,8 +116,8 @@ fn unit_tracks_for_google_earth_are_those_of_the_page_or_of_choice() {
     let names = |words: &[&str]| words.iter().map(ToString::to_string).collect::<Vec<String>>();
     let (all, held, line) = (names(&[]), names(&["held"]), names(&["1.02"]));
     let (wrong, off) = (names(&["holt"]), names(&["1.09"]));
-    let look = |graph: &Graph, store: &Store| {
-        let of = |tables: &[String], lines: &[String]| kml(graph, store, &Choice { tables, lines }, "tracks");
+    let look = |graph: &PlanGraph, store: &Store| {
+        let of = |tables: &[String], lines: &[String]| kml(graph, store, &TrackSelection { tables, lines }, "tracks");
         Ok((of(&all, &all)?, of(&held, &line)?, of(&wrong, &all).unwrap_err(), of(&held, &off).unwrap_err()))
     };
     let (page, one, no_table, no_line) = looked_at("navigation", &[], &[], look).unwrap();
@@ -201,8 +201,8 @@ fn unit_the_warnings_of_a_run_are_read_back_as_they_were() {
     let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();
     let plan = Plan::new(spec, &catalogue()).unwrap();
     let held = Store::open(store.path()).unwrap();
-    run::run(&plan, &held, run::Options::default(), &run::Quiet).unwrap();
-    let graph = Graph::new(&plan, &held, &|_, _| ()).unwrap();
+    run::run(&plan, &held, run::RunOptions::default(), &run::SilentListener).unwrap();
+    let graph = PlanGraph::new(&plan, &held, &|_, _| ()).unwrap();
     let written = warnings::written(&plan, &held).unwrap().unwrap();
     assert_eq!(written, warnings::present(&graph, &held).unwrap());
 }

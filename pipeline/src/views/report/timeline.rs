@@ -3,11 +3,11 @@
 use figures::{chart::px, ticks};
 use maud::{Markup, html};
 
-use crate::sources::checks::Figure;
+use crate::sources::checks::QualityFigure;
 
-/// A column over the time of a flight, s.
+/// Timeline of one column over a flight, times in s.
 #[derive(Clone, Debug, Default)]
-pub struct Lane {
+pub struct TimelineLane {
     /// Its name.
     pub name: String,
     /// First and last time of each line.
@@ -15,15 +15,15 @@ pub struct Lane {
     /// Where samples are missing between them.
     pub gaps: Vec<(f64, f64)>,
     /// Fault, and its first and last time.
-    pub parts: Vec<(Figure, f64, f64)>,
+    pub parts: Vec<(QualityFigure, f64, f64)>,
 }
 
-/// The rows of a flight.
+/// Timeline of the columns of a flight.
 pub struct Timeline<'a> {
     /// The flight.
     pub flight: &'a str,
     /// Its columns.
-    pub lanes: Vec<Lane>,
+    pub lanes: Vec<TimelineLane>,
     /// Columns that are not shown.
     pub hidden: usize,
 }
@@ -51,8 +51,8 @@ impl Timeline<'_> {
         let across = |t: f64| LEFT + (t - start) / (end - start) * (WIDTH - LEFT - RIGHT);
         let height = TOP + LANE * self.lanes.len() as f64 + BOTTOM;
         let bottom = height - BOTTOM;
-        let occurs = |figure: Figure| self.lanes.iter().any(|l| l.parts.iter().any(|p| p.0 == figure));
-        let kinds: Vec<(Figure, &str, &str)> = KINDS.into_iter().filter(|kind| occurs(kind.0)).collect();
+        let occurs = |figure: QualityFigure| self.lanes.iter().any(|l| l.parts.iter().any(|p| p.0 == figure));
+        let kinds: Vec<(QualityFigure, &str, &str)> = KINDS.into_iter().filter(|kind| occurs(kind.0)).collect();
         let gaps = self.lanes.iter().any(|lane| !lane.gaps.is_empty());
         let title = format!("Flight {}: flagged samples over time", self.flight);
         Some(html! {
@@ -88,11 +88,11 @@ impl Timeline<'_> {
 }
 
 /// Figures that are drawn, with the class in the style sheet and the name; the narrowest last.
-const KINDS: [(Figure, &str, &str); 4] = [
-    (Figure::Saturation, "saturated", "saturated"),
-    (Figure::Stuck, "stuck", "stuck"),
-    (Figure::Dropouts, "missing", "missing values"),
-    (Figure::Spikes, "spike", "spike"),
+const KINDS: [(QualityFigure, &str, &str); 4] = [
+    (QualityFigure::Saturation, "saturated", "saturated"),
+    (QualityFigure::Stuck, "stuck", "stuck"),
+    (QualityFigure::Dropouts, "missing", "missing values"),
+    (QualityFigure::Spikes, "spike", "spike"),
 ];
 
 /// A name that has room.
@@ -135,11 +135,11 @@ mod tests {
 
     #[test]
     fn unit_each_part_is_in_the_lane_of_its_column() {
-        let lane = Lane {
+        let lane = TimelineLane {
             name: "mag_1_uc".into(),
             lines: vec![(0.0, 600.0)],
             gaps: vec![(100.0, 130.0)],
-            parts: vec![(Figure::Stuck, 300.0, 360.0)],
+            parts: vec![(QualityFigure::Stuck, 300.0, 360.0)],
         };
         let text = Timeline { flight: "7", lanes: vec![lane], hidden: 0 }.draw().unwrap().into_string();
         for part in ["Flight 7", "class=\"stuck\"", "class=\"gap\"", "mag_1_uc", "key stuck"] {

@@ -4,37 +4,37 @@ use figures::ellipse::Ellipse;
 use numerics::{earth::geodesy::EarthModel, regression::statistics::position_nees};
 use schemas::{Fault, Role};
 
-use super::{source::Source, subject::Subject};
-use crate::plan::{LineId, Ref};
+use super::{source::ReportSource, subject::ReportSubject};
+use crate::plan::{LineId, TableRef};
 
-/// A track in degrees.
+/// Track: latitudes and longitudes in degrees.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Track {
+pub struct DegreeTrack {
     /// Latitudes.
     pub lat: Vec<f64>,
     /// Longitudes.
     pub lon: Vec<f64>,
 }
 
-/// Offsets in metres.
+/// Offsets north and east, m.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Offsets {
+pub struct TrackOffsets {
     /// North.
     pub north: Vec<f64>,
     /// East.
     pub east: Vec<f64>,
 }
 
-/// All of one line.
-pub struct Flown {
+/// Tracks and filter outputs of one line.
+pub struct LineTracks {
     /// Times, s.
     pub tt: Vec<f64>,
     /// The true track, where it is known.
-    pub truth: Option<Track>,
+    pub truth: Option<DegreeTrack>,
     /// That of the INS alone.
-    pub ins: Option<Track>,
+    pub ins: Option<DegreeTrack>,
     /// The estimate.
-    pub estimate: Track,
+    pub estimate: DegreeTrack,
     /// One sigma north, one sigma east, and their covariance: m, m, m².
     pub sigma: Option<[Vec<f64>; 3]>,
     /// Innovations, nT.
@@ -43,10 +43,10 @@ pub struct Flown {
     pub nis: Option<Vec<f64>>,
 }
 
-impl Track {
-    fn read(source: &Source, r: Ref, line: LineId, names: [&str; 2]) -> Result<Option<Track>, Fault> {
+impl DegreeTrack {
+    fn read(source: &ReportSource, r: TableRef, line: LineId, names: [&str; 2]) -> Result<Option<DegreeTrack>, Fault> {
         let (lat, lon) = (source.floats(r, line, names[0])?, source.floats(r, line, names[1])?);
-        Ok(lat.zip(lon).map(|(lat, lon)| Track { lat, lon }))
+        Ok(lat.zip(lon).map(|(lat, lon)| DegreeTrack { lat, lon }))
     }
 
     /// Its places, as latitude and longitude.
@@ -61,41 +61,41 @@ impl Track {
     }
 
     /// Its offsets from `other`.
-    pub fn less(&self, other: &Track) -> Offsets {
+    pub fn less(&self, other: &DegreeTrack) -> TrackOffsets {
         let offset = |(own, other)| EarthModel::default().offset_ne_m(other, own, 0.0);
         let (north, east) = self.places().zip(other.places()).map(offset).unzip();
-        Offsets { north, east }
+        TrackOffsets { north, east }
     }
 }
 
-impl Flown {
+impl LineTracks {
     /// Navigation of `line` in `subject`; `None` where it has none.
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Flown>, Fault> {
-        let Some(r @ Ref::Stage(t, i)) = subject.navigate else { return Ok(None) };
+    pub fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Option<LineTracks>, Fault> {
+        let Some(r @ TableRef::Stage(t, i)) = subject.navigate else { return Ok(None) };
         let Some(flights) = source.graph.plan.instance(t, i).first_input() else { return Ok(None) };
         let column = |name: &str| source.floats(r, line, name);
-        let estimate = Track::read(source, r, line, ["lat", "lon"])?;
+        let estimate = DegreeTrack::read(source, r, line, ["lat", "lon"])?;
         let (Some(tt), Some(estimate)) = (column("tt")?, estimate) else { return Ok(None) };
         let is_truth = source.shape(flights).is_some_and(|s| s.get("lat").is_some_and(|c| c.role == Role::Truth));
-        let truth = if is_truth { Track::read(source, flights, line, ["lat", "lon"])? } else { None };
-        let ins = Track::read(source, flights, line, ["ins_lat", "ins_lon"])?;
+        let truth = if is_truth { DegreeTrack::read(source, flights, line, ["lat", "lon"])? } else { None };
+        let ins = DegreeTrack::read(source, flights, line, ["ins_lat", "ins_lon"])?;
         let sigma = match (column("sd_n")?, column("sd_e")?, column("cov_ne")?) {
             (Some(n), Some(e), Some(ne)) => Some([n, e, ne]),
             _ => None,
         };
-        Ok(Some(Flown { tt, truth, ins, estimate, sigma, residual: column("residual")?, nis: column("nis")? }))
+        Ok(Some(LineTracks { tt, truth, ins, estimate, sigma, residual: column("residual")?, nis: column("nis")? }))
     }
 
     /// The estimate's errors, truth less estimate.
-    pub fn errors(&self) -> Option<Offsets> {
+    pub fn errors(&self) -> Option<TrackOffsets> {
         self.truth.as_ref().map(|truth| truth.less(&self.estimate))
     }
 
     /// The errors of the INS alone, truth less INS: what the states of the filter are.
-    pub fn ins_errors(&self) -> Option<Offsets> {
+    pub fn ins_errors(&self) -> Option<TrackOffsets> {
         Some(self.truth.as_ref()?.less(self.ins.as_ref()?))
     }
 
@@ -107,7 +107,7 @@ impl Flown {
 }
 
 /// Squared position errors in units of their covariance, e' P⁻¹ e.
-pub fn nees(errors: &Offsets, [sd_n, sd_e, cov]: &[Vec<f64>; 3]) -> Vec<f64> {
+pub fn nees(errors: &TrackOffsets, [sd_n, sd_e, cov]: &[Vec<f64>; 3]) -> Vec<f64> {
     position_nees(&errors.north, &errors.east, sd_n, sd_e, cov)
 }
 
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn unit_an_error_of_one_sigma_each_way_is_two() {
-        let errors = Offsets { north: vec![3.0, 3.0], east: vec![-4.0, -4.0] };
+        let errors = TrackOffsets { north: vec![3.0, 3.0], east: vec![-4.0, -4.0] };
         let values = nees(&errors, &[vec![3.0; 2], vec![4.0; 2], vec![0.0, -6.0]]);
         assert!((values[0] - 2.0).abs() < 1e-12);
         // Correlation of -0.5 makes the same error less surprising: 2 (1 - 0.5) / (1 - 0.25).
@@ -126,8 +126,10 @@ mod tests {
 
     #[test]
     fn unit_north_is_positive_northwards() {
-        let (truth, own) =
-            (Track { lat: vec![-22.0], lon: vec![140.0] }, Track { lat: vec![-21.999], lon: vec![139.999] });
+        let (truth, own) = (
+            DegreeTrack { lat: vec![-22.0], lon: vec![140.0] },
+            DegreeTrack { lat: vec![-21.999], lon: vec![139.999] },
+        );
         let offsets = own.less(&truth);
         assert!(
             (110.0..111.5).contains(&offsets.north[0]) && (-104.0..-102.0).contains(&offsets.east[0]),

@@ -1,20 +1,20 @@
 //! How the models that learn were trained: the losses of their epochs.
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
-use figures::chart::{Chart, Dim, Line};
+use figures::chart::{ChartAxis, ChartLine, LineChart};
 use maud::{Markup, html};
 use schemas::Fault;
 
-use super::source::Source;
+use super::source::ReportSource;
 use crate::views::text::point_words;
 
 const HEIGHT: f64 = 260.0;
 /// More trainings are not drawn.
 const MOST: usize = 12;
 
-/// The losses of one training, by epoch.
+/// Training and validation loss by epoch.
 #[derive(Default)]
-struct Curve {
+struct LossCurve {
     training: Vec<(f64, f64)>,
     validation: Vec<(f64, f64)>,
 }
@@ -23,7 +23,7 @@ struct Curve {
 ///
 /// # Errors
 /// Fails when a model cannot be read.
-pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
     let (mut charts, mut more) = (vec![], 0);
     for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.name == "fit") {
@@ -39,7 +39,7 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
                 continue;
             };
             let rows = (0..terms.len()).filter(|i| terms.is_valid(*i) && values.is_valid(*i));
-            let curve = Curve::of(rows.map(|i| (terms.value(i), values.value(i))));
+            let curve = LossCurve::from_terms(rows.map(|i| (terms.value(i), values.value(i))));
             if curve.training.len() < 2 {
                 continue;
             }
@@ -65,10 +65,10 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
     }))
 }
 
-impl Curve {
+impl LossCurve {
     /// Learning curve from the terms of a model; with several networks, that of the first.
-    fn of<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> Curve {
-        let mut curve = Curve::default();
+    fn from_terms<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> LossCurve {
+        let mut curve = LossCurve::default();
         let epoch = |term: &str, key: &str| -> Option<f64> {
             term.strip_prefix(key)?.strip_prefix('[')?.strip_suffix(']')?.parse().ok()
         };
@@ -88,21 +88,21 @@ impl Curve {
             Some((epoch, loss)) => format!("The lowest validation loss is {loss:.4}, in epoch {epoch}."),
             None => "No lines were held out for validation.".to_owned(),
         };
-        let mut lines = vec![Line { name: "training".into(), class: "after", points: self.training }];
+        let mut lines = vec![ChartLine { name: "training".into(), class: "after", points: self.training }];
         if best.is_some() {
-            lines.push(Line { name: "validation".into(), class: "before", points: self.validation });
+            lines.push(ChartLine { name: "validation".into(), class: "before", points: self.validation });
         }
         let marks = best.map(|(x, y)| ("least".to_owned(), x, y)).into_iter().collect();
-        let chart = Chart {
+        let chart = LineChart {
             title,
             caption,
-            x: Dim::new("epoch"),
-            y: Dim::new("loss").log(),
+            x: ChartAxis::new("epoch"),
+            y: ChartAxis::new("loss").log(),
             lines,
             marks,
             height: HEIGHT,
             half: true,
-            ..Chart::default()
+            ..LineChart::default()
         };
         chart.draw()
     }
@@ -117,7 +117,7 @@ mod tests {
         let terms = [("epoch_training[2]", 0.5), ("x", 3.0), ("epoch_training[1]", 0.9), ("epoch_rate[1]", 0.1)];
         let more =
             [("epoch_validation[1]", 1.0), ("epoch_validation[2]", f64::NAN), ("member2.epoch_training[1]", 7.0)];
-        let curve = Curve::of(terms.into_iter().chain(more));
+        let curve = LossCurve::from_terms(terms.into_iter().chain(more));
         assert_eq!(curve.training, [(1.0, 0.9), (2.0, 0.5)]);
         assert_eq!(curve.validation, [(1.0, 1.0)]);
         assert!(curve.chart("network".into()).is_some_and(|m| m.0.contains("in epoch 1")));

@@ -1,21 +1,21 @@
 //! How the coefficients of a model differ from one calibration to the next. [Gnadt 2022, Tables 3.1, 3.2, Figure 3-8]
 
 use arrow_array::{cast::AsArray, types::Float64Type};
-use figures::chart::{Chart, Dim, Line};
+use figures::chart::{ChartAxis, ChartLine, LineChart};
 use maud::{Markup, html};
-use numerics::compensation::diagnostics::{Variation, variation};
+use numerics::compensation::diagnostics::{CoefficientVariation, variation};
 use schemas::Fault;
 
-use super::source::Source;
+use super::source::ReportSource;
 use crate::{
-    plan::{Instance, Ref, Unit},
+    plan::{PlanUnit, StageInstance, TableRef},
     views::text::number,
 };
 
 /// Maximum number of calibrations with a separate column.
 const COLUMNS: usize = 8;
 
-/// Models that differ in one axis alone.
+/// Models that differ only in one axis.
 struct Calibrations {
     /// The axis.
     axis: String,
@@ -28,7 +28,7 @@ struct Calibrations {
 }
 
 /// The coefficients of some models with the same terms.
-struct Coefficients {
+struct ModelCoefficients {
     terms: Vec<String>,
     /// The value of the axis, and a coefficient for each term.
     models: Vec<(String, Vec<f64>)>,
@@ -45,16 +45,16 @@ const TABLES: usize = 4;
 ///
 /// # Errors
 /// Fails when the store is damaged.
-pub fn section(source: &Source, fit: Option<Ref>) -> Result<Option<Markup>, Fault> {
+pub fn section(source: &ReportSource, fit: Option<TableRef>) -> Result<Option<Markup>, Fault> {
     let tables = &source.graph.plan.tables;
     let mut parts = vec![];
     for table in (0..tables.len()).filter(|t| tables[*t].entry.name == "fit") {
-        let instance = fit.and_then(|r| if let Ref::Stage(t, i) = r { (t == table).then_some(i) } else { None });
+        let instance = fit.and_then(|r| if let TableRef::Stage(t, i) = r { (t == table).then_some(i) } else { None });
         if parts.len() < TABLES {
             parts.extend(of_table(source, table, instance.unwrap_or(0), true)?);
         }
     }
-    if let (true, Some(Ref::Stage(table, instance))) = (parts.is_empty(), fit) {
+    if let (true, Some(TableRef::Stage(table, instance))) = (parts.is_empty(), fit) {
         parts.extend(of_table(source, table, instance, false)?);
     }
     Ok((!parts.is_empty()).then(|| {
@@ -62,11 +62,11 @@ pub fn section(source: &Source, fit: Option<Ref>) -> Result<Option<Markup>, Faul
     }))
 }
 
-fn of_table(source: &Source, table: usize, instance: usize, of_rows: bool) -> Result<Vec<Markup>, Fault> {
+fn of_table(source: &ReportSource, table: usize, instance: usize, of_rows: bool) -> Result<Vec<Markup>, Fault> {
     let node = &source.graph.plan.tables[table];
     let mut parts = vec![];
     for one in calibrations(source, table, instance).iter().filter(|c| c.of_rows == of_rows) {
-        let Some(found) = Coefficients::read(source, table, one)? else { continue };
+        let Some(found) = ModelCoefficients::read(source, table, one)? else { continue };
         let chart = if of_rows { over_lambda(source, table, instance, one)? } else { None };
         let others = node.axis_columns(&source.graph.plan.instance(table, instance), &source.graph.plan.spec);
         let others = others.iter().filter(|(name, _)| *name != one.axis).map(|(name, v)| format!("{name} = {v}"));
@@ -77,12 +77,12 @@ fn of_table(source: &Source, table: usize, instance: usize, of_rows: bool) -> Re
 }
 
 /// The value of an axis at a point, as text.
-fn spelt(instance: &Instance, axis: &str) -> String {
+fn spelt(instance: &StageInstance, axis: &str) -> String {
     instance.point().get(axis).map(ToString::to_string).unwrap_or_default()
 }
 
 /// For each axis of the table, the models that differ from that at `instance` in this axis alone.
-fn calibrations(source: &Source, table: usize, instance: usize) -> Vec<Calibrations> {
+fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
     let beside = |axis: &usize| {
@@ -98,12 +98,12 @@ fn calibrations(source: &Source, table: usize, instance: usize) -> Vec<Calibrati
     node.axes.iter().map(beside).filter(|c| c.members.len() > 1).collect()
 }
 
-impl Coefficients {
+impl ModelCoefficients {
     /// `None` where there are fewer than two, or their terms differ.
-    fn read(source: &Source, table: usize, of: &Calibrations) -> Result<Option<Coefficients>, Fault> {
-        let mut found = Coefficients { terms: vec![], models: vec![] };
+    fn read(source: &ReportSource, table: usize, of: &Calibrations) -> Result<Option<ModelCoefficients>, Fault> {
+        let mut found = ModelCoefficients { terms: vec![], models: vec![] };
         for instance in &of.members {
-            let unit = Unit { table, instance: *instance, line: None };
+            let unit = PlanUnit { table, instance: *instance, line: None };
             let Some(batch) = source.tidy(unit, &["term", "value"])? else { continue };
             let (Some(terms), Some(values)) =
                 (batch.column(0).as_string_opt::<i32>(), batch.column(1).as_primitive_opt::<Float64Type>())
@@ -122,7 +122,7 @@ impl Coefficients {
         Ok((found.models.len() > 1).then_some(found))
     }
 
-    fn variation(&self) -> Result<Vec<Variation>, Fault> {
+    fn variation(&self) -> Result<Vec<CoefficientVariation>, Fault> {
         let slices: Vec<&[f64]> = self.models.iter().map(|(_, c)| c.as_slice()).collect();
         variation(&slices).map_err(|e| Fault::machine(e.to_string()))
     }
@@ -164,13 +164,18 @@ fn cell(value: f64) -> Markup {
 }
 
 /// The mean of the coefficients of variation, of those that there are.
-fn mean_of(spread: &[Variation]) -> Option<f64> {
+fn mean_of(spread: &[CoefficientVariation]) -> Option<f64> {
     let there: Vec<f64> = spread.iter().map(|v| v.coefficient_of_variation).filter(|v| v.is_finite()).collect();
     (!there.is_empty()).then(|| there.iter().sum::<f64>() / there.len() as f64)
 }
 
 /// The mean coefficient of variation over the ridge parameter, where the sweep has several. [Gnadt 2022, Figure 3-8]
-fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations) -> Result<Option<Markup>, Fault> {
+fn over_lambda(
+    source: &ReportSource,
+    table: usize,
+    instance: usize,
+    of: &Calibrations,
+) -> Result<Option<Markup>, Fault> {
     let lambda = |i: usize| {
         let params = source.graph.plan.instance(table, i).params();
         params.iter().find(|(name, _)| *name == "lambda").and_then(|(_, v)| v.parse::<f64>().ok())
@@ -182,13 +187,13 @@ fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations
     for at in &swept.members {
         let group = calibrations(source, table, *at).into_iter().find(|c| c.axis == of.axis);
         let (Some(group), Some(lambda)) = (group, lambda(*at)) else { continue };
-        if let Some(found) = Coefficients::read(source, table, &group)? {
+        if let Some(found) = ModelCoefficients::read(source, table, &group)? {
             points.extend(mean_of(&found.variation()?).map(|mean| (lambda, mean)));
         }
     }
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let x = Dim::new("lambda");
-    let chart = Chart {
+    let x = ChartAxis::new("lambda");
+    let chart = LineChart {
         title: "Similarity of calibrations".into(),
         caption:
             "The mean of std / |mean| over all terms. A large ridge parameter makes calibrations similar. The scores \
@@ -196,10 +201,10 @@ fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations
                 .into(),
         // A logarithm has no place for 0.
         x: if points.first().is_some_and(|p| p.0 > 0.0) { x.log() } else { x },
-        y: Dim::new("mean coefficient of variation").log(),
-        lines: vec![Line { name: "mean over the terms".into(), class: "after", points }],
+        y: ChartAxis::new("mean coefficient of variation").log(),
+        lines: vec![ChartLine { name: "mean over the terms".into(), class: "after", points }],
         height: 260.0,
-        ..Chart::default()
+        ..LineChart::default()
     };
     Ok(chart.draw())
 }
@@ -214,7 +219,7 @@ mod tests {
     fn ref_table_3_1_of_thesis_000() {
         // cosX and cosYZ of lines 1001.01, 1002.02 and 1006.04.
         let models = [("1001.01", [1974.0, -18.0]), ("1002.02", [1798.0, 180.0]), ("1006.04", [1243.0, 190.0])];
-        let found = Coefficients {
+        let found = ModelCoefficients {
             terms: vec!["x".into(), "yz".into()],
             models: models.map(|(line, c)| (line.to_owned(), c.to_vec())).to_vec(),
         };

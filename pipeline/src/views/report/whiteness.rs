@@ -1,15 +1,15 @@
 //! Whether the innovations of a filter are white and of the size that it predicts.
 
-use figures::chart::{Band, Chart, Dim, Line};
+use figures::chart::{ChartAxis, ChartBand, ChartLine, LineChart};
 use maud::{Markup, html};
 use numerics::regression::{
     consistency::{autocorrelation, whiteness},
-    statistics::{self, Figure},
+    statistics::{self, SampleStatistic},
 };
 
 use super::{
     signal::{minutes, time_axis},
-    track::Flown,
+    track::LineTracks,
 };
 use crate::views::text::number;
 
@@ -23,7 +23,7 @@ const LAGS: usize = 80;
 const HEIGHT: f64 = 250.0;
 
 /// The figure of one line at a point, which `place` names; `None` without innovations.
-pub fn plot(flown: &Flown, place: &str) -> Option<Markup> {
+pub fn plot(flown: &LineTracks, place: &str) -> Option<Markup> {
     let found = normalised(flown)?;
     let parts: Vec<Markup> =
         [found.correlogram(), found.nis()].into_iter().flatten().filter_map(|c| c.part()).collect();
@@ -32,8 +32,8 @@ pub fn plot(flown: &Flown, place: &str) -> Option<Markup> {
     })
 }
 
-/// Innovations over their predicted deviations, one an update.
-struct Normalised {
+/// Innovations divided by their predicted standard deviations, one for each update.
+struct NormalisedInnovations {
     minutes: Vec<f64>,
     x: Vec<f64>,
     /// Seconds between updates.
@@ -42,7 +42,7 @@ struct Normalised {
     nis: f64,
 }
 
-fn normalised(flown: &Flown) -> Option<Normalised> {
+fn normalised(flown: &LineTracks) -> Option<NormalisedInnovations> {
     let (residual, nis) = (flown.residual.as_ref()?, flown.nis.as_ref()?);
     let all: Vec<f64> = residual.iter().zip(nis).map(|(r, n)| n.sqrt().copysign(*r)).collect();
     let there: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
@@ -55,7 +55,12 @@ fn normalised(flown: &Flown) -> Option<Normalised> {
     let minutes = minutes(&flown.tt).into_iter().skip(first).step_by(every).collect();
     let (from, to) = (flown.tt.first()?, flown.tt.last()?);
     let step_s = every as f64 * (to - from) / (flown.tt.len() - 1) as f64;
-    (step_s.is_finite() && step_s > 0.0).then_some(Normalised { minutes, x, step_s, nis: statistics::mean(nis).value })
+    (step_s.is_finite() && step_s > 0.0).then_some(NormalisedInnovations {
+        minutes,
+        x,
+        step_s,
+        nis: statistics::mean(nis).value,
+    })
 }
 
 /// Lags from one update to `last`: all of the first ones, then ever wider apart.
@@ -67,15 +72,15 @@ fn lags(last: usize) -> Vec<usize> {
     lags
 }
 
-impl Normalised {
-    fn correlogram(&self) -> Option<Chart> {
+impl NormalisedInnovations {
+    fn correlogram(&self) -> Option<LineChart> {
         let (x, step_s) = (&self.x, self.step_s);
         let last = (x.len() / 10).max(1);
-        let found: Vec<(f64, Figure)> =
+        let found: Vec<(f64, SampleStatistic)> =
             lags(last).into_iter().map(|k| (k as f64 * step_s, autocorrelation(x, k))).collect();
         let known = || found.iter().filter(|(_, r)| r.value.is_finite()).copied();
         let points: Vec<(f64, f64)> = known().map(|(lag, r)| (lag, r.value)).collect();
-        let half = |r: Figure| Z95 / (r.n as f64).sqrt();
+        let half = |r: SampleStatistic| Z95 / (r.n as f64).sqrt();
         let band = known().map(|(lag, r)| (lag, -half(r), half(r))).collect();
         if points.len() < 2 {
             return None;
@@ -91,20 +96,20 @@ impl Normalised {
             100.0 * white as f64 / points.len() as f64,
             if counted.is_nan() { "too few".to_owned() } else { format!("{:.0} %", 100.0 * counted) },
         );
-        Some(Chart {
+        Some(LineChart {
             title: "Autocorrelation".into(),
             caption,
-            x: Dim::new("lag, s").log(),
-            y: Dim::new("autocorrelation"),
-            bands: vec![Band { name: "95 % of white noise".into(), points: band }],
-            lines: vec![Line { name: "innovations".into(), class: "after", points }],
+            x: ChartAxis::new("lag, s").log(),
+            y: ChartAxis::new("autocorrelation"),
+            bands: vec![ChartBand { name: "95 % of white noise".into(), points: band }],
+            lines: vec![ChartLine { name: "innovations".into(), class: "after", points }],
             height: HEIGHT,
             half: true,
-            ..Chart::default()
+            ..LineChart::default()
         })
     }
 
-    fn nis(&self) -> Option<Chart> {
+    fn nis(&self) -> Option<LineChart> {
         let nis: Vec<f64> = self.x.iter().map(|x| x * x).collect();
         let window = (nis.len() / 200).max(10);
         let points = window_means(&self.minutes, &nis, window);
@@ -118,17 +123,17 @@ impl Normalised {
             number(Some(high)),
             number(Some(self.nis)),
         );
-        Some(Chart {
+        Some(LineChart {
             title: "NIS".into(),
             caption,
             x: time_axis(),
             // A mean that stays near its law needs no logarithms, one that does not is not seen without.
-            y: Dim { log: largest > 4.0 * high, ..Dim::new("mean NIS") },
-            lines: vec![Line { name: format!("mean over {window} updates"), class: "after", points }],
+            y: ChartAxis { log: largest > 4.0 * high, ..ChartAxis::new("mean NIS") },
+            lines: vec![ChartLine { name: format!("mean over {window} updates"), class: "after", points }],
             levels: vec![("95 % band".into(), low), (String::new(), high)],
             height: HEIGHT,
             half: true,
-            ..Chart::default()
+            ..LineChart::default()
         })
     }
 }
@@ -154,14 +159,14 @@ fn window_means(time: &[f64], x: &[f64], window: usize) -> Vec<(f64, f64)> {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use numerics::random::Normals;
+    use numerics::random::NormalGenerator;
 
     use super::*;
-    use crate::views::report::track::Track;
+    use crate::views::report::track::DegreeTrack;
 
     /// Innovations of a sigma of 5 nT, `decay` from one to the next, one every `every` samples of 0.1 s.
-    fn flown(updates: usize, decay: f64, every: usize) -> Flown {
-        let mut normals = Normals::new(3);
+    fn flown(updates: usize, decay: f64, every: usize) -> LineTracks {
+        let mut normals = NormalGenerator::new(3);
         let (mut x, step) = (normals.draw(), (1.0 - decay * decay).sqrt());
         let rows = updates * every;
         let (mut residual, mut nis) = (vec![f64::NAN; rows], vec![f64::NAN; rows]);
@@ -169,11 +174,11 @@ mod tests {
             (residual[k], nis[k]) = (5.0 * x, x * x);
             x = decay * x + step * normals.draw();
         }
-        Flown {
+        LineTracks {
             tt: (0..rows).map(|k| k as f64 / 10.0).collect(),
             truth: None,
             ins: None,
-            estimate: Track { lat: vec![0.0; rows], lon: vec![0.0; rows] },
+            estimate: DegreeTrack { lat: vec![0.0; rows], lon: vec![0.0; rows] },
             sigma: None,
             residual: Some(residual),
             nis: Some(nis),

@@ -7,11 +7,11 @@ use datafusion::{
 };
 use schemas::Fault;
 
-use super::{memory, scan::Unreadable, session::Session, tables::Known};
+use super::{memory, scan::ScanFault, session::SqlSession, tables::QueryTables};
 use crate::deep;
 
 /// Fault for the error `e`.
-pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
+pub fn fault(e: &DataFusionError, session: &SqlSession, query: &str) -> Fault {
     match e.find_root() {
         DataFusionError::ResourcesExhausted(_) => memory::fault(session.memory()),
         DataFusionError::SQL(inner, _) if matches!(inner.as_ref(), ParserError::RecursionLimitExceeded) => {
@@ -24,8 +24,8 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
             }
             other => Fault::new(format!("cannot run the query: {other}")),
         },
-        DataFusionError::External(inner) if inner.is::<Unreadable>() => match inner.downcast_ref::<Unreadable>() {
-            Some(Unreadable(fault)) => fault.clone(),
+        DataFusionError::External(inner) if inner.is::<ScanFault>() => match inner.downcast_ref::<ScanFault>() {
+            Some(ScanFault(fault)) => fault.clone(),
             None => Fault::machine(inner.to_string()),
         },
         root => {
@@ -46,7 +46,7 @@ pub fn fault(e: &DataFusionError, session: &Session, query: &str) -> Fault {
 }
 
 /// The first table of the query that the store does not have.
-fn missing(session: &Session, query: &str) -> Option<Fault> {
+fn missing(session: &SqlSession, query: &str) -> Option<Fault> {
     let (known, state) = (session.known(), session.context().state());
     let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).ok()?;
     let asked = state.resolve_table_references(&statement).ok()?;
@@ -57,7 +57,7 @@ fn missing(session: &Session, query: &str) -> Option<Fault> {
     asked.iter().find_map(|table| not_there(table, known))
 }
 
-fn not_there(table: &TableReference, known: &Known) -> Option<Fault> {
+fn not_there(table: &TableReference, known: &QueryTables) -> Option<Fault> {
     let name = match table.schema() {
         Some(schema) => format!("{schema}.{}", table.table()),
         None => table.table().to_owned(),
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn gold_the_nearest_table_is_named_as_it_is_written() {
         let tables = ["small.scores", "small.clean", "Big-one.scores"].map(str::to_owned).to_vec();
-        let known = Known { pins: Default::default(), tables, elsewhere: vec![] };
+        let known = QueryTables { pins: Default::default(), tables, elsewhere: vec![] };
         let says = |name: &str| not_there(&TableReference::from(name), &known).and_then(|f| f.help).unwrap_or_default();
         assert_eq!(says("small.score"), "did you mean `small.scores`?");
         assert_eq!(says("clean"), "did you mean `small.clean`?");

@@ -10,16 +10,22 @@ use datafusion::{
     logical_expr::{ColumnarValue, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature, Volatility},
     prelude::SessionContext,
 };
-use numerics::earth::core_field::{CoreModel, CoreTrack};
+use numerics::earth::core_field::{CoreFieldModel, CoreFieldTrack};
 
 /// Makes the functions known:
 /// `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a place in degrees and
 /// metres above the WGS-84 ellipsoid; and `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`, `wmm_e`, `wmm_d`, its components.
 /// Where an argument is null or NaN, the answer is null. An infinity, a latitude beyond 90 degrees, a longitude outside
-/// -180 to 360, a height outside -10 to 2,000 km and a date that the model does not cover are errors that name the value.
+/// -180 to 360, a height outside -10 to 2,000 km and a date that the model does not cover are errors that name the
+/// value.
 pub fn register(context: &SessionContext) {
-    for (model, word) in [(CoreModel::Igrf14, "igrf"), (CoreModel::Wmm, "wmm")] {
-        for (part, suffix) in [(Part::Magnitude, ""), (Part::North, "_n"), (Part::East, "_e"), (Part::Down, "_d")] {
+    for (model, word) in [(CoreFieldModel::Igrf14, "igrf"), (CoreFieldModel::Wmm, "wmm")] {
+        for (part, suffix) in [
+            (SqlFieldComponent::Magnitude, ""),
+            (SqlFieldComponent::North, "_n"),
+            (SqlFieldComponent::East, "_e"),
+            (SqlFieldComponent::Down, "_d"),
+        ] {
             context.register_udf(ScalarUDF::new_from_impl(CoreFieldFunction::new(
                 model,
                 part,
@@ -30,7 +36,7 @@ pub fn register(context: &SessionContext) {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Part {
+enum SqlFieldComponent {
     Magnitude,
     North,
     East,
@@ -39,14 +45,14 @@ enum Part {
 
 #[derive(Debug, PartialEq, Eq, Hash)]
 struct CoreFieldFunction {
-    model: CoreModel,
-    part: Part,
+    model: CoreFieldModel,
+    part: SqlFieldComponent,
     name: String,
     signature: Signature,
 }
 
 impl CoreFieldFunction {
-    fn new(model: CoreModel, part: Part, name: String) -> Self {
+    fn new(model: CoreFieldModel, part: SqlFieldComponent, name: String) -> Self {
         let signature = Signature::exact(vec![DataType::Float64; 4], Volatility::Immutable);
         Self { model, part, name, signature }
     }
@@ -77,13 +83,13 @@ impl ScalarUDFImpl for CoreFieldFunction {
                 return Err(exec_datafusion_err!("{}: the {what} is infinite", self.name));
             }
         }
-        let field = CoreTrack::new(self.model).field(lat, lon, alt, year);
+        let field = CoreFieldTrack::new(self.model).field(lat, lon, alt, year);
         let field = field.map_err(|e| exec_datafusion_err!("{}: {e}", self.name))?;
         let values = match self.part {
-            Part::Magnitude => field.magnitude_nt(),
-            Part::North => field.north_nt,
-            Part::East => field.east_nt,
-            Part::Down => field.down_nt,
+            SqlFieldComponent::Magnitude => field.magnitude_nt(),
+            SqlFieldComponent::North => field.north_nt,
+            SqlFieldComponent::East => field.east_nt,
+            SqlFieldComponent::Down => field.down_nt,
         };
         let known = values.into_iter().map(|v| Some(v).filter(|v| v.is_finite()));
         Ok(ColumnarValue::Array(Arc::new(known.collect::<Float64Array>())))

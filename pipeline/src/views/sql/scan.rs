@@ -34,9 +34,9 @@ use schemas::Fault;
 
 use crate::{
     casting::cast,
-    keys::Key,
+    keys::HashKey,
     run::{PATTERNS, SCHEMA},
-    store::{ManifestTable, Objects, Sealed, Version},
+    store::{ManifestTable, PackReader, SealedFile, Version},
 };
 
 /// Rows of a piece of an answer.
@@ -48,62 +48,66 @@ fn damaged(path: &Path, e: &dyn std::fmt::Display) -> Fault {
 
 /// A published table.
 #[derive(Debug)]
-pub struct Published {
+pub struct PublishedTableProvider {
     schema: SchemaRef,
-    source: Arc<Source>,
+    source: Arc<ScanSource>,
 }
 
-/// Source of a table.
-struct Source {
-    objects: Arc<Objects>,
-    files: Vec<Sealed>,
+/// Files, row groups and units of a table.
+struct ScanSource {
+    objects: Arc<PackReader>,
+    files: Vec<SealedFile>,
     /// The row groups: their file, and their place in it.
     groups: Vec<(usize, usize)>,
     /// The columns of the files.
     stored: SchemaRef,
     /// The columns of the logical table, where it has more than its files.
-    logical: Option<Logical>,
+    logical: Option<LogicalUnits>,
 }
 
-impl std::fmt::Debug for Source {
+impl std::fmt::Debug for ScanSource {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         write!(f, "{} files", self.files.len())
     }
 }
 
 /// The units of a logical table.
-struct Logical {
+struct LogicalUnits {
     /// One row a unit.
     units: RecordBatch,
     /// How many steps up each column lies, by pattern.
     patterns: Vec<BTreeMap<String, usize>>,
 }
 
-impl Published {
+impl PublishedTableProvider {
     /// The table `table` of `version`.
     ///
     /// # Errors
     /// Fails when a file of it is damaged.
-    pub fn open(objects: &Arc<Objects>, version: &Version, table: &ManifestTable) -> Result<Published, Fault> {
+    pub fn open(
+        objects: &Arc<PackReader>,
+        version: &Version,
+        table: &ManifestTable,
+    ) -> Result<PublishedTableProvider, Fault> {
         let path = |name: &str| version.folder.join(name);
-        let open = |name: &str| Sealed::open(&path(name)).map_err(|e| damaged(&path(name), &e));
+        let open = |name: &str| SealedFile::open(&path(name)).map_err(|e| damaged(&path(name), &e));
         let files = table.files.iter().map(|f| open(&f.name)).collect::<Result<Vec<_>, Fault>>()?;
         let stored = files.first().map_or_else(|| Arc::new(Schema::empty()), |f| f.schema().clone());
         let (mut schema, mut logical) = (stored.clone(), None);
         if let Some(units) = &table.units {
             let file = open(&units.name)?;
             (schema, logical) =
-                Logical::read(&file).map(|(s, l)| (s, Some(l))).map_err(|e| damaged(&path(&units.name), &e))?;
+                LogicalUnits::read(&file).map(|(s, l)| (s, Some(l))).map_err(|e| damaged(&path(&units.name), &e))?;
         }
         let groups = files.iter().enumerate().flat_map(|(i, f)| (0..f.starts().len() - 1).map(move |g| (i, g)));
         let groups = groups.collect();
-        let source = Source { objects: objects.clone(), files, groups, stored, logical };
-        Ok(Published { schema, source: Arc::new(source) })
+        let source = ScanSource { objects: objects.clone(), files, groups, stored, logical };
+        Ok(PublishedTableProvider { schema, source: Arc::new(source) })
     }
 }
 
-impl Logical {
-    fn read(file: &Sealed) -> Result<(SchemaRef, Logical), Box<dyn std::error::Error>> {
+impl LogicalUnits {
+    fn read(file: &SealedFile) -> Result<(SchemaRef, LogicalUnits), Box<dyn std::error::Error>> {
         let text = |key: &str| file.text(key).ok_or_else(|| format!("its metadata has no {key}"));
         let hex = text(SCHEMA)?;
         let byte = |i: usize| hex.get(2 * i..2 * i + 2).and_then(|h| u8::from_str_radix(h, 16).ok());
@@ -118,12 +122,12 @@ impl Logical {
             groups.push(RecordBatch::try_new(file.schema().clone(), columns.collect::<Result<_, _>>()?)?);
         }
         let units = arrow_select::concat::concat_batches(file.schema(), &groups)?;
-        Ok((Arc::new(schema), Logical { units, patterns }))
+        Ok((Arc::new(schema), LogicalUnits { units, patterns }))
     }
 
-    fn key(&self, unit: usize, step: usize) -> Option<Key> {
+    fn key(&self, unit: usize, step: usize) -> Option<HashKey> {
         let keys = self.units.column_by_name(&format!("key {step}"))?.as_fixed_size_binary_opt()?;
-        keys.is_valid(unit).then(|| keys.value(unit).try_into().ok().map(Key::from_bytes))?
+        keys.is_valid(unit).then(|| keys.value(unit).try_into().ok().map(HashKey::from_bytes))?
     }
 
     fn steps(&self, unit: usize, column: &str) -> Option<usize> {
@@ -138,23 +142,23 @@ impl Logical {
     }
 }
 
-/// A part of a table that is read at once.
+/// Part of a table that is read at once.
 #[derive(Clone, Copy, Debug)]
-enum Piece {
+enum ScanPiece {
     /// A row group, by its place among all.
     Group(usize),
     /// A unit of the logical table.
     Unit(usize),
 }
 
-impl Source {
-    fn rows(&self, piece: Piece) -> usize {
+impl ScanSource {
+    fn rows(&self, piece: ScanPiece) -> usize {
         match piece {
-            Piece::Group(i) => self.groups.get(i).map_or(0, |(file, group)| {
+            ScanPiece::Group(i) => self.groups.get(i).map_or(0, |(file, group)| {
                 let starts = self.files[*file].starts();
                 starts[group + 1] - starts[*group]
             }),
-            Piece::Unit(i) => {
+            ScanPiece::Unit(i) => {
                 let own = self.logical.as_ref().and_then(|l| l.key(i, 0));
                 own.and_then(|key| self.objects.find(key)?.rows).unwrap_or(0)
             }
@@ -162,10 +166,10 @@ impl Source {
     }
 
     /// The columns of `schema` of one piece.
-    fn read(&self, piece: Piece, schema: &SchemaRef) -> Result<RecordBatch, Fault> {
+    fn read(&self, piece: ScanPiece, schema: &SchemaRef) -> Result<RecordBatch, Fault> {
         let (columns, rows) = match piece {
-            Piece::Group(i) => (self.group(i, schema)?, self.rows(piece)),
-            Piece::Unit(i) => self.unit(i, schema)?,
+            ScanPiece::Group(i) => (self.group(i, schema)?, self.rows(piece)),
+            ScanPiece::Unit(i) => self.unit(i, schema)?,
         };
         let options = RecordBatchOptions::new().with_row_count(Some(rows));
         RecordBatch::try_new_with_options(schema.clone(), columns, &options).map_err(|e| Fault::machine(e.to_string()))
@@ -189,7 +193,7 @@ impl Source {
         let rows = rows.ok_or_else(|| {
             Fault::machine(format!("the store no longer contains {own}")).help("run the spec again to recompute it")
         })?;
-        let mut wanted: HashMap<Key, Vec<&str>> = HashMap::new();
+        let mut wanted: HashMap<HashKey, Vec<&str>> = HashMap::new();
         for field in schema.fields() {
             if let Some(key) = logical.steps(i, field.name()).and_then(|s| logical.key(i, s)) {
                 wanted.entry(key).or_default().push(field.name());
@@ -224,10 +228,10 @@ fn typed(array: ArrayRef, field: &Field) -> Result<ArrayRef, Fault> {
     cast(&array, field.data_type()).map_err(|fault| fault.in_column(field.name()))
 }
 
-/// Statistics of the row groups, without reading them.
-struct OfGroups<'a>(&'a Source);
+/// Pruning statistics of the row groups, from their metadata.
+struct RowGroupStatistics<'a>(&'a ScanSource);
 
-impl OfGroups<'_> {
+impl RowGroupStatistics<'_> {
     fn all(&self) -> Vec<&RowGroupMetaData> {
         self.0.groups.iter().filter_map(|(file, group)| self.0.files.get(*file)?.row_groups().get(*group)).collect()
     }
@@ -243,7 +247,7 @@ impl OfGroups<'_> {
     }
 }
 
-impl PruningStatistics for OfGroups<'_> {
+impl PruningStatistics for RowGroupStatistics<'_> {
     fn min_values(&self, column: &Column) -> Option<ArrayRef> {
         self.converter(column)?.row_group_mins(self.all()).ok()
     }
@@ -265,10 +269,10 @@ impl PruningStatistics for OfGroups<'_> {
     }
 }
 
-/// Statistics of the units, without reading them: their keys.
-struct OfUnits<'a>(&'a Logical);
+/// Pruning statistics of the units, from their keys.
+struct UnitStatistics<'a>(&'a LogicalUnits);
 
-impl PruningStatistics for OfUnits<'_> {
+impl PruningStatistics for UnitStatistics<'_> {
     fn min_values(&self, column: &Column) -> Option<ArrayRef> {
         self.0.of_units(&column.name).cloned()
     }
@@ -290,7 +294,7 @@ impl PruningStatistics for OfUnits<'_> {
 }
 
 #[async_trait]
-impl TableProvider for Published {
+impl TableProvider for PublishedTableProvider {
     fn schema(&self) -> SchemaRef {
         self.schema.clone()
     }
@@ -329,14 +333,14 @@ impl TableProvider for Published {
                 .and_then(|expr| PruningPredicateBuilder::new().with_file_schema(self.schema.clone()).try_build(expr))
             {
                 let found = match units {
-                    Some(logical) => predicate.prune(&OfUnits(logical)),
-                    None => predicate.prune(&OfGroups(&self.source)),
+                    Some(logical) => predicate.prune(&UnitStatistics(logical)),
+                    None => predicate.prune(&RowGroupStatistics(&self.source)),
                 };
                 kept = found.unwrap_or(kept);
             }
         }
-        let piece = |i| if units.is_some() { Piece::Unit(i) } else { Piece::Group(i) };
-        let mut pieces: Vec<Piece> = (0..count).filter(|i| kept[*i]).map(piece).collect();
+        let piece = |i| if units.is_some() { ScanPiece::Unit(i) } else { ScanPiece::Group(i) };
+        let mut pieces: Vec<ScanPiece> = (0..count).filter(|i| kept[*i]).map(piece).collect();
         if let Some(limit) = limit.filter(|_| filters.is_empty()) {
             let mut rows = 0;
             pieces.retain(|p| {
@@ -347,8 +351,8 @@ impl TableProvider for Published {
         }
         let partitions = state.config().target_partitions().clamp(1, pieces.len().max(1));
         let share = pieces.len().div_ceil(partitions).max(1);
-        let part = |pieces: &[Piece]| -> Arc<dyn PartitionStream> {
-            Arc::new(Part { source: self.source.clone(), pieces: pieces.to_vec(), schema: schema.clone() })
+        let part = |pieces: &[ScanPiece]| -> Arc<dyn PartitionStream> {
+            Arc::new(ScanPartition { source: self.source.clone(), pieces: pieces.to_vec(), schema: schema.clone() })
         };
         let mut parts: Vec<Arc<dyn PartitionStream>> = pieces.chunks(share).map(part).collect();
         if parts.is_empty() {
@@ -358,15 +362,15 @@ impl TableProvider for Published {
     }
 }
 
-/// Some pieces of a table, one after another.
+/// Pieces of a table that one stream reads in sequence.
 #[derive(Debug)]
-struct Part {
-    source: Arc<Source>,
-    pieces: Vec<Piece>,
+struct ScanPartition {
+    source: Arc<ScanSource>,
+    pieces: Vec<ScanPiece>,
     schema: SchemaRef,
 }
 
-impl PartitionStream for Part {
+impl PartitionStream for ScanPartition {
     fn schema(&self) -> &SchemaRef {
         &self.schema
     }
@@ -379,20 +383,20 @@ impl PartitionStream for Part {
                 let cut = |from| Ok(batch.slice(from, BATCH_ROWS.min(batch.num_rows() - from)));
                 starts.map(cut).collect::<Vec<_>>()
             }
-            Err(fault) => vec![Err(DataFusionError::External(Box::new(Unreadable(fault))))],
+            Err(fault) => vec![Err(DataFusionError::External(Box::new(ScanFault(fault))))],
         });
         Box::pin(RecordBatchStreamAdapter::new(self.schema.clone(), futures::stream::iter(pieces)))
     }
 }
 
-/// A fault of the store on its way through DataFusion.
+/// Fault of the store as an error of DataFusion.
 #[derive(Debug)]
-pub struct Unreadable(pub Fault);
+pub struct ScanFault(pub Fault);
 
-impl std::fmt::Display for Unreadable {
+impl std::fmt::Display for ScanFault {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         self.0.fmt(f)
     }
 }
 
-impl std::error::Error for Unreadable {}
+impl std::error::Error for ScanFault {}

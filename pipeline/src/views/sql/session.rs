@@ -21,44 +21,45 @@ use schemas::Fault;
 
 use super::{
     explain, functions, refuse,
-    tables::{self, Known, Pins},
+    tables::{self, QueryTables, VersionPins},
 };
 
-/// The published tables of a store at the moment it was opened: what a run publishes afterwards is not seen.
-pub struct Session {
+/// SQL session over the published tables of a store at the time of opening.
+pub struct SqlSession {
     context: SessionContext,
-    known: Known,
+    known: QueryTables,
     pool: Arc<dyn MemoryPool>,
     store: PathBuf,
     memory: usize,
 }
 
-impl Session {
-    /// Over the store in the folder `store`. Its queries together may take `memory` bytes, and spill to the folder `spill`.
+impl SqlSession {
+    /// Over the store in the folder `store`. Its queries together may take `memory` bytes, and spill to the folder
+    /// `spill`.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
-    pub fn new(store: &Path, memory: usize, spill: &Path) -> Result<Session, Fault> {
-        Session::at(store, memory, spill, None)
+    pub fn new(store: &Path, memory: usize, spill: &Path) -> Result<SqlSession, Fault> {
+        SqlSession::at(store, memory, spill, None)
     }
 
     /// The same with the tables of these versions.
     ///
     /// # Errors
     /// Fails when the store cannot be read, or a version is not there any more.
-    pub fn at(store: &Path, memory: usize, spill: &Path, pins: Option<&Pins>) -> Result<Session, Fault> {
+    pub fn at(store: &Path, memory: usize, spill: &Path, pins: Option<&VersionPins>) -> Result<SqlSession, Fault> {
         let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(memory));
         let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![spill.to_owned()]));
         let runtime = RuntimeEnvBuilder::new()
             .with_memory_pool(pool.clone())
             .with_disk_manager_builder(disk)
-            .with_object_store_registry(Arc::new(tables::Nowhere))
+            .with_object_store_registry(Arc::new(tables::ClosedStoreRegistry))
             .build_arc()
             .map_err(|e| Fault::machine(e.to_string()))?;
         let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
         functions::register(&context);
         let known = tables::register(&context, store, pins)?;
-        Ok(Session { context, known, pool, store: store.to_owned(), memory })
+        Ok(SqlSession { context, known, pool, store: store.to_owned(), memory })
     }
 
     /// The plan of a query that only asks; its parameters `$1`, `$2` may still be open.
@@ -77,7 +78,8 @@ impl Session {
         Ok(plan)
     }
 
-    /// The columns of the answer to a plan without open parameters: what is cast for a union, say, is known after analysis.
+    /// The columns of the answer to a plan without open parameters: what is cast for a union, say, is known after
+    /// analysis.
     ///
     /// # Errors
     /// Fails when the plan cannot be analysed.
@@ -88,7 +90,7 @@ impl Session {
     /// The answer to a plan, piece by piece.
     ///
     /// # Errors
-    /// Fails when it cannot be begun; see [`Session::fault`].
+    /// Fails when it cannot be begun; see [`SqlSession::fault`].
     pub async fn run(&self, plan: LogicalPlan) -> Result<SendableRecordBatchStream, DataFusionError> {
         self.context.execute_logical_plan(plan).await?.execute_stream().await
     }
@@ -104,13 +106,13 @@ impl Session {
     }
 
     /// The tables that there are.
-    pub fn known(&self) -> &Known {
+    pub fn known(&self) -> &QueryTables {
         &self.known
     }
 
     /// The versions of the tables.
     #[cfg_attr(not(feature = "serve"), allow(dead_code))]
-    pub fn pins(&self) -> &Pins {
+    pub fn pins(&self) -> &VersionPins {
         &self.known.pins
     }
 

@@ -15,28 +15,28 @@ use datafusion::{
 use schemas::Fault;
 use url::Url;
 
-use super::scan::{Published, Unreadable};
-use crate::store::{Objects, Version, current};
+use super::scan::{PublishedTableProvider, ScanFault};
+use crate::store::{PackReader, Version, current};
 
 /// The version of each pipeline: its number, and the checksum of its manifest.
-pub type Pins = BTreeMap<String, (u64, String)>;
+pub type VersionPins = BTreeMap<String, (u64, String)>;
 
 /// Tables that can be queried.
 #[derive(Debug, Default)]
-pub struct Known {
+pub struct QueryTables {
     /// The versions of the tables.
-    pub pins: Pins,
+    pub pins: VersionPins,
     /// The tables, as `pipeline.table`.
     pub tables: Vec<String>,
     /// Those that are links to somewhere else, which are not read.
     pub elsewhere: Vec<String>,
 }
 
-/// No file can be opened but by the tables of the store.
+/// Object store registry without stores: queries read only the tables of the magline store.
 #[derive(Debug)]
-pub struct Nowhere;
+pub struct ClosedStoreRegistry;
 
-impl ObjectStoreRegistry for Nowhere {
+impl ObjectStoreRegistry for ClosedStoreRegistry {
     fn register_store(&self, _: &Url, _: Arc<dyn ObjectStore>) -> Option<Arc<dyn ObjectStore>> {
         None
     }
@@ -47,20 +47,20 @@ impl ObjectStoreRegistry for Nowhere {
 }
 
 /// The tables of one pipeline.
-struct Pipeline {
-    objects: Arc<Objects>,
+struct PipelineTables {
+    objects: Arc<PackReader>,
     version: Version,
     elsewhere: Vec<String>,
 }
 
-impl std::fmt::Debug for Pipeline {
+impl std::fmt::Debug for PipelineTables {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         write!(f, "{}", self.version.manifest.pipeline)
     }
 }
 
 #[async_trait]
-impl SchemaProvider for Pipeline {
+impl SchemaProvider for PipelineTables {
     fn table_names(&self) -> Vec<String> {
         let names = self.version.manifest.tables.iter().map(|t| t.name.clone());
         names.filter(|n| !self.elsewhere.contains(n)).collect()
@@ -70,9 +70,9 @@ impl SchemaProvider for Pipeline {
         let Some(table) = self.version.manifest.tables.iter().find(|t| t.name == name && self.table_exist(name)) else {
             return Ok(None);
         };
-        let unreadable = |fault| DataFusionError::External(Box::new(Unreadable(fault)));
+        let unreadable = |fault| DataFusionError::External(Box::new(ScanFault(fault)));
         self.version.at_hand(table).map_err(unreadable)?;
-        let published = Published::open(&self.objects, &self.version, table);
+        let published = PublishedTableProvider::open(&self.objects, &self.version, table);
         let published = published.map_err(unreadable)?;
         Ok(Some(Arc::new(published)))
     }
@@ -86,12 +86,12 @@ impl SchemaProvider for Pipeline {
 ///
 /// # Errors
 /// Fails when the store cannot be read, or one of these versions is not there any more.
-pub fn register(context: &SessionContext, root: &Path, pins: Option<&Pins>) -> Result<Known, Fault> {
-    let mut known = Known::default();
+pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins>) -> Result<QueryTables, Fault> {
+    let mut known = QueryTables::default();
     let Ok(root) = root.canonicalize() else { return Ok(known) };
     let fail = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the store's {}: {e}", root.display()));
     let catalog = context.catalog("datafusion").ok_or_else(|| fail(&"no catalogue"))?;
-    let objects = Arc::new(Objects::open(&root)?);
+    let objects = Arc::new(PackReader::open(&root)?);
     for pipeline in names(&root.join("tables")) {
         let folder = root.join("tables").join(&pipeline);
         let leads_out: Vec<String> =
@@ -103,7 +103,7 @@ pub fn register(context: &SessionContext, root: &Path, pins: Option<&Pins>) -> R
         };
         let Some(version) = version else { continue };
         known.pins.insert(pipeline.clone(), (version.number, version.manifest.sum().to_owned()));
-        let one = Pipeline { objects: objects.clone(), version, elsewhere: leads_out };
+        let one = PipelineTables { objects: objects.clone(), version, elsewhere: leads_out };
         known.tables.extend(one.table_names().into_iter().map(|table| format!("{pipeline}.{table}")));
         catalog.register_schema(&pipeline, Arc::new(one)).map_err(|e| fail(&e))?;
     }

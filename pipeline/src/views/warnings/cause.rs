@@ -8,16 +8,16 @@ use arrow_array::{
 use numerics::earth::dates::decimal_year;
 use schemas::Fault;
 
-use super::{Kind, limits, navigation, row::Row};
+use super::{WarningKind, limits, navigation, row::LineMetrics};
 use crate::{
-    plan::{Graph, Instance, LineId, Ref},
+    plan::{LineId, PlanGraph, StageInstance, TableRef},
     store::Store,
     views::text::number,
 };
 
-/// The parameters of a navigation that explain its errors.
+/// Parameters of a navigation that explain its errors.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Settings {
+pub struct NavigationSettings {
     /// The measurement sigma, nT; none where it is taken from the data.
     pub sigma_nt: Option<f64>,
     /// The standard deviation of what lasts of the measurement's error, nT.
@@ -36,27 +36,27 @@ pub struct Settings {
     pub gnss_rejected_s: Option<f64>,
 }
 
-/// Everything known of one line's scores.
-pub struct Facts<'a> {
+/// Scores and navigation settings of one line.
+pub struct LineFacts<'a> {
     /// Its scores.
-    pub row: &'a Row,
+    pub row: &'a LineMetrics,
     /// How it was navigated; none where there is no track.
-    pub settings: Option<Settings>,
+    pub settings: Option<NavigationSettings>,
 }
 
-impl<'a> Facts<'a> {
+impl<'a> LineFacts<'a> {
     /// Looks up what is known of `line` above the tables `inputs` of a score.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
     pub fn gather(
-        graph: &Graph,
+        graph: &PlanGraph,
         store: &Store,
-        inputs: &[Ref],
+        inputs: &[TableRef],
         line: LineId,
-        row: &'a Row,
-    ) -> Result<Facts<'a>, Fault> {
-        let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(Facts { row, settings: None }) };
+        row: &'a LineMetrics,
+    ) -> Result<LineFacts<'a>, Fault> {
+        let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(LineFacts { row, settings: None }) };
         let it = graph.plan.instance(t, i);
         let params = it.params();
         let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
@@ -66,7 +66,7 @@ impl<'a> Facts<'a> {
             (None, Some(input)) => first(graph, store, input, line, column),
             (given, _) => Ok(given),
         };
-        let tuned = |column: &str| first(graph, store, Ref::Stage(t, i), line, column);
+        let tuned = |column: &str| first(graph, store, TableRef::Stage(t, i), line, column);
         let likely_nt = tuned("noise_sigma")?;
         let sigma_nt = match likely_nt {
             Some(sigma_nt) => Some(sigma_nt),
@@ -81,7 +81,7 @@ impl<'a> Facts<'a> {
             Some(_) => flight_date(graph, store, &it, line)?,
             None => None,
         };
-        let settings = Settings {
+        let settings = NavigationSettings {
             sigma_nt,
             fogm_sigma_nt,
             found: likely_nt.is_some(),
@@ -90,11 +90,11 @@ impl<'a> Facts<'a> {
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
             dates: said.zip(flown),
             gnss_rejected_s: match row.counted("gnss_rejected") {
-                Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, Ref::Stage(t, i), line)?,
+                Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, TableRef::Stage(t, i), line)?,
                 Some(_) | None => None,
             },
         };
-        Ok(Facts { row, settings: Some(settings) })
+        Ok(LineFacts { row, settings: Some(settings) })
     }
 
     /// The measurement sigma, nT.
@@ -112,44 +112,46 @@ impl<'a> Facts<'a> {
     }
 
     /// Likely cause of a warning; `None` where no known fact explains it.
-    pub fn cause(&self, kind: Kind) -> Option<String> {
-        if kind == Kind::Retention {
+    pub fn cause(&self, kind: WarningKind) -> Option<String> {
+        if kind == WarningKind::Retention {
             let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \
                          line the residual may also correlate with the anomaly by chance";
             return Some(cause.to_owned());
         }
         let settings = self.settings.as_ref()?;
         let found = match kind {
-            Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
-            Kind::NeesLow | Kind::NisLow if settings.found => vec![],
-            Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
-            Kind::NotWhite => vec![
+            WarningKind::WorseThanIns | WarningKind::NeesHigh | WarningKind::NisHigh => self.too_sure(settings, kind),
+            WarningKind::NeesLow | WarningKind::NisLow if settings.found => vec![],
+            WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
+            WarningKind::NotWhite => vec![
                 "the filter treats a correlated error as independent noise: a map error between sparse lines \
                  (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or the residual \
                  of compensation"
                     .to_owned(),
             ],
-            Kind::Gnss => vec![
+            WarningKind::Gnss => vec![
                 "the receiver is jammed, spoofed or faulty, or the errors of the INS exceed its grade; \
                 `gnss_test = false` uses all positions"
                     .to_owned(),
             ],
-            Kind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
-            Kind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
-            Kind::Flat => vec![
+            WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
+            WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
+            WarningKind::Flat => vec![
                 "the noise exceeds `flat_over_m` times the slope of the map, so the position is mainly the INS's"
                     .to_owned(),
             ],
-            Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
-            Kind::MapHeight => {
+            WarningKind::MapHeight if settings.levels => {
+                vec!["the flight leaves the heights of `map_levels_m`".to_owned()]
+            }
+            WarningKind::MapHeight => {
                 vec!["`map_levels_m` of `navigate` is unset; list heights below and above the heights flown".to_owned()]
             }
-            Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => vec![],
+            WarningKind::Retention | WarningKind::Fit | WarningKind::Map | WarningKind::Metric => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
     }
 
-    fn too_sure(&self, settings: &Settings, kind: Kind) -> Vec<String> {
+    fn too_sure(&self, settings: &NavigationSettings, kind: WarningKind) -> Vec<String> {
         let row = self.row;
         let shown = |x: f64| number(Some(x));
         let sigma = settings.sigma_nt;
@@ -208,10 +210,11 @@ impl<'a> Facts<'a> {
     }
 
     /// Where nothing in particular is out of order.
-    fn otherwise(&self, kind: Kind) -> Option<String> {
-        let within =
-            |metric: &str, law: &limits::Law| self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high());
-        if kind == Kind::WorseThanIns && within("nees", &limits::NEES) {
+    fn otherwise(&self, kind: WarningKind) -> Option<String> {
+        let within = |metric: &str, law: &limits::ConsistencyLimit| {
+            self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high())
+        };
+        if kind == WarningKind::WorseThanIns && within("nees", &limits::NEES) {
             return Some("the filter is consistent, but the map has too little information along this line".to_owned());
         }
         within("nis", &limits::NIS).then(|| {
@@ -221,7 +224,7 @@ impl<'a> Facts<'a> {
         })
     }
 
-    fn too_cautious(&self, settings: &Settings) -> Vec<String> {
+    fn too_cautious(&self, settings: &NavigationSettings) -> Vec<String> {
         let shown = |x: f64| number(Some(x));
         let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
         let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
@@ -257,14 +260,14 @@ impl<'a> Facts<'a> {
 }
 
 /// The date at the first sample of the line, where the flight has columns for it.
-fn flight_date(graph: &Graph, store: &Store, it: &Instance, line: LineId) -> Result<Option<f64>, Fault> {
+fn flight_date(graph: &PlanGraph, store: &Store, it: &StageInstance, line: LineId) -> Result<Option<f64>, Fault> {
     let Some(flights) = it.first_input() else { return Ok(None) };
     let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
     Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
 }
 
 /// When a track's first position by GNSS was rejected, in seconds from the start of its line.
-fn gnss_rejected_s(graph: &Graph, store: &Store, track: Ref, line: LineId) -> Result<Option<f64>, Fault> {
+fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: LineId) -> Result<Option<f64>, Fault> {
     let Ok(key) = graph.object(track, line) else { return Ok(None) };
     if !store.has(key) {
         return Ok(None);
@@ -285,13 +288,13 @@ fn gnss_rejected_s(graph: &Graph, store: &Store, track: Ref, line: LineId) -> Re
 }
 
 /// The first value of a column of a line; `None` where there is none.
-fn first(graph: &Graph, store: &Store, r: Ref, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
-    let has = |r: Ref| match r {
-        Ref::Flights(i) => {
+fn first(graph: &PlanGraph, store: &Store, r: TableRef, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
+    let has = |r: TableRef| match r {
+        TableRef::Flights(i) => {
             graph.records.get(i).and_then(|r| r.get(&line)).is_some_and(|l| l.columns.contains_key(name))
         }
-        Ref::Stage(t, i) => graph.plan.instance(t, i).makes(name).is_some(),
-        Ref::Map(_) => false,
+        TableRef::Stage(t, i) => graph.plan.instance(t, i).makes(name).is_some(),
+        TableRef::Map(_) => false,
     };
     let origin = graph.origin(r, name);
     if !has(origin.made_by) {

@@ -1,9 +1,9 @@
 //! How far a figure may be from its law before it is marked. All limits are here.
 //!
 //! The mean over a line of the normalised estimation error squared (NEES, of the horizontal position, two degrees of
-//! freedom) is 2 for a filter whose covariance is that of its errors, and of the normalised innovation squared (NIS, one
-//! degree of freedom) it is 1 [Bar-Shalom, Li & Kirubarajan 2001, section 5.4]. The textbook's interval for such a mean
-//! takes independent samples; those of one line are not:
+//! freedom) is 2 for a filter whose covariance is that of its errors, and of the normalised innovation squared (NIS,
+//! one degree of freedom) it is 1 [Bar-Shalom, Li & Kirubarajan 2001, section 5.4]. The textbook's interval for such a
+//! mean takes independent samples; those of one line are not:
 //!
 //! - Position errors last for minutes, so a line holds few independent ones, at worst a single one. NEES/2 of a single
 //!   one is exponentially distributed: ten times the law is exceeded with probability e⁻¹⁰ (once in 22,000 lines), a
@@ -14,16 +14,16 @@
 //!
 //! A row of pooled scores is marked where one of its lines is: a mean of means beyond a limit has a line beyond it.
 
-/// The law of a mean, and the factor around it within which nothing is remarked.
+/// Expected value of a consistency mean, and the factor beyond which it is remarked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub struct ConsistencyLimit {
     /// The mean of a filter whose covariance is that of its errors.
     pub mean: f64,
     /// How many times more, or less, is far.
     pub factor: f64,
 }
 
-impl Law {
+impl ConsistencyLimit {
     /// Below this the filter is far too cautious.
     pub fn low(&self) -> f64 {
         self.mean / self.factor
@@ -41,14 +41,14 @@ impl Law {
 }
 
 /// Mean normalised estimation error squared of the horizontal position: 0.2 to 20.
-pub const NEES: Law = Law { mean: 2.0, factor: 10.0 };
+pub const NEES: ConsistencyLimit = ConsistencyLimit { mean: 2.0, factor: 10.0 };
 
 /// Mean normalised innovation squared: 0.25 to 4.
-pub const NIS: Law = Law { mean: 1.0, factor: 4.0 };
+pub const NIS: ConsistencyLimit = ConsistencyLimit { mean: 1.0, factor: 4.0 };
 
-/// The least share of innovations' autocorrelations that are those of white noise, where 0.95 is expected: of 20 lags four or
-/// fewer outside their band happen with probability 0.997. Innovations that repeat are of the predicted size and hold an error
-/// all the same: a late magnetometer (0.56), a map of sparse lines (0.21).
+/// The least share of innovations' autocorrelations that are those of white noise, where 0.95 is expected: of 20 lags
+/// four or fewer outside their band happen with probability 0.997. Innovations that repeat are of the predicted size
+/// and hold an error all the same: a late magnetometer (0.56), a map of sparse lines (0.21).
 pub const WHITENESS: f64 = 0.8;
 
 /// The least part of the geology that compensation should leave.
@@ -82,7 +82,7 @@ pub fn map_height_nt(sigma_nt: Option<f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use schemas::metric::Better;
+    use schemas::metric::MetricPreference;
 
     use super::*;
     use crate::views::scores::declared;
@@ -90,6 +90,6 @@ mod tests {
     #[test]
     fn unit_the_law_of_a_mean_is_what_its_metric_is_to_be_near() {
         let near = declared(["nees", "nis"]).map(|m| m.better);
-        assert_eq!(near, [Better::Near(NEES.mean), Better::Near(NIS.mean)]);
+        assert_eq!(near, [MetricPreference::Near(NEES.mean), MetricPreference::Near(NIS.mean)]);
     }
 }

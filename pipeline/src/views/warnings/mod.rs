@@ -13,17 +13,17 @@ use rayon::prelude::*;
 use schemas::{Fault, TableKind};
 
 use crate::{
-    plan::{Graph, LineId, Plan, Point, Ref, Unit},
+    plan::{LineId, Plan, PlanGraph, PlanUnit, SweepPoint, TableRef},
     store::Store,
     views::text::number,
 };
-use cause::Facts;
-pub use row::Row;
+use cause::LineFacts;
+pub use row::LineMetrics;
 pub use written::written;
 
 /// Subject of a warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum WarningKind {
     /// The track's horizontal error is larger than that of the INS alone.
     WorseThanIns,
     /// The position errors are far larger than the filter's covariance says.
@@ -54,42 +54,42 @@ pub enum Kind {
     Metric,
 }
 
-impl Kind {
+impl WarningKind {
     /// All of them.
-    pub const ALL: [Kind; 14] = [
-        Kind::WorseThanIns,
-        Kind::NeesHigh,
-        Kind::NeesLow,
-        Kind::NisHigh,
-        Kind::NisLow,
-        Kind::NotWhite,
-        Kind::Gnss,
-        Kind::OffMap,
-        Kind::Flat,
-        Kind::MapHeight,
-        Kind::Retention,
-        Kind::Fit,
-        Kind::Map,
-        Kind::Metric,
+    pub const ALL: [WarningKind; 14] = [
+        WarningKind::WorseThanIns,
+        WarningKind::NeesHigh,
+        WarningKind::NeesLow,
+        WarningKind::NisHigh,
+        WarningKind::NisLow,
+        WarningKind::NotWhite,
+        WarningKind::Gnss,
+        WarningKind::OffMap,
+        WarningKind::Flat,
+        WarningKind::MapHeight,
+        WarningKind::Retention,
+        WarningKind::Fit,
+        WarningKind::Map,
+        WarningKind::Metric,
     ];
 
     /// The word for it.
     pub fn as_str(self) -> &'static str {
         match self {
-            Kind::WorseThanIns => "worse_than_ins",
-            Kind::NeesHigh => "nees_high",
-            Kind::NeesLow => "nees_low",
-            Kind::NisHigh => "nis_high",
-            Kind::NisLow => "nis_low",
-            Kind::NotWhite => "not_white",
-            Kind::Gnss => "gnss",
-            Kind::OffMap => "off_map",
-            Kind::Flat => "flat",
-            Kind::MapHeight => "map_height",
-            Kind::Retention => "retention",
-            Kind::Fit => "fit",
-            Kind::Map => "map",
-            Kind::Metric => "metric",
+            WarningKind::WorseThanIns => "worse_than_ins",
+            WarningKind::NeesHigh => "nees_high",
+            WarningKind::NeesLow => "nees_low",
+            WarningKind::NisHigh => "nis_high",
+            WarningKind::NisLow => "nis_low",
+            WarningKind::NotWhite => "not_white",
+            WarningKind::Gnss => "gnss",
+            WarningKind::OffMap => "off_map",
+            WarningKind::Flat => "flat",
+            WarningKind::MapHeight => "map_height",
+            WarningKind::Retention => "retention",
+            WarningKind::Fit => "fit",
+            WarningKind::Map => "map",
+            WarningKind::Metric => "metric",
         }
     }
 
@@ -97,49 +97,60 @@ impl Kind {
     /// covariance differs from its error's, is excluded for any values of its other metrics.
     pub fn spoils(self) -> bool {
         match self {
-            Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow | Kind::NotWhite => true,
-            Kind::Gnss | Kind::OffMap | Kind::Flat => false,
-            Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map | Kind::Metric => false,
+            WarningKind::WorseThanIns
+            | WarningKind::NeesHigh
+            | WarningKind::NeesLow
+            | WarningKind::NisHigh
+            | WarningKind::NisLow
+            | WarningKind::NotWhite => true,
+            WarningKind::Gnss | WarningKind::OffMap | WarningKind::Flat => false,
+            WarningKind::MapHeight
+            | WarningKind::Retention
+            | WarningKind::Fit
+            | WarningKind::Map
+            | WarningKind::Metric => false,
         }
     }
 
     /// Whether the filter states larger errors than it has: its estimate is sound, its covariance too large.
     pub fn is_cautious(self) -> bool {
-        matches!(self, Kind::NeesLow | Kind::NisLow)
+        matches!(self, WarningKind::NeesLow | WarningKind::NisLow)
     }
 
     /// Text for all rows with this warning together.
     pub fn of_many(self) -> &'static str {
         match self {
-            Kind::WorseThanIns => "the filter is worse than the INS alone",
-            Kind::NeesHigh => "the filter is overconfident: its position errors are far larger than its covariance",
-            Kind::NeesLow => "the filter is cautious: its position errors are far smaller than its covariance",
-            Kind::NisHigh => "the innovations are far larger than the filter predicts",
-            Kind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
-            Kind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
-            Kind::Gnss => "GNSS positions contradict the INS and are rejected",
-            Kind::OffMap => "most samples are off the map",
-            Kind::Flat => "the map is too flat to correct the position at most samples",
-            Kind::MapHeight => "the map is at another height than the flight",
-            Kind::Retention => "compensation removed part of the anomaly",
-            Kind::Fit => "the fit has a warning",
-            Kind::Map => "the map has a warning",
-            Kind::Metric => "metrics cannot be computed",
+            WarningKind::WorseThanIns => "the filter is worse than the INS alone",
+            WarningKind::NeesHigh => {
+                "the filter is overconfident: its position errors are far larger than its covariance"
+            }
+            WarningKind::NeesLow => "the filter is cautious: its position errors are far smaller than its covariance",
+            WarningKind::NisHigh => "the innovations are far larger than the filter predicts",
+            WarningKind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
+            WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
+            WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
+            WarningKind::OffMap => "most samples are off the map",
+            WarningKind::Flat => "the map is too flat to correct the position at most samples",
+            WarningKind::MapHeight => "the map is at another height than the flight",
+            WarningKind::Retention => "compensation removed part of the anomaly",
+            WarningKind::Fit => "the fit has a warning",
+            WarningKind::Map => "the map has a warning",
+            WarningKind::Metric => "metrics cannot be computed",
         }
     }
 }
 
-/// Something that is not to be trusted as it is.
+/// Warning about an unreliable result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warning {
     /// The table of scores or models.
     pub stage: String,
     /// The sweep point.
-    pub point: Point,
+    pub point: SweepPoint,
     /// Flight and line; none for a fit.
     pub line: Option<(String, String)>,
     /// Subject of the warning.
-    pub kind: Kind,
+    pub kind: WarningKind,
     /// The figure that gave rise to it.
     pub value: Option<f64>,
     /// Limit of the figure.
@@ -170,19 +181,19 @@ impl Warning {
     }
 }
 
-/// The warnings of all scores, fits and maps that `done` says are there: score tables in the plan's order, then fits, then
-/// maps, each in the order of the sweep and of the lines.
+/// The warnings of all scores, fits and maps that `done` says are there: score tables in the plan's order, then fits,
+/// then maps, each in the order of the sweep and of the lines.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
-pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
+pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
     let plan = graph.plan;
     let tables = |stage: &'static str| (0..plan.tables.len()).filter(move |t| plan.tables[*t].entry.name == stage);
-    let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<Unit>>();
+    let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
     let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
     let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
     let maps = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.yields == TableKind::Map);
-    let maps: Vec<Unit> = maps.flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
+    let maps: Vec<PlanUnit> = maps.flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
     let maps = maps.into_par_iter().map(|unit| of_map(graph, store, unit));
     let found: Vec<Vec<Warning>> = scores.chain(fits).chain(maps).collect::<Result<_, Fault>>()?;
     Ok(found.into_iter().flatten().collect())
@@ -192,24 +203,24 @@ pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) 
 ///
 /// # Errors
 /// Fails when the store cannot be read.
-pub fn present(graph: &Graph, store: &Store) -> Result<Vec<Warning>, Fault> {
+pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<Warning>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }
 
 /// The warnings of one line's scores.
-fn of_score(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
-    let batch = store.get(graph.key(unit)?, &Row::COLUMNS)?;
-    let row = Row::read(&batch);
+fn of_score(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
+    let batch = store.get(graph.key(unit)?, &LineMetrics::COLUMNS)?;
+    let row = LineMetrics::read(&batch);
     let Some(line) = unit.line else { return Ok(vec![]) };
     let inputs = graph.plan.instance(unit.table, unit.instance).inputs();
-    let facts = Facts::gather(graph, store, &inputs, line, &row)?;
+    let facts = LineFacts::gather(graph, store, &inputs, line, &row)?;
     let judged = judge(&facts).into_iter().map(|found| found.at(graph, unit));
-    Ok(judged.chain(of_whole(graph, unit, Kind::Metric, row::left_out(&batch))).collect())
+    Ok(judged.chain(of_whole(graph, unit, WarningKind::Metric, row::left_out(&batch))).collect())
 }
 
-/// A warning whose place is not filled in yet.
-struct Found {
-    kind: Kind,
+/// Warning without stage, point and line.
+struct WarningDraft {
+    kind: WarningKind,
     value: f64,
     limit: f64,
     unit: &'static str,
@@ -217,35 +228,37 @@ struct Found {
     cause: Option<String>,
 }
 
-impl Found {
-    fn at(self, graph: &Graph, unit: Unit) -> Warning {
+impl WarningDraft {
+    fn at(self, graph: &PlanGraph, unit: PlanUnit) -> Warning {
         let (stage, point, line) = place(graph, unit);
-        let Found { kind, value, limit, unit, text, cause } = self;
+        let WarningDraft { kind, value, limit, unit, text, cause } = self;
         Warning { stage, point, line, kind, value: Some(value), limit: Some(limit), unit, text, cause }
     }
 }
 
-fn place(graph: &Graph, unit: Unit) -> (String, Point, Option<(String, String)>) {
+fn place(graph: &PlanGraph, unit: PlanUnit) -> (String, SweepPoint, Option<(String, String)>) {
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.and_then(|l: LineId| graph.lines.get(l).cloned());
     (node.name.clone(), graph.plan.instance(unit.table, unit.instance).point(), line)
 }
 
 /// Holds the scores of one line against their laws.
-fn judge(facts: &Facts) -> Vec<Found> {
+fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     let (row, shown) = (facts.row, |x: f64| number(Some(x)));
     let mut found = vec![];
-    let mut add = |kind: Kind, (value, limit, unit): (f64, f64, &'static str), text: String| {
-        found.push(Found { kind, value, limit, unit, text, cause: facts.cause(kind) });
+    let mut add = |kind: WarningKind, (value, limit, unit): (f64, f64, &'static str), text: String| {
+        found.push(WarningDraft { kind, value, limit, unit, text, cause: facts.cause(kind) });
     };
     if let (Some(drms), Some(ins)) = (row.get("drms"), row.get("ins_drms"))
         && drms > ins
     {
         let text = format!("the filter is worse than the INS alone: drms {} m against {} m", shown(drms), shown(ins));
-        add(Kind::WorseThanIns, (drms, ins, "m"), text);
+        add(WarningKind::WorseThanIns, (drms, ins, "m"), text);
     }
-    let laws =
-        [("nees", &limits::NEES, Kind::NeesLow, Kind::NeesHigh), ("nis", &limits::NIS, Kind::NisLow, Kind::NisHigh)];
+    let laws = [
+        ("nees", &limits::NEES, WarningKind::NeesLow, WarningKind::NeesHigh),
+        ("nis", &limits::NIS, WarningKind::NisLow, WarningKind::NisHigh),
+    ];
     for (metric, law, low, high) in laws {
         // A track that is the truth, such as that of a bound, has no error to hold against a law.
         let Some(value) = row.get(metric).filter(|_| row.get("drms") != Some(0.0)) else { continue };
@@ -261,34 +274,34 @@ fn judge(facts: &Facts) -> Vec<Found> {
     }
     if let Some(white) = row.get("whiteness").filter(|white| *white < limits::WHITENESS && row.get("drms") != Some(0.0))
     {
-        let text = format!("{}: whiteness {}, expected value 0.95", Kind::NotWhite.of_many(), shown(white));
-        add(Kind::NotWhite, (white, limits::WHITENESS, "1"), text);
+        let text = format!("{}: whiteness {}, expected value 0.95", WarningKind::NotWhite.of_many(), shown(white));
+        add(WarningKind::NotWhite, (white, limits::WHITENESS, "1"), text);
     }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
         let first = facts
             .gnss_rejected_s()
             .map_or(String::new(), |at| format!(", the first {at:.0} s after the start of the line"));
         let text = format!("{count:.0} of {fixes} GNSS positions contradict the INS and are rejected{first}");
-        add(Kind::Gnss, (count, 0.0, "1"), text);
+        add(WarningKind::Gnss, (count, 0.0, "1"), text);
     }
     if let Some(share) = row.off_map()
         && share > limits::OFF_MAP
     {
         let text = format!("{:.0} % of the samples are off the map, without measurement updates", 100.0 * share);
-        add(Kind::OffMap, (share, limits::OFF_MAP, "1"), text);
+        add(WarningKind::OffMap, (share, limits::OFF_MAP, "1"), text);
     }
     if let Some(share) = row.flat()
         && share > limits::FLAT
     {
         let text = format!("the map is too flat to correct the position at {:.0} % of the samples", 100.0 * share);
-        add(Kind::Flat, (share, limits::FLAT, "1"), text);
+        add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some(error_nt) = row.get("map_height_error")
         && error_nt > limits::map_height_nt(facts.sigma_nt())
     {
         let limit = limits::map_height_nt(facts.sigma_nt());
         let what = "the map is at another height than the flight and is not continued to it; the expected error is";
-        add(Kind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
+        add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
     if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))
         && kept + limits::RETENTION_ERRORS * error < limits::RETENTION
@@ -298,13 +311,13 @@ fn judge(facts: &Facts) -> Vec<Found> {
             shown(kept),
             shown(error)
         );
-        add(Kind::Retention, (kept, limits::RETENTION, "1"), text);
+        add(WarningKind::Retention, (kept, limits::RETENTION, "1"), text);
     }
     found
 }
 
 /// The warning of one fit: each row of a model has it, and it is reported once.
-fn of_fit(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
+fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);
     }
@@ -316,19 +329,19 @@ fn of_fit(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Faul
             told.push(text.to_owned());
         }
     }
-    Ok(of_whole(graph, unit, Kind::Fit, told))
+    Ok(of_whole(graph, unit, WarningKind::Fit, told))
 }
 
 /// The warnings of one map that a stage made.
-fn of_map(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
+fn of_map(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     let key = graph.key(unit)?;
     // A map that is not kept is not in the store.
     let told = if store.has(key) { store.remarks(key)?.warnings } else { vec![] };
-    Ok(of_whole(graph, unit, Kind::Map, told))
+    Ok(of_whole(graph, unit, WarningKind::Map, told))
 }
 
 /// Warnings without a figure.
-fn of_whole(graph: &Graph, unit: Unit, kind: Kind, told: Vec<String>) -> Vec<Warning> {
+fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, told: Vec<String>) -> Vec<Warning> {
     let (stage, point, line) = place(graph, unit);
     let one = |text| Warning {
         stage: stage.clone(),
@@ -350,7 +363,7 @@ const TOLD: usize = 10;
 /// All warnings for the end of a run: those of one kind and table together, the worst of them with its place and cause.
 /// `table` is where they all are.
 pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
-    let mut groups: BTreeMap<(&str, Kind), Vec<&Warning>> = BTreeMap::new();
+    let mut groups: BTreeMap<(&str, WarningKind), Vec<&Warning>> = BTreeMap::new();
     for warning in warnings {
         groups.entry((&warning.stage, warning.kind)).or_default().push(warning);
     }
@@ -387,9 +400,9 @@ fn group_told(group: &[&Warning]) -> String {
 }
 
 /// The navigation behind some tables, where there is one.
-fn navigation(plan: &Plan, inputs: &[Ref]) -> Option<(usize, usize)> {
+fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
     match plan.upstream(inputs, "navigate") {
-        Some(Ref::Stage(t, i)) => Some((t, i)),
+        Some(TableRef::Stage(t, i)) => Some((t, i)),
         _ => None,
     }
 }

@@ -11,7 +11,7 @@ use stages::score::NOTE;
 
 /// The scores of one line: value and number of samples of each metric that has a value.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Row(BTreeMap<String, (f64, i64)>);
+pub struct LineMetrics(BTreeMap<String, (f64, i64)>);
 
 /// The metrics of one line's scores that could not be computed, each with the reason.
 pub fn left_out(batch: &RecordBatch) -> Vec<String> {
@@ -21,18 +21,18 @@ pub fn left_out(batch: &RecordBatch) -> Vec<String> {
     noted.map(|i| format!("`{}` cannot be computed: {}", names.value(i), notes.value(i))).collect()
 }
 
-impl Row {
+impl LineMetrics {
     /// The columns it is read from.
     pub const COLUMNS: [&'static str; 4] = ["metric", "value", "n", NOTE];
 
     /// Reads the rows of one line's scores. Values that are null or not a number are left out; infinite ones are kept.
-    pub fn read(batch: &RecordBatch) -> Row {
+    pub fn read(batch: &RecordBatch) -> LineMetrics {
         let names = batch.column_by_name("metric").and_then(|a| a.as_string_opt::<i32>());
         let values = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
         let n = batch.column_by_name("n").and_then(|a| a.as_primitive_opt::<Int64Type>());
-        let (Some(names), Some(values), Some(n)) = (names, values, n) else { return Row::default() };
+        let (Some(names), Some(values), Some(n)) = (names, values, n) else { return LineMetrics::default() };
         let there = (0..batch.num_rows()).filter(|i| values.is_valid(*i) && !values.value(*i).is_nan());
-        Row(there.map(|i| (names.value(i).to_owned(), (values.value(i), n.value(i)))).collect())
+        LineMetrics(there.map(|i| (names.value(i).to_owned(), (values.value(i), n.value(i)))).collect())
     }
 
     /// The value of a metric.
@@ -61,7 +61,7 @@ impl Row {
 }
 
 #[cfg(test)]
-impl Row {
+impl LineMetrics {
     /// Sets a metric of 100 samples.
     pub fn put(&mut self, metric: &str, value: f64) {
         self.0.insert(metric.to_owned(), (value, 100));
@@ -69,9 +69,9 @@ impl Row {
 }
 
 #[cfg(test)]
-impl<const N: usize> From<[(&str, f64); N]> for Row {
-    fn from(figures: [(&str, f64); N]) -> Row {
-        let mut row = Row::default();
+impl<const N: usize> From<[(&str, f64); N]> for LineMetrics {
+    fn from(figures: [(&str, f64); N]) -> LineMetrics {
+        let mut row = LineMetrics::default();
         figures.iter().for_each(|(metric, value)| row.put(metric, *value));
         row
     }

@@ -3,11 +3,11 @@
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use schemas::Fault;
 
-use super::{Kind, Warning};
+use super::{Warning, WarningKind};
 use crate::{
-    plan::{Plan, Point},
+    plan::{Plan, SweepPoint},
     store::{Store, published},
-    views::scores::Values,
+    views::scores::AxisValues,
 };
 
 const COLUMNS: [&str; 9] = ["flight", "line", "stage", "kind", "value", "limit", "unit", "text", "cause"];
@@ -25,7 +25,7 @@ pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault
     }
     let names: Vec<&str> = axes.iter().map(|a| a.name.as_str()).chain(COLUMNS).collect();
     let Some(batch) = published(&store.table(&plan.spec.name, "warnings"), &names)? else { return Ok(None) };
-    let known: Vec<Values> = axes.iter().map(|a| Values::new(&a.values)).collect();
+    let known: Vec<AxisValues> = axes.iter().map(|a| AxisValues::new(&a.values)).collect();
     let cell = |row: usize, name: &str| -> Option<String> {
         let array = batch.column_by_name(name).filter(|a| a.is_valid(row))?;
         arrow_cast::display::array_value_to_string(array, row).ok()
@@ -35,7 +35,7 @@ pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault
         array.is_valid(row).then(|| array.value(row))
     };
     let one = |row: usize| -> Option<Warning> {
-        let mut point = Point::new();
+        let mut point = SweepPoint::new();
         for (axis, known) in axes.iter().zip(&known) {
             if let Some(text) = cell(row, &axis.name) {
                 point.insert(axis.name.clone(), axis.values.get(known.position(&text)?)?.clone());
@@ -47,7 +47,7 @@ pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault
             stage: cell(row, "stage")?,
             point,
             line: cell(row, "flight").zip(cell(row, "line")),
-            kind: Kind::ALL.into_iter().find(|k| k.as_str() == word)?,
+            kind: WarningKind::ALL.into_iter().find(|k| k.as_str() == word)?,
             value: number(row, "value"),
             limit: number(row, "limit"),
             unit: if unit.is_empty() { "" } else { UNITS.into_iter().find(|u| *u == unit)? },

@@ -1,19 +1,19 @@
 //! Correlation coefficients.
 
-use numerics::regression::{Figure, statistics::summary};
+use numerics::regression::{SampleStatistic, statistics::summary};
 
 use crate::rows::sum_of;
 
 /// Pearson's correlation coefficient of two columns, and the number of rows where both are finite; others are left out.
 /// NaN where one is constant, or there are fewer than two rows.
-pub fn pearson(a: &[f64], b: &[f64]) -> Figure {
+pub fn pearson(a: &[f64], b: &[f64]) -> SampleStatistic {
     let (a, b) = finite(a, b);
     coefficient(&a, &b)
 }
 
-/// Spearman's rank correlation of two columns: Pearson's coefficient of the ranks, equal values having the mean of their
-/// ranks. Rows are left out as by [`pearson`].
-pub fn spearman(a: &[f64], b: &[f64]) -> Figure {
+/// Spearman's rank correlation of two columns: Pearson's coefficient of the ranks, equal values having the mean of
+/// their ranks. Rows are left out as by [`pearson`].
+pub fn spearman(a: &[f64], b: &[f64]) -> SampleStatistic {
     let (a, b) = finite(a, b);
     coefficient(&ranks(&a), &ranks(&b))
 }
@@ -22,16 +22,16 @@ fn finite(a: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
     a.iter().zip(b).filter(|(a, b)| a.is_finite() && b.is_finite()).unzip()
 }
 
-fn coefficient(a: &[f64], b: &[f64]) -> Figure {
+fn coefficient(a: &[f64], b: &[f64]) -> SampleStatistic {
     let n = a.len();
     // The mean of equal values need not be that value: rounding would correlate.
     let constant = |x: &[f64]| x.windows(2).all(|pair| pair[0] == pair[1]);
     if n < 2 || constant(a) || constant(b) {
-        return Figure { value: f64::NAN, n };
+        return SampleStatistic { value: f64::NAN, n };
     }
     let (of_a, of_b) = (summary(a), summary(b));
     let product = sum_of(n, |i| (a[i] - of_a.mean) / of_a.std * ((b[i] - of_b.mean) / of_b.std));
-    Figure { value: (product / (n as f64 - 1.0)).clamp(-1.0, 1.0), n }
+    SampleStatistic { value: (product / (n as f64 - 1.0)).clamp(-1.0, 1.0), n }
 }
 
 /// The rank of each value, from 1; the mean of their ranks for equal ones.

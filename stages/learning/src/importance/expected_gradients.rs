@@ -3,27 +3,29 @@
 use numerics::random::{SplitMix64, seed_of};
 use rayon::prelude::*;
 
-use super::{Attributions, ImportanceError, Model, Sampling, answers, attributions, both_rows, group_of};
+use super::{
+    AttributionSampling, Attributions, ImportanceError, PredictionFunction, answers, attributions, both_rows, group_of,
+};
 use crate::{draws, rows::setting};
 
-/// Expected gradients: the mean of (x − b) df/dx at b + a (x − b), over background rows b and over a from 0 to 1, summed
-/// over the columns of a group [Erion et al. 2021, "Improving performance of deep learning models with axiomatic attribution
-/// priors and expected gradients"]. Their sum is the prediction less that of the background, up to sampling. `gradient`
-/// returns the derivatives by all columns, row by row.
+/// Expected gradients: the mean of (x − b) df/dx at b + a (x − b), over background rows b and over a from 0 to 1,
+/// summed over the columns of a group [Erion et al. 2021, "Improving performance of deep learning models with axiomatic
+/// attribution priors and expected gradients"]. Their sum is the prediction less that of the background, up to
+/// sampling. `gradient` returns the derivatives by all columns, row by row.
 ///
 /// Background rows are taken in turn, each as often as the others up to one; a is drawn once in each of as many equal
 /// intervals as there are samples. Errors are those of independent draws, which is too large rather than too small.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, fewer than two samples, and where the model fails or
-/// returns something else than a finite number per row and column.
+/// Fails for values that are not finite, a column in no group or in two, fewer than two samples, and where the model
+/// fails or returns something else than a finite number per row and column.
 pub fn expected_gradients<E: Send>(
-    gradient: &Model<'_, E>,
+    gradient: &PredictionFunction<'_, E>,
     rows: &[f64],
     background: &[f64],
     width: usize,
     groups: &[Vec<usize>],
-    sampling: &Sampling,
+    sampling: &AttributionSampling,
 ) -> Result<Attributions, ImportanceError<E>> {
     let (explained, count) = both_rows(rows, background, width)?;
     let group_of = group_of(width, groups)?;
@@ -50,7 +52,13 @@ pub fn expected_gradients<E: Send>(
 }
 
 /// The points where the gradient is taken, and the background row of each.
-fn points(x: &[f64], background: &[f64], count: usize, number: usize, sampling: &Sampling) -> (Vec<f64>, Vec<usize>) {
+fn points(
+    x: &[f64],
+    background: &[f64],
+    count: usize,
+    number: usize,
+    sampling: &AttributionSampling,
+) -> (Vec<f64>, Vec<usize>) {
     let mut bits = SplitMix64::new(seed_of(sampling.seed, &["expected gradients", &number.to_string()]));
     let mut from: Vec<usize> = vec![];
     while from.len() < sampling.samples {

@@ -8,14 +8,14 @@ const TOLERANCE: f64 = 1e-10;
 /// Steps at most.
 const STEPS: usize = 100_000;
 
-/// c and κ of the paper's step length: what a step must be shorter than the longest stable one by, and the factor by which
-/// it is shortened.
+/// c and κ of the paper's step length: what a step must be shorter than the longest stable one by, and the factor by
+/// which it is shortened.
 const MARGIN: f64 = 0.01;
 const SHORTER: f64 = 2.0;
 
 /// A linear model with few terms.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sparse {
+pub struct SparseLinearModel {
     /// One per column, in the unit of the target per that of the column; 0 for those that are left out.
     pub coefficients: Vec<f64>,
     /// The number of steps.
@@ -32,37 +32,42 @@ pub struct Sparse {
 ///
 /// # Errors
 /// Fails for values that are not finite, and unless `keep` is 1 to the number of columns.
-pub fn iterative_hard_thresholding(x: &[f64], width: usize, y: &[f64], keep: usize) -> Result<Sparse, RowsError> {
+pub fn iterative_hard_thresholding(
+    x: &[f64],
+    width: usize,
+    y: &[f64],
+    keep: usize,
+) -> Result<SparseLinearModel, RowsError> {
     let rows = finite_rows("the matrix", x, width)?;
     entries("the target", y.len(), rows)?;
     finite_rows("the target", y, 1)?;
     setting("the number of terms to keep", keep as f64, "1 to the number of columns", (1..=width).contains(&keep))?;
-    let problem = Problem::of(x, width, y);
+    let problem = GramSystem::new(x, width, y);
     let mut b = vec![0.0; width];
     let mut support = largest(&problem.gradient(&b), keep);
     for step in 1..=STEPS {
         let Some((next, on)) = problem.step(&b, &support, keep) else {
-            return Ok(Sparse { coefficients: b, steps: step, converged: true });
+            return Ok(SparseLinearModel { coefficients: b, steps: step, converged: true });
         };
         let moved = next.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let size = next.iter().fold(0.0f64, |size, b| size.max(b.abs()));
         (b, support) = (next, on);
         if moved <= TOLERANCE * size {
-            return Ok(Sparse { coefficients: b, steps: step, converged: true });
+            return Ok(SparseLinearModel { coefficients: b, steps: step, converged: true });
         }
     }
-    Ok(Sparse { coefficients: b, steps: STEPS, converged: false })
+    Ok(SparseLinearModel { coefficients: b, steps: STEPS, converged: false })
 }
 
-/// XᵀX and Xᵀy.
-struct Problem {
+/// Normal equations of a least-squares problem: XᵀX and Xᵀy.
+struct GramSystem {
     width: usize,
     gram: Vec<f64>,
     along: Vec<f64>,
 }
 
-impl Problem {
-    fn of(x: &[f64], width: usize, y: &[f64]) -> Self {
+impl GramSystem {
+    fn new(x: &[f64], width: usize, y: &[f64]) -> Self {
         let (mut gram, mut along) = (vec![0.0; width * width], vec![0.0; width]);
         for (row, y) in x.chunks_exact(width).zip(y) {
             for ((sums, along), a) in gram.chunks_exact_mut(width).zip(&mut along).zip(row) {

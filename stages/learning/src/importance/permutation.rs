@@ -3,15 +3,15 @@
 use numerics::random::{SplitMix64, seed_of};
 use rayon::prelude::*;
 
-use super::{ImportanceError, Model, TOGETHER, answers, check_groups};
+use super::{ImportanceError, PredictionFunction, TOGETHER, answers, check_groups};
 use crate::{
     draws,
     rows::{entries, finite_rows, setting, sum_of},
 };
 
-/// Blocks to exchange, and number of repeats.
+/// Block length, number of repeats and seed of a permutation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Blocks {
+pub struct PermutationBlocks {
     /// The rows of a block: longer than the series remember, or what is exchanged is still like what was there.
     pub rows: usize,
     /// The number of exchanges.
@@ -20,9 +20,9 @@ pub struct Blocks {
     pub seed: u64,
 }
 
-/// Errors of a model with and without what a group tells.
+/// Mean square error of a model, and its increases when a group of columns is permuted.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Permuted {
+pub struct PermutationImportance {
     /// The mean square error of the rows as they are, in the square of the target's unit.
     pub base: f64,
     /// For each group and repeat, by how much it is larger when the group's columns are exchanged.
@@ -37,16 +37,16 @@ pub struct Permuted {
 /// In each repeat all groups have the same exchange, so that they can be compared. Groups may have columns in common.
 ///
 /// # Errors
-/// Fails for values that are not finite, unusable groups or settings, less than two blocks, and where the model fails or
-/// returns something else than a finite number per row.
+/// Fails for values that are not finite, unusable groups or settings, less than two blocks, and where the model fails
+/// or returns something else than a finite number per row.
 pub fn permutation<E: Send>(
-    model: &Model<'_, E>,
+    model: &PredictionFunction<'_, E>,
     x: &[f64],
     width: usize,
     y: &[f64],
     groups: &[Vec<usize>],
-    blocks: &Blocks,
-) -> Result<Permuted, ImportanceError<E>> {
+    blocks: &PermutationBlocks,
+) -> Result<PermutationImportance, ImportanceError<E>> {
     let rows = finite_rows("the matrix", x, width)?;
     entries("the target", y.len(), rows)?;
     finite_rows("the target", y, 1)?;
@@ -64,11 +64,11 @@ pub fn permutation<E: Send>(
     let made: Vec<Result<f64, ImportanceError<E>>> = tasks.par_iter().map(one).collect();
     let made: Vec<f64> = made.into_iter().collect::<Result<_, _>>()?;
     let of_group = |errors: &[f64]| errors.iter().map(|error| error - base).collect();
-    Ok(Permuted { base, increases: made.chunks(blocks.repeats).map(of_group).collect() })
+    Ok(PermutationImportance { base, increases: made.chunks(blocks.repeats).map(of_group).collect() })
 }
 
 /// For each row the row that the columns come from.
-fn source_rows(blocks: &Blocks, repeat: usize, rows: usize) -> Vec<u32> {
+fn source_rows(blocks: &PermutationBlocks, repeat: usize, rows: usize) -> Vec<u32> {
     let mut bits = SplitMix64::new(seed_of(blocks.seed, &["permutation", &repeat.to_string()]));
     let order = draws::cycle(&mut bits, rows.div_ceil(blocks.rows));
     let block = |k: usize| k * blocks.rows..rows.min((k + 1) * blocks.rows);
@@ -77,7 +77,7 @@ fn source_rows(blocks: &Blocks, repeat: usize, rows: usize) -> Vec<u32> {
 
 /// The mean square error with the columns of `group` from the rows `source`.
 fn exchanged<E>(
-    model: &Model<'_, E>,
+    model: &PredictionFunction<'_, E>,
     x: &[f64],
     width: usize,
     y: &[f64],
@@ -106,12 +106,12 @@ mod tests {
 
     #[test]
     fn law_an_exchange_keeps_blocks_whole_and_moves_each() {
-        let rows = source_rows(&Blocks { rows: 500, repeats: 1, seed: 1 }, 0, 5200);
+        let rows = source_rows(&PermutationBlocks { rows: 500, repeats: 1, seed: 1 }, 0, 5200);
         let mut sorted = rows.clone();
         sorted.sort_unstable();
         assert!(sorted.into_iter().eq(0..5200));
         assert!(rows.windows(2).filter(|pair| pair[1] != pair[0] + 1).count() <= 10);
         assert!(rows.chunks(500).enumerate().all(|(k, block)| block[0] as usize != 500 * k));
-        assert_ne!(rows, source_rows(&Blocks { rows: 500, repeats: 1, seed: 1 }, 1, 5200));
+        assert_ne!(rows, source_rows(&PermutationBlocks { rows: 500, repeats: 1, seed: 1 }, 1, 5200));
     }
 }

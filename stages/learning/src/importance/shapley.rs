@@ -6,55 +6,55 @@ use numerics::random::{SplitMix64, seed_of};
 use rayon::prelude::*;
 
 use super::{
-    Attributions, Explained, ImportanceError, Model, Sampling, TOGETHER, answers, attributions, both_rows,
-    check_groups, group_of,
+    AttributionSampling, Attributions, ImportanceError, PredictionFunction, RowAttributions, TOGETHER, answers,
+    attributions, both_rows, check_groups, group_of,
 };
 use crate::{
     draws,
     rows::{entries, finite_rows, setting},
 };
 
-/// The Shapley values of the prediction of each row: the mean, over all orders of the groups and all background rows, of
-/// the change of the prediction when a group's columns change from the background row's to the row's own [Strumbelj and
-/// Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn, each together with its reverse
-/// [Mitchell et al. 2022, "Sampling permutations for Shapley value estimation"], anew for each background row, so that
-/// the values of a row always add up to its prediction less the base. Up to two groups are exact.
+/// The Shapley values of the prediction of each row: the mean, over all orders of the groups and all background rows,
+/// of the change of the prediction when a group's columns change from the background row's to the row's own [Strumbelj
+/// and Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn, each together with its
+/// reverse [Mitchell et al. 2022, "Sampling permutations for Shapley value estimation"], anew for each background row,
+/// so that the values of a row always add up to its prediction less the base. Up to two groups are exact.
 ///
 /// It takes 2 `samples` (groups − 1) predictions for each row and background row.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, fewer than two samples, and where the model fails or
-/// returns something else than a finite number per row.
+/// Fails for values that are not finite, a column in no group or in two, fewer than two samples, and where the model
+/// fails or returns something else than a finite number per row.
 pub fn shapley_sampled<E: Send>(
-    model: &Model<'_, E>,
+    model: &PredictionFunction<'_, E>,
     rows: &[f64],
     background: &[f64],
     width: usize,
     groups: &[Vec<usize>],
-    sampling: &Sampling,
+    sampling: &AttributionSampling,
 ) -> Result<Attributions, ImportanceError<E>> {
     let (explained, count) = both_rows(rows, background, width)?;
     group_of::<E>(width, groups)?;
     setting("the number of samples", sampling.samples as f64, "at least 2", sampling.samples > 1)?;
     let (of_rows, of_background) = (answers(model, rows, width, 1)?, answers(model, background, width, 1)?);
     let base = of_background.iter().sum::<f64>() / count as f64;
-    let all = Sampled { model, background, width, groups, sampling, of_background: &of_background };
+    let all = ShapleySampler { model, background, width, groups, sampling, of_background: &of_background };
     let one = |row: usize| all.row(row, &rows[row * width..(row + 1) * width], of_rows[row]);
     attributions(base, (0..explained).into_par_iter().map(one).collect())
 }
 
-struct Sampled<'a, E> {
-    model: &'a Model<'a, E>,
+struct ShapleySampler<'a, E> {
+    model: &'a PredictionFunction<'a, E>,
     background: &'a [f64],
     width: usize,
     groups: &'a [Vec<usize>],
-    sampling: &'a Sampling,
+    sampling: &'a AttributionSampling,
     of_background: &'a [f64],
 }
 
-impl<E> Sampled<'_, E> {
+impl<E> ShapleySampler<'_, E> {
     /// The values of a row, whose prediction is `found`, and their errors.
-    fn row(&self, number: usize, x: &[f64], found: f64) -> Explained<E> {
+    fn row(&self, number: usize, x: &[f64], found: f64) -> RowAttributions<E> {
         let (count, groups, samples) = (self.of_background.len(), self.groups.len(), self.sampling.samples);
         let each = 2 * samples * groups.saturating_sub(1);
         let step = (TOGETHER / each.max(1)).max(1);
@@ -130,9 +130,9 @@ impl<E> Sampled<'_, E> {
     }
 }
 
-/// The Shapley values of a linear model with these coefficients, for features that are independent: the coefficient times
-/// the difference of a column from the mean of the background, `means`, summed over a group [Lundberg and Lee 2017,
-/// corollary 1]. A group may have columns of another, and columns may be in none.
+/// The Shapley values of a linear model with these coefficients, for features that are independent: the coefficient
+/// times the difference of a column from the mean of the background, `means`, summed over a group [Lundberg and Lee
+/// 2017, corollary 1]. A group may have columns of another, and columns may be in none.
 ///
 /// # Errors
 /// Fails for values that are not finite or not as many as there are columns, and for unusable groups.

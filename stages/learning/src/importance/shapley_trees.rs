@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 use super::{Attributions, ImportanceError, attributions, both_rows, group_of};
-use crate::trees::{BoostingError, Forest, Node};
+use crate::trees::{BoostingError, Forest, RegressionTreeNode};
 
 /// The Shapley values of a forest's prediction of each row against background rows, exact: what
-/// [`shapley_sampled`](super::shapley_sampled) goes to with ever more samples [Lundberg et al. 2020, "From local explanations to global
-/// understanding with explainable AI for trees", algorithm 3].
+/// [`shapley_sampled`](super::shapley_sampled) goes to with ever more samples [Lundberg et al. 2020, "From local
+/// explanations to global understanding with explainable AI for trees", algorithm 3].
 ///
 /// In each tree a row and a background row go down together; where they part, the node's group decides between them,
 /// and keeps to it further down. A leaf that needs the row's columns of n groups and the background's of m
@@ -30,7 +30,8 @@ pub fn shapley_trees(
         let x = &rows[row * width..(row + 1) * width];
         let mut values = vec![0.0; groups.len()];
         for b in background.chunks_exact(width) {
-            let mut walk = Walk { group_of: &group_of, x, b, own: vec![], other: vec![], values: &mut values };
+            let mut walk =
+                ShapleyTreeTraversal { group_of: &group_of, x, b, own: vec![], other: vec![], values: &mut values };
             forest.trees.iter().for_each(|tree| walk.down(&tree.nodes, 0));
         }
         values.iter_mut().for_each(|v| *v /= count as f64);
@@ -39,8 +40,8 @@ pub fn shapley_trees(
     attributions(base, (0..explained).into_par_iter().map(one).collect())
 }
 
-/// Two rows on their way down a tree.
-struct Walk<'a> {
+/// State of a traversal of a tree by an explained row and a background row.
+struct ShapleyTreeTraversal<'a> {
     group_of: &'a [usize],
     x: &'a [f64],
     b: &'a [f64],
@@ -51,11 +52,11 @@ struct Walk<'a> {
     values: &'a mut [f64],
 }
 
-impl Walk<'_> {
-    fn down(&mut self, nodes: &[Node], at: usize) {
+impl ShapleyTreeTraversal<'_> {
+    fn down(&mut self, nodes: &[RegressionTreeNode], at: usize) {
         let (feature, threshold, left, right) = match nodes[at] {
-            Node::Leaf { value } => return self.leaf(value),
-            Node::Split { feature, threshold, left, right } => (feature, threshold, left, right),
+            RegressionTreeNode::Leaf { value } => return self.leaf(value),
+            RegressionTreeNode::Split { feature, threshold, left, right } => (feature, threshold, left, right),
         };
         let next = |row: &[f64]| if row[feature] <= threshold { left } else { right };
         let (own, other) = (next(self.x), next(self.b));

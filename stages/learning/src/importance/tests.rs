@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-use numerics::random::Normals;
+use numerics::random::NormalGenerator;
 
 use super::*;
 use crate::{
     reference_csv::{columns, matrix},
-    trees::{Forest, Node, Tree},
+    trees::{Forest, RegressionTree, RegressionTreeNode},
 };
 
 type Never = Infallible;
@@ -44,7 +44,7 @@ fn worst(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn normals(count: usize, seed: u64) -> Vec<f64> {
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     (0..count).map(|_| normals.draw()).collect()
 }
 
@@ -53,7 +53,8 @@ fn ref_sampled_values_are_those_of_shap_within_their_errors() {
     let (rows, background, table) = shapley_case();
     let truth = expected(&table, "exact");
     let run = |samples, seed| {
-        shapley_sampled(&function, &rows, &background, 5, &each_alone(5), &Sampling { samples, seed }).unwrap()
+        shapley_sampled(&function, &rows, &background, 5, &each_alone(5), &AttributionSampling { samples, seed })
+            .unwrap()
     };
     let many = run(400, 1);
     assert!(worst(&many.values, &truth) < 0.02, "{}", worst(&many.values, &truth));
@@ -83,7 +84,7 @@ fn law_values_add_up_to_the_prediction_in_groups_too_and_two_groups_are_exact() 
     for groups in
         [each_alone(5), vec![vec![3, 0], vec![2], vec![1, 4]], vec![vec![0, 1, 2, 3], vec![4]], vec![(0..5).collect()]]
     {
-        let sampling = Sampling { samples: 2, seed: 3 };
+        let sampling = AttributionSampling { samples: 2, seed: 3 };
         let found = shapley_sampled(&function, &rows, &background, 5, &groups, &sampling).unwrap();
         for (row, prediction) in found.values.chunks(groups.len()).zip(&predictions) {
             assert!((found.base + row.iter().sum::<f64>() - prediction).abs() < 1e-10, "{groups:?}");
@@ -100,12 +101,13 @@ fn law_values_add_up_to_the_prediction_in_groups_too_and_two_groups_are_exact() 
 
 #[test]
 fn law_a_product_is_shared_symmetrically_and_a_dummy_has_nothing() {
-    // x0 x1 against one background row: (x0 - b0)(x1 + b1)/2 and (x1 - b1)(x0 + b0)/2, whether by orders or by gradients.
+    // x0 x1 against one background row: (x0 - b0)(x1 + b1)/2 and (x1 - b1)(x0 + b0)/2, whether by orders or by
+    // gradients.
     let product = |x: &[f64]| Ok::<_, Never>(x.chunks(3).map(|x| x[0] * x[1]).collect());
     let slopes = |x: &[f64]| Ok::<_, Never>(x.chunks(3).flat_map(|x| [x[1], x[0], 0.0]).collect());
     let (rows, background) = ([2.0, 3.0, 9.0, -1.0, 0.5, 4.0], [0.5, 1.0, -7.0]);
     let truth = [0.5 * 1.5 * 4.0, 0.5 * 2.0 * 2.5, 0.0, 0.5 * -1.5 * 1.5, 0.5 * -0.5 * -0.5, 0.0];
-    let sampling = Sampling { samples: 2000, seed: 1 };
+    let sampling = AttributionSampling { samples: 2000, seed: 1 };
     let orders = shapley_sampled(&product, &rows, &background, 3, &each_alone(3), &sampling).unwrap();
     assert!(worst(&orders.values, &truth) < 1e-12 && orders.base == 0.5, "{orders:?}");
     let gradients = expected_gradients(&slopes, &rows, &background, 3, &each_alone(3), &sampling).unwrap();
@@ -120,7 +122,7 @@ fn law_expected_gradients_of_a_linear_model_are_its_shapley_values() {
     let coefficients = &table["coefficient"][..5];
     let slopes = |x: &[f64]| Ok::<_, Never>(coefficients.repeat(x.len() / 5));
     // A multiple of the background rows has each as often.
-    let sampling = Sampling { samples: 40, seed: 0 };
+    let sampling = AttributionSampling { samples: 40, seed: 0 };
     let found = expected_gradients(&slopes, &rows, &background, 5, &each_alone(5), &sampling).unwrap();
     assert!(worst(&found.values, &expected(&table, "linear")) < 1e-10);
     let means: Vec<f64> = (0..5).map(|j| background.iter().skip(j).step_by(5).sum::<f64>() / 20.0).collect();
@@ -135,16 +137,17 @@ fn ref_values_of_a_forest_are_those_of_tree_explainer() {
     let table = columns(include_str!("../../reference/importance/forest.csv"));
     let at = |name: &str, i: usize| table[name][i];
     let node = |i: usize| match at("leaf", i) == 1.0 {
-        true => Node::Leaf { value: at("value", i) },
-        false => Node::Split {
+        true => RegressionTreeNode::Leaf { value: at("value", i) },
+        false => RegressionTreeNode::Split {
             feature: at("feature", i) as usize,
             threshold: at("threshold", i),
             left: at("left", i) as usize,
             right: at("right", i) as usize,
         },
     };
-    let trees = (0..12)
-        .map(|t| Tree { nodes: (0..table["tree"].len()).filter(|&i| at("tree", i) == t as f64).map(node).collect() });
+    let trees = (0..12).map(|t| RegressionTree {
+        nodes: (0..table["tree"].len()).filter(|&i| at("tree", i) == t as f64).map(node).collect(),
+    });
     let forest = Forest { base: table["base"][0], trees: trees.collect() };
     let truth = columns(include_str!("../../reference/importance/forest_shapley.csv"));
     let (rows, background, _) = shapley_case();
@@ -161,7 +164,8 @@ fn ref_values_of_a_forest_are_those_of_tree_explainer() {
     let exact = shapley_trees(&forest, &rows, &background, 5, &groups).unwrap();
     let predict = |x: &[f64]| Ok::<_, Never>(forest.predict(x, 5));
     let sampled =
-        shapley_sampled(&predict, &rows, &background, 5, &groups, &Sampling { samples: 3000, seed: 9 }).unwrap();
+        shapley_sampled(&predict, &rows, &background, 5, &groups, &AttributionSampling { samples: 3000, seed: 9 })
+            .unwrap();
     assert!((exact.base - sampled.base).abs() < 1e-12 && worst(&exact.values, &sampled.values) < 0.01);
     let ratios =
         exact.values.iter().zip(&sampled.values).zip(&sampled.errors).map(|((a, b), e)| (a - b).abs() / (e + 1e-12));
@@ -174,7 +178,7 @@ fn law_permutation_of_a_linear_model_is_twice_the_variance_that_a_column_explain
     let x = normals(3 * n, 4);
     let y: Vec<f64> = x.chunks(3).map(|x| 2.0 * x[0] - x[1] + 7.0).collect();
     let model = |x: &[f64]| Ok::<_, Never>(x.chunks(3).map(|x| 2.0 * x[0] - x[1] + 7.0).collect());
-    let blocks = Blocks { rows: 100, repeats: 3, seed: 5 };
+    let blocks = PermutationBlocks { rows: 100, repeats: 3, seed: 5 };
     let groups = [vec![0], vec![1], vec![2], vec![0, 1]];
     let found = permutation(&model, &x, 3, &y, &groups, &blocks).unwrap();
     assert!(found.base < 1e-20);
@@ -192,8 +196,8 @@ fn law_threads_change_no_bit_and_a_group_does_not_depend_on_the_others() {
     let (rows, background, _) = shapley_case();
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let sampling = Sampling { samples: 3, seed: 8 };
-        let blocks = Blocks { rows: 3, repeats: 4, seed: 8 };
+        let sampling = AttributionSampling { samples: 3, seed: 8 };
+        let blocks = PermutationBlocks { rows: 3, repeats: 4, seed: 8 };
         pool.install(|| {
             let shapley = shapley_sampled(&function, &rows, &background, 5, &each_alone(5), &sampling).unwrap();
             let slopes = |x: &[f64]| Ok::<_, Never>(x.iter().map(|x| x.sin()).collect());
@@ -248,9 +252,9 @@ fn ref_hard_thresholding_finds_the_best_of_all_subsets() {
 #[test]
 fn unit_what_cannot_be_explained_is_refused() {
     let (rows, background, _) = shapley_case();
-    let sampling = Sampling { samples: 2, seed: 0 };
+    let sampling = AttributionSampling { samples: 2, seed: 0 };
     let fault = |rows: &[f64], groups: &[Vec<usize>], samples: usize| {
-        let sampling = Sampling { samples, ..sampling };
+        let sampling = AttributionSampling { samples, ..sampling };
         shapley_sampled(&function, rows, &background, 5, groups, &sampling).unwrap_err().to_string()
     };
     assert_eq!(fault(&rows, &[vec![0, 1], vec![2, 4]], 2), "column 3 is in no group");
@@ -275,7 +279,7 @@ fn unit_what_cannot_be_explained_is_refused() {
     );
     let error = expected_gradients(&short, &rows, &background, 5, &groups, &sampling).unwrap_err();
     assert_eq!(error, ImportanceError::Answer { given: 1, expected: 10 });
-    let blocks = Blocks { rows: 20, repeats: 1, seed: 0 };
+    let blocks = PermutationBlocks { rows: 20, repeats: 1, seed: 0 };
     let error = permutation(&function, &background, 5, &[0.0; 20], &groups, &blocks).unwrap_err();
     assert_eq!(error, ImportanceError::OneBlock { rows: 20, block: 20 });
 }

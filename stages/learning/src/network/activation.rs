@@ -5,7 +5,7 @@ use params::choice;
 choice! {
     /// Activation function of the sum z of a hidden unit. [Gnadt 2022, (4.3)-(4.6)]
     #[derive(Default)]
-    pub enum Activation {
+    pub enum ActivationFunction {
         /// z/(1 + e⁻ᶻ): swish, or SiLU.
         #[default]
         Swish = "swish",
@@ -18,43 +18,43 @@ choice! {
     }
 }
 
-impl Activation {
+impl ActivationFunction {
     /// Replaces sums by activations.
     pub(super) fn apply(self, z: &mut [f64]) {
-        pulp::Arch::new().dispatch(Apply(self, z));
+        pulp::Arch::new().dispatch(ActivationKernel(self, z));
     }
 
     /// Replaces sums by activations, and writes their derivatives.
     pub(super) fn apply_with_slopes(self, z: &mut [f64], slopes: &mut [f64]) {
-        pulp::Arch::new().dispatch(ApplyWithSlopes(self, z, slopes));
+        pulp::Arch::new().dispatch(ActivationSlopeKernel(self, z, slopes));
     }
 }
 
-struct Apply<'a>(Activation, &'a mut [f64]);
+struct ActivationKernel<'a>(ActivationFunction, &'a mut [f64]);
 
-impl pulp::NullaryFnOnce for Apply<'_> {
+impl pulp::NullaryFnOnce for ActivationKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
         let Self(activation, z) = self;
         match activation {
-            Activation::Swish => each(
+            ActivationFunction::Swish => each(
                 z,
                 #[inline(always)]
                 |z| swish(z).0,
             ),
-            Activation::Relu => each(
+            ActivationFunction::Relu => each(
                 z,
                 #[inline(always)]
                 |z| relu(z).0,
             ),
-            Activation::Tanh => each(
+            ActivationFunction::Tanh => each(
                 z,
                 #[inline(always)]
                 |z| tanh(z).0,
             ),
-            Activation::Sigmoid => each(
+            ActivationFunction::Sigmoid => each(
                 z,
                 #[inline(always)]
                 |z| sigmoid(z).0,
@@ -63,19 +63,19 @@ impl pulp::NullaryFnOnce for Apply<'_> {
     }
 }
 
-struct ApplyWithSlopes<'a>(Activation, &'a mut [f64], &'a mut [f64]);
+struct ActivationSlopeKernel<'a>(ActivationFunction, &'a mut [f64], &'a mut [f64]);
 
-impl pulp::NullaryFnOnce for ApplyWithSlopes<'_> {
+impl pulp::NullaryFnOnce for ActivationSlopeKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
         let Self(activation, z, slopes) = self;
         match activation {
-            Activation::Swish => each_with_slope(z, slopes, swish),
-            Activation::Relu => each_with_slope(z, slopes, relu),
-            Activation::Tanh => each_with_slope(z, slopes, tanh),
-            Activation::Sigmoid => each_with_slope(z, slopes, sigmoid),
+            ActivationFunction::Swish => each_with_slope(z, slopes, swish),
+            ActivationFunction::Relu => each_with_slope(z, slopes, relu),
+            ActivationFunction::Tanh => each_with_slope(z, slopes, tanh),
+            ActivationFunction::Sigmoid => each_with_slope(z, slopes, sigmoid),
         }
     }
 }
@@ -121,8 +121,8 @@ pub(super) fn sigmoid(z: f64) -> (f64, f64) {
 
 /// eˣ to within two units of the last digit, the same bits on every machine; between e⁻⁷⁰⁸ and e⁷⁰⁹.
 ///
-/// x = n ln 2 + r with |r| at most half of ln 2, whose exponential is its Taylor polynomial of degree 13; n goes into the
-/// exponent. Without a branch, so that it is done on whole vectors.
+/// x = n ln 2 + r with |r| at most half of ln 2, whose exponential is its Taylor polynomial of degree 13; n goes into
+/// the exponent. Without a branch, so that it is done on whole vectors.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
@@ -175,7 +175,9 @@ mod tests {
 
     #[test]
     fn law_slopes_are_derivatives_and_nan_stays_nan() {
-        for activation in [Activation::Swish, Activation::Relu, Activation::Tanh, Activation::Sigmoid] {
+        for activation in
+            [ActivationFunction::Swish, ActivationFunction::Relu, ActivationFunction::Tanh, ActivationFunction::Sigmoid]
+        {
             let z: Vec<f64> = (-40..40).map(|i| f64::from(i) * 0.21 + 0.003).collect();
             let (mut value, mut slope) = (z.clone(), vec![0.0; z.len()]);
             activation.apply_with_slopes(&mut value, &mut slope);

@@ -1,37 +1,37 @@
 //! Causal convolutions whose steps widen from layer to layer. [van den Oord et al. 2016; Bai, Kolter & Koltun 2018]
 //!
-//! Each layer takes two samples, 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). What the last sample of a window
-//! needs of a layer are every second of the sums of the layer before: along a window of 2ⁿ samples in their order,
-//! always two neighbours. So a layer is a dense one, whose rows are pairs of neighbours.
+//! Each layer takes two samples, 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). What the last sample
+//! of a window needs of a layer are every second of the sums of the layer before: along a window of 2ⁿ samples in their
+//! order, always two neighbours. So a layer is a dense one, whose rows are pairs of neighbours.
 
-use super::activation::Activation;
-use super::kernels::{Panels, add_outer, affine, padded};
+use super::activation::ActivationFunction;
+use super::kernels::{WeightPanels, add_outer, affine, padded};
 use super::passes::BLOCK;
-use super::windowed::Body;
+use super::windowed::FeatureExtractor;
 
 /// The samples that a layer takes.
 const TAPS: usize = 2;
 
 /// The convolutions of a network, for a block of rows.
 ///
-/// Their parameters are layer by layer the weights, row-major (unit, sample, input) with the earlier sample first, then the
-/// biases.
-pub(super) struct Convolution {
-    activation: Activation,
+/// Their parameters are layer by layer the weights, row-major (unit, sample, input) with the earlier sample first, then
+/// the biases.
+pub(super) struct ConvolutionLayers {
+    activation: ActivationFunction,
     units: usize,
     window: usize,
-    layers: Vec<Layer>,
+    layers: Vec<ConvolutionLayer>,
     delta: Vec<f64>,
     delta_before: Vec<f64>,
 }
 
-struct Layer {
+struct ConvolutionLayer {
     inputs: usize,
     /// The values of a sample in the rows of this layer, padded from the second layer on.
     stride: usize,
-    forward: Panels,
-    backward: Panels,
-    gradient: Panels,
+    forward: WeightPanels,
+    backward: WeightPanels,
+    gradient: WeightPanels,
     /// Weights or their gradient with the padding of the inputs.
     spread: Vec<f64>,
     /// The activations of all rows, and their derivatives.
@@ -39,20 +39,20 @@ struct Layer {
     slopes: Vec<f64>,
 }
 
-impl Convolution {
+impl ConvolutionLayers {
     /// Convolutions of `units` over a window of 2ⁿ samples.
-    pub fn new(activation: Activation, inputs: usize, units: usize, window: usize) -> Self {
+    pub fn new(activation: ActivationFunction, inputs: usize, units: usize, window: usize) -> Self {
         let mut layers = vec![];
         let mut left = window;
         while left > 1 {
             left /= TAPS;
             let (inputs, stride) = if layers.is_empty() { (inputs, inputs) } else { (units, padded(units)) };
-            layers.push(Layer {
+            layers.push(ConvolutionLayer {
                 inputs,
                 stride,
-                forward: Panels::new(TAPS * stride, units),
-                backward: Panels::new(units, TAPS * stride),
-                gradient: Panels::new(TAPS * stride, units),
+                forward: WeightPanels::new(TAPS * stride, units),
+                backward: WeightPanels::new(units, TAPS * stride),
+                gradient: WeightPanels::new(TAPS * stride, units),
                 spread: vec![0.0; units * TAPS * stride],
                 out: vec![0.0; BLOCK * left * padded(units)],
                 slopes: vec![0.0; BLOCK * left * padded(units)],
@@ -73,7 +73,7 @@ impl Convolution {
     }
 }
 
-impl Body for Convolution {
+impl FeatureExtractor for ConvolutionLayers {
     fn set(&mut self, parameters: &[f64]) {
         let mut rest = parameters;
         for layer in &mut self.layers {

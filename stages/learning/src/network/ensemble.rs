@@ -2,17 +2,17 @@
 
 /// Joint prediction of the members of an ensemble. [Lakshminarayanan, Pritzel & Blundell 2017]
 #[derive(Debug, Clone, PartialEq)]
-pub struct Ensemble {
+pub struct EnsemblePrediction {
     /// The mean of the members for each row, in the unit of the predictions.
     pub mean: Vec<f64>,
-    /// The standard deviation (n − 1) of the members for each row: what training with another seed, or without a line, would
-    /// change. It holds neither the noise of the target nor what all members lack in the same way.
+    /// The standard deviation (n − 1) of the members for each row: what training with another seed, or without a line,
+    /// would change. It holds neither the noise of the target nor what all members lack in the same way.
     pub deviation: Vec<f64>,
 }
 
-impl Ensemble {
+impl EnsemblePrediction {
     /// The predictions of two or more members for the same rows. `None` for fewer, or for rows that are not as many.
-    pub fn of(members: &[Vec<f64>]) -> Option<Self> {
+    pub fn from_members(members: &[Vec<f64>]) -> Option<Self> {
         let rows = members.first()?.len();
         if members.len() < 2 || members.iter().any(|member| member.len() != rows) {
             return None;
@@ -39,11 +39,11 @@ mod tests {
 
     #[test]
     fn ref_mean_and_deviation_are_those_of_a_hand_calculation() {
-        let found = Ensemble::of(&[vec![1.0, -2.0], vec![2.0, -2.0], vec![6.0, -2.0]]).unwrap();
+        let found = EnsemblePrediction::from_members(&[vec![1.0, -2.0], vec![2.0, -2.0], vec![6.0, -2.0]]).unwrap();
         assert_eq!((found.mean, found.deviation), (vec![3.0, -2.0], vec![7.0f64.sqrt(), 0.0]));
-        assert_eq!(Ensemble::of(&[vec![1.0]]), None);
-        assert_eq!(Ensemble::of(&[]), None);
-        assert_eq!(Ensemble::of(&[vec![1.0], vec![]]), None);
-        assert!(Ensemble::of(&[vec![1.0], vec![f64::NAN]]).unwrap().deviation[0].is_nan());
+        assert_eq!(EnsemblePrediction::from_members(&[vec![1.0]]), None);
+        assert_eq!(EnsemblePrediction::from_members(&[]), None);
+        assert_eq!(EnsemblePrediction::from_members(&[vec![1.0], vec![]]), None);
+        assert!(EnsemblePrediction::from_members(&[vec![1.0], vec![f64::NAN]]).unwrap().deviation[0].is_nan());
     }
 }

@@ -1,7 +1,7 @@
 //! Rows of a matrix in any order, copied one behind the other.
 //!
-//! The rows of a shuffled batch lie anywhere in memory, so that the copy of each would wait for its first lines. They are
-//! asked for some rows before.
+//! The rows of a shuffled batch lie anywhere in memory, so that the copy of each would wait for its first lines. They
+//! are asked for some rows before.
 
 /// Number of rows by which a row is prefetched.
 const AHEAD: usize = 8;

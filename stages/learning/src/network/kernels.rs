@@ -1,7 +1,7 @@
 //! The two products that a layer is made of, for a block of rows: its sums, and the gradient of its weights.
 //!
-//! Units lie along the vector, in panels of eight or four, so that nothing is summed across lanes: each sum is over inputs
-//! or rows in their order, by fused multiply-add. The bits are those of any vector width.
+//! Units lie along the vector, in panels of eight or four, so that nothing is summed across lanes: each sum is over
+//! inputs or rows in their order, by fused multiply-add. The bits are those of any vector width.
 
 use pulp::{Simd, WithSimd};
 
@@ -24,13 +24,13 @@ pub(super) const fn padded(units: usize) -> usize {
 
 /// The weights of a layer, or their gradient, by panels of units: a row of biases, then a row for each input.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Panels {
+pub(super) struct WeightPanels {
     inputs: usize,
     units: usize,
     values: Vec<f64>,
 }
 
-impl Panels {
+impl WeightPanels {
     /// Zeros for a layer.
     pub fn new(inputs: usize, units: usize) -> Self {
         Self { inputs, units, values: vec![0.0; padded(units) * (inputs + 1)] }
@@ -77,25 +77,25 @@ impl Panels {
 }
 
 /// out = x Wᵀ + b for rows of `x`, `stride` apart; rows of `out` are padded to whole panels.
-pub(super) fn affine(x: &[f64], stride: usize, layer: &Panels, out: &mut [f64]) {
-    pulp::Arch::new().dispatch(Affine { x, stride, layer, out });
+pub(super) fn affine(x: &[f64], stride: usize, layer: &WeightPanels, out: &mut [f64]) {
+    pulp::Arch::new().dispatch(AffineKernel { x, stride, layer, out });
 }
 
-/// Adds Σ d xᵀ over the rows to a gradient, and Σ d to that of the biases. Rows of `x` are `stride` apart, those of `d` are
-/// padded to whole panels.
-pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut Panels) {
-    pulp::Arch::new().dispatch(Outer { x, stride, d, gradient });
+/// Adds Σ d xᵀ over the rows to a gradient, and Σ d to that of the biases. Rows of `x` are `stride` apart, those of `d`
+/// are padded to whole panels.
+pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut WeightPanels) {
+    pulp::Arch::new().dispatch(OuterProductKernel { x, stride, d, gradient });
 }
 
 // Structs, since a closure as large as these is called in place of being compiled for the wider vectors.
-struct Affine<'a> {
+struct AffineKernel<'a> {
     x: &'a [f64],
     stride: usize,
-    layer: &'a Panels,
+    layer: &'a WeightPanels,
     out: &'a mut [f64],
 }
 
-impl WithSimd for Affine<'_> {
+impl WithSimd for AffineKernel<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -116,14 +116,14 @@ impl WithSimd for Affine<'_> {
     }
 }
 
-struct Outer<'a> {
+struct OuterProductKernel<'a> {
     x: &'a [f64],
     stride: usize,
     d: &'a [f64],
-    gradient: &'a mut Panels,
+    gradient: &'a mut WeightPanels,
 }
 
-impl pulp::NullaryFnOnce for Outer<'_> {
+impl pulp::NullaryFnOnce for OuterProductKernel<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -208,7 +208,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
 #[inline(always)]
 fn outer_panel<const K: usize>(x: &[f64], stride: usize, d: &[f64], d_stride: usize, start: usize, values: &mut [f64]) {
     let Some((bias, weights)) = values.as_chunks_mut::<K>().0.split_first_mut() else { return };
-    let d = Deltas { d, stride: d_stride, start };
+    let d = PanelDeltas { d, stride: d_stride, start };
     for row in d.d.chunks_exact(d_stride) {
         for (bias, d) in bias.iter_mut().zip(&row[start..]) {
             *bias += d;
@@ -232,7 +232,7 @@ fn outer_panel<const K: usize>(x: &[f64], stride: usize, d: &[f64], d_stride: us
 }
 
 #[derive(Clone, Copy)]
-struct Deltas<'a> {
+struct PanelDeltas<'a> {
     d: &'a [f64],
     stride: usize,
     start: usize,
@@ -244,7 +244,7 @@ fn outer_tile<const R: usize, const K: usize>(
     x: &[f64],
     stride: usize,
     first: usize,
-    deltas: Deltas<'_>,
+    deltas: PanelDeltas<'_>,
     weights: &mut [[f64; K]],
 ) {
     let Some(weights) = weights.first_chunk_mut::<R>() else { return };
@@ -274,16 +274,16 @@ mod tests {
             for (inputs, rows) in [(1, 1), (5, 7), (6, 12), (13, 4), (14, 13)] {
                 let (x, weights) = (numbers(rows * inputs, 0.7), numbers(units * inputs, 1.3));
                 let biases = numbers(units, 2.1);
-                let mut layer = Panels::new(inputs, units);
+                let mut layer = WeightPanels::new(inputs, units);
                 layer.set_layer(&weights, &biases);
                 let stride = padded(units);
                 let mut out = vec![f64::NAN; rows * stride];
                 affine(&x, inputs, &layer, &mut out);
-                let mut gradient = Panels::new(inputs, units);
+                let mut gradient = WeightPanels::new(inputs, units);
                 add_outer(&x, inputs, &out, &mut gradient);
                 let (mut d_weights, mut d_biases) = (vec![0.0; weights.len()], vec![0.0; units]);
                 gradient.write(&mut d_weights, &mut d_biases);
-                let mut back = Panels::new(units, inputs);
+                let mut back = WeightPanels::new(units, inputs);
                 back.set_transposed(&weights);
                 let mut d_x = vec![f64::NAN; rows * padded(inputs)];
                 affine(&out, stride, &back, &mut d_x);

@@ -10,9 +10,9 @@ const EVALUATIONS: usize = 25;
 /// A gradient whose largest entry is below this is at the minimum.
 const LEAST_GRADIENT: f64 = 1e-10;
 
-/// Where the method stands.
+/// State of the L-BFGS method.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Lbfgs {
+pub struct LbfgsState {
     /// The objective at the parameters.
     pub objective: f64,
     /// The gradient at the parameters; empty before the first step.
@@ -23,21 +23,21 @@ pub struct Lbfgs {
     pub ended: bool,
 }
 
-/// The objective and its gradient at parameters.
-pub(super) type Evaluate<'a> = dyn FnMut(&[f64], &mut [f64]) -> f64 + 'a;
+/// Function that returns the objective at parameters and writes its gradient.
+pub(super) type ObjectiveFunction<'a> = dyn FnMut(&[f64], &mut [f64]) -> f64 + 'a;
 
-/// A place on the line of a step.
+/// Point of a line search: step, objective, slope and gradient.
 #[derive(Clone)]
-struct Place {
+struct LineSearchPoint {
     step: f64,
     objective: f64,
     slope: f64,
     gradient: Vec<f64>,
 }
 
-impl Lbfgs {
+impl LbfgsState {
     /// One step from `parameters`, which it moves.
-    pub(super) fn step(&mut self, parameters: &mut [f64], memory: usize, evaluate: &mut Evaluate<'_>) {
+    pub(super) fn step(&mut self, parameters: &mut [f64], memory: usize, evaluate: &mut ObjectiveFunction<'_>) {
         if self.gradient.len() != parameters.len() {
             self.gradient = vec![0.0; parameters.len()];
             self.objective = evaluate(parameters, &mut self.gradient);
@@ -59,13 +59,13 @@ impl Lbfgs {
         } else {
             1.0
         };
-        let start = Place { step: 0.0, objective: self.objective, slope, gradient: self.gradient.clone() };
+        let start = LineSearchPoint { step: 0.0, objective: self.objective, slope, gradient: self.gradient.clone() };
         let from = parameters.to_vec();
         let mut at = |step: f64| {
             let place: Vec<f64> = from.iter().zip(&direction).map(|(x, d)| x + step * d).collect();
             let mut gradient = vec![0.0; place.len()];
             let objective = evaluate(&place, &mut gradient);
-            Place { step, objective, slope: dot(&gradient, &direction), gradient }
+            LineSearchPoint { step, objective, slope: dot(&gradient, &direction), gradient }
         };
         let end = search(&start, first, largest(&direction), &mut at);
         let lower = end.objective < self.objective;
@@ -107,11 +107,16 @@ impl Lbfgs {
 }
 
 /// A step that gains enough and leaves little slope; the best that was seen where the evaluations do not suffice.
-fn search(start: &Place, first: f64, longest: f64, at: &mut dyn FnMut(f64) -> Place) -> Place {
-    let too_high = |place: &Place| {
+fn search(
+    start: &LineSearchPoint,
+    first: f64,
+    longest: f64,
+    at: &mut dyn FnMut(f64) -> LineSearchPoint,
+) -> LineSearchPoint {
+    let too_high = |place: &LineSearchPoint| {
         !place.objective.is_finite() || place.objective > start.objective + DECREASE * place.step * start.slope
     };
-    let flat = |place: &Place| place.slope.abs() <= -CURVATURE * start.slope;
+    let flat = |place: &LineSearchPoint| place.slope.abs() <= -CURVATURE * start.slope;
     let mut before = start.clone();
     let mut here = at(first);
     let mut left = EVALUATIONS - 1;
@@ -172,7 +177,7 @@ fn search(start: &Place, first: f64, longest: f64, at: &mut dyn FnMut(f64) -> Pl
 }
 
 /// Where the cubic with the values and slopes of two places has its minimum; their middle where it has none.
-fn cubic_minimum(one: &Place, other: &Place) -> f64 {
+fn cubic_minimum(one: &LineSearchPoint, other: &LineSearchPoint) -> f64 {
     let (a, b) = if one.step <= other.step { (one, other) } else { (other, one) };
     let d1 = a.slope + b.slope - 3.0 * (a.objective - b.objective) / (a.step - b.step);
     let square = d1 * d1 - a.slope * b.slope;
@@ -199,8 +204,8 @@ mod tests {
         start: &[f64],
         steps: usize,
         mut evaluate: impl FnMut(&[f64], &mut [f64]) -> f64,
-    ) -> (Vec<f64>, Lbfgs) {
-        let (mut x, mut state) = (start.to_vec(), Lbfgs::default());
+    ) -> (Vec<f64>, LbfgsState) {
+        let (mut x, mut state) = (start.to_vec(), LbfgsState::default());
         for _ in 0..steps {
             state.step(&mut x, 10, &mut evaluate);
         }

@@ -2,7 +2,7 @@
 
 /// Loss of an error e = ŷ − y, averaged over the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Loss {
+pub enum NetworkLoss {
     /// e².
     #[default]
     Squared,
@@ -15,7 +15,7 @@ pub enum Loss {
     },
 }
 
-impl Loss {
+impl NetworkLoss {
     /// The loss of an error, and its derivative.
     #[inline(always)]
     pub(super) fn at(self, error: f64) -> (f64, f64) {

@@ -8,37 +8,37 @@ use rayon::prelude::*;
 use numerics::random::SplitMix64;
 
 use super::gathering::gather;
-use super::passes::{BLOCK, Buffers, Dropout, Packed, Terms, dot};
-use super::shape::{Form, derived_seed, unit_uniform};
-use super::training::{Samples, SparseGroupLasso, Training};
-use super::windowed::{Body, Model};
+use super::passes::{BLOCK, BlockWorkspace, Dropout, NetworkLinearTerms, PackedNetwork, dot};
+use super::shape::{NetworkForm, derived_seed, unit_uniform};
+use super::training::{NetworkSamples, NetworkTraining, SparseGroupLasso};
+use super::windowed::{FeatureExtractor, NetworkArchitecture};
 
 /// Blocks whose gradients are held at the same time.
 const ROUND: usize = 64;
 /// Products of rows and parameters below which a second thread costs more than it gives.
 const LEAST_TO_SPREAD: usize = 200_000;
 
-/// The rows of a mean.
+/// Rows over which the objective is averaged.
 #[derive(Clone, Copy)]
-pub(super) enum Rows<'a> {
+pub(super) enum BatchRows<'a> {
     /// All rows, in their order.
     All,
     /// These.
     These(&'a [u32]),
 }
 
-impl Rows<'_> {
-    fn count(self, samples: &Samples<'_>) -> usize {
+impl BatchRows<'_> {
+    fn count(self, samples: &NetworkSamples<'_>) -> usize {
         match self {
-            Rows::All => samples.y.len(),
-            Rows::These(rows) => rows.len(),
+            BatchRows::All => samples.y.len(),
+            BatchRows::These(rows) => rows.len(),
         }
     }
 }
 
-/// A mean over rows.
+/// Mean loss and objective over rows.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Mean {
+pub(super) struct ObjectiveMean {
     /// The loss of the errors alone.
     pub loss: f64,
     /// With the distance from Tolles-Lawson and the penalty on weights: what the gradient is of.
@@ -46,24 +46,24 @@ pub(super) struct Mean {
 }
 
 /// The objective of a training.
-pub(super) struct Objective<'a> {
-    model: Model<'a>,
-    training: &'a Training,
-    samples: Samples<'a>,
+pub(super) struct TrainingObjective<'a> {
+    model: NetworkArchitecture<'a>,
+    training: &'a NetworkTraining,
+    samples: NetworkSamples<'a>,
     /// The first row of the run of each row, for a network over a window.
     first: Vec<u32>,
     tolles_lawson: Vec<f64>,
     /// The linear terms of each row times their coefficients, where these stay.
     products: Option<Vec<f64>>,
-    network: Packed<'a>,
+    network: PackedNetwork<'a>,
     of_body: Vec<f64>,
-    idle: Mutex<Vec<Work>>,
+    idle: Mutex<Vec<ObjectiveWorkspace>>,
 }
 
-/// Work space of a thread.
-struct Work {
-    buffers: Buffers,
-    body: Option<Box<dyn Body>>,
+/// Workspace of one thread.
+struct ObjectiveWorkspace {
+    buffers: BlockWorkspace,
+    body: Option<Box<dyn FeatureExtractor>>,
     features: Vec<f64>,
     d_features: Vec<f64>,
     /// Factors of dropout for the features.
@@ -73,26 +73,26 @@ struct Work {
     by_prediction: Vec<f64>,
 }
 
-/// Contribution of a block.
+/// Contribution of a block of rows to the objective and its gradient.
 #[derive(Default)]
-struct Slot {
+struct GradientContribution {
     loss: f64,
     physics: f64,
     gradient: Vec<f64>,
 }
 
-/// A block of rows.
-struct Block<'r> {
-    rows: Rows<'r>,
+/// Block of rows, as a part of a mean.
+struct GradientBlock<'r> {
+    rows: BatchRows<'r>,
     range: Range<usize>,
     /// The number of rows of the mean that it is a part of.
     count: usize,
     dropout: Option<Dropout>,
 }
 
-/// One of several means over the same rows of the same inputs.
-pub(super) struct Part<'p, 'a> {
-    pub objective: &'p mut Objective<'a>,
+/// Objective of one of several networks to evaluate over the same rows, and its gradient as output.
+pub(super) struct GradientRequest<'p, 'a> {
+    pub objective: &'p mut TrainingObjective<'a>,
     pub parameters: &'p [f64],
     /// The seed of what is left out.
     pub dropout: Option<u64>,
@@ -100,24 +100,24 @@ pub(super) struct Part<'p, 'a> {
     pub gradient: &'p mut [f64],
 }
 
-/// A pass over rows for several means, each of which reads the inputs that are gathered once. What it works in is kept for
-/// the next one.
+/// A pass over rows for several means, each of which reads the inputs that are gathered once. What it works in is kept
+/// for the next one.
 #[derive(Default)]
-pub(super) struct Pass {
+pub(super) struct GradientPass {
     /// Contribution of each block of a round to each mean.
-    slots: Vec<Vec<Slot>>,
+    slots: Vec<Vec<GradientContribution>>,
     /// Buffer of gathered inputs.
     idle: Mutex<Vec<Vec<f64>>>,
 }
 
-impl Pass {
+impl GradientPass {
     /// The means, and their gradients.
-    pub fn means(&mut self, parts: &mut [Part<'_, '_>], rows: Rows<'_>) -> Vec<Mean> {
+    pub fn means(&mut self, parts: &mut [GradientRequest<'_, '_>], rows: BatchRows<'_>) -> Vec<ObjectiveMean> {
         let count = parts.first().map_or(0, |part| rows.count(&part.objective.samples));
         let blocks = count.div_ceil(BLOCK);
         self.slots.resize_with(blocks.min(ROUND), Vec::new);
         for slots in &mut self.slots {
-            slots.resize_with(parts.len(), Slot::default);
+            slots.resize_with(parts.len(), GradientContribution::default);
             slots.iter_mut().zip(&*parts).for_each(|(slot, part)| slot.gradient.resize(part.parameters.len(), 0.0));
         }
         for part in &mut *parts {
@@ -129,9 +129,9 @@ impl Pass {
         let mut sums = vec![(0.0, 0.0); parts.len()];
         for round in (0..blocks).step_by(ROUND) {
             let slots = &mut self.slots[..ROUND.min(blocks - round)];
-            let objectives: Vec<(&Objective<'_>, Option<u64>)> =
+            let objectives: Vec<(&TrainingObjective<'_>, Option<u64>)> =
                 parts.iter().map(|part| (&*part.objective, part.dropout)).collect();
-            let work = |(number, slots): (usize, &mut Vec<Slot>)| {
+            let work = |(number, slots): (usize, &mut Vec<GradientContribution>)| {
                 let block = round + number;
                 let range = block * BLOCK..count.min((block + 1) * BLOCK);
                 let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
@@ -141,7 +141,7 @@ impl Pass {
                     for ((objective, seed), slot) in objectives.iter().zip(slots) {
                         let seed = seed.map(|seed| derived_seed(seed, &[block as u64]));
                         let dropout = seed.map(|seed| Dropout { probability: objective.training.dropout, seed });
-                        objective.block(x, &Block { rows, range: range.clone(), count, dropout }, slot);
+                        objective.block(x, &GradientBlock { rows, range: range.clone(), count, dropout }, slot);
                     }
                 }
                 self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(gathered);
@@ -152,29 +152,29 @@ impl Pass {
                 slots.iter_mut().enumerate().for_each(work);
             }
             for ((part, (loss, physics)), place) in parts.iter_mut().zip(&mut sums).zip(0..) {
-                for slot in slots.iter().map(|slots: &Vec<Slot>| &slots[place]) {
+                for slot in slots.iter().map(|slots: &Vec<GradientContribution>| &slots[place]) {
                     *loss += slot.loss;
                     *physics += slot.physics;
                     part.gradient.iter_mut().zip(&slot.gradient).for_each(|(sum, part)| *sum += part);
                 }
             }
         }
-        let mean = |(part, (loss, physics)): (&mut Part<'_, '_>, (f64, f64))| {
-            let Objective { training, model, .. } = part.objective;
+        let mean = |(part, (loss, physics)): (&mut GradientRequest<'_, '_>, (f64, f64))| {
+            let TrainingObjective { training, model, .. } = part.objective;
             let loss = loss / count as f64;
             let lasso = training.sparse_group_lasso;
             let penalty = lasso.map_or(0.0, |lasso| lasso.add(*model, part.parameters, part.gradient));
-            Mean { loss, objective: loss + physics / count as f64 + penalty }
+            ObjectiveMean { loss, objective: loss + physics / count as f64 + penalty }
         };
         parts.iter_mut().zip(sums).map(mean).collect()
     }
 }
 
-impl<'a> Objective<'a> {
+impl<'a> TrainingObjective<'a> {
     pub fn new(
-        model: Model<'a>,
-        training: &'a Training,
-        samples: Samples<'a>,
+        model: NetworkArchitecture<'a>,
+        training: &'a NetworkTraining,
+        samples: NetworkSamples<'a>,
         first: Vec<u32>,
         tolles_lawson: &[f64],
     ) -> Self {
@@ -185,27 +185,33 @@ impl<'a> Objective<'a> {
             first,
             tolles_lawson: tolles_lawson.to_vec(),
             products: None,
-            network: Packed::new(model.head),
+            network: PackedNetwork::new(model.head),
             of_body: vec![],
             idle: Mutex::default(),
         }
     }
 
-    /// Takes the coefficients of these parameters as those of all that follow, where training does not move them, so that the terms
-    /// need not be read again.
+    /// Takes the coefficients of these parameters as those of all that follow, where training does not move them, so
+    /// that the terms need not be read again.
     pub fn hold_fixed(&mut self, parameters: &[f64]) {
         let head = self.model.head;
         let linear = self.samples.terms(head);
-        if head.form == Form::FixedLinear && linear > 0 && self.training.physics == 0.0 {
+        if head.form == NetworkForm::FixedLinear && linear > 0 && self.training.physics == 0.0 {
             let b = &parameters[self.model.head_start() + head.linear_start()..];
             self.products = Some(self.samples.a.par_chunks_exact(linear).map(|terms| dot(terms, b)).collect());
         }
     }
 
     /// The mean over rows and its gradient by the parameters. `dropout` is the seed of what is left out.
-    pub fn at(&mut self, parameters: &[f64], rows: Rows<'_>, dropout: Option<u64>, gradient: &mut [f64]) -> Mean {
-        let part = Part { objective: self, parameters, dropout, gradient };
-        Pass::default().means(&mut [part], rows).pop().unwrap_or_default()
+    pub fn at(
+        &mut self,
+        parameters: &[f64],
+        rows: BatchRows<'_>,
+        dropout: Option<u64>,
+        gradient: &mut [f64],
+    ) -> ObjectiveMean {
+        let part = GradientRequest { objective: self, parameters, dropout, gradient };
+        GradientPass::default().means(&mut [part], rows).pop().unwrap_or_default()
     }
 
     fn set(&mut self, parameters: &[f64]) {
@@ -216,26 +222,26 @@ impl<'a> Objective<'a> {
     }
 
     /// The inputs of a block of rows, for a network over a window those of each row's window.
-    fn inputs<'x>(&'x self, rows: Rows<'_>, range: &Range<usize>, gathered: &'x mut Vec<f64>) -> &'x [f64] {
+    fn inputs<'x>(&'x self, rows: BatchRows<'_>, range: &Range<usize>, gathered: &'x mut Vec<f64>) -> &'x [f64] {
         let (x, inputs) = (self.samples.x, self.model.inputs());
         gathered.clear();
         match (self.model.windowed, rows) {
-            (Some(windowed), Rows::All) => windowed.gather(x, &self.first, range.clone(), gathered),
-            (Some(windowed), Rows::These(rows)) => {
+            (Some(windowed), BatchRows::All) => windowed.gather(x, &self.first, range.clone(), gathered),
+            (Some(windowed), BatchRows::These(rows)) => {
                 let rows = rows[range.clone()].iter().map(|row| *row as usize);
                 windowed.gather(x, &self.first, rows, gathered);
             }
-            (None, Rows::All) => return &x[range.start * inputs..range.end * inputs],
-            (None, Rows::These(rows)) => gather(x, inputs, &rows[range.clone()], gathered),
+            (None, BatchRows::All) => return &x[range.start * inputs..range.end * inputs],
+            (None, BatchRows::These(rows)) => gather(x, inputs, &rows[range.clone()], gathered),
         }
         gathered
     }
 
-    fn block(&self, x: &[f64], block: &Block<'_>, slot: &mut Slot) {
-        let Block { rows, range, count, dropout } = block;
+    fn block(&self, x: &[f64], block: &GradientBlock<'_>, slot: &mut GradientContribution) {
+        let GradientBlock { rows, range, count, dropout } = block;
         let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut work = taken.unwrap_or_else(|| Work {
-            buffers: Buffers::new(self.model.head),
+        let mut work = taken.unwrap_or_else(|| ObjectiveWorkspace {
+            buffers: BlockWorkspace::new(self.model.head),
             body: self.model.windowed.map(|windowed| windowed.body()),
             features: vec![],
             d_features: vec![],
@@ -244,7 +250,7 @@ impl<'a> Objective<'a> {
             y: vec![],
             by_prediction: vec![],
         });
-        let Work { buffers, body, features, d_features, factors, a, y, by_prediction } = &mut work;
+        let ObjectiveWorkspace { buffers, body, features, d_features, factors, a, y, by_prediction } = &mut work;
         let linear = self.samples.terms(self.model.head);
         let rows_of_block = range.len();
         let (linear_of, width) = match &self.products {
@@ -252,8 +258,8 @@ impl<'a> Objective<'a> {
             None => (self.samples.a, linear),
         };
         let (a, y) = match rows {
-            Rows::All => (&linear_of[range.start * width..range.end * width], &self.samples.y[range.clone()]),
-            Rows::These(rows) => {
+            BatchRows::All => (&linear_of[range.start * width..range.end * width], &self.samples.y[range.clone()]),
+            BatchRows::These(rows) => {
                 a.clear();
                 y.clear();
                 let rows = &rows[range.clone()];
@@ -262,7 +268,7 @@ impl<'a> Objective<'a> {
                 (a.as_slice(), y.as_slice())
             }
         };
-        let terms = if self.products.is_some() { Terms::Products(a) } else { Terms::Rows(a) };
+        let terms = if self.products.is_some() { NetworkLinearTerms::Products(a) } else { NetworkLinearTerms::Rows(a) };
         let of_head = match body {
             None => x,
             Some(body) => {
@@ -314,7 +320,7 @@ impl<'a> Objective<'a> {
 
 impl SparseGroupLasso {
     /// Adds the gradient of the penalty on the first layer, which is returned. At 0, where it has a corner, it is 0.
-    fn add(&self, model: Model<'_>, parameters: &[f64], gradient: &mut [f64]) -> f64 {
+    fn add(&self, model: NetworkArchitecture<'_>, parameters: &[f64], gradient: &mut [f64]) -> f64 {
         let Some(layer) = model.layers().first().copied() else { return 0.0 };
         let (weights, gradient) = (layer.weights(parameters), &mut gradient[layer.range()]);
         // A convolution has weights for an input of more than one sample.

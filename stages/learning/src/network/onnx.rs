@@ -1,18 +1,18 @@
 //! A dense network as an ONNX model, for programs that run such models.
 //!
-//! ONNX is a protocol buffer [onnx.proto of IR version 8, operators of set 13]; the little of it that a dense network needs is
-//! written here: a field is its number and kind, and its length where it has one.
+//! ONNX is a protocol buffer [onnx.proto of IR version 8, operators of set 13]; the little of it that a dense network
+//! needs is written here: a field is its number and kind, and its length where it has one.
 
-use crate::inputs::Inputs;
+use crate::inputs::InputScaling;
 
-use super::activation::Activation;
-use super::shape::{Form, Shape};
+use super::activation::ActivationFunction;
+use super::shape::{NetworkForm, NetworkShape};
 
-/// The scales between which a network works.
+/// Scales of the inputs, the linear terms and the target of a network.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scales<'a> {
+pub struct NetworkScales<'a> {
     /// Columns to inputs.
-    pub inputs: &'a Inputs,
+    pub inputs: &'a InputScaling,
     /// Offsets added to the linear terms, and then their factors, with one entry per term each. Empty where the terms
     /// are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
@@ -43,14 +43,14 @@ pub enum OnnxError {
     },
 }
 
-impl Shape {
-    /// The network as the bytes of an ONNX file, in double precision, scaling included. Its input `x` takes rows of columns in
-    /// their own units, its input `a` rows of linear terms where the form has them, and its output `y` is the target, in
-    /// the unit of its scale; the number of rows is free.
+impl NetworkShape {
+    /// The network as the bytes of an ONNX file, in double precision, scaling included. Its input `x` takes rows of
+    /// columns in their own units, its input `a` rows of linear terms where the form has them, and its output `y` is
+    /// the target, in the unit of its scale; the number of rows is free.
     ///
     /// # Errors
     /// Fails for parameters and scales that do not fit the network, and for those that are not finite.
-    pub fn to_onnx(&self, parameters: &[f64], scales: &Scales<'_>) -> Result<Vec<u8>, OnnxError> {
+    pub fn to_onnx(&self, parameters: &[f64], scales: &NetworkScales<'_>) -> Result<Vec<u8>, OnnxError> {
         let expect = |what, given: usize, expected: usize| {
             if given == expected { Ok(()) } else { Err(OnnxError::Length { what, given, expected }) }
         };
@@ -77,7 +77,7 @@ impl Shape {
         if let Some((what, _)) = finite.iter().find(|(_, values)| !values.iter().all(|x| x.is_finite())) {
             return Err(OnnxError::NotFinite { what });
         }
-        let mut graph = Graph::default();
+        let mut graph = OnnxGraph::default();
         let x = graph.scaled_inputs(scales.inputs);
         let mut values = x;
         let layers = self.layers();
@@ -89,18 +89,18 @@ impl Shape {
                 values = graph.activation(self.activation, &values);
             }
         }
-        if self.form != Form::Plain {
+        if self.form != NetworkForm::Plain {
             let a = graph.scaled_terms(scales.linear);
             let b = &parameters[self.linear_start()..];
             values = match self.form {
-                Form::Plain => values,
-                Form::Weights => graph.products(&a, &values),
-                Form::FixedLinear | Form::TrainedLinear => {
+                NetworkForm::Plain => values,
+                NetworkForm::Weights => graph.products(&a, &values),
+                NetworkForm::FixedLinear | NetworkForm::TrainedLinear => {
                     let b = graph.constant(&[self.linear, 1], b);
                     let linear = graph.node("MatMul", &[&a, &b], &[]);
                     graph.node("Add", &[&values, &linear], &[])
                 }
-                Form::WeightsAroundFixed => {
+                NetworkForm::WeightsAroundFixed => {
                     let b = graph.constant(&[self.linear], b);
                     let sum = graph.node("Add", &[&values, &b], &[]);
                     graph.products(&a, &sum)
@@ -112,22 +112,22 @@ impl Shape {
         let scaled = graph.node("Mul", &[&values, &scale], &[]);
         graph.named_node("Add", &[&scaled, &mean], "y", &[]);
         let mut given = vec![("x", columns)];
-        if self.form != Form::Plain {
+        if self.form != NetworkForm::Plain {
             given.push(("a", self.linear));
         }
         Ok(graph.model(&given))
     }
 }
 
-/// Nodes and constants so far.
+/// ONNX graph under construction.
 #[derive(Default)]
-struct Graph {
-    nodes: Message,
-    constants: Message,
+struct OnnxGraph {
+    nodes: ProtobufMessage,
+    constants: ProtobufMessage,
     names: usize,
 }
 
-impl Graph {
+impl OnnxGraph {
     fn name(&mut self) -> String {
         self.names += 1;
         format!("v{}", self.names)
@@ -137,7 +137,7 @@ impl Graph {
     fn constant(&mut self, dimensions: &[usize], values: &[f64]) -> String {
         const DOUBLE: u64 = 11;
         let name = self.name();
-        let mut tensor = Message::default();
+        let mut tensor = ProtobufMessage::default();
         dimensions.iter().for_each(|n| tensor.number(1, *n as u64));
         tensor.number(2, DOUBLE);
         tensor.bytes(8, name.as_bytes());
@@ -151,7 +151,7 @@ impl Graph {
     fn axes(&mut self, values: &[i64]) -> String {
         const INT64: u64 = 7;
         let name = self.name();
-        let mut tensor = Message::default();
+        let mut tensor = ProtobufMessage::default();
         tensor.number(1, values.len() as u64);
         tensor.number(2, INT64);
         tensor.bytes(8, name.as_bytes());
@@ -170,12 +170,12 @@ impl Graph {
 
     fn named_node(&mut self, operation: &str, inputs: &[&str], output: &str, integers: &[(&str, u64)]) {
         const INTEGER: u64 = 2;
-        let mut node = Message::default();
+        let mut node = ProtobufMessage::default();
         inputs.iter().for_each(|input| node.bytes(1, input.as_bytes()));
         node.bytes(2, output.as_bytes());
         node.bytes(4, operation.as_bytes());
         for (name, value) in integers {
-            let mut attribute = Message::default();
+            let mut attribute = ProtobufMessage::default();
             attribute.bytes(1, name.as_bytes());
             attribute.number(3, *value);
             attribute.number(20, INTEGER);
@@ -189,19 +189,19 @@ impl Graph {
         self.node("Gemm", &[x, weights, biases], &[("transB", 1)])
     }
 
-    fn activation(&mut self, activation: Activation, z: &str) -> String {
+    fn activation(&mut self, activation: ActivationFunction, z: &str) -> String {
         match activation {
-            Activation::Swish => {
+            ActivationFunction::Swish => {
                 let part = self.node("Sigmoid", &[z], &[]);
                 self.node("Mul", &[z, &part], &[])
             }
-            Activation::Relu => self.node("Relu", &[z], &[]),
-            Activation::Tanh => self.node("Tanh", &[z], &[]),
-            Activation::Sigmoid => self.node("Sigmoid", &[z], &[]),
+            ActivationFunction::Relu => self.node("Relu", &[z], &[]),
+            ActivationFunction::Tanh => self.node("Tanh", &[z], &[]),
+            ActivationFunction::Sigmoid => self.node("Sigmoid", &[z], &[]),
         }
     }
 
-    fn scaled_inputs(&mut self, inputs: &Inputs) -> String {
+    fn scaled_inputs(&mut self, inputs: &InputScaling) -> String {
         let columns = inputs.mean.len();
         let (mean, scale) = (self.constant(&[columns], &inputs.mean), self.constant(&[columns], &inputs.scale));
         let centred = self.node("Sub", &["x", &mean], &[]);
@@ -235,10 +235,10 @@ impl Graph {
         graph.0.extend(self.constants.0);
         inputs.iter().for_each(|(name, columns)| graph.bytes(11, &rows(name, *columns).0));
         graph.bytes(12, &rows("y", 1).0);
-        let mut operators = Message::default();
+        let mut operators = ProtobufMessage::default();
         operators.bytes(1, b"");
         operators.number(2, OPERATORS);
-        let mut model = Message::default();
+        let mut model = ProtobufMessage::default();
         model.number(1, IR_VERSION);
         model.bytes(2, b"magline");
         model.bytes(7, &graph.0);
@@ -248,21 +248,22 @@ impl Graph {
 }
 
 /// Describes rows of `columns` columns in double precision.
-fn rows(name: &str, columns: usize) -> Message {
-    let nested = |number: u64, inner: Message| {
-        let mut outer = Message::default();
+fn rows(name: &str, columns: usize) -> ProtobufMessage {
+    let nested = |number: u64, inner: ProtobufMessage| {
+        let mut outer = ProtobufMessage::default();
         outer.bytes(number, &inner.0);
         outer
     };
-    let (mut free, mut fixed, mut shape) = (Message::default(), Message::default(), Message::default());
+    let (mut free, mut fixed, mut shape) =
+        (ProtobufMessage::default(), ProtobufMessage::default(), ProtobufMessage::default());
     free.bytes(2, b"rows");
     fixed.number(1, columns as u64);
     shape.bytes(1, &free.0);
     shape.bytes(1, &fixed.0);
-    let mut tensor = Message::default();
+    let mut tensor = ProtobufMessage::default();
     tensor.number(1, 11);
     tensor.bytes(2, &shape.0);
-    let mut value = Message::default();
+    let mut value = ProtobufMessage::default();
     value.bytes(1, name.as_bytes());
     value.bytes(2, &nested(1, tensor).0);
     value
@@ -270,9 +271,9 @@ fn rows(name: &str, columns: usize) -> Message {
 
 /// A message of a protocol buffer.
 #[derive(Default)]
-struct Message(Vec<u8>);
+struct ProtobufMessage(Vec<u8>);
 
-impl Message {
+impl ProtobufMessage {
     fn variable(&mut self, mut x: u64) {
         while x >= 0x80 {
             self.0.push((x & 0x7f) as u8 | 0x80);

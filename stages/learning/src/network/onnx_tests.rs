@@ -1,6 +1,6 @@
 use super::tests::{Table, columns, near};
 use super::*;
-use crate::inputs::Inputs;
+use crate::inputs::InputScaling;
 
 const OFFSET: [f64; 3] = [0.3, -0.1, 0.2];
 const FACTOR: [f64; 3] = [1.5, 0.7, 2.0];
@@ -8,9 +8,9 @@ const FACTOR: [f64; 3] = [1.5, 0.7, 2.0];
 /// A file in `reference/network/onnx`, and what it is made of.
 struct Case {
     name: &'static str,
-    shape: Shape,
+    shape: NetworkShape,
     parameters: Vec<f64>,
-    inputs: Inputs,
+    inputs: InputScaling,
     /// Whether the linear terms are scaled.
     scaled: bool,
     bytes: Vec<u8>,
@@ -19,29 +19,29 @@ struct Case {
 /// A network of each form.
 fn cases() -> Vec<Case> {
     let table = Table::reference();
-    let shape = |form, activation, hidden: &[usize], inputs| Shape {
+    let shape = |form, activation, hidden: &[usize], inputs| NetworkShape {
         inputs,
-        linear: if form == Form::Plain { 0 } else { 3 },
+        linear: if form == NetworkForm::Plain { 0 } else { 3 },
         hidden: hidden.to_vec(),
         activation,
         form,
     };
-    let plain = Inputs::standardised(&table.x, 5).unwrap();
+    let plain = InputScaling::standardised(&table.x, 5).unwrap();
     // Written down, so that no decomposition is between the file and its bytes.
     let mut whitened = plain.clone();
     let weights = (0..10).map(|i| f64::from(i) * 0.1 - 0.4).collect();
-    whitened.components = Some(crate::inputs::Components { count: 2, weights, explained: 0.5 });
+    whitened.components = Some(crate::inputs::WhitenedComponents { count: 2, weights, explained: 0.5 });
     let all = [
-        ("m1", shape(Form::Plain, Activation::Relu, &[6], 2), whitened, false),
-        ("m2a", shape(Form::Weights, Activation::Tanh, &[4], 5), plain.clone(), false),
-        ("m2b", shape(Form::FixedLinear, Activation::Sigmoid, &[4], 5), plain.clone(), true),
-        ("m2c", shape(Form::TrainedLinear, Activation::Swish, &[7, 4], 5), plain.clone(), true),
-        ("m2d", shape(Form::WeightsAroundFixed, Activation::Swish, &[], 5), plain, true),
+        ("m1", shape(NetworkForm::Plain, ActivationFunction::Relu, &[6], 2), whitened, false),
+        ("m2a", shape(NetworkForm::Weights, ActivationFunction::Tanh, &[4], 5), plain.clone(), false),
+        ("m2b", shape(NetworkForm::FixedLinear, ActivationFunction::Sigmoid, &[4], 5), plain.clone(), true),
+        ("m2c", shape(NetworkForm::TrainedLinear, ActivationFunction::Swish, &[7, 4], 5), plain.clone(), true),
+        ("m2d", shape(NetworkForm::WeightsAroundFixed, ActivationFunction::Swish, &[], 5), plain, true),
     ];
-    let of = |(name, shape, inputs, scaled): (&'static str, Shape, Inputs, bool)| {
+    let of = |(name, shape, inputs, scaled): (&'static str, NetworkShape, InputScaling, bool)| {
         let parameters: Vec<f64> = (0..shape.parameters()).map(|i| 0.5 * (0.9 * i as f64).sin()).collect();
         let linear = scaled.then_some((OFFSET.as_slice(), FACTOR.as_slice()));
-        let scales = Scales { inputs: &inputs, linear, target_mean: 12.0, target_scale: 30.0 };
+        let scales = NetworkScales { inputs: &inputs, linear, target_mean: 12.0, target_scale: 30.0 };
         let bytes = shape.to_onnx(&parameters, &scales).unwrap();
         Case { name, shape, parameters, inputs, scaled, bytes }
     };
@@ -82,16 +82,21 @@ fn ref_onnx_files_are_those_that_onnxruntime_ran_and_gave_these_predictions() {
 #[test]
 fn unit_what_does_not_fit_is_no_model() {
     let table = Table::reference();
-    let inputs = Inputs::standardised(&table.x, 5).unwrap();
-    let shape =
-        Shape { inputs: 5, linear: 3, hidden: vec![2], activation: Activation::Relu, form: Form::TrainedLinear };
-    let good = Scales { inputs: &inputs, linear: None, target_mean: 0.0, target_scale: 1.0 };
+    let inputs = InputScaling::standardised(&table.x, 5).unwrap();
+    let shape = NetworkShape {
+        inputs: 5,
+        linear: 3,
+        hidden: vec![2],
+        activation: ActivationFunction::Relu,
+        form: NetworkForm::TrainedLinear,
+    };
+    let good = NetworkScales { inputs: &inputs, linear: None, target_mean: 0.0, target_scale: 1.0 };
     let parameters = shape.initial(1, &[0.1, 0.2, 0.3]);
     assert!(shape.to_onnx(&parameters, &good).is_ok());
     assert!(shape.to_onnx(&parameters[1..], &good).is_err());
     assert!(shape.to_onnx(&shape.initial(1, &[]), &good).is_err());
-    let narrow = Shape { inputs: 4, ..shape.clone() };
+    let narrow = NetworkShape { inputs: 4, ..shape.clone() };
     assert!(narrow.to_onnx(&narrow.initial(1, &[0.1, 0.2, 0.3]), &good).is_err());
-    assert!(shape.to_onnx(&parameters, &Scales { target_scale: f64::NAN, ..good }).is_err());
-    assert!(shape.to_onnx(&parameters, &Scales { linear: Some((&[0.0], &[1.0, 1.0, 1.0])), ..good }).is_err());
+    assert!(shape.to_onnx(&parameters, &NetworkScales { target_scale: f64::NAN, ..good }).is_err());
+    assert!(shape.to_onnx(&parameters, &NetworkScales { linear: Some((&[0.0], &[1.0, 1.0, 1.0])), ..good }).is_err());
 }

@@ -4,29 +4,29 @@ use rayon::prelude::*;
 
 use numerics::random::SplitMix64;
 
-use super::kernels::{Panels, add_outer, affine, padded};
-use super::shape::{Form, Shape, unit_uniform};
+use super::kernels::{WeightPanels, add_outer, affine, padded};
+use super::shape::{NetworkForm, NetworkShape, unit_uniform};
 
-/// The rows of a block: one block's sums are over its rows in their order, and sums over blocks in theirs, so that nothing
-/// depends on the number of threads.
+/// The rows of a block: one block's sums are over its rows in their order, and sums over blocks in theirs, so that
+/// nothing depends on the number of threads.
 pub(super) const BLOCK: usize = 256;
 
-/// A network whose weights are laid out for the products.
-pub(super) struct Packed<'a> {
-    shape: &'a Shape,
-    forward: Vec<Panels>,
+/// Network with its weights laid out for the matrix products.
+pub(super) struct PackedNetwork<'a> {
+    shape: &'a NetworkShape,
+    forward: Vec<WeightPanels>,
     /// The transposed weights; of the first layer only for the derivatives by the inputs.
-    backward: Vec<Panels>,
+    backward: Vec<WeightPanels>,
     /// The coefficients of the linear terms, where the form has them.
     b: Vec<f64>,
 }
 
-impl<'a> Packed<'a> {
-    pub fn new(shape: &'a Shape) -> Self {
+impl<'a> PackedNetwork<'a> {
+    pub fn new(shape: &'a NetworkShape) -> Self {
         let layers = shape.layers();
         Self {
-            forward: layers.iter().map(|layer| Panels::new(layer.inputs, layer.units)).collect(),
-            backward: layers.iter().map(|layer| Panels::new(layer.units, layer.inputs)).collect(),
+            forward: layers.iter().map(|layer| WeightPanels::new(layer.inputs, layer.units)).collect(),
+            backward: layers.iter().map(|layer| WeightPanels::new(layer.units, layer.inputs)).collect(),
             b: vec![0.0; if shape.form.holds_linear() { shape.linear } else { 0 }],
             shape,
         }
@@ -43,8 +43,8 @@ impl<'a> Packed<'a> {
     }
 }
 
-/// Work space of a block.
-pub(super) struct Buffers {
+/// Workspace of a block of rows.
+pub(super) struct BlockWorkspace {
     /// The sums of each layer, which become its activations; rows padded to whole panels.
     layers: Vec<Vec<f64>>,
     /// The derivatives of the activations of each hidden layer.
@@ -53,37 +53,37 @@ pub(super) struct Buffers {
     delta_before: Vec<f64>,
     /// The prediction of each row.
     pub predicted: Vec<f64>,
-    gradient: Vec<Panels>,
+    gradient: Vec<WeightPanels>,
     gradient_b: Vec<f64>,
 }
 
-/// The linear terms of some rows.
+/// Linear terms of a block of rows.
 #[derive(Clone, Copy)]
-pub(super) enum Terms<'a> {
+pub(super) enum NetworkLinearTerms<'a> {
     /// Unchanged terms, row-major.
     Rows(&'a [f64]),
-    /// Times their coefficients and summed, for [`Form::FixedLinear`], whose coefficients stay.
+    /// Times their coefficients and summed, for [`NetworkForm::FixedLinear`], whose coefficients stay.
     Products(&'a [f64]),
 }
 
-impl<'a> Terms<'a> {
+impl<'a> NetworkLinearTerms<'a> {
     fn rows(self) -> &'a [f64] {
         match self {
-            Terms::Rows(rows) => rows,
-            Terms::Products(_) => &[],
+            NetworkLinearTerms::Rows(rows) => rows,
+            NetworkLinearTerms::Products(_) => &[],
         }
     }
 }
 
-/// Hidden units that are left out of a pass at random.
+/// Dropout of hidden units in a pass: probability and seed.
 #[derive(Clone, Copy)]
 pub(super) struct Dropout {
     pub probability: f64,
     pub seed: u64,
 }
 
-impl Buffers {
-    pub fn new(shape: &Shape) -> Self {
+impl BlockWorkspace {
+    pub fn new(shape: &NetworkShape) -> Self {
         let layers = shape.layers();
         let widest = layers.iter().map(|layer| padded(layer.units)).max().unwrap_or(0).max(padded(shape.inputs));
         let of = |units: usize| vec![0.0; BLOCK * padded(units)];
@@ -93,13 +93,20 @@ impl Buffers {
             delta: vec![0.0; BLOCK * widest],
             delta_before: vec![0.0; BLOCK * widest],
             predicted: Vec::with_capacity(BLOCK),
-            gradient: layers.iter().map(|layer| Panels::new(layer.inputs, layer.units)).collect(),
+            gradient: layers.iter().map(|layer| WeightPanels::new(layer.inputs, layer.units)).collect(),
             gradient_b: vec![0.0; shape.linear],
         }
     }
 
     /// Predicts at most a block of rows, into `predicted`. `slopes` keeps what the way back needs.
-    pub fn forward(&mut self, network: &Packed<'_>, x: &[f64], a: Terms<'_>, slopes: bool, dropout: Option<Dropout>) {
+    pub fn forward(
+        &mut self,
+        network: &PackedNetwork<'_>,
+        x: &[f64],
+        a: NetworkLinearTerms<'_>,
+        slopes: bool,
+        dropout: Option<Dropout>,
+    ) {
         let shape = network.shape;
         let rows = x.len() / shape.inputs;
         let mut bits = dropout.map(|dropout| (dropout, SplitMix64::new(dropout.seed)));
@@ -137,36 +144,37 @@ impl Buffers {
     }
 
     /// The predictions of the outputs of the network and the linear terms.
-    fn combine(&mut self, network: &Packed<'_>, a: Terms<'_>, rows: usize) {
+    fn combine(&mut self, network: &PackedNetwork<'_>, a: NetworkLinearTerms<'_>, rows: usize) {
         let shape = network.shape;
         let stride = padded(shape.outputs());
         self.predicted.clear();
         let Some(outputs) = self.layers.last() else { return };
         let outputs = outputs[..rows * stride].chunks_exact(stride);
-        if let Terms::Products(products) = a {
+        if let NetworkLinearTerms::Products(products) = a {
             self.predicted.extend(outputs.zip(products).map(|(output, product)| output[0] + product));
             return;
         }
         // Without linear terms there is nothing to pair with.
         let terms = |row: usize| &a.rows()[row * shape.linear..][..shape.linear];
         match shape.form {
-            Form::Plain => self.predicted.extend(outputs.map(|output| output[0])),
-            Form::Weights => {
+            NetworkForm::Plain => self.predicted.extend(outputs.map(|output| output[0])),
+            NetworkForm::Weights => {
                 self.predicted.extend(outputs.enumerate().map(|(row, output)| dot(terms(row), output)));
             }
-            Form::FixedLinear | Form::TrainedLinear => {
+            NetworkForm::FixedLinear | NetworkForm::TrainedLinear => {
                 let of = |(row, output): (usize, &[f64])| output[0] + dot(terms(row), &network.b);
                 self.predicted.extend(outputs.enumerate().map(of));
             }
-            Form::WeightsAroundFixed => {
+            NetworkForm::WeightsAroundFixed => {
                 let of = |(row, output): (usize, &[f64])| dot(terms(row), output) + dot(terms(row), &network.b);
                 self.predicted.extend(outputs.enumerate().map(of));
             }
         }
     }
 
-    /// The derivatives of the predictions by the outputs of the network, times `by_prediction` of each row, into `delta`.
-    fn delta_of_outputs(&mut self, shape: &Shape, a: &[f64], by_prediction: &[f64]) {
+    /// The derivatives of the predictions by the outputs of the network, times `by_prediction` of each row, into
+    /// `delta`.
+    fn delta_of_outputs(&mut self, shape: &NetworkShape, a: &[f64], by_prediction: &[f64]) {
         let stride = padded(shape.outputs());
         let delta = self.delta[..by_prediction.len() * stride].chunks_exact_mut(stride);
         for (row, (delta, by)) in delta.zip(by_prediction).enumerate() {
@@ -181,7 +189,7 @@ impl Buffers {
     }
 
     /// Turns `delta`, the derivatives by the sums of a layer, into those by the sums of the layer before.
-    fn step_back(&mut self, network: &Packed<'_>, number: usize, rows: usize) {
+    fn step_back(&mut self, network: &PackedNetwork<'_>, number: usize, rows: usize) {
         let shape = network.shape;
         let stride = padded(shape.hidden.get(number).copied().unwrap_or(shape.outputs()));
         let stride_before = padded(shape.hidden[number - 1]);
@@ -192,13 +200,13 @@ impl Buffers {
         std::mem::swap(&mut self.delta, &mut self.delta_before);
     }
 
-    /// The gradient of a sum over the rows whose derivatives by the predictions are given, after [`forward`](Self::forward)
-    /// with slopes, into a vector like the parameters'.
+    /// The gradient of a sum over the rows whose derivatives by the predictions are given, after
+    /// [`forward`](Self::forward) with slopes, into a vector like the parameters'.
     pub fn backward(
         &mut self,
-        network: &Packed<'_>,
+        network: &PackedNetwork<'_>,
         x: &[f64],
-        a: Terms<'_>,
+        a: NetworkLinearTerms<'_>,
         by_prediction: &[f64],
         gradient: &mut [f64],
     ) {
@@ -227,7 +235,7 @@ impl Buffers {
         }
         let b = &mut gradient[shape.linear_start()..];
         b.fill(0.0);
-        if shape.form == Form::TrainedLinear {
+        if shape.form == NetworkForm::TrainedLinear {
             self.gradient_b.fill(0.0);
             for (terms, by) in a.chunks_exact(shape.linear).zip(by_prediction) {
                 self.gradient_b.iter_mut().zip(terms).for_each(|(sum, term)| *sum += by * term);
@@ -237,7 +245,7 @@ impl Buffers {
     }
 
     /// The derivatives of each prediction by the inputs of its row, after [`forward`](Self::forward) with slopes.
-    fn by_inputs(&mut self, network: &Packed<'_>, a: &[f64], rows: usize, out: &mut [f64]) {
+    fn by_inputs(&mut self, network: &PackedNetwork<'_>, a: &[f64], rows: usize, out: &mut [f64]) {
         self.delta_of_outputs(network.shape, a, &vec![1.0; rows]);
         for number in (1..network.forward.len()).rev() {
             self.step_back(network, number, rows);
@@ -245,8 +253,9 @@ impl Buffers {
         self.step_to_inputs(network, rows, out);
     }
 
-    /// The derivatives by the inputs, of those by the sums of the first layer, in which [`backward`](Self::backward) ends.
-    pub fn step_to_inputs(&mut self, network: &Packed<'_>, rows: usize, out: &mut [f64]) {
+    /// The derivatives by the inputs, of those by the sums of the first layer, in which [`backward`](Self::backward)
+    /// ends.
+    pub fn step_to_inputs(&mut self, network: &PackedNetwork<'_>, rows: usize, out: &mut [f64]) {
         let shape = network.shape;
         let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));
         let padded_inputs = padded(shape.inputs);
@@ -263,28 +272,29 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-impl Shape {
+impl NetworkShape {
     /// Whether parameters, inputs and linear terms fit; their rows.
     fn rows_of(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Option<usize> {
         let rows = x.len().checked_div(self.inputs)?;
-        let terms = if self.form == Form::Plain && a.is_empty() { 0 } else { rows * self.linear };
+        let terms = if self.form == NetworkForm::Plain && a.is_empty() { 0 } else { rows * self.linear };
         let fits = parameters.len() == self.parameters() && x.len() == rows * self.inputs && a.len() == terms;
         (fits && self.check().is_ok()).then_some(rows)
     }
 
-    /// The predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. All are
-    /// NaN where parameters or terms do not fit the shape; a row is where one of its inputs is.
+    /// The predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. All
+    /// are NaN where parameters or terms do not fit the shape; a row is where one of its inputs is.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
-            buffers.forward(network, x, Terms::Rows(a), false, None);
+            buffers.forward(network, x, NetworkLinearTerms::Rows(a), false, None);
             out.copy_from_slice(&buffers.predicted);
         })
     }
 
-    /// The derivatives of each prediction by its scaled inputs, row by row; arguments as for [`predict`](Self::predict).
+    /// The derivatives of each prediction by its scaled inputs, row by row; arguments as for
+    /// [`predict`](Self::predict).
     pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {
-            buffers.forward(network, x, Terms::Rows(a), true, None);
+            buffers.forward(network, x, NetworkLinearTerms::Rows(a), true, None);
             buffers.by_inputs(network, a, x.len() / network.shape.inputs, out);
         })
     }
@@ -295,17 +305,17 @@ impl Shape {
         x: &[f64],
         a: &[f64],
         width: usize,
-        work: impl Fn(&Packed<'_>, &mut Buffers, &[f64], &[f64], &mut [f64]) + Sync,
+        work: impl Fn(&PackedNetwork<'_>, &mut BlockWorkspace, &[f64], &[f64], &mut [f64]) + Sync,
     ) -> Vec<f64> {
         let Some(rows) = self.rows_of(parameters, x, a) else {
             return vec![f64::NAN; x.len() / self.inputs.max(1) * width];
         };
-        let mut network = Packed::new(self);
+        let mut network = PackedNetwork::new(self);
         network.set(parameters);
         let mut out = vec![0.0; rows * width];
         let linear = if a.is_empty() { 0 } else { self.linear };
         out.par_chunks_mut(BLOCK * width).enumerate().for_each_init(
-            || Buffers::new(self),
+            || BlockWorkspace::new(self),
             |buffers, (block, out)| {
                 let (first, count) = (block * BLOCK, out.len() / width);
                 let x = &x[first * self.inputs..][..count * self.inputs];

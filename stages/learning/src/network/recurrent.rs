@@ -10,18 +10,18 @@
 //! ```
 
 use super::activation::{sigmoid, tanh};
-use super::kernels::{Panels, add_outer, affine, padded};
+use super::kernels::{WeightPanels, add_outer, affine, padded};
 use super::passes::BLOCK;
-use super::windowed::Body;
+use super::windowed::FeatureExtractor;
 
-/// Which of both.
+/// Type of the recurrent cell.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Cell {
+pub(super) enum RecurrentCell {
     Gru,
     Lstm,
 }
 
-impl Cell {
+impl RecurrentCell {
     /// The sums of a unit.
     pub const fn gates(self) -> usize {
         match self {
@@ -36,18 +36,18 @@ const KEPT: usize = 4;
 
 /// The recurrent part of a network, for a block of rows.
 ///
-/// Its parameters: W, row-major (gate and unit, input), U (gate and unit, unit), b and c; gates in the order above, those of an
-/// LSTM i, f, g, o. [PyTorch's order]
-pub(super) struct Recurrent {
-    cell: Cell,
+/// Its parameters: W, row-major (gate and unit, input), U (gate and unit, unit), b and c; gates in the order above,
+/// those of an LSTM i, f, g, o. [PyTorch's order]
+pub(super) struct RecurrentLayer {
+    cell: RecurrentCell,
     inputs: usize,
     units: usize,
     window: usize,
-    of_inputs: Panels,
-    of_units: Panels,
-    of_units_back: Panels,
-    gradient_of_inputs: Panels,
-    gradient_of_units: Panels,
+    of_inputs: WeightPanels,
+    of_units: WeightPanels,
+    of_units_back: WeightPanels,
+    gradient_of_inputs: WeightPanels,
+    gradient_of_units: WeightPanels,
     /// The units after each step, and before the first; rows padded to whole panels.
     h: Vec<Vec<f64>>,
     /// The memory of an LSTM, likewise; not padded.
@@ -60,8 +60,8 @@ pub(super) struct Recurrent {
     d_s: Vec<f64>,
 }
 
-impl Recurrent {
-    pub fn new(cell: Cell, inputs: usize, units: usize, window: usize) -> Self {
+impl RecurrentLayer {
+    pub fn new(cell: RecurrentCell, inputs: usize, units: usize, window: usize) -> Self {
         let sums = cell.gates() * units;
         let rows = |width: usize| vec![0.0; BLOCK * width];
         Self {
@@ -69,13 +69,13 @@ impl Recurrent {
             inputs,
             units,
             window,
-            of_inputs: Panels::new(inputs, sums),
-            of_units: Panels::new(units, sums),
-            of_units_back: Panels::new(sums, units),
-            gradient_of_inputs: Panels::new(inputs, sums),
-            gradient_of_units: Panels::new(units, sums),
+            of_inputs: WeightPanels::new(inputs, sums),
+            of_units: WeightPanels::new(units, sums),
+            of_units_back: WeightPanels::new(sums, units),
+            gradient_of_inputs: WeightPanels::new(inputs, sums),
+            gradient_of_units: WeightPanels::new(units, sums),
             h: vec![rows(padded(units)); window + 1],
-            s: vec![rows(if cell == Cell::Lstm { units } else { 0 }); window + 1],
+            s: vec![rows(if cell == RecurrentCell::Lstm { units } else { 0 }); window + 1],
             kept: vec![rows(KEPT * units); window],
             sums_x: rows(padded(sums)),
             sums_h: rows(padded(sums)),
@@ -86,7 +86,7 @@ impl Recurrent {
     }
 
     /// The number of parameters.
-    pub const fn parameters(cell: Cell, inputs: usize, units: usize) -> usize {
+    pub const fn parameters(cell: RecurrentCell, inputs: usize, units: usize) -> usize {
         cell.gates() * units * (inputs + units + 2)
     }
 }
@@ -99,7 +99,7 @@ fn split(sums: usize, inputs: usize, units: usize, parameters: &mut [f64]) -> [&
     [w, u, b, c]
 }
 
-impl Body for Recurrent {
+impl FeatureExtractor for RecurrentLayer {
     fn set(&mut self, parameters: &[f64]) {
         let sums = self.cell.gates() * self.units;
         let (w, rest) = parameters.split_at(sums * self.inputs);
@@ -121,7 +121,7 @@ impl Body for Recurrent {
             let (Some(s), Some(s_next)) = (s_before.last(), s_after.first_mut()) else { return };
             affine(x, self.inputs, &self.of_inputs, sums_x);
             affine(&h[..rows * stride], stride, &self.of_units, sums_h);
-            pulp::Arch::new().dispatch(Step {
+            pulp::Arch::new().dispatch(RecurrentStep {
                 cell: self.cell,
                 units,
                 rows,
@@ -153,7 +153,7 @@ impl Body for Recurrent {
         let steps: Vec<&[f64]> = x.chunks_exact(rows * self.inputs).take(self.window).collect();
         for (step, x) in steps.into_iter().enumerate().rev() {
             let (d_x, d_u) = (&mut self.sums_x[..rows * sums_stride], &mut self.sums_h[..rows * sums_stride]);
-            let back = StepBack {
+            let back = RecurrentStepGradient {
                 units,
                 rows,
                 kept: &self.kept[step],
@@ -165,8 +165,8 @@ impl Body for Recurrent {
                 d_u,
             };
             match self.cell {
-                Cell::Gru => back.gru(),
-                Cell::Lstm => back.lstm(),
+                RecurrentCell::Gru => back.gru(),
+                RecurrentCell::Lstm => back.lstm(),
             }
             add_outer(x, self.inputs, &self.sums_x[..rows * sums_stride], &mut self.gradient_of_inputs);
             let d_u = &self.sums_h[..rows * sums_stride];
@@ -182,9 +182,9 @@ impl Body for Recurrent {
     }
 }
 
-/// A step of all rows.
-struct Step<'a> {
-    cell: Cell,
+/// Forward step of a recurrent cell for all rows of a block.
+struct RecurrentStep<'a> {
+    cell: RecurrentCell,
     units: usize,
     rows: usize,
     sums: [&'a [f64]; 2],
@@ -195,7 +195,7 @@ struct Step<'a> {
     kept: &'a mut [f64],
 }
 
-impl pulp::NullaryFnOnce for Step<'_> {
+impl pulp::NullaryFnOnce for RecurrentStep<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -209,7 +209,7 @@ impl pulp::NullaryFnOnce for Step<'_> {
             let (second, rest) = rest.split_at_mut(units);
             let (third, fourth) = rest.split_at_mut(units);
             match cell {
-                Cell::Gru => {
+                RecurrentCell::Gru => {
                     for k in 0..units {
                         first[k] = sigmoid(x[k] + u[k]).0;
                         second[k] = sigmoid(x[units + k] + u[units + k]).0;
@@ -218,7 +218,7 @@ impl pulp::NullaryFnOnce for Step<'_> {
                         next[k] = (1.0 - second[k]) * third[k] + second[k] * h[k];
                     }
                 }
-                Cell::Lstm => {
+                RecurrentCell::Lstm => {
                     let (s, s_next) = (&s[row * units..][..units], &mut s_next[row * units..][..units]);
                     for k in 0..units {
                         first[k] = sigmoid(x[k] + u[k]).0;
@@ -234,9 +234,9 @@ impl pulp::NullaryFnOnce for Step<'_> {
     }
 }
 
-/// The way back through a step: the derivatives by its sums, of those by the units after it. `d_h` and `d_s` become what goes
-/// on to the step before without passing U.
-struct StepBack<'a> {
+/// The way back through a step: the derivatives by its sums, of those by the units after it. `d_h` and `d_s` become
+/// what goes on to the step before without passing U.
+struct RecurrentStepGradient<'a> {
     units: usize,
     rows: usize,
     kept: &'a [f64],
@@ -248,7 +248,7 @@ struct StepBack<'a> {
     d_u: &'a mut [f64],
 }
 
-impl StepBack<'_> {
+impl RecurrentStepGradient<'_> {
     fn gru(self) {
         let Self { units, rows, kept, h, d_h, d_x, d_u, .. } = self;
         let (stride, sums_stride) = (padded(units), padded(3 * units));

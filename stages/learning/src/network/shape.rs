@@ -3,13 +3,13 @@
 use numerics::random::SplitMix64;
 use params::choice;
 
-use super::activation::Activation;
+use super::activation::ActivationFunction;
 use super::training::TrainingError;
 
 choice! {
     /// Combination of a network N and linear terms a that predicts the target. [Gnadt 2022, sections 4.2-4.6]
     #[derive(Default)]
-    pub enum Form {
+    pub enum NetworkForm {
         /// N(x): model 1.
         #[default]
         Plain = "m1",
@@ -24,7 +24,7 @@ choice! {
     }
 }
 
-impl Form {
+impl NetworkForm {
     /// Whether the network has an output for each linear term.
     pub(super) fn weighs(self) -> bool {
         matches!(self, Self::Weights | Self::WeightsAroundFixed)
@@ -38,31 +38,31 @@ impl Form {
 
 /// A network of dense layers with additional linear terms.
 ///
-/// Its parameters are one vector: layer by layer the weights, row-major (unit, input), then the biases of its units; the
-/// output layer is the last. Then, where the form has them, the coefficients b of the linear terms.
+/// Its parameters are one vector: layer by layer the weights, row-major (unit, input), then the biases of its units;
+/// the output layer is the last. Then, where the form has them, the coefficients b of the linear terms.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Shape {
+pub struct NetworkShape {
     /// The number of inputs.
     pub inputs: usize,
-    /// The number of linear terms. With [`Form::Plain`] they do not take part in the prediction.
+    /// The number of linear terms. With [`NetworkForm::Plain`] they do not take part in the prediction.
     pub linear: usize,
     /// The number of units of each hidden layer; without any the network is linear.
     pub hidden: Vec<usize>,
     /// Activation function of the hidden units. Outputs have none.
-    pub activation: Activation,
+    pub activation: ActivationFunction,
     /// Combination of the network and the linear terms.
-    pub form: Form,
+    pub form: NetworkForm,
 }
 
-/// A layer, and where its weights begin in the vector; its biases follow them.
+/// Dense layer and the start of its weights in the parameter vector; its biases follow them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Layer {
+pub(super) struct DenseLayer {
     pub inputs: usize,
     pub units: usize,
     pub start: usize,
 }
 
-impl Layer {
+impl DenseLayer {
     pub fn weights<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
         &parameters[self.start..][..self.inputs * self.units]
     }
@@ -82,22 +82,22 @@ impl Layer {
     }
 }
 
-impl Shape {
+impl NetworkShape {
     /// The number of outputs of the network itself.
     pub(super) fn outputs(&self) -> usize {
         if self.form.weighs() { self.linear } else { 1 }
     }
 
-    pub(super) fn layers(&self) -> Vec<Layer> {
+    pub(super) fn layers(&self) -> Vec<DenseLayer> {
         let mut start = 0;
         let mut inputs = self.inputs;
         let mut layer = |units: usize| {
-            let layer = Layer { inputs, units, start };
+            let layer = DenseLayer { inputs, units, start };
             start += units * (inputs + 1);
             inputs = units;
             layer
         };
-        let mut layers: Vec<Layer> = self.hidden.iter().map(|units| layer(*units)).collect();
+        let mut layers: Vec<DenseLayer> = self.hidden.iter().map(|units| layer(*units)).collect();
         layers.push(layer(self.outputs()));
         layers
     }
@@ -132,11 +132,11 @@ impl Shape {
         names
     }
 
-    /// Parameters to begin with: weights uniform between ±√(6/(inputs + units)) by a seed [Glorot & Bengio 2010], biases 0,
-    /// and the coefficients of the linear terms as given, in the scale of the target. One that is not given is NaN,
-    /// which training refuses.
+    /// Parameters to begin with: weights uniform between ±√(6/(inputs + units)) by a seed [Glorot & Bengio 2010],
+    /// biases 0, and the coefficients of the linear terms as given, in the scale of the target. One that is not given
+    /// is NaN, which training refuses.
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
-        let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Weights as u64]));
+        let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Weights as u64]));
         let mut parameters = vec![0.0; self.parameters()];
         for layer in self.layers() {
             let most = (6.0 / (layer.inputs + layer.units) as f64).sqrt();
@@ -160,7 +160,7 @@ impl Shape {
         if self.hidden.contains(&0) {
             return setting("the number of units of every hidden layer", 0.0);
         }
-        if self.linear == 0 && self.form != Form::Plain {
+        if self.linear == 0 && self.form != NetworkForm::Plain {
             return setting("the number of linear terms of this form of network", 0.0);
         }
         Ok(())
@@ -169,7 +169,7 @@ impl Shape {
 
 /// Purpose of random numbers; each has a separate stream.
 #[derive(Clone, Copy)]
-pub(super) enum Stream {
+pub(super) enum NetworkRandomStream {
     Weights = 1,
     Order = 2,
     Dropout = 3,

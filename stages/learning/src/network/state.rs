@@ -1,8 +1,8 @@
 //! State of a training at the end of an epoch.
 
-use super::lbfgs::Lbfgs;
-use super::shape::Shape;
-use super::training::Epoch;
+use super::lbfgs::LbfgsState;
+use super::shape::NetworkShape;
+use super::training::TrainingEpoch;
 
 /// The first bytes of a stored state; the last is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGNET\0\x01";
@@ -11,7 +11,7 @@ const HEAD: [u8; 8] = *b"MAGNET\0\x01";
 /// run gives the same bits as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their
 /// state is kept.
 #[derive(Debug, Clone, PartialEq)]
-pub struct State {
+pub struct TrainingState {
     /// The number of epochs that are done.
     pub epoch: usize,
     /// The parameters after them.
@@ -33,16 +33,16 @@ pub struct State {
     /// The number of its epoch, from 1; 0 without.
     pub best_epoch: usize,
     /// The quasi-Newton method.
-    pub lbfgs: Lbfgs,
+    pub lbfgs: LbfgsState,
     /// The Tolles-Lawson coefficients that the physics term holds on to, in the scale of the target.
     pub tolles_lawson: Vec<f64>,
     /// The training curve so far.
-    pub epochs: Vec<Epoch>,
+    pub epochs: Vec<TrainingEpoch>,
 }
 
 /// Error of bytes that are not a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum StateError {
+pub enum TrainingStateError {
     /// The bytes begin as no state does, or as one of another version.
     #[error("these bytes are not a training state of this version; restart the training")]
     NotAState,
@@ -51,10 +51,10 @@ pub enum StateError {
     Damaged,
 }
 
-impl State {
-    /// The start of a training from parameters: [`Shape::initial`], or those of a model that was trained before. The
-    /// physics term holds on to the coefficients of the linear terms among them.
-    pub fn new(shape: &Shape, parameters: Vec<f64>) -> Self {
+impl TrainingState {
+    /// The start of a training from parameters: [`NetworkShape::initial`], or those of a model that was trained before.
+    /// The physics term holds on to the coefficients of the linear terms among them.
+    pub fn new(shape: &NetworkShape, parameters: Vec<f64>) -> Self {
         Self::beginning(parameters, shape.linear_start())
     }
 
@@ -71,15 +71,15 @@ impl State {
             best: vec![],
             best_loss: f64::INFINITY,
             best_epoch: 0,
-            lbfgs: Lbfgs::default(),
+            lbfgs: LbfgsState::default(),
             tolles_lawson,
             epochs: vec![],
             parameters,
         }
     }
 
-    /// The state as bytes: a head, then every number in the order of the fields, little-endian, a count before each list,
-    /// and a sum of all bytes (FNV-1a).
+    /// The state as bytes: a head, then every number in the order of the fields, little-endian, a count before each
+    /// list, and a sum of all bytes (FNV-1a).
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = HEAD.to_vec();
         let count = |out: &mut Vec<u8>, n: usize| out.extend((n as u64).to_le_bytes());
@@ -103,7 +103,7 @@ impl State {
         }
         count(&mut out, usize::from(self.lbfgs.ended));
         list(&mut out, &self.tolles_lawson);
-        let curve = |e: &Epoch| [e.train_loss, e.validation_loss, e.learning_rate];
+        let curve = |e: &TrainingEpoch| [e.train_loss, e.validation_loss, e.learning_rate];
         list(&mut out, &self.epochs.iter().flat_map(curve).collect::<Vec<f64>>());
         let sum = checksum(&out);
         out.extend(sum.to_le_bytes());
@@ -114,17 +114,17 @@ impl State {
     ///
     /// # Errors
     /// Fails for bytes that are no state, and for those that are cut or altered.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, StateError> {
-        let rest = bytes.strip_prefix(&HEAD).ok_or(StateError::NotAState)?;
-        let (body, sum) = rest.split_last_chunk::<8>().ok_or(StateError::Damaged)?;
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, TrainingStateError> {
+        let rest = bytes.strip_prefix(&HEAD).ok_or(TrainingStateError::NotAState)?;
+        let (body, sum) = rest.split_last_chunk::<8>().ok_or(TrainingStateError::Damaged)?;
         if checksum(&bytes[..bytes.len() - 8]) != u64::from_le_bytes(*sum) {
-            return Err(StateError::Damaged);
+            return Err(TrainingStateError::Damaged);
         }
-        let mut reader = Reader(body);
+        let mut reader = TrainingStateReader(body);
         let epoch = reader.count()?;
         let (parameters, first_moments, second_moments) = (reader.list()?, reader.list()?, reader.list()?);
         let [beta_1, beta_2, rate_factor, best_loss, objective] =
-            reader.list()?.try_into().map_err(|_| StateError::Damaged)?;
+            reader.list()?.try_into().map_err(|_| TrainingStateError::Damaged)?;
         let (on_plateau, best, best_epoch, gradient) =
             (reader.count()?, reader.list()?, reader.count()?, reader.list()?);
         let mut pairs = vec![];
@@ -135,9 +135,9 @@ impl State {
         let (tolles_lawson, curve) = (reader.list()?, reader.list()?);
         let (curve, left) = curve.as_chunks::<3>();
         if !reader.0.is_empty() || !left.is_empty() {
-            return Err(StateError::Damaged);
+            return Err(TrainingStateError::Damaged);
         }
-        let epoch_of = |[train_loss, validation_loss, learning_rate]: &[f64; 3]| Epoch {
+        let epoch_of = |[train_loss, validation_loss, learning_rate]: &[f64; 3]| TrainingEpoch {
             train_loss: *train_loss,
             validation_loss: *validation_loss,
             learning_rate: *learning_rate,
@@ -153,30 +153,30 @@ impl State {
             best,
             best_loss,
             best_epoch,
-            lbfgs: Lbfgs { objective, gradient, pairs, ended },
+            lbfgs: LbfgsState { objective, gradient, pairs, ended },
             tolles_lawson,
             epochs: curve.iter().map(epoch_of).collect(),
         })
     }
 }
 
-struct Reader<'a>(&'a [u8]);
+struct TrainingStateReader<'a>(&'a [u8]);
 
-impl Reader<'_> {
-    fn eight(&mut self) -> Result<[u8; 8], StateError> {
-        let (first, rest) = self.0.split_first_chunk::<8>().ok_or(StateError::Damaged)?;
+impl TrainingStateReader<'_> {
+    fn eight(&mut self) -> Result<[u8; 8], TrainingStateError> {
+        let (first, rest) = self.0.split_first_chunk::<8>().ok_or(TrainingStateError::Damaged)?;
         self.0 = rest;
         Ok(*first)
     }
 
-    fn count(&mut self) -> Result<usize, StateError> {
-        usize::try_from(u64::from_le_bytes(self.eight()?)).map_err(|_| StateError::Damaged)
+    fn count(&mut self) -> Result<usize, TrainingStateError> {
+        usize::try_from(u64::from_le_bytes(self.eight()?)).map_err(|_| TrainingStateError::Damaged)
     }
 
-    fn list(&mut self) -> Result<Vec<f64>, StateError> {
+    fn list(&mut self) -> Result<Vec<f64>, TrainingStateError> {
         let count = self.count()?;
         if count > self.0.len() / 8 {
-            return Err(StateError::Damaged);
+            return Err(TrainingStateError::Damaged);
         }
         (0..count).map(|_| self.eight().map(f64::from_le_bytes)).collect()
     }

@@ -1,10 +1,10 @@
 //! Linear terms in the scale that they are trained in.
 
-use numerics::regression::least_squares::{Moments, Scaling};
+use numerics::regression::least_squares::{ColumnScaling, RegressionMoments};
 use rayon::prelude::*;
 
-use super::shape::{Form, Shape};
-use crate::inputs::{InputsError, LEAST_COMPONENT, LEAST_DEVIATION};
+use super::shape::{NetworkForm, NetworkShape};
+use crate::inputs::{InputScalingError, LEAST_COMPONENT, LEAST_DEVIATION};
 
 /// Rows that a thread takes together.
 const CHUNK: usize = 4096;
@@ -12,21 +12,22 @@ const CHUNK: usize = 4096;
 /// The scaling of linear terms for training, and that of the parameters which belong to them.
 ///
 /// A step of Adam moves every coefficient by about the learning rate, so that terms have to be of one size, and to say
-/// different things. Where their coefficients are trained along ([`Form::TrainedLinear`]) the terms a become u = (a − mean) M,
-/// each of variance 1, with `whiten` uncorrelated; the coefficients b = M c become c, and the output's bias takes up mean·b.
-/// M has an inverse: every prediction of the scaled network is one of the original, to rounding.
+/// different things. Where their coefficients are trained along ([`NetworkForm::TrainedLinear`]) the terms a become u =
+/// (a − mean) M, each of variance 1, with `whiten` uncorrelated; the coefficients b = M c become c, and the output's
+/// bias takes up mean·b. M has an inverse: every prediction of the scaled network is one of the original, to rounding.
 ///
-/// Terms that the network weighs ([`Form::Weights`], [`Form::WeightsAroundFixed`]) stay as they are: each has an output of its own, and
-/// what hardly varies in the rows would weigh as much as all else. The other forms train nothing that is multiplied by terms.
+/// Terms that the network weighs ([`NetworkForm::Weights`], [`NetworkForm::WeightsAroundFixed`]) stay as they are: each
+/// has an output of its own, and what hardly varies in the rows would weigh as much as all else. The other forms train
+/// nothing that is multiplied by terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
     /// Value of Tolles-Lawson at the mean of the terms.
     offset: f64,
-    maps: Option<Maps>,
+    maps: Option<TermTransform>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-struct Maps {
+struct TermTransform {
     mean: Vec<f64>,
     /// M, row-major: a row for each term.
     to: Vec<f64>,
@@ -36,41 +37,41 @@ struct Maps {
 
 impl TermScaling {
     /// Scales rows of `width` terms, row-major, and the coefficients of Tolles-Lawson. `whiten` is as in
-    /// [`Inputs::whitened`](crate::inputs::Inputs::whitened). No component can be omitted, so the unkept ones are
-    /// divided by the deviation of the last kept one.
+    /// [`InputScaling::whitened`](crate::inputs::InputScaling::whitened). No component can be omitted, so the unkept
+    /// ones are divided by the deviation of the last kept one.
     ///
     /// # Errors
     /// Fails for values that are no rows, without rows, for a `whiten` out of range, and without convergence.
-    pub fn of(
-        form: Form,
+    pub fn new(
+        form: NetworkForm,
         a: &[f64],
         width: usize,
         whiten: Option<f64>,
         tolles_lawson: &[f64],
-    ) -> Result<Self, InputsError> {
+    ) -> Result<Self, InputScalingError> {
         match form {
-            Form::Plain | Form::FixedLinear | Form::Weights | Form::WeightsAroundFixed => {
+            NetworkForm::Plain | NetworkForm::FixedLinear | NetworkForm::Weights | NetworkForm::WeightsAroundFixed => {
                 return Ok(Self { offset: 0.0, maps: None });
             }
-            Form::TrainedLinear => {}
+            NetworkForm::TrainedLinear => {}
         }
         if width == 0 || !a.len().is_multiple_of(width) || a.is_empty() {
-            return Err(InputsError::Shape { given: a.len(), width });
+            return Err(InputScalingError::Shape { given: a.len(), width });
         }
-        let moments = Moments::of(a, width, &[])?;
+        let moments = RegressionMoments::from_matrix(a, width, &[])?;
         let mean = moments.term_means();
         // A term that is the same in every row changes nothing with any divisor.
         let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
         let maps = match whiten {
             Some(keep) => {
-                let prepared = moments.prepare(Scaling::Standardise, true)?;
+                let prepared = moments.prepare(ColumnScaling::Standardise, true)?;
                 let singular = prepared.singular()?;
                 let rows = (moments.rows() as f64 - 1.0).max(1.0);
                 let deviations: Vec<f64> = singular.values.iter().map(|s| s / rows.sqrt()).collect();
                 let largest = deviations.first().copied().unwrap_or(0.0);
                 let least = usable(last_kept(&deviations, keep)?.max(LEAST_COMPONENT * largest));
                 let deviations: Vec<f64> = deviations.into_iter().map(|d| d.max(least)).collect();
-                Maps::whitening(mean, prepared.scales(), &singular.right, &deviations)
+                TermTransform::whitening(mean, prepared.scales(), &singular.right, &deviations)
             }
             None => {
                 // Less is the rounding of a constant.
@@ -78,7 +79,7 @@ impl TermScaling {
                     if deviation > LEAST_DEVIATION * mean.abs() { usable(deviation) } else { 1.0 }
                 };
                 let sizes: Vec<f64> = mean.iter().zip(moments.term_deviations()).map(size).collect();
-                Maps::diagonal(mean, &sizes)
+                TermTransform::diagonal(mean, &sizes)
             }
         };
         Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
@@ -92,7 +93,7 @@ impl TermScaling {
 
     /// The scaled terms of rows, row-major; values after the last whole row are left out.
     pub fn apply(&self, a: Vec<f64>) -> Vec<f64> {
-        let Some(Maps { mean, to, .. }) = &self.maps else { return a };
+        let Some(TermTransform { mean, to, .. }) = &self.maps else { return a };
         let width = mean.len();
         let mut out = a;
         out.truncate(out.len() / width * width);
@@ -115,7 +116,7 @@ impl TermScaling {
     }
 
     /// The parameters of the network of scaled terms, of those of a network of the terms.
-    pub fn scaled(&self, shape: &Shape, parameters: &[f64]) -> Vec<f64> {
+    pub fn scaled(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
         if let Some(bias) = out.get_mut(shape.last_bias()) {
@@ -126,7 +127,7 @@ impl TermScaling {
     }
 
     /// The parameters of the network of the terms, of those of the network of scaled terms.
-    pub fn original(&self, shape: &Shape, parameters: &[f64]) -> Vec<f64> {
+    pub fn original(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
         multiply(&maps.to, shape, &mut out);
@@ -138,7 +139,7 @@ impl TermScaling {
     }
 }
 
-impl Maps {
+impl TermTransform {
     fn diagonal(mean: Vec<f64>, sizes: &[f64]) -> Self {
         let width = sizes.len();
         let of = |entry: fn(f64) -> f64| {
@@ -167,7 +168,7 @@ impl Maps {
 }
 
 /// The deviation of the last component that is kept, of all in falling order.
-fn last_kept(deviations: &[f64], keep: f64) -> Result<f64, InputsError> {
+fn last_kept(deviations: &[f64], keep: f64) -> Result<f64, InputScalingError> {
     let width = deviations.len();
     let count = if keep >= 1.0 && keep.fract() == 0.0 && keep.is_finite() {
         // A number of components of the inputs: there may be fewer terms.
@@ -181,7 +182,7 @@ fn last_kept(deviations: &[f64], keep: f64) -> Result<f64, InputsError> {
         });
         (below.count() + 1).min(width)
     } else {
-        return Err(InputsError::Keep { given: keep, width });
+        return Err(InputScalingError::Keep { given: keep, width });
     };
     Ok(count.checked_sub(1).and_then(|last| deviations.get(last)).copied().unwrap_or(0.0))
 }
@@ -195,13 +196,13 @@ fn product(matrix: &[f64], x: &[f64]) -> Vec<f64> {
 }
 
 /// The coefficients of the terms among the parameters of a network.
-fn coefficients_in<'a>(shape: &Shape, parameters: &'a [f64]) -> &'a [f64] {
+fn coefficients_in<'a>(shape: &NetworkShape, parameters: &'a [f64]) -> &'a [f64] {
     let first = shape.linear_start();
     parameters.get(first..first + shape.linear).unwrap_or_default()
 }
 
 /// Multiplies the coefficients of the terms by a matrix.
-fn multiply(matrix: &[f64], shape: &Shape, parameters: &mut [f64]) {
+fn multiply(matrix: &[f64], shape: &NetworkShape, parameters: &mut [f64]) {
     let new = product(matrix, coefficients_in(shape, parameters));
     parameters.iter_mut().skip(shape.linear_start()).zip(new).for_each(|(to, value)| *to = value);
 }
@@ -210,12 +211,17 @@ fn multiply(matrix: &[f64], shape: &Shape, parameters: &mut [f64]) {
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::{Activation, Samples, State, Training, train};
+    use super::super::{ActivationFunction, NetworkSamples, NetworkTraining, TrainingState, train};
     use super::*;
     use crate::network::tests::near;
 
-    const FORMS: [Form; 5] =
-        [Form::Plain, Form::Weights, Form::FixedLinear, Form::TrainedLinear, Form::WeightsAroundFixed];
+    const FORMS: [NetworkForm; 5] = [
+        NetworkForm::Plain,
+        NetworkForm::Weights,
+        NetworkForm::FixedLinear,
+        NetworkForm::TrainedLinear,
+        NetworkForm::WeightsAroundFixed,
+    ];
     const WIDTH: usize = 4;
 
     /// Terms of unequal size and mean, of which two say nearly the same, and the last is constant.
@@ -232,15 +238,15 @@ mod tests {
         (0..2 * rows).map(|i| (0.61 * i as f64).sin()).collect()
     }
 
-    fn shape(form: Form) -> Shape {
-        Shape { inputs: 2, linear: WIDTH, hidden: vec![3], activation: Activation::Tanh, form }
+    fn shape(form: NetworkForm) -> NetworkShape {
+        NetworkShape { inputs: 2, linear: WIDTH, hidden: vec![3], activation: ActivationFunction::Tanh, form }
     }
 
     #[test]
     fn law_scaled_terms_have_mean_0_variance_1_and_whitened_no_covariance() {
         let a = terms(5000);
-        for (form, whiten) in [(Form::TrainedLinear, None), (Form::TrainedLinear, Some(0.999_999_999))] {
-            let u = TermScaling::of(form, &a, WIDTH, whiten, &[0.0; WIDTH]).unwrap().apply(a.clone());
+        for (form, whiten) in [(NetworkForm::TrainedLinear, None), (NetworkForm::TrainedLinear, Some(0.999_999_999))] {
+            let u = TermScaling::new(form, &a, WIDTH, whiten, &[0.0; WIDTH]).unwrap().apply(a.clone());
             let column = |k: usize| u.iter().skip(k).step_by(WIDTH);
             let covariance = |j, k| column(j).zip(column(k)).map(|(a, b)| a * b).sum::<f64>() / 4999.0;
             for k in 0..3 {
@@ -250,8 +256,10 @@ mod tests {
             assert!(column(3).all(|x| x.abs() < 1e-9), "{whiten:?}");
             assert_eq!(covariance(0, 1).abs() < 1e-6, whiten.is_some(), "{}", covariance(0, 1));
         }
-        for form in [Form::Plain, Form::FixedLinear, Form::Weights, Form::WeightsAroundFixed] {
-            let as_it_is = TermScaling::of(form, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap();
+        for form in
+            [NetworkForm::Plain, NetworkForm::FixedLinear, NetworkForm::Weights, NetworkForm::WeightsAroundFixed]
+        {
+            let as_it_is = TermScaling::new(form, &a, WIDTH, Some(3.0), &[0.0; WIDTH]).unwrap();
             assert_eq!(as_it_is.apply(a.clone()), a, "{form:?}");
         }
     }
@@ -263,7 +271,7 @@ mod tests {
         for form in FORMS {
             for whiten in [None, Some(0.999_999), Some(2.0), Some(60.0)] {
                 let shape = shape(form);
-                let scaling = TermScaling::of(form, &a, WIDTH, whiten, &b).unwrap();
+                let scaling = TermScaling::new(form, &a, WIDTH, whiten, &b).unwrap();
                 let parameters: Vec<f64> = shape.initial(5, &[20.0, 0.001, -0.3, 2.0]);
                 let scaled = scaling.scaled(&shape, &parameters);
                 let u = scaling.apply(a.clone());
@@ -272,7 +280,7 @@ mod tests {
                 let name = format!("{form:?} {whiten:?}");
                 near(&moved, &shape.predict(&parameters, &x, &a), 1e-9, &name);
                 near(&scaling.original(&shape, &scaled), &parameters, 1e-9, &name);
-                let changed = form == Form::TrainedLinear;
+                let changed = form == NetworkForm::TrainedLinear;
                 assert_eq!(scaled != parameters, changed, "{name}");
                 // Tolles-Lawson, to which the physics term holds on.
                 if changed {
@@ -289,14 +297,15 @@ mod tests {
     fn law_m2c_finds_coefficients_of_terms_of_any_size_by_adam_alone() {
         let (a, x) = (terms(4000), inputs(4000));
         let truth = [0.4, 0.8, -0.6, 0.0];
-        let scaling = TermScaling::of(Form::TrainedLinear, &a, WIDTH, Some(0.999_999_999), &[0.0; WIDTH]).unwrap();
+        let scaling =
+            TermScaling::new(NetworkForm::TrainedLinear, &a, WIDTH, Some(0.999_999_999), &[0.0; WIDTH]).unwrap();
         let u = scaling.apply(a.clone());
         let y: Vec<f64> = u.chunks_exact(WIDTH).map(|u| dot(u, &truth)).collect();
-        let shape = shape(Form::TrainedLinear);
-        let training = Training { epochs: 100, batch: 100, learning_rate: 0.01, ..Training::default() };
+        let shape = shape(NetworkForm::TrainedLinear);
+        let training = NetworkTraining { epochs: 100, batch: 100, learning_rate: 0.01, ..NetworkTraining::default() };
         let left = |a: &[f64]| {
-            let samples = Samples { x: &x, a, y: &y };
-            let start = State::new(&shape, shape.initial(1, &[0.0; WIDTH]));
+            let samples = NetworkSamples { x: &x, a, y: &y };
+            let start = TrainingState::new(&shape, shape.initial(1, &[0.0; WIDTH]));
             let trained = train(&shape, start, &training, &samples, None, &mut |_, _| ControlFlow::Continue(()));
             trained.unwrap().epochs.last().unwrap().train_loss
         };
@@ -307,12 +316,13 @@ mod tests {
     #[test]
     fn unit_what_cannot_be_scaled_is_refused_and_threads_do_not_matter() {
         let a = terms(20_000);
-        let of = |a: &[f64], keep: f64| TermScaling::of(Form::TrainedLinear, a, WIDTH, Some(keep), &[0.0; WIDTH]);
+        let of =
+            |a: &[f64], keep: f64| TermScaling::new(NetworkForm::TrainedLinear, a, WIDTH, Some(keep), &[0.0; WIDTH]);
         for keep in [0.0, -1.0, 2.5, f64::NAN, f64::INFINITY] {
-            assert!(matches!(of(&a, keep), Err(InputsError::Keep { .. })), "{keep}");
+            assert!(matches!(of(&a, keep), Err(InputScalingError::Keep { .. })), "{keep}");
         }
-        assert!(matches!(of(&a[..5], 0.9), Err(InputsError::Shape { .. })));
-        assert!(matches!(of(&[], 0.9), Err(InputsError::Shape { .. })));
+        assert!(matches!(of(&a[..5], 0.9), Err(InputScalingError::Shape { .. })));
+        assert!(matches!(of(&[], 0.9), Err(InputScalingError::Shape { .. })));
         // A single row has no deviation: it is left as it is, less its mean.
         let one = of(&a[..WIDTH], 0.9).unwrap();
         assert_eq!(one.apply(a[..WIDTH].to_vec()), [0.0; WIDTH]);

@@ -4,18 +4,21 @@ use std::ops::ControlFlow;
 
 use numerics::random::SplitMix64;
 
-use super::loss::Loss;
-use super::objective::{Objective, Part, Pass, Rows};
-use super::shape::{Form, Layer, Shape, Stream, derived_seed};
-use super::state::State;
-use super::training::{Epoch, Optimiser, Samples, Schedule, Trained, Training, TrainingError};
-use super::windowed::{Model, Runs, Windowed};
+use super::loss::NetworkLoss;
+use super::objective::{BatchRows, GradientPass, GradientRequest, TrainingObjective};
+use super::shape::{DenseLayer, NetworkForm, NetworkRandomStream, NetworkShape, derived_seed};
+use super::state::TrainingState;
+use super::training::{
+    LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, TrainingEpoch, TrainingError,
+    TrainingResult,
+};
+use super::windowed::{NetworkArchitecture, SampleRuns, WindowedNetworkShape};
 
 const TRAIN: &str = "to train on";
 const VALIDATE: &str = "to validate with";
 
-/// Is handed every epoch and the state after it, and may end the training there.
-pub type Each<'a> = dyn FnMut(&Epoch, &State) -> ControlFlow<()> + 'a;
+/// Callback after each epoch with its losses and the state after it; it can stop the training.
+pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> ControlFlow<()> + 'a;
 
 /// Trains a network from a start, or on from the state at the end of an epoch of the same training.
 ///
@@ -26,92 +29,94 @@ pub type Each<'a> = dyn FnMut(&Epoch, &State) -> ControlFlow<()> + 'a;
 /// Fails without samples, for lengths that do not fit, values that are not finite, settings out of their range, a
 /// patience without validation, and with [`TrainingError::Diverged`] when loss or parameters are no longer finite.
 pub fn train(
-    shape: &Shape,
-    start: State,
-    training: &Training,
-    samples: &Samples<'_>,
-    validation: Option<&Samples<'_>>,
-    each: &mut Each<'_>,
-) -> Result<Trained, TrainingError> {
-    alone(Job::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
+    shape: &NetworkShape,
+    start: TrainingState,
+    training: &NetworkTraining,
+    samples: &NetworkSamples<'_>,
+    validation: Option<&NetworkSamples<'_>>,
+    each: &mut EpochCallback<'_>,
+) -> Result<TrainingResult, TrainingError> {
+    alone(TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
 }
 
-/// Trains a network over windows, as [`train`]. Every sample of the runs is predicted once an epoch, with its window; sparse group
-/// lasso is on the weights that the inputs have in the memory, and dropout on the features, too.
+/// Trains a network over windows, as [`train`]. Every sample of the runs is predicted once an epoch, with its window;
+/// sparse group lasso is on the weights that the inputs have in the memory, and dropout on the features, too.
 ///
 /// # Errors
 /// Fails as [`train`], and for lengths of runs that do not add up to the samples.
 pub fn train_windowed(
-    network: &Windowed,
-    start: State,
-    training: &Training,
-    runs: &Runs<'_>,
-    validation: Option<&Runs<'_>>,
-    each: &mut Each<'_>,
-) -> Result<Trained, TrainingError> {
-    alone(Job::windowed(network, start, training, runs, validation, Box::new(each))?)
+    network: &WindowedNetworkShape,
+    start: TrainingState,
+    training: &NetworkTraining,
+    runs: &SampleRuns<'_>,
+    validation: Option<&SampleRuns<'_>>,
+    each: &mut EpochCallback<'_>,
+) -> Result<TrainingResult, TrainingError> {
+    alone(TrainingJob::windowed(network, start, training, runs, validation, Box::new(each))?)
 }
 
-fn alone(mut job: Job<'_>) -> Result<Trained, TrainingError> {
+fn alone(mut job: TrainingJob<'_>) -> Result<TrainingResult, TrainingError> {
     run(&mut [&mut job]);
     job.trained()
 }
 
-/// Trains several networks, each as if it were alone. Those that take the same samples of the same inputs in the same order (one
-/// slice of inputs, one seed, one size of batches) share a pass over them, so that the inputs of a batch are gathered once. A job
-/// that could not begin is answered by its error.
-pub fn train_together(mut jobs: Vec<Result<Job<'_>, TrainingError>>) -> Vec<Result<Trained, TrainingError>> {
+/// Trains several networks, each as if it were alone. Those that take the same samples of the same inputs in the same
+/// order (one slice of inputs, one seed, one size of batches) share a pass over them, so that the inputs of a batch are
+/// gathered once. A job that could not begin is answered by its error.
+pub fn train_together(
+    mut jobs: Vec<Result<TrainingJob<'_>, TrainingError>>,
+) -> Vec<Result<TrainingResult, TrainingError>> {
     run(&mut jobs.iter_mut().flatten().collect::<Vec<_>>());
     jobs.into_iter().map(|job| job?.trained()).collect()
 }
 
-fn run(jobs: &mut [&mut Job<'_>]) {
-    let mut pass = Pass::default();
+fn run(jobs: &mut [&mut TrainingJob<'_>]) {
+    let mut pass = GradientPass::default();
     loop {
         // Those that are behind go first, so that networks that were stopped at different epochs come together.
         let going = jobs.iter().enumerate().filter(|(_, job)| job.ended.is_none());
         let Some((first, next)) = going.min_by_key(|(_, job)| job.state.epoch) else { return };
         let together =
-            |(at, job): (usize, &&mut Job<'_>)| at == first || (job.ended.is_none() && job.shares_with(next));
+            |(at, job): (usize, &&mut TrainingJob<'_>)| at == first || (job.ended.is_none() && job.shares_with(next));
         let together: Vec<bool> = jobs.iter().enumerate().map(together).collect();
         let now = jobs.iter_mut().zip(together).filter_map(|(job, now)| now.then_some(&mut **job));
         epoch(&mut now.collect::<Vec<_>>(), &mut pass);
     }
 }
 
-/// Samples, and for a network over a window the first row of the run of each.
-pub(super) type Placed<'a> = (Samples<'a>, Vec<u32>);
+/// Samples, and for a windowed network the first row of each sample's run.
+pub(super) type SamplesWithRunStarts<'a> = (NetworkSamples<'a>, Vec<u32>);
 
-/// A training among several.
-pub struct Job<'a> {
-    model: Model<'a>,
-    training: &'a Training,
-    samples: Samples<'a>,
-    validation: Option<Placed<'a>>,
-    layers: Vec<Layer>,
-    objective: Objective<'a>,
-    state: State,
+/// Training of one network, alone or together with others.
+pub struct TrainingJob<'a> {
+    model: NetworkArchitecture<'a>,
+    training: &'a NetworkTraining,
+    samples: NetworkSamples<'a>,
+    validation: Option<SamplesWithRunStarts<'a>>,
+    layers: Vec<DenseLayer>,
+    objective: TrainingObjective<'a>,
+    state: TrainingState,
     gradient: Vec<f64>,
-    each: Box<Each<'a>>,
+    each: Box<EpochCallback<'a>>,
     /// Result of the training. `None` while it runs.
     ended: Option<Result<(), TrainingError>>,
 }
 
-impl<'a> Job<'a> {
+impl<'a> TrainingJob<'a> {
     /// The training of a network of each sample alone, as [`train`].
     ///
     /// # Errors
     /// The same as for [`train`], except errors that occur during training.
     pub fn new(
-        shape: &'a Shape,
-        start: State,
-        training: &'a Training,
-        samples: Samples<'a>,
-        validation: Option<Samples<'a>>,
-        each: Box<Each<'a>>,
+        shape: &'a NetworkShape,
+        start: TrainingState,
+        training: &'a NetworkTraining,
+        samples: NetworkSamples<'a>,
+        validation: Option<NetworkSamples<'a>>,
+        each: Box<EpochCallback<'a>>,
     ) -> Result<Self, TrainingError> {
         let validation = validation.map(|samples| (samples, vec![]));
-        Self::of(shape.into(), start, training, (samples, vec![]), validation, each)
+        Self::from_architecture(shape.into(), start, training, (samples, vec![]), validation, each)
     }
 
     /// The training of a network over windows, as [`train_windowed`].
@@ -119,32 +124,32 @@ impl<'a> Job<'a> {
     /// # Errors
     /// The same as for [`train_windowed`], except errors that occur during training.
     pub fn windowed(
-        network: &'a Windowed,
-        start: State,
-        training: &'a Training,
-        runs: &Runs<'a>,
-        validation: Option<&Runs<'a>>,
-        each: Box<Each<'a>>,
+        network: &'a WindowedNetworkShape,
+        start: TrainingState,
+        training: &'a NetworkTraining,
+        runs: &SampleRuns<'a>,
+        validation: Option<&SampleRuns<'a>>,
+        each: Box<EpochCallback<'a>>,
     ) -> Result<Self, TrainingError> {
-        let placed = |runs: &Runs<'a>| Ok((runs.samples, runs.first_rows()?));
+        let placed = |runs: &SampleRuns<'a>| Ok((runs.samples, runs.first_rows()?));
         let validation = validation.map(placed).transpose()?;
-        Self::of(network.into(), start, training, placed(runs)?, validation, each)
+        Self::from_architecture(network.into(), start, training, placed(runs)?, validation, each)
     }
 
-    fn of(
-        model: Model<'a>,
-        state: State,
-        training: &'a Training,
-        (samples, first): Placed<'a>,
-        validation: Option<Placed<'a>>,
-        each: Box<Each<'a>>,
+    fn from_architecture(
+        model: NetworkArchitecture<'a>,
+        state: TrainingState,
+        training: &'a NetworkTraining,
+        (samples, first): SamplesWithRunStarts<'a>,
+        validation: Option<SamplesWithRunStarts<'a>>,
+        each: Box<EpochCallback<'a>>,
     ) -> Result<Self, TrainingError> {
         model.check()?;
-        let plain = model.head.form == Form::Plain;
+        let plain = model.head.form == NetworkForm::Plain;
         samples.check(model, TRAIN, !plain || training.physics > 0.0)?;
         validation.as_ref().map_or(Ok(()), |(samples, _)| samples.check(model, VALIDATE, !plain))?;
         training.check(model, &state, validation.is_some())?;
-        let mut objective = Objective::new(model, training, samples, first, &state.tolles_lawson);
+        let mut objective = TrainingObjective::new(model, training, samples, first, &state.tolles_lawson);
         objective.hold_fixed(&state.parameters);
         let ended = training.ends(&state).then_some(Ok(()));
         let (layers, gradient) = (model.layers(), vec![0.0; state.parameters.len()]);
@@ -152,12 +157,12 @@ impl<'a> Job<'a> {
     }
 
     /// Its part in the means over a batch.
-    fn part(&mut self, batch: usize) -> Part<'_, 'a> {
+    fn part(&mut self, batch: usize) -> GradientRequest<'_, 'a> {
         let (training, state) = (self.training, &self.state);
-        let numbers = [Stream::Dropout as u64, state.epoch as u64, batch as u64];
+        let numbers = [NetworkRandomStream::Dropout as u64, state.epoch as u64, batch as u64];
         let dropout = (training.dropout > 0.0).then(|| derived_seed(training.seed, &numbers));
         let (objective, gradient) = (&mut self.objective, &mut self.gradient);
-        Part { objective, parameters: &state.parameters, dropout, gradient }
+        GradientRequest { objective, parameters: &state.parameters, dropout, gradient }
     }
 
     fn by_adam(&self) -> bool {
@@ -165,9 +170,9 @@ impl<'a> Job<'a> {
     }
 
     /// Whether the next epochs of both take the same rows of the same inputs.
-    fn shares_with(&self, other: &Job<'_>) -> bool {
-        let alike = |job: &Job<'_>| {
-            let Training { seed, batch, .. } = *job.training;
+    fn shares_with(&self, other: &TrainingJob<'_>) -> bool {
+        let alike = |job: &TrainingJob<'_>| {
+            let NetworkTraining { seed, batch, .. } = *job.training;
             (job.model.windowed.is_none(), job.by_adam(), job.samples.y.len(), seed, batch, job.state.epoch)
         };
         let gathers = self.model.windowed.is_none() && self.by_adam();
@@ -190,23 +195,23 @@ impl<'a> Job<'a> {
         if self.validation.is_some() {
             judge(training, validation_loss, state);
         }
-        let epoch = Epoch { train_loss, validation_loss, learning_rate };
+        let epoch = TrainingEpoch { train_loss, validation_loss, learning_rate };
         state.epochs.push(epoch);
         if (self.each)(&epoch, state).is_break() || training.ends(state) {
             self.ended = Some(Ok(()));
         }
     }
 
-    fn trained(self) -> Result<Trained, TrainingError> {
+    fn trained(self) -> Result<TrainingResult, TrainingError> {
         self.ended.unwrap_or(Ok(()))?;
-        let State { parameters, epoch, best, best_epoch, epochs, .. } = self.state;
+        let TrainingState { parameters, epoch, best, best_epoch, epochs, .. } = self.state;
         let (parameters, best) = if best.is_empty() { (parameters, epoch) } else { (best, best_epoch) };
-        Ok(Trained { parameters, epochs, best })
+        Ok(TrainingResult { parameters, epochs, best })
     }
 }
 
 /// An epoch of trainings that share it.
-fn epoch(jobs: &mut [&mut Job<'_>], pass: &mut Pass) {
+fn epoch(jobs: &mut [&mut TrainingJob<'_>], pass: &mut GradientPass) {
     if jobs.iter().all(|job| job.by_adam()) {
         let rates: Vec<f64> = jobs.iter().map(|job| job.training.rate(&job.state)).collect();
         let losses = adam_epoch(jobs, &rates, pass);
@@ -222,13 +227,13 @@ fn epoch(jobs: &mut [&mut Job<'_>], pass: &mut Pass) {
 }
 
 /// Keeps the parameters of the least validation loss, and lowers the learning rate on a plateau.
-fn judge(training: &Training, validation_loss: f64, state: &mut State) {
+fn judge(training: &NetworkTraining, validation_loss: f64, state: &mut TrainingState) {
     state.on_plateau += 1;
     if validation_loss < state.best_loss {
         (state.best_loss, state.best_epoch, state.on_plateau) = (validation_loss, state.epoch, 0);
         state.best.clone_from(&state.parameters);
     }
-    if let Schedule::Plateau { patience, factor } = training.schedule
+    if let LearningRateSchedule::Plateau { patience, factor } = training.schedule
         && state.on_plateau >= patience
     {
         state.rate_factor *= factor;
@@ -237,7 +242,12 @@ fn judge(training: &Training, validation_loss: f64, state: &mut State) {
 }
 
 /// The mean loss of the errors over samples.
-pub(super) fn mean_loss(model: Model<'_>, loss: Loss, parameters: &[f64], (samples, first): &Placed<'_>) -> f64 {
+pub(super) fn mean_loss(
+    model: NetworkArchitecture<'_>,
+    loss: NetworkLoss,
+    parameters: &[f64],
+    (samples, first): &SamplesWithRunStarts<'_>,
+) -> f64 {
     let predicted = model.predict(parameters, samples, first);
     let sum: f64 = predicted.iter().zip(samples.y).map(|(predicted, y)| loss.at(predicted - y).0).sum();
     sum / samples.y.len() as f64
@@ -245,7 +255,7 @@ pub(super) fn mean_loss(model: Model<'_>, loss: Loss, parameters: &[f64], (sampl
 
 /// The order of the samples in an epoch, from 0: Fisher and Yates's shuffle of their numbers.
 pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
-    let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Order as u64, epoch as u64]));
+    let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Order as u64, epoch as u64]));
     let mut order: Vec<u32> = (0..samples as u32).collect();
     for last in (1..samples).rev() {
         let with = (u128::from(bits.draw()) * (last as u128 + 1)) >> 64;
@@ -255,7 +265,7 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
 }
 
 /// An epoch of Adam of trainings that share it; the mean loss of each over its samples.
-fn adam_epoch(jobs: &mut [&mut Job<'_>], rates: &[f64], pass: &mut Pass) -> Vec<f64> {
+fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut GradientPass) -> Vec<f64> {
     let Some(first) = jobs.first() else { return vec![] };
     let rows = first.samples.y.len();
     let order = order(rows, first.training.seed, first.state.epoch);
@@ -263,8 +273,8 @@ fn adam_epoch(jobs: &mut [&mut Job<'_>], rates: &[f64], pass: &mut Pass) -> Vec<
     let mut sums = vec![0.0; jobs.len()];
     for batch in 0..batches {
         let (first, end) = (share(batch, batches, rows), share(batch + 1, batches, rows));
-        let mut parts: Vec<Part<'_, '_>> = jobs.iter_mut().map(|job| job.part(batch)).collect();
-        let means = pass.means(&mut parts, Rows::These(&order[first..end]));
+        let mut parts: Vec<GradientRequest<'_, '_>> = jobs.iter_mut().map(|job| job.part(batch)).collect();
+        let means = pass.means(&mut parts, BatchRows::These(&order[first..end]));
         for (((job, mean), sum), rate) in jobs.iter_mut().zip(means).zip(&mut sums).zip(rates) {
             *sum += mean.loss * (end - first) as f64;
             if mean.objective.is_finite() {
@@ -285,8 +295,14 @@ fn share(batch: usize, batches: usize, rows: usize) -> usize {
     (batch as u128 * rows as u128 / batches as u128) as usize
 }
 
-fn adam_step(layers: &[Layer], training: &Training, learning_rate: f64, gradient: &[f64], state: &mut State) {
-    let Optimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
+fn adam_step(
+    layers: &[DenseLayer],
+    training: &NetworkTraining,
+    learning_rate: f64,
+    gradient: &[f64],
+    state: &mut TrainingState,
+) {
+    let NetworkOptimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
     state.powers = [state.powers[0] * beta_1, state.powers[1] * beta_2];
     let [first, second] = state.powers.map(|power| 1.0 - power);
     if training.weight_decay > 0.0 {
@@ -305,12 +321,12 @@ fn adam_step(layers: &[Layer], training: &Training, learning_rate: f64, gradient
 }
 
 /// A step of L-BFGS; the mean loss after it.
-fn lbfgs_epoch(job: &mut Job<'_>) -> f64 {
-    let Job { training, state, objective, gradient, .. } = job;
+fn lbfgs_epoch(job: &mut TrainingJob<'_>) -> f64 {
+    let TrainingJob { training, state, objective, gradient, .. } = job;
     let memory = training.optimiser.lbfgs_memory;
     state.lbfgs.step(&mut state.parameters, memory, &mut |parameters, gradient| {
-        objective.at(parameters, Rows::All, None, gradient).objective
+        objective.at(parameters, BatchRows::All, None, gradient).objective
     });
     // The line search may have ended on another step than it evaluated last.
-    objective.at(&state.parameters, Rows::All, None, gradient).loss
+    objective.at(&state.parameters, BatchRows::All, None, gradient).loss
 }

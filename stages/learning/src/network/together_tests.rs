@@ -1,18 +1,18 @@
 use std::ops::ControlFlow;
 
-use super::objective::{Objective, Rows};
+use super::objective::{BatchRows, TrainingObjective};
 use super::tests::{Table, go_on};
 use super::*;
 
-fn start(shape: &Shape) -> State {
+fn start(shape: &NetworkShape) -> TrainingState {
     let parameters = (0..shape.parameters()).map(|i| 0.3 * (0.9 * i as f64).sin()).collect();
-    State::new(shape, parameters)
+    TrainingState::new(shape, parameters)
 }
 
 /// Result of a training, with all bits.
-fn bits(trained: &Result<Trained, TrainingError>) -> String {
+fn bits(trained: &Result<TrainingResult, TrainingError>) -> String {
     match trained {
-        Ok(Trained { parameters, epochs, best }) => {
+        Ok(TrainingResult { parameters, epochs, best }) => {
             let curve = epochs.iter().flat_map(|e| [e.train_loss, e.validation_loss, e.learning_rate]);
             let all = parameters.iter().copied().chain(curve).map(|x| format!("{:x}", x.to_bits()));
             format!("{best} {}", all.collect::<Vec<_>>().join(" "))
@@ -22,20 +22,20 @@ fn bits(trained: &Result<Trained, TrainingError>) -> String {
 }
 
 /// Trainings of many kinds, of which some share their passes.
-fn trainings() -> Vec<Training> {
-    let usual = Training { epochs: 5, batch: 600, learning_rate: 0.01, seed: 7, ..Training::default() };
+fn trainings() -> Vec<NetworkTraining> {
+    let usual = NetworkTraining { epochs: 5, batch: 600, learning_rate: 0.01, seed: 7, ..NetworkTraining::default() };
     let lasso = SparseGroupLasso { strength: 0.01, alpha: 0.5 };
-    let optimiser = Optimiser { lbfgs_epochs: 3, ..Optimiser::default() };
+    let optimiser = NetworkOptimiser { lbfgs_epochs: 3, ..NetworkOptimiser::default() };
     vec![
         usual.clone(),
-        Training { dropout: 0.2, loss: Loss::Absolute, ..usual.clone() },
-        Training { sparse_group_lasso: Some(lasso), epochs: 3, ..usual.clone() },
+        NetworkTraining { dropout: 0.2, loss: NetworkLoss::Absolute, ..usual.clone() },
+        NetworkTraining { sparse_group_lasso: Some(lasso), epochs: 3, ..usual.clone() },
         // Not finite after some steps, whereupon the others go on.
-        Training { learning_rate: 1e200, ..usual.clone() },
+        NetworkTraining { learning_rate: 1e200, ..usual.clone() },
         // Another order of the samples, and other batches.
-        Training { seed: 8, ..usual.clone() },
-        Training { batch: 130, ..usual.clone() },
-        Training { optimiser, ..usual },
+        NetworkTraining { seed: 8, ..usual.clone() },
+        NetworkTraining { batch: 130, ..usual.clone() },
+        NetworkTraining { optimiser, ..usual },
     ]
 }
 
@@ -43,32 +43,34 @@ fn trainings() -> Vec<Training> {
 fn law_networks_that_are_trained_together_end_as_those_that_are_trained_alone() {
     let table = Table::made(1200, |x, a| x[0] * x[1] + a[0] - 0.3 * a[1]);
     let (rows, last) = (table.part(0..1000), table.part(1000..1200));
-    let of = |form, hidden: &[usize]| Shape {
+    let of = |form, hidden: &[usize]| NetworkShape {
         inputs: 4,
         linear: 2,
         hidden: hidden.to_vec(),
-        activation: Activation::Swish,
+        activation: ActivationFunction::Swish,
         form,
     };
     let shapes = [
-        of(Form::Plain, &[40]),
-        of(Form::TrainedLinear, &[5, 3]),
-        of(Form::FixedLinear, &[3]),
-        of(Form::Weights, &[4]),
+        of(NetworkForm::Plain, &[40]),
+        of(NetworkForm::TrainedLinear, &[5, 3]),
+        of(NetworkForm::FixedLinear, &[3]),
+        of(NetworkForm::Weights, &[4]),
     ];
     let trainings = trainings();
-    let all: Vec<(&Shape, &Training)> = shapes.iter().flat_map(|s| trainings.iter().map(move |t| (s, t))).collect();
-    let alone =
-        |(shape, training): &(&Shape, &Training)| train(shape, start(shape), training, &rows, Some(&last), &mut go_on);
+    let all: Vec<(&NetworkShape, &NetworkTraining)> =
+        shapes.iter().flat_map(|s| trainings.iter().map(move |t| (s, t))).collect();
+    let alone = |(shape, training): &(&NetworkShape, &NetworkTraining)| {
+        train(shape, start(shape), training, &rows, Some(&last), &mut go_on)
+    };
     let expected: Vec<String> = all.iter().map(|case| bits(&alone(case))).collect();
     assert_eq!(expected.iter().filter(|end| end.starts_with("training diverged")).count(), shapes.len());
     // From the start, and from states after one, two and three epochs.
     for stops in [1, 4] {
-        let after = |place: usize, shape: &Shape, training: &Training| {
+        let after = |place: usize, shape: &NetworkShape, training: &NetworkTraining| {
             let mut state = start(shape);
             for _ in 0..place % stops {
                 let mut next = None;
-                let one = &mut |_: &Epoch, now: &State| {
+                let one = &mut |_: &TrainingEpoch, now: &TrainingState| {
                     next = Some(now.clone());
                     ControlFlow::Break(())
                 };
@@ -79,7 +81,7 @@ fn law_networks_that_are_trained_together_end_as_those_that_are_trained_alone() 
         };
         let begin = all.iter().enumerate().map(|(place, (shape, training))| {
             let state = after(place, shape, training);
-            Job::new(shape, state, training, rows, Some(last), Box::new(go_on))
+            TrainingJob::new(shape, state, training, rows, Some(last), Box::new(go_on))
         });
         let found = train_together(begin.collect());
         for ((found, expected), (shape, training)) in found.iter().zip(&expected).zip(&all) {
@@ -91,10 +93,19 @@ fn law_networks_that_are_trained_together_end_as_those_that_are_trained_alone() 
 #[test]
 fn unit_a_network_that_cannot_begin_does_not_keep_the_others() {
     let table = Table::made(100, |x, _| x[0]);
-    let shape = Shape { inputs: 4, linear: 0, hidden: vec![3], activation: Activation::Tanh, form: Form::Plain };
-    let samples = Samples { a: &[], ..table.samples() };
-    let (good, bad) = (Training { epochs: 2, ..Training::default() }, Training { batch: 0, ..Training::default() });
-    let job = |training| Job::new(&shape, start(&shape), training, samples, None, Box::new(go_on));
+    let shape = NetworkShape {
+        inputs: 4,
+        linear: 0,
+        hidden: vec![3],
+        activation: ActivationFunction::Tanh,
+        form: NetworkForm::Plain,
+    };
+    let samples = NetworkSamples { a: &[], ..table.samples() };
+    let (good, bad) = (
+        NetworkTraining { epochs: 2, ..NetworkTraining::default() },
+        NetworkTraining { batch: 0, ..NetworkTraining::default() },
+    );
+    let job = |training| TrainingJob::new(&shape, start(&shape), training, samples, None, Box::new(go_on));
     let found = train_together([&good, &bad, &good].map(job).into());
     let said: Vec<bool> = found.iter().map(Result::is_ok).collect();
     assert_eq!(said, [true, false, true]);
@@ -105,12 +116,12 @@ fn unit_a_network_that_cannot_begin_does_not_keep_the_others() {
 #[test]
 fn law_fixed_coefficients_may_be_multiplied_before_to_the_same_bits() {
     let table = Table::made(700, |x, a| x[0] * x[1] + a[0]);
-    let (hidden, activation) = (vec![5], Activation::Swish);
-    let shape = Shape { inputs: 4, linear: 2, hidden, activation, form: Form::FixedLinear };
+    let (hidden, activation) = (vec![5], ActivationFunction::Swish);
+    let shape = NetworkShape { inputs: 4, linear: 2, hidden, activation, form: NetworkForm::FixedLinear };
     let parameters = start(&shape).parameters;
-    let training = Training { dropout: 0.1, ..Training::default() };
-    let of = |held: bool, rows: Rows<'_>| {
-        let mut objective = Objective::new((&shape).into(), &training, table.samples(), vec![], &[]);
+    let training = NetworkTraining { dropout: 0.1, ..NetworkTraining::default() };
+    let of = |held: bool, rows: BatchRows<'_>| {
+        let mut objective = TrainingObjective::new((&shape).into(), &training, table.samples(), vec![], &[]);
         if held {
             objective.hold_fixed(&parameters);
         }
@@ -120,7 +131,7 @@ fn law_fixed_coefficients_may_be_multiplied_before_to_the_same_bits() {
         gradient.into_iter().map(f64::to_bits).collect::<Vec<_>>()
     };
     let some: Vec<u32> = (0..300).map(|k| k * 7 % 700).collect();
-    for rows in [Rows::All, Rows::These(&some)] {
+    for rows in [BatchRows::All, BatchRows::These(&some)] {
         assert_eq!(of(true, rows), of(false, rows));
     }
 }

@@ -2,14 +2,14 @@
 
 use rayon::prelude::*;
 
-use super::loss::Loss;
-use super::shape::Shape;
-use super::state::State;
-use super::windowed::Model;
+use super::loss::NetworkLoss;
+use super::shape::NetworkShape;
+use super::state::TrainingState;
+use super::windowed::NetworkArchitecture;
 
 /// Rows to train on, or to validate with, in the scale that the network works in.
 #[derive(Debug, Clone, Copy)]
-pub struct Samples<'a> {
+pub struct NetworkSamples<'a> {
     /// The inputs, row-major.
     pub x: &'a [f64],
     /// The linear terms, row-major; empty without.
@@ -18,13 +18,18 @@ pub struct Samples<'a> {
     pub y: &'a [f64],
 }
 
-impl Samples<'_> {
+impl NetworkSamples<'_> {
     /// The number of linear terms of a row.
-    pub(super) fn terms(&self, shape: &Shape) -> usize {
+    pub(super) fn terms(&self, shape: &NetworkShape) -> usize {
         if self.a.is_empty() { 0 } else { shape.linear }
     }
 
-    pub(super) fn check(&self, model: Model<'_>, what: &'static str, needs_terms: bool) -> Result<(), TrainingError> {
+    pub(super) fn check(
+        &self,
+        model: NetworkArchitecture<'_>,
+        what: &'static str,
+        needs_terms: bool,
+    ) -> Result<(), TrainingError> {
         let (inputs, linear) = (model.inputs(), model.head.linear);
         let rows = self.y.len();
         if rows == 0 {
@@ -59,7 +64,7 @@ impl Samples<'_> {
 
 /// Adam [Kingma & Ba 2015], then L-BFGS.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Optimiser {
+pub struct NetworkOptimiser {
     /// The memory of the mean of the gradient.
     pub beta_1: f64,
     /// The memory of the mean of its square.
@@ -73,7 +78,7 @@ pub struct Optimiser {
     pub lbfgs_memory: usize,
 }
 
-impl Default for Optimiser {
+impl Default for NetworkOptimiser {
     fn default() -> Self {
         Self { beta_1: 0.9, beta_2: 0.999, epsilon: 1e-8, lbfgs_epochs: 0, lbfgs_memory: 10 }
     }
@@ -81,7 +86,7 @@ impl Default for Optimiser {
 
 /// Learning-rate schedule of Adam.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Schedule {
+pub enum LearningRateSchedule {
     /// Not at all.
     #[default]
     Constant,
@@ -106,8 +111,8 @@ pub enum Schedule {
     },
 }
 
-/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j, as a part of what
-/// is made small. Weights of an input that does not help become small, not 0. [Gnadt 2022, (4.10)]
+/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j, as a part
+/// of what is made small. Weights of an input that does not help become small, not 0. [Gnadt 2022, (4.10)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SparseGroupLasso {
     /// λ, in the scale of the loss.
@@ -118,29 +123,30 @@ pub struct SparseGroupLasso {
 
 /// Settings of the training of a network.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Training {
+pub struct NetworkTraining {
     /// The optimiser.
-    pub optimiser: Optimiser,
+    pub optimiser: NetworkOptimiser,
     /// The epochs of Adam: passes over all samples.
     pub epochs: usize,
-    /// The most samples of a step. The samples of an epoch are dealt to as few batches as that takes, whose sizes differ by one
-    /// at most; there is one batch where there are fewer samples.
+    /// The most samples of a step. The samples of an epoch are dealt to as few batches as that takes, whose sizes
+    /// differ by one at most; there is one batch where there are fewer samples.
     pub batch: usize,
     /// Adam's learning rate.
     pub learning_rate: f64,
     /// Learning-rate schedule.
-    pub schedule: Schedule,
+    pub schedule: LearningRateSchedule,
     /// Loss function.
-    pub loss: Loss,
-    /// By what part, times the learning rate, each step of Adam makes the weights smaller: decoupled weight decay, of weights
-    /// alone, not of biases and linear coefficients. [Loshchilov & Hutter 2019]
+    pub loss: NetworkLoss,
+    /// By what part, times the learning rate, each step of Adam makes the weights smaller: decoupled weight decay, of
+    /// weights alone, not of biases and linear coefficients. [Loshchilov & Hutter 2019]
     pub weight_decay: f64,
-    /// The probability that a hidden unit is left out for a sample and a step; the others are larger by 1/(1 − p) meanwhile.
-    /// [Srivastava et al. 2014]
+    /// The probability that a hidden unit is left out for a sample and a step; the others are larger by 1/(1 − p)
+    /// meanwhile. [Srivastava et al. 2014]
     pub dropout: f64,
     /// The penalty on the weights of the first layer.
     pub sparse_group_lasso: Option<SparseGroupLasso>,
-    /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with [`State::tolles_lawson`].
+    /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with
+    /// [`TrainingState::tolles_lawson`].
     pub physics: f64,
     /// Number of epochs without a new least validation loss after which training ends.
     pub patience: Option<usize>,
@@ -148,15 +154,15 @@ pub struct Training {
     pub seed: u64,
 }
 
-impl Default for Training {
+impl Default for NetworkTraining {
     fn default() -> Self {
         Self {
-            optimiser: Optimiser::default(),
+            optimiser: NetworkOptimiser::default(),
             epochs: 500,
             batch: 2048,
             learning_rate: 1e-3,
-            schedule: Schedule::Constant,
-            loss: Loss::Squared,
+            schedule: LearningRateSchedule::Constant,
+            loss: NetworkLoss::Squared,
             weight_decay: 0.0,
             dropout: 0.0,
             sparse_group_lasso: None,
@@ -169,9 +175,9 @@ impl Default for Training {
 
 /// A row of the training curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Epoch {
-    /// The mean loss of the errors over the samples, each before the step that it takes part in (after it for L-BFGS), with
-    /// dropout and without penalties.
+pub struct TrainingEpoch {
+    /// The mean loss of the errors over the samples, each before the step that it takes part in (after it for L-BFGS),
+    /// with dropout and without penalties.
     pub train_loss: f64,
     /// The mean loss of the errors over the validation samples after the epoch; NaN without.
     pub validation_loss: f64,
@@ -181,11 +187,11 @@ pub struct Epoch {
 
 /// A trained network.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trained {
+pub struct TrainingResult {
     /// The parameters of the least validation loss; without validation, the last.
     pub parameters: Vec<f64>,
     /// The training curve.
-    pub epochs: Vec<Epoch>,
+    pub epochs: Vec<TrainingEpoch>,
     /// The number of the epoch whose parameters these are, from 1; 0 for the start.
     pub best: usize,
 }
@@ -263,20 +269,25 @@ pub enum TrainingError {
     },
 }
 
-impl Training {
-    pub(super) fn check(&self, model: Model<'_>, state: &State, validated: bool) -> Result<(), TrainingError> {
-        let Optimiser { beta_1, beta_2, epsilon, lbfgs_epochs, lbfgs_memory } = self.optimiser;
+impl NetworkTraining {
+    pub(super) fn check(
+        &self,
+        model: NetworkArchitecture<'_>,
+        state: &TrainingState,
+        validated: bool,
+    ) -> Result<(), TrainingError> {
+        let NetworkOptimiser { beta_1, beta_2, epsilon, lbfgs_epochs, lbfgs_memory } = self.optimiser;
         let part = |x: f64| (0.0..1.0).contains(&x);
         let at_least_0 = |x: f64| x >= 0.0 && x.is_finite();
         let above_0 = |x: f64| x > 0.0 && x.is_finite();
         let (mut steps, mut factor, mut last) = (1, 1.0, 0.0);
         match self.schedule {
-            Schedule::Constant => {}
-            Schedule::Steps { every, factor: by } => (steps, factor) = (every, by),
-            Schedule::Cosine { last: part } => last = part,
-            Schedule::Plateau { patience, factor: by } => (steps, factor) = (patience, by),
+            LearningRateSchedule::Constant => {}
+            LearningRateSchedule::Steps { every, factor: by } => (steps, factor) = (every, by),
+            LearningRateSchedule::Cosine { last: part } => last = part,
+            LearningRateSchedule::Plateau { patience, factor: by } => (steps, factor) = (patience, by),
         }
-        let delta = if let Loss::Huber { delta } = self.loss { delta } else { 1.0 };
+        let delta = if let NetworkLoss::Huber { delta } = self.loss { delta } else { 1.0 };
         let lasso = self.sparse_group_lasso.unwrap_or(SparseGroupLasso { strength: 0.0, alpha: 0.0 });
         let settings = [
             ("the batch", "at least 1", self.batch as f64, self.batch > 0),
@@ -301,7 +312,7 @@ impl Training {
         if !validated && self.patience.is_some() {
             return Err(TrainingError::NoValidation { what: "the patience" });
         }
-        if !validated && matches!(self.schedule, Schedule::Plateau { .. }) {
+        if !validated && matches!(self.schedule, LearningRateSchedule::Plateau { .. }) {
             return Err(TrainingError::NoValidation { what: "a learning rate that follows plateaus" });
         }
         let expect =
@@ -325,20 +336,22 @@ impl Training {
     }
 
     /// Adam's learning rate in the epoch after a state.
-    pub(super) fn rate(&self, state: &State) -> f64 {
+    pub(super) fn rate(&self, state: &TrainingState) -> f64 {
         let factor = match self.schedule {
-            Schedule::Constant => 1.0,
-            Schedule::Steps { every, factor } => (0..state.epoch / every).fold(1.0, |product, _| product * factor),
-            Schedule::Cosine { last } => {
+            LearningRateSchedule::Constant => 1.0,
+            LearningRateSchedule::Steps { every, factor } => {
+                (0..state.epoch / every).fold(1.0, |product, _| product * factor)
+            }
+            LearningRateSchedule::Cosine { last } => {
                 let passed = state.epoch as f64 / self.epochs as f64;
                 last + (1.0 - last) * 0.5 * (1.0 + (std::f64::consts::PI * passed).cos())
             }
-            Schedule::Plateau { .. } => state.rate_factor,
+            LearningRateSchedule::Plateau { .. } => state.rate_factor,
         };
         self.learning_rate * factor
     }
 
-    pub(super) fn ends(&self, state: &State) -> bool {
+    pub(super) fn ends(&self, state: &TrainingState) -> bool {
         let waited = |patience: usize| state.epoch - state.best_epoch.min(state.epoch) >= patience.max(1);
         let given_up = state.epoch > 0 && self.patience.is_some_and(waited);
         let all = state.epoch >= self.epochs.saturating_add(self.optimiser.lbfgs_epochs);

@@ -5,17 +5,17 @@ use rayon::prelude::*;
 
 use numerics::random::SplitMix64;
 
-use super::convolution::Convolution;
-use super::passes::{BLOCK, Buffers, Packed, Terms};
-use super::recurrent::{Cell, Recurrent};
-use super::shape::{Layer, Shape, Stream, derived_seed, unit_uniform};
-use super::state::State;
-use super::training::{Samples, TrainingError};
+use super::convolution::ConvolutionLayers;
+use super::passes::{BLOCK, BlockWorkspace, NetworkLinearTerms, PackedNetwork};
+use super::recurrent::{RecurrentCell, RecurrentLayer};
+use super::shape::{DenseLayer, NetworkRandomStream, NetworkShape, derived_seed, unit_uniform};
+use super::state::TrainingState;
+use super::training::{NetworkSamples, TrainingError};
 
 choice! {
     /// Layers that compute features of a window.
     #[derive(Default)]
-    pub enum Memory {
+    pub enum MemoryLayers {
         /// Gated recurrent units, sample by sample.
         #[default]
         Gru = "gru",
@@ -30,14 +30,14 @@ choice! {
 /// than the window, its first sample replaces the missing earlier ones. The features of the window are the inputs of a
 /// dense network.
 ///
-/// Its parameters are one vector: those of the memory, then those of the dense network. Of `gru` and `lstm` they are the weights
-/// of the inputs, row-major (gate and unit, input), those of the units before, row-major (gate and unit, unit), and the biases of
-/// both; gates r, z, n and i, f, g, o, as in PyTorch. Of `tcn` they are layer by layer the weights, row-major (unit, sample, input),
-/// the earlier sample first, then the biases.
+/// Its parameters are one vector: those of the memory, then those of the dense network. Of `gru` and `lstm` they are
+/// the weights of the inputs, row-major (gate and unit, input), those of the units before, row-major (gate and unit,
+/// unit), and the biases of both; gates r, z, n and i, f, g, o, as in PyTorch. Of `tcn` they are layer by layer the
+/// weights, row-major (unit, sample, input), the earlier sample first, then the biases.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Windowed {
+pub struct WindowedNetworkShape {
     /// Layers that compute features of the window.
-    pub memory: Memory,
+    pub memory: MemoryLayers,
     /// The number of inputs of a sample.
     pub inputs: usize,
     /// The number of samples; a power of two of at least 2 for `tcn`.
@@ -45,19 +45,19 @@ pub struct Windowed {
     /// The number of units of the memory, which is that of the features.
     pub units: usize,
     /// The dense network; it has `units` inputs.
-    pub head: Shape,
+    pub head: NetworkShape,
 }
 
 /// Samples in runs without gaps, such as lines.
 #[derive(Debug, Clone, Copy)]
-pub struct Runs<'a> {
+pub struct SampleRuns<'a> {
     /// The samples, run by run and in time.
-    pub samples: Samples<'a>,
+    pub samples: NetworkSamples<'a>,
     /// The number of samples of each run.
     pub lengths: &'a [usize],
 }
 
-impl Runs<'_> {
+impl SampleRuns<'_> {
     /// The first row of the run of each row.
     pub(super) fn first_rows(&self) -> Result<Vec<u32>, TrainingError> {
         first_rows(self.lengths, self.samples.y.len()).ok_or(TrainingError::Length {
@@ -80,8 +80,8 @@ fn first_rows(lengths: &[usize], rows: usize) -> Option<Vec<u32>> {
     (first.len() == rows).then_some(first)
 }
 
-/// The part of a network that makes features of windows, for a block of rows.
-pub(super) trait Body: Send {
+/// Layers that compute features of windows, for a block of rows.
+pub(super) trait FeatureExtractor: Send {
     /// Takes its parameters.
     fn set(&mut self, parameters: &[f64]);
 
@@ -92,38 +92,38 @@ pub(super) trait Body: Send {
     fn backward(&mut self, x: &[f64], rows: usize, d_features: &[f64], gradient: &mut [f64]);
 }
 
-impl Windowed {
-    fn cell(&self) -> Option<Cell> {
+impl WindowedNetworkShape {
+    fn cell(&self) -> Option<RecurrentCell> {
         match self.memory {
-            Memory::Gru => Some(Cell::Gru),
-            Memory::Lstm => Some(Cell::Lstm),
-            Memory::Tcn => None,
+            MemoryLayers::Gru => Some(RecurrentCell::Gru),
+            MemoryLayers::Lstm => Some(RecurrentCell::Lstm),
+            MemoryLayers::Tcn => None,
         }
     }
 
-    pub(super) fn body(&self) -> Box<dyn Body> {
+    pub(super) fn body(&self) -> Box<dyn FeatureExtractor> {
         match self.cell() {
-            Some(cell) => Box::new(Recurrent::new(cell, self.inputs, self.units, self.window)),
-            None => Box::new(Convolution::new(self.head.activation, self.inputs, self.units, self.window)),
+            Some(cell) => Box::new(RecurrentLayer::new(cell, self.inputs, self.units, self.window)),
+            None => Box::new(ConvolutionLayers::new(self.head.activation, self.inputs, self.units, self.window)),
         }
     }
 
     /// The layers of the memory: those that are not the last have their biases behind them.
-    fn layers(&self) -> Vec<Layer> {
+    fn layers(&self) -> Vec<DenseLayer> {
         match self.cell() {
             Some(cell) => {
                 let sums = cell.gates() * self.units;
-                let units = Layer { inputs: self.units, units: sums, start: sums * self.inputs };
-                vec![Layer { inputs: self.inputs, units: sums, start: 0 }, units]
+                let units = DenseLayer { inputs: self.units, units: sums, start: sums * self.inputs };
+                vec![DenseLayer { inputs: self.inputs, units: sums, start: 0 }, units]
             }
             None => {
                 let mut start = 0;
                 let layer = |inputs| {
-                    let layer = Layer { inputs: Convolution::weights(inputs, 1), units: self.units, start };
+                    let layer = DenseLayer { inputs: ConvolutionLayers::weights(inputs, 1), units: self.units, start };
                     start += self.units * (layer.inputs + 1);
                     layer
                 };
-                Convolution::inputs_of_layers(self.inputs, self.units, self.window).map(layer).collect()
+                ConvolutionLayers::inputs_of_layers(self.inputs, self.units, self.window).map(layer).collect()
             }
         }
     }
@@ -131,7 +131,7 @@ impl Windowed {
     /// Position of the first parameter of the dense network.
     pub(super) fn head_start(&self) -> usize {
         match self.cell() {
-            Some(cell) => Recurrent::parameters(cell, self.inputs, self.units),
+            Some(cell) => RecurrentLayer::parameters(cell, self.inputs, self.units),
             None => self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum(),
         }
     }
@@ -141,8 +141,8 @@ impl Windowed {
         self.head_start() + self.head.parameters()
     }
 
-    /// The name of each parameter: `wx[3,17]`, `wh[3,2]`, `bx[3]`, `bh[3]` of gate and unit 3, or `c1[3,2,17]` of unit 3 of the first
-    /// convolution for input 17 of its second sample, and `bc1[3]`; then those of the dense network.
+    /// The name of each parameter: `wx[3,17]`, `wh[3,2]`, `bx[3]`, `bh[3]` of gate and unit 3, or `c1[3,2,17]` of unit
+    /// 3 of the first convolution for input 17 of its second sample, and `bc1[3]`; then those of the dense network.
     pub fn names(&self) -> Vec<String> {
         let mut names = Vec::with_capacity(self.parameters());
         let matrix = |name: &str, rows: usize, columns: usize| -> Vec<String> {
@@ -175,10 +175,10 @@ impl Windowed {
         names
     }
 
-    /// Parameters to begin with, by a seed: those of `gru` and `lstm` uniform between ±1/√units, as in PyTorch, those of
-    /// `tcn` as of dense layers; and those of the dense network as [`Shape::initial`].
+    /// Parameters to begin with, by a seed: those of `gru` and `lstm` uniform between ±1/√units, as in PyTorch, those
+    /// of `tcn` as of dense layers; and those of the dense network as [`NetworkShape::initial`].
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
-        let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Memory as u64]));
+        let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Memory as u64]));
         let mut within = |most: f64| most * (2.0 * unit_uniform(bits.draw()) - 1.0);
         let mut parameters = vec![0.0; self.head_start()];
         if self.cell().is_some() {
@@ -194,19 +194,19 @@ impl Windowed {
         parameters
     }
 
-    /// The start of a training from parameters, as [`State::new`].
-    pub fn start(&self, parameters: Vec<f64>) -> State {
+    /// The start of a training from parameters, as [`TrainingState::new`].
+    pub fn start(&self, parameters: Vec<f64>) -> TrainingState {
         let linear = self.head_start() + self.head.linear_start();
-        State::beginning(parameters, linear)
+        TrainingState::beginning(parameters, linear)
     }
 
     /// Checks that there is something to train.
     ///
     /// # Errors
-    /// Fails as [`Shape::check`], for a window or units of 0, a window of `tcn` that is no power of two, and a dense network
-    /// whose inputs are not the features.
+    /// Fails as [`NetworkShape::check`], for a window or units of 0, a window of `tcn` that is no power of two, and a
+    /// dense network whose inputs are not the features.
     pub fn check(&self) -> Result<(), TrainingError> {
-        let powers = self.memory != Memory::Tcn || (self.window >= 2 && self.window.is_power_of_two());
+        let powers = self.memory != MemoryLayers::Tcn || (self.window >= 2 && self.window.is_power_of_two());
         let settings = [
             ("the number of inputs", "at least 1", self.inputs, self.inputs > 0),
             ("the number of units", "at least 1", self.units, self.units > 0),
@@ -220,8 +220,8 @@ impl Windowed {
         }
     }
 
-    /// Adds the windows that end at rows: of recurrent networks sample by sample, each with all rows, of convolutions row by
-    /// row.
+    /// Adds the windows that end at rows: of recurrent networks sample by sample, each with all rows, of convolutions
+    /// row by row.
     pub(super) fn gather(
         &self,
         x: &[f64],
@@ -247,8 +247,8 @@ impl Windowed {
         }
     }
 
-    /// The predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the target. All are
-    /// NaN where parameters, terms or lengths do not fit; a row is where an input of its window is.
+    /// The predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the
+    /// target. All are NaN where parameters, terms or lengths do not fit; a row is where an input of its window is.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
         let rows = x.len() / self.inputs.max(1);
         match first_rows(lengths, rows) {
@@ -261,19 +261,19 @@ impl Windowed {
 
     pub(super) fn predict_rows(&self, parameters: &[f64], x: &[f64], a: &[f64], first: &[u32]) -> Vec<f64> {
         let linear = if a.is_empty() { 0 } else { self.head.linear };
-        let needed = if self.head.form == super::Form::Plain { linear } else { self.head.linear };
+        let needed = if self.head.form == super::NetworkForm::Plain { linear } else { self.head.linear };
         if parameters.len() != self.parameters() || a.len() != first.len() * needed {
             return vec![f64::NAN; first.len()];
         }
         let (of_body, of_head) = parameters.split_at(self.head_start());
-        let mut head = Packed::new(&self.head);
+        let mut head = PackedNetwork::new(&self.head);
         head.set(of_head);
         let mut out = vec![0.0; first.len()];
         out.par_chunks_mut(BLOCK).enumerate().for_each_init(
             || {
                 let mut body = self.body();
                 body.set(of_body);
-                (body, Buffers::new(&self.head), vec![], vec![])
+                (body, BlockWorkspace::new(&self.head), vec![], vec![])
             },
             |(body, buffers, windows, features), (block, out)| {
                 let start = block * BLOCK;
@@ -281,7 +281,7 @@ impl Windowed {
                 features.resize(out.len() * self.units, 0.0);
                 self.gather(x, first, start..start + out.len(), windows);
                 body.forward(windows, out.len(), features);
-                let terms = Terms::Rows(&a[start * linear..][..out.len() * linear]);
+                let terms = NetworkLinearTerms::Rows(&a[start * linear..][..out.len() * linear]);
                 buffers.forward(&head, features, terms, false, None);
                 out.copy_from_slice(&buffers.predicted);
             },
@@ -290,28 +290,28 @@ impl Windowed {
     }
 }
 
-/// A network with or without a memory.
+/// Network of dense layers, with or without memory layers before them.
 #[derive(Clone, Copy)]
-pub(super) struct Model<'a> {
-    pub windowed: Option<&'a Windowed>,
-    pub head: &'a Shape,
+pub(super) struct NetworkArchitecture<'a> {
+    pub windowed: Option<&'a WindowedNetworkShape>,
+    pub head: &'a NetworkShape,
 }
 
-impl<'a> From<&'a Shape> for Model<'a> {
-    fn from(head: &'a Shape) -> Self {
+impl<'a> From<&'a NetworkShape> for NetworkArchitecture<'a> {
+    fn from(head: &'a NetworkShape) -> Self {
         Self { windowed: None, head }
     }
 }
 
-impl<'a> From<&'a Windowed> for Model<'a> {
-    fn from(windowed: &'a Windowed) -> Self {
+impl<'a> From<&'a WindowedNetworkShape> for NetworkArchitecture<'a> {
+    fn from(windowed: &'a WindowedNetworkShape) -> Self {
         Self { windowed: Some(windowed), head: &windowed.head }
     }
 }
 
-impl Model<'_> {
+impl NetworkArchitecture<'_> {
     pub fn check(&self) -> Result<(), TrainingError> {
-        self.windowed.map_or_else(|| self.head.check(), Windowed::check)
+        self.windowed.map_or_else(|| self.head.check(), WindowedNetworkShape::check)
     }
 
     /// The number of inputs of a sample.
@@ -320,7 +320,7 @@ impl Model<'_> {
     }
 
     pub fn head_start(&self) -> usize {
-        self.windowed.map_or(0, Windowed::head_start)
+        self.windowed.map_or(0, WindowedNetworkShape::head_start)
     }
 
     pub fn parameters(&self) -> usize {
@@ -328,14 +328,14 @@ impl Model<'_> {
     }
 
     /// The layers whose weights decay.
-    pub fn layers(&self) -> Vec<Layer> {
+    pub fn layers(&self) -> Vec<DenseLayer> {
         let start = self.head_start();
-        let mut layers = self.windowed.map_or_else(Vec::new, Windowed::layers);
-        layers.extend(self.head.layers().iter().map(|layer| Layer { start: layer.start + start, ..*layer }));
+        let mut layers = self.windowed.map_or_else(Vec::new, WindowedNetworkShape::layers);
+        layers.extend(self.head.layers().iter().map(|layer| DenseLayer { start: layer.start + start, ..*layer }));
         layers
     }
 
-    pub fn predict(&self, parameters: &[f64], samples: &Samples<'_>, first: &[u32]) -> Vec<f64> {
+    pub fn predict(&self, parameters: &[f64], samples: &NetworkSamples<'_>, first: &[u32]) -> Vec<f64> {
         match self.windowed {
             Some(windowed) => windowed.predict_rows(parameters, samples.x, samples.a, first),
             None => self.head.predict(parameters, samples.x, samples.a),

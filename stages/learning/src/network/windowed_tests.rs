@@ -1,15 +1,15 @@
 use std::ops::ControlFlow;
 
-use super::objective::{Objective, Rows};
+use super::objective::{BatchRows, TrainingObjective};
 use super::tests::{Table, columns, go_on, near};
-use super::windowed::Model;
+use super::windowed::NetworkArchitecture;
 use super::*;
 
-const MEMORIES: [Memory; 3] = [Memory::Gru, Memory::Lstm, Memory::Tcn];
+const MEMORIES: [MemoryLayers; 3] = [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn];
 
-fn network(memory: Memory, form: Form, inputs: usize, linear: usize) -> Windowed {
-    let head = Shape { inputs: 3, linear, hidden: vec![4], activation: Activation::Tanh, form };
-    Windowed { memory, inputs, window: 4, units: 3, head }
+fn network(memory: MemoryLayers, form: NetworkForm, inputs: usize, linear: usize) -> WindowedNetworkShape {
+    let head = NetworkShape { inputs: 3, linear, hidden: vec![4], activation: ActivationFunction::Tanh, form };
+    WindowedNetworkShape { memory, inputs, window: 4, units: 3, head }
 }
 
 fn waves(count: usize, case: usize) -> Vec<f64> {
@@ -20,10 +20,10 @@ fn waves(count: usize, case: usize) -> Vec<f64> {
 fn ref_predictions_and_twenty_steps_over_windows_are_pytorchs() {
     let table = Table::reference();
     let expected = columns(include_str!("../../reference/network/windowed.csv"));
-    let runs = Runs { samples: table.samples(), lengths: &[20, 3, 22] };
-    let training = Training { epochs: 5, batch: 14, learning_rate: 0.02, seed: 3, ..Training::default() };
+    let runs = SampleRuns { samples: table.samples(), lengths: &[20, 3, 22] };
+    let training = NetworkTraining { epochs: 5, batch: 14, learning_rate: 0.02, seed: 3, ..NetworkTraining::default() };
     for memory in MEMORIES {
-        for form in [Form::Plain, Form::TrainedLinear] {
+        for form in [NetworkForm::Plain, NetworkForm::TrainedLinear] {
             let network = network(memory, form, 5, 3);
             let start = waves(network.parameters(), 2);
             let name = format!("{} {}", memory.word(), form.word());
@@ -39,29 +39,29 @@ fn ref_predictions_and_twenty_steps_over_windows_are_pytorchs() {
 #[test]
 fn law_gradients_over_windows_are_those_of_central_differences() {
     let table = Table::made(300, |x, a| x[0] * x[1] + 0.5 * a[0]);
-    let runs = Runs { samples: table.samples(), lengths: &[100, 1, 2, 197] };
+    let runs = SampleRuns { samples: table.samples(), lengths: &[100, 1, 2, 197] };
     let first = runs.first_rows().unwrap();
     for memory in MEMORIES {
-        for form in [Form::Plain, Form::Weights, Form::TrainedLinear] {
+        for form in [NetworkForm::Plain, NetworkForm::Weights, NetworkForm::TrainedLinear] {
             for dropout in [0.0, 0.3] {
                 let network = network(memory, form, 4, 2);
                 let parameters = waves(network.parameters(), 7);
-                let training = Training {
+                let training = NetworkTraining {
                     dropout,
                     sparse_group_lasso: Some(SparseGroupLasso { strength: 0.2, alpha: 0.4 }),
                     physics: 0.6,
-                    ..Training::default()
+                    ..NetworkTraining::default()
                 };
-                let model = Model::from(&network);
-                let mut objective = Objective::new(model, &training, runs.samples, first.clone(), &[0.3, -0.4]);
+                let model = NetworkArchitecture::from(&network);
+                let mut objective = TrainingObjective::new(model, &training, runs.samples, first.clone(), &[0.3, -0.4]);
                 let seed = (dropout > 0.0).then_some(5);
                 let mut gradient = vec![0.0; parameters.len()];
-                objective.at(&parameters, Rows::All, seed, &mut gradient);
+                objective.at(&parameters, BatchRows::All, seed, &mut gradient);
                 let mut none = vec![0.0; parameters.len()];
                 let mut at = |i: usize, offset: f64| {
                     let mut moved = parameters.clone();
                     moved[i] += offset;
-                    objective.at(&moved, Rows::All, seed, &mut none).objective
+                    objective.at(&moved, BatchRows::All, seed, &mut none).objective
                 };
                 for (i, slope) in gradient.iter().enumerate() {
                     let by_difference = (at(i, 1e-6) - at(i, -1e-6)) / 2e-6;
@@ -80,7 +80,7 @@ fn law_gradients_over_windows_are_those_of_central_differences() {
 fn law_a_prediction_hangs_on_the_window_before_it_alone() {
     let table = Table::made(60, |_, _| 0.0);
     for memory in MEMORIES {
-        let network = network(memory, Form::Plain, 4, 0);
+        let network = network(memory, NetworkForm::Plain, 4, 0);
         let parameters = network.initial(3, &[]);
         let of = |x: &[f64]| network.predict(&parameters, x, &[], &[25, 35]);
         let before = of(&table.x);
@@ -100,25 +100,31 @@ fn law_a_prediction_hangs_on_the_window_before_it_alone() {
 #[test]
 fn law_what_happened_before_is_learnt_by_a_memory_and_not_by_a_dense_network() {
     let mut table = Table::made(3000, |_, _| 0.0);
-    let mut normals = numerics::random::Normals::new(1);
+    let mut normals = numerics::random::NormalGenerator::new(1);
     let before: Vec<f64> = (0..3000).map(|_| 0.6 * normals.draw()).collect();
     table.y = (0..3000).map(|i| if i < 3 { 0.0 } else { before[i - 3] - before[i - 1].powi(2) }).collect();
-    let samples = Samples { a: &[], ..table.samples() };
+    let samples = NetworkSamples { a: &[], ..table.samples() };
     let mean = table.y.iter().sum::<f64>() / 3000.0;
     let variance = table.y.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / 3000.0;
-    let training = Training { epochs: 60, batch: 60, learning_rate: 0.01, ..Training::default() };
-    let dense = Shape { inputs: 1, linear: 0, hidden: vec![8], activation: Activation::Tanh, form: Form::Plain };
-    let last = |trained: Trained| trained.epochs[59].train_loss / variance;
+    let training = NetworkTraining { epochs: 60, batch: 60, learning_rate: 0.01, ..NetworkTraining::default() };
+    let dense = NetworkShape {
+        inputs: 1,
+        linear: 0,
+        hidden: vec![8],
+        activation: ActivationFunction::Tanh,
+        form: NetworkForm::Plain,
+    };
+    let last = |trained: TrainingResult| trained.epochs[59].train_loss / variance;
     let x: &[f64] = &before;
-    let start = State::new(&dense, dense.initial(1, &[]));
-    let samples = Samples { x, ..samples };
+    let start = TrainingState::new(&dense, dense.initial(1, &[]));
+    let samples = NetworkSamples { x, ..samples };
     let without = last(train(&dense, start, &training, &samples, None, &mut go_on).unwrap());
     assert!(without > 0.95, "{without}");
     for memory in MEMORIES {
-        let head = Shape { inputs: 6, ..dense.clone() };
-        let network = Windowed { memory, inputs: 1, window: 4, units: 6, head };
+        let head = NetworkShape { inputs: 6, ..dense.clone() };
+        let network = WindowedNetworkShape { memory, inputs: 1, window: 4, units: 6, head };
         let start = network.start(network.initial(1, &[]));
-        let runs = Runs { samples, lengths: &[3000] };
+        let runs = SampleRuns { samples, lengths: &[3000] };
         let with = last(train_windowed(&network, start, &training, &runs, None, &mut go_on).unwrap());
         assert!(with < 0.1, "{memory:?}: {with}, without {without}");
     }
@@ -128,11 +134,13 @@ fn law_what_happened_before_is_learnt_by_a_memory_and_not_by_a_dense_network() {
 fn law_windows_resume_and_spread_over_threads_to_the_same_bits() {
     let table = Table::made(1500, |x, a| x[0] * x[1] - 0.3 * a[0]);
     let (samples, unseen) = (table.part(0..1000), table.part(1000..1500));
-    let (runs, unseen) = (Runs { samples, lengths: &[300, 700] }, Runs { samples: unseen, lengths: &[500] });
-    let training = Training { epochs: 3, batch: 600, dropout: 0.1, learning_rate: 0.01, ..Training::default() };
+    let (runs, unseen) =
+        (SampleRuns { samples, lengths: &[300, 700] }, SampleRuns { samples: unseen, lengths: &[500] });
+    let training =
+        NetworkTraining { epochs: 3, batch: 600, dropout: 0.1, learning_rate: 0.01, ..NetworkTraining::default() };
     for memory in MEMORIES {
-        let network = network(memory, Form::TrainedLinear, 4, 2);
-        let on = |threads: usize, start: State, stop: usize| {
+        let network = network(memory, NetworkForm::TrainedLinear, 4, 2);
+        let on = |threads: usize, start: TrainingState, stop: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut kept = vec![];
             let trained = pool.install(|| {
@@ -147,16 +155,16 @@ fn law_windows_resume_and_spread_over_threads_to_the_same_bits() {
         let whole = on(1, start(), 9);
         assert_eq!(whole, on(3, start(), 9));
         let stopped = on(2, start(), 1);
-        assert_eq!(whole, on(1, State::from_bytes(&stopped.1).unwrap(), 9), "{memory:?}");
+        assert_eq!(whole, on(1, TrainingState::from_bytes(&stopped.1).unwrap(), 9), "{memory:?}");
     }
 }
 
 #[test]
 fn unit_windows_that_do_not_fit_are_refused() {
     let table = Table::made(50, |x, _| x[0]);
-    let usual = Training { epochs: 1, ..Training::default() };
-    let refused = |network: &Windowed, lengths: &[usize], what: &str| {
-        let runs = Runs { samples: Samples { a: &[], ..table.samples() }, lengths };
+    let usual = NetworkTraining { epochs: 1, ..NetworkTraining::default() };
+    let refused = |network: &WindowedNetworkShape, lengths: &[usize], what: &str| {
+        let runs = SampleRuns { samples: NetworkSamples { a: &[], ..table.samples() }, lengths };
         let start = network.start(network.initial(1, &[]));
         let error = train_windowed(network, start, &usual, &runs, None, &mut go_on).unwrap_err().to_string();
         assert!(error.contains(what), "{error}");
@@ -164,11 +172,15 @@ fn unit_windows_that_do_not_fit_are_refused() {
             assert!(network.predict(&network.initial(1, &[]), &table.x, &[], lengths).iter().all(|y| y.is_nan()));
         }
     };
-    let gru = network(Memory::Gru, Form::Plain, 4, 0);
+    let gru = network(MemoryLayers::Gru, NetworkForm::Plain, 4, 0);
     refused(&gru, &[49], "49 values of the lengths of runs");
     refused(&gru, &[51], "51 values");
     refused(&gru, &[usize::MAX, 60], "lengths of runs");
-    refused(&Windowed { window: 0, ..gru.clone() }, &[50], "the window must be at least 1");
-    refused(&Windowed { units: 5, ..gru.clone() }, &[50], "the inputs of the dense network must be the units");
-    refused(&Windowed { memory: Memory::Tcn, window: 6, ..gru }, &[50], "a power of two");
+    refused(&WindowedNetworkShape { window: 0, ..gru.clone() }, &[50], "the window must be at least 1");
+    refused(
+        &WindowedNetworkShape { units: 5, ..gru.clone() },
+        &[50],
+        "the inputs of the dense network must be the units",
+    );
+    refused(&WindowedNetworkShape { memory: MemoryLayers::Tcn, window: 6, ..gru }, &[50], "a power of two");
 }

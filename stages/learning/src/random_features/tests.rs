@@ -13,7 +13,13 @@ fn ref_many_features_are_the_gaussian_process_of_scikit_learn() {
         // The root mean square difference of the predictions over five draws, in standard deviations of the prediction.
         let difference = |features: usize| {
             let one = |seed: u64| {
-                let how = Kernel { features, length: Some(1.5), linear, seed, ..Kernel::default() };
+                let how = RandomFeatureSettings {
+                    features,
+                    length: Some(1.5),
+                    linear,
+                    seed,
+                    ..RandomFeatureSettings::default()
+                };
                 let model = fit(&x[..3 * rows], 3, &table["y"][..rows], &how).unwrap();
                 let mean = model.mean(&x).unwrap();
                 mean.iter().zip(of("mean")).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / typical
@@ -23,7 +29,8 @@ fn ref_many_features_are_the_gaussian_process_of_scikit_learn() {
         // The kernel errs by one over the root of the number of frequencies.
         let (few, many) = (difference(50), difference(450));
         assert!(many < 0.4 && few / many > 2.2 && few / many < 4.5, "{name}: {few} {many}");
-        let how = Kernel { features: 800, length: Some(1.5), linear, ..Kernel::default() };
+        let how =
+            RandomFeatureSettings { features: 800, length: Some(1.5), linear, ..RandomFeatureSettings::default() };
         let model = fit(&x[..3 * rows], 3, &table["y"][..rows], &how).unwrap();
         assert!((model.lambda / of("lambda")[0]).ln().abs() < 0.2, "{name}: {} {}", model.lambda, of("lambda")[0]);
         assert!((model.noise_variance / of("noise")[0] - 1.0).abs() < 0.05, "{name}: {}", model.noise_variance);
@@ -45,7 +52,7 @@ fn rows(count: u32) -> (Vec<f64>, Vec<f64>) {
 fn law_what_is_linear_is_found_and_followed_beyond_the_rows() {
     let (x, _) = rows(400);
     let y: Vec<f64> = x.chunks(4).map(|x| 50_000.0 + 3.0 * x[0] - 5.0 * x[2]).collect();
-    let model = fit(&x, 4, &y, &Kernel { features: 60, ..Kernel::default() }).unwrap();
+    let model = fit(&x, 4, &y, &RandomFeatureSettings { features: 60, ..RandomFeatureSettings::default() }).unwrap();
     let (mean, _) = model.predict(&[3.0, 0.0, 3.0, 0.0, 0.5, 0.5, -0.5, 0.0]).unwrap();
     assert!((mean[0] - 49_994.0).abs() < 0.05 && (mean[1] - 50_004.0).abs() < 1e-3, "{mean:?}");
 }
@@ -55,7 +62,7 @@ fn law_the_mean_of_products_of_features_is_the_kernel() {
     let directions = directions(3, 3000, 1);
     let (a, b) = ([0.3, -1.0, 0.7], [0.9, 0.2, -0.1]);
     for length in [0.8, 2.0] {
-        let (features, _) = Map::new(3, &directions, length, 0.0).features(&[a, b].concat());
+        let (features, _) = RandomFeatureMap::new(3, &directions, length, 0.0).features(&[a, b].concat());
         let (f, g) = features.split_at(6000);
         let square: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
         let kernel = (-square / (2.0 * length * length)).exp();
@@ -69,7 +76,9 @@ fn law_the_mean_of_products_of_features_is_the_kernel() {
 fn jac_the_gradient_is_the_difference_of_predictions() {
     let (x, y) = rows(300);
     for linear in [0.0, 0.5] {
-        let model = fit(&x, 4, &y, &Kernel { features: 101, linear, ..Kernel::default() }).unwrap();
+        let model =
+            fit(&x, 4, &y, &RandomFeatureSettings { features: 101, linear, ..RandomFeatureSettings::default() })
+                .unwrap();
         let at = &x[40..44];
         let gradient = model.gradient(at).unwrap();
         for j in 0..4 {
@@ -89,7 +98,13 @@ fn law_the_most_likely_length_and_ratio_predict_better_than_bad_ones() {
     let (x, y) = rows(1500);
     let ((train, ahead), (target, truth)) = (x.split_at(4 * 1000), y.split_at(1000));
     let error = |length: Option<f64>, lambda: Option<f64>| {
-        let model = fit(train, 4, target, &Kernel { features: 300, length, lambda, ..Kernel::default() }).unwrap();
+        let model = fit(
+            train,
+            4,
+            target,
+            &RandomFeatureSettings { features: 300, length, lambda, ..RandomFeatureSettings::default() },
+        )
+        .unwrap();
         let mean = model.mean(ahead).unwrap();
         (mean.iter().zip(truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / 500.0).sqrt()
     };
@@ -103,7 +118,8 @@ fn law_threads_change_no_bit() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let model = fit(&x, 4, &y, &Kernel { features: 60, ..Kernel::default() }).unwrap();
+            let model =
+                fit(&x, 4, &y, &RandomFeatureSettings { features: 60, ..RandomFeatureSettings::default() }).unwrap();
             let predicted = model.predict(&x).unwrap();
             (model, predicted)
         })
@@ -114,14 +130,14 @@ fn law_threads_change_no_bit() {
 #[test]
 fn unit_what_cannot_be_fitted_is_refused_and_nan_stays_nan() {
     let (x, y) = rows(30);
-    let how = Kernel { features: 10, ..Kernel::default() };
-    let fault = |x: &[f64], y: &[f64], how: &Kernel| fit(x, 4, y, how).unwrap_err().to_string();
+    let how = RandomFeatureSettings { features: 10, ..RandomFeatureSettings::default() };
+    let fault = |x: &[f64], y: &[f64], how: &RandomFeatureSettings| fit(x, 4, y, how).unwrap_err().to_string();
     assert!(fault(&x, &[50_000.1; 30], &how).contains("constant"));
     assert!(fault(&[1.0; 120], &y, &how).contains("equal"));
     assert!(fault(&x[..8], &y[..2], &how).contains("too few"));
     assert!(fault(&x, &y[1..], &how).contains("29"));
-    assert!(fault(&x, &y, &Kernel { features: 1, ..how.clone() }).contains("features"));
-    assert!(fault(&x, &y, &Kernel { lambda: Some(0.0), ..how.clone() }).contains("lambda"));
+    assert!(fault(&x, &y, &RandomFeatureSettings { features: 1, ..how.clone() }).contains("features"));
+    assert!(fault(&x, &y, &RandomFeatureSettings { lambda: Some(0.0), ..how.clone() }).contains("lambda"));
     let mut holed = x.clone();
     holed[6] = f64::INFINITY;
     assert!(fault(&holed, &y, &how).contains("row 1, column 2"));

@@ -1,8 +1,8 @@
 //! The search for the best values of some quantities: at random, by Sobol's sequence, and by the tree-structured Parzen
 //! estimator; and which trials successive halving keeps.
 //!
-//! The trial `i` depends on the seed, on `i` and on the results that it is handed, and on nothing else: neither on threads
-//! nor on what was proposed in an earlier process.
+//! The trial `i` depends on the seed, on `i` and on the results that it is handed, and on nothing else: neither on
+//! threads nor on what was proposed in an earlier process.
 
 mod sobol;
 mod tpe;
@@ -11,9 +11,9 @@ use numerics::random::{SplitMix64, seed_of};
 
 pub use sobol::MOST_DIMENSIONS;
 
-/// A quantity that is searched.
+/// Dimension of a search space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Dimension {
+pub enum SearchDimension {
     /// A number from `low` to `high`.
     Real {
         /// The lower end.
@@ -36,20 +36,20 @@ pub enum Dimension {
     Choice(usize),
 }
 
-/// A value of a [`Dimension`].
+/// A value of a [`SearchDimension`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Value {
-    /// Value of [`Dimension::Real`].
+pub enum TrialValue {
+    /// Value of [`SearchDimension::Real`].
     Real(f64),
-    /// Value of [`Dimension::Whole`].
+    /// Value of [`SearchDimension::Whole`].
     Whole(i64),
-    /// Position of the choice of [`Dimension::Choice`], from 0.
+    /// Position of the choice of [`SearchDimension::Choice`], from 0.
     Choice(usize),
 }
 
 /// Method that proposes trials.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Method {
+pub enum ProposalMethod {
     /// Uniformly at random.
     Random,
     /// Sobol's sequence, scrambled by the seed or plain. Plain, it begins at the lower ends.
@@ -64,36 +64,38 @@ pub enum Method {
     },
 }
 
-/// A trial that is over.
+/// Result of a finished trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
+pub struct TrialOutcome {
     /// Its values, in the order of the dimensions.
-    pub values: Vec<Value>,
+    pub values: Vec<TrialValue>,
     /// The rung that it got to, from 0; those of a higher one come before all others.
     pub rung: usize,
     /// Its cost, to be made small; `None` for a trial without one, which is worse than any other of its rung.
     pub cost: Option<f64>,
 }
 
-/// The trials from `first` on, `count` of them, of the search with `seed` over `dimensions`, after all of `outcomes`. Trials
-/// that were proposed together do not know of each other's results.
+/// The trials from `first` on, `count` of them, of the search with `seed` over `dimensions`, after all of `outcomes`.
+/// Trials that were proposed together do not know of each other's results.
 ///
-/// With [`Method::Tpe`] a trial that was proposed before is not proposed again, as long as there are others.
+/// With [`ProposalMethod::Tpe`] a trial that was proposed before is not proposed again, as long as there are others.
 pub fn propose(
-    method: Method,
-    dimensions: &[Dimension],
+    method: ProposalMethod,
+    dimensions: &[SearchDimension],
     seed: u64,
     first: usize,
     count: usize,
-    outcomes: &[Outcome],
-) -> Vec<Vec<Value>> {
-    let mut proposed: Vec<Vec<Value>> = vec![];
+    outcomes: &[TrialOutcome],
+) -> Vec<Vec<TrialValue>> {
+    let mut proposed: Vec<Vec<TrialValue>> = vec![];
     for trial in first..first.saturating_add(count) {
         let next = match method {
-            Method::Random => random(dimensions, seed, trial),
-            Method::Sobol { scramble } => evenly(dimensions, scramble.then_some(seed), trial),
-            Method::Tpe { start } if trial < start.max(1) => evenly(dimensions, Some(seed), trial),
-            Method::Tpe { .. } => tpe::propose(dimensions, &mut bits(seed, "tpe", trial as u64), outcomes, &proposed),
+            ProposalMethod::Random => random(dimensions, seed, trial),
+            ProposalMethod::Sobol { scramble } => evenly(dimensions, scramble.then_some(seed), trial),
+            ProposalMethod::Tpe { start } if trial < start.max(1) => evenly(dimensions, Some(seed), trial),
+            ProposalMethod::Tpe { .. } => {
+                tpe::propose(dimensions, &mut bits(seed, "tpe", trial as u64), outcomes, &proposed)
+            }
         };
         proposed.push(next);
     }
@@ -101,8 +103,8 @@ pub fn propose(
 }
 
 /// The positions of the trials that successive halving (Jamieson and Talwalkar 2016) keeps for the next rung: of these
-/// costs the best 1/`eta`, at least one, in ascending order. A trial without a cost is never kept; of equal ones the first
-/// are.
+/// costs the best 1/`eta`, at least one, in ascending order. A trial without a cost is never kept; of equal ones the
+/// first are.
 pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = costs.iter().enumerate().filter_map(|(i, c)| Some(((*c)?, i))).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -121,13 +123,13 @@ fn uniform(bits: &mut SplitMix64) -> f64 {
     (bits.draw() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-fn random(dimensions: &[Dimension], seed: u64, trial: usize) -> Vec<Value> {
+fn random(dimensions: &[SearchDimension], seed: u64, trial: usize) -> Vec<TrialValue> {
     let mut bits = bits(seed, "random", trial as u64);
     dimensions.iter().map(|d| d.at(uniform(&mut bits))).collect()
 }
 
 /// Beyond 2^32 trials, or of more than [`MOST_DIMENSIONS`] dimensions, there is no Sobol sequence: these are at random.
-fn evenly(dimensions: &[Dimension], seed: Option<u64>, trial: usize) -> Vec<Value> {
+fn evenly(dimensions: &[SearchDimension], seed: Option<u64>, trial: usize) -> Vec<TrialValue> {
     let point = u32::try_from(trial).ok().and_then(|i| sobol::point(i, dimensions.len(), seed));
     match point {
         Some(point) => dimensions.iter().zip(point).map(|(d, u)| d.at(u)).collect(),
@@ -135,50 +137,54 @@ fn evenly(dimensions: &[Dimension], seed: Option<u64>, trial: usize) -> Vec<Valu
     }
 }
 
-impl Dimension {
+impl SearchDimension {
     /// The ends of its scale: of a whole number half a step beyond its own.
     fn ends(&self) -> (f64, f64) {
         let scaled = |x: f64, log: bool| if log { x.ln() } else { x };
         match *self {
-            Dimension::Real { low, high, log } => (scaled(low, log), scaled(high, log)),
-            Dimension::Whole { low, high, log } => (scaled(low as f64 - 0.5, log), scaled(high as f64 + 0.5, log)),
-            Dimension::Choice(n) => (0.0, n as f64),
+            SearchDimension::Real { low, high, log } => (scaled(low, log), scaled(high, log)),
+            SearchDimension::Whole { low, high, log } => {
+                (scaled(low as f64 - 0.5, log), scaled(high as f64 + 0.5, log))
+            }
+            SearchDimension::Choice(n) => (0.0, n as f64),
         }
     }
 
     /// The value at the part `u` of its scale, from 0 to 1.
-    fn at(&self, u: f64) -> Value {
+    fn at(&self, u: f64) -> TrialValue {
         let (from, to) = self.ends();
         // The logarithm of an end need not lead back to it.
-        if let Dimension::Real { low, .. } = *self
+        if let SearchDimension::Real { low, .. } = *self
             && u <= 0.0
         {
-            return Value::Real(low);
+            return TrialValue::Real(low);
         }
         let x = from + u * (to - from);
         match *self {
-            Dimension::Real { low, high, log } => Value::Real(if log { x.exp() } else { x }.clamp(low, high)),
-            Dimension::Whole { low, high, log } => {
-                Value::Whole((if log { x.exp() } else { x }.round() as i64).clamp(low, high))
+            SearchDimension::Real { low, high, log } => {
+                TrialValue::Real(if log { x.exp() } else { x }.clamp(low, high))
             }
-            Dimension::Choice(n) => Value::Choice((x as usize).min(n.saturating_sub(1))),
+            SearchDimension::Whole { low, high, log } => {
+                TrialValue::Whole((if log { x.exp() } else { x }.round() as i64).clamp(low, high))
+            }
+            SearchDimension::Choice(n) => TrialValue::Choice((x as usize).min(n.saturating_sub(1))),
         }
     }
 
     /// The part of its scale that belongs to a value: a point for a number, the cell of a whole one or of a choice.
-    fn cell(&self, value: Value) -> (f64, f64) {
+    fn cell(&self, value: TrialValue) -> (f64, f64) {
         let (from, to) = self.ends();
         let part = |x: f64| (x - from) / (to - from);
         match (*self, value) {
-            (Dimension::Real { log, .. }, Value::Real(x)) => {
+            (SearchDimension::Real { log, .. }, TrialValue::Real(x)) => {
                 let at = part(if log { x.ln() } else { x });
                 (at, at)
             }
-            (Dimension::Whole { log, .. }, Value::Whole(n)) => {
+            (SearchDimension::Whole { log, .. }, TrialValue::Whole(n)) => {
                 let edge = |x: f64| part(if log { x.ln() } else { x });
                 (edge(n as f64 - 0.5), edge(n as f64 + 0.5))
             }
-            (Dimension::Choice(_), Value::Choice(i)) => (part(i as f64), part(i as f64 + 1.0)),
+            (SearchDimension::Choice(_), TrialValue::Choice(i)) => (part(i as f64), part(i as f64 + 1.0)),
             // A value of another dimension has no place: it counts as being anywhere.
             _ => (0.0, 1.0),
         }

@@ -1,7 +1,7 @@
 //! Sobol's sequence: points that fill a cube evenly, any power of two of them more evenly than chance.
 //!
-//! Direction numbers of Joe and Kuo 2008 (`new-joe-kuo-6.21201`), in the order of the Gray code (Antonov and Saleev 1979),
-//! scrambled as nested uniform scrambling does, by hashing (Owen 1995; Burley 2020, JCGT 9(4)).
+//! Direction numbers of Joe and Kuo 2008 (`new-joe-kuo-6.21201`), in the order of the Gray code (Antonov and Saleev
+//! 1979), scrambled as nested uniform scrambling does, by hashing (Owen 1995; Burley 2020, JCGT 9(4)).
 
 /// The most coordinates that a point may have.
 pub const MOST_DIMENSIONS: usize = 40;
@@ -54,9 +54,9 @@ const JOE_KUO: [(u32, &[u32]); MOST_DIMENSIONS - 1] = [
     (301, &[1, 3, 1, 11, 11, 11, 77, 249]),
 ];
 
-/// The point `index` of the sequence: `dimensions` coordinates from 0 to 1, 1 excluded. Without a seed it is the sequence
-/// itself, which begins at the origin; with one, each coordinate is scrambled by its own hash of the seed. `None` for more
-/// than [`MOST_DIMENSIONS`] coordinates.
+/// The point `index` of the sequence: `dimensions` coordinates from 0 to 1, 1 excluded. Without a seed it is the
+/// sequence itself, which begins at the origin; with one, each coordinate is scrambled by its own hash of the seed.
+/// `None` for more than [`MOST_DIMENSIONS`] coordinates.
 pub fn point(index: u32, dimensions: usize, seed: Option<u64>) -> Option<Vec<f64>> {
     (0..dimensions).map(|k| coordinate(index, k, seed)).collect()
 }

@@ -4,56 +4,62 @@
 
 use super::*;
 
-const X: Dimension = Dimension::Real { low: -5.0, high: 10.0, log: false };
-const Y: Dimension = Dimension::Real { low: 0.0, high: 15.0, log: false };
+const X: SearchDimension = SearchDimension::Real { low: -5.0, high: 10.0, log: false };
+const Y: SearchDimension = SearchDimension::Real { low: 0.0, high: 15.0, log: false };
 
-fn number(value: Value) -> f64 {
+fn number(value: TrialValue) -> f64 {
     match value {
-        Value::Real(x) => x,
-        Value::Whole(n) => n as f64,
-        Value::Choice(i) => i as f64,
+        TrialValue::Real(x) => x,
+        TrialValue::Whole(n) => n as f64,
+        TrialValue::Choice(i) => i as f64,
     }
 }
 
 /// Dixon and Szego 1978; its minimum is 0.397887.
-fn branin(values: &[Value]) -> f64 {
+fn branin(values: &[TrialValue]) -> f64 {
     let (x, y) = (number(values[0]), number(values[1]));
     let pi = std::f64::consts::PI;
     let (b, c, t) = (5.1 / (4.0 * pi * pi), 5.0 / pi, 1.0 / (8.0 * pi));
     (y - b * x * x + c * x - 6.0).powi(2) + 10.0 * (1.0 - t) * x.cos() + 10.0 - 0.397_887_357_729_738_16
 }
 
-fn quadratic(values: &[Value]) -> f64 {
+fn quadratic(values: &[TrialValue]) -> f64 {
     (0..3).map(|k| (number(values[k]) - (k as f64 - 1.0)).powi(2)).sum()
 }
 
 /// A rate by its logarithm, a count, and one of three kinds.
-fn mixed(values: &[Value]) -> f64 {
+fn mixed(values: &[TrialValue]) -> f64 {
     let kind = [2.0, 0.0, 1.0][number(values[2]) as usize];
     (number(values[0]).log10() + 3.0).powi(2) + ((number(values[1]) - 13.0) / 8.0).powi(2) + kind
 }
 
-type Function = (&'static str, fn(&[Value]) -> f64, Vec<Dimension>);
+type Function = (&'static str, fn(&[TrialValue]) -> f64, Vec<SearchDimension>);
 
 fn functions() -> Vec<Function> {
-    let side = Dimension::Real { low: -5.0, high: 5.0, log: false };
-    let rate = Dimension::Real { low: 1e-6, high: 1.0, log: true };
-    let count = Dimension::Whole { low: 1, high: 40, log: false };
+    let side = SearchDimension::Real { low: -5.0, high: 5.0, log: false };
+    let rate = SearchDimension::Real { low: 1e-6, high: 1.0, log: true };
+    let count = SearchDimension::Whole { low: 1, high: 40, log: false };
     vec![
         ("branin", branin, vec![X, Y]),
         ("quadratic", quadratic, vec![side; 3]),
-        ("mixed", mixed, vec![rate, count, Dimension::Choice(3)]),
+        ("mixed", mixed, vec![rate, count, SearchDimension::Choice(3)]),
     ]
 }
 
 /// Regret after a search of 50 trials on a function whose minimum is 0, in generations of `size`.
-fn regret(method: Method, f: fn(&[Value]) -> f64, dimensions: &[Dimension], seed: u64, size: usize) -> f64 {
-    let mut outcomes: Vec<Outcome> = vec![];
+fn regret(
+    method: ProposalMethod,
+    f: fn(&[TrialValue]) -> f64,
+    dimensions: &[SearchDimension],
+    seed: u64,
+    size: usize,
+) -> f64 {
+    let mut outcomes: Vec<TrialOutcome> = vec![];
     while outcomes.len() < 50 {
         let first = outcomes.len();
         for values in propose(method, dimensions, seed, first, size.min(50 - first), &outcomes) {
             let cost = Some(f(&values));
-            outcomes.push(Outcome { values, rung: 0, cost });
+            outcomes.push(TrialOutcome { values, rung: 0, cost });
         }
     }
     outcomes.iter().filter_map(|o| o.cost).fold(f64::INFINITY, f64::min)
@@ -75,7 +81,7 @@ fn val_the_regret_is_that_of_optuna() {
         (row[2].parse().unwrap(), row[3].parse().unwrap())
     };
     for (name, f, dimensions) in functions() {
-        let tpe = Method::Tpe { start: 10 };
+        let tpe = ProposalMethod::Tpe { start: 10 };
         for size in [1, 8] {
             let ours = of_seeds(|seed| regret(tpe, f, &dimensions, seed, size));
             let optuna = theirs(name, "optuna_tpe");
@@ -84,7 +90,7 @@ fn val_the_regret_is_that_of_optuna() {
             assert!(ours.0 < limit, "{name}, {size} at a time: {ours:?}, theirs {optuna:?}");
         }
         let (ours, optuna) =
-            (of_seeds(|seed| regret(Method::Random, f, &dimensions, seed, 50)), theirs(name, "optuna_random"));
+            (of_seeds(|seed| regret(ProposalMethod::Random, f, &dimensions, seed, 50)), theirs(name, "optuna_random"));
         assert!(
             (ours.0 - optuna.0).abs() < 3.0 * ours.1.hypot(optuna.1),
             "{name} at random: {ours:?}, theirs {optuna:?}"
@@ -95,7 +101,7 @@ fn val_the_regret_is_that_of_optuna() {
 #[test]
 fn law_even_points_leave_less_than_random_ones() {
     for (name, f, dimensions) in functions() {
-        let [even, random] = [Method::Sobol { scramble: true }, Method::Random]
+        let [even, random] = [ProposalMethod::Sobol { scramble: true }, ProposalMethod::Random]
             .map(|method| of_seeds(|seed| regret(method, f, &dimensions, seed, 50)).0);
         assert!(even < random, "{name}: {even} {random}");
     }
@@ -104,65 +110,69 @@ fn law_even_points_leave_less_than_random_ones() {
 #[test]
 fn unit_a_trial_does_not_depend_on_how_many_are_asked_for() {
     let (_, _, dimensions) = functions().remove(2);
-    for method in [Method::Random, Method::Sobol { scramble: true }, Method::Sobol { scramble: false }] {
+    for method in
+        [ProposalMethod::Random, ProposalMethod::Sobol { scramble: true }, ProposalMethod::Sobol { scramble: false }]
+    {
         let all = propose(method, &dimensions, 7, 0, 20, &[]);
         let one_by_one: Vec<_> = (0..20).flat_map(|i| propose(method, &dimensions, 7, i, 1, &[])).collect();
         assert_eq!(all, one_by_one);
         assert!(
-            matches!(method, Method::Sobol { scramble: false }) || all != propose(method, &dimensions, 8, 0, 20, &[])
+            matches!(method, ProposalMethod::Sobol { scramble: false })
+                || all != propose(method, &dimensions, 8, 0, 20, &[])
         );
     }
-    let outcome = |(i, values): (usize, Vec<Value>)| Outcome { cost: Some(mixed(&values) + i as f64), rung: 0, values };
-    let done: Vec<Outcome> =
-        propose(Method::Random, &dimensions, 7, 0, 12, &[]).into_iter().enumerate().map(outcome).collect();
-    let tpe = Method::Tpe { start: 4 };
+    let outcome =
+        |(i, values): (usize, Vec<TrialValue>)| TrialOutcome { cost: Some(mixed(&values) + i as f64), rung: 0, values };
+    let done: Vec<TrialOutcome> =
+        propose(ProposalMethod::Random, &dimensions, 7, 0, 12, &[]).into_iter().enumerate().map(outcome).collect();
+    let tpe = ProposalMethod::Tpe { start: 4 };
     let eight = propose(tpe, &dimensions, 7, 12, 8, &done);
     assert_eq!(propose(tpe, &dimensions, 7, 12, 3, &done)[..], eight[..3]);
     assert_eq!(
         propose(tpe, &dimensions, 7, 0, 4, &[]),
-        propose(Method::Sobol { scramble: true }, &dimensions, 7, 0, 4, &[])
+        propose(ProposalMethod::Sobol { scramble: true }, &dimensions, 7, 0, 4, &[])
     );
 }
 
 #[test]
 fn unit_values_are_within_their_ends_and_reach_them() {
     let dimensions = [
-        Dimension::Real { low: 1e-4, high: 1.0, log: true },
-        Dimension::Whole { low: -1, high: 1, log: false },
-        Dimension::Whole { low: 1, high: 8, log: true },
-        Dimension::Choice(2),
+        SearchDimension::Real { low: 1e-4, high: 1.0, log: true },
+        SearchDimension::Whole { low: -1, high: 1, log: false },
+        SearchDimension::Whole { low: 1, high: 8, log: true },
+        SearchDimension::Choice(2),
     ];
-    let points = propose(Method::Random, &dimensions, 1, 0, 4000, &[]);
-    let count = |k: usize, wanted: Value| points.iter().filter(|p| p[k] == wanted).count();
+    let points = propose(ProposalMethod::Random, &dimensions, 1, 0, 4000, &[]);
+    let count = |k: usize, wanted: TrialValue| points.iter().filter(|p| p[k] == wanted).count();
     // A third of 4000 each, its standard deviation being 30.
     for n in -1..=1 {
-        assert!((count(1, Value::Whole(n)) as f64 - 4000.0 / 3.0).abs() < 120.0);
+        assert!((count(1, TrialValue::Whole(n)) as f64 - 4000.0 / 3.0).abs() < 120.0);
     }
     // By its logarithm: ln(1.5 / 0.5) of ln(8.5 / 0.5).
     let ones = 4000.0 * 3.0_f64.ln() / 17.0_f64.ln();
-    assert!((count(2, Value::Whole(1)) as f64 - ones).abs() < 130.0, "{}", count(2, Value::Whole(1)));
-    assert!(count(2, Value::Whole(8)) > 0 && (count(3, Value::Choice(1)) as f64 - 2000.0).abs() < 130.0);
+    assert!((count(2, TrialValue::Whole(1)) as f64 - ones).abs() < 130.0, "{}", count(2, TrialValue::Whole(1)));
+    assert!(count(2, TrialValue::Whole(8)) > 0 && (count(3, TrialValue::Choice(1)) as f64 - 2000.0).abs() < 130.0);
     assert!(points.iter().all(|p| (1e-4..=1.0).contains(&number(p[0])) && (1.0..=8.0).contains(&number(p[2]))));
     let below = points.iter().filter(|p| number(p[0]) < 1e-2).count();
     assert!((below as f64 - 2000.0).abs() < 130.0, "{below}");
-    assert_eq!(dimensions[1].at(1.0), Value::Whole(1));
-    assert_eq!((dimensions[0].at(0.0), dimensions[0].at(1.0)), (Value::Real(1e-4), Value::Real(1.0)));
+    assert_eq!(dimensions[1].at(1.0), TrialValue::Whole(1));
+    assert_eq!((dimensions[0].at(0.0), dimensions[0].at(1.0)), (TrialValue::Real(1e-4), TrialValue::Real(1.0)));
 }
 
 #[test]
 fn unit_what_was_proposed_is_not_proposed_again_before_all_was() {
-    let dimensions = [Dimension::Choice(3), Dimension::Whole { low: 1, high: 4, log: false }];
-    let mut outcomes: Vec<Outcome> = vec![];
+    let dimensions = [SearchDimension::Choice(3), SearchDimension::Whole { low: 1, high: 4, log: false }];
+    let mut outcomes: Vec<TrialOutcome> = vec![];
     for generation in 0..4 {
-        for values in propose(Method::Tpe { start: 1 }, &dimensions, 3, 3 * generation, 3, &outcomes) {
+        for values in propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 3, 3 * generation, 3, &outcomes) {
             let cost = Some(number(values[0]) + number(values[1]));
             assert!(outcomes.iter().all(|o| o.values != values), "{values:?} again");
-            outcomes.push(Outcome { values, rung: 0, cost });
+            outcomes.push(TrialOutcome { values, rung: 0, cost });
         }
     }
     assert_eq!(outcomes.len(), 12);
     // There is nothing else: one of them comes again.
-    assert_eq!(propose(Method::Tpe { start: 1 }, &dimensions, 3, 12, 2, &outcomes).len(), 2);
+    assert_eq!(propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 3, 12, 2, &outcomes).len(), 2);
 }
 
 #[test]
@@ -177,17 +187,17 @@ fn unit_halving_keeps_the_best_and_never_a_failure() {
 
 #[test]
 fn unit_trials_without_a_cost_are_stayed_away_from() {
-    let dimensions = [Dimension::Real { low: 0.0, high: 1.0, log: false }];
-    let outcomes: Vec<Outcome> = (0..30)
+    let dimensions = [SearchDimension::Real { low: 0.0, high: 1.0, log: false }];
+    let outcomes: Vec<TrialOutcome> = (0..30)
         .map(|i| {
             let x = (f64::from(i) + 0.5) / 30.0;
-            Outcome { values: vec![Value::Real(x)], rung: 0, cost: (x < 0.5).then_some(1.0) }
+            TrialOutcome { values: vec![TrialValue::Real(x)], rung: 0, cost: (x < 0.5).then_some(1.0) }
         })
         .collect();
-    let next = propose(Method::Tpe { start: 1 }, &dimensions, 0, 30, 40, &outcomes);
+    let next = propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 0, 30, 40, &outcomes);
     let fails = next.iter().filter(|v| number(v[0]) > 0.5).count();
     assert!(fails < 10, "{fails} of 40");
     // No outcome has a cost: the search continues.
-    let none: Vec<Outcome> = outcomes.into_iter().map(|o| Outcome { cost: None, ..o }).collect();
-    assert_eq!(propose(Method::Tpe { start: 1 }, &dimensions, 0, 30, 4, &none).len(), 4);
+    let none: Vec<TrialOutcome> = outcomes.into_iter().map(|o| TrialOutcome { cost: None, ..o }).collect();
+    assert_eq!(propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 0, 30, 4, &none).len(), 4);
 }

@@ -1,12 +1,12 @@
 //! The tree-structured Parzen estimator: where good trials are dense and the others are not (Bergstra et al. 2011).
 //!
-//! Both densities are mixtures of one kernel for each trial, over all dimensions together (Falkner et al. 2018), and of one
-//! wide kernel; the proposal is the best of some draws from that of the good ones by the ratio of the two, which is where
-//! the expected improvement is largest.
+//! Both densities are mixtures of one kernel for each trial, over all dimensions together (Falkner et al. 2018), and of
+//! one wide kernel; the proposal is the best of some draws from that of the good ones by the ratio of the two, which is
+//! where the expected improvement is largest.
 
 use numerics::random::SplitMix64;
 
-use super::{Dimension, Outcome, Value, uniform};
+use super::{SearchDimension, TrialOutcome, TrialValue, uniform};
 
 /// The part of the trials that is good, and the most of them.
 const GOOD: f64 = 0.1;
@@ -18,18 +18,18 @@ const AGAIN: usize = 20;
 /// Half the normal distribution's range, in parts of the scale: the wide kernel.
 const WIDE: f64 = 1.0;
 
-/// The next trial after `outcomes`, with those of `proposed` under way: they count as bad, so that trials which are proposed
-/// together lie apart.
+/// The next trial after `outcomes`, with those of `proposed` under way: they count as bad, so that trials which are
+/// proposed together lie apart.
 pub fn propose(
-    dimensions: &[Dimension],
+    dimensions: &[SearchDimension],
     bits: &mut SplitMix64,
-    outcomes: &[Outcome],
-    proposed: &[Vec<Value>],
-) -> Vec<Value> {
-    let mut order: Vec<&Outcome> = outcomes.iter().collect();
+    outcomes: &[TrialOutcome],
+    proposed: &[Vec<TrialValue>],
+) -> Vec<TrialValue> {
+    let mut order: Vec<&TrialOutcome> = outcomes.iter().collect();
     // The sort is stable: of equal ones the first is better.
     order.sort_by(|a, b| {
-        let cost = |o: &Outcome| o.cost.unwrap_or(f64::INFINITY);
+        let cost = |o: &TrialOutcome| o.cost.unwrap_or(f64::INFINITY);
         b.rung.cmp(&a.rung).then(cost(a).total_cmp(&cost(b)))
     });
     let good = ((GOOD * order.len() as f64).ceil() as usize).min(MOST_GOOD);
@@ -37,8 +37,8 @@ pub fn propose(
     // A trial without a cost is nothing to be near to.
     let good = good.iter().filter(|o| o.cost.is_some()).map(|o| o.values.as_slice());
     let bad = bad.iter().map(|o| o.values.as_slice()).chain(proposed.iter().map(Vec::as_slice));
-    let (good, bad) = (Mixture::new(dimensions, good.collect()), Mixture::new(dimensions, bad.collect()));
-    let known = |values: &Vec<Value>| proposed.contains(values) || outcomes.iter().any(|o| o.values == *values);
+    let (good, bad) = (ParzenDensity::new(dimensions, good.collect()), ParzenDensity::new(dimensions, bad.collect()));
+    let known = |values: &Vec<TrialValue>| proposed.contains(values) || outcomes.iter().any(|o| o.values == *values);
     let fresh = |bits: &mut SplitMix64| {
         let mut drawn = good.draw(bits);
         for _ in 0..AGAIN {
@@ -49,7 +49,7 @@ pub fn propose(
         }
         drawn
     };
-    let scored = |values: Vec<Value>| {
+    let scored = |values: Vec<TrialValue>| {
         let gain = good.log_density(&values) - bad.log_density(&values);
         // Repeated candidates rank after all new ones.
         (!known(&values), gain, values)
@@ -65,24 +65,24 @@ pub fn propose(
         (true, _, values) => values,
         // The neighbourhood is exhausted: anything that is new, if there is any.
         (false, _, values) => {
-            let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<Value>>();
+            let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<TrialValue>>();
             std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)
         }
     }
 }
 
-/// A density over all dimensions: the mean of a kernel about each trial, and of the wide one.
-struct Mixture<'a> {
-    dimensions: &'a [Dimension],
+/// Parzen density over all dimensions: mean of a kernel about each trial and of a wide one.
+struct ParzenDensity<'a> {
+    dimensions: &'a [SearchDimension],
     /// The middle of each trial's cell, on the scale of each dimension.
     centres: Vec<Vec<f64>>,
     /// The width of the kernels of numbers, in parts of the scale.
     width: f64,
 }
 
-impl<'a> Mixture<'a> {
-    fn new(dimensions: &'a [Dimension], trials: Vec<&[Value]>) -> Mixture<'a> {
-        let middle = |(d, v): (&Dimension, &Value)| {
+impl<'a> ParzenDensity<'a> {
+    fn new(dimensions: &'a [SearchDimension], trials: Vec<&[TrialValue]>) -> ParzenDensity<'a> {
+        let middle = |(d, v): (&SearchDimension, &TrialValue)| {
             let (from, to) = d.cell(*v);
             0.5 * (from + to)
         };
@@ -91,53 +91,56 @@ impl<'a> Mixture<'a> {
         // Scott's rule with a factor for a scale of 1, and never so narrow that the kernels of few trials leave gaps.
         let scott = 0.2 * n.powf(-1.0 / (dimensions.len() as f64 + 4.0));
         let width = scott.max(1.0 / (n + 2.0).min(100.0));
-        Mixture { dimensions, centres, width }
+        ParzenDensity { dimensions, centres, width }
     }
 
     fn kernels(&self) -> f64 {
         self.centres.len() as f64 + 1.0
     }
 
-    fn draw(&self, bits: &mut SplitMix64) -> Vec<Value> {
+    fn draw(&self, bits: &mut SplitMix64) -> Vec<TrialValue> {
         let kernel = (uniform(bits) * self.kernels()) as usize;
         let centres = self.centres.get(kernel);
         let each = self.dimensions.iter().enumerate().map(|(k, d)| {
             let centre = centres.and_then(|c| c.get(k)).copied();
             match (d, centre) {
-                (Dimension::Choice(n), Some(centre)) => {
+                (SearchDimension::Choice(n), Some(centre)) => {
                     let own = 1.0 / self.share(*n);
                     if uniform(bits) < own { d.at(centre) } else { d.at(uniform(bits)) }
                 }
-                (Dimension::Choice(_), None) => d.at(uniform(bits)),
-                (Dimension::Real { .. } | Dimension::Whole { .. }, Some(centre)) => {
+                (SearchDimension::Choice(_), None) => d.at(uniform(bits)),
+                (SearchDimension::Real { .. } | SearchDimension::Whole { .. }, Some(centre)) => {
                     d.at(normal(bits, centre, self.width))
                 }
-                (Dimension::Real { .. } | Dimension::Whole { .. }, None) => d.at(normal(bits, 0.5, WIDE)),
+                (SearchDimension::Real { .. } | SearchDimension::Whole { .. }, None) => d.at(normal(bits, 0.5, WIDE)),
             }
         });
         each.collect()
     }
 
-    /// The weight of the kernel of a choice: its own trial counts 1, all choices together as much as one kernel of many.
+    /// The weight of the kernel of a choice: its own trial counts 1, all choices together as much as one kernel of
+    /// many.
     fn share(&self, choices: usize) -> f64 {
         1.0 + choices as f64 / self.kernels()
     }
 
-    fn log_density(&self, values: &[Value]) -> f64 {
+    fn log_density(&self, values: &[TrialValue]) -> f64 {
         let cells: Vec<(f64, f64)> = self.dimensions.iter().zip(values).map(|(d, v)| d.cell(*v)).collect();
         let log = |centres: Option<&Vec<f64>>| {
             let each = self.dimensions.iter().zip(&cells).enumerate().map(|(k, (d, cell))| {
                 let centre = centres.and_then(|c| c.get(k)).copied();
                 match (d, centre) {
-                    (Dimension::Choice(n), Some(centre)) => {
+                    (SearchDimension::Choice(n), Some(centre)) => {
                         let own = if (cell.0..cell.1).contains(&centre) { 1.0 } else { 0.0 };
                         ((own + 1.0 / self.kernels()) / self.share(*n)).ln()
                     }
-                    (Dimension::Choice(n), None) => -(*n as f64).ln(),
-                    (Dimension::Real { .. } | Dimension::Whole { .. }, Some(centre)) => {
+                    (SearchDimension::Choice(n), None) => -(*n as f64).ln(),
+                    (SearchDimension::Real { .. } | SearchDimension::Whole { .. }, Some(centre)) => {
                         log_normal(*cell, centre, self.width)
                     }
-                    (Dimension::Real { .. } | Dimension::Whole { .. }, None) => log_normal(*cell, 0.5, WIDE),
+                    (SearchDimension::Real { .. } | SearchDimension::Whole { .. }, None) => {
+                        log_normal(*cell, 0.5, WIDE)
+                    }
                 }
             });
             each.sum::<f64>()

@@ -11,8 +11,8 @@ pub(super) const TOGETHER: usize = 4;
 /// Rows that quantiles are taken of at most, evenly spread over all rows.
 const SAMPLED: usize = 200_000;
 
-/// The bin of every value.
-pub(super) struct Bins {
+/// Bins of the values of all columns.
+pub(super) struct ColumnBins {
     pub rows: usize,
     pub width: usize,
     /// For each four columns, of every row the four bins. Columns that do not exist have bin 0.
@@ -21,9 +21,9 @@ pub(super) struct Bins {
     thresholds: Vec<Vec<f64>>,
 }
 
-impl Bins {
+impl ColumnBins {
     /// The bins of finite rows, of which there is at least one.
-    pub fn of(x: &[f64], width: usize) -> Self {
+    pub fn from_rows(x: &[f64], width: usize) -> Self {
         let rows = x.len() / width;
         let made: Vec<_> =
             (0..width.div_ceil(TOGETHER)).into_par_iter().map(|k| four(x, width, k * TOGETHER)).collect();
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn unit_a_bin_is_the_number_of_thresholds_below() {
         let x: Vec<f64> = (0..5000).map(|k| f64::from(k * 7919 % 5000) * 0.01 - 3.0).collect();
-        let bins = Bins::of(&x, 1);
+        let bins = ColumnBins::from_rows(&x, 1);
         assert_eq!(bins.count(0), BINS);
         for (value, bin) in x.iter().zip(bins.packed(0)) {
             let below = (0..BINS - 1).filter(|&b| bins.threshold(0, b) < *value).count();
@@ -125,13 +125,13 @@ mod tests {
     #[test]
     fn unit_neighbouring_doubles_repeated_values_and_constants_have_their_bins() {
         let up = f64::from_bits(1.0_f64.to_bits() + 1);
-        let bins = Bins::of(&[1.0, 5.0, up, 5.0, -0.0, 5.0, 0.0, 5.0], 2);
+        let bins = ColumnBins::from_rows(&[1.0, 5.0, up, 5.0, -0.0, 5.0, 0.0, 5.0], 2);
         let column = |j: usize| bins.packed(0).iter().map(|b| b[j]).collect::<Vec<_>>();
         assert_eq!(column(0), [1, 2, 0, 0]);
         assert_eq!((column(1), bins.count(1)), (vec![0; 4], 1));
         // One value in nine of ten rows: it has one bin of its own end, and the others keep theirs.
         let x: Vec<f64> = (0..10_000).map(|k| if k % 10 == 0 { f64::from(k) } else { 0.5 }).collect();
-        let bins = Bins::of(&x, 1);
+        let bins = ColumnBins::from_rows(&x, 1);
         assert!(bins.count(0) > 20 && bins.count(0) < 40, "{}", bins.count(0));
         assert!((0..bins.count(0) - 2).all(|b| bins.threshold(0, b) < bins.threshold(0, b + 1)));
         assert!(middle(-f64::MAX, f64::MAX) == 0.0 && middle(f64::MIN_POSITIVE, f64::MIN_POSITIVE) > 0.0);

@@ -5,23 +5,23 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{
-    Boosting, Node, Tree,
-    bins::{BINS, Bins, TOGETHER},
+    BoostingSettings, RegressionTree, RegressionTreeNode,
+    bins::{BINS, ColumnBins, TOGETHER},
 };
 
 /// The least gain, as a part of what it is the difference of: below it is rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
-type Histogram = Vec<[f64; 2]>;
+type BinHistogram = Vec<[f64; 2]>;
 
 /// The bins of four columns.
 const CHUNK: usize = BINS * TOGETHER;
 
-/// Grows one tree after the other.
-pub(super) struct Grower<'a> {
-    bins: &'a Bins,
-    how: &'a Boosting,
+/// Growth of regression trees from binned columns.
+pub(super) struct TreeGrower<'a> {
+    bins: &'a ColumnBins,
+    how: &'a BoostingSettings,
     /// The rows that the tree sees: those of a leaf stand together, in ascending order.
     rows: Vec<u32>,
     /// Split of a leaf.
@@ -29,26 +29,26 @@ pub(super) struct Grower<'a> {
     /// The residuals of the rows of a leaf.
     ordered: Vec<f64>,
     /// Histograms that are not in use.
-    pool: Vec<Histogram>,
+    pool: Vec<BinHistogram>,
     /// The leaves of the last tree.
-    leaves: Vec<Leaf>,
+    leaves: Vec<GrowingLeaf>,
     /// Whether there are rows that the tree does not see.
     partial: bool,
 }
 
-/// A leaf of the tree that grows.
-struct Leaf {
+/// Leaf of a growing tree.
+struct GrowingLeaf {
     node: usize,
     range: Range<usize>,
     depth: usize,
     sum: f64,
-    histogram: Histogram,
-    split: Option<Split>,
+    histogram: BinHistogram,
+    split: Option<LeafSplit>,
 }
 
-/// A way to divide a leaf.
+/// Division of a leaf at a bin of a column.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Split {
+struct LeafSplit {
     gain: f64,
     column: usize,
     /// The last bin of the left.
@@ -57,8 +57,8 @@ struct Split {
     left_rows: usize,
 }
 
-impl<'a> Grower<'a> {
-    pub fn new(bins: &'a Bins, how: &'a Boosting) -> Self {
+impl<'a> TreeGrower<'a> {
+    pub fn new(bins: &'a ColumnBins, how: &'a BoostingSettings) -> Self {
         let (rows, scratch, ordered) = (vec![], vec![], vec![]);
         Self { bins, how, rows, scratch, ordered, pool: vec![], leaves: vec![], partial: false }
     }
@@ -71,11 +71,11 @@ impl<'a> Grower<'a> {
     }
 
     /// The tree of these residuals.
-    pub fn tree(&mut self, residuals: &[f64]) -> Tree {
+    pub fn tree(&mut self, residuals: &[f64]) -> RegressionTree {
         for leaf in std::mem::take(&mut self.leaves) {
             self.release(leaf.histogram);
         }
-        let mut nodes = vec![Node::Leaf { value: 0.0 }];
+        let mut nodes = vec![RegressionTreeNode::Leaf { value: 0.0 }];
         let root = self.root(residuals);
         self.leaves.push(root);
         while self.leaves.len() < self.how.leaves {
@@ -84,9 +84,9 @@ impl<'a> Grower<'a> {
             let below = nodes.len();
             if let Some(node) = nodes.get_mut(parent.node) {
                 let threshold = self.bins.threshold(split.column, split.bin);
-                *node = Node::Split { feature: split.column, threshold, left: below, right: below + 1 };
+                *node = RegressionTreeNode::Split { feature: split.column, threshold, left: below, right: below + 1 };
             }
-            nodes.extend([Node::Leaf { value: 0.0 }; 2]);
+            nodes.extend([RegressionTreeNode::Leaf { value: 0.0 }; 2]);
             // The leaves of the last split are not divided, so that nothing needs to be known of them.
             let last = self.leaves.len() + 2 >= self.how.leaves;
             let two = self.divide(parent, split, below, residuals, last);
@@ -95,50 +95,50 @@ impl<'a> Grower<'a> {
         for leaf in &self.leaves {
             let value = self.how.learning_rate * leaf.sum / (leaf.range.len() as f64 + self.how.l2);
             if let Some(node) = nodes.get_mut(leaf.node) {
-                *node = Node::Leaf { value };
+                *node = RegressionTreeNode::Leaf { value };
             }
         }
-        Tree { nodes }
+        RegressionTree { nodes }
     }
 
     /// Takes the values of the last tree off the residuals of all rows, `x`.
-    pub fn take_off(&self, tree: &Tree, x: &[f64], residuals: &mut [f64]) {
+    pub fn take_off(&self, tree: &RegressionTree, x: &[f64], residuals: &mut [f64]) {
         if self.partial {
             return tree.take_off(x, self.bins.width, residuals);
         }
         for leaf in &self.leaves {
-            let Some(Node::Leaf { value }) = tree.nodes.get(leaf.node) else { continue };
+            let Some(RegressionTreeNode::Leaf { value }) = tree.nodes.get(leaf.node) else { continue };
             self.rows[leaf.range.clone()].iter().for_each(|&i| residuals[i as usize] -= value);
         }
     }
 
     /// The leaf with the largest gain, the first node of equals.
-    fn best(&self) -> Option<(usize, Split)> {
+    fn best(&self) -> Option<(usize, LeafSplit)> {
         let candidates = self.leaves.iter().enumerate().filter_map(|(at, leaf)| Some((at, leaf.node, leaf.split?)));
-        let better = |a: &(usize, usize, Split), b: &(usize, usize, Split)| {
+        let better = |a: &(usize, usize, LeafSplit), b: &(usize, usize, LeafSplit)| {
             b.2.gain > a.2.gain || (b.2.gain == a.2.gain && b.1 < a.1)
         };
         candidates.reduce(|a, b| if better(&a, &b) { b } else { a }).map(|(at, _, split)| (at, split))
     }
 
-    fn histogram(&mut self) -> Histogram {
+    fn histogram(&mut self) -> BinHistogram {
         let size = self.bins.width.div_ceil(TOGETHER) * CHUNK;
         self.pool.pop().unwrap_or_else(|| vec![[0.0; 2]; size])
     }
 
-    fn release(&mut self, histogram: Histogram) {
+    fn release(&mut self, histogram: BinHistogram) {
         if !histogram.is_empty() {
             self.pool.push(histogram);
         }
     }
 
-    fn root(&mut self, residuals: &[f64]) -> Leaf {
+    fn root(&mut self, residuals: &[f64]) -> GrowingLeaf {
         let all = 0..self.rows.len();
         self.gather(all.clone(), residuals);
         let sum = self.ordered.iter().sum();
         let mut histogram = self.histogram();
         let (bins, how, rows, ordered) = (self.bins, self.how, &self.rows, &self.ordered);
-        let found: Vec<Option<Split>> = histogram
+        let found: Vec<Option<LeafSplit>> = histogram
             .par_chunks_mut(CHUNK)
             .enumerate()
             .map(|(k, part)| {
@@ -146,7 +146,7 @@ impl<'a> Grower<'a> {
                 best_of_four(part, k, bins, sum, rows.len(), how)
             })
             .collect();
-        Leaf { node: 0, range: all, depth: 0, sum, histogram, split: first_best(found) }
+        GrowingLeaf { node: 0, range: all, depth: 0, sum, histogram, split: first_best(found) }
     }
 
     fn gather(&mut self, range: Range<usize>, residuals: &[f64]) {
@@ -154,11 +154,19 @@ impl<'a> Grower<'a> {
         self.ordered.extend(self.rows[range].iter().map(|&i| residuals[i as usize]));
     }
 
-    fn divide(&mut self, parent: Leaf, split: Split, below: usize, residuals: &[f64], last: bool) -> [Leaf; 2] {
+    fn divide(
+        &mut self,
+        parent: GrowingLeaf,
+        split: LeafSplit,
+        below: usize,
+        residuals: &[f64],
+        last: bool,
+    ) -> [GrowingLeaf; 2] {
         self.partition(parent.range.clone(), split);
         let (start, end, depth) = (parent.range.start, parent.range.end, parent.depth + 1);
         let middle = start + split.left_rows;
-        let leaf = |node, range: Range<usize>, sum| Leaf { node, range, depth, sum, histogram: vec![], split: None };
+        let leaf =
+            |node, range: Range<usize>, sum| GrowingLeaf { node, range, depth, sum, histogram: vec![], split: None };
         let mut left = leaf(below, start..middle, split.left_sum);
         let mut right = leaf(below + 1, middle..end, parent.sum - split.left_sum);
         let large = left.range.len().max(right.range.len());
@@ -175,7 +183,7 @@ impl<'a> Grower<'a> {
         let rows = &self.rows[small.range.clone()];
         let (small_sum, large_sum, small_rows, large_rows) =
             (small.sum, large.sum, small.range.len(), large.range.len());
-        let found: Vec<(Option<Split>, Option<Split>)> = small
+        let found: Vec<(Option<LeafSplit>, Option<LeafSplit>)> = small
             .histogram
             .par_chunks_mut(CHUNK)
             .zip(large.histogram.par_chunks_mut(CHUNK))
@@ -193,7 +201,7 @@ impl<'a> Grower<'a> {
     }
 
     /// The rows of the left in front of those of the right, both in their order.
-    fn partition(&mut self, range: Range<usize>, split: Split) {
+    fn partition(&mut self, range: Range<usize>, split: LeafSplit) {
         let packed = self.bins.packed(split.column / TOGETHER);
         let lane = split.column % TOGETHER;
         self.scratch.clear();
@@ -229,7 +237,14 @@ fn fill(histogram: &mut [[f64; 2]], packed: &[[u8; TOGETHER]], rows: &[u32], ord
 }
 
 /// The best split of a leaf by columns 4 k to 4 k + 3.
-fn best_of_four(histogram: &[[f64; 2]], k: usize, bins: &Bins, sum: f64, rows: usize, how: &Boosting) -> Option<Split> {
+fn best_of_four(
+    histogram: &[[f64; 2]],
+    k: usize,
+    bins: &ColumnBins,
+    sum: f64,
+    rows: usize,
+    how: &BoostingSettings,
+) -> Option<LeafSplit> {
     if rows < how.least_rows.saturating_mul(2) {
         return None;
     }
@@ -242,11 +257,11 @@ fn best_of_four(histogram: &[[f64; 2]], k: usize, bins: &Bins, sum: f64, rows: u
 }
 
 /// The best split of a leaf by one column, the lowest bin of equals.
-fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &Boosting) -> Option<Split> {
+fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &BoostingSettings) -> Option<LeafSplit> {
     let least = how.least_rows as f64;
     let score = |sum: f64, rows: f64| sum * sum / (rows + how.l2);
     let whole = score(sum, rows);
-    let mut best: Option<Split> = None;
+    let mut best: Option<LeafSplit> = None;
     let (mut left_sum, mut left) = (0.0, 0.0);
     for (bin, [bin_sum, bin_rows]) in histogram.iter().enumerate() {
         if *bin_rows == 0.0 {
@@ -263,13 +278,13 @@ fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &Boo
         let both = score(left_sum, left) + score(sum - left_sum, rows - left);
         let gain = both - whole;
         if gain > ROUNDING * both && best.is_none_or(|best| gain > best.gain) {
-            best = Some(Split { gain, column, bin, left_sum, left_rows: left as usize });
+            best = Some(LeafSplit { gain, column, bin, left_sum, left_rows: left as usize });
         }
     }
     best
 }
 
 /// The split with the largest gain, the first of equals.
-fn first_best(splits: impl IntoIterator<Item = Option<Split>>) -> Option<Split> {
+fn first_best(splits: impl IntoIterator<Item = Option<LeafSplit>>) -> Option<LeafSplit> {
     splits.into_iter().flatten().reduce(|a, b| if b.gain > a.gain { b } else { a })
 }

@@ -1,6 +1,6 @@
 //! The trees of a training that is not done, as bytes.
 
-use super::{Node, Tree};
+use super::{RegressionTree, RegressionTreeNode};
 
 /// The first bytes of stored trees; the last is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGTREE\x01";
@@ -8,17 +8,17 @@ const HEAD: [u8; 8] = *b"MAGTREE\x01";
 const LEAF: u64 = 0;
 const SPLIT: u64 = 1;
 
-/// Trees as bytes: a head, then of each tree the number of its nodes and the nodes, all numbers of eight bytes, little-endian,
-/// and a sum of all bytes (FNV-1a).
-pub fn trees_to_bytes(trees: &[Tree]) -> Vec<u8> {
+/// Trees as bytes: a head, then of each tree the number of its nodes and the nodes, all numbers of eight bytes,
+/// little-endian, and a sum of all bytes (FNV-1a).
+pub fn trees_to_bytes(trees: &[RegressionTree]) -> Vec<u8> {
     let mut out = HEAD.to_vec();
     let mut put = |number: u64| out.extend(number.to_le_bytes());
     for tree in trees {
         put(tree.nodes.len() as u64);
         for node in &tree.nodes {
             match *node {
-                Node::Leaf { value } => [LEAF, value.to_bits()].into_iter().for_each(&mut put),
-                Node::Split { feature, threshold, left, right } => {
+                RegressionTreeNode::Leaf { value } => [LEAF, value.to_bits()].into_iter().for_each(&mut put),
+                RegressionTreeNode::Split { feature, threshold, left, right } => {
                     let numbers = [SPLIT, feature as u64, threshold.to_bits(), left as u64, right as u64];
                     numbers.into_iter().for_each(&mut put);
                 }
@@ -31,7 +31,7 @@ pub fn trees_to_bytes(trees: &[Tree]) -> Vec<u8> {
 }
 
 /// The trees of bytes; `None` of bytes that are none, or are cut or altered.
-pub fn trees_from_bytes(bytes: &[u8]) -> Option<Vec<Tree>> {
+pub fn trees_from_bytes(bytes: &[u8]) -> Option<Vec<RegressionTree>> {
     let (whole, sum) = bytes.split_last_chunk::<8>()?;
     if checksum(whole) != u64::from_le_bytes(*sum) {
         return None;
@@ -44,16 +44,16 @@ pub fn trees_from_bytes(bytes: &[u8]) -> Option<Vec<Tree>> {
         for _ in 0..count {
             nodes.push(node(&mut numbers)?);
         }
-        trees.push(Tree { nodes });
+        trees.push(RegressionTree { nodes });
     }
     rest.is_empty().then_some(trees)
 }
 
-fn node(numbers: &mut impl Iterator<Item = u64>) -> Option<Node> {
+fn node(numbers: &mut impl Iterator<Item = u64>) -> Option<RegressionTreeNode> {
     let kind = numbers.next()?;
     let place = |number: Option<u64>| usize::try_from(number?).ok();
     if kind == LEAF {
-        return Some(Node::Leaf { value: f64::from_bits(numbers.next()?) });
+        return Some(RegressionTreeNode::Leaf { value: f64::from_bits(numbers.next()?) });
     }
     if kind != SPLIT {
         return None;
@@ -61,7 +61,7 @@ fn node(numbers: &mut impl Iterator<Item = u64>) -> Option<Node> {
     let feature = place(numbers.next())?;
     let threshold = f64::from_bits(numbers.next()?);
     let left = place(numbers.next())?;
-    Some(Node::Split { feature, threshold, left, right: place(numbers.next())? })
+    Some(RegressionTreeNode::Split { feature, threshold, left, right: place(numbers.next())? })
 }
 
 /// FNV-1a of 64 bits.
@@ -75,10 +75,12 @@ mod tests {
 
     #[test]
     fn law_trees_come_back_and_altered_bytes_do_not() {
-        let split = Node::Split { feature: 3, threshold: -0.1, left: 1, right: 2 };
-        let leaf = |value| Node::Leaf { value };
-        let trees =
-            vec![Tree { nodes: vec![split, leaf(0.5), leaf(-1e-300)] }, Tree { nodes: vec![leaf(f64::MIN_POSITIVE)] }];
+        let split = RegressionTreeNode::Split { feature: 3, threshold: -0.1, left: 1, right: 2 };
+        let leaf = |value| RegressionTreeNode::Leaf { value };
+        let trees = vec![
+            RegressionTree { nodes: vec![split, leaf(0.5), leaf(-1e-300)] },
+            RegressionTree { nodes: vec![leaf(f64::MIN_POSITIVE)] },
+        ];
         let bytes = trees_to_bytes(&trees);
         assert_eq!(trees_from_bytes(&bytes), Some(trees));
         assert_eq!(trees_from_bytes(&trees_to_bytes(&[])), Some(vec![]));

@@ -9,9 +9,9 @@ pub const PRODUCTS: [&str; 20] = [
     "srcpsy", "crspsy", "srspsy", "crcp", "srcp", "crsp", "srsp",
 ];
 
-/// Roll, pitch and yaw, degrees.
+/// Columns of roll, pitch and yaw, degrees.
 #[derive(Clone, Copy, Debug)]
-pub struct Attitude<'a> {
+pub struct AttitudeColumns<'a> {
     /// Right wing down positive.
     pub roll_deg: &'a [f64],
     /// Nose up positive.
@@ -20,7 +20,7 @@ pub struct Attitude<'a> {
     pub yaw_deg: &'a [f64],
 }
 
-impl Attitude<'_> {
+impl AttitudeColumns<'_> {
     fn rows(&self) -> usize {
         self.roll_deg.len().min(self.pitch_deg.len()).min(self.yaw_deg.len())
     }
@@ -61,7 +61,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    const ATTITUDE: Attitude = Attitude { roll_deg: &[10.0], pitch_deg: &[-5.0], yaw_deg: &[70.0] };
+    const ATTITUDE: AttitudeColumns = AttitudeColumns { roll_deg: &[10.0], pitch_deg: &[-5.0], yaw_deg: &[70.0] };
 
     #[test]
     fn ref_direction_cosines_are_magnavs() {

@@ -1,7 +1,9 @@
 //! Whether a calibration can be trusted: what the flight did not excite, whether the fit is the trivial one, and how
 //! far calibrations differ.
 
-use crate::regression::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, expect, setting};
+use crate::regression::least_squares::{
+    LeastSquaresError, LinearFit, RegressionMoments, ScaledFactor, expect, setting,
+};
 
 /// The smallest component of a direction whose term is listed with it.
 const NAMED_FROM: f64 = 0.1;
@@ -29,15 +31,15 @@ pub struct Excitation {
 
 /// Which combinations of terms have a singular value below `weak_below` times the largest.
 ///
-/// Take a factor with all columns on one scale ([`crate::regression::least_squares::Scaling::Standardise`]): the result
-/// is about the flight, not about units.
+/// Take a factor with all columns on one scale ([`crate::regression::least_squares::ColumnScaling::Standardise`]): the
+/// result is about the flight, not about units.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] for a list of names of another length, with [`LeastSquaresError::Setting`]
 /// for a limit outside 0 to 1, and with [`LeastSquaresError::NoConvergence`] when the decomposition does not
 /// converge.
 pub fn excitation<S: AsRef<str>>(
-    prepared: &Prepared,
+    prepared: &ScaledFactor,
     names: &[S],
     weak_below: f64,
 ) -> Result<Excitation, LeastSquaresError> {
@@ -58,7 +60,10 @@ pub fn excitation<S: AsRef<str>>(
 }
 
 /// (Rᵀ R)⁻¹ⱼⱼ (Rᵀ R)ⱼⱼ, by the decomposition.
-fn variance_inflation(prepared: &Prepared, singular: &crate::regression::least_squares::Singular) -> Vec<f64> {
+fn variance_inflation(
+    prepared: &ScaledFactor,
+    singular: &crate::regression::least_squares::ScaledFactorSvd,
+) -> Vec<f64> {
     let p = prepared.terms();
     let rounding = singular.values.first().copied().unwrap_or(0.0) * p as f64 * f64::EPSILON;
     let of = |j: usize| {
@@ -93,7 +98,7 @@ impl Excitation {
     }
 }
 
-/// How near a Tolles-Lawson fit is to the trivial one, which calls the whole field the aircraft's.
+/// Distance of a Tolles-Lawson fit from the trivial one, which attributes the whole field to the aircraft.
 ///
 /// The trivial solution [van der Meer 2025, 4.2.1]: no permanent field, the unit matrix as induced field, no eddy
 /// currents; Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, and the earth's field that is left is zero.
@@ -138,15 +143,15 @@ impl TrivialSolution {
 /// fitted terms. Where the diagonal terms are there, also with [`LeastSquaresError::NoRows`] when either has no rows,
 /// and with [`LeastSquaresError::NoSuch`] for an unknown target.
 pub fn trivial_solution<S: AsRef<str>>(
-    unfiltered: &Moments,
-    fitted: &Moments,
+    unfiltered: &RegressionMoments,
+    fitted: &RegressionMoments,
     target: usize,
     names: &[S],
     fit: &LinearFit,
     lambda: f64,
     scale_nt: f64,
 ) -> Result<Option<TrivialSolution>, LeastSquaresError> {
-    use crate::regression::least_squares::Scaling;
+    use crate::regression::least_squares::ColumnScaling;
     for (what, given) in [
         ("the list of term names", names.len()),
         ("the list of unfiltered terms", unfiltered.terms()),
@@ -160,8 +165,8 @@ pub fn trivial_solution<S: AsRef<str>>(
         trivial.coefficients[place] = scale_nt;
     }
     let difference: Vec<f64> = fit.coefficients.iter().zip(&trivial.coefficients).map(|(b, t)| b - t).collect();
-    let over = |moments: &Moments| {
-        let prepared = moments.prepare(Scaling::None, false)?;
+    let over = |moments: &RegressionMoments| {
+        let prepared = moments.prepare(ColumnScaling::None, false)?;
         let zero = vec![0.0; names.len()];
         let image = |b: &[f64]| prepared.left_of(&zero, b);
         Ok::<_, LeastSquaresError>([image(&fit.coefficients), image(&trivial.coefficients), image(&difference)])
@@ -204,7 +209,7 @@ pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_n
 
 /// Scatter of one coefficient over calibrations.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Variation {
+pub struct CoefficientVariation {
     /// The mean of the coefficient.
     pub mean: f64,
     /// Its standard deviation with n − 1; NaN of one calibration.
@@ -219,7 +224,7 @@ pub struct Variation {
 /// # Errors
 /// Fails with [`LeastSquaresError::NoRows`] without calibrations, and with [`LeastSquaresError::Shape`] for different
 /// numbers of coefficients.
-pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquaresError> {
+pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<CoefficientVariation>, LeastSquaresError> {
     let terms = calibrations.first().ok_or(LeastSquaresError::NoRows)?.len();
     for coefficients in calibrations {
         expect("the coefficients of a calibration", coefficients.len(), terms)?;
@@ -227,7 +232,11 @@ pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquares
     let of = |j: usize| {
         let values: Vec<f64> = calibrations.iter().map(|c| c[j]).collect();
         let summary = crate::regression::statistics::summary(&values);
-        Variation { mean: summary.mean, std: summary.std, coefficient_of_variation: summary.std / summary.mean.abs() }
+        CoefficientVariation {
+            mean: summary.mean,
+            std: summary.std,
+            coefficient_of_variation: summary.std / summary.mean.abs(),
+        }
     };
     Ok((0..terms).map(of).collect())
 }
@@ -236,10 +245,10 @@ pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquares
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
-    use crate::random::Normals;
-    use crate::regression::least_squares::Scaling;
-    use crate::signal::filter::{Band, ConstantColumns, ZeroPhase};
+    use crate::compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix};
+    use crate::random::NormalGenerator;
+    use crate::regression::least_squares::ColumnScaling;
+    use crate::signal::filter::{ConstantColumns, FilterBand, ZeroPhaseFilter};
 
     #[test]
     fn ref_variation_is_that_of_table_3_1() {
@@ -266,7 +275,7 @@ mod tests {
         let coefficients = [0.012, 0.008, -0.004, -0.01, 0.006, 0.006];
         let field_nt = 51_000.0;
         let bound = approximation_bound_nt(permanent.into(), coefficients, field_nt);
-        let mut normals = Normals::new(3);
+        let mut normals = NormalGenerator::new(3);
         let mut most: f64 = 0.0;
         for _ in 0..20_000 {
             let u = nalgebra::Vector3::new(normals.draw(), normals.draw(), normals.draw()).normalize();
@@ -284,15 +293,15 @@ mod tests {
 
     #[test]
     fn law_what_is_not_excited_is_named_and_inflated() {
-        let mut normals = Normals::new(2);
+        let mut normals = NormalGenerator::new(2);
         let a: Vec<f64> = (0..500)
             .flat_map(|_| {
                 let [x, y, z] = [normals.draw(), normals.draw(), normals.draw()];
                 [x, y, 3.0 * x + 3e-3 * z]
             })
             .collect();
-        let moments = Moments::of(&a, 3, &[]).unwrap();
-        let prepared = moments.prepare(Scaling::Standardise, true).unwrap();
+        let moments = RegressionMoments::from_matrix(&a, 3, &[]).unwrap();
+        let prepared = moments.prepare(ColumnScaling::Standardise, true).unwrap();
         let found = excitation(&prepared, &["roll", "pitch", "yaw"], 1e-2).unwrap();
         assert_eq!(found.weak.len(), 1);
         let named: Vec<&str> = found.weak[0].terms.iter().map(|(name, _)| name.as_str()).collect();
@@ -304,7 +313,8 @@ mod tests {
         assert!(message.contains("`yaw`") && !message.contains("`pitch`"), "{message}");
         assert!(excitation(&prepared, &["roll", "pitch", "yaw"], 1e-6).unwrap().message().is_none());
         let flat: Vec<f64> = a.chunks(3).flat_map(|r| [r[0], 0.0, r[0]]).collect();
-        let flat = Moments::of(&flat, 3, &[]).unwrap().prepare(Scaling::Standardise, true).unwrap();
+        let flat =
+            RegressionMoments::from_matrix(&flat, 3, &[]).unwrap().prepare(ColumnScaling::Standardise, true).unwrap();
         let found = excitation(&flat, &["a", "b", "c"], 1e-9).unwrap();
         assert_eq!((found.weak.len(), found.variance_inflation[0]), (2, f64::INFINITY));
     }
@@ -325,8 +335,10 @@ mod tests {
             scalar.push(total.norm());
         }
         let [x, y, z] = vector;
-        let a = matrix(&Field { x: &x, y: &y, z: &z, bt: None }, &Terms::default(), DEFAULT_SCALE_NT).unwrap();
-        let filter = ZeroPhase::new(Band::Band { low_hz: 0.1, high_hz: 0.9 }, rate, 4).unwrap();
+        let a =
+            matrix(&BodyFieldColumns { x: &x, y: &y, z: &z, bt: None }, &TermSelection::default(), DEFAULT_SCALE_NT)
+                .unwrap();
+        let filter = ZeroPhaseFilter::new(FilterBand::Band { low_hz: 0.1, high_hz: 0.9 }, rate, 4).unwrap();
         let mut filtered = a.clone();
         filter.apply_matrix(&mut filtered, 18, ConstantColumns::Keep).unwrap();
         let y = filter.apply(&scalar).unwrap();
@@ -336,11 +348,11 @@ mod tests {
     #[test]
     fn law_the_trivial_solution_is_told_from_the_true_one() {
         let (a, filtered, y, _) = flight();
-        let names = Terms::default().names();
-        let unfiltered = Moments::of(&a, 18, &[]).unwrap();
-        let fitted = Moments::of(&filtered, 18, &[&y]).unwrap();
+        let names = TermSelection::default().names();
+        let unfiltered = RegressionMoments::from_matrix(&a, 18, &[]).unwrap();
+        let fitted = RegressionMoments::from_matrix(&filtered, 18, &[&y]).unwrap();
         let judged = |lambda: f64| {
-            let path = fitted.prepare(Scaling::None, false).unwrap().ridge(&[lambda], &names).unwrap();
+            let path = fitted.prepare(ColumnScaling::None, false).unwrap().ridge(&[lambda], &names).unwrap();
             let fit = LinearFit { coefficients: path.solutions[0].coefficients[0].clone(), intercept: 0.0 };
             trivial_solution(&unfiltered, &fitted, 0, &names, &fit, lambda, DEFAULT_SCALE_NT).unwrap().unwrap()
         };
@@ -353,7 +365,7 @@ mod tests {
         assert!(strong.is_excluded(), "{strong:?}");
         // The trivial solution costs 3 λ of coefficients s, since its residual is zero.
         assert!((strong.trivial_loss / (0.025 * 3.0 * DEFAULT_SCALE_NT.powi(2)) - 1.0).abs() < 1e-6);
-        let five = Moments::of(&[1.0, 2.0], 1, &[&[1.0, 2.0]]).unwrap();
+        let five = RegressionMoments::from_matrix(&[1.0, 2.0], 1, &[&[1.0, 2.0]]).unwrap();
         let fit = LinearFit { coefficients: vec![1.0], intercept: 0.0 };
         assert_eq!(trivial_solution(&five, &five, 0, &["xx"], &fit, 0.0, 1.0).unwrap(), None);
     }

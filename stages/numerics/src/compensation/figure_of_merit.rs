@@ -7,7 +7,7 @@
 use crate::angle::{unwrapped_deg, wrap_deg};
 use std::ops::Range;
 
-use crate::regression::statistics::Figure;
+use crate::regression::statistics::SampleStatistic;
 
 /// Swings below this, in degrees from one extreme to the next, are not manoeuvres.
 const LEAST_SWING_DEG: f64 = 3.0;
@@ -22,9 +22,9 @@ const REGULAR: f64 = 1.7;
 /// Half of the window, in seconds, whose mean is the attitude that a manoeuvre swings about.
 const TREND_S: f64 = 15.0;
 
-/// The axis about which a manoeuvre swings.
+/// Axis of rotation of a manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Axis {
+pub enum ManoeuvreAxis {
     /// About the nose.
     Roll,
     /// About the wing.
@@ -33,11 +33,11 @@ pub enum Axis {
     Yaw,
 }
 
-/// One manoeuvre of a box.
+/// A roll, pitch or yaw manoeuvre of a calibration box.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Manoeuvre {
+pub struct BoxManoeuvre {
     /// The axis.
-    pub axis: Axis,
+    pub axis: ManoeuvreAxis,
     /// Mean heading during it, in degrees from north.
     pub heading_deg: f64,
     /// Rows of its extremes, high and low alternating.
@@ -46,7 +46,7 @@ pub struct Manoeuvre {
     pub swing_deg: f64,
 }
 
-impl Manoeuvre {
+impl BoxManoeuvre {
     /// From the first extreme to the last.
     fn rows(&self) -> Range<usize> {
         let ends = self.extremes.first().copied().zip(self.extremes.last().copied());
@@ -58,21 +58,26 @@ impl Manoeuvre {
 ///
 /// A manoeuvre is five or more extremes in a row of one axis, at least 3 degrees from one to the next, of about the
 /// same swing and spacing. Where two axes swing at once it belongs to the one that swings more.
-pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<Manoeuvre> {
-    let mut found: Vec<Manoeuvre> = vec![];
-    for (axis, angle) in [Axis::Roll, Axis::Pitch, Axis::Yaw].into_iter().zip(attitude_deg) {
+pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<BoxManoeuvre> {
+    let mut found: Vec<BoxManoeuvre> = vec![];
+    for (axis, angle) in [ManoeuvreAxis::Roll, ManoeuvreAxis::Pitch, ManoeuvreAxis::Yaw].into_iter().zip(attitude_deg) {
         let swing = about_trend(tt_s, &unwrapped_deg(angle));
         for extremes in regular_chains(tt_s, &swing) {
             let rows = extremes[0]..extremes[extremes.len() - 1] + 1;
             let swings = extremes.windows(2).map(|w| (swing[w[1]] - swing[w[0]]).abs());
             let swing_deg = swings.sum::<f64>() / (extremes.len() - 1) as f64;
-            found.push(Manoeuvre { axis, heading_deg: mean_heading_deg(&attitude_deg[2][rows]), extremes, swing_deg });
+            found.push(BoxManoeuvre {
+                axis,
+                heading_deg: mean_heading_deg(&attitude_deg[2][rows]),
+                extremes,
+                swing_deg,
+            });
         }
     }
     found.sort_by(|a, b| b.swing_deg.total_cmp(&a.swing_deg));
-    let mut kept: Vec<Manoeuvre> = vec![];
+    let mut kept: Vec<BoxManoeuvre> = vec![];
     for one in found {
-        let overlaps = |k: &Manoeuvre| k.rows().start < one.rows().end && one.rows().start < k.rows().end;
+        let overlaps = |k: &BoxManoeuvre| k.rows().start < one.rows().end && one.rows().start < k.rows().end;
         if !kept.iter().any(overlaps) {
             kept.push(one);
         }
@@ -83,8 +88,8 @@ pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<Manoeuvre> {
 
 /// The figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, and how many
 /// manoeuvres it is computed from. NaN unless pitch, roll and yaw manoeuvres exist on four headings at right angles.
-pub fn figure_of_merit(signal: &[f64], manoeuvres: &[Manoeuvre]) -> Figure {
-    let Some(first) = manoeuvres.first() else { return Figure { value: f64::NAN, n: 0 } };
+pub fn figure_of_merit(signal: &[f64], manoeuvres: &[BoxManoeuvre]) -> SampleStatistic {
+    let Some(first) = manoeuvres.first() else { return SampleStatistic { value: f64::NAN, n: 0 } };
     let (mut sums, mut counts) = ([0.0; 12], [0usize; 12]);
     for one in manoeuvres {
         let quarter = (wrap_deg(one.heading_deg - first.heading_deg) / 90.0).round().rem_euclid(4.0) as usize;
@@ -94,7 +99,7 @@ pub fn figure_of_merit(signal: &[f64], manoeuvres: &[Manoeuvre]) -> Figure {
         counts[group] += 1;
     }
     let value = sums.iter().zip(counts).map(|(sum, n)| if n > 0 { sum / n as f64 } else { f64::NAN }).sum();
-    Figure { value, n: counts.iter().sum() }
+    SampleStatistic { value, n: counts.iter().sum() }
 }
 
 /// The mean over the periods of a manoeuvre of the largest minus the smallest value; `None` where one is not finite.
@@ -221,7 +226,7 @@ mod tests {
         let (tt, attitude, signal) = square([10.0, 5.0, 5.0], [0.1, 0.3, 0.02]);
         let found = manoeuvres(&tt, attitude.each_ref().map(Vec::as_slice));
         assert_eq!(found.len(), 12, "{found:?}");
-        let order = [Axis::Pitch, Axis::Roll, Axis::Yaw];
+        let order = [ManoeuvreAxis::Pitch, ManoeuvreAxis::Roll, ManoeuvreAxis::Yaw];
         assert!(found.iter().zip(order.iter().cycle()).all(|(m, axis)| m.axis == *axis));
         let merit = figure_of_merit(&signal, &found);
         assert_eq!(merit.n, 12);
@@ -242,7 +247,7 @@ mod tests {
     #[test]
     fn law_gusts_and_turns_are_no_manoeuvres() {
         let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
-        let mut normals = crate::random::Normals::new(5);
+        let mut normals = crate::random::NormalGenerator::new(5);
         // Gusts of 1.5 degrees whose rate is continuous, as an airframe's inertia makes it: two poles at 2 s.
         let (mut force, mut gust) = (0.0, 0.0);
         for roll in &mut attitude[0] {

@@ -37,8 +37,8 @@
 //! is that of the vector, not |B| times that of the unit vector.
 //!
 //! The band-passed equations are also solved by a = 0, b = 1, c = 0, which calls the whole field the aircraft's.
-//! [`trivial_solution`] measures how near a fit is to that [van der Meer 2025, 4.2.1]. The linear form itself errs by at
-//! most [van der Meer 2025, Figure 4.2]
+//! [`trivial_solution`] measures how near a fit is to that [van der Meer 2025, 4.2.1]. The linear form itself errs by
+//! at most [van der Meer 2025, Figure 4.2]
 //!
 //! ```text
 //! (|a| + ‖b‖ B)²/(2 B)
@@ -48,7 +48,7 @@
 //!
 //! ```
 //! use nalgebra::Vector3;
-//! use numerics::compensation::{DEFAULT_SCALE_NT, Field, Terms, approximation_bound_nt, tolles_lawson};
+//! use numerics::compensation::{DEFAULT_SCALE_NT, BodyFieldColumns, TermSelection, approximation_bound_nt, tolles_lawson};
 //! use numerics::earth::body_to_ned;
 //!
 //! // Level flight north, east and south in a field of 50,000 nT that dips by 60° to the north.
@@ -57,8 +57,8 @@
 //! let yaw_rad = [0.0_f64, 90.0, 180.0].map(f64::to_radians);
 //! let body = yaw_rad.map(|yaw_rad| body_to_ned(0.0, 0.0, yaw_rad).transpose() * field_nt);
 //! let [x, y, z] = [0, 1, 2].map(|axis| body.map(|b| b[axis]));
-//! let terms = Terms::new(&["permanent", "induced"])?;
-//! let a = tolles_lawson::matrix(&Field { x: &x, y: &y, z: &z, bt: None }, &terms, DEFAULT_SCALE_NT)?;
+//! let terms = TermSelection::new(&["permanent", "induced"])?;
+//! let a = tolles_lawson::matrix(&BodyFieldColumns { x: &x, y: &y, z: &z, bt: None }, &terms, DEFAULT_SCALE_NT)?;
 //!
 //! // The cosines of the heading times cos I = 1/2, sin I below, and their products.
 //! assert_eq!(terms.names(), ["x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz"]);
@@ -72,7 +72,7 @@
 //!
 //! // The published error of the linear form: 0.4 nT for 200 nT in 50,000 nT.
 //! assert!((approximation_bound_nt([200.0, 0.0, 0.0], [0.0; 6], 50_000.0) - 0.4).abs() < 1e-12);
-//! # Ok::<(), tolles_lawson::TermsError>(())
+//! # Ok::<(), tolles_lawson::AMatrixError>(())
 //! ```
 
 pub mod attitude_terms;
@@ -81,7 +81,7 @@ pub mod figure_of_merit;
 pub mod model_terms;
 pub mod tolles_lawson;
 
-pub use attitude_terms::Attitude;
+pub use attitude_terms::AttitudeColumns;
 pub use diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution};
-pub use model_terms::{Slope, core_term_names, core_terms, extended_terms};
-pub use tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, TermsError};
+pub use model_terms::{AnomalySlopeModel, core_term_names, core_terms, extended_terms};
+pub use tolles_lawson::{AMatrixError, BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection};

@@ -3,7 +3,7 @@
 
 use crate::{
     earth::geodesy::EarthModel,
-    signal::difference::{Scheme, difference},
+    signal::difference::{DifferenceScheme, difference},
 };
 
 /// Number of terms of [`core_terms`].
@@ -11,7 +11,7 @@ pub const CORE_TERMS: usize = 21;
 
 /// The groups of terms of the extended Tolles-Lawson model. [van der Meer 2025, 2.3]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Group {
+pub enum ExtendedTermGroup {
     /// The input itself: one term, `_1`.
     Raw,
     /// The input times each direction cosine: `_2`, `_3`, `_4`.
@@ -20,25 +20,26 @@ pub enum Group {
     ProjectedChange,
 }
 
-impl Group {
+impl ExtendedTermGroup {
     /// The numbers that the group's terms end on.
     pub fn suffixes(self) -> &'static [usize] {
         match self {
-            Group::Raw => &[1],
-            Group::Projected => &[2, 3, 4],
-            Group::ProjectedChange => &[5, 6, 7],
+            ExtendedTermGroup::Raw => &[1],
+            ExtendedTermGroup::Projected => &[2, 3, 4],
+            ExtendedTermGroup::ProjectedChange => &[5, 6, 7],
         }
     }
 }
 
 /// The terms of one input in one group, one column each, in the input's unit. `cosines` are the direction cosines of
-/// the field in the body frame. `None` where a difference of a single sample is requested. [van der Meer 2025, (2.35)-(2.37)]
-pub fn extended_terms(input: &[f64], cosines: [&[f64]; 3], group: Group) -> Option<Vec<Vec<f64>>> {
+/// the field in the body frame. `None` where a difference of a single sample is requested. [van der Meer 2025,
+/// (2.35)-(2.37)]
+pub fn extended_terms(input: &[f64], cosines: [&[f64]; 3], group: ExtendedTermGroup) -> Option<Vec<Vec<f64>>> {
     let projected = |x: &[f64]| cosines.map(|c| x.iter().zip(c).map(|(x, c)| x * c).collect()).to_vec();
     Some(match group {
-        Group::Raw => vec![input.to_vec()],
-        Group::Projected => projected(input),
-        Group::ProjectedChange => projected(&difference(input, Scheme::Central)?),
+        ExtendedTermGroup::Raw => vec![input.to_vec()],
+        ExtendedTermGroup::Projected => projected(input),
+        ExtendedTermGroup::ProjectedChange => projected(&difference(input, DifferenceScheme::Central)?),
     })
 }
 
@@ -67,9 +68,9 @@ pub fn core_term_names() -> Vec<String> {
 pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Option<Vec<f64>> {
     let u = cosines(vector);
     let change = [
-        difference(core[0], Scheme::Central)?,
-        difference(core[1], Scheme::Central)?,
-        difference(core[2], Scheme::Central)?,
+        difference(core[0], DifferenceScheme::Central)?,
+        difference(core[1], DifferenceScheme::Central)?,
+        difference(core[2], DifferenceScheme::Central)?,
     ];
     let rows = u[0].len().min(core.iter().map(|c| c.len()).min().unwrap_or(0));
     let mut out = Vec::with_capacity(rows * CORE_TERMS);
@@ -85,22 +86,22 @@ pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Opti
     Some(out)
 }
 
-/// Model of the gradient of the crustal anomaly that is fitted together with the aircraft field. [Lee 2019, appendix B]
+/// Model of the crustal anomaly's slope, fitted together with the aircraft field. [Lee 2019, appendix B]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Slope {
+pub enum AnomalySlopeModel {
     /// Easting and northing: the models TLL and MTLL.
     Planar,
     /// These, their product and their squares: TLQ.
     Quadratic,
 }
 
-impl Slope {
+impl AnomalySlopeModel {
     /// The names of the terms.
     pub fn names(self) -> &'static [&'static str] {
         const ALL: [&str; 5] = ["easting", "northing", "easting_northing", "easting2", "northing2"];
         match self {
-            Slope::Planar => &ALL[..2],
-            Slope::Quadratic => &ALL,
+            AnomalySlopeModel::Planar => &ALL[..2],
+            AnomalySlopeModel::Quadratic => &ALL,
         }
     }
 
@@ -127,14 +128,18 @@ mod tests {
         let cosines: [&[f64]; 3] = [&[1.0, 0.0, 0.6], &[0.0, 1.0, 0.0], &[0.0, 0.0, 0.8]];
         let input = [2.0, 4.0, 8.0];
         let of = |group| extended_terms(&input, cosines, group).unwrap();
-        assert_eq!(of(Group::Raw), [[2.0, 4.0, 8.0]]);
-        assert_eq!(of(Group::Projected), [[2.0, 0.0, 4.8], [0.0, 4.0, 0.0], [0.0, 0.0, 6.4]]);
+        assert_eq!(of(ExtendedTermGroup::Raw), [[2.0, 4.0, 8.0]]);
+        assert_eq!(of(ExtendedTermGroup::Projected), [[2.0, 0.0, 4.8], [0.0, 4.0, 0.0], [0.0, 0.0, 6.4]]);
         // Differences: 2 at the ends' one side, 3 in the middle, 4.
-        assert_eq!(of(Group::ProjectedChange), [[2.0, 0.0, 2.4], [0.0, 3.0, 0.0], [0.0, 0.0, 3.2]]);
+        assert_eq!(of(ExtendedTermGroup::ProjectedChange), [[2.0, 0.0, 2.4], [0.0, 3.0, 0.0], [0.0, 0.0, 3.2]]);
         let names: Vec<usize> =
-            [Group::Raw, Group::Projected, Group::ProjectedChange].iter().flat_map(|g| g.suffixes()).copied().collect();
+            [ExtendedTermGroup::Raw, ExtendedTermGroup::Projected, ExtendedTermGroup::ProjectedChange]
+                .iter()
+                .flat_map(|g| g.suffixes())
+                .copied()
+                .collect();
         assert_eq!(names, [1, 2, 3, 4, 5, 6, 7]);
-        assert!(extended_terms(&[1.0], [&[1.0], &[0.0], &[0.0]], Group::ProjectedChange).is_none());
+        assert!(extended_terms(&[1.0], [&[1.0], &[0.0], &[0.0]], ExtendedTermGroup::ProjectedChange).is_none());
     }
 
     /// Modelled scalar reading to first order: the aircraft's P + M C + E Ċ along the field's direction.
@@ -179,11 +184,11 @@ mod tests {
 
     #[test]
     fn law_slopes_are_kilometres() {
-        let terms = Slope::Quadratic.terms(&[45.0, 45.01], &[-75.0, -75.0], (45.0, -75.0));
+        let terms = AnomalySlopeModel::Quadratic.terms(&[45.0, 45.01], &[-75.0, -75.0], (45.0, -75.0));
         assert_eq!(terms.len(), 5);
         // A hundredth of a degree of latitude at 45 degrees: 1111.3 m.
         assert!((terms[1][1] - 1.1113).abs() < 1e-3, "{}", terms[1][1]);
         assert!((terms[4][1] - terms[1][1].powi(2)).abs() < 1e-12 && terms[0][1].abs() < 1e-9);
-        assert_eq!(Slope::Planar.terms(&[45.0], &[-75.0], (45.0, -75.0)).len(), 2);
+        assert_eq!(AnomalySlopeModel::Planar.terms(&[45.0], &[-75.0], (45.0, -75.0)).len(), 2);
     }
 }

@@ -10,7 +10,7 @@ mod terms;
 
 use std::ops::Range;
 
-pub use terms::{Family, TermGroup, Terms};
+pub use terms::{TermFamily, TermGroup, TermSelection};
 
 use terms::{COLUMNS, DERIVATIVE, EDDY, INDUCED};
 
@@ -19,7 +19,7 @@ pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 
 /// Error of a request for an A-matrix.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum TermsError {
+pub enum AMatrixError {
     /// No group has this name.
     #[error("unknown group of terms `{name}`; the groups are {}", terms::names_of_groups())]
     Unknown {
@@ -53,7 +53,7 @@ pub enum TermsError {
 
 /// A vector magnetometer's components in the body frame, nT, and the scalar to divide by.
 #[derive(Debug, Clone, Copy)]
-pub struct Field<'a> {
+pub struct BodyFieldColumns<'a> {
     /// Component along the nose.
     pub x: &'a [f64],
     /// Component to the right.
@@ -64,15 +64,15 @@ pub struct Field<'a> {
     pub bt: Option<&'a [f64]>,
 }
 
-impl Field<'_> {
-    fn rows(&self) -> Result<usize, TermsError> {
+impl BodyFieldColumns<'_> {
+    fn rows(&self) -> Result<usize, AMatrixError> {
         let rows = self.x.len();
         let bt = self.bt.map_or(rows, <[f64]>::len);
         if [self.y.len(), self.z.len(), bt].iter().all(|len| *len == rows) {
             return Ok(rows);
         }
         let vector = [self.x, self.y, self.z];
-        Err(TermsError::Lengths { lengths: vector.into_iter().chain(self.bt).map(<[f64]>::len).collect() })
+        Err(AMatrixError::Lengths { lengths: vector.into_iter().chain(self.bt).map(<[f64]>::len).collect() })
     }
 
     fn finite(&self, row: usize) -> bool {
@@ -81,7 +81,7 @@ impl Field<'_> {
 }
 
 /// The Tolles-Lawson matrix, row-major, one row per sample and one column per term in the order of
-/// [`Terms::names`].
+/// [`TermSelection::names`].
 ///
 /// Differences are taken within each run of samples whose vector is finite and are one-sided at
 /// the run's ends, so that they never cross a gap; in a run of a single sample they are NaN. A
@@ -89,9 +89,9 @@ impl Field<'_> {
 /// or is zero gives NaN in the terms divided by it.
 ///
 /// # Errors
-/// Fails with [`TermsError::Lengths`] for columns of different lengths, and with [`TermsError::Scale`] for a scale
+/// Fails with [`AMatrixError::Lengths`] for columns of different lengths, and with [`AMatrixError::Scale`] for a scale
 /// that is not a finite number above 0.
-pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64>, TermsError> {
+pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64) -> Result<Vec<f64>, AMatrixError> {
     let rows = field.rows()?;
     let whole = 0..rows;
     matrix_in_runs(field, terms, scale_nt, std::slice::from_ref(&whole))
@@ -103,14 +103,14 @@ pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64
 /// # Errors
 /// Fails as [`matrix`].
 pub fn matrix_in_runs(
-    field: &Field<'_>,
-    terms: &Terms,
+    field: &BodyFieldColumns<'_>,
+    terms: &TermSelection,
     scale_nt: f64,
     runs: &[Range<usize>],
-) -> Result<Vec<f64>, TermsError> {
+) -> Result<Vec<f64>, AMatrixError> {
     let rows = field.rows()?;
     if !(scale_nt > 0.0 && scale_nt.is_finite()) {
-        return Err(TermsError::Scale { scale_nt });
+        return Err(AMatrixError::Scale { scale_nt });
     }
     let mut out = Vec::with_capacity(rows * terms.len());
     for run in runs {
@@ -123,7 +123,7 @@ pub fn matrix_in_runs(
 }
 
 /// Appends rows of NaN until `out` has `rows` rows.
-fn fill_missing(out: &mut Vec<f64>, terms: &Terms, rows: usize) {
+fn fill_missing(out: &mut Vec<f64>, terms: &TermSelection, rows: usize) {
     let missing = missing_row();
     while out.len() < rows * terms.len() {
         out.extend(terms.columns().iter().map(|&column| missing[column]));
@@ -136,7 +136,7 @@ fn missing_row() -> [f64; COLUMNS] {
     row
 }
 
-fn fill_run(out: &mut Vec<f64>, field: &Field<'_>, terms: &Terms, scale_nt: f64, run: Range<usize>) {
+fn fill_run(out: &mut Vec<f64>, field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64, run: Range<usize>) {
     let mut row = run.start;
     while row < run.end {
         if !field.finite(row) {
@@ -150,7 +150,13 @@ fn fill_run(out: &mut Vec<f64>, field: &Field<'_>, terms: &Terms, scale_nt: f64,
     }
 }
 
-fn fill_finite(out: &mut Vec<f64>, field: &Field<'_>, terms: &Terms, scale_nt: f64, run: Range<usize>) {
+fn fill_finite(
+    out: &mut Vec<f64>,
+    field: &BodyFieldColumns<'_>,
+    terms: &TermSelection,
+    scale_nt: f64,
+    run: Range<usize>,
+) {
     let last = run.end - 1;
     for row in run.clone() {
         let (before, after) = (row.max(run.start + 1) - 1, (row + 1).min(last));

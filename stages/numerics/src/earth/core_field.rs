@@ -6,7 +6,7 @@
 //! of the three field components and of the gradient tensor are therefore computed once per date, and an
 //! evaluation is one recursion and a few dot products, without allocation.
 //!
-//! Coefficients: see [`CoreModel`]; linear in time between epochs.
+//! Coefficients: see [`CoreFieldModel`]; linear in time between epochs.
 
 mod coefficients;
 mod track;
@@ -15,9 +15,9 @@ use std::sync::Arc;
 
 use crate::earth::field_value::FieldValue;
 use crate::earth::geodesy::{EarthModel, ecef_m};
-pub use coefficients::{Coordinate, CoreFieldError, CoreModel};
+pub use coefficients::{CoreFieldError, CoreFieldModel, GeodeticCoordinate};
 use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, index};
-pub use track::{CoreTrack, Ned};
+pub use track::{CoreFieldTrack, NedField};
 
 /// The degree of the model's highest harmonics; derivatives go two degrees further.
 const HIGHEST_DEGREE: usize = coefficients::DEGREE + 2;
@@ -30,18 +30,18 @@ pub struct CoreField {
     components: [Box<[f64; TERMS]>; 3],
     /// Coefficients of the field's gradient tensor xx, xy, xz, yy, yz, zz, in nT/m.
     tensor: [Box<[f64; TERMS]>; 6],
-    recursion: Box<Recursion>,
+    recursion: Box<HarmonicRecursion>,
 }
 
 /// Factors of the recursion over degrees, by term index.
 #[derive(Clone, Debug)]
-struct Recursion {
+struct HarmonicRecursion {
     one_back: [f64; TERMS / 2],
     two_back: [f64; TERMS / 2],
 }
 
 /// The local north, east and up directions in earth-centred components.
-struct Directions {
+struct LocalDirections {
     north: [f64; 3],
     east: [f64; 3],
     up: [f64; 3],
@@ -52,9 +52,9 @@ impl CoreField {
     /// changes by 0.3 nT a day at most.
     ///
     /// # Errors
-    /// Fails as [`Self::of`].
+    /// Fails as [`Self::new`].
     pub fn at(decimal_year: f64) -> Result<Self, CoreFieldError> {
-        Self::of(CoreModel::Igrf14, decimal_year)
+        Self::new(CoreFieldModel::Igrf14, decimal_year)
     }
 
     /// A model's field at `decimal_year`.
@@ -62,12 +62,12 @@ impl CoreField {
     /// # Errors
     /// Fails with [`CoreFieldError::Date`] for a date that the model does not cover, and with
     /// [`CoreFieldError::Coefficients`] for a damaged file of coefficients.
-    pub fn of(model: CoreModel, decimal_year: f64) -> Result<Self, CoreFieldError> {
+    pub fn new(model: CoreFieldModel, decimal_year: f64) -> Result<Self, CoreFieldError> {
         let potential = model.span(decimal_year)?.at(decimal_year);
         let field = [0, 1, 2].map(|axis| derivative(&potential, axis, -1.0));
         let second = |component: usize, axis: usize| derivative(&field[component], axis, 1.0 / REFERENCE_RADIUS_M);
         let tensor = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(component, axis)| second(component, axis));
-        Ok(Self { decimal_year, components: field, tensor, recursion: Box::new(Recursion::new()) })
+        Ok(Self { decimal_year, components: field, tensor, recursion: Box::new(HarmonicRecursion::new()) })
     }
 
     /// The date of this field.
@@ -81,7 +81,7 @@ impl CoreField {
         let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
         let harmonics = self.recursion.harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE - 1);
         let field = self.components.each_ref().map(|c| dot_terms(c, &harmonics));
-        let local = Directions::at(lat, lon);
+        let local = LocalDirections::at(lat, lon);
         [dot3(&field, &local.north), dot3(&field, &local.east), -dot3(&field, &local.up)]
     }
 
@@ -101,7 +101,7 @@ impl CoreField {
         let magnitude = dot3(&field, &field).sqrt();
         let unit = field.map(|component| component / magnitude);
         let gradient = [dot3(&[xx, xy, xz], &unit), dot3(&[xy, yy, yz], &unit), dot3(&[xz, yz, zz], &unit)];
-        let local = Directions::at(lat, lon);
+        let local = LocalDirections::at(lat, lon);
         let earth = EarthModel::Wgs84;
         FieldValue {
             value_nt: magnitude,
@@ -120,11 +120,11 @@ impl CoreField {
 #[derive(Clone, Debug)]
 pub struct LinearisedCoreField {
     field: Arc<CoreField>,
-    place: Option<Expansion>,
+    place: Option<CoreFieldExpansion>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Expansion {
+struct CoreFieldExpansion {
     lat_deg: f64,
     lon_deg: f64,
     alt_m: f64,
@@ -150,14 +150,14 @@ impl LinearisedCoreField {
             Some(place) if place.reaches(lat_deg, lon_deg, alt_m) => place.extrapolate(lat_deg, lon_deg, alt_m),
             _ => {
                 let at_place = self.field.magnitude_and_gradient(lat_deg, lon_deg, alt_m);
-                self.place = Some(Expansion::new(lat_deg, lon_deg, alt_m, at_place));
+                self.place = Some(CoreFieldExpansion::new(lat_deg, lon_deg, alt_m, at_place));
                 at_place
             }
         }
     }
 }
 
-impl Expansion {
+impl CoreFieldExpansion {
     fn new(lat_deg: f64, lon_deg: f64, alt_m: f64, at_place: FieldValue) -> Self {
         let earth = EarthModel::Wgs84;
         let lat = lat_deg.to_radians();
@@ -188,7 +188,7 @@ impl Expansion {
     }
 }
 
-impl Directions {
+impl LocalDirections {
     fn at(lat_rad: f64, lon_rad: f64) -> Self {
         let (sin_lat, cos_lat) = lat_rad.sin_cos();
         let (sin_lon, cos_lon) = lon_rad.sin_cos();
@@ -200,7 +200,7 @@ impl Directions {
     }
 }
 
-impl Recursion {
+impl HarmonicRecursion {
     fn new() -> Self {
         let mut factors = Self { one_back: [0.0; TERMS / 2], two_back: [0.0; TERMS / 2] };
         for n in 1..=HIGHEST_DEGREE {

@@ -2,7 +2,7 @@
 
 use std::ops::Add;
 
-/// A field's value and how it changes with position, as the measurement Jacobian needs it.
+/// A field's value and its gradient with position, for the measurement Jacobian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FieldValue {
     /// The value, in nT.

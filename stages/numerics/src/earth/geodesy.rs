@@ -14,7 +14,7 @@ pub const EARTH_RATE_RADPS: f64 = 7.292_115_146_7e-5;
 /// Standard gravity, in m/s²; the specific force of a body at rest.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.806_65;
 
-/// Relation between metres on the ground and radians of latitude and longitude.
+/// Earth radii that convert metres on the ground to radians of latitude and longitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EarthModel {
     /// The ellipsoid: meridian radius for north, transverse radius for east, both plus the height.

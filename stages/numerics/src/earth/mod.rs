@@ -39,7 +39,7 @@
 //! # Example
 //!
 //! ```
-//! use numerics::earth::{CoreField, CoreModel, EarthModel, body_to_ned, decimal_year};
+//! use numerics::earth::{CoreField, CoreFieldModel, EarthModel, body_to_ned, decimal_year};
 //!
 //! // A degree of latitude and of longitude at the equator, in metres.
 //! let (north_m, east_m) = EarthModel::Wgs84.north_east_m_per_rad(0.0, 0.0);
@@ -47,7 +47,7 @@
 //! assert!((east_m.to_radians() - 111_319.5).abs() < 0.1);
 //!
 //! // The first test value that NOAA publishes for WMM2025: 89° N, 121° W, 28 km.
-//! let field = CoreField::of(CoreModel::Wmm, decimal_year(2025, 1, 0.0)?)?;
+//! let field = CoreField::new(CoreFieldModel::Wmm, decimal_year(2025, 1, 0.0)?)?;
 //! let [north_nt, east_nt, down_nt] = field.field_ned_nt(89.0, -121.0, 28e3);
 //! assert!((north_nt + 255.388_723).abs() < 1e-3);
 //! assert!((east_nt + 1482.460_628).abs() < 1e-3);
@@ -66,7 +66,7 @@ pub mod field_value;
 pub mod geodesy;
 
 pub use attitude::{body_to_ned, euler_rad};
-pub use core_field::{CoreField, CoreFieldError, CoreModel, CoreTrack};
+pub use core_field::{CoreField, CoreFieldError, CoreFieldModel, CoreFieldTrack};
 pub use dates::decimal_year;
 pub use field_value::FieldValue;
 pub use geodesy::EarthModel;

@@ -52,9 +52,9 @@ pub enum RetentionError {
     },
 }
 
-/// Anomaly retention.
+/// Fraction of the crustal anomaly that a compensated reading retains, by regression on the anomaly.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Retention {
+pub struct AnomalyRetention {
     /// The slope ρ: 1 where the geology is kept, 0 where it is removed.
     pub slope: f64,
     /// Its standard error; infinite where the rows amount to no more than two independent samples.
@@ -78,7 +78,11 @@ pub struct Retention {
 ///
 /// # Errors
 /// Fails for columns of different lengths, for fewer than three finite rows and for a constant anomaly.
-pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]) -> Result<Retention, RetentionError> {
+pub fn anomaly_retention(
+    compensated: &[f64],
+    reference: &[f64],
+    anomaly: &[f64],
+) -> Result<AnomalyRetention, RetentionError> {
     let rows = anomaly.len();
     if compensated.len() != rows || reference.len() != rows {
         let (compensated, reference) = (compensated.len(), reference.len());
@@ -106,7 +110,7 @@ pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]
     let slope = ay / aa;
     let residual: Vec<f64> = y.iter().zip(&a).map(|(y, a)| y - slope * a).collect();
     let ee = dot(&residual, &residual);
-    Ok(Retention {
+    Ok(AnomalyRetention {
         slope,
         standard_error: standard_error(&a, &residual, n),
         correlation: ay / (aa * yy).sqrt(),
@@ -119,9 +123,9 @@ pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]
 
 /// The retention over several lines, each with a mean of its own: slopes weighted by the energy of the anomaly, which
 /// is the slope of all their rows together. `None` for no lines.
-pub fn pooled(lines: &[Retention]) -> Option<Retention> {
-    let energy = |line: &Retention| line.n as f64 * line.anomaly_nt * line.anomaly_nt;
-    let sum = |of: &dyn Fn(&Retention) -> f64| lines.iter().map(of).sum::<f64>();
+pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
+    let energy = |line: &AnomalyRetention| line.n as f64 * line.anomaly_nt * line.anomaly_nt;
+    let sum = |of: &dyn Fn(&AnomalyRetention) -> f64| lines.iter().map(of).sum::<f64>();
     let (all, n) = (sum(&energy), lines.iter().map(|line| line.n).sum::<usize>());
     if n == 0 {
         return None;
@@ -129,7 +133,7 @@ pub fn pooled(lines: &[Retention]) -> Option<Retention> {
     let slope = sum(&|line| energy(line) * line.slope) / all;
     // About the common slope each line has what its own leaves, and the difference of the slopes.
     let residual = sum(&|l| l.n as f64 * l.residual_nt * l.residual_nt + energy(l) * (l.slope - slope).powi(2));
-    Some(Retention {
+    Some(AnomalyRetention {
         slope,
         standard_error: sum(&|line| (energy(line) * line.standard_error).powi(2)).sqrt() / all,
         correlation: slope * all / (all * (residual + slope * slope * all)).sqrt(),
@@ -171,14 +175,14 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
     use crate::signal::gauss_markov::GaussMarkov;
 
     const ROWS: usize = 3000;
 
     fn series(seed: u64, sigma: f64, tau_s: f64, rows: usize) -> Vec<f64> {
         let tt: Vec<f64> = (0..rows).map(|k| 0.1 * k as f64).collect();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         GaussMarkov { sigma, tau_s }.realisation(&tt, || normals.draw())
     }
 
@@ -237,7 +241,7 @@ mod tests {
     #[test]
     fn law_white_residue_has_the_textbook_error() {
         let anomaly = series(7, 50.0, 1.0, ROWS);
-        let mut normals = Normals::new(8);
+        let mut normals = NormalGenerator::new(8);
         let noisy: Vec<f64> = anomaly.iter().map(|a| a + 2.0 * normals.draw()).collect();
         let found = anomaly_retention(&noisy, &anomaly, &anomaly).unwrap();
         let textbook = found.residual_nt / found.anomaly_nt / (ROWS as f64).sqrt();

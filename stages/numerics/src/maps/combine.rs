@@ -9,25 +9,25 @@ mod resample;
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use crate::regression::statistics;
-pub use bias::{Bias, BiasModel};
-use bias::{Pair, estimate, pairs};
+pub use bias::{BiasModel, OverlapBias};
+use bias::{OverlapPair, estimate, pairs};
 use distance::distance_to_unknown;
 use rayon::prelude::*;
 use resample::resampled;
 use thiserror::Error;
 
-/// A map to be combined.
+/// An input map and its weight.
 #[derive(Clone, Copy, Debug)]
-pub struct Piece<'a> {
+pub struct WeightedMap<'a> {
     /// The map.
     pub grid: &'a PlaneGrid,
-    /// The weight of its values in [`Blend::Average`], above zero, such as the inverse square of its error.
+    /// The weight of its values in [`BlendMethod::Average`], above zero, such as the inverse square of its error.
     pub weight: f64,
 }
 
-/// Method that merges values of several maps at one node.
+/// Rule that merges the values of several maps at one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Blend {
+pub enum BlendMethod {
     /// The first map that is known at the node, faded into the next towards its edge.
     #[default]
     Priority,
@@ -39,7 +39,7 @@ pub enum Blend {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CombineOptions {
     /// Method that merges values.
-    pub blend: Blend,
+    pub blend: BlendMethod,
     /// Over this distance from the edge of its known nodes, in metres, a map fades in from zero to its full weight,
     /// by half a period of a cosine. Zero: no fading, and so a step at each edge.
     pub feather_m: f64,
@@ -50,13 +50,13 @@ pub struct CombineOptions {
 impl Default for CombineOptions {
     /// By priority, faded over 1 km, without bias correction.
     fn default() -> Self {
-        Self { blend: Blend::Priority, feather_m: 1000.0, bias: BiasModel::Nothing }
+        Self { blend: BlendMethod::Priority, feather_m: 1000.0, bias: BiasModel::Nothing }
     }
 }
 
-/// The difference of two maps where both are known.
+/// Statistics of the difference of two maps where both are known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Differences {
+pub struct MapDifference {
     /// The number of nodes of the combined grid.
     pub count: usize,
     /// The median of the first map less the second.
@@ -67,26 +67,26 @@ pub struct Differences {
 
 /// The overlap of two maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Overlap {
+pub struct MapOverlap {
     /// The first map, from 0 in the order given.
     pub first: usize,
     /// The second.
     pub second: usize,
     /// Their difference before bias correction.
-    pub before: Differences,
+    pub before: MapDifference,
     /// Their difference after removing their biases.
-    pub after: Differences,
+    pub after: MapDifference,
 }
 
 /// The combined map and its statistics.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Combined {
+pub struct CombinedMap {
     /// The combined map, NaN where no map is known.
     pub grid: PlaneGrid,
     /// The bias that was subtracted from each map, in the given order.
-    pub biases: Vec<Bias>,
+    pub biases: Vec<OverlapBias>,
     /// Every pair of maps that overlap.
-    pub overlaps: Vec<Overlap>,
+    pub overlaps: Vec<MapOverlap>,
 }
 
 /// Error of combining maps.
@@ -151,11 +151,11 @@ pub enum CombineError {
 /// # Errors
 /// Fails where there is no map, a map is not well formed, or a parameter is out of its range.
 pub fn combine(
-    pieces: &[Piece<'_>],
+    pieces: &[WeightedMap<'_>],
     east_m: EvenAxis,
     north_m: EvenAxis,
     options: &CombineOptions,
-) -> Result<Combined, CombineError> {
+) -> Result<CombinedMap, CombineError> {
     check(pieces, &east_m, &north_m, options)?;
     let target = PlaneGrid { east_m, north_m, values: Vec::new() };
     let mut maps: Vec<Vec<f64>> = pieces.iter().map(|piece| resampled(piece.grid, &target)).collect();
@@ -166,7 +166,7 @@ pub fn combine(
         bias.take_off(&target, map);
     }
     let after = differences(&maps, &pairs);
-    let overlaps = pairs.iter().zip(before.into_iter().zip(after)).map(|(pair, (before, after))| Overlap {
+    let overlaps = pairs.iter().zip(before.into_iter().zip(after)).map(|(pair, (before, after))| MapOverlap {
         first: pair.first,
         second: pair.second,
         before,
@@ -174,11 +174,11 @@ pub fn combine(
     });
     let overlaps = overlaps.collect();
     let values = blended(pieces, &maps, &target, options);
-    Ok(Combined { grid: target.with(values), biases, overlaps })
+    Ok(CombinedMap { grid: target.with(values), biases, overlaps })
 }
 
 fn check(
-    pieces: &[Piece<'_>],
+    pieces: &[WeightedMap<'_>],
     east_m: &EvenAxis,
     north_m: &EvenAxis,
     options: &CombineOptions,
@@ -191,7 +191,7 @@ fn check(
         let (rows, columns) = (north_m.len, east_m.len);
         return Err(CombineError::Target { rows, columns, north_m: north_m.step, east_m: east_m.step });
     }
-    for (piece, Piece { grid, weight }) in pieces.iter().enumerate() {
+    for (piece, WeightedMap { grid, weight }) in pieces.iter().enumerate() {
         let (rows, columns, values) = (grid.rows(), grid.columns(), grid.values.len());
         let complete = rows.checked_mul(columns) == Some(values);
         if !(complete && good(&grid.east_m, 2) && good(&grid.north_m, 2)) {
@@ -210,12 +210,12 @@ fn check(
     Ok(())
 }
 
-fn differences(maps: &[Vec<f64>], pairs: &[Pair]) -> Vec<Differences> {
-    let of = |pair: &Pair| {
+fn differences(maps: &[Vec<f64>], pairs: &[OverlapPair]) -> Vec<MapDifference> {
+    let of = |pair: &OverlapPair| {
         let mut all = pair.differences(maps);
         let squares: f64 = all.iter().map(|d| d * d).sum();
         let rms = (squares / all.len() as f64).sqrt();
-        Differences { count: all.len(), median: statistics::median(&mut all), rms }
+        MapDifference { count: all.len(), median: statistics::median(&mut all), rms }
     };
     pairs.par_iter().map(of).collect()
 }
@@ -228,7 +228,7 @@ fn faded(distance_m: f64, feather_m: f64) -> f64 {
     0.5 - 0.5 * (std::f64::consts::PI * distance_m / feather_m).cos()
 }
 
-fn blended(pieces: &[Piece<'_>], maps: &[Vec<f64>], target: &PlaneGrid, options: &CombineOptions) -> Vec<f64> {
+fn blended(pieces: &[WeightedMap<'_>], maps: &[Vec<f64>], target: &PlaneGrid, options: &CombineOptions) -> Vec<f64> {
     let nodes = target.rows() * target.columns();
     // The weight left for the maps that follow, the weighted sum of values, and the sum of weights.
     let mut sums = vec![[1.0, 0.0, 0.0]; nodes];
@@ -240,8 +240,8 @@ fn blended(pieces: &[Piece<'_>], maps: &[Vec<f64>], target: &PlaneGrid, options:
             }
             let fade = faded(*edge_m, options.feather_m);
             let share = match options.blend {
-                Blend::Priority => fade * *left,
-                Blend::Average => fade * piece.weight,
+                BlendMethod::Priority => fade * *left,
+                BlendMethod::Average => fade * piece.weight,
             };
             *sum += share * value;
             *shares += share;

@@ -3,8 +3,8 @@
 //!
 //! A map is a [`PlaneGrid`] of one harmonic quantity in nT at one height, complete (NaN is refused: fill the map
 //! first, and [`masked_like`] takes the filled nodes out again). It is extended past its edges ([`Padding`]),
-//! transformed once ([`Spectrum`]) and multiplied by a factor for each result. A field whose sources are all below is,
-//! at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
+//! transformed once ([`MapSpectrum`]) and multiplied by a factor for each result. A field whose sources are all below
+//! is, at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
 //! 12.8; Gnadt 2022, section 2.3]. Downward, where that grows without bound, the factor is
 //! e^(−k h)/(1 + α k² e^(−k h)), with α in m² chosen by an L-curve ([`downward`]).
 //!
@@ -25,15 +25,17 @@ mod transform;
 mod trend;
 mod upward;
 
-pub use components::Components;
-pub use derivatives::Derivative;
-pub use drape::{Drape, HeightInterpolation, drape_to_level, level_to_drape};
+pub use components::AnomalyComponents;
+pub use derivatives::MapDerivative;
+pub use drape::{DrapeOptions, HeightInterpolation, drape_to_level, level_to_drape};
 pub use edge_error::{EdgeError, SideError, edge_error};
-pub use extension::{AxisLayout, Edge, Layout, MOST_PADDING, Padding, Trend, Width, expand, seven_smooth};
+pub use extension::{
+    AxisLayout, EdgeExtension, MOST_PADDING, PaddedLayout, Padding, PaddingWidth, TrendRemoval, expand, seven_smooth,
+};
 pub use l_curve::{LCurve, LCurvePoint};
 pub use radial_power::RadialPower;
-pub use spectrum::Spectrum;
-pub use upward::{Downward, Regularisation, continued, downward, stack, upward};
+pub use spectrum::MapSpectrum;
+pub use upward::{DownwardContinuation, Regularisation, continued, downward, stack, upward};
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 

@@ -1,6 +1,6 @@
 //! The misclosure of a line where its track crosses itself.
 
-use crate::regression::statistics::Figure;
+use crate::regression::statistics::SampleStatistic;
 
 /// Two samples belong to one crossing when they are at most this far apart horizontally, m.
 pub const NEAR_M: f64 = 1.0;
@@ -13,9 +13,9 @@ const MOST_PAIRS: u128 = 50_000_000;
 
 /// The figure of merit of the crossings of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Crossings {
+pub struct LineCrossingFigure {
     /// The figure, in the unit of the measurements; `n` counts pairs. NaN without a pair.
-    pub figure: Figure,
+    pub figure: SampleStatistic,
     /// The stride of the samples that were used: 1 except for long stays at one position.
     pub stride: usize,
 }
@@ -31,10 +31,10 @@ pub struct Crossings {
 /// into one cell, and pairs grow with the square of those: where more than 50 million pairs would
 /// have to be compared, only every k-th sample is used, with the smallest k that is a power of two
 /// that meets the limit; `stride` returns it.
-pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> Crossings {
+pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> LineCrossingFigure {
     let mut stride = 1;
     let cells = loop {
-        let cells = Cells::of(north_m, east_m, z, tt, stride);
+        let cells = CrossingCells::new(north_m, east_m, z, tt, stride);
         if cells.candidates() <= MOST_PAIRS {
             break cells;
         }
@@ -49,11 +49,11 @@ pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt:
             pairs += 1;
         }
     });
-    Crossings { figure: Figure { value: (squares / pairs as f64).sqrt(), n: pairs }, stride }
+    LineCrossingFigure { figure: SampleStatistic { value: (squares / pairs as f64).sqrt(), n: pairs }, stride }
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Sample {
+struct CrossingSample {
     cell: (i64, i64),
     north_m: f64,
     east_m: f64,
@@ -61,22 +61,22 @@ struct Sample {
     tt: f64,
 }
 
-/// Samples sorted by cell, and where each occupied cell begins.
-struct Cells {
-    samples: Vec<Sample>,
+/// Samples sorted by cell, with an index of the occupied cells.
+struct CrossingCells {
+    samples: Vec<CrossingSample>,
     /// Cell, first sample, one past the last.
     index: Vec<((i64, i64), usize, usize)>,
     /// For each entry of the index the first one that is no less than its neighbour to the north-west.
     north_west: Vec<usize>,
 }
 
-impl Cells {
-    fn of(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64], stride: usize) -> Self {
+impl CrossingCells {
+    fn new(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64], stride: usize) -> Self {
         let cell = |x: f64| (x / NEAR_M).floor() as i64;
         let columns = north_m.iter().zip(east_m).zip(z).zip(tt);
-        let mut samples: Vec<Sample> = columns
+        let mut samples: Vec<CrossingSample> = columns
             .step_by(stride)
-            .map(|(((&north_m, &east_m), &z), &tt)| Sample {
+            .map(|(((&north_m, &east_m), &z), &tt)| CrossingSample {
                 cell: (cell(north_m), cell(east_m)),
                 north_m,
                 east_m,
@@ -106,7 +106,7 @@ impl Cells {
     }
 
     /// The samples of the half of a cell's neighbours that visits every pair of cells once.
-    fn around(&self, entry: usize) -> impl Iterator<Item = &[Sample]> {
+    fn around(&self, entry: usize) -> impl Iterator<Item = &[CrossingSample]> {
         let (cell, ..) = self.index[entry];
         let next = self.index.get(entry + 1).filter(move |e| e.0 == (cell.0, cell.1.saturating_add(1)));
         let last = (cell.0.saturating_add(1), cell.1.saturating_add(1));
@@ -117,13 +117,13 @@ impl Cells {
     fn candidates(&self) -> u128 {
         let pairs = self.index.iter().enumerate().map(|(entry, &(_, start, end))| {
             let n = (end - start) as u128;
-            let beside: usize = self.around(entry).map(<[Sample]>::len).sum();
+            let beside: usize = self.around(entry).map(<[CrossingSample]>::len).sum();
             n * (n - 1) / 2 + n * beside as u128
         });
         pairs.sum()
     }
 
-    fn each_pair(&self, mut visit: impl FnMut(&Sample, &Sample)) {
+    fn each_pair(&self, mut visit: impl FnMut(&CrossingSample, &CrossingSample)) {
         for (entry, &(_, start, end)) in self.index.iter().enumerate() {
             let own = &self.samples[start..end];
             for (i, one) in own.iter().enumerate() {
@@ -184,7 +184,7 @@ mod tests {
             &[100.0, 0.0, 103.0, 9.0],
             &[0.0, 10.0, 20.0, 30.0],
         );
-        assert_eq!(found.figure, Figure { value: 3.0, n: 1 });
+        assert_eq!(found.figure, SampleStatistic { value: 3.0, n: 1 });
         let just_apart = figure_of_merit_crossings(&[0.0, 1.001], &[0.0; 2], &[0.0; 2], &[0.0, 9.0]);
         assert_eq!(just_apart.figure.n, 0);
         assert!(just_apart.figure.value.is_nan());

@@ -10,9 +10,9 @@ mod multigrid;
 mod nearest;
 mod smooth;
 
-pub use cut::{Limits, crop, trim};
-pub use nearest::{NearestFill, Weights, nearest};
-pub use smooth::{SmoothFill, SmoothReport, smooth};
+pub use cut::{MapLimits, crop, trim};
+pub use nearest::{NearestFill, NeighbourWeights, nearest};
+pub use smooth::{SmoothFill, SmoothFillReport, smooth};
 use thiserror::Error;
 
 use crate::maps::plane_grid::PlaneGrid;

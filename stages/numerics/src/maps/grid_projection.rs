@@ -23,7 +23,7 @@ const ACCEPTED_STEPS: f64 = 1e-6;
 
 /// Error of a projection on a grid.
 #[derive(Clone, Debug, Error, PartialEq)]
-pub enum ProjectionError {
+pub enum GridProjectionError {
     /// The area has no extent, or exceeds the earth.
     #[error("latitudes {lat_deg:?} and longitudes {lon_deg:?} are outside the earth")]
     Area {
@@ -50,7 +50,7 @@ pub enum ProjectionError {
 
 /// An area between two parallels and two meridians, in degrees; longitudes may exceed 180.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Area {
+pub struct GeographicArea {
     /// The southern and the northern edge.
     pub lat_deg: [f64; 2],
     /// The western and the eastern edge.
@@ -59,7 +59,7 @@ pub struct Area {
 
 /// A position on a projected grid: fractional row and column, counted from the first, and their derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GridPlace {
+pub struct GridPosition {
     /// The row.
     pub row: f64,
     /// The column.
@@ -70,18 +70,18 @@ pub struct GridPlace {
     pub column_per_deg: [f64; 2],
 }
 
-/// Row and column by the powers of latitude and of longitude within a patch.
-type Patch = [[[f64; 2]; SAMPLES]; SAMPLES];
+/// Polynomials of row and column in the powers of latitude and longitude within a patch.
+type PatchPolynomial = [[[f64; 2]; SAMPLES]; SAMPLES];
 
 /// A projection on a grid, over an area.
 #[derive(Clone, Debug)]
 pub struct GridProjection {
-    area: Area,
+    area: GeographicArea,
     counts: [usize; 2],
     /// Patches per degree of latitude and of longitude.
     per_deg: [f64; 2],
     /// By rows from south to north, each from west to east.
-    patches: Vec<Patch>,
+    patches: Vec<PatchPolynomial>,
     departure_steps: f64,
 }
 
@@ -94,27 +94,27 @@ impl GridProjection {
     /// smooth.
     pub fn new(
         project: impl Fn(f64, f64) -> Option<(f64, f64)>,
-        area: Area,
+        area: GeographicArea,
         rows: &EvenAxis,
         columns: &EvenAxis,
-    ) -> Result<Self, ProjectionError> {
-        let Area { lat_deg, lon_deg } = area;
+    ) -> Result<Self, GridProjectionError> {
+        let GeographicArea { lat_deg, lon_deg } = area;
         let (height, width) = (lat_deg[1] - lat_deg[0], lon_deg[1] - lon_deg[0]);
         if !(height > 0.0 && width > 0.0 && width <= 360.0 && lat_deg[0] >= -90.0 && lat_deg[1] <= 90.0) {
-            return Err(ProjectionError::Area { lat_deg, lon_deg });
+            return Err(GridProjectionError::Area { lat_deg, lon_deg });
         }
-        let place = |lat: f64, lon: f64| -> Result<[f64; 2], ProjectionError> {
+        let place = |lat: f64, lon: f64| -> Result<[f64; 2], GridProjectionError> {
             let (easting, northing) =
-                project(lat, lon).ok_or(ProjectionError::Nowhere { lat_deg: lat, lon_deg: lon })?;
+                project(lat, lon).ok_or(GridProjectionError::Nowhere { lat_deg: lat, lon_deg: lon })?;
             Ok([rows.node(northing), columns.node(easting)])
         };
         let largest = |axis: &EvenAxis| axis.first.abs().max(axis.last().abs()) / axis.step;
         let rounding = 4.0 * f64::EPSILON * largest(rows).max(largest(columns));
         let mut counts = [height, width].map(|extent| (extent / WIDEST_DEG).ceil().max(1.0) as usize);
-        let mut best = Self::of(&place, area, counts)?;
+        let mut best = Self::from_patch_counts(&place, area, counts)?;
         while best.departure_steps > rounding && 4 * counts[0] * counts[1] <= MOST_PATCHES {
             counts = counts.map(|count| 2 * count);
-            let finer = Self::of(&place, area, counts)?;
+            let finer = Self::from_patch_counts(&place, area, counts)?;
             let gained = finer.departure_steps < 0.5 * best.departure_steps;
             if finer.departure_steps < best.departure_steps {
                 best = finer;
@@ -124,17 +124,17 @@ impl GridProjection {
             }
         }
         let steps = best.departure_steps;
-        if steps <= ACCEPTED_STEPS { Ok(best) } else { Err(ProjectionError::Rough { steps }) }
+        if steps <= ACCEPTED_STEPS { Ok(best) } else { Err(GridProjectionError::Rough { steps }) }
     }
 
-    fn of(
-        place: &impl Fn(f64, f64) -> Result<[f64; 2], ProjectionError>,
-        area: Area,
+    fn from_patch_counts(
+        place: &impl Fn(f64, f64) -> Result<[f64; 2], GridProjectionError>,
+        area: GeographicArea,
         counts: [usize; 2],
-    ) -> Result<Self, ProjectionError> {
+    ) -> Result<Self, GridProjectionError> {
         let extents = [area.lat_deg[1] - area.lat_deg[0], area.lon_deg[1] - area.lon_deg[0]];
         let per_deg = [counts[0] as f64 / extents[0], counts[1] as f64 / extents[1]];
-        let basis = Basis::new();
+        let basis = ChebyshevBasis::new();
         let ends = [area.lat_deg, area.lon_deg];
         // Rounding must not exceed a pole.
         let at = |d: usize, i: usize, t: f64| (ends[d][0] + (i as f64 + 0.5 * (1.0 + t)) / per_deg[d]).min(ends[d][1]);
@@ -165,7 +165,7 @@ impl GridProjection {
     /// The grid position of a position in degrees; `None` outside the area, or for NaN. A longitude may differ by a
     /// full turn.
     #[inline]
-    pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<GridPlace> {
+    pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<GridPosition> {
         let (i, t) = patch_of((lat_deg - self.area.lat_deg[0]) * self.per_deg[0], self.counts[0])?;
         let east_deg = (lon_deg - self.area.lon_deg[0]).rem_euclid(360.0);
         let (j, u) = patch_of(east_deg * self.per_deg[1], self.counts[1])?;
@@ -178,7 +178,7 @@ impl GridProjection {
     }
 
     #[inline]
-    fn in_patch(&self, [i, j]: [usize; 2], [t, u]: [f64; 2]) -> GridPlace {
+    fn in_patch(&self, [i, j]: [usize; 2], [t, u]: [f64; 2]) -> GridPosition {
         let mut value = [0.0; 2];
         let mut per_t = [0.0; 2];
         let mut per_u = [0.0; 2];
@@ -197,7 +197,7 @@ impl GridProjection {
             }
         }
         let [lat, lon] = self.per_deg.map(|per_deg| 2.0 * per_deg);
-        GridPlace {
+        GridPosition {
             row: value[0],
             column: value[1],
             row_per_deg: [per_t[0] * lat, per_u[0] * lon],
@@ -216,14 +216,14 @@ fn patch_of(patches: f64, count: usize) -> Option<(usize, f64)> {
     Some((patch, 2.0 * (patches - patch as f64) - 1.0))
 }
 
-/// Polynomials through the zeros of a Chebyshev polynomial.
-struct Basis {
+/// Lagrange polynomials through the zeros of a Chebyshev polynomial.
+struct ChebyshevBasis {
     nodes: [f64; SAMPLES],
     /// For each power, the weight of each sample: Lagrange's polynomials, multiplied out.
     powers: [[f64; SAMPLES]; SAMPLES],
 }
 
-impl Basis {
+impl ChebyshevBasis {
     fn new() -> Self {
         let nodes: [f64; SAMPLES] =
             std::array::from_fn(|k| -(std::f64::consts::PI * (k as f64 + 0.5) / SAMPLES as f64).cos());
@@ -244,7 +244,7 @@ impl Basis {
         Self { nodes, powers }
     }
 
-    fn polynomial(&self, samples: &Patch) -> Patch {
+    fn polynomial(&self, samples: &PatchPolynomial) -> PatchPolynomial {
         let mut patch = [[[0.0; 2]; SAMPLES]; SAMPLES];
         for (row, along) in patch.iter_mut().zip(&self.powers) {
             for (coefficient, across) in row.iter_mut().zip(&self.powers) {
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn law_a_place_is_where_the_projection_has_it_and_its_slopes_are_those_of_that() {
-        let area = Area { lat_deg: [44.9, 46.3], lon_deg: [8.2, 10.4] };
+        let area = GeographicArea { lat_deg: [44.9, 46.3], lon_deg: [8.2, 10.4] };
         let (rows, columns) = (axis(4_980_000.0), axis(-140_000.0));
         let found = GridProjection::new(transverse_mercator, area, &rows, &columns).unwrap();
         println!("departs by {} of a step of {STEP_M} m, {} patches", found.departure_steps(), found.patches.len());
@@ -324,7 +324,7 @@ mod tests {
 
     #[test]
     fn law_a_map_around_the_pole_is_found_from_every_side() {
-        let area = Area { lat_deg: [85.0, 90.0], lon_deg: [-180.0, 180.0] };
+        let area = GeographicArea { lat_deg: [85.0, 90.0], lon_deg: [-180.0, 180.0] };
         let found = GridProjection::new(polar, area, &axis(-25_000.0), &axis(-25_000.0)).unwrap();
         assert!(found.departure_steps() < 1e-9, "{}", found.departure_steps());
         for lon in [-180.0, -90.0, 0.0, 33.0, 179.9, 540.0] {
@@ -337,14 +337,14 @@ mod tests {
 
     #[test]
     fn gold_what_is_no_projection() {
-        let area = Area { lat_deg: [0.0, 1.0], lon_deg: [0.0, 1.0] };
+        let area = GeographicArea { lat_deg: [0.0, 1.0], lon_deg: [0.0, 1.0] };
         let folded = |lat: f64, lon: f64| Some((1e5 * (lon - 0.31).abs(), 1e5 * lat));
         let rough = GridProjection::new(folded, area, &axis(0.0), &axis(0.0)).unwrap_err();
-        assert!(matches!(rough, ProjectionError::Rough { .. }), "{rough}");
+        assert!(matches!(rough, GridProjectionError::Rough { .. }), "{rough}");
         let holed = |lat: f64, lon: f64| (lon < 0.9).then_some((lon, lat));
         let nowhere = GridProjection::new(holed, area, &axis(0.0), &axis(0.0)).unwrap_err();
-        assert!(matches!(nowhere, ProjectionError::Nowhere { .. }), "{nowhere}");
-        let none = Area { lat_deg: [1.0, 0.0], ..area };
+        assert!(matches!(nowhere, GridProjectionError::Nowhere { .. }), "{nowhere}");
+        let none = GeographicArea { lat_deg: [1.0, 0.0], ..area };
         assert!(GridProjection::new(transverse_mercator, none, &axis(0.0), &axis(0.0)).is_err());
     }
 }

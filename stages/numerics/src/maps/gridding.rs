@@ -26,26 +26,26 @@ mod windows;
 mod tests;
 
 pub use automatic::{block_m, layers, line_spacing_m};
-pub use block::{BlockValue, Blocks, reduce_blocks};
-pub use cross_validation::{CrossValidation, Folds, Spread, cross_validate, expected_error};
-pub use equivalent::{EquivalentSources, FieldAt};
+pub use block::{BlockReduction, SurveyBlocks, reduce_blocks};
+pub use cross_validation::{CrossValidation, DifferenceStatistics, LineFolds, cross_validate, expected_error};
+pub use equivalent::{EquivalentSources, FieldGradients};
 pub use far::far_points;
-pub use layer::{FitOptions, Layer, LayerReport};
+pub use layer::{SourceFitOptions, SourceLayer, SourceLayerReport};
 pub use minimum_curvature::minimum_curvature;
-pub use nearest::NearestPoints;
-pub use sheet::{Relaxation, Relaxed};
-pub use surface::{Fitted, Surface, fit};
-pub use survey::{CleanOptions, Cleaned, OwnedPoints, SurveyPoints, clean};
+pub use nearest::PointCellIndex;
+pub use sheet::{RelaxationOptions, RelaxationReport};
+pub use surface::{FittedSurface, SurveySurface, fit};
+pub use survey::{CleaningOptions, CleaningOutcome, OwnedSurveyPoints, SurveyPoints, clean};
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Receives the name of the current step, its progress, and its total.
-pub type Progress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
+/// Callback for the name of the current step, the units done and their total.
+pub type GriddingProgress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
-/// Why points could not be gridded.
+/// Error of gridding points.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum GridError {
+pub enum GriddingError {
     /// No point is left to grid.
     #[error("no finite point is left to grid")]
     NoPoints,
@@ -97,16 +97,16 @@ pub enum GridError {
 /// The maximum number of nodes of a grid: 2 GB of values.
 const MOST_NODES: usize = 1 << 28;
 
-/// How the surface between the points is computed.
+/// Method of gridding: the model of the surface between the points.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Method {
+pub enum GriddingMethod {
     /// The surface of minimum curvature at the flown heights.
-    MinimumCurvature(Relaxation),
+    MinimumCurvature(RelaxationOptions),
     /// Equivalent sources.
     EquivalentSources {
         /// Layers of sources; `None` derives them from the spacing of the points, see `layers`.
-        layers: Option<Vec<Layer>>,
-        /// The damping, see `FitOptions`.
+        layers: Option<Vec<SourceLayer>>,
+        /// The damping, see `SourceFitOptions`.
         damping: f64,
         /// The height of the grid, metres; `None` is the height of the highest point, the lowest level that is above
         /// all measurements.
@@ -114,10 +114,10 @@ pub enum Method {
     },
 }
 
-impl Method {
+impl GriddingMethod {
     /// Minimum curvature with a tension of 0.25, as is usual for potential fields, settled to 0.1 nT.
     pub fn minimum_curvature() -> Self {
-        Self::MinimumCurvature(Relaxation { tension: 0.25, tolerance_nt: 0.1, passes: 5000 })
+        Self::MinimumCurvature(RelaxationOptions { tension: 0.25, tolerance_nt: 0.1, passes: 5000 })
     }
 
     /// Equivalent sources with layers and level from the data and a damping of 1.
@@ -128,22 +128,22 @@ impl Method {
 
 /// A rectangle on the plane, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Region {
+pub struct GridRegion {
     /// Least and greatest easting.
     pub east_m: [f64; 2],
     /// Least and greatest northing.
     pub north_m: [f64; 2],
 }
 
-/// How points become a grid.
+/// Settings of gridding.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GridOptions {
+pub struct GriddingOptions {
     /// How the surface is made.
-    pub method: Method,
+    pub method: GriddingMethod,
     /// The distance between nodes, metres; `None` is half the distance between lines.
     pub spacing_m: Option<f64>,
     /// The rectangle; `None` is that of the points, widened to whole spacings.
-    pub region: Option<Region>,
+    pub region: Option<GridRegion>,
     /// Side of the blocks that points are reduced to, metres; `None` is a quarter of the distance between lines and
     /// at most 200 m, zero keeps every point.
     pub block_m: Option<f64>,
@@ -151,35 +151,35 @@ pub struct GridOptions {
     /// infinity keeps all nodes.
     pub mask_m: Option<f64>,
     /// The criteria of cleaning.
-    pub clean: CleanOptions,
+    pub clean: CleaningOptions,
     /// A block that is farther from the fitted surface than this number of robust standard deviations of the blocks
     /// around it is left out and the surface fitted anew; zero keeps all.
     pub misfit_sigmas: f64,
     /// Folds of lines whose prediction errors give the map of the expected error; `None` makes none.
-    pub folds: Option<Folds>,
+    pub folds: Option<LineFolds>,
 }
 
-impl GridOptions {
+impl GriddingOptions {
     /// A method with everything else derived from the data, without cross-validation.
-    pub fn of(method: Method) -> Self {
+    pub fn new(method: GriddingMethod) -> Self {
         Self {
             method,
             spacing_m: None,
             region: None,
             block_m: None,
             mask_m: None,
-            clean: CleanOptions::default(),
+            clean: CleaningOptions::default(),
             misfit_sigmas: 0.0,
             folds: None,
         }
     }
 }
 
-/// The report of gridding.
+/// Statistics of a gridding run.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GridReport {
+pub struct GriddingReport {
     /// The counts of cleaning.
-    pub cleaned: Cleaned,
+    pub cleaned: CleaningOutcome,
     /// The median distance between lines, metres.
     pub line_spacing_m: f64,
     /// The side of the blocks, metres.
@@ -189,11 +189,11 @@ pub struct GridReport {
     /// Blocks that were left out for their misfit: their eastings and northings, metres.
     pub misfits: Vec<[f64; 2]>,
     /// Statistics of the blocks' residuals from the surface.
-    pub misfit: Spread,
+    pub misfit: DifferenceStatistics,
     /// The layers of equivalent sources; empty for minimum curvature.
-    pub layers: Vec<LayerReport>,
+    pub layers: Vec<SourceLayerReport>,
     /// The relaxation of minimum curvature.
-    pub relaxed: Option<Relaxed>,
+    pub relaxed: Option<RelaxationReport>,
     /// The level of the grid, metres; none for minimum curvature, whose values are at the heights flown.
     pub level_m: Option<f64>,
     /// The largest error in nT that summing distant sources together made at a hundred nodes; none for minimum
@@ -202,26 +202,30 @@ pub struct GridReport {
     /// Nodes that are masked.
     pub masked: usize,
     /// Statistics of the differences at left-out lines.
-    pub cross_validation: Option<Spread>,
+    pub cross_validation: Option<DifferenceStatistics>,
 }
 
-/// A grid, the error that is to be expected at each node, and the report.
+/// A grid, the expected error at each node, and the report.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Gridded {
+pub struct GriddingResult {
     /// Values, nT.
     pub grid: PlaneGrid,
     /// Expected error, nT.
     pub error: Option<PlaneGrid>,
     /// The report.
-    pub report: GridReport,
+    pub report: GriddingReport,
 }
 
 /// Cleans and grids the points of a survey.
 ///
 /// # Errors
-/// Fails as [`check`], as [`fit`] for the points that cleaning keeps, as [`Fitted::grid`], and with folds as
+/// Fails as [`check`], as [`fit`] for the points that cleaning keeps, as [`FittedSurface::grid`], and with folds as
 /// [`cross_validate`].
-pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Gridded, GridError> {
+pub fn grid(
+    points: SurveyPoints,
+    options: &GriddingOptions,
+    progress: GriddingProgress,
+) -> Result<GriddingResult, GriddingError> {
     check(options)?;
     progress("cleaning", 0, 1);
     let cleaned = clean(points, &options.clean);
@@ -244,15 +248,16 @@ pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> 
     });
     let cross_validation = crossed.map(|crossed| crossed.spread);
     let report = fitted.report(cleaned, masked, level, cross_validation);
-    Ok(Gridded { grid: map, error, report })
+    Ok(GriddingResult { grid: map, error, report })
 }
 
 /// Checks the options, independently of the points, before those are read.
 ///
 /// # Errors
-/// Fails with [`GridError::Option`] for the first option that is out of its range.
-pub fn check(options: &GridOptions) -> Result<(), GridError> {
-    let must = |good: bool, name, value, must| if good { Ok(()) } else { Err(GridError::Option { name, value, must }) };
+/// Fails with [`GriddingError::Option`] for the first option that is out of its range.
+pub fn check(options: &GriddingOptions) -> Result<(), GriddingError> {
+    let must =
+        |good: bool, name, value, must| if good { Ok(()) } else { Err(GriddingError::Option { name, value, must }) };
     let spacing = options.spacing_m.unwrap_or(1.0);
     must(spacing > 0.0 && spacing.is_finite(), "spacing_m", spacing, "above zero")?;
     let block_m = options.block_m.unwrap_or(0.0);
@@ -260,15 +265,15 @@ pub fn check(options: &GridOptions) -> Result<(), GridError> {
     let mask_m = options.mask_m.unwrap_or(0.0);
     must(mask_m >= 0.0, "mask_m", mask_m, "zero or above")?;
     match &options.method {
-        Method::MinimumCurvature(r) => {
+        GriddingMethod::MinimumCurvature(r) => {
             must((0.0..=1.0).contains(&r.tension), "tension", r.tension, "from 0 to 1")?;
             must(r.tolerance_nt > 0.0, "tolerance_nt", r.tolerance_nt, "above zero")
         }
-        Method::EquivalentSources { layers, damping, level_m } => {
+        GriddingMethod::EquivalentSources { layers, damping, level_m } => {
             must(*damping > 0.0 && damping.is_finite(), "damping", *damping, "above zero")?;
             let level_m = level_m.unwrap_or(0.0);
             must(level_m.is_finite(), "level_m", level_m, "a finite number")?;
-            let of = |f: fn(&Layer) -> f64| layers.iter().flatten().map(f).fold(1.0, f64::min);
+            let of = |f: fn(&SourceLayer) -> f64| layers.iter().flatten().map(f).fold(1.0, f64::min);
             let (depth, spacing) = (of(|l| l.depth_m), of(|l| l.spacing_m));
             must(depth > 0.0, "depth_m", depth, "above zero")?;
             must(spacing > 0.0, "spacing_m", spacing, "above zero")
@@ -278,7 +283,7 @@ pub fn check(options: &GridOptions) -> Result<(), GridError> {
 
 /// Makes nodes unknown that are farther than `limit_m` from every point, and says how many.
 pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m: f64) -> usize {
-    let near = NearestPoints::of(easting_m, northing_m);
+    let near = PointCellIndex::new(easting_m, northing_m);
     let (east, north) = (grid.east_m, grid.north_m);
     let far: Vec<bool> = (0..grid.values.len())
         .into_par_iter()
@@ -293,22 +298,22 @@ pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m
 }
 
 /// Rejects columns of different lengths and points that are not finite.
-fn check_columns(columns: &[&[f64]]) -> Result<(), GridError> {
+fn check_columns(columns: &[&[f64]]) -> Result<(), GriddingError> {
     let lengths: Vec<usize> = columns.iter().map(|c| c.len()).collect();
     if lengths.windows(2).any(|two| two[0] != two[1]) {
-        return Err(GridError::Lengths { lengths });
+        return Err(GriddingError::Lengths { lengths });
     }
     let first = columns.iter().filter_map(|c| c.iter().position(|v| !v.is_finite())).min();
-    first.map_or(Ok(()), |index| Err(GridError::NotFinite { index }))
+    first.map_or(Ok(()), |index| Err(GriddingError::NotFinite { index }))
 }
 
 /// The axes of a region at a spacing, rejected when there would be too many nodes.
-fn axes(region: Region, spacing_m: f64) -> Result<[EvenAxis; 2], GridError> {
+fn axes(region: GridRegion, spacing_m: f64) -> Result<[EvenAxis; 2], GriddingError> {
     let sides = [region.east_m, region.north_m];
     let counts = sides.map(|[a, b]| ((b - a) / spacing_m + 1e-9).floor() + 1.0);
     let nodes = counts[0] * counts[1];
     if !(counts.iter().all(|n| *n >= 1.0) && nodes <= MOST_NODES as f64) {
-        return Err(GridError::TooLarge { nodes, most: MOST_NODES });
+        return Err(GriddingError::TooLarge { nodes, most: MOST_NODES });
     }
     Ok([0, 1].map(|a| EvenAxis { first: sides[a][0], step: spacing_m, len: counts[a] as usize }))
 }

@@ -20,13 +20,13 @@ pub struct WindowInformation {
 
 /// The least root mean square horizontal error, in metres, with which the position of a vehicle can be found from the
 /// measurements within half a window before and after each sample, on a map whose slopes at the samples are `north` and
-/// `east` (nT/m), when its motion within the window is known: √ trace(J⁻¹) of the Fisher information J = Σ g gᵀ/σ², with
-/// the slopes g less their mean where a constant is unknown. [Cramér-Rao bound; Kay 1993, section 3.7]
+/// `east` (nT/m), when its motion within the window is known: √ trace(J⁻¹) of the Fisher information J = Σ g gᵀ/σ²,
+/// with the slopes g less their mean where a constant is unknown. [Cramér-Rao bound; Kay 1993, section 3.7]
 ///
-/// `tt_s` ascends, evenly or not. Samples without a slope are left out of the windows of others. NaN where the sample itself
-/// has none, and where J is singular: the map is flat or slopes in one direction only, or there are too few samples (two,
-/// three with a constant). J counts as singular when its smaller eigenvalue is below about 2.5e-13 of the larger one, which
-/// is rounding.
+/// `tt_s` ascends, evenly or not. Samples without a slope are left out of the windows of others. NaN where the sample
+/// itself has none, and where J is singular: the map is flat or slopes in one direction only, or there are too few
+/// samples (two, three with a constant). J counts as singular when its smaller eigenvalue is below about 2.5e-13 of the
+/// larger one, which is rounding.
 pub fn window_bounds_m(tt_s: &[f64], north: &[f64], east: &[f64], of: WindowInformation) -> Vec<f64> {
     let n = tt_s.len().min(north.len()).min(east.len());
     let half_s = 0.5 * of.window_s;

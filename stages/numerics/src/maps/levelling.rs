@@ -3,8 +3,8 @@
 //! Each line gets a correction, a polynomial of low order along the line, that makes the differences at the
 //! crossovers small: least squares, weighted by the gradient of the field and reweighted so that a crossover in a
 //! steep field or with a wrong position does not dominate. [Luyendyk 1997, "Processing of airborne magnetic data"]
-//! Corrections that the crossovers do not support are not made, see [`LevelOptions::tested`]. The normal equations are
-//! kept sparse and solved by conjugate gradients.
+//! Corrections that the crossovers do not support are not made, see [`LevellingOptions::tested`]. The normal equations
+//! are kept sparse and solved by conjugate gradients.
 
 mod adjustment;
 mod crossovers;
@@ -16,12 +16,12 @@ pub use crossovers::{Crossover, CrossoverOptions, find_crossovers};
 pub use noise::CrossoverNoise;
 
 use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
-use adjustment::Adjustment;
+use adjustment::CrossoverAdjustment;
 use std::collections::BTreeMap;
 
 /// Constraint that fixes the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Gauge {
+pub enum LevellingGauge {
     /// The group, ties or the other lines, whose corrections scatter less keeps its median at zero: ties where the
     /// lines are out of level, the lines where the ties are. Where both scatter equally, the lines.
     Steadiest,
@@ -31,9 +31,9 @@ pub enum Gauge {
     TiesHeld,
 }
 
-/// How lines are levelled.
+/// Settings of levelling.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LevelOptions {
+pub struct LevellingOptions {
     /// Order of the corrections along a line: 0 a constant, 1 linear, ...
     pub order: usize,
     /// Whether corrections are tested for significance. Then a group, ties or the other lines, is corrected only as far
@@ -47,24 +47,32 @@ pub struct LevelOptions {
     /// them by the gradient alone.
     pub huber_sigmas: f64,
     /// Constraint that fixes the common level.
-    pub gauge: Gauge,
+    pub gauge: LevellingGauge,
     /// The tie lines; `None` selects those more than 45 degrees off the heading most flown.
     pub ties: Option<Vec<usize>>,
     /// The number of folds for cross-validation of the crossovers; below two there is none.
     pub folds: usize,
 }
 
-impl Default for LevelOptions {
+impl Default for LevellingOptions {
     /// Tested constants, a ridge of 0.001 of a crossover, Huber's 1.345 sigmas, the level of the steadier group, five
     /// folds.
     fn default() -> Self {
-        Self { order: 0, tested: true, ridge: 1e-3, huber_sigmas: 1.345, gauge: Gauge::Steadiest, ties: None, folds: 5 }
+        Self {
+            order: 0,
+            tested: true,
+            ridge: 1e-3,
+            huber_sigmas: 1.345,
+            gauge: LevellingGauge::Steadiest,
+            ties: None,
+            folds: 5,
+        }
     }
 }
 
-/// The agreement of lines at crossovers.
+/// Statistics of the differences at crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Merit {
+pub struct CrossoverMerit {
     /// The root mean square of the differences, nT: the figure of merit at crossings.
     pub figure_of_merit_crossings: f64,
     /// The median absolute difference, nT.
@@ -73,9 +81,9 @@ pub struct Merit {
     pub n: usize,
 }
 
-impl Merit {
+impl CrossoverMerit {
     /// Merit of differences; NaN if there are none.
-    pub fn of(differences_nt: &[f64]) -> Self {
+    pub fn from_differences(differences_nt: &[f64]) -> Self {
         let n = differences_nt.len();
         let squares: f64 = differences_nt.iter().map(|d| d * d).sum();
         let mut sizes: Vec<f64> = differences_nt.iter().map(|d| d.abs()).collect();
@@ -98,9 +106,9 @@ pub struct LineCorrection {
     pub alone: bool,
 }
 
-/// Levelled lines.
+/// Corrections of lines, and crossover statistics before and after them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Levelled {
+pub struct LevellingResult {
     /// The correction to subtract from each point's value, nT.
     pub correction_nt: Vec<f64>,
     /// The lines' corrections, by line.
@@ -111,18 +119,18 @@ pub struct Levelled {
     /// nT; zero where the group is not corrected.
     pub spread_nt: [f64; 2],
     /// Agreement before.
-    pub before: Merit,
+    pub before: CrossoverMerit,
     /// Agreement after.
-    pub after: Merit,
+    pub after: CrossoverMerit,
     /// Agreement at crossovers that were left out in turn(cross-validation).
-    pub left_out: Option<Merit>,
+    pub left_out: Option<CrossoverMerit>,
 }
 
 /// Levels the lines of a survey by their crossovers, from `find_crossovers` of the same points.
-pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &LevelOptions) -> Levelled {
+pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &LevellingOptions) -> LevellingResult {
     let lines = points.lines();
     let ties = options.ties.clone().unwrap_or_else(|| tie_lines(points));
-    let adjustment = Adjustment::of(points, &lines, crossovers, &ties, options);
+    let adjustment = CrossoverAdjustment::new(points, &lines, crossovers, &ties, options);
     let solution = adjustment.solve();
     let before: Vec<f64> = crossovers.iter().map(Crossover::difference_nt).collect();
     let left_out = (options.folds > 1).then(|| {
@@ -131,7 +139,7 @@ pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &Lev
             let left = adjustment.differences(&without.coefficients);
             left.into_iter().enumerate().filter(move |(k, _)| k % options.folds == f)
         };
-        Merit::of(&(0..options.folds).flat_map(fold).map(|(_, d)| d).collect::<Vec<f64>>())
+        CrossoverMerit::from_differences(&(0..options.folds).flat_map(fold).map(|(_, d)| d).collect::<Vec<f64>>())
     });
     let mut count = BTreeMap::<usize, usize>::new();
     crossovers.iter().flat_map(|c| c.lines).for_each(|line| *count.entry(line).or_default() += 1);
@@ -140,13 +148,13 @@ pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &Lev
         let crossovers = count.get(&line).copied().unwrap_or(0);
         LineCorrection { line, tie: ties.contains(&line), crossovers, coefficients_nt, alone }
     };
-    Levelled {
+    LevellingResult {
         correction_nt: (0..points.len()).map(|i| adjustment.correction(&solution, i, 0.0)).collect(),
         lines: lines.iter().map(correction).collect(),
         noise: solution.noise,
         spread_nt: solution.spread_nt.each_ref().map(|orders| orders[0]),
-        before: Merit::of(&before),
-        after: Merit::of(&adjustment.differences(&solution.coefficients)),
+        before: CrossoverMerit::from_differences(&before),
+        after: CrossoverMerit::from_differences(&adjustment.differences(&solution.coefficients)),
         left_out,
     }
 }

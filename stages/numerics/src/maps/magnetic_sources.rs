@@ -47,9 +47,9 @@ pub struct Prism {
     pub magnetisation_apm: EastNorthUp,
 }
 
-/// The position of a point relative to one pair of faces.
+/// Position of a point relative to one pair of faces of a prism.
 #[derive(Clone, Copy, PartialEq)]
-enum Place {
+enum FaceSide {
     Outside,
     Face,
     Between,
@@ -60,14 +60,14 @@ impl Prism {
     ///
     /// On an edge or a corner the field has no limit: the components are not numbers there.
     pub fn field_nt(&self, point_m: EastNorthUp) -> EastNorthUp {
-        let places: [Place; 3] = std::array::from_fn(|i| self.place(point_m, i));
-        let faces = places.iter().filter(|place| **place == Place::Face).count();
-        if places.contains(&Place::Outside) {
+        let places: [FaceSide; 3] = std::array::from_fn(|i| self.place(point_m, i));
+        let faces = places.iter().filter(|place| **place == FaceSide::Face).count();
+        if places.contains(&FaceSide::Outside) {
             return self.without_jump(point_m);
         }
         match faces {
             0 => self.with_own_magnetisation(point_m, [4.0; 3]),
-            1 => self.with_own_magnetisation(point_m, places.map(|p| if p == Place::Face { 2.0 } else { 0.0 })),
+            1 => self.with_own_magnetisation(point_m, places.map(|p| if p == FaceSide::Face { 2.0 } else { 0.0 })),
             _ => [f64::NAN; 3],
         }
     }
@@ -83,14 +83,14 @@ impl Prism {
         std::array::from_fn(|i| 0.5 * (self.low_m[i] + self.high_m[i]))
     }
 
-    fn place(&self, point_m: EastNorthUp, i: usize) -> Place {
+    fn place(&self, point_m: EastNorthUp, i: usize) -> FaceSide {
         let (low, high) = (self.low_m[i], self.high_m[i]);
         if point_m[i] == low || point_m[i] == high {
-            Place::Face
+            FaceSide::Face
         } else if low < point_m[i] && point_m[i] < high {
-            Place::Between
+            FaceSide::Between
         } else {
-            Place::Outside
+            FaceSide::Outside
         }
     }
 
@@ -139,16 +139,16 @@ fn times_symmetric([xx, yy, zz, xy, xz, yz]: [f64; 6], m: EastNorthUp) -> EastNo
     [sum([(xx, x), (xy, y), (xz, z)]), sum([(xy, x), (yy, y), (yz, z)]), sum([(xz, x), (yz, y), (zz, z)])]
 }
 
-/// A source of a magnetic field.
+/// A magnetised body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Source {
+pub enum MagneticBody {
     /// A dipole.
     Dipole(Dipole),
     /// A prism.
     Prism(Prism),
 }
 
-impl Source {
+impl MagneticBody {
     /// The field in nT at a point.
     pub fn field_nt(&self, point_m: EastNorthUp) -> EastNorthUp {
         match self {
@@ -159,7 +159,7 @@ impl Source {
 }
 
 /// The field of all sources together in nT at a point, summed in their order.
-pub fn field_of_all_nt(sources: &[Source], point_m: EastNorthUp) -> EastNorthUp {
+pub fn field_of_all_nt(sources: &[MagneticBody], point_m: EastNorthUp) -> EastNorthUp {
     sources.iter().fold([0.0; 3], |sum, source| {
         let field = source.field_nt(point_m);
         std::array::from_fn(|i| sum[i] + field[i])

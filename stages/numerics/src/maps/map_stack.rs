@@ -10,8 +10,8 @@ mod projected;
 
 use crate::earth::field_value::FieldValue;
 use crate::maps::map_surface::{
-    Axes, Cell, FieldColumns, GeographicGrid, Interpolation, Jet, LookUp, MapError, MapSurface, Places, Surface,
-    look_up_many,
+    CellPosition, FieldColumns, FieldLookup, GeographicGrid, GridAxes, GridInterpolant, LookupPositions, MapGridError,
+    MapInterpolation, MapSurface, SurfaceGradient, look_up_many,
 };
 pub use drape::DrapeMap;
 use levels::{natural_slopes, union_of_unknown};
@@ -20,7 +20,7 @@ use thiserror::Error;
 
 /// Interpolation between two levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BetweenLevels {
+pub enum LevelInterpolation {
     /// A cubic. Of maps alone the natural spline through all levels: value, slope and curvature are continuous,
     /// without curvature at the ends. Of maps with vertical derivatives the cubic of Hermite.
     #[default]
@@ -29,9 +29,9 @@ pub enum BetweenLevels {
     Linear,
 }
 
-/// The result at a position below the lowest or above the highest level.
+/// Value at a position below the lowest or above the highest level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum OutsideLevels {
+pub enum LevelExtrapolation {
     /// Up to half the nearest step between levels away, the straight continuation (first order in height: value and
     /// slope of the end level); nothing farther away. A filter that grazes the ends keeps a correct Jacobian, and one
     /// that leaves them gets no value.
@@ -48,11 +48,11 @@ pub enum OutsideLevels {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StackOptions {
     /// Across a level.
-    pub interpolation: Interpolation,
+    pub interpolation: MapInterpolation,
     /// From level to level.
-    pub between: BetweenLevels,
+    pub between: LevelInterpolation,
     /// Beyond the ends.
-    pub outside: OutsideLevels,
+    pub outside: LevelExtrapolation,
 }
 
 /// Error of maps that are not a stack.
@@ -94,7 +94,7 @@ pub enum StackError {
         /// The level, from 0.
         level: usize,
         /// The error.
-        source: MapError,
+        source: MapGridError,
     },
 }
 
@@ -103,10 +103,10 @@ pub enum StackError {
 /// A position is known where the four nodes of its cell are known at all levels.
 #[derive(Clone, Debug)]
 pub struct MapStack {
-    axes: Axes,
+    axes: GridAxes,
     heights_m: Vec<f64>,
     /// Value and slope per metre of height, one surface per level.
-    levels: Vec<Surface<2>>,
+    levels: Vec<GridInterpolant<2>>,
     options: StackOptions,
 }
 
@@ -120,7 +120,7 @@ impl MapStack {
     pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
-        Ok(Self::of(heights_m, maps, &known, &slopes, options))
+        Ok(Self::from_slopes(heights_m, maps, &known, &slopes, options))
     }
 
     /// A stack of maps and their vertical derivatives, in nT/m. Between levels it uses the cubic of Hermite with these
@@ -144,11 +144,11 @@ impl MapStack {
             let checked = map.check_companion("vertical derivative", slopes);
             checked.map_err(|source| StackError::Derivative { level, source })?;
         }
-        let options = StackOptions { between: BetweenLevels::Cubic, ..options };
-        Ok(Self::of(heights_m, maps, &known, d_alt_nt_per_m, options))
+        let options = StackOptions { between: LevelInterpolation::Cubic, ..options };
+        Ok(Self::from_slopes(heights_m, maps, &known, d_alt_nt_per_m, options))
     }
 
-    fn of(
+    fn from_slopes(
         heights_m: &[f64],
         maps: &[GeographicGrid],
         known: &[Vec<f64>],
@@ -157,9 +157,9 @@ impl MapStack {
     ) -> Self {
         let prepared = maps.iter().zip(known.iter().zip(slopes));
         let levels = prepared.map(|(map, (values, slopes))| {
-            Surface::new(map.shape(), [values.as_slice(), slopes.as_slice()], options.interpolation)
+            GridInterpolant::new(map.shape(), [values.as_slice(), slopes.as_slice()], options.interpolation)
         });
-        let axes = Axes::of(&maps[0]);
+        let axes = GridAxes::from_grid(&maps[0]);
         Self { axes, heights_m: heights_m.to_vec(), levels: levels.collect(), options }
     }
 
@@ -174,7 +174,7 @@ impl MapStack {
     }
 
     /// The anomaly and its gradient at a position in degrees and metres; `None` off the maps, in a cell with an unknown
-    /// node at any level, where the position is NaN, and beyond the levels by [`OutsideLevels`].
+    /// node at any level, where the position is NaN, and beyond the levels by [`LevelExtrapolation`].
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.in_cell(self.axes.cell(lat_deg, lon_deg)?, alt_m)
@@ -183,19 +183,19 @@ impl MapStack {
     /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only where `out` has to grow.
     ///
     /// # Errors
-    /// Fails with [`MapError::Places`] for columns of different lengths.
+    /// Fails with [`MapGridError::Places`] for columns of different lengths.
     pub fn at_many(
         &self,
         lat_deg: &[f64],
         lon_deg: &[f64],
         alt_m: &[f64],
         out: &mut FieldColumns,
-    ) -> Result<(), MapError> {
-        look_up_many(self, Places { lat_deg, lon_deg, alt_m }, true, out)
+    ) -> Result<(), MapGridError> {
+        look_up_many(self, LookupPositions { lat_deg, lon_deg, alt_m }, true, out)
     }
 
     #[inline(always)]
-    fn in_cell(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+    fn in_cell(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue> {
         let (first, last) = (*self.heights_m.first()?, *self.heights_m.last()?);
         if alt_m < first {
             self.beyond(cell, 0, 1, alt_m)
@@ -215,64 +215,64 @@ impl MapStack {
     }
 
     /// Past the end level `end`, next to the level `inner`.
-    fn beyond(&self, cell: Cell, end: usize, inner: usize, alt_m: f64) -> Option<FieldValue> {
+    fn beyond(&self, cell: CellPosition, end: usize, inner: usize, alt_m: f64) -> Option<FieldValue> {
         let (end_m, inner_m) = (*self.heights_m.get(end)?, *self.heights_m.get(inner)?);
         let jet = self.levels.get(end)?.at(cell)?;
         match self.options.outside {
-            OutsideLevels::Clamp => Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], 0.0)),
-            OutsideLevels::HalfStep if (alt_m - end_m).abs() <= 0.5 * (end_m - inner_m).abs() => {
+            LevelExtrapolation::Clamp => Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], 0.0)),
+            LevelExtrapolation::HalfStep if (alt_m - end_m).abs() <= 0.5 * (end_m - inner_m).abs() => {
                 let jet = match self.options.between {
-                    BetweenLevels::Cubic => jet,
-                    BetweenLevels::Linear => with_secant(jet, self.levels.get(inner)?.at(cell)?, inner_m - end_m),
+                    LevelInterpolation::Cubic => jet,
+                    LevelInterpolation::Linear => with_secant(jet, self.levels.get(inner)?.at(cell)?, inner_m - end_m),
                 };
                 let along = |q: [f64; 2]| q[0] + (alt_m - end_m) * q[1];
                 Some(self.axes.field(along(jet.value), along(jet.per_row), along(jet.per_column), jet.value[1]))
             }
-            OutsideLevels::HalfStep | OutsideLevels::Nothing => None,
+            LevelExtrapolation::HalfStep | LevelExtrapolation::Nothing => None,
         }
     }
 
     #[inline(always)]
-    fn between(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+    fn between(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue> {
         let low = self.level_below(alt_m)?;
         let (low_m, high_m) = (*self.heights_m.get(low)?, *self.heights_m.get(low + 1)?);
         let (below, over) = (self.levels.get(low)?.at(cell)?, self.levels.get(low + 1)?.at(cell)?);
         let step_m = high_m - low_m;
         let weights = match self.options.between {
-            BetweenLevels::Cubic => HeightWeights::cubic((alt_m - low_m) / step_m, step_m),
-            BetweenLevels::Linear => HeightWeights::linear((alt_m - low_m) / step_m, step_m),
+            LevelInterpolation::Cubic => HeightWeights::cubic((alt_m - low_m) / step_m, step_m),
+            LevelInterpolation::Linear => HeightWeights::linear((alt_m - low_m) / step_m, step_m),
         };
         Some(self.axes.field(
-            weights.of(below.value, over.value),
-            weights.of(below.per_row, over.per_row),
-            weights.of(below.per_column, over.per_column),
+            weights.value_of(below.value, over.value),
+            weights.value_of(below.per_row, over.per_row),
+            weights.value_of(below.per_column, over.per_column),
             weights.slope_of(below.value, over.value),
         ))
     }
 }
 
-impl LookUp for MapStack {
+impl FieldLookup for MapStack {
     #[inline(always)]
-    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         self.axes.cell(lat_deg, lon_deg)
     }
 
     #[inline(always)]
-    fn touch(&self, cell: Cell, alt_m: f64) -> f64 {
+    fn touch(&self, cell: CellPosition, alt_m: f64) -> f64 {
         let low = self.level_below(alt_m).unwrap_or(0);
         self.levels.iter().skip(low).take(2).map(|level| level.touch(cell)).sum()
     }
 
     #[inline(always)]
-    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+    fn field(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue> {
         self.in_cell(cell, alt_m)
     }
 }
 
 /// The end level with the slope of the straight line to its neighbour, `way_m` higher.
-fn with_secant(end: Jet<2>, inner: Jet<2>, way_m: f64) -> Jet<2> {
+fn with_secant(end: SurfaceGradient<2>, inner: SurfaceGradient<2>, way_m: f64) -> SurfaceGradient<2> {
     let secant = |end: [f64; 2], inner: [f64; 2]| [end[0], (inner[0] - end[0]) / way_m];
-    Jet {
+    SurfaceGradient {
         value: secant(end.value, inner.value),
         per_row: secant(end.per_row, inner.per_row),
         per_column: secant(end.per_column, inner.per_column),
@@ -303,7 +303,7 @@ impl HeightWeights {
     }
 
     #[inline(always)]
-    fn of(&self, below: [f64; 2], over: [f64; 2]) -> f64 {
+    fn value_of(&self, below: [f64; 2], over: [f64; 2]) -> f64 {
         weighted(&self.value, below, over)
     }
 
@@ -379,14 +379,14 @@ impl FieldMap {
     /// [`Self::at`] for many positions; positions without a value are NaN.
     ///
     /// # Errors
-    /// Fails with [`MapError::Places`] for columns of different lengths.
+    /// Fails with [`MapGridError::Places`] for columns of different lengths.
     pub fn at_many(
         &self,
         lat_deg: &[f64],
         lon_deg: &[f64],
         alt_m: &[f64],
         out: &mut FieldColumns,
-    ) -> Result<(), MapError> {
+    ) -> Result<(), MapGridError> {
         match self {
             Self::Flat(map) => map.at_heights(lat_deg, lon_deg, alt_m, out),
             Self::Stack(stack) => stack.at_many(lat_deg, lon_deg, alt_m, out),

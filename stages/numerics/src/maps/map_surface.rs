@@ -14,17 +14,17 @@ mod surface;
 
 use crate::earth::field_value::FieldValue;
 pub use batch::FieldColumns;
-pub(crate) use batch::{LookUp, Places, look_up_many};
-use grid::Axis;
-pub use grid::{GeographicGrid, MapError};
-pub(crate) use holes::Shape;
+pub(crate) use batch::{FieldLookup, LookupPositions, look_up_many};
+use grid::GeographicAxis;
+pub use grid::{GeographicGrid, MapGridError};
+pub(crate) use holes::GridShape;
 use params::choice;
-pub(crate) use surface::{Cell, Jet, Surface};
+pub(crate) use surface::{CellPosition, GridInterpolant, SurfaceGradient};
 
 choice! {
     /// Interpolation between the nodes.
     #[derive(Default)]
-    pub enum Interpolation {
+    pub enum MapInterpolation {
         /// Bilinear: continuous, with a gradient that jumps from cell to cell.
         #[default]
         Linear = "linear",
@@ -51,7 +51,7 @@ pub struct VerticalDerivative<'a> {
 
 /// The second derivatives of a map along latitude and longitude, in nT/rad².
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Curvature {
+pub struct MapCurvature {
     /// Twice along latitude.
     pub d2_lat_nt_per_rad2: f64,
     /// Along latitude and longitude.
@@ -60,24 +60,24 @@ pub struct Curvature {
     pub d2_lon_nt_per_rad2: f64,
 }
 
-/// Position of a latitude and a longitude in a grid.
+/// Latitude and longitude axes of a grid.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Axes {
-    lat: Axis,
-    lon: Axis,
+pub(crate) struct GridAxes {
+    lat: GeographicAxis,
+    lon: GeographicAxis,
 }
 
-impl Axes {
-    pub(crate) fn of(grid: &GeographicGrid) -> Self {
+impl GridAxes {
+    pub(crate) fn from_grid(grid: &GeographicGrid) -> Self {
         Self { lat: *grid.lat(), lon: *grid.lon() }
     }
 
     /// The cell of a place in degrees; `None` off the map or where the place is not a number.
     #[inline(always)]
-    pub(crate) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    pub(crate) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         let (row, up) = self.lat.locate(lat_deg)?;
         let (column, right) = self.lon.locate_turning(lon_deg)?;
-        Some(Cell { row, column, up, right })
+        Some(CellPosition { row, column, up, right })
     }
 
     /// A field of its value, its slopes per step and its slope per metre.
@@ -94,24 +94,24 @@ impl Axes {
 
 /// Values of a map at its nodes.
 #[derive(Clone, Debug)]
-enum Nodes {
-    Anomaly(Surface<1>),
+enum SurfaceNodes {
+    Anomaly(GridInterpolant<1>),
     /// The anomaly and its vertical derivative, of a map at a height in metres.
-    WithVertical(Surface<2>, f64),
+    WithVertical(GridInterpolant<2>, f64),
 }
 
-/// An anomaly map that can be looked up quickly.
+/// An anomaly map, prepared for fast interpolation.
 #[derive(Clone, Debug)]
 pub struct MapSurface {
-    axes: Axes,
-    nodes: Nodes,
+    axes: GridAxes,
+    nodes: SurfaceNodes,
 }
 
 impl MapSurface {
     /// Prepares a grid for look-ups; the map is the same at every height.
-    pub fn new(grid: &GeographicGrid, interpolation: Interpolation) -> Self {
-        let surface = Surface::new(grid.shape(), [grid.values()], interpolation);
-        Self { axes: Axes::of(grid), nodes: Nodes::Anomaly(surface) }
+    pub fn new(grid: &GeographicGrid, interpolation: MapInterpolation) -> Self {
+        let surface = GridInterpolant::new(grid.shape(), [grid.values()], interpolation);
+        Self { axes: GridAxes::from_grid(grid), nodes: SurfaceNodes::Anomaly(surface) }
     }
 
     /// Prepares a grid and its vertical derivative, which is interpolated as the anomaly is.
@@ -122,30 +122,30 @@ impl MapSurface {
     pub fn with_vertical(
         grid: &GeographicGrid,
         vertical: VerticalDerivative<'_>,
-        interpolation: Interpolation,
-    ) -> Result<Self, MapError> {
+        interpolation: MapInterpolation,
+    ) -> Result<Self, MapGridError> {
         let VerticalDerivative { d_alt_nt_per_m, alt_m } = vertical;
         if !alt_m.is_finite() {
-            return Err(MapError::Height { alt_m });
+            return Err(MapGridError::Height { alt_m });
         }
         grid.check_companion("vertical derivative", d_alt_nt_per_m)?;
-        let surface = Surface::new(grid.shape(), [grid.values(), d_alt_nt_per_m], interpolation);
-        Ok(Self { axes: Axes::of(grid), nodes: Nodes::WithVertical(surface, alt_m) })
+        let surface = GridInterpolant::new(grid.shape(), [grid.values(), d_alt_nt_per_m], interpolation);
+        Ok(Self { axes: GridAxes::from_grid(grid), nodes: SurfaceNodes::WithVertical(surface, alt_m) })
     }
 
     /// The interpolation this map was prepared for.
-    pub fn interpolation(&self) -> Interpolation {
+    pub fn interpolation(&self) -> MapInterpolation {
         match &self.nodes {
-            Nodes::Anomaly(surface) => surface.interpolation(),
-            Nodes::WithVertical(surface, _) => surface.interpolation(),
+            SurfaceNodes::Anomaly(surface) => surface.interpolation(),
+            SurfaceNodes::WithVertical(surface, _) => surface.interpolation(),
         }
     }
 
     /// The height at which the map holds, where it was given one with its vertical derivative.
     pub fn alt_m(&self) -> Option<f64> {
         match self.nodes {
-            Nodes::Anomaly(_) => None,
-            Nodes::WithVertical(_, alt_m) => Some(alt_m),
+            SurfaceNodes::Anomaly(_) => None,
+            SurfaceNodes::WithVertical(_, alt_m) => Some(alt_m),
         }
     }
 
@@ -158,13 +158,13 @@ impl MapSurface {
     }
 
     #[inline(always)]
-    fn on_map(&self, cell: Cell) -> Option<FieldValue> {
+    fn on_map(&self, cell: CellPosition) -> Option<FieldValue> {
         match &self.nodes {
-            Nodes::Anomaly(surface) => {
+            SurfaceNodes::Anomaly(surface) => {
                 let jet = surface.at(cell)?;
                 Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], 0.0))
             }
-            Nodes::WithVertical(surface, _) => {
+            SurfaceNodes::WithVertical(surface, _) => {
                 let jet = surface.at(cell)?;
                 Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], jet.value[1]))
             }
@@ -172,10 +172,10 @@ impl MapSurface {
     }
 
     #[inline(always)]
-    fn touch(&self, cell: Cell) -> f64 {
+    fn touch(&self, cell: CellPosition) -> f64 {
         match &self.nodes {
-            Nodes::Anomaly(surface) => surface.touch(cell),
-            Nodes::WithVertical(surface, _) => surface.touch(cell),
+            SurfaceNodes::Anomaly(surface) => surface.touch(cell),
+            SurfaceNodes::WithVertical(surface, _) => surface.touch(cell),
         }
     }
 
@@ -189,8 +189,8 @@ impl MapSurface {
     }
 
     #[inline(always)]
-    fn off_map(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
-        let Nodes::WithVertical(surface, map_alt_m) = &self.nodes else {
+    fn off_map(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue> {
+        let SurfaceNodes::WithVertical(surface, map_alt_m) = &self.nodes else {
             return self.on_map(cell);
         };
         let up_m = alt_m - map_alt_m;
@@ -208,14 +208,14 @@ impl MapSurface {
     /// The second derivatives of the map at a place in degrees, of the interpolation's own
     /// formula: of a bilinear map only the mixed one is not zero, of a quadratic one they jump
     /// half-way between nodes. `None` where [`Self::at`] has none.
-    pub fn curvature(&self, lat_deg: f64, lon_deg: f64) -> Option<Curvature> {
+    pub fn curvature(&self, lat_deg: f64, lon_deg: f64) -> Option<MapCurvature> {
         let cell = self.axes.cell(lat_deg, lon_deg)?;
         let bend = match &self.nodes {
-            Nodes::Anomaly(surface) => surface.bend(cell)?,
-            Nodes::WithVertical(surface, _) => surface.bend(cell)?,
+            SurfaceNodes::Anomaly(surface) => surface.bend(cell)?,
+            SurfaceNodes::WithVertical(surface, _) => surface.bend(cell)?,
         };
         let (lat, lon) = (self.axes.lat.steps_per_rad(), self.axes.lon.steps_per_rad());
-        Some(Curvature {
+        Some(MapCurvature {
             d2_lat_nt_per_rad2: bend.rows * lat * lat,
             d2_lat_lon_nt_per_rad2: bend.cross * lat * lon,
             d2_lon_nt_per_rad2: bend.columns * lon * lon,

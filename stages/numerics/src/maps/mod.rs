@@ -51,7 +51,7 @@
 //! # Example
 //!
 //! ```
-//! use numerics::maps::{EvenAxis, GeographicGrid, Interpolation, MapSurface, Padding, PlaneGrid, upward};
+//! use numerics::maps::{EvenAxis, GeographicGrid, MapInterpolation, MapSurface, Padding, PlaneGrid, upward};
 //!
 //! // Each interpolation returns a plane and its slope.
 //! let lat_deg: Vec<f64> = (0..6).map(|k| 45.0 + 0.01 * f64::from(k)).collect();
@@ -60,7 +60,7 @@
 //! let nodes_nt: Vec<f64> =
 //!     lat_deg.iter().flat_map(|lat| lon_deg.iter().map(move |lon| plane_nt(*lat, *lon))).collect();
 //! let grid = GeographicGrid::new(&lat_deg, &lon_deg, &nodes_nt)?;
-//! for interpolation in [Interpolation::Linear, Interpolation::Quadratic, Interpolation::Cubic] {
+//! for interpolation in [MapInterpolation::Linear, MapInterpolation::Quadratic, MapInterpolation::Cubic] {
 //!     let map = MapSurface::new(&grid, interpolation);
 //!     let at = map.at(45.023, -75.931).ok_or("off the map")?;
 //!     assert!((at.value_nt - plane_nt(45.023, -75.931)).abs() < 1e-9);
@@ -96,9 +96,9 @@ pub mod plane_grid;
 pub mod projection;
 
 pub use continuation::{Padding, downward, upward};
-pub use gridding::{GridOptions, Gridded, SurveyPoints};
-pub use levelling::{LevelOptions, find_crossovers, level_lines};
+pub use gridding::{GriddingOptions, GriddingResult, SurveyPoints};
+pub use levelling::{LevellingOptions, find_crossovers, level_lines};
 pub use map_stack::{DrapeMap, FieldMap, MapStack};
-pub use map_surface::{FieldColumns, GeographicGrid, Interpolation, MapError, MapSurface};
+pub use map_surface::{FieldColumns, GeographicGrid, MapGridError, MapInterpolation, MapSurface};
 pub use plane_grid::{EvenAxis, PlaneGrid};
 pub use projection::Projection;

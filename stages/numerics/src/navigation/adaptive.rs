@@ -74,7 +74,7 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Fault, Rule, choice, obeys};
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, Linearised, Recursion};
+use crate::navigation::estimate::{FilterRecursion, LinearisedMeasurement, StateEstimate};
 use crate::navigation::measurement::Measurements;
 use crate::navigation::sensitivity::Sensitivity;
 
@@ -83,13 +83,13 @@ mod noise;
 mod window;
 
 pub use aided::{AidedAdaptiveOutput, run_aided};
-use noise::{Fusion, Learner};
-use window::Window;
+use noise::{InnovationFusion, NoiseEstimator};
+use window::SlidingSum;
 
 choice! {
     /// Noise to estimate.
     #[derive(Default)]
-    pub enum Adapt {
+    pub enum AdaptiveNoise {
         /// The measurement noise R of every magnetometer.
         #[default]
         R = "r",
@@ -120,7 +120,7 @@ choice! {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveParameters {
     /// Noise to estimate.
-    pub adapt: Adapt,
+    pub adapt: AdaptiveNoise,
     /// Estimator of R from the innovations.
     pub form: AdaptiveForm,
     /// Number N of past innovations in the estimate, at least 2.
@@ -139,7 +139,7 @@ pub struct AdaptiveParameters {
 impl Default for AdaptiveParameters {
     fn default() -> Self {
         Self {
-            adapt: Adapt::R,
+            adapt: AdaptiveNoise::R,
             form: AdaptiveForm::Residual,
             window: 50,
             relative: false,
@@ -169,7 +169,7 @@ impl AdaptiveParameters {
 
 /// A magnetometer along a line.
 #[derive(Clone, Copy, Debug)]
-pub struct Magnetometer<'a> {
+pub struct AdaptiveMagnetometer<'a> {
     /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, the
     /// line has one.
     pub measurement_nt: &'a [f64],
@@ -182,9 +182,9 @@ pub struct Magnetometer<'a> {
     pub sigma_max_nt: f64,
 }
 
-impl<'a> Magnetometer<'a> {
+impl<'a> AdaptiveMagnetometer<'a> {
     /// The magnetometer of a line, with the bounds of its noise.
-    pub fn of(line: &NavigationLine<'a>, sigma_min_nt: f64, sigma_max_nt: f64) -> Self {
+    pub fn from_line(line: &NavigationLine<'a>, sigma_min_nt: f64, sigma_max_nt: f64) -> Self {
         Self { measurement_nt: line.measurement_nt, sigma_nt: line.sigma_nt, sigma_min_nt, sigma_max_nt }
     }
 
@@ -207,7 +207,7 @@ impl<'a> Magnetometer<'a> {
 
 /// Estimated noise of a magnetometer, and the use of its samples.
 #[derive(Clone, Debug, Default)]
-pub struct Adapted {
+pub struct MagnetometerNoise {
     /// The standard deviation of the noise that each measurement was taken to have, in nT; NaN where it had no
     /// innovation.
     pub sigma_nt: Vec<f64>,
@@ -229,13 +229,13 @@ pub struct AdaptiveOutput {
     /// is that of the first magnetometer.
     pub navigation: NavigationOutput,
     /// Estimated noise of each magnetometer, in their order.
-    pub magnetometers: Vec<Adapted>,
+    pub magnetometers: Vec<MagnetometerNoise>,
     /// The share ε of a correction that is given back as process noise after each sample; 0 where Q is not learnt.
     pub given_back: Vec<f64>,
 }
 
 /// Filters one line by all of its magnetometers. The line's own measurement and sigma have to fit the line, but are not
-/// read: [`Magnetometer::of`] makes a magnetometer of them. Costs about 3 microseconds a sample.
+/// read: [`AdaptiveMagnetometer::from_line`] makes a magnetometer of them. Costs about 3 microseconds a sample.
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
@@ -245,7 +245,7 @@ pub struct AdaptiveOutput {
 pub fn run(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,
-    magnetometers: &[Magnetometer<'_>],
+    magnetometers: &[AdaptiveMagnetometer<'_>],
 ) -> Result<AdaptiveOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
@@ -253,18 +253,18 @@ pub fn run(
     magnetometers.iter().try_for_each(|magnetometer| magnetometer.check(rows))?;
     let AdaptiveParameters { keep_states, keep_covariance, .. } = *parameters;
     let mut navigation = NavigationOutput::with_capacity(rows, keep_states, keep_covariance);
-    let learners: Vec<Learner<'_>> =
-        magnetometers.iter().map(|magnetometer| Learner::new(parameters, line, *magnetometer)).collect();
+    let learners: Vec<NoiseEstimator<'_>> =
+        magnetometers.iter().map(|magnetometer| NoiseEstimator::new(parameters, line, *magnetometer)).collect();
     if let Some(first) = learners.first() {
         navigation.report.offset_nt = first.adapted.offset_nt;
         navigation.report.offset_samples = first.adapted.offset_samples;
     }
-    let filter = Filter {
+    let filter = AdaptiveEkf {
         parameters,
         line,
         field: line.predicted(),
         learners,
-        excess: Window::new(parameters.window),
+        excess: SlidingSum::new(parameters.window),
         pending: None,
         navigation,
         given_back: Vec::with_capacity(rows),
@@ -272,28 +272,28 @@ pub fn run(
     pulp::Arch::new().dispatch(filter)
 }
 
-/// The filter on its way along a line.
-struct Filter<'a> {
+/// Adaptive extended Kalman filter with its state along a line.
+struct AdaptiveEkf<'a> {
     parameters: &'a AdaptiveParameters,
     line: &'a NavigationLine<'a>,
     field: PredictedField<'a>,
-    learners: Vec<Learner<'a>>,
+    learners: Vec<NoiseEstimator<'a>>,
     /// The last innovations, squared over their variance, less 1.
-    excess: Window,
+    excess: SlidingSum,
     /// Process noise that the next step returns.
-    pending: Option<GiveBack>,
+    pending: Option<ProcessNoiseIncrement>,
     navigation: NavigationOutput,
     given_back: Vec<f64>,
 }
 
-/// A share of a correction that becomes process noise.
-struct GiveBack {
-    at: Linearised,
+/// Share of a correction that is added as process noise.
+struct ProcessNoiseIncrement {
+    at: LinearisedMeasurement,
     noise_nt2: f64,
     share: f64,
 }
 
-impl WithSimd for Filter<'_> {
+impl WithSimd for AdaptiveEkf<'_> {
     type Output = Result<AdaptiveOutput, NavigationError>;
 
     #[inline(always)]
@@ -305,44 +305,44 @@ impl WithSimd for Filter<'_> {
     }
 }
 
-impl Recursion for Filter<'_> {
+impl FilterRecursion for AdaptiveEkf<'_> {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.navigation
     }
 
     #[inline(always)]
-    fn before_step(&mut self, estimate: &mut Estimate) {
-        if let Some(GiveBack { at, noise_nt2, share }) = self.pending.take() {
+    fn before_step(&mut self, estimate: &mut StateEstimate) {
+        if let Some(ProcessNoiseIncrement { at, noise_nt2, share }) = self.pending.take() {
             estimate.give_back(&at, noise_nt2, share);
         }
     }
 
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let innovation = self.fuse(estimate, row);
         self.given_back.push(self.pending.as_ref().map_or(0.0, |pending| pending.share));
         innovation
     }
 }
 
-impl Filter<'_> {
+impl AdaptiveEkf<'_> {
     /// Corrects the estimate by the measurements of a row, where there are any to use; counted.
     #[inline(always)]
-    fn fuse(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn fuse(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
         let [lat, lon, alt, temporal_nt] = estimate.measured();
         let field = if measured { self.field.at_error(self.line.ins, row, [lat, lon, alt]) } else { None };
         let Some(field) = field else {
             let report = &mut self.navigation.report;
             *(if measured { &mut report.off_map } else { &mut report.missing_measurements }) += 1;
-            self.learners.iter_mut().for_each(Learner::skip);
+            self.learners.iter_mut().for_each(NoiseEstimator::skip);
             return Innovation::NONE;
         };
-        let at = estimate.linearised(Sensitivity::of(&field));
+        let at = estimate.linearised(Sensitivity::from_field(&field));
         let expected_nt = field.value_nt + temporal_nt;
         let curvature_nt2 =
             self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, estimate.horizontal());
-        let mut fusion = Fusion::default();
+        let mut fusion = InnovationFusion::default();
         let predicted_nt2 = at.variance + curvature_nt2;
         for learner in &mut self.learners {
             learner.innovate(row, expected_nt, predicted_nt2, &mut fusion);
@@ -363,14 +363,14 @@ impl Filter<'_> {
 
     /// Notes how large the innovation was, and what is to be given back of its correction.
     #[inline(always)]
-    fn learn_process_noise(&mut self, at: Linearised, noise_nt2: f64, nis: f64) {
-        if self.parameters.adapt == Adapt::R {
+    fn learn_process_noise(&mut self, at: LinearisedMeasurement, noise_nt2: f64, nis: f64) {
+        if self.parameters.adapt == AdaptiveNoise::R {
             return;
         }
         self.excess.push(nis - 1.0);
         // Missing entries of the window count with their expected value.
         let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
-        self.pending = (share > 0.0).then_some(GiveBack { at, noise_nt2, share });
+        self.pending = (share > 0.0).then_some(ProcessNoiseIncrement { at, noise_nt2, share });
     }
 }
 

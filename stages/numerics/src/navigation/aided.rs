@@ -22,9 +22,10 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::ukf::UkfParameters;
 
 pub use crate::navigation::aids::{
-    AidInnovations, Aids, Difference, Height, Innovations, MapError, MapSlope, SlopeError, Usage, Vector,
+    AidInnovations, Aids, DifferenceAid, HeightAid, Innovations, MapErrorProcess, MapSlope, SampleUsage, SlopeError,
+    VectorAid,
 };
-use filter::Filter;
+use filter::AidedFilter;
 pub use slope_error::likely_slope_error;
 
 /// Linearisation of a measurement of the field.
@@ -64,7 +65,7 @@ pub struct AidedOutput {
     /// sample counts as an update.
     pub navigation: NavigationOutput,
     /// Outcome of each sample.
-    pub usage: Vec<Usage>,
+    pub usage: Vec<SampleUsage>,
     /// The horizontal slope of the predicted field at each sample before its measurement, in nT/m; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
     /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else
@@ -80,7 +81,7 @@ pub struct AidedOutput {
 impl AidedOutput {
     /// The samples where the map was too flat.
     pub fn flat(&self) -> usize {
-        self.usage.iter().filter(|usage| **usage == Usage::Flat).count()
+        self.usage.iter().filter(|usage| **usage == SampleUsage::Flat).count()
     }
 }
 
@@ -117,7 +118,7 @@ pub fn run(
     parameters.check()?;
     line.check()?;
     aids.check(line.ins.len())?;
-    Filter::new(line, aids, parameters).run()
+    AidedFilter::new(line, aids, parameters).run()
 }
 
 #[cfg(test)]

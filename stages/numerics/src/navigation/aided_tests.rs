@@ -1,20 +1,20 @@
 #![allow(clippy::unwrap_used)]
 //! Aiding positions in every filter that takes them.
 
-use super::adaptive::{self, Adapt, AdaptiveParameters};
-use super::ekf::{self, EkfParameters, EkfPoint};
+use super::adaptive::{self, AdaptiveNoise, AdaptiveParameters};
+use super::ekf::{self, EkfInput, EkfParameters};
 use super::iekf::{self, IekfParameters};
 use super::ins_only;
 use super::line::NavigationLine;
 use super::online::{self, LineModel, OnlineParameters};
 use super::output::NavigationOutput;
 use super::pinson::STATES;
-use super::scenes::{Batch, Scene, assert_close, hills, plane, positions, uneven};
+use super::scenes::{AnalyticScene, DenseBatchSmoother, assert_close, hills, plane, positions, uneven};
 use super::ukf::{self, UkfParameters};
-use crate::maps::map_surface::Interpolation;
+use crate::maps::map_surface::MapInterpolation;
 
-fn aided(field_nt: fn(f64, f64) -> f64) -> Scene {
-    let mut scene = Scene::new(&uneven(90), Interpolation::Linear, field_nt);
+fn aided(field_nt: fn(f64, f64) -> f64) -> AnalyticScene {
+    let mut scene = AnalyticScene::new(&uneven(90), MapInterpolation::Linear, field_nt);
     scene.measurement_nt[40..60].fill(f64::NAN);
     scene.fixes = Some(positions(&scene.columns));
     scene
@@ -23,7 +23,7 @@ fn aided(field_nt: fn(f64, f64) -> f64) -> Scene {
 fn by_ekf(line: &NavigationLine<'_>) -> NavigationOutput {
     let parameters =
         EkfParameters { errors: line.errors, keep_states: true, keep_covariance: true, ..EkfParameters::default() };
-    let point = EkfPoint {
+    let point = EkfInput {
         parameters: &parameters,
         measurement_nt: line.measurement_nt,
         sigma_nt: Some(line.sigma_nt),
@@ -46,18 +46,18 @@ fn by_ukf(line: &NavigationLine<'_>) -> NavigationOutput {
 /// The noise is learnt within bounds that leave it where it is.
 fn by_adaptive(line: &NavigationLine<'_>) -> NavigationOutput {
     let parameters = AdaptiveParameters {
-        adapt: Adapt::R,
+        adapt: AdaptiveNoise::R,
         keep_states: true,
         keep_covariance: true,
         ..AdaptiveParameters::default()
     };
-    let magnetometer = adaptive::Magnetometer::of(line, 5.0, 5.0);
+    let magnetometer = adaptive::AdaptiveMagnetometer::from_line(line, 5.0, 5.0);
     adaptive::run(&parameters, line, &[magnetometer]).unwrap().navigation
 }
 
 fn by_online(line: &NavigationLine<'_>) -> NavigationOutput {
     let prior = online::CoefficientPrior { mean: vec![], covariance: vec![] };
-    let magnetometer = online::Magnetometer {
+    let magnetometer = online::OnlineMagnetometer {
         measurement_nt: line.measurement_nt,
         sigma_nt: line.sigma_nt,
         terms: &[],
@@ -65,7 +65,7 @@ fn by_online(line: &NavigationLine<'_>) -> NavigationOutput {
         walk_density: &[],
     };
     let parameters = OnlineParameters { keep_states: true, keep_covariance: true, ..OnlineParameters::default() };
-    online::run(&LineModel::of(line), &[magnetometer], None, &parameters).unwrap().navigation
+    online::run(&LineModel::from_line(line), &[magnetometer], None, &parameters).unwrap().navigation
 }
 
 type ByFilter = fn(&NavigationLine<'_>) -> NavigationOutput;
@@ -76,7 +76,7 @@ fn law_every_filter_ends_at_dense_least_squares_on_a_plane() {
     let filters: [(&str, ByFilter); 5] =
         [("ekf", by_ekf), ("iekf", by_iekf), ("ukf", by_ukf), ("adaptive", by_adaptive), ("online", by_online)];
     scene.with(|line| {
-        let mut batch = Batch::new(line);
+        let mut batch = DenseBatchSmoother::new(line);
         batch.solve(line, |_| 1.0);
         for (name, run) in filters {
             let output = run(line);

@@ -22,11 +22,11 @@
 //!
 //! **The difference** is free of S and of all other common errors, so it navigates through a magnetic storm. It
 //! measures the map's slope along the baseline, and its row of H is the difference of the map's slopes at both ends.
-//! The map therefore requires a continuous slope ([`Interpolation::Cubic`](crate::maps::Interpolation::Cubic)); the
-//! slope of a bilinear map changes only at the edges of its cells. Over a short baseline r the position error for one
-//! sample is σ_d/(r |∂²f|). The tilt turns the baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends.
-//! Half a degree of yaw along 15 m with a slope of 0.1 nT/m across is 0.013 nT. A difference therefore also measures
-//! the yaw where the map is steep.
+//! The map therefore requires a continuous slope ([`MapInterpolation::Cubic`](crate::maps::MapInterpolation::Cubic));
+//! the slope of a bilinear map changes only at the edges of its cells. Over a short baseline r the position error for
+//! one sample is σ_d/(r |∂²f|). The tilt turns the baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both
+//! ends. Half a degree of yaw along 15 m with a slope of 0.1 nT/m across is 0.013 nT. A difference therefore also
+//! measures the yaw where the map is steep.
 //!
 //! The error of the map's slope enters the difference times the baseline: g_h along its horizontal part a_h, and g_u
 //! along its upward part a_u ([`SlopeError`]). Both are states with a correlation length along the track. A map of one
@@ -58,13 +58,13 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::output::{Innovation, NavigationError, NavigationReport};
 use crate::signal::gauss_markov::GaussMarkov;
 
-pub(crate) use rows::{Aid, Linear, Rows, SampleInnovations, rotation};
+pub(crate) use rows::{Aid, AidMeasurements, LinearisedAid, SampleInnovations, rotation};
 pub use slope::{MapSlope, SlopeError};
 pub(crate) use states::AidStates;
 
 /// The difference of two scalar magnetometers, first minus second.
 #[derive(Clone, Copy, Debug)]
-pub struct Difference<'a> {
+pub struct DifferenceAid<'a> {
     /// It at each sample, in nT; NaN where there is none.
     pub difference_nt: &'a [f64],
     /// The standard deviation of its white noise, in nT.
@@ -79,7 +79,7 @@ pub struct Difference<'a> {
 
 /// A vector magnetometer.
 #[derive(Clone, Copy, Debug)]
-pub struct Vector<'a> {
+pub struct VectorAid<'a> {
     /// The field along nose, right and down at each sample, in nT; NaN where there is none.
     pub field_nt: [&'a [f64]; 3],
     /// The standard deviation of the white noise of each component, in nT.
@@ -95,9 +95,9 @@ pub struct Vector<'a> {
     pub core: &'a Arc<CoreField>,
 }
 
-/// Heights from elsewhere, such as a barometer's that does not aid the INS already.
+/// Independent heights, such as those of a barometer that does not aid the INS already.
 #[derive(Clone, Copy, Debug)]
-pub struct Height<'a> {
+pub struct HeightAid<'a> {
     /// Above the ellipsoid at each sample, in m; NaN where there is none.
     pub alt_m: &'a [f64],
     /// The standard deviation of the white noise, in m.
@@ -106,9 +106,9 @@ pub struct Height<'a> {
     pub bias: GaussMarkov,
 }
 
-/// Error of the map.
+/// Error of the map as a Gauss-Markov process along the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapError {
+pub struct MapErrorProcess {
     /// Its standard deviation, in nT.
     pub sigma_nt: f64,
     /// The distance along the track over which its correlation falls to 1/e, in m.
@@ -119,13 +119,13 @@ pub struct MapError {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Aids<'a> {
     /// The difference of two magnetometers.
-    pub difference: Option<Difference<'a>>,
+    pub difference: Option<DifferenceAid<'a>>,
     /// The field's vector.
-    pub vector: Option<Vector<'a>>,
+    pub vector: Option<VectorAid<'a>>,
     /// A height.
-    pub height: Option<Height<'a>>,
+    pub height: Option<HeightAid<'a>>,
     /// The map's error as a state.
-    pub map_error: Option<MapError>,
+    pub map_error: Option<MapErrorProcess>,
     /// The standard deviation of the delay of the scalar magnetometer before the line, in s, as a constant state: a
     /// sample that is stamped `t` was measured at `t` less the delay.
     pub latency_sigma_s: Option<f64>,
@@ -136,7 +136,7 @@ pub struct Aids<'a> {
 
 /// Outcome of the field measurements of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Usage {
+pub enum SampleUsage {
     /// One or more was used, and carried a position.
     Used,
     /// The scalar field was used, but the map is too flat to observe the position; no other measurement was used.
@@ -151,12 +151,12 @@ pub enum Usage {
 
 impl NavigationReport {
     /// Counts a sample.
-    pub(crate) fn count(&mut self, usage: Usage) {
+    pub(crate) fn count(&mut self, usage: SampleUsage) {
         *match usage {
-            Usage::Used | Usage::Flat => &mut self.updates,
-            Usage::Missing => &mut self.missing_measurements,
-            Usage::OffMap => &mut self.off_map,
-            Usage::Gated => &mut self.gated,
+            SampleUsage::Used | SampleUsage::Flat => &mut self.updates,
+            SampleUsage::Missing => &mut self.missing_measurements,
+            SampleUsage::OffMap => &mut self.off_map,
+            SampleUsage::Gated => &mut self.gated,
         } += 1;
     }
 }
@@ -216,7 +216,7 @@ impl Aids<'_> {
             require(&format!("{name}_sigma"), of.sigma, Rule::NotNegative)?;
             require(&format!("{name}_tau_s"), of.tau_s, Rule::Positive)
         };
-        if let Some(Difference { difference_nt, sigma_nt, baseline_m, slope, bias }) = &self.difference {
+        if let Some(DifferenceAid { difference_nt, sigma_nt, baseline_m, slope, bias }) = &self.difference {
             length("difference", difference_nt.len())?;
             slope.check(rows)?;
             require("gradient_sigma_nt", *sigma_nt, Rule::Positive)?;
@@ -235,12 +235,12 @@ impl Aids<'_> {
             require("vector_crustal_sigma_nt", vector.crustal_sigma_nt, Rule::NotNegative)?;
             require("vector_crustal_length_m", vector.crustal_length_m, Rule::Positive)?;
         }
-        if let Some(Height { alt_m, sigma_m, bias }) = &self.height {
+        if let Some(HeightAid { alt_m, sigma_m, bias }) = &self.height {
             length("height", alt_m.len())?;
             require("height_sigma_m", *sigma_m, Rule::Positive)?;
             lasting("height_bias", *bias)?;
         }
-        if let Some(MapError { sigma_nt, length_m }) = &self.map_error {
+        if let Some(MapErrorProcess { sigma_nt, length_m }) = &self.map_error {
             require("map_sigma_nt", *sigma_nt, Rule::NotNegative)?;
             require("map_sigma_length_m", *length_m, Rule::Positive)?;
         }

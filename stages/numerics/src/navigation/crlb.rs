@@ -15,7 +15,7 @@
 //! is NaN, or whose sigma is not above 0, adds no information, and neither does a sample where the true position is off
 //! the map or in an unknown cell. Both are counted.
 
-use crate::navigation::aided::filter::Filter;
+use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
@@ -24,7 +24,7 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::StateFix;
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::sensitivity::Sensitivity;
 
 /// True path, one value per sample in every column.
@@ -89,7 +89,7 @@ pub fn run(
     let (offset_nt, samples) = field.offset(&truth, line.measurement_nt, line.offset_window_s);
     output.report.offset_nt = offset_nt;
     output.report.offset_samples = samples;
-    pulp::Arch::new().dispatch(Bound { line, truth, field, offset_nt, output })
+    pulp::Arch::new().dispatch(CramerRaoBound { line, truth, field, offset_nt, output })
 }
 
 /// [`run`] with further measurements besides the scalar field. The residual of each is measurement minus truth; its NIS
@@ -110,11 +110,11 @@ pub fn run_aided(
     let truth = path.along(line.ins)?;
     let (line, aids) = (NavigationLine { ins: &truth, ..*line }, Aids { flat_over_m: None, ..*aids });
     let parameters = AidedParameters { keep_covariance, ..AidedParameters::default() };
-    Filter::of_bound(&line, &aids, &parameters).run()
+    AidedFilter::of_bound(&line, &aids, &parameters).run()
 }
 
-/// The bound on its way along a line.
-struct Bound<'a> {
+/// Cramér-Rao bound along a line, with its output so far.
+struct CramerRaoBound<'a> {
     line: &'a NavigationLine<'a>,
     truth: InsSeries<'a>,
     field: PredictedField<'a>,
@@ -122,7 +122,7 @@ struct Bound<'a> {
     output: NavigationOutput,
 }
 
-impl WithSimd for Bound<'_> {
+impl WithSimd for CramerRaoBound<'_> {
     type Output = Result<NavigationOutput, NavigationError>;
 
     #[inline(always)]
@@ -135,14 +135,14 @@ impl WithSimd for Bound<'_> {
     }
 }
 
-impl Recursion for Bound<'_> {
+impl FilterRecursion for CramerRaoBound<'_> {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.output
     }
 
     /// Adds the information of the measurement of a row, where there is any; counted.
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let Some((measured_nt, noise_nt2)) = self.line.measured(row, self.offset_nt) else {
             self.output.report.missing_measurements += 1;
             return Innovation::NONE;
@@ -152,7 +152,7 @@ impl Recursion for Bound<'_> {
             return Innovation::NONE;
         };
         self.output.report.updates += 1;
-        estimate.correct(&estimate.linearised(Sensitivity::of(&field)), 0.0, noise_nt2);
+        estimate.correct(&estimate.linearised(Sensitivity::from_field(&field)), 0.0, noise_nt2);
         let residual_nt = measured_nt - field.value_nt;
         let variance_nt2 = self.line.errors.fogm_sigma_nt.powi(2) + noise_nt2;
         Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }

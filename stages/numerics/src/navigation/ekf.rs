@@ -31,9 +31,9 @@ use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::PositionFixes;
-use pack::{Filter, Pack};
+use pack::{EkfLane, EkfPack};
 pub use parameters::EkfParameters;
-use steps::StepModel;
+use steps::EkfStepModel;
 
 /// Filters one line.
 ///
@@ -52,14 +52,14 @@ pub fn run(
     core: Option<&CoreField>,
 ) -> Result<NavigationOutput, NavigationError> {
     let core = core.map(|core| Arc::new(core.clone()));
-    let point = EkfPoint { parameters, measurement_nt, sigma_nt: None, fixes: None, map, core: core.as_ref() };
+    let point = EkfInput { parameters, measurement_nt, sigma_nt: None, fixes: None, map, core: core.as_ref() };
     // One point has one result.
     run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(NavigationOutput::default()))
 }
 
-/// One of several filters over the same line.
+/// Input of one of several filters over the same line.
 #[derive(Clone, Copy, Debug)]
-pub struct EkfPoint<'a> {
+pub struct EkfInput<'a> {
     /// The parameters.
     pub parameters: &'a EkfParameters,
     /// The compensated field at each sample; it holds the core field if, and only if, `core` is given.
@@ -83,14 +83,14 @@ pub struct EkfPoint<'a> {
 ///
 /// # Errors
 /// Each result fails as [`run`].
-pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
+pub fn run_together(ins: &InsSeries<'_>, points: &[EkfInput<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<NavigationOutput, NavigationError>>> = vec![];
-    let mut groups: Vec<(StepModel, Vec<usize>)> = vec![];
+    let mut groups: Vec<(EkfStepModel, Vec<usize>)> = vec![];
     for (place, point) in points.iter().enumerate() {
         let refused = point.check(ins, &series).err();
         if refused.is_none() {
-            let model = StepModel::of(&point.parameters.errors);
+            let model = EkfStepModel::from_error_model(&point.parameters.errors);
             match groups.iter_mut().find(|(of, _)| *of == model) {
                 Some((_, places)) => places.push(place),
                 None => groups.push((model, vec![place])),
@@ -99,8 +99,8 @@ pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<
         answers.push(refused.map(Err));
     }
     for (model, places) in groups {
-        let filters = places.iter().map(|place| Filter::new(points[*place], ins)).collect();
-        let filtered = pulp::Arch::new().dispatch(Group { ins, model, filters });
+        let filters = places.iter().map(|place| EkfLane::new(points[*place], ins)).collect();
+        let filtered = pulp::Arch::new().dispatch(EkfBatch { ins, model, filters });
         for (place, filter) in places.into_iter().zip(filtered) {
             answers[place] = Some(filter.finish());
         }
@@ -109,7 +109,7 @@ pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<
     answers.into_iter().flatten().collect()
 }
 
-impl EkfPoint<'_> {
+impl EkfInput<'_> {
     fn check(&self, ins: &InsSeries<'_>, series: &Result<(), SeriesError>) -> Result<(), NavigationError> {
         self.parameters.check()?;
         series.clone()?;
@@ -138,15 +138,15 @@ const BLOCK: usize = 32;
 /// matrix than across the filters.
 const FEW: usize = 2;
 
-/// Filters that share their steps, as the work that is dispatched to the machine's vector unit.
-struct Group<'a> {
+/// Filters with common steps, dispatched together to the vector unit of the machine.
+struct EkfBatch<'a> {
     ins: &'a InsSeries<'a>,
-    model: StepModel,
-    filters: Vec<Filter<'a>>,
+    model: EkfStepModel,
+    filters: Vec<EkfLane<'a>>,
 }
 
-impl<'a> WithSimd for Group<'a> {
-    type Output = Vec<Filter<'a>>;
+impl<'a> WithSimd for EkfBatch<'a> {
+    type Output = Vec<EkfLane<'a>>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
@@ -167,18 +167,23 @@ impl<'a> WithSimd for Group<'a> {
                 pack.advance(Scalar, ins, first, &steps);
             }
         }
-        let lone = lone.into_iter().flat_map(Pack::into_filters);
-        packs.into_iter().flat_map(Pack::into_filters).chain(lone).collect()
+        let lone = lone.into_iter().flat_map(EkfPack::into_filters);
+        packs.into_iter().flat_map(EkfPack::into_filters).chain(lone).collect()
     }
 }
 
 /// Packs of as many filters as a register has lanes, after their first sample.
 #[inline(always)]
-fn packed<'a, S: Simd>(simd: S, filters: Vec<Filter<'a>>, model: &StepModel, ins: &InsSeries<'_>) -> Vec<Pack<'a, S>> {
+fn packed<'a, S: Simd>(
+    simd: S,
+    filters: Vec<EkfLane<'a>>,
+    model: &EkfStepModel,
+    ins: &InsSeries<'_>,
+) -> Vec<EkfPack<'a, S>> {
     let mut packs = vec![];
     let mut filters = filters.into_iter().peekable();
     while filters.peek().is_some() {
-        let mut pack = Pack::new(simd, filters.by_ref().take(S::F64_LANES).collect(), model.noise(), ins);
+        let mut pack = EkfPack::new(simd, filters.by_ref().take(S::F64_LANES).collect(), model.noise(), ins);
         pack.start(simd, ins);
         packs.push(pack);
     }

@@ -14,16 +14,16 @@ use crate::navigation::transition::{NoiseDiscretisation, propagate_state, step_c
 
 /// The process model of a step, of which only the INS quantities change along a line.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct StepModel {
+pub(crate) struct InsProcessModel {
     times: TimeConstants,
     form: PinsonForm,
     density: StateVector,
     noise: NoiseDiscretisation,
 }
 
-impl StepModel {
+impl InsProcessModel {
     /// The steps of an error model.
-    pub(crate) fn of(errors: &InsErrorModel) -> Self {
+    pub(crate) fn from_error_model(errors: &InsErrorModel) -> Self {
         Self {
             times: errors.time_constants(),
             form: errors.pinson,
@@ -42,7 +42,7 @@ impl StepModel {
 
 /// A Gaussian over the error states, in the units of `pinson`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Estimate {
+pub(crate) struct StateEstimate {
     /// Its mean.
     pub(crate) x: StateVector,
     /// Its covariance, exactly symmetric.
@@ -51,7 +51,7 @@ pub(crate) struct Estimate {
 
 /// A scalar measurement z = H x + v of the states, with an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Linearised {
+pub(crate) struct LinearisedMeasurement {
     /// H.
     pub(crate) h: Sensitivity,
     /// P Hᵀ.
@@ -62,7 +62,7 @@ pub(crate) struct Linearised {
 
 /// Quantities of a measurement update.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Corrected {
+pub(crate) struct MeasurementUpdate {
     /// K.
     pub(crate) gain: StateVector,
     /// z - H x before it.
@@ -71,7 +71,7 @@ pub(crate) struct Corrected {
     pub(crate) weight: f64,
 }
 
-impl Estimate {
+impl StateEstimate {
     /// No error, and the initial covariance at the first sample of an INS.
     pub(crate) fn start_of(errors: &InsErrorModel, ins: &InsSeries<'_>) -> Self {
         Self { x: [0.0; STATES], p: errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]) }
@@ -79,7 +79,7 @@ impl Estimate {
 
     /// x ← Φ x and P ← Φ P Φᵀ + Q of the step from the sample before `row` to `row`; hands back Φ.
     #[inline(always)]
-    pub(crate) fn propagate(&mut self, model: &StepModel, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
+    pub(crate) fn propagate(&mut self, model: &InsProcessModel, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
         let f = pinson_matrix(&ins.point(row - 1), &model.times, model.form);
         let phi = transition_matrix(&f, dt_s);
@@ -96,32 +96,32 @@ impl Estimate {
 
     /// A measurement of the row H.
     #[inline(always)]
-    pub(crate) fn linearised(&self, h: Sensitivity) -> Linearised {
+    pub(crate) fn linearised(&self, h: Sensitivity) -> LinearisedMeasurement {
         let ph = h.covariance(&self.p);
-        Linearised { h, ph, variance: h.dot(&ph) }
+        LinearisedMeasurement { h, ph, variance: h.dot(&ph) }
     }
 
     /// x ← x + K r and the covariance of it, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the
     /// noise. `at` is of this estimate.
     #[inline(always)]
-    pub(crate) fn correct(&mut self, at: &Linearised, residual: f64, noise: f64) -> Corrected {
+    pub(crate) fn correct(&mut self, at: &LinearisedMeasurement, residual: f64, noise: f64) -> MeasurementUpdate {
         let weight = 1.0 / (at.variance + noise);
         let gain = at.ph.map(|ph| ph * weight);
         add_scaled(&mut self.x, residual, &gain);
         self.correct_covariance(&at.h, &gain, &at.ph, noise);
-        Corrected { gain, innovation: residual, weight }
+        MeasurementUpdate { gain, innovation: residual, weight }
     }
 
     /// The correction by a measured value with the variance of its noise.
     #[inline(always)]
-    pub(crate) fn update(&mut self, h: Sensitivity, value: f64, noise: f64) -> Corrected {
+    pub(crate) fn update(&mut self, h: Sensitivity, value: f64, noise: f64) -> MeasurementUpdate {
         let innovation = value - h.dot(&self.x);
         self.correct(&self.linearised(h), innovation, noise)
     }
 
     /// The update by the aiding positions of a row, one coordinate after the other.
     #[inline(always)]
-    pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) -> [Option<Corrected>; 3] {
+    pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) -> [Option<MeasurementUpdate>; 3] {
         fixes.map(|fix| {
             fix.map(|StateFix { state, error, variance }| self.update(Sensitivity::of_state(state), error, variance))
         })
@@ -148,7 +148,7 @@ impl Estimate {
     /// P ← P + share K (H P Hᵀ + R) Kᵀ with the gain of the prior that `at` is of: gives back a share of what the
     /// correction by this measurement took off the covariance.
     #[inline(always)]
-    pub(crate) fn give_back(&mut self, at: &Linearised, noise: f64, share: f64) {
+    pub(crate) fn give_back(&mut self, at: &LinearisedMeasurement, noise: f64, share: f64) {
         let factor = share / (at.variance + noise);
         for (row, entries) in self.p.iter_mut().enumerate() {
             for (column, entry) in entries.iter_mut().enumerate() {
@@ -184,22 +184,22 @@ impl Estimate {
     }
 }
 
-/// Differences between filters with a single estimate.
-pub(crate) trait Recursion {
+/// Recursion of a filter with a single estimate along a line.
+pub(crate) trait FilterRecursion {
     /// Output of the estimates.
     fn output(&mut self) -> &mut NavigationOutput;
 
     /// Changes the estimate before the step from it.
     #[inline(always)]
-    fn before_step(&mut self, _: &mut Estimate) {}
+    fn before_step(&mut self, _: &mut StateEstimate) {}
 
     /// Corrects the estimate by the measurement of a row, where there is one to use; counted.
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation;
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation;
 
     /// Filters along an INS: the step, the aiding positions of the row, its measurement.
     ///
     /// # Errors
-    /// Fails as [`Estimate::check`].
+    /// Fails as [`StateEstimate::check`].
     #[inline(always)]
     fn along(
         &mut self,
@@ -207,7 +207,7 @@ pub(crate) trait Recursion {
         errors: &InsErrorModel,
         fixes: impl Fn(usize) -> [Option<StateFix>; 3],
     ) -> Result<(), NavigationError> {
-        let (mut estimate, model) = (Estimate::start_of(errors, ins), StepModel::of(errors));
+        let (mut estimate, model) = (StateEstimate::start_of(errors, ins), InsProcessModel::from_error_model(errors));
         for row in 0..ins.len() {
             if row > 0 {
                 self.before_step(&mut estimate);

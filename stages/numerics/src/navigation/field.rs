@@ -88,9 +88,9 @@ impl<'a> PredictedField<'a> {
 }
 
 /// Variance, in nT², of the part of a field that its slope does not describe, over the uncertainty of a position: by
-/// second-order divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and Ravn
-/// 2000, DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of longitude, in
-/// rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map counts 0.
+/// second-order divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and
+/// Ravn 2000, DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of
+/// longitude, in rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map counts 0.
 #[inline]
 pub(crate) fn remainder_nt2(
     [lat, both, lon]: [f64; 3],

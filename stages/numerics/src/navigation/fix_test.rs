@@ -6,10 +6,11 @@
 //!
 //! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
 //!   Kirubarajan 2001, section 5.4];
-//! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`], and an
-//!   alarm where |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum quality-control schemes,
-//!   Technometrics 30(3)], which has the same power in every direction. It finds what changes by less than the noise from fix to
-//!   fix: a drift of 1 m/s with fixes of 2 m each second after 7 to 12 s, one of 0.5 m/s after 12 to 19 s.
+//! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`], and
+//!   an alarm where |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum quality-control
+//!   schemes, Technometrics 30(3)], which has the same power in every direction. It finds what changes by less than the
+//!   noise from fix to fix: a drift of 1 m/s with fixes of 2 m each second after 7 to 12 s, one of 0.5 m/s after 12 to
+//!   19 s.
 //!
 //! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as
 //! a receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a
@@ -20,7 +21,7 @@
 //! a drift. An offset that is there from the first fix on cannot be found. Fixes with more noise than assumed widen
 //! both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
-use crate::navigation::estimate::{Estimate, StepModel};
+use crate::navigation::estimate::{InsProcessModel, StateEstimate};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::NavigationError;
@@ -54,7 +55,7 @@ pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
 
 /// The outcome for the fixes of a line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TestedFixes {
+pub struct FixTestResult {
     /// The fixes that passed; NaN in place of the others.
     pub accepted: PositionFixes,
     /// Whether a coordinate of the fix of each sample was rejected.
@@ -68,11 +69,15 @@ pub struct TestedFixes {
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
 /// [`NavigationError::Diverged`] when a state or variance is no longer finite.
-pub fn run(ins: &InsSeries<'_>, errors: &InsErrorModel, fixes: &PositionFixes) -> Result<TestedFixes, NavigationError> {
+pub fn run(
+    ins: &InsSeries<'_>,
+    errors: &InsErrorModel,
+    fixes: &PositionFixes,
+) -> Result<FixTestResult, NavigationError> {
     errors.check()?;
     ins.check()?;
     fixes.check(ins.len())?;
-    let mut monitor = Monitor::new(ins, errors, fixes);
+    let mut monitor = FixMonitor::new(ins, errors, fixes);
     for row in 0..ins.len() {
         monitor.sample(row)?;
     }
@@ -82,14 +87,14 @@ pub fn run(ins: &InsSeries<'_>, errors: &InsErrorModel, fixes: &PositionFixes) -
 /// The horizontal position, and the height.
 const CHANNELS: [&[usize]; 2] = [&[0, 1], &[2]];
 
-/// The test of one channel.
-struct Channel {
+/// State of the test of one channel: the horizontal position or the height.
+struct FixTestChannel {
     /// Its coordinates.
     coordinates: &'static [usize],
     /// The cumulative sum of each coordinate's whitened innovations.
     sum: [f64; 2],
     /// The sample of the last fix before which the sum was 0, and the estimate before it.
-    calm: Option<(usize, Estimate)>,
+    calm: Option<(usize, StateEstimate)>,
     /// The fixes in a row that agreed during an alarm; `None` without one.
     alarm: Option<usize>,
     /// The squares of the last whitened innovations.
@@ -98,17 +103,17 @@ struct Channel {
     uses: Vec<bool>,
 }
 
-struct Monitor<'a> {
+struct FixMonitor<'a> {
     ins: &'a InsSeries<'a>,
     errors: &'a InsErrorModel,
-    model: StepModel,
+    model: InsProcessModel,
     fixes: &'a PositionFixes,
-    now: Estimate,
-    channels: [Channel; 2],
+    now: StateEstimate,
+    channels: [FixTestChannel; 2],
     alarms: Vec<usize>,
 }
 
-impl Channel {
+impl FixTestChannel {
     fn new(coordinates: &'static [usize], rows: usize) -> Self {
         let (sum, squares) = ([0.0; 2], Vec::with_capacity(2 * SCALE_OVER));
         Self { coordinates, sum, calm: None, alarm: None, squares, uses: vec![true; rows] }
@@ -136,7 +141,7 @@ impl Channel {
     }
 
     /// Whether a fix of these whitened innovations is used, and whether it raises an alarm.
-    fn judge(&mut self, z: &[f64], row: usize, before: &Estimate) -> (bool, bool) {
+    fn judge(&mut self, z: &[f64], row: usize, before: &StateEstimate) -> (bool, bool) {
         let scale = self.scale();
         let nis = z.iter().map(|z| z * z).sum::<f64>() / (scale * z.len() as f64);
         if let Some(agreed) = &mut self.alarm {
@@ -162,9 +167,9 @@ impl Channel {
     }
 }
 
-impl<'a> Monitor<'a> {
+impl<'a> FixMonitor<'a> {
     fn new(ins: &'a InsSeries<'a>, errors: &'a InsErrorModel, fixes: &'a PositionFixes) -> Self {
-        let mut now = Estimate::start_of(errors, ins);
+        let mut now = StateEstimate::start_of(errors, ins);
         let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
         let (north_m, east_m) = errors.earth.north_east_m_per_rad(lat_rad, alt_m);
         let mut at_least = |state: usize, sigma: f64| now.p[state][state] = now.p[state][state].max(sigma * sigma);
@@ -174,8 +179,8 @@ impl<'a> Monitor<'a> {
         (VN..=VD).for_each(|state| at_least(state, START_VELOCITY_MPS));
         (TILT_N..=TILT_D).for_each(|state| at_least(state, START_ATTITUDE_DEG[0].to_radians()));
         at_least(TILT_D, START_ATTITUDE_DEG[1].to_radians());
-        let channels = CHANNELS.map(|coordinates| Channel::new(coordinates, ins.len()));
-        Self { ins, errors, model: StepModel::of(errors), fixes, now, channels, alarms: vec![] }
+        let channels = CHANNELS.map(|coordinates| FixTestChannel::new(coordinates, ins.len()));
+        Self { ins, errors, model: InsProcessModel::from_error_model(errors), fixes, now, channels, alarms: vec![] }
     }
 
     fn step(&mut self, row: usize) {
@@ -227,7 +232,7 @@ impl<'a> Monitor<'a> {
                 // At the first sample the estimate already contains the channels before this one.
                 let done = at == first && channel < of;
                 let later = at == row && channel > of;
-                let Channel { coordinates, uses, .. } = &self.channels[channel];
+                let FixTestChannel { coordinates, uses, .. } = &self.channels[channel];
                 if !done && !later && uses[at] {
                     let there: Vec<StateFix> = coordinates.iter().filter_map(|k| fixes[*k]).collect();
                     there.into_iter().for_each(|fix| self.correct(fix));
@@ -240,7 +245,7 @@ impl<'a> Monitor<'a> {
         self.now.update(Sensitivity::of_state(state), error, variance);
     }
 
-    fn finish(self) -> TestedFixes {
+    fn finish(self) -> FixTestResult {
         let mut accepted = self.fixes.clone();
         let mut rejected = vec![false; self.ins.len()];
         for (row, rejected) in rejected.iter_mut().enumerate() {
@@ -252,7 +257,7 @@ impl<'a> Monitor<'a> {
                 }
             }
         }
-        TestedFixes { accepted, rejected, alarms: self.alarms }
+        FixTestResult { accepted, rejected, alarms: self.alarms }
     }
 }
 
@@ -261,7 +266,7 @@ fn length([a, b]: [f64; 2]) -> f64 {
 }
 
 /// The innovations of fixes of an estimate, made independent and of variance 1, in their order.
-fn whitened(estimate: &Estimate, fixes: &[StateFix]) -> Vec<f64> {
+fn whitened(estimate: &StateEstimate, fixes: &[StateFix]) -> Vec<f64> {
     let (x, p): (_, &StateMatrix) = (&estimate.x, &estimate.p);
     let own = |fix: &StateFix| (fix.error - x[fix.state], p[fix.state][fix.state] + fix.variance);
     match fixes {

@@ -19,8 +19,8 @@
 //! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
 //! smoother is Gauss-Newton]. No covariance is inverted, so states without process noise or with a large prior do no
 //! harm. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P
-//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`](crate::navigation::loss::Loss) (iteratively reweighted least
-//! squares).
+//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss)
+//! (iteratively reweighted least squares).
 //!
 //! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
 //! dropped measurements alone, linearised about the last solution. It carries the whole covariance of INS states and
@@ -56,20 +56,20 @@ pub(crate) mod whole;
 mod window;
 
 use crate::navigation::aids::{AidInnovations, AidStates, Aids};
-use crate::navigation::gaussian::{Gaussian, Layout};
+use crate::navigation::gaussian::{Gaussian, StateLayout};
 use crate::navigation::pinson::STATES;
 use crate::navigation::{NavigationError, NavigationLine, NavigationOutput, ins_series::SeriesError};
 use crate::signal::gauss_markov::GaussMarkov;
 use params::Params;
 use thiserror::Error;
 
-use nodes::Nodes;
+use nodes::LineNodeBuilder;
 pub use parameters::{FixedLagParameters, WindowReport};
-use passage::Passage;
+use passage::FixedLagRun;
 
-/// A linear model of the aircraft's field at a magnetometer, A β, and what is known of β.
+/// Linear model A β of the aircraft's field at a magnetometer, with the prior of β.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Coefficients<'a> {
+pub struct AircraftCoefficients<'a> {
     /// A, row-major: a row a sample, a column a coefficient.
     pub regressors: &'a [f64],
     /// The prior mean of β.
@@ -82,25 +82,25 @@ pub struct Coefficients<'a> {
 
 /// A scalar magnetometer.
 #[derive(Clone, Copy, Debug)]
-pub struct Magnetometer<'a> {
+pub struct FixedLagMagnetometer<'a> {
     /// The measured field at each sample, in nT; NaN where there is none.
     pub measurement_nt: &'a [f64],
     /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
     /// measurement a missing one.
     pub sigma_nt: &'a [f64],
     /// The aircraft's field.
-    pub coefficients: Coefficients<'a>,
+    pub coefficients: AircraftCoefficients<'a>,
     /// Slow error beyond that: standard deviation in nT, time constant in s. A standard deviation of 0 means none.
     pub error: GaussMarkov,
 }
 
-impl<'a> Magnetometer<'a> {
+impl<'a> FixedLagMagnetometer<'a> {
     /// The measurement of a line, without a model of the aircraft.
     pub fn of_line(line: &NavigationLine<'a>) -> Self {
         Self {
             measurement_nt: line.measurement_nt,
             sigma_nt: line.sigma_nt,
-            coefficients: Coefficients::default(),
+            coefficients: AircraftCoefficients::default(),
             error: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
         }
     }
@@ -113,7 +113,7 @@ impl<'a> Magnetometer<'a> {
     }
 }
 
-impl<'a> Coefficients<'a> {
+impl<'a> AircraftCoefficients<'a> {
     /// The number of coefficients.
     pub fn terms(&self) -> usize {
         self.mean.len()
@@ -127,7 +127,7 @@ impl<'a> Coefficients<'a> {
 
 /// Outcome of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Usage {
+pub enum FixedLagUsage {
     /// The filter used the measurement of one magnetometer or more.
     Used,
     /// There was none.
@@ -146,7 +146,7 @@ pub struct FixedLagOutput {
     /// mean over magnetometers, of expectation 1. No sample is ever gated.
     pub navigation: NavigationOutput,
     /// Outcome of each sample.
-    pub usage: Vec<Usage>,
+    pub usage: Vec<FixedLagUsage>,
     /// The aircraft's field A β by the estimate of each sample, in nT, row-major: a row a sample, a column a
     /// magnetometer.
     pub aircraft_nt: Vec<f64>,
@@ -208,7 +208,7 @@ pub enum FixedLagError {
 /// Smooths a line.
 ///
 /// The measurements are those of `magnetometers`, each with its model of the aircraft; the line's own measurement is
-/// used only as [`Magnetometer::of_line`] hands it on. The mean of measurement minus prediction over the line's
+/// used only as [`FixedLagMagnetometer::of_line`] hands it on. The mean of measurement minus prediction over the line's
 /// `offset_window_s` is taken off each magnetometer.
 ///
 /// # Errors
@@ -218,8 +218,8 @@ pub enum FixedLagError {
 pub fn run(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
-    magnetometers: &[Magnetometer<'_>],
-    keep: Keep,
+    magnetometers: &[FixedLagMagnetometer<'_>],
+    keep: FixedLagOptions,
 ) -> Result<FixedLagOutput, FixedLagError> {
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
@@ -233,9 +233,9 @@ pub fn run(
 pub fn run_aided(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
-    magnetometers: &[Magnetometer<'_>],
+    magnetometers: &[FixedLagMagnetometer<'_>],
     aids: &Aids<'_>,
-    keep: Keep,
+    keep: FixedLagOptions,
 ) -> Result<FixedLagOutput, FixedLagError> {
     parameters.check().map_err(|fault| NavigationError::from(crate::navigation::ins_error::ParameterError(fault)))?;
     line.check()?;
@@ -243,10 +243,10 @@ pub fn run_aided(
         check(number, magnetometer, line.ins.len())?;
     }
     aids.check(line.ins.len())?;
-    let states = AidStates::of(aids, STATES + magnetometers.len());
+    let states = AidStates::new(aids, STATES + magnetometers.len());
     let layout = layout(magnetometers, &states);
     let mut field = line.predicted();
-    let offset = |one: &Magnetometer| field.offset(line.ins, one.measurement_nt, line.offset_window_s);
+    let offset = |one: &FixedLagMagnetometer| field.offset(line.ins, one.measurement_nt, line.offset_window_s);
     let offsets: Vec<(f64, usize)> = magnetometers.iter().map(offset).collect();
     let offsets_nt: Vec<f64> = offsets.iter().map(|(offset_nt, _)| *offset_nt).collect();
     let mut output = FixedLagOutput {
@@ -258,24 +258,24 @@ pub fn run_aided(
         output.navigation.report.offset_nt = *offset_nt;
         output.navigation.report.offset_samples = *samples;
     }
-    let nodes = Nodes::new(line, magnetometers, &layout, &offsets_nt, parameters.measurement_interval_s);
+    let nodes = LineNodeBuilder::new(line, magnetometers, &layout, &offsets_nt, parameters.measurement_interval_s);
     let nodes = nodes.with(aids, &states);
     let prior = prior(line, magnetometers, &layout);
-    Ok(Passage::new(parameters, &layout, magnetometers, (aids, &states), nodes, prior, output).run()?)
+    Ok(FixedLagRun::new(parameters, &layout, magnetometers, (aids, &states), nodes, prior, output).run()?)
 }
 
 /// Optional outputs besides the track.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Keep {
+pub struct FixedLagOptions {
     /// The 18 error states of every sample (144 bytes each).
     pub states: bool,
     /// Their covariance (2.6 kB each).
     pub covariance: bool,
 }
 
-fn layout(magnetometers: &[Magnetometer<'_>], states: &AidStates) -> Layout {
+fn layout(magnetometers: &[FixedLagMagnetometer<'_>], states: &AidStates) -> StateLayout {
     let errors = magnetometers.iter().map(|one| one.error).collect();
-    let mut layout = Layout { errors, ..Layout::default() };
+    let mut layout = StateLayout { errors, ..StateLayout::default() };
     states.extend(&mut layout);
     for one in magnetometers {
         let first = layout.dim();
@@ -286,7 +286,7 @@ fn layout(magnetometers: &[Magnetometer<'_>], states: &AidStates) -> Layout {
 }
 
 /// The states at the first sample before its measurements.
-fn prior(line: &NavigationLine<'_>, magnetometers: &[Magnetometer<'_>], layout: &Layout) -> Gaussian {
+fn prior(line: &NavigationLine<'_>, magnetometers: &[FixedLagMagnetometer<'_>], layout: &StateLayout) -> Gaussian {
     let dim = layout.dim();
     let Gaussian { mut x, mut p } = Gaussian::start_of(line, layout);
     for (one, block) in magnetometers.iter().zip(&layout.blocks) {
@@ -299,13 +299,13 @@ fn prior(line: &NavigationLine<'_>, magnetometers: &[Magnetometer<'_>], layout: 
     Gaussian { x, p }
 }
 
-fn check(magnetometer: usize, one: &Magnetometer<'_>, rows: usize) -> Result<(), FixedLagError> {
+fn check(magnetometer: usize, one: &FixedLagMagnetometer<'_>, rows: usize) -> Result<(), FixedLagError> {
     for (column, found) in [("measurement", one.measurement_nt.len()), ("measurement sigma", one.sigma_nt.len())] {
         if found != rows {
             return Err(NavigationError::from(SeriesError::Length { column, rows: found, expected: rows }).into());
         }
     }
-    let Coefficients { regressors, mean, covariance, walk_density } = one.coefficients;
+    let AircraftCoefficients { regressors, mean, covariance, walk_density } = one.coefficients;
     let terms = mean.len();
     for (array, found, expected) in [
         ("regressors", regressors.len(), rows * terms),

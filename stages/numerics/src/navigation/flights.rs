@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
 use crate::maps::map_stack::FieldMap;
-use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::crlb::{self, TruePath};
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::ins_error::{InsErrorModel, simulate_ins_error};
@@ -16,25 +16,25 @@ use crate::navigation::osborne::{Line, core_field, grid, temporal_nt};
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::pinson::{MAGNAV_POSITION, STATES, StateVector};
 use crate::navigation::ukf::{self, UkfOutput, UkfParameters};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use nalgebra::{Matrix2, Vector2};
 
 /// The Osborne map and the core field of its flights.
-pub(crate) struct World {
+pub(crate) struct OsborneWorld {
     pub(crate) map: FieldMap,
     pub(crate) core: Arc<CoreField>,
 }
 
-pub(crate) fn world() -> &'static World {
-    static WORLD: OnceLock<World> = OnceLock::new();
-    WORLD.get_or_init(|| World {
-        map: FieldMap::Flat(MapSurface::new(&grid().unwrap(), Interpolation::Cubic)),
+pub(crate) fn world() -> &'static OsborneWorld {
+    static WORLD: OnceLock<OsborneWorld> = OnceLock::new();
+    WORLD.get_or_init(|| OsborneWorld {
+        map: FieldMap::Flat(MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic)),
         core: Arc::new(core_field().unwrap()),
     })
 }
 
-/// A flight: its truth, its INS, the errors of that and what a magnetometer without noise reads.
-pub(crate) struct Flight {
+/// Flight with its truth, its INS, the INS errors and the noise-free field in nT.
+pub(crate) struct OsborneFlight {
     pub(crate) truth: Line,
     pub(crate) ins: Line,
     pub(crate) errors: Vec<StateVector>,
@@ -43,13 +43,13 @@ pub(crate) struct Flight {
     pub(crate) model: InsErrorModel,
 }
 
-impl Flight {
+impl OsborneFlight {
     /// The flight of a seed, over `samples` of `dt_s`.
     pub(crate) fn flown(seed: u64, samples: u32, dt_s: f64, model: InsErrorModel) -> Self {
         let truth = Line::flown(samples, dt_s, 0.1 * seed as f64).unwrap();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
-        let World { map, core } = world();
+        let OsborneWorld { map, core } = world();
         let field = |(row, error): (usize, &StateVector)| {
             let [lat, lon, alt] = [1, 2, 3].map(|column: usize| truth.columns[column][row]);
             map.at(lat, lon, alt).unwrap().value_nt + core.magnitude_nt(lat, lon, alt) + temporal_nt(error)
@@ -61,7 +61,7 @@ impl Flight {
 
     /// Readings of a magnetometer with white noise of this standard deviation.
     pub(crate) fn measured(&self, seed: u64, sigma_nt: f64) -> Vec<f64> {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         self.field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect()
     }
 
@@ -72,7 +72,7 @@ impl Flight {
         measurement_nt: &'a [f64],
         sigma_nt: &'a [f64],
     ) -> NavigationLine<'a> {
-        let World { map, core } = world();
+        let OsborneWorld { map, core } = world();
         let (errors, core) = (self.model, Some(core));
         NavigationLine {
             ins,
@@ -137,7 +137,7 @@ pub(crate) fn golden_map() -> FieldMap {
     let lon: Vec<f64> = (0..11).map(|k| (-1.30 + 1e-4 * f64::from(k)).to_degrees()).collect();
     let node = |j: f64, k: f64| 100.0 * (0.7 * j).sin() + 40.0 * (0.5 * k).cos() + 2.0 * j * k;
     let values: Vec<f64> = (1..=9).flat_map(|j| (1..=11).map(move |k| node(f64::from(j), f64::from(k)))).collect();
-    FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), Interpolation::Cubic))
+    FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), MapInterpolation::Cubic))
 }
 
 /// A plane over the golden line, in nT: 3 nT a 1e-6 rad north, −2 nT a 1e-6 rad east.
@@ -146,18 +146,18 @@ pub(crate) fn plane() -> FieldMap {
     let value = |lat: f64, lon: f64| 3e6 * (lat - 0.70) - 2e6 * (lon + 1.30);
     let values: Vec<f64> = lat.iter().flat_map(|lat| lon.map(|lon| value(*lat, lon))).collect();
     let grid = GeographicGrid::new(&lat.map(f64::to_degrees), &lon.map(f64::to_degrees), &values).unwrap();
-    FieldMap::Flat(MapSurface::new(&grid, Interpolation::Linear))
+    FieldMap::Flat(MapSurface::new(&grid, MapInterpolation::Linear))
 }
 
-/// A line with its columns owned.
+/// Navigation line that owns its columns.
 #[derive(Clone)]
-pub(crate) struct Small {
+pub(crate) struct OwnedNavigationLine {
     pub(crate) columns: [Vec<f64>; 13],
     pub(crate) measurement_nt: Vec<f64>,
     pub(crate) sigma_nt: Vec<f64>,
 }
 
-impl Small {
+impl OwnedNavigationLine {
     /// MagNav.jl's golden line: 20 samples at 10 Hz over the golden map, the measurement off by (1e-6, -2e-6) rad and
     /// 0.5 sin(k) nT.
     pub(crate) fn golden(sigma_nt: f64) -> Self {
@@ -187,7 +187,7 @@ impl Small {
     }
 
     pub(crate) fn series(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 
     pub(crate) fn line<'a>(
@@ -227,8 +227,8 @@ pub(crate) fn from_magnav(theirs: &StateVector) -> StateVector {
 }
 
 /// One flight of an hour at 1 Hz with 5 nT of white noise, filtered and bounded.
-pub(crate) struct Filtered {
-    pub(crate) flight: Flight,
+pub(crate) struct FlightEstimates {
+    pub(crate) flight: OsborneFlight,
     pub(crate) ekf: NavigationOutput,
     pub(crate) ukf: UkfOutput,
     pub(crate) bound: NavigationOutput,
@@ -240,20 +240,20 @@ pub(crate) const FLIGHTS: u64 = 60;
 pub(crate) const SAMPLES: u32 = 3600;
 
 /// The flights that several tests look at.
-pub(crate) fn ensemble() -> &'static [Filtered] {
-    static ENSEMBLE: OnceLock<Vec<Filtered>> = OnceLock::new();
+pub(crate) fn ensemble() -> &'static [FlightEstimates] {
+    static ENSEMBLE: OnceLock<Vec<FlightEstimates>> = OnceLock::new();
     ENSEMBLE.get_or_init(|| (0..FLIGHTS).map(filtered).collect())
 }
 
-fn filtered(seed: u64) -> Filtered {
-    let flight = Flight::flown(seed, SAMPLES, 1.0, InsErrorModel::default());
+fn filtered(seed: u64) -> FlightEstimates {
+    let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, InsErrorModel::default());
     let (measured, sigma) = (flight.measured(1000 + seed, 5.0), vec![5.0; SAMPLES as usize]);
     let ins = flight.ins.series();
     let line = flight.line(&ins, &measured, &sigma);
     let ekf = known(&line, 5.0).unwrap();
     let ukf = ukf::run(&UkfParameters { keep_states: false, ..UkfParameters::default() }, &line).unwrap();
     let bound = crlb::run(&line, &flight.path(), false).unwrap();
-    Filtered { flight, ekf, ukf, bound }
+    FlightEstimates { flight, ekf, ukf, bound }
 }
 
 /// The filter whose noise is known and constant.

@@ -10,7 +10,7 @@ use crate::signal::gauss_markov::GaussMarkov;
 /// The order of the states: 18 of the INS and the temporal variation, Gauss-Markov errors (in `fixed_lag` one a
 /// magnetometer), and the coefficients of each magnetometer in turn.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Layout {
+pub(crate) struct StateLayout {
     /// The Gauss-Markov errors. Of those that last for a distance the correlation time is that of the step.
     pub errors: Vec<GaussMarkov>,
     /// The errors that last for a distance, by their place, with it in m.
@@ -21,7 +21,7 @@ pub(crate) struct Layout {
     pub walk: Vec<f64>,
 }
 
-impl Layout {
+impl StateLayout {
     pub fn dim(&self) -> usize {
         self.coefficients() + self.walk.len()
     }
@@ -41,14 +41,14 @@ impl Layout {
     }
 
     /// Propagation of the errors over a step.
-    fn errors_of<'a>(&'a self, step: &'a Step) -> impl Iterator<Item = GaussMarkov> + 'a {
+    fn errors_of<'a>(&'a self, step: &'a StateStep) -> impl Iterator<Item = GaussMarkov> + 'a {
         (0..self.errors.len()).map(|place| self.error_at(place, step.speed_mps))
     }
 }
 
 /// The step from a node to the next.
 #[derive(Clone, Debug)]
-pub(crate) struct Step {
+pub(crate) struct StateStep {
     pub dt_s: f64,
     /// The mean speed over ground.
     pub speed_mps: f64,
@@ -56,7 +56,7 @@ pub(crate) struct Step {
     pub noise: StateMatrix,
 }
 
-impl From<LineStep> for Step {
+impl From<LineStep> for StateStep {
     fn from(LineStep { dt_s, speed_mps, phi, noise }: LineStep) -> Self {
         Self { dt_s, speed_mps, phi, noise }
     }
@@ -90,9 +90,10 @@ pub(crate) fn add(to: &mut StateMatrix, from: &StateMatrix) {
     }
 }
 
-/// The row of H of one measurement: 18 entries, its own error, one that it has in common with others, and its coefficients.
+/// The row of H of one measurement: 18 entries, its own error, one that it has in common with others, and its
+/// coefficients.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sensitivity<'a> {
+pub(crate) struct AugmentedSensitivity<'a> {
     pub ins: &'a StateVector,
     /// The index of the error, and the entry.
     pub error: (usize, f64),
@@ -103,7 +104,7 @@ pub(crate) struct Sensitivity<'a> {
     pub regressors: &'a [f64],
 }
 
-impl<'a> Sensitivity<'a> {
+impl<'a> AugmentedSensitivity<'a> {
     /// That of a measurement of the 18 states alone.
     pub fn of_ins(ins: &'a StateVector) -> Self {
         Self { ins, error: (0, 0.0), common: (0, 0.0), first: 0, regressors: &[] }
@@ -111,7 +112,7 @@ impl<'a> Sensitivity<'a> {
 
     /// H x.
     #[inline]
-    pub fn of(&self, x: &[f64]) -> f64 {
+    pub fn dot(&self, x: &[f64]) -> f64 {
         let ins: f64 = self.ins.iter().zip(x).map(|(h, x)| h * x).sum();
         let aircraft: f64 = self.regressors.iter().zip(&x[self.first..]).map(|(h, x)| h * x).sum();
         ins + self.error.1 * x[self.error.0] + aircraft + self.common.1 * x[self.common.0]
@@ -150,7 +151,7 @@ pub(crate) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
 
 impl Gaussian {
     /// The states of a layout without coefficients before the first sample of a line.
-    pub fn start_of(line: &NavigationLine<'_>, layout: &Layout) -> Self {
+    pub fn start_of(line: &NavigationLine<'_>, layout: &StateLayout) -> Self {
         let dim = layout.dim();
         let mut start = Self { x: vec![0.0; dim], p: vec![0.0; dim * dim] };
         let first = line.errors.initial_covariance(line.ins.lat_deg[0].to_radians(), line.ins.alt_m[0]);
@@ -190,7 +191,7 @@ impl Gaussian {
     }
 
     /// x ← Φ x, P ← Φ P Φᵀ + Q. `spare` is room for the cross covariance.
-    pub fn propagate(&mut self, layout: &Layout, step: &Step, spare: &mut Vec<f64>) {
+    pub fn propagate(&mut self, layout: &StateLayout, step: &StateStep, spare: &mut Vec<f64>) {
         let dim = self.dim();
         propagate_mean(layout, step, &mut self.x);
         let mut block = propagate_covariance(&step.phi, &self.ins_covariance());
@@ -212,7 +213,7 @@ impl Gaussian {
     }
 
     /// The covariance of the 18 states with the others: Φ P₁₂.
-    fn propagate_cross(&mut self, step: &Step, spare: &mut Vec<f64>) {
+    fn propagate_cross(&mut self, step: &StateStep, spare: &mut Vec<f64>) {
         let dim = self.dim();
         let width = dim - STATES;
         spare.clear();
@@ -232,13 +233,13 @@ impl Gaussian {
     }
 
     /// The variance of a predicted measurement, H P Hᵀ + R; leaves P Hᵀ in `out`.
-    pub fn predict(&self, h: &Sensitivity, variance: f64, out: &mut [f64]) -> f64 {
+    pub fn predict(&self, h: &AugmentedSensitivity, variance: f64, out: &mut [f64]) -> f64 {
         let dim = self.dim();
         out.fill(0.0);
         for (state, entry) in h.entries() {
             add_scaled(out, entry, &self.p[state * dim..(state + 1) * dim]);
         }
-        h.of(out) + variance
+        h.dot(out) + variance
     }
 
     /// The update by an innovation of variance `s` that corrects no other states than those that `corrects` names, with
@@ -281,7 +282,7 @@ impl Gaussian {
 }
 
 /// x ← Φ x of all states.
-pub(crate) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
+pub(crate) fn propagate_mean(layout: &StateLayout, step: &StateStep, x: &mut [f64]) {
     let mut ins = [0.0; STATES];
     ins.copy_from_slice(&x[..STATES]);
     x[..STATES].copy_from_slice(&propagate_state(&step.phi, &ins));
@@ -291,7 +292,7 @@ pub(crate) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
 }
 
 /// λ ← Φᵀ λ of all states.
-pub(crate) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64]) {
+pub(crate) fn propagate_adjoint(layout: &StateLayout, step: &StateStep, adjoint: &mut [f64]) {
     let mut ins = [0.0; STATES];
     for (row, entry) in step.phi.iter().zip(adjoint.iter()) {
         add_scaled(&mut ins, *entry, row);
@@ -303,7 +304,7 @@ pub(crate) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64
 }
 
 /// Q λ of all states.
-pub(crate) fn noise_times(layout: &Layout, step: &Step, adjoint: &[f64], out: &mut [f64]) {
+pub(crate) fn noise_times(layout: &StateLayout, step: &StateStep, adjoint: &[f64], out: &mut [f64]) {
     for (out, row) in out.iter_mut().zip(&step.noise) {
         *out = row.iter().zip(adjoint).map(|(q, adjoint)| q * adjoint).sum();
     }

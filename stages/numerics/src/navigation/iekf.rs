@@ -32,8 +32,8 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Rule, obeys};
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, Linearised, Recursion};
-use crate::navigation::scalar_problem::{Optimum, ScalarProblem, Search};
+use crate::navigation::estimate::{FilterRecursion, LinearisedMeasurement, StateEstimate};
+use crate::navigation::scalar_problem::{Optimum, ScalarProblem, ScalarSearch};
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled};
 
 /// The parameters of the filter.
@@ -100,17 +100,17 @@ pub fn run(line: &NavigationLine<'_>, parameters: &IekfParameters) -> Result<Iek
     parameters.check()?;
     line.check()?;
     obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)?;
-    pulp::Arch::new().dispatch(Filter::new(line, parameters))
+    pulp::Arch::new().dispatch(IteratedEkf::new(line, parameters))
 }
 
-struct Filter<'a> {
+struct IteratedEkf<'a> {
     line: &'a NavigationLine<'a>,
     parameters: &'a IekfParameters,
     field: PredictedField<'a>,
     output: IekfOutput,
 }
 
-impl WithSimd for Filter<'_> {
+impl WithSimd for IteratedEkf<'_> {
     type Output = Result<IekfOutput, NavigationError>;
 
     #[inline(always)]
@@ -121,13 +121,13 @@ impl WithSimd for Filter<'_> {
     }
 }
 
-impl Recursion for Filter<'_> {
+impl FilterRecursion for IteratedEkf<'_> {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.output.line
     }
 
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let report = &mut self.output.line.report;
         let Some((value_nt, variance_nt2)) = self.line.measured(row, report.offset_nt) else {
             report.missing_measurements += 1;
@@ -138,7 +138,7 @@ impl Recursion for Filter<'_> {
             report.off_map += 1;
             return Innovation::NONE;
         };
-        let predicted = estimate.linearised(Sensitivity::of(&field));
+        let predicted = estimate.linearised(Sensitivity::from_field(&field));
         let residual_nt = value_nt - (field.value_nt + temporal_nt);
         let nis = residual_nt * residual_nt / (predicted.variance + variance_nt2);
         let innovation = Innovation { residual_nt, nis };
@@ -148,7 +148,7 @@ impl Recursion for Filter<'_> {
         }
         report.updates += 1;
         let Optimum { v, h, .. } = self.most_probable(estimate, row, (value_nt, variance_nt2), field);
-        let Linearised { h, ph, variance } = estimate.linearised(h);
+        let LinearisedMeasurement { h, ph, variance } = estimate.linearised(h);
         // x⁻ + P v, before P is corrected.
         for (factor, state) in v.into_iter().zip(MEASURED) {
             add_scaled(&mut estimate.x, factor, &estimate.p[state]);
@@ -159,7 +159,7 @@ impl Recursion for Filter<'_> {
     }
 }
 
-impl<'a> Filter<'a> {
+impl<'a> IteratedEkf<'a> {
     fn new(line: &'a NavigationLine<'a>, parameters: &'a IekfParameters) -> Self {
         let IekfParameters { keep_states, keep_covariance, .. } = *parameters;
         let mut field = line.predicted();
@@ -174,18 +174,18 @@ impl<'a> Filter<'a> {
     #[inline(always)]
     fn most_probable(
         &mut self,
-        predicted: &Estimate,
+        predicted: &StateEstimate,
         row: usize,
         (value_nt, variance_nt2): (f64, f64),
         field: FieldValue,
     ) -> Optimum {
         let ins = self.line.ins;
-        let search = Search {
+        let search = ScalarSearch {
             iterations: self.parameters.iterations,
             tolerance_m: self.parameters.tolerance_m,
             m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
         };
-        let problem = ScalarProblem::of(predicted, value_nt, variance_nt2);
+        let problem = ScalarProblem::from_estimate(predicted, value_nt, variance_nt2);
         let optimum = problem.most_probable(&search, field, |position| self.field.at_error(ins, row, position));
         let report = &mut self.output.iterations;
         report.linearisations += optimum.linearisations;

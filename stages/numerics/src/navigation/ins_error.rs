@@ -20,12 +20,12 @@ mod mechanised;
 mod start;
 
 pub use along::{InsErrorEnsemble, errors_along, horizontal_m};
-pub use driving::Draws;
+pub use driving::NormalStreams;
 pub use faulty::faulty_ins;
 pub use grade::InsGrade;
-pub use graded::GradedIns;
-pub use mechanised::{MechanisedExtras, mechanised_errors_along};
-pub use start::{Fix, FixSigmas, aligned_covariance, correction_along};
+pub use graded::InsErrorSpec;
+pub use mechanised::{MechanisationErrors, mechanised_errors_along};
+pub use start::{StartFix, StartFixSigmas, aligned_covariance, correction_along};
 
 params! {
     /// Error sources of an INS: initial standard deviations, noise densities and time constants. The defaults are those
@@ -89,7 +89,7 @@ pub struct InsErrorModel {
 
 impl Default for InsErrorModel {
     fn default() -> Self {
-        Self::of(InsErrors::default())
+        Self::from_sources(InsErrors::default())
     }
 }
 
@@ -111,7 +111,7 @@ pub enum InsErrorFault {
 
 impl InsErrorModel {
     /// The model of these error sources, with MagNav.jl's temporal variation.
-    pub fn of(sources: InsErrors) -> Self {
+    pub fn from_sources(sources: InsErrors) -> Self {
         Self {
             sources,
             fogm_sigma_nt: 3.0,

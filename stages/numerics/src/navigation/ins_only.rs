@@ -1,6 +1,6 @@
 //! The INS without measurements of the field, with its covariance.
 
-use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
@@ -20,22 +20,22 @@ pub fn run(
     errors.check()?;
     ins.check()?;
     fixes.map_or(Ok(()), |fixes| fixes.check(ins.len()))?;
-    let mut unmeasured = Unmeasured { output: NavigationOutput::with_capacity(ins.len(), false, false) };
+    let mut unmeasured = InsOnlyFilter { output: NavigationOutput::with_capacity(ins.len(), false, false) };
     unmeasured.along(ins, errors, |row| fixes.map_or(NO_FIX, |fixes| fixes.at(ins, row, errors.earth)))?;
     Ok(unmeasured.output)
 }
 
-/// A filter without a measurement of the field.
-struct Unmeasured {
+/// Filter without measurements of the field.
+struct InsOnlyFilter {
     output: NavigationOutput,
 }
 
-impl Recursion for Unmeasured {
+impl FilterRecursion for InsOnlyFilter {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.output
     }
 
-    fn measure(&mut self, _: &mut Estimate, _: usize) -> Innovation {
+    fn measure(&mut self, _: &mut StateEstimate, _: usize) -> Innovation {
         Innovation::NONE
     }
 }
@@ -47,7 +47,7 @@ mod tests {
     use crate::earth::geodesy::EarthModel;
     use crate::navigation::ins_error::{InsErrors, simulate_ins_error};
     use crate::navigation::pinson::{LAT, LON};
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     const ROWS: usize = 301;
 
@@ -62,14 +62,14 @@ mod tests {
     #[test]
     fn law_the_covariance_is_that_of_simulated_errors() {
         let columns = columns();
-        let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
+        let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
         let errors = InsErrorModel::default();
         let output = run(&ins, &errors, None).unwrap();
         assert_eq!(output.lat_deg, columns[1]);
         let runs = 300_u64;
         let mut squares = [0.0; 2];
         for seed in 0..runs {
-            let mut normals = Normals::new(seed);
+            let mut normals = NormalGenerator::new(seed);
             let last = *simulate_ins_error(&ins, &errors, || normals.draw()).unwrap().last().unwrap();
             let earth = EarthModel::Wgs84;
             squares[0] += earth.lat_rad_to_north_m(last[LAT], 45_f64.to_radians(), 300.0).powi(2);
@@ -86,7 +86,7 @@ mod tests {
     fn law_an_initial_velocity_error_alone_grows_with_time() {
         let mut columns = columns();
         columns.iter_mut().for_each(|column| column.truncate(31));
-        let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
+        let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
         let sources = InsErrors {
             init_position_sigma_m: 0.0,
             init_attitude_sigma_deg: 0.0,
@@ -97,7 +97,7 @@ mod tests {
             gyro_sigma_radps: 0.0,
             ..InsErrors::default()
         };
-        let output = run(&ins, &InsErrorModel::of(sources), None).unwrap();
+        let output = run(&ins, &InsErrorModel::from_sources(sources), None).unwrap();
         // 2 m/s for 60 s; the Schuler oscillation takes (ω t)²/6 = 0.1 % off.
         assert!((output.sd_n_m[30] / 120.0 - 1.0).abs() < 0.005, "{}", output.sd_n_m[30]);
     }

@@ -36,7 +36,7 @@ pub struct InsSeries<'a> {
 
 impl<'a> InsSeries<'a> {
     /// A series from columns in the order of the fields.
-    pub fn of(columns: [&'a [f64]; 13]) -> Self {
+    pub fn from_columns(columns: [&'a [f64]; 13]) -> Self {
         let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = columns;
         let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
         Self {
@@ -113,7 +113,7 @@ pub enum SeriesError {
 impl<'a> InsSeries<'a> {
     /// The samples from `row` on, which is below [`InsSeries::len`].
     pub fn from(&self, row: usize) -> Self {
-        Self::of(self.columns().map(|(_, column)| &column[row..]))
+        Self::from_columns(self.columns().map(|(_, column)| &column[row..]))
     }
 
     /// The number of samples.

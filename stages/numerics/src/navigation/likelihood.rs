@@ -1,49 +1,50 @@
 //! Noise of a line's measurements by the likelihood of the innovations.
 //!
-//! An extended Kalman filter with the right noise has white innovations of the predicted variance, and no other noise makes
-//! the measurements more likely [Schweppe 1965; Harvey 1989, section 3.4]:
+//! An extended Kalman filter with the right noise has white innovations of the predicted variance, and no other noise
+//! makes the measurements more likely [Schweppe 1965; Harvey 1989, section 3.4]:
 //!
 //! ln L = -1/2 sum of (ln S_k + r_k² / S_k),
 //!
 //! with the innovation r_k and its predicted variance S_k. Nothing but the measurements is needed, no truth.
 //!
-//! The white noise, and standard deviation and time constant of the first-order Gauss-Markov process, are searched on a coarse
-//! grid and then along shrinking steps around its best point, in logarithms. A constant offset of the measurement is a
-//! Gauss-Markov process of a long time constant. The measurements are thinned, so that errors that last for less than the
-//! interval count as white. An innovation beyond the gate counts as one at the gate, so that spikes do not decide.
+//! The white noise, and standard deviation and time constant of the first-order Gauss-Markov process, are searched on a
+//! coarse grid and then along shrinking steps around its best point, in logarithms. A constant offset of the
+//! measurement is a Gauss-Markov process of a long time constant. The measurements are thinned, so that errors that
+//! last for less than the interval count as white. An innovation beyond the gate counts as one at the gate, so that
+//! spikes do not decide.
 
 mod outliers;
 mod thinned;
 
-use crate::navigation::ekf::{EkfParameters, EkfPoint, run_together};
+use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::regression::consistency::effective_samples;
 
 pub use outliers::{GATE_NIS, outliers};
-use thinned::Thinned;
+use thinned::ThinnedLine;
 pub use thinned::rows_at;
 
 /// The noise of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineNoise {
     /// White noise of each thinned measurement, in nT, increased for the correlation of the innovations.
-    pub sigma_nt: Estimated,
+    pub sigma_nt: IntervalEstimate,
     /// Standard deviation of the Gauss-Markov process, in nT.
-    pub fogm_sigma_nt: Estimated,
+    pub fogm_sigma_nt: IntervalEstimate,
     /// Its time constant, in s.
-    pub fogm_tau_s: Estimated,
+    pub fogm_tau_s: IntervalEstimate,
     /// Factor on the variance of the map's own error at each sample; 0 where the map has none, or none is seen.
     pub map_factor: f64,
     /// Factor by which `sigma_nt` was increased; 1 for white innovations.
     pub inflation: f64,
 }
 
-/// An estimated parameter with its 95 % interval, which is the parameter itself where it was given. The interval is that of the
-/// likelihood: what the model of the noise lacks is not in it.
+/// An estimated parameter with its 95 % interval, which is the parameter itself where it was given. The interval is
+/// that of the likelihood: what the model of the noise lacks is not in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimated {
+pub struct IntervalEstimate {
     /// The estimate.
     pub value: f64,
     /// The interval's lower end.
@@ -52,9 +53,9 @@ pub struct Estimated {
     pub high: f64,
 }
 
-/// A line whose noise is searched.
+/// Line and settings of a search for its noise.
 #[derive(Clone, Copy, Debug)]
-pub struct Search<'a> {
+pub struct NoiseSearch<'a> {
     /// The line; its `sigma_nt` and the noise in its `errors` are ignored.
     pub line: &'a NavigationLine<'a>,
     /// Rows whose measurements are used, ascending.
@@ -87,23 +88,24 @@ const STEPS: [f64; 2] = [2.0, 1.12];
 const STARTS: usize = 3;
 /// Filters that run at once, which bounds the memory.
 const TOGETHER: usize = 64;
-/// Least share of the used measurements of a point, of the most that any point uses: a filter that left the map predicts few.
+/// Least share of the used measurements of a point, of the most that any point uses: a filter that left the map
+/// predicts few.
 const LEAST_USED: f64 = 0.98;
 /// Fewest measurements that are searched.
 pub const FEWEST: usize = 60;
 /// Normal deviate of a 95 % interval.
 const TWO_SIDED_95: f64 = 1.96;
 
-type Point = [f64; 3];
+type NoisePoint = [f64; 3];
 
 /// The noise of a line by the largest likelihood; `None` where fewer than [`FEWEST`] measurements can be used.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`].
-pub fn search(search: &Search<'_>) -> Result<Option<LineNoise>, NavigationError> {
+pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationError> {
     search.line.check()?;
-    let thinned = Thinned::of(search.line, search.rows);
-    let mut likelihood = Likelihood { search, thinned: &thinned, map_factor: 0.0 };
+    let thinned = ThinnedLine::new(search.line, search.rows);
+    let mut likelihood = NoiseLikelihood { search, thinned: &thinned, map_factor: 0.0 };
     let grid = search.grid();
     let scored = likelihood.scores(&grid);
     let most_used = scored.iter().map(|score| score.used).max().unwrap_or(0);
@@ -112,11 +114,11 @@ pub fn search(search: &Search<'_>) -> Result<Option<LineNoise>, NavigationError>
     }
     let least_used = (LEAST_USED * most_used as f64) as usize;
     let mut order: Vec<usize> = (0..grid.len()).collect();
-    order.sort_by(|a, b| scored[*b].of(least_used).total_cmp(&scored[*a].of(least_used)));
+    order.sort_by(|a, b| scored[*b].log_likelihood(least_used).total_cmp(&scored[*a].log_likelihood(least_used)));
     let mut best = likelihood.best_of(order.iter().take(STARTS).map(|at| grid[*at]), least_used);
     if search.map_nt.is_some() {
         for map_factor in MAP_FACTORS {
-            let other = Likelihood { map_factor, ..likelihood };
+            let other = NoiseLikelihood { map_factor, ..likelihood };
             let found = other.best_of([best.0].into_iter(), least_used);
             if found.1 > best.1 {
                 (best, likelihood) = (found, other);
@@ -128,14 +130,15 @@ pub fn search(search: &Search<'_>) -> Result<Option<LineNoise>, NavigationError>
     let inflation = factor.sqrt();
     let [sigma, fogm_sigma, fogm_tau] = likelihood.intervals(best, least_used);
     let inflated = |part: f64| inflation * part;
-    let sigma_nt = Estimated { value: inflated(sigma.value), low: inflated(sigma.low), high: inflated(sigma.high) };
+    let sigma_nt =
+        IntervalEstimate { value: inflated(sigma.value), low: inflated(sigma.low), high: inflated(sigma.high) };
     let map_factor = likelihood.map_factor;
     Ok(Some(LineNoise { sigma_nt, fogm_sigma_nt: fogm_sigma, fogm_tau_s: fogm_tau, map_factor, inflation }))
 }
 
-impl Search<'_> {
+impl NoiseSearch<'_> {
     /// The coarse grid, whose given parameters have one value.
-    fn grid(&self) -> Vec<Point> {
+    fn grid(&self) -> Vec<NoisePoint> {
         let own = self.given.map(|given| given.map(|value| vec![value]));
         let axes: Vec<&[f64]> = own.iter().zip(GRID).map(|(own, grid)| own.as_deref().unwrap_or(grid)).collect();
         let mut points = vec![];
@@ -155,30 +158,30 @@ impl Search<'_> {
 
 /// The likelihood of a line's innovations as a function of the noise.
 #[derive(Clone, Copy)]
-struct Likelihood<'a> {
-    search: &'a Search<'a>,
-    thinned: &'a Thinned,
+struct NoiseLikelihood<'a> {
+    search: &'a NoiseSearch<'a>,
+    thinned: &'a ThinnedLine,
     map_factor: f64,
 }
 
 /// Logarithm of the likelihood, with the prior, and the number of measurements that had a prediction.
 #[derive(Clone, Copy, Debug)]
-struct Score {
+struct InnovationLikelihood {
     log: f64,
     used: usize,
 }
 
-impl Score {
+impl InnovationLikelihood {
     /// The logarithm; -infinity for fewer measurements.
-    fn of(&self, least_used: usize) -> f64 {
+    fn log_likelihood(&self, least_used: usize) -> f64 {
         if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
     }
 }
 
-impl Likelihood<'_> {
+impl NoiseLikelihood<'_> {
     /// Outputs of filters with these parameters.
-    fn outputs(&self, points: &[Point]) -> Vec<Result<NavigationOutput, NavigationError>> {
-        let Search { line, scale, known_nt, map_nt, .. } = *self.search;
+    fn outputs(&self, points: &[NoisePoint]) -> Vec<Result<NavigationOutput, NavigationError>> {
+        let NoiseSearch { line, scale, known_nt, map_nt, .. } = *self.search;
         let ins = self.thinned.ins();
         let mut outputs = vec![];
         for some in points.chunks(TOGETHER) {
@@ -194,10 +197,10 @@ impl Likelihood<'_> {
                     self.search.rows.iter().map(of).collect()
                 })
                 .collect();
-            let filters: Vec<EkfPoint> = parameters
+            let filters: Vec<EkfInput> = parameters
                 .iter()
                 .zip(&sigma_nt)
-                .map(|(parameters, sigma_nt)| EkfPoint {
+                .map(|(parameters, sigma_nt)| EkfInput {
                     parameters,
                     measurement_nt: &self.thinned.measurement_nt,
                     sigma_nt: Some(sigma_nt),
@@ -211,13 +214,13 @@ impl Likelihood<'_> {
         outputs
     }
 
-    fn scores(&self, points: &[Point]) -> Vec<Score> {
+    fn scores(&self, points: &[NoisePoint]) -> Vec<InnovationLikelihood> {
         let outputs = self.outputs(points);
         points.iter().zip(&outputs).map(|(point, output)| self.score(point, output)).collect()
     }
 
-    fn score(&self, point: &Point, output: &Result<NavigationOutput, NavigationError>) -> Score {
-        let Ok(output) = output else { return Score { log: f64::NEG_INFINITY, used: 0 } };
+    fn score(&self, point: &NoisePoint, output: &Result<NavigationOutput, NavigationError>) -> InnovationLikelihood {
+        let Ok(output) = output else { return InnovationLikelihood { log: f64::NEG_INFINITY, used: 0 } };
         let mut sum = 0.0;
         for (residual_nt, nis) in output.residual_nt.iter().zip(&output.nis) {
             sum += deviance(*residual_nt, *nis, GATE_NIS).unwrap_or(0.0);
@@ -227,11 +230,11 @@ impl Likelihood<'_> {
                 sum += ((point[at] / centre).ln() / sd).powi(2);
             }
         }
-        Score { log: -0.5 * sum, used: output.report.updates + output.report.gated }
+        InnovationLikelihood { log: -0.5 * sum, used: output.report.updates + output.report.gated }
     }
 
     /// The best point around some, and its likelihood.
-    fn best_of(&self, starts: impl Iterator<Item = Point>, least_used: usize) -> (Point, f64) {
+    fn best_of(&self, starts: impl Iterator<Item = NoisePoint>, least_used: usize) -> (NoisePoint, f64) {
         let climbed = starts.map(|start| self.climbed(start, least_used));
         climbed.fold(
             ([f64::NAN; 3], f64::NEG_INFINITY),
@@ -242,14 +245,14 @@ impl Likelihood<'_> {
     }
 
     /// The best point by steps from a point to its best neighbour, which shrink where there is no better one.
-    fn climbed(&self, start: Point, least_used: usize) -> (Point, f64) {
+    fn climbed(&self, start: NoisePoint, least_used: usize) -> (NoisePoint, f64) {
         let mut now = start;
-        let mut best = self.scores(&[now])[0].of(least_used);
+        let mut best = self.scores(&[now])[0].log_likelihood(least_used);
         let mut factor = STEPS[0];
         while factor > STEPS[1] {
             let around = self.around(now, factor);
             let scores = self.scores(&around);
-            let found = around.iter().zip(&scores).map(|(point, score)| (*point, score.of(least_used)));
+            let found = around.iter().zip(&scores).map(|(point, score)| (*point, score.log_likelihood(least_used)));
             let (point, log) = found.fold((now, best), |best, one| if one.1 > best.1 { one } else { best });
             // A gain below this is none: steps would only creep.
             if log > best + 0.05 {
@@ -262,7 +265,7 @@ impl Likelihood<'_> {
     }
 
     /// Neighbours of a point: each free parameter one step down, as it is, or one step up.
-    fn around(&self, point: Point, factor: f64) -> Vec<Point> {
+    fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let mut points = vec![point];
         for at in self.search.free() {
             // The time constant matters least, and has wider steps.
@@ -275,7 +278,7 @@ impl Likelihood<'_> {
                     moved
                 })
             });
-            let moved: Vec<Point> = moved.collect();
+            let moved: Vec<NoisePoint> = moved.collect();
             points.extend(moved);
         }
         points.retain(|other| *other != point);
@@ -283,9 +286,9 @@ impl Likelihood<'_> {
     }
 
     /// The parameters with their 95 % intervals, from the curvature of the likelihood along each.
-    fn intervals(&self, (point, best): (Point, f64), least_used: usize) -> [Estimated; 3] {
+    fn intervals(&self, (point, best): (NoisePoint, f64), least_used: usize) -> [IntervalEstimate; 3] {
         const FACTOR: f64 = 1.4;
-        let mut estimates = point.map(|value| Estimated { value, low: value, high: value });
+        let mut estimates = point.map(|value| IntervalEstimate { value, low: value, high: value });
         for at in self.search.free() {
             let [low, high] = RANGES[at];
             let ends = [1.0 / FACTOR, FACTOR].map(|by| {
@@ -293,7 +296,8 @@ impl Likelihood<'_> {
                 moved[at] *= by;
                 moved
             });
-            let fall: f64 = self.scores(&ends).iter().map(|score| (best - score.of(least_used)).max(0.0)).sum();
+            let fall: f64 =
+                self.scores(&ends).iter().map(|score| (best - score.log_likelihood(least_used)).max(0.0)).sum();
             let sd = if fall.is_finite() { FACTOR.ln() / fall.max(1e-6).sqrt() } else { FACTOR.ln() };
             let by = (TWO_SIDED_95 * sd).exp();
             estimates[at].low = (point[at] / by).max(low);
@@ -303,15 +307,15 @@ impl Likelihood<'_> {
     }
 }
 
-/// -2 ln p of an innovation but for a constant, whose normalised square counts as at most `most_nis`; `None` where an innovation
-/// of exactly 0 does not show its variance.
+/// -2 ln p of an innovation but for a constant, whose normalised square counts as at most `most_nis`; `None` where an
+/// innovation of exactly 0 does not show its variance.
 pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
     let variance = residual * residual / nis;
     (nis.is_finite() && variance.is_finite() && variance > 0.0).then(|| variance.ln() + nis.min(most_nis))
 }
 
-/// Variance of a sum of the normalised innovations over that of as many independent ones; at least 1, and 1 for a correlation
-/// that is not distinguished from none.
+/// Variance of a sum of the normalised innovations over that of as many independent ones; at least 1, and 1 for a
+/// correlation that is not distinguished from none.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
     let innovations =
@@ -321,7 +325,7 @@ fn correlation_factor(output: &NavigationOutput) -> f64 {
     if factor >= SMALLEST { factor } else { 1.0 }
 }
 
-fn parameters(line: &NavigationLine<'_>, [sigma_nt, fogm_sigma_nt, fogm_tau_s]: Point) -> EkfParameters {
+fn parameters(line: &NavigationLine<'_>, [sigma_nt, fogm_sigma_nt, fogm_tau_s]: NoisePoint) -> EkfParameters {
     EkfParameters {
         errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..line.errors },
         measurement_sigma_nt: sigma_nt,

@@ -99,14 +99,14 @@ impl<'a> NavigationLine<'a> {
     /// The step from the sample before `row` to `row`, which is at least 1.
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
-        LineStep::of(self.ins, &self.errors, row)
+        LineStep::new(self.ins, &self.errors, row)
     }
 }
 
 impl LineStep {
     /// The step of an INS from the sample before `row` to `row`, which is at least 1.
     #[inline]
-    pub fn of(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
+    pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
         let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
         let phi = transition_matrix(&f, dt_s);

@@ -8,7 +8,7 @@ const LEAST_WEIGHT: f64 = 1e-12;
 choice! {
     /// Loss ρ(r) of a residual r in standard deviations.
     #[derive(Default)]
-    pub enum Loss {
+    pub enum TrajectoryLoss {
         /// r²/2: the most probable trajectory of normal noise.
         #[default]
         None = "none",
@@ -19,7 +19,7 @@ choice! {
     }
 }
 
-impl Loss {
+impl TrajectoryLoss {
     /// The scale c at which an estimate of normal data has 95 % of the efficiency of least squares.
     /// [Holland & Welsch 1977]
     pub fn usual_scale(self) -> f64 {
@@ -34,24 +34,24 @@ impl Loss {
 /// A loss with its scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobustLoss {
-    loss: Loss,
+    loss: TrajectoryLoss,
     scale: f64,
 }
 
 impl RobustLoss {
     /// A loss with a scale in sigmas, or with its usual one.
-    pub fn new(loss: Loss, scale: Option<f64>) -> Self {
+    pub fn new(loss: TrajectoryLoss, scale: Option<f64>) -> Self {
         Self { loss, scale: scale.unwrap_or(loss.usual_scale()) }
     }
 
     /// ρ(r).
     #[inline(always)]
-    pub fn of(&self, r: f64) -> f64 {
+    pub fn value(&self, r: f64) -> f64 {
         let c = self.scale;
         match self.loss {
-            Loss::Huber if r.abs() > c => c * (r.abs() - 0.5 * c),
-            Loss::None | Loss::Huber => 0.5 * r * r,
-            Loss::Cauchy => 0.5 * c * c * (r / c).powi(2).ln_1p(),
+            TrajectoryLoss::Huber if r.abs() > c => c * (r.abs() - 0.5 * c),
+            TrajectoryLoss::None | TrajectoryLoss::Huber => 0.5 * r * r,
+            TrajectoryLoss::Cauchy => 0.5 * c * c * (r / c).powi(2).ln_1p(),
         }
     }
 
@@ -60,9 +60,9 @@ impl RobustLoss {
     pub fn weight(&self, r: f64) -> f64 {
         let c = self.scale;
         match self.loss {
-            Loss::Huber if r.abs() > c => (c / r.abs()).max(LEAST_WEIGHT),
-            Loss::None | Loss::Huber => 1.0,
-            Loss::Cauchy => (1.0 / (1.0 + (r / c).powi(2))).max(LEAST_WEIGHT),
+            TrajectoryLoss::Huber if r.abs() > c => (c / r.abs()).max(LEAST_WEIGHT),
+            TrajectoryLoss::None | TrajectoryLoss::Huber => 1.0,
+            TrajectoryLoss::Cauchy => (1.0 / (1.0 + (r / c).powi(2))).max(LEAST_WEIGHT),
         }
     }
 }
@@ -73,11 +73,11 @@ mod tests {
 
     #[test]
     fn jac_the_weight_is_the_slope_of_the_loss_over_the_residual() {
-        for loss in [Loss::None, Loss::Huber, Loss::Cauchy] {
+        for loss in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, Some(1.7));
             for r in [-30.0, -1.8, -1.6, -0.2, 0.1, 1.69, 1.71, 5.0, 400.0] {
                 // A central difference over 1e-5 is good to 1e-10 of the slope and 1e-11 of rounding of the loss.
-                let slope = (robust.of(r + 1e-5) - robust.of(r - 1e-5)) / 2e-5;
+                let slope = (robust.value(r + 1e-5) - robust.value(r - 1e-5)) / 2e-5;
                 assert!((robust.weight(r) * r - slope).abs() < 1e-8 * (1.0 + r * r), "{loss:?} {r}");
             }
         }
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn law_the_usual_scales_are_95_percent_efficient() {
-        for loss in [Loss::Huber, Loss::Cauchy] {
+        for loss in [TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, None);
             let force = |r: f64| robust.weight(r) * r;
             // (E ψ')²/E ψ² at the normal distribution, E ψ' being E r ψ; by rectangles, exact for smooth integrands.
@@ -103,12 +103,15 @@ mod tests {
 
     #[test]
     fn unit_no_weight_is_zero_and_near_nothing_all_are_squares() {
-        for loss in [Loss::None, Loss::Huber, Loss::Cauchy] {
+        for loss in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, None);
             assert!(robust.weight(1e200) > 0.0);
-            assert!((robust.of(1e-3) / 0.5e-6 - 1.0).abs() < 1e-6);
-            assert_eq!(robust.of(0.0), 0.0);
+            assert!((robust.value(1e-3) / 0.5e-6 - 1.0).abs() < 1e-6);
+            assert_eq!(robust.value(0.0), 0.0);
         }
-        assert!(RobustLoss::new(Loss::Huber, None).of(100.0) < 0.03 * RobustLoss::new(Loss::None, None).of(100.0));
+        assert!(
+            RobustLoss::new(TrajectoryLoss::Huber, None).value(100.0)
+                < 0.03 * RobustLoss::new(TrajectoryLoss::None, None).value(100.0)
+        );
     }
 }

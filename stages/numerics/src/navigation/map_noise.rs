@@ -7,7 +7,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::maps::map_stack::FieldMap;
-use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
@@ -26,10 +26,10 @@ pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Res
     let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
     let output = NavigationOutput::with_capacity(line.ins.len(), false, false);
     let sigma_nt = Vec::with_capacity(line.ins.len());
-    pulp::Arch::new().dispatch(Filter { line, error_nt, factor, field, offset_nt, sigma_nt, output })
+    pulp::Arch::new().dispatch(MapNoiseEkf { line, error_nt, factor, field, offset_nt, sigma_nt, output })
 }
 
-struct Filter<'a> {
+struct MapNoiseEkf<'a> {
     line: &'a NavigationLine<'a>,
     error_nt: &'a FieldMap,
     factor: f64,
@@ -39,7 +39,7 @@ struct Filter<'a> {
     output: NavigationOutput,
 }
 
-impl WithSimd for Filter<'_> {
+impl WithSimd for MapNoiseEkf<'_> {
     type Output = Result<Vec<f64>, NavigationError>;
 
     #[inline(always)]
@@ -50,7 +50,7 @@ impl WithSimd for Filter<'_> {
     }
 }
 
-impl Filter<'_> {
+impl MapNoiseEkf<'_> {
     /// Standard deviation of the map's error at an error of the INS of a row, in nT.
     fn sigma_nt_at(&self, row: usize, [lat_rad, lon_rad, alt_m]: [f64; 3]) -> f64 {
         let ins = self.line.ins;
@@ -61,13 +61,13 @@ impl Filter<'_> {
     }
 }
 
-impl Recursion for Filter<'_> {
+impl FilterRecursion for MapNoiseEkf<'_> {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.output
     }
 
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let [lat, lon, alt, temporal_nt] = estimate.measured();
         let Some(field) = self.field.at_error(self.line.ins, row, [lat, lon, alt]) else {
             self.sigma_nt.push(0.0);
@@ -83,7 +83,7 @@ impl Recursion for Filter<'_> {
         let covariance = estimate.horizontal();
         let variance_nt2 =
             variance_nt2 + self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, covariance);
-        let at = estimate.linearised(Sensitivity::of(&field));
+        let at = estimate.linearised(Sensitivity::from_field(&field));
         estimate.correct(&at, residual_nt, variance_nt2 + sigma_nt * sigma_nt);
         Innovation::NONE
     }
@@ -93,8 +93,8 @@ impl Recursion for Filter<'_> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
-    use crate::navigation::scenes::{LAT_DEG, LON_DEG, Scene, hills, m_per_deg, uneven};
+    use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
+    use crate::navigation::scenes::{AnalyticScene, LAT_DEG, LON_DEG, hills, m_per_deg, uneven};
 
     /// A map of errors that depend on metres east of the middle of the scene.
     fn errors(of_east: impl Fn(f64) -> f64) -> FieldMap {
@@ -104,12 +104,12 @@ mod tests {
         };
         let (lat, lon) = (axis(LAT_DEG, north), axis(LON_DEG, east));
         let nodes: Vec<f64> = lat.iter().flat_map(|_| lon.iter().map(|lon| of_east((lon - LON_DEG) * east))).collect();
-        FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &nodes).unwrap(), Interpolation::Linear))
+        FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &nodes).unwrap(), MapInterpolation::Linear))
     }
 
     #[test]
     fn law_the_error_is_that_at_the_aircraft_and_not_at_the_ins() {
-        let mut scene = Scene::new(&uneven(80), Interpolation::Cubic, hills);
+        let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
         // An INS that is known to 300 m and 60 m too far east; the error of the map rises by 0.001 nT a metre eastward.
         scene.errors.sources.init_position_sigma_m = 300.0;
         let (_, east) = m_per_deg();
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn unit_an_unknown_error_is_no_error_of_zero() {
-        let scene = Scene::new(&uneven(10), Interpolation::Linear, hills);
+        let scene = AnalyticScene::new(&uneven(10), MapInterpolation::Linear, hills);
         let far = errors(|east_m| if east_m < 4000.0 { f64::NAN } else { 5.0 });
         assert!(scene.with(|line| along(line, &far, 1.0)).unwrap().iter().all(|sigma| sigma.is_nan()));
     }

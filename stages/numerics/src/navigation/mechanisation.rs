@@ -17,14 +17,14 @@ use crate::earth::geodesy::{
 };
 use crate::navigation::pinson::{K1, K2, K3};
 pub use imu::ImuErrors;
-pub use readings::Readings;
+pub use readings::IdealImu;
 
 mod imu;
 mod readings;
 
-/// The earth that is navigated on.
+/// Earth model of the mechanisation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Earth {
+pub enum NavigationEarth {
     /// WGS-84: its ellipsoid, its rate and its normal gravity.
     #[default]
     Wgs84,
@@ -36,7 +36,7 @@ pub enum Earth {
     },
 }
 
-impl Earth {
+impl NavigationEarth {
     /// Metres per radian of latitude, and of longitude at the equator, at a position.
     fn radii_m(self, lat_rad: f64, alt_m: f64) -> (f64, f64) {
         match self {
@@ -75,7 +75,7 @@ pub fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
 
 /// The position, velocity and attitude of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct NavigationState {
     /// Geodetic latitude, in rad.
     pub lat_rad: f64,
     /// Longitude, in rad.
@@ -95,7 +95,7 @@ pub fn quaternion(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
 
 /// The reading of the inertial sensors over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Reading {
+pub struct ImuReading {
     /// The length of the step, in s.
     pub dt_s: f64,
     /// Integral of the body's angular rate against inertial space, in rad.
@@ -107,17 +107,17 @@ pub struct Reading {
 /// A reading after removing the effect of rotation within the step: how the body turned
 /// against inertial space as one rotation vector, and how its velocity changed, in the axes of the
 /// step's beginning.
-struct Increments {
+struct ImuIncrements {
     rotation_rad: Vector3<f64>,
     velocity_mps: Vector3<f64>,
 }
 
-impl Reading {
+impl ImuReading {
     /// With coning and sculling corrected by the reading before.
-    fn increments(&self, before: &Reading) -> Increments {
+    fn increments(&self, before: &ImuReading) -> ImuIncrements {
         let (angle, velocity) = (self.angle_rad, self.velocity_mps);
         let (angle_before, velocity_before) = before.stretched_to(self.dt_s);
-        Increments {
+        ImuIncrements {
             rotation_rad: angle + angle_before.cross(&angle) / 12.0,
             velocity_mps: velocity
                 + angle.cross(&(0.5 * velocity + angle.cross(&velocity) / 6.0))
@@ -133,7 +133,7 @@ impl Reading {
 }
 
 /// The effect of the earth on a body in the middle of a step.
-struct Surroundings {
+struct EarthEffects {
     /// Rate of the navigation frame against inertial space, in rad/s.
     frame_rate: Vector3<f64>,
     /// Gravity less the Coriolis and transport accelerations, in m/s².
@@ -146,14 +146,14 @@ struct Surroundings {
 /// Least cosine of a latitude: 6 m from a pole, nearer to which the frame turns no faster.
 const LEAST_COSINE: f64 = 1e-6;
 
-fn surroundings(earth: Earth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> Surroundings {
+fn surroundings(earth: NavigationEarth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> EarthEffects {
     let (sin, cos) = lat_rad.sin_cos();
     let cos = cos.max(LEAST_COSINE);
     let (meridian_m, transverse_m) = earth.radii_m(lat_rad, alt_m);
     let earth_rate = Vector3::new(cos, 0.0, -sin) * earth.rate_radps();
     let transport = Vector3::new(v.y / transverse_m, -v.x / meridian_m, -v.y * sin / (cos * transverse_m));
     let gravity = Vector3::new(0.0, 0.0, earth.gravity_mps2(lat_rad, alt_m));
-    Surroundings {
+    EarthEffects {
         frame_rate: earth_rate + transport,
         acceleration: gravity - (earth_rate * 2.0 + transport).cross(v),
         lat_rate: v.x / meridian_m,
@@ -168,21 +168,21 @@ const REPETITIONS: usize = 4;
 /// An inertial navigation system.
 #[derive(Clone, Debug)]
 pub struct Mechanisation {
-    earth: Earth,
-    motion: Motion,
+    earth: NavigationEarth,
+    motion: NavigationState,
     loop_mps2: f64,
-    before: Reading,
+    before: ImuReading,
 }
 
 impl Mechanisation {
     /// A system that starts with a motion and the vertical acceleration (m/s², down) of its barometer
     /// loop, 0 where nothing is known.
-    pub fn new(earth: Earth, motion: Motion, loop_mps2: f64) -> Self {
-        Self { earth, motion, loop_mps2, before: Reading::default() }
+    pub fn new(earth: NavigationEarth, motion: NavigationState, loop_mps2: f64) -> Self {
+        Self { earth, motion, loop_mps2, before: ImuReading::default() }
     }
 
     /// The current motion.
-    pub fn motion(&self) -> &Motion {
+    pub fn motion(&self) -> &NavigationState {
         &self.motion
     }
 
@@ -196,7 +196,7 @@ impl Mechanisation {
     /// error model. Without it the vertical channel is free, and unstable. [Titterton & Weston 13.4]
     ///
     /// Over a pole the longitude changes by half a turn and north becomes south.
-    pub fn step(&mut self, reading: &Reading, baro_alt_m: Option<f64>) {
+    pub fn step(&mut self, reading: &ImuReading, baro_alt_m: Option<f64>) {
         let (dt, from, loop_from) = (reading.dt_s, self.motion, self.loop_mps2);
         let increments = reading.increments(&self.before);
         let mut turn = Vector3::zeros();
@@ -224,7 +224,7 @@ impl Mechanisation {
     }
 }
 
-impl Motion {
+impl NavigationState {
     /// A latitude beyond a pole is one on this side of it, half a turn of longitude further.
     fn come_down_from_the_pole(&mut self) {
         use std::f64::consts::{FRAC_PI_2, PI};

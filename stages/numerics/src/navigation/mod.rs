@@ -94,7 +94,7 @@
 //!
 //! ```
 //! use numerics::earth::EarthModel;
-//! use numerics::maps::{FieldMap, GeographicGrid, Interpolation, MapSurface};
+//! use numerics::maps::{FieldMap, GeographicGrid, MapInterpolation, MapSurface};
 //! use numerics::navigation::{EkfParameters, InsErrorModel, InsErrors, InsSeries, ekf};
 //!
 //! // A map that rises by 0.05 nT a metre northward.
@@ -102,13 +102,13 @@
 //! let m_per_deg = EarthModel::Wgs84.north_m_per_rad(45_f64.to_radians(), 300.0) / 1_f64.to_degrees();
 //! let nodes_nt = lat_deg.map(|lat| [0.05 * m_per_deg * (lat - 45.0); 3]);
 //! let grid = GeographicGrid::new(&lat_deg, &lon_deg, nodes_nt.as_flattened())?;
-//! let map = FieldMap::Flat(MapSurface::new(&grid, Interpolation::Linear));
+//! let map = FieldMap::Flat(MapSurface::new(&grid, MapInterpolation::Linear));
 //!
 //! // An INS at rest at 45° N, 76° W, 300 m, known to 100 m; the field is 6 nT above the map's there.
 //! let columns = [0.0, 45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0].map(|value| [value]);
-//! let ins = InsSeries::of(columns.each_ref().map(|column| column.as_slice()));
+//! let ins = InsSeries::from_columns(columns.each_ref().map(|column| column.as_slice()));
 //! let sources = InsErrors { init_position_sigma_m: 100.0, ..InsErrors::default() };
-//! let errors = InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(sources) };
+//! let errors = InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::from_sources(sources) };
 //! let parameters = EkfParameters { errors, measurement_sigma_nt: 5.0, ..EkfParameters::default() };
 //! let output = ekf::run(&parameters, &ins, &[6.0], &map, None)?;
 //!
@@ -168,7 +168,7 @@ pub use field::PredictedField;
 pub use ins_error::{InsErrorModel, InsErrors, InsGrade, simulate_ins_error};
 pub use ins_series::{InsSeries, SeriesError};
 pub use line::{LineStep, NavigationLine};
-pub use mechanisation::{Earth, Mechanisation, Motion, Reading};
+pub use mechanisation::{ImuReading, Mechanisation, NavigationEarth, NavigationState};
 pub use output::{NavigationError, NavigationOutput, NavigationReport};
 pub use pinson::{InsPoint, PinsonForm, StateMatrix, StateVector, TimeConstants, pinson_matrix};
 pub use transition::{NoiseDiscretisation, transition_matrix};

@@ -92,8 +92,8 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::STATES;
 
-use filter::Filter;
-pub use output::{Mode, ModesAt, MpfOutput, MpfReport};
+use filter::MarginalisedParticleFilter;
+pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
 /// A measurement whose squared residual over its variance is above this for every particle is not used: of good
@@ -125,12 +125,16 @@ pub fn run(
     parameters.check()?;
     line.check()?;
     aids.check(line.ins.len())?;
-    let states = AidStates::of(aids, STATES);
+    let states = AidStates::new(aids, STATES);
     match STATES + states.errors.len() {
-        STATES => Filter::<STATES>::new(line, aids, states, parameters).run(),
-        count if count <= WITH_BIASES => Filter::<WITH_BIASES>::new(line, aids, states, parameters).run(),
-        count if count <= WITH_VECTOR => Filter::<WITH_VECTOR>::new(line, aids, states, parameters).run(),
-        _ => Filter::<WITH_ALL>::new(line, aids, states, parameters).run(),
+        STATES => MarginalisedParticleFilter::<STATES>::new(line, aids, states, parameters).run(),
+        count if count <= WITH_BIASES => {
+            MarginalisedParticleFilter::<WITH_BIASES>::new(line, aids, states, parameters).run()
+        }
+        count if count <= WITH_VECTOR => {
+            MarginalisedParticleFilter::<WITH_VECTOR>::new(line, aids, states, parameters).run()
+        }
+        _ => MarginalisedParticleFilter::<WITH_ALL>::new(line, aids, states, parameters).run(),
     }
 }
 

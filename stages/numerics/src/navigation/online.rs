@@ -43,11 +43,11 @@ pub(crate) mod covariance;
 mod fluxgate;
 mod prior;
 
-use crate::navigation::aids::{AidInnovations, Usage};
+use crate::navigation::aids::{AidInnovations, SampleUsage};
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 
-use augmented::{AircraftModel, AugmentedOutput, ExtraStates, Readings, refused};
+use augmented::{AircraftFieldModel, AugmentedOutput, ExtraStates, MagnetometerColumns, refused};
 pub use augmented::{LineModel, MagnetometerReport, MagnetometerTrack, OnlineParameters};
 pub use fluxgate::Fluxgate;
 use fluxgate::FluxgateTerms;
@@ -55,7 +55,7 @@ pub use prior::{CoefficientPrior, ColdStart, prior_from_calibrations, walk_densi
 
 /// A scalar magnetometer and what the aircraft's field at it depends on.
 #[derive(Clone, Copy, Debug)]
-pub struct Magnetometer<'a> {
+pub struct OnlineMagnetometer<'a> {
     /// The uncompensated field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
     /// the line's `core` is given.
     pub measurement_nt: &'a [f64],
@@ -114,7 +114,7 @@ pub struct OnlineOutput {
     /// The bias of the vector magnetometer, where it is estimated.
     pub fluxgate: Option<FluxgateEstimate>,
     /// Outcome of each sample, if there are further measurements.
-    pub usage: Vec<Usage>,
+    pub usage: Vec<SampleUsage>,
     /// Their innovations.
     pub aids: AidInnovations,
     /// The horizontal slope of the predicted field at each sample, in nT/m; NaN off the map and without
@@ -148,21 +148,21 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
 /// or variances are no longer finite or a variance is negative.
 pub fn run(
     line: &LineModel<'_>,
-    magnetometers: &[Magnetometer<'_>],
+    magnetometers: &[OnlineMagnetometer<'_>],
     fluxgate: Option<&Fluxgate<'_>>,
     parameters: &OnlineParameters,
 ) -> Result<OnlineOutput, NavigationError> {
     let terms = fluxgate.map(FluxgateTerms::new).transpose()?;
     let model = TollesLawson::new(magnetometers, terms, line.ins.len())?;
     let states = extra_states(magnetometers, fluxgate)?;
-    let readings: Vec<Readings<'_>> = magnetometers.iter().map(|m| (m.measurement_nt, m.sigma_nt)).collect();
+    let readings: Vec<MagnetometerColumns<'_>> = magnetometers.iter().map(|m| (m.measurement_nt, m.sigma_nt)).collect();
     let output = augmented::run(line, &readings, model, &states, parameters)?;
     Ok(estimates(output, magnetometers, fluxgate.is_some()))
 }
 
 /// The priors of all coefficients and of the bias as one.
 fn extra_states(
-    magnetometers: &[Magnetometer<'_>],
+    magnetometers: &[OnlineMagnetometer<'_>],
     fluxgate: Option<&Fluxgate<'_>>,
 ) -> Result<ExtraStates, ParameterError> {
     let of_bias = if fluxgate.is_some() { 3 } else { 0 };
@@ -198,7 +198,7 @@ fn extra_states(
     Ok(states)
 }
 
-fn estimates(output: AugmentedOutput, magnetometers: &[Magnetometer<'_>], with_bias: bool) -> OnlineOutput {
+fn estimates(output: AugmentedOutput, magnetometers: &[OnlineMagnetometer<'_>], with_bias: bool) -> OnlineOutput {
     let AugmentedOutput { navigation, magnetometers: tracks, c, c_covariance, c_by_row, c_sigma_by_row, .. } = output;
     let (usage, aids, slope_nt_per_m) = (output.usage, output.aids, output.slope_nt_per_m);
     let count = c.len();
@@ -227,7 +227,7 @@ fn estimates(output: AugmentedOutput, magnetometers: &[Magnetometer<'_>], with_b
 
 /// The aircraft's field A(b) β.
 struct TollesLawson<'a> {
-    magnetometers: &'a [Magnetometer<'a>],
+    magnetometers: &'a [OnlineMagnetometer<'a>],
     /// The first coefficient of each magnetometer among the further states.
     first: Vec<usize>,
     fluxgate: Option<FluxgateTerms<'a>>,
@@ -238,12 +238,12 @@ struct TollesLawson<'a> {
 
 impl<'a> TollesLawson<'a> {
     fn new(
-        magnetometers: &'a [Magnetometer<'a>],
+        magnetometers: &'a [OnlineMagnetometer<'a>],
         fluxgate: Option<FluxgateTerms<'a>>,
         rows: usize,
     ) -> Result<Self, ParameterError> {
         let (mut first, mut bias) = (vec![], 0);
-        for (place, Magnetometer { terms, prior, .. }) in magnetometers.iter().enumerate() {
+        for (place, OnlineMagnetometer { terms, prior, .. }) in magnetometers.iter().enumerate() {
             first.push(bias);
             bias += prior.mean.len();
             if terms.len() != rows * prior.mean.len() {
@@ -266,7 +266,7 @@ impl<'a> TollesLawson<'a> {
             let what = format!("the vector magnetometer has {} rows, the line has {rows}", fluxgate.rows());
             return Err(refused("terms", what));
         }
-        for (place, Magnetometer { terms, prior, .. }) in self.magnetometers.iter().enumerate() {
+        for (place, OnlineMagnetometer { terms, prior, .. }) in self.magnetometers.iter().enumerate() {
             let width = prior.mean.len();
             if width < own.len() {
                 let what =
@@ -292,7 +292,7 @@ impl<'a> TollesLawson<'a> {
     /// The terms of a sample at a bias, and the coefficients.
     #[inline(always)]
     fn field(&mut self, magnetometer: usize, row: usize, c: &[f64], terms: &mut [f64]) -> f64 {
-        let Magnetometer { terms: given, prior, .. } = &self.magnetometers[magnetometer];
+        let OnlineMagnetometer { terms: given, prior, .. } = &self.magnetometers[magnetometer];
         let (width, first) = (prior.mean.len(), self.first[magnetometer]);
         terms.copy_from_slice(&given[row * width..][..width]);
         if let Some(fluxgate) = &self.fluxgate {
@@ -307,7 +307,7 @@ fn bias_of(c: &[f64], first: usize) -> [f64; 3] {
     std::array::from_fn(|axis| c[first + axis])
 }
 
-impl AircraftModel for TollesLawson<'_> {
+impl AircraftFieldModel for TollesLawson<'_> {
     #[inline(always)]
     fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64> {
         let (first, width) = (self.first[magnetometer], self.magnetometers[magnetometer].prior.mean.len());

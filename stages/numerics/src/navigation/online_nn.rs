@@ -23,14 +23,14 @@
 mod network;
 mod training;
 
-use crate::navigation::aids::{AidInnovations, Aids, Usage};
+use crate::navigation::aids::{AidInnovations, Aids, SampleUsage};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 
-use super::online::augmented::{self, AircraftModel, ExtraStates, refused};
+use super::online::augmented::{self, AircraftFieldModel, ExtraStates, refused};
 use super::online::{LineModel, MagnetometerTrack, OnlineParameters};
-pub use network::{Activation, Network};
-pub use training::{Calibration, NetworkPrior, TrainingParameters, train};
+pub use network::{OnlineActivation, OnlineNetwork};
+pub use training::{NetworkCalibration, NetworkPrior, TrainingParameters, train};
 
 /// The filtered line.
 #[derive(Clone, Debug, Default)]
@@ -48,7 +48,7 @@ pub struct NetworkOutput {
     /// Residuals, the aircraft's field, and how the samples were used.
     pub track: MagnetometerTrack,
     /// Outcome of each sample, if there are further measurements.
-    pub usage: Vec<Usage>,
+    pub usage: Vec<SampleUsage>,
     /// Their innovations.
     pub aids: AidInnovations,
     /// See [`OnlineOutput`](super::online::OnlineOutput).
@@ -64,7 +64,7 @@ pub struct NetworkOutput {
 /// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
-    network: &Network,
+    network: &OnlineNetwork,
     features: &[f64],
     prior: &NetworkPrior,
     aids: &Aids<'_>,
@@ -82,10 +82,15 @@ pub fn run(
         density: prior.walk_density.clone(),
         tau_s: vec![f64::INFINITY; prior.weights.len()],
     };
-    let model = Field { network, inputs: network.standardised(features) };
+    let model = NetworkField { network, inputs: network.standardised(features) };
     let readings = [(line.measurement_nt, line.sigma_nt)];
-    let mut output =
-        augmented::run(&LineModel { aids: *aids, ..LineModel::of(line) }, &readings, model, &states, parameters)?;
+    let mut output = augmented::run(
+        &LineModel { aids: *aids, ..LineModel::from_line(line) },
+        &readings,
+        model,
+        &states,
+        parameters,
+    )?;
     Ok(NetworkOutput {
         navigation: output.navigation,
         weights: output.c,
@@ -100,20 +105,20 @@ pub fn run(
 }
 
 /// The network along a line.
-struct Field<'a> {
-    network: &'a Network,
+struct NetworkField<'a> {
+    network: &'a OnlineNetwork,
     /// The standardised features, a row a sample.
     inputs: Vec<f64>,
 }
 
-impl Field<'_> {
+impl NetworkField<'_> {
     #[inline(always)]
     fn inputs(&self, row: usize) -> &[f64] {
         &self.inputs[row * self.network.inputs()..][..self.network.inputs()]
     }
 }
 
-impl AircraftModel for Field<'_> {
+impl AircraftFieldModel for NetworkField<'_> {
     #[inline(always)]
     fn linearised(&mut self, _: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64> {
         let field_nt = self.network.value_and_gradient(self.inputs(row), c, derivatives);

@@ -110,7 +110,7 @@ pub enum PinsonForm {
 pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) -> StateMatrix {
     let mut f = [[0.0; STATES]; STATES];
     let (sin_lat, cos_lat) = ins.lat_rad.sin_cos();
-    let at = Point { sin_lat, cos_lat, tan_lat: sin_lat / cos_lat, vel: ins.vel_ned_mps };
+    let at = PinsonPoint { sin_lat, cos_lat, tan_lat: sin_lat / cos_lat, vel: ins.vel_ned_mps };
     at.position_rows(&mut f);
     at.velocity_rows(&mut f, ins.force_ned_mps2);
     at.tilt_rows(&mut f, form);
@@ -130,8 +130,8 @@ pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) ->
     f
 }
 
-/// Latitude's functions and the velocity.
-struct Point {
+/// Trigonometric functions of the latitude, and the velocity north, east, down.
+struct PinsonPoint {
     sin_lat: f64,
     cos_lat: f64,
     tan_lat: f64,
@@ -141,7 +141,7 @@ struct Point {
 const R: f64 = SEMI_MAJOR_AXIS_M;
 const OMEGA: f64 = EARTH_RATE_RADPS;
 
-impl Point {
+impl PinsonPoint {
     #[inline(always)]
     fn position_rows(&self, f: &mut StateMatrix) {
         let [vn, ve, _] = self.vel;

@@ -6,8 +6,8 @@
 //! J = x₀ᵀ P₀⁻¹ x₀/2 + Σ wₖᵀ Qₖ⁻¹ wₖ/2 + Σ ρ(rₖ),      wₖ = xₖ - Φₖ xₖ₋₁,      rₖ = (zₖ - h(xₖ))/σₖ
 //! ```
 //!
-//! with ρ(r) = r²/2, or a [robust loss](Loss). The Gauss-Newton iteration linearises the map along the whole last
-//! trajectory x̄ and solves the linear problem exactly, by a forward and a backward pass of the Kalman filter: the
+//! with ρ(r) = r²/2, or a [robust loss](TrajectoryLoss). The Gauss-Newton iteration linearises the map along the whole
+//! last trajectory x̄ and solves the linear problem exactly, by a forward and a backward pass of the Kalman filter: the
 //! iterated extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises the map
 //! as `iekf` does, at the most probable state after each measurement. A robust loss is a least-squares problem with
 //! variances σ²/w(r) and the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
@@ -44,16 +44,16 @@
 //! - a position of the trajectory that the map is linearised along off the map or in an unknown cell: the same, in that
 //!   pass. J of two trajectories is compared over the measurements that have a map value at both;
 //! - a flat map: without a core field only S is estimated, with one its slope corrects the position too;
-//! - an INS value that is not finite, time that does not ascend, a state or variance that is no longer finite, a variance
-//!   that is negative: an error that names the row;
+//! - an INS value that is not finite, time that does not ascend, a state or variance that is no longer finite, a
+//!   variance that is negative: an error that names the row;
 //! - an iteration that ends before the step is below the tolerance: the trajectory of the lowest J, and
-//!   [`SmootherReport::converged`] is false.
+//!   [`RtsReport::converged`] is false.
 
 mod adjoint;
 mod aided;
 mod pass;
 
-pub use aided::{AidedSmootherOutput, run_aided};
+pub use aided::{AidedRtsOutput, run_aided};
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
@@ -64,19 +64,19 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, StateVector};
 use crate::navigation::position_fixes::StateFix;
 use params::{Rule, obeys};
 
-use crate::navigation::loss::{Loss, RobustLoss};
-use pass::{About, Pass, Solution, Start};
+use crate::navigation::loss::{RobustLoss, TrajectoryLoss};
+use pass::{FirstPass, RtsLinearisation, RtsSolution, SmootherPass};
 
 /// The most halvings of a step.
 const MOST_HALVINGS: u32 = 10;
 /// First passes. A start with the weights of its innovations is upset by an initial error too large for the map, one
 /// without by outliers; iterations of single measurements find what is near, one linearisation now and then another
 /// slope; and with ten times the noise the line decides, not its first measurements.
-const STARTS: [Start; 4] = [
-    Start { iterations: 5, robust: true, sigma_factor: 1.0 },
-    Start { iterations: 5, robust: false, sigma_factor: 1.0 },
-    Start { iterations: 1, robust: true, sigma_factor: 1.0 },
-    Start { iterations: 5, robust: false, sigma_factor: 10.0 },
+const STARTS: [FirstPass; 4] = [
+    FirstPass { iterations: 5, robust: true, sigma_factor: 1.0 },
+    FirstPass { iterations: 5, robust: false, sigma_factor: 1.0 },
+    FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
+    FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
 /// J a measurement that is poor: normal residuals make 0.5 of it.
 const POOR_COST: f64 = 1.0;
@@ -87,15 +87,15 @@ const SMALL_STEP_SIGMAS: f64 = 0.5;
 
 /// The parameters of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SmootherParameters {
+pub struct RtsParameters {
     /// The most passes over the line, at least 1. One pass is the extended Kalman smoother.
     pub iterations: usize,
     /// The iteration ends where a step moves no position of the line by as much as this, in m.
     pub tolerance_m: f64,
     /// The loss of a residual.
-    pub loss: Loss,
+    pub loss: TrajectoryLoss,
     /// Residual above which a robust loss departs from the square, in standard deviations; `None` is
-    /// [`Loss::usual_scale`].
+    /// [`TrajectoryLoss::usual_scale`].
     pub loss_scale: Option<f64>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
@@ -103,12 +103,12 @@ pub struct SmootherParameters {
     pub keep_covariance: bool,
 }
 
-impl Default for SmootherParameters {
+impl Default for RtsParameters {
     fn default() -> Self {
         Self {
             iterations: 20,
             tolerance_m: 0.1,
-            loss: Loss::default(),
+            loss: TrajectoryLoss::default(),
             loss_scale: None,
             keep_states: true,
             keep_covariance: false,
@@ -116,7 +116,7 @@ impl Default for SmootherParameters {
     }
 }
 
-impl SmootherParameters {
+impl RtsParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
@@ -130,7 +130,7 @@ impl SmootherParameters {
 
 /// Report on the iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SmootherReport {
+pub struct RtsReport {
     /// Passes over the line, forward and backward.
     pub passes: usize,
     /// Steps that were halved.
@@ -157,24 +157,24 @@ pub struct SmootherReport {
 /// measurement, not that of the reweighting. So they keep their law, the mean of `nis` is 1, and an outlier shows. The
 /// covariances are those of the last linearisation.
 #[derive(Clone, Debug, Default)]
-pub struct SmootherOutput {
+pub struct RtsOutput {
     /// The line.
     pub line: NavigationOutput,
     /// Report on the iteration.
-    pub iterations: SmootherReport,
+    pub iterations: RtsReport,
 }
 
 /// Smooths one line.
 ///
 /// # Errors
-/// Fails as [`SmootherParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
+/// Fails as [`RtsParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
 /// number of at least 0, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
 /// variance is negative.
-pub fn run(line: &NavigationLine<'_>, parameters: &SmootherParameters) -> Result<SmootherOutput, NavigationError> {
+pub fn run(line: &NavigationLine<'_>, parameters: &RtsParameters) -> Result<RtsOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
     check_window(line)?;
-    let mut smoother = Smoother::new(line, parameters);
+    let mut smoother = RtsSmoother::new(line, parameters);
     smoother.iterate()?;
     Ok(smoother.finish())
 }
@@ -185,7 +185,7 @@ fn check_window(line: &NavigationLine<'_>) -> Result<(), ParameterError> {
 
 /// The trajectory that the map is linearised along next.
 #[derive(Default)]
-struct Trajectory {
+struct RtsTrajectory {
     x: Vec<StateVector>,
     /// The field along it, where there is a measurement and a map.
     fields: Vec<Option<FieldValue>>,
@@ -193,32 +193,32 @@ struct Trajectory {
     motion: f64,
 }
 
-/// A step that was taken.
-struct Step {
+/// Accepted step, with its decrease of the cost J.
+struct RtsDescent {
     halved: bool,
     /// By how much J falls.
     fall: f64,
 }
 
-/// Criterion for a step.
-struct Candidate {
-    trajectory: Trajectory,
+/// Candidate trajectory, with its change of the cost J.
+struct RtsCandidate {
+    trajectory: RtsTrajectory,
     /// J of the candidate minus J of the trajectory before, over the measurements that both have a map value for.
     rise: f64,
 }
 
-struct Smoother<'a> {
+struct RtsSmoother<'a> {
     line: &'a NavigationLine<'a>,
-    parameters: &'a SmootherParameters,
+    parameters: &'a RtsParameters,
     loss: RobustLoss,
     field: PredictedField<'a>,
-    pass: Pass<'a>,
-    at: Trajectory,
-    report: SmootherReport,
+    pass: SmootherPass<'a>,
+    at: RtsTrajectory,
+    report: RtsReport,
     offset: (f64, usize),
 }
 
-impl Solution {
+impl RtsSolution {
     /// The size of the step from a trajectory of so much motion, by the curvature of the linear problem.
     fn step_sigmas(&self, motion: f64) -> f64 {
         let moved = motion - 2.0 * self.motion_with_last + self.motion;
@@ -226,29 +226,28 @@ impl Solution {
     }
 }
 
-impl<'a> Smoother<'a> {
-    fn new(line: &'a NavigationLine<'a>, parameters: &'a SmootherParameters) -> Self {
+impl<'a> RtsSmoother<'a> {
+    fn new(line: &'a NavigationLine<'a>, parameters: &'a RtsParameters) -> Self {
         let loss = RobustLoss::new(parameters.loss, parameters.loss_scale);
         let mut field = line.predicted();
         let offset = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
-        let pass = Pass::new(line, parameters, offset.0);
-        let report =
-            SmootherReport { last_step_m: f64::INFINITY, last_step_sigmas: f64::INFINITY, ..SmootherReport::default() };
-        Self { line, parameters, loss, field, pass, at: Trajectory::default(), report, offset }
+        let pass = SmootherPass::new(line, parameters, offset.0);
+        let report = RtsReport { last_step_m: f64::INFINITY, last_step_sigmas: f64::INFINITY, ..RtsReport::default() };
+        Self { line, parameters, loss, field, pass, at: RtsTrajectory::default(), report, offset }
     }
 
     /// Passes over the line until the step is small.
     fn iterate(&mut self) -> Result<(), NavigationError> {
         self.start()?;
         while self.report.passes < self.parameters.iterations && !self.report.converged {
-            let solution = self.pass.run(About::Along((&self.at.x, &self.at.fields)), &mut self.field)?;
+            let solution = self.pass.run(RtsLinearisation::Along((&self.at.x, &self.at.fields)), &mut self.field)?;
             self.report.passes += 1;
             self.report.last_step_m = self.step_m(&solution.x);
             self.report.last_step_sigmas = solution.step_sigmas(self.at.motion);
             let step = self.descend(&solution);
             let settled = match step {
-                Some(Step { halved: false, .. }) => false,
-                Some(Step { fall, .. }) => fall < SMALL_FALL,
+                Some(RtsDescent { halved: false, .. }) => false,
+                Some(RtsDescent { fall, .. }) => fall < SMALL_FALL,
                 None => true,
             };
             self.report.converged = self.report.last_step_m < self.parameters.tolerance_m
@@ -263,8 +262,8 @@ impl<'a> Smoother<'a> {
     /// The first trajectory: where that of the first of the [`STARTS`] is poor, the best of them all.
     fn start(&mut self) -> Result<(), NavigationError> {
         let most = self.parameters.iterations;
-        let first = Start { iterations: STARTS[0].iterations.min(most), ..STARTS[0] };
-        let solution = self.pass.run(About::Filtered(first), &mut self.field)?;
+        let first = FirstPass { iterations: STARTS[0].iterations.min(most), ..STARTS[0] };
+        let solution = self.pass.run(RtsLinearisation::Filtered(first), &mut self.field)?;
         self.report.passes = 1;
         self.at = self.candidate(&solution, 1.0).trajectory;
         // One pass of the most is left, along what is found.
@@ -273,13 +272,13 @@ impl<'a> Smoother<'a> {
             if self.cost() < POOR_COST * used {
                 break;
             }
-            if self.parameters.loss == Loss::None && start == (Start { robust: false, ..STARTS[0] }) {
+            if self.parameters.loss == TrajectoryLoss::None && start == (FirstPass { robust: false, ..STARTS[0] }) {
                 // Without a robust loss that is the first again.
                 continue;
             }
             self.report.passes += 1;
             // A start that diverges is none.
-            if let Ok(solution) = self.pass.run(About::Filtered(start), &mut self.field) {
+            if let Ok(solution) = self.pass.run(RtsLinearisation::Filtered(start), &mut self.field) {
                 let candidate = self.candidate(&solution, 1.0);
                 if candidate.rise < 0.0 {
                     self.at = candidate.trajectory;
@@ -290,14 +289,14 @@ impl<'a> Smoother<'a> {
     }
 
     /// Takes the step to a solution, halved until J does not rise; `None` where no step will do.
-    fn descend(&mut self, solution: &Solution) -> Option<Step> {
+    fn descend(&mut self, solution: &RtsSolution) -> Option<RtsDescent> {
         let mut part = 1.0;
         for halvings in 0..=MOST_HALVINGS {
             let candidate = self.candidate(solution, part);
             if candidate.rise <= 0.0 {
                 self.at = candidate.trajectory;
                 self.report.halved += usize::from(halvings > 0);
-                return Some(Step { halved: halvings > 0, fall: -candidate.rise });
+                return Some(RtsDescent { halved: halvings > 0, fall: -candidate.rise });
             }
             part *= 0.5;
         }
@@ -306,12 +305,12 @@ impl<'a> Smoother<'a> {
 
     /// The trajectory a part of the way to a solution. That to the first solution has nothing to start from and is
     /// whole.
-    fn candidate(&mut self, solution: &Solution, part: f64) -> Candidate {
+    fn candidate(&mut self, solution: &RtsSolution, part: f64) -> RtsCandidate {
         let (rest, rows) = (1.0 - part, solution.x.len());
         let motion = rest * rest * self.at.motion
             + 2.0 * part * rest * solution.motion_with_last
             + part * part * solution.motion;
-        let mut trajectory = Trajectory { x: Vec::with_capacity(rows), fields: Vec::with_capacity(rows), motion };
+        let mut trajectory = RtsTrajectory { x: Vec::with_capacity(rows), fields: Vec::with_capacity(rows), motion };
         let mut rise = 0.5 * (motion - self.at.motion);
         for (row, to) in solution.x.iter().enumerate() {
             let mut x = *to;
@@ -332,13 +331,13 @@ impl<'a> Smoother<'a> {
                 field = self.field.at_error(self.line.ins, row, [x[LAT], x[LON], x[ALT]]);
                 if let (Some(field), Some(Some(before))) = (field, self.at.fields.get(row)) {
                     let r = |field: &FieldValue, s: f64| (value_nt - (field.value_nt + s)) / variance_nt2.sqrt();
-                    rise += self.loss.of(r(&field, x[S])) - self.loss.of(r(before, self.at.x[row][S]));
+                    rise += self.loss.value(r(&field, x[S])) - self.loss.value(r(before, self.at.x[row][S]));
                 }
             }
             trajectory.x.push(x);
             trajectory.fields.push(field);
         }
-        Candidate { trajectory, rise }
+        RtsCandidate { trajectory, rise }
     }
 
     /// The largest distance of a position from that of the trajectory, in m.
@@ -359,7 +358,7 @@ impl<'a> Smoother<'a> {
         let of = |(row, (x, field)): (usize, (&StateVector, &Option<FieldValue>))| {
             let (value_nt, variance_nt2) = self.line.measured(row, self.offset.0)?;
             let residual_nt = value_nt - (field.as_ref()?.value_nt + x[S]);
-            Some(self.loss.of(residual_nt / variance_nt2.sqrt()))
+            Some(self.loss.value(residual_nt / variance_nt2.sqrt()))
         };
         let sum: f64 = self.at.x.iter().zip(&self.at.fields).enumerate().filter_map(of).sum();
         let missed = |(row, x): (usize, &StateVector)| -> f64 {
@@ -371,7 +370,7 @@ impl<'a> Smoother<'a> {
     }
 
     /// The output.
-    fn finish(mut self) -> SmootherOutput {
+    fn finish(mut self) -> RtsOutput {
         self.report.cost = self.cost();
         let (ins, earth) = (self.line.ins, self.line.errors.earth);
         let mut output = NavigationOutput::with_capacity(ins.len(), self.parameters.keep_states, false);
@@ -388,7 +387,7 @@ impl<'a> Smoother<'a> {
         output.p = std::mem::take(&mut self.pass.covariances);
         output.report = self.pass.report;
         (output.report.offset_nt, output.report.offset_samples) = self.offset;
-        SmootherOutput { line: output, iterations: self.report }
+        RtsOutput { line: output, iterations: self.report }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The most probable state after one scalar measurement of a field that is not linear.
 
 use crate::earth::field_value::FieldValue;
-use crate::navigation::estimate::Estimate;
+use crate::navigation::estimate::StateEstimate;
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, measured_states};
 
 /// The most halvings of a step.
@@ -9,7 +9,7 @@ const MOST_HALVINGS: u32 = 10;
 
 /// Parameters of the search for the most probable state.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Search {
+pub(crate) struct ScalarSearch {
     /// Maximum number of linearisations, at least 1. With one, the full step is taken unconditionally.
     pub(crate) iterations: usize,
     /// A step that moves the position by less than this is the last.
@@ -52,7 +52,7 @@ pub(crate) struct ScalarProblem {
 
 impl ScalarProblem {
     #[inline(always)]
-    pub(crate) fn of(estimate: &Estimate, value_nt: f64, variance_nt2: f64) -> Self {
+    pub(crate) fn from_estimate(estimate: &StateEstimate, value_nt: f64, variance_nt2: f64) -> Self {
         let p = MEASURED.map(|row| MEASURED.map(|column| estimate.p[row][column]));
         Self { x: measured_states(&estimate.x), p, value_nt, variance_nt2 }
     }
@@ -68,7 +68,7 @@ impl ScalarProblem {
     #[inline(always)]
     pub(crate) fn most_probable(
         &self,
-        search: &Search,
+        search: &ScalarSearch,
         field: FieldValue,
         mut look_up: impl FnMut([f64; 3]) -> Option<FieldValue>,
     ) -> Optimum {
@@ -95,7 +95,7 @@ impl ScalarProblem {
     fn linearised(&self, at: &Iterate) -> Optimum {
         Optimum {
             v: at.v,
-            h: Sensitivity::of(&at.field),
+            h: Sensitivity::from_field(&at.field),
             linearised_at: (self.state(&at.v), at.field),
             linearisations: 0,
             halved: 0,
@@ -141,7 +141,8 @@ impl ScalarProblem {
         ((north * step[0]).powi(2) + (east * step[1]).powi(2) + step[2].powi(2)).sqrt()
     }
 
-    /// The step towards `whole`, halved until J does not rise, and the number of halvings; `None` where no step will do.
+    /// The step towards `whole`, halved until J does not rise, and the number of halvings; `None` where no step will
+    /// do.
     #[inline(always)]
     fn descend(
         &self,

@@ -3,7 +3,7 @@
 
 use crate::earth::geodesy::EarthModel;
 use crate::maps::map_stack::FieldMap;
-use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
@@ -12,16 +12,16 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 use crate::navigation::position_fixes::PositionFixes;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-pub(crate) type Dense = SMatrix<f64, STATES, STATES>;
-pub(crate) type DenseVector = SVector<f64, STATES>;
+pub(crate) type DenseStateMatrix = SMatrix<f64, STATES, STATES>;
+pub(crate) type DenseStateVector = SVector<f64, STATES>;
 
-pub(crate) fn dense(p: &StateMatrix) -> Dense {
-    Dense::from_fn(|row, column| p[row][column])
+pub(crate) fn dense(p: &StateMatrix) -> DenseStateMatrix {
+    DenseStateMatrix::from_fn(|row, column| p[row][column])
 }
 
 /// A short line with its map, all owned.
 #[derive(Clone)]
-pub(crate) struct Scene {
+pub(crate) struct AnalyticScene {
     pub(crate) columns: [Vec<f64>; 13],
     pub(crate) measurement_nt: Vec<f64>,
     pub(crate) sigma_nt: Vec<f64>,
@@ -39,10 +39,10 @@ pub(crate) fn m_per_deg() -> (f64, f64) {
     (north / 1_f64.to_degrees(), east / 1_f64.to_degrees())
 }
 
-impl Scene {
+impl AnalyticScene {
     /// A flight north-eastward at 67 m/s over a field in nT of metres north and east, 7 km around its middle, of
     /// nodes 100 m apart; the truth is 40 m north and 60 m west of the INS, and the noise a wave of 3 nT.
-    pub(crate) fn new(tt: &[f64], interpolation: Interpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
+    pub(crate) fn new(tt: &[f64], interpolation: MapInterpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
         let (north, east) = m_per_deg();
         let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
             (-70..=70).map(|k| middle + 100.0 * f64::from(k) / m_per_deg).collect()
@@ -87,7 +87,7 @@ impl Scene {
     }
 
     pub(crate) fn series(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 
     pub(crate) fn with<T>(&self, of: impl FnOnce(&NavigationLine<'_>) -> T) -> T {
@@ -106,8 +106,8 @@ impl Scene {
     }
 }
 
-/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, half of them without a height,
-/// whose sigmas are 20 and 30 m.
+/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, half of them without a
+/// height, whose sigmas are 20 and 30 m.
 pub(crate) fn positions(columns: &[Vec<f64>; 13]) -> PositionFixes {
     let (north, east) = m_per_deg();
     let at = |every: usize, values: &[f64], shift: f64| -> Vec<f64> {
@@ -136,34 +136,34 @@ pub(crate) fn uneven(rows: usize) -> Vec<f64> {
     (0..rows).map(|row| 0.9 * row as f64 + 0.4 * (row as f64).sin()).collect()
 }
 
-/// The whole chain at once: the normal distribution of all states, given all measurements, as dense least squares in the
-/// space of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z with the prior covariance C of the chain.
-pub(crate) struct Batch {
+/// The whole chain at once: the normal distribution of all states, given all measurements, as dense least squares in
+/// the space of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z with the prior covariance C of the chain.
+pub(crate) struct DenseBatchSmoother {
     /// Φ and the prior covariance of each sample.
-    prior: Vec<(Dense, Dense)>,
-    pub(crate) x: Vec<DenseVector>,
-    pub(crate) p: Vec<Dense>,
+    prior: Vec<(DenseStateMatrix, DenseStateMatrix)>,
+    pub(crate) x: Vec<DenseStateVector>,
+    pub(crate) p: Vec<DenseStateMatrix>,
     /// x₀ᵀ P₀⁻¹ x₀ + Σ wᵀ Q⁻¹ w.
     pub(crate) motion: f64,
 }
 
-impl Batch {
+impl DenseBatchSmoother {
     pub(crate) fn new(line: &NavigationLine<'_>) -> Self {
         let ins = line.ins;
         let first = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
-        let mut prior = vec![(Dense::identity(), dense(&first))];
+        let mut prior = vec![(DenseStateMatrix::identity(), dense(&first))];
         for row in 1..ins.len() {
             let step = line.step(row);
             let (phi, before) = (dense(&step.phi), prior[row - 1].1);
             prior.push((phi, phi * before * phi.transpose() + dense(&step.noise)));
         }
-        let (x, p) = (vec![DenseVector::zeros(); ins.len()], vec![]);
+        let (x, p) = (vec![DenseStateVector::zeros(); ins.len()], vec![]);
         Self { prior, x, p, motion: 0.0 }
     }
 
     /// The covariances of every state with H x of a row.
-    fn with_measurement(&self, row: usize, h: &DenseVector) -> Vec<DenseVector> {
-        let mut all = vec![DenseVector::zeros(); self.prior.len()];
+    fn with_measurement(&self, row: usize, h: &DenseStateVector) -> Vec<DenseStateVector> {
+        let mut all = vec![DenseStateVector::zeros(); self.prior.len()];
         let mut a = *h;
         for k in (0..=row).rev() {
             all[k] = self.prior[k].1 * a;
@@ -181,7 +181,7 @@ impl Batch {
         let (mut rows, mut columns, mut values, mut variances) = (vec![], vec![], vec![], vec![]);
         for row in 0..self.x.len() {
             for fix in line.fixes_at(row).into_iter().flatten() {
-                let mut h = DenseVector::zeros();
+                let mut h = DenseStateVector::zeros();
                 h[fix.state] = 1.0;
                 values.push(fix.error);
                 variances.push(fix.variance);
@@ -191,7 +191,7 @@ impl Batch {
             let x = self.x[row];
             let Some((measured, variance)) = line.measured(row, 0.0) else { continue };
             let Some(value) = field.at_error(line.ins, row, [x[LAT], x[LON], x[ALT]]) else { continue };
-            let mut h = DenseVector::zeros();
+            let mut h = DenseStateVector::zeros();
             (h[LAT], h[LON], h[ALT], h[S]) =
                 (value.d_lat_nt_per_rad, value.d_lon_nt_per_rad, value.d_alt_nt_per_m, 1.0);
             let residual = measured - value.value_nt - x[S];
@@ -216,15 +216,21 @@ impl Batch {
         self.p.clear();
         for (k, x) in self.x.iter_mut().enumerate() {
             let c = DMatrix::from_fn(STATES, n, |state, j| columns[j][k][state]);
-            *x = DenseVector::from_iterator((&c * &dual).iter().copied());
+            *x = DenseStateVector::from_iterator((&c * &dual).iter().copied());
             let less = &c * &inverse * c.transpose();
-            self.p.push(self.prior[k].1 - Dense::from_fn(|row, column| less[(row, column)]));
+            self.p.push(self.prior[k].1 - DenseStateMatrix::from_fn(|row, column| less[(row, column)]));
         }
     }
 }
 
 /// Asserts that two distributions agree to a part of the standard deviations of the second.
-pub(crate) fn assert_close(x: &StateVector, p: &StateMatrix, with: (&DenseVector, &Dense), part: f64, place: &str) {
+pub(crate) fn assert_close(
+    x: &StateVector,
+    p: &StateMatrix,
+    with: (&DenseStateVector, &DenseStateMatrix),
+    part: f64,
+    place: &str,
+) {
     let (expected_x, expected_p) = with;
     for row in 0..STATES {
         let sigma = expected_p[(row, row)].sqrt();
@@ -239,10 +245,10 @@ pub(crate) fn assert_close(x: &StateVector, p: &StateMatrix, with: (&DenseVector
 }
 
 /// Lines that no filter takes, and what is said of them.
-pub(crate) fn assert_refusals(run: impl Fn(&Scene) -> Option<NavigationError>) {
-    let scene = Scene::new(&uneven(20), Interpolation::Linear, plane);
+pub(crate) fn assert_refusals(run: impl Fn(&AnalyticScene) -> Option<NavigationError>) {
+    let scene = AnalyticScene::new(&uneven(20), MapInterpolation::Linear, plane);
     assert_eq!(run(&scene), None);
-    let message = |spoil: fn(&mut Scene)| {
+    let message = |spoil: fn(&mut AnalyticScene)| {
         let mut scene = scene.clone();
         spoil(&mut scene);
         run(&scene).unwrap().to_string()

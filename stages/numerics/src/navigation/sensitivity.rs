@@ -17,7 +17,7 @@ pub(crate) struct Sensitivity(pub(crate) [f64; 4]);
 
 impl Sensitivity {
     #[inline(always)]
-    pub(crate) fn of(field: &FieldValue) -> Self {
+    pub(crate) fn from_field(field: &FieldValue) -> Self {
         Self::of_slope([field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m])
     }
 

@@ -39,12 +39,12 @@
 //! log q ← log q − ((z − ẑ)²/V + log V)/2
 //! ```
 //!
-//! with the covariance k of [`Covariance`], and the mean ẑ and variance V given the 12 nearest earlier samples of its
-//! path and the 4 most recent ones. The product of these weights is Vecchia's approximation of the likelihood of the
-//! path, p(z₁…z_n | path). It has three advantages over independent weights at crossings [Lee 2019, (76)]. Map errors
-//! that two neighbouring measurements share are counted once, because the most recent measurements are conditioned on.
-//! The temporal variation between two visits is part of the covariance. A particle without a revisit also has a
-//! likelihood, that of new ground, so no list of active particles is needed.
+//! with the covariance k of [`CovarianceFunction`], and the mean ẑ and variance V given the 12 nearest earlier samples
+//! of its path and the 4 most recent ones. The product of these weights is Vecchia's approximation of the likelihood of
+//! the path, p(z₁…z_n | path). It has three advantages over independent weights at crossings [Lee 2019, (76)]. Map
+//! errors that two neighbouring measurements share are counted once, because the most recent measurements are
+//! conditioned on. The temporal variation between two visits is part of the covariance. A particle without a revisit
+//! also has a likelihood, that of new ground, so no list of active particles is needed.
 //!
 //! # Cost
 //!
@@ -66,8 +66,8 @@
 //!
 //! Survivors of many resamplings share their early path and its error, which the particles do not show [Bailey, Nieto &
 //! Nebot 2006]. Two measures keep the covariance from going to 0. A resampling draws from a kernel density of the
-//! particles ([`Particles::regularise`]), so they never become copies. The covariance that a resampling removes is
-//! added to the returned one ([`resolution::Lost`]). Neither helps where the particles follow a false revisit.
+//! particles ([`SlamParticles::regularise`]), so they never become copies. The covariance that a resampling removes is
+//! added to the returned one ([`resolution::LostVariance`]). Neither helps where the particles follow a false revisit.
 //!
 //! The field must distinguish places: along a track the position error is about the noise (sensor, temporal variation,
 //! residual of the kernel) over the gradient. With 0.25 nT/m the error of a tactical INS is limited to some tens of
@@ -95,17 +95,17 @@ use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 use crate::navigation::transition::{propagate_state, step_covariance};
 use crate::navigation::{NavigationError, NavigationOutput, pinson_matrix, transition_matrix};
 
-pub use chart::{Chart, ChartGrid};
-use expected::{Map, Prediction, Rules};
-use fit::AlongTrack;
-pub use kernel::{Covariance, Kernel};
+pub use chart::{SlamMap, SlamMapGrid};
+use expected::{ParticleMap, ParticlePrediction, PredictionRules};
+use fit::TrackMeasurements;
+pub use kernel::{AnomalyKernel, CovarianceFunction};
 pub use output::{PathSample, SlamOutput, SlamReport};
 pub use parameters::{ExpectedMeasurement, HyperparameterSource, SlamParameters};
-use particles::{Moments, Particles};
-use resolution::{Lost, bandwidth, excess, product};
+use particles::{SlamMoments, SlamParticles};
+use resolution::{LostVariance, bandwidth, excess, product};
 pub use samples::SlamLine;
-use samples::{LocalFrame, Sample, Sampler, step_ends};
-pub use smoother::{SmootherParameters, SmootherReport};
+use samples::{LocalFrame, SlamSample, SlamSampler, step_ends};
+pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 
 /// Filters one line.
 ///
@@ -121,7 +121,7 @@ pub use smoother::{SmootherParameters, SmootherReport};
 pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutput, NavigationError> {
     parameters.check(&line.errors)?;
     line.check()?;
-    let mut filter = Filter::new(parameters, line);
+    let mut filter = SlamFilter::new(parameters, line);
     for step in 0..filter.ends.len() {
         filter.advance(step)?;
     }
@@ -138,23 +138,23 @@ const FEWEST_REVISITING: f64 = 0.01;
 /// The numbers of the resamplings by aiding positions, which are of rows, begin beyond those of steps.
 const AIDED: u64 = 1 << 40;
 
-/// A filter on its way along a line.
-struct Filter<'a> {
+/// Particle filter without a map, with its state along a line.
+struct SlamFilter<'a> {
     parameters: &'a SlamParameters,
     line: &'a SlamLine<'a>,
     frame: LocalFrame,
     ends: Vec<usize>,
-    samples: Vec<Option<Sample>>,
-    particles: Particles,
-    map: Map,
+    samples: Vec<Option<SlamSample>>,
+    particles: SlamParticles,
+    map: ParticleMap,
     /// Variance that resampling has removed from the covariance.
-    lost: Lost,
+    lost: LostVariance,
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
-    moments: Moments,
+    moments: SlamMoments,
     /// Those of the Kalman filter, with aiding positions and until the field is weighed again: without the error
     /// that a finite number of draws makes.
-    exact: Option<Moments>,
+    exact: Option<SlamMoments>,
     /// The covariance of the INS alone.
     alone: StateMatrix,
     /// Samples of the map that the gate has rejected.
@@ -162,19 +162,19 @@ struct Filter<'a> {
     out: SlamOutput,
 }
 
-impl<'a> Filter<'a> {
+impl<'a> SlamFilter<'a> {
     fn new(parameters: &'a SlamParameters, line: &'a SlamLine<'a>) -> Self {
         let (ins, errors) = (line.ins, &line.errors);
-        let frame = LocalFrame::of(ins, errors);
+        let frame = LocalFrame::new(ins, errors);
         let ends = step_ends(ins.tt_s, parameters.update_interval_s);
-        let mut sampler = Sampler::new(*line, frame);
+        let mut sampler = SlamSampler::new(*line, frame);
         let first_of = |step: usize| step.checked_sub(1).map_or(0, |before: usize| ends[before] + 1);
         let samples: Vec<_> = (0..ends.len()).map(|step| sampler.sample(first_of(step)..=ends[step])).collect();
         let temporal = (errors.fogm_sigma_nt, errors.fogm_tau_s);
         let (kernel, fitted, [spacing_m, speed_mps]) = kernel_of(parameters, &samples, temporal);
         let initial = errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
-        let particles = Particles::new(parameters.particles, parameters.seed, &initial);
-        let rules = Rules::of(parameters, kernel, temporal, spacing_m, speed_mps);
+        let particles = SlamParticles::new(parameters.particles, parameters.seed, &initial);
+        let rules = PredictionRules::new(parameters, kernel, temporal, spacing_m, speed_mps);
         let rows = ins.len();
         let out = SlamOutput {
             navigation: NavigationOutput::with_capacity(rows, parameters.keep_states, parameters.keep_covariance),
@@ -193,9 +193,9 @@ impl<'a> Filter<'a> {
             },
         };
         let moments = particles.moments();
-        let (map, now_m) = (Map::new(rules, parameters.particles), vec![[0.0; 2]; parameters.particles]);
-        let lost = Lost::new(frame.m_per_rad);
-        let exact = line.fixes.map(|_| Moments { x: [0.0; STATES], p: initial });
+        let (map, now_m) = (ParticleMap::new(rules, parameters.particles), vec![[0.0; 2]; parameters.particles]);
+        let lost = LostVariance::new(frame.m_per_rad);
+        let exact = line.fixes.map(|_| SlamMoments { x: [0.0; STATES], p: initial });
         let alone = initial;
         Self {
             parameters,
@@ -240,7 +240,7 @@ impl<'a> Filter<'a> {
     }
 
     /// Mean and covariance, with what the particles do not show of it.
-    fn all_moments(&self) -> Moments {
+    fn all_moments(&self) -> SlamMoments {
         if let Some(exact) = self.exact {
             return exact;
         }
@@ -262,7 +262,7 @@ impl<'a> Filter<'a> {
     /// Resamples the particles and draws them from a kernel density; `step` is another number each time.
     fn resample(&mut self, step: u64) {
         let effective = self.particles.effective();
-        let Moments { x: mean, p } = self.particles.moments();
+        let SlamMoments { x: mean, p } = self.particles.moments();
         let spread = spread(&p, &self.particles);
         self.thin_out(&spread, step);
         self.particles.regularise(&spread, &mean, bandwidth(effective), step);
@@ -286,7 +286,7 @@ impl<'a> Filter<'a> {
         if fixes == NO_FIX {
             return;
         }
-        let Moments { mut x, mut p } = self.all_moments();
+        let SlamMoments { mut x, mut p } = self.all_moments();
         for fix in fixes.iter().flatten() {
             self.particles.foresee(fix);
             fixes::update(&mut x, &mut p, fix);
@@ -296,7 +296,7 @@ impl<'a> Filter<'a> {
         if self.is_thin() {
             self.thin_out(&[[0.0; STATES]; STATES], row as u64 + AIDED);
         }
-        self.moments = Moments { x, p };
+        self.moments = SlamMoments { x, p };
         self.exact = Some(self.moments);
     }
 
@@ -313,7 +313,7 @@ impl<'a> Filter<'a> {
             self.alone = step_covariance(&self.alone, &f, &phi, &density, dt_s, errors.noise);
             let moved = all.map_or(phi, |before| product(&phi, &before));
             all = Some(moved);
-            if let Some(Moments { x, p }) = &mut self.exact {
+            if let Some(SlamMoments { x, p }) = &mut self.exact {
                 *x = propagate_state(&phi, x);
                 *p = step_covariance(p, &f, &phi, &density, dt_s, errors.noise);
             }
@@ -360,7 +360,7 @@ impl<'a> Filter<'a> {
     }
 
     /// The measurement update: innovation of the mean, particles that revisit, whether the gate closed.
-    fn weigh(&mut self, sample: &Sample) -> (Innovation, u32, bool) {
+    fn weigh(&mut self, sample: &SlamSample) -> (Innovation, u32, bool) {
         let lag_s = self.line.ins.tt_s[sample.row] - sample.tt_s;
         for (now_m, x) in self.now_m.iter_mut().zip(&self.particles.x) {
             let [per_north, per_east] = self.frame.m_per_rad;
@@ -409,7 +409,7 @@ impl<'a> Filter<'a> {
         if !self.moments.are_sound() {
             return Err(NavigationError::Diverged { row, tt_s: self.line.ins.tt_s[row] });
         }
-        let Moments { x, p } = &self.moments;
+        let SlamMoments { x, p } = &self.moments;
         let earth = self.line.errors.earth;
         let (state, covariance) = (|state: usize| x[state], |row: usize, column: usize| p[row][column]);
         self.out.navigation.push(self.line.ins, row, state, covariance, innovation, earth);
@@ -429,8 +429,8 @@ impl<'a> Filter<'a> {
         self.out.path = output::path_of(&self.map, &self.particles, &self.frame);
         if let Some(smoother) = &self.parameters.smoother {
             let used = self.gated.iter().map(|gated| !gated);
-            let samples: Vec<(Sample, bool)> = self.map.samples.iter().copied().zip(used).collect();
-            let filtered = smoother::Filtered {
+            let samples: Vec<(SlamSample, bool)> = self.map.samples.iter().copied().zip(used).collect();
+            let filtered = smoother::SlamFilterResult {
                 line: self.line,
                 ends: &self.ends,
                 frame: self.frame,
@@ -448,11 +448,11 @@ impl<'a> Filter<'a> {
 /// The kernel, whether it was fitted, and the mean distance (m) and speed (m/s) of the samples.
 fn kernel_of(
     parameters: &SlamParameters,
-    samples: &[Option<Sample>],
+    samples: &[Option<SlamSample>],
     temporal: (f64, f64),
-) -> (Kernel, bool, [f64; 2]) {
-    let measured: Vec<Sample> = samples.iter().flatten().copied().collect();
-    let step_m = |pair: &[Sample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
+) -> (AnomalyKernel, bool, [f64; 2]) {
+    let measured: Vec<SlamSample> = samples.iter().flatten().copied().collect();
+    let step_m = |pair: &[SlamSample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
     let path_m: f64 = measured.windows(2).map(step_m).sum();
     let spacing_m = path_m / measured.len().saturating_sub(1).max(1) as f64;
     let flown_s = measured.last().zip(measured.first()).map_or(0.0, |(last, first)| last.tt_s - first.tt_s);
@@ -460,19 +460,19 @@ fn kernel_of(
     let fitted = match parameters.hyperparameters {
         HyperparameterSource::Fixed => None,
         HyperparameterSource::Fitted => {
-            AlongTrack::of(&measured, parameters.fit_window_s).fitted(&parameters.kernel, temporal)
+            TrackMeasurements::from_samples(&measured, parameters.fit_window_s).fitted(&parameters.kernel, temporal)
         }
     };
     (fitted.unwrap_or(parameters.kernel), fitted.is_some(), [spacing_m, speed_mps])
 }
 
 /// The covariance `p` of all states without what is common to all particles.
-fn spread(p: &StateMatrix, particles: &Particles) -> StateMatrix {
+fn spread(p: &StateMatrix, particles: &SlamParticles) -> StateMatrix {
     std::array::from_fn(|row| std::array::from_fn(|column| p[row][column] - particles.linear[row][column]))
 }
 
 /// The square of the correction of the position over the covariance of the INS alone: chi-square of 2 degrees.
-fn correction(moments: &Moments, alone: &StateMatrix) -> f64 {
+fn correction(moments: &SlamMoments, alone: &StateMatrix) -> f64 {
     let ([lat, lon], [a, b, c]) =
         ([moments.x[LAT], moments.x[LON]], [alone[LAT][LAT], alone[LAT][LON], alone[LON][LON]]);
     let determinant = a * c - b * b;
@@ -480,11 +480,11 @@ fn correction(moments: &Moments, alone: &StateMatrix) -> f64 {
 }
 
 /// The residual of the mean expectation, and its square over the variance of the mixture.
-fn innovation(predictions: &[Prediction], weights: &[f64]) -> Innovation {
+fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation {
     let sound = || predictions.iter().zip(weights).filter(|(prediction, _)| prediction.variance_nt2.is_finite());
     let total: f64 = sound().map(|(_, weight)| weight).sum();
     let residual_nt = sound().map(|(prediction, weight)| weight * prediction.residual_nt).sum::<f64>() / total;
-    let square = |(prediction, weight): (&Prediction, &f64)| {
+    let square = |(prediction, weight): (&ParticlePrediction, &f64)| {
         weight * (prediction.variance_nt2 + (prediction.residual_nt - residual_nt).powi(2))
     };
     let variance_nt2 = sound().map(square).sum::<f64>() / total;
@@ -493,8 +493,8 @@ fn innovation(predictions: &[Prediction], weights: &[f64]) -> Innovation {
 
 /// The logarithms of the weights' factors. A particle without a prediction has the mean factor of those with one.
 /// [Lee 2019, algorithm 3, line 5]
-fn log_likelihoods(predictions: &[Prediction], method: ExpectedMeasurement) -> Vec<f64> {
-    let of = |prediction: &Prediction| match method {
+fn log_likelihoods(predictions: &[ParticlePrediction], method: ExpectedMeasurement) -> Vec<f64> {
+    let of = |prediction: &ParticlePrediction| match method {
         ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),
         // (76) has no normalisation by the variance.
         ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => {

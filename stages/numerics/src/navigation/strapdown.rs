@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Three columns: north, east, down; or roll, pitch, yaw.
-pub type Triple = [Vec<f64>; 3];
+pub type StrapdownColumns = [Vec<f64>; 3];
 
 /// The derivative of evenly or unevenly sampled values: [`slopes`] of values and times that are checked.
 ///
@@ -53,7 +53,12 @@ pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
 ///
 /// # Errors
 /// Fails as [`derivative`], for positions that are not finite, and for latitudes at or beyond a pole.
-pub fn velocity_ned_mps(tt_s: &[f64], lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64]) -> Result<Triple, SeriesError> {
+pub fn velocity_ned_mps(
+    tt_s: &[f64],
+    lat_deg: &[f64],
+    lon_deg: &[f64],
+    alt_m: &[f64],
+) -> Result<StrapdownColumns, SeriesError> {
     for (column, values) in [("lat", lat_deg), ("lon", lon_deg), ("alt", alt_m)] {
         check_column(column, values, tt_s.len())?;
     }
@@ -81,14 +86,14 @@ pub fn specific_force_ned_mps2(
     tt_s: &[f64],
     [lat_deg, alt_m]: [&[f64]; 2],
     velocity_ned_mps: [&[f64]; 3],
-) -> Result<Triple, SeriesError> {
+) -> Result<StrapdownColumns, SeriesError> {
     for (column, values) in [("lat", lat_deg), ("alt", alt_m)] {
         check_column(column, values, tt_s.len())?;
     }
     check_latitudes("lat", lat_deg)?;
     let [north, east, down] = velocity_ned_mps.map(|v| derivative(tt_s, v));
     let rates = [north?, east?, down?];
-    let mut out = Triple::default();
+    let mut out = StrapdownColumns::default();
     for row in 0..tt_s.len() {
         let (v, rate) = (velocity_ned_mps.map(|v| v[row]), rates.each_ref().map(|r| r[row]));
         let force = specific_force_mps2(lat_deg[row].to_radians(), alt_m[row], v, rate);
@@ -116,7 +121,7 @@ pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]
 ///
 /// # Errors
 /// Fails with [`SeriesError::Length`] for columns of different lengths.
-pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<Triple, SeriesError> {
+pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<StrapdownColumns, SeriesError> {
     check_length("ve", ve_mps, vn_mps)?;
     let mut course_deg = 0.0;
     let yaw: Vec<f64> = vn_mps
@@ -216,7 +221,7 @@ mod tests {
 
     #[test]
     fn law_bad_columns_are_refused_in_words() {
-        let message = |r: Result<Triple, SeriesError>| r.unwrap_err().to_string();
+        let message = |r: Result<StrapdownColumns, SeriesError>| r.unwrap_err().to_string();
         assert_eq!(
             message(velocity_ned_mps(&[0.0, 1.0], &[1.0, f64::NAN], &[0.0; 2], &[0.0; 2])),
             "column `lat` is NaN in row 1; the filter requires a finite value in every row"

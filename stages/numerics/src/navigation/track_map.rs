@@ -1,4 +1,5 @@
-//! The map of a track: Gaussian-process regression of reduced rank on the measurements along a track whose positions err.
+//! The map of a track: Gaussian-process regression of reduced rank on the measurements along a track whose positions
+//! err.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -15,22 +16,23 @@
 //! ```
 //!
 //! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. Instead of the covariances of all pairs of
-//! measurements, m is a sum of M eigenfunctions of the Laplacian on a rectangle [`basis::Basis`], whose weights are
-//! independent, so that the equations have M unknowns however long the flight [Solin & Särkkä 2020]. A measurement adds to
-//! sums of 4 M entries ([`normal::Sums`]); then one matrix of order M is factorised. S is a straight line between knots a
-//! quarter of τ apart, with the covariance of the process at the knots.
+//! measurements, m is a sum of M eigenfunctions of the Laplacian on a rectangle [`basis::LaplacianBasis`], whose
+//! weights are independent, so that the equations have M unknowns however long the flight [Solin & Särkkä 2020]. A
+//! measurement adds to sums of 4 M entries ([`normal::TrackMapSums`]); then one matrix of order M is factorised. S is a
+//! straight line between knots a quarter of τ apart, with the covariance of the process at the knots.
 //!
-//! The position that the track gives errs with the covariance P, to first order by gᵀP g in the measurement, g the slope of
-//! the map [McHutchon & Rasmussen 2011]. The slope is that of a first solution without it. Errors of the position last for
-//! minutes, so that
+//! The position that the track gives errs with the covariance P, to first order by gᵀP g in the measurement, g the
+//! slope of the map [McHutchon & Rasmussen 2011]. The slope is that of a first solution without it. Errors of the
+//! position last for minutes, so that
 //!
 //! - in the weights v = σ_n² + gᵀP g n, with the number n of samples in a length of the kernel, which err together;
 //! - the standard deviation of the map at a node is √(V + gᵀP g), V the variance of the regression and P that of the
 //!   nearest measurement: an error that all of the track has in common moves the map as a whole, and no number of
 //!   measurements shows it.
 //!
-//! Heights that differ from the mean add the variance of [`Kernel::height_nt2`](crate::navigation::slam::Kernel). Waves
-//! shorter than those of the basis are taken as white noise of the measurements, and add to the variance of the map.
+//! Heights that differ from the mean add the variance of
+//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than those of the basis are
+//! taken as white noise of the measurements, and add to the variance of the map.
 
 pub mod basis;
 pub mod hyper;
@@ -38,13 +40,13 @@ pub mod normal;
 
 use rayon::prelude::*;
 
-use crate::maps::gridding::NearestPoints;
+use crate::maps::gridding::PointCellIndex;
 use crate::maps::plane_grid::EvenAxis;
 use crate::navigation::ins_error::ParameterError;
-use crate::navigation::slam::{HyperparameterSource, Kernel};
-use basis::{Basis, waves};
-use hyper::Pieces;
-use normal::{Row, Solution, Sums, Variance};
+use crate::navigation::slam::{AnomalyKernel, HyperparameterSource};
+use basis::{LaplacianBasis, waves};
+use hyper::TrackPieces;
+use normal::{FieldVariance, TrackMapRow, TrackMapSolution, TrackMapSums};
 
 /// The part of the variance that the basis may lack before the area is too large for it.
 const MOST_LACKING: f64 = 0.02;
@@ -78,7 +80,7 @@ pub struct TrackSample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapParameters {
     /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
-    pub kernel: Kernel,
+    pub kernel: AnomalyKernel,
     /// Whether it is fitted.
     pub hyperparameters: HyperparameterSource,
     /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 is none.
@@ -124,9 +126,9 @@ pub enum TrackMapError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapReport {
     /// The kernel that was used.
-    pub kernel: Kernel,
-    /// Whether it was fitted; false although a fit was asked for means that the track is too short for it, or does not vary,
-    /// and that the given one was used.
+    pub kernel: AnomalyKernel,
+    /// Whether it was fitted; false although a fit was asked for means that the track is too short for it, or does not
+    /// vary, and that the given one was used.
     pub fitted: bool,
     /// Measurements.
     pub samples: usize,
@@ -136,17 +138,18 @@ pub struct TrackMapReport {
     pub lacking: f64,
     /// The mean height of the measurements, in m.
     pub alt_m: f64,
-    /// Root mean square of what the model leaves of the measurements over the root of their noise's variance: 1 or less.
+    /// Root mean square of what the model leaves of the measurements over the root of their noise's variance: 1 or
+    /// less.
     pub misfit: f64,
 }
 
 /// The map of a track.
 pub struct TrackMap {
-    basis: Basis,
+    basis: LaplacianBasis,
     weights_nt: Vec<f64>,
     level_nt: f64,
-    variance: Variance,
-    nearest: NearestPoints,
+    variance: FieldVariance,
+    nearest: PointCellIndex,
     position_m2: Vec<[f64; 3]>,
     /// Report.
     pub report: TrackMapReport,
@@ -154,7 +157,7 @@ pub struct TrackMap {
 
 /// A node of the map: the anomaly and its standard deviation, both in nT; NaN beyond the rectangle of the basis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Node {
+pub struct TrackMapNode {
     /// The anomaly.
     pub value_nt: f64,
     /// Its standard deviation.
@@ -167,7 +170,7 @@ impl TrackMap {
     ///
     /// # Errors
     /// See [`TrackMapError`].
-    pub fn of(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Self, TrackMapError> {
+    pub fn new(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Self, TrackMapError> {
         Self::with_kernel(parameters, kernel_of(parameters, samples)?, samples)
     }
 
@@ -177,7 +180,7 @@ impl TrackMap {
     /// See [`TrackMapError`].
     pub fn with_kernel(
         parameters: &TrackMapParameters,
-        fitted: Option<Kernel>,
+        fitted: Option<AnomalyKernel>,
         samples: &[TrackSample],
     ) -> Result<Self, TrackMapError> {
         parameters.kernel.check()?;
@@ -190,7 +193,7 @@ impl TrackMap {
             samples.iter().map(|sample| sample.at_m[axis]).reduce(pick).unwrap_or_default()
         };
         let (low_m, high_m) = ([end(0, f64::min), end(1, f64::min)], [end(0, f64::max), end(1, f64::max)]);
-        let basis = Basis::new(&kernel, low_m, high_m, parameters.most_functions);
+        let basis = LaplacianBasis::new(&kernel, low_m, high_m, parameters.most_functions);
         let lacking = basis.lacking_nt2 / kernel.sigma_se_nt.powi(2);
         if lacking > MOST_LACKING {
             return Err(TrackMapError::TooLarge {
@@ -203,11 +206,11 @@ impl TrackMap {
         }
         let alt_m = samples.iter().map(|sample| sample.alt_m).sum::<f64>() / samples.len() as f64;
         let (mut rows, centre_nt) = rows(&basis, &kernel, samples, alt_m);
-        let beside = Beside::of(parameters, &kernel, samples);
+        let beside = NuisanceParameters::new(parameters, &kernel, samples);
         beside.enter(samples, &mut rows);
-        let solve = |rows: &[Row]| {
-            let sums = Sums::of(&basis, rows, beside.columns);
-            Solution::of(&basis, &sums, &beside.prior()).ok_or(TrackMapError::Singular)
+        let solve = |rows: &[TrackMapRow]| {
+            let sums = TrackMapSums::new(&basis, rows, beside.columns);
+            TrackMapSolution::solve(&basis, &sums, &beside.prior()).ok_or(TrackMapError::Singular)
         };
         let mut solution = solve(&rows)?;
         if samples.iter().any(|sample| sample.position_m2 != [0.0; 3]) {
@@ -233,7 +236,7 @@ impl TrackMap {
             variance: solution.variance(&basis),
             level_nt: centre_nt + solution.beside.first().copied().unwrap_or_default(),
             weights_nt: solution.weights_nt,
-            nearest: NearestPoints::of(&of(0), &of(1)),
+            nearest: PointCellIndex::new(&of(0), &of(1)),
             position_m2: samples.iter().map(|sample| sample.position_m2).collect(),
             basis,
             report,
@@ -241,10 +244,10 @@ impl TrackMap {
     }
 
     /// The nodes of a grid, by rows from the south, each from west to east.
-    pub fn on(&self, east_m: EvenAxis, north_m: EvenAxis) -> Vec<Node> {
+    pub fn on(&self, east_m: EvenAxis, north_m: EvenAxis) -> Vec<TrackMapNode> {
         let basis = &self.basis;
-        let table = |axis: usize, at: EvenAxis| -> Vec<Waves> {
-            at.coordinates().iter().map(|x| Waves::of(basis, axis, *x)).collect()
+        let table = |axis: usize, at: EvenAxis| -> Vec<BasisWaves> {
+            at.coordinates().iter().map(|x| BasisWaves::new(basis, axis, *x)).collect()
         };
         let (east, north) = (table(0, east_m), table(1, north_m));
         let [m1, m2] = basis.most;
@@ -256,15 +259,15 @@ impl TrackMap {
             all
         };
         let (weights, with_level) = (dense(&self.weights_nt), dense(&self.variance.with_level));
-        let row = |n: &Waves| -> Vec<Node> {
+        let row = |n: &BasisWaves| -> Vec<TrackMapNode> {
             let value = along(&weights, &n.sines);
             let d_north = along(&weights, &n.slopes);
             let level = along(&with_level, &n.sines);
             let variance = along(&self.variance.cosines, &n.cosines);
-            let node = |e: &Waves| {
+            let node = |e: &BasisWaves| {
                 let at_m = [e.at_m, n.at_m];
                 if !basis.holds(at_m) {
-                    return Node { value_nt: f64::NAN, sd_nt: f64::NAN };
+                    return TrackMapNode { value_nt: f64::NAN, sd_nt: f64::NAN };
                 }
                 let regression = dot(&variance, &e.cosines) + dot(&level, &e.sines) + self.variance.level_nt2;
                 let nearest = self.nearest.nearest(at_m, 1, f64::INFINITY, |_| true);
@@ -273,7 +276,7 @@ impl TrackMap {
                 let shorter = basis.lacking_nt2;
                 // Rounding may leave the variance at a measurement without noise below 0.
                 let variance = regression.max(0.0) + shorter + moved(slope, position_m2);
-                Node { value_nt: self.level_nt + dot(&value, &e.sines), sd_nt: variance.sqrt() }
+                TrackMapNode { value_nt: self.level_nt + dot(&value, &e.sines), sd_nt: variance.sqrt() }
             };
             east.iter().map(node).collect()
         };
@@ -281,17 +284,21 @@ impl TrackMap {
     }
 }
 
-/// The kernel that is fitted to measurements; `None` where that is not asked for or where they are too few or do not vary.
+/// The kernel that is fitted to measurements; `None` where that is not asked for or where they are too few or do not
+/// vary.
 ///
 /// # Errors
 /// A kernel to start from that is none.
-pub fn kernel_of(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Option<Kernel>, TrackMapError> {
+pub fn kernel_of(
+    parameters: &TrackMapParameters,
+    samples: &[TrackSample],
+) -> Result<Option<AnomalyKernel>, TrackMapError> {
     parameters.kernel.check()?;
     let lines = lines_of(samples);
     Ok(match parameters.hyperparameters {
         HyperparameterSource::Fixed => None,
         HyperparameterSource::Fitted => {
-            Pieces::of(&lines, spacing(&lines)).fitted(&parameters.kernel, parameters.temporal)
+            TrackPieces::new(&lines, spacing(&lines)).fitted(&parameters.kernel, parameters.temporal)
         }
     })
 }
@@ -301,7 +308,7 @@ fn lines_of(samples: &[TrackSample]) -> Vec<&[TrackSample]> {
 }
 
 /// The waves of the basis at a coordinate.
-struct Waves {
+struct BasisWaves {
     at_m: f64,
     cosines: Vec<f64>,
     sines: Vec<f64>,
@@ -309,8 +316,8 @@ struct Waves {
     slopes: Vec<f64>,
 }
 
-impl Waves {
-    fn of(basis: &Basis, axis: usize, at_m: f64) -> Self {
+impl BasisWaves {
+    fn new(basis: &LaplacianBasis, axis: usize, at_m: f64) -> Self {
         let most = basis.most[axis];
         let (mut cosines, mut sines) = (vec![0.0; 2 * most + 1], vec![0.0; most]);
         waves(basis.angle(at_m, axis), &mut cosines, &mut sines);
@@ -343,14 +350,19 @@ fn spacing(lines: &[&[TrackSample]]) -> f64 {
 }
 
 /// The rows of the equations, and the mean that was taken off the values.
-fn rows(basis: &Basis, kernel: &Kernel, samples: &[TrackSample], alt_m: f64) -> (Vec<Row>, f64) {
+fn rows(
+    basis: &LaplacianBasis,
+    kernel: &AnomalyKernel,
+    samples: &[TrackSample],
+    alt_m: f64,
+) -> (Vec<TrackMapRow>, f64) {
     let weight = |sample: &TrackSample| {
         let white = sample.variance_nt2 + kernel.sigma_n_nt.powi(2) + basis.lacking_nt2;
         1.0 / (white + kernel.height_nt2(sample.alt_m - alt_m))
     };
     let weights: f64 = samples.iter().map(weight).sum();
     let centre_nt = samples.iter().map(|sample| weight(sample) * sample.value_nt).sum::<f64>() / weights;
-    let row = |sample: &TrackSample| Row {
+    let row = |sample: &TrackSample| TrackMapRow {
         at_m: sample.at_m,
         value_nt: sample.value_nt - centre_nt,
         weight: weight(sample),
@@ -360,8 +372,8 @@ fn rows(basis: &Basis, kernel: &Kernel, samples: &[TrackSample], alt_m: f64) -> 
 }
 
 /// The slope of the field at a position, in nT/m.
-fn slope(basis: &Basis, weights_nt: &[f64], at_m: [f64; 2]) -> [f64; 2] {
-    let [e, n] = [0, 1].map(|axis: usize| Waves::of(basis, axis, at_m[axis]));
+fn slope(basis: &LaplacianBasis, weights_nt: &[f64], at_m: [f64; 2]) -> [f64; 2] {
+    let [e, n] = [0, 1].map(|axis: usize| BasisWaves::new(basis, axis, at_m[axis]));
     let mut slope = [0.0; 2];
     for ([a, b], weight) in basis.functions.iter().zip(weights_nt) {
         slope[0] += weight * e.slopes[a - 1] * n.sines[b - 1];
@@ -371,9 +383,9 @@ fn slope(basis: &Basis, weights_nt: &[f64], at_m: [f64; 2]) -> [f64; 2] {
 }
 
 /// See [`TrackMapReport::misfit`].
-fn misfit(basis: &Basis, solution: &Solution, rows: &[Row]) -> f64 {
-    let of = |row: &Row| {
-        let [e, n] = [0, 1].map(|axis: usize| Waves::of(basis, axis, row.at_m[axis]));
+fn misfit(basis: &LaplacianBasis, solution: &TrackMapSolution, rows: &[TrackMapRow]) -> f64 {
+    let of = |row: &TrackMapRow| {
+        let [e, n] = [0, 1].map(|axis: usize| BasisWaves::new(basis, axis, row.at_m[axis]));
         let functions = basis.functions.iter().zip(&solution.weights_nt);
         let field: f64 = functions.map(|([a, b], weight)| weight * e.sines[a - 1] * n.sines[b - 1]).sum();
         let beside: f64 = row.beside.iter().map(|(column, h)| h * solution.beside[*column]).sum();
@@ -384,25 +396,25 @@ fn misfit(basis: &Basis, solution: &Solution, rows: &[Row]) -> f64 {
 }
 
 /// Unknowns besides the basis: the level, the constants of lines and the temporal variation of flights.
-struct Beside {
+struct NuisanceParameters {
     columns: usize,
     level_nt2: f64,
     /// The first column of the lines' constants, where they have any, and the variance of these.
     lines: Option<(usize, usize, f64)>,
-    flights: Vec<Knots>,
+    flights: Vec<TemporalKnots>,
     temporal: (f64, f64),
 }
 
-/// The temporal variation of a flight.
-struct Knots {
+/// Knots of the temporal variation of a flight, spaced by `step_s` from `from_s`.
+struct TemporalKnots {
     first: usize,
     count: usize,
     from_s: f64,
     step_s: f64,
 }
 
-impl Beside {
-    fn of(parameters: &TrackMapParameters, kernel: &Kernel, samples: &[TrackSample]) -> Self {
+impl NuisanceParameters {
+    fn new(parameters: &TrackMapParameters, kernel: &AnomalyKernel, samples: &[TrackSample]) -> Self {
         let (sigma_nt, tau_s) = parameters.temporal;
         let mut columns = 1;
         let line_count = samples.iter().map(|sample| sample.line + 1).max().unwrap_or(0);
@@ -419,14 +431,14 @@ impl Beside {
             let steps = (flown_s * KNOTS / tau_s).ceil().min((MOST_KNOTS / flight_count).max(1) as f64).max(1.0);
             let count = steps as usize + 1;
             let step_s = if flown_s > 0.0 { flown_s / steps } else { tau_s };
-            flights.push(Knots { first: columns, count, from_s, step_s });
+            flights.push(TemporalKnots { first: columns, count, from_s, step_s });
             columns += count;
         }
         Self { columns, level_nt2: kernel.mean_nt2(), lines, flights, temporal: parameters.temporal }
     }
 
     /// The entries of each sample.
-    fn enter(&self, samples: &[TrackSample], rows: &mut [Row]) {
+    fn enter(&self, samples: &[TrackSample], rows: &mut [TrackMapRow]) {
         for (row, sample) in rows.iter_mut().zip(samples) {
             row.beside.push((0, 1.0));
             if let Some((first, ..)) = self.lines {

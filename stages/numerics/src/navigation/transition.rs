@@ -213,7 +213,7 @@ pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
 #[inline(always)]
 pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     let mut out = *p;
-    lanes::propagate_covariances(pulp::Scalar, &lanes::Transition::of(phi), phi[S][S], &mut out);
+    lanes::propagate_covariances(pulp::Scalar, &lanes::TransitionEntries::from_matrix(phi), phi[S][S], &mut out);
     out
 }
 

@@ -43,12 +43,12 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Fault, Rule, obeys};
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::sensitivity::Sensitivity;
 
 pub(crate) mod points;
 
-use points::{Regression, Spread};
+use points::{FieldRegression, SigmaPoints};
 
 /// The number of states that the field depends on nonlinearly.
 pub(crate) const NONLINEAR: usize = 3;
@@ -144,9 +144,9 @@ pub fn run(parameters: &UkfParameters, line: &NavigationLine<'_>) -> Result<UkfO
     let (offset_nt, samples) = line.predicted().offset(line.ins, line.measurement_nt, line.offset_window_s);
     output.navigation.report.offset_nt = offset_nt;
     output.navigation.report.offset_samples = samples;
-    let filter = Filter {
+    let filter = UnscentedFilter {
         line,
-        spread: Spread::of(parameters),
+        spread: SigmaPoints::from_parameters(parameters),
         gate_nis: parameters.gate_nis,
         core: line.core.map(|core| LinearisedCoreField::new(core.clone())),
         offset_nt,
@@ -155,17 +155,17 @@ pub fn run(parameters: &UkfParameters, line: &NavigationLine<'_>) -> Result<UkfO
     pulp::Arch::new().dispatch(filter)
 }
 
-/// The filter on its way along a line.
-struct Filter<'a> {
+/// Unscented Kalman filter with its state along a line.
+struct UnscentedFilter<'a> {
     line: &'a NavigationLine<'a>,
-    spread: Spread,
+    spread: SigmaPoints,
     gate_nis: Option<f64>,
     core: Option<LinearisedCoreField>,
     offset_nt: f64,
     output: UkfOutput,
 }
 
-impl WithSimd for Filter<'_> {
+impl WithSimd for UnscentedFilter<'_> {
     type Output = Result<UkfOutput, NavigationError>;
 
     #[inline(always)]
@@ -176,13 +176,13 @@ impl WithSimd for Filter<'_> {
     }
 }
 
-impl Recursion for Filter<'_> {
+impl FilterRecursion for UnscentedFilter<'_> {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.output.navigation
     }
 
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let report = &mut self.output.navigation.report;
         let Some((measured_nt, noise_nt2)) = self.line.measured(row, self.offset_nt) else {
             report.missing_measurements += 1;
@@ -191,7 +191,7 @@ impl Recursion for Filter<'_> {
         };
         let ins = self.line.ins;
         let [lat, lon, alt, temporal_nt] = estimate.measured();
-        let place = Place {
+        let place = UkfPosition {
             lat_deg: ins.lat_deg[row] + lat.to_degrees(),
             lon_deg: ins.lon_deg[row] + lon.to_degrees(),
             alt_m: ins.alt_m[row] + alt,
@@ -206,7 +206,7 @@ impl Recursion for Filter<'_> {
         });
         self.output.linearised += usize::from(regression.is_none());
         self.output.nonlinear_sd_nt.push(regression.map_or(f64::NAN, |found| found.remainder_nt2.sqrt()));
-        let Regression { mean_nt, mut slope, remainder_nt2 } = regression.unwrap_or(Regression::at(&centre));
+        let FieldRegression { mean_nt, mut slope, remainder_nt2 } = regression.unwrap_or(FieldRegression::at(&centre));
         let mut expected_nt = mean_nt + temporal_nt;
         if let Some(core) = &mut self.core {
             let core = core.magnitude_and_gradient(place.lat_deg, place.lon_deg, place.alt_m);
@@ -228,13 +228,13 @@ impl Recursion for Filter<'_> {
 }
 
 /// A geodetic position.
-struct Place {
+struct UkfPosition {
     lat_deg: f64,
     lon_deg: f64,
     alt_m: f64,
 }
 
-impl Place {
+impl UkfPosition {
     /// Map value at an offset in rad, rad and m; `None` off the map or in an unknown cell.
     #[inline(always)]
     fn field(&self, map: &FieldMap, away: [f64; 3]) -> Option<FieldValue> {

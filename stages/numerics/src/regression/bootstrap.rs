@@ -6,20 +6,20 @@ use crate::{random::SplitMix64, regression::statistics::quantile};
 
 /// A percentile interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
+pub struct PercentileInterval {
     /// Its lower end.
     pub low: f64,
     /// Its upper end.
     pub high: f64,
 }
 
-/// Draws of groups that several statistics share, so that their intervals belong to the same resamples.
+/// Bootstrap draws of groups, shared by several statistics.
 #[derive(Clone, Debug)]
-pub struct Resamples {
+pub struct BootstrapResamples {
     draws: Vec<Vec<u32>>,
 }
 
-impl Resamples {
+impl BootstrapResamples {
     /// `draws` times `groups` groups with replacement. The same seed gives the same draws on every machine.
     pub fn new(groups: usize, draws: usize, seed: u64) -> Self {
         let mut bits = SplitMix64::new(seed);
@@ -35,14 +35,15 @@ impl Resamples {
     }
 }
 
-impl Interval {
+impl PercentileInterval {
     /// The central interval of drawn values at confidence level `level`, by percentiles; values that are not finite are
     /// left out. `None` without values.
-    pub fn central(mut values: Vec<f64>, level: f64) -> Option<Interval> {
+    pub fn central(mut values: Vec<f64>, level: f64) -> Option<PercentileInterval> {
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
         let tail = 0.5 * (1.0 - level);
-        (!values.is_empty()).then(|| Interval { low: quantile(&values, tail), high: quantile(&values, 1.0 - tail) })
+        (!values.is_empty())
+            .then(|| PercentileInterval { low: quantile(&values, tail), high: quantile(&values, 1.0 - tail) })
     }
 }
 
@@ -50,17 +51,17 @@ impl Interval {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     #[test]
     fn law_the_interval_of_a_mean_is_the_normal_one() {
-        let mut normals = Normals::new(3);
+        let mut normals = NormalGenerator::new(3);
         let x: Vec<f64> = (0..200).map(|_| 5.0 + 2.0 * normals.draw()).collect();
         let n = x.len() as f64;
         let mean = x.iter().sum::<f64>() / n;
         let sigma = (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-        let found = Resamples::new(x.len(), 4000, 1).values(|chosen| chosen.map(|i| x[i]).sum::<f64>() / n);
-        let found = Interval::central(found, 0.95).unwrap();
+        let found = BootstrapResamples::new(x.len(), 4000, 1).values(|chosen| chosen.map(|i| x[i]).sum::<f64>() / n);
+        let found = PercentileInterval::central(found, 0.95).unwrap();
         // A 95 % quantile of 4000 draws is known to 0.04 sigma of the mean; five of these.
         let (half, error) = (1.96 * sigma / n.sqrt(), 0.2 * sigma / n.sqrt());
         assert!((found.low - (mean - half)).abs() < error && (found.high - (mean + half)).abs() < error, "{found:?}");
@@ -68,19 +69,22 @@ mod tests {
 
     #[test]
     fn law_groups_are_drawn_alike_and_repeatably() {
-        let draws = Resamples::new(7, 5000, 9);
+        let draws = BootstrapResamples::new(7, 5000, 9);
         let mut counts = [0usize; 7];
         draws.draws.iter().flatten().for_each(|i| counts[*i as usize] += 1);
         // 5000 each, give or take a standard deviation of 65.
         assert!(counts.iter().all(|c| c.abs_diff(5000) < 330), "{counts:?}");
-        assert_eq!(draws.draws, Resamples::new(7, 5000, 9).draws);
-        assert_ne!(draws.draws, Resamples::new(7, 5000, 10).draws);
+        assert_eq!(draws.draws, BootstrapResamples::new(7, 5000, 9).draws);
+        assert_ne!(draws.draws, BootstrapResamples::new(7, 5000, 10).draws);
     }
 
     #[test]
     fn law_one_group_is_always_itself_and_nothing_has_no_interval() {
-        assert_eq!(Resamples::new(1, 100, 1).values(|chosen| chosen.map(|i| i as f64 + 7.0).sum()), [7.0; 100]);
-        assert_eq!(Interval::central(vec![f64::NAN; 100], 0.95), None);
+        assert_eq!(
+            BootstrapResamples::new(1, 100, 1).values(|chosen| chosen.map(|i| i as f64 + 7.0).sum()),
+            [7.0; 100]
+        );
+        assert_eq!(PercentileInterval::central(vec![f64::NAN; 100], 0.95), None);
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.75), 3.0);
     }
 }

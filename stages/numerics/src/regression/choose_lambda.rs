@@ -6,7 +6,8 @@
 
 use crate::regression::l_curve::log_curvature;
 use crate::regression::least_squares::{
-    LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, Scaling, leave_line_out, setting,
+    ColumnScaling, LeastSquaresError, LineScoreMeasure, LineScores, LinearFit, RegressionMoments, ScaledFactor,
+    leave_line_out, setting,
 };
 
 /// Below this change of the logarithms from one λ to the next but one, a curve is stationary and its curvature is
@@ -49,7 +50,7 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
 /// # Errors
 ///
 /// Fails for an uneven grid, an unknown target, or without convergence.
-pub fn curve(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<LambdaPoint>, LeastSquaresError> {
+pub fn curve(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LambdaPoint>, LeastSquaresError> {
     let wanted = "one of a list that ascends evenly in its logarithm";
     let first = lambdas.first().copied().unwrap_or(1.0);
     setting("lambda", first, wanted, first > 0.0 && first.is_finite())?;
@@ -68,7 +69,7 @@ pub fn curve(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<
     Ok(points)
 }
 
-fn point(prepared: &Prepared, values: &[f64], along: &[f64], unexplained: f64, lambda: f64) -> LambdaPoint {
+fn point(prepared: &ScaledFactor, values: &[f64], along: &[f64], unexplained: f64, lambda: f64) -> LambdaPoint {
     let (mut squares, mut size, mut fitted) = (unexplained, 0.0, 0.0);
     for (s, c) in values.iter().zip(along) {
         let damped = s * s + lambda;
@@ -102,8 +103,8 @@ pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> 
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
-/// The index of the point at the corner, van der Meer 2025's choice; `None` where the curve has no corner. Where the true
-/// coefficients are smooth it is weaker than the best ridge, by one or two decades of λ.
+/// The index of the point at the corner, van der Meer 2025's choice; `None` where the curve has no corner. Where the
+/// true coefficients are smooth it is weaker than the best ridge, by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);
     bent.max_by(|&a, &b| points[a].curvature.total_cmp(&points[b].curvature))
@@ -116,12 +117,12 @@ pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
 /// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0, and as
 /// [`leave_line_out`] and [`fits`].
 pub fn by_lines(
-    lines: &[Moments],
+    lines: &[RegressionMoments],
     target: usize,
     lambdas: &[f64],
-    scaling: Scaling,
+    scaling: ColumnScaling,
     intercept: bool,
-    score: LineScore,
+    score: LineScoreMeasure,
 ) -> Result<LineScores, LeastSquaresError> {
     let bad = lambdas.iter().find(|l| !(**l > 0.0 && l.is_finite()));
     setting("lambda", bad.copied().unwrap_or(1.0), "above 0", bad.is_none())?;
@@ -132,7 +133,7 @@ pub fn by_lines(
 ///
 /// # Errors
 /// Fails for an unknown target, or when the decomposition does not converge.
-pub fn fits(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<LinearFit>, LeastSquaresError> {
+pub fn fits(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LinearFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;
     let along = &singular.projections[target];
@@ -151,7 +152,7 @@ pub fn fits(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<L
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
     use crate::reference_csv::{TERMS, model_lines};
     use nalgebra::{DMatrix, DVector};
 
@@ -159,8 +160,8 @@ mod tests {
         model_lines().into_iter().map(|line| (line.a, line.y0)).collect()
     }
 
-    fn moments() -> Vec<Moments> {
-        lines().iter().map(|(a, y)| Moments::of(a, 8, &[y]).unwrap()).collect()
+    fn moments() -> Vec<RegressionMoments> {
+        lines().iter().map(|(a, y)| RegressionMoments::from_matrix(a, 8, &[y]).unwrap()).collect()
     }
 
     fn near(one: f64, other: f64, relative: f64) {
@@ -179,7 +180,8 @@ mod tests {
         let centred = DMatrix::from_fn(n, 8, |i, j| a[(i, j)] - means[j]);
         let scaled = DMatrix::from_fn(n, 8, |i, j| centred[(i, j)] / (centred.column(j).norm() / 119f64.sqrt()));
         let y = DVector::from_vec(y);
-        let prepared = Moments::merged(&moments()).unwrap().prepare(Scaling::Standardise, true).unwrap();
+        let prepared =
+            RegressionMoments::merged(&moments()).unwrap().prepare(ColumnScaling::Standardise, true).unwrap();
         let lambdas = grid(1e-2, 1e4, 7).unwrap();
         for point in curve(&prepared, 0, &lambdas).unwrap() {
             let inner = scaled.transpose() * &scaled + DMatrix::identity(8, 8) * point.lambda;
@@ -197,7 +199,7 @@ mod tests {
     fn law_generalised_cross_validation_finds_the_prediction_error() {
         // Over 200 draws of the noise, the mean score at each lambda is the mean error at new noise to its scatter.
         let (rows, p) = (60, 12);
-        let mut normals = Normals::new(3);
+        let mut normals = NormalGenerator::new(3);
         let a: Vec<f64> = (0..rows * p).map(|_| normals.draw()).collect();
         let truth: Vec<f64> = (0..p).map(|_| 0.3 * normals.draw()).collect();
         let clean: Vec<f64> = a.chunks(p).map(|r| r.iter().zip(&truth).map(|(a, b)| a * b).sum()).collect();
@@ -205,8 +207,8 @@ mod tests {
         let (mut told, mut met) = (vec![0.0; 9], vec![0.0; 9]);
         for _ in 0..200 {
             let y: Vec<f64> = clean.iter().map(|c| c + normals.draw()).collect();
-            let moments = Moments::of(&a, p, &[&y]).unwrap();
-            let prepared = moments.prepare(Scaling::None, false).unwrap();
+            let moments = RegressionMoments::from_matrix(&a, p, &[&y]).unwrap();
+            let prepared = moments.prepare(ColumnScaling::None, false).unwrap();
             let fits = fits(&prepared, 0, &lambdas).unwrap();
             for (k, point) in curve(&prepared, 0, &lambdas).unwrap().iter().enumerate() {
                 told[k] += point.generalised / 200.0;
@@ -224,10 +226,11 @@ mod tests {
     fn law_left_out_lines_are_those_of_refits() {
         let (lines, moments) = (lines(), moments());
         let lambdas = [50.0, 0.5];
-        let scores = by_lines(&moments, 0, &lambdas, Scaling::MaxAbs, true, LineScore::MeanSquare).unwrap();
+        let scores =
+            by_lines(&moments, 0, &lambdas, ColumnScaling::MaxAbs, true, LineScoreMeasure::MeanSquare).unwrap();
         for (out, (a, y)) in lines.iter().enumerate() {
-            let kept: Vec<Moments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
-            let prepared = Moments::merged(&kept).unwrap().prepare(Scaling::MaxAbs, true).unwrap();
+            let kept: Vec<RegressionMoments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
+            let prepared = RegressionMoments::merged(&kept).unwrap().prepare(ColumnScaling::MaxAbs, true).unwrap();
             let path = prepared.ridge(&lambdas, &TERMS).unwrap();
             for (k, solution) in path.solutions.iter().enumerate() {
                 let fit =
@@ -245,7 +248,7 @@ mod tests {
         let entry = |ij: usize| 0.5 * phi(at(ij / 24, 200) - at(ij % 24, 24));
         let a: Vec<f64> = (0..200 * 24).map(entry).collect();
         let truth: Vec<f64> = (0..24).map(|k| phi(at(k, 24))).collect();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let mut noisy = |r: &[f64]| r.iter().zip(&truth).map(|(a, b)| a * b).sum::<f64>() + 0.1 * normals.draw();
         let y = a.chunks(24).map(&mut noisy).collect();
         (a, truth, y)
@@ -257,7 +260,8 @@ mod tests {
         let (mut by_score, mut by_corner) = (Vec::new(), Vec::new());
         for seed in 0..8 {
             let (a, truth, y) = phillips(seed);
-            let prepared = Moments::of(&a, 24, &[&y]).unwrap().prepare(Scaling::None, false).unwrap();
+            let prepared =
+                RegressionMoments::from_matrix(&a, 24, &[&y]).unwrap().prepare(ColumnScaling::None, false).unwrap();
             let points = curve(&prepared, 0, &lambdas).unwrap();
             let error = |fit: &LinearFit| {
                 let off: f64 = fit.coefficients.iter().zip(&truth).map(|(b, t)| (b - t).powi(2)).sum();
@@ -281,13 +285,13 @@ mod tests {
 
     #[test]
     fn r12_uneven_and_zero_lambdas_are_refused() {
-        let prepared = moments()[0].prepare(Scaling::None, true).unwrap();
+        let prepared = moments()[0].prepare(ColumnScaling::None, true).unwrap();
         for lambdas in [vec![0.0, 1.0], vec![1.0, 2.0, 3.0], vec![2.0, 1.0]] {
             let error = curve(&prepared, 0, &lambdas).unwrap_err().to_string();
             assert!(error.contains("ascends evenly"), "{error}");
         }
         assert!(grid(0.0, 1.0, 3).is_err() && curve(&prepared, 5, &[1.0]).is_err());
-        assert!(by_lines(&moments(), 0, &[0.0], Scaling::None, true, LineScore::MeanSquare).is_err());
+        assert!(by_lines(&moments(), 0, &[0.0], ColumnScaling::None, true, LineScoreMeasure::MeanSquare).is_err());
         assert_eq!((by_l_curve(&[]), by_generalised_cross_validation(&[])), (None, None));
     }
 }

@@ -3,17 +3,17 @@
 //!
 //! [Bar-Shalom, Li and Kirubarajan 2001, section 5.4; Mehra 1970]
 
-use super::statistics::Figure;
+use super::statistics::SampleStatistic;
 
 /// The blocks over which a long series is averaged before its autocorrelation is summed.
 const BLOCKS: usize = 2048;
 /// Samples that a test needs at least.
 const LEAST: usize = 10;
 
-/// The number of independent samples that the mean of `x` is as well known as: the variance of a sample over that of the
-/// mean, by the sum of the autocorrelations up to the first two neighbours whose sum is not above 0, each pair no larger
-/// than the one before. At least 1, at most as many as there are; NaN for a constant or fewer than ten samples. Values
-/// that are not finite are left out, and their neighbours taken as neighbours. [Geyer 1992, section 3.3]
+/// The number of independent samples that the mean of `x` is as well known as: the variance of a sample over that of
+/// the mean, by the sum of the autocorrelations up to the first two neighbours whose sum is not above 0, each pair no
+/// larger than the one before. At least 1, at most as many as there are; NaN for a constant or fewer than ten samples.
+/// Values that are not finite are left out, and their neighbours taken as neighbours. [Geyer 1992, section 3.3]
 ///
 /// A series no longer than a few of its correlation times looks more independent than it is.
 pub fn effective_samples(x: &[f64]) -> f64 {
@@ -58,28 +58,28 @@ fn inefficiency(x: &[f64], variance: f64) -> f64 {
 /// innovations of `freedom` components each, than the one at hand: near 0 for a filter that is too cautious, near 1 for
 /// one that trusts itself too much. The mean times the number of independent samples ([`effective_samples`]) is
 /// chi-square with `freedom` degrees for each of these. NaN where that number is.
-pub fn chi_square_probability(squares: &[f64], freedom: f64) -> Figure {
+pub fn chi_square_probability(squares: &[f64], freedom: f64) -> SampleStatistic {
     let known = || squares.iter().filter(|x| x.is_finite());
     let n = known().count();
     let mean = known().sum::<f64>() / n as f64;
     let independent = effective_samples(squares);
-    Figure { value: gamma_p(0.5 * freedom * independent, 0.5 * independent * mean), n }
+    SampleStatistic { value: gamma_p(0.5 * freedom * independent, 0.5 * independent * mean), n }
 }
 
 /// Whether the mean of normalised squares is within the 95 % band of a consistent filter, by
 /// [`chi_square_probability`]: 1 within, 0 outside, NaN where that is.
-pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> Figure {
-    let Figure { value, n } = chi_square_probability(squares, freedom);
+pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> SampleStatistic {
+    let SampleStatistic { value, n } = chi_square_probability(squares, freedom);
     let within = if (0.025..=0.975).contains(&value) { 1.0 } else { 0.0 };
-    Figure { value: if value.is_nan() { f64::NAN } else { within }, n }
+    SampleStatistic { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
-/// The autocorrelation of `x` about 0 at a lag, in samples, over the mean square of `x`, and its number of pairs; pairs of
-/// which one is not finite are left out. NaN for a lag without a pair, and for a series of zeros.
-pub fn autocorrelation(x: &[f64], lag: usize) -> Figure {
+/// The autocorrelation of `x` about 0 at a lag, in samples, over the mean square of `x`, and its number of pairs; pairs
+/// of which one is not finite are left out. NaN for a lag without a pair, and for a series of zeros.
+pub fn autocorrelation(x: &[f64], lag: usize) -> SampleStatistic {
     let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
     let pairs = products().count();
-    Figure { value: products().sum::<f64>() / (pairs as f64 * mean_square(x)), n: pairs }
+    SampleStatistic { value: products().sum::<f64>() / (pairs as f64 * mean_square(x)), n: pairs }
 }
 
 /// The mean square of the finite values.
@@ -88,30 +88,32 @@ fn mean_square(x: &[f64]) -> f64 {
     squares().sum::<f64>() / squares().count() as f64
 }
 
-/// The samples from one finite value to the next, at least: thinned measurements have innovations at some samples alone.
+/// The samples from one finite value to the next, at least: thinned measurements have innovations at some samples
+/// alone.
 fn stride(x: &[f64]) -> usize {
     let rows: Vec<usize> = (0..x.len()).filter(|row| x[*row].is_finite()).collect();
     rows.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1)
 }
 
-/// The share of the autocorrelations of `x` at lags of 1 to `lags` finite values that are within 1.96/√n, n being the pairs of a
-/// lag: 0.95 on average for white noise of mean 0. About 0, so that a bias is no white noise; pairs of which one is not
-/// finite are left out. NaN for fewer samples than twice the lags, and for a series of zeros.
-pub fn whiteness(x: &[f64], lags: usize) -> Figure {
+/// The share of the autocorrelations of `x` at lags of 1 to `lags` finite values that are within 1.96/√n, n being the
+/// pairs of a lag: 0.95 on average for white noise of mean 0. About 0, so that a bias is no white noise; pairs of which
+/// one is not finite are left out. NaN for fewer samples than twice the lags, and for a series of zeros.
+pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {
-        return Figure { value: f64::NAN, n };
+        return SampleStatistic { value: f64::NAN, n };
     }
     let stride = stride(x);
     let within = |lag: &usize| {
-        let Figure { value, n } = autocorrelation(x, stride * lag);
+        let SampleStatistic { value, n } = autocorrelation(x, stride * lag);
         value.abs() <= 1.96 / (n as f64).sqrt()
     };
-    Figure { value: (1..=lags).filter(within).count() as f64 / lags as f64, n }
+    SampleStatistic { value: (1..=lags).filter(within).count() as f64 / lags as f64, n }
 }
 
-/// The regularised lower incomplete gamma function P(a, x), of a above 0: the distribution of chi-square with 2a degrees
-/// at 2x. By its series below a + 1, by its continued fraction above. [Abramowitz & Stegun 1964, 6.5.29 and 6.5.31]
+/// The regularised lower incomplete gamma function P(a, x), of a above 0: the distribution of chi-square with 2a
+/// degrees at 2x. By its series below a + 1, by its continued fraction above. [Abramowitz & Stegun 1964, 6.5.29 and
+/// 6.5.31]
 fn gamma_p(a: f64, x: f64) -> f64 {
     if a.is_nan() || x.is_nan() || a <= 0.0 {
         return f64::NAN;
@@ -166,11 +168,11 @@ fn ln_gamma(a: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     /// Stationary, of variance 1, with the autocorrelation `decay` from sample to sample.
     fn coloured(n: usize, decay: f64, seed: u64) -> Vec<f64> {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let mut x = normals.draw();
         let step = (1.0 - decay * decay).sqrt();
         (0..n)
@@ -217,8 +219,8 @@ mod tests {
             let expected = f64::from(n) * (1.0 - decay) / (1.0 + decay);
             let all: Vec<f64> = (0..20).map(|seed| effective_samples(&coloured(n as usize, decay, seed))).collect();
             let mean = all.iter().sum::<f64>() / 20.0;
-            // A cut sum of autocorrelations is known to some 15 %, the mean of twenty to 4 %; pairs that are positive by
-            // chance make it a little small.
+            // A cut sum of autocorrelations is known to some 15 %, the mean of twenty to 4 %; pairs that are positive
+            // by chance make it a little small.
             assert!((0.8..1.1).contains(&(mean / expected)), "{decay}: {mean} {expected}");
         }
         assert!(effective_samples(&[1.0; 50]).is_nan() && effective_samples(&[1.0, 2.0]).is_nan());
@@ -242,7 +244,7 @@ mod tests {
             assert!(proud < 0.02 && shy < 0.02, "{proud} {shy}");
         }
         let innovations: Vec<f64> = coloured(1000, 0.0, 5).iter().map(|x| x * x).collect();
-        assert_eq!(within_chi_square_band(&innovations, 1.0), Figure { value: 1.0, n: 1000 });
+        assert_eq!(within_chi_square_band(&innovations, 1.0), SampleStatistic { value: 1.0, n: 1000 });
         assert!(within_chi_square_band(&[0.5; 100], 1.0).value.is_nan(), "a constant has no spread to judge by");
         assert!(chi_square_probability(&innovations.iter().map(|x| 2.0 * x).collect::<Vec<_>>(), 1.0).value > 0.999);
     }
@@ -276,7 +278,7 @@ mod tests {
 
     #[test]
     fn law_values_at_every_tenth_sample_are_as_white_as_without_the_gaps() {
-        let mut normals = crate::random::Normals::new(3);
+        let mut normals = crate::random::NormalGenerator::new(3);
         let dense: Vec<f64> = (0..800).map(|_| normals.draw()).collect();
         let mut sparse = vec![f64::NAN; 8000];
         dense.iter().enumerate().for_each(|(row, value)| sparse[10 * row] = *value);

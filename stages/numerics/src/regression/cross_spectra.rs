@@ -1,22 +1,24 @@
 //! Sampling errors of coefficients whose residual is correlated, from cross-spectra of terms and target in bands.
 //!
 //! A filter leaves residuals that are correlated over its impulse response, and so does coloured noise. The usual
-//! covariance s² (AᵀA)⁻¹ takes them for independent: behind a pass band of 0.1 to 0.9 Hz at 10 Hz its standard deviations
-//! are 2.5 times too small. The covariance of b = G Aᵀ y, with G = (AᵀA + λ)⁻¹, is
+//! covariance s² (AᵀA)⁻¹ takes them for independent: behind a pass band of 0.1 to 0.9 Hz at 10 Hz its standard
+//! deviations are 2.5 times too small. The covariance of b = G Aᵀ y, with G = (AᵀA + λ)⁻¹, is
 //!
 //! ```text
 //! G (Aᵀ Σ A) G,   Aᵀ Σ A ≈ Σ over bands  s_band C_band
 //! ```
 //!
-//! where C_band is the part of AᵀA that lies in a band of frequencies and s_band the power of the residual there, per degree
-//! of freedom. The bands are an eighth of an octave wide; neighbours are joined until the fit has left them enough degrees of
-//! freedom to estimate a power. Terms and residual may have any spectrum that is smooth within a band.
+//! where C_band is the part of AᵀA that lies in a band of frequencies and s_band the power of the residual there, per
+//! degree of freedom. The bands are an eighth of an octave wide; neighbours are joined until the fit has left them
+//! enough degrees of freedom to estimate a power. Terms and residual may have any spectrum that is smooth within a
+//! band.
 //!
-//! A residual that wanders, as a random walk does in a fit without a filter, ends elsewhere than it begins. Its waves depend on
-//! each other by that jump, whose ramp a slow term takes up: standard deviations are then 2 to 4 times too small. So where the
-//! slowest waves are far stronger than the next ones, a residual is a ramp from its first sample to its last and what is left,
-//! whose waves are independent; the ramp's variance is that of a walk with the increments of the slowest waves
-//! ([`Ends::Wandering`]). A constant of a walk is as uncertain as the walk is long, which is no part of its standard deviation.
+//! A residual that wanders, as a random walk does in a fit without a filter, ends elsewhere than it begins. Its waves
+//! depend on each other by that jump, whose ramp a slow term takes up: standard deviations are then 2 to 4 times too
+//! small. So where the slowest waves are far stronger than the next ones, a residual is a ramp from its first sample to
+//! its last and what is left, whose waves are independent; the ramp's variance is that of a walk with the increments of
+//! the slowest waves ([`ResidualDrift::Wandering`]). A constant of a walk is as uncertain as the walk is long, which is
+//! no part of its standard deviation.
 //!
 //! Source: Hannan 1963, Regression for time series; Robinson 1998, Inference without smoothing in the presence of
 //! nonparametric autocorrelation, Econometrica 66(5).
@@ -35,13 +37,13 @@ const LEAST_FREEDOM: f64 = 16.0;
 /// The waves of a run that tell a residual that wanders: the slowest, and those that they are compared with.
 const SLOWEST: std::ops::Range<usize> = 1..5;
 const NEXT: std::ops::Range<usize> = 9..25;
-/// The slowest waves of a residual that wanders have at least this many times the power of the next: of independent samples,
-/// fewer than one run in a million does; a random walk has 80 times.
+/// The slowest waves of a residual that wanders have at least this many times the power of the next: of independent
+/// samples, fewer than one run in a million does; a random walk has 80 times.
 const WANDERS: f64 = 10.0;
 
-/// Behaviour of a residual between the first and the last sample of a run.
+/// Model of a residual's drift between the first and the last sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ends {
+pub enum ResidualDrift {
     /// It is as far from 0 at one end as at the other: rows behind a high-pass.
     Bound,
     /// It may wander.
@@ -50,16 +52,16 @@ pub enum Ends {
 
 /// Cross-products of columns within one band of frequencies.
 #[derive(Clone, Debug, PartialEq)]
-struct Band {
+struct SpectralBand {
     /// Real degrees of freedom: two for each frequency but the first and the last.
     freedom: f64,
     /// The upper triangle of the cross-products, row by row.
     products: Vec<f64>,
-    /// That of columns less their ramps; of [`Ends::Bound`] it is empty.
+    /// That of columns less their ramps; of [`ResidualDrift::Bound`] it is empty.
     level: Vec<f64>,
 }
 
-impl Band {
+impl SpectralBand {
     fn none(size: usize, level: bool) -> Self {
         Self { freedom: 0.0, products: vec![0.0; size], level: vec![0.0; if level { size } else { 0 }] }
     }
@@ -71,9 +73,9 @@ impl Band {
     }
 }
 
-/// Statistics of a residual that wanders. All but the last are upper triangles, of sums over runs.
+/// Statistics of a drifting residual. All but the last are upper triangles, of sums over runs.
 #[derive(Clone, Debug, PartialEq)]
-struct Walk {
+struct DriftStatistics {
     /// The mean powers of the slowest waves.
     slowest: Vec<f64>,
     /// Those of the next.
@@ -86,7 +88,7 @@ struct Walk {
     runs: f64,
 }
 
-impl Walk {
+impl DriftStatistics {
     fn none(size: usize) -> Self {
         let zeros = || vec![0.0; size];
         Self { slowest: zeros(), next: zeros(), increments: zeros(), ramps: zeros(), runs: 0.0 }
@@ -108,9 +110,9 @@ pub struct CrossSpectra {
     rows: f64,
     sums: Vec<f64>,
     /// By their number; the lowest holds the means of the runs.
-    bands: BTreeMap<i32, Band>,
-    /// Statistics of [`Ends::Wandering`].
-    walk: Option<Walk>,
+    bands: BTreeMap<i32, SpectralBand>,
+    /// Statistics of [`ResidualDrift::Wandering`].
+    walk: Option<DriftStatistics>,
 }
 
 /// The number of the band that holds a frequency.
@@ -125,8 +127,8 @@ fn place(width: usize, i: usize, j: usize) -> usize {
 
 impl CrossSpectra {
     /// Spectra without rows, of `width` columns.
-    pub fn new(width: usize, ends: Ends) -> Self {
-        let walk = (ends == Ends::Wandering).then(|| Walk::none(width * (width + 1) / 2));
+    pub fn new(width: usize, ends: ResidualDrift) -> Self {
+        let walk = (ends == ResidualDrift::Wandering).then(|| DriftStatistics::none(width * (width + 1) / 2));
         Self { width, rows: 0.0, sums: vec![0.0; width], bands: BTreeMap::new(), walk }
     }
 
@@ -158,7 +160,7 @@ impl CrossSpectra {
         while first <= n / 2 {
             let number = of(first);
             let last = (first..=n / 2).take_while(|k| of(*k) == number).last().unwrap_or(first);
-            let band = self.bands.entry(number).or_insert_with(|| Band::none(size, level.is_some()));
+            let band = self.bands.entry(number).or_insert_with(|| SpectralBand::none(size, level.is_some()));
             band.freedom += (first..=last).map(weight).sum::<f64>();
             let per_row = |k: usize| weight(k) / n as f64;
             add_products(&mut band.products, &spectra, first..last + 1, per_row);
@@ -215,9 +217,12 @@ impl CrossSpectra {
             };
             if products.is_empty() { vec![] } else { columns.iter().enumerate().flat_map(row).collect() }
         };
-        let of_band =
-            |band: &Band| Band { freedom: band.freedom, products: cut(&band.products), level: cut(&band.level) };
-        let of_walk = |walk: &Walk| Walk {
+        let of_band = |band: &SpectralBand| SpectralBand {
+            freedom: band.freedom,
+            products: cut(&band.products),
+            level: cut(&band.level),
+        };
+        let of_walk = |walk: &DriftStatistics| DriftStatistics {
             slowest: cut(&walk.slowest),
             next: cut(&walk.next),
             increments: cut(&walk.increments),
@@ -233,16 +238,16 @@ impl CrossSpectra {
         }
     }
 
-    /// The covariance of the coefficients b of all columns but the last, which is the target, row-major, in its unit squared
-    /// over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred` says that columns were
-    /// taken about their means. `None` where the rows have no degree of freedom beyond the coefficients.
+    /// The covariance of the coefficients b of all columns but the last, which is the target, row-major, in its unit
+    /// squared over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred` says that
+    /// columns were taken about their means. `None` where the rows have no degree of freedom beyond the coefficients.
     pub fn covariance(&self, coefficients: &[f64], gain: &[f64], centred: bool) -> Option<Vec<f64>> {
         let p = self.width.checked_sub(1).filter(|p| coefficients.len() == *p && gain.len() == p * p)?;
         let entry = |products: &[f64], i: usize, j: usize| products[place(self.width, i.min(j), i.max(j))];
-        let at = |band: &Band, i: usize, j: usize| entry(&band.products, i, j);
-        let mut joined: Vec<(Band, f64)> = vec![];
-        let mut open: Option<Band> = None;
-        let fitted_of = |band: &Band| -> f64 {
+        let at = |band: &SpectralBand, i: usize, j: usize| entry(&band.products, i, j);
+        let mut joined: Vec<(SpectralBand, f64)> = vec![];
+        let mut open: Option<SpectralBand> = None;
+        let fitted_of = |band: &SpectralBand| -> f64 {
             (0..p).map(|i| (0..p).map(|j| gain[i * p + j] * at(band, i, j)).sum::<f64>()).sum()
         };
         for band in self.about_means(centred) {
@@ -296,8 +301,8 @@ impl CrossSpectra {
     }
 
     /// The bands, from the slowest, of the columns as they are or about their means.
-    fn about_means(&self, centred: bool) -> impl Iterator<Item = Band> + '_ {
-        let off = move |(number, band): (&i32, &Band)| {
+    fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
+        let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();
             if centred && *number == -1 && self.rows > 0.0 {
                 band.freedom -= 1.0;
@@ -360,7 +365,7 @@ fn product(a: &[f64], b: &[f64], p: usize) -> Vec<f64> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     fn rows(n: usize, phase: f64) -> Vec<f64> {
         (0..n).flat_map(|k| [(0.3 * k as f64 + phase).sin() + 2.0, (0.07 * k as f64).cos(), k as f64]).collect()
@@ -369,7 +374,7 @@ mod tests {
     #[test]
     fn law_the_bands_add_up_to_the_products_of_the_rows() {
         for n in [1, 2, 101, 300] {
-            let (mut found, x) = (CrossSpectra::new(3, Ends::Wandering), rows(n, 0.4));
+            let (mut found, x) = (CrossSpectra::new(3, ResidualDrift::Wandering), rows(n, 0.4));
             found.push(&x, 10.0);
             let freedom: f64 = found.bands.values().map(|b| b.freedom).sum();
             assert_eq!(freedom, n as f64);
@@ -384,9 +389,9 @@ mod tests {
     #[test]
     fn law_two_runs_merged_and_cut_are_those_of_the_cut_rows() {
         let (mut one, mut other, mut cut) = (
-            CrossSpectra::new(3, Ends::Wandering),
-            CrossSpectra::new(3, Ends::Wandering),
-            CrossSpectra::new(2, Ends::Wandering),
+            CrossSpectra::new(3, ResidualDrift::Wandering),
+            CrossSpectra::new(3, ResidualDrift::Wandering),
+            CrossSpectra::new(2, ResidualDrift::Wandering),
         );
         for (spectra, n, phase) in [(&mut one, 200, 0.0), (&mut other, 150, 1.0)] {
             spectra.push(&rows(n, phase), 10.0);
@@ -403,14 +408,14 @@ mod tests {
 
     /// One sinusoidal term with the noise `of` each run: the scatter of the coefficient over what is claimed, root mean
     /// square.
-    fn scatter(of: impl Fn(&mut Normals) -> Vec<f64>, f: f64) -> f64 {
+    fn scatter(of: impl Fn(&mut NormalGenerator) -> Vec<f64>, f: f64) -> f64 {
         let (runs, n) = (300, 1000);
         let term: Vec<f64> = (0..n).map(|k| (f * k as f64).sin()).collect();
         let gain = 1.0 / term.iter().map(|x| x * x).sum::<f64>();
         let one = |run: u64| {
-            let y = of(&mut Normals::new(run));
+            let y = of(&mut NormalGenerator::new(run));
             let b = gain * term.iter().zip(&y).map(|(a, y)| a * y).sum::<f64>();
-            let mut spectra = CrossSpectra::new(2, Ends::Wandering);
+            let mut spectra = CrossSpectra::new(2, ResidualDrift::Wandering);
             spectra.push(&term.iter().zip(&y).flat_map(|(a, y)| [*a, *y]).collect::<Vec<f64>>(), 10.0);
             (b, spectra.covariance(&[b], &[gain], false).unwrap()[0])
         };
@@ -420,8 +425,8 @@ mod tests {
 
     #[test]
     fn law_the_scatter_is_the_one_claimed_with_white_and_with_coloured_noise() {
-        let white = |normals: &mut Normals| (0..1000).map(|_| normals.draw()).collect();
-        let coloured = |normals: &mut Normals| {
+        let white = |normals: &mut NormalGenerator| (0..1000).map(|_| normals.draw()).collect();
+        let coloured = |normals: &mut NormalGenerator| {
             let mut x = 0.0;
             (0..1000)
                 .map(|_| {
@@ -447,7 +452,7 @@ mod tests {
             (0..n).map(|k| [heading(k).cos(), heading(k).sin(), (0.09 * k as f64).sin(), 1.0]).collect();
         let a = nalgebra::DMatrix::from_fn(n, 4, |row, column| terms[row][column]);
         let gain = (a.transpose() * &a).try_inverse().unwrap();
-        let walk = |normals: &mut Normals| {
+        let walk = |normals: &mut NormalGenerator| {
             let mut x = 0.0;
             (0..n)
                 .map(|_| {
@@ -456,11 +461,11 @@ mod tests {
                 })
                 .collect::<Vec<f64>>()
         };
-        let white = |normals: &mut Normals| (0..n).map(|_| normals.draw()).collect::<Vec<f64>>();
-        let ratios = |of: &dyn Fn(&mut Normals) -> Vec<f64>, ends: Ends| -> [f64; 3] {
+        let white = |normals: &mut NormalGenerator| (0..n).map(|_| normals.draw()).collect::<Vec<f64>>();
+        let ratios = |of: &dyn Fn(&mut NormalGenerator) -> Vec<f64>, ends: ResidualDrift| -> [f64; 3] {
             let (mut found, mut claimed) = ([0.0; 3], [0.0; 3]);
             for run in 0..200 {
-                let y = of(&mut Normals::new(run));
+                let y = of(&mut NormalGenerator::new(run));
                 let b = &gain * a.transpose() * nalgebra::DVector::from_column_slice(&y);
                 let mut spectra = CrossSpectra::new(5, ends);
                 let rows: Vec<f64> =
@@ -474,21 +479,21 @@ mod tests {
             }
             std::array::from_fn(|term| f64::sqrt(found[term] / claimed[term]))
         };
-        let known = ratios(&walk, Ends::Wandering);
-        let plain = ratios(&walk, Ends::Bound);
+        let known = ratios(&walk, ResidualDrift::Wandering);
+        let plain = ratios(&walk, ResidualDrift::Bound);
         println!("scatter over claimed: {known:.2?}, {plain:.2?} without the ramp");
         // 200 draws of a standard deviation: 5 %; the walk's increments are known by 8 degrees of freedom a run.
         assert!(known.iter().all(|ratio| (0.75..1.3).contains(ratio)), "{known:?}");
         assert!(plain[0] > 2.5 && plain[1] > 2.5, "{plain:?}");
-        let steady = ratios(&white, Ends::Wandering);
+        let steady = ratios(&white, ResidualDrift::Wandering);
         assert!(steady.iter().all(|ratio| (0.85..1.15).contains(ratio)), "{steady:?}");
     }
 
     #[test]
     fn law_white_noise_has_the_covariance_of_independent_rows() {
-        let mut normals = Normals::new(7);
+        let mut normals = NormalGenerator::new(7);
         let x: Vec<f64> = (0..4000).flat_map(|_| [normals.draw(), normals.draw() + 5.0]).collect();
-        let mut spectra = CrossSpectra::new(2, Ends::Wandering);
+        let mut spectra = CrossSpectra::new(2, ResidualDrift::Wandering);
         spectra.push(&x, 10.0);
         let gain = 1.0 / 4000.0;
         let found = spectra.covariance(&[0.0], &[gain], true).unwrap()[0];

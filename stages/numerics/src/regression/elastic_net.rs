@@ -15,17 +15,18 @@ mod descent;
 use rayon::prelude::*;
 
 use crate::regression::least_squares::{
-    LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, Scaling, leave_line_out, setting,
+    ColumnScaling, LeastSquaresError, LineScoreMeasure, LineScores, LinearFit, RegressionMoments, ScaledFactor,
+    leave_line_out, setting,
 };
-use descent::Descent;
+use descent::CoordinateDescent;
 
-/// The settings of a path.
+/// Settings of an elastic-net path.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ElasticNet {
+pub struct ElasticNetOptions {
     /// ρ, the fraction of the penalty that is ‖b‖₁: 0 ridge, 1 lasso. MagNav.jl uses 0.99.
     pub l1_ratio: f64,
     /// Divisor of the columns before the penalty.
-    pub scaling: Scaling,
+    pub scaling: ColumnScaling,
     /// Whether means are subtracted, for an intercept without a penalty.
     pub intercept: bool,
     /// The duality gap that ends an α, as a fraction of ‖y‖².
@@ -34,14 +35,14 @@ pub struct ElasticNet {
     pub sweeps: usize,
 }
 
-impl Default for ElasticNet {
+impl Default for ElasticNetOptions {
     /// ρ = 0.99 of standardised columns with an intercept, as Gnadt 2022; a gap of 1e-10.
     fn default() -> Self {
-        Self { l1_ratio: 0.99, scaling: Scaling::Standardise, intercept: true, tolerance: 1e-10, sweeps: 100_000 }
+        Self { l1_ratio: 0.99, scaling: ColumnScaling::Standardise, intercept: true, tolerance: 1e-10, sweeps: 100_000 }
     }
 }
 
-/// The fit for one α.
+/// An elastic-net fit for one α.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticNetFit {
     /// The strength of the penalty, in the target's unit squared over the unit of b.
@@ -58,16 +59,16 @@ pub struct ElasticNetFit {
     pub sweeps: usize,
 }
 
-/// A path and its leave-one-line-out scores.
+/// An elastic-net path and its leave-one-line-out scores.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ElasticNetChoice {
+pub struct ElasticNetPath {
     /// The fits to all lines.
     pub path: Vec<ElasticNetFit>,
     /// The scores, one candidate per α.
     pub scores: LineScores,
 }
 
-impl ElasticNetChoice {
+impl ElasticNetPath {
     /// The fit with the least mean score.
     pub fn best(&self) -> Option<&ElasticNetFit> {
         self.path.get(self.scores.best)
@@ -79,7 +80,7 @@ impl ElasticNetChoice {
     }
 }
 
-impl ElasticNet {
+impl ElasticNetOptions {
     fn check(&self) -> Result<(), LeastSquaresError> {
         setting("the l1 ratio of an elastic net", self.l1_ratio, "from 0 to 1", (0.0..=1.0).contains(&self.l1_ratio))?;
         let positive = self.tolerance > 0.0 && self.tolerance.is_finite();
@@ -94,7 +95,7 @@ impl ElasticNet {
     /// or for an unknown target.
     pub fn alphas(
         &self,
-        moments: &Moments,
+        moments: &RegressionMoments,
         target: usize,
         count: usize,
         least: f64,
@@ -122,7 +123,7 @@ impl ElasticNet {
     /// Fails for a setting out of its range, without rows, for an unknown target, or when the sweeps are used up.
     pub fn path(
         &self,
-        moments: &Moments,
+        moments: &RegressionMoments,
         target: usize,
         alphas: &[f64],
     ) -> Result<Vec<ElasticNetFit>, LeastSquaresError> {
@@ -141,18 +142,22 @@ impl ElasticNet {
     ///
     /// # Errors
     /// Fails as [`Self::path`] for any of them.
-    pub fn paths(&self, moments: &Moments, alphas: &[Vec<f64>]) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
+    pub fn paths(
+        &self,
+        moments: &RegressionMoments,
+        alphas: &[Vec<f64>],
+    ) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
         alphas.par_iter().enumerate().map(|(target, alphas)| self.path(moments, target, alphas)).collect()
     }
 
     fn path_of(
         &self,
-        prepared: &Prepared,
+        prepared: &ScaledFactor,
         target: usize,
         alphas: &[f64],
     ) -> Result<Vec<ElasticNetFit>, LeastSquaresError> {
         let rows = prepared.rows() as f64;
-        let mut descent = Descent::new(prepared, target)?;
+        let mut descent = CoordinateDescent::new(prepared, target)?;
         let mut path = Vec::with_capacity(alphas.len());
         for &alpha in alphas {
             let (l1, l2) = (rows * alpha * self.l1_ratio, rows * alpha * (1.0 - self.l1_ratio));
@@ -180,14 +185,15 @@ impl ElasticNet {
     /// Fails as [`Self::path`] and [`leave_line_out`].
     pub fn choose(
         &self,
-        lines: &[Moments],
+        lines: &[RegressionMoments],
         target: usize,
         alphas: &[f64],
-        score: LineScore,
-    ) -> Result<ElasticNetChoice, LeastSquaresError> {
-        let fits = |others: &Moments| Ok(self.path(others, target, alphas)?.into_iter().map(|f| f.fit).collect());
+        score: LineScoreMeasure,
+    ) -> Result<ElasticNetPath, LeastSquaresError> {
+        let fits =
+            |others: &RegressionMoments| Ok(self.path(others, target, alphas)?.into_iter().map(|f| f.fit).collect());
         let scores = leave_line_out(lines, target, score, fits)?;
-        Ok(ElasticNetChoice { path: self.path(&Moments::merged(lines)?, target, alphas)?, scores })
+        Ok(ElasticNetPath { path: self.path(&RegressionMoments::merged(lines)?, target, alphas)?, scores })
     }
 }
 

@@ -29,17 +29,19 @@ mod triangular;
 
 use rayon::prelude::*;
 
-pub use moments::{LineScore, LineScores, LinearFit, Moments, MomentsAccumulator, Residuals, leave_line_out};
-use panel::Triangle;
-pub use prepared::{Prepared, Scaling, Singular};
+pub use moments::{
+    LineScoreMeasure, LineScores, LinearFit, MomentsAccumulator, RegressionMoments, ResidualStatistics, leave_line_out,
+};
+use panel::QrTriangle;
+pub use prepared::{ColumnScaling, ScaledFactor, ScaledFactorSvd};
 pub use ridge::{RANK_TOLERANCE, RidgePath, RidgeSolution};
-pub(crate) use triangular::Triangular;
+pub(crate) use triangular::TriangularSystem;
 
 /// Rows that one thread folds before the factors are merged, fixed so that the result does not
 /// depend on the number of threads.
 const CHUNK: usize = 16_384;
 
-/// Error of a fit.
+/// Error of a least-squares fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LeastSquaresError {
     /// Columns or names do not fit the matrix.
@@ -141,7 +143,7 @@ pub struct QrAccumulator {
     terms: usize,
     targets: usize,
     rows: usize,
-    triangle: Triangle,
+    triangle: QrTriangle,
     /// Room for one row: a one, the terms, the targets, and zeros up to whole cache lines.
     row: Vec<f64>,
 }
@@ -149,7 +151,7 @@ pub struct QrAccumulator {
 impl QrAccumulator {
     /// An empty factor of `terms` columns of A and `targets` columns of Y.
     pub fn new(terms: usize, targets: usize) -> Self {
-        let triangle = Triangle::new(1 + terms, targets);
+        let triangle = QrTriangle::new(1 + terms, targets);
         let mut row = vec![0.0; triangle.padded()];
         row[0] = 1.0;
         Self { terms, targets, rows: 0, triangle, row }
@@ -163,7 +165,7 @@ impl QrAccumulator {
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] when the matrix and the targets are not of the same whole number of
     /// rows, and with [`LeastSquaresError::NotFinite`] for a value that is not finite.
-    pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
+    pub fn from_matrix(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut whole = Self::new(terms, targets.len());
         let rows = whole.check(a, targets)?;
         let pieces: Vec<Self> = (0..rows.div_ceil(CHUNK))
@@ -308,7 +310,7 @@ impl QrAccumulator {
         let means: Vec<f64> = upper[1..width].iter().map(|sum| sum / upper[0]).collect();
         // Below its first row and column, the factor of [1 | A | Y] is that of the centred [A | Y].
         let skipped = usize::from(centred);
-        let mut factor = Triangle::new(self.terms, self.targets);
+        let mut factor = QrTriangle::new(self.terms, self.targets);
         factor.add_squares(&unexplained);
         for row in upper.chunks_exact(width).skip(skipped) {
             factor.push(&row[1..]);
@@ -316,7 +318,7 @@ impl QrAccumulator {
         factor.flush();
         let names = names.iter().map(|name| name.as_ref().to_owned()).collect();
         ridge::solve(
-            ridge::Factor {
+            ridge::RidgeFactor {
                 rows: self.rows,
                 terms: self.terms,
                 targets: self.targets,

@@ -1,7 +1,7 @@
 //! Linear models and their statistics: least squares, shrinkage, components, robust losses, recursion.
 //!
-//! Rows are read once: [`QrAccumulator`] or [`Moments`] folds them into the triangular factor of a QR factorisation,
-//! from which every linear model here is computed. The robust fit alone passes over the rows again.
+//! Rows are read once: [`QrAccumulator`] or [`RegressionMoments`] folds them into the triangular factor of a QR
+//! factorisation, from which every linear model here is computed. The robust fit alone passes over the rows again.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -81,9 +81,11 @@ pub mod robust;
 pub mod statistics;
 pub mod truncated_svd;
 
-pub use elastic_net::ElasticNet;
-pub use least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, QrAccumulator, RidgePath, Scaling};
+pub use elastic_net::ElasticNetOptions;
+pub use least_squares::{
+    ColumnScaling, LeastSquaresError, LinearFit, QrAccumulator, RegressionMoments, RidgePath, ScaledFactor,
+};
 pub use principal_components::PrincipalComponents;
 pub use recursive_least_squares::RecursiveLeastSquares;
-pub use robust::Robust;
-pub use statistics::{Figure, Summary};
+pub use robust::RobustOptions;
+pub use statistics::{SampleStatistic, SeriesMoments};

@@ -14,7 +14,8 @@
 use faer::Mat;
 
 use crate::regression::least_squares::{
-    LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Scaling, leave_line_out, setting,
+    ColumnScaling, LeastSquaresError, LineScoreMeasure, LineScores, LinearFit, RegressionMoments, leave_line_out,
+    setting,
 };
 
 /// The fraction of the covariance with the targets below which the rest is rounding.
@@ -45,10 +46,10 @@ pub struct PlsPath {
 ///
 /// Fails for zero components, without rows, or for an unknown target.
 pub fn fit(
-    moments: &Moments,
+    moments: &RegressionMoments,
     targets: &[usize],
     components: usize,
-    scaling: Scaling,
+    scaling: ColumnScaling,
 ) -> Result<PlsPath, LeastSquaresError> {
     setting("the number of components", components as f64, "at least 1", components > 0)?;
     let terms: Vec<usize> = (0..moments.terms()).collect();
@@ -105,19 +106,19 @@ pub fn fit(
 /// Fails with [`LeastSquaresError::NoSuch`] when `target` is not one of `targets`, and as [`fit`] and
 /// [`leave_line_out`].
 pub fn choose_components(
-    lines: &[Moments],
+    lines: &[RegressionMoments],
     targets: &[usize],
     target: usize,
     components: usize,
-    scaling: Scaling,
-    score: LineScore,
+    scaling: ColumnScaling,
+    score: LineScoreMeasure,
 ) -> Result<LineScores, LeastSquaresError> {
     let place = targets.iter().position(|t| *t == target).ok_or(LeastSquaresError::NoSuch {
         what: "target",
         number: target,
         count: targets.len(),
     })?;
-    let fits = |others: &Moments| {
+    let fits = |others: &RegressionMoments| {
         let mut path: Vec<LinearFit> =
             fit(others, targets, components, scaling)?.fits.into_iter().map(|mut f| f.swap_remove(place)).collect();
         let last = path.last().cloned();
@@ -183,8 +184,11 @@ mod tests {
     use super::*;
     use crate::reference_csv::{TERMS, columns, model_lines};
 
-    fn lines() -> Vec<Moments> {
-        model_lines().iter().map(|line| Moments::of(&line.a, 8, &[&line.y0, &line.y1]).unwrap()).collect()
+    fn lines() -> Vec<RegressionMoments> {
+        model_lines()
+            .iter()
+            .map(|line| RegressionMoments::from_matrix(&line.a, 8, &[&line.y0, &line.y1]).unwrap())
+            .collect()
     }
 
     fn near(one: f64, other: f64, relative: f64) {
@@ -193,9 +197,9 @@ mod tests {
 
     #[test]
     fn val_all_numbers_of_components_equal_scikit_learn() {
-        let all = Moments::merged(&lines()).unwrap();
+        let all = RegressionMoments::merged(&lines()).unwrap();
         let table = columns(include_str!("../../reference/models/pls.csv"));
-        let paths = [&[0][..], &[0, 1]].map(|targets| fit(&all, targets, 8, Scaling::Standardise).unwrap());
+        let paths = [&[0][..], &[0, 1]].map(|targets| fit(&all, targets, 8, ColumnScaling::Standardise).unwrap());
         assert_eq!(table["targets"].len(), 24);
         for row in 0..24 {
             let path = &paths[table["targets"][row] as usize - 1];
@@ -211,7 +215,8 @@ mod tests {
     #[test]
     fn val_scores_of_left_out_lines_equal_scikit_learn() {
         let table = columns(include_str!("../../reference/models/pls_cv.csv"));
-        let scores = choose_components(&lines(), &[0], 0, 8, Scaling::Standardise, LineScore::MeanSquare).unwrap();
+        let scores =
+            choose_components(&lines(), &[0], 0, 8, ColumnScaling::Standardise, LineScoreMeasure::MeanSquare).unwrap();
         for (k, ours) in scores.scores.iter().enumerate() {
             for (line, ours) in ours.iter().enumerate() {
                 near(*ours, table[format!("line{line}").as_str()][k], 1e-8);
@@ -221,9 +226,9 @@ mod tests {
 
     #[test]
     fn law_all_components_are_least_squares() {
-        let all = Moments::merged(&lines()).unwrap();
-        let path = fit(&all, &[1], 8, Scaling::Standardise).unwrap();
-        let squares = all.prepare(Scaling::None, true).unwrap().ridge(&[0.0], &TERMS).unwrap();
+        let all = RegressionMoments::merged(&lines()).unwrap();
+        let path = fit(&all, &[1], 8, ColumnScaling::Standardise).unwrap();
+        let squares = all.prepare(ColumnScaling::None, true).unwrap().ridge(&[0.0], &TERMS).unwrap();
         for (ours, theirs) in path.fits[7][0].coefficients.iter().zip(&squares.solutions[0].coefficients[1]) {
             near(*ours, *theirs, 1e-9);
         }
@@ -233,9 +238,9 @@ mod tests {
     #[test]
     fn law_scores_of_different_components_are_uncorrelated() {
         // (3.39)-(3.41): tᵢᵀ tⱼ = 0, by the rotations on the factor that was not deflated.
-        let all = Moments::merged(&lines()).unwrap();
-        let path = fit(&all, &[0, 1], 8, Scaling::Standardise).unwrap();
-        let prepared = all.prepare(Scaling::Standardise, true).unwrap();
+        let all = RegressionMoments::merged(&lines()).unwrap();
+        let path = fit(&all, &[0, 1], 8, ColumnScaling::Standardise).unwrap();
+        let prepared = all.prepare(ColumnScaling::Standardise, true).unwrap();
         let mut scores: Vec<Vec<f64>> = Vec::new();
         let mut x: Vec<Vec<f64>> = prepared.factor().chunks_exact(8).map(<[f64]>::to_vec).collect();
         for (u, p) in path.weights.iter().zip(&path.loadings) {
@@ -257,7 +262,9 @@ mod tests {
         let a: Vec<f64> = (0..60).map(|i| f64::from(i * i % 17) - 3.0 * f64::from(i % 5)).collect();
         let y: Vec<f64> = a.chunks(3).map(|row| 2.0 * row[0]).collect();
         let doubled: Vec<f64> = a.chunks(3).flat_map(|row| [row[0], 2.0 * row[0], row[0], 0.0]).collect();
-        let path = fit(&Moments::of(&doubled, 4, &[&y]).unwrap(), &[0], 4, Scaling::Standardise).unwrap();
+        let path =
+            fit(&RegressionMoments::from_matrix(&doubled, 4, &[&y]).unwrap(), &[0], 4, ColumnScaling::Standardise)
+                .unwrap();
         assert_eq!(path.fits.len(), 1);
         assert!(path.residual_squares[0][0] < 1e-18 && path.fits[0][0].coefficients[3] == 0.0);
     }
@@ -265,8 +272,8 @@ mod tests {
     #[test]
     fn r12_no_components_and_no_such_target_are_refused() {
         let lines = lines();
-        assert!(fit(&lines[0], &[0], 0, Scaling::None).unwrap_err().to_string().contains("at least 1"));
-        assert!(fit(&lines[0], &[2], 1, Scaling::None).unwrap_err().to_string().contains("no target 2"));
-        assert!(choose_components(&lines, &[0], 1, 2, Scaling::None, LineScore::Variance).is_err());
+        assert!(fit(&lines[0], &[0], 0, ColumnScaling::None).unwrap_err().to_string().contains("at least 1"));
+        assert!(fit(&lines[0], &[2], 1, ColumnScaling::None).unwrap_err().to_string().contains("no target 2"));
+        assert!(choose_components(&lines, &[0], 1, 2, ColumnScaling::None, LineScoreMeasure::Variance).is_err());
     }
 }

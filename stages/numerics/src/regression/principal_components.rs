@@ -1,10 +1,10 @@
 //! Principal components of many columns, with whitening.
 
-use crate::regression::least_squares::{LeastSquaresError, LinearFit, Moments, Scaling, setting};
+use crate::regression::least_squares::{ColumnScaling, LeastSquaresError, LinearFit, RegressionMoments, setting};
 
 /// The number of components to keep.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kept {
+pub enum ComponentCount {
     /// The first n.
     Count(usize),
     /// The smallest number that explains this fraction of the variance, above 0 and at most 1.
@@ -33,7 +33,12 @@ impl PrincipalComponents {
     /// # Errors
     ///
     /// Fails without rows, when no component is to be kept, or without convergence.
-    pub fn of(moments: &Moments, scaling: Scaling, kept: Kept, whiten: bool) -> Result<Self, LeastSquaresError> {
+    pub fn from_moments(
+        moments: &RegressionMoments,
+        scaling: ColumnScaling,
+        kept: ComponentCount,
+        whiten: bool,
+    ) -> Result<Self, LeastSquaresError> {
         let prepared = moments.prepare(scaling, true)?;
         let singular = prepared.singular()?;
         let left = moments.rows() as f64 - 1.0;
@@ -42,11 +47,11 @@ impl PrincipalComponents {
         let largest = all.first().copied().unwrap_or(0.0);
         let varies = all.iter().filter(|v| **v > largest * f64::EPSILON * f64::EPSILON).count();
         let count = match kept {
-            Kept::Count(count) => {
+            ComponentCount::Count(count) => {
                 setting("the number of components", count as f64, "at least 1", count > 0)?;
                 count
             }
-            Kept::Variance(part) => {
+            ComponentCount::Variance(part) => {
                 setting("the fraction of the variance", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
                 let held = |k: usize| all[..k].iter().sum::<f64>() >= part * total * (1.0 - 1e-12);
                 (1..=varies).find(|&k| held(k)).unwrap_or(varies)
@@ -140,8 +145,10 @@ mod tests {
         let table = columns(include_str!("../../reference/models/pca.csv"));
         let names = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
         let a: Vec<f64> = (0..120).flat_map(|i| names.map(|name| samples[name][i])).collect();
-        let moments = Moments::of(&a, 8, &[]).unwrap();
-        let found = PrincipalComponents::of(&moments, Scaling::Standardise, Kept::Count(3), true).unwrap();
+        let moments = RegressionMoments::from_matrix(&a, 8, &[]).unwrap();
+        let found =
+            PrincipalComponents::from_moments(&moments, ColumnScaling::Standardise, ComponentCount::Count(3), true)
+                .unwrap();
         let scores = found.transform(&a).unwrap();
         for k in 0..3 {
             near(found.variances[k], table[format!("variance{k}").as_str()][0], 1e-12);
@@ -154,10 +161,18 @@ mod tests {
             let square: f64 = scores.iter().skip(k).step_by(3).map(|x| x * x).sum();
             near(square / 119.0, 1.0, 1e-12);
         }
-        let most = PrincipalComponents::of(&moments, Scaling::Standardise, Kept::Variance(0.9), false).unwrap();
+        let most = PrincipalComponents::from_moments(
+            &moments,
+            ColumnScaling::Standardise,
+            ComponentCount::Variance(0.9),
+            false,
+        )
+        .unwrap();
         let one_less: f64 = most.variances[..most.len() - 1].iter().sum::<f64>() / 8.0;
         assert!(most.explained >= 0.9 && one_less < 0.9);
-        assert!(PrincipalComponents::of(&moments, Scaling::None, Kept::Count(0), true).is_err());
+        assert!(
+            PrincipalComponents::from_moments(&moments, ColumnScaling::None, ComponentCount::Count(0), true).is_err()
+        );
         assert!(found.transform(&a[1..]).is_err());
     }
 
@@ -167,13 +182,15 @@ mod tests {
         let names = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
         let a: Vec<f64> = (0..120).flat_map(|i| names.map(|name| samples[name][i])).collect();
         let y = &samples["y0"];
-        let moments = Moments::of(&a, 8, &[y]).unwrap();
-        let found = PrincipalComponents::of(&moments, Scaling::Standardise, Kept::Count(4), true).unwrap();
+        let moments = RegressionMoments::from_matrix(&a, 8, &[y]).unwrap();
+        let found =
+            PrincipalComponents::from_moments(&moments, ColumnScaling::Standardise, ComponentCount::Count(4), true)
+                .unwrap();
         let (weights, offsets) = found.as_sums();
         let by_moments = moments.combined(&weights, &offsets).unwrap();
-        let by_rows = Moments::of(&found.transform(&a).unwrap(), 4, &[y]).unwrap();
-        let fit = |m: &Moments| {
-            let path = m.prepare(Scaling::None, true).unwrap().ridge(&[0.3], &["a", "b", "c", "d"]).unwrap();
+        let by_rows = RegressionMoments::from_matrix(&found.transform(&a).unwrap(), 4, &[y]).unwrap();
+        let fit = |m: &RegressionMoments| {
+            let path = m.prepare(ColumnScaling::None, true).unwrap().ridge(&[0.3], &["a", "b", "c", "d"]).unwrap();
             path.solutions[0].coefficients[0].clone()
         };
         for (one, other) in fit(&by_moments).iter().zip(fit(&by_rows)) {
@@ -181,7 +198,8 @@ mod tests {
         }
         // Ridge of whitened components is least squares on them, each drawn in alike: n - 1 over n - 1 + lambda.
         let plain =
-            crate::regression::truncated_svd::path(&moments.prepare(Scaling::Standardise, true).unwrap(), 0).unwrap();
+            crate::regression::truncated_svd::path(&moments.prepare(ColumnScaling::Standardise, true).unwrap(), 0)
+                .unwrap();
         let drawn = found.original(&LinearFit { coefficients: fit(&by_moments), intercept: 0.0 });
         for (one, other) in drawn.coefficients.iter().zip(&plain[3].fit.coefficients) {
             near(*one, other * 119.0 / 119.3, 1e-9 * other.abs());

@@ -143,7 +143,7 @@ impl RecursiveLeastSquares {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
     use crate::regression::least_squares::QrAccumulator;
 
     fn near(one: &[f64], other: &[f64], relative: f64) {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     fn samples(rows: usize, seed: u64) -> (Vec<f64>, Vec<f64>) {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let a: Vec<f64> = (0..rows)
             .flat_map(|_| {
                 let [x, y, z] = [normals.draw(), normals.draw(), normals.draw()];
@@ -172,7 +172,8 @@ mod tests {
         for (row, y) in a.chunks(3).zip(&y) {
             recursive.update(row, *y).unwrap();
         }
-        let batch = QrAccumulator::of(&a, 3, &[&y]).unwrap().solve(&[sigma.powi(-2)], &["a", "b", "c"]).unwrap();
+        let batch =
+            QrAccumulator::from_matrix(&a, 3, &[&y]).unwrap().solve(&[sigma.powi(-2)], &["a", "b", "c"]).unwrap();
         near(&recursive.coefficients(), &batch.solutions[0].coefficients[0], 1e-8);
         assert_eq!(recursive.rows(), 2000);
     }
@@ -221,7 +222,7 @@ mod tests {
     #[test]
     fn law_a_change_is_followed_and_the_misses_are_those_of_the_noise() {
         let (a, _) = samples(4000, 3);
-        let mut normals = Normals::new(4);
+        let mut normals = NormalGenerator::new(4);
         let mut recursive = RecursiveLeastSquares::new(&[0.0; 3], &[100.0; 3], 0.98, true).unwrap();
         let mut missed = Vec::new();
         for (i, row) in a.chunks(3).enumerate() {

@@ -12,9 +12,9 @@ use crate::regression::least_squares::{LeastSquaresError, LinearFit, QrAccumulat
 /// The quarter point of the normal distribution: the median of |r|/σ.
 const MEDIAN_OF_NORMALS: f64 = 0.674_489_750_196_081_7;
 
-/// The weight function of residuals.
+/// Loss function of residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Loss {
+pub enum ResidualLoss {
     /// Quadratic up to `threshold` standard deviations, linear beyond.
     Huber {
         /// ε; 1.345 keeps 95 % of the efficiency on normal noise.
@@ -27,9 +27,9 @@ pub enum Loss {
     },
 }
 
-/// The estimator of σ.
+/// Estimator of the residuals' scale σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Scale {
+pub enum ResidualScaleEstimator {
     /// The median of |r| over 0.6745, in each pass: statsmodels' `RLM`.
     Mad,
     /// Together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², H(z) = z² inside
@@ -42,11 +42,11 @@ pub enum Scale {
 
 /// The settings of a robust fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Robust {
+pub struct RobustOptions {
     /// The loss.
-    pub loss: Loss,
+    pub loss: ResidualLoss,
     /// The scale.
-    pub scale: Scale,
+    pub scale: ResidualScaleEstimator,
     /// The ridge parameter: weighted squares + λ |β|², and λ σ |β|² for Huber with a joint scale.
     pub lambda: f64,
     /// Whether there is an intercept, which is not penalised.
@@ -57,12 +57,12 @@ pub struct Robust {
     pub passes: usize,
 }
 
-impl Default for Robust {
+impl Default for RobustOptions {
     /// Huber with ε = 1.345 and the median absolute deviation, no ridge, an intercept.
     fn default() -> Self {
         Self {
-            loss: Loss::Huber { threshold: 1.345 },
-            scale: Scale::Mad,
+            loss: ResidualLoss::Huber { threshold: 1.345 },
+            scale: ResidualScaleEstimator::Mad,
             lambda: 0.0,
             intercept: true,
             tolerance: 1e-8,
@@ -71,7 +71,7 @@ impl Default for Robust {
     }
 }
 
-/// The rows of one line.
+/// Terms and targets of one line.
 #[derive(Debug, Clone, Copy)]
 pub struct LineRows<'a> {
     /// Row-major, one column per term.
@@ -95,7 +95,7 @@ pub struct RobustFit {
     pub converged: bool,
 }
 
-impl Robust {
+impl RobustOptions {
     /// The fit to all lines. It allocates a weight and a residual per row. One pass runs on
     /// rayon's threads, one line each, with the same result on any number of them.
     ///
@@ -131,14 +131,14 @@ impl Robust {
 
     fn check(&self) -> Result<(), LeastSquaresError> {
         match self.loss {
-            Loss::Huber { threshold } => {
-                let least = if self.scale == Scale::Joint { 1.0 } else { 0.0 };
+            ResidualLoss::Huber { threshold } => {
+                let least = if self.scale == ResidualScaleEstimator::Joint { 1.0 } else { 0.0 };
                 let wanted = "above 0, and above 1 with a joint scale";
                 setting("Huber's threshold", threshold, wanted, threshold > least && threshold.is_finite())?;
             }
-            Loss::StudentT { degrees } => setting("the degrees of freedom", degrees, "above 0", degrees > 0.0)?,
+            ResidualLoss::StudentT { degrees } => setting("the degrees of freedom", degrees, "above 0", degrees > 0.0)?,
         }
-        if let Scale::Fixed(scale) = self.scale {
+        if let ResidualScaleEstimator::Fixed(scale) = self.scale {
             setting("the scale", scale, "above 0", scale > 0.0 && scale.is_finite())?;
         }
         setting("the tolerance", self.tolerance, "above 0", self.tolerance > 0.0)?;
@@ -146,31 +146,31 @@ impl Robust {
     }
 
     fn penalty_by_scale(&self) -> bool {
-        self.scale == Scale::Joint && matches!(self.loss, Loss::Huber { .. })
+        self.scale == ResidualScaleEstimator::Joint && matches!(self.loss, ResidualLoss::Huber { .. })
     }
 
     fn weight(&self, z: f64) -> f64 {
         match self.loss {
-            Loss::Huber { threshold } if z.abs() <= threshold => 1.0,
-            Loss::Huber { threshold } => threshold / z.abs(),
-            Loss::StudentT { degrees } if degrees.is_infinite() => 1.0,
-            Loss::StudentT { degrees } => (degrees + 1.0) / (degrees + z * z),
+            ResidualLoss::Huber { threshold } if z.abs() <= threshold => 1.0,
+            ResidualLoss::Huber { threshold } => threshold / z.abs(),
+            ResidualLoss::StudentT { degrees } if degrees.is_infinite() => 1.0,
+            ResidualLoss::StudentT { degrees } => (degrees + 1.0) / (degrees + z * z),
         }
     }
 
     fn first_scale(&self, left: &[Vec<f64>]) -> f64 {
         match self.scale {
-            Scale::Fixed(scale) => scale,
-            Scale::Mad | Scale::Joint => mad(left),
+            ResidualScaleEstimator::Fixed(scale) => scale,
+            ResidualScaleEstimator::Mad | ResidualScaleEstimator::Joint => mad(left),
         }
     }
 
     fn next_scale(&self, left: &[Vec<f64>], scale: f64) -> f64 {
         match (self.scale, self.loss) {
-            (Scale::Fixed(scale), _) => scale,
-            (Scale::Mad, _) => mad(left),
-            (Scale::Joint, Loss::Huber { threshold }) => huber_scale(left, threshold),
-            (Scale::Joint, Loss::StudentT { .. }) => {
+            (ResidualScaleEstimator::Fixed(scale), _) => scale,
+            (ResidualScaleEstimator::Mad, _) => mad(left),
+            (ResidualScaleEstimator::Joint, ResidualLoss::Huber { threshold }) => huber_scale(left, threshold),
+            (ResidualScaleEstimator::Joint, ResidualLoss::StudentT { .. }) => {
                 let rows = left.iter().map(Vec::len).sum::<usize>() as f64;
                 let squares: f64 = left.iter().flatten().map(|r| self.weight(r / scale) * r * r).sum();
                 (squares / rows).sqrt()
@@ -254,7 +254,7 @@ fn huber_scale(left: &[Vec<f64>], threshold: f64) -> f64 {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
     use crate::reference_csv::{TERMS, columns, model_lines};
 
     fn lines() -> Vec<(Vec<f64>, Vec<f64>)> {
@@ -272,12 +272,13 @@ mod tests {
         assert_eq!(table["kind"].len(), 5);
         for (row, &tuning) in table["tuning"].iter().enumerate() {
             let (loss, scale) = match table["kind"][row] {
-                0.0 => (Loss::Huber { threshold: tuning }, Scale::Joint),
-                1.0 => (Loss::Huber { threshold: tuning }, Scale::Mad),
-                _ => (Loss::StudentT { degrees: tuning }, Scale::Joint),
+                0.0 => (ResidualLoss::Huber { threshold: tuning }, ResidualScaleEstimator::Joint),
+                1.0 => (ResidualLoss::Huber { threshold: tuning }, ResidualScaleEstimator::Mad),
+                _ => (ResidualLoss::StudentT { degrees: tuning }, ResidualScaleEstimator::Joint),
             };
             let lambda = table["penalty"][row];
-            let robust = Robust { loss, scale, lambda, tolerance: 1e-11, passes: 5000, ..Robust::default() };
+            let robust =
+                RobustOptions { loss, scale, lambda, tolerance: 1e-11, passes: 5000, ..RobustOptions::default() };
             let fit = robust.fit(&rows(&lines), &TERMS).unwrap();
             assert!(fit.converged, "{}", fit.passes);
             // BFGS ends where the objective no longer changes, at half the digits of the coefficients.
@@ -294,33 +295,36 @@ mod tests {
 
     #[test]
     fn law_spikes_move_least_squares_and_not_the_robust_fit() {
-        let mut normals = Normals::new(7);
+        let mut normals = NormalGenerator::new(7);
         let a: Vec<f64> = (0..1000).map(|_| normals.draw()).collect();
         let spike = |i: usize| if i.is_multiple_of(20) { 500.0 } else { 0.0 };
         let y: Vec<f64> = a.iter().enumerate().map(|(i, a)| 2.0 * a + 1.0 + 0.1 * normals.draw() + spike(i)).collect();
         let lines = [LineRows { a: &a, y: &y }];
-        for loss in [Loss::Huber { threshold: 1.345 }, Loss::StudentT { degrees: 3.0 }] {
-            let fit = Robust { loss, ..Robust::default() }.fit(&lines, &["a"]).unwrap();
+        for loss in [ResidualLoss::Huber { threshold: 1.345 }, ResidualLoss::StudentT { degrees: 3.0 }] {
+            let fit = RobustOptions { loss, ..RobustOptions::default() }.fit(&lines, &["a"]).unwrap();
             // 950 good rows of noise 0.1 leave 0.003; Huber is drawn by 0.1 · 5 % of the spikes besides.
             assert!((fit.fit.coefficients[0] - 2.0).abs() < 0.015, "{:?} {}", fit.fit, fit.passes);
             assert!((fit.fit.intercept - 1.0).abs() < 0.03, "{:?}", fit.fit);
             assert!(fit.weights[0][20] < 1e-2 && fit.scale < 0.15);
         }
-        let squares = Robust { loss: Loss::Huber { threshold: 1e9 }, ..Robust::default() }.fit(&lines, &["a"]).unwrap();
+        let squares = RobustOptions { loss: ResidualLoss::Huber { threshold: 1e9 }, ..RobustOptions::default() }
+            .fit(&lines, &["a"])
+            .unwrap();
         assert!((squares.fit.intercept - 26.0).abs() < 0.5);
     }
 
     #[test]
     fn law_without_outliers_and_with_a_wide_threshold_it_is_least_squares() {
         let lines = lines();
-        let robust = Robust { loss: Loss::Huber { threshold: 1e6 }, lambda: 2.0, ..Robust::default() };
+        let robust =
+            RobustOptions { loss: ResidualLoss::Huber { threshold: 1e6 }, lambda: 2.0, ..RobustOptions::default() };
         let fit = robust.fit(&rows(&lines), &TERMS).unwrap();
         let (mut a, mut y) = (Vec::new(), Vec::new());
         for (line, target) in &lines {
             a.extend(line);
             y.extend(target);
         }
-        let squares = QrAccumulator::of(&a, 8, &[&y]).unwrap().solve_centred(&[2.0], &TERMS).unwrap();
+        let squares = QrAccumulator::from_matrix(&a, 8, &[&y]).unwrap().solve_centred(&[2.0], &TERMS).unwrap();
         for (ours, theirs) in fit.fit.coefficients.iter().zip(&squares.solutions[0].coefficients[0]) {
             assert!((ours - theirs).abs() < 1e-9 * (theirs.abs() + 1e-3), "{ours} {theirs}");
         }
@@ -331,20 +335,30 @@ mod tests {
     fn law_an_exact_fit_ends_with_a_scale_of_zero() {
         let a: Vec<f64> = (0..20).map(f64::from).collect();
         let y = vec![0.0; 20];
-        let fit = Robust::default().fit(&[LineRows { a: &a, y: &y }], &["a"]).unwrap();
+        let fit = RobustOptions::default().fit(&[LineRows { a: &a, y: &y }], &["a"]).unwrap();
         assert_eq!((fit.scale, fit.fit.coefficients[0], fit.converged), (0.0, 0.0, true));
     }
 
     #[test]
     fn r12_settings_out_of_range_are_named() {
         let lines = [LineRows { a: &[1.0, 2.0], y: &[1.0, 3.0] }];
-        let message = |robust: Robust| robust.fit(&lines, &["a"]).unwrap_err().to_string();
-        let joint = Robust { loss: Loss::Huber { threshold: 0.9 }, scale: Scale::Joint, ..Robust::default() };
+        let message = |robust: RobustOptions| robust.fit(&lines, &["a"]).unwrap_err().to_string();
+        let joint = RobustOptions {
+            loss: ResidualLoss::Huber { threshold: 0.9 },
+            scale: ResidualScaleEstimator::Joint,
+            ..RobustOptions::default()
+        };
         assert!(message(joint).contains("above 1 with a joint scale, but is 0.9"));
-        assert!(message(Robust { loss: Loss::StudentT { degrees: 0.0 }, ..Robust::default() }).contains("degrees"));
-        assert!(message(Robust { scale: Scale::Fixed(-1.0), ..Robust::default() }).contains("but is -1"));
-        assert!(message(Robust { passes: 1, ..Robust::default() }).contains("at least 2"));
+        assert!(
+            message(RobustOptions { loss: ResidualLoss::StudentT { degrees: 0.0 }, ..RobustOptions::default() })
+                .contains("degrees")
+        );
+        assert!(
+            message(RobustOptions { scale: ResidualScaleEstimator::Fixed(-1.0), ..RobustOptions::default() })
+                .contains("but is -1")
+        );
+        assert!(message(RobustOptions { passes: 1, ..RobustOptions::default() }).contains("at least 2"));
         let bad = [LineRows { a: &[1.0, f64::NAN], y: &[1.0, 3.0] }];
-        assert!(Robust::default().fit(&bad, &["a"]).unwrap_err().to_string().contains("row 1 of term 0"));
+        assert!(RobustOptions::default().fit(&bad, &["a"]).unwrap_err().to_string().contains("row 1 of term 0"));
     }
 }

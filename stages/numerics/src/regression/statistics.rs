@@ -6,16 +6,16 @@
 
 /// A statistic and the number of samples it is computed from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figure {
+pub struct SampleStatistic {
     /// The statistic, in the unit of the samples; NaN where `n` is too small for it.
     pub value: f64,
     /// The samples that were used.
     pub n: usize,
 }
 
-/// The moments of one series.
+/// Count, mean, standard deviation and root mean square of a series.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Summary {
+pub struct SeriesMoments {
     /// The number of finite samples.
     pub n: usize,
     /// The number of samples that are not finite and are left out.
@@ -29,16 +29,16 @@ pub struct Summary {
 }
 
 /// The moments of `x`, in its unit.
-pub fn summary(x: &[f64]) -> Summary {
+pub fn summary(x: &[f64]) -> SeriesMoments {
     summarise(x.iter().copied())
 }
 
 /// The moments of `estimate − truth`, in their unit; rows where either is not finite are left out.
-pub fn error_summary(estimate: &[f64], truth: &[f64]) -> Summary {
+pub fn error_summary(estimate: &[f64], truth: &[f64]) -> SeriesMoments {
     summarise(estimate.iter().zip(truth).map(|(estimate, truth)| estimate - truth))
 }
 
-fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
+fn summarise(x: impl Iterator<Item = f64> + Clone) -> SeriesMoments {
     let total = x.clone().count();
     let finite = || x.clone().filter(|x| x.is_finite());
     let n = finite().count();
@@ -48,7 +48,7 @@ fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
     let mean = rough + finite().map(|x| x - rough).sum::<f64>() / count;
     let squares: f64 = finite().map(|x| (x - mean) * (x - mean)).sum();
     let std = if n > 1 { (squares / (count - 1.0)).sqrt() } else { f64::NAN };
-    Summary { n, left_out: total - n, mean, std, rms: (mean * mean + squares / count).sqrt() }
+    SeriesMoments { n, left_out: total - n, mean, std, rms: (mean * mean + squares / count).sqrt() }
 }
 
 /// The median: the middle value, or the mean of the two middle ones; NaN of an empty slice. Reorders the values.
@@ -75,21 +75,21 @@ pub fn quantile(sorted: &[f64], part: f64) -> f64 {
 }
 
 /// The mean of `x`.
-pub fn mean(x: &[f64]) -> Figure {
-    let Summary { n, mean, .. } = summary(x);
-    Figure { value: mean, n }
+pub fn mean(x: &[f64]) -> SampleStatistic {
+    let SeriesMoments { n, mean, .. } = summary(x);
+    SampleStatistic { value: mean, n }
 }
 
 /// The standard deviation of `x` with n − 1, as MagNav.jl uses it throughout.
-pub fn std(x: &[f64]) -> Figure {
-    let Summary { n, std, .. } = summary(x);
-    Figure { value: std, n }
+pub fn std(x: &[f64]) -> SampleStatistic {
+    let SeriesMoments { n, std, .. } = summary(x);
+    SampleStatistic { value: std, n }
 }
 
 /// The root mean square of `x`.
-pub fn rms(x: &[f64]) -> Figure {
-    let Summary { n, rms, .. } = summary(x);
-    Figure { value: rms, n }
+pub fn rms(x: &[f64]) -> SampleStatistic {
+    let SeriesMoments { n, rms, .. } = summary(x);
+    SampleStatistic { value: rms, n }
 }
 
 /// The smallest root mean square horizontal error, in metres, with which a constant offset of a track can be found on a
@@ -99,7 +99,7 @@ pub fn rms(x: &[f64]) -> Figure {
 /// 1993, 3.7]
 ///
 /// Rows where either is not finite are left out.
-pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> Figure {
+pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatistic {
     let known = || north.iter().zip(east).filter(|(n, e)| n.is_finite() && e.is_finite());
     let n = known().count();
     let mean = |of: fn((&f64, &f64)) -> f64| known().map(of).sum::<f64>() / n as f64;
@@ -113,18 +113,18 @@ pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> Figure {
     let determinant = nn * ee - ne * ne;
     let singular = determinant <= 1e-12 * nn * ee || n < 3;
     let value = if singular { f64::NAN } else { sigma_nt * ((nn + ee) / determinant).sqrt() };
-    Figure { value, n }
+    SampleStatistic { value, n }
 }
 
 /// The distance root mean square √(mean(north² + east²)) of position errors in metres.
 ///
 /// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where
 /// either is not finite are left out.
-pub fn drms(north_m: &[f64], east_m: &[f64]) -> Figure {
+pub fn drms(north_m: &[f64], east_m: &[f64]) -> SampleStatistic {
     let pairs = north_m.iter().zip(east_m);
     let squares = pairs.map(|(north, east)| north * north + east * east);
-    let Summary { n, mean, .. } = summarise(squares);
-    Figure { value: mean.sqrt(), n }
+    let SeriesMoments { n, mean, .. } = summarise(squares);
+    SampleStatistic { value: mean.sqrt(), n }
 }
 
 /// The improvement ratio of compensation: σ(uncompensated)/σ(compensated) over the rows
@@ -132,7 +132,7 @@ pub fn drms(north_m: &[f64], east_m: &[f64]) -> Figure {
 ///
 /// Given band-passed signals it is the band improvement ratio (2.41). The thesis divides by N in
 /// (2.39), which cancels in the ratio.
-pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> Figure {
+pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> SampleStatistic {
     ratio_of_deviations(uncompensated, compensated)
 }
 
@@ -140,7 +140,7 @@ pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> Figure {
 /// finite.
 /// `anomaly` is the signal part of the truth: the truth less core field and temporal variation, for the gradient of the
 /// core field is not part of the anomaly, and grows with the length of the line. [Gnadt 2022, (3.46)]
-pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> Figure {
+pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> SampleStatistic {
     let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
     ratio_of_deviations(anomaly, &error)
 }
@@ -176,14 +176,14 @@ pub fn position_nees(north_m: &[f64], east_m: &[f64], sd_n_m: &[f64], sd_e_m: &[
     errors.zip(sigmas).map(one).collect()
 }
 
-fn ratio_of_deviations(above: &[f64], below: &[f64]) -> Figure {
+fn ratio_of_deviations(above: &[f64], below: &[f64]) -> SampleStatistic {
     let both = || {
         let pairs = above.iter().zip(below);
         pairs.filter(|(above, below)| above.is_finite() && below.is_finite())
     };
     let above = summarise(both().map(|(above, _)| *above));
     let below = summarise(both().map(|(_, below)| *below));
-    Figure { value: above.std / below.std, n: above.n }
+    SampleStatistic { value: above.std / below.std, n: above.n }
 }
 
 #[cfg(test)]
@@ -220,7 +220,7 @@ mod tests {
     #[test]
     fn law_too_few_samples_have_no_figure() {
         assert!(std(&[4.0]).value.is_nan());
-        assert_eq!(mean(&[4.0]), Figure { value: 4.0, n: 1 });
+        assert_eq!(mean(&[4.0]), SampleStatistic { value: 4.0, n: 1 });
         let none = summary(&[f64::NAN]);
         assert!(none.mean.is_nan() && none.rms.is_nan() && none.std.is_nan());
         assert_eq!(none.n, 0);
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn law_drms_counts_a_constant_offset_and_leaves_out_nan() {
         let figure = drms(&[3.0, 3.0, f64::NAN], &[4.0, 4.0, 0.0]);
-        assert_eq!(figure, Figure { value: 5.0, n: 2 });
+        assert_eq!(figure, SampleStatistic { value: 5.0, n: 2 });
     }
 
     #[test]

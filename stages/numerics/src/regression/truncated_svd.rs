@@ -6,12 +6,13 @@
 //! analysis of the Tolles-Lawson terms: Gnadt 2022, section 3.5, ref. 58]
 
 use crate::regression::least_squares::{
-    LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, leave_line_out, setting,
+    LeastSquaresError, LineScoreMeasure, LineScores, LinearFit, RegressionMoments, ScaledFactor, leave_line_out,
+    setting,
 };
 
-/// A fit with a number of components.
+/// A least-squares fit by truncated singular value decomposition.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TruncatedFit {
+pub struct TruncatedSvdFit {
     /// The number of singular values used.
     pub components: usize,
     /// The model in the columns' own units.
@@ -25,7 +26,7 @@ pub struct TruncatedFit {
 /// # Errors
 ///
 /// Fails for an unknown target, or when the decomposition does not converge.
-pub fn path(prepared: &Prepared, target: usize) -> Result<Vec<TruncatedFit>, LeastSquaresError> {
+pub fn path(prepared: &ScaledFactor, target: usize) -> Result<Vec<TruncatedSvdFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;
     let rounding = singular.values.first().copied().unwrap_or(0.0) * f64::EPSILON;
@@ -34,7 +35,7 @@ pub fn path(prepared: &Prepared, target: usize) -> Result<Vec<TruncatedFit>, Lea
     for (k, value) in singular.values.iter().enumerate().take_while(|(_, s)| **s > rounding) {
         let size = singular.projections[target][k] / value;
         b.iter_mut().zip(&singular.right[k]).for_each(|(b, v)| *b += size * v);
-        fits.push(TruncatedFit {
+        fits.push(TruncatedSvdFit {
             components: k + 1,
             fit: prepared.original(target, &b),
             residual_squares: prepared.residual_squares(target, &b)?,
@@ -48,7 +49,7 @@ pub fn path(prepared: &Prepared, target: usize) -> Result<Vec<TruncatedFit>, Lea
 /// # Errors
 ///
 /// Fails for a cutoff outside 0 to 1, when no direction is excited, or as [`path`].
-pub fn fit_above(prepared: &Prepared, target: usize, cutoff: f64) -> Result<TruncatedFit, LeastSquaresError> {
+pub fn fit_above(prepared: &ScaledFactor, target: usize, cutoff: f64) -> Result<TruncatedSvdFit, LeastSquaresError> {
     setting("the cutoff of singular values", cutoff, "at least 0 and below 1", (0.0..1.0).contains(&cutoff))?;
     let values = prepared.singular()?.values;
     let limit = cutoff * values.first().copied().unwrap_or(0.0);
@@ -63,12 +64,12 @@ pub fn fit_above(prepared: &Prepared, target: usize, cutoff: f64) -> Result<Trun
 /// # Errors
 /// Fails as [`path`] and [`leave_line_out`].
 pub fn choose_components(
-    lines: &[Moments],
+    lines: &[RegressionMoments],
     target: usize,
     components: usize,
-    scaling: crate::regression::least_squares::Scaling,
+    scaling: crate::regression::least_squares::ColumnScaling,
     intercept: bool,
-    score: LineScore,
+    score: LineScoreMeasure,
 ) -> Result<LineScores, LeastSquaresError> {
     leave_line_out(lines, target, score, |others| {
         let path = path(&others.prepare(scaling, intercept)?, target)?;
@@ -80,15 +81,15 @@ pub fn choose_components(
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::random::Normals;
-    use crate::regression::least_squares::Scaling;
+    use crate::random::NormalGenerator;
+    use crate::regression::least_squares::ColumnScaling;
 
     fn near(one: f64, other: f64, relative: f64) {
         assert!((one - other).abs() <= relative * (other.abs() + 1e-3), "{one} {other}");
     }
 
-    fn moments(seed: u64, rows: usize) -> Moments {
-        let mut normals = Normals::new(seed);
+    fn moments(seed: u64, rows: usize) -> RegressionMoments {
+        let mut normals = NormalGenerator::new(seed);
         let a: Vec<f64> = (0..rows)
             .flat_map(|_| {
                 let [x, y, z] = [normals.draw(), normals.draw(), normals.draw()];
@@ -96,13 +97,13 @@ mod tests {
             })
             .collect();
         let y: Vec<f64> = a.chunks(4).map(|r| 2.0 * r[0] - r[1] + 5.0 + 0.1 * normals.draw()).collect();
-        Moments::of(&a, 4, &[&y]).unwrap()
+        RegressionMoments::from_matrix(&a, 4, &[&y]).unwrap()
     }
 
     #[test]
     fn law_all_components_of_independent_terms_are_least_squares() {
         let moments = moments(1, 300).select(&[0, 1, 2], &[0]).unwrap();
-        let prepared = moments.prepare(Scaling::Standardise, true).unwrap();
+        let prepared = moments.prepare(ColumnScaling::Standardise, true).unwrap();
         let ridge = prepared.ridge(&[0.0], &["a", "b", "c"]).unwrap();
         let last = path(&prepared, 0).unwrap().pop().unwrap();
         assert_eq!(last.components, 3);
@@ -116,7 +117,7 @@ mod tests {
     #[test]
     fn law_a_cutoff_is_regression_on_the_scores_kept() {
         // The scores t = R v of the first two components, regressed one by one as they are orthogonal.
-        let prepared = moments(2, 300).prepare(Scaling::None, true).unwrap();
+        let prepared = moments(2, 300).prepare(ColumnScaling::None, true).unwrap();
         let singular = prepared.singular().unwrap();
         let fit = fit_above(&prepared, 0, 1e-2).unwrap();
         assert_eq!(fit.components, 2);
@@ -136,8 +137,9 @@ mod tests {
 
     #[test]
     fn law_the_number_that_predicts_other_lines_best_is_that_of_the_truth() {
-        let lines: Vec<Moments> = (10..15).map(|seed| moments(seed, 40)).collect();
-        let scores = choose_components(&lines, 0, 3, Scaling::Standardise, true, LineScore::MeanSquare).unwrap();
+        let lines: Vec<RegressionMoments> = (10..15).map(|seed| moments(seed, 40)).collect();
+        let scores =
+            choose_components(&lines, 0, 3, ColumnScaling::Standardise, true, LineScoreMeasure::MeanSquare).unwrap();
         assert_eq!(scores.within_one_error, 1, "{:?}", scores.mean);
     }
 }

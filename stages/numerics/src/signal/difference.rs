@@ -5,7 +5,7 @@
 
 /// Scheme of the difference at a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Scheme {
+pub enum DifferenceScheme {
     /// (x₊₁ − x₋₁)/2, second order; the ends are one-sided first differences.
     #[default]
     Central,
@@ -21,7 +21,7 @@ pub enum Scheme {
     Fourth,
 }
 
-impl Scheme {
+impl DifferenceScheme {
     /// The fewest samples that the scheme needs.
     pub fn least_rows(self) -> usize {
         match self {
@@ -34,29 +34,29 @@ impl Scheme {
 
 /// The differences of `x` per sample, in the unit of `x`.
 ///
-/// `None` when `x` has fewer samples than [`Scheme::least_rows`]: MagNav.jl gives zeros there, which
+/// `None` when `x` has fewer samples than [`DifferenceScheme::least_rows`]: MagNav.jl gives zeros there, which
 /// would look like a quiet signal.
-pub fn difference(x: &[f64], scheme: Scheme) -> Option<Vec<f64>> {
+pub fn difference(x: &[f64], scheme: DifferenceScheme) -> Option<Vec<f64>> {
     let n = x.len();
     if n < scheme.least_rows() {
         return None;
     }
     let (first, last) = (x[1] - x[0], x[n - 1] - x[n - 2]);
     let near = |i: usize| match scheme {
-        Scheme::Central => (x[i + 1] - x[i - 1]) / 2.0,
-        Scheme::Backward => x[i] - x[i - 1],
-        Scheme::Forward => x[i + 1] - x[i],
-        Scheme::Backward2 => (3.0 * x[i] - 4.0 * x[i - 1] + x[i - 2]) / 2.0,
-        Scheme::Forward2 => (-x[i + 2] + 4.0 * x[i + 1] - 3.0 * x[i]) / 2.0,
-        Scheme::Fourth => (x[i - 2] - 4.0 * x[i - 1] + 6.0 * x[i] - 4.0 * x[i + 1] + x[i + 2]) / 16.0,
+        DifferenceScheme::Central => (x[i + 1] - x[i - 1]) / 2.0,
+        DifferenceScheme::Backward => x[i] - x[i - 1],
+        DifferenceScheme::Forward => x[i + 1] - x[i],
+        DifferenceScheme::Backward2 => (3.0 * x[i] - 4.0 * x[i - 1] + x[i - 2]) / 2.0,
+        DifferenceScheme::Forward2 => (-x[i + 2] + 4.0 * x[i + 1] - 3.0 * x[i]) / 2.0,
+        DifferenceScheme::Fourth => (x[i - 2] - 4.0 * x[i - 1] + 6.0 * x[i] - 4.0 * x[i + 1] + x[i + 2]) / 16.0,
     };
     let (head, tail) = match scheme {
-        Scheme::Central => (vec![first], vec![last]),
-        Scheme::Backward => (vec![first], vec![]),
-        Scheme::Forward => (vec![], vec![last]),
-        Scheme::Backward2 => (vec![first, x[2] - x[1]], vec![]),
-        Scheme::Forward2 => (vec![], vec![x[n - 2] - x[n - 3], last]),
-        Scheme::Fourth => (vec![0.0; 2], vec![0.0; 2]),
+        DifferenceScheme::Central => (vec![first], vec![last]),
+        DifferenceScheme::Backward => (vec![first], vec![]),
+        DifferenceScheme::Forward => (vec![], vec![last]),
+        DifferenceScheme::Backward2 => (vec![first, x[2] - x[1]], vec![]),
+        DifferenceScheme::Forward2 => (vec![], vec![x[n - 2] - x[n - 3], last]),
+        DifferenceScheme::Fourth => (vec![0.0; 2], vec![0.0; 2]),
     };
     let middle = head.len()..n - tail.len();
     let middle: Vec<f64> = middle.map(near).collect();
@@ -68,8 +68,14 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    const ALL: [Scheme; 6] =
-        [Scheme::Central, Scheme::Backward, Scheme::Forward, Scheme::Backward2, Scheme::Forward2, Scheme::Fourth];
+    const ALL: [DifferenceScheme; 6] = [
+        DifferenceScheme::Central,
+        DifferenceScheme::Backward,
+        DifferenceScheme::Forward,
+        DifferenceScheme::Backward2,
+        DifferenceScheme::Forward2,
+        DifferenceScheme::Fourth,
+    ];
 
     /// MagNav.jl 1.3.3 `fdm` of [1,4,9,16,25,36,50]: exact, all values are short binary fractions.
     #[test]
@@ -92,7 +98,7 @@ mod tests {
     fn law_a_straight_line_has_its_slope_everywhere() {
         let x: Vec<f64> = (0..9).map(|i| 7.0 - 0.25 * f64::from(i)).collect();
         for scheme in ALL {
-            let slope = if scheme == Scheme::Fourth { 0.0 } else { -0.25 };
+            let slope = if scheme == DifferenceScheme::Fourth { 0.0 } else { -0.25 };
             assert_eq!(difference(&x, scheme).unwrap(), vec![slope; 9], "{scheme:?}");
         }
     }

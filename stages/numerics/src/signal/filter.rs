@@ -3,7 +3,7 @@
 //! A filter is run over the samples forwards and then backwards, so that the phase cancels and the
 //! gain is squared: a corner, where one pass gives 1/√2, retains half of the amplitude.
 //! At each end the series is first extended by its own odd reflection (the series rotated by half a
-//! turn about its end sample) of [`ZeroPhase::padding`] samples, and each pass starts in the steady
+//! turn about its end sample) of [`ZeroPhaseFilter::padding`] samples, and each pass starts in the steady
 //! state of its first sample, so that a constant gives a constant from the first sample on.
 //! [Gustafsson 1996, "Determining the initial states in forward-backward filtering", IEEE Trans.
 //! Signal Processing 44(4)]
@@ -17,8 +17,8 @@ mod butterworth;
 mod cascade;
 mod notch;
 
-pub use butterworth::{Band, Section};
-use cascade::Cascade;
+pub use butterworth::{BiquadSection, FilterBand};
+use cascade::BiquadCascade;
 pub use notch::alias_hz;
 
 /// Error of the design or application of a filter.
@@ -132,12 +132,12 @@ pub enum ConstantColumns {
 
 /// A zero-phase filter, of Butterworth or of [notches](Self::notches), designed once and applied to many columns.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ZeroPhase {
-    cascade: Cascade,
+pub struct ZeroPhaseFilter {
+    cascade: BiquadCascade,
     padding: usize,
 }
 
-impl ZeroPhase {
+impl ZeroPhaseFilter {
     /// Designs a filter of `order` 1 to 12 for samples at `rate_hz`.
     ///
     /// A band of order n has n second-order sections (2n poles), a low- or high-pass half of that.
@@ -146,14 +146,14 @@ impl ZeroPhase {
     /// Fails for a sample rate that is not a finite number above 0, an order outside 1 to 12, a corner that is not
     /// above 0 Hz and below the Nyquist frequency, a lower corner that is not below the upper one, and with
     /// [`FilterError::Unstable`] for corners whose filter double precision cannot represent.
-    pub fn new(band: Band, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
+    pub fn new(band: FilterBand, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;
         let padding = 6 * sections.len();
-        Ok(Self { cascade: Cascade::new(gain, sections), padding })
+        Ok(Self { cascade: BiquadCascade::new(gain, sections), padding })
     }
 
     /// The second-order sections of one pass, poles nearest the origin first.
-    pub fn sections(&self) -> &[Section] {
+    pub fn sections(&self) -> &[BiquadSection] {
         self.cascade.sections()
     }
 
@@ -250,9 +250,9 @@ impl ZeroPhase {
 /// `x` is evenly sampled at `rate_hz`; the result has the same unit. [Gustafsson 1996, sec. 3]
 ///
 /// # Errors
-/// Fails as [`ZeroPhase::new`] and [`ZeroPhase::apply`].
+/// Fails as [`ZeroPhaseFilter::new`] and [`ZeroPhaseFilter::apply`].
 pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usize) -> Result<Vec<f64>, FilterError> {
-    ZeroPhase::new(Band::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
+    ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }
 
 /// The rows `rows` of a matrix rotated by half a turn about its row `about`.

@@ -58,14 +58,14 @@ impl GaussMarkov {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     const PROCESS: GaussMarkov = GaussMarkov { sigma: 3.0, tau_s: 2.0 };
 
     #[test]
     fn law_variance_and_autocorrelation() {
         let tt: Vec<f64> = (0..400_000).map(|k| 0.5 * f64::from(k)).collect();
-        let mut normals = Normals::new(1);
+        let mut normals = NormalGenerator::new(1);
         let x = PROCESS.realisation(&tt, || normals.draw());
         let covariance = |lag: usize| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / (x.len() - lag) as f64;
         // 400,000 samples, 4 a time constant (about 50,000 independent): 0.6 % a sigma; 4 sigma.

@@ -3,7 +3,7 @@
 /// Samples that a lag needs on both sides at the least.
 pub const LEAST_PAIRS: usize = 16;
 
-/// Error of a lag.
+/// Error of the estimation of a lag.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LagError {
     /// The two signals are not of one length.
@@ -39,9 +39,9 @@ pub enum LagError {
     },
 }
 
-/// A lag, and how well it is known.
+/// A lag between two signals and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lag {
+pub struct SignalLag {
     /// Lag of the signal against the reference, s: signal(t) = reference(t - `lag_s`).
     pub lag_s: f64,
     /// Its standard error where what the two do not share is white noise, s; a lower bound where that lasts.
@@ -73,7 +73,7 @@ pub fn lag_of(
     rate_hz: f64,
     most_s: f64,
     either_sign: bool,
-) -> Result<Lag, LagError> {
+) -> Result<SignalLag, LagError> {
     if reference.len() != signal.len() {
         return Err(LagError::Lengths { one: reference.len(), other: signal.len() });
     }
@@ -86,7 +86,8 @@ pub fn lag_of(
         return Err(LagError::TooShort { pairs: reference.len().saturating_sub(most) });
     }
     let (reference, signal) = (about_mean(reference), about_mean(signal));
-    let all: Vec<Pearson> = (0..=2 * most).map(|k| pearson(&reference, &signal, k as isize - most as isize)).collect();
+    let all: Vec<LagCorrelation> =
+        (0..=2 * most).map(|k| pearson(&reference, &signal, k as isize - most as isize)).collect();
     if let Some(pairs) = all.iter().map(|p| p.pairs).min().filter(|pairs| *pairs < LEAST_PAIRS) {
         return Err(LagError::TooShort { pairs });
     }
@@ -120,11 +121,11 @@ pub fn lag_of(
     let rate_squared = -curvature * rate_hz * rate_hz / r;
     let sd_s = ((1.0 - r * r).max(0.0) / (pairs as f64 * r * r * rate_squared)).sqrt();
     let correlation = if all[best].r < 0.0 { -r } else { r };
-    Ok(Lag { lag_s: (best as f64 - most as f64 + offset) / rate_hz, sd_s, correlation, next_peak, pairs })
+    Ok(SignalLag { lag_s: (best as f64 - most as f64 + offset) / rate_hz, sd_s, correlation, next_peak, pairs })
 }
 
-/// The correlation at one lag.
-struct Pearson {
+/// Pearson correlation of two signals at one lag.
+struct LagCorrelation {
     r: f64,
     pairs: usize,
 }
@@ -137,7 +138,7 @@ fn about_mean(x: &[f64]) -> Vec<f64> {
 }
 
 /// The coefficient of correlation of reference(i) with signal(i + lag); NaN where one of them does not vary.
-fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> Pearson {
+fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     let by = lag.unsigned_abs().min(signal.len());
     let (a, b) = match lag >= 0 {
         true => (&reference[..reference.len() - by], &signal[by..]),
@@ -154,7 +155,7 @@ fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> Pearson {
     // A constant leaves the rounding of its squares.
     let varies = |v: f64, squares: f64| v > 1e-13 * squares;
     let r = if n > 1.0 && varies(va, aa) && varies(vb, bb) { (ab - a * b / n) / (va * vb).sqrt() } else { f64::NAN };
-    Pearson { r, pairs: n as usize }
+    LagCorrelation { r, pairs: n as usize }
 }
 
 /// The place (in steps from the middle one), the height and the second derivative (per step squared) of the peak of the
@@ -187,7 +188,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::{random::Normals, reference_csv::columns};
+    use crate::{random::NormalGenerator, reference_csv::columns};
 
     const RATE_HZ: f64 = 10.0;
 
@@ -216,8 +217,8 @@ mod tests {
     #[test]
     fn law_the_error_of_the_lag_in_noise_is_what_it_says() {
         let reference = sampled(waves);
-        let mut normals = Normals::new(11);
-        let lags: Vec<Lag> = (0..60)
+        let mut normals = NormalGenerator::new(11);
+        let lags: Vec<SignalLag> = (0..60)
             .map(|_| {
                 let signal: Vec<f64> = sampled(|t| waves(t - 0.06)).iter().map(|x| x + 4.0 * normals.draw()).collect();
                 lag_of(&reference, &signal, RATE_HZ, 1.0, false).unwrap()

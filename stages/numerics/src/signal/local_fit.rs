@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// `values` smoothed at their times `tt_s` (s, ascending, even or not): at each sample the value of the parabola that fits
-/// the samples within half of `window_s` by least squares, with the weights (1 - |u|³)³ of a distance u in halves of the
-/// window. A parabola stays what it is; a window of 0, and a sample with fewer than three others in its window, changes
-/// nothing. The same unit comes back. [Cleveland 1979; Fan & Gijbels 1996, chapter 3]
+/// `values` smoothed at their times `tt_s` (s, ascending, even or not): at each sample the value of the parabola that
+/// fits the samples within half of `window_s` by least squares, with the weights (1 - |u|³)³ of a distance u in halves
+/// of the window. A parabola stays what it is; a window of 0, and a sample with fewer than three others in its window,
+/// changes nothing. The same unit comes back. [Cleveland 1979; Fan & Gijbels 1996, chapter 3]
 ///
 /// A value that is not finite spreads over its window.
 pub fn smoothed(tt_s: &[f64], values: &[f64], window_s: f64) -> Vec<f64> {
@@ -44,7 +44,7 @@ fn parabola(tt_s: &[f64], values: &[f64], window: std::ops::Range<usize>, i: usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     fn uneven(n: u32) -> Vec<f64> {
         (0..n).map(|k| 50_000.0 + 0.1 * f64::from(k) + 0.03 * (1.7 * f64::from(k)).sin()).collect()
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn law_white_noise_keeps_the_part_that_the_weights_say() {
-        let (tt, mut normals) = ((0..20_000).map(|k| 0.1 * f64::from(k)).collect::<Vec<_>>(), Normals::new(4));
+        let (tt, mut normals) = ((0..20_000).map(|k| 0.1 * f64::from(k)).collect::<Vec<_>>(), NormalGenerator::new(4));
         let x: Vec<f64> = tt.iter().map(|_| normals.draw()).collect();
         let y = smoothed(&tt, &x, 4.0);
         let inside = &y[100..19_900];

@@ -43,11 +43,11 @@
 //! # Example
 //!
 //! ```
-//! use numerics::signal::{Band, ZeroPhase};
+//! use numerics::signal::{FilterBand, ZeroPhaseFilter};
 //! use std::f64::consts::{PI, TAU};
 //!
 //! let (low_hz, high_hz, rate_hz) = (0.1, 0.9, 10.0);
-//! let filter = ZeroPhase::new(Band::Band { low_hz, high_hz }, rate_hz, 4)?;
+//! let filter = ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, 4)?;
 //! let w = |f_hz: f64| (PI * f_hz / rate_hz).tan();
 //! for f_hz in [0.05, 0.1, 0.3, 0.9, 2.0] {
 //!     // A sinusoid of 10 nT on a field of 50,000 nT, with a crest in the middle.
@@ -73,7 +73,7 @@ pub mod segments;
 pub mod spectrum;
 pub mod spikes;
 
-pub use filter::{Band, FilterError, ZeroPhase, band_pass};
+pub use filter::{FilterBand, FilterError, ZeroPhaseFilter, band_pass};
 pub use gauss_markov::GaussMarkov;
-pub use segments::{FilterReport, TimeError, Usable, filter_column, filter_matrix, sample_rate};
-pub use spectrum::{Window, welch};
+pub use segments::{GapFilterReport, RowMask, TimeError, filter_column, filter_matrix, sample_rate};
+pub use spectrum::{SpectralTaper, welch};

@@ -16,7 +16,7 @@ use thiserror::Error;
 
 mod fit;
 
-pub use fit::{FitBy, FitError, fit};
+pub use fit::{NoiseFitError, NoiseFitStatistic, fit};
 
 /// Approximate length of the blocks that are averaged, s. Faster noise is estimated from the steps between samples.
 const BLOCK_S: f64 = 1.0;
@@ -29,7 +29,7 @@ const FLOOR_NT: f64 = 0.01;
 
 /// The noise of a measurement, sampled at the rate of the line that it was found on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
+pub struct LineNoiseModel {
     /// Standard deviation of the white part, sample by sample, in nT.
     pub white_nt: f64,
     /// The correlated part, in nT and s. A correlation time longer than a line cannot be resolved:
@@ -37,7 +37,7 @@ pub struct Noise {
     pub lasting: GaussMarkov,
 }
 
-/// Error of the estimate.
+/// Error of a noise estimate.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum NoiseError {
     /// No run is long enough.
@@ -55,7 +55,7 @@ pub enum NoiseError {
 /// The statistics of one or several lines: means over blocks of about a second, run by run, and steps between
 /// neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Blocks {
+pub struct BlockMeans {
     /// The length of a block, s.
     pub block_s: f64,
     /// The time between samples, s.
@@ -71,10 +71,10 @@ pub fn samples_a_block(rate_hz: f64) -> usize {
     ((BLOCK_S * rate_hz).round() as usize).max(1)
 }
 
-impl Blocks {
+impl BlockMeans {
     /// The blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). The rest at a run's end is
     /// not used.
-    pub fn of(x: &[f64], runs: &[Range<usize>], rate_hz: f64) -> Self {
+    pub fn from_runs(x: &[f64], runs: &[Range<usize>], rate_hz: f64) -> Self {
         let n = samples_a_block(rate_hz);
         let run = |r: &Range<usize>| x.get(r.clone()).unwrap_or_default();
         let mean = |block: &[f64]| block.iter().sum::<f64>() / n as f64;
@@ -109,7 +109,7 @@ pub struct AllanPoint {
 
 /// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks while
 /// three independent differences are left. All lines must have the same sample rate; that of the first is used.
-pub fn allan_variance(lines: &[Blocks]) -> Vec<AllanPoint> {
+pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
     let Some(first) = lines.first() else { return vec![] };
     let mut points = vec![];
     let steps = || lines.iter().flat_map(|l| &l.steps);
@@ -155,9 +155,9 @@ pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
 ///
 /// # Errors
 /// Fails where all lines are too short for a Gauss-Markov process to be resolved: fewer than sixteen blocks in a run.
-pub fn noise(lines: &[Blocks]) -> Result<Noise, NoiseError> {
+pub fn noise(lines: &[BlockMeans]) -> Result<LineNoiseModel, NoiseError> {
     let block_s = lines.iter().map(|l| l.block_s).fold(BLOCK_S, f64::max);
-    let longest_s = lines.iter().map(Blocks::longest_s).fold(0.0, f64::max);
+    let longest_s = lines.iter().map(BlockMeans::longest_s).fold(0.0, f64::max);
     let least_s = 16.0 * block_s;
     let points = allan_variance(lines);
     if longest_s < least_s || points.len() < 4 {
@@ -167,16 +167,16 @@ pub fn noise(lines: &[Blocks]) -> Result<Noise, NoiseError> {
     let tau = |i: usize| 2.0 * block_s * (longest_s / (2.0 * block_s)).powf(i as f64 / (TAUS - 1) as f64);
     let bounds = (0..TAUS).map(|i| (tau(i), bound(&points, step_s, tau(i))));
     let best = bounds.min_by(|a, b| a.1.excess.total_cmp(&b.1.excess));
-    let (tau_s, best) = best.unwrap_or((longest_s, Bound::default()));
-    Ok(Noise {
+    let (tau_s, best) = best.unwrap_or((longest_s, AllanBound::default()));
+    Ok(LineNoiseModel {
         white_nt: best.white_nt2.max(FLOOR_NT * FLOOR_NT).sqrt(),
         lasting: GaussMarkov { sigma: best.lasting_nt2.sqrt(), tau_s },
     })
 }
 
-/// Variances of the two parts, and their excess over the Allan variance of the lines.
+/// White and correlated variances that bound the Allan variance of the lines, and their excess over it.
 #[derive(Clone, Copy, Debug, Default)]
-struct Bound {
+struct AllanBound {
     white_nt2: f64,
     lasting_nt2: f64,
     excess: f64,
@@ -184,7 +184,7 @@ struct Bound {
 
 /// The variances that bound the points for one correlation time, with the smallest mean of their ratio to the points: a
 /// linear programme in two unknowns, whose solution is a vertex.
-fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> Bound {
+fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> AllanBound {
     // For each point: the response to a unit of each part, the bound, and the reference.
     let row = |p: &AllanPoint| {
         let lasting = match p.sampled {
@@ -195,14 +195,14 @@ fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> Bound {
         ([step_s / p.span_s, lasting], value / (1.0 + (2.0 / p.pairs).sqrt()), value)
     };
     let rows: Vec<([f64; 2], f64, f64)> = points.iter().map(row).collect();
-    let mut best = Bound { excess: f64::INFINITY, ..Bound::default() };
+    let mut best = AllanBound { excess: f64::INFINITY, ..AllanBound::default() };
     let mut corner = |white_nt2: f64, lasting_nt2: f64| {
         let of = |unit: &[f64; 2]| white_nt2 * unit[0] + lasting_nt2 * unit[1];
         // A vertex lies on two of the bounds up to rounding.
         let holds = rows.iter().all(|(unit, least, _)| of(unit) >= least * (1.0 - 1e-9));
         let excess = rows.iter().map(|(unit, _, value)| of(unit) / value).sum::<f64>() / rows.len() as f64;
         if white_nt2 >= 0.0 && lasting_nt2 >= 0.0 && holds && excess < best.excess {
-            best = Bound { white_nt2, lasting_nt2, excess };
+            best = AllanBound { white_nt2, lasting_nt2, excess };
         }
     };
     for (i, (unit, least, _)) in rows.iter().enumerate() {

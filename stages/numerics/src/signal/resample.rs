@@ -31,7 +31,7 @@ const SNAP: f64 = 1e-6;
 choice! {
     /// Interpolation between samples.
     #[derive(Default)]
-    pub enum Method {
+    pub enum SampleInterpolation {
         /// On the straight line between the samples before and after.
         #[default]
         Linear = "linear",
@@ -99,26 +99,26 @@ pub enum ResampleError {
 
 /// The position of a grid time among samples: the sample before, and the fraction towards the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
+struct SamplePosition {
     left: usize,
     /// 0 at the sample itself; NaN in a gap.
     weight: f64,
 }
 
-const NOWHERE: Place = Place { left: 0, weight: f64::NAN };
+const NOWHERE: SamplePosition = SamplePosition { left: 0, weight: f64::NAN };
 
 /// The position of each time of an even grid among a line's samples: computed once for a line, and applied
 /// to each of its columns.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Plan<'a> {
+pub struct ResamplePlan<'a> {
     tt: &'a [f64],
     grid: Vec<f64>,
-    places: Vec<Place>,
+    places: Vec<SamplePosition>,
     max_gap_s: f64,
     snap_s: f64,
 }
 
-impl<'a> Plan<'a> {
+impl<'a> ResamplePlan<'a> {
     /// A plan for samples at the strictly increasing times `tt` (s), to `rate_hz`, bridging gaps of
     /// up to `max_gap_s`. Without samples the grid is empty.
     ///
@@ -136,11 +136,11 @@ impl<'a> Plan<'a> {
     }
 
     /// A plan for samples at the strictly increasing times `tt` (s) onto the strictly increasing times `grid`, which
-    /// are 1/`rate_hz` apart or about that, bridging gaps of up to `max_gap_s`. Times of the grid before the first sample
-    /// and after the last have NaN, as in a gap.
+    /// are 1/`rate_hz` apart or about that, bridging gaps of up to `max_gap_s`. Times of the grid before the first
+    /// sample and after the last have NaN, as in a gap.
     ///
     /// # Errors
-    /// Fails as [`Plan::new`].
+    /// Fails as [`ResamplePlan::new`].
     pub fn onto(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
         check(rate_hz, max_gap_s)?;
         check_increasing(tt)?;
@@ -172,25 +172,25 @@ impl<'a> Plan<'a> {
     ///
     /// # Errors
     /// Fails with [`ResampleError::Length`] for a column that is not as long as the times.
-    pub fn column(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
+    pub fn column(&self, x: &[f64], method: SampleInterpolation) -> Result<Vec<f64>, ResampleError> {
         self.on_finite(x, |tt, x, places| match method {
-            Method::Linear => blend(x, places, |x, y, weight| x + weight * (y - x)),
-            Method::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
-            Method::Cubic => akima::interpolate(tt, x, places, self.max_gap_s),
+            SampleInterpolation::Linear => blend(x, places, |x, y, weight| x + weight * (y - x)),
+            SampleInterpolation::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
+            SampleInterpolation::Cubic => akima::interpolate(tt, x, places, self.max_gap_s),
         })
     }
 
     /// A column of angles in degrees on the grid, along the shorter arc, in the range (−180 to 180
-    /// or 0 to 360) of [`AngleRange::of`]; NaN in gaps.
+    /// or 0 to 360) of [`AngleRange::from_degrees`]; NaN in gaps.
     ///
     /// # Errors
     /// Fails with [`ResampleError::Length`] for a column that is not as long as the times.
-    pub fn angle_deg(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
-        let range = AngleRange::of(x);
+    pub fn angle_deg(&self, x: &[f64], method: SampleInterpolation) -> Result<Vec<f64>, ResampleError> {
+        let range = AngleRange::from_degrees(x);
         self.on_finite(x, |tt, x, places| match method {
-            Method::Linear => blend(x, places, |x, y, weight| range.wrap(x + weight * wrap_deg(y - x))),
-            Method::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
-            Method::Cubic => {
+            SampleInterpolation::Linear => blend(x, places, |x, y, weight| range.wrap(x + weight * wrap_deg(y - x))),
+            SampleInterpolation::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
+            SampleInterpolation::Cubic => {
                 let turned = akima::interpolate(tt, &unwrapped_deg(x), places, self.max_gap_s);
                 turned.into_iter().map(|x| range.wrap(x)).collect()
             }
@@ -200,7 +200,7 @@ impl<'a> Plan<'a> {
     /// For columns that are not numbers: the row of the nearest sample for each time of the grid,
     /// the earlier of two equally near; `None` in gaps.
     pub fn nearest_rows(&self) -> Vec<Option<usize>> {
-        let row = |place: &Place| {
+        let row = |place: &SamplePosition| {
             let later = usize::from(place.weight > 0.5);
             (!place.weight.is_nan()).then_some(place.left + later)
         };
@@ -211,7 +211,7 @@ impl<'a> Plan<'a> {
     fn on_finite(
         &self,
         x: &[f64],
-        interpolate: impl Fn(&[f64], &[f64], &[Place]) -> Vec<f64>,
+        interpolate: impl Fn(&[f64], &[f64], &[SamplePosition]) -> Vec<f64>,
     ) -> Result<Vec<f64>, ResampleError> {
         if x.len() != self.tt.len() {
             return Err(ResampleError::Length { given: x.len(), expected: self.tt.len() });
@@ -226,8 +226,8 @@ impl<'a> Plan<'a> {
     }
 }
 
-fn blend(x: &[f64], places: &[Place], between: impl Fn(f64, f64, f64) -> f64) -> Vec<f64> {
-    let value = |place: &Place| {
+fn blend(x: &[f64], places: &[SamplePosition], between: impl Fn(f64, f64, f64) -> f64) -> Vec<f64> {
+    let value = |place: &SamplePosition| {
         if place.weight == 0.0 {
             x[place.left]
         } else if place.weight.is_nan() {
@@ -290,7 +290,7 @@ pub fn even_grid(first_s: f64, last_s: f64, rate_hz: f64) -> Result<Vec<f64>, Re
 }
 
 /// The position of each grid time among the times `tt`; both increase.
-fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<Place> {
+fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<SamplePosition> {
     let mut left = 0;
     let mut place = |time: f64| {
         while left + 1 < tt.len() && tt[left + 1] <= time + snap_s {
@@ -298,11 +298,11 @@ fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<Place> {
         }
         let before = *tt.get(left)?;
         if (time - before).abs() <= snap_s {
-            return Some(Place { left, weight: 0.0 });
+            return Some(SamplePosition { left, weight: 0.0 });
         }
         let after = *tt.get(left + 1)?;
         let bridged = time > before && after - before <= max_gap_s;
-        bridged.then(|| Place { left, weight: (time - before) / (after - before) })
+        bridged.then(|| SamplePosition { left, weight: (time - before) / (after - before) })
     };
     grid.iter().map(|time| place(*time).unwrap_or(NOWHERE)).collect()
 }

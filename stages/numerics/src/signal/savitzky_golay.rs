@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Error of a window.
+/// Error of a Savitzky-Golay window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SavitzkyGolayError {
     /// The window has no sample in its middle.
@@ -32,7 +32,7 @@ pub const MOST_WINDOW: usize = 10_001;
 /// The highest degree: beyond it the fit loses its digits.
 const MOST_DEGREE: usize = 8;
 
-/// The weights of a window's samples at each place in it.
+/// Savitzky-Golay weights of a window's samples, for each position in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavitzkyGolay {
     /// Weights for the places 0 to 2 half, counted from the window's first sample.
@@ -83,9 +83,9 @@ impl SavitzkyGolay {
         2 * self.half + 1
     }
 
-    /// The derivative at every sample of `x`, which is finite and evenly sampled, in its unit per sample to the power of
-    /// the derivative. The first and last half window have that of the polynomial of the first and last window. `None`
-    /// for fewer samples than a window.
+    /// The derivative at every sample of `x`, which is finite and evenly sampled, in its unit per sample to the power
+    /// of the derivative. The first and last half window have that of the polynomial of the first and last window.
+    /// `None` for fewer samples than a window.
     pub fn apply(&self, x: &[f64]) -> Option<Vec<f64>> {
         let (n, window) = (x.len(), self.window());
         let last = n.checked_sub(window)?;

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use crate::signal::filter::{ConstantColumns, FilterError, ZeroPhase};
+use crate::signal::filter::{ConstantColumns, FilterError, ZeroPhaseFilter};
 
 /// Error of a time column.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -120,11 +120,11 @@ fn nearest_round(step_s: f64) -> f64 {
     if (rate_hz - round).abs() <= 1e-6 * rate_hz { round } else { rate_hz }
 }
 
-/// Usable rows of a line.
+/// Mask of the usable rows of a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Usable(Vec<bool>);
+pub struct RowMask(Vec<bool>);
 
-impl Usable {
+impl RowMask {
     /// All of `rows` rows.
     pub fn all(rows: usize) -> Self {
         Self(vec![true; rows])
@@ -185,7 +185,7 @@ impl Usable {
 
 /// The report of filtering a line with gaps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct FilterReport {
+pub struct GapFilterReport {
     /// The number of runs that were filtered.
     pub runs: usize,
     /// The number of rows in them.
@@ -198,7 +198,7 @@ pub struct FilterReport {
     pub missing_rows: usize,
 }
 
-impl FilterReport {
+impl GapFilterReport {
     /// The number of rows of the line without a result.
     pub fn left_out(&self) -> usize {
         self.short_rows + self.missing_rows
@@ -222,16 +222,16 @@ impl FilterReport {
 
 /// Filters each run of one column separately; NaN outside the runs and in those that are too short.
 ///
-/// `runs` are in order, do not overlap, and contain finite values only, as [`Usable::runs`] of the
+/// `runs` are in order, do not overlap, and contain finite values only, as [`RowMask::runs`] of the
 /// same column returns them.
 ///
 /// # Errors
 /// Fails with [`FilterError::NotFinite`] for a value that is not finite in a run that is filtered.
 pub fn filter_column(
-    filter: &ZeroPhase,
+    filter: &ZeroPhaseFilter,
     x: &[f64],
     runs: &[Range<usize>],
-) -> Result<(Vec<f64>, FilterReport), FilterError> {
+) -> Result<(Vec<f64>, GapFilterReport), FilterError> {
     let mut out = x.to_vec();
     let report = filter_matrix(filter, &mut out, 1, runs, ConstantColumns::Filter)?;
     Ok((out, report))
@@ -244,17 +244,17 @@ pub fn filter_column(
 /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, and with
 /// [`FilterError::NotFinite`] for a value that is not finite in a run that is filtered.
 pub fn filter_matrix(
-    filter: &ZeroPhase,
+    filter: &ZeroPhaseFilter,
     values: &mut [f64],
     columns: usize,
     runs: &[Range<usize>],
     constant: ConstantColumns,
-) -> Result<FilterReport, FilterError> {
+) -> Result<GapFilterReport, FilterError> {
     if columns == 0 || !values.len().is_multiple_of(columns) {
         return Err(FilterError::Shape { values: values.len(), columns });
     }
     let rows = values.len() / columns;
-    let report = FilterReport::over(rows, runs, filter.least_rows());
+    let report = GapFilterReport::over(rows, runs, filter.least_rows());
     let mut done = 0;
     for run in runs.iter().filter(|run| run.len() >= filter.least_rows()) {
         values[done * columns..run.start * columns].fill(f64::NAN);
@@ -270,11 +270,11 @@ pub fn filter_matrix(
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::signal::filter::Band;
+    use crate::signal::filter::FilterBand;
 
-    fn filter() -> ZeroPhase {
-        let band = Band::Band { low_hz: 0.1, high_hz: 0.9 };
-        ZeroPhase::new(band, 10.0, 4).unwrap()
+    fn filter() -> ZeroPhaseFilter {
+        let band = FilterBand::Band { low_hz: 0.1, high_hz: 0.9 };
+        ZeroPhaseFilter::new(band, 10.0, 4).unwrap()
     }
 
     fn wave(rows: usize) -> Vec<f64> {
@@ -286,7 +286,7 @@ mod tests {
         let mut x = wave(300);
         x[100] = f64::NAN;
         x[101] = f64::INFINITY;
-        let runs = Usable::all(300).and_finite(&x).runs();
+        let runs = RowMask::all(300).and_finite(&x).runs();
         assert_eq!(runs, [0..100, 102..300]);
         let (y, report) = filter_column(&filter(), &x, &runs).unwrap();
         assert_eq!(y[..100], filter().apply(&x[..100]).unwrap());
@@ -326,7 +326,7 @@ mod tests {
         let keep = [true, true, false, true, true, true, true, true];
         let matrix = [0.0, 1.0, 2.0, 3.0, 4.0, f64::NAN, 6.0, 7.0];
         let tt = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.9];
-        let usable = Usable::selected(&keep).and_finite_rows(&matrix, 1);
+        let usable = RowMask::selected(&keep).and_finite_rows(&matrix, 1);
         assert_eq!(usable.runs(), [0..2, 3..5, 6..8]);
         assert_eq!(usable.runs_in_time(&tt, 10.0), [0..2, 3..5, 6..7, 7..8]);
         assert!(!usable.rows()[5]);

@@ -6,7 +6,7 @@ use rustfft::{FftPlanner, num_complex::Complex};
 
 /// The taper of each segment; both are periodic (for a spectrum, not symmetric).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Window {
+pub enum SpectralTaper {
     /// ½ − ½ cos: falls to zero, low leakage far away.
     #[default]
     Hann,
@@ -14,7 +14,7 @@ pub enum Window {
     Hamming,
 }
 
-impl Window {
+impl SpectralTaper {
     fn values(self, n: usize) -> Vec<f64> {
         let constant = match self {
             Self::Hann => 0.5,
@@ -52,7 +52,7 @@ pub enum SpectrumError {
 
 /// A one-sided power spectral density.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Spectrum {
+pub struct PowerSpectrum {
     /// Frequencies from 0 to half of the sample rate, Hz.
     pub frequency_hz: Vec<f64>,
     /// Power density at each, unit of the samples squared per Hz.
@@ -74,7 +74,7 @@ pub struct Spectrum {
 /// # Errors
 /// Fails with [`SpectrumError::Rate`] for a rate that is not a finite number above 0, with [`SpectrumError::Segment`]
 /// for segments of fewer than two samples, and with [`SpectrumError::TooShort`] when no segment is finite throughout.
-pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: Window) -> Result<Spectrum, SpectrumError> {
+pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: SpectralTaper) -> Result<PowerSpectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });
     }
@@ -111,7 +111,7 @@ pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: Window) -> Result<
         *density *= sides * scale;
     }
     let frequency_hz = (0..bins).map(|bin| bin as f64 * rate_hz / segment as f64).collect();
-    Ok(Spectrum { frequency_hz, density, segments, left_out })
+    Ok(PowerSpectrum { frequency_hz, density, segments, left_out })
 }
 
 #[cfg(test)]

@@ -49,8 +49,8 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
     off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
 }
 
-/// The single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than `threshold` times
-/// the noise that it shows, and greater than at the two samples to either side.
+/// The single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than `threshold`
+/// times the noise that it shows, and greater than at the two samples to either side.
 ///
 /// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has next to nothing. A detected
 /// sample is set on the cubic through its neighbours, and the search repeats until there is none. Two neighbouring
@@ -110,7 +110,7 @@ fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{random::Normals, reference_csv::columns};
+    use crate::{random::NormalGenerator, reference_csv::columns};
 
     fn places(found: &[bool]) -> Vec<usize> {
         found.iter().enumerate().filter(|(_, f)| **f).map(|(i, _)| i).collect()
@@ -118,7 +118,7 @@ mod tests {
 
     /// A field with a slope, a wave and noise of 0.05 nT.
     fn field(rows: usize) -> Vec<f64> {
-        let mut normals = Normals::new(5);
+        let mut normals = NormalGenerator::new(5);
         (0..rows).map(|k| 50_000.0 + 0.3 * k as f64 + 20.0 * (0.05 * k as f64).sin() + 0.05 * normals.draw()).collect()
     }
 
@@ -160,7 +160,7 @@ mod tests {
 
     /// A record in hundredths of a nanotesla, with a value for each `every` samples and straight lines in between.
     fn interpolated(every: usize, rows: usize) -> Vec<f64> {
-        let mut normals = Normals::new(9);
+        let mut normals = NormalGenerator::new(9);
         let knots: Vec<f64> = (0..rows / every + 2)
             .scan(50_000.0, |x, _| {
                 *x += normals.draw();
@@ -191,7 +191,8 @@ mod tests {
 
     #[test]
     fn law_the_last_digit_between_two_samples_is_no_spike() {
-        // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: flickers are shared by two samples, in any parts.
+        // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: flickers are shared by two samples, in
+        // any parts.
         let quiet = |i: usize| 50_000.0 + if i.is_multiple_of(37) { 0.01 } else { 0.0 };
         let mut x: Vec<f64> = (0..4000)
             .map(|i| {

@@ -4,7 +4,7 @@ use numerics::{
     earth::core_field::CoreField,
     maps::map_surface::MapSurface,
     navigation::ins_error::{InsErrorModel, simulate_ins_error},
-    random::Normals,
+    random::NormalGenerator,
 };
 
 use crate::osborne::{Line, temporal_nt};
@@ -23,7 +23,7 @@ pub fn flight(
     samples: u32,
 ) -> Result<Flight, Box<dyn std::error::Error + Send + Sync>> {
     let truth = Line::flown(samples, 0.1, 0.3)?;
-    let mut normals = Normals::new(11);
+    let mut normals = NormalGenerator::new(11);
     let errors = simulate_ins_error(&truth.series(), &InsErrorModel::default(), || normals.draw())?;
     let mut measured_nt = Vec::with_capacity(errors.len());
     for (row, error) in errors.iter().enumerate() {

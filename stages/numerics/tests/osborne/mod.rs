@@ -6,7 +6,7 @@ use numerics::{
         core_field::{CoreField, CoreFieldError},
         geodesy::EarthModel,
     },
-    maps::map_surface::{GeographicGrid, MapError},
+    maps::map_surface::{GeographicGrid, MapGridError},
     navigation::{
         ins_series::{InsSeries, SeriesError},
         pinson::{ALT, LAT, LON, S, STATES, VD, VE, VN},
@@ -25,7 +25,7 @@ const VALUES: &[u8] = include_bytes!("../../reference/navigation/osborne.i16");
 pub const DECIMAL_YEAR: f64 = 2023.42;
 
 /// The anomaly map, 500 m above sea level.
-pub fn grid() -> Result<GeographicGrid, MapError> {
+pub fn grid() -> Result<GeographicGrid, MapGridError> {
     let axis = |first: f64, count: u32| -> Vec<f64> { (0..count).map(|k| first + STEP_DEG * f64::from(k)).collect() };
     let fifths = VALUES.chunks_exact(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]]));
     let values: Vec<f64> = fifths.map(|fifth| f64::from(fifth) / 5.0).collect();
@@ -67,7 +67,7 @@ impl Line {
 
     /// The columns as the numerics take them.
     pub fn series(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 
     /// Output of an INS with these errors on this line: truth minus error.

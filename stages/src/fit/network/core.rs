@@ -1,9 +1,12 @@
 //! Network of a fit, of single samples or over a window.
 
-use learning::network::{Each, Job, Runs, Shape, State, TermScaling, Training, TrainingError, Windowed};
+use learning::network::{
+    EpochCallback, NetworkShape, NetworkTraining, SampleRuns, TermScaling, TrainingError, TrainingJob, TrainingState,
+    WindowedNetworkShape,
+};
 
 /// Scaled rows of some lines.
-pub struct Scaled<'a> {
+pub struct ScaledRows<'a> {
     /// Inputs, row-major.
     pub x: &'a [f64],
     /// Linear terms, row-major.
@@ -14,84 +17,84 @@ pub struct Scaled<'a> {
     pub runs: Vec<usize>,
 }
 
-impl Scaled<'_> {
-    fn samples(&self) -> learning::network::Samples<'_> {
-        learning::network::Samples { x: self.x, a: &self.a, y: &self.y }
+impl ScaledRows<'_> {
+    fn samples(&self) -> learning::network::NetworkSamples<'_> {
+        learning::network::NetworkSamples { x: self.x, a: &self.a, y: &self.y }
     }
 
-    fn runs(&self) -> Runs<'_> {
-        Runs { samples: self.samples(), lengths: &self.runs }
+    fn runs(&self) -> SampleRuns<'_> {
+        SampleRuns { samples: self.samples(), lengths: &self.runs }
     }
 }
 
 /// Network to train.
-pub enum Core {
+pub enum NetworkCore {
     /// Network of single samples.
-    Dense(Shape),
+    Dense(NetworkShape),
     /// Network over a window of samples.
-    Windowed(Windowed),
+    Windowed(WindowedNetworkShape),
 }
 
-impl Core {
+impl NetworkCore {
     /// Random initial parameters.
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         match self {
-            Core::Dense(shape) => shape.initial(seed, linear),
-            Core::Windowed(windowed) => windowed.initial(seed, linear),
+            NetworkCore::Dense(shape) => shape.initial(seed, linear),
+            NetworkCore::Windowed(windowed) => windowed.initial(seed, linear),
         }
     }
 
     /// State of a training that starts from these parameters.
-    pub fn start(&self, parameters: Vec<f64>) -> State {
+    pub fn start(&self, parameters: Vec<f64>) -> TrainingState {
         match self {
-            Core::Dense(shape) => State::new(shape, parameters),
-            Core::Windowed(windowed) => windowed.start(parameters),
+            NetworkCore::Dense(shape) => TrainingState::new(shape, parameters),
+            NetworkCore::Windowed(windowed) => windowed.start(parameters),
         }
     }
 
     /// Prediction for some rows, in the scale of the target.
-    pub fn predict(&self, parameters: &[f64], rows: &Scaled<'_>) -> Vec<f64> {
+    pub fn predict(&self, parameters: &[f64], rows: &ScaledRows<'_>) -> Vec<f64> {
         match self {
-            Core::Dense(shape) => shape.predict(parameters, rows.x, &rows.a),
-            Core::Windowed(windowed) => windowed.predict(parameters, rows.x, &rows.a, &rows.runs),
+            NetworkCore::Dense(shape) => shape.predict(parameters, rows.x, &rows.a),
+            NetworkCore::Windowed(windowed) => windowed.predict(parameters, rows.x, &rows.a, &rows.runs),
         }
     }
 
     /// Parameters of a network of scaled terms. Networks over a window have none.
     pub fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         match self {
-            Core::Dense(shape) => terms.scaled(shape, parameters),
-            Core::Windowed(_) => parameters.to_vec(),
+            NetworkCore::Dense(shape) => terms.scaled(shape, parameters),
+            NetworkCore::Windowed(_) => parameters.to_vec(),
         }
     }
 
     /// Parameters of a network of unscaled terms.
     pub fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         match self {
-            Core::Dense(shape) => terms.original(shape, parameters),
-            Core::Windowed(_) => parameters.to_vec(),
+            NetworkCore::Dense(shape) => terms.original(shape, parameters),
+            NetworkCore::Windowed(_) => parameters.to_vec(),
         }
     }
 
     /// Training job of the network.
     ///
     /// # Errors
-    /// The same as [`Job::new`] and [`Job::windowed`].
+    /// The same as [`TrainingJob::new`] and [`TrainingJob::windowed`].
     pub fn job<'a>(
         &'a self,
-        start: State,
-        training: &'a Training,
-        rows: &'a Scaled<'_>,
-        validation: Option<&'a Scaled<'_>>,
-        each: Box<Each<'a>>,
-    ) -> Result<Job<'a>, TrainingError> {
+        start: TrainingState,
+        training: &'a NetworkTraining,
+        rows: &'a ScaledRows<'_>,
+        validation: Option<&'a ScaledRows<'_>>,
+        each: Box<EpochCallback<'a>>,
+    ) -> Result<TrainingJob<'a>, TrainingError> {
         match self {
-            Core::Dense(shape) => {
-                Job::new(shape, start, training, rows.samples(), validation.map(Scaled::samples), each)
+            NetworkCore::Dense(shape) => {
+                TrainingJob::new(shape, start, training, rows.samples(), validation.map(ScaledRows::samples), each)
             }
-            Core::Windowed(windowed) => {
-                let validation = validation.map(Scaled::runs);
-                Job::windowed(windowed, start, training, &rows.runs(), validation.as_ref(), each)
+            NetworkCore::Windowed(windowed) => {
+                let validation = validation.map(ScaledRows::runs);
+                TrainingJob::windowed(windowed, start, training, &rows.runs(), validation.as_ref(), each)
             }
         }
     }

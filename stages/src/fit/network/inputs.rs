@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use learning::inputs::{Inputs, InputsError};
+use learning::inputs::{InputScaling, InputScalingError};
 use schemas::Fault;
 
-use super::{Network, warm_start::WarmStart};
-use crate::fit::samples::Samples;
+use super::{NetworkKeys, warm_start::WarmStart};
+use crate::fit::samples::FitSamples;
 
 /// Inputs of a network, which networks with the same keys share.
 pub struct NetworkInputs {
@@ -15,7 +15,7 @@ pub struct NetworkInputs {
     /// Positions of features that are constant on the training lines and therefore not used.
     pub constant: Vec<usize>,
     /// Scaling of the inputs.
-    pub scaling: Inputs,
+    pub scaling: InputScaling,
     /// Training lines and validation lines.
     pub lines: (Vec<usize>, Vec<usize>),
     /// Scaled inputs of both, row-major.
@@ -31,7 +31,12 @@ impl NetworkInputs {
     /// # Errors
     /// If the keys select no input, every input is constant, `whiten` requests too many components, or the
     /// warm start has other inputs.
-    pub fn of(keys: &Network, samples: &Samples, whiten: Option<f64>, warm: Option<&WarmStart>) -> SharedInputs {
+    pub fn from_samples(
+        keys: &NetworkKeys,
+        samples: &FitSamples,
+        whiten: Option<f64>,
+        warm: Option<&WarmStart>,
+    ) -> SharedInputs {
         let lines = samples.split(&keys.validation)?;
         let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
         let (scaling, constant, x) = match warm {
@@ -53,24 +58,24 @@ impl NetworkInputs {
 /// # Errors
 /// If every input is constant, or `whiten` requests too many components.
 pub fn scaling(
-    samples: &Samples,
+    samples: &FitSamples,
     lines: &[usize],
     at: &mut Vec<usize>,
     whiten: Option<f64>,
-) -> Result<(Inputs, Vec<usize>, Vec<f64>), Fault> {
+) -> Result<(InputScaling, Vec<usize>, Vec<f64>), Fault> {
     let mut constant = vec![];
     let mut x = samples.columns(at, lines);
-    let mut found = Inputs::standardised(&x, at.len());
-    if let Err(InputsError::Constant { columns }) = &found {
+    let mut found = InputScaling::standardised(&x, at.len());
+    if let Err(InputScalingError::Constant { columns }) = &found {
         constant = columns.iter().filter_map(|&i| at.get(i).copied()).collect();
         at.retain(|i| !constant.contains(i));
         if at.is_empty() {
             return Err(Fault::data("every input is constant").of_param("inputs"));
         }
         x = samples.columns(at, lines);
-        found = Inputs::standardised(&x, at.len());
+        found = InputScaling::standardised(&x, at.len());
     }
-    let fault = |e: InputsError| Fault::data(e.to_string());
+    let fault = |e: InputScalingError| Fault::data(e.to_string());
     let scaling = found.map_err(fault)?;
     let scaling = match whiten {
         Some(keep) => scaling.whitened(&x, keep).map_err(|e| fault(e).of_param("whiten"))?,

@@ -1,6 +1,6 @@
 //! Keys of a network and of its training.
 
-use learning::network::{self, Activation, Optimiser, SparseGroupLasso, Training};
+use learning::network::{self, ActivationFunction, NetworkOptimiser, NetworkTraining, SparseGroupLasso};
 use schemas::{Fault, Rule, choice, params};
 
 choice! {
@@ -29,11 +29,11 @@ choice! {
 
 params! {
     /// A network and its training.
-    pub struct Network;
+    pub struct NetworkKeys;
     /// Number of units of each hidden layer, for up to three layers.
     hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; with `warm_start`: the layers of its network", rule Rule::Between(1.0, 1000.0);
     /// Activation function of the hidden units.
-    activation: Activation, unit "", default Activation::Swish;
+    activation: ActivationFunction, unit "", default ActivationFunction::Swish;
     /// Inputs of the network: entries of the features, by name or by a prefix of several names before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Number of epochs with Adam.
@@ -70,7 +70,7 @@ params! {
     seed: usize, unit "", default 0usize;
 }
 
-impl Network {
+impl NetworkKeys {
     /// Faults of incompatible keys.
     pub fn faults(&self) -> Vec<Fault> {
         let mut faults = vec![];
@@ -118,29 +118,29 @@ impl Network {
     }
 
     /// Training parameters, with the seed of a member.
-    pub fn training(&self, seed: u64) -> Training {
+    pub fn training(&self, seed: u64) -> NetworkTraining {
         let lasso = SparseGroupLasso { strength: self.group_lasso, alpha: self.group_share };
-        Training {
-            optimiser: Optimiser { lbfgs_epochs: self.lbfgs_epochs, ..Optimiser::default() },
+        NetworkTraining {
+            optimiser: NetworkOptimiser { lbfgs_epochs: self.lbfgs_epochs, ..NetworkOptimiser::default() },
             epochs: self.epochs,
             batch: self.batch,
             learning_rate: self.learning_rate,
             schedule: match self.schedule {
-                LearningSchedule::Constant => network::Schedule::Constant,
-                LearningSchedule::Cosine => network::Schedule::Cosine { last: 0.01 },
-                LearningSchedule::Plateau => network::Schedule::Plateau { patience: 10, factor: 0.5 },
+                LearningSchedule::Constant => network::LearningRateSchedule::Constant,
+                LearningSchedule::Cosine => network::LearningRateSchedule::Cosine { last: 0.01 },
+                LearningSchedule::Plateau => network::LearningRateSchedule::Plateau { patience: 10, factor: 0.5 },
             },
             loss: match self.training_loss {
-                TrainingLoss::Squared => network::Loss::Squared,
-                TrainingLoss::Absolute => network::Loss::Absolute,
-                TrainingLoss::Huber => network::Loss::Huber { delta: self.huber_threshold },
+                TrainingLoss::Squared => network::NetworkLoss::Squared,
+                TrainingLoss::Absolute => network::NetworkLoss::Absolute,
+                TrainingLoss::Huber => network::NetworkLoss::Huber { delta: self.huber_threshold },
             },
             weight_decay: self.weight_decay,
             dropout: self.dropout,
             sparse_group_lasso: (self.group_lasso > 0.0).then_some(lasso),
             patience: self.patience,
             seed,
-            ..Training::default()
+            ..NetworkTraining::default()
         }
     }
 }

@@ -2,12 +2,12 @@
 
 use numerics::{
     compensation::model_terms::core_term_names,
-    regression::least_squares::{Moments, Scaling},
+    regression::least_squares::{ColumnScaling, RegressionMoments},
     signal::{filter::ConstantColumns, segments::filter_matrix},
 };
 use schemas::{Fault, Rule, params};
 
-use crate::{bandpass::design, columns::data, fit::samples::Samples};
+use crate::{bandpass::design, columns::data, fit::samples::FitSamples};
 
 params! {
     /// Linear model combined with a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
@@ -37,7 +37,7 @@ impl LinearPart {
     ///
     /// # Errors
     /// If an entry is missing, or no term remains.
-    pub fn places(&self, samples: &Samples, all: bool) -> Result<Vec<usize>, Fault> {
+    pub fn places(&self, samples: &FitSamples, all: bool) -> Result<Vec<usize>, Fault> {
         if self.linear.is_some() || all {
             return samples.places(self.linear.as_ref()).map_err(|f| f.of_param("linear"));
         }
@@ -63,7 +63,7 @@ impl LinearPart {
     ///
     /// # Errors
     /// If no run is long enough for the filter, or the data do not determine the coefficients.
-    pub fn fit(&self, samples: &Samples, lines: &[usize], places: &[usize]) -> Result<Vec<f64>, Fault> {
+    pub fn fit(&self, samples: &FitSamples, lines: &[usize], places: &[usize]) -> Result<Vec<f64>, Fault> {
         let (width, terms) = (samples.names.len(), places.len());
         let mut moments = vec![];
         for line in lines.iter().filter_map(|&i| samples.lines.get(i)) {
@@ -78,15 +78,19 @@ impl LinearPart {
             }
             for run in line.runs.iter().filter(|r| r.len() >= least.max(2 * trim + 1)) {
                 let run = run.start + trim..run.end - trim;
-                moments.push(Moments::of(&a[run.start * terms..run.end * terms], terms, &[&y[run]]).map_err(data)?);
+                moments.push(
+                    RegressionMoments::from_matrix(&a[run.start * terms..run.end * terms], terms, &[&y[run]])
+                        .map_err(data)?,
+                );
             }
         }
         if moments.is_empty() {
             let what = "no run is long enough for the filter of the linear model";
             return Err(Fault::data(what).help("select longer lines, or set `linear_low_hz` and `linear_high_hz` to 0"));
         }
-        let prepared =
-            Moments::merged(&moments).and_then(|all| all.prepare(Scaling::Standardise, true)).map_err(data)?;
+        let prepared = RegressionMoments::merged(&moments)
+            .and_then(|all| all.prepare(ColumnScaling::Standardise, true))
+            .map_err(data)?;
         let names: Vec<&String> = places.iter().map(|&i| &samples.names[i]).collect();
         let path = prepared.ridge(&[self.lambda], &names).map_err(data)?;
         let found = path.solutions.into_iter().next().and_then(|s| s.coefficients.into_iter().next());
@@ -105,7 +109,7 @@ mod tests {
         let part = LinearPart { linear: None, lambda: 0.0, linear_low_hz: 0.0, linear_high_hz: 0.0 };
         let places = |names: &[&str], all: bool| {
             let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-            part.places(&Samples { names: &names, lines: vec![] }, all)
+            part.places(&FitSamples { names: &names, lines: vec![] }, all)
         };
         assert_eq!(places(&["cur", "x", "core_x", "TL_A_flux_a_x"], false).unwrap(), [1, 3]);
         assert_eq!(places(&["cur", "core_x", "core_xy_dot", "easting"], false).unwrap(), [1, 2]);

@@ -1,17 +1,17 @@
 //! Declaration of a model that is a network.
 
-use learning::network::Form;
+use learning::network::NetworkForm;
 use schemas::Fault;
 
-use super::{LinearPart, Network, Window};
+use super::{LinearPart, NetworkKeys, WindowLayers};
 
 /// A model that is a network: its keys, and the linear model combined with it.
 #[derive(Clone, Copy)]
 pub struct NetworkModel<'a> {
     /// Keys of the network and of its training.
-    pub keys: &'a Network,
+    pub keys: &'a NetworkKeys,
     /// Combination of the network and the linear model.
-    pub form: Form,
+    pub form: NetworkForm,
     /// Default number of units of the hidden layers.
     pub hidden: &'a [usize],
     /// Linear model; `None` for `m1`.
@@ -21,24 +21,24 @@ pub struct NetworkModel<'a> {
     /// Weight of the distance from the linear model in the loss.
     pub physics: f64,
     /// Layers over a window of samples before the network. `None` for a network of single samples.
-    pub window: Option<Window>,
+    pub window: Option<WindowLayers>,
 }
 
 impl<'a> NetworkModel<'a> {
     /// Network of single samples with eight hidden units and no linear model.
-    pub fn of(keys: &'a Network, form: Form) -> Self {
+    pub fn new(keys: &'a NetworkKeys, form: NetworkForm) -> Self {
         Self { keys, form, hidden: &[8], linear: None, all_features: false, physics: 0.0, window: None }
     }
 
     /// Faults of incompatible keys.
     pub fn faults(&self) -> Vec<Fault> {
         let mut faults = self.keys.faults();
-        faults.extend(self.window.iter().flat_map(Window::faults));
+        faults.extend(self.window.iter().flat_map(WindowLayers::faults));
         faults
     }
 
     /// Cost of a sample, in relative units.
     pub fn effort(&self) -> f64 {
-        self.keys.effort() * self.window.as_ref().map_or(1.0, Window::effort)
+        self.keys.effort() * self.window.as_ref().map_or(1.0, WindowLayers::effort)
     }
 }

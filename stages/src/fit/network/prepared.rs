@@ -3,67 +3,67 @@
 use std::sync::Arc;
 
 use learning::{
-    inputs::InputsError,
-    network::{Epoch, Form, Shape, TermScaling, Trained, Windowed},
+    inputs::InputScalingError,
+    network::{NetworkForm, NetworkShape, TermScaling, TrainingEpoch, TrainingResult, WindowedNetworkShape},
 };
 use numerics::{random::seed_of, regression::statistics};
 use schemas::Fault;
 
 use super::{
-    Network, NetworkInputs, NetworkModel, SharedInputs, Window,
-    core::{Core, Scaled},
+    NetworkInputs, NetworkKeys, NetworkModel, SharedInputs, WindowLayers,
+    core::{NetworkCore, ScaledRows},
     warm_start::WarmStart,
 };
 use crate::{
     fit::{
-        model::Learnt,
-        samples::{PointWork, Samples},
-        settings::Settings,
+        model::LearningResult,
+        samples::{FitSamples, PointMonitor},
+        settings::FitSettings,
     },
-    trained::{self, Learned, Term, list},
+    trained::{self, LearnedModel, TermValue, list},
 };
 
 /// Ratio of validation loss to training loss above which overfitting is reported.
 const OVERFITS: f64 = 4.0;
 
 /// Network of one point of a sweep, to be trained.
-pub struct Task<'a> {
+pub struct TrainingTask<'a> {
     /// Declaration of the model.
     pub model: NetworkModel<'a>,
     /// Settings that most models have.
-    pub settings: &'a Settings,
+    pub settings: &'a FitSettings,
     /// Model that training starts from instead of random weights.
-    pub start: Option<&'a Learned>,
+    pub start: Option<&'a LearnedModel>,
     /// Inputs shared with other networks. `None` with a warm start, which has its own scaling.
     pub inputs: Option<&'a SharedInputs>,
     /// Storage of the training states.
-    pub work: PointWork<'a>,
+    pub work: PointMonitor<'a>,
 }
 
 /// A task with its inputs.
-pub struct Ready<'a> {
-    task: &'a Task<'a>,
+pub struct TrainingInputs<'a> {
+    task: &'a TrainingTask<'a>,
     warm: Option<WarmStart<'a>>,
     inputs: Arc<NetworkInputs>,
 }
 
-impl<'a> Ready<'a> {
+impl<'a> TrainingInputs<'a> {
     /// # Errors
-    /// The same as [`WarmStart::of`] and [`NetworkInputs::of`].
-    pub fn of(task: &'a Task<'a>, samples: &Samples) -> Result<Self, Fault> {
-        let warm = task.start.map(|model| WarmStart::of(model, task.model.form)).transpose()?;
+    /// The same as [`WarmStart::from_model`] and [`NetworkInputs::from_samples`].
+    pub fn new(task: &'a TrainingTask<'a>, samples: &FitSamples) -> Result<Self, Fault> {
+        let warm = task.start.map(|model| WarmStart::from_model(model, task.model.form)).transpose()?;
         let inputs = match task.inputs.filter(|_| warm.is_none()) {
             Some(shared) => shared.clone()?,
-            None => NetworkInputs::of(task.model.keys, samples, task.settings.whiten, warm.as_ref())?,
+            None => NetworkInputs::from_samples(task.model.keys, samples, task.settings.whiten, warm.as_ref())?,
         };
         Ok(Self { task, warm, inputs })
     }
 
     /// Network with this number of linear terms.
-    fn core(&self, linear: usize) -> Core {
+    fn core(&self, linear: usize) -> NetworkCore {
         let (model, scaling) = (&self.task.model, &self.inputs.scaling);
         let usual = || self.warm.as_ref().map_or_else(|| model.hidden.to_vec(), WarmStart::hidden);
-        let head = Shape {
+        let head = NetworkShape {
             inputs: model.window.map_or_else(|| scaling.width(), |window| window.units),
             linear,
             hidden: model.keys.hidden.clone().unwrap_or_else(usual),
@@ -71,28 +71,28 @@ impl<'a> Ready<'a> {
             form: model.form,
         };
         match model.window {
-            None => Core::Dense(head),
-            Some(Window { memory, window, units }) => {
-                Core::Windowed(Windowed { memory, inputs: scaling.width(), window, units, head })
+            None => NetworkCore::Dense(head),
+            Some(WindowLayers { memory, window, units }) => {
+                NetworkCore::Windowed(WindowedNetworkShape { memory, inputs: scaling.width(), window, units, head })
             }
         }
     }
 }
 
 /// Start of the training of all members.
-pub struct Prepared<'a> {
+pub struct TrainingSetup<'a> {
     /// Task to train.
-    pub task: &'a Task<'a>,
+    pub task: &'a TrainingTask<'a>,
     /// Network to train.
-    pub core: Core,
+    pub core: NetworkCore,
     /// Initial parameters of each member.
     pub members: Vec<Vec<f64>>,
     /// Coefficients of the linear model, for scaled terms and in the scale of the target.
     pub linear: Vec<f64>,
     /// Training rows.
-    pub rows: Scaled<'a>,
+    pub rows: ScaledRows<'a>,
     /// Validation rows, if any.
-    pub validation: Option<Scaled<'a>>,
+    pub validation: Option<ScaledRows<'a>>,
     inputs: &'a NetworkInputs,
     terms: TermScaling,
     linear_at: Vec<usize>,
@@ -102,12 +102,12 @@ pub struct Prepared<'a> {
     far: String,
 }
 
-impl<'a> Prepared<'a> {
+impl<'a> TrainingSetup<'a> {
     /// # Errors
     /// If the data do not determine the network, or the warm start does not match.
-    pub fn of(ready: &'a Ready<'a>, samples: &Samples) -> Result<Self, Fault> {
-        let Ready { task, warm, inputs } = ready;
-        let Task { model, settings, .. } = task;
+    pub fn new(ready: &'a TrainingInputs<'a>, samples: &FitSamples) -> Result<Self, Fault> {
+        let TrainingInputs { task, warm, inputs } = ready;
+        let TrainingTask { model, settings, .. } = task;
         let NetworkInputs { at, lines: (train_on, validate_on), rows: (train, validate), .. } = inputs.as_ref();
         let (linear_at, coefficients) = match model.linear {
             Some(part) => {
@@ -126,7 +126,7 @@ impl<'a> Prepared<'a> {
         }
         let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
         let terms = term_scaling(samples, train_on, &linear_at, &in_scale, model.form, settings.whiten)?;
-        let scaled = |lines: &[usize], x, (mean, scale): (f64, f64)| Scaled {
+        let scaled = |lines: &[usize], x, (mean, scale): (f64, f64)| ScaledRows {
             x,
             a: terms.apply(samples.columns(&linear_at, lines)),
             y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
@@ -169,25 +169,32 @@ impl<'a> Prepared<'a> {
     ///
     /// # Errors
     /// If its parameters do not match its shape, or the samples of a network over a window have no rate.
-    pub fn learnt(self, samples: &Samples, trained: &[Trained]) -> Result<Learnt, Fault> {
+    pub fn learnt(self, samples: &FitSamples, trained: &[TrainingResult]) -> Result<LearningResult, Fault> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();
         let NetworkInputs { at, constant, scaling, .. } = self.inputs;
         let (inputs, scaling) = (names(at), scaling.clone());
         let model = match self.core {
-            Core::Dense(shape) => {
+            NetworkCore::Dense(shape) => {
                 let linear = names(&self.linear_at);
-                Learned::Network(trained::Network::new(inputs, scaling, linear, shape, parameters, self.target)?)
+                LearnedModel::Network(trained::NetworkEnsemble::new(
+                    inputs,
+                    scaling,
+                    linear,
+                    shape,
+                    parameters,
+                    self.target,
+                )?)
             }
-            Core::Windowed(windowed) => {
+            NetworkCore::Windowed(windowed) => {
                 let rate_hz = samples.rate_hz()?;
                 let network =
                     trained::WindowedNetwork::new(inputs, scaling, windowed, parameters, self.target, rate_hz)?;
-                Learned::Windowed(network)
+                LearnedModel::Windowed(network)
             }
         };
         let first = trained.first().ok_or_else(|| Fault::bug("nothing was trained"))?;
-        Ok(Learnt {
+        Ok(LearningResult {
             model,
             chosen: first.best as f64,
             curve: curve(trained),
@@ -202,16 +209,16 @@ impl<'a> Prepared<'a> {
 
 /// Scaling of the linear terms in training.
 fn term_scaling(
-    samples: &Samples,
+    samples: &FitSamples,
     lines: &[usize],
     at: &[usize],
     tolles_lawson: &[f64],
-    form: Form,
+    form: NetworkForm,
     whiten: Option<f64>,
 ) -> Result<TermScaling, Fault> {
-    let found = TermScaling::of(form, &samples.columns(at, lines), at.len(), whiten, tolles_lawson);
+    let found = TermScaling::new(form, &samples.columns(at, lines), at.len(), whiten, tolles_lawson);
     found.map_err(|e| {
-        let whitening = matches!(e, InputsError::Keep { .. });
+        let whitening = matches!(e, InputScalingError::Keep { .. });
         let fault = Fault::data(e.to_string());
         if whitening { fault.of_param("whiten") } else { fault }
     })
@@ -219,16 +226,16 @@ fn term_scaling(
 
 /// Mean and scale of the target of the network.
 fn target(
-    samples: &Samples,
+    samples: &FitSamples,
     lines: &[usize],
     linear_at: &[usize],
     coefficients: &[f64],
-    form: Form,
+    form: NetworkForm,
 ) -> Result<(f64, f64), Fault> {
     let mut y = samples.target(lines);
     match form {
-        Form::Plain | Form::Weights => {}
-        Form::FixedLinear | Form::TrainedLinear | Form::WeightsAroundFixed => {
+        NetworkForm::Plain | NetworkForm::Weights => {}
+        NetworkForm::FixedLinear | NetworkForm::TrainedLinear | NetworkForm::WeightsAroundFixed => {
             let a = samples.columns(linear_at, lines);
             let rows = a.chunks_exact(coefficients.len().max(1));
             let explained = |row: &[f64]| row.iter().zip(coefficients).map(|(a, b)| a * b).sum::<f64>();
@@ -243,16 +250,16 @@ fn target(
 }
 
 /// Seed of a member's initial weights, batches and dropout.
-pub fn member_seed(keys: &Network, member: usize) -> u64 {
+pub fn member_seed(keys: &NetworkKeys, member: usize) -> u64 {
     seed_of(keys.seed as u64, &["member", &member.to_string()])
 }
 
 /// Losses of all epochs, as rows of the table.
-fn curve(trained: &[Trained]) -> Vec<Term> {
+fn curve(trained: &[TrainingResult]) -> Vec<TermValue> {
     let mut out = vec![];
     for (m, member) in trained.iter().enumerate() {
         let key = |what: &str| if m == 0 { format!("epoch_{what}") } else { format!("member{}.epoch_{what}", m + 1) };
-        let of = |value: fn(&Epoch) -> f64| member.epochs.iter().map(value).collect::<Vec<f64>>();
+        let of = |value: fn(&TrainingEpoch) -> f64| member.epochs.iter().map(value).collect::<Vec<f64>>();
         out.extend(list(&key("training"), &of(|e| e.train_loss)));
         let validation = of(|e| e.validation_loss);
         if validation.iter().any(|loss| loss.is_finite()) {
@@ -263,7 +270,13 @@ fn curve(trained: &[Trained]) -> Vec<Term> {
     out
 }
 
-fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Trained], validated: bool) -> String {
+fn warning(
+    keys: &NetworkKeys,
+    samples: &FitSamples,
+    constant: &[usize],
+    trained: &[TrainingResult],
+    validated: bool,
+) -> String {
     let mut all = vec![];
     if !constant.is_empty() {
         let names: Vec<&str> = constant.iter().map(|&i| samples.names[i].as_str()).collect();
@@ -273,7 +286,7 @@ fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Tra
     if validated && trained.iter().any(|t| t.best == epochs) {
         all.push("the validation loss was still falling at the last epoch; increase `epochs`".to_owned());
     }
-    let ratio = |t: &Trained| {
+    let ratio = |t: &TrainingResult| {
         let best = t.epochs.get(t.best.checked_sub(1)?)?;
         Some(best.validation_loss / best.train_loss)
     };

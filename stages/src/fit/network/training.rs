@@ -2,14 +2,16 @@
 
 use std::{ops::ControlFlow, time::Instant};
 
-use learning::network::{Epoch, Job, State, Trained, Training, TrainingError, train_together};
+use learning::network::{
+    NetworkTraining, TrainingEpoch, TrainingError, TrainingJob, TrainingResult, TrainingState, train_together,
+};
 use schemas::Fault;
 
 use super::{
     NetworkModel,
-    prepared::{Prepared, Ready, Task, member_seed},
+    prepared::{TrainingInputs, TrainingSetup, TrainingTask, member_seed},
 };
-use crate::fit::{model::Learnt, samples::Samples};
+use crate::fit::{model::LearningResult, samples::FitSamples};
 
 /// Time between two saved states, s.
 const KEPT_EVERY_S: f64 = 1.0;
@@ -19,37 +21,38 @@ const KEPT_EVERY_S: f64 = 1.0;
 /// # Errors
 /// A network has a fault instead of a model if the data do not determine it, its loss is not finite, or the
 /// run is interrupted.
-pub fn learn_together(tasks: &[Task<'_>], samples: &Samples) -> Vec<Result<Learnt, Fault>> {
-    let ready: Vec<Result<Ready<'_>, Fault>> = tasks.iter().map(|task| Ready::of(task, samples)).collect();
-    let of = |ready| Ok(InTraining::of(Prepared::of(ready, samples)?));
-    let mut networks: Vec<Result<InTraining<'_>, Fault>> =
+pub fn learn_together(tasks: &[TrainingTask<'_>], samples: &FitSamples) -> Vec<Result<LearningResult, Fault>> {
+    let ready: Vec<Result<TrainingInputs<'_>, Fault>> =
+        tasks.iter().map(|task| TrainingInputs::new(task, samples)).collect();
+    let of = |ready| Ok(EnsembleTraining::new(TrainingSetup::new(ready, samples)?));
+    let mut networks: Vec<Result<EnsembleTraining<'_>, Fault>> =
         ready.iter().map(|ready| ready.as_ref().map_err(Clone::clone).and_then(of)).collect();
     let most = networks.iter().flatten().map(|network| network.prepared.members.len()).max().unwrap_or(0);
     for member in 0..most {
         train_members(member, &mut networks);
     }
-    let learnt = |network: InTraining<'_>| network.prepared.learnt(samples, &network.trained);
+    let learnt = |network: EnsembleTraining<'_>| network.prepared.learnt(samples, &network.trained);
     networks.into_iter().map(|network| network.and_then(learnt)).collect()
 }
 
 /// Network whose members are trained one after the other.
-struct InTraining<'a> {
-    prepared: Prepared<'a>,
+struct EnsembleTraining<'a> {
+    prepared: TrainingSetup<'a>,
     /// States of members saved by an earlier run.
-    kept: Vec<State>,
+    kept: Vec<TrainingState>,
     /// States of the finished members.
-    done: Vec<State>,
-    trained: Vec<Trained>,
+    done: Vec<TrainingState>,
+    trained: Vec<TrainingResult>,
 }
 
-impl<'a> InTraining<'a> {
-    fn of(prepared: Prepared<'a>) -> Self {
+impl<'a> EnsembleTraining<'a> {
+    fn new(prepared: TrainingSetup<'a>) -> Self {
         let kept = prepared.task.work.kept().and_then(|bytes| read_states(&bytes)).unwrap_or_default();
         Self { prepared, kept, done: vec![], trained: vec![] }
     }
 
     /// State from which a member starts or resumes.
-    fn start(&self, member: usize) -> Option<State> {
+    fn start(&self, member: usize) -> Option<TrainingState> {
         let first = self.prepared.members.get(member)?;
         Some(self.kept.get(member).cloned().unwrap_or_else(|| {
             let mut state = self.prepared.core.start(first.clone());
@@ -63,11 +66,11 @@ impl<'a> InTraining<'a> {
         &self,
         number: usize,
         (from, begun): (usize, Instant),
-        epoch: &Epoch,
-        state: &State,
+        epoch: &TrainingEpoch,
+        state: &TrainingState,
         kept: &mut Option<Instant>,
     ) -> Result<(), Fault> {
-        let Task { model: NetworkModel { keys, .. }, work, .. } = self.prepared.task;
+        let TrainingTask { model: NetworkModel { keys, .. }, work, .. } = self.prepared.task;
         let (done, all) = (state.epoch, keys.epochs + keys.lbfgs_epochs);
         if kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S) {
             *kept = Some(Instant::now());
@@ -80,10 +83,10 @@ impl<'a> InTraining<'a> {
 }
 
 /// Trains one member of each network that has enough members.
-fn train_members(number: usize, networks: &mut [Result<InTraining<'_>, Fault>]) {
-    let mut members: Vec<(usize, Member<'_>)> = vec![];
+fn train_members(number: usize, networks: &mut [Result<EnsembleTraining<'_>, Fault>]) {
+    let mut members: Vec<(usize, MemberTraining<'_>)> = vec![];
     for (at, network) in networks.iter().enumerate() {
-        let member = network.as_ref().ok().and_then(|network| Member::of(number, network));
+        let member = network.as_ref().ok().and_then(|network| MemberTraining::new(number, network));
         members.extend(member.map(|member| (at, member)));
     }
     let found = train_together(members.iter_mut().map(|(_, member)| member.job()).collect());
@@ -101,12 +104,12 @@ fn train_members(number: usize, networks: &mut [Result<InTraining<'_>, Fault>]) 
 }
 
 /// Member in training.
-struct Member<'a> {
-    network: &'a InTraining<'a>,
+struct MemberTraining<'a> {
+    network: &'a EnsembleTraining<'a>,
     number: usize,
-    training: Training,
+    training: NetworkTraining,
     /// Current state.
-    state: State,
+    state: TrainingState,
     /// First epoch of this run, and its start time.
     from: (usize, Instant),
     /// Time of the last saved state.
@@ -115,20 +118,21 @@ struct Member<'a> {
     stopped: Option<Fault>,
 }
 
-impl<'a> Member<'a> {
-    fn of(number: usize, network: &'a InTraining<'a>) -> Option<Self> {
+impl<'a> MemberTraining<'a> {
+    fn new(number: usize, network: &'a EnsembleTraining<'a>) -> Option<Self> {
         let model = &network.prepared.task.model;
-        let training = Training { physics: model.physics, ..model.keys.training(member_seed(model.keys, number)) };
+        let training =
+            NetworkTraining { physics: model.physics, ..model.keys.training(member_seed(model.keys, number)) };
         let state = network.start(number)?;
         let from = (state.epoch, Instant::now());
         Some(Self { network, number, training, state, from, kept: None, stopped: None })
     }
 
-    fn job(&mut self) -> Result<Job<'_>, TrainingError> {
+    fn job(&mut self) -> Result<TrainingJob<'_>, TrainingError> {
         let Self { network, number, training, state, from, kept, stopped } = self;
-        let Prepared { core, rows, validation, .. } = &network.prepared;
+        let TrainingSetup { core, rows, validation, .. } = &network.prepared;
         let start = state.clone();
-        let each = move |epoch: &Epoch, now: &State| {
+        let each = move |epoch: &TrainingEpoch, now: &TrainingState| {
             state.clone_from(now);
             match network.goes_on(*number, *from, epoch, now, kept) {
                 Ok(()) => ControlFlow::Continue(()),
@@ -141,7 +145,7 @@ impl<'a> Member<'a> {
         core.job(start, training, rows, validation.as_ref(), Box::new(each))
     }
 
-    fn end(self, found: Result<Trained, TrainingError>) -> Result<(State, Trained), Fault> {
+    fn end(self, found: Result<TrainingResult, TrainingError>) -> Result<(TrainingState, TrainingResult), Fault> {
         match self.stopped {
             Some(stopped) => Err(stopped),
             None => Ok((self.state, found.map_err(fault)?)),
@@ -155,7 +159,7 @@ fn fault(error: TrainingError) -> Fault {
 }
 
 fn progress(
-    epoch: &Epoch,
+    epoch: &TrainingEpoch,
     done: usize,
     all: usize,
     member: usize,
@@ -175,7 +179,7 @@ fn progress(
 }
 
 /// States of the finished members and of the current one, each preceded by its length.
-fn states_bytes(done: &[State], now: &State) -> Vec<u8> {
+fn states_bytes(done: &[TrainingState], now: &TrainingState) -> Vec<u8> {
     let mut out = vec![];
     for state in done.iter().chain([now]) {
         let bytes = state.to_bytes();
@@ -185,12 +189,12 @@ fn states_bytes(done: &[State], now: &State) -> Vec<u8> {
     out
 }
 
-fn read_states(mut bytes: &[u8]) -> Option<Vec<State>> {
+fn read_states(mut bytes: &[u8]) -> Option<Vec<TrainingState>> {
     let mut states = vec![];
     while !bytes.is_empty() {
         let (length, rest) = bytes.split_first_chunk::<8>()?;
         let (state, rest) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
-        states.push(State::from_bytes(state).ok()?);
+        states.push(TrainingState::from_bytes(state).ok()?);
         bytes = rest;
     }
     Some(states)
@@ -202,14 +206,14 @@ mod tests {
 
     use schemas::Literal;
 
-    use crate::fit::testing::{Found, Stopping, bent, fitted_to, number, stage, whole, words, worked};
+    use crate::fit::testing::{FitOutput, InterruptMonitor, bent, fitted_to, number, stage, whole, words, worked};
 
     fn keys() -> Vec<(String, Literal)> {
         let validation = words("validation", &["1.1"]);
         vec![validation, whole("epochs", 12), whole("members", 2), whole("batch", 50), number("dropout", 0.1)]
     }
 
-    fn table(found: &Found) -> Vec<(String, u64)> {
+    fn table(found: &FitOutput) -> Vec<(String, u64)> {
         found.term.iter().cloned().zip(found.value.iter().map(|v| v.to_bits())).collect()
     }
 
@@ -217,15 +221,15 @@ mod tests {
     fn law_a_training_that_is_stopped_goes_on_to_the_same_table() {
         let whole_way = table(&fitted_to(&bent(), "m1", &keys()));
         for stop in [1, 7, 12, 13, 20] {
-            let first = Stopping::after(stop, None);
+            let first = InterruptMonitor::after(stop, None);
             let fault = worked(&bent(), "m1", &keys(), &first).err().unwrap();
             assert_eq!(fault.what, "interrupted");
-            let second = Stopping::after(usize::MAX, first.state());
+            let second = InterruptMonitor::after(usize::MAX, first.state());
             let found = worked(&bent(), "m1", &keys(), &second).unwrap();
             assert_eq!(table(&found), whole_way, "stopped after {stop}");
             assert!(second.told() <= 24 - stop, "it began again");
         }
-        let damaged = Stopping::after(usize::MAX, Some(b"nothing".to_vec()));
+        let damaged = InterruptMonitor::after(usize::MAX, Some(b"nothing".to_vec()));
         assert_eq!(table(&worked(&bent(), "m1", &keys(), &damaged).unwrap()), whole_way);
     }
 
@@ -247,7 +251,7 @@ mod tests {
     fn unit_what_cannot_be_trained_is_told_with_its_parameter() {
         let said = |keys: &[(String, Literal)]| {
             let fault = match stage("m1", keys) {
-                Ok(_) => worked(&bent(), "m1", keys, &schemas::Unattended).err().unwrap(),
+                Ok(_) => worked(&bent(), "m1", keys, &schemas::NullMonitor).err().unwrap(),
                 Err(mut faults) => faults.remove(0),
             };
             format!("{} [{}]", fault.what, fault.param.unwrap_or_default())

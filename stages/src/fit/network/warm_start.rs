@@ -1,15 +1,15 @@
 //! Initial weights from another trained network.
 
 use learning::{
-    inputs::Inputs,
-    network::{Form, Shape},
+    inputs::InputScaling,
+    network::{NetworkForm, NetworkShape},
 };
 use schemas::Fault;
 
-use super::{Network, core::Core};
+use super::{NetworkKeys, core::NetworkCore};
 use crate::{
-    fit::samples::Samples,
-    trained::{Layers, Learned, Parts},
+    fit::samples::FitSamples,
+    trained::{LearnedModel, NetworkLayers, NetworkParts},
 };
 
 /// Limit of the root mean square distance of an input from its mean in the first training, in standard deviations
@@ -22,7 +22,7 @@ const NAMED: usize = 6;
 ///
 /// Inputs and target keep its scales, which its weights require.
 pub struct WarmStart<'a> {
-    parts: Parts<'a>,
+    parts: NetworkParts<'a>,
 }
 
 impl<'a> WarmStart<'a> {
@@ -30,7 +30,7 @@ impl<'a> WarmStart<'a> {
     ///
     /// # Errors
     /// If the model is not a network, or has another form.
-    pub fn of(model: &'a Learned, form: Form) -> Result<Self, Fault> {
+    pub fn from_model(model: &'a LearnedModel, form: NetworkForm) -> Result<Self, Fault> {
         let none = || {
             let fault = Fault::data("the model of `warm_start` is not a network").of_param("warm_start");
             fault.help("name the table of a fit of a network")
@@ -47,10 +47,10 @@ impl<'a> WarmStart<'a> {
         Fault::data(format!("the network of `warm_start` {what}")).of_param("warm_start")
     }
 
-    fn head(&self) -> &Shape {
+    fn head(&self) -> &NetworkShape {
         match self.parts.layers {
-            Layers::Dense(shape) => shape,
-            Layers::Windowed(windowed, _) => &windowed.head,
+            NetworkLayers::Dense(shape) => shape,
+            NetworkLayers::Windowed(windowed, _) => &windowed.head,
         }
     }
 
@@ -68,7 +68,12 @@ impl<'a> WarmStart<'a> {
     ///
     /// # Errors
     /// If it has other inputs, or another number of principal components than `whiten` requests.
-    pub fn scaling(&self, samples: &Samples, at: &mut Vec<usize>, whiten: Option<f64>) -> Result<Inputs, Fault> {
+    pub fn scaling(
+        &self,
+        samples: &FitSamples,
+        at: &mut Vec<usize>,
+        whiten: Option<f64>,
+    ) -> Result<InputScaling, Fault> {
         self.order("inputs", self.parts.inputs, samples, at)?;
         let own = self.parts.scaling.components.as_ref().map(|components| components.count);
         let same = match (own, whiten) {
@@ -91,11 +96,11 @@ impl<'a> WarmStart<'a> {
     ///
     /// # Errors
     /// If it has other terms.
-    pub fn order_terms(&self, samples: &Samples, at: &mut Vec<usize>) -> Result<(), Fault> {
+    pub fn order_terms(&self, samples: &FitSamples, at: &mut Vec<usize>) -> Result<(), Fault> {
         self.order("linear", self.parts.linear, samples, at)
     }
 
-    fn order(&self, key: &str, names: &[String], samples: &Samples, at: &mut Vec<usize>) -> Result<(), Fault> {
+    fn order(&self, key: &str, names: &[String], samples: &FitSamples, at: &mut Vec<usize>) -> Result<(), Fault> {
         let place = |name: &String| at.iter().copied().find(|&i| samples.names.get(i) == Some(name));
         let found: Vec<Option<usize>> = names.iter().map(place).collect();
         let lacking = names.iter().zip(&found).filter(|(_, place)| place.is_none()).map(|(name, _)| name);
@@ -118,18 +123,19 @@ impl<'a> WarmStart<'a> {
     ///
     /// # Errors
     /// The first difference.
-    pub fn check(&self, keys: &Network, core: &Core, samples: &Samples) -> Result<(), Fault> {
+    pub fn check(&self, keys: &NetworkKeys, core: &NetworkCore, samples: &FitSamples) -> Result<(), Fault> {
         let other = |key: &str, own: &dyn std::fmt::Display, here: &dyn std::fmt::Display| {
             Err(self.fault(&format!("has `{key}` {own}, but this fit has {here}")))
         };
         let head = match (core, self.parts.layers) {
-            (Core::Dense(shape), Layers::Dense(_)) => shape,
-            (Core::Windowed(here), Layers::Windowed(own, rate_hz)) => {
+            (NetworkCore::Dense(shape), NetworkLayers::Dense(_)) => shape,
+            (NetworkCore::Windowed(here), NetworkLayers::Windowed(own, rate_hz)) => {
                 if own.memory != here.memory {
                     return other("model", &own.memory.word(), &here.memory.word());
                 }
                 if (own.window, own.units) != (here.window, here.units) {
-                    let what = |w: &learning::network::Windowed| format!("{} with {} units", w.window, w.units);
+                    let what =
+                        |w: &learning::network::WindowedNetworkShape| format!("{} with {} units", w.window, w.units);
                     return other("window", &what(own), &what(here));
                 }
                 let here_hz = samples.rate_hz()?;
@@ -139,10 +145,10 @@ impl<'a> WarmStart<'a> {
                 }
                 &here.head
             }
-            (Core::Dense(_), Layers::Windowed(..)) => {
+            (NetworkCore::Dense(_), NetworkLayers::Windowed(..)) => {
                 return Err(self.fault("uses a window of samples, but this model uses single samples"));
             }
-            (Core::Windowed(_), Layers::Dense(_)) => {
+            (NetworkCore::Windowed(_), NetworkLayers::Dense(_)) => {
                 return Err(self.fault("uses single samples, but this model uses a window"));
             }
         };
@@ -161,15 +167,15 @@ impl<'a> WarmStart<'a> {
 
     /// Parameters of its members. `linear` replaces the coefficients that the form does not train, in the scale of its
     /// target.
-    pub fn members(&self, form: Form, linear: &[f64]) -> Vec<Vec<f64>> {
+    pub fn members(&self, form: NetworkForm, linear: &[f64]) -> Vec<Vec<f64>> {
         let begin = |member: &Vec<f64>| {
             let mut member = member.clone();
             let first = member.len().saturating_sub(linear.len());
             match form {
-                Form::FixedLinear | Form::WeightsAroundFixed => {
+                NetworkForm::FixedLinear | NetworkForm::WeightsAroundFixed => {
                     member.iter_mut().skip(first).zip(linear).for_each(|(own, new)| *own = *new);
                 }
-                Form::Plain | Form::Weights | Form::TrainedLinear => {}
+                NetworkForm::Plain | NetworkForm::Weights | NetworkForm::TrainedLinear => {}
             }
             member
         };
@@ -177,8 +183,8 @@ impl<'a> WarmStart<'a> {
     }
 
     /// Warning about inputs that are far from the data of the first training. Empty if there are none.
-    pub fn far(&self, samples: &Samples, at: &[usize], lines: &[usize]) -> String {
-        let Inputs { mean, scale, .. } = self.parts.scaling;
+    pub fn far(&self, samples: &FitSamples, at: &[usize], lines: &[usize]) -> String {
+        let InputScaling { mean, scale, .. } = self.parts.scaling;
         let x = samples.columns(at, lines);
         let far = at.iter().enumerate().filter(|(column, _)| {
             let (mean, scale) = (mean.get(*column).copied(), scale.get(*column).copied());
@@ -211,7 +217,9 @@ fn listed<'a>(names: impl Iterator<Item = &'a String>) -> Option<String> {
 mod tests {
     use schemas::Literal;
 
-    use crate::fit::testing::{Found, another, begun_with, bent, delayed, fitted_to, flag, number, whole, word, words};
+    use crate::fit::testing::{
+        FitOutput, another, begun_with, bent, delayed, fitted_to, flag, number, whole, word, words,
+    };
 
     type Keys = Vec<(String, Literal)>;
 
@@ -224,7 +232,7 @@ mod tests {
     }
 
     /// The weights of a table and its target's scale.
-    fn weights(found: &Found) -> Vec<(&str, f64)> {
+    fn weights(found: &FitOutput) -> Vec<(&str, f64)> {
         let is_weight = |name: &str| {
             let other = ["epoch_", "target_mean", "linear["];
             !other.iter().any(|begin| name.split_once('.').map_or(name, |(_, rest)| rest).starts_with(begin))
@@ -233,7 +241,7 @@ mod tests {
         all.map(|(name, value)| (name.as_str(), *value)).collect()
     }
 
-    fn value(found: &Found, term: &str) -> f64 {
+    fn value(found: &FitOutput, term: &str) -> f64 {
         found.value[found.term.iter().position(|t| t == term).unwrap()]
     }
 
@@ -271,7 +279,7 @@ mod tests {
                 number("lambda", 0.0),
             ]
         };
-        let of = |found: &Found| value(found, "linear[1]") * value(found, "target_scale");
+        let of = |found: &FitOutput| value(found, "linear[1]") * value(found, "target_scale");
         for (model, goes_along) in [("m2b", false), ("m2d", false), ("m2c", true)] {
             let first = fitted_to(&bent(), model, &keys(1e-3));
             let second = begun_with(&first, &another(), model, &keys(1e-300)).unwrap();
@@ -311,7 +319,7 @@ mod tests {
         let first = |model: &str, keys: &[(String, Literal)]| {
             fitted_to(&bent(), model, &[&[whole("epochs", 1)][..], keys].concat())
         };
-        let why = |first: &Found, model: &str, keys: &[(String, Literal)]| {
+        let why = |first: &FitOutput, model: &str, keys: &[(String, Literal)]| {
             let fault = begun_with(first, &bent(), model, &[&[whole("epochs", 1)][..], keys].concat()).err().unwrap();
             assert_eq!(fault.param.as_deref(), Some("warm_start"), "{fault}");
             fault.what
@@ -343,7 +351,7 @@ mod tests {
         assert!(begun_with(&deep, &delayed(), "m1", &[whole("epochs", 1)]).is_ok());
     }
 
-    fn first_trees() -> Found {
+    fn first_trees() -> FitOutput {
         fitted_to(&bent(), "boosted_trees", &[whole("trees", 2)])
     }
 

@@ -1,6 +1,6 @@
 //! Window of samples of a network.
 
-use learning::network::Memory;
+use learning::network::MemoryLayers;
 use schemas::{Fault, Rule, params};
 
 params! {
@@ -14,9 +14,9 @@ params! {
 
 /// Layers that compute features of a window.
 #[derive(Clone, Copy)]
-pub struct Window {
+pub struct WindowLayers {
     /// Type of the layers.
-    pub memory: Memory,
+    pub memory: MemoryLayers,
     /// Number of samples.
     pub window: usize,
     /// Number of features.
@@ -25,12 +25,12 @@ pub struct Window {
 
 impl WindowKeys {
     /// Window with its type of layers.
-    pub fn with(&self, memory: Memory) -> Window {
-        Window { memory, window: self.window, units: self.units }
+    pub fn with(&self, memory: MemoryLayers) -> WindowLayers {
+        WindowLayers { memory, window: self.window, units: self.units }
     }
 }
 
-impl Window {
+impl WindowLayers {
     /// Cost of a sample relative to a network of single samples.
     pub fn effort(&self) -> f64 {
         (self.window * self.units) as f64
@@ -39,7 +39,7 @@ impl Window {
     /// Faults of its keys.
     pub fn faults(&self) -> Vec<Fault> {
         let what = format!("`window` of convolutions must be a power of two, not {}", self.window);
-        let wrong = self.memory == Memory::Tcn && !self.window.is_power_of_two();
+        let wrong = self.memory == MemoryLayers::Tcn && !self.window.is_power_of_two();
         wrong.then(|| Fault::new(what).of_param("window")).into_iter().collect()
     }
 }

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
 use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
-use schemas::{AnyLinePoint, AnyStage, Args, Given, LineIn, LineStageDyn, Literal, Prepared};
+use schemas::{AnyLinePoint, AnySharedData, AnyStage, LineInput, LineStageDyn, Literal, SpecEntries, SpecEntry};
 
 use super::*;
 
@@ -41,16 +41,16 @@ fn point(params: &[(&str, Literal)]) -> AnyStage {
         ("core_field", Literal::Bool(false)),
         ("save_state", Literal::Bool(true)),
     ];
-    let args: Args = given
+    let args: SpecEntries = given
         .iter()
         .chain(params)
-        .map(|(name, value)| ((*name).to_owned(), Given { value: value.clone(), key_at: 0..0, at: 0..0 }))
+        .map(|(name, value)| ((*name).to_owned(), SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 }))
         .collect();
     (super::super::entry(super::super::FILTERS.to_vec()).build)(&args).unwrap()
 }
 
-fn on(line: &RecordBatch) -> LineIn {
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![line.clone(), line.slice(0, 0)], keep: None }
+fn on(line: &RecordBatch) -> LineInput {
+    LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![line.clone(), line.slice(0, 0)], keep: None }
 }
 
 /// The numbers of an answer as bits, and its words.
@@ -80,14 +80,14 @@ fn law_points_together_answer_as_each_alone() {
         point(&[("mag", text("mag_1_c")), ("offset_window_s", Literal::Float(2.0))]),
     ];
     let (here, there) = (line(0.0), line(0.0005));
-    let mut lines: Vec<LineIn> = points.iter().map(|_| on(&here)).collect();
+    let mut lines: Vec<LineInput> = points.iter().map(|_| on(&here)).collect();
     // One of another INS, one of the same values in other memory, one with another stage's map.
     lines[3] = on(&there);
     lines[7] = on(&line(0.0));
     lines.push(lines[0].clone());
     let stages: Vec<&dyn LineStageDyn> = points.iter().chain([&points[0]]).map(|p| p.of_lines().unwrap()).collect();
     let nodes = [here.slice(0, 0), map_table()];
-    let mut prepared: Vec<Prepared> = stages.iter().map(|stage| stage.prepare(&nodes).unwrap()).collect();
+    let mut prepared: Vec<AnySharedData> = stages.iter().map(|stage| stage.prepare(&nodes).unwrap()).collect();
     prepared[8] = Arc::new(());
     let each = stages.iter().zip(&lines).zip(&prepared);
     let together: Vec<AnyLinePoint> =

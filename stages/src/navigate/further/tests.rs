@@ -42,8 +42,8 @@ fn law_the_difference_helps_a_field_of_which_the_storm_is_known() {
         let keys = "mag = 'mag_1_c'\nmap_interpolation = 'cubic'\n";
         let of = |more: &str| flown(filter, &format!("{keys}{more}"), &calm).unwrap();
         let (alone, both) = (of(""), of(&GRADIENT.replace("map_interpolation = 'cubic'\n", "")));
-        let end = |found: &Answer, name: &str| found.numbers(name)[ROWS - 1];
-        let sigma = |found: &Answer| end(found, "sd_n").hypot(end(found, "sd_e"));
+        let end = |found: &NavigateOutput, name: &str| found.numbers(name)[ROWS - 1];
+        let sigma = |found: &NavigateOutput| end(found, "sd_n").hypot(end(found, "sd_e"));
         assert!(sigma(&both) < 0.9 * sigma(&alone), "{filter}: {} {}", sigma(&both), sigma(&alone));
         assert!(both.error_m(ROWS - 1) < 25.0, "{filter}: {}", both.error_m(ROWS - 1));
         assert!(filter != "ukf" || both.numbers("sd_nonlinear").iter().all(|nt| nt.is_finite()));
@@ -150,7 +150,7 @@ fn law_the_difference_helps_the_other_filters() {
         let keys = format!("mag = '{mag}'\nmap_interpolation = 'cubic'\n{own}\n");
         let of = |more: &str| flown(filter, &format!("{keys}{more}"), &calm).unwrap();
         let (alone, both) = (of(""), of(&GRADIENT.replace("map_interpolation = 'cubic'\n", "")));
-        let sigma = |found: &Answer| found.numbers("sd_n")[300].hypot(found.numbers("sd_e")[300]);
+        let sigma = |found: &NavigateOutput| found.numbers("sd_n")[300].hypot(found.numbers("sd_e")[300]);
         // A field whose noise is learnt is worth more than one of the noise told.
         assert!(sigma(&both) < 0.99 * sigma(&alone), "{filter}: {} {}", sigma(&both), sigma(&alone));
         assert!(both.error_m(ROWS - 1) < 25.0, "{filter}: {}", both.error_m(ROWS - 1));

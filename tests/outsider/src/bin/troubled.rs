@@ -5,7 +5,7 @@
 use std::{process::ExitCode, sync::Arc, thread::sleep, time::Duration};
 
 use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, stage};
 
 stage! {
     /// Copies the time, and makes trouble on one line.
@@ -25,9 +25,9 @@ input = "resample"
 }
 
 impl Stage for Trouble {
-    fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
+    fn yields(&self, _: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let copy = Column::float("copy", "s", "the time");
-        Ok(Yield::append(vec![copy.from(0, &["tt"])], &["tt"]))
+        Ok(StageSchema::append(vec![copy.from(0, &["tt"])], &["tt"]))
     }
 }
 
@@ -39,7 +39,7 @@ impl LineStage for Trouble {
     }
 
     #[allow(clippy::panic)]
-    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+    fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         match if line.line == self.on { self.does.as_str() } else { "none" } {
             "fault" => return Err(Fault::data("trouble was asked for")),
             "panic" => panic!("trouble was asked for"),

@@ -1,6 +1,6 @@
-//! In what the XML interface of Google Cloud Storage is another than that of S3, by its documentation: conditions and versions are
-//! generations of an object, numbers that grow with each write and are microseconds there; names are percent-encoded whole; who asks
-//! has a token, or nothing where anyone may.
+//! In what the XML interface of Google Cloud Storage is another than that of S3, by its documentation: conditions and
+//! versions are generations of an object, numbers that grow with each write and are microseconds there; names are
+//! percent-encoded whole; who asks has a token, or nothing where anyone may.
 
 use std::{fs, path::Path, time::UNIX_EPOCH};
 

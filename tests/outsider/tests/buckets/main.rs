@@ -1,4 +1,5 @@
-//! Stores, inputs and published sets in buckets of a server that refuses, cuts and delays: the bytes of those in folders.
+//! Stores, inputs and published sets in buckets of a server that refuses, cuts and delays: the bytes of those in
+//! folders.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 #[cfg(feature = "cluster")]
@@ -64,7 +65,8 @@ fn user_a_store_in_a_bucket_has_the_bytes_of_one_in_a_folder() {
     let run = lab.run(&address("two"), &lab.cache(), &["--engine", "processes", "--threads", "2"]);
     assert_eq!(run.counts(), (0, units, 0), "{}", run.err);
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("two")), "by processes");
-    // A flipped bit is found, told, and what it is in is computed again: the largest pack is the only one with the filtered lines.
+    // A flipped bit is found, told, and what it is in is computed again: the largest pack is the only one with the
+    // filtered lines.
     let packs = expected.iter().filter(|(name, _)| name.starts_with("objects/"));
     let pack = packs.max_by_key(|(_, bytes)| bytes.len()).unwrap().0;
     let object = lab.server.path(&format!("one/{pack}"));
@@ -148,8 +150,8 @@ fn user_a_run_that_is_killed_goes_on() {
     let (expected, units) = lab.local();
     let (cache, mut killed) = (lab.cache(), 0);
     let listed = Arc::new(AtomicBool::new(false));
-    // At a write that comes later and later, before the server does it or after; and once when a version has its list, and
-    // not its files.
+    // At a write that comes later and later, before the server does it or after; and once when a version has its list,
+    // and not its files.
     loop {
         let (tell, told) = channel();
         let (mut left, fault) = (1 + 2 * killed, if killed % 2 == 0 { Fault::Late } else { Fault::Silent });

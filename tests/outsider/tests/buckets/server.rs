@@ -107,7 +107,8 @@ struct Shared {
     folder: PathBuf,
     decide: Mutex<Decide>,
     asked: Mutex<Vec<Asked>>,
-    /// The store of `s3s-fs` writes an object and its version one after the other: one writer at a time, and no reader then.
+    /// The store of `s3s-fs` writes an object and its version one after the other: one writer at a time, and no reader
+    /// then.
     one: RwLock<()>,
 }
 

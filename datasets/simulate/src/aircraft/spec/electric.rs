@@ -1,5 +1,5 @@
-//! The keys of the spec for the electronics on board: currents, the wires they flow in, voltages, control signals and the
-//! temperature.
+//! The keys of the spec for the electronics on board: currents, the wires they flow in, voltages, control signals and
+//! the temperature.
 
 use std::collections::BTreeMap;
 
@@ -9,18 +9,18 @@ use schemas::{Rule, params};
 pub(super) use self::{currents::current, signals::input};
 pub(crate) use self::{currents::kinds, signals::signals};
 pub use self::{
-    currents::{Current, CurrentKeys, Engine, Kind, Thermostat},
-    signals::{Input, InputKeys, Signal, Told},
+    currents::{Current, CurrentControl, CurrentKeys, EngineThrottle, Thermostat},
+    signals::{ControlQuantity, ControlSignal, InputKeys, NamedControlQuantity},
 };
 use super::source::index_of;
-use crate::reading::Section;
+use crate::reading::SynthSection;
 
 mod currents;
 mod signals;
 
 /// Errors of a channel that records a current, a voltage or a control signal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Channel {
+pub struct ChannelErrors {
     /// Delay of the recorded value, in seconds.
     pub delay_s: f64,
     /// Time constant of its first-order response, in seconds.
@@ -64,7 +64,7 @@ pub struct Voltage {
     /// Step of the recorded values, in V; 0 is none.
     pub resolution_v: f64,
     /// Errors of the column.
-    pub channel: Channel,
+    pub channel: ChannelErrors,
 }
 
 /// The temperature on board. It settles from the initial to the final temperature, with a slow oscillation.
@@ -99,14 +99,14 @@ params! {
 }
 
 impl ChannelKeys {
-    fn channel(&self) -> Channel {
+    fn channel(&self) -> ChannelErrors {
         let ChannelKeys { delay_s, response_s, limit, stuck_at } = *self;
-        Channel { delay_s, response_s, limit, stuck_at }
+        ChannelErrors { delay_s, response_s, limit, stuck_at }
     }
 }
 
 /// The index of the current `name` in the key `key`; an unknown name is a fault.
-fn current_of(s: &Section, key: &'static str, name: &str, currents: &[Current]) -> Option<usize> {
+fn current_of(s: &SynthSection, key: &'static str, name: &str, currents: &[Current]) -> Option<usize> {
     index_of(currents, name).map_err(|fault| s.push_at(key, fault)).ok()
 }
 
@@ -130,7 +130,7 @@ params! {
     moment_m2: Option<[f64; 3]>, unit "m2", absent "no coil", rule Rule::Finite;
 }
 
-pub(super) fn wire(s: &Section, currents: &[Current]) -> Option<Wire> {
+pub(super) fn wire(s: &SynthSection, currents: &[Current]) -> Option<Wire> {
     let keys: WireKeys = s.group(None)?;
     let path_m: Vec<Vector3<f64>> = keys.path.unwrap_or_default().into_iter().map(Vector3::from).collect();
     let dipole = keys.place_m.zip(keys.moment_m2).map(|(p, m)| (Vector3::from(p), Vector3::from(m)));
@@ -158,7 +158,7 @@ params! {
     resolution_v: f64, unit "V", default 0.0, rule Rule::NotNegative;
 }
 
-pub(super) fn voltage(s: &Section, currents: &[Current]) -> Option<Voltage> {
+pub(super) fn voltage(s: &SynthSection, currents: &[Current]) -> Option<Voltage> {
     let keys: VoltageKeys = s.group(None)?;
     if !keys.name.starts_with("vol_") {
         s.fault_at("name", format!("the name of a voltage must begin with `vol_`, not `{}`", keys.name));
@@ -192,7 +192,7 @@ params! {
     reference_degc: f64, unit "degC", default 20.0, rule Rule::Between(-90.0, 90.0);
 }
 
-pub(super) fn temperature(root: &Section) -> Temperature {
+pub(super) fn temperature(root: &SynthSection) -> Temperature {
     let keys: TemperatureKeys = root.section("temperature").and_then(|s| s.group(None)).unwrap_or_default();
     Temperature {
         start_degc: keys.start_degc,

@@ -4,22 +4,22 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use numerics::signal::gauss_markov::GaussMarkov;
-use schemas::{Nested, Rule, choice, params};
+use schemas::{NestedParams, Rule, choice, params};
 
-use crate::reading::Section;
+use crate::reading::SynthSection;
 
 use super::{
-    Current, Drawn, Source,
-    source::{Amount, SourceKeys, couplings, source},
+    AircraftFieldSpec, Current, QuantitySpec,
+    source::{AircraftFieldKeys, CurrentFieldSpec, couplings, source},
 };
 
 /// A scalar magnetometer. It reads the exact magnitude of the field plus its errors.
 #[derive(Clone, Debug)]
-pub struct Scalar {
+pub struct ScalarMagnetometer {
     /// The column, `mag_N_uc` or `mag_1_c`.
     pub name: String,
     /// The aircraft's field at the sensor.
-    pub source: Source,
+    pub source: AircraftFieldSpec,
     /// Position relative to the INS along nose, right and down, in m, for the earth's field; `None` means at the INS.
     pub arm_m: Option<Vector3<f64>>,
     /// White noise, in nT.
@@ -27,7 +27,7 @@ pub struct Scalar {
     /// Slow drift of the reading.
     pub drift: Option<GaussMarkov>,
     /// Dependence of the reading on the direction of the field.
-    pub heading: Heading,
+    pub heading: HeadingErrorModel,
     /// Dead zone about the optical axis, in degrees.
     pub dead_polar_deg: f64,
     /// Dead zone about the plane normal to the optical axis, in degrees.
@@ -42,13 +42,13 @@ pub struct Scalar {
     /// Quantisation step of the readings, in nT; 0 disables rounding.
     pub resolution_nt: f64,
     /// Sampling of the sensor.
-    pub sampling: Sampling,
+    pub sampling: SensorSampling,
 }
 
 /// Heading error: `amplitude_nt` times the cosine of the angle between the field and the optical axis, as for the
 /// light shift. The maximum over all headings is the amplitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heading {
+pub struct HeadingErrorModel {
     /// Maximum error, in nT: 0.15 for a split-beam caesium magnetometer, 30 for a small single-beam one.
     pub amplitude_nt: f64,
     /// Direction of the light in the body frame, a unit vector.
@@ -60,7 +60,7 @@ pub struct Heading {
 /// Between two readings, the table holds the last one (`hold`), as a recorder does, or interpolates linearly, as later
 /// processing does. A sensor at the table's rate or above is read at the table's times.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Sampling {
+pub struct SensorSampling {
     /// Readings per second.
     pub rate_hz: Option<f64>,
     /// Lag of the reading, in seconds.
@@ -71,11 +71,11 @@ pub struct Sampling {
 
 /// A vector magnetometer, such as a fluxgate.
 #[derive(Clone, Debug)]
-pub struct Vector {
+pub struct VectorMagnetometer {
     /// Name of the columns without `_x`, `_y`, `_z`.
     pub name: String,
     /// The aircraft's field at the sensor.
-    pub source: Source,
+    pub source: AircraftFieldSpec,
     /// White noise of each axis, in nT.
     pub noise_nt: f64,
     /// Standard deviation of the bias of each axis, in nT.
@@ -99,7 +99,7 @@ pub struct Vector {
     /// Remanence of each axis after a loop of its field between ±50,000 nT, in nT.
     pub core_hysteresis_nt: f64,
     /// Coupling of currents into the readings through cables and supply, in nT/A.
-    pub crosstalk: Vec<(usize, Drawn<Vector3<f64>>)>,
+    pub crosstalk: Vec<(usize, QuantitySpec<Vector3<f64>>)>,
     /// Corner frequency of the first-order response, in Hz.
     pub bandwidth_hz: Option<f64>,
     /// Additional lag of each axis, in seconds.
@@ -109,7 +109,7 @@ pub struct Vector {
     /// Quantisation step of the readings, in nT; 0 disables rounding.
     pub resolution_nt: f64,
     /// Sampling of the sensor.
-    pub sampling: Sampling,
+    pub sampling: SensorSampling,
 }
 
 params! {
@@ -141,7 +141,7 @@ params! {
 
 choice! {
     /// Value of a missing reading.
-    pub enum Lost {
+    pub enum DropoutValue {
         /// NaN.
         Nan = "nan",
         /// 0, as written by some recorders.
@@ -161,14 +161,14 @@ params! {
 }
 
 impl SamplingKeys {
-    fn sampling(&self) -> Sampling {
-        Sampling { rate_hz: self.rate_hz, lag_s: self.lag_s, hold: self.hold }
+    fn sampling(&self) -> SensorSampling {
+        SensorSampling { rate_hz: self.rate_hz, lag_s: self.lag_s, hold: self.hold }
     }
 }
 
 params! {
     /// A table of `magnetometers`: a scalar magnetometer. It reads the exact magnitude of the field plus its errors.
-    pub struct ScalarKeys, groups [source: SourceKeys, sampling: SamplingKeys];
+    pub struct ScalarKeys, groups [source: AircraftFieldKeys, sampling: SamplingKeys];
     /// Name of the column, `mag_N_uc` or `mag_1_c`.
     name: String, unit "";
     /// Position relative to the INS in the body frame (nose, right, down). The earth's field is evaluated at this
@@ -177,7 +177,7 @@ params! {
     /// Standard deviation of white noise.
     noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Slow drift of the reading.
-    drift: Option<Nested<DriftKeys>>, unit "", absent "none";
+    drift: Option<NestedParams<DriftKeys>>, unit "", absent "none";
     /// Maximum heading error over all headings: 0.15 nT for a split-beam caesium magnetometer, 30 nT for a small
     /// single-beam one.
     heading_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
@@ -189,18 +189,18 @@ params! {
     /// reading.
     dead_equatorial_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
     /// Dropouts of the sensor.
-    dropouts: Option<Nested<DropoutKeys>>, unit "", absent "none";
+    dropouts: Option<NestedParams<DropoutKeys>>, unit "", absent "none";
     /// Value of a missing reading.
-    lost: Lost, unit "", default Lost::Nan;
+    lost: DropoutValue, unit "", default DropoutValue::Nan;
     /// Spikes of a single sample.
-    spikes: Option<Nested<SpikeKeys>>, unit "", absent "none";
+    spikes: Option<NestedParams<SpikeKeys>>, unit "", absent "none";
     /// Quantisation step of the readings; 0 disables rounding.
     resolution_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
 }
 
 params! {
     /// A table of `vector_magnetometers`: a vector magnetometer, such as a fluxgate.
-    pub struct VectorKeys, groups [source: SourceKeys, sampling: SamplingKeys];
+    pub struct VectorKeys, groups [source: AircraftFieldKeys, sampling: SamplingKeys];
     /// Name of the columns without `_x`, `_y`, `_z`: `flux_X`.
     name: String, unit "";
     /// Standard deviation of white noise of each axis.
@@ -230,23 +230,23 @@ params! {
     core_hysteresis_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Coupling of each current into the readings through cables and supply, per ampere, by the name of the current. It
     /// affects this sensor only. A vector, or a magnitude whose direction is drawn.
-    crosstalk: Option<BTreeMap<String, Amount>>, unit "nT", absent "none", rule Rule::Finite;
+    crosstalk: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "none", rule Rule::Finite;
     /// Corner frequency (-3 dB) of the first-order response.
     bandwidth_hz: Option<f64>, unit "Hz", absent "no response delay", rule Rule::Positive;
     /// Lag of each axis in addition to `lag_s`, as of a converter that reads the axes in turn.
     axis_lag_s: [f64; 3], unit "s", default [0.0; 3], rule Rule::Between(0.0, 60.0);
     /// Slow drift of each axis.
-    drift: Option<Nested<DriftKeys>>, unit "", absent "none";
+    drift: Option<NestedParams<DriftKeys>>, unit "", absent "none";
     /// Quantisation step of the readings; 0 disables rounding.
     resolution_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
 }
 
-fn drift(keys: Option<Nested<DriftKeys>>) -> Option<GaussMarkov> {
-    let process = keys.map(|Nested(keys)| GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s });
+fn drift(keys: Option<NestedParams<DriftKeys>>) -> Option<GaussMarkov> {
+    let process = keys.map(|NestedParams(keys)| GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s });
     process.filter(|process| process.sigma > 0.0)
 }
 
-pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
+pub(super) fn scalar(s: &SynthSection, currents: &[Current]) -> Option<ScalarMagnetometer> {
     let keys: ScalarKeys = s.group(None)?;
     let known = schemas::flight::describe(&keys.name);
     if known.unit != "nT" || !keys.name.starts_with("mag_") {
@@ -259,8 +259,9 @@ pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
     if axis.norm() < 1e-9 {
         s.fault_at("axis", "`axis` must not be the zero vector".to_owned());
     }
-    let heading = Heading { amplitude_nt: keys.heading_nt, axis: axis.try_normalize(1e-9).unwrap_or(Vector3::z()) };
-    Some(Scalar {
+    let heading =
+        HeadingErrorModel { amplitude_nt: keys.heading_nt, axis: axis.try_normalize(1e-9).unwrap_or(Vector3::z()) };
+    Some(ScalarMagnetometer {
         source: source(s, keys.source, currents),
         sampling: keys.sampling.sampling(),
         name: keys.name,
@@ -270,19 +271,19 @@ pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
         heading,
         dead_polar_deg: keys.dead_polar_deg,
         dead_equatorial_deg: keys.dead_equatorial_deg,
-        dropouts: keys.dropouts.map(|Nested(d)| (d.mean_s, d.for_s)),
-        lost_is_zero: keys.lost == Lost::Zero,
-        spikes: keys.spikes.map(|Nested(d)| (d.mean_s, d.sigma_nt)),
+        dropouts: keys.dropouts.map(|NestedParams(d)| (d.mean_s, d.for_s)),
+        lost_is_zero: keys.lost == DropoutValue::Zero,
+        spikes: keys.spikes.map(|NestedParams(d)| (d.mean_s, d.sigma_nt)),
         resolution_nt: keys.resolution_nt,
     })
 }
 
-pub(super) fn vector(s: &Section, currents: &[Current]) -> Option<Vector> {
+pub(super) fn vector(s: &SynthSection, currents: &[Current]) -> Option<VectorMagnetometer> {
     let keys: VectorKeys = s.group(None)?;
     if keys.name.strip_prefix("flux_").is_none_or(str::is_empty) {
         s.fault_at("name", format!("the name of a vector magnetometer must be `flux_X`, not `{}`", keys.name));
     }
-    Some(Vector {
+    Some(VectorMagnetometer {
         source: source(s, keys.source, currents),
         sampling: keys.sampling.sampling(),
         name: keys.name,

@@ -3,98 +3,100 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
-use schemas::{Fault, Literal, Rule, Value, params};
+use schemas::{Fault, Literal, ParamValue, Rule, params};
 
 use super::Current;
-use crate::reading::Section;
+use crate::reading::SynthSection;
 
 /// A quantity that the spec gives exactly, or by a size from which it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Drawn<T> {
+pub enum QuantitySpec<T> {
     /// The exact value.
     Exact(T),
     /// The size of a drawn value.
     Size(f64),
 }
 
-impl Drawn<Matrix3<f64>> {
+impl QuantitySpec<Matrix3<f64>> {
     /// Whether it is zero for every draw.
     pub(crate) fn is_none(&self) -> bool {
         match self {
-            Drawn::Exact(matrix) => *matrix == Matrix3::zeros(),
-            Drawn::Size(size) => *size == 0.0,
+            QuantitySpec::Exact(matrix) => *matrix == Matrix3::zeros(),
+            QuantitySpec::Size(size) => *size == 0.0,
         }
     }
 }
 
 /// The magnetic field of the aircraft at one position in it, in the body frame (nose, right, down).
 #[derive(Clone, Debug)]
-pub struct Source {
+pub struct AircraftFieldSpec {
     /// Position relative to the aircraft's reference point, in metres; without it wires have no effect.
     pub position_m: Option<Vector3<f64>>,
     /// The permanent field in nT. Keys `permanent = [x, y, z]`, or `permanent_nt`, its magnitude (0), the
     /// direction drawn.
-    pub permanent: Drawn<Vector3<f64>>,
+    pub permanent: QuantitySpec<Vector3<f64>>,
     /// The induced tensor in nT per nT of the earth's field. Keys `induced = [[..], [..], [..]]`, of any symmetry,
     /// or `induced_nt`, the standard deviation of a symmetric tensor's elements times 50,000 nT (0).
-    pub induced: Drawn<Matrix3<f64>>,
+    pub induced: QuantitySpec<Matrix3<f64>>,
     /// Whether a drawn tensor is symmetric.
     pub induced_symmetric: bool,
     /// The eddy matrix in seconds (nT per nT/s). Keys `eddy = [[..], [..], [..]]`, or `eddy_s`, the standard
     /// deviation of its elements (0).
-    pub eddy: Drawn<Matrix3<f64>>,
+    pub eddy: QuantitySpec<Matrix3<f64>>,
     /// Standard deviation of the change of each component of the permanent field between flights, in nT, as caused by
     /// the shock of a landing.
     pub shift_nt: f64,
     /// Random walk of each component of the permanent field from the flight's start, in nT/√h.
     pub walk_nt_per_sqrt_h: f64,
     /// Field caused by wing bending, in nT per m/s² of vertical specific force in excess of level flight.
-    pub flex: Drawn<Vector3<f64>>,
+    pub flex: QuantitySpec<Vector3<f64>>,
     /// Excess specific force at which wing bending saturates, in m/s².
     pub flex_limit_mps2: f64,
     /// Remanence of the airframe's iron, in nT: column j is the field after a loop of the earth's field along body
     /// axis j between ±50,000 nT and back to zero. Keys `hysteresis`, or `hysteresis_nt`, the standard deviation of its
     /// elements (0).
-    pub hysteresis: Drawn<Matrix3<f64>>,
+    pub hysteresis: QuantitySpec<Matrix3<f64>>,
     /// Field of each current in nT/A: the table `currents`, with names of currents as keys. A value is a vector, or a
     /// magnitude whose direction is drawn. The field of wires is added.
-    pub currents: Vec<(usize, Drawn<Vector3<f64>>)>,
+    pub currents: Vec<(usize, QuantitySpec<Vector3<f64>>)>,
 }
 
 /// The field of a current: a magnitude or a vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Amount {
+pub enum CurrentFieldSpec {
     /// The magnitude; the direction is drawn.
     Size(f64),
     /// The vector.
     Exact([f64; 3]),
 }
 
-impl Value for Amount {
+impl ParamValue for CurrentFieldSpec {
     const TYPE: &'static str = "number or list of three";
 
-    fn read(literal: &Literal) -> Option<Amount> {
-        f64::read(literal).map(Amount::Size).or_else(|| <[f64; 3]>::read(literal).map(Amount::Exact))
+    fn read(literal: &Literal) -> Option<CurrentFieldSpec> {
+        f64::read(literal)
+            .map(CurrentFieldSpec::Size)
+            .or_else(|| <[f64; 3]>::read(literal).map(CurrentFieldSpec::Exact))
     }
 
     fn check(&self, rule: &Rule) -> Result<(), Fault> {
         match self {
-            Amount::Size(size) => size.check(rule),
-            Amount::Exact(vector) => vector.check(rule),
+            CurrentFieldSpec::Size(size) => size.check(rule),
+            CurrentFieldSpec::Exact(vector) => vector.check(rule),
         }
     }
 
     fn canonical(&self) -> String {
         match self {
-            Amount::Size(size) => size.canonical(),
-            Amount::Exact(vector) => vector.canonical(),
+            CurrentFieldSpec::Size(size) => size.canonical(),
+            CurrentFieldSpec::Exact(vector) => vector.canonical(),
         }
     }
 }
 
 params! {
     /// The magnetic field of the aircraft at a magnetometer, in the body frame (nose, right, down).
-    pub struct SourceKeys;
+    pub struct AircraftFieldKeys;
     /// Position relative to the aircraft's reference point.
     position_m: Option<[f64; 3]>, unit "m", absent "wires have no effect", rule Rule::Finite;
     /// Permanent field.
@@ -130,12 +132,12 @@ params! {
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Field of each current per ampere, by the name of the current: a vector, or a magnitude whose direction is drawn.
     /// The field of `wires` is added.
-    currents: Option<BTreeMap<String, Amount>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
+    currents: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
 }
 
-pub(super) fn source(s: &Section, keys: SourceKeys, currents: &[Current]) -> Source {
+pub(super) fn source(s: &SynthSection, keys: AircraftFieldKeys, currents: &[Current]) -> AircraftFieldSpec {
     let matrix = |m: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| m[i][j]);
-    Source {
+    AircraftFieldSpec {
         position_m: keys.position_m.map(Vector3::from),
         permanent: either(s, "permanent", keys.permanent.map(Vector3::from), "permanent_nt", keys.permanent_nt),
         induced: either(s, "induced", keys.induced.map(matrix), "induced_nt", keys.induced_nt),
@@ -150,29 +152,35 @@ pub(super) fn source(s: &Section, keys: SourceKeys, currents: &[Current]) -> Sou
     }
 }
 
-fn either<T>(s: &Section, exactly: &str, exact: Option<T>, sized: &'static str, size: Option<f64>) -> Drawn<T> {
+fn either<T>(
+    s: &SynthSection,
+    exactly: &str,
+    exact: Option<T>,
+    sized: &'static str,
+    size: Option<f64>,
+) -> QuantitySpec<T> {
     match exact {
         Some(_) if size.is_some() => {
             s.fault_at(sized, format!("`{exactly}` cannot be combined with `{sized}`; remove one of them"));
-            Drawn::Size(0.0)
+            QuantitySpec::Size(0.0)
         }
-        Some(exact) => Drawn::Exact(exact),
-        None => Drawn::Size(size.unwrap_or(0.0)),
+        Some(exact) => QuantitySpec::Exact(exact),
+        None => QuantitySpec::Size(size.unwrap_or(0.0)),
     }
 }
 
 /// The couplings in the table `key`, by the names of currents.
 pub(super) fn couplings(
-    s: &Section,
+    s: &SynthSection,
     key: &'static str,
-    given: BTreeMap<String, Amount>,
+    given: BTreeMap<String, CurrentFieldSpec>,
     currents: &[Current],
-) -> Vec<(usize, Drawn<Vector3<f64>>)> {
+) -> Vec<(usize, QuantitySpec<Vector3<f64>>)> {
     let mut coupled = vec![];
     for (name, amount) in given {
         let amount = match amount {
-            Amount::Size(size) => Drawn::Size(size),
-            Amount::Exact(v) => Drawn::Exact(Vector3::from(v)),
+            CurrentFieldSpec::Size(size) => QuantitySpec::Size(size),
+            CurrentFieldSpec::Exact(v) => QuantitySpec::Exact(Vector3::from(v)),
         };
         match index_of(currents, &name) {
             Ok(index) => coupled.push((index, amount)),

@@ -1,11 +1,11 @@
 //! The eddy field is the exact derivative of the field in the body frame, however often the flight is sampled.
 
 use numerics::{
-    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field as Flux, Terms, matrix},
+    compensation::tolles_lawson::{BodyFieldColumns as Flux, DEFAULT_SCALE_NT, TermSelection, matrix},
     regression::least_squares::QrAccumulator,
 };
 
-use super::{super::super::trajectory::Trajectory, *};
+use super::{super::super::trajectory::TrueTrajectory, *};
 
 /// A weaving climb through gusts over Osborne, with everything in the field that can change.
 const WILD: &str = "
@@ -70,13 +70,14 @@ fn law_the_eddy_field_is_the_derivative_of_the_field_in_the_body_frame() {
         most = most.max((eddy - eddy_s * rate).norm());
         size = size.max(eddy.norm());
     }
-    // Rounding of the differences over milliseconds, in the test and in the simulator: parts in 10^8 of the field's rate.
+    // Rounding of the differences over milliseconds, in the test and in the simulator: parts in 10^8 of the field's
+    // rate.
     assert!(most < 1e-7 * size && size > 30.0, "{most} of {size}");
 }
 
 /// A level turn at a constant rate with roll and pitch held, sampled at 10 Hz.
-fn turn(roll_deg: f64, pitch_deg: f64, turn_degps: f64) -> Trajectory {
-    let mut flown = Trajectory::default();
+fn turn(roll_deg: f64, pitch_deg: f64, turn_degps: f64) -> TrueTrajectory {
+    let mut flown = TrueTrajectory::default();
     let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
         (roll_deg.to_radians().sin_cos(), pitch_deg.to_radians().sin_cos());
     let rates = [-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch].map(|part| turn_degps * part);
@@ -145,14 +146,14 @@ fn left_nt(rate_hz: f64) -> (f64, f64) {
                    [[magnetometers]]\nname = 'mag_2_uc'\neddy = [[1e-4, 2e-5, 0.0], [0.0, 2e-4, 5e-5], [3e-5, 0.0, 1e-4]]\n";
     let line = &lines_of(&format!("rate_hz = {rate_hz}"), sensors, SURVEY)[0];
     let [x, y, z] = ["x", "y", "z"].map(|a| column(line, &format!("flux_a_{a}")));
-    let terms = Terms::new(&["eddy"]).unwrap();
+    let terms = TermSelection::new(&["eddy"]).unwrap();
     let a = matrix(&Flux { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
     let both = column(line, "mag_2_uc").iter().zip(column(line, "mag_1_c"));
     let eddy: Vec<f64> = both.map(|(read, truth)| read - truth).collect();
     // Differences at the ends are one-sided.
     let inner = 1..eddy.len() - 1;
     let (a, eddy) = (&a[inner.start * terms.len()..inner.end * terms.len()], &eddy[inner]);
-    let solved = QrAccumulator::of(a, terms.len(), &[eddy]).unwrap().solve(&[1e-12], &terms.names()).unwrap();
+    let solved = QrAccumulator::from_matrix(a, terms.len(), &[eddy]).unwrap().solve(&[1e-12], &terms.names()).unwrap();
     let coefficients = &solved.solutions[0].coefficients[0];
     let rms = |x: &[f64]| (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt();
     let rows = a.chunks_exact(terms.len()).zip(eddy);

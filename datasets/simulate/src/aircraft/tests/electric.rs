@@ -1,7 +1,7 @@
 //! Currents, the wires they flow in, and servos.
 
 use super::{
-    super::{super::random::Random, currents::switched},
+    super::{super::random::RandomStream, currents::switched},
     *,
 };
 
@@ -21,13 +21,13 @@ fn law_wires_and_flex_act_where_they_are() {
 
 #[test]
 fn law_currents_switch_between_their_levels() {
-    let intervals = switched((8.0, 4.0), 0.0, 2e4, &mut Random::of(5, &["test"]));
+    let intervals = switched((8.0, 4.0), 0.0, 2e4, &mut RandomStream::new(5, &["test"]));
     assert!(intervals.windows(2).all(|w| w[0][1] < w[1][0]));
     let on = intervals.iter().map(|[from, until]| until.min(2e4) - from.max(0.0)).sum::<f64>() / 2e4;
     // 1667 cycles: the share of 1/3 has a standard error of 0.008; four of them.
     assert!((on - 1.0 / 3.0).abs() < 0.032, "{on}");
     let starts_on = |k: &usize| {
-        let mut random = Random::of(5, &["start", &k.to_string()]);
+        let mut random = RandomStream::new(5, &["start", &k.to_string()]);
         switched((8.0, 4.0), 0.0, 0.0, &mut random).first().is_some_and(|[from, _]| *from < 0.0)
     };
     let first = (0..300).filter(starts_on).count() as f64 / 300.0;

@@ -6,11 +6,11 @@ use datasets::{ReadError, samples};
 use tempfile::TempDir;
 
 use super::{
-    super::super::{Drawn, Kind, Simulation, Spec},
+    super::super::{CurrentControl, QuantitySpec, Simulation, SynthSpec},
     PRESETS,
 };
 
-fn read(top: &str, more: &str) -> Result<Spec, ReadError> {
+fn read(top: &str, more: &str) -> Result<SynthSpec, ReadError> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("p.synth.toml");
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
@@ -68,9 +68,9 @@ fn law_the_spec_wins_over_its_preset() {
     assert_eq!((before.noise_nt, after.noise_nt), (0.1, 7.0));
     assert_eq!(after.source.induced, before.source.induced);
     // A size takes back the vector that the preset gives.
-    assert_eq!(after.source.permanent, Drawn::Size(5.0));
-    let current = |spec: &Spec, name: &str| spec.aircraft.currents.iter().find(|c| c.name == name).cloned();
-    assert_eq!(current(&spec, "cur_strb").unwrap().kind, Kind::Steady);
+    assert_eq!(after.source.permanent, QuantitySpec::Size(5.0));
+    let current = |spec: &SynthSpec, name: &str| spec.aircraft.currents.iter().find(|c| c.name == name).cloned();
+    assert_eq!(current(&spec, "cur_strb").unwrap().kind, CurrentControl::Steady);
     assert_eq!(current(&spec, "cur_flap").unwrap().kind, current(&plain, "cur_flap").unwrap().kind);
     assert_eq!(current(&spec, "cur_flap").unwrap().off_on_a, (0.0, 30.0));
     assert!(current(&spec, "cur_tank").is_none());

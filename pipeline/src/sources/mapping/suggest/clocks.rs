@@ -2,11 +2,11 @@
 
 use schemas::convert;
 
-use super::{Topic, quoted, sample::Sample};
-use crate::sources::{clock_digits, mapping::clock::Form};
+use super::{TopicSample, quoted, sample::ColumnSample};
+use crate::sources::{clock_digits, mapping::clock::TimeTextFormat};
 
-/// The clock of a table.
-pub struct Clock {
+/// Suggested clock of a table.
+pub struct ClockGuess {
     /// Text of the clock in the mapping.
     pub said: String,
     /// Why.
@@ -21,7 +21,7 @@ pub struct Clock {
     pub repeats: bool,
 }
 
-impl Clock {
+impl ClockGuess {
     /// Whether it counts from the start of the log.
     pub fn is_boot(&self) -> bool {
         self.boot
@@ -38,8 +38,8 @@ const NAMES: [&[&str]; 5] = [
 ];
 
 /// The clock of a table: the first column of a usual name whose values rise.
-pub fn clock_of(columns: &[Sample]) -> Option<Clock> {
-    let joined = |c: &Sample| c.words().concat();
+pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
+    let joined = |c: &ColumnSample| c.words().concat();
     for names in NAMES {
         for column in columns {
             let words = column.words();
@@ -52,11 +52,11 @@ pub fn clock_of(columns: &[Sample]) -> Option<Clock> {
     None
 }
 
-fn one(column: &Sample) -> Option<Clock> {
+fn one(column: &ColumnSample) -> Option<ClockGuess> {
     if let Some(text) = &column.text {
         // A text without a form is not guessed at: day and month cannot be told apart.
-        Form::Iso.read(text)?;
-        return Some(Clock {
+        TimeTextFormat::Iso.read(text)?;
+        return Some(ClockGuess {
             said: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
             why: format!("ISO 8601 text, such as {}; UTC unless the text has an offset", quoted(text)),
             column: column.name.clone(),
@@ -69,7 +69,7 @@ fn one(column: &Sample) -> Option<Clock> {
     let (first, last) = (known.first().copied()?, known.last().copied()?);
     let repeats = known.windows(2).any(|w| w[1] == w[0]);
     if clock_digits::minute_after(&known).is_some() {
-        return Some(Clock {
+        return Some(ClockGuess {
             said: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
             why: "guess: clock times in digits, hhmmss; the date is not known".to_owned(),
             column: column.name.clone(),
@@ -96,7 +96,7 @@ fn one(column: &Sample) -> Option<Clock> {
         (false, false) => ("boot", "it starts with the log"),
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
-    Some(Clock {
+    Some(ClockGuess {
         said: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
         why: format!("guess: {why}; {unit}: {why_unit}; about {hz:.3} Hz"),
         column: column.name.clone(),
@@ -107,7 +107,7 @@ fn one(column: &Sample) -> Option<Clock> {
 }
 
 /// The unit of a time: what the file or its name says, what the size says, or what makes a rate.
-fn unit_of(column: &Sample, first: f64, step: f64) -> Option<(&'static str, &'static str)> {
+fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str, &'static str)> {
     let units = ["s", "ms", "us", "ns"];
     if let Some(unit) = units.iter().find(|u| convert(&column.unit, "s") == convert(u, "s") && !column.unit.is_empty())
     {
@@ -137,7 +137,7 @@ fn unit_of(column: &Sample, first: f64, step: f64) -> Option<(&'static str, &'st
 }
 
 /// Epoch of a log: a topic that holds both a GPS week, or Unix time, and the log's own clock.
-pub fn epoch_of(topics: &[Topic]) -> String {
+pub fn epoch_of(topics: &[TopicSample]) -> String {
     for topic in topics {
         if let Some(text) = of_topic(topic) {
             return text;
@@ -148,7 +148,7 @@ pub fn epoch_of(topics: &[Topic]) -> String {
         .to_owned()
 }
 
-fn of_topic(topic: &Topic) -> Option<String> {
+fn of_topic(topic: &TopicSample) -> Option<String> {
     let clock = topic.clock.as_ref();
     let week = topic.columns.iter().find(|c| {
         let plain = c.words().concat();
@@ -156,8 +156,9 @@ fn of_topic(topic: &Topic) -> Option<String> {
         // From 1999 to 2037.
         named && c.known().any(|x| (1024.0..3000.0).contains(&x))
     });
-    let rises = |c: &&Sample| c.known().fold((f64::MIN, true), |(last, fine), x| (x.max(last), fine && x >= last)).1;
-    let millis = |c: &&Sample| {
+    let rises =
+        |c: &&ColumnSample| c.known().fold((f64::MIN, true), |(last, fine), x| (x.max(last), fine && x >= last)).1;
+    let millis = |c: &&ColumnSample| {
         c.range().is_some_and(|(_, high)| (1_000_000.0..604_800_000.0).contains(&high)) && c.whole && rises(c)
     };
     let mut lines =
@@ -207,7 +208,7 @@ fn of_topic(topic: &Topic) -> Option<String> {
 }
 
 /// Log's own clock in a topic that also has the time of the week.
-fn boot_beside(topic: &Topic, of_week: &str) -> Option<(String, &'static str)> {
+fn boot_beside(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
     if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
         return Some((clock.column.clone(), clock.unit));
     }

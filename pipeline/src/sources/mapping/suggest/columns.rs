@@ -4,10 +4,10 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use schemas::{convert, flight, is_unit, plausible::limits, usual_spelling};
 
-use super::{Topic, quoted, sample::Sample};
+use super::{TopicSample, quoted, sample::ColumnSample};
 
-/// Guess for a column or for three components.
-pub struct Guess {
+/// Suggested mapping of a column, or of three components.
+pub struct ColumnGuess {
     /// The name in the flight table; of one that is left out, that of the file.
     pub ours: String,
     /// The names in the file.
@@ -20,28 +20,34 @@ pub struct Guess {
     pub is_vector: bool,
 }
 
-impl Guess {
+impl ColumnGuess {
     /// Whether it stands in the mapping.
     pub fn is_used(&self) -> bool {
         !self.said.is_empty()
     }
 
-    fn left_out(name: &str, why: &str) -> Guess {
+    fn left_out(name: &str, why: &str) -> ColumnGuess {
         let theirs = vec![name.to_owned()];
-        Guess { ours: name.to_owned(), theirs, said: String::new(), why: format!("omitted: {why}"), is_vector: false }
+        ColumnGuess {
+            ours: name.to_owned(),
+            theirs,
+            said: String::new(),
+            why: format!("omitted: {why}"),
+            is_vector: false,
+        }
     }
 }
 
-/// The columns of a table that are recognised, and those that nearly are. `letters` are the names of vector magnetometers
-/// that are left.
-pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<Guess> {
-    let mut out: Vec<Guess> = vec![];
+/// The columns of a table that are recognised, and those that nearly are. `letters` are the names of vector
+/// magnetometers that are left.
+pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) -> Vec<ColumnGuess> {
+    let mut out: Vec<ColumnGuess> = vec![];
     for (axes, words) in triples(topic) {
         if let Some(guess) = vector(topic, &axes, &words, letters) {
             let name = guess.ours.clone();
             let n = out.iter().filter(|g| g.ours == name || g.ours.starts_with(&format!("{name}_"))).count();
             out.push(if n > 0 && guess.is_used() {
-                Guess { ours: format!("{name}_{}", n + 1), ..guess }
+                ColumnGuess { ours: format!("{name}_{}", n + 1), ..guess }
             } else {
                 guess
             });
@@ -56,7 +62,7 @@ pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<G
         let Some(guess) = scalar(column, topic) else { continue };
         if guess.is_used() && out.iter().any(|g| g.ours == guess.ours) {
             let why = format!("another column is already `{}`", guess.ours);
-            out.push(Guess::left_out(&column.name, &why));
+            out.push(ColumnGuess::left_out(&column.name, &why));
         } else {
             out.push(guess);
         }
@@ -65,7 +71,7 @@ pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<G
 }
 
 /// Three columns whose names differ in x, y, z or 0, 1, 2 alone, with the words that they share.
-fn triples(topic: &Topic) -> Vec<([&Sample; 3], Vec<String>)> {
+fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
     let mut out = vec![];
     for x in &topic.columns {
         let words = x.words();
@@ -90,7 +96,7 @@ fn triples(topic: &Topic) -> Vec<([&Sample; 3], Vec<String>)> {
 }
 
 /// Quaternions: four columns `q[0]` to `q[3]`, or `q0` to `q3`, of length 1.
-pub fn quaternions(topic: &Topic) -> Vec<[&str; 4]> {
+pub fn quaternions(topic: &TopicSample) -> Vec<[&str; 4]> {
     let of = |k: &str| {
         let found = topic.columns.iter().find(|c| c.words() == ["q".to_owned(), k.to_owned()]);
         found.or_else(|| topic.columns.iter().find(|c| c.words() == [format!("q{k}")]))
@@ -108,15 +114,15 @@ fn has(words: &[String], any: &[&str]) -> bool {
 /// Units of the earth's field, and what 20,000 to 70,000 nT are in them.
 const FIELD: [(&str, f64); 5] = [("nT", 1.0), ("mgauss", 1e2), ("uT", 1e3), ("gauss", 1e5), ("T", 1e9)];
 
-fn magnitude(axes: &[&Sample; 3]) -> Option<f64> {
+fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
     let [x, y, z] = axes;
     let rows = x.values.iter().zip(&y.values).zip(&z.values);
     let values = rows.map(|((x, y), z)| (x * x + y * y + z * z).sqrt()).collect();
-    Sample { name: String::new(), unit: String::new(), text: None, values, whole: false }.median()
+    ColumnSample { name: String::new(), unit: String::new(), text: None, values, whole: false }.median()
 }
 
 /// The unit that the file or the name of a column says, if it is one of `wanted`.
-fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
+fn said_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     if is_unit(&column.unit) && convert(&column.unit, wanted).is_some() {
         return Some(column.unit.clone());
     }
@@ -150,25 +156,25 @@ fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
 }
 
 /// Whether a column can be `ours` in a unit: a reader takes a usual name for what it usually means.
-fn can_be(column: &Sample, ours: &str, unit: &str) -> bool {
+fn can_be(column: &ColumnSample, ours: &str, unit: &str) -> bool {
     let factor = convert(unit, flight::describe(ours).unit).unwrap_or(1.0);
     let Some((limits, (low, high))) = limits(ours).zip(column.range()) else { return true };
     limits.holds(low * factor) && limits.holds(high * factor)
 }
 
 fn vector(
-    topic: &Topic,
-    axes: &[&Sample; 3],
+    topic: &TopicSample,
+    axes: &[&ColumnSample; 3],
     words: &[String],
     letters: &mut impl Iterator<Item = char>,
-) -> Option<Guess> {
+) -> Option<ColumnGuess> {
     let names: Vec<String> = axes.iter().map(|c| quoted(&c.name)).collect();
     let theirs: Vec<String> = axes.iter().map(|c| c.name.clone()).collect();
     let from = format!("from = [{}]", names.join(", "));
     let size = magnitude(axes)?;
     let left = |why: String| {
         let shown = theirs.join(", ");
-        Some(Guess {
+        Some(ColumnGuess {
             ours: shown,
             theirs: theirs.clone(),
             said: String::new(),
@@ -178,7 +184,7 @@ fn vector(
     };
     let made = |ours: String, unit: &str, rest: &str, why: String| {
         let said = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
-        Some(Guess { ours, theirs: theirs.clone(), said, why: format!("guess: {why}"), is_vector: true })
+        Some(ColumnGuess { ours, theirs: theirs.clone(), said, why: format!("guess: {why}"), is_vector: true })
     };
     let first = axes[0];
     if has(words, &["ofs", "offset", "offsets", "mofs", "bias", "var", "innov", "variance", "mo"]) {
@@ -237,7 +243,7 @@ fn vector(
     None
 }
 
-fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
+fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     let words = column.words();
     let joined = words.concat();
     let known = flight::describe(&column.name);
@@ -246,9 +252,9 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
     let made = |ours: &str, unit: &str, why: &str| {
         let said = format!("{{ from = {from}, unit = \"{unit}\" }}");
         let theirs = vec![column.name.clone()];
-        Some(Guess { ours: ours.to_owned(), theirs, said, why: format!("guess: {why}"), is_vector: false })
+        Some(ColumnGuess { ours: ours.to_owned(), theirs, said, why: format!("guess: {why}"), is_vector: false })
     };
-    let left = |why: &str| Some(Guess::left_out(&column.name, why));
+    let left = |why: &str| Some(ColumnGuess::left_out(&column.name, why));
     if ["year", "doy"].contains(&column.name.as_str()) {
         let theirs = vec![column.name.clone()];
         let dated = topic.clock.as_ref().is_some_and(|c| !c.said.contains("\"day\""));
@@ -256,7 +262,7 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             return left("the date follows from the time");
         }
         let said = format!("{{ from = {from} }}");
-        return Some(Guess {
+        return Some(ColumnGuess {
             ours: column.name.clone(),
             theirs,
             said,

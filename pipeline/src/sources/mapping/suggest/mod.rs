@@ -7,27 +7,27 @@ mod sample;
 
 use std::path::Path;
 
-use datasets::{FlightOptions, ReadError, Reading, formats::FlightFormat, open_raw_among, topics_among};
+use datasets::{FlightOptions, ReadError, ReadHints, formats::FlightFormat, open_raw_among, topics_among};
 
-use clocks::{Clock, clock_of, epoch_of};
-use columns::{Guess, guesses};
-use sample::Sample;
+use clocks::{ClockGuess, clock_of, epoch_of};
+use columns::{ColumnGuess, guesses};
+use sample::ColumnSample;
 
-/// A topic with what was found in its first rows.
-pub(super) struct Topic {
+/// Topic with a sample of its rows.
+pub(super) struct TopicSample {
     /// Its name; empty for a file of one table.
     pub name: String,
     /// The rows it has.
     pub rows: u64,
     /// Its columns.
-    pub columns: Vec<Sample>,
+    pub columns: Vec<ColumnSample>,
     /// Its clock, if it has one.
-    pub clock: Option<Clock>,
+    pub clock: Option<ClockGuess>,
 }
 
-impl Topic {
+impl TopicSample {
     /// The column of a name.
-    pub fn column(&self, name: &str) -> Option<&Sample> {
+    pub fn column(&self, name: &str) -> Option<&ColumnSample> {
         self.columns.iter().find(|c| c.name == name)
     }
 }
@@ -42,18 +42,18 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
     let mut topics = vec![];
     for topic in listed.into_iter().filter(|topic| topic.note.is_empty()) {
         let options = FlightOptions { topic: Some(topic.name.clone()).filter(|n| !n.is_empty()), ..options.clone() };
-        let mut reader = open_raw_among(formats, path, &options, &Reading::default())?;
+        let mut reader = open_raw_among(formats, path, &options, &ReadHints::default())?;
         format = reader.format();
         let columns = sample::samples(&mut reader)?;
         let clock = clock_of(&columns);
-        topics.push(Topic { name: topic.name, rows: topic.rows, columns, clock });
+        topics.push(TopicSample { name: topic.name, rows: topic.rows, columns, clock });
     }
     let mut tables = vec![];
     let mut rest = vec![];
     let mut letters = (b'a'..=b'z').map(char::from);
     for topic in &topics {
         let found = guesses(topic, &mut letters);
-        let useful = found.iter().any(Guess::is_used);
+        let useful = found.iter().any(ColumnGuess::is_used);
         match &topic.clock {
             Some(clock) if useful => tables.push((topic, clock, found)),
             Some(_) if found.is_empty() => {
@@ -108,7 +108,7 @@ fn shown(name: &str) -> String {
 }
 
 /// The flight and the line: columns of these names, where all tables have them.
-fn keys(tables: &[(&Topic, &Clock, Vec<Guess>)]) -> String {
+fn keys(tables: &[(&TopicSample, &ClockGuess, Vec<ColumnGuess>)]) -> String {
     let mut text = String::new();
     for (key, usual) in [
         ("flight", "{ of_file = true }   # guess: one flight per file, named like the file"),
@@ -120,7 +120,7 @@ fn keys(tables: &[(&Topic, &Clock, Vec<Guess>)]) -> String {
     text
 }
 
-fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
+fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGuess]) -> String {
     let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);
     if !topic.name.is_empty() {
         text += &format!("topic = {}\n", quoted(&topic.name));
@@ -130,7 +130,7 @@ fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
         text += "drop_repeated = true   # some rows have the time of the previous row\n";
     }
     for (section, vectors) in [("columns", false), ("vectors", true)] {
-        let of: Vec<&Guess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
+        let of: Vec<&ColumnGuess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
         if of.is_empty() {
             continue;
         }
@@ -139,7 +139,7 @@ fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
             text += &format!("{} = {}   # {}\n", key(&guess.ours), guess.said, guess.why);
         }
     }
-    let left: Vec<&Guess> = found.iter().filter(|g| !g.is_used()).collect();
+    let left: Vec<&ColumnGuess> = found.iter().filter(|g| !g.is_used()).collect();
     left.iter().for_each(|g| text += &format!("# {}: {}\n", g.ours.escape_default(), g.why));
     let quaternions: Vec<[&str; 4]> = columns::quaternions(topic);
     for q in &quaternions {
@@ -147,7 +147,7 @@ fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
         let list = format!("# quaternions = [{{ from = [{from}], order = \"wxyz\", frames = \"frd_to_ned\" }}]");
         text += &format!("{list}   # a quaternion; check its order and frames\n");
     }
-    let named = |c: &&Sample| {
+    let named = |c: &&ColumnSample| {
         let quoted_name = quoted(&c.name);
         clock.said.contains(&quoted_name)
             || found.iter().any(|g| g.said.contains(&quoted_name) || g.theirs.contains(&c.name))

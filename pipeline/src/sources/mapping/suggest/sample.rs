@@ -9,9 +9,9 @@ use numerics::regression::statistics::median;
 /// Rows that are looked at.
 const ROWS: usize = 200_000;
 
-/// A column, and what its values are like.
+/// Column of a file with a sample of its values.
 #[derive(Clone, Debug)]
-pub struct Sample {
+pub struct ColumnSample {
     /// Its name in the file.
     pub name: String,
     /// The unit that the file states; empty where it states none.
@@ -24,7 +24,7 @@ pub struct Sample {
     pub whole: bool,
 }
 
-impl Sample {
+impl ColumnSample {
     /// Its finite values.
     pub fn known(&self) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().copied().filter(|x| x.is_finite())
@@ -69,9 +69,9 @@ impl Sample {
 }
 
 /// The columns of a table.
-pub fn samples(reader: &mut FlightReader) -> Result<Vec<Sample>, ReadError> {
+pub fn samples(reader: &mut FlightReader) -> Result<Vec<ColumnSample>, ReadError> {
     let schema = reader.schema().clone();
-    let mut out: Vec<Sample> = schema
+    let mut out: Vec<ColumnSample> = schema
         .fields()
         .iter()
         .map(|f| {
@@ -79,7 +79,7 @@ pub fn samples(reader: &mut FlightReader) -> Result<Vec<Sample>, ReadError> {
                 DataType::Dictionary(_, value) => value.as_ref(),
                 other => other,
             };
-            Sample {
+            ColumnSample {
                 name: f.name().clone(),
                 unit: f.metadata().get("unit").cloned().unwrap_or_default(),
                 text: None,
@@ -104,7 +104,7 @@ pub fn samples(reader: &mut FlightReader) -> Result<Vec<Sample>, ReadError> {
     Ok(out)
 }
 
-fn add(sample: &mut Sample, column: &ArrayRef) {
+fn add(sample: &mut ColumnSample, column: &ArrayRef) {
     let kind = column.data_type();
     let number = kind.is_numeric() || matches!(kind, DataType::Dictionary(_, v) if v.is_numeric());
     if number {

@@ -115,7 +115,7 @@ pub(super) struct Lab {
 impl Lab {
     pub(super) fn new() -> Lab {
         let server = Arc::new(Server::default());
-        let Ok(Place::Object(address)) = place("s3://bucket/lab/store") else { unreachable!("an address") };
+        let Ok(StorageLocation::Object(address)) = place("s3://bucket/lab/store") else { unreachable!("an address") };
         Lab { bucket: Bucket::new(server.clone(), address), server }
     }
 
@@ -123,10 +123,10 @@ impl Lab {
     pub(super) fn host(&self) -> TempDir {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path().canonicalize().unwrap();
-        let address: &Address = self.bucket.address();
-        let mark = Mark { address: address.to_string(), cache: Uuid::new_v4().to_string() };
+        let address: &ObjectAddress = self.bucket.address();
+        let mark = CacheMarker { address: address.to_string(), cache: Uuid::new_v4().to_string() };
         fs::write(root.join(MARK), serde_json::to_string(&mark).unwrap()).unwrap();
-        Remote::over(&root, self.bucket.clone(), mark.cache);
+        RemoteStore::over(&root, self.bucket.clone(), mark.cache);
         folder
     }
 

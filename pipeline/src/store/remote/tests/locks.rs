@@ -12,7 +12,7 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
     let first = mine(one.lock("p").unwrap());
     assert!(first.follows(generation(there.path(), "p").or(Some(0))) && first.check().is_ok());
     assert_eq!(generation(there.path(), "p"), None);
-    let Lock::Held(held) = two.lock("p").unwrap() else { unreachable!("it is held") };
+    let LockOutcome::Held(held) = two.lock("p").unwrap() else { unreachable!("it is held") };
     // The two have different caches, so that the lock of the operating system says nothing.
     assert_eq!(held.holder.as_ref().unwrap().pid, std::process::id());
     assert!(held.told("p", there.path()).contains("holds the lock in s3://bucket/lab/store: process"));
@@ -26,7 +26,7 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
     let fault = second.check().unwrap_err().to_string();
     assert!(fault.contains("now held by another process"), "{fault}");
     drop(second);
-    assert!(matches!(one.lock("p").unwrap(), Lock::Held(_)), "a lease that says nothing counts until it is old");
+    assert!(matches!(one.lock("p").unwrap(), LockOutcome::Held(_)), "a lease that says nothing counts until it is old");
 }
 
 #[test]
@@ -81,13 +81,13 @@ fn unit_an_attempt_at_many_units_is_few_objects_and_those_of_others_are_not_read
     let lab = Lab::new();
     let (here, there) = (lab.host(), lab.host());
     let (one, two) = (Store::open(here.path()).unwrap(), Store::open(there.path()).unwrap());
-    let keys: Vec<Key> = (0..100).map(|i| key(&i.to_string())).collect();
+    let keys: Vec<HashKey> = (0..100).map(|i| key(&i.to_string())).collect();
     let (mine, others) = keys.split_at(98);
     let attempt = one.attempt(mine).unwrap();
     let all = lab.bucket.list("attempts").unwrap();
     assert_eq!(all.len(), 5);
     assert!(all.iter().all(|o| o.key.rsplit('/').next().unwrap().len() <= 128));
-    let lost = |store: &Store, keys: &[Key]| store.attempts_at(keys).iter().map(|t| t.lost).collect::<Vec<_>>();
+    let lost = |store: &Store, keys: &[HashKey]| store.attempts_at(keys).iter().map(|t| t.lost).collect::<Vec<_>>();
     assert_eq!((lost(&two, mine), lost(&two, others)), (vec![1; 98], vec![0; 2]));
     // An object without a mark of a unit is not read: one that would say so is passed over.
     lab.bucket.put("attempts/strange-0000", format!("here\n{}\n", others[0]).into_bytes()).unwrap();

@@ -36,7 +36,7 @@ fn unit_a_run_leaves_the_same_bytes_in_an_object_store() {
     };
     let ran = |root: &Path| {
         let store = Store::open(root).unwrap();
-        let summary = run::run(&plan(root), &store, run::Options::default(), &run::Quiet).unwrap();
+        let summary = run::run(&plan(root), &store, run::RunOptions::default(), &run::SilentListener).unwrap();
         assert!(
             summary.failures.is_empty(),
             "{:?}",
@@ -89,7 +89,7 @@ fn unit_verify_names_each_damaged_object_of_a_store() {
     let sets = [format!("store={}", host.path().display())];
     let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();
     let plan = Plan::new(spec, &catalogue()).unwrap();
-    run::run(&plan, &Store::open(host.path()).unwrap(), run::Options::default(), &run::Quiet).unwrap();
+    run::run(&plan, &Store::open(host.path()).unwrap(), run::RunOptions::default(), &run::SilentListener).unwrap();
     Store::open(host.path()).unwrap().set_checkpoint(key("unit"), b"half of it").unwrap();
     let damaged = || {
         let fresh = lab.host();

@@ -1,11 +1,11 @@
 //! The work of `../networks.rs` in candle: a network of 77 inputs, 8 units with swish and one output, 400,000
 //! samples shuffled anew in every epoch, batches of 2048, Adam, mean squared error.
 //!
-//! `cargo run --release` runs `../networks.rs`, then prints milliseconds on the clock and of the processors for an epoch of
-//! candle, in single and double precision, on one and on two threads, how many times as long as magline in double
-//! precision that is, and whether the trained weights have the same bits on one and two threads. `cargo run --release --
-//! PROGRAM` runs that program of the bench in place of building it. It asserts that the loss falls. The number of threads is one
-//! of the process, so that each case is a process of its own.
+//! `cargo run --release` runs `../networks.rs`, then prints milliseconds on the clock and of the processors for an
+//! epoch of candle, in single and double precision, on one and on two threads, how many times as long as magline in
+//! double precision that is, and whether the trained weights have the same bits on one and two threads. `cargo run
+//! --release -- PROGRAM` runs that program of the bench in place of building it. It asserts that the loss falls. The
+//! number of threads is one of the process, so that each case is a process of its own.
 
 use std::{process::Command, time::Instant};
 

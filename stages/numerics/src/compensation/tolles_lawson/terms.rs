@@ -1,6 +1,6 @@
 //! Names and order of the Tolles-Lawson terms.
 
-use super::TermsError;
+use super::AMatrixError;
 
 /// Position of each family in the full row of 22 terms.
 pub(super) const INDUCED: usize = 3;
@@ -15,7 +15,7 @@ const NAMES: [&str; COLUMNS] = [
 
 /// Physical cause of a group of terms. A matrix contains at most one group of each family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Family {
+pub enum TermFamily {
     /// The aircraft's permanent magnetisation.
     Permanent,
     /// Magnetisation induced by the earth's field.
@@ -36,7 +36,7 @@ pub struct TermGroup {
     /// Other names for the same, most of them MagNav.jl's.
     pub aliases: &'static [&'static str],
     /// Its family.
-    pub family: Family,
+    pub family: TermFamily,
     columns: &'static [usize],
 }
 
@@ -45,32 +45,32 @@ static GROUPS: [TermGroup; 9] = [
     TermGroup {
         name: "permanent",
         aliases: &["p", "permanent3", "p3"],
-        family: Family::Permanent,
+        family: TermFamily::Permanent,
         columns: &[0, 1, 2],
     },
     TermGroup {
         name: "induced",
         aliases: &["i", "induced6", "i6"],
-        family: Family::Induced,
+        family: TermFamily::Induced,
         columns: &[3, 4, 5, 6, 7, 8],
     },
-    TermGroup { name: "induced5", aliases: &["i5"], family: Family::Induced, columns: &[3, 4, 5, 6, 7] },
-    TermGroup { name: "induced3", aliases: &["i3"], family: Family::Induced, columns: &[3, 6, 8] },
+    TermGroup { name: "induced5", aliases: &["i5"], family: TermFamily::Induced, columns: &[3, 4, 5, 6, 7] },
+    TermGroup { name: "induced3", aliases: &["i3"], family: TermFamily::Induced, columns: &[3, 6, 8] },
     TermGroup {
         name: "eddy",
         aliases: &["e", "eddy9", "e9"],
-        family: Family::Eddy,
+        family: TermFamily::Eddy,
         columns: &[9, 10, 11, 12, 13, 14, 15, 16, 17],
     },
-    TermGroup { name: "eddy8", aliases: &["e8"], family: Family::Eddy, columns: &[9, 10, 11, 12, 13, 14, 15, 16] },
-    TermGroup { name: "eddy3", aliases: &["e3"], family: Family::Eddy, columns: &[9, 13, 17] },
+    TermGroup { name: "eddy8", aliases: &["e8"], family: TermFamily::Eddy, columns: &[9, 10, 11, 12, 13, 14, 15, 16] },
+    TermGroup { name: "eddy3", aliases: &["e3"], family: TermFamily::Eddy, columns: &[9, 13, 17] },
     TermGroup {
         name: "derivative",
         aliases: &["derivative3", "fdm", "fdm3", "f", "f3", "d", "d3"],
-        family: Family::Derivative,
+        family: TermFamily::Derivative,
         columns: &[18, 19, 20],
     },
-    TermGroup { name: "bias", aliases: &["b"], family: Family::Bias, columns: &[21] },
+    TermGroup { name: "bias", aliases: &["b"], family: TermFamily::Bias, columns: &[21] },
 ];
 
 pub(super) fn names_of_groups() -> String {
@@ -78,22 +78,22 @@ pub(super) fn names_of_groups() -> String {
     names.join(", ")
 }
 
-/// Terms of a matrix. Groups are in the order of the table, not of the request.
+/// Selected terms of an A-matrix. Groups are in the order of the table, not of the request.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Terms {
+pub struct TermSelection {
     groups: Vec<&'static TermGroup>,
     columns: Vec<usize>,
 }
 
-impl Terms {
+impl TermSelection {
     /// The terms of the named groups: `permanent`, `induced` (`induced5` without zz, `induced3` the
     /// diagonal), `eddy` (`eddy8` without zz_dot, `eddy3` the diagonal), `derivative`, `bias`, or
     /// their short names.
     ///
     /// # Errors
-    /// Fails with [`TermsError::Unknown`] for a name that no group has, with [`TermsError::SameFamily`] for two
-    /// groups of one family, and with [`TermsError::Empty`] without names.
-    pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, TermsError> {
+    /// Fails with [`AMatrixError::Unknown`] for a name that no group has, with [`AMatrixError::SameFamily`] for two
+    /// groups of one family, and with [`AMatrixError::Empty`] without names.
+    pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut groups: Vec<&'static TermGroup> = Vec::new();
         for name in names {
             let group = find(name.as_ref())?;
@@ -101,12 +101,12 @@ impl Terms {
                 None => groups.push(group),
                 Some(held) if held.name == group.name => {}
                 Some(held) => {
-                    return Err(TermsError::SameFamily { one: held.name, other: group.name });
+                    return Err(AMatrixError::SameFamily { one: held.name, other: group.name });
                 }
             }
         }
         if groups.is_empty() {
-            return Err(TermsError::Empty);
+            return Err(AMatrixError::Empty);
         }
         groups.sort_by_key(|group| group.family);
         let columns = groups.iter().flat_map(|group| group.columns).copied().collect();
@@ -116,8 +116,8 @@ impl Terms {
     /// The groups whose columns are the first of a list of names, as far as they are; more columns before fewer.
     ///
     /// # Errors
-    /// Fails with [`TermsError::Empty`] where the first name begins no group.
-    pub fn leading<S: AsRef<str>>(names: &[S]) -> Result<Self, TermsError> {
+    /// Fails with [`AMatrixError::Empty`] where the first name begins no group.
+    pub fn leading<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut known: Vec<&'static TermGroup> = GROUPS.iter().collect();
         known.sort_by_key(|group| (group.family, std::cmp::Reverse(group.columns.len())));
         let (mut groups, mut columns): (Vec<&'static TermGroup>, Vec<usize>) = (vec![], vec![]);
@@ -130,7 +130,7 @@ impl Terms {
                 columns.extend(group.columns);
             }
         }
-        if groups.is_empty() { Err(TermsError::Empty) } else { Ok(Self { groups, columns }) }
+        if groups.is_empty() { Err(AMatrixError::Empty) } else { Ok(Self { groups, columns }) }
     }
 
     /// All groups that can be requested.
@@ -153,7 +153,7 @@ impl Terms {
         self.columns.len()
     }
 
-    /// Whether there are no terms: never, for a `Terms` that was constructed.
+    /// Whether there are no terms: never, for a `TermSelection` that was constructed.
     pub fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }
@@ -164,7 +164,7 @@ impl Terms {
     }
 }
 
-impl Default for Terms {
+impl Default for TermSelection {
     /// The classical 18: permanent, induced and eddy.
     fn default() -> Self {
         let groups = vec![&GROUPS[0], &GROUPS[1], &GROUPS[4]];
@@ -173,9 +173,9 @@ impl Default for Terms {
     }
 }
 
-fn find(name: &str) -> Result<&'static TermGroup, TermsError> {
+fn find(name: &str) -> Result<&'static TermGroup, AMatrixError> {
     GROUPS
         .iter()
         .find(|group| group.name == name || group.aliases.contains(&name))
-        .ok_or_else(|| TermsError::Unknown { name: name.to_owned() })
+        .ok_or_else(|| AMatrixError::Unknown { name: name.to_owned() })
 }

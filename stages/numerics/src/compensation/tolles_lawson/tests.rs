@@ -2,7 +2,7 @@
 use super::*;
 use crate::reference_csv::columns;
 use crate::regression::least_squares::QrAccumulator;
-use crate::signal::filter::{Band, ConstantColumns, ZeroPhase};
+use crate::signal::filter::{ConstantColumns, FilterBand, ZeroPhaseFilter};
 
 /// The input of MagNav.jl's golden cases.
 fn flight() -> ([Vec<f64>; 3], Vec<f64>) {
@@ -15,15 +15,15 @@ fn flight() -> ([Vec<f64>; 3], Vec<f64>) {
     ([x, y, z], scalar)
 }
 
-fn field(vector: &[Vec<f64>; 3]) -> Field<'_> {
+fn field(vector: &[Vec<f64>; 3]) -> BodyFieldColumns<'_> {
     let [x, y, z] = vector;
-    Field { x, y, z, bt: None }
+    BodyFieldColumns { x, y, z, bt: None }
 }
 
 #[test]
 fn val_rows_equal_magnav() {
     let (vector, _) = flight();
-    let terms = Terms::new(&["permanent", "induced", "eddy", "derivative", "bias"]).unwrap();
+    let terms = TermSelection::new(&["permanent", "induced", "eddy", "derivative", "bias"]).unwrap();
     let a = matrix(&field(&vector), &terms, DEFAULT_SCALE_NT).unwrap();
     let table = columns(include_str!("../../../reference/signal/magnav_tl_a.csv"));
     for (name, row) in [("row0", 0), ("row1", 1), ("row2", 79)] {
@@ -40,9 +40,9 @@ fn val_rows_equal_magnav() {
 #[test]
 fn val_coefficients_equal_magnav() {
     let (vector, scalar) = flight();
-    let default = Band::Band { low_hz: 0.1, high_hz: 0.9 };
-    let low = Band::Low { high_hz: 0.9 };
-    let cases: [(&[&str], Band, f64, &str); 3] = [
+    let default = FilterBand::Band { low_hz: 0.1, high_hz: 0.9 };
+    let low = FilterBand::Low { high_hz: 0.9 };
+    let cases: [(&[&str], FilterBand, f64, &str); 3] = [
         (&["p", "i", "e"], default, 0.025, include_str!("../../../reference/signal/magnav_tl_coef.csv")),
         (
             &["permanent", "induced3", "eddy3", "bias"],
@@ -53,13 +53,13 @@ fn val_coefficients_equal_magnav() {
         (&["p", "i"], low, 0.025, include_str!("../../../reference/signal/magnav_tl_coef_lowpass.csv")),
     ];
     for (groups, band, lambda, text) in cases {
-        let terms = Terms::new(groups).unwrap();
-        let filter = ZeroPhase::new(band, 10.0, 4).unwrap();
+        let terms = TermSelection::new(groups).unwrap();
+        let filter = ZeroPhaseFilter::new(band, 10.0, 4).unwrap();
         let mut a = matrix(&field(&vector), &terms, DEFAULT_SCALE_NT).unwrap();
         filter.apply_matrix(&mut a, terms.len(), ConstantColumns::Keep).unwrap();
         let y = filter.apply(&scalar).unwrap();
         let a = &a[20 * terms.len()..60 * terms.len()];
-        let factor = QrAccumulator::of(a, terms.len(), &[&y[20..60]]).unwrap();
+        let factor = QrAccumulator::from_matrix(a, terms.len(), &[&y[20..60]]).unwrap();
         let path = factor.solve(&[lambda], &terms.names()).unwrap();
         let magnav = &columns(text)["row0"];
         let scale = magnav.iter().fold(0.0f64, |scale, b| scale.max(b.abs()));
@@ -73,24 +73,24 @@ fn val_coefficients_equal_magnav() {
 
 #[test]
 fn law_names_follow_the_table_whatever_the_order_of_asking() {
-    let terms = Terms::new(&["bias", "e3", "permanent", "induced5"]).unwrap();
+    let terms = TermSelection::new(&["bias", "e3", "permanent", "induced5"]).unwrap();
     let names = ["x", "y", "z", "xx", "xy", "xz", "yy", "yz", "xx_dot", "yy_dot", "zz_dot", "bias"];
     assert_eq!(terms.names(), names);
-    let classical = Terms::new(&["permanent", "induced", "eddy"]).unwrap();
-    assert_eq!(Terms::default(), classical);
+    let classical = TermSelection::new(&["permanent", "induced", "eddy"]).unwrap();
+    assert_eq!(TermSelection::default(), classical);
     assert_eq!(classical.len(), 18);
     assert_eq!(classical.names()[9..12], ["xx_dot", "xy_dot", "xz_dot"]);
-    assert_eq!(Terms::new(&["i3"]).unwrap().names(), ["xx", "yy", "zz"]);
-    assert_eq!(Terms::new(&["e8"]).unwrap().names()[7], "zy_dot");
-    assert_eq!(Terms::new(&["fdm", "derivative3"]).unwrap().names(), ["x_dot", "y_dot", "z_dot"]);
+    assert_eq!(TermSelection::new(&["i3"]).unwrap().names(), ["xx", "yy", "zz"]);
+    assert_eq!(TermSelection::new(&["e8"]).unwrap().names()[7], "zy_dot");
+    assert_eq!(TermSelection::new(&["fdm", "derivative3"]).unwrap().names(), ["x_dot", "y_dot", "z_dot"]);
 }
 
 #[test]
 fn law_subsets_are_columns_of_the_full_matrix() {
     let (vector, scalar) = flight();
-    let all = Terms::new(&["p", "i", "e", "f", "b"]).unwrap();
-    let some = Terms::new(&["i5", "e3", "b"]).unwrap();
-    let modified = Field { bt: Some(&scalar), ..field(&vector) };
+    let all = TermSelection::new(&["p", "i", "e", "f", "b"]).unwrap();
+    let some = TermSelection::new(&["i5", "e3", "b"]).unwrap();
+    let modified = BodyFieldColumns { bt: Some(&scalar), ..field(&vector) };
     let full = matrix(&modified, &all, 30_000.0).unwrap();
     let part = matrix(&modified, &some, 30_000.0).unwrap();
     for (j, name) in some.names().iter().enumerate() {
@@ -105,7 +105,7 @@ fn law_subsets_are_columns_of_the_full_matrix() {
 #[test]
 fn law_cosines_are_of_unit_length_and_induced_terms_make_up_the_field() {
     let (vector, _) = flight();
-    let a = matrix(&field(&vector), &Terms::new(&["p", "i"]).unwrap(), DEFAULT_SCALE_NT).unwrap();
+    let a = matrix(&field(&vector), &TermSelection::new(&["p", "i"]).unwrap(), DEFAULT_SCALE_NT).unwrap();
     for (row, i) in a.chunks(9).zip(0..) {
         let length: f64 = row[..3].iter().map(|c| c * c).sum();
         assert!((length - 1.0).abs() < 1e-15);
@@ -118,7 +118,7 @@ fn law_cosines_are_of_unit_length_and_induced_terms_make_up_the_field() {
 fn law_a_difference_never_crosses_a_gap() {
     let ([mut x, y, z], _) = flight();
     x[30] = f64::NAN;
-    let terms = Terms::new(&["p", "e", "f", "b"]).unwrap();
+    let terms = TermSelection::new(&["p", "e", "f", "b"]).unwrap();
     let holed = matrix(&field(&[x.clone(), y.clone(), z.clone()]), &terms, 50_000.0).unwrap();
     let cut = |range: Range<usize>| {
         let part = [&x, &y, &z].map(|c| c[range.clone()].to_vec());
@@ -141,7 +141,7 @@ fn law_a_difference_never_crosses_a_gap() {
 #[test]
 fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
     let vector = [vec![3.0, f64::NAN, 1.0, 2.0], vec![0.0; 4], vec![4.0, 0.0, 0.0, 0.0]];
-    let terms = Terms::new(&["p", "f", "b"]).unwrap();
+    let terms = TermSelection::new(&["p", "f", "b"]).unwrap();
     let a = matrix(&field(&vector), &terms, 50_000.0).unwrap();
     // A run of one sample has no difference.
     assert_eq!(a[..3], [0.6, 0.0, 0.8]);
@@ -149,7 +149,7 @@ fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
     assert_eq!(a[6], 1.0);
     assert_eq!(a[14..21], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
     let bt = [5.0, 5.0, 0.0, f64::NAN];
-    let modified = matrix(&Field { bt: Some(&bt), ..field(&vector) }, &terms, 50_000.0).unwrap();
+    let modified = matrix(&BodyFieldColumns { bt: Some(&bt), ..field(&vector) }, &terms, 50_000.0).unwrap();
     assert!(modified[14..17].iter().chain(&modified[21..24]).all(|v| v.is_nan()));
     assert_eq!(modified[17..20], [1.0, 0.0, 0.0]);
     assert!(matrix(&field(&[vec![], vec![], vec![]]), &terms, 1.0).unwrap().is_empty());
@@ -157,13 +157,13 @@ fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
 
 #[test]
 fn r12_bad_requests_are_named() {
-    let error = |names: &[&str]| Terms::new(names).unwrap_err().to_string();
+    let error = |names: &[&str]| TermSelection::new(names).unwrap_err().to_string();
     assert!(error(&["permanant"]).contains("`permanant`; the groups are permanent, induced"));
     assert!(error(&["induced", "i3"]).contains("`induced` and `induced3`"));
     assert!(error(&[]).contains("the list of groups of terms is empty"));
-    let short = Field { x: &[1.0], y: &[1.0, 2.0], z: &[1.0], bt: None };
-    let error = matrix(&short, &Terms::default(), 50_000.0).unwrap_err();
-    assert_eq!(error, TermsError::Lengths { lengths: vec![1, 2, 1] });
-    let one = Field { y: &[1.0], ..short };
-    assert!(matrix(&one, &Terms::default(), 0.0).is_err());
+    let short = BodyFieldColumns { x: &[1.0], y: &[1.0, 2.0], z: &[1.0], bt: None };
+    let error = matrix(&short, &TermSelection::default(), 50_000.0).unwrap_err();
+    assert_eq!(error, AMatrixError::Lengths { lengths: vec![1, 2, 1] });
+    let one = BodyFieldColumns { y: &[1.0], ..short };
+    assert!(matrix(&one, &TermSelection::default(), 0.0).is_err());
 }

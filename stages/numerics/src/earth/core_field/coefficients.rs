@@ -15,9 +15,10 @@ pub(super) const REFERENCE_RADIUS_M: f64 = 6_371_200.0;
 choice! {
     /// A model of the core field.
     #[derive(Default)]
-    pub enum CoreModel {
-        /// The International Geomagnetic Reference Field, 14th generation, degree 13, with the definitive and provisional
-        /// coefficients of 1900 to 2025 and the secular variation to 2030. [IAGA, doi:10.5281/zenodo.14012302]
+    pub enum CoreFieldModel {
+        /// The International Geomagnetic Reference Field, 14th generation, degree 13, with the definitive and
+        /// provisional coefficients of 1900 to 2025 and the secular variation to 2030. [IAGA,
+        /// doi:10.5281/zenodo.14012302]
         #[default]
         Igrf14 = "igrf",
         /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, WMM2025 to 2030; a component jumps by
@@ -26,22 +27,22 @@ choice! {
     }
 }
 
-impl CoreModel {
+impl CoreFieldModel {
     /// The usual spelling of the name.
     pub fn name(self) -> &'static str {
         match self {
-            CoreModel::Igrf14 => "IGRF-14",
-            CoreModel::Wmm => "WMM",
+            CoreFieldModel::Igrf14 => "IGRF-14",
+            CoreFieldModel::Wmm => "WMM",
         }
     }
 
     /// The epochs of the model, read from the embedded files once.
-    fn spans(self) -> Result<&'static [Span], CoreFieldError> {
-        static IGRF: OnceLock<Result<Vec<Span>, CoreFieldError>> = OnceLock::new();
-        static WMM: OnceLock<Result<Vec<Span>, CoreFieldError>> = OnceLock::new();
+    fn spans(self) -> Result<&'static [EpochCoefficients], CoreFieldError> {
+        static IGRF: OnceLock<Result<Vec<EpochCoefficients>, CoreFieldError>> = OnceLock::new();
+        static WMM: OnceLock<Result<Vec<EpochCoefficients>, CoreFieldError>> = OnceLock::new();
         let spans = match self {
-            CoreModel::Igrf14 => IGRF.get_or_init(|| shc(include_str!("IGRF14.shc"))),
-            CoreModel::Wmm => WMM.get_or_init(|| {
+            CoreFieldModel::Igrf14 => IGRF.get_or_init(|| shc(include_str!("IGRF14.shc"))),
+            CoreFieldModel::Wmm => WMM.get_or_init(|| {
                 Ok(vec![cof(include_str!("WMM2020.COF"), 2025.0)?, cof(include_str!("WMM2025.COF"), 2030.0)?])
             }),
         };
@@ -50,7 +51,7 @@ impl CoreModel {
 
     /// The years from one epoch to the next that a date lies in; a date on an epoch belongs to the interval that begins
     /// there.
-    pub(super) fn span(self, decimal_year: f64) -> Result<&'static Span, CoreFieldError> {
+    pub(super) fn span(self, decimal_year: f64) -> Result<&'static EpochCoefficients, CoreFieldError> {
         let spans = self.spans()?;
         let (Some(first), Some(last)) = (spans.first(), spans.last()) else {
             return Err(CoreFieldError::Coefficients { model: self.name(), line: 0 });
@@ -65,7 +66,7 @@ impl CoreModel {
 
 /// Coefficients that are linear in time from one epoch to the next.
 #[derive(Clone, Debug)]
-pub(super) struct Span {
+pub(super) struct EpochCoefficients {
     pub(super) from_year: f64,
     to_year: f64,
     /// The coefficients of the potential (divided by the reference radius, in nT) at the first epoch, for harmonics
@@ -73,20 +74,20 @@ pub(super) struct Span {
     at_start: Box<[f64; TERMS]>,
     /// Their change in nT a year.
     per_year: Box<[f64; TERMS]>,
-    table: OnceLock<Table>,
+    table: OnceLock<HarmonicTable>,
 }
 
 /// Coefficients of the field's three earth-centred components and of their change a year, side by side for each term.
-pub(super) type Table = Vec<[f64; 6]>;
+pub(super) type HarmonicTable = Vec<[f64; 6]>;
 
-impl Span {
+impl EpochCoefficients {
     /// Whether a date is in this span, its end left out.
     pub(super) fn holds(&self, decimal_year: f64) -> bool {
         (self.from_year..self.to_year).contains(&decimal_year)
     }
 
     /// The coefficients for an evaluation at many dates, made once.
-    pub(super) fn table(&self) -> &Table {
+    pub(super) fn table(&self) -> &HarmonicTable {
         self.table.get_or_init(|| {
             let field = |of: &[f64; TERMS]| [0, 1, 2].map(|axis| derivative(of, axis, -1.0));
             let (start, rate) = (field(&self.at_start), field(&self.per_year));
@@ -105,9 +106,9 @@ impl Span {
     }
 }
 
-/// A coordinate of a place.
+/// A geodetic coordinate of a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Coordinate {
+pub enum GeodeticCoordinate {
     /// Geodetic latitude.
     Latitude,
     /// Longitude, to the east.
@@ -116,12 +117,12 @@ pub enum Coordinate {
     Height,
 }
 
-impl std::fmt::Display for Coordinate {
+impl std::fmt::Display for GeodeticCoordinate {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.write_str(match self {
-            Coordinate::Latitude => "latitude",
-            Coordinate::Longitude => "longitude",
-            Coordinate::Height => "height for the core field",
+            GeodeticCoordinate::Latitude => "latitude",
+            GeodeticCoordinate::Longitude => "longitude",
+            GeodeticCoordinate::Height => "height for the core field",
         })
     }
 }
@@ -145,7 +146,7 @@ pub enum CoreFieldError {
     #[error("{value:?} is not a {coordinate}; the range is {low} to {high} {unit}")]
     Position {
         /// Coordinate: `latitude`, `longitude` or `height`.
-        coordinate: Coordinate,
+        coordinate: GeodeticCoordinate,
         /// The value.
         value: f64,
         /// The lower limit.
@@ -174,8 +175,8 @@ pub(super) const fn index(n: usize, m: usize) -> usize {
 
 /// The epochs of a file in the SHC format of IGRF: a line of epochs, then degree, order (negative for sines) and a
 /// value for each epoch.
-fn shc(file: &str) -> Result<Vec<Span>, CoreFieldError> {
-    let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreModel::Igrf14.name(), line: line + 1 };
+fn shc(file: &str) -> Result<Vec<EpochCoefficients>, CoreFieldError> {
+    let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreFieldModel::Igrf14.name(), line: line + 1 };
     let mut lines = file.lines().enumerate().filter(|(_, line)| !line.starts_with('#')).skip(1);
     let (epoch_line, epochs) = lines.next().ok_or(damaged(0))?;
     let epochs = numbers(epochs).filter(|e| e.len() > 1).ok_or(damaged(epoch_line))?;
@@ -193,20 +194,26 @@ fn shc(file: &str) -> Result<Vec<Span>, CoreFieldError> {
     Ok(pairs.map(|(years, tables)| between((years[0], &tables[0]), (years[1], &tables[1]))).collect())
 }
 
-fn between(early: (f64, &[f64; TERMS]), late: (f64, &[f64; TERMS])) -> Span {
+fn between(early: (f64, &[f64; TERMS]), late: (f64, &[f64; TERMS])) -> EpochCoefficients {
     let mut per_year = Box::new([0.0; TERMS]);
     for (rate, (a, b)) in per_year.iter_mut().zip(early.1.iter().zip(late.1)) {
         *rate = (b - a) / (late.0 - early.0);
     }
-    Span { from_year: early.0, to_year: late.0, at_start: Box::new(*early.1), per_year, table: OnceLock::new() }
+    EpochCoefficients {
+        from_year: early.0,
+        to_year: late.0,
+        at_start: Box::new(*early.1),
+        per_year,
+        table: OnceLock::new(),
+    }
 }
 
 /// A file in the COF format of WMM: the epoch, then degree, order, cosine, sine and their changes a year.
-fn cof(file: &str, to_year: f64) -> Result<Span, CoreFieldError> {
-    let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreModel::Wmm.name(), line: line + 1 };
+fn cof(file: &str, to_year: f64) -> Result<EpochCoefficients, CoreFieldError> {
+    let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreFieldModel::Wmm.name(), line: line + 1 };
     let mut lines = file.lines().enumerate();
     let epoch = lines.next().and_then(|(_, line)| line.split_whitespace().next()?.parse().ok());
-    let mut span = Span {
+    let mut span = EpochCoefficients {
         from_year: epoch.ok_or(damaged(0))?,
         to_year,
         at_start: Box::new([0.0; TERMS]),

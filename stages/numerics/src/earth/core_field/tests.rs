@@ -30,7 +30,7 @@ fn worst_of_wmm(text: &str) -> [f64; 7] {
     assert_eq!(rows.len(), 100);
     let column = |k: usize| rows.iter().map(|r| r[k]).collect::<Vec<f64>>();
     let (year, alt) = (column(0), column(1).iter().map(|km| km * 1e3).collect::<Vec<_>>());
-    let track = CoreTrack::new(CoreModel::Wmm);
+    let track = CoreFieldTrack::new(CoreFieldModel::Wmm);
     let field = track.field(&column(2), &column(3), &alt, &year).unwrap();
     let worst = |of: &[f64], k: usize| of.iter().zip(column(k)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     let [n, e, d] = [worst(&field.north_nt, 4), worst(&field.east_nt, 5), worst(&field.down_nt, 6)];
@@ -123,7 +123,7 @@ fn law_time_is_linear_between_epochs_and_bounded() {
     }
     assert_eq!(CoreField::at(2031.0).unwrap_err().to_string(), "IGRF-14 covers the years 1900 to 2030, not 2031");
     assert_eq!(
-        CoreField::of(CoreModel::Wmm, 2019.9).unwrap_err().to_string(),
+        CoreField::new(CoreFieldModel::Wmm, 2019.9).unwrap_err().to_string(),
         "WMM covers the years 2020 to 2030, not 2019.9"
     );
 }
@@ -152,7 +152,7 @@ fn law_the_expansion_follows_the_field() {
 
 #[test]
 fn law_a_track_has_the_field_of_its_places_and_dates() {
-    for model in [CoreModel::Igrf14, CoreModel::Wmm] {
+    for model in [CoreFieldModel::Igrf14, CoreFieldModel::Wmm] {
         // Dates on both sides of an epoch and on it, a number of places that no register holds, gaps.
         let n = 203;
         let part = |k: usize| k as f64 / n as f64;
@@ -162,25 +162,25 @@ fn law_a_track_has_the_field_of_its_places_and_dates() {
         let year: Vec<f64> =
             (0..n).map(|k| if k % 7 == 0 { 2025.0 } else { 2021.0 + 9.0 * part(k * 31 % n) }).collect();
         (alt[7], alt[100]) = (f64::NAN, f64::NAN);
-        let ned = CoreTrack::new(model).field(&lat, &lon, &alt, &year).unwrap();
+        let ned = CoreFieldTrack::new(model).field(&lat, &lon, &alt, &year).unwrap();
         for k in 0..n {
             let got = [ned.north_nt[k], ned.east_nt[k], ned.down_nt[k]];
             if !alt[k].is_finite() {
                 assert!(got.iter().all(|x| x.is_nan()));
                 continue;
             }
-            let one = CoreField::of(model, year[k]).unwrap().field_ned_nt(lat[k], lon[k], alt[k]);
+            let one = CoreField::new(model, year[k]).unwrap().field_ned_nt(lat[k], lon[k], alt[k]);
             // The same sum in another order.
             assert!(got.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-9), "{got:?} {one:?}");
         }
-        let late = CoreTrack::new(model).field(&[0.0], &[0.0], &[0.0], &[2031.0]);
+        let late = CoreFieldTrack::new(model).field(&[0.0], &[0.0], &[0.0], &[2031.0]);
         assert!(matches!(late, Err(CoreFieldError::Date { .. })));
     }
 }
 
 #[test]
 fn law_secular_variation_is_the_change_of_the_field() {
-    let track = CoreTrack::new(CoreModel::Igrf14);
+    let track = CoreFieldTrack::new(CoreFieldModel::Igrf14);
     let at = |year: f64| track.field(&[51.0], &[-3.0], &[300.0], &[year]).unwrap();
     let (early, late) = (at(2026.0), at(2028.0));
     let rate = track.secular_variation(&[51.0], &[-3.0], &[300.0], &[2027.0]).unwrap();
@@ -194,8 +194,8 @@ fn law_the_step_from_one_world_model_to_the_next_is_known() {
     for lat in (-89..90).step_by(2) {
         for lon in (-180..180).step_by(4) {
             let (lat, lon) = (f64::from(lat), f64::from(lon));
-            let before = CoreField::of(CoreModel::Wmm, 2025.0 - 1e-9).unwrap().field_ned_nt(lat, lon, 0.0);
-            let after = CoreField::of(CoreModel::Wmm, 2025.0).unwrap().field_ned_nt(lat, lon, 0.0);
+            let before = CoreField::new(CoreFieldModel::Wmm, 2025.0 - 1e-9).unwrap().field_ned_nt(lat, lon, 0.0);
+            let after = CoreField::new(CoreFieldModel::Wmm, 2025.0).unwrap().field_ned_nt(lat, lon, 0.0);
             most = before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(most, f64::max);
         }
     }

@@ -2,8 +2,8 @@
 //! register.
 
 use super::{
-    Coordinate, CoreFieldError, CoreModel, Directions, Recursion,
-    coefficients::{REFERENCE_RADIUS_M, Span, Table, index},
+    CoreFieldError, CoreFieldModel, GeodeticCoordinate, HarmonicRecursion, LocalDirections,
+    coefficients::{EpochCoefficients, HarmonicTable, REFERENCE_RADIUS_M, index},
     dot3,
 };
 use crate::earth::geodesy::ecef_m;
@@ -13,11 +13,11 @@ const LANES: usize = 4;
 /// The field is a gradient, one degree higher than the potential.
 const DEGREE: usize = super::HIGHEST_DEGREE - 1;
 
-type Lanes = [f64; LANES];
+type PositionLanes = [f64; LANES];
 
 /// The field at each position, in nT.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Ned {
+pub struct NedField {
     /// Northward component.
     pub north_nt: Vec<f64>,
     /// Eastward component.
@@ -26,7 +26,7 @@ pub struct Ned {
     pub down_nt: Vec<f64>,
 }
 
-impl Ned {
+impl NedField {
     /// The magnitude at each position, in nT.
     pub fn magnitude_nt(&self) -> Vec<f64> {
         let three = self.north_nt.iter().zip(&self.east_nt).zip(&self.down_nt);
@@ -36,15 +36,15 @@ impl Ned {
 
 /// The core field along a track: geodetic latitude and longitude in degrees, height in metres above the WGS-84
 /// ellipsoid, and the date of every sample.
-pub struct CoreTrack {
-    model: CoreModel,
-    recursion: Recursion,
+pub struct CoreFieldTrack {
+    model: CoreFieldModel,
+    recursion: HarmonicRecursion,
 }
 
-impl CoreTrack {
+impl CoreFieldTrack {
     /// Prepares a model.
-    pub fn new(model: CoreModel) -> Self {
-        Self { model, recursion: Recursion::new() }
+    pub fn new(model: CoreFieldModel) -> Self {
+        Self { model, recursion: HarmonicRecursion::new() }
     }
 
     /// The field (north, east, down; nT) at each position and date, as many as the shortest of the four slices. A
@@ -54,21 +54,27 @@ impl CoreTrack {
     /// Fails for a date that the model does not cover and for a position that does not exist: a latitude beyond a pole,
     /// a longitude outside
     /// -180 to 360 degrees, a height outside -10 to 2,000 km.
-    pub fn field(&self, lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64], year: &[f64]) -> Result<Ned, CoreFieldError> {
+    pub fn field(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        year: &[f64],
+    ) -> Result<NedField, CoreFieldError> {
         self.evaluate(lat_deg, lon_deg, alt_m, year, false)
     }
 
-    /// The field's change (north, east, down; nT a year), as [`CoreTrack::field`].
+    /// The field's change (north, east, down; nT a year), as [`CoreFieldTrack::field`].
     ///
     /// # Errors
-    /// Fails as [`CoreTrack::field`].
+    /// Fails as [`CoreFieldTrack::field`].
     pub fn secular_variation(
         &self,
         lat_deg: &[f64],
         lon_deg: &[f64],
         alt_m: &[f64],
         year: &[f64],
-    ) -> Result<Ned, CoreFieldError> {
+    ) -> Result<NedField, CoreFieldError> {
         self.evaluate(lat_deg, lon_deg, alt_m, year, true)
     }
 
@@ -79,12 +85,12 @@ impl CoreTrack {
         alt_m: &[f64],
         year: &[f64],
         rate: bool,
-    ) -> Result<Ned, CoreFieldError> {
+    ) -> Result<NedField, CoreFieldError> {
         let n = lat_deg.len().min(lon_deg.len()).min(alt_m.len()).min(year.len());
-        let mut out = Ned { north_nt: vec![f64::NAN; n], east_nt: vec![f64::NAN; n], down_nt: vec![f64::NAN; n] };
+        let mut out = NedField { north_nt: vec![f64::NAN; n], east_nt: vec![f64::NAN; n], down_nt: vec![f64::NAN; n] };
         let finite = |i: usize| [lat_deg[i], lon_deg[i], alt_m[i], year[i]].iter().all(|x| x.is_finite());
-        let mut group = Group::default();
-        let mut span: Option<&Span> = None;
+        let mut group = PositionGroup::default();
+        let mut span: Option<&EpochCoefficients> = None;
         for i in (0..n).filter(|i| finite(*i)) {
             possible(i, [lat_deg[i], lon_deg[i], alt_m[i]])?;
             let here = match span {
@@ -106,11 +112,11 @@ impl CoreTrack {
         Ok(out)
     }
 
-    fn flush(&self, group: &mut Group, span: &Span, rate: bool, out: &mut Ned) {
+    fn flush(&self, group: &mut PositionGroup, span: &EpochCoefficients, rate: bool, out: &mut NedField) {
         if group.len == 0 {
             return;
         }
-        let sums = Sums { recursion: &self.recursion, table: span.table(), position_m: &group.position };
+        let sums = HarmonicSums { recursion: &self.recursion, table: span.table(), position_m: &group.position };
         let sums = pulp::Arch::new().dispatch(sums);
         for (lane, &row) in group.rows.iter().enumerate().take(group.len) {
             let part = |axis: usize| {
@@ -123,16 +129,16 @@ impl CoreTrack {
             out.east_nt[row] = dot3(&field, &local.east);
             out.down_nt[row] = -dot3(&field, &local.up);
         }
-        *group = Group::default();
+        *group = PositionGroup::default();
     }
 }
 
 /// The coordinates of a position, each with its limits. The models hold from the ground to where the field of currents
 /// in the ionosphere and magnetosphere is no longer small compared with the core's.
-const PLACES: [(Coordinate, f64, f64, &str); 3] = [
-    (Coordinate::Latitude, -90.0, 90.0, "deg"),
-    (Coordinate::Longitude, -180.0, 360.0, "deg"),
-    (Coordinate::Height, -10_000.0, 2_000_000.0, "m"),
+const PLACES: [(GeodeticCoordinate, f64, f64, &str); 3] = [
+    (GeodeticCoordinate::Latitude, -90.0, 90.0, "deg"),
+    (GeodeticCoordinate::Longitude, -180.0, 360.0, "deg"),
+    (GeodeticCoordinate::Height, -10_000.0, 2_000_000.0, "m"),
 ];
 
 fn possible(row: usize, place: [f64; 3]) -> Result<(), CoreFieldError> {
@@ -144,25 +150,25 @@ fn possible(row: usize, place: [f64; 3]) -> Result<(), CoreFieldError> {
     Ok(())
 }
 
-/// The positions that are evaluated together.
-struct Group {
+/// Positions that are evaluated together, one per vector lane.
+struct PositionGroup {
     len: usize,
     rows: [usize; LANES],
-    position: [Lanes; 3],
-    years: Lanes,
-    local: [Directions; LANES],
+    position: [PositionLanes; 3],
+    years: PositionLanes,
+    local: [LocalDirections; LANES],
 }
 
-impl Default for Group {
+impl Default for PositionGroup {
     fn default() -> Self {
         // A lane without a position has one on the reference sphere, so that nothing overflows.
         let unused = [[REFERENCE_RADIUS_M; LANES], [0.0; LANES], [0.0; LANES]];
-        let local = [(); LANES].map(|()| Directions::at(0.0, 0.0));
+        let local = [(); LANES].map(|()| LocalDirections::at(0.0, 0.0));
         Self { len: 0, rows: [0; LANES], position: unused, years: [0.0; LANES], local }
     }
 }
 
-impl Group {
+impl PositionGroup {
     fn push(&mut self, row: usize, lat_deg: f64, lon_deg: f64, alt_m: f64, years: f64) {
         let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
         let lane = self.len;
@@ -171,32 +177,32 @@ impl Group {
         }
         self.rows[lane] = row;
         self.years[lane] = years;
-        self.local[lane] = Directions::at(lat, lon);
+        self.local[lane] = LocalDirections::at(lat, lon);
         self.len += 1;
     }
 }
 
 /// The sums over all harmonics of each column of the table, in the lanes of the places: the form in which it is
 /// compiled for the vector width of each processor.
-struct Sums<'a> {
-    recursion: &'a Recursion,
-    table: &'a Table,
-    position_m: &'a [Lanes; 3],
+struct HarmonicSums<'a> {
+    recursion: &'a HarmonicRecursion,
+    table: &'a HarmonicTable,
+    position_m: &'a [PositionLanes; 3],
 }
 
-impl pulp::NullaryFnOnce for Sums<'_> {
-    type Output = [Lanes; 6];
+impl pulp::NullaryFnOnce for HarmonicSums<'_> {
+    type Output = [PositionLanes; 6];
 
     #[inline(always)]
-    fn call(self) -> [Lanes; 6] {
+    fn call(self) -> [PositionLanes; 6] {
         summed(self.recursion, self.table, self.position_m)
     }
 }
 
-/// The recursion of [`Recursion::harmonics`], degree by degree. Each degree's part is added at once, so that at most
-/// three degrees are kept. The order of operations is that of the source for every width of the register.
+/// The recursion of [`HarmonicRecursion::harmonics`], degree by degree. Each degree's part is added at once, so that at
+/// most three degrees are kept. The order of operations is that of the source for every width of the register.
 #[inline(always)]
-fn summed(recursion: &Recursion, table: &Table, position_m: &[Lanes; 3]) -> [Lanes; 6] {
+fn summed(recursion: &HarmonicRecursion, table: &HarmonicTable, position_m: &[PositionLanes; 3]) -> [PositionLanes; 6] {
     const WIDTH: usize = DEGREE + 1;
     let [px, py, pz] = position_m;
     let radius_squared = lanes(|l| px[l] * px[l] + py[l] * py[l] + pz[l] * pz[l]);
@@ -231,6 +237,6 @@ fn summed(recursion: &Recursion, table: &Table, position_m: &[Lanes; 3]) -> [Lan
 }
 
 #[inline(always)]
-fn lanes(of: impl Fn(usize) -> f64) -> Lanes {
+fn lanes(of: impl Fn(usize) -> f64) -> PositionLanes {
     [of(0), of(1), of(2), of(3)]
 }

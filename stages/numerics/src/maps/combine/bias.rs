@@ -20,7 +20,7 @@ pub enum BiasModel {
 
 /// The bias of a map relative to the first map that it is connected to by overlaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Bias {
+pub struct OverlapBias {
     /// At the middle of the combined grid, in the unit of the maps.
     pub constant: f64,
     /// Per metre eastward.
@@ -29,7 +29,7 @@ pub struct Bias {
     pub per_m_north: f64,
 }
 
-impl Bias {
+impl OverlapBias {
     /// Takes the bias off a map on the nodes of `target`.
     pub(super) fn take_off(&self, target: &PlaneGrid, map: &mut [f64]) {
         if *self == Self::default() {
@@ -54,14 +54,14 @@ fn terms(target: &PlaneGrid, node: usize) -> [f64; 3] {
 }
 
 /// Two maps that overlap.
-pub(super) struct Pair {
+pub(super) struct OverlapPair {
     pub(super) first: usize,
     pub(super) second: usize,
     /// The nodes where both are known.
     nodes: Vec<u32>,
 }
 
-impl Pair {
+impl OverlapPair {
     /// The first map less the second, at the nodes of the overlap.
     pub(super) fn differences(&self, maps: &[Vec<f64>]) -> Vec<f64> {
         let (first, second) = (&maps[self.first], &maps[self.second]);
@@ -70,36 +70,41 @@ impl Pair {
 }
 
 /// All pairs of maps that overlap.
-pub(super) fn pairs(maps: &[Vec<f64>]) -> Vec<Pair> {
+pub(super) fn pairs(maps: &[Vec<f64>]) -> Vec<OverlapPair> {
     let all = (0..maps.len()).flat_map(|first| (first + 1..maps.len()).map(move |second| (first, second)));
     let pair = |(first, second): (usize, usize)| {
         let both = maps[first].par_iter().zip(&maps[second]).enumerate();
         let known = both.filter(|(_, (one, other))| !one.is_nan() && !other.is_nan());
-        Pair { first, second, nodes: known.map(|(node, _)| node as u32).collect() }
+        OverlapPair { first, second, nodes: known.map(|(node, _)| node as u32).collect() }
     };
     all.map(pair).filter(|pair| !pair.nodes.is_empty()).collect()
 }
 
 /// The bias of each map.
-pub(super) fn estimate(maps: &[Vec<f64>], pairs: &[Pair], target: &PlaneGrid, model: BiasModel) -> Vec<Bias> {
+pub(super) fn estimate(
+    maps: &[Vec<f64>],
+    pairs: &[OverlapPair],
+    target: &PlaneGrid,
+    model: BiasModel,
+) -> Vec<OverlapBias> {
     match model {
-        BiasModel::Nothing => vec![Bias::default(); maps.len()],
+        BiasModel::Nothing => vec![OverlapBias::default(); maps.len()],
         BiasModel::Constant => constants(maps, pairs),
         BiasModel::Plane => planes(maps, pairs, target),
     }
 }
 
-fn constants(maps: &[Vec<f64>], pairs: &[Pair]) -> Vec<Bias> {
-    let mut network = Network::<1>::new(maps.len());
+fn constants(maps: &[Vec<f64>], pairs: &[OverlapPair]) -> Vec<OverlapBias> {
+    let mut network = BiasEquations::<1>::new(maps.len());
     for pair in pairs {
         let level = median(&mut pair.differences(maps));
         let count = pair.nodes.len() as f64;
-        network.add(pair, &Sums { squares: [[count]], products: [count * level] });
+        network.add(pair, &OverlapSums { squares: [[count]], products: [count * level] });
     }
-    network.solve(pairs).into_iter().map(|[constant]| Bias { constant, ..Bias::default() }).collect()
+    network.solve(pairs).into_iter().map(|[constant]| OverlapBias { constant, ..OverlapBias::default() }).collect()
 }
 
-fn planes(maps: &[Vec<f64>], pairs: &[Pair], target: &PlaneGrid) -> Vec<Bias> {
+fn planes(maps: &[Vec<f64>], pairs: &[OverlapPair], target: &PlaneGrid) -> Vec<OverlapBias> {
     const ROUNDS: usize = 12;
     // In units of half the grid, so that all terms are of one size.
     let half =
@@ -110,7 +115,7 @@ fn planes(maps: &[Vec<f64>], pairs: &[Pair], target: &PlaneGrid) -> Vec<Bias> {
     };
     let mut biases = vec![[0.0; 3]; maps.len()];
     for _ in 0..ROUNDS {
-        let mut network = Network::<3>::new(maps.len());
+        let mut network = BiasEquations::<3>::new(maps.len());
         for pair in pairs {
             let [first, second] = [biases[pair.first], biases[pair.second]];
             let differences = pair.differences(maps);
@@ -119,11 +124,14 @@ fn planes(maps: &[Vec<f64>], pairs: &[Pair], target: &PlaneGrid) -> Vec<Bias> {
                 difference - (0..3).map(|k| (first[k] - second[k]) * terms[k]).sum::<f64>()
             };
             let far = huber_threshold(pair.nodes.iter().zip(&differences).map(|(node, d)| left(*node, *d)).collect());
-            network.add(pair, &Sums::of(&pair.nodes, &differences, scaled, |node, d| huber(left(node, d), far)));
+            network.add(
+                pair,
+                &OverlapSums::from_differences(&pair.nodes, &differences, scaled, |node, d| huber(left(node, d), far)),
+            );
         }
         biases = network.solve(pairs);
     }
-    let bias = |b: [f64; 3]| Bias { constant: b[0], per_m_east: b[1] / half[1], per_m_north: b[2] / half[2] };
+    let bias = |b: [f64; 3]| OverlapBias { constant: b[0], per_m_east: b[1] / half[1], per_m_north: b[2] / half[2] };
     biases.into_iter().map(bias).collect()
 }
 
@@ -142,15 +150,15 @@ fn huber(left: f64, far: f64) -> f64 {
 }
 
 /// The sums of the normal equations of one overlap.
-struct Sums<const TERMS: usize> {
+struct OverlapSums<const TERMS: usize> {
     squares: [[f64; TERMS]; TERMS],
     products: [f64; TERMS],
 }
 
-impl<const TERMS: usize> Sums<TERMS> {
+impl<const TERMS: usize> OverlapSums<TERMS> {
     const ZERO: Self = Self { squares: [[0.0; TERMS]; TERMS], products: [0.0; TERMS] };
 
-    fn of(
+    fn from_differences(
         nodes: &[u32],
         differences: &[f64],
         terms: impl Fn(u32) -> [f64; TERMS] + Sync,
@@ -184,18 +192,18 @@ impl<const TERMS: usize> Sums<TERMS> {
 }
 
 /// The normal equations of the biases of all maps.
-struct Network<const TERMS: usize> {
+struct BiasEquations<const TERMS: usize> {
     matrix: DMatrix<f64>,
     side: DVector<f64>,
     maps: usize,
 }
 
-impl<const TERMS: usize> Network<TERMS> {
+impl<const TERMS: usize> BiasEquations<TERMS> {
     fn new(maps: usize) -> Self {
         Self { matrix: DMatrix::zeros(maps * TERMS, maps * TERMS), side: DVector::zeros(maps * TERMS), maps }
     }
 
-    fn add(&mut self, pair: &Pair, sums: &Sums<TERMS>) {
+    fn add(&mut self, pair: &OverlapPair, sums: &OverlapSums<TERMS>) {
         let (first, second) = (pair.first * TERMS, pair.second * TERMS);
         for j in 0..TERMS {
             self.side[first + j] += sums.products[j];
@@ -210,7 +218,7 @@ impl<const TERMS: usize> Network<TERMS> {
     }
 
     /// The biases, those of the first map of each connected group being zero.
-    fn solve(mut self, pairs: &[Pair]) -> Vec<[f64; TERMS]> {
+    fn solve(mut self, pairs: &[OverlapPair]) -> Vec<[f64; TERMS]> {
         let group = groups(self.maps, pairs);
         for map in (0..self.maps).filter(|map| group[*map] == *map) {
             for row in map * TERMS..(map + 1) * TERMS {
@@ -229,7 +237,7 @@ impl<const TERMS: usize> Network<TERMS> {
 }
 
 /// The first map of the group of maps that each one is connected to.
-fn groups(maps: usize, pairs: &[Pair]) -> Vec<usize> {
+fn groups(maps: usize, pairs: &[OverlapPair]) -> Vec<usize> {
     let mut group: Vec<usize> = (0..maps).collect();
     // One round per map reaches the end of any chain.
     for _ in 0..maps {

@@ -1,6 +1,6 @@
 //! A map at the nodes of another grid.
 
-use crate::maps::map_surface::{Cell, Interpolation, Shape, Surface};
+use crate::maps::map_surface::{CellPosition, GridInterpolant, GridShape, MapInterpolation};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
@@ -11,12 +11,12 @@ const SAME: f64 = 1e-6;
 /// unknown node. A node of the target on a node of the map takes its value unchanged, one on a line of the map needs
 /// only the two nodes on that line.
 pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
-    let places = |axis: &EvenAxis, of: &EvenAxis| -> Vec<Option<Place>> {
-        (0..of.len).map(|node| Place::on(axis, of.at(node as f64))).collect()
+    let places = |axis: &EvenAxis, of: &EvenAxis| -> Vec<Option<AxisPosition>> {
+        (0..of.len).map(|node| AxisPosition::on(axis, of.at(node as f64))).collect()
     };
     let (across, along) = (places(&map.east_m, &target.east_m), places(&map.north_m, &target.north_m));
     let on_nodes = across.iter().chain(&along).flatten().all(|place| place.on_node());
-    let spline = (!on_nodes).then(|| Spline::of(map));
+    let spline = (!on_nodes).then(|| MapSpline::from_map(map));
     let mut values = vec![f64::NAN; across.len() * along.len()];
     values.par_chunks_exact_mut(across.len()).zip(along).for_each(|(out, up)| {
         let Some(up) = up else { return };
@@ -29,12 +29,12 @@ pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
 
 /// A position on an axis: a cell and the fraction of a step in it.
 #[derive(Clone, Copy)]
-struct Place {
+struct AxisPosition {
     cell: usize,
     part: f64,
 }
 
-impl Place {
+impl AxisPosition {
     fn on(axis: &EvenAxis, coordinate: f64) -> Option<Self> {
         let node = axis.node(coordinate);
         let last = (axis.len - 1) as f64;
@@ -59,7 +59,7 @@ impl Place {
     }
 }
 
-fn value(map: &PlaneGrid, spline: Option<&Spline>, up: Place, right: Place) -> Option<f64> {
+fn value(map: &PlaneGrid, spline: Option<&MapSpline>, up: AxisPosition, right: AxisPosition) -> Option<f64> {
     let mut needs = up.needs().flat_map(|row| right.needs().map(move |column| (row, column)));
     if up.on_node() && right.on_node() {
         let (row, column) = needs.next()?;
@@ -68,16 +68,16 @@ fn value(map: &PlaneGrid, spline: Option<&Spline>, up: Place, right: Place) -> O
     if needs.any(|(row, column)| map.get(row, column).is_nan()) {
         return None;
     }
-    let cell = Cell { row: up.cell, column: right.cell, up: up.part, right: right.part };
+    let cell = CellPosition { row: up.cell, column: right.cell, up: up.part, right: right.part };
     Some(spline?.0.at(cell)?.value[0])
 }
 
 /// A spline through a map whose gaps are filled, so that it also has values next to a gap.
-struct Spline(Surface<1>);
+struct MapSpline(GridInterpolant<1>);
 
-impl Spline {
-    fn of(map: &PlaneGrid) -> Self {
-        let shape = Shape { rows: map.rows(), columns: map.columns(), closed: false };
-        Self(Surface::over_gaps(shape, &map.values, Interpolation::Cubic))
+impl MapSpline {
+    fn from_map(map: &PlaneGrid) -> Self {
+        let shape = GridShape { rows: map.rows(), columns: map.columns(), closed: false };
+        Self(GridInterpolant::over_gaps(shape, &map.values, MapInterpolation::Cubic))
     }
 }

@@ -5,8 +5,8 @@ use realfft::num_complex::Complex;
 use crate::maps::plane_grid::PlaneGrid;
 
 use super::gain::gain;
-use super::spectrum::Spectrum;
-use super::transform::Factor;
+use super::spectrum::MapSpectrum;
+use super::transform::WavenumberFactor;
 use super::{ContinuationError, finite_height, usable_alpha};
 
 /// Below this sine of the inclination (15°) waves that run across the main field are damped.
@@ -14,7 +14,7 @@ const LEAST_SINE: f64 = 0.258_819_045_102_520_76;
 
 /// The anomalous field, in nT.
 #[derive(Clone, Debug)]
-pub struct Components {
+pub struct AnomalyComponents {
     /// Towards east.
     pub east: PlaneGrid,
     /// Towards north.
@@ -26,7 +26,7 @@ pub struct Components {
     pub damped: bool,
 }
 
-impl Spectrum {
+impl MapSpectrum {
     /// The components of the field whose part along `main_field` (`[east, north, up]`, of which only the direction
     /// counts) is the map, at a height above it in metres, damped by α in m² if that is negative.
     ///
@@ -41,7 +41,12 @@ impl Spectrum {
     ///
     /// # Errors
     /// Fails with [`ContinuationError::Direction`], [`ContinuationError::Height`] or [`ContinuationError::Alpha`].
-    pub fn components(&self, main_field: [f64; 3], up_m: f64, alpha_m2: f64) -> Result<Components, ContinuationError> {
+    pub fn components(
+        &self,
+        main_field: [f64; 3],
+        up_m: f64,
+        alpha_m2: f64,
+    ) -> Result<AnomalyComponents, ContinuationError> {
         let unit = unit(main_field)?;
         finite_height("a height", up_m)?;
         usable_alpha(alpha_m2)?;
@@ -57,9 +62,9 @@ impl Spectrum {
                 let slope = [Complex::new(0.0, east), Complex::new(0.0, north), Complex::new(-k, 0.0)];
                 slope[axis] * potential * gain(k, up_m, alpha_m2)
             };
-            self.answer(Factor::General(&factor), &self.trend.times(unit[axis]))
+            self.answer(WavenumberFactor::General(&factor), &self.trend.times(unit[axis]))
         };
-        Ok(Components { east: component(0), north: component(1), up: component(2), damped: floor > 0.0 })
+        Ok(AnomalyComponents { east: component(0), north: component(1), up: component(2), damped: floor > 0.0 })
     }
 }
 

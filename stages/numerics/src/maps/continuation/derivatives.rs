@@ -5,14 +5,14 @@ use realfft::num_complex::Complex;
 use crate::maps::plane_grid::PlaneGrid;
 
 use super::gain::gain;
-use super::spectrum::Spectrum;
-use super::transform::Factor;
-use super::trend::Plane;
+use super::spectrum::MapSpectrum;
+use super::transform::WavenumberFactor;
+use super::trend::TrendPlane;
 use super::{ContinuationError, finite_height, usable_alpha};
 
 /// Direction of a derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Derivative {
+pub enum MapDerivative {
     /// Along easting, in nT/m.
     East,
     /// Along northing, in nT/m.
@@ -23,7 +23,7 @@ pub enum Derivative {
     UpTwice,
 }
 
-impl Spectrum {
+impl MapSpectrum {
     /// A derivative at a height above the map in metres, which may be negative, damped by α in m² if negative.
     ///
     /// The factors are i k_east, i k_north, −k and k², times that of the height. A plane trend that was removed
@@ -32,7 +32,7 @@ impl Spectrum {
     /// # Errors
     /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite
     /// number.
-    pub fn derivative(&self, which: Derivative, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
+    pub fn derivative(&self, which: MapDerivative, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
         finite_height("a height", up_m)?;
         usable_alpha(alpha_m2)?;
         let height = move |k: f64| gain(k, up_m, alpha_m2);
@@ -41,10 +41,12 @@ impl Spectrum {
         let [per_column, per_row] = self.trend.slopes();
         let [east_step, north_step] = self.transform.steps_m();
         Ok(match which {
-            Derivative::East => self.answer(Factor::General(&east), &per_column.times(1.0 / east_step)),
-            Derivative::North => self.answer(Factor::General(&north), &per_row.times(1.0 / north_step)),
-            Derivative::Up => self.answer(Factor::Radial(&|k| -k * height(k)), &Plane::default()),
-            Derivative::UpTwice => self.answer(Factor::Radial(&|k| k * k * height(k)), &Plane::default()),
+            MapDerivative::East => self.answer(WavenumberFactor::General(&east), &per_column.times(1.0 / east_step)),
+            MapDerivative::North => self.answer(WavenumberFactor::General(&north), &per_row.times(1.0 / north_step)),
+            MapDerivative::Up => self.answer(WavenumberFactor::Radial(&|k| -k * height(k)), &TrendPlane::default()),
+            MapDerivative::UpTwice => {
+                self.answer(WavenumberFactor::Radial(&|k| k * k * height(k)), &TrendPlane::default())
+            }
         })
     }
 }

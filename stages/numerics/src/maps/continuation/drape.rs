@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::Padding;
-use super::spectrum::Spectrum;
+use super::spectrum::MapSpectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, finite_height, upward, usable_alpha};
 
 /// Levels are made one after the other; more than this many indicates a mistake in the heights or the step.
@@ -22,7 +22,7 @@ pub enum HeightInterpolation {
 
 /// Settings of the continuation between a level and a drape.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drape {
+pub struct DrapeOptions {
     /// The step between levels in metres; without it half of the smaller spacing of the map.
     pub step_m: Option<f64>,
     /// How far below its data a field is wanted at most, in metres; nodes further down are unknown (NaN).
@@ -38,7 +38,7 @@ pub struct Drape {
     pub padding: Padding,
 }
 
-impl Default for Drape {
+impl Default for DrapeOptions {
     fn default() -> Self {
         Self {
             step_m: None,
@@ -58,13 +58,13 @@ impl Default for Drape {
 /// 1985; Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
 ///
 /// # Errors
-/// Fails as [`Spectrum::new`], and with [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
+/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
 /// [`ContinuationError::Height`] for a level, a step or a limit out of range, or [`ContinuationError::Alpha`].
 pub fn level_to_drape(
     grid: &PlaneGrid,
     level_m: f64,
     drape_m: &[f64],
-    drape: &Drape,
+    drape: &DrapeOptions,
 ) -> Result<PlaneGrid, ContinuationError> {
     drape.check(grid, level_m, drape_m)?;
     let above: Vec<f64> = drape_m.iter().map(|height| height - level_m).collect();
@@ -86,7 +86,7 @@ pub fn drape_to_level(
     grid: &PlaneGrid,
     drape_m: &[f64],
     level_m: f64,
-    drape: &Drape,
+    drape: &DrapeOptions,
 ) -> Result<PlaneGrid, ContinuationError> {
     drape.check(grid, level_m, drape_m)?;
     let above: Vec<f64> = drape_m.iter().map(|height| level_m - height).collect();
@@ -97,7 +97,7 @@ pub fn drape_to_level(
     Ok(drape.without_deep(map, &above))
 }
 
-impl Drape {
+impl DrapeOptions {
     /// MagNav.jl's chessboard method with levels `step_m` apart.
     pub fn magnav(step_m: f64, padding: Padding) -> Self {
         let interpolation = HeightInterpolation::Linear;
@@ -133,9 +133,10 @@ impl Drape {
     /// The map continued at each node by its own height in metres, at most `down_max_m` downward.
     fn at_heights(&self, grid: &PlaneGrid, above_m: &[f64]) -> Result<PlaneGrid, ContinuationError> {
         let (lowest, highest) = bounds(above_m);
-        let levels = Levels::new(lowest.max(-self.down_max_m), highest, self.step_of(grid), self.interpolation)?;
+        let levels =
+            ContinuationLevels::new(lowest.max(-self.down_max_m), highest, self.step_of(grid), self.interpolation)?;
         let furthest = lowest.max(-self.down_max_m).abs().max(highest.abs());
-        let spectrum = Spectrum::new(grid, furthest, &self.padding)?;
+        let spectrum = MapSpectrum::new(grid, furthest, &self.padding)?;
         let mut values = vec![0.0; grid.values.len()];
         for level in 0..levels.count {
             let map = spectrum.at_height(levels.height_m(level), self.alpha_m2)?;
@@ -180,14 +181,14 @@ fn bounds(values: &[f64]) -> (f64, f64) {
 
 /// Heights above a map that are whole steps, around all wanted heights.
 #[derive(Clone, Copy, Debug)]
-struct Levels {
+struct ContinuationLevels {
     first_m: f64,
     step_m: f64,
     count: usize,
     interpolation: HeightInterpolation,
 }
 
-impl Levels {
+impl ContinuationLevels {
     fn new(
         lowest_m: f64,
         highest_m: f64,

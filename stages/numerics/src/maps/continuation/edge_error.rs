@@ -2,7 +2,7 @@
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
-use super::extension::{Edge, MOST_PADDING, Padding, Trend, Width};
+use super::extension::{EdgeExtension, MOST_PADDING, Padding, PaddingWidth, TrendRemoval};
 use super::{ContinuationError, continued, rms};
 
 /// The smallest number of nodes on a side: with fewer no nodes remain between the crops.
@@ -74,11 +74,11 @@ pub fn edge_error(
 
 /// The same padding, no narrower than a third of each side, with the other assumption on the level far away.
 fn other_level(grid: &PlaneGrid, padding: &Padding) -> Padding {
-    let trend = if padding.trend == Trend::None { Trend::EdgeMean } else { Trend::None };
-    let width = Width::Nodes([grid.rows(), grid.columns()].map(|side| (side / 3).min(MOST_PADDING)));
-    let edge = Edge::Falling { detail_nodes: 6 };
+    let trend = if padding.trend == TrendRemoval::None { TrendRemoval::EdgeMean } else { TrendRemoval::None };
+    let width = PaddingWidth::Nodes([grid.rows(), grid.columns()].map(|side| (side / 3).min(MOST_PADDING)));
+    let edge = EdgeExtension::Falling { detail_nodes: 6 };
     let other = Padding { trend, width, edge, ..*padding };
-    if other.layout(grid, 0.0).is_ok() { other } else { Padding { width: Width::OfDistance, ..other } }
+    if other.layout(grid, 0.0).is_ok() { other } else { Padding { width: PaddingWidth::OfDistance, ..other } }
 }
 
 fn minus(one: &[f64], other: &[f64]) -> Vec<f64> {

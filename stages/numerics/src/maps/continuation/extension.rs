@@ -9,7 +9,7 @@ pub const MOST_PADDING: usize = 5000;
 
 /// The assumed continuation of a map past its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Edge {
+pub enum EdgeExtension {
     /// The value at the edge falls to the trend on a half cosine, and the rotated image of the map about the edge,
     /// which continues the slope and the detail, fades over `detail_nodes`.
     ///
@@ -23,13 +23,13 @@ pub enum Edge {
     /// A straight line from the last value of each row, and then of each column, around to its first, as the
     /// `map_expand` of MagNav.jl.
     WrapAround,
-    /// The trend alone: with [`Trend::None`] zeros, as `xrft.pad` does by default.
+    /// The trend alone: with [`TrendRemoval::None`] zeros, as `xrft.pad` does by default.
     Zero,
 }
 
 /// The trend that is removed from a map before it is extended, and restored afterwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Trend {
+pub enum TrendRemoval {
     /// Nothing.
     None,
     /// The mean of the values along the edge, so that a constant is preserved.
@@ -40,7 +40,7 @@ pub enum Trend {
 
 /// Width of the padding on each side. The padded sides are products of 2, 3, 5 and 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Width {
+pub enum PaddingWidth {
     /// At least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
     OfDistance,
     /// At least this number of nodes for `[rows, columns]`.
@@ -53,11 +53,11 @@ pub enum Width {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Padding {
     /// The width of the padding.
-    pub width: Width,
+    pub width: PaddingWidth,
     /// The values in the padding.
-    pub edge: Edge,
+    pub edge: EdgeExtension,
     /// The trend that is removed first.
-    pub trend: Trend,
+    pub trend: TrendRemoval,
     /// The most nodes that the padded map may have; the default padding is narrowed to it. 2²⁸ nodes are 2 GiB.
     pub most_nodes: usize,
     /// Whether both padded sides are even numbers, which transforms faster.
@@ -66,15 +66,21 @@ pub struct Padding {
 
 impl Default for Padding {
     fn default() -> Self {
-        let edge = Edge::Falling { detail_nodes: 6 };
-        Self { width: Width::OfDistance, edge, trend: Trend::EdgeMean, most_nodes: 1 << 28, even: true }
+        let edge = EdgeExtension::Falling { detail_nodes: 6 };
+        Self { width: PaddingWidth::OfDistance, edge, trend: TrendRemoval::EdgeMean, most_nodes: 1 << 28, even: true }
     }
 }
 
 impl Padding {
     /// No padding at all: the map is taken as periodic.
     pub fn none() -> Self {
-        Self { width: Width::None, edge: Edge::Zero, trend: Trend::None, even: false, ..Self::default() }
+        Self {
+            width: PaddingWidth::None,
+            edge: EdgeExtension::Zero,
+            trend: TrendRemoval::None,
+            even: false,
+            ..Self::default()
+        }
     }
 
     /// The padding of MagNav.jl's `upward_fft` for a continuation by `distance_m`: ten times the distance, wrapped
@@ -83,9 +89,9 @@ impl Padding {
         let cells = |step: f64| (10.0 * distance_m.abs() / step).ceil().min(MOST_PADDING as f64) as usize;
         let pad = cells(grid.east_m.step).max(cells(grid.north_m.step)).min(MOST_PADDING);
         Self {
-            width: Width::Nodes([pad, pad]),
-            edge: Edge::WrapAround,
-            trend: Trend::None,
+            width: PaddingWidth::Nodes([pad, pad]),
+            edge: EdgeExtension::WrapAround,
+            trend: TrendRemoval::None,
             even: false,
             ..Self::default()
         }
@@ -95,24 +101,24 @@ impl Padding {
     ///
     /// # Errors
     /// Fails with [`ContinuationError::TooLarge`] when the padded map has more than `most_nodes` nodes.
-    pub fn layout(&self, grid: &PlaneGrid, distance_m: f64) -> Result<Layout, ContinuationError> {
+    pub fn layout(&self, grid: &PlaneGrid, distance_m: f64) -> Result<PaddedLayout, ContinuationError> {
         let sides = [(grid.rows(), grid.north_m.step), (grid.columns(), grid.east_m.step)];
         let wanted = match self.width {
-            Width::Nodes(nodes) => return self.layout_of(sides, Some(nodes.map(|n| n.min(1 << 31)))),
-            Width::None => return self.layout_of(sides, None),
-            Width::OfDistance => sides.map(|(len, step)| default_width(len, step, distance_m)),
+            PaddingWidth::Nodes(nodes) => return self.layout_of(sides, Some(nodes.map(|n| n.min(1 << 31)))),
+            PaddingWidth::None => return self.layout_of(sides, None),
+            PaddingWidth::OfDistance => sides.map(|(len, step)| default_width(len, step, distance_m)),
         };
         let narrowed = |tenths: usize| self.layout_of(sides, Some(wanted.map(|pad| pad * tenths / 10)));
         (1..=10).rev().find_map(|tenths| narrowed(tenths).ok()).map_or_else(|| narrowed(0), Ok)
     }
 
-    fn layout_of(&self, sides: [(usize, f64); 2], pads: Option<[usize; 2]>) -> Result<Layout, ContinuationError> {
+    fn layout_of(&self, sides: [(usize, f64); 2], pads: Option<[usize; 2]>) -> Result<PaddedLayout, ContinuationError> {
         let [rows, columns] = [0, 1].map(|i| AxisLayout::new(sides[i].0, pads.map(|pads| pads[i]), self.even));
         let nodes = rows.padded.saturating_mul(columns.padded);
         if nodes > self.most_nodes {
             return Err(ContinuationError::TooLarge { nodes, most: self.most_nodes });
         }
-        Ok(Layout { rows, columns })
+        Ok(PaddedLayout { rows, columns })
     }
 }
 
@@ -121,7 +127,7 @@ fn default_width(len: usize, step: f64, distance_m: f64) -> usize {
     reach.max(len.div_ceil(10)).min(MOST_PADDING)
 }
 
-/// Position of the nodes of one side in the padded side.
+/// Node counts of one side of a map and of its padding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisLayout {
     /// The nodes of the map.
@@ -148,16 +154,16 @@ impl AxisLayout {
     }
 }
 
-/// Position of a map in the padded one.
+/// Layout of a map inside its padded grid, by axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Layout {
+pub struct PaddedLayout {
     /// The rows, from south to north.
     pub rows: AxisLayout,
     /// The columns, from west to east.
     pub columns: AxisLayout,
 }
 
-impl Layout {
+impl PaddedLayout {
     /// The number of nodes of the padded map.
     pub fn nodes(&self) -> usize {
         self.rows.padded * self.columns.padded
@@ -179,7 +185,7 @@ fn divided_out(mut m: usize, p: usize) -> usize {
 
 /// A node of the padding as a weighted sum of two nodes of the map.
 #[derive(Clone, Copy, Debug)]
-struct Weighted {
+struct PaddingNode {
     nodes: [usize; 2],
     weights: [f64; 2],
 }
@@ -188,18 +194,18 @@ struct Weighted {
 #[derive(Debug)]
 pub(super) struct AxisExtension {
     layout: AxisLayout,
-    before: Vec<Weighted>,
-    after: Vec<Weighted>,
+    before: Vec<PaddingNode>,
+    after: Vec<PaddingNode>,
 }
 
 impl AxisExtension {
-    pub(super) fn new(layout: AxisLayout, edge: Edge) -> Self {
+    pub(super) fn new(layout: AxisLayout, edge: EdgeExtension) -> Self {
         let gap = layout.padded - layout.len;
         let last = layout.len - 1;
         let weighted = |distance: usize, width: usize, upper: bool| match edge {
-            Edge::Zero => Weighted { nodes: [0, 0], weights: [0.0, 0.0] },
-            Edge::WrapAround => wrapped(distance, gap, last, upper),
-            Edge::Falling { detail_nodes } => falling(distance, width, detail_nodes, last, upper),
+            EdgeExtension::Zero => PaddingNode { nodes: [0, 0], weights: [0.0, 0.0] },
+            EdgeExtension::WrapAround => wrapped(distance, gap, last, upper),
+            EdgeExtension::Falling { detail_nodes } => falling(distance, width, detail_nodes, last, upper),
         };
         Self {
             layout,
@@ -216,7 +222,7 @@ impl AxisExtension {
         let (before, rest) = line.split_at_mut(self.layout.before);
         let (map, after) = rest.split_at_mut(self.layout.len);
         for (part, weighted) in [(before, &self.before), (after, &self.after)] {
-            for (value, Weighted { nodes: [i, j], weights: [a, b] }) in part.iter_mut().zip(weighted) {
+            for (value, PaddingNode { nodes: [i, j], weights: [a, b] }) in part.iter_mut().zip(weighted) {
                 *value = map[*i] * *a + map[*j] * *b;
             }
         }
@@ -224,14 +230,14 @@ impl AxisExtension {
 }
 
 /// A straight line over the whole gap from the last node around to the first.
-fn wrapped(distance: usize, gap: usize, last: usize, upper: bool) -> Weighted {
+fn wrapped(distance: usize, gap: usize, last: usize, upper: bool) -> PaddingNode {
     let far = distance as f64 / (gap + 1) as f64;
     let nodes = if upper { [last, 0] } else { [0, last] };
-    Weighted { nodes, weights: [1.0 - far, far] }
+    PaddingNode { nodes, weights: [1.0 - far, far] }
 }
 
 /// `s` times the edge and `s t` times (edge − image), both half cosines of the distance.
-fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: bool) -> Weighted {
+fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: bool) -> PaddingNode {
     let half_cosine = |over: usize| {
         let part = (distance as f64 / over.max(1) as f64).min(1.0);
         0.5 * (1.0 + (std::f64::consts::PI * part).cos())
@@ -240,7 +246,7 @@ fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: boo
     let fade = fall * half_cosine(detail.min(width + 1));
     let inward = reflected(distance, last);
     let nodes = if upper { [last, last - inward] } else { [0, inward] };
-    Weighted { nodes, weights: [fall + fade, -fade] }
+    PaddingNode { nodes, weights: [fall + fade, -fade] }
 }
 
 /// The node at this distance from the edge, reflected between both edges.
@@ -258,12 +264,16 @@ fn reflected(distance: usize, last: usize) -> usize {
 /// # Errors
 /// Fails as [`super::check`] for an invalid map, and with [`ContinuationError::TooLarge`] for a padding that is too
 /// wide.
-pub fn expand(grid: &PlaneGrid, pad: usize) -> Result<(PlaneGrid, Layout), ContinuationError> {
+pub fn expand(grid: &PlaneGrid, pad: usize) -> Result<(PlaneGrid, PaddedLayout), ContinuationError> {
     super::check(grid)?;
-    let padding =
-        Padding { width: Width::Nodes([pad, pad]), edge: Edge::WrapAround, even: false, ..Padding::default() };
+    let padding = Padding {
+        width: PaddingWidth::Nodes([pad, pad]),
+        edge: EdgeExtension::WrapAround,
+        even: false,
+        ..Padding::default()
+    };
     let layout = padding.layout(grid, 0.0)?;
-    let Layout { rows, columns } = layout;
+    let PaddedLayout { rows, columns } = layout;
     let (along, across) = (AxisExtension::new(columns, padding.edge), AxisExtension::new(rows, padding.edge));
     let mut values = vec![0.0; layout.nodes()];
     for (row, source) in grid.values.chunks_exact(columns.len).enumerate() {

@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use super::gain::gain;
-use super::spectrum::Spectrum;
-use super::transform::Transform;
+use super::spectrum::MapSpectrum;
+use super::transform::MapTransform;
 use crate::regression::l_curve::log_curvature;
 
 /// Rings of wavenumbers, narrow enough for the factor to be constant over one.
@@ -37,16 +37,16 @@ pub struct LCurve {
     pub corner: usize,
 }
 
-/// The power of the waves of nearly one wavenumber.
+/// Power of the waves in a narrow ring of wavenumbers.
 #[derive(Clone, Copy, Debug, Default)]
-struct Ring {
+struct WavenumberRing {
     power: f64,
     /// The power times the wavenumber in rad/m.
     moment: f64,
 }
 
 impl LCurve {
-    pub(super) fn new(spectrum: &Spectrum, down_m: f64) -> Self {
+    pub(super) fn new(spectrum: &MapSpectrum, down_m: f64) -> Self {
         let transform = &spectrum.transform;
         let widest = highest_wavenumber(transform);
         let nodes = transform.layout.nodes() as f64;
@@ -77,13 +77,13 @@ impl LCurve {
     }
 }
 
-fn highest_wavenumber(transform: &Transform) -> f64 {
+fn highest_wavenumber(transform: &MapTransform) -> f64 {
     let layout = transform.layout;
     transform.k_east(layout.columns.padded / 2).hypot(transform.k_north(layout.rows.padded / 2))
 }
 
 /// The range from where α changes the highest wavenumber by only a tenth to where it halves the lowest.
-fn alphas(transform: &Transform, widest: f64, down_m: f64) -> Vec<f64> {
+fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
     let lowest = transform.k_east(1).max(transform.k_north(1));
     let balance = |k: f64| -(k * down_m) - 2.0 * k.ln();
     let (first, last) = (balance(widest) + 0.1_f64.ln(), balance(lowest));
@@ -107,15 +107,15 @@ fn curvature(points: &[LCurvePoint]) -> f64 {
 }
 
 /// The power by wavenumber, each wave of the half that is not kept counted with its conjugate.
-fn rings(transform: &Transform, spectrum: &[f64], widest: f64) -> Vec<Ring> {
+fn rings(transform: &MapTransform, spectrum: &[f64], widest: f64) -> Vec<WavenumberRing> {
     let rows = transform.layout.rows.padded;
     let rows_a_part = rows.div_ceil(PARTS);
-    let parts: Vec<Vec<Ring>> = spectrum
+    let parts: Vec<Vec<WavenumberRing>> = spectrum
         .par_chunks(rows_a_part * 2 * transform.half())
         .enumerate()
         .map(|(part, values)| rings_of(transform, values, part * rows_a_part, widest))
         .collect();
-    let mut sum = vec![Ring::default(); RINGS];
+    let mut sum = vec![WavenumberRing::default(); RINGS];
     for (ring, part) in parts.iter().flat_map(|part| part.iter().enumerate()) {
         sum[ring].power += part.power;
         sum[ring].moment += part.moment;
@@ -123,9 +123,9 @@ fn rings(transform: &Transform, spectrum: &[f64], widest: f64) -> Vec<Ring> {
     sum
 }
 
-fn rings_of(transform: &Transform, values: &[f64], first_row: usize, widest: f64) -> Vec<Ring> {
+fn rings_of(transform: &MapTransform, values: &[f64], first_row: usize, widest: f64) -> Vec<WavenumberRing> {
     let (rows, columns) = (transform.layout.rows.padded, transform.layout.columns.padded);
-    let mut rings = vec![Ring::default(); RINGS];
+    let mut rings = vec![WavenumberRing::default(); RINGS];
     for (row, line) in values.chunks_exact(2 * transform.half()).enumerate() {
         let row = first_row + row;
         let k_north = transform.k_north(row.min(rows - row));

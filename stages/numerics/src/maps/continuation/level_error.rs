@@ -1,7 +1,7 @@
 //! The error of a level below a map: the map's own error, amplified, and what the damping takes off the field.
 
 use super::gain::gain;
-use super::radial_power::{Bin, RadialPower};
+use super::radial_power::{RadialPower, WavenumberBin};
 
 /// The part of the largest wavenumber from which on a map's waves are its noise, where nothing else is known of that.
 const NOISE_FROM: f64 = 0.7;
@@ -12,22 +12,24 @@ const FITTED_FROM: f64 = 0.35;
 /// The fewest bins with a slope.
 const LEAST_BINS: usize = 4;
 
-/// The mean squares of field and noise in the waves of a bin, in nT².
-struct Parts {
-    bin: Bin,
+/// Mean squares of field and noise in a wavenumber bin, in nT².
+struct BinMeanSquares {
+    bin: WavenumberBin,
     field: f64,
     noise: f64,
 }
 
 impl RadialPower {
-    /// The root mean square error, in nT, of the map continued downward by `down_m` metres with this α: the noise of the nodes,
-    /// of standard deviation `noise_nt` and independent from node to node, amplified, and the field that the damping removes.
+    /// The root mean square error, in nT, of the map continued downward by `down_m` metres with this α: the noise of
+    /// the nodes, of standard deviation `noise_nt` and independent from node to node, amplified, and the field that the
+    /// damping removes.
     ///
-    /// Without `noise_nt` the noise is what the shortest waves of the map hold, which is also all of a field that they may hold.
-    /// Waves of the field that are below the noise are continued from the resolved ones by ln P = a − 2 k d, the spectrum of
-    /// sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edges are another matter: [`super::edge_error()`].
+    /// Without `noise_nt` the noise is what the shortest waves of the map hold, which is also all of a field that they
+    /// may hold. Waves of the field that are below the noise are continued from the resolved ones by ln P = a − 2 k d,
+    /// the spectrum of sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edges are another matter:
+    /// [`super::edge_error()`].
     pub fn downward_error_nt(&self, down_m: f64, alpha_m2: f64, noise_nt: Option<f64>) -> f64 {
-        let error = |parts: &Parts| {
+        let error = |parts: &BinMeanSquares| {
             let k = parts.bin.k;
             let amplified = gain(k, -down_m, alpha_m2);
             // e^(k h) − e^(k h)/(1 + α k² e^(k h)), without overflow.
@@ -37,34 +39,35 @@ impl RadialPower {
         self.parts(noise_nt).iter().map(error).sum::<f64>().sqrt()
     }
 
-    fn parts(&self, noise_nt: Option<f64>) -> Vec<Parts> {
+    fn parts(&self, noise_nt: Option<f64>) -> Vec<BinMeanSquares> {
         let floor = self.noise_floor();
         let noise = noise_nt.map_or(floor, |noise| noise * noise);
         // Padding spreads a little of the long waves over all.
         let least = RESOLVED * noise.max(floor);
-        let resolved: Vec<&Bin> = self.bins.iter().filter(|bin| bin.square > least * bin.part).collect();
+        let resolved: Vec<&WavenumberBin> = self.bins.iter().filter(|bin| bin.square > least * bin.part).collect();
         let longest = self.bins.iter().map(|bin| bin.square / bin.part).fold(0.0, f64::max);
         let last_k = resolved.last().map_or(0.0, |bin| bin.k);
         let beyond = decay(&resolved, last_k);
-        let split = |bin: &Bin| {
+        let split = |bin: &WavenumberBin| {
             let noise = (noise * bin.part).min(if noise_nt.is_some() { f64::INFINITY } else { bin.square });
             let field = if bin.k <= last_k { bin.square - noise } else { bin.part * beyond(bin.k).min(longest) };
-            Parts { bin: *bin, field: field.max(0.0), noise }
+            BinMeanSquares { bin: *bin, field: field.max(0.0), noise }
         };
         self.bins.iter().map(split).collect()
     }
 
     /// The mean square of white noise that the shortest waves of the map allow, in nT²: the median over their bins.
     fn noise_floor(&self) -> f64 {
-        let short = |bin: &&Bin| (NOISE_FROM * self.round_k..=self.round_k).contains(&bin.k);
+        let short = |bin: &&WavenumberBin| (NOISE_FROM * self.round_k..=self.round_k).contains(&bin.k);
         let mut all: Vec<f64> = self.bins.iter().filter(short).map(|bin| bin.square / bin.part).collect();
         all.sort_by(f64::total_cmp);
         all.get(all.len() / 2).copied().unwrap_or(0.0)
     }
 }
 
-/// The mean square of all waves if they were as those of a wavenumber, by the slope of the resolved ones; 0 without a slope.
-fn decay(resolved: &[&Bin], last_k: f64) -> impl Fn(f64) -> f64 + use<> {
+/// The mean square of all waves if they were as those of a wavenumber, by the slope of the resolved ones; 0 without a
+/// slope.
+fn decay(resolved: &[&WavenumberBin], last_k: f64) -> impl Fn(f64) -> f64 + use<> {
     let fitted: Vec<(f64, f64)> = resolved
         .iter()
         .filter(|bin| bin.k >= FITTED_FROM * last_k)

@@ -2,7 +2,7 @@
 
 use crate::maps::plane_grid::PlaneGrid;
 
-use super::spectrum::Spectrum;
+use super::spectrum::MapSpectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};
 
 /// Bins of equal ratio between the longest wave of a padded map and its shortest.
@@ -14,14 +14,14 @@ const MOST_NODES: usize = 2048;
 #[derive(Clone, Debug)]
 pub struct RadialPower {
     /// The bins that contain a wave, by wavenumber.
-    pub(super) bins: Vec<Bin>,
+    pub(super) bins: Vec<WavenumberBin>,
     /// The wavenumber of two nodes along the wider spacing, in rad/m: beyond it not all directions are in the map.
     pub(super) round_k: f64,
 }
 
-/// The waves of similar wavenumber.
+/// A bin of waves of similar wavenumber.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Bin {
+pub(super) struct WavenumberBin {
     /// Mean wavenumber, in rad/m.
     pub(super) k: f64,
     /// Mean square, in nT².
@@ -31,16 +31,17 @@ pub(super) struct Bin {
 }
 
 impl RadialPower {
-    /// Spectrum of a map. Unknown nodes (NaN) take the mean of the known ones, and the total is scaled to the known ones.
+    /// Spectrum of a map. Unknown nodes (NaN) take the mean of the known ones, and the total is scaled to the known
+    /// ones.
     ///
     /// # Errors
-    /// Fails as [`Spectrum::new`].
-    pub fn of(map: &PlaneGrid) -> Result<Self, ContinuationError> {
+    /// Fails as [`MapSpectrum::new`].
+    pub fn from_map(map: &PlaneGrid) -> Result<Self, ContinuationError> {
         let mut map = middle(map);
         let known: Vec<f64> = map.values.iter().copied().filter(|x| x.is_finite()).collect();
         let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
         map.values.iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = mean);
-        let spectrum = Spectrum::new(&map, 0.0, &Padding::default())?;
+        let spectrum = MapSpectrum::new(&map, 0.0, &Padding::default())?;
         let mut bins = vec![(0.0, 0.0, 0.0); BINS];
         let longest = spectrum.each_wave().map(|(k, _)| k).filter(|k| *k > 0.0).fold(f64::INFINITY, f64::min);
         let shortest = spectrum.each_wave().map(|(k, _)| k).fold(0.0, f64::max);
@@ -62,7 +63,7 @@ impl RadialPower {
         let scale = if sum > 0.0 { whole / sum } else { 0.0 };
         let waves: f64 = bins.iter().map(|b| b.2).sum();
         let kept = bins.into_iter().filter(|b| b.1 > 0.0);
-        let bin = |(k, square, count)| Bin { k: k / square, square: square * scale, part: count / waves };
+        let bin = |(k, square, count)| WavenumberBin { k: k / square, square: square * scale, part: count / waves };
         let round_k = std::f64::consts::PI / map.east_m.step.max(map.north_m.step);
         Ok(Self { bins: kept.map(bin).collect(), round_k })
     }

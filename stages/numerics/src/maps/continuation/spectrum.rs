@@ -5,29 +5,29 @@ use realfft::num_complex::Complex;
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::ContinuationError;
-use super::extension::{Layout, Padding};
-use super::transform::{Factor, Transform};
-use super::trend::Plane;
+use super::extension::{PaddedLayout, Padding};
+use super::transform::{MapTransform, WavenumberFactor};
+use super::trend::TrendPlane;
 
 /// The spectrum of a padded map.
 ///
 /// It takes the memory of the padded map once; each result takes twice the map's own size while it is computed.
 /// Results are bit-identical on any number of threads.
-pub struct Spectrum {
-    pub(super) transform: Transform,
+pub struct MapSpectrum {
+    pub(super) transform: MapTransform,
     east_m: EvenAxis,
     north_m: EvenAxis,
-    pub(super) trend: Plane,
+    pub(super) trend: TrendPlane,
     pub(super) values: Vec<f64>,
 }
 
-impl std::fmt::Debug for Spectrum {
+impl std::fmt::Debug for MapSpectrum {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Spectrum").field("layout", &self.transform.layout).field("trend", &self.trend).finish()
     }
 }
 
-impl Spectrum {
+impl MapSpectrum {
     /// Transforms a map, padded for results up to `distance_m` above or below it.
     ///
     /// # Errors
@@ -40,7 +40,7 @@ impl Spectrum {
     }
 
     /// Position of the map in the padded one.
-    pub fn layout(&self) -> Layout {
+    pub fn layout(&self) -> PaddedLayout {
         self.transform.layout
     }
 
@@ -51,13 +51,13 @@ impl Spectrum {
     /// mean of both directions is used. The trend that was removed is multiplied by the real part of f(0).
     pub fn filtered(&self, factor: impl Fn(f64, f64) -> Complex<f64> + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0, 0.0).re);
-        self.answer(Factor::General(&factor), &trend)
+        self.answer(WavenumberFactor::General(&factor), &trend)
     }
 
     /// The same for a real factor of the magnitude of the wavenumber alone, in half the time.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
-        self.answer(Factor::Radial(&factor), &trend)
+        self.answer(WavenumberFactor::Radial(&factor), &trend)
     }
 
     /// The magnitude of each wave's wavenumber, in rad/m, and its contribution to the sum of squares, in any unit.
@@ -73,7 +73,7 @@ impl Spectrum {
         })
     }
 
-    pub(super) fn answer(&self, factor: Factor, trend: &Plane) -> PlaneGrid {
+    pub(super) fn answer(&self, factor: WavenumberFactor, trend: &TrendPlane) -> PlaneGrid {
         let values = self.transform.filtered(&self.values, factor, trend);
         PlaneGrid { east_m: self.east_m, north_m: self.north_m, values }
     }
@@ -88,12 +88,16 @@ pub(super) fn filtered_once(
 ) -> Result<PlaneGrid, ContinuationError> {
     let (transform, trend) = prepared(grid, distance_m, padding)?;
     let after = trend.times(factor(0.0));
-    Ok(grid.with(transform.filtered_once(grid, Factor::Radial(factor), [&trend, &after])))
+    Ok(grid.with(transform.filtered_once(grid, WavenumberFactor::Radial(factor), [&trend, &after])))
 }
 
-fn prepared(grid: &PlaneGrid, distance_m: f64, padding: &Padding) -> Result<(Transform, Plane), ContinuationError> {
+fn prepared(
+    grid: &PlaneGrid,
+    distance_m: f64,
+    padding: &Padding,
+) -> Result<(MapTransform, TrendPlane), ContinuationError> {
     super::check(grid)?;
     super::finite_height("a distance", distance_m)?;
     let layout = padding.layout(grid, distance_m)?;
-    Ok((Transform::new(grid, layout, padding), Plane::along_edge(grid, padding.trend)))
+    Ok((MapTransform::new(grid, layout, padding), TrendPlane::along_edge(grid, padding.trend)))
 }

@@ -14,8 +14,8 @@ use rustfft::{Fft, FftPlanner};
 
 use crate::maps::plane_grid::PlaneGrid;
 
-use super::extension::{AxisExtension, Layout, Padding};
-use super::trend::Plane;
+use super::extension::{AxisExtension, PaddedLayout, Padding};
+use super::trend::TrendPlane;
 
 type Complex64 = Complex<f64>;
 
@@ -28,16 +28,16 @@ const BAND: usize = 16;
 
 /// A factor for each wavenumber in rad/m.
 #[derive(Clone, Copy)]
-pub(super) enum Factor<'a> {
+pub(super) enum WavenumberFactor<'a> {
     /// Function of the magnitude of the wavenumber.
     Radial(&'a (dyn Fn(f64) -> f64 + Sync)),
     /// Function of the wavenumbers along easting and northing.
     General(&'a (dyn Fn(f64, f64) -> Complex64 + Sync)),
 }
 
-/// The plans for maps of one layout.
-pub(super) struct Transform {
-    pub(super) layout: Layout,
+/// Fourier transforms and padding for maps of one layout.
+pub(super) struct MapTransform {
+    pub(super) layout: PaddedLayout,
     /// The spacing along easting and northing, in metres.
     steps_m: [f64; 2],
     along: AxisExtension,
@@ -48,8 +48,8 @@ pub(super) struct Transform {
     column_inverse: Arc<dyn Fft<f64>>,
 }
 
-impl Transform {
-    pub(super) fn new(grid: &PlaneGrid, layout: Layout, padding: &Padding) -> Self {
+impl MapTransform {
+    pub(super) fn new(grid: &PlaneGrid, layout: PaddedLayout, padding: &Padding) -> Self {
         let (mut real, mut complex) = (RealFftPlanner::new(), FftPlanner::new());
         Self {
             layout,
@@ -74,7 +74,7 @@ impl Transform {
     }
 
     /// The spectra of the rows, less the trend; room is left for `rows` of them.
-    fn rows_forward(&self, grid: &PlaneGrid, trend: &Plane, rows: usize) -> Vec<f64> {
+    fn rows_forward(&self, grid: &PlaneGrid, trend: &TrendPlane, rows: usize) -> Vec<f64> {
         let columns = self.layout.columns;
         let mut buffer = vec![0.0; 2 * self.half() * rows];
         let lines = buffer.par_chunks_mut(2 * self.half()).zip(grid.values.par_chunks(columns.len)).enumerate();
@@ -92,7 +92,7 @@ impl Transform {
     }
 
     /// The map from the spectra of its rows, with the trend restored.
-    fn rows_inverse(&self, mut buffer: Vec<f64>, trend: &Plane) -> Vec<f64> {
+    fn rows_inverse(&self, mut buffer: Vec<f64>, trend: &TrendPlane) -> Vec<f64> {
         let columns = self.layout.columns;
         let scale = 1.0 / self.layout.nodes() as f64;
         let mut values = vec![0.0; self.layout.rows.len * columns.len];
@@ -122,9 +122,9 @@ impl Transform {
     }
 
     /// The whole spectrum of a map.
-    pub(super) fn spectrum(&self, grid: &PlaneGrid, trend: &Plane) -> Vec<f64> {
+    pub(super) fn spectrum(&self, grid: &PlaneGrid, trend: &TrendPlane) -> Vec<f64> {
         let mut buffer = self.rows_forward(grid, trend, self.layout.rows.padded);
-        let mut group = Group::new(self);
+        let mut group = ColumnBlock::new(self);
         while group.next() {
             group.gather(&buffer, self.layout.rows.before, self.layout.rows.len);
             group.work(|_, column, scratch| {
@@ -137,9 +137,9 @@ impl Transform {
     }
 
     /// The map of a spectrum times a factor.
-    pub(super) fn filtered(&self, spectrum: &[f64], factor: Factor, trend: &Plane) -> Vec<f64> {
+    pub(super) fn filtered(&self, spectrum: &[f64], factor: WavenumberFactor, trend: &TrendPlane) -> Vec<f64> {
         let mut buffer = vec![0.0; 2 * self.half() * self.layout.rows.len];
-        let mut group = Group::new(self);
+        let mut group = ColumnBlock::new(self);
         while group.next() {
             group.gather(spectrum, 0, self.layout.rows.padded);
             group.work(|index, column, scratch| {
@@ -152,9 +152,14 @@ impl Transform {
     }
 
     /// The same as [`Self::spectrum`] and [`Self::filtered`] in one pass over the columns, for one factor.
-    pub(super) fn filtered_once(&self, grid: &PlaneGrid, factor: Factor, trends: [&Plane; 2]) -> Vec<f64> {
+    pub(super) fn filtered_once(
+        &self,
+        grid: &PlaneGrid,
+        factor: WavenumberFactor,
+        trends: [&TrendPlane; 2],
+    ) -> Vec<f64> {
         let mut buffer = self.rows_forward(grid, trends[0], self.layout.rows.len);
-        let mut group = Group::new(self);
+        let mut group = ColumnBlock::new(self);
         while group.next() {
             group.gather(&buffer, self.layout.rows.before, self.layout.rows.len);
             group.work(|index, column, scratch| {
@@ -169,11 +174,11 @@ impl Transform {
     }
 
     /// Multiplies a column of the spectrum by a factor, with the symmetry of the spectrum of a real map.
-    fn multiply(&self, column: &mut [Complex64], index: usize, factor: Factor) {
+    fn multiply(&self, column: &mut [Complex64], index: usize, factor: WavenumberFactor) {
         let k_east = self.k_east(index);
         let rows = column.len();
         match factor {
-            Factor::Radial(f) => {
+            WavenumberFactor::Radial(f) => {
                 let square = k_east * k_east;
                 for row in 0..=rows / 2 {
                     let k_north = self.k_north(row);
@@ -184,7 +189,7 @@ impl Transform {
                     }
                 }
             }
-            Factor::General(f) => {
+            WavenumberFactor::General(f) => {
                 for (row, value) in column.iter_mut().enumerate() {
                     let signed = if 2 * row > rows { -self.k_north(rows - row) } else { self.k_north(row) };
                     *value *= self.at_fold(index, row, f, [k_east, signed]);
@@ -221,17 +226,17 @@ impl Transform {
     }
 }
 
-/// Some neighbouring columns, each contiguous.
-struct Group<'a> {
-    transform: &'a Transform,
+/// A block of neighbouring columns, each contiguous in memory.
+struct ColumnBlock<'a> {
+    transform: &'a MapTransform,
     first: usize,
     width: usize,
     columns: Vec<f64>,
     stride: usize,
 }
 
-impl<'a> Group<'a> {
-    fn new(transform: &'a Transform) -> Self {
+impl<'a> ColumnBlock<'a> {
+    fn new(transform: &'a MapTransform) -> Self {
         // Slightly more than a column, so that the columns do not fall on the same lines of the cache.
         let stride = 2 * transform.layout.rows.padded + 8;
         Self { transform, first: 0, width: 0, columns: vec![0.0; GROUP * stride], stride }

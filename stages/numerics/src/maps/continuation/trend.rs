@@ -2,24 +2,24 @@
 
 use crate::maps::plane_grid::PlaneGrid;
 
-use super::extension::Trend;
+use super::extension::TrendRemoval;
 
-/// A level and a slope, by nodes.
+/// A plane, as a level and its slopes per row and column.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Plane {
+pub(super) struct TrendPlane {
     level: f64,
     per_row: f64,
     per_column: f64,
 }
 
-impl Plane {
-    pub(super) fn along_edge(grid: &PlaneGrid, trend: Trend) -> Self {
-        if trend == Trend::None {
+impl TrendPlane {
+    pub(super) fn along_edge(grid: &PlaneGrid, trend: TrendRemoval) -> Self {
+        if trend == TrendRemoval::None {
             return Self::default();
         }
         let nodes = edge_nodes(grid);
         let level = mean(nodes.iter().map(|&[row, column]| grid.get(row, column)));
-        if trend == Trend::EdgeMean {
+        if trend == TrendRemoval::EdgeMean {
             return Self { level, per_row: 0.0, per_column: 0.0 };
         }
         // The edge of a rectangle is the same on both sides of its middle, so the three unknowns separate.

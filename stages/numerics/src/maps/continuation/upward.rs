@@ -5,7 +5,7 @@ use crate::maps::plane_grid::PlaneGrid;
 use super::extension::Padding;
 use super::gain::gain;
 use super::l_curve::LCurve;
-use super::spectrum::{Spectrum, filtered_once};
+use super::spectrum::{MapSpectrum, filtered_once};
 use super::{ContinuationError, finite_height, rms, usable_alpha};
 
 /// The map continued upward by `up_m` metres, which may be negative.
@@ -13,7 +13,7 @@ use super::{ContinuationError, finite_height, rms, usable_alpha};
 /// `alpha_m2` damps downward continuation and has no effect upward; MagNav.jl uses [`super::MAGNAV_ALPHA_M2`].
 ///
 /// # Errors
-/// Fails as [`Spectrum::new`], and with [`ContinuationError::Alpha`].
+/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Alpha`].
 pub fn continued(
     grid: &PlaneGrid,
     up_m: f64,
@@ -27,7 +27,7 @@ pub fn continued(
 /// The map continued upward by `up_m` metres, at least 0.
 ///
 /// # Errors
-/// Fails as [`Spectrum::new`], and with [`ContinuationError::Height`] for a distance below 0.
+/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Height`] for a distance below 0.
 pub fn upward(grid: &PlaneGrid, up_m: f64, padding: &Padding) -> Result<PlaneGrid, ContinuationError> {
     not_negative("the distance upward", up_m)?;
     continued(grid, up_m, 0.0, padding)
@@ -42,9 +42,9 @@ pub enum Regularisation {
     Alpha(f64),
 }
 
-/// A map continued downward, and what is known about it.
+/// A map continued downward, with its damping and error.
 #[derive(Clone, Debug)]
-pub struct Downward {
+pub struct DownwardContinuation {
     /// The map below.
     pub map: PlaneGrid,
     /// The α it was damped with, in m².
@@ -64,16 +64,16 @@ pub struct Downward {
 /// depends on one node and needs a map for each α; here all are computed from the power of the spectrum.
 ///
 /// # Errors
-/// Fails as [`Spectrum::new`], and with [`ContinuationError::Height`] for a distance below 0 or
+/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Height`] for a distance below 0 or
 /// [`ContinuationError::Alpha`].
 pub fn downward(
     grid: &PlaneGrid,
     down_m: f64,
     regularisation: Regularisation,
     padding: &Padding,
-) -> Result<Downward, ContinuationError> {
+) -> Result<DownwardContinuation, ContinuationError> {
     not_negative("the distance downward", down_m)?;
-    let spectrum = Spectrum::new(grid, down_m, padding)?;
+    let spectrum = MapSpectrum::new(grid, down_m, padding)?;
     let curve = LCurve::new(&spectrum, down_m);
     let alpha_m2 = match regularisation {
         Regularisation::LCurve => curve.corner_alpha_m2(),
@@ -83,13 +83,13 @@ pub fn downward(
     drop(spectrum);
     let back = upward(&map, down_m, padding)?;
     let regularisation_error_nt = rms(back.values.iter().zip(&grid.values).map(|(back, map)| back - map));
-    Ok(Downward { map, alpha_m2, curve, regularisation_error_nt })
+    Ok(DownwardContinuation { map, alpha_m2, curve, regularisation_error_nt })
 }
 
 /// The map continued by each of the heights in metres, which may be negative; one transform serves all.
 ///
 /// # Errors
-/// Fails as [`Spectrum::new`], and with [`ContinuationError::Alpha`].
+/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Alpha`].
 pub fn stack(
     grid: &PlaneGrid,
     up_m: &[f64],
@@ -98,11 +98,11 @@ pub fn stack(
 ) -> Result<Vec<PlaneGrid>, ContinuationError> {
     up_m.iter().try_for_each(|height| finite_height("a height", *height))?;
     let furthest = up_m.iter().fold(0.0_f64, |furthest, height| furthest.max(height.abs()));
-    let spectrum = Spectrum::new(grid, furthest, padding)?;
+    let spectrum = MapSpectrum::new(grid, furthest, padding)?;
     up_m.iter().map(|height| spectrum.at_height(*height, alpha_m2)).collect()
 }
 
-impl Spectrum {
+impl MapSpectrum {
     /// The map continued by a height in metres, which may be negative; α in m² damps it if it is.
     ///
     /// # Errors

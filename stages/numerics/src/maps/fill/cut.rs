@@ -6,14 +6,14 @@ use std::ops::Range;
 
 /// Limits of a map on the plane, in metres; a side without a limit is infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct MapLimits {
     /// The smallest and the largest easting.
     pub east_m: (f64, f64),
     /// The smallest and the largest northing.
     pub north_m: (f64, f64),
 }
 
-impl Default for Limits {
+impl Default for MapLimits {
     fn default() -> Self {
         let all = (f64::NEG_INFINITY, f64::INFINITY);
         Self { east_m: all, north_m: all }
@@ -49,7 +49,7 @@ pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Opt
 ///
 /// # Errors
 /// Fails where no node does or the map is not well formed.
-pub fn crop(grid: &PlaneGrid, limits: &Limits) -> Result<PlaneGrid, FillError> {
+pub fn crop(grid: &PlaneGrid, limits: &MapLimits) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = (within(&grid.north_m, limits.north_m), within(&grid.east_m, limits.east_m));
     if rows.is_empty() || columns.is_empty() {

@@ -13,14 +13,14 @@ const DAMPING: f64 = 0.8;
 const COARSEST: usize = 64;
 const COARSEST_SWEEPS: usize = 24;
 
-/// Rows and columns of a level, with one more on every side that is never unknown.
+/// Rows and columns of a level, framed by one known node on every side.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Frame {
+pub(super) struct MultigridFrame {
     pub(super) rows: usize,
     pub(super) columns: usize,
 }
 
-impl Frame {
+impl MultigridFrame {
     pub(super) fn width(self) -> usize {
         self.columns + 2
     }
@@ -49,9 +49,9 @@ impl Frame {
     }
 }
 
-/// The couplings of the nodes of a level. Known nodes have none.
-pub(super) struct Level {
-    pub(super) frame: Frame,
+/// Couplings between the nodes of a multigrid level. Known nodes have none.
+pub(super) struct MultigridLevel {
+    pub(super) frame: MultigridFrame,
     /// The coupling of each node with its eastern neighbour.
     east: Vec<f32>,
     /// The coupling of each node with its northern neighbour.
@@ -60,9 +60,9 @@ pub(super) struct Level {
     fixed: Vec<f32>,
 }
 
-impl Level {
+impl MultigridLevel {
     /// The couplings among the nodes that are `unknown`; couplings of `east` and `north` strength.
-    pub(super) fn new(frame: Frame, unknown: &[bool], east: f64, north: f64) -> Self {
+    pub(super) fn new(frame: MultigridFrame, unknown: &[bool], east: f64, north: f64) -> Self {
         let (east, north) = (east as f32, north as f32);
         let zeros = || vec![0.0; frame.nodes()];
         let mut level = Self { frame, east: zeros(), north: zeros(), fixed: zeros() };
@@ -136,7 +136,7 @@ impl Level {
     /// dropped.
     fn coarser(&self) -> Self {
         let fine = self.frame;
-        let frame = Frame { rows: fine.rows.div_ceil(2), columns: fine.columns.div_ceil(2) };
+        let frame = MultigridFrame { rows: fine.rows.div_ceil(2), columns: fine.columns.div_ceil(2) };
         let zeros = || vec![0.0; frame.nodes()];
         let mut coarse = Self { frame, east: zeros(), north: zeros(), fixed: zeros() };
         for (row, column) in (0..fine.rows).flat_map(|row| (0..fine.columns).map(move |column| (row, column))) {
@@ -149,7 +149,7 @@ impl Level {
     }
 
     /// Sums the residual of `b` over two by two nodes, row by row of the coarser level.
-    fn restrict(&self, b: &[f64], x: &[f64], coarse: Frame, out: &mut [f64]) {
+    fn restrict(&self, b: &[f64], x: &[f64], coarse: MultigridFrame, out: &mut [f64]) {
         let fine = self.frame;
         coarse.each_row(out, |row, out| {
             out.fill(0.0);
@@ -165,7 +165,7 @@ impl Level {
     }
 
     /// Adds the value of each node of the coarser level to its unknown nodes.
-    fn prolong(&self, coarse: Frame, from: &[f64], x: &mut [f64]) {
+    fn prolong(&self, coarse: MultigridFrame, from: &[f64], x: &mut [f64]) {
         self.frame.each_row(x, |row, x| {
             let (from, own) = (coarse.part(from, row / 2, 0, 0), self.own(row));
             for (i, x) in x.iter_mut().enumerate() {
@@ -175,39 +175,39 @@ impl Level {
     }
 }
 
-/// The levels below the finest, with memory to work in.
-pub(super) struct Cycle {
-    levels: Vec<Level>,
+/// Coarser levels of a multigrid cycle, with their work arrays.
+pub(super) struct MultigridCycle {
+    levels: Vec<MultigridLevel>,
     /// Right-hand side and correction of each coarser level, and a second correction of every level.
     sides: Vec<Vec<f64>>,
     corrections: Vec<Vec<f64>>,
     spare: Vec<Vec<f64>>,
 }
 
-impl Cycle {
-    pub(super) fn new(finest: &Level) -> Self {
-        let mut levels: Vec<Level> = Vec::new();
+impl MultigridCycle {
+    pub(super) fn new(finest: &MultigridLevel) -> Self {
+        let mut levels: Vec<MultigridLevel> = Vec::new();
         let mut last = finest.frame;
         while last.rows * last.columns > COARSEST {
             let level = levels.last().unwrap_or(finest).coarser();
             last = level.frame;
             levels.push(level);
         }
-        let zeros = |level: &Level| vec![0.0; level.frame.nodes()];
+        let zeros = |level: &MultigridLevel| vec![0.0; level.frame.nodes()];
         let sides: Vec<Vec<f64>> = levels.iter().map(zeros).collect();
         let spare = std::iter::once(finest).chain(&levels).map(zeros).collect();
         Self { corrections: sides.clone(), sides, spare, levels }
     }
 
     /// `out`: an approximate solution of `A out = b` on the finest level, by one symmetric V-cycle.
-    pub(super) fn solve(&mut self, finest: &Level, b: &[f64], out: &mut [f64]) {
+    pub(super) fn solve(&mut self, finest: &MultigridLevel, b: &[f64], out: &mut [f64]) {
         descend(finest, &self.levels, b, out, &mut self.sides, &mut self.corrections, &mut self.spare);
     }
 }
 
 fn descend(
-    level: &Level,
-    coarser: &[Level],
+    level: &MultigridLevel,
+    coarser: &[MultigridLevel],
     b: &[f64],
     x: &mut [f64],
     sides: &mut [Vec<f64>],
@@ -241,13 +241,13 @@ mod tests {
 
     #[test]
     fn law_the_cycle_is_symmetric_and_positive_and_close_to_the_inverse() {
-        let frame = Frame { rows: 37, columns: 50 };
+        let frame = MultigridFrame { rows: 37, columns: 50 };
         let mut unknown = vec![false; frame.nodes()];
         for (row, column) in (0..37).flat_map(|row| (0..50).map(move |column| (row, column))) {
             unknown[frame.index(row, column)] = (row * 7 + column * column) % 11 != 0 && row + column > 20;
         }
-        let level = Level::new(frame, &unknown, 1.25, 0.8);
-        let mut cycle = Cycle::new(&level);
+        let level = MultigridLevel::new(frame, &unknown, 1.25, 0.8);
+        let mut cycle = MultigridCycle::new(&level);
         let vector = |seed: f64| -> Vec<f64> {
             unknown.iter().enumerate().map(|(i, u)| if *u { (seed * i as f64).sin() } else { 0.0 }).collect()
         };

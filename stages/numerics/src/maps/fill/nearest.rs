@@ -9,7 +9,7 @@ use std::num::NonZeroUsize;
 
 /// Averaging of the nearest nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Weights {
+pub enum NeighbourWeights {
     /// Uniform weights, as in MagNav.jl.
     #[default]
     Equal,
@@ -23,7 +23,7 @@ pub struct NearestFill {
     /// The number of known nodes in a mean.
     pub neighbours: usize,
     /// Averaging of the nodes.
-    pub weights: Weights,
+    pub weights: NeighbourWeights,
     /// A node stays unknown when its nearest known node is farther away than this, in metres.
     pub max_distance_m: Option<f64>,
 }
@@ -31,7 +31,7 @@ pub struct NearestFill {
 impl Default for NearestFill {
     /// Three neighbours of equal weight, at any distance: MagNav.jl's `map_fill`.
     fn default() -> Self {
-        Self { neighbours: 3, weights: Weights::Equal, max_distance_m: None }
+        Self { neighbours: 3, weights: NeighbourWeights::Equal, max_distance_m: None }
     }
 }
 
@@ -49,11 +49,11 @@ pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, Fil
     if edge.is_empty() {
         return Ok(grid.clone());
     }
-    let search = Search::new(grid, edge, neighbours, *options)?;
+    let search = NearestNodeSearch::new(grid, edge, neighbours, *options)?;
     let width = grid.columns();
     let mut values = grid.values.clone();
     values.par_chunks_exact_mut(width).enumerate().for_each(|(row, values)| {
-        let mut found = Found::default();
+        let mut found = NearestNodes::default();
         for (column, value) in values.iter_mut().enumerate().filter(|(_, value)| value.is_nan()) {
             search.find(row, column, &mut found);
             *value = search.value(&found.nodes);
@@ -66,14 +66,14 @@ fn check_options(options: &NearestFill) -> Result<(), FillError> {
     let above_zero = |name, value: f64| {
         if value > 0.0 { Ok(()) } else { Err(FillError::Parameter { name, value }) }
     };
-    if let Weights::InverseDistance(power) = options.weights {
+    if let NeighbourWeights::InverseDistance(power) = options.weights {
         above_zero("the power of the distance", power)?;
     }
     options.max_distance_m.map_or(Ok(()), |far| above_zero("the maximum distance", far))
 }
 
-/// The tree of the nodes at the edge of the gaps.
-struct Search<'a> {
+/// Search tree of the nodes at the edge of the gaps.
+struct NearestNodeSearch<'a> {
     grid: &'a PlaneGrid,
     edge: Vec<usize>,
     tree: ImmutableKdTree<f64, 2>,
@@ -86,7 +86,7 @@ struct Search<'a> {
     options: NearestFill,
 }
 
-impl<'a> Search<'a> {
+impl<'a> NearestNodeSearch<'a> {
     fn new(
         grid: &'a PlaneGrid,
         edge: Vec<usize>,
@@ -108,9 +108,9 @@ impl<'a> Search<'a> {
             return f64::NAN;
         };
         let weight = |squared: f64| match self.options.weights {
-            Weights::Equal => 1.0,
+            NeighbourWeights::Equal => 1.0,
             // Relative to the nearest, so that powers do not overflow.
-            Weights::InverseDistance(power) => (nearest / squared).powf(0.5 * power),
+            NeighbourWeights::InverseDistance(power) => (nearest / squared).powf(0.5 * power),
         };
         let (mut sum, mut weights) = (0.0, 0.0);
         for (squared, node) in found {
@@ -121,7 +121,7 @@ impl<'a> Search<'a> {
     }
 
     /// The nearest nodes; `found` holds those of a node in the same row, or is empty.
-    fn find(&self, row: usize, column: usize, found: &mut Found) {
+    fn find(&self, row: usize, column: usize, found: &mut NearestNodes) {
         let place = [column as f64, row as f64 * self.aspect];
         // Distances from the tree are rounded; the order is by distances that do not depend on
         // where the nodes are in the grid.
@@ -160,7 +160,7 @@ impl<'a> Search<'a> {
 
 /// The last result: squared distances in steps eastward and nodes, nearest first, for the node in that column.
 #[derive(Default)]
-struct Found {
+struct NearestNodes {
     nodes: Vec<(f64, usize)>,
     column: usize,
 }

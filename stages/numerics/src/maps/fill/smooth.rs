@@ -1,7 +1,7 @@
 //! The smooth surface through a gap.
 
 use super::cut::bounding_box;
-use super::multigrid::{Cycle, Frame, Level};
+use super::multigrid::{MultigridCycle, MultigridFrame, MultigridLevel};
 use super::{FillError, check};
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ impl Default for SmoothFill {
 
 /// The statistics of filling.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SmoothReport {
+pub struct SmoothFillReport {
     /// The number of filled nodes.
     pub filled: usize,
     /// The number of iterations.
@@ -56,71 +56,71 @@ pub struct SmoothReport {
 /// # Errors
 /// Fails where the map is not well formed or has no known node, a parameter is out of its range, or the tolerance is
 /// not reached.
-pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothReport), FillError> {
+pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothFillReport), FillError> {
     check(grid)?;
     let tolerance = options.tolerance;
     if tolerance.is_nan() || tolerance <= 0.0 {
         return Err(FillError::Parameter { name: "the tolerance", value: tolerance });
     }
-    let Some(window) = Window::of(grid) else {
-        return Ok((grid.clone(), SmoothReport { filled: 0, iterations: 0, error: 0.0 }));
+    let Some(window) = GapWindow::from_grid(grid) else {
+        return Ok((grid.clone(), SmoothFillReport { filled: 0, iterations: 0, error: 0.0 }));
     };
     let known = grid.values.iter().filter(|value| !value.is_nan());
     let (least, greatest) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
-    let mut problem = Problem::new(grid, &window, 0.5 * (least + greatest));
+    let mut problem = GapProblem::new(grid, &window, 0.5 * (least + greatest));
     let scale = if greatest > least { greatest - least } else { 1.0 };
-    let mut report = problem.solve(&Harmonic, scale, options)?;
+    let mut report = problem.solve(&HarmonicOperator, scale, options)?;
     if options.keep_slope {
-        let bending = Bending::of(&problem);
+        let bending = BiharmonicOperator::new(&problem);
         let more = problem.solve(&bending, scale, options)?;
-        report = SmoothReport { iterations: report.iterations + more.iterations, ..more };
+        report = SmoothFillReport { iterations: report.iterations + more.iterations, ..more };
     }
     let mut values = grid.values.clone();
     let bounds = if options.keep_slope { (f64::NEG_INFINITY, f64::INFINITY) } else { (least, greatest) };
     let filled = problem.write(grid.columns(), &window, bounds, &mut values);
-    Ok((grid.with(values), SmoothReport { filled, ..report }))
+    Ok((grid.with(values), SmoothFillReport { filled, ..report }))
 }
 
 /// The rows and columns that contain all gaps and their rim.
-struct Window {
+struct GapWindow {
     rows: Range<usize>,
     columns: Range<usize>,
 }
 
-impl Window {
-    fn of(grid: &PlaneGrid) -> Option<Self> {
+impl GapWindow {
+    fn from_grid(grid: &PlaneGrid) -> Option<Self> {
         let (rows, columns) = bounding_box(grid, |value| value.is_nan())?;
         let wider = |range: Range<usize>, len: usize| range.start.saturating_sub(RIM)..(range.end + RIM).min(len);
         Some(Self { rows: wider(rows, grid.rows()), columns: wider(columns, grid.columns()) })
     }
 
-    fn frame(&self) -> Frame {
-        Frame { rows: self.rows.len(), columns: self.columns.len() }
+    fn frame(&self) -> MultigridFrame {
+        MultigridFrame { rows: self.rows.len(), columns: self.columns.len() }
     }
 }
 
 /// The minimised form: a symmetric positive operator on the unknown nodes, and its approximate inverse.
-trait Surface {
+trait SurfaceOperator {
     /// `out = A x`, of which only the unknown nodes are used.
-    fn apply(&self, problem: &Problem, x: &[f64], out: &mut [f64]);
+    fn apply(&self, problem: &GapProblem, x: &[f64], out: &mut [f64]);
     /// `out`: an approximate solution of `A out = b`.
-    fn precondition(&self, problem: &mut Problem, b: &[f64], out: &mut [f64]);
+    fn precondition(&self, problem: &mut GapProblem, b: &[f64], out: &mut [f64]);
     /// The residual of `0 = A u` with the current values u of known and unknown nodes.
-    fn residual(&self, problem: &Problem) -> Vec<f64>;
+    fn residual(&self, problem: &GapProblem) -> Vec<f64>;
 }
 
-/// A window of the map, its values less their middle.
-struct Problem {
+/// Linear system of a window of the map, its values less their middle.
+struct GapProblem {
     unknown: Vec<bool>,
-    level: Level,
-    cycle: Option<Cycle>,
+    level: MultigridLevel,
+    cycle: Option<MultigridCycle>,
     values: Vec<f64>,
     middle: f64,
     joints: (f64, f64),
 }
 
-impl Problem {
-    fn new(grid: &PlaneGrid, window: &Window, middle: f64) -> Self {
+impl GapProblem {
+    fn new(grid: &PlaneGrid, window: &GapWindow, middle: f64) -> Self {
         let frame = window.frame();
         let (mut unknown, mut values) = (vec![false; frame.nodes()], vec![0.0; frame.nodes()]);
         for (to_row, row) in window.rows.clone().enumerate() {
@@ -132,14 +132,14 @@ impl Problem {
             }
         }
         let joints = (grid.north_m.step / grid.east_m.step, grid.east_m.step / grid.north_m.step);
-        let level = Level::new(frame, &unknown, joints.0, joints.1);
-        let cycle = Some(Cycle::new(&level));
+        let level = MultigridLevel::new(frame, &unknown, joints.0, joints.1);
+        let cycle = Some(MultigridCycle::new(&level));
         Self { unknown, level, cycle, values, middle, joints }
     }
 
     /// All nodes coupled, whether known or not.
-    fn open_level(&self) -> Level {
-        Level::new(self.level.frame, &vec![true; self.unknown.len()], self.joints.0, self.joints.1)
+    fn open_level(&self) -> MultigridLevel {
+        MultigridLevel::new(self.level.frame, &vec![true; self.unknown.len()], self.joints.0, self.joints.1)
     }
 
     /// One multigrid cycle.
@@ -162,7 +162,12 @@ impl Problem {
     }
 
     /// Conjugate gradients until the multigrid cycle estimates no error above the tolerance.
-    fn solve(&mut self, surface: &impl Surface, scale: f64, options: &SmoothFill) -> Result<SmoothReport, FillError> {
+    fn solve(
+        &mut self,
+        surface: &impl SurfaceOperator,
+        scale: f64,
+        options: &SmoothFill,
+    ) -> Result<SmoothFillReport, FillError> {
         let nodes = self.values.len();
         let mut left = surface.residual(self);
         let (mut guess, mut way, mut image) = (vec![0.0; nodes], vec![0.0; nodes], vec![0.0; nodes]);
@@ -171,7 +176,7 @@ impl Problem {
             surface.precondition(self, &left, &mut guess);
             error = guess.par_iter().map(|x| x.abs()).reduce(|| 0.0, f64::max) / scale;
             if error <= options.tolerance {
-                return Ok(SmoothReport { filled: 0, iterations, error });
+                return Ok(SmoothFillReport { filled: 0, iterations, error });
             }
             let now = self.dot(&left, &guess);
             let keep = if iterations > 0 { now / before } else { 0.0 };
@@ -187,7 +192,7 @@ impl Problem {
     }
 
     /// Writes the unknown nodes into the map's values, and says how many they are.
-    fn write(&self, width: usize, window: &Window, bounds: (f64, f64), values: &mut [f64]) -> usize {
+    fn write(&self, width: usize, window: &GapWindow, bounds: (f64, f64), values: &mut [f64]) -> usize {
         let frame = self.level.frame;
         let mut filled = 0;
         for (from_row, row) in window.rows.clone().enumerate() {
@@ -201,19 +206,19 @@ impl Problem {
     }
 }
 
-/// No sources inside the gap.
-struct Harmonic;
+/// The Laplace operator over the gap, for a harmonic surface.
+struct HarmonicOperator;
 
-impl Surface for Harmonic {
-    fn apply(&self, problem: &Problem, x: &[f64], out: &mut [f64]) {
+impl SurfaceOperator for HarmonicOperator {
+    fn apply(&self, problem: &GapProblem, x: &[f64], out: &mut [f64]) {
         problem.level.apply(x, out);
     }
 
-    fn precondition(&self, problem: &mut Problem, b: &[f64], out: &mut [f64]) {
+    fn precondition(&self, problem: &mut GapProblem, b: &[f64], out: &mut [f64]) {
         problem.cycle(b, out);
     }
 
-    fn residual(&self, problem: &Problem) -> Vec<f64> {
+    fn residual(&self, problem: &GapProblem) -> Vec<f64> {
         let mut left = vec![0.0; problem.values.len()];
         problem.open_level().apply(&problem.values, &mut left);
         left.par_iter_mut().for_each(|left| *left = -*left);
@@ -222,17 +227,17 @@ impl Surface for Harmonic {
     }
 }
 
-/// The least sum of squares of the Laplace operator, over the gap and its edge.
-struct Bending {
-    open: Level,
+/// The biharmonic operator over the gap and its edge, for a surface of minimum curvature.
+struct BiharmonicOperator {
+    open: MultigridLevel,
 }
 
-impl Bending {
-    fn of(problem: &Problem) -> Self {
+impl BiharmonicOperator {
+    fn new(problem: &GapProblem) -> Self {
         Self { open: problem.open_level() }
     }
 
-    fn twice(&self, problem: &Problem, x: &[f64], out: &mut [f64]) {
+    fn twice(&self, problem: &GapProblem, x: &[f64], out: &mut [f64]) {
         let mut once = vec![0.0; x.len()];
         self.open.apply(x, &mut once);
         self.open.apply(&once, out);
@@ -240,18 +245,18 @@ impl Bending {
     }
 }
 
-impl Surface for Bending {
-    fn apply(&self, problem: &Problem, x: &[f64], out: &mut [f64]) {
+impl SurfaceOperator for BiharmonicOperator {
+    fn apply(&self, problem: &GapProblem, x: &[f64], out: &mut [f64]) {
         self.twice(problem, x, out);
     }
 
-    fn precondition(&self, problem: &mut Problem, b: &[f64], out: &mut [f64]) {
+    fn precondition(&self, problem: &mut GapProblem, b: &[f64], out: &mut [f64]) {
         let mut once = vec![0.0; b.len()];
         problem.cycle(b, &mut once);
         problem.cycle(&once, out);
     }
 
-    fn residual(&self, problem: &Problem) -> Vec<f64> {
+    fn residual(&self, problem: &GapProblem) -> Vec<f64> {
         let mut left = vec![0.0; problem.values.len()];
         self.twice(problem, &problem.values, &mut left);
         left.par_iter_mut().for_each(|left| *left = -*left);

@@ -1,7 +1,7 @@
 //! Gridding parameters derived from the survey's own spacing.
 
-use super::layer::Layer;
-use super::nearest::{NearestPoints, range};
+use super::layer::SourceLayer;
+use super::nearest::{PointCellIndex, range};
 use super::survey::SurveyPoints;
 use crate::regression::statistics::median;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ const PARALLEL: f64 = 0.866;
 /// its heading, and rather across than ahead. With one line it is the side of the mean square area per point.
 pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     let count = points.len();
-    let near = NearestPoints::of(&points.easting_m[..count], &points.northing_m[..count]);
+    let near = PointCellIndex::new(&points.easting_m[..count], &points.northing_m[..count]);
     let headings = headings(points);
     let heading = |i: usize| headings.get(&points.line[i]).copied().unwrap_or([1.0, 0.0]);
     let beside = |i: usize, j: usize| {
@@ -63,13 +63,13 @@ pub fn block_m(spacing_m: f64) -> f64 {
 /// deep, until a quarter of the survey's extent. Sources are 0.7 depths apart: the field of finer ones has lost 99 %
 /// on its way up. A layer that is less deep than the lines are apart reaches one depth beyond the measurements, so
 /// that the gap between lines is left to deeper ones; the others reach two.
-pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<Layer> {
+pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<SourceLayer> {
     let shallowest = (2.0 * block_m).max(1.0);
     let depths = (0..24).map(|k| shallowest * f64::from(1 << k));
-    let mut layers: Vec<Layer> = depths
+    let mut layers: Vec<SourceLayer> = depths
         .enumerate()
         .take_while(|(k, depth_m)| *k == 0 || *depth_m <= 0.25 * extent_m)
-        .map(|(_, depth_m)| Layer {
+        .map(|(_, depth_m)| SourceLayer {
             depth_m,
             spacing_m: 0.7 * depth_m,
             reach_m: if depth_m < spacing_m { depth_m } else { 2.0 * depth_m },

@@ -6,16 +6,16 @@ use rayon::prelude::*;
 
 /// Method that reduces the values of a block to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockValue {
+pub enum BlockReduction {
     /// The median, which is robust against outliers.
     Median,
     /// Their mean.
     Mean,
 }
 
-/// Points that represent blocks.
+/// Points that represent blocks of a survey, by column.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Blocks {
+pub struct SurveyBlocks {
     /// Easting, metres.
     pub easting_m: Vec<f64>,
     /// Northing, metres.
@@ -32,7 +32,7 @@ pub struct Blocks {
 /// from the south-west corner of the points. Blocks follow each other from south to north and west to east.
 ///
 /// All coordinates are metres and, like the values, finite; with `block_m` zero each point is its own block.
-pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockValue) -> Blocks {
+pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockReduction) -> SurveyBlocks {
     let [easting_m, northing_m, ..] = points;
     let first = [range(easting_m)[0], range(northing_m)[0]];
     let mut keyed: Vec<((i64, i64), usize)> = (0..easting_m.len())
@@ -48,7 +48,7 @@ pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockValue) -> Bloc
         .map(|run| (points.map(|column| one(run.iter().map(|r| column[r.1]).collect(), how)), run.len()))
         .collect();
     let column = |k: usize| rows.iter().map(|row| row.0[k]).collect();
-    Blocks {
+    SurveyBlocks {
         easting_m: column(0),
         northing_m: column(1),
         height_m: column(2),
@@ -57,9 +57,9 @@ pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockValue) -> Bloc
     }
 }
 
-fn one(mut values: Vec<f64>, how: BlockValue) -> f64 {
+fn one(mut values: Vec<f64>, how: BlockReduction) -> f64 {
     match how {
-        BlockValue::Median => median(&mut values),
-        BlockValue::Mean => values.iter().sum::<f64>() / values.len() as f64,
+        BlockReduction::Median => median(&mut values),
+        BlockReduction::Mean => values.iter().sum::<f64>() / values.len() as f64,
     }
 }

@@ -10,13 +10,13 @@ pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
 
 /// Positions of points by axis, metres.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Positions {
+pub(super) struct PointPositions {
     pub east: Vec<f64>,
     pub north: Vec<f64>,
     pub up: Vec<f64>,
 }
 
-impl Positions {
+impl PointPositions {
     pub fn len(&self) -> usize {
         self.east.len()
     }
@@ -37,9 +37,9 @@ impl Positions {
     }
 }
 
-/// A box around points `start..end`; `children` are two further boxes, or none.
+/// A box around points `start..end`; `children` are two smaller boxes, or none.
 #[derive(Clone, Debug)]
-pub(super) struct Cluster {
+pub(super) struct ClusterBox {
     pub start: usize,
     pub end: usize,
     pub children: Option<[usize; 2]>,
@@ -48,20 +48,20 @@ pub(super) struct Cluster {
     pub radius: f64,
 }
 
-/// Points sorted so that those of a box follow each other.
+/// Tree of boxes over points, the points of each box stored in sequence.
 #[derive(Clone, Debug)]
-pub(super) struct Clusters {
+pub(super) struct ClusterTree {
     /// Sorted positions.
-    pub points: Positions,
+    pub points: PointPositions,
     /// The original index of each sorted point.
     pub order: Vec<usize>,
     /// A box precedes its children.
-    pub boxes: Vec<Cluster>,
+    pub boxes: Vec<ClusterBox>,
 }
 
-impl Clusters {
+impl ClusterTree {
     /// Halves boxes across their longer horizontal side until none contains more than `most` points.
-    pub fn of(points: &Positions, most: usize) -> Self {
+    pub fn new(points: &PointPositions, most: usize) -> Self {
         let mut order: Vec<usize> = (0..points.len()).collect();
         let mut boxes = vec![around(points, &order, 0)];
         let mut at = 0;
@@ -83,7 +83,7 @@ impl Clusters {
     }
 
     /// The boxes that are not divided further.
-    pub fn leaves(&self) -> Vec<&Cluster> {
+    pub fn leaves(&self) -> Vec<&ClusterBox> {
         self.boxes.iter().filter(|b| b.children.is_none()).collect()
     }
 
@@ -100,18 +100,18 @@ impl Clusters {
     }
 }
 
-fn halved(cluster: &Cluster) -> (usize, usize, usize, f64) {
+fn halved(cluster: &ClusterBox) -> (usize, usize, usize, f64) {
     let axis = usize::from(cluster.half[1] > cluster.half[0]);
     (cluster.start, cluster.end, axis, cluster.centre[axis])
 }
 
-fn around(points: &Positions, order: &[usize], start: usize) -> Cluster {
+fn around(points: &PointPositions, order: &[usize], start: usize) -> ClusterBox {
     let ends = [0, 1, 2].map(|axis| {
         let of: Vec<f64> = order.iter().map(|&i| points.axis(axis)[i]).collect();
         range(&of)
     });
     let half = ends.map(|[a, b]| 0.5 * (b - a));
-    Cluster {
+    ClusterBox {
         start,
         end: start + order.len(),
         children: None,
@@ -121,19 +121,19 @@ fn around(points: &Positions, order: &[usize], start: usize) -> Cluster {
     }
 }
 
-impl Cluster {
+impl ClusterBox {
     /// Half a side, never zero: interpolation needs distinct points.
     fn width(&self, axis: usize) -> f64 {
         self.half[axis].max(1e-2 * self.radius).max(1e-3)
     }
 
     /// The box' Chebyshev points, the vertical index running fastest.
-    pub fn proxies(&self) -> Positions {
+    pub fn proxies(&self) -> PointPositions {
         let along = |axis: usize, count: usize| -> Vec<f64> {
             (0..count).map(|k| self.centre[axis] + self.width(axis) * chebyshev(k, count)).collect()
         };
         let (east, north, up) = (along(0, ACROSS), along(1, ACROSS), along(2, UPWARD));
-        let mut all = Positions::default();
+        let mut all = PointPositions::default();
         for e in &east {
             for n in &north {
                 for u in &up {

@@ -1,8 +1,8 @@
 //! Prediction error of omitted lines.
 
-use super::nearest::NearestPoints;
+use super::nearest::PointCellIndex;
 use super::survey::SurveyPoints;
-use super::{GridError, GridOptions, Progress, fit};
+use super::{GriddingError, GriddingOptions, GriddingProgress, fit};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use crate::regression::statistics::median;
 use rayon::prelude::*;
@@ -10,16 +10,16 @@ use rayon::prelude::*;
 /// Measured values that determine the expected error of a node.
 const AROUND: usize = 24;
 
-/// Which lines are left out together: with the lines in ascending order, the k-th of every `count`.
+/// Folds of lines for cross-validation: with the lines in ascending order, every `count`-th is in one fold.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Folds {
+pub struct LineFolds {
     /// The number of folds of lines.
     pub count: usize,
     /// The folds that are left out, one after the other; with all of them every point gets an error.
     pub left_out: Vec<usize>,
 }
 
-impl Folds {
+impl LineFolds {
     /// All of `count` folds.
     pub fn all(count: usize) -> Self {
         Self { count, left_out: (0..count).collect() }
@@ -28,7 +28,7 @@ impl Folds {
 
 /// Statistics of differences in nT.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
+pub struct DifferenceStatistics {
     /// The number of differences.
     pub n: usize,
     /// Median absolute value.
@@ -39,9 +39,9 @@ pub struct Spread {
     pub p95_nt: f64,
 }
 
-impl Spread {
+impl DifferenceStatistics {
     /// Statistic of the finite differences. NaN if there are none.
-    pub fn of(differences: &[f64]) -> Self {
+    pub fn from_differences(differences: &[f64]) -> Self {
         let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).filter(|d| d.is_finite()).collect();
         sizes.sort_unstable_by(f64::total_cmp);
         let n = sizes.len();
@@ -57,7 +57,7 @@ pub struct CrossValidation {
     /// Measured minus predicted at every point, nT; NaN where the line was not left out or nothing was predicted.
     pub difference_nt: Vec<f64>,
     /// Their statistics.
-    pub spread: Spread,
+    pub spread: DifferenceStatistics,
 }
 
 /// Leaves out folds of lines and predicts their points, at flight height for equivalent sources, from the others.
@@ -66,13 +66,13 @@ pub struct CrossValidation {
 /// differences are larger than the errors of the map from all lines.
 ///
 /// # Errors
-/// Fails as [`fit`] and [`Fitted::at_points`](super::Fitted::at_points) for one of the folds.
+/// Fails as [`fit`] and [`FittedSurface::at_points`](super::FittedSurface::at_points) for one of the folds.
 pub fn cross_validate(
     points: SurveyPoints,
-    options: &GridOptions,
-    folds: &Folds,
-    progress: Progress,
-) -> Result<CrossValidation, GridError> {
+    options: &GriddingOptions,
+    folds: &LineFolds,
+    progress: GriddingProgress,
+) -> Result<CrossValidation, GriddingError> {
     let lines = points.lines();
     let fold = |i: &usize| lines.binary_search(&points.line[*i]).unwrap_or(0) % folds.count.max(1);
     let mut difference_nt = vec![f64::NAN; points.len()];
@@ -87,7 +87,7 @@ pub fn cross_validate(
         test.iter().zip(predicted).for_each(|(&i, p)| difference_nt[i] = points.value_nt[i] - p);
     }
     progress("cross-validation", folds.left_out.len(), folds.left_out.len());
-    let spread = Spread::of(&difference_nt);
+    let spread = DifferenceStatistics::from_differences(&difference_nt);
     Ok(CrossValidation { difference_nt, spread })
 }
 
@@ -98,9 +98,12 @@ pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAx
         (0..points.len().min(difference_nt.len())).filter(|&i| difference_nt[i].is_finite()).collect();
     let squares: Vec<f64> = known.iter().map(|&i| difference_nt[i].powi(2)).collect();
     let at = points.pick(&known);
-    let blocks =
-        super::reduce_blocks([&at.easting_m, &at.northing_m, &at.height_m, &squares], block_m, super::BlockValue::Mean);
-    let near = NearestPoints::of(&blocks.easting_m, &blocks.northing_m);
+    let blocks = super::reduce_blocks(
+        [&at.easting_m, &at.northing_m, &at.height_m, &squares],
+        block_m,
+        super::BlockReduction::Mean,
+    );
+    let near = PointCellIndex::new(&blocks.easting_m, &blocks.northing_m);
     let node = |k: usize| {
         let place = [east_m.at((k % east_m.len) as f64), north_m.at((k / east_m.len) as f64)];
         let found = near.nearest(place, AROUND, f64::INFINITY, |_| true);

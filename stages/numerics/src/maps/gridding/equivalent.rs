@@ -7,15 +7,15 @@
 //! layers of the whole survey instead of windows. The normal equations are solved by conjugate gradients, with
 //! products by the far-field sums of `far_field`, so that memory grows with the points and not with their square.
 
-use super::block::{BlockValue, reduce_blocks};
-use super::clusters::{Clusters, Positions};
-use super::far_field::{Spread, all_proxies};
-use super::layer::{FitOptions, FittedLayer, LEAF, Layer, LayerReport, add, squares};
-use super::nearest::{NearestPoints, range};
-use super::normal::Normal;
-use super::plane::Plane;
-use super::windows::Windows;
-use super::{GridError, Progress, check_columns};
+use super::block::{BlockReduction, reduce_blocks};
+use super::clusters::{ClusterTree, PointPositions};
+use super::far_field::{ProxySources, all_proxies};
+use super::layer::{FittedSourceLayer, LEAF, SourceFitOptions, SourceLayer, SourceLayerReport, add, squares};
+use super::nearest::{PointCellIndex, range};
+use super::normal::LayerNormalEquations;
+use super::plane::RegionalPlane;
+use super::windows::SchwarzPreconditioner;
+use super::{GriddingError, GriddingProgress, check_columns};
 use rayon::prelude::*;
 
 /// A source lies beneath the lowest of this number of nearest measurements, ...
@@ -27,7 +27,8 @@ const BESIDE: f64 = 8.0;
 /// The field is defined above the sources; closer to one than this fraction of its depth that source dominates.
 const CLEAR: f64 = 0.5;
 
-/// When boxes are far enough to be summed together for predictions: less than 0.01 nT at Osborne, whose anomalies reach 5600 nT.
+/// When boxes are far enough to be summed together for predictions: less than 0.01 nT at Osborne, whose anomalies reach
+/// 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
 /// Measurements of a layer's fit are means of blocks of this fraction of its depth.
@@ -35,7 +36,7 @@ const THIN: f64 = 0.25;
 
 /// Field values in nT and their derivatives in nT/m at positions.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct FieldAt {
+pub struct FieldGradients {
     /// The field, nT.
     pub value_nt: Vec<f64>,
     /// Its derivative towards east, nT/m.
@@ -49,8 +50,8 @@ pub struct FieldAt {
 /// Fitted equivalent sources.
 pub struct EquivalentSources {
     origin_m: [f64; 2],
-    plane: Plane,
-    layers: Vec<FittedLayer>,
+    plane: RegionalPlane,
+    layers: Vec<FittedSourceLayer>,
 }
 
 impl EquivalentSources {
@@ -62,9 +63,9 @@ impl EquivalentSources {
     pub fn fit(
         at_m: [&[f64]; 3],
         value_nt: &[f64],
-        options: &FitOptions,
-        progress: Progress,
-    ) -> Result<(Self, Vec<LayerReport>), GridError> {
+        options: &SourceFitOptions,
+        progress: GriddingProgress,
+    ) -> Result<(Self, Vec<SourceLayerReport>), GriddingError> {
         let mut sources = Self::place(at_m, value_nt, &options.layers)?;
         let reports = sources.solve(at_m, value_nt, options, progress)?;
         Ok((sources, reports))
@@ -76,17 +77,18 @@ impl EquivalentSources {
     /// # Errors
     ///
     /// Fails without points, and when columns have different lengths or values that are not finite.
-    pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[Layer]) -> Result<Self, GridError> {
+    pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[SourceLayer]) -> Result<Self, GriddingError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
-            return Err(GridError::NoPoints);
+            return Err(GriddingError::NoPoints);
         }
         let origin_m = [middle(at_m[0]), middle(at_m[1])];
         let points = relative(at_m, origin_m);
-        let plane = Plane::fitted([&points.east, &points.north], value_nt);
-        let near = NearestPoints::of(&points.east, &points.north);
+        let plane = RegionalPlane::fitted([&points.east, &points.north], value_nt);
+        let near = PointCellIndex::new(&points.east, &points.north);
         let placed = layers.iter().map(|layer| (layer, source_places(&points, &near, layer)));
-        let layers = placed.filter(|(_, at)| at.len() > 0).map(|(layer, at)| FittedLayer::at(&at, *layer)).collect();
+        let layers =
+            placed.filter(|(_, at)| at.len() > 0).map(|(layer, at)| FittedSourceLayer::at(&at, *layer)).collect();
         Ok(Self { origin_m, plane, layers })
     }
 
@@ -99,12 +101,12 @@ impl EquivalentSources {
         &mut self,
         at_m: [&[f64]; 3],
         value_nt: &[f64],
-        options: &FitOptions,
-        progress: Progress,
-    ) -> Result<Vec<LayerReport>, GridError> {
+        options: &SourceFitOptions,
+        progress: GriddingProgress,
+    ) -> Result<Vec<SourceLayerReport>, GriddingError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         let points = relative(at_m, self.origin_m);
-        let places = Clusters::of(&points, LEAF);
+        let places = ClusterTree::new(&points, LEAF);
         let off_plane = |i: usize| value_nt[i] - self.plane.at(points.east[i], points.north[i]);
         let mut rest: Vec<f64> = (0..points.len()).map(off_plane).collect();
         let count = self.layers.len();
@@ -124,19 +126,19 @@ impl EquivalentSources {
     /// # Errors
     /// Fails at the first position where it is not, with the lowest height that would be high enough at all of them,
     /// and when columns have different lengths or values that are not finite.
-    pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GridError> {
+    pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GriddingError> {
         check_columns(&at_m)?;
         self.check_points(&relative(at_m, self.origin_m))
     }
 
-    fn check_points(&self, points: &Positions) -> Result<(), GridError> {
+    fn check_points(&self, points: &PointPositions) -> Result<(), GriddingError> {
         let least = self.layers.iter().map(|layer| layer.least_m(points)).filter(|layer| !layer.is_empty());
         let higher = |a: Vec<f64>, b: Vec<f64>| a.into_iter().zip(b).map(|(a, b)| f64::max(a, b)).collect();
         let least = least.reduce(higher).unwrap_or_default();
         let Some(i) = least.iter().zip(&points.up).position(|(least, up)| least > up) else { return Ok(()) };
         let lowest_m = least.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
         let at_m = [points.east[i] + self.origin_m[0], points.north[i] + self.origin_m[1]];
-        Err(GridError::BelowSources { height_m: points.up[i], at_m, lowest_m })
+        Err(GriddingError::BelowSources { height_m: points.up[i], at_m, lowest_m })
     }
 
     /// The field in nT at eastings, northings and heights in metres.
@@ -144,7 +146,7 @@ impl EquivalentSources {
     /// # Errors
     /// Fails when a position is not above the sources near it, where the field is not defined, and when columns are
     /// not equally long or have values that are not finite.
-    pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
+    pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
         for layer in &self.layers {
@@ -161,7 +163,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     /// Fails when columns have different lengths or values that are not finite.
-    pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
+    pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
         let mut above = vec![true; points.len()];
@@ -181,7 +183,7 @@ impl EquivalentSources {
     /// # Errors
     ///
     /// Fails as [`Self::predict`].
-    pub fn predict_gradients(&self, at_m: [&[f64]; 3]) -> Result<FieldAt, GridError> {
+    pub fn predict_gradients(&self, at_m: [&[f64]; 3]) -> Result<FieldGradients, GriddingError> {
         let targets = self.targets(at_m)?;
         let points = &targets.points;
         let plane = points.east.iter().zip(&points.north).map(|(e, n)| self.plane.at(*e, *n)).collect();
@@ -192,7 +194,7 @@ impl EquivalentSources {
             fields.iter().zip(&mut sums).for_each(|(field, sum)| add(sum, field, layer.scale()));
         }
         let [value_nt, by_east, by_north, by_up] = sums.map(|sum| targets.unsorted(&sum));
-        Ok(FieldAt { value_nt, by_east, by_north, by_up })
+        Ok(FieldGradients { value_nt, by_east, by_north, by_up })
     }
 
     /// The number of sources.
@@ -215,14 +217,14 @@ impl EquivalentSources {
         predicted_nt.iter().step_by(step).zip(&exact).fold(0.0, |worst: f64, (a, b)| worst.max((a - b).abs()))
     }
 
-    fn directly(&self, points: &Positions, i: usize) -> f64 {
+    fn directly(&self, points: &PointPositions, i: usize) -> f64 {
         let mut sum = self.plane.at(points.east[i], points.north[i]);
         for layer in &self.layers {
             let mut one = [0.0];
             let at = layer.clusters.points.part(0..layer.strength.len());
             super::kernel::add_values(
                 points.part(i..i + 1),
-                super::kernel::Sources { at, strength: &layer.strength },
+                super::kernel::PointSources { at, strength: &layer.strength },
                 1.0,
                 &mut one,
             );
@@ -231,46 +233,46 @@ impl EquivalentSources {
         sum
     }
 
-    fn targets(&self, at_m: [&[f64]; 3]) -> Result<Clusters, GridError> {
+    fn targets(&self, at_m: [&[f64]; 3]) -> Result<ClusterTree, GriddingError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
         self.check_points(&points)?;
-        Ok(Clusters::of(&points, LEAF))
+        Ok(ClusterTree::new(&points, LEAF))
     }
 }
 
-impl FittedLayer {
-    fn spread(&self, far: f64) -> Spread<'_> {
-        Spread::of(&self.clusters, &self.proxies, &self.strength, far)
+impl FittedSourceLayer {
+    fn spread(&self, far: f64) -> ProxySources<'_> {
+        ProxySources::new(&self.clusters, &self.proxies, &self.strength, far)
     }
 
     /// Conjugate gradients on the damped normal equations, for measurements thinned to the resolution of the layer.
-    fn solve(&mut self, points: &Positions, rest: &[f64], options: &FitOptions) -> usize {
+    fn solve(&mut self, points: &PointPositions, rest: &[f64], options: &SourceFitOptions) -> usize {
         let thin = [&points.east[..], &points.north, &points.up, rest];
-        let thin = reduce_blocks(thin, THIN * self.depth_m, BlockValue::Mean);
-        let at = Positions { east: thin.easting_m, north: thin.northing_m, up: thin.height_m };
-        let data = Clusters::of(&at, LEAF);
-        let windows = Windows::of(&self.clusters, &data, self.depth_m, options.damping);
-        let normal = Normal { layer: self, data: &data, data_proxies: all_proxies(&data) };
+        let thin = reduce_blocks(thin, THIN * self.depth_m, BlockReduction::Mean);
+        let at = PointPositions { east: thin.easting_m, north: thin.northing_m, up: thin.height_m };
+        let data = ClusterTree::new(&at, LEAF);
+        let windows = SchwarzPreconditioner::new(&self.clusters, &data, self.depth_m, options.damping);
+        let normal = LayerNormalEquations { layer: self, data: &data, data_proxies: all_proxies(&data) };
         let (strength, iterations) = normal.solve(data.sorted(&thin.value_nt), &windows, options);
         self.strength = strength;
         iterations
     }
 
     /// Whether each target is at least half the layer's depth above the source nearest to it.
-    fn above(&self, targets: &Positions) -> Vec<bool> {
+    fn above(&self, targets: &PointPositions) -> Vec<bool> {
         let least = self.least_m(targets);
         (0..targets.len()).map(|i| least.get(i).is_none_or(|least| *least <= targets.up[i])).collect()
     }
 
     /// The least height at each target, half the layer's depth above the source nearest to it; empty where all targets
     /// are above all sources by that much.
-    fn least_m(&self, targets: &Positions) -> Vec<f64> {
+    fn least_m(&self, targets: &PointPositions) -> Vec<f64> {
         let sources = &self.clusters.points;
         if range(&sources.up)[1] + CLEAR * self.depth_m <= range(&targets.up)[0] {
             return vec![];
         }
-        let near = NearestPoints::of(&sources.east, &sources.north);
+        let near = PointCellIndex::new(&sources.east, &sources.north);
         let least = |i: usize| {
             let found = near.nearest([targets.east[i], targets.north[i]], 1, f64::INFINITY, |_| true);
             found.first().map_or(f64::NEG_INFINITY, |f| sources.up[f.1] + CLEAR * self.depth_m)
@@ -280,7 +282,7 @@ impl FittedLayer {
 }
 
 /// The even nodes of a layer that have a measurement in reach, `depth_m` beneath the lowest measurement around.
-fn source_places(points: &Positions, near: &NearestPoints, layer: &Layer) -> Positions {
+fn source_places(points: &PointPositions, near: &PointCellIndex, layer: &SourceLayer) -> PointPositions {
     let nodes = |axis: &[f64]| -> Vec<f64> {
         let [a, b] = range(axis).map(|x| x / layer.spacing_m);
         let out = (layer.reach_m / layer.spacing_m).ceil();
@@ -300,11 +302,11 @@ fn source_places(points: &Positions, near: &NearestPoints, layer: &Layer) -> Pos
         })
         .collect();
     let axis = |k: usize| rows.iter().flatten().map(|place| place[k]).collect();
-    Positions { east: axis(0), north: axis(1), up: axis(2) }
+    PointPositions { east: axis(0), north: axis(1), up: axis(2) }
 }
 
-fn relative(at_m: [&[f64]; 3], origin: [f64; 2]) -> Positions {
-    Positions {
+fn relative(at_m: [&[f64]; 3], origin: [f64; 2]) -> PointPositions {
+    PointPositions {
         east: at_m[0].iter().map(|e| e - origin[0]).collect(),
         north: at_m[1].iter().map(|n| n - origin[1]).collect(),
         up: at_m[2].to_vec(),
@@ -317,7 +319,7 @@ fn middle(values: &[f64]) -> f64 {
 }
 
 /// The lowest of the measurements nearest in each quadrant: neighbouring lines may fly lower than the nearest one.
-fn lowest_beside(points: &Positions, near: &NearestPoints, [e, n]: [f64; 2], reach_m: f64) -> f64 {
+fn lowest_beside(points: &PointPositions, near: &PointCellIndex, [e, n]: [f64; 2], reach_m: f64) -> f64 {
     let quadrant = |i: usize| [points.east[i] >= e, points.north[i] >= n];
     let found = [[true, true], [true, false], [false, true], [false, false]]
         .map(|which| near.nearest([e, n], 1, reach_m, |i| quadrant(i) == which));

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The survey reaches as far as the middle 80 % of the coordinates, but at least this far, metres.
 const LEAST_REACH_M: f64 = 1000.0;
 
-/// A cell of the plane.
-type Cell = [i64; 2];
+/// Column and row of a square cell of the plane.
+type PlaneCell = [i64; 2];
 
 /// Points, ascending, that are far from all others: groups of fewer than a hundredth of the points, or single ones,
 /// with more than half the survey's extent of empty ground around them. The reach is the diagonal of the rectangle that
@@ -20,12 +20,12 @@ pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {
     let sides = [east_m, north_m].map(|axis| middle(known.iter().map(|&i| axis[i]).collect()));
     let cell_m = 0.5 * sides[0].hypot(sides[1]).max(LEAST_REACH_M);
     let cell = |i: usize| [east_m[i], north_m[i]].map(|x| (x / cell_m).floor() as i64);
-    let mut cells: BTreeMap<Cell, Vec<usize>> = BTreeMap::new();
+    let mut cells: BTreeMap<PlaneCell, Vec<usize>> = BTreeMap::new();
     known.iter().for_each(|&i| cells.entry(cell(i)).or_default().push(i));
     let groups = groups(cells.keys().copied().collect());
-    let count = |group: &Vec<Cell>| group.iter().map(|c| cells[c].len()).sum::<usize>();
+    let count = |group: &Vec<PlaneCell>| group.iter().map(|c| cells[c].len()).sum::<usize>();
     let most = groups.iter().map(count).max().unwrap_or(0);
-    let few = |group: &&Vec<Cell>| {
+    let few = |group: &&Vec<PlaneCell>| {
         let n = count(group);
         n < most && (n == 1 || 100 * n < known.len())
     };
@@ -45,7 +45,7 @@ fn middle(mut values: Vec<f64>) -> f64 {
 }
 
 /// Cells that touch each other, corners too.
-fn groups(mut left: BTreeSet<Cell>) -> Vec<Vec<Cell>> {
+fn groups(mut left: BTreeSet<PlaneCell>) -> Vec<Vec<PlaneCell>> {
     let mut groups = vec![];
     while let Some(first) = left.pop_first() {
         let (mut group, mut next) = (vec![], vec![first]);

@@ -5,28 +5,28 @@
 //! interpolated to the targets. [Wang, Tlupova & Krasny 2020, "A kernel-independent treecode based on barycentric
 //! Lagrange interpolation"] Every sum is taken in the same order on any number of threads.
 
-use super::clusters::{Cluster, Clusters, PROXIES, Positions};
-use super::kernel::{Sources, add_gradients, add_values};
+use super::clusters::{ClusterBox, ClusterTree, PROXIES, PointPositions};
+use super::kernel::{PointSources, add_gradients, add_values};
 use rayon::prelude::*;
 
-/// Sources in boxes, their strengths spread onto the boxes' Chebyshev points.
-pub(super) struct Spread<'a> {
-    clusters: &'a Clusters,
+/// Sources in boxes, with equivalent strengths at the boxes' Chebyshev points for distant evaluation.
+pub(super) struct ProxySources<'a> {
+    clusters: &'a ClusterTree,
     strength: &'a [f64],
-    proxies: &'a [Positions],
+    proxies: &'a [PointPositions],
     spread: Vec<Vec<f64>>,
     /// Two boxes are far when their radii together are less than this part of their distance.
     far: f64,
 }
 
 /// The Chebyshev points of all boxes.
-pub(super) fn all_proxies(clusters: &Clusters) -> Vec<Positions> {
-    clusters.boxes.par_iter().map(Cluster::proxies).collect()
+pub(super) fn all_proxies(clusters: &ClusterTree) -> Vec<PointPositions> {
+    clusters.boxes.par_iter().map(ClusterBox::proxies).collect()
 }
 
-impl<'a> Spread<'a> {
+impl<'a> ProxySources<'a> {
     /// `strength` is in the sorted order of the clusters.
-    pub fn of(clusters: &'a Clusters, proxies: &'a [Positions], strength: &'a [f64], far: f64) -> Self {
+    pub fn new(clusters: &'a ClusterTree, proxies: &'a [PointPositions], strength: &'a [f64], far: f64) -> Self {
         let mut spread: Vec<Vec<f64>> =
             clusters.boxes.par_iter().map(|b| spread_points(clusters, b, strength)).collect();
         for at in (0..clusters.boxes.len()).rev() {
@@ -41,17 +41,17 @@ impl<'a> Spread<'a> {
         Self { clusters, strength, proxies, spread, far }
     }
 
-    fn points(&self, cluster: &Cluster) -> Sources<'_> {
+    fn points(&self, cluster: &ClusterBox) -> PointSources<'_> {
         let part = cluster.start..cluster.end;
-        Sources { at: self.clusters.points.part(part.clone()), strength: &self.strength[part] }
+        PointSources { at: self.clusters.points.part(part.clone()), strength: &self.strength[part] }
     }
 
-    fn stand_ins(&self, at: usize) -> Sources<'_> {
-        Sources { at: self.proxies[at].part(0..PROXIES), strength: &self.spread[at] }
+    fn stand_ins(&self, at: usize) -> PointSources<'_> {
+        PointSources { at: self.proxies[at].part(0..PROXIES), strength: &self.spread[at] }
     }
 
     /// Calls `near` with every box that must be summed point by point, and `far` with those that may be replaced.
-    fn each(&self, target: &Cluster, mut visit: impl FnMut(Sources, bool)) {
+    fn each(&self, target: &ClusterBox, mut visit: impl FnMut(PointSources, bool)) {
         let mut open = vec![0];
         while let Some(at) = open.pop() {
             let cluster = &self.clusters.boxes[at];
@@ -71,13 +71,13 @@ impl<'a> Spread<'a> {
     }
 
     /// The sum of strength · h / r³ at the targets, in their sorted order; see `add_values` for `sign`.
-    pub fn values(&self, targets: &Clusters, sign: f64) -> Vec<f64> {
+    pub fn values(&self, targets: &ClusterTree, sign: f64) -> Vec<f64> {
         let parts: Vec<(usize, Vec<f64>)> =
             targets.leaves().into_par_iter().map(|leaf| (leaf.start, self.values_in(targets, leaf, sign))).collect();
         joined(parts, targets.points.len())
     }
 
-    fn values_in(&self, targets: &Clusters, leaf: &Cluster, sign: f64) -> Vec<f64> {
+    fn values_in(&self, targets: &ClusterTree, leaf: &ClusterBox, sign: f64) -> Vec<f64> {
         let count = leaf.end - leaf.start;
         let at = targets.points.part(leaf.start..leaf.end);
         let proxies = leaf.proxies();
@@ -98,7 +98,7 @@ impl<'a> Spread<'a> {
     }
 
     /// Value, east, north and upward derivative of the sum at the targets, in their sorted order.
-    pub fn gradients(&self, targets: &Clusters) -> [Vec<f64>; 4] {
+    pub fn gradients(&self, targets: &ClusterTree) -> [Vec<f64>; 4] {
         let parts: Vec<(usize, [Vec<f64>; 4])> =
             targets.leaves().into_par_iter().map(|leaf| (leaf.start, self.gradients_in(targets, leaf))).collect();
         [0, 1, 2, 3].map(|field| {
@@ -106,7 +106,7 @@ impl<'a> Spread<'a> {
         })
     }
 
-    fn gradients_in(&self, targets: &Clusters, leaf: &Cluster) -> [Vec<f64>; 4] {
+    fn gradients_in(&self, targets: &ClusterTree, leaf: &ClusterBox) -> [Vec<f64>; 4] {
         let count = leaf.end - leaf.start;
         let at = targets.points.part(leaf.start..leaf.end);
         let proxies = leaf.proxies();
@@ -126,7 +126,7 @@ impl<'a> Spread<'a> {
     }
 }
 
-fn spread_points(clusters: &Clusters, cluster: &Cluster, strength: &[f64]) -> Vec<f64> {
+fn spread_points(clusters: &ClusterTree, cluster: &ClusterBox, strength: &[f64]) -> Vec<f64> {
     if cluster.children.is_some() {
         return Vec::new();
     }
@@ -140,14 +140,14 @@ fn spread_points(clusters: &Clusters, cluster: &Cluster, strength: &[f64]) -> Ve
     sum
 }
 
-fn spread_proxies(parent: &Cluster, child: &Positions, strength: &[f64], sum: &mut [f64]) {
+fn spread_proxies(parent: &ClusterBox, child: &PointPositions, strength: &[f64], sum: &mut [f64]) {
     for (i, q) in strength.iter().enumerate() {
         let weights = parent.weights([child.east[i], child.north[i], child.up[i]]);
         sum.iter_mut().zip(weights).for_each(|(s, w)| *s += w * q);
     }
 }
 
-fn interpolate(leaf: &Cluster, at: [&[f64]; 3], far: &[f64], sum: &mut [f64]) {
+fn interpolate(leaf: &ClusterBox, at: [&[f64]; 3], far: &[f64], sum: &mut [f64]) {
     for (i, s) in sum.iter_mut().enumerate() {
         let weights = leaf.weights([at[0][i], at[1][i], at[2][i]]);
         *s += weights.iter().zip(far).map(|(w, f)| w * f).sum::<f64>();

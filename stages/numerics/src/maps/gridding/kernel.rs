@@ -2,14 +2,14 @@
 
 /// Positions and strengths of sources.
 #[derive(Clone, Copy)]
-pub(super) struct Sources<'a> {
+pub(super) struct PointSources<'a> {
     pub at: [&'a [f64]; 3],
     pub strength: &'a [f64],
 }
 
 /// Adds to `out` at each target the sum of strength · h / r³ over the sources, where `h` is `sign` times the height of
 /// the target above the source, and r their distance.
-pub(super) fn add_values(targets: [&[f64]; 3], sources: Sources, sign: f64, out: &mut [f64]) {
+pub(super) fn add_values(targets: [&[f64]; 3], sources: PointSources, sign: f64, out: &mut [f64]) {
     pulp::Arch::new().dispatch(
         #[inline(always)]
         || values(targets, sources, sign, out),
@@ -17,7 +17,7 @@ pub(super) fn add_values(targets: [&[f64]; 3], sources: Sources, sign: f64, out:
 }
 
 /// Adds value, east, north and upward derivative of the same sum, with `h` upward.
-pub(super) fn add_gradients(targets: [&[f64]; 3], sources: Sources, out: &mut [Vec<f64>; 4]) {
+pub(super) fn add_gradients(targets: [&[f64]; 3], sources: PointSources, out: &mut [Vec<f64>; 4]) {
     pulp::Arch::new().dispatch(
         #[inline(always)]
         || gradients(targets, sources, out),
@@ -25,7 +25,7 @@ pub(super) fn add_gradients(targets: [&[f64]; 3], sources: Sources, out: &mut [V
 }
 
 #[inline(always)]
-fn values([east, north, up]: [&[f64]; 3], sources: Sources, sign: f64, out: &mut [f64]) {
+fn values([east, north, up]: [&[f64]; 3], sources: PointSources, sign: f64, out: &mut [f64]) {
     let [se, sn, su] = sources.at;
     for (((&se, &sn), &su), &q) in se.iter().zip(sn).zip(su).zip(sources.strength) {
         let q = q * sign;
@@ -38,7 +38,7 @@ fn values([east, north, up]: [&[f64]; 3], sources: Sources, sign: f64, out: &mut
 }
 
 #[inline(always)]
-fn gradients([east, north, up]: [&[f64]; 3], sources: Sources, out: &mut [Vec<f64>; 4]) {
+fn gradients([east, north, up]: [&[f64]; 3], sources: PointSources, out: &mut [Vec<f64>; 4]) {
     let [se, sn, su] = sources.at;
     let [value, by_east, by_north, by_up] = out;
     for (((&se, &sn), &su), &q) in se.iter().zip(sn).zip(su).zip(sources.strength) {

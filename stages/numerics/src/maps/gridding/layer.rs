@@ -1,6 +1,6 @@
 //! A layer of equivalent sources: where they are, how they are fitted, and sums over columns.
 
-use super::clusters::{Clusters, Positions};
+use super::clusters::{ClusterTree, PointPositions};
 use super::far_field::all_proxies;
 
 /// Points in a box of the far-field sums.
@@ -9,9 +9,9 @@ pub(super) const LEAF: usize = 64;
 /// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration.
 pub(super) const FIT_FAR: f64 = 0.6;
 
-/// One layer of sources.
+/// A layer of equivalent sources.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
+pub struct SourceLayer {
     /// The depth of the sources beneath the measurements, metres.
     pub depth_m: f64,
     /// The distance between sources, metres.
@@ -22,9 +22,9 @@ pub struct Layer {
 
 /// Settings of the fit of equivalent sources.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FitOptions {
+pub struct SourceFitOptions {
     /// The layers, deepest first.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<SourceLayer>,
     /// The damping: the square of a source's field right above it in nT that costs as much as a misfit of 1 nT².
     pub damping: f64,
     /// The maximum number of iterations of a layer.
@@ -34,19 +34,19 @@ pub struct FitOptions {
 }
 
 /// A layer with the strengths of its sources.
-pub(super) struct FittedLayer {
+pub(super) struct FittedSourceLayer {
     pub depth_m: f64,
-    pub clusters: Clusters,
-    pub proxies: Vec<Positions>,
+    pub clusters: ClusterTree,
+    pub proxies: Vec<PointPositions>,
     pub strength: Vec<f64>,
-    pub report: LayerReport,
+    pub report: SourceLayerReport,
 }
 
-/// The result of a layer's fit.
+/// Statistics of the fit of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LayerReport {
+pub struct SourceLayerReport {
     /// The layer.
-    pub layer: Layer,
+    pub layer: SourceLayer,
     /// Its sources.
     pub sources: usize,
     /// Iterations that were needed.
@@ -55,13 +55,13 @@ pub struct LayerReport {
     pub rms_nt: f64,
 }
 
-impl FittedLayer {
+impl FittedSourceLayer {
     /// A layer at these places, before its fit.
-    pub fn at(places: &Positions, layer: Layer) -> Self {
-        let clusters = Clusters::of(places, LEAF);
+    pub fn at(places: &PointPositions, layer: SourceLayer) -> Self {
+        let clusters = ClusterTree::new(places, LEAF);
         let proxies = all_proxies(&clusters);
         let strength = vec![0.0; places.len()];
-        let report = LayerReport { layer, sources: places.len(), iterations: 0, rms_nt: f64::NAN };
+        let report = SourceLayerReport { layer, sources: places.len(), iterations: 0, rms_nt: f64::NAN };
         Self { depth_m: layer.depth_m, clusters, proxies, strength, report }
     }
 

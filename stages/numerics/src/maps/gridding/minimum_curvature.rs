@@ -5,8 +5,8 @@
 //! off a node enters the curvature at the nearest node through a second-order expansion. Grids are nested: each
 //! spacing starts from the surface of the one twice as wide.
 
-use super::plane::Plane;
-use super::sheet::{Constraint, Relaxation, Relaxed, Sheet};
+use super::plane::RegionalPlane;
+use super::sheet::{GridDatum, RelaxationGrid, RelaxationOptions, RelaxationReport};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 /// Grids values in nT at eastings and northings in metres onto the nodes of two axes; data outside the nodes' cells
@@ -17,17 +17,18 @@ pub fn minimum_curvature(
     at_m: [&[f64]; 2],
     value_nt: &[f64],
     axes: [EvenAxis; 2],
-    relaxation: &Relaxation,
-) -> (PlaneGrid, Relaxed) {
+    relaxation: &RelaxationOptions,
+) -> (PlaneGrid, RelaxationReport) {
     let [east_m, north_m] = axes;
-    let plane = Plane::fitted(at_m, value_nt);
+    let plane = RegionalPlane::fitted(at_m, value_nt);
     let rest: Vec<f64> = (0..value_nt.len()).map(|i| value_nt[i] - plane.at(at_m[0][i], at_m[1][i])).collect();
     let coarsest = (0..16).rev().find(|k| east_m.len.min(north_m.len) > (4 << k)).unwrap_or(0);
-    let mut sheet: Option<Sheet> = None;
-    let mut relaxed = Relaxed { passes: 0, left_nt: 0.0 };
+    let mut sheet: Option<RelaxationGrid> = None;
+    let mut relaxed = RelaxationReport { passes: 0, left_nt: 0.0 };
     for scale in (0..=coarsest).rev() {
         let [east, north] = axes.map(|axis| wider(axis, 1 << scale));
-        let mut next = sheet.map_or_else(|| Sheet::flat(east.len, north.len), |s| s.refined(east.len, north.len));
+        let mut next =
+            sheet.map_or_else(|| RelaxationGrid::flat(east.len, north.len), |s| s.refined(east.len, north.len));
         next.constrain(constraints(at_m, &rest, [east, north]), relaxation.tension);
         relaxed = next.relax(relaxation);
         sheet = Some(next);
@@ -43,7 +44,7 @@ fn wider(axis: EvenAxis, times: usize) -> EvenAxis {
 }
 
 /// One datum per node.
-fn constraints(at_m: [&[f64]; 2], rest: &[f64], [east, north]: [EvenAxis; 2]) -> Vec<Constraint> {
+fn constraints(at_m: [&[f64]; 2], rest: &[f64], [east, north]: [EvenAxis; 2]) -> Vec<GridDatum> {
     let nodes: Vec<[f64; 3]> = (0..rest.len())
         .map(|i| [east.node(at_m[0][i]), north.node(at_m[1][i]), rest[i]])
         .filter(|[c, r, _]| {
@@ -57,5 +58,5 @@ fn constraints(at_m: [&[f64]; 2], rest: &[f64], [east, north]: [EvenAxis; 2]) ->
     let mean = |run: &[([i64; 2], usize)]| {
         [0, 1, 2].map(|k| run.iter().map(|r| nodes[r.1][k]).sum::<f64>() / run.len() as f64)
     };
-    by_cell.chunk_by(|a, b| a.0 == b.0).map(|run| Constraint::of(mean(run))).collect()
+    by_cell.chunk_by(|a, b| a.0 == b.0).map(|run| GridDatum::from_point(mean(run))).collect()
 }

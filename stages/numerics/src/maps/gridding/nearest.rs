@@ -1,7 +1,7 @@
 //! Nearest points on the plane, found in square cells.
 
-/// Points sorted into square cells. Coordinates are metres.
-pub struct NearestPoints {
+/// Index of points by square cells, for nearest-neighbour queries. Coordinates are metres.
+pub struct PointCellIndex {
     first: [f64; 2],
     cell_m: f64,
     cells: [i64; 2],
@@ -10,12 +10,12 @@ pub struct NearestPoints {
     at: Vec<[f64; 2]>,
 }
 
-/// A point that was found: its squared distance in m² and its index.
-pub type Found = (f64, usize);
+/// A neighbouring point: its squared distance in m² and its index.
+pub type PointNeighbour = (f64, usize);
 
-impl NearestPoints {
+impl PointCellIndex {
     /// Sorts points, all of them finite, into cells that hold about three each.
-    pub fn of(east_m: &[f64], north_m: &[f64]) -> Self {
+    pub fn new(east_m: &[f64], north_m: &[f64]) -> Self {
         let (e, n) = (range(east_m), range(north_m));
         let span = [(e[1] - e[0]).max(1.0), (n[1] - n[0]).max(1.0)];
         let count = east_m.len().max(1) as f64;
@@ -42,8 +42,8 @@ impl NearestPoints {
 
     /// The `k` nearest points among those that `accept` accepts and that are at most `limit_m` away, nearest first;
     /// of two at one distance the one with the lower index is nearer.
-    pub fn nearest(&self, at: [f64; 2], k: usize, limit_m: f64, accept: impl Fn(usize) -> bool) -> Vec<Found> {
-        let mut found: Vec<Found> = Vec::with_capacity(k + 1);
+    pub fn nearest(&self, at: [f64; 2], k: usize, limit_m: f64, accept: impl Fn(usize) -> bool) -> Vec<PointNeighbour> {
+        let mut found: Vec<PointNeighbour> = Vec::with_capacity(k + 1);
         if k == 0 || self.order.is_empty() || !(at[0] + at[1]).is_finite() {
             return found;
         }

@@ -1,30 +1,35 @@
 //! The damped normal equations of a layer of sources, solved by preconditioned conjugate gradients.
 
-use super::clusters::{Clusters, Positions};
-use super::far_field::Spread;
-use super::layer::{FIT_FAR, FitOptions, FittedLayer, add, scaled, squares};
-use super::windows::Windows;
+use super::clusters::{ClusterTree, PointPositions};
+use super::far_field::ProxySources;
+use super::layer::{FIT_FAR, FittedSourceLayer, SourceFitOptions, add, scaled, squares};
+use super::windows::SchwarzPreconditioner;
 
-/// The normal equations of a layer.
-pub(super) struct Normal<'a> {
-    pub layer: &'a FittedLayer,
-    pub data: &'a Clusters,
-    pub data_proxies: Vec<Positions>,
+/// Damped normal equations of a layer of sources.
+pub(super) struct LayerNormalEquations<'a> {
+    pub layer: &'a FittedSourceLayer,
+    pub data: &'a ClusterTree,
+    pub data_proxies: Vec<PointPositions>,
 }
 
-impl Normal<'_> {
+impl LayerNormalEquations<'_> {
     fn forward(&self, strength: &[f64]) -> Vec<f64> {
-        let spread = Spread::of(&self.layer.clusters, &self.layer.proxies, strength, FIT_FAR);
+        let spread = ProxySources::new(&self.layer.clusters, &self.layer.proxies, strength, FIT_FAR);
         scaled(spread.values(self.data, 1.0), self.layer.scale())
     }
 
     fn backward(&self, rest: &[f64]) -> Vec<f64> {
-        let spread = Spread::of(self.data, &self.data_proxies, rest, FIT_FAR);
+        let spread = ProxySources::new(self.data, &self.data_proxies, rest, FIT_FAR);
         scaled(spread.values(&self.layer.clusters, -1.0), self.layer.scale())
     }
 
     /// Conjugate gradients: the strengths that explain `rest`, and the iterations that were needed.
-    pub fn solve(&self, mut rest: Vec<f64>, windows: &Windows, options: &FitOptions) -> (Vec<f64>, usize) {
+    pub fn solve(
+        &self,
+        mut rest: Vec<f64>,
+        windows: &SchwarzPreconditioner,
+        options: &SourceFitOptions,
+    ) -> (Vec<f64>, usize) {
         let mut strength = vec![0.0; self.layer.strength.len()];
         let mut gradient = self.backward(&rest);
         let mut better = windows.solve(&gradient);

@@ -4,14 +4,14 @@ use nalgebra::{Matrix3, Vector3};
 
 /// A plane over eastings and northings.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Plane {
+pub(super) struct RegionalPlane {
     centre: [f64; 2],
     value: f64,
     /// Towards east and north, per metre.
     pub slope: [f64; 2],
 }
 
-impl Plane {
+impl RegionalPlane {
     /// The least-squares plane.
     pub fn fitted(at_m: [&[f64]; 2], value: &[f64]) -> Self {
         let count = value.len().max(1) as f64;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// Settings of the relaxation of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Relaxation {
+pub struct RelaxationOptions {
     /// 0 is minimum curvature, 1 is Laplace's equation.
     pub tension: f64,
     /// A grid is done when no node is expected to move by more in all further passes together, nT.
@@ -16,9 +16,9 @@ pub struct Relaxation {
     pub passes: usize,
 }
 
-/// The result of relaxing the finest grid.
+/// Convergence of the relaxation of the finest grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Relaxed {
+pub struct RelaxationReport {
     /// Passes over it.
     pub passes: usize,
     /// The distance that a node is expected to move in all further passes, nT, from the convergence rate: above
@@ -38,26 +38,26 @@ const STRETCH: usize = 16;
 /// A datum nearer to its node than this many spacings fixes the node.
 const ON_NODE: f64 = 0.05;
 
-/// A datum and its nearest node.
+/// A datum, with its nearest node and its offset from it in nodes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Constraint {
+pub(super) struct GridDatum {
     column: usize,
     row: usize,
     offset: [f64; 2],
     value: f64,
 }
 
-impl Constraint {
+impl GridDatum {
     /// From column and row, as fractions of nodes of the grid, and value.
-    pub fn of([column, row, value]: [f64; 3]) -> Self {
+    pub fn from_point([column, row, value]: [f64; 3]) -> Self {
         let near = [column, row].map(|x| (x + 0.5).floor().max(0.0));
         Self { column: near[0] as usize, row: near[1] as usize, offset: [column - near[0], row - near[1]], value }
     }
 }
 
-/// Update of a node.
+/// Update rule of a node.
 #[derive(Clone, Copy, Debug)]
-enum Rule {
+enum NodeUpdate {
     Free,
     Held,
     /// The node rests at `fixed` + Σ weight · neighbour - `bend` · (the rest of the curvature of its neighbours).
@@ -69,15 +69,15 @@ enum Rule {
     },
 }
 
-/// The grid.
-pub(super) struct Sheet {
+/// Grid of nodes and their update rules, for relaxation.
+pub(super) struct RelaxationGrid {
     columns: usize,
     rows: usize,
     colours: [Vec<Vec<f64>>; 3],
-    rules: Vec<Vec<Rule>>,
+    rules: Vec<Vec<NodeUpdate>>,
 }
 
-impl Sheet {
+impl RelaxationGrid {
     /// A constant grid.
     pub fn flat(columns: usize, rows: usize) -> Self {
         let width = columns + 2 * EDGE;
@@ -119,11 +119,11 @@ impl Sheet {
     }
 
     /// Sets how each node moves.
-    pub fn constrain(&mut self, data: Vec<Constraint>, tension: f64) {
-        self.rules = vec![vec![Rule::Free; self.columns]; self.rows];
+    pub fn constrain(&mut self, data: Vec<GridDatum>, tension: f64) {
+        self.rules = vec![vec![NodeUpdate::Free; self.columns]; self.rows];
         for datum in data {
             let rule = rule(&datum, tension);
-            if matches!(rule, Rule::Held) {
+            if matches!(rule, NodeUpdate::Held) {
                 self.set(datum.column + EDGE, datum.row + EDGE, datum.value);
             }
             self.rules[datum.row][datum.column] = rule;
@@ -134,8 +134,8 @@ impl Sheet {
     ///
     /// Slow modes of the surface move little in each of very many passes, so the size of a move alone is not a
     /// criterion: the remaining move is the sum of the geometric series that starts with the moves of the last passes.
-    pub fn relax(&mut self, relaxation: &Relaxation) -> Relaxed {
-        let mut relaxed = Relaxed { passes: 0, left_nt: f64::INFINITY };
+    pub fn relax(&mut self, relaxation: &RelaxationOptions) -> RelaxationReport {
+        let mut relaxed = RelaxationReport { passes: 0, left_nt: f64::INFINITY };
         let mut before = f64::INFINITY;
         while relaxed.passes < relaxation.passes && relaxed.left_nt > relaxation.tolerance_nt {
             let mut moved: f64 = 0.0;
@@ -223,10 +223,10 @@ fn step(at: usize, by: i64) -> usize {
 }
 
 /// The update of a node by its datum; the expansion of the curvature uses the four neighbours opposite the datum.
-fn rule(datum: &Constraint, tension: f64) -> Rule {
+fn rule(datum: &GridDatum, tension: f64) -> NodeUpdate {
     let [dx, dy] = datum.offset.map(f64::abs);
     if dx.max(dy) < ON_NODE {
-        return Rule::Held;
+        return NodeUpdate::Held;
     }
     let corner = datum.offset.map(|d| if d < 0.0 { -1 } else { 1 });
     let places = [[-1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, -1.0], [dx, dy]];
@@ -235,10 +235,10 @@ fn rule(datum: &Constraint, tension: f64) -> Rule {
         [x, y, 0.5 * x * x, x * y, 0.5 * y * y][i]
     });
     let curvature = nalgebra::Vector5::new(0.0, 0.0, 1.0, 0.0, 1.0);
-    let Some(b) = powers.lu().solve(&curvature) else { return Rule::Held };
+    let Some(b) = powers.lu().solve(&curvature) else { return NodeUpdate::Held };
     let own = 4.0 - 3.0 * tension;
     let whole = 4.0 * (1.0 - tension) + own * b.sum();
-    Rule::Drawn {
+    NodeUpdate::Drawn {
         corner,
         weights: [0, 1, 2, 3].map(|k| own * b[k] / whole),
         fixed: own * b[4] * datum.value / whole,
@@ -246,7 +246,7 @@ fn rule(datum: &Constraint, tension: f64) -> Rule {
     }
 }
 
-fn move_row(row: &mut [f64], [south2, south, north, north2]: [&[f64]; 4], rules: &[Rule], tension: f64) -> f64 {
+fn move_row(row: &mut [f64], [south2, south, north, north2]: [&[f64]; 4], rules: &[NodeUpdate], tension: f64) -> f64 {
     let mut moved: f64 = 0.0;
     let whole = 20.0 - 16.0 * tension;
     for (k, rule) in rules.iter().enumerate() {
@@ -259,9 +259,9 @@ fn move_row(row: &mut [f64], [south2, south, north, north2]: [&[f64]; 4], rules:
             + 2.0 * (south[c - 1] + south[c + 1] + north[c - 1] + north[c + 1])
             - 8.0 * cross;
         let rest = match rule {
-            Rule::Held => continue,
-            Rule::Free => (tension * cross - (1.0 - tension) * bend) / whole,
-            Rule::Drawn { corner, weights, fixed, bend: part } => {
+            NodeUpdate::Held => continue,
+            NodeUpdate::Free => (tension * cross - (1.0 - tension) * bend) / whole,
+            NodeUpdate::Drawn { corner, weights, fixed, bend: part } => {
                 let (west, east) = (step(c, -corner[0]), step(c, corner[0]));
                 let (back, front) = if corner[1] > 0 { (south, north) } else { (north, south) };
                 let drawn = [front[west], row[west], back[c], back[east]];

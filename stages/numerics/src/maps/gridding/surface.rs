@@ -1,15 +1,18 @@
 //! A surface fitted to a survey, by either method.
 
 use super::automatic::{block_m, layers, line_spacing_m};
-use super::block::{BlockValue, Blocks, reduce_blocks};
-use super::cross_validation::Spread;
+use super::block::{BlockReduction, SurveyBlocks, reduce_blocks};
+use super::cross_validation::DifferenceStatistics;
 use super::equivalent::EquivalentSources;
-use super::layer::{FitOptions, LayerReport};
+use super::layer::{SourceFitOptions, SourceLayerReport};
 use super::minimum_curvature::minimum_curvature;
-use super::nearest::{NearestPoints, range};
-use super::sheet::Relaxed;
-use super::survey::{Cleaned, SurveyPoints};
-use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, check, check_columns};
+use super::nearest::{PointCellIndex, range};
+use super::sheet::RelaxationReport;
+use super::survey::{CleaningOutcome, SurveyPoints};
+use super::{
+    GridRegion, GriddingError, GriddingMethod, GriddingOptions, GriddingProgress, GriddingReport, axes, check,
+    check_columns,
+};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use crate::regression::statistics::median;
 use rayon::prelude::*;
@@ -17,8 +20,8 @@ use rayon::prelude::*;
 /// Blocks around one that determine the usual misfit there.
 const AROUND: usize = 32;
 
-/// The surface.
-pub enum Surface {
+/// Fitted surface: equivalent sources or a grid of minimum curvature.
+pub enum SurveySurface {
     /// Equivalent sources, and the requested level.
     Sources(EquivalentSources, f64),
     /// A grid of minimum curvature.
@@ -26,9 +29,9 @@ pub enum Surface {
 }
 
 /// A fitted surface and its data.
-pub struct Fitted {
+pub struct FittedSurface {
     /// The surface.
-    pub surface: Surface,
+    pub surface: SurveySurface,
     /// The axes of its grid, east and north.
     pub axes: [EvenAxis; 2],
     /// The median distance between lines, metres.
@@ -36,22 +39,26 @@ pub struct Fitted {
     /// The side of the blocks, metres.
     pub block_m: f64,
     /// The blocks.
-    pub blocks: Blocks,
-    layers: Vec<LayerReport>,
-    relaxed: Option<Relaxed>,
+    pub blocks: SurveyBlocks,
+    layers: Vec<SourceLayerReport>,
+    relaxed: Option<RelaxationReport>,
     misfits: Vec<[f64; 2]>,
-    misfit: Spread,
+    misfit: DifferenceStatistics,
 }
 
 /// Fits a surface to the points of a survey, all of them finite: see `clean`.
 ///
 /// # Errors
 /// Fails without points, as [`check`], for columns of different lengths or with values that are not finite, with
-/// [`GridError::TooLarge`] for a grid without nodes or with too many, and with [`GridError::BelowSources`] when the
-/// level or a block is not above the equivalent sources near it.
-pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Fitted, GridError> {
+/// [`GriddingError::TooLarge`] for a grid without nodes or with too many, and with [`GriddingError::BelowSources`] when
+/// the level or a block is not above the equivalent sources near it.
+pub fn fit(
+    points: SurveyPoints,
+    options: &GriddingOptions,
+    progress: GriddingProgress,
+) -> Result<FittedSurface, GriddingError> {
     if points.is_empty() {
-        return Err(GridError::NoPoints);
+        return Err(GriddingError::NoPoints);
     }
     check(options)?;
     check_columns(&[points.easting_m, points.northing_m, points.height_m, points.value_nt])?;
@@ -64,17 +71,17 @@ pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> R
         let [low, high] = range(columns[a]);
         [(low / node_m).floor() * node_m, (high / node_m).ceil() * node_m]
     });
-    let axes = axes(options.region.unwrap_or(Region { east_m, north_m }), node_m)?;
-    let mut fitted = Fitted {
-        surface: Surface::Grid(PlaneGrid { east_m: axes[0], north_m: axes[1], values: Vec::new() }),
+    let axes = axes(options.region.unwrap_or(GridRegion { east_m, north_m }), node_m)?;
+    let mut fitted = FittedSurface {
+        surface: SurveySurface::Grid(PlaneGrid { east_m: axes[0], north_m: axes[1], values: Vec::new() }),
         axes,
         line_spacing_m: spacing,
         block_m: block,
-        blocks: reduce_blocks(columns, block, BlockValue::Median),
+        blocks: reduce_blocks(columns, block, BlockReduction::Median),
         layers: Vec::new(),
         relaxed: None,
         misfits: Vec::new(),
-        misfit: Spread::of(&[]),
+        misfit: DifferenceStatistics::from_differences(&[]),
     };
     let mut rest = fitted.again(options, progress)?;
     let out = misfits(&fitted.blocks, &rest, options);
@@ -82,30 +89,30 @@ pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> R
         fitted.leave_out(&out);
         rest = fitted.again(options, progress)?;
     }
-    fitted.misfit = Spread::of(&rest);
+    fitted.misfit = DifferenceStatistics::from_differences(&rest);
     Ok(fitted)
 }
 
-impl Fitted {
+impl FittedSurface {
     /// Fits to the blocks and returns their residuals.
-    fn again(&mut self, options: &GridOptions, progress: Progress) -> Result<Vec<f64>, GridError> {
+    fn again(&mut self, options: &GriddingOptions, progress: GriddingProgress) -> Result<Vec<f64>, GriddingError> {
         let b = &self.blocks;
         let predicted = match &options.method {
-            Method::MinimumCurvature(relaxation) => {
+            GriddingMethod::MinimumCurvature(relaxation) => {
                 progress("minimum curvature", 0, 1);
                 let (grid, relaxed) =
                     minimum_curvature([&b.easting_m, &b.northing_m], &b.value_nt, self.axes, relaxation);
                 progress("minimum curvature", 1, 1);
                 self.relaxed = Some(relaxed);
                 let values = between_nodes(&grid, &b.easting_m, &b.northing_m);
-                self.surface = Surface::Grid(grid);
+                self.surface = SurveySurface::Grid(grid);
                 values
             }
-            Method::EquivalentSources { layers: given, damping, level_m } => {
+            GriddingMethod::EquivalentSources { layers: given, damping, level_m } => {
                 let sides = [&b.easting_m, &b.northing_m].map(|axis| range(axis));
                 let extent = sides.map(|[a, b]| b - a).into_iter().fold(0.0, f64::max);
                 let layers = given.clone().unwrap_or_else(|| layers(self.block_m, self.line_spacing_m, extent));
-                let options = FitOptions { layers, damping: *damping, iterations: 20, tolerance: 0.01 };
+                let options = SourceFitOptions { layers, damping: *damping, iterations: 20, tolerance: 0.01 };
                 let at = [&b.easting_m[..], &b.northing_m, &b.height_m];
                 progress("placing equivalent sources", 0, 1);
                 let mut sources = EquivalentSources::place(at, &b.value_nt, &options.layers)?;
@@ -116,7 +123,7 @@ impl Fitted {
                 }
                 self.layers = sources.solve(at, &b.value_nt, &options, progress)?;
                 let values = sources.predict(at)?;
-                self.surface = Surface::Sources(sources, level_m.unwrap_or(range(&b.height_m)[1]));
+                self.surface = SurveySurface::Sources(sources, level_m.unwrap_or(range(&b.height_m)[1]));
                 values
             }
         };
@@ -128,7 +135,7 @@ impl Fitted {
         self.misfits = out.iter().map(|&i| [b.easting_m[i], b.northing_m[i]]).collect();
         let kept: Vec<usize> = (0..b.value_nt.len()).filter(|i| out.binary_search(i).is_err()).collect();
         let take = |column: &[f64]| kept.iter().map(|&i| column[i]).collect();
-        self.blocks = Blocks {
+        self.blocks = SurveyBlocks {
             easting_m: take(&b.easting_m),
             northing_m: take(&b.northing_m),
             height_m: take(&b.height_m),
@@ -142,12 +149,12 @@ impl Fitted {
     ///
     /// # Errors
     /// Fails, for equivalent sources, when columns have different lengths or values that are not finite.
-    pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GridError> {
+    pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GriddingError> {
         match &self.surface {
-            Surface::Sources(sources, _) => {
+            SurveySurface::Sources(sources, _) => {
                 sources.predict_above([points.easting_m, points.northing_m, points.height_m])
             }
-            Surface::Grid(grid) => Ok(between_nodes(grid, points.easting_m, points.northing_m)),
+            SurveySurface::Grid(grid) => Ok(between_nodes(grid, points.easting_m, points.northing_m)),
         }
     }
 
@@ -156,11 +163,11 @@ impl Fitted {
     ///
     /// # Errors
     /// Fails, for equivalent sources, as [`EquivalentSources::predict`] at the nodes.
-    pub fn grid(&self) -> Result<(PlaneGrid, Option<[f64; 2]>), GridError> {
+    pub fn grid(&self) -> Result<(PlaneGrid, Option<[f64; 2]>), GriddingError> {
         let [east_m, north_m] = self.axes;
         match &self.surface {
-            Surface::Grid(grid) => Ok((grid.clone(), None)),
-            Surface::Sources(sources, level_m) => {
+            SurveySurface::Grid(grid) => Ok((grid.clone(), None)),
+            SurveySurface::Sources(sources, level_m) => {
                 let [east, north] = nodes(self.axes);
                 let at = [&east[..], &north, &vec![*level_m; east.len()]];
                 let values = sources.predict(at)?;
@@ -172,12 +179,12 @@ impl Fitted {
 
     pub(super) fn report(
         self,
-        cleaned: Cleaned,
+        cleaned: CleaningOutcome,
         masked: usize,
         level: Option<[f64; 2]>,
-        cross_validation: Option<Spread>,
-    ) -> GridReport {
-        GridReport {
+        cross_validation: Option<DifferenceStatistics>,
+    ) -> GriddingReport {
+        GriddingReport {
             cleaned,
             line_spacing_m: self.line_spacing_m,
             block_m: self.block_m,
@@ -203,11 +210,11 @@ fn nodes([east_m, north_m]: [EvenAxis; 2]) -> [Vec<f64>; 2] {
 }
 
 /// Blocks, ascending, whose residual is far larger than that of their neighbours.
-fn misfits(blocks: &Blocks, rest: &[f64], options: &GridOptions) -> Vec<usize> {
+fn misfits(blocks: &SurveyBlocks, rest: &[f64], options: &GriddingOptions) -> Vec<usize> {
     if options.misfit_sigmas <= 0.0 || options.misfit_sigmas.is_nan() {
         return Vec::new();
     }
-    let near = NearestPoints::of(&blocks.easting_m, &blocks.northing_m);
+    let near = PointCellIndex::new(&blocks.easting_m, &blocks.northing_m);
     let out = |i: &usize| {
         let found = near.nearest([blocks.easting_m[*i], blocks.northing_m[*i]], AROUND, f64::INFINITY, |_| true);
         let mut sizes: Vec<f64> = found.iter().map(|f| rest[f.1].abs()).collect();

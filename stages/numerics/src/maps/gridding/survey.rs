@@ -20,7 +20,7 @@ pub struct SurveyPoints<'a> {
 
 /// Points of a survey that own their columns.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct OwnedPoints {
+pub struct OwnedSurveyPoints {
     /// Easting, metres.
     pub easting_m: Vec<f64>,
     /// Northing, metres.
@@ -33,7 +33,7 @@ pub struct OwnedPoints {
     pub line: Vec<usize>,
 }
 
-impl OwnedPoints {
+impl OwnedSurveyPoints {
     /// The points, borrowed.
     pub fn borrow(&self) -> SurveyPoints<'_> {
         SurveyPoints {
@@ -59,9 +59,9 @@ impl SurveyPoints<'_> {
     }
 
     /// The points of these indices; an index past the end is ignored.
-    pub fn pick(&self, indices: &[usize]) -> OwnedPoints {
+    pub fn pick(&self, indices: &[usize]) -> OwnedSurveyPoints {
         let take = |column: &[f64]| indices.iter().filter_map(|&i| column.get(i).copied()).collect();
-        OwnedPoints {
+        OwnedSurveyPoints {
             easting_m: take(self.easting_m),
             northing_m: take(self.northing_m),
             height_m: take(self.height_m),
@@ -97,7 +97,7 @@ impl SurveyPoints<'_> {
 
 /// The criteria of cleaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CleanOptions {
+pub struct CleaningOptions {
     /// A point that is farther from the straight line between its neighbours in flight order than this number of robust
     /// standard deviations of its surroundings is an outlier; zero keeps all.
     pub sigmas: f64,
@@ -111,7 +111,7 @@ pub struct CleanOptions {
     pub without_far: bool,
 }
 
-impl Default for CleanOptions {
+impl Default for CleaningOptions {
     /// Ten robust standard deviations among 51 points, and at least 10 nT: more than geology changes between two
     /// points.
     fn default() -> Self {
@@ -121,7 +121,7 @@ impl Default for CleanOptions {
 
 /// Indices of points, ascending, by the outcome of cleaning.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Cleaned {
+pub struct CleaningOutcome {
     /// Those that are kept.
     pub kept: Vec<usize>,
     /// A coordinate or the value is not a finite number.
@@ -137,8 +137,8 @@ pub struct Cleaned {
 }
 
 /// Sorts the points of a survey into those to keep and those to leave out.
-pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
-    let mut cleaned = Cleaned::default();
+pub fn clean(points: SurveyPoints, options: &CleaningOptions) -> CleaningOutcome {
+    let mut cleaned = CleaningOutcome::default();
     if options.without_far {
         cleaned.far = far_points(points.easting_m, points.northing_m);
     }
@@ -169,7 +169,7 @@ pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
 }
 
 /// Outliers of a line; those next to a larger one are tested again after removing it.
-fn spikes(points: SurveyPoints, line: &[usize], options: &CleanOptions) -> Vec<usize> {
+fn spikes(points: SurveyPoints, line: &[usize], options: &CleaningOptions) -> Vec<usize> {
     let (mut left, mut found) = (line.to_vec(), Vec::new());
     while options.sigmas > 0.0 && left.len() >= 5 {
         let away = off_neighbours(points, &left);

@@ -1,6 +1,6 @@
 //! A preconditioner for the normal equations of a layer: small overlapping windows solved exactly.
 
-use super::clusters::{Clusters, Positions};
+use super::clusters::{ClusterTree, PointPositions};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, Mat, Par, Side};
 use rayon::prelude::*;
@@ -11,24 +11,24 @@ const CORE: usize = 256;
 /// Windows whose sources overlap by this number of depths, and whose measurements extend as far again.
 const OVERLAP: f64 = 1.5;
 
-/// The windows of a layer.
-pub(super) struct Windows {
-    windows: Vec<Window>,
+/// Overlapping-window (Schwarz) preconditioner of a layer.
+pub(super) struct SchwarzPreconditioner {
+    windows: Vec<SchwarzWindow>,
     /// One over the root of the number of windows that a source is in.
     share: Vec<f64>,
 }
 
-struct Window {
+struct SchwarzWindow {
     sources: Vec<usize>,
     /// Rows of the Cholesky factor's lower triangle. Single precision is enough for a preconditioner.
     factor: Vec<f32>,
 }
 
-impl Windows {
+impl SchwarzPreconditioner {
     /// Windows over `sources` at `depth_m`, with the measurements at `data`, for `damping`.
-    pub fn of(sources: &Clusters, data: &Clusters, depth_m: f64, damping: f64) -> Self {
-        let cores = Clusters::of(&sources.points, CORE);
-        let windows: Vec<Window> = cores
+    pub fn new(sources: &ClusterTree, data: &ClusterTree, depth_m: f64, damping: f64) -> Self {
+        let cores = ClusterTree::new(&sources.points, CORE);
+        let windows: Vec<SchwarzWindow> = cores
             .leaves()
             .into_par_iter()
             .map(|core| {
@@ -38,7 +38,7 @@ impl Windows {
                 let members = inside(sources, around(OVERLAP * depth_m));
                 let seen = inside(data, around(2.0 * OVERLAP * depth_m));
                 let factor = factor(sources.points.pick(&members), data.points.pick(&seen), depth_m, damping);
-                Window { sources: members, factor }
+                SchwarzWindow { sources: members, factor }
             })
             .collect();
         let mut share = vec![0.0; sources.points.len()];
@@ -67,7 +67,7 @@ impl Windows {
 }
 
 /// The sorted points inside west..east and south..north.
-fn inside(clusters: &Clusters, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
+fn inside(clusters: &ClusterTree, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
     let (mut open, mut found) = (vec![0], Vec::new());
     let points = &clusters.points;
     while let Some(at) = open.pop() {
@@ -88,7 +88,7 @@ fn inside(clusters: &Clusters, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
 }
 
 /// The Cholesky factor of KᵀK + damping; empty, for the unit matrix, when there is none.
-fn factor(sources: Positions, data: Positions, depth_m: f64, damping: f64) -> Vec<f32> {
+fn factor(sources: PointPositions, data: PointPositions, depth_m: f64, damping: f64) -> Vec<f32> {
     let scale = depth_m * depth_m;
     let kernel = Mat::from_fn(data.len(), sources.len(), |i, j| {
         let up = data.up[i] - sources.up[j];

@@ -9,7 +9,7 @@
 //! corrected independently of the others.
 
 use super::noise::CrossoverNoise;
-use super::{Crossover, Gauge, LevelOptions};
+use super::{Crossover, LevellingGauge, LevellingOptions};
 use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use std::collections::BTreeMap;
 
@@ -26,8 +26,8 @@ const ENOUGH: usize = 2;
 /// Crossovers that a line needs to be found individually out of level: one or two may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
-/// The equations: one per crossover, few coefficients each.
-pub(super) struct Adjustment<'a> {
+/// Sparse least-squares equations of the line corrections, one per crossover.
+pub(super) struct CrossoverAdjustment<'a> {
     points: SurveyPoints<'a>,
     crossovers: &'a [Crossover],
     /// The first point and the last of each line, and its index among the lines.
@@ -37,12 +37,12 @@ pub(super) struct Adjustment<'a> {
     rows: Vec<Vec<(usize, f64)>>,
     right: Vec<f64>,
     is_tie: Vec<bool>,
-    options: &'a LevelOptions,
+    options: &'a LevellingOptions,
 }
 
-/// The distribution of the corrections, and the corrections.
+/// Estimated line corrections and their distribution.
 #[derive(Clone, Debug)]
-pub(super) struct Solution {
+pub(super) struct AdjustmentSolution {
     /// By line, in nT; the common shift of the ties is in their constants.
     pub coefficients: Vec<f64>,
     /// Statistics of the crossovers.
@@ -55,8 +55,8 @@ pub(super) struct Solution {
     sd_nt: Vec<f64>,
 }
 
-/// A line's own coefficients from its crossovers, the others unchanged.
-struct Own {
+/// Coefficients of one line from its crossovers, the other lines unchanged.
+struct LineLevelEstimate {
     value_nt: Vec<f64>,
     /// Standard errors.
     error_nt: Vec<f64>,
@@ -65,13 +65,13 @@ struct Own {
     crossovers: usize,
 }
 
-impl<'a> Adjustment<'a> {
-    pub fn of(
+impl<'a> CrossoverAdjustment<'a> {
+    pub fn new(
         points: SurveyPoints<'a>,
         lines: &[usize],
         crossovers: &'a [Crossover],
         ties: &[usize],
-        options: &'a LevelOptions,
+        options: &'a LevellingOptions,
     ) -> Self {
         let terms = options.order + 1;
         let mut ends: BTreeMap<usize, (usize, usize, usize)> =
@@ -113,18 +113,18 @@ impl<'a> Adjustment<'a> {
     }
 
     /// The correction at a point, `part` of the way to the next, nT.
-    pub fn correction(&self, solution: &Solution, point: usize, part: f64) -> f64 {
+    pub fn correction(&self, solution: &AdjustmentSolution, point: usize, part: f64) -> f64 {
         let (along, line) = self.place(point, part);
         legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
     }
 
     /// A line's coefficients and whether it is individually out of level.
-    pub fn of_line(&self, solution: &Solution, line: usize) -> (Vec<f64>, bool) {
+    pub fn of_line(&self, solution: &AdjustmentSolution, line: usize) -> (Vec<f64>, bool) {
         let place = self.lines.get(&line).map_or(0, |l| l.2);
         (self.of_place(solution, place).to_vec(), solution.alone[place])
     }
 
-    fn of_place<'s>(&self, solution: &'s Solution, place: usize) -> &'s [f64] {
+    fn of_place<'s>(&self, solution: &'s AdjustmentSolution, place: usize) -> &'s [f64] {
         &solution.coefficients[place * self.terms..][..self.terms]
     }
 
@@ -137,9 +137,9 @@ impl<'a> Adjustment<'a> {
     }
 
     /// The corrections from all crossovers.
-    pub fn solve(&self) -> Solution {
+    pub fn solve(&self) -> AdjustmentSolution {
         let lines = self.is_tie.len();
-        let mut found = Solution {
+        let mut found = AdjustmentSolution {
             coefficients: vec![0.0; self.shift() + 1],
             noise: CrossoverNoise::default(),
             spread_nt: [vec![0.0; self.terms], vec![0.0; self.terms]],
@@ -163,7 +163,7 @@ impl<'a> Adjustment<'a> {
         for _ in 0..ROUNDS {
             let left = self.differences(&found.coefficients);
             found.noise = CrossoverNoise::fitted(self.crossovers, &left, spent);
-            found.sd_nt = self.crossovers.iter().map(|c| found.noise.of(c)).collect();
+            found.sd_nt = self.crossovers.iter().map(|c| found.noise.difference_sigma_nt(c)).collect();
             found.coefficients = self.weighted(&found, |_| true);
             spent = if self.options.tested { self.estimate(&mut found) } else { spent };
         }
@@ -172,14 +172,14 @@ impl<'a> Adjustment<'a> {
     }
 
     /// The corrections from some of the crossovers, with the noise and the widths that all have.
-    pub fn solve_with(&self, whole: &Solution, used: impl Fn(usize) -> bool) -> Solution {
+    pub fn solve_with(&self, whole: &AdjustmentSolution, used: impl Fn(usize) -> bool) -> AdjustmentSolution {
         let coefficients = if self.rows.is_empty() { whole.coefficients.clone() } else { self.weighted(whole, used) };
-        self.levelled(Solution { coefficients, ..whole.clone() })
+        self.levelled(AdjustmentSolution { coefficients, ..whole.clone() })
     }
 
     /// Widths and the lines that are individually out of level; returns the degrees of freedom of the corrections.
-    fn estimate(&self, found: &mut Solution) -> f64 {
-        let own: Vec<Own> = self.own(found);
+    fn estimate(&self, found: &mut AdjustmentSolution) -> f64 {
+        let own: Vec<LineLevelEstimate> = self.own(found);
         let crossed: Vec<usize> = (0..own.len()).filter(|&k| own[k].crossovers > 0 && !self.is_held(k)).collect();
         let limit = (2.0 * (crossed.len().max(1) as f64 / BY_CHANCE).ln()).sqrt();
         let group = |tie: bool| crossed.iter().copied().filter(|&k| self.is_tie[k] == tie).collect::<Vec<usize>>();
@@ -211,10 +211,10 @@ impl<'a> Adjustment<'a> {
 
     /// Whether the gauge excludes a line from correction.
     fn is_held(&self, line: usize) -> bool {
-        self.options.gauge == Gauge::TiesHeld && self.is_tie[line]
+        self.options.gauge == LevellingGauge::TiesHeld && self.is_tie[line]
     }
 
-    fn own(&self, found: &Solution) -> Vec<Own> {
+    fn own(&self, found: &AdjustmentSolution) -> Vec<LineLevelEstimate> {
         let left = self.differences(&found.coefficients);
         let weights = self.weights(found, &left);
         let mut normal = vec![(vec![0.0; self.terms * self.terms], vec![0.0; self.terms], 0.0, 0); self.is_tie.len()];
@@ -240,24 +240,24 @@ impl<'a> Adjustment<'a> {
             let value_nt = (0..self.terms).map(|i| row(i).iter().zip(&b).map(|(x, b)| x * b).sum()).collect();
             let error_nt = (0..self.terms).map(|i| row(i)[i].max(0.0).sqrt()).collect();
             let free = n.saturating_sub(self.terms).max(1) as f64;
-            Own { value_nt, error_nt, excess: (squares / free).max(1.0), crossovers: n }
+            LineLevelEstimate { value_nt, error_nt, excess: (squares / free).max(1.0), crossovers: n }
         };
         normal.into_iter().map(one).collect()
     }
 
     /// The penalty on corrections, 1/nT².
-    fn ridge(&self, found: &Solution) -> f64 {
+    fn ridge(&self, found: &AdjustmentSolution) -> f64 {
         self.options.ridge / found.noise.sigma_nt.powi(2)
     }
 
     /// One over the variances, down-weighted for large differences.
-    fn weights(&self, found: &Solution, left: &[f64]) -> Vec<f64> {
+    fn weights(&self, found: &AdjustmentSolution, left: &[f64]) -> Vec<f64> {
         let weigh = |(d, sd): (&f64, &f64)| (self.options.huber_sigmas * sd / d.abs()).min(1.0) / (sd * sd);
         left.iter().zip(&found.sd_nt).map(weigh).collect()
     }
 
     /// The penalty on each coefficient, 1/nT²; infinity fixes it at zero.
-    fn costs(&self, found: &Solution) -> Vec<f64> {
+    fn costs(&self, found: &AdjustmentSolution) -> Vec<f64> {
         let ridge = self.ridge(found);
         let of = |line: usize, order: usize| match self.is_held(line) {
             true => f64::INFINITY,
@@ -265,12 +265,12 @@ impl<'a> Adjustment<'a> {
             false => ridge + found.spread_nt[usize::from(self.is_tie[line])][order].powi(-2),
         };
         let lines = (0..self.is_tie.len()).flat_map(|line| (0..self.terms).map(move |order| (line, order)));
-        let shift = if self.options.gauge == Gauge::TiesHeld { f64::INFINITY } else { ridge };
+        let shift = if self.options.gauge == LevellingGauge::TiesHeld { f64::INFINITY } else { ridge };
         lines.map(|(line, order)| of(line, order)).chain([shift]).collect()
     }
 
     /// The most likely coefficients, reweighted.
-    fn weighted(&self, found: &Solution, used: impl Fn(usize) -> bool) -> Vec<f64> {
+    fn weighted(&self, found: &AdjustmentSolution, used: impl Fn(usize) -> bool) -> Vec<f64> {
         let costs = self.costs(found);
         let mut x = found.coefficients.clone();
         x.resize(self.shift() + 1, 0.0);
@@ -305,7 +305,7 @@ impl<'a> Adjustment<'a> {
     }
 
     /// Puts the shift of the ties into their constants and sets the level of the gauge.
-    fn levelled(&self, mut found: Solution) -> Solution {
+    fn levelled(&self, mut found: AdjustmentSolution) -> AdjustmentSolution {
         let x = &mut found.coefficients;
         let shift = x.get(self.shift()).copied().unwrap_or(0.0);
         x.truncate(self.shift());
@@ -313,12 +313,12 @@ impl<'a> Adjustment<'a> {
         constants(true).for_each(|k| x[k * self.terms] += shift);
         let some_ties = self.is_tie.contains(&true);
         let level = match self.options.gauge {
-            Gauge::TiesHeld if some_ties => 0.0,
-            Gauge::TiesHeld | Gauge::TiesMean => {
+            LevellingGauge::TiesHeld if some_ties => 0.0,
+            LevellingGauge::TiesHeld | LevellingGauge::TiesMean => {
                 let of: Vec<f64> = constants(some_ties).map(|k| x[k * self.terms]).collect();
                 if of.is_empty() { 0.0 } else { of.iter().sum::<f64>() / of.len() as f64 }
             }
-            Gauge::Steadiest => {
+            LevellingGauge::Steadiest => {
                 let [lines, ties] = found.spread_nt.each_ref().map(|s| s[0]);
                 let mut of: Vec<f64> = constants(some_ties && ties < lines).map(|k| x[k * self.terms]).collect();
                 if of.is_empty() { 0.0 } else { median(&mut of) }

@@ -3,7 +3,7 @@
 use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use rayon::prelude::*;
 
-/// Conditions on crossings.
+/// Criteria for crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverOptions {
     /// Two points of a line that are farther apart are a gap, in which nothing is interpolated, metres; `None` is

@@ -34,7 +34,7 @@ impl CrossoverNoise {
                 let sigma_nt = (2.0 * usual * 2f64.powf(-0.4 * f64::from(share))).max(RESOLUTION_NT);
                 let noise = Self { sigma_nt, position_m };
                 let cost = |(c, d): (&Crossover, &f64)| {
-                    let size = noise.of(c) / MEAN_SIZE;
+                    let size = noise.difference_sigma_nt(c) / MEAN_SIZE;
                     d.abs() / size + size.ln()
                 };
                 let cost: f64 = crossovers.iter().zip(left_nt).map(cost).sum();
@@ -44,7 +44,7 @@ impl CrossoverNoise {
             }
         }
         let n = left_nt.len() as f64;
-        let sizes = crossovers.iter().zip(left_nt).map(|(c, d)| (d.abs() / best.1.of(c)).min(FAR));
+        let sizes = crossovers.iter().zip(left_nt).map(|(c, d)| (d.abs() / best.1.difference_sigma_nt(c)).min(FAR));
         let free = (n / (n - spent).max(1.0)).sqrt();
         let scale = free * MEAN_SIZE * sizes.sum::<f64>() / n.max(1.0);
         let Self { sigma_nt, position_m } = best.1;
@@ -53,7 +53,7 @@ impl CrossoverNoise {
 
     /// The standard deviation of the difference at a crossing, nT. The effect of different heights in the vertical
     /// gradient, which is as large as the horizontal one on average, is part of it.
-    pub fn of(&self, crossover: &Crossover) -> f64 {
+    pub fn difference_sigma_nt(&self, crossover: &Crossover) -> f64 {
         let above_m = crossover.height_m[0] - crossover.height_m[1];
         self.sigma_nt.hypot(self.position_m.hypot(above_m) * crossover.gradient_nt_per_m)
     }

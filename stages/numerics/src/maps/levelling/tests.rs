@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::maps::gridding::OwnedPoints;
+use crate::maps::gridding::OwnedSurveyPoints;
 
 /// East-west lines 200 m apart and three ties over a smooth field, each with its own error at a part of its way.
-fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedPoints {
-    let mut points = OwnedPoints::default();
+fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedSurveyPoints {
+    let mut points = OwnedSurveyPoints::default();
     let mut push = |line: usize, e: f64, n: f64, along: f64| {
         points.easting_m.push(e);
         points.northing_m.push(n);
@@ -53,7 +53,7 @@ fn law_crossings_are_where_the_lines_meet_with_the_values_between() {
 fn law_known_offsets_are_recovered() {
     let points = survey(|line, _| offset(line));
     let found = find_crossovers(points.borrow(), &CrossoverOptions::default());
-    let options = LevelOptions { gauge: Gauge::TiesHeld, ridge: 1e-9, ..LevelOptions::default() };
+    let options = LevellingOptions { gauge: LevellingGauge::TiesHeld, ridge: 1e-9, ..LevellingOptions::default() };
     let levelled = level_lines(points.borrow(), &found, &options);
     for line in &levelled.lines {
         // The prior of the scatter of lines shifts this by the square of 0.01 nT over that of 5 nT, and over 4
@@ -65,9 +65,12 @@ fn law_known_offsets_are_recovered() {
     assert!(levelled.left_out.unwrap().figure_of_merit_crossings < 1e-4);
     assert!((levelled.correction_nt[150] - offset(1)).abs() < 1e-4);
     // Ties on the mean, or the steadier group, which the ties are: the same but for what the ties take over, nothing.
-    for gauge in [Gauge::TiesMean, Gauge::Steadiest] {
-        let mean =
-            level_lines(points.borrow(), &found, &LevelOptions { gauge, ridge: 1e-9, ..LevelOptions::default() });
+    for gauge in [LevellingGauge::TiesMean, LevellingGauge::Steadiest] {
+        let mean = level_lines(
+            points.borrow(),
+            &found,
+            &LevellingOptions { gauge, ridge: 1e-9, ..LevellingOptions::default() },
+        );
         assert!(mean.lines.iter().all(|l| (l.coefficients_nt[0] - offset(l.line)).abs() < 1e-4), "{:?}", mean.lines);
         assert!(mean.spread_nt[0] > 3.0 && mean.spread_nt[1] == 0.0, "{:?}", mean.spread_nt);
     }
@@ -78,7 +81,8 @@ fn law_drifts_along_lines_need_the_first_order() {
     let points = survey(|line, along| offset(line) * (1.0 + 0.5 * along));
     let found = find_crossovers(points.borrow(), &CrossoverOptions::default());
     let after = |order: usize| {
-        let options = LevelOptions { order, gauge: Gauge::TiesHeld, ridge: 1e-9, ..LevelOptions::default() };
+        let options =
+            LevellingOptions { order, gauge: LevellingGauge::TiesHeld, ridge: 1e-9, ..LevellingOptions::default() };
         let levelled = level_lines(points.borrow(), &found, &options);
         (levelled.after.figure_of_merit_crossings, levelled.lines[4].coefficients_nt.clone())
     };
@@ -96,8 +100,13 @@ fn law_a_wrong_crossover_does_not_decide() {
     found[5].value_nt[0] += 500.0;
     let worst = |huber_sigmas: f64| {
         let tested = huber_sigmas.is_finite();
-        let options =
-            LevelOptions { tested, gauge: Gauge::TiesHeld, huber_sigmas, ridge: 1e-9, ..LevelOptions::default() };
+        let options = LevellingOptions {
+            tested,
+            gauge: LevellingGauge::TiesHeld,
+            huber_sigmas,
+            ridge: 1e-9,
+            ..LevellingOptions::default()
+        };
         let levelled = level_lines(points.borrow(), &found, &options);
         levelled.lines.iter().fold(0.0f64, |m, l| m.max((l.coefficients_nt[0] - offset(l.line)).abs()))
     };
@@ -129,15 +138,16 @@ fn law_heights_apart_are_corrected_or_left_out() {
 #[test]
 fn law_gaps_shallow_angles_and_nan_make_no_crossing() {
     let mut points = survey(|_, _| 0.0);
-    let count = |points: &OwnedPoints, options: CrossoverOptions| find_crossovers(points.borrow(), &options).len();
+    let count =
+        |points: &OwnedSurveyPoints, options: CrossoverOptions| find_crossovers(points.borrow(), &options).len();
     let plain = CrossoverOptions::default();
     assert_eq!(count(&points, CrossoverOptions { gap_m: Some(30.0), ..plain }), 0);
     assert_eq!(count(&points, CrossoverOptions { least_angle_deg: 91.0, ..plain }), 40);
     points.value_nt[..101].fill(f64::NAN);
     assert_eq!(count(&points, plain), 36);
-    let none = OwnedPoints::default();
+    let none = OwnedSurveyPoints::default();
     assert!(find_crossovers(none.borrow(), &plain).is_empty());
-    let levelled = level_lines(none.borrow(), &[], &LevelOptions::default());
+    let levelled = level_lines(none.borrow(), &[], &LevellingOptions::default());
     assert!(levelled.correction_nt.is_empty() && levelled.before.n == 0);
 }
 
@@ -149,7 +159,7 @@ fn noise(k: usize) -> f64 {
 
 /// Differences at crossings that grow with the gradient, as wrong positions make them, on a survey whose ties lie
 /// `ties_nt` above the lines and whose lines are out by `out` times their offsets.
-fn uncertain(ties_nt: f64, out: f64) -> (OwnedPoints, Vec<Crossover>) {
+fn uncertain(ties_nt: f64, out: f64) -> (OwnedSurveyPoints, Vec<Crossover>) {
     let points = survey(|line, _| if line < 100 { out * offset(line) } else { ties_nt });
     let mut found = find_crossovers(points.borrow(), &CrossoverOptions::default());
     for (k, c) in found.iter_mut().enumerate() {
@@ -162,7 +172,7 @@ fn uncertain(ties_nt: f64, out: f64) -> (OwnedPoints, Vec<Crossover>) {
 #[test]
 fn r10_what_is_level_stays_level_and_only_the_ties_are_shifted() {
     let (points, found) = uncertain(25.0, 0.0);
-    let levelled = level_lines(points.borrow(), &found, &LevelOptions::default());
+    let levelled = level_lines(points.borrow(), &found, &LevellingOptions::default());
     for line in &levelled.lines {
         let expected = if line.tie { 25.0 } else { 0.0 };
         // Forty crossovers, of which ten tell the shift to 1 nT each.
@@ -173,15 +183,16 @@ fn r10_what_is_level_stays_level_and_only_the_ties_are_shifted() {
     let CrossoverNoise { sigma_nt, position_m } = levelled.noise;
     assert!((0.5..2.0).contains(&sigma_nt) && (15.0..60.0).contains(&position_m), "{:?}", levelled.noise);
     // Without the test each line follows the noise at its crossovers.
-    let all = level_lines(points.borrow(), &found, &LevelOptions { tested: false, ..LevelOptions::default() });
-    let most = |l: &Levelled| l.lines.iter().filter(|l| !l.tie).fold(0.0_f64, |m, l| m.max(l.coefficients_nt[0].abs()));
+    let all = level_lines(points.borrow(), &found, &LevellingOptions { tested: false, ..LevellingOptions::default() });
+    let most =
+        |l: &LevellingResult| l.lines.iter().filter(|l| !l.tie).fold(0.0_f64, |m, l| m.max(l.coefficients_nt[0].abs()));
     assert!(most(&all) > 0.5 && most(&levelled) == 0.0, "{}", most(&all));
 }
 
 #[test]
 fn r10_lines_that_are_out_are_corrected_in_spite_of_uncertain_crossovers() {
     let (points, found) = uncertain(0.0, 2.0);
-    let levelled = level_lines(points.borrow(), &found, &LevelOptions::default());
+    let levelled = level_lines(points.borrow(), &found, &LevellingOptions::default());
     let left: Vec<f64> =
         levelled.lines.iter().filter(|l| !l.tie).map(|l| l.coefficients_nt[0] - 2.0 * offset(l.line)).collect();
     let rms = (left.iter().map(|d| d * d).sum::<f64>() / left.len() as f64).sqrt();
@@ -198,7 +209,7 @@ fn r10_one_line_that_is_out_is_corrected_alone() {
             c.value_nt[side] += 60.0;
         }
     }
-    let levelled = level_lines(points.borrow(), &found, &LevelOptions::default());
+    let levelled = level_lines(points.borrow(), &found, &LevellingOptions::default());
     for line in &levelled.lines {
         assert_eq!(line.alone, line.line == 4, "{line:?}");
         let expected = if line.line == 4 { 60.0 } else { 0.0 };

@@ -47,7 +47,7 @@ fn val_dipole_and_prism_are_harmonicas() {
 
 #[test]
 fn law_a_field_has_neither_sources_nor_curl_outside_matter() {
-    let field = |p| field_of_all_nt(&[Source::Dipole(DIPOLE), Source::Prism(PRISM)], p);
+    let field = |p| field_of_all_nt(&[MagneticBody::Dipole(DIPOLE), MagneticBody::Prism(PRISM)], p);
     for point in [[30.0, 10.0, 80.0], [-400.0, 500.0, 20.0], [170.0, 0.0, -300.0], [-200.0, 300.0, -100.0]] {
         let g = gradient(field, point, 0.5);
         let size = g.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -102,7 +102,7 @@ fn law_parts_of_a_prism_make_the_field_of_the_whole() {
     let (mut west, mut east) = (PRISM, PRISM);
     (west.high_m[0], east.low_m[0]) = (split, split);
     for point in [[40.0, 30.0, 10.0], [split, 400.0, -200.0], [-20.0, 70.0, -300.0]] {
-        let parts = field_of_all_nt(&[Source::Prism(west), Source::Prism(east)], point);
+        let parts = field_of_all_nt(&[MagneticBody::Prism(west), MagneticBody::Prism(east)], point);
         // Inside, the field of 1e3 nT is a sum of logarithms and angles of both parts; outside it is less.
         assert_near(parts, PRISM.field_nt(point), 1e-9, &format!("{point:?}"));
     }

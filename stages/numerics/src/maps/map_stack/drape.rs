@@ -3,7 +3,8 @@
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
 use crate::maps::map_surface::{
-    Axes, Cell, FieldColumns, GeographicGrid, Interpolation, Jet, LookUp, MapError, Places, Surface, look_up_many,
+    CellPosition, FieldColumns, FieldLookup, GeographicGrid, GridAxes, GridInterpolant, LookupPositions, MapGridError,
+    MapInterpolation, SurfaceGradient, look_up_many,
 };
 
 const ANOMALY: usize = 0;
@@ -13,9 +14,9 @@ const HEIGHT: usize = 2;
 /// A map whose every node has a height of its own, with its vertical derivative.
 #[derive(Clone, Debug)]
 pub struct DrapeMap {
-    axes: Axes,
+    axes: GridAxes,
     /// The anomaly, its vertical derivative and the height.
-    surface: Surface<3>,
+    surface: GridInterpolant<3>,
 }
 
 impl DrapeMap {
@@ -23,18 +24,18 @@ impl DrapeMap {
     /// both by rows and known where the map is. They are interpolated in the same way as the map.
     ///
     /// # Errors
-    /// Fails with [`MapError::CompanionSize`] when heights or derivatives are not as many as the nodes, and with
-    /// [`MapError::CompanionValue`] for one that is not finite where the map is known.
+    /// Fails with [`MapGridError::CompanionSize`] when heights or derivatives are not as many as the nodes, and with
+    /// [`MapGridError::CompanionValue`] for one that is not finite where the map is known.
     pub fn new(
         grid: &GeographicGrid,
         height_m: &[f64],
         d_alt_nt_per_m: &[f64],
-        interpolation: Interpolation,
-    ) -> Result<Self, MapError> {
+        interpolation: MapInterpolation,
+    ) -> Result<Self, MapGridError> {
         grid.check_companion("height", height_m)?;
         grid.check_companion("vertical derivative", d_alt_nt_per_m)?;
-        let surface = Surface::new(grid.shape(), [grid.values(), d_alt_nt_per_m, height_m], interpolation);
-        Ok(Self { axes: Axes::of(grid), surface })
+        let surface = GridInterpolant::new(grid.shape(), [grid.values(), d_alt_nt_per_m, height_m], interpolation);
+        Ok(Self { axes: GridAxes::from_grid(grid), surface })
     }
 
     /// The height of the map at a position in degrees, in metres; `None` where the map has no value.
@@ -79,20 +80,20 @@ impl DrapeMap {
     /// [`Self::at_height`] for many positions; positions without a value are NaN.
     ///
     /// # Errors
-    /// Fails with [`MapError::Places`] for columns of different lengths.
+    /// Fails with [`MapGridError::Places`] for columns of different lengths.
     pub fn at_heights(
         &self,
         lat_deg: &[f64],
         lon_deg: &[f64],
         alt_m: &[f64],
         out: &mut FieldColumns,
-    ) -> Result<(), MapError> {
-        look_up_many(self, Places { lat_deg, lon_deg, alt_m }, true, out)
+    ) -> Result<(), MapGridError> {
+        look_up_many(self, LookupPositions { lat_deg, lon_deg, alt_m }, true, out)
     }
 
     /// `a + u d`, u being the height above the surface, with its derivatives: `a' + u d' - d h'`.
     #[inline(always)]
-    fn lifted(&self, jet: Jet<3>, up_m: f64) -> FieldValue {
+    fn lifted(&self, jet: SurfaceGradient<3>, up_m: f64) -> FieldValue {
         let d_alt = jet.value[D_ALT];
         let slope = |change: [f64; 3]| change[ANOMALY] + up_m * change[D_ALT] - d_alt * change[HEIGHT];
         let value = jet.value[ANOMALY] + up_m * d_alt;
@@ -100,19 +101,19 @@ impl DrapeMap {
     }
 }
 
-impl LookUp for DrapeMap {
+impl FieldLookup for DrapeMap {
     #[inline(always)]
-    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         self.axes.cell(lat_deg, lon_deg)
     }
 
     #[inline(always)]
-    fn touch(&self, cell: Cell, _: f64) -> f64 {
+    fn touch(&self, cell: CellPosition, _: f64) -> f64 {
         self.surface.touch(cell)
     }
 
     #[inline(always)]
-    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+    fn field(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue> {
         let jet = self.surface.at(cell)?;
         let up_m = alt_m - jet.value[HEIGHT];
         up_m.is_finite().then(|| self.lifted(jet, up_m))

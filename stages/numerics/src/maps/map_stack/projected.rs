@@ -3,21 +3,22 @@
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
 use crate::maps::grid_projection::GridProjection;
-use crate::maps::map_surface::{FieldColumns, MapError, MapSurface, Places};
+use crate::maps::map_surface::{FieldColumns, LookupPositions, MapGridError, MapSurface};
 
-/// A map, or a stack of maps, on the grid of a projection ([`GeographicGrid::of_nodes`](super::GeographicGrid::of_nodes)).
+/// A map, or a stack of maps, on the grid of a projection
+/// ([`GeographicGrid::of_nodes`](super::GeographicGrid::of_nodes)).
 ///
 /// A position is projected, the value is interpolated between the nodes, and the slopes are converted to latitude
 /// and longitude by the projection's derivatives, with its scale and its convergence of meridians.
 #[derive(Clone, Debug)]
 pub struct ProjectedMap {
     projection: GridProjection,
-    nodes: OnNodes,
+    nodes: NodeMap,
 }
 
-/// Maps whose latitudes and longitudes are rows and columns.
+/// A map or a stack addressed by row and column in place of latitude and longitude.
 #[derive(Clone, Debug)]
-enum OnNodes {
+enum NodeMap {
     Flat(MapSurface),
     Stack(MapStack),
 }
@@ -25,19 +26,19 @@ enum OnNodes {
 impl ProjectedMap {
     /// A map of one height.
     pub fn flat(projection: GridProjection, map: MapSurface) -> Self {
-        Self { projection, nodes: OnNodes::Flat(map) }
+        Self { projection, nodes: NodeMap::Flat(map) }
     }
 
     /// Maps at several heights.
     pub fn stack(projection: GridProjection, stack: MapStack) -> Self {
-        Self { projection, nodes: OnNodes::Stack(stack) }
+        Self { projection, nodes: NodeMap::Stack(stack) }
     }
 
     /// Whether the map changes with height.
     pub(crate) fn has_upward_slope(&self) -> bool {
         match &self.nodes {
-            OnNodes::Flat(map) => map.alt_m().is_some(),
-            OnNodes::Stack(_) => true,
+            NodeMap::Flat(map) => map.alt_m().is_some(),
+            NodeMap::Stack(_) => true,
         }
     }
 
@@ -45,8 +46,8 @@ impl ProjectedMap {
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let place = self.projection.at(lat_deg, lon_deg)?;
         let on_nodes = match &self.nodes {
-            OnNodes::Flat(map) => map.at_height(place.row, place.column, alt_m)?,
-            OnNodes::Stack(stack) => stack.at(place.row, place.column, alt_m)?,
+            NodeMap::Flat(map) => map.at_height(place.row, place.column, alt_m)?,
+            NodeMap::Stack(stack) => stack.at(place.row, place.column, alt_m)?,
         };
         // A row is a degree there, so rows per degree are without unit here.
         let (per_row, per_column) = (on_nodes.d_lat_nt_per_rad, on_nodes.d_lon_nt_per_rad);
@@ -57,15 +58,15 @@ impl ProjectedMap {
     /// [`Self::at`] for many positions; positions without a value are NaN.
     ///
     /// # Errors
-    /// Fails with [`MapError::Places`] for columns of different lengths.
+    /// Fails with [`MapGridError::Places`] for columns of different lengths.
     pub fn at_many(
         &self,
         lat_deg: &[f64],
         lon_deg: &[f64],
         alt_m: &[f64],
         out: &mut FieldColumns,
-    ) -> Result<(), MapError> {
-        Places { lat_deg, lon_deg, alt_m }.check(true)?;
+    ) -> Result<(), MapGridError> {
+        LookupPositions { lat_deg, lon_deg, alt_m }.check(true)?;
         out.resize(lat_deg.len());
         for (i, ((lat, lon), alt)) in lat_deg.iter().zip(lon_deg).zip(alt_m).enumerate() {
             out.set(i, self.at(*lat, *lon, *alt));

@@ -1,6 +1,6 @@
 //! Batch look-ups of many positions.
 
-use super::{Cell, MapError, MapSurface};
+use super::{CellPosition, MapGridError, MapSurface};
 use crate::earth::field_value::FieldValue;
 
 /// Values and gradients of many positions, one column each; NaN where the map is undefined.
@@ -60,57 +60,57 @@ const NOWHERE: FieldValue =
 
 /// The positions of a batch, in degrees and metres; `alt_m` is empty where heights are not used.
 #[derive(Clone, Copy)]
-pub(crate) struct Places<'a> {
+pub(crate) struct LookupPositions<'a> {
     pub(crate) lat_deg: &'a [f64],
     pub(crate) lon_deg: &'a [f64],
     pub(crate) alt_m: &'a [f64],
 }
 
-impl Places<'_> {
-    pub(crate) fn check(&self, with_alt: bool) -> Result<(), MapError> {
+impl LookupPositions<'_> {
+    pub(crate) fn check(&self, with_alt: bool) -> Result<(), MapGridError> {
         let (lat, lon) = (self.lat_deg.len(), self.lon_deg.len());
         let alt = if with_alt { self.alt_m.len() } else { lat };
-        if lat != lon || lat != alt { Err(MapError::Places { lat, lon, alt }) } else { Ok(()) }
+        if lat != lon || lat != alt { Err(MapGridError::Places { lat, lon, alt }) } else { Ok(()) }
     }
 }
 
-/// A batch look-up; heights are 0 where the positions have none.
-pub(crate) trait LookUp {
+/// Field look-up by cell and height, for batches; heights are 0 where the positions have none.
+pub(crate) trait FieldLookup {
     /// The cell of a position in degrees.
-    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell>;
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition>;
     /// Prefetches what [`Self::field`] will read.
-    fn touch(&self, cell: Cell, alt_m: f64) -> f64;
+    fn touch(&self, cell: CellPosition, alt_m: f64) -> f64;
     /// Value and gradient.
-    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue>;
+    fn field(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue>;
 }
 
 /// Looks up many positions; `out` is cleared, its memory kept.
 pub(crate) fn look_up_many(
-    map: &impl LookUp,
-    places: Places<'_>,
+    map: &impl FieldLookup,
+    places: LookupPositions<'_>,
     with_alt: bool,
     out: &mut FieldColumns,
-) -> Result<(), MapError> {
+) -> Result<(), MapGridError> {
     places.check(with_alt)?;
     out.resize(places.lat_deg.len());
-    pulp::Arch::new().dispatch(Batch { map, places, out });
+    pulp::Arch::new().dispatch(LookupBatch { map, places, out });
     Ok(())
 }
 
 /// A batch in the form in which it is compiled for the vector width of each processor; the same arithmetic in the
 /// same order on all of them, so the same bits as one look-up at a time.
-struct Batch<'a, M> {
+struct LookupBatch<'a, M> {
     map: &'a M,
-    places: Places<'a>,
+    places: LookupPositions<'a>,
     out: &'a mut FieldColumns,
 }
 
-impl<M: LookUp> pulp::NullaryFnOnce for Batch<'_, M> {
+impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Places { lat_deg, lon_deg, alt_m } = self.places;
+        let LookupPositions { lat_deg, lon_deg, alt_m } = self.places;
         let mut cells = [None; BLOCK];
         for (block, [value, d_lat, d_lon, d_alt]) in self.out.blocks().enumerate() {
             let start = block * BLOCK;
@@ -136,42 +136,42 @@ impl<M: LookUp> pulp::NullaryFnOnce for Batch<'_, M> {
     }
 }
 
-/// A map on its own level, at any height.
-struct OnMap<'a>(&'a MapSurface);
+/// Look-up of a map at its own level, whatever the height.
+struct OwnLevelLookup<'a>(&'a MapSurface);
 
-impl LookUp for OnMap<'_> {
+impl FieldLookup for OwnLevelLookup<'_> {
     #[inline(always)]
-    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         self.0.axes.cell(lat_deg, lon_deg)
     }
 
     #[inline(always)]
-    fn touch(&self, cell: Cell, _: f64) -> f64 {
+    fn touch(&self, cell: CellPosition, _: f64) -> f64 {
         self.0.touch(cell)
     }
 
     #[inline(always)]
-    fn field(&self, cell: Cell, _: f64) -> Option<FieldValue> {
+    fn field(&self, cell: CellPosition, _: f64) -> Option<FieldValue> {
         self.0.on_map(cell)
     }
 }
 
-/// A map, to first order at other heights.
-struct AtHeight<'a>(&'a MapSurface);
+/// Look-up of a map, extrapolated to first order in height.
+struct HeightLookup<'a>(&'a MapSurface);
 
-impl LookUp for AtHeight<'_> {
+impl FieldLookup for HeightLookup<'_> {
     #[inline(always)]
-    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         self.0.axes.cell(lat_deg, lon_deg)
     }
 
     #[inline(always)]
-    fn touch(&self, cell: Cell, _: f64) -> f64 {
+    fn touch(&self, cell: CellPosition, _: f64) -> f64 {
         self.0.touch(cell)
     }
 
     #[inline(always)]
-    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+    fn field(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue> {
         self.0.off_map(cell, alt_m)
     }
 }
@@ -182,22 +182,22 @@ impl MapSurface {
     /// so the more the places are scattered.
     ///
     /// # Errors
-    /// Fails with [`MapError::Places`] for columns of different lengths.
-    pub fn at_many(&self, lat_deg: &[f64], lon_deg: &[f64], out: &mut FieldColumns) -> Result<(), MapError> {
-        look_up_many(&OnMap(self), Places { lat_deg, lon_deg, alt_m: &[] }, false, out)
+    /// Fails with [`MapGridError::Places`] for columns of different lengths.
+    pub fn at_many(&self, lat_deg: &[f64], lon_deg: &[f64], out: &mut FieldColumns) -> Result<(), MapGridError> {
+        look_up_many(&OwnLevelLookup(self), LookupPositions { lat_deg, lon_deg, alt_m: &[] }, false, out)
     }
 
     /// [`Self::at_height`] for many positions in degrees and metres; positions without a value are NaN.
     ///
     /// # Errors
-    /// Fails with [`MapError::Places`] for columns of different lengths.
+    /// Fails with [`MapGridError::Places`] for columns of different lengths.
     pub fn at_heights(
         &self,
         lat_deg: &[f64],
         lon_deg: &[f64],
         alt_m: &[f64],
         out: &mut FieldColumns,
-    ) -> Result<(), MapError> {
-        look_up_many(&AtHeight(self), Places { lat_deg, lon_deg, alt_m }, true, out)
+    ) -> Result<(), MapGridError> {
+        look_up_many(&HeightLookup(self), LookupPositions { lat_deg, lon_deg, alt_m }, true, out)
     }
 }

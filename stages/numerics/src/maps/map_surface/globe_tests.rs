@@ -20,7 +20,7 @@ fn globe(west: f64, columns: usize) -> GeographicGrid {
 fn law_the_seam_is_as_good_as_any_other_place() {
     for (west, columns) in [(-180.0, 90), (-180.0, 91), (0.0, 90), (0.0, 91), (-178.0, 90)] {
         for (kind, most) in
-            [(Interpolation::Linear, 0.5), (Interpolation::Quadratic, 0.02), (Interpolation::Cubic, 0.005)]
+            [(MapInterpolation::Linear, 0.5), (MapInterpolation::Quadratic, 0.02), (MapInterpolation::Cubic, 0.005)]
         {
             let map = MapSurface::new(&globe(west, columns), kind);
             for i in -80..=80 {
@@ -33,7 +33,7 @@ fn law_the_seam_is_as_good_as_any_other_place() {
                 }
             }
             // With splines, value and slope are continuous across the seam.
-            if kind != Interpolation::Linear {
+            if kind != MapInterpolation::Linear {
                 let (left, right) = (map.at(11.3, west - 1e-6).unwrap(), map.at(11.3, west + 1e-6).unwrap());
                 assert!((left.d_lon_nt_per_rad - right.d_lon_nt_per_rad).abs() < 1e-3, "{left:?} {right:?}");
             }
@@ -47,7 +47,7 @@ fn unit_a_known_value_fills_its_repeated_meridian() {
     let lon: Vec<f64> = (0..37).map(|i| 10.0 * f64::from(i)).collect();
     let mut values = vec![1.0; 74];
     (values[0], values[73]) = (f64::NAN, f64::NAN);
-    let map = MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), Interpolation::Linear);
+    let map = MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), MapInterpolation::Linear);
     assert_eq!(map.at(5.0, 359.0).map(|f| f.value_nt), Some(1.0));
     assert_eq!(map.at(5.0, 1.0).map(|f| f.value_nt), Some(1.0));
     // A map that is not quite around the earth is not closed.

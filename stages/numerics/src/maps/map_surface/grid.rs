@@ -1,6 +1,6 @@
 //! The grid itself: even, ascending axes and the node values.
 
-use super::holes::Shape;
+use super::holes::GridShape;
 use crate::earth::geodesy::EarthModel;
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use thiserror::Error;
@@ -11,7 +11,7 @@ const EVENNESS: f64 = 0.01;
 
 /// Error of a table or columns that are not a map.
 #[derive(Clone, Debug, Error, PartialEq)]
-pub enum MapError {
+pub enum MapGridError {
     /// An axis has fewer than two nodes.
     #[error("the map has {count} {axis}(s); at least two are required")]
     TooSmall {
@@ -155,7 +155,7 @@ pub enum MapError {
 
 /// An even, ascending axis in degrees; on a projected grid the nodes are numbered, one per degree.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axis {
+pub struct GeographicAxis {
     first_deg: f64,
     step_deg: f64,
     steps_per_deg: f64,
@@ -164,13 +164,13 @@ pub struct Axis {
     round_deg: f64,
 }
 
-impl Axis {
-    fn new(axis: &'static str, nodes_deg: &[f64], range_deg: f64) -> Result<Self, MapError> {
+impl GeographicAxis {
+    fn new(axis: &'static str, nodes_deg: &[f64], range_deg: f64) -> Result<Self, MapGridError> {
         let (Some(first), Some(last)) = (nodes_deg.first(), nodes_deg.last()) else {
-            return Err(MapError::TooSmall { axis, count: 0 });
+            return Err(MapGridError::TooSmall { axis, count: 0 });
         };
         if nodes_deg.len() < 2 {
-            return Err(MapError::TooSmall { axis, count: nodes_deg.len() });
+            return Err(MapGridError::TooSmall { axis, count: nodes_deg.len() });
         }
         check_ascending(axis, nodes_deg)?;
         let step_deg = (last - first) / (nodes_deg.len() - 1) as f64;
@@ -178,11 +178,11 @@ impl Axis {
             let even_deg = first + step_deg * node as f64;
             let off_by_steps = (value - even_deg) / step_deg;
             if off_by_steps.abs() > EVENNESS {
-                return Err(MapError::Uneven { axis, node, value_deg: *value, even_deg, off_by_steps });
+                return Err(MapGridError::Uneven { axis, node, value_deg: *value, even_deg, off_by_steps });
             }
         }
         if last - first > range_deg + EVENNESS * step_deg {
-            return Err(MapError::Range { axis, first_deg: *first, last_deg: *last });
+            return Err(MapGridError::Range { axis, first_deg: *first, last_deg: *last });
         }
         let steps_per_deg = (nodes_deg.len() - 1) as f64 / (last - first);
         Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len(), round_deg: 360.0 })
@@ -201,9 +201,9 @@ impl Axis {
     }
 
     /// The nodes of a plane, numbered from 0.
-    fn of_nodes(axis: &'static str, len: usize) -> Result<Self, MapError> {
+    fn of_nodes(axis: &'static str, len: usize) -> Result<Self, MapGridError> {
         if len < 2 {
-            return Err(MapError::TooSmall { axis, count: len });
+            return Err(MapGridError::TooSmall { axis, count: len });
         }
         Ok(Self { first_deg: 0.0, step_deg: 1.0, steps_per_deg: 1.0, len, round_deg: f64::INFINITY })
     }
@@ -254,14 +254,14 @@ impl Axis {
     }
 }
 
-fn check_ascending(axis: &'static str, nodes_deg: &[f64]) -> Result<(), MapError> {
+fn check_ascending(axis: &'static str, nodes_deg: &[f64]) -> Result<(), MapGridError> {
     if let Some(node) = nodes_deg.iter().position(|value| !value.is_finite()) {
-        return Err(MapError::NotFinite { axis, node, value_deg: nodes_deg[node] });
+        return Err(MapGridError::NotFinite { axis, node, value_deg: nodes_deg[node] });
     }
     for (before, pair) in nodes_deg.windows(2).enumerate() {
         if pair[1] <= pair[0] {
             let (before_deg, value_deg) = (pair[0], pair[1]);
-            return Err(MapError::NotAscending { axis, node: before + 1, before_deg, value_deg });
+            return Err(MapGridError::NotAscending { axis, node: before + 1, before_deg, value_deg });
         }
     }
     Ok(())
@@ -270,8 +270,8 @@ fn check_ascending(axis: &'static str, nodes_deg: &[f64]) -> Result<(), MapError
 /// A regular grid of anomalies in nT, NaN where unknown; rows go north, columns east.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeographicGrid {
-    lat: Axis,
-    lon: Axis,
+    lat: GeographicAxis,
+    lon: GeographicAxis,
     values: Vec<f64>,
     /// Whether the last column is the first, a full turn on.
     closed: bool,
@@ -285,12 +285,12 @@ impl GeographicGrid {
     /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven
     /// steps, for latitudes beyond a pole, longitudes over more than a full turn, and for values that are not as many
     /// as the nodes, infinite, or all NaN.
-    pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
-        let lat = Axis::new("latitude", lat_deg, 180.0)?;
-        let lon = Axis::new("longitude", lon_deg, 360.0)?;
+    pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
+        let lat = GeographicAxis::new("latitude", lat_deg, 180.0)?;
+        let lon = GeographicAxis::new("longitude", lon_deg, 360.0)?;
         let (first_deg, last_deg) = (lat.first_deg, lat.last_deg());
         if first_deg < -90.0 - EVENNESS * lat.step_deg || last_deg > 90.0 + EVENNESS * lat.step_deg {
-            return Err(MapError::Range { axis: "latitude", first_deg, last_deg });
+            return Err(MapGridError::Range { axis: "latitude", first_deg, last_deg });
         }
         let grid = Self::of_axes(lat, lon, anomaly_nt)?;
         let Some(closed) = lon.closed() else { return Ok(grid) };
@@ -315,20 +315,20 @@ impl GeographicGrid {
     /// # Errors
     /// Fails for fewer than two rows or columns, and for values that are not as many as the nodes, infinite, or all
     /// NaN.
-    pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapError> {
-        Self::of_axes(Axis::of_nodes("row", rows)?, Axis::of_nodes("column", columns)?, anomaly_nt)
+    pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
+        Self::of_axes(GeographicAxis::of_nodes("row", rows)?, GeographicAxis::of_nodes("column", columns)?, anomaly_nt)
     }
 
-    fn of_axes(lat: Axis, lon: Axis, anomaly_nt: &[f64]) -> Result<Self, MapError> {
+    fn of_axes(lat: GeographicAxis, lon: GeographicAxis, anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         let (latitudes, longitudes) = (lat.len, lon.len);
         if anomaly_nt.len() != latitudes * longitudes {
-            return Err(MapError::Size { values: anomaly_nt.len(), latitudes, longitudes });
+            return Err(MapGridError::Size { values: anomaly_nt.len(), latitudes, longitudes });
         }
         if let Some(row) = anomaly_nt.iter().position(|value| value.is_infinite()) {
-            return Err(MapError::Infinite { row });
+            return Err(MapGridError::Infinite { row });
         }
         if anomaly_nt.iter().all(|value| value.is_nan()) {
-            return Err(MapError::Empty);
+            return Err(MapGridError::Empty);
         }
         Ok(Self { lat, lon, values: anomaly_nt.to_vec(), closed: false })
     }
@@ -337,25 +337,25 @@ impl GeographicGrid {
     /// degrees, nT).
     ///
     /// # Errors
-    /// Fails with [`MapError::Columns`] for columns of different lengths, with [`MapError::Row`] for a row that is
-    /// not at its position in a complete grid, and as [`Self::new`].
-    pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
+    /// Fails with [`MapGridError::Columns`] for columns of different lengths, with [`MapGridError::Row`] for a row that
+    /// is not at its position in a complete grid, and as [`Self::new`].
+    pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         if lat_deg.len() != lon_deg.len() || lat_deg.len() != anomaly_nt.len() {
             let (lat, lon, anomaly) = (lat_deg.len(), lon_deg.len(), anomaly_nt.len());
-            return Err(MapError::Columns { lat, lon, anomaly });
+            return Err(MapGridError::Columns { lat, lon, anomaly });
         }
         if let Some(value_deg) = lat_deg.first().filter(|lat| !lat.is_finite()) {
-            return Err(MapError::NotFinite { axis: "latitude", node: 0, value_deg: *value_deg });
+            return Err(MapGridError::NotFinite { axis: "latitude", node: 0, value_deg: *value_deg });
         }
         let width = lat_deg.iter().take_while(|lat| Some(*lat) == lat_deg.first()).count();
         let Some(columns) = lon_deg.get(..width).filter(|columns| !columns.is_empty()) else {
-            return Err(MapError::TooSmall { axis: "latitude", count: lat_deg.len().min(1) });
+            return Err(MapGridError::TooSmall { axis: "latitude", count: lat_deg.len().min(1) });
         };
         let rows: Vec<f64> = lat_deg.iter().step_by(width).copied().collect();
         for (row, (lat, lon)) in lat_deg.iter().zip(lon_deg).enumerate() {
             let (expected_lat, expected_lon) = (rows[row / width], columns[row % width]);
             if *lat != expected_lat || *lon != expected_lon {
-                return Err(MapError::Row {
+                return Err(MapGridError::Row {
                     row,
                     lat_deg: *lat,
                     lon_deg: *lon,
@@ -370,15 +370,15 @@ impl GeographicGrid {
     /// The same grid with other values, one per node, by rows.
     ///
     /// # Errors
-    /// Fails with [`MapError::Size`] when the values are not as many as the nodes, and with [`MapError::Infinite`]
-    /// for an infinite one.
-    pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapError> {
+    /// Fails with [`MapGridError::Size`] when the values are not as many as the nodes, and with
+    /// [`MapGridError::Infinite`] for an infinite one.
+    pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapGridError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);
         if values.len() != latitudes * longitudes {
-            return Err(MapError::Size { values: values.len(), latitudes, longitudes });
+            return Err(MapGridError::Size { values: values.len(), latitudes, longitudes });
         }
         if let Some(row) = values.iter().position(|value| value.is_infinite()) {
-            return Err(MapError::Infinite { row });
+            return Err(MapGridError::Infinite { row });
         }
         Ok(Self { values, ..*self })
     }
@@ -387,7 +387,7 @@ impl GeographicGrid {
     pub fn plane(&self) -> PlaneGrid {
         let middle = (0.5 * (self.lat.first_deg() + self.lat.last_deg())).to_radians();
         let earth = EarthModel::Wgs84;
-        let axis = |axis: &Axis, m_per_rad: f64| EvenAxis {
+        let axis = |axis: &GeographicAxis, m_per_rad: f64| EvenAxis {
             first: 0.0,
             step: axis.step_deg.to_radians() * m_per_rad,
             len: axis.len,
@@ -400,29 +400,29 @@ impl GeographicGrid {
     }
 
     /// The latitudes.
-    pub fn lat(&self) -> &Axis {
+    pub fn lat(&self) -> &GeographicAxis {
         &self.lat
     }
 
     /// The longitudes.
-    pub fn lon(&self) -> &Axis {
+    pub fn lon(&self) -> &GeographicAxis {
         &self.lon
     }
 
     /// Whether a companion has a finite value at every known node.
-    pub(crate) fn check_companion(&self, companion: &'static str, values: &[f64]) -> Result<(), MapError> {
+    pub(crate) fn check_companion(&self, companion: &'static str, values: &[f64]) -> Result<(), MapGridError> {
         if values.len() != self.values.len() {
-            return Err(MapError::CompanionSize { companion, nodes: self.values.len(), values: values.len() });
+            return Err(MapGridError::CompanionSize { companion, nodes: self.values.len(), values: values.len() });
         }
         let bad = |(anomaly, value): (&f64, &f64)| !anomaly.is_nan() && !value.is_finite();
         match self.values.iter().zip(values).position(bad) {
-            Some(row) => Err(MapError::CompanionValue { companion, row, value: values[row] }),
+            Some(row) => Err(MapGridError::CompanionValue { companion, row, value: values[row] }),
             None => Ok(()),
         }
     }
 
-    pub(crate) fn shape(&self) -> Shape {
-        Shape { rows: self.lat.len, columns: self.lon.len, closed: self.closed }
+    pub(crate) fn shape(&self) -> GridShape {
+        GridShape { rows: self.lat.len, columns: self.lon.len, closed: self.closed }
     }
 
     /// The values in nT, by rows from south to north.

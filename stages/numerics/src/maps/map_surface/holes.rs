@@ -2,7 +2,7 @@
 
 /// The rows and columns of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Shape {
+pub(crate) struct GridShape {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
     /// Whether the last column is the first once more, a full turn on.
@@ -17,7 +17,7 @@ pub(super) struct UnknownCells {
 }
 
 impl UnknownCells {
-    pub(super) fn of(shape: Shape, values: &[f64]) -> Self {
+    pub(super) fn from_values(shape: GridShape, values: &[f64]) -> Self {
         if values.iter().all(|value| !value.is_nan()) {
             return Self::default();
         }
@@ -48,7 +48,7 @@ impl UnknownCells {
 /// The node values with every hole filled from its edge inwards: in each round an unknown node
 /// next to known ones takes their mean (of up to eight). Filled values are never returned; they
 /// only keep the spline smooth next to a hole.
-pub(super) fn filled(shape: Shape, values: &[f64]) -> Vec<f64> {
+pub(super) fn filled(shape: GridShape, values: &[f64]) -> Vec<f64> {
     let mut values = values.to_vec();
     let mut front: Vec<usize> = (0..values.len())
         .filter(|node| values[*node].is_nan() && neighbour_mean(shape, &values, *node).is_some())
@@ -64,7 +64,7 @@ pub(super) fn filled(shape: Shape, values: &[f64]) -> Vec<f64> {
     values
 }
 
-fn next_front(shape: Shape, values: &[f64], front: &[usize]) -> Vec<usize> {
+fn next_front(shape: GridShape, values: &[f64], front: &[usize]) -> Vec<usize> {
     let mut next: Vec<usize> =
         front.iter().flat_map(|node| neighbours(shape, *node)).filter(|node| values[*node].is_nan()).collect();
     next.sort_unstable();
@@ -72,7 +72,7 @@ fn next_front(shape: Shape, values: &[f64], front: &[usize]) -> Vec<usize> {
     next
 }
 
-fn neighbour_mean(shape: Shape, values: &[f64], node: usize) -> Option<f64> {
+fn neighbour_mean(shape: GridShape, values: &[f64], node: usize) -> Option<f64> {
     let (sum, count) = neighbours(shape, node)
         .map(|neighbour| values[neighbour])
         .filter(|value| !value.is_nan())
@@ -81,8 +81,8 @@ fn neighbour_mean(shape: Shape, values: &[f64], node: usize) -> Option<f64> {
 }
 
 /// The up to eight nodes around one, in the order of the grid.
-fn neighbours(shape: Shape, node: usize) -> impl Iterator<Item = usize> {
-    let Shape { rows, columns, .. } = shape;
+fn neighbours(shape: GridShape, node: usize) -> impl Iterator<Item = usize> {
+    let GridShape { rows, columns, .. } = shape;
     let (row, column) = (node / columns, node % columns);
     let around = row.saturating_sub(1)..=(row + 1).min(rows - 1);
     around

@@ -1,15 +1,15 @@
 //! Node values prepared for look-ups: one or more quantities of the same nodes, interleaved, so that all that a
 //! look-up needs of them lies in the same few cache lines.
 
-use super::Interpolation;
-use super::holes::{Shape, UnknownCells, filled};
+use super::MapInterpolation;
+use super::holes::{GridShape, UnknownCells, filled};
 use super::quadratic;
 use crate::signal::natural_cubic;
 use rayon::prelude::*;
 
 /// A cell of the grid and the position in it, as fractions of a step northward and eastward.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Cell {
+pub(crate) struct CellPosition {
     pub(crate) row: usize,
     pub(crate) column: usize,
     pub(crate) up: f64,
@@ -18,7 +18,7 @@ pub(crate) struct Cell {
 
 /// Values of all quantities at a position and their slopes per step northward and eastward.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Jet<const QUANTITIES: usize> {
+pub(crate) struct SurfaceGradient<const QUANTITIES: usize> {
     pub(crate) value: [f64; QUANTITIES],
     pub(crate) per_row: [f64; QUANTITIES],
     pub(crate) per_column: [f64; QUANTITIES],
@@ -26,7 +26,7 @@ pub(crate) struct Jet<const QUANTITIES: usize> {
 
 /// Second derivatives per step northward twice, northward and eastward, eastward twice.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bend {
+pub(super) struct SurfaceHessian {
     pub(super) rows: f64,
     pub(super) cross: f64,
     pub(super) columns: f64,
@@ -34,8 +34,8 @@ pub(super) struct Bend {
 
 /// A grid of interleaved quantities; where the first is unknown, all are.
 #[derive(Clone, Debug)]
-pub(crate) struct Surface<const QUANTITIES: usize> {
-    interpolation: Interpolation,
+pub(crate) struct GridInterpolant<const QUANTITIES: usize> {
+    interpolation: MapInterpolation,
     /// Nodes in a row of the table.
     width: usize,
     /// Linear: the node values by rows. Splines: the B-spline coefficients by rows, with one more row and column on
@@ -45,46 +45,46 @@ pub(crate) struct Surface<const QUANTITIES: usize> {
     unknown: UnknownCells,
 }
 
-impl<const QUANTITIES: usize> Surface<QUANTITIES> {
+impl<const QUANTITIES: usize> GridInterpolant<QUANTITIES> {
     /// Each quantity has one value per node, by rows; the grid has at least two rows and columns.
-    pub(crate) fn new(shape: Shape, values: [&[f64]; QUANTITIES], interpolation: Interpolation) -> Self {
-        if interpolation == Interpolation::Linear {
+    pub(crate) fn new(shape: GridShape, values: [&[f64]; QUANTITIES], interpolation: MapInterpolation) -> Self {
+        if interpolation == MapInterpolation::Linear {
             let table = interleaved(shape.rows * shape.columns, values);
             return Self { interpolation, width: shape.columns, table, unknown: UnknownCells::default() };
         }
         let padded = values.map(|values| spline_coefficients(shape, values, interpolation));
         let nodes = (shape.rows + 2) * (shape.columns + 2);
         let table = interleaved(nodes, padded.each_ref().map(Vec::as_slice));
-        let unknown = values.first().map(|values| UnknownCells::of(shape, values)).unwrap_or_default();
+        let unknown = values.first().map(|values| UnknownCells::from_values(shape, values)).unwrap_or_default();
         Self { interpolation, width: shape.columns + 2, table, unknown }
     }
 
-    pub(crate) fn interpolation(&self) -> Interpolation {
+    pub(crate) fn interpolation(&self) -> MapInterpolation {
         self.interpolation
     }
 
     /// All quantities at a position; `None` in a cell with an unknown node.
     #[inline(always)]
-    pub(crate) fn at(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
+    pub(crate) fn at(&self, cell: CellPosition) -> Option<SurfaceGradient<QUANTITIES>> {
         match self.interpolation {
-            Interpolation::Linear => self.bilinear(cell),
-            Interpolation::Cubic => self.spline(cell, natural_cubic_weights, natural_cubic_slopes),
-            Interpolation::Quadratic => self.spline(cell, quadratic::weights, quadratic::slope_weights),
+            MapInterpolation::Linear => self.bilinear(cell),
+            MapInterpolation::Cubic => self.spline(cell, natural_cubic_weights, natural_cubic_slopes),
+            MapInterpolation::Quadratic => self.spline(cell, quadratic::weights, quadratic::slope_weights),
         }
     }
 
     /// Reads the first and the last node of each row that [`Self::at`] reads, so that all of their cache lines are on
     /// the way from memory; the sum is not used.
     #[inline(always)]
-    pub(crate) fn touch(&self, cell: Cell) -> f64 {
+    pub(crate) fn touch(&self, cell: CellPosition) -> f64 {
         match self.interpolation {
-            Interpolation::Linear => self.touch_rows::<2>(cell),
-            Interpolation::Quadratic | Interpolation::Cubic => self.touch_rows::<4>(cell),
+            MapInterpolation::Linear => self.touch_rows::<2>(cell),
+            MapInterpolation::Quadratic | MapInterpolation::Cubic => self.touch_rows::<4>(cell),
         }
     }
 
     #[inline(always)]
-    fn touch_rows<const NODES: usize>(&self, cell: Cell) -> f64 {
+    fn touch_rows<const NODES: usize>(&self, cell: CellPosition) -> f64 {
         let mut sum = 0.0;
         for row in 0..NODES {
             let first = (cell.row + row) * self.width + cell.column;
@@ -97,10 +97,10 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
     }
 
     #[inline(always)]
-    fn bilinear(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
+    fn bilinear(&self, cell: CellPosition) -> Option<SurfaceGradient<QUANTITIES>> {
         let low = self.table.get(cell.row * self.width + cell.column..)?.get(..2)?;
         let high = self.table.get((cell.row + 1) * self.width + cell.column..)?.get(..2)?;
-        let mut jet = Jet::ZERO;
+        let mut jet = SurfaceGradient::ZERO;
         for q in 0..QUANTITIES {
             let (low_slope, high_slope) = (low[1][q] - low[0][q], high[1][q] - high[0][q]);
             let low_value = low[0][q] + cell.right * low_slope;
@@ -116,16 +116,16 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
     #[inline(always)]
     fn spline(
         &self,
-        cell: Cell,
+        cell: CellPosition,
         weights: impl Fn(f64) -> [f64; 4],
         slopes: impl Fn(f64) -> [f64; 4],
-    ) -> Option<Jet<QUANTITIES>> {
+    ) -> Option<SurfaceGradient<QUANTITIES>> {
         if self.unknown.contains(cell.row, cell.column) {
             return None;
         }
         let (across, across_slope) = (weights(cell.right), slopes(cell.right));
         let (along, along_slope) = (weights(cell.up), slopes(cell.up));
-        let mut jet = Jet::ZERO;
+        let mut jet = SurfaceGradient::ZERO;
         for (k, (along, along_slope)) in along.iter().zip(along_slope).enumerate() {
             let c = self.window(cell, k)?;
             for q in 0..QUANTITIES {
@@ -140,36 +140,36 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
 
     /// The four coefficients of a row that affect a cell.
     #[inline(always)]
-    fn window(&self, cell: Cell, k: usize) -> Option<&[[f64; QUANTITIES]; 4]> {
+    fn window(&self, cell: CellPosition, k: usize) -> Option<&[[f64; QUANTITIES]; 4]> {
         self.table.get((cell.row + k) * self.width + cell.column..)?.first_chunk()
     }
 
     /// The second derivatives of the first quantity; `None` in a cell with an unknown node.
-    pub(super) fn bend(&self, cell: Cell) -> Option<Bend> {
+    pub(super) fn bend(&self, cell: CellPosition) -> Option<SurfaceHessian> {
         match self.interpolation {
-            Interpolation::Linear => {
+            MapInterpolation::Linear => {
                 self.at(cell)?;
                 let slope = |row: usize| {
                     let pair = self.table.get((cell.row + row) * self.width + cell.column..)?.first_chunk::<2>()?;
                     Some(pair[1][0] - pair[0][0])
                 };
-                Some(Bend { rows: 0.0, cross: slope(1)? - slope(0)?, columns: 0.0 })
+                Some(SurfaceHessian { rows: 0.0, cross: slope(1)? - slope(0)?, columns: 0.0 })
             }
-            Interpolation::Cubic => {
+            MapInterpolation::Cubic => {
                 self.spline_bend(cell, [natural_cubic_weights, natural_cubic_slopes, cubic_curvatures])
             }
-            Interpolation::Quadratic => {
+            MapInterpolation::Quadratic => {
                 self.spline_bend(cell, [quadratic::weights, quadratic::slope_weights, quadratic::curvature_weights])
             }
         }
     }
 
-    fn spline_bend(&self, cell: Cell, basis: [fn(f64) -> [f64; 4]; 3]) -> Option<Bend> {
+    fn spline_bend(&self, cell: CellPosition, basis: [fn(f64) -> [f64; 4]; 3]) -> Option<SurfaceHessian> {
         if self.unknown.contains(cell.row, cell.column) {
             return None;
         }
         let (across, along) = (basis.map(|w| w(cell.right)), basis.map(|w| w(cell.up)));
-        let mut bend = Bend { rows: 0.0, cross: 0.0, columns: 0.0 };
+        let mut bend = SurfaceHessian { rows: 0.0, cross: 0.0, columns: 0.0 };
         let [along, along_slope, along_bend] = along;
         for (k, ((along, slope), bent)) in along.iter().zip(along_slope).zip(along_bend).enumerate() {
             let c = self.window(cell, k)?;
@@ -181,15 +181,15 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
     }
 }
 
-impl Surface<1> {
+impl GridInterpolant<1> {
     /// One quantity with a value everywhere: in a gap the fill value, which the caller must mask.
-    pub(crate) fn over_gaps(shape: Shape, values: &[f64], interpolation: Interpolation) -> Self {
+    pub(crate) fn over_gaps(shape: GridShape, values: &[f64], interpolation: MapInterpolation) -> Self {
         let values = filled(shape, values);
         Self::new(shape, [values.as_slice()], interpolation)
     }
 }
 
-impl<const QUANTITIES: usize> Jet<QUANTITIES> {
+impl<const QUANTITIES: usize> SurfaceGradient<QUANTITIES> {
     const ZERO: Self = Self { value: [0.0; QUANTITIES], per_row: [0.0; QUANTITIES], per_column: [0.0; QUANTITIES] };
 }
 
@@ -218,19 +218,19 @@ fn interleaved<const QUANTITIES: usize>(nodes: usize, values: [&[f64]; QUANTITIE
     (0..nodes).map(|node| values.map(|values| values.get(node).copied().unwrap_or(f64::NAN))).collect()
 }
 
-/// The columns beyond each end of a closed grid that its spline is solved with: an end is felt a quarter as much in each
-/// further cell.
+/// The columns beyond each end of a closed grid that its spline is solved with: an end is felt a quarter as much in
+/// each further cell.
 const WRAP: usize = 16;
 
 /// The B-spline coefficients of a grid with its holes filled, with one more node on every side.
-fn spline_coefficients(shape: Shape, values: &[f64], interpolation: Interpolation) -> Vec<f64> {
-    let Shape { rows, columns, closed } = shape;
+fn spline_coefficients(shape: GridShape, values: &[f64], interpolation: MapInterpolation) -> Vec<f64> {
+    let GridShape { rows, columns, closed } = shape;
     let solve_along_rows: fn(&mut [f64], usize) = match interpolation {
-        Interpolation::Quadratic => quadratic::solve_along_rows,
-        Interpolation::Cubic | Interpolation::Linear => natural_cubic::solve_along_rows,
+        MapInterpolation::Quadratic => quadratic::solve_along_rows,
+        MapInterpolation::Cubic | MapInterpolation::Linear => natural_cubic::solve_along_rows,
     };
     let (wrap, width) = if closed { (WRAP, columns + 2 * WRAP) } else { (0, columns) };
-    let solved = Shape { rows, columns: width, closed: false };
+    let solved = GridShape { rows, columns: width, closed: false };
     let mut table = if closed { filled(solved, &wrapped(shape, values)) } else { filled(solved, values) };
     solve_along_rows(&mut table, width);
     table.par_chunks_exact_mut(width).for_each(|row| solve_along_rows(row, 1));
@@ -247,7 +247,7 @@ fn spline_coefficients(shape: Shape, values: &[f64], interpolation: Interpolatio
 }
 
 /// The values of a closed grid with [`WRAP`] more columns on each side.
-fn wrapped(shape: Shape, values: &[f64]) -> Vec<f64> {
+fn wrapped(shape: GridShape, values: &[f64]) -> Vec<f64> {
     let round = shape.columns - 1;
     let row = |row: &[f64]| -> Vec<f64> {
         let turned = (0..shape.columns + 2 * WRAP).map(|k| (k + round * WRAP - WRAP) % round);

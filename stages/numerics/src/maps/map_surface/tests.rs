@@ -11,7 +11,8 @@ pub(crate) fn golden_grid() -> GeographicGrid {
     GeographicGrid::new(&lat, &lon, &values).unwrap()
 }
 
-pub(super) const ALL: [Interpolation; 3] = [Interpolation::Linear, Interpolation::Quadratic, Interpolation::Cubic];
+pub(super) const ALL: [MapInterpolation; 3] =
+    [MapInterpolation::Linear, MapInterpolation::Quadratic, MapInterpolation::Cubic];
 
 const PLACES: [(f64, f64); 3] = [(0.70023, -1.29947), (0.70001, -1.29999), (0.70079, -1.29901)];
 
@@ -23,17 +24,17 @@ fn at_rad(map: &MapSurface, (lat, lon): (f64, f64)) -> FieldValue {
 fn val_magnav_interpolation_and_gradient() {
     let cases = [
         (
-            Interpolation::Linear,
+            MapInterpolation::Linear,
             [73.097_030_017_780_6, 104.008_270_602_819_2, 215.867_345_281_223_71],
             [-402_221.216_492_869_37, 87_414.323_723_805_28],
         ),
         (
-            Interpolation::Quadratic,
+            MapInterpolation::Quadratic,
             [75.548_467_351_735_7, 104.780_081_380_927_64, 215.526_026_043_600_35],
             [-349_454.255_889_000_43, 68_081.182_304_750_18],
         ),
         (
-            Interpolation::Cubic,
+            MapInterpolation::Cubic,
             [75.347_292_442_001_67, 105.114_029_169_415_13, 215.419_425_062_506_27],
             [-347_993.863_016_065_9, 67_831.772_720_114_82],
         ),
@@ -151,7 +152,7 @@ fn law_rows_of_a_table_make_the_same_map() {
     assert!(message.starts_with("row 4 of the map is at latitude 50.001, longitude -4.998"), "{message}");
     assert!(GeographicGrid::from_rows(&table.0[..11], &table.1[..11], &values[..11]).is_err());
     assert!(GeographicGrid::from_rows(&[], &[], &[]).is_err());
-    assert!(matches!(GeographicGrid::from_rows(&[1.0], &[], &[2.0]), Err(MapError::Columns { .. })));
+    assert!(matches!(GeographicGrid::from_rows(&[1.0], &[], &[2.0]), Err(MapGridError::Columns { .. })));
 }
 
 #[test]

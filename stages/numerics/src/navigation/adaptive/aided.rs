@@ -1,16 +1,16 @@
 //! The filter with further measurements besides the scalar field.
 
-use crate::navigation::aided::filter::{Filter, Outcome};
+use crate::navigation::aided::filter::{AidedFilter, MeasurementOutcome};
 use crate::navigation::aided::{AidedOutput, AidedParameters, Linearisation};
 use crate::navigation::aids::Aids;
-use crate::navigation::gaussian::Sensitivity;
+use crate::navigation::gaussian::AugmentedSensitivity;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 
-use super::noise::{Fusion, Learner};
-use super::window::Window;
-use super::{Adapt, Adapted, AdaptiveParameters, Magnetometer};
+use super::noise::{InnovationFusion, NoiseEstimator};
+use super::window::SlidingSum;
+use super::{AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, MagnetometerNoise};
 
 /// Output of the filter on a line with further measurements.
 #[derive(Clone, Debug, Default)]
@@ -18,7 +18,7 @@ pub struct AidedAdaptiveOutput {
     /// The estimate; of the scalar field as that of [`AdaptiveOutput`](super::AdaptiveOutput).
     pub line: AidedOutput,
     /// Estimated noise of each magnetometer, in their order.
-    pub magnetometers: Vec<Adapted>,
+    pub magnetometers: Vec<MagnetometerNoise>,
     /// The share of a correction by the scalar field that is given back as process noise after each sample.
     pub given_back: Vec<f64>,
 }
@@ -34,7 +34,7 @@ pub struct AidedAdaptiveOutput {
 pub fn run_aided(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,
-    magnetometers: &[Magnetometer<'_>],
+    magnetometers: &[AdaptiveMagnetometer<'_>],
     aids: &Aids<'_>,
 ) -> Result<AidedAdaptiveOutput, NavigationError> {
     parameters.check()?;
@@ -44,14 +44,14 @@ pub fn run_aided(
     aids.check(rows)?;
     let AdaptiveParameters { gate_nis, keep_states, keep_covariance, .. } = *parameters;
     let of_core = AidedParameters { linearisation: Linearisation::Once, gate_nis, keep_states, keep_covariance };
-    let mut core = Filter::new(line, aids, &of_core);
-    let learners: Vec<Learner<'_>> =
-        magnetometers.iter().map(|magnetometer| Learner::new(parameters, line, *magnetometer)).collect();
+    let mut core = AidedFilter::new(line, aids, &of_core);
+    let learners: Vec<NoiseEstimator<'_>> =
+        magnetometers.iter().map(|magnetometer| NoiseEstimator::new(parameters, line, *magnetometer)).collect();
     let offset = learners.first().map_or((0.0, 0), |first| (first.adapted.offset_nt, first.adapted.offset_samples));
     let report = &mut core.output.navigation.report;
     (report.offset_nt, report.offset_samples) = offset;
-    let excess = Window::new(parameters.window);
-    let mut adaptive = Adaptive { parameters, core, learners, excess, pending: None };
+    let excess = SlidingSum::new(parameters.window);
+    let mut adaptive = AidedAdaptiveFilter { parameters, core, learners, excess, pending: None };
     let mut given_back = Vec::with_capacity(rows);
     for row in 0..rows {
         adaptive.give_back();
@@ -64,8 +64,8 @@ pub fn run_aided(
     Ok(AidedAdaptiveOutput { line: adaptive.core.output, magnetometers, given_back })
 }
 
-/// A share of a correction that becomes process noise.
-struct GiveBack {
+/// Share of a correction that is added as process noise.
+struct AidedNoiseIncrement {
     /// P Hᵀ.
     ph: Vec<f64>,
     /// H P Hᵀ + R.
@@ -73,18 +73,18 @@ struct GiveBack {
     share: f64,
 }
 
-struct Adaptive<'a> {
+struct AidedAdaptiveFilter<'a> {
     parameters: &'a AdaptiveParameters,
-    core: Filter<'a>,
-    learners: Vec<Learner<'a>>,
+    core: AidedFilter<'a>,
+    learners: Vec<NoiseEstimator<'a>>,
     /// The last innovations, squared over their variance, less 1.
-    excess: Window,
-    pending: Option<GiveBack>,
+    excess: SlidingSum,
+    pending: Option<AidedNoiseIncrement>,
 }
 
-impl Adaptive<'_> {
+impl AidedAdaptiveFilter<'_> {
     fn give_back(&mut self) {
-        let Some(GiveBack { ph, variance_nt2, share }) = self.pending.take() else { return };
+        let Some(AidedNoiseIncrement { ph, variance_nt2, share }) = self.pending.take() else { return };
         let factor = share / variance_nt2;
         let rows = self.core.now.p.chunks_exact_mut(ph.len());
         for (row, of_row) in rows.zip(&ph) {
@@ -94,23 +94,23 @@ impl Adaptive<'_> {
     }
 
     /// Corrects by the magnetometers of a row.
-    fn fuse(&mut self, row: usize) -> Outcome {
+    fn fuse(&mut self, row: usize) -> MeasurementOutcome {
         let centre = self.core.look(row);
         let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
         let Some((field, slope)) = centre.filter(|_| measured) else {
-            self.learners.iter_mut().for_each(Learner::skip);
-            return if measured { Outcome::OffMap } else { Outcome::Missing };
+            self.learners.iter_mut().for_each(NoiseEstimator::skip);
+            return if measured { MeasurementOutcome::OffMap } else { MeasurementOutcome::Missing };
         };
         let mut of_ins = [0.0; STATES];
         (of_ins[LAT], of_ins[LON], of_ins[ALT]) =
             (field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m);
         of_ins[S] = 1.0;
         let of_map = self.core.states.of_map();
-        let h = Sensitivity { common: of_map, ..Sensitivity::of_ins(&of_ins) };
-        let Filter { now, gain, spare, aids, .. } = &mut self.core;
+        let h = AugmentedSensitivity { common: of_map, ..AugmentedSensitivity::of_ins(&of_ins) };
+        let AidedFilter { now, gain, spare, aids, .. } = &mut self.core;
         let predicted_nt2 = now.predict(&h, 0.0, gain);
         let expected_nt = field.value_nt + now.x[S] + of_map.1 * now.x[of_map.0];
-        let mut fusion = Fusion::default();
+        let mut fusion = InnovationFusion::default();
         for learner in &mut self.learners {
             learner.innovate(row, expected_nt, predicted_nt2, &mut fusion);
         }
@@ -119,19 +119,19 @@ impl Adaptive<'_> {
         let variance_nt2 = predicted_nt2 + noise_nt2;
         let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 };
         if !fusion.is_used() {
-            return Outcome::Gated(innovation);
+            return MeasurementOutcome::Gated(innovation);
         }
-        if self.parameters.adapt != Adapt::R {
+        if self.parameters.adapt != AdaptiveNoise::R {
             self.excess.push(innovation.nis - 1.0);
             let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
-            self.pending = (share > 0.0).then(|| GiveBack { ph: gain.clone(), variance_nt2, share });
+            self.pending = (share > 0.0).then(|| AidedNoiseIncrement { ph: gain.clone(), variance_nt2, share });
         }
         if aids.is_flat(noise_nt2, slope) {
             let corrects = |state: usize| state == S || state == of_map.0;
             now.consider(residual_nt, variance_nt2, gain, spare, corrects);
-            return Outcome::Flat(innovation);
+            return MeasurementOutcome::Flat(innovation);
         }
         now.update(residual_nt, variance_nt2, gain, spare);
-        Outcome::Used(innovation)
+        MeasurementOutcome::Used(innovation)
     }
 }

@@ -2,12 +2,12 @@
 
 use crate::navigation::line::NavigationLine;
 
-use super::window::Window;
-use super::{Adapt, Adapted, AdaptiveForm, AdaptiveParameters, Magnetometer};
+use super::window::SlidingSum;
+use super::{AdaptiveForm, AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, MagnetometerNoise};
 
-/// A magnetometer whose noise is being learnt.
-pub(super) struct Learner<'a> {
-    magnetometer: Magnetometer<'a>,
+/// Estimator of the noise of one magnetometer.
+pub(super) struct NoiseEstimator<'a> {
+    magnetometer: AdaptiveMagnetometer<'a>,
     form: AdaptiveForm,
     /// Whether R is learnt.
     learns: bool,
@@ -16,17 +16,17 @@ pub(super) struct Learner<'a> {
     /// The first expected variance, in nT², which the others are relative to.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// The last innovations squared, over the unit of their time; in the matched form each less its expected part H P Hᵀ, in the
-    /// residual form what the correction leaves of them.
-    window: Window,
+    /// The last innovations squared, over the unit of their time; in the matched form each less its expected part H P
+    /// Hᵀ, in the residual form what the correction leaves of them.
+    window: SlidingSum,
     /// The innovation of this sample, whose correction is not known yet.
-    open: Option<Open>,
-    pub(super) adapted: Adapted,
+    open: Option<PendingInnovation>,
+    pub(super) adapted: MagnetometerNoise,
 }
 
-/// An innovation that is to be learnt from after the correction.
+/// Innovation that the noise estimate takes in after the correction.
 #[derive(Clone, Copy, Debug)]
-struct Open {
+struct PendingInnovation {
     /// Innovation, if the gate accepts it.
     residual_nt: f64,
     noise_nt2: f64,
@@ -36,28 +36,28 @@ struct Open {
 
 /// The weighted mean of the innovations of a sample. All of them, and those that are used.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Fusion {
-    all: Weighted,
-    used: Weighted,
+pub(super) struct InnovationFusion {
+    all: InnovationSums,
+    used: InnovationSums,
 }
 
 /// Sums over innovations.
 #[derive(Clone, Copy, Debug, Default)]
-struct Weighted {
+struct InnovationSums {
     /// Sum of 1/R, in 1/nT².
     weight: f64,
     /// Sum of the innovations times 1/R, in 1/nT.
     residual: f64,
 }
 
-impl Weighted {
+impl InnovationSums {
     fn add(&mut self, residual_nt: f64, noise_nt2: f64) {
         self.weight += 1.0 / noise_nt2;
         self.residual += residual_nt / noise_nt2;
     }
 }
 
-impl Fusion {
+impl InnovationFusion {
     /// Whether an innovation is used.
     pub(super) fn is_used(&self) -> bool {
         self.used.weight > 0.0
@@ -66,16 +66,16 @@ impl Fusion {
     /// The mean innovation, in nT, and the variance of its noise, in nT², of those that are used; of all, where none
     /// is.
     pub(super) fn mean(&self) -> (f64, f64) {
-        let Weighted { weight, residual } = if self.is_used() { self.used } else { self.all };
+        let InnovationSums { weight, residual } = if self.is_used() { self.used } else { self.all };
         (residual / weight, 1.0 / weight)
     }
 }
 
-impl<'a> Learner<'a> {
+impl<'a> NoiseEstimator<'a> {
     pub(super) fn new(
         parameters: &AdaptiveParameters,
         line: &NavigationLine<'_>,
-        magnetometer: Magnetometer<'a>,
+        magnetometer: AdaptiveMagnetometer<'a>,
     ) -> Self {
         let rows = line.ins.len();
         let (offset_nt, offset_samples) =
@@ -83,13 +83,18 @@ impl<'a> Learner<'a> {
         Self {
             magnetometer,
             form: parameters.form,
-            learns: parameters.adapt != Adapt::Q,
+            learns: parameters.adapt != AdaptiveNoise::Q,
             relative: parameters.relative,
             first_nt2: None,
             gate_nis: parameters.gate_nis,
-            window: Window::new(parameters.window),
+            window: SlidingSum::new(parameters.window),
             open: None,
-            adapted: Adapted { sigma_nt: Vec::with_capacity(rows), offset_nt, offset_samples, ..Adapted::default() },
+            adapted: MagnetometerNoise {
+                sigma_nt: Vec::with_capacity(rows),
+                offset_nt,
+                offset_samples,
+                ..MagnetometerNoise::default()
+            },
         }
     }
 
@@ -106,7 +111,7 @@ impl<'a> Learner<'a> {
 
     /// Adds the innovation of a row, where there is one, to `fusion` with the noise learnt before it, and learns from
     /// it. `predicted_nt2` is H P Hᵀ.
-    pub(super) fn innovate(&mut self, row: usize, expected_nt: f64, predicted_nt2: f64, fusion: &mut Fusion) {
+    pub(super) fn innovate(&mut self, row: usize, expected_nt: f64, predicted_nt2: f64, fusion: &mut InnovationFusion) {
         let Some((measured_nt, assumed_nt2)) = self.measured(row) else { return self.skip() };
         let first_nt2 = *self.first_nt2.get_or_insert(assumed_nt2);
         let unit = if self.relative { assumed_nt2 / first_nt2 } else { 1.0 };
@@ -127,24 +132,25 @@ impl<'a> Learner<'a> {
             AdaptiveForm::Compatible => self.window.push(square.min(most) / unit),
             AdaptiveForm::Residual => {
                 let residual_nt = residual_nt.clamp(-most.sqrt(), most.sqrt());
-                self.open = Some(Open { residual_nt, noise_nt2, unit, used: square <= most });
+                self.open = Some(PendingInnovation { residual_nt, noise_nt2, unit, used: square <= most });
             }
         }
     }
 
-    /// Learns what the correction of a row leaves of its innovation, in the form that needs it: the expected square of the noise
-    /// given all measurements of the row. One that was not used counts as if it alone had been.
-    pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &Fusion) {
-        let Some(Open { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
+    /// Learns what the correction of a row leaves of its innovation, in the form that needs it: the expected square of
+    /// the noise given all measurements of the row. One that was not used counts as if it alone had been.
+    pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &InnovationFusion) {
+        let Some(PendingInnovation { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
         let (mean_nt, mean_nt2) = if used { fusion.mean() } else { (residual_nt, noise_nt2) };
         let gain = predicted_nt2 / (predicted_nt2 + mean_nt2);
         let left_nt = residual_nt - gain * mean_nt;
         self.window.push((left_nt * left_nt + gain * mean_nt2) / unit);
     }
 
-    /// The variance of the noise by the innovations so far, within its bounds. `unit` is what the window is relative to now.
+    /// The variance of the noise by the innovations so far, within its bounds. `unit` is what the window is relative to
+    /// now.
     fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64, unit: f64) -> f64 {
-        let Magnetometer { sigma_min_nt, sigma_max_nt, .. } = self.magnetometer;
+        let AdaptiveMagnetometer { sigma_min_nt, sigma_max_nt, .. } = self.magnetometer;
         let (least, largest) = (sigma_min_nt.powi(2), sigma_max_nt.powi(2));
         let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);
         let found = match self.form {

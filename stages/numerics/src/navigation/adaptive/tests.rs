@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::navigation::flights::{Flight, Small, from_magnav, golden_map, known};
+use crate::navigation::flights::{OsborneFlight, OwnedNavigationLine, from_magnav, golden_map, known};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_error::InsErrors;
 use crate::navigation::pinson::{LAT, LON, S, STATES};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 /// The states after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line,
@@ -40,10 +40,10 @@ fn compatible(window: usize) -> AdaptiveParameters {
 
 #[test]
 fn val_magnav_adaptive_noise_in_the_compatible_form() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::compatible());
-    let output = run(&compatible(10), &line, &[Magnetometer::of(&line, 1.0, 10_f64.sqrt())]).unwrap();
+    let output = run(&compatible(10), &line, &[AdaptiveMagnetometer::from_line(&line, 1.0, 10_f64.sqrt())]).unwrap();
     let navigation = &output.navigation;
     for (state, theirs) in from_magnav(&MAGNAV_ADAPTIVE_X20).into_iter().enumerate() {
         let sigma = navigation.p[19][state][state].sqrt();
@@ -58,15 +58,16 @@ fn val_magnav_adaptive_noise_in_the_compatible_form() {
 
 #[test]
 fn law_without_anything_learnt_it_is_the_ekf() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let ekf = known(&line, 3.0).unwrap();
     // A window that never fills, with bounds whose mean variance is 9; and bounds that leave no choice.
-    let never = run(&compatible(21), &line, &[Magnetometer::of(&line, 8_f64.sqrt(), 10_f64.sqrt())]).unwrap();
-    let bounded = run(&all(), &line, &[Magnetometer::of(&line, 3.0, 3.0)]).unwrap();
-    let fixed = AdaptiveParameters { adapt: Adapt::Q, window: 1000, ..all() };
-    let fixed = run(&fixed, &line, &[Magnetometer::of(&line, 1.0, 10.0)]).unwrap();
+    let never =
+        run(&compatible(21), &line, &[AdaptiveMagnetometer::from_line(&line, 8_f64.sqrt(), 10_f64.sqrt())]).unwrap();
+    let bounded = run(&all(), &line, &[AdaptiveMagnetometer::from_line(&line, 3.0, 3.0)]).unwrap();
+    let fixed = AdaptiveParameters { adapt: AdaptiveNoise::Q, window: 1000, ..all() };
+    let fixed = run(&fixed, &line, &[AdaptiveMagnetometer::from_line(&line, 1.0, 10.0)]).unwrap();
     for output in [never, bounded, fixed] {
         assert_eq!(output.navigation.report, ekf.report);
         for row in 0..20 {
@@ -84,7 +85,7 @@ fn law_without_anything_learnt_it_is_the_ekf() {
 
 #[test]
 fn law_several_magnetometers_are_one_block_measurement() {
-    let (line, map) = (Small::golden(3.0).thinned(|row| row == 0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0).thinned(|row| row == 0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let field = map.at(ins.lat_deg[0], ins.lon_deg[0], 400.0).unwrap();
@@ -92,7 +93,7 @@ fn law_several_magnetometers_are_one_block_measurement() {
     let sigma = [[2.0], [0.5], [7.0]];
     let magnetometer = |at: usize| {
         let (measurement_nt, sigma_nt) = (&measured[at][..], &sigma[at][..]);
-        Magnetometer { measurement_nt, sigma_nt, sigma_min_nt: 0.1, sigma_max_nt: 100.0 }
+        AdaptiveMagnetometer { measurement_nt, sigma_nt, sigma_min_nt: 0.1, sigma_max_nt: 100.0 }
     };
     let output = run(&all(), &line, &[0, 1, 2].map(magnetometer)).unwrap();
     // K = P Hᵀ (H P Hᵀ + R)⁻¹ with three equal rows of H and R on the diagonal only.
@@ -127,7 +128,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, flight: &Flight, output: &NavigationOutput) {
+    fn add(&mut self, flight: &OsborneFlight, output: &NavigationOutput) {
         let rows = flight.errors.len();
         let epochs: Vec<usize> = (1..=10).map(|part| part * rows / 10 - 1).collect();
         self.square_m2 += flight.square_m2(output, 0);
@@ -153,7 +154,7 @@ fn law_it_recovers_from_a_wrong_noise() {
     let (mut fixed, mut adaptive) = ([Tally::default(); 3], [Tally::default(); 3]);
     let assumed = [0.5, 5.0, 50.0];
     for seed in 0..flights {
-        let flight = Flight::flown(500 + seed, SAMPLES, 1.0, InsErrorModel::default());
+        let flight = OsborneFlight::flown(500 + seed, SAMPLES, 1.0, InsErrorModel::default());
         let measured = flight.measured(seed, 5.0);
         let ins = flight.ins.series();
         for (place, assumed_nt) in assumed.into_iter().enumerate() {
@@ -163,7 +164,7 @@ fn law_it_recovers_from_a_wrong_noise() {
                 right.add(&flight, &known(&line, 5.0).unwrap());
             }
             fixed[place].add(&flight, &known(&line, assumed_nt).unwrap());
-            let magnetometer = Magnetometer::of(&line, assumed_nt / 20.0, assumed_nt * 20.0);
+            let magnetometer = AdaptiveMagnetometer::from_line(&line, assumed_nt / 20.0, assumed_nt * 20.0);
             let output = run(&AdaptiveParameters { keep_states: false, ..Default::default() }, &line, &[magnetometer]);
             adaptive[place].add(&flight, &output.unwrap().navigation);
         }
@@ -192,16 +193,19 @@ fn law_a_magnetometer_that_fails_loses_its_weight() {
     let fails_at = SAMPLES as usize / 2;
     let (mut alone, mut both, mut trusting) = (Tally::default(), Tally::default(), Tally::default());
     for seed in 0..15 {
-        let flight = Flight::flown(700 + seed, SAMPLES, 1.0, InsErrorModel::default());
+        let flight = OsborneFlight::flown(700 + seed, SAMPLES, 1.0, InsErrorModel::default());
         let good = flight.measured(2 * seed, 3.0);
         let mut bad = flight.measured(2 * seed + 1, 3.0);
-        let mut normals = Normals::new(9000 + seed);
+        let mut normals = NormalGenerator::new(9000 + seed);
         bad[fails_at..].iter_mut().for_each(|measured| *measured += 30.0 * normals.draw());
         let sigma = vec![3.0; SAMPLES as usize];
         let ins = flight.ins.series();
         let line = flight.line(&ins, &good, &sigma);
         alone.add(&flight, &known(&line, 3.0).unwrap());
-        let of = |measurement_nt| Magnetometer { measurement_nt, ..Magnetometer::of(&line, 0.3, 60.0) };
+        let of = |measurement_nt| AdaptiveMagnetometer {
+            measurement_nt,
+            ..AdaptiveMagnetometer::from_line(&line, 0.3, 60.0)
+        };
         let output = run(&AdaptiveParameters::default(), &line, &[of(&good), of(&bad)]).unwrap();
         both.add(&flight, &output.navigation);
         let mean: Vec<f64> = good.iter().zip(&bad).map(|(a, b)| 0.5 * (a + b)).collect();
@@ -236,13 +240,13 @@ fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
     let (mut weights, mut tallies) = ([0.0; 2], [Tally::default(); 2]);
     let flights = 8;
     for seed in 0..flights {
-        let flight = Flight::flown(40 + seed, SAMPLES, 1.0, InsErrorModel::default());
+        let flight = OsborneFlight::flown(40 + seed, SAMPLES, 1.0, InsErrorModel::default());
         let (measured, sigma) = (flight.measured(seed, 5.0), vec![5.0; SAMPLES as usize]);
         let ins = flight.ins.series();
         let line = flight.line(&ins, &measured, &sigma);
         for (place, window) in windows.into_iter().enumerate() {
             let parameters = AdaptiveParameters { window, form, ..AdaptiveParameters::default() };
-            let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.05, 500.0)]).unwrap();
+            let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.05, 500.0)]).unwrap();
             let sigmas = &output.magnetometers[0].sigma_nt[100..];
             let information = sigmas.iter().map(|sigma| 25.0 / sigma.powi(2)).sum::<f64>() / sigmas.len() as f64;
             weights[place] += information / flights as f64;
@@ -275,19 +279,22 @@ fn law_a_short_window_without_bounds_believes_too_much_but_by_what_corrections_l
 
 #[test]
 fn law_of_innovations_in_proportion_to_a_noise_that_changes_the_factor_is_learnt() {
-    let (small, map) = (Small::golden(3.0), golden_map());
+    let (small, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = small.series();
     let line = small.line(&ins, &map, InsErrorModel::default());
     // Quiet and noisy by turns; three times as large as expected, and nothing of it is the prediction's.
     let sigma: Vec<f64> = (0..20).map(|row| if row % 10 < 5 { 2.0 } else { 50.0 }).collect();
     let measured: Vec<f64> = sigma.iter().map(|sigma| 3.0 * sigma).collect();
-    let magnetometer =
-        Magnetometer { measurement_nt: &measured, sigma_nt: &sigma, ..Magnetometer::of(&line, 1e-3, 1e6) };
+    let magnetometer = AdaptiveMagnetometer {
+        measurement_nt: &measured,
+        sigma_nt: &sigma,
+        ..AdaptiveMagnetometer::from_line(&line, 1e-3, 1e6)
+    };
     for form in [AdaptiveForm::Residual, AdaptiveForm::Matched, AdaptiveForm::Compatible] {
         let parameters = AdaptiveParameters { form, window: 4, relative: true, ..AdaptiveParameters::default() };
-        let mut learner = Learner::new(&parameters, &line, magnetometer);
+        let mut learner = NoiseEstimator::new(&parameters, &line, magnetometer);
         for row in 0..20 {
-            let mut fusion = Fusion::default();
+            let mut fusion = InnovationFusion::default();
             learner.innovate(row, 0.0, 0.0, &mut fusion);
             learner.settle(0.0, &fusion);
         }
@@ -302,17 +309,17 @@ fn law_process_noise_is_learnt_without_running_away() {
     let worse = InsErrors { vrw_sigma: 40.0 * model.sources.vrw_sigma, ..model.sources };
     let mut tallies = [Tally::default(); 3];
     for seed in 0..15 {
-        let flown = Flight::flown(900 + seed, SAMPLES, 1.0, InsErrorModel::of(worse));
-        let flight = Flight { model, ..flown };
+        let flown = OsborneFlight::flown(900 + seed, SAMPLES, 1.0, InsErrorModel::from_sources(worse));
+        let flight = OsborneFlight { model, ..flown };
         let (measured, sigma) = (flight.measured(seed, 1.0), vec![1.0; SAMPLES as usize]);
         let ins = flight.ins.series();
         let line = flight.line(&ins, &measured, &sigma);
         let none = NavigationLine { measurement_nt: &vec![f64::NAN; SAMPLES as usize], ..line };
         let free = known(&none, 1.0).unwrap();
         tallies[0].add(&flight, &known(&line, 1.0).unwrap());
-        for (place, adapt) in [(1, Adapt::Q), (2, Adapt::Both)] {
+        for (place, adapt) in [(1, AdaptiveNoise::Q), (2, AdaptiveNoise::Both)] {
             let parameters = AdaptiveParameters { adapt, ..AdaptiveParameters::default() };
-            let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.8, 1.2)]).unwrap();
+            let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.8, 1.2)]).unwrap();
             assert!(output.given_back.iter().all(|share| (0.0..=1.0).contains(share)));
             tallies[place].add(&flight, &output.navigation);
             // Never less certain than without any measurement; the places of the two differ by 1 % of a radian at most.
@@ -331,7 +338,7 @@ fn law_process_noise_is_learnt_without_running_away() {
 
 #[test]
 fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_of_them() {
-    let (mut line, map) = (Small::golden(3.0), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let mut other = line.measurement_nt.clone();
     line.columns[1][10] += 1.0;
     line.measurement_nt[4] = f64::NAN;
@@ -340,9 +347,9 @@ fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_o
     line.measurement_nt[15] += 500.0;
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
-    let first = Magnetometer::of(&line, 0.3, 30.0);
+    let first = AdaptiveMagnetometer::from_line(&line, 0.3, 30.0);
     let sigma = vec![3.0; 20];
-    let second = Magnetometer { measurement_nt: &other, sigma_nt: &sigma, ..first };
+    let second = AdaptiveMagnetometer { measurement_nt: &other, sigma_nt: &sigma, ..first };
     let parameters = AdaptiveParameters { gate_nis: Some(10.83), ..all() };
     let output = run(&parameters, &line, &[first, second]).unwrap();
     let report = output.navigation.report;
@@ -363,15 +370,15 @@ fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_o
 
 #[test]
 fn law_noise_that_stays_opens_the_gate() {
-    let flight = Flight::flown(3, 900, 1.0, InsErrorModel::default());
+    let flight = OsborneFlight::flown(3, 900, 1.0, InsErrorModel::default());
     let mut measured = flight.measured(3, 3.0);
-    let mut normals = Normals::new(77);
+    let mut normals = NormalGenerator::new(77);
     measured[300..].iter_mut().for_each(|measured| *measured += 40.0 * normals.draw());
     let sigma = vec![3.0; 900];
     let ins = flight.ins.series();
     let line = flight.line(&ins, &measured, &sigma);
     let parameters = AdaptiveParameters { gate_nis: Some(10.83), ..AdaptiveParameters::default() };
-    let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.3, 90.0)]).unwrap();
+    let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.3, 90.0)]).unwrap();
     let gated = output.navigation.report.gated;
     // The variance has to grow 180-fold, by up to 10/50 a sample.
     assert!((5..150).contains(&gated), "{gated}");
@@ -381,13 +388,13 @@ fn law_noise_that_stays_opens_the_gate() {
 
 #[test]
 fn law_each_magnetometer_has_its_own_offset() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let plain = line.line(&ins, &map, InsErrorModel::default());
     let line = NavigationLine { offset_window_s: 0.45, ..plain };
     let shifted: Vec<f64> = line.measurement_nt.iter().map(|z| z + 5000.0).collect();
-    let first = Magnetometer::of(&line, 0.3, 30.0);
-    let output = run(&all(), &line, &[first, Magnetometer { measurement_nt: &shifted, ..first }]).unwrap();
+    let first = AdaptiveMagnetometer::from_line(&line, 0.3, 30.0);
+    let output = run(&all(), &line, &[first, AdaptiveMagnetometer { measurement_nt: &shifted, ..first }]).unwrap();
     let [a, b] = [0, 1].map(|at: usize| &output.magnetometers[at]);
     assert!((b.offset_nt - a.offset_nt - 5000.0).abs() < 1e-9);
     assert_eq!((a.offset_samples, b.offset_samples, output.navigation.report.offset_nt), (5, 5, a.offset_nt));
@@ -399,10 +406,10 @@ fn law_each_magnetometer_has_its_own_offset() {
 
 #[test]
 fn law_the_window_holds_the_sum_of_the_last_numbers() {
-    let mut normals = Normals::new(4);
+    let mut normals = NormalGenerator::new(4);
     let numbers: Vec<f64> = (0..40).map(|at| if at == 11 { 1e18 } else { normals.draw() }).collect();
     for capacity in [1, 2, 7, 50] {
-        let mut window = Window::new(capacity);
+        let mut window = SlidingSum::new(capacity);
         assert_eq!((window.sum(), window.len()), (0.0, 0));
         for (at, number) in numbers.iter().enumerate() {
             window.push(*number);
@@ -416,35 +423,35 @@ fn law_the_window_holds_the_sum_of_the_last_numbers() {
 
 #[test]
 fn law_bad_parameters_and_lines_are_refused_in_words() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
-    let usual = Magnetometer::of(&line, 1.0, 10.0);
-    let message = |parameters: AdaptiveParameters, magnetometer: Magnetometer<'_>| {
+    let usual = AdaptiveMagnetometer::from_line(&line, 1.0, 10.0);
+    let message = |parameters: AdaptiveParameters, magnetometer: AdaptiveMagnetometer<'_>| {
         run(&parameters, &line, &[usual, magnetometer]).unwrap_err().to_string()
     };
     assert_eq!(message(AdaptiveParameters { window: 1, ..all() }, usual), "`window` must be at least 2, not 1");
     let gate = AdaptiveParameters { gate_nis: Some(f64::NAN), ..all() };
     assert_eq!(message(gate, usual), "`gate_nis` must be above 0, not NaN");
-    let bounds = |sigma_min_nt, sigma_max_nt| Magnetometer { sigma_min_nt, sigma_max_nt, ..usual };
+    let bounds = |sigma_min_nt, sigma_max_nt| AdaptiveMagnetometer { sigma_min_nt, sigma_max_nt, ..usual };
     assert_eq!(message(all(), bounds(0.0, 1.0)), "`sigma_min_nt` must be above 0, not 0");
     assert_eq!(message(all(), bounds(1.0, f64::INFINITY)), "`sigma_max_nt` must be above 0, not inf");
     assert_eq!(message(all(), bounds(2.0, 1.0)), "`sigma_max_nt` must be at least `sigma_min_nt` = 2, not 1");
-    let short = Magnetometer { sigma_nt: &[1.0], ..usual };
+    let short = AdaptiveMagnetometer { sigma_nt: &[1.0], ..usual };
     assert_eq!(message(all(), short), "column `measurement sigma` has 1 rows, but `tt` has 20");
 }
 
 #[test]
 fn law_what_the_correction_leaves_tells_the_noise_of_a_position_that_is_hardly_known() {
-    use crate::maps::Interpolation;
-    use crate::navigation::scenes::{Scene, m_per_deg, plane, uneven};
+    use crate::maps::MapInterpolation;
+    use crate::navigation::scenes::{AnalyticScene, m_per_deg, plane, uneven};
     const ROWS: usize = 90;
     let runs = 60_u64;
     let by = |form: AdaptiveForm, start_m: f64| {
         let (mut nees, mut sigma) = (0.0, 0.0);
         for seed in 0..runs {
-            let mut normals = Normals::new(4000 + seed);
-            let mut scene = Scene::new(&uneven(ROWS), Interpolation::Linear, plane);
+            let mut normals = NormalGenerator::new(4000 + seed);
+            let mut scene = AnalyticScene::new(&uneven(ROWS), MapInterpolation::Linear, plane);
             scene.errors.sources = InsErrors { init_position_sigma_m: start_m, ..InsErrors::default() };
             scene.errors.fogm_sigma_nt = 0.01;
             let (north, east) = m_per_deg();
@@ -455,7 +462,11 @@ fn law_what_the_correction_leaves_tells_the_noise_of_a_position_that_is_hardly_k
                 scene.measurement_nt[row] = scene.map.at(lat, lon, 0.0).unwrap().value_nt + 5.0 * normals.draw();
             }
             scene.with(|line| {
-                let output = run(&AdaptiveParameters { form, ..all() }, line, &[Magnetometer::of(line, 0.25, 100.0)]);
+                let output = run(
+                    &AdaptiveParameters { form, ..all() },
+                    line,
+                    &[AdaptiveMagnetometer::from_line(line, 0.25, 100.0)],
+                );
                 let output = output.unwrap();
                 // The part of the position that the plane tells.
                 let row = 30;

@@ -2,7 +2,7 @@
 
 /// The last numbers, and their sum without the rounding of what has left: nothing is ever subtracted. Constant cost a
 /// number on average.
-pub(super) struct Window {
+pub(super) struct SlidingSum {
     /// In a ring: those before `next` are of the present round, the others of the round before.
     numbers: Vec<f64>,
     next: usize,
@@ -13,7 +13,7 @@ pub(super) struct Window {
     before: Vec<f64>,
 }
 
-impl Window {
+impl SlidingSum {
     /// An empty window over the last `capacity` numbers, which is at least 1.
     pub(super) fn new(capacity: usize) -> Self {
         Self { numbers: vec![0.0; capacity], next: 0, len: 0, round: 0.0, before: vec![0.0; capacity + 1] }

@@ -1,21 +1,21 @@
 //! The recursion along a line, in parts that a filter with another use of the scalar field takes too.
 
 use crate::earth::field_value::FieldValue;
-use crate::navigation::aids::{AidStates, Aids, Linear, SampleInnovations, Usage};
+use crate::navigation::aids::{AidStates, Aids, LinearisedAid, SampleInnovations, SampleUsage};
 use crate::navigation::field::{PredictedField, remainder_nt2};
-use crate::navigation::gaussian::{Gaussian, Layout, Sensitivity, add_scaled};
+use crate::navigation::gaussian::{AugmentedSensitivity, Gaussian, StateLayout, add_scaled};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, TILT_N, VD, VE, VN};
-use crate::navigation::scalar_problem::{ScalarProblem, Search};
-use crate::navigation::ukf::points::{Regression, Spread};
+use crate::navigation::scalar_problem::{ScalarProblem, ScalarSearch};
+use crate::navigation::ukf::points::{FieldRegression, SigmaPoints};
 
 use super::{AidedOutput, AidedParameters, Linearisation};
 
 /// A measurement that depends on the position through the field, and directly on some of the 18 states and one further
 /// state.
 #[derive(Clone, Copy)]
-struct OfField {
+struct AidedFieldMeasurement {
     value_nt: f64,
     variance_nt2: f64,
     /// The entry of H for S.
@@ -30,7 +30,7 @@ struct OfField {
     slope: Option<(usize, [f64; 2])>,
 }
 
-impl OfField {
+impl AidedFieldMeasurement {
     /// Part of the measurement that does not come from the field.
     fn own(&self, v: &[f64]) -> f64 {
         let tilt: f64 = self.tilt.iter().zip(&v[TILT_N..]).map(|(h, x)| h * x).sum();
@@ -51,9 +51,15 @@ impl OfField {
         row
     }
 
-    fn sensitivity<'a>(&'a self, row: &'a StateVector) -> Sensitivity<'a> {
+    fn sensitivity<'a>(&'a self, row: &'a StateVector) -> AugmentedSensitivity<'a> {
         let (first, regressors) = self.slope.as_ref().map_or((0, [].as_slice()), |(first, of)| (*first, of));
-        Sensitivity { error: self.further, common: self.latency, first, regressors, ..Sensitivity::of_ins(row) }
+        AugmentedSensitivity {
+            error: self.further,
+            common: self.latency,
+            first,
+            regressors,
+            ..AugmentedSensitivity::of_ins(row)
+        }
     }
 }
 
@@ -64,7 +70,7 @@ fn moved(from: [f64; 3], by: [f64; 3]) -> [f64; 3] {
 
 /// Outcome of one measurement.
 #[derive(Clone, Copy)]
-pub(crate) enum Outcome {
+pub(crate) enum MeasurementOutcome {
     Missing,
     OffMap,
     Gated(Innovation),
@@ -72,7 +78,7 @@ pub(crate) enum Outcome {
     Used(Innovation),
 }
 
-impl Outcome {
+impl MeasurementOutcome {
     pub(crate) fn innovation(self) -> Innovation {
         match self {
             Self::Missing | Self::OffMap => Innovation::NONE,
@@ -81,23 +87,23 @@ impl Outcome {
     }
 
     /// Outcome of a sample from the outcomes of its measurements, the scalar field first.
-    pub(crate) fn usage(all: &[Self]) -> Usage {
+    pub(crate) fn usage(all: &[Self]) -> SampleUsage {
         if all.iter().any(|one| matches!(one, Self::Used(_))) {
-            Usage::Used
+            SampleUsage::Used
         } else if matches!(all.first(), Some(Self::Flat(_))) {
-            Usage::Flat
+            SampleUsage::Flat
         } else if all.iter().any(|one| matches!(one, Self::Gated(_))) {
-            Usage::Gated
+            SampleUsage::Gated
         } else if all.iter().any(|one| matches!(one, Self::OffMap)) {
-            Usage::OffMap
+            SampleUsage::OffMap
         } else {
-            Usage::Missing
+            SampleUsage::Missing
         }
     }
 }
 
-/// A measurement of the field linearised.
-struct Regressed {
+/// Linearisation of a field measurement.
+struct FieldLinearisation {
     row: StateVector,
     /// Measurement minus prediction at the predicted state.
     residual_nt: f64,
@@ -105,14 +111,14 @@ struct Regressed {
     remainder_nt2: f64,
 }
 
-/// The filter on its way along a line.
-pub(crate) struct Filter<'a> {
+/// Kalman filter with further measurements, with its state along a line.
+pub(crate) struct AidedFilter<'a> {
     pub(crate) line: &'a NavigationLine<'a>,
     pub(crate) aids: &'a Aids<'a>,
     parameters: AidedParameters,
     field: PredictedField<'a>,
     pub(crate) states: AidStates,
-    layout: Layout,
+    layout: StateLayout,
     pub(crate) now: Gaussian,
     pub(crate) gain: Vec<f64>,
     pub(crate) spare: Vec<f64>,
@@ -122,10 +128,10 @@ pub(crate) struct Filter<'a> {
     bound: bool,
 }
 
-impl<'a> Filter<'a> {
+impl<'a> AidedFilter<'a> {
     pub(crate) fn new(line: &'a NavigationLine<'a>, aids: &'a Aids<'a>, parameters: &AidedParameters) -> Self {
-        let states = AidStates::of(aids, STATES);
-        let mut layout = Layout::default();
+        let states = AidStates::new(aids, STATES);
+        let mut layout = StateLayout::default();
         states.extend(&mut layout);
         let now = Gaussian::start_of(line, &layout);
         let mut field = line.predicted();
@@ -160,15 +166,15 @@ impl<'a> Filter<'a> {
         for fix in self.line.fixes_at(row).into_iter().flatten() {
             let mut of_state = [0.0; STATES];
             of_state[fix.state] = 1.0;
-            let h = Sensitivity::of_ins(&of_state);
-            let residual = fix.error - h.of(&self.now.x);
+            let h = AugmentedSensitivity::of_ins(&of_state);
+            let residual = fix.error - h.dot(&self.now.x);
             let s = self.now.predict(&h, fix.variance, &mut self.gain);
             self.update(residual, s);
         }
     }
 
     /// Uses the further measurements of a row after its scalar field, and writes its output.
-    pub(crate) fn finish(&mut self, row: usize, scalar: Outcome) -> Result<(), NavigationError> {
+    pub(crate) fn finish(&mut self, row: usize, scalar: MeasurementOutcome) -> Result<(), NavigationError> {
         let mut sample = SampleInnovations::default();
         let difference = self.difference(row);
         sample.difference = difference.innovation();
@@ -176,7 +182,7 @@ impl<'a> Filter<'a> {
         if let Some(height) = self.aids.height_row(&self.states, self.line, row) {
             sample.note(height.of, self.take(&height).innovation());
         }
-        let usage = Outcome::usage(&[scalar, difference, vector]);
+        let usage = MeasurementOutcome::usage(&[scalar, difference, vector]);
         self.output.navigation.report.count(usage);
         self.output.usage.push(usage);
         self.output.aids.push(self.aids, &sample);
@@ -207,17 +213,17 @@ impl<'a> Filter<'a> {
     }
 
     /// Corrects by a linear measurement.
-    fn take(&mut self, linear: &Linear) -> Outcome {
+    fn take(&mut self, linear: &LinearisedAid) -> MeasurementOutcome {
         let residual = linear.residual(&self.now.x);
         let s = self.now.predict(&linear.sensitivity(), linear.variance, &mut self.gain);
         let temporal_nt = self.line.errors.fogm_sigma_nt;
         let by_truth = || linear.variance + linear.lasting_variance(&self.states, temporal_nt);
         let innovation = self.innovation(residual, s, by_truth);
         if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            return Outcome::Gated(innovation);
+            return MeasurementOutcome::Gated(innovation);
         }
         self.update(residual, s);
-        Outcome::Used(innovation)
+        MeasurementOutcome::Used(innovation)
     }
 
     /// Field at the predicted position of a row. Outputs its horizontal slope, in nT/m.
@@ -257,40 +263,50 @@ impl<'a> Filter<'a> {
         ((state, entry), entry * self.now.x[state])
     }
 
-    fn scalar(&mut self, row: usize) -> Outcome {
+    fn scalar(&mut self, row: usize) -> MeasurementOutcome {
         let centre = self.look(row);
         let Some((value_nt, variance_nt2)) = self.line.measured(row, self.output.navigation.report.offset_nt) else {
-            return Outcome::Missing;
+            return MeasurementOutcome::Missing;
         };
-        let Some((centre, slope)) = centre else { return Outcome::OffMap };
+        let Some((centre, slope)) = centre else { return MeasurementOutcome::OffMap };
         // The field is looked up where the estimated delay puts it, so that H x counts what it changes by from there.
         let (latency, part_nt) = self.latency(row, &centre);
         let (value_nt, further, delayed) = (value_nt + part_nt, self.states.of_map(), self.delayed(row));
-        let of = OfField { value_nt, variance_nt2, temporal: 1.0, tilt: [0.0; 3], further, latency, slope: None };
+        let of = AidedFieldMeasurement {
+            value_nt,
+            variance_nt2,
+            temporal: 1.0,
+            tilt: [0.0; 3],
+            further,
+            latency,
+            slope: None,
+        };
         let (line, flat) = (self.line, self.aids.is_flat(variance_nt2, slope));
         self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, moved(error, delayed)))
     }
 
-    fn difference(&mut self, row: usize) -> Outcome {
+    fn difference(&mut self, row: usize) -> MeasurementOutcome {
         if self.parameters.linearisation == Linearisation::Once {
             return match self.aids.difference_row(&self.states, &mut self.field, self.line, row, &self.now.x) {
-                None => Outcome::Missing,
-                Some(None) => Outcome::OffMap,
+                None => MeasurementOutcome::Missing,
+                Some(None) => MeasurementOutcome::OffMap,
                 Some(Some(linear)) => self.take(&linear),
             };
         }
         let Some((of, bias)) = self.aids.difference.as_ref().zip(self.states.difference) else {
-            return Outcome::Missing;
+            return MeasurementOutcome::Missing;
         };
         let (line, value_nt, position) = (self.line, of.difference_nt[row], self.position());
         if !value_nt.is_finite() {
-            return Outcome::Missing;
+            return MeasurementOutcome::Missing;
         }
-        let Some((centre, tilt)) = of.field(&mut self.field, line, row, position) else { return Outcome::OffMap };
+        let Some((centre, tilt)) = of.field(&mut self.field, line, row, position) else {
+            return MeasurementOutcome::OffMap;
+        };
         let variance_nt2 = of.sigma_nt * of.sigma_nt;
         let slope = self.states.slope.map(|first| (first, of.slope_entries(line, row)));
         let (further, latency) = ((bias, 1.0), (S, 0.0));
-        let measured = OfField { value_nt, variance_nt2, temporal: 0.0, tilt, further, latency, slope };
+        let measured = AidedFieldMeasurement { value_nt, variance_nt2, temporal: 0.0, tilt, further, latency, slope };
         let look_up = |field: &mut PredictedField<'a>, error| of.field(field, line, row, error).map(|(at, _)| at);
         self.correct(measured, row, centre, false, look_up)
     }
@@ -298,12 +314,12 @@ impl<'a> Filter<'a> {
     /// Corrects by a measurement of the field, whose value at the predicted position is `centre`.
     fn correct(
         &mut self,
-        of: OfField,
+        of: AidedFieldMeasurement,
         row: usize,
         centre: FieldValue,
         flat: bool,
         mut look_up: impl FnMut(&mut PredictedField<'a>, [f64; 3]) -> Option<FieldValue>,
-    ) -> Outcome {
+    ) -> MeasurementOutcome {
         let first = self.linearised(&of, row, &centre, &mut look_up);
         let variance_nt2 = of.variance_nt2 + first.remainder_nt2;
         let s = self.now.predict(&of.sensitivity(&first.row), variance_nt2, &mut self.gain);
@@ -314,38 +330,42 @@ impl<'a> Filter<'a> {
         };
         let innovation = self.innovation(first.residual_nt, s, by_truth);
         if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            return Outcome::Gated(innovation);
+            return MeasurementOutcome::Gated(innovation);
         }
         if flat {
             let corrects = |state: usize| state == S || state == of.further.0;
             self.now.consider(first.residual_nt, s, &mut self.gain, &mut self.spare, corrects);
-            return Outcome::Flat(innovation);
+            return MeasurementOutcome::Flat(innovation);
         }
         if let Linearisation::Iterated { iterations, tolerance_m } = self.parameters.linearisation {
             self.iterate(&of, row, centre, (iterations, tolerance_m), look_up);
         } else {
             self.update(first.residual_nt, s);
         }
-        Outcome::Used(innovation)
+        MeasurementOutcome::Used(innovation)
     }
 
     /// A measurement of the field at the predicted state.
     fn linearised(
         &mut self,
-        of: &OfField,
+        of: &AidedFieldMeasurement,
         row: usize,
         centre: &FieldValue,
         look_up: &mut impl FnMut(&mut PredictedField<'a>, [f64; 3]) -> Option<FieldValue>,
-    ) -> Regressed {
+    ) -> FieldLinearisation {
         let position = self.position();
-        let mut found = Regression::at(centre);
+        let mut found = FieldRegression::at(centre);
         if let Linearisation::Unscented(parameters) = &self.parameters.linearisation {
             let field = &mut self.field;
             let value_at = |away: [f64; 3]| {
                 let there = std::array::from_fn(|axis| position[axis] + away[axis]);
                 look_up(field, there).map(|field| field.value_nt)
             };
-            let regression = Spread::of(parameters).regression(&self.now.ins_covariance(), centre.value_nt, value_at);
+            let regression = SigmaPoints::from_parameters(parameters).regression(
+                &self.now.ins_covariance(),
+                centre.value_nt,
+                value_at,
+            );
             if let Some(regression) = regression {
                 found = regression;
                 if of.temporal != 0.0
@@ -365,20 +385,20 @@ impl<'a> Filter<'a> {
             });
         }
         let residual_nt = of.value_nt - (found.mean_nt + of.own(&self.now.x));
-        Regressed { row: of.row(found.slope), residual_nt, remainder_nt2: found.remainder_nt2 }
+        FieldLinearisation { row: of.row(found.slope), residual_nt, remainder_nt2: found.remainder_nt2 }
     }
 
     /// Moves to the most probable state, and corrects the covariance with the last linearisation.
     fn iterate(
         &mut self,
-        of: &OfField,
+        of: &AidedFieldMeasurement,
         row: usize,
         centre: FieldValue,
         (iterations, tolerance_m): (usize, f64),
         mut look_up: impl FnMut(&mut PredictedField<'a>, [f64; 3]) -> Option<FieldValue>,
     ) {
         let (ins, dim) = (self.line.ins, self.now.dim());
-        let search = Search {
+        let search = ScalarSearch {
             iterations,
             tolerance_m,
             m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
@@ -406,19 +426,19 @@ impl<'a> Filter<'a> {
         }
     }
 
-    fn vector(&mut self, row: usize, sample: &mut SampleInnovations) -> Outcome {
+    fn vector(&mut self, row: usize, sample: &mut SampleInnovations) -> MeasurementOutcome {
         // Linearised at the state before its first component.
         let components = match self.aids.vector_rows(&self.states, self.line, row, &self.now.x) {
-            None => return Outcome::Missing,
-            Some(None) => return Outcome::OffMap,
+            None => return MeasurementOutcome::Missing,
+            Some(None) => return MeasurementOutcome::OffMap,
             Some(Some(components)) => components,
         };
         let mut used = false;
         for component in &components {
             let outcome = self.take(component);
-            used |= matches!(outcome, Outcome::Used(_));
+            used |= matches!(outcome, MeasurementOutcome::Used(_));
             sample.note(component.of, outcome.innovation());
         }
-        if used { Outcome::Used(sample.vector()) } else { Outcome::Gated(sample.vector()) }
+        if used { MeasurementOutcome::Used(sample.vector()) } else { MeasurementOutcome::Gated(sample.vector()) }
     }
 }

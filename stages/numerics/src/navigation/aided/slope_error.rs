@@ -12,7 +12,7 @@ const FINER: f64 = 2.0;
 const LEAST_PART: f64 = 0.9;
 
 /// Likelihood of the innovations of a run.
-struct Likelihood {
+struct SlopeErrorLikelihood {
     samples: usize,
     /// The mean of ln p + ½ ln 2π over the differences.
     mean: f64,
@@ -27,10 +27,10 @@ pub fn likely_slope_error(line: &NavigationLine<'_>, aids: &Aids<'_>, slope: &Ma
     let Some(difference) = aids.difference else { return 0.0 };
     let none = vec![f64::NAN; line.ins.len()];
     let alone = NavigationLine { measurement_nt: &none, offset_window_s: 0.0, ..*line };
-    let mut tried: Vec<(f64, Likelihood)> = vec![];
-    let attempt = |part: f64, tried: &mut Vec<(f64, Likelihood)>| {
+    let mut tried: Vec<(f64, SlopeErrorLikelihood)> = vec![];
+    let attempt = |part: f64, tried: &mut Vec<(f64, SlopeErrorLikelihood)>| {
         let slope = slope.error(part * slope.rms_nt_per_m);
-        let aids = Aids { difference: Some(super::Difference { slope, ..difference }), ..*aids };
+        let aids = Aids { difference: Some(super::DifferenceAid { slope, ..difference }), ..*aids };
         for line in [line, &alone] {
             let found = run(line, &aids, &AidedParameters::default()).ok().map(|output| likelihood(&output));
             tried.extend(found.filter(|found| found.samples > 0).map(|found| (part, found)));
@@ -42,13 +42,13 @@ pub fn likely_slope_error(line: &NavigationLine<'_>, aids: &Aids<'_>, slope: &Ma
     most_likely(&tried).unwrap_or(best) * slope.rms_nt_per_m
 }
 
-fn most_likely(tried: &[(f64, Likelihood)]) -> Option<f64> {
+fn most_likely(tried: &[(f64, SlopeErrorLikelihood)]) -> Option<f64> {
     let most = tried.iter().map(|(_, of)| of.samples).max()?;
     let enough = tried.iter().filter(|(_, of)| of.samples as f64 >= LEAST_PART * most as f64);
     enough.max_by(|(_, one), (_, other)| one.mean.total_cmp(&other.mean)).map(|(part, _)| *part)
 }
 
-fn likelihood(output: &AidedOutput) -> Likelihood {
+fn likelihood(output: &AidedOutput) -> SlopeErrorLikelihood {
     let innovations = &output.aids.difference;
     let (mut sum, mut samples) = (0.0, 0);
     for (residual, nis) in innovations.residual.iter().zip(&innovations.nis) {
@@ -57,5 +57,5 @@ fn likelihood(output: &AidedOutput) -> Likelihood {
             samples += 1;
         }
     }
-    Likelihood { samples, mean: sum / samples.max(1) as f64 }
+    SlopeErrorLikelihood { samples, mean: sum / samples.max(1) as f64 }
 }

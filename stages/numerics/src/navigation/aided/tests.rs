@@ -9,12 +9,12 @@ use super::*;
 use crate::earth::attitude::{body_to_ned, tilted};
 use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
-use crate::maps::Interpolation;
-use crate::navigation::ekf::{self, EkfParameters, EkfPoint};
+use crate::maps::MapInterpolation;
+use crate::navigation::ekf::{self, EkfInput, EkfParameters};
 use crate::navigation::iekf::{self, IekfParameters};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, TILT_N};
-use crate::navigation::scenes::{Scene, hills, positions, uneven};
+use crate::navigation::scenes::{AnalyticScene, hills, positions, uneven};
 use crate::navigation::ukf;
 use crate::signal::gauss_markov::GaussMarkov;
 
@@ -26,8 +26,8 @@ mod particles;
 
 const ROWS: usize = 60;
 
-fn scene(field_nt: fn(f64, f64) -> f64) -> Scene {
-    let mut scene = Scene::new(&uneven(ROWS), Interpolation::Cubic, field_nt);
+fn scene(field_nt: fn(f64, f64) -> f64) -> AnalyticScene {
+    let mut scene = AnalyticScene::new(&uneven(ROWS), MapInterpolation::Cubic, field_nt);
     scene.measurement_nt[20..30].fill(f64::NAN);
     scene.fixes = Some(positions(&scene.columns));
     scene
@@ -63,7 +63,7 @@ fn law_without_further_measurements_it_is_each_of_the_filters() {
         let by = |linearisation| run(line, &Aids::default(), &keep(linearisation)).unwrap().navigation;
         let of_ekf =
             EkfParameters { errors: line.errors, keep_states: true, keep_covariance: true, ..EkfParameters::default() };
-        let point = EkfPoint {
+        let point = EkfInput {
             parameters: &of_ekf,
             measurement_nt: line.measurement_nt,
             sigma_nt: Some(line.sigma_nt),
@@ -102,7 +102,7 @@ struct Read {
 
 const BASELINE_M: [f64; 3] = [9.0, 4.0, -1.0];
 
-fn read(scene: &Scene) -> Read {
+fn read(scene: &AnalyticScene) -> Read {
     let wave = |row: usize, by: f64| (by * row as f64).sin();
     let of = |f: &dyn Fn(usize) -> f64| (0..ROWS).map(f).collect::<Vec<f64>>();
     let core = Arc::new(CoreField::at(2024.5).unwrap());
@@ -124,14 +124,14 @@ fn read(scene: &Scene) -> Read {
 
 fn aids(read: &Read) -> Aids<'_> {
     Aids {
-        difference: Some(Difference {
+        difference: Some(DifferenceAid {
             difference_nt: &read.difference_nt,
             sigma_nt: 0.1,
             baseline_m: BASELINE_M,
             slope: SlopeError::default(),
             bias: GaussMarkov { sigma: 0.5, tau_s: 300.0 },
         }),
-        vector: Some(Vector {
+        vector: Some(VectorAid {
             field_nt: read.field_nt.each_ref().map(Vec::as_slice),
             sigma_nt: 15.0,
             bias: GaussMarkov { sigma: 40.0, tau_s: 1000.0 },
@@ -139,8 +139,8 @@ fn aids(read: &Read) -> Aids<'_> {
             crustal_length_m: 2000.0,
             core: &read.core,
         }),
-        height: Some(Height { alt_m: &read.alt_m, sigma_m: 2.0, bias: GaussMarkov { sigma: 5.0, tau_s: 600.0 } }),
-        map_error: Some(MapError { sigma_nt: 4.0, length_m: 300.0 }),
+        height: Some(HeightAid { alt_m: &read.alt_m, sigma_m: 2.0, bias: GaussMarkov { sigma: 5.0, tau_s: 600.0 } }),
+        map_error: Some(MapErrorProcess { sigma_nt: 4.0, length_m: 300.0 }),
         latency_sigma_s: None,
         flat_over_m: None,
     }
@@ -254,7 +254,7 @@ fn transition(line: &NavigationLine<'_>, row: usize, lasting: &[(f64, f64)]) -> 
 
 #[test]
 fn law_all_measurements_together_are_a_dense_filter_with_numerical_derivatives() {
-    let scene = Scene { fixes: None, ..scene(bowl) };
+    let scene = AnalyticScene { fixes: None, ..scene(bowl) };
     let read = read(&scene);
     scene.with(|line| {
         let found = run(line, &aids(&read), &keep(Linearisation::Once)).unwrap();
@@ -304,7 +304,7 @@ fn law_all_measurements_together_are_a_dense_filter_with_numerical_derivatives()
 #[test]
 fn law_where_the_map_is_too_flat_only_the_temporal_variation_is_corrected() {
     // The slope is 0.05 nT/m north, and 0.03 east: 5 nT are 86 m of it.
-    let scene = Scene { fixes: None, ..scene(crate::navigation::scenes::plane) };
+    let scene = AnalyticScene { fixes: None, ..scene(crate::navigation::scenes::plane) };
     scene.with(|line| {
         let over = |flat_m: f64| {
             run(line, &Aids { flat_over_m: Some(flat_m), ..Aids::default() }, &keep(Linearisation::Once)).unwrap()
@@ -323,7 +323,7 @@ fn law_where_the_map_is_too_flat_only_the_temporal_variation_is_corrected() {
         }
         let sigma = |of: &AidedOutput| of.navigation.p[ROWS - 1][S][S].sqrt();
         assert!(sigma(&flat) < line.errors.fogm_sigma_nt && sigma(&flat) > sigma(&usual), "{}", sigma(&flat));
-        assert!(flat.usage[25] == Usage::Missing && flat.navigation.nis[5].is_finite());
+        assert!(flat.usage[25] == SampleUsage::Missing && flat.navigation.nis[5].is_finite());
     });
 }
 
@@ -339,17 +339,17 @@ fn law_each_measurement_is_left_out_by_itself() {
             assert_eq!(found.aids.height.nis[row].is_nan(), row % 5 == 3);
         }
         // Rows without the scalar field, which the others serve.
-        assert!(found.usage.iter().all(|usage| *usage == Usage::Used), "{:?}", found.usage);
+        assert!(found.usage.iter().all(|usage| *usage == SampleUsage::Used), "{:?}", found.usage);
         assert_eq!(found.navigation.report.updates, ROWS);
         assert_eq!(found.navigation.nis[25], found.aids.difference.nis[25]);
         // The gate rejects only the spike.
         let mut spiked = read.difference_nt.clone();
         spiked[12] += 1e4;
         let mut with_spike = aids(&read);
-        with_spike.difference = with_spike.difference.map(|of| Difference { difference_nt: &spiked, ..of });
+        with_spike.difference = with_spike.difference.map(|of| DifferenceAid { difference_nt: &spiked, ..of });
         let gate = AidedParameters { gate_nis: Some(50.0), ..keep(Linearisation::Once) };
         let gated = run(line, &with_spike, &gate).unwrap();
-        assert!(gated.aids.difference.nis[12] > 50.0 && gated.usage[12] == Usage::Used);
+        assert!(gated.aids.difference.nis[12] > 50.0 && gated.usage[12] == SampleUsage::Used);
         assert!((gated.navigation.x[ROWS - 1][LAT] - found.navigation.x[ROWS - 1][LAT]).abs() < 1e-6);
     });
 }
@@ -363,7 +363,7 @@ fn unit_what_is_no_measurement_is_refused() {
         change(&mut wrong);
         scene.with(|line| run(line, &wrong, &keep(Linearisation::Once)).unwrap_err().to_string())
     };
-    fn of<'a, 'b>(aids: &'b mut Aids<'a>) -> &'b mut Difference<'a> {
+    fn of<'a, 'b>(aids: &'b mut Aids<'a>) -> &'b mut DifferenceAid<'a> {
         aids.difference.as_mut().unwrap()
     }
     assert!(refused(&|aids| of(aids).sigma_nt = 0.0).contains("`gradient_sigma_nt` must be"));

@@ -6,13 +6,13 @@ use crate::earth::attitude::{body_to_ned, skew};
 use crate::earth::field_value::FieldValue;
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::field::PredictedField;
-use crate::navigation::gaussian::Sensitivity;
+use crate::navigation::gaussian::AugmentedSensitivity;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_N};
 
-use super::{AidInnovations, AidStates, Aids, Difference, Vector};
+use super::{AidInnovations, AidStates, Aids, DifferenceAid, VectorAid};
 
 /// A distance over which the core field is linear, in m.
 const CORE_STEP_M: f64 = 1000.0;
@@ -46,7 +46,7 @@ impl Aid {
 
 /// A measurement linearised about a state: value = H x + white noise.
 #[derive(Clone, Debug)]
-pub(crate) struct Linear {
+pub(crate) struct LinearisedAid {
     pub(crate) of: Aid,
     /// The measurement less what is predicted but for H x, in its unit.
     value: f64,
@@ -56,37 +56,37 @@ pub(crate) struct Linear {
     /// The bias, and its entry.
     own: (usize, f64),
     /// Further errors that last: the three parts of the crustal field, or the two errors of the map's slope.
-    lasting: Lasting,
+    lasting: JacobianBlock,
 }
 
-/// Entries of H of states that follow each other.
+/// Entries of the measurement row H for consecutive states.
 #[derive(Clone, Copy, Debug, Default)]
-struct Lasting {
+struct JacobianBlock {
     first: usize,
     count: usize,
     entries: [f64; 3],
 }
 
-impl Lasting {
+impl JacobianBlock {
     fn entries(&self) -> &[f64] {
         &self.entries[..self.count]
     }
 }
 
-impl Linear {
+impl LinearisedAid {
     /// The row of H.
-    pub(crate) fn sensitivity(&self) -> Sensitivity<'_> {
+    pub(crate) fn sensitivity(&self) -> AugmentedSensitivity<'_> {
         let (first, regressors) = (self.lasting.first, self.lasting.entries());
-        Sensitivity { error: self.own, first, regressors, ..Sensitivity::of_ins(&self.ins) }
+        AugmentedSensitivity { error: self.own, first, regressors, ..AugmentedSensitivity::of_ins(&self.ins) }
     }
 
     /// Measurement minus prediction at a state, in this linearisation.
     pub(crate) fn residual(&self, x: &[f64]) -> f64 {
-        self.value - self.sensitivity().of(x)
+        self.value - self.sensitivity().dot(x)
     }
 
-    /// The variance of what lasts of the error before the line: of the bias, the crustal field and the temporal variation, of
-    /// this standard deviation.
+    /// The variance of what lasts of the error before the line: of the bias, the crustal field and the temporal
+    /// variation, of this standard deviation.
     pub(crate) fn lasting_variance(&self, states: &AidStates, temporal_nt: f64) -> f64 {
         let of = |(state, entry): (usize, f64)| states.variance(state).map_or(0.0, |of_state| entry * entry * of_state);
         let lasting: f64 = self.sensitivity().entries().filter(|(state, _)| *state >= STATES).map(of).sum();
@@ -101,7 +101,7 @@ impl Linear {
         }
         self.ins = ins;
         self.own.1 *= decay(self.own.0);
-        let Lasting { first, count, .. } = self.lasting;
+        let JacobianBlock { first, count, .. } = self.lasting;
         let entries = self.lasting.entries.iter_mut().enumerate().take(count);
         entries.for_each(|(part, entry)| *entry *= decay(first + part));
         self
@@ -110,30 +110,30 @@ impl Linear {
 
 /// The measurements of a sample, or the averages of those of an interval.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Rows {
-    rows: [Option<Box<Linear>>; MOST],
+pub(crate) struct AidMeasurements {
+    rows: [Option<Box<LinearisedAid>>; MOST],
     /// Whether one was not used for want of a map value.
     pub(crate) off_map: bool,
 }
 
-impl Rows {
+impl AidMeasurements {
     /// Those that there are, in the order in which they are used.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = &Linear> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &LinearisedAid> {
         self.rows.iter().flatten().map(AsRef::as_ref)
     }
 
     /// One of them.
-    pub(crate) fn get(&self, aid: Aid) -> Option<&Linear> {
+    pub(crate) fn get(&self, aid: Aid) -> Option<&LinearisedAid> {
         self.rows[aid.place()].as_deref()
     }
 
-    /// The same as measurements of the state before; see [`Linear::carried`].
+    /// The same as measurements of the state before; see [`LinearisedAid::carried`].
     pub(crate) fn carried(self, phi: &StateMatrix, decay: impl Fn(usize) -> f64) -> Self {
-        let carried = |row: Option<Box<Linear>>| row.map(|row| Box::new(row.carried(phi, &decay)));
+        let carried = |row: Option<Box<LinearisedAid>>| row.map(|row| Box::new(row.carried(phi, &decay)));
         Self { rows: self.rows.map(carried), off_map: self.off_map }
     }
 
-    fn put(&mut self, row: Linear) {
+    fn put(&mut self, row: LinearisedAid) {
         let place = row.of.place();
         self.rows[place] = Some(Box::new(row));
     }
@@ -143,7 +143,7 @@ impl Rows {
         let mut mean = Self { off_map: samples.iter().any(|sample| sample.off_map), ..Self::default() };
         for aid in Aid::ALL {
             let lost = samples.iter().any(|sample| sample.off_map && sample.get(aid).is_none() && aid != Aid::Height);
-            let all: Vec<&Linear> = samples.iter().filter_map(|sample| sample.get(aid)).collect();
+            let all: Vec<&LinearisedAid> = samples.iter().filter_map(|sample| sample.get(aid)).collect();
             let Some((first, others)) = all.split_first().filter(|_| !lost) else { continue };
             let mut sum = (*first).clone();
             for one in others {
@@ -231,8 +231,8 @@ impl Aids<'_> {
         }
     }
 
-    /// All further measurements of a row, linearised about a state `x` whose further states are at `states`. A value that is
-    /// not finite is no measurement.
+    /// All further measurements of a row, linearised about a state `x` whose further states are at `states`. A value
+    /// that is not finite is no measurement.
     pub(crate) fn rows(
         &self,
         states: &AidStates,
@@ -240,8 +240,8 @@ impl Aids<'_> {
         line: &NavigationLine<'_>,
         row: usize,
         x: &[f64],
-    ) -> Rows {
-        let mut rows = Rows::default();
+    ) -> AidMeasurements {
+        let mut rows = AidMeasurements::default();
         match self.difference_row(states, field, line, row, x) {
             Some(Some(difference)) => rows.put(difference),
             Some(None) => rows.off_map = true,
@@ -266,7 +266,7 @@ impl Aids<'_> {
         line: &NavigationLine<'_>,
         row: usize,
         x: &[f64],
-    ) -> Option<Option<Linear>> {
+    ) -> Option<Option<LinearisedAid>> {
         let (of, bias) = self.difference.as_ref().zip(states.difference)?;
         let value_nt = of.difference_nt[row];
         if !value_nt.is_finite() {
@@ -279,9 +279,9 @@ impl Aids<'_> {
         let moved = ins[LAT] * x[LAT] + ins[LON] * x[LON] + ins[ALT] * x[ALT];
         let lasting = states.slope.map(|first| {
             let [horizontal, upward] = of.slope_entries(line, row);
-            Lasting { first, count: 2, entries: [horizontal, upward, 0.0] }
+            JacobianBlock { first, count: 2, entries: [horizontal, upward, 0.0] }
         });
-        Some(Some(Linear {
+        Some(Some(LinearisedAid {
             of: Aid::Difference,
             value: value_nt - at.value_nt + moved,
             variance: of.sigma_nt * of.sigma_nt,
@@ -298,7 +298,7 @@ impl Aids<'_> {
         line: &NavigationLine<'_>,
         row: usize,
         x: &[f64],
-    ) -> Option<Option<[Linear; 3]>> {
+    ) -> Option<Option<[LinearisedAid; 3]>> {
         let (of, (bias, crustal)) = self.vector.as_ref().zip(states.vector)?;
         let measured_nt = of.field_nt.map(|column| column[row]);
         if measured_nt.iter().any(|value| !value.is_finite()) {
@@ -308,25 +308,37 @@ impl Aids<'_> {
         Some(Some(std::array::from_fn(|axis| {
             let ins = predicted.rows[axis];
             let moved: f64 = ins.iter().zip(x).map(|(h, x)| h * x).sum();
-            Linear {
+            LinearisedAid {
                 of: Aid::Vector(axis),
                 value: measured_nt[axis] - predicted.body_nt[axis] + moved,
                 variance: of.sigma_nt * of.sigma_nt,
                 ins,
                 own: (bias + axis, 1.0),
-                lasting: Lasting { first: crustal, count: 3, entries: predicted.crustal[axis] },
+                lasting: JacobianBlock { first: crustal, count: 3, entries: predicted.crustal[axis] },
             }
         })))
     }
 
     /// The height of a row, where it is measured.
-    pub(crate) fn height_row(&self, states: &AidStates, line: &NavigationLine<'_>, row: usize) -> Option<Linear> {
+    pub(crate) fn height_row(
+        &self,
+        states: &AidStates,
+        line: &NavigationLine<'_>,
+        row: usize,
+    ) -> Option<LinearisedAid> {
         let (of, bias) = self.height.as_ref().zip(states.height)?;
         let value = of.alt_m[row] - line.ins.alt_m[row];
         let mut ins = [0.0; STATES];
         ins[ALT] = 1.0;
         let variance = of.sigma_m * of.sigma_m;
-        let height = Linear { of: Aid::Height, value, variance, ins, own: (bias, 1.0), lasting: Lasting::default() };
+        let height = LinearisedAid {
+            of: Aid::Height,
+            value,
+            variance,
+            ins,
+            own: (bias, 1.0),
+            lasting: JacobianBlock::default(),
+        };
         value.is_finite().then_some(height)
     }
 }
@@ -337,8 +349,8 @@ pub(crate) fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
     body_to_ned(roll, pitch, yaw)
 }
 
-/// Half a baseline as it lies by the INS.
-pub(crate) struct Arm {
+/// Half of the baseline between the magnetometers, oriented by the attitude of the INS.
+pub(crate) struct BaselineArm {
     /// The whole of it north, east and down, in m.
     along: Vector3<f64>,
     /// Half of it in latitude and longitude, in rad, and height, in m.
@@ -347,7 +359,7 @@ pub(crate) struct Arm {
     m_per_rad: (f64, f64),
 }
 
-impl Arm {
+impl BaselineArm {
     /// The derivative of the difference by the tilt, in nT/rad, by the mean slope of the fields at both ends.
     ///
     /// The true baseline is (I − [ψ×]) C r = C r + C r × ψ, and g · (C r × ψ) = (g × C r) · ψ.
@@ -358,7 +370,7 @@ impl Arm {
     }
 }
 
-impl Difference<'_> {
+impl DifferenceAid<'_> {
     /// The entries of H for the two errors of the map's slope, in nT.
     pub(crate) fn slope_entries(&self, line: &NavigationLine<'_>, row: usize) -> [f64; 2] {
         let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
@@ -366,16 +378,16 @@ impl Difference<'_> {
     }
 
     /// Half of the baseline at a row.
-    pub(crate) fn arm(&self, line: &NavigationLine<'_>, row: usize) -> Arm {
+    pub(crate) fn arm(&self, line: &NavigationLine<'_>, row: usize) -> BaselineArm {
         let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
         let half = along * 0.5;
         let (lat_rad, alt_m) = (line.ins.lat_deg[row].to_radians(), line.ins.alt_m[row]);
         let (north, east) = line.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
-        Arm { along, offset: [half.x / north, half.y / east, -half.z], m_per_rad: (north, east) }
+        BaselineArm { along, offset: [half.x / north, half.y / east, -half.z], m_per_rad: (north, east) }
     }
 
-    /// The difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt, in
-    /// nT/rad; `None` where either end is off the map.
+    /// The difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt,
+    /// in nT/rad; `None` where either end is off the map.
     pub(crate) fn field(
         &self,
         field: &mut PredictedField<'_>,
@@ -412,9 +424,9 @@ struct PredictedVector {
     crustal: [[f64; 3]; 3],
 }
 
-impl Vector<'_> {
-    /// The core field about a place (degrees, degrees, m) north, east and down, and its changes with latitude, longitude (per
-    /// rad) and height (per m).
+impl VectorAid<'_> {
+    /// The core field about a place (degrees, degrees, m) north, east and down, and its changes with latitude,
+    /// longitude (per rad) and height (per m).
     pub(crate) fn core_about(
         &self,
         earth: EarthModel,

@@ -1,6 +1,6 @@
 //! Positions of the states of the further measurements among those of a filter.
 
-use crate::navigation::gaussian::Layout;
+use crate::navigation::gaussian::StateLayout;
 use crate::navigation::pinson::S;
 use crate::signal::gauss_markov::GaussMarkov;
 
@@ -28,7 +28,7 @@ pub(crate) struct AidStates {
 
 impl AidStates {
     /// The states from an index on.
-    pub(crate) fn of(aids: &Aids<'_>, first: usize) -> Self {
+    pub(crate) fn new(aids: &Aids<'_>, first: usize) -> Self {
         let mut states = Self { first, ..Self::default() };
         states.difference = aids.difference.map(|of| states.add(of.bias));
         states.slope = aids.difference.map(|of| of.slope).filter(SlopeError::is_any).map(|slope| {
@@ -59,7 +59,7 @@ impl AidStates {
     }
 
     /// Adds them to the errors of a layout, whose next they are.
-    pub(crate) fn extend(&self, layout: &mut Layout) {
+    pub(crate) fn extend(&self, layout: &mut StateLayout) {
         let before = layout.errors.len();
         layout.errors.extend(&self.errors);
         layout.lengths_m.extend(self.lengths_m.iter().map(|(place, length_m)| (before + place, *length_m)));

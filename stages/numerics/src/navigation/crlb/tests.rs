@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use crate::navigation::flights::{
-    FLIGHTS, SAMPLES, Small, claimed_m2, ensemble, from_magnav, golden_map, known, plane,
+    FLIGHTS, OwnedNavigationLine, SAMPLES, claimed_m2, ensemble, from_magnav, golden_map, known, plane,
 };
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{STATES, StateMatrix};
@@ -37,7 +37,7 @@ fn path_of<'a>(ins: &InsSeries<'a>) -> TruePath<'a> {
 
 #[test]
 fn val_magnav_bound_in_the_compatible_form() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let output = run(&line.line(&ins, &map, InsErrorModel::compatible()), &path_of(&ins), true).unwrap();
     for (state, theirs) in from_magnav(&MAGNAV_CRLB_P20).into_iter().enumerate() {
@@ -87,13 +87,13 @@ fn batch_covariance(line: &NavigationLine<'_>, rows: &[usize]) -> SMatrix<f64, S
 
 #[test]
 fn law_the_recursion_is_the_covariance_given_all_measurements_at_once() {
-    let (mut line, map) = (Small::golden(0.7), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(0.7), golden_map());
     line.measurement_nt[3] = f64::NAN;
     line.sigma_nt[8] = 2.0;
     line.columns[0][11..].iter_mut().for_each(|tt| *tt += 3.0);
     let ins = line.series();
     let wide = InsErrors { init_position_sigma_m: 30.0, init_altitude_sigma_m: 5.0, ..InsErrors::default() };
-    let line = line.line(&ins, &map, InsErrorModel::of(wide));
+    let line = line.line(&ins, &map, InsErrorModel::from_sources(wide));
     let found = run(&line, &path_of(&ins), true).unwrap().p[19];
     let measured: Vec<usize> = (0..20).filter(|row| *row != 3).collect();
     let expected = batch_covariance(&line, &measured);
@@ -108,7 +108,7 @@ fn law_the_recursion_is_the_covariance_given_all_measurements_at_once() {
 
 #[test]
 fn law_over_a_plane_it_is_the_covariance_of_the_ekf() {
-    let (line, map) = (Small::golden(3.0), plane());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), plane());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let (bound, ekf) = (run(&line, &path_of(&ins), true).unwrap(), known(&line, 3.0).unwrap());
@@ -141,7 +141,7 @@ fn law_the_filters_reach_the_bound() {
 
 #[test]
 fn law_the_estimate_is_the_truth_and_the_residual_is_of_it() {
-    let (mut line, map) = (Small::golden(3.0), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     line.measurement_nt[4] = f64::NAN;
     line.sigma_nt[5] = 0.0;
     let ins = line.series();
@@ -178,7 +178,7 @@ fn law_the_estimate_is_the_truth_and_the_residual_is_of_it() {
 
 #[test]
 fn law_the_offset_is_that_at_the_truth_and_moves_no_bound() {
-    let (mut line, map) = (Small::golden(3.0), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let plain = run(&line.line(&ins, &map, InsErrorModel::default()), &path_of(&ins), false).unwrap();
     line.measurement_nt.iter_mut().for_each(|measured| *measured += 700.0);
@@ -195,7 +195,7 @@ fn law_the_offset_is_that_at_the_truth_and_moves_no_bound() {
 
 #[test]
 fn law_bad_paths_are_refused_in_words() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let message = |path: &TruePath<'_>| run(&line, path, false).unwrap_err().to_string();

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::earth::geodesy::EarthModel;
-use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{LAT, LON};
 
@@ -20,12 +20,12 @@ fn columns() -> [Vec<f64>; 13] {
 
 fn flat() -> FieldMap {
     let grid = GeographicGrid::new(&[44.0, 46.0], &[-77.0, -75.0], &[0.0; 4]).unwrap();
-    FieldMap::Flat(MapSurface::new(&grid, Interpolation::Linear))
+    FieldMap::Flat(MapSurface::new(&grid, MapInterpolation::Linear))
 }
 
 fn parameters() -> EkfParameters {
     let sources = InsErrors { init_position_sigma_m: 40.0, ..InsErrors::default() };
-    EkfParameters { errors: InsErrorModel::of(sources), keep_covariance: true, ..EkfParameters::default() }
+    EkfParameters { errors: InsErrorModel::from_sources(sources), keep_covariance: true, ..EkfParameters::default() }
 }
 
 /// Positions `north_m` of the INS until a row; none from there on.
@@ -43,8 +43,8 @@ fn fixes(until: usize, north_m: f64) -> PositionFixes {
 
 fn run_with(fixes: Option<&PositionFixes>, measurement_nt: &[f64], sigma_nt: Option<&[f64]>) -> NavigationOutput {
     let (columns, parameters, map) = (columns(), parameters(), flat());
-    let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
-    let point = EkfPoint { parameters: &parameters, measurement_nt, sigma_nt, fixes, map: &map, core: None };
+    let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
+    let point = EkfInput { parameters: &parameters, measurement_nt, sigma_nt, fixes, map: &map, core: None };
     run_together(&ins, &[point]).pop().unwrap().unwrap()
 }
 
@@ -97,13 +97,13 @@ fn law_each_measurement_counts_with_its_own_noise() {
 #[test]
 fn unit_fixes_that_no_filter_can_use_are_refused() {
     let (columns, parameters, map, none) = (columns(), parameters(), flat(), vec![f64::NAN; ROWS]);
-    let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
+    let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     let short = PositionFixes { lat_deg: vec![45.0], ..fixes(ROWS, 0.0) };
     let exact = PositionFixes { horizontal_sigma_m: 0.0, ..fixes(ROWS, 0.0) };
     for (fixes, words) in [(short, "fix latitude"), (exact, "horizontal_sigma_m")] {
         let fixes = Some(&fixes);
         let point =
-            EkfPoint { parameters: &parameters, measurement_nt: &none, sigma_nt: None, fixes, map: &map, core: None };
+            EkfInput { parameters: &parameters, measurement_nt: &none, sigma_nt: None, fixes, map: &map, core: None };
         let error = run_together(&ins, &[point]).pop().unwrap().unwrap_err();
         assert!(error.to_string().contains(words), "{error}");
     }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::navigation::flights::{Flight, world};
+use crate::navigation::flights::{OsborneFlight, world};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 
 const FLIGHTS: u64 = 20;
@@ -12,10 +12,10 @@ const SIGMA_NT: f64 = 1.0;
 /// Median over the flights of the mean NEES of the position, expected value 2.
 fn nees(second_order: bool) -> f64 {
     let sources = InsErrors { init_position_sigma_m: 300.0, init_velocity_sigma_mps: 0.5, ..InsErrors::default() };
-    let errors = InsErrorModel { fogm_sigma_nt: 1.0, ..InsErrorModel::of(sources) };
+    let errors = InsErrorModel { fogm_sigma_nt: 1.0, ..InsErrorModel::from_sources(sources) };
     let mut means: Vec<f64> = (0..FLIGHTS)
         .map(|seed| {
-            let flight = Flight::flown(seed, SAMPLES, 1.0, errors);
+            let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, errors);
             let measured = flight.measured(700 + seed, SIGMA_NT);
             let ins = flight.ins.series();
             let parameters = EkfParameters {

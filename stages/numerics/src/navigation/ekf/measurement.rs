@@ -3,18 +3,18 @@
 use pulp::Simd;
 
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
-use crate::navigation::transition::lanes::{Matrices, Vectors};
+use crate::navigation::transition::lanes::{StateMatrixLanes, StateVectorLanes};
 
 /// The row H of each measurement, which has entries for position and S only.
 /// [Gnadt 2022, (5.37), with the 1 of S that is missing in print]
-pub(super) struct Sensitivities<V> {
+pub(super) struct SensitivityLanes<V> {
     pub(super) d_lat: V,
     pub(super) d_lon: V,
     pub(super) d_alt: V,
 }
 
 /// The update of state and covariance by a measurement.
-pub(super) struct Correction<S: Simd> {
+pub(super) struct EkfCorrection<S: Simd> {
     /// Measurement minus prediction.
     pub(super) residual: S::f64s,
     /// One over the variance of the residual.
@@ -25,16 +25,16 @@ pub(super) struct Correction<S: Simd> {
     pub(super) used: S::m64s,
 }
 
-/// The update by a measurement of one state, where H is a row of the identity; as [`Sensitivities::correct`].
+/// The update by a measurement of one state, where H is a row of the identity; as [`SensitivityLanes::correct`].
 #[inline(always)]
 pub(super) fn correct_by_state<S: Simd>(
     simd: S,
     state: usize,
-    correction: &Correction<S>,
-    x: &mut Vectors<S>,
-    p: &mut Matrices<S>,
+    correction: &EkfCorrection<S>,
+    x: &mut StateVectorLanes<S>,
+    p: &mut StateMatrixLanes<S>,
 ) {
-    let Correction { residual, weight, variance, used } = *correction;
+    let EkfCorrection { residual, weight, variance, used } = *correction;
     let ph = p[state];
     let (mut gain, mut rest) = (ph, ph);
     for row in 0..STATES {
@@ -49,7 +49,12 @@ pub(super) fn correct_by_state<S: Simd>(
 
 /// A + (R K - A Hᵀ) Kᵀ of A = P - K (P Hᵀ)ᵀ, given P Hᵀ, K and R K - A Hᵀ: one triangle is computed and mirrored.
 #[inline(always)]
-fn correct_covariance<S: Simd>(simd: S, used: S::m64s, [ph, gain, rest]: [Vectors<S>; 3], p: &mut Matrices<S>) {
+fn correct_covariance<S: Simd>(
+    simd: S,
+    used: S::m64s,
+    [ph, gain, rest]: [StateVectorLanes<S>; 3],
+    p: &mut StateMatrixLanes<S>,
+) {
     for row in 0..STATES {
         for column in row..STATES {
             let a = simd.sub_f64s(p[row][column], simd.mul_f64s(gain[row], ph[column]));
@@ -61,7 +66,7 @@ fn correct_covariance<S: Simd>(simd: S, used: S::m64s, [ph, gain, rest]: [Vector
     }
 }
 
-impl<V: Copy> Sensitivities<V> {
+impl<V: Copy> SensitivityLanes<V> {
     /// H times a vector of which the entries for position and S are given.
     #[inline(always)]
     fn dot<S: Simd<f64s = V>>(&self, simd: S, [lat, lon, alt, s]: [V; 4]) -> V {
@@ -71,7 +76,7 @@ impl<V: Copy> Sensitivities<V> {
 
     /// P Hᵀ.
     #[inline(always)]
-    pub(super) fn covariances<S: Simd<f64s = V>>(&self, simd: S, p: &Matrices<S>) -> Vectors<S> {
+    pub(super) fn covariances<S: Simd<f64s = V>>(&self, simd: S, p: &StateMatrixLanes<S>) -> StateVectorLanes<S> {
         let mut ph = p[S];
         for state in 0..STATES {
             ph[state] = self.dot(simd, [p[LAT][state], p[LON][state], p[ALT][state], p[S][state]]);
@@ -81,7 +86,7 @@ impl<V: Copy> Sensitivities<V> {
 
     /// H P Hᵀ + R of P Hᵀ and R.
     #[inline(always)]
-    pub(super) fn innovation_variances<S: Simd<f64s = V>>(&self, simd: S, ph: &Vectors<S>, variance: V) -> V {
+    pub(super) fn innovation_variances<S: Simd<f64s = V>>(&self, simd: S, ph: &StateVectorLanes<S>, variance: V) -> V {
         simd.add_f64s(self.dot(simd, [ph[LAT], ph[LON], ph[ALT], ph[S]]), variance)
     }
 
@@ -91,12 +96,12 @@ impl<V: Copy> Sensitivities<V> {
     pub(super) fn correct<S: Simd<f64s = V>>(
         &self,
         simd: S,
-        correction: &Correction<S>,
-        ph: &Vectors<S>,
-        x: &mut Vectors<S>,
-        p: &mut Matrices<S>,
+        correction: &EkfCorrection<S>,
+        ph: &StateVectorLanes<S>,
+        x: &mut StateVectorLanes<S>,
+        p: &mut StateMatrixLanes<S>,
     ) {
-        let Correction { residual, weight, variance, used } = *correction;
+        let EkfCorrection { residual, weight, variance, used } = *correction;
         let mut gain = *ph;
         let mut rest = *ph;
         for state in 0..STATES {

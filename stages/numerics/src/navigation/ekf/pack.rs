@@ -2,9 +2,9 @@
 
 use pulp::Simd;
 
-use super::EkfPoint;
-use super::measurement::{Correction, Sensitivities, correct_by_state};
-use super::steps::Step;
+use super::EkfInput;
+use super::measurement::{EkfCorrection, SensitivityLanes, correct_by_state};
+use super::steps::EkfStep;
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_series::InsSeries;
@@ -13,7 +13,8 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 use crate::navigation::position_fixes::StateFix;
 use crate::navigation::transition::NoiseDiscretisation;
 use crate::navigation::transition::lanes::{
-    Matrices, Vectors, add_diagonals, add_to_all, from_lanes, lane, propagate_covariances, propagate_states,
+    StateMatrixLanes, StateVectorLanes, add_diagonals, add_to_all, from_lanes, lane, propagate_covariances,
+    propagate_states,
 };
 use crate::signal::gauss_markov::GaussMarkov;
 
@@ -21,8 +22,8 @@ use crate::signal::gauss_markov::GaussMarkov;
 const MOST_LANES: usize = 8;
 
 /// The data of one filter, except state and covariance.
-pub(super) struct Filter<'a> {
-    point: EkfPoint<'a>,
+pub(super) struct EkfLane<'a> {
+    point: EkfInput<'a>,
     field: PredictedField<'a>,
     /// The temporal variation.
     fogm: GaussMarkov,
@@ -31,8 +32,8 @@ pub(super) struct Filter<'a> {
     fault: Option<NavigationError>,
 }
 
-impl<'a> Filter<'a> {
-    pub(super) fn new(point: EkfPoint<'a>, ins: &InsSeries<'_>) -> Self {
+impl<'a> EkfLane<'a> {
+    pub(super) fn new(point: EkfInput<'a>, ins: &InsSeries<'_>) -> Self {
         let (parameters, errors) = (point.parameters, &point.parameters.errors);
         let mut filter = Self {
             field: PredictedField::new(point.map, point.core).with_second_order(parameters.second_order),
@@ -87,18 +88,18 @@ impl<'a> Filter<'a> {
 
 /// A pack of at most as many filters as a register has lanes. A lane without a filter repeats the last filter, and its
 /// result is ignored.
-pub(super) struct Pack<'a, S: Simd> {
-    filters: Vec<Filter<'a>>,
+pub(super) struct EkfPack<'a, S: Simd> {
+    filters: Vec<EkfLane<'a>>,
     noise: NoiseDiscretisation,
     /// Spectral densities of the process noise.
-    density: Vectors<S>,
-    x: Vectors<S>,
-    p: Matrices<S>,
+    density: StateVectorLanes<S>,
+    x: StateVectorLanes<S>,
+    p: StateMatrixLanes<S>,
 }
 
-impl<'a, S: Simd> Pack<'a, S> {
+impl<'a, S: Simd> EkfPack<'a, S> {
     /// No error, and the initial covariances at the first sample. There is at least one filter, and no more than lanes.
-    pub(super) fn new(simd: S, filters: Vec<Filter<'a>>, noise: NoiseDiscretisation, ins: &InsSeries<'_>) -> Self {
+    pub(super) fn new(simd: S, filters: Vec<EkfLane<'a>>, noise: NoiseDiscretisation, ins: &InsSeries<'_>) -> Self {
         let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
         let zero = simd.splat_f64s(0.0);
         let (mut density, mut p) = ([zero; STATES], [[zero; STATES]; STATES]);
@@ -115,7 +116,7 @@ impl<'a, S: Simd> Pack<'a, S> {
     }
 
     /// The filters at the end of the line.
-    pub(super) fn into_filters(self) -> Vec<Filter<'a>> {
+    pub(super) fn into_filters(self) -> Vec<EkfLane<'a>> {
         self.filters
     }
 
@@ -127,7 +128,7 @@ impl<'a, S: Simd> Pack<'a, S> {
 
     /// The samples from `first` on, each after a step.
     #[inline(always)]
-    pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[Step]) {
+    pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[EkfStep]) {
         if self.filters.iter().all(|filter| filter.fault.is_some()) {
             return;
         }
@@ -154,7 +155,7 @@ impl<'a, S: Simd> Pack<'a, S> {
     }
 
     #[inline(always)]
-    fn propagate(&mut self, simd: S, step: &Step) {
+    fn propagate(&mut self, simd: S, step: &EkfStep) {
         let dt_s = step.dt_s;
         let decay = self.of_fogm(simd, |fogm| fogm.decay(dt_s));
         propagate_states(simd, &step.phi, decay, &mut self.x);
@@ -226,7 +227,7 @@ impl<'a, S: Simd> Pack<'a, S> {
                 from_lanes(simd, |at| fixes.get(at).and_then(Option::as_ref).map_or(none, part))
             };
             let (there, variance) = (of(0.0, |_| 1.0), of(1.0, |fix| fix.variance));
-            let correction = Correction {
+            let correction = EkfCorrection {
                 residual: simd.sub_f64s(of(0.0, |fix| fix.error), self.x[state]),
                 weight: simd.div_f64s(simd.splat_f64s(1.0), simd.add_f64s(self.p[state][state], variance)),
                 variance,
@@ -250,7 +251,7 @@ impl<'a, S: Simd> Pack<'a, S> {
             return innovations;
         }
         let slope = |at: usize, of: fn(&FieldValue) -> f64| fields[at].as_ref().map_or(0.0, |(_, field)| of(field));
-        let h = Sensitivities {
+        let h = SensitivityLanes {
             d_lat: from_lanes(simd, |at| slope(at, |field| field.d_lat_nt_per_rad)),
             d_lon: from_lanes(simd, |at| slope(at, |field| field.d_lon_nt_per_rad)),
             d_alt: from_lanes(simd, |at| slope(at, |field| field.d_alt_nt_per_m)),
@@ -279,7 +280,7 @@ impl<'a, S: Simd> Pack<'a, S> {
                 used[at] = if filter.uses(innovations[at]) { 1.0 } else { 0.0 };
             }
         }
-        let correction = Correction {
+        let correction = EkfCorrection {
             residual: from_lanes(simd, |at| innovations[at].residual_nt),
             weight: simd.div_f64s(simd.splat_f64s(1.0), variances),
             variance,

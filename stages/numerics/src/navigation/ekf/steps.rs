@@ -3,13 +3,13 @@
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::pinson::{PinsonForm, S, StateMatrix, StateVector, TimeConstants, pinson_matrix};
-use crate::navigation::transition::lanes::Transition;
+use crate::navigation::transition::lanes::TransitionEntries;
 use crate::navigation::transition::{NoiseDiscretisation, transition_matrix, van_loan};
 
 /// Parameters that determine the steps along a line. The temporal variation is excluded: it drives no other state and
 /// decays independently, so every filter has its own.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct StepModel {
+pub(super) struct EkfStepModel {
     times: TimeConstants,
     form: PinsonForm,
     noise: NoiseDiscretisation,
@@ -17,16 +17,16 @@ pub(super) struct StepModel {
     density: Option<StateVector>,
 }
 
-/// One step.
-pub(super) struct Step {
+/// Step that filters of the same error model share, with its length in s.
+pub(super) struct EkfStep {
     pub(super) dt_s: f64,
-    pub(super) phi: Transition,
+    pub(super) phi: TransitionEntries,
     /// The process noise of the step where it is integrated, except that of the temporal variation.
     pub(super) noise: Option<Box<StateMatrix>>,
 }
 
-impl StepModel {
-    pub(super) fn of(errors: &InsErrorModel) -> Self {
+impl EkfStepModel {
+    pub(super) fn from_error_model(errors: &InsErrorModel) -> Self {
         let mut density = errors.noise_density();
         density[S] = 0.0;
         Self {
@@ -44,11 +44,11 @@ impl StepModel {
 
     /// The step from the sample before `row` to `row`.
     #[inline(always)]
-    pub(super) fn step(&self, ins: &InsSeries<'_>, row: usize) -> Step {
+    pub(super) fn step(&self, ins: &InsSeries<'_>, row: usize) -> EkfStep {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
         let f = pinson_matrix(&ins.point(row - 1), &self.times, self.form);
-        let phi = Transition::of(&transition_matrix(&f, dt_s));
+        let phi = TransitionEntries::from_matrix(&transition_matrix(&f, dt_s));
         let noise = self.density.map(|density| Box::new(van_loan(&f, &density, dt_s)));
-        Step { dt_s, phi, noise }
+        EkfStep { dt_s, phi, noise }
     }
 }

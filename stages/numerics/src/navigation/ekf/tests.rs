@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use crate::maps::map_surface::tests::golden_grid;
-use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::pinson::tests::{golden, golden_entries};
 use crate::navigation::pinson::{ALT, LAT, LON, MAGNAV_POSITION, S, STATES, StateVector, VN};
@@ -17,7 +17,7 @@ struct Line {
 
 impl Line {
     fn series(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 
     fn run(&self, parameters: &EkfParameters, map: &MapSurface) -> Result<NavigationOutput, NavigationError> {
@@ -54,7 +54,7 @@ impl Line {
 }
 
 fn cubic() -> MapSurface {
-    MapSurface::new(&golden_grid(), Interpolation::Cubic)
+    MapSurface::new(&golden_grid(), MapInterpolation::Cubic)
 }
 
 /// MagNav.jl's `create_model(0.1, lat[1])`.
@@ -193,7 +193,7 @@ fn law_without_any_measurement_the_ins_is_handed_through() {
 #[test]
 fn law_a_flat_map_moves_only_the_temporal_variation() {
     let (lat, lon) = ([40.0, 40.2], [-75.0, -74.0]);
-    let flat = MapSurface::new(&GeographicGrid::new(&lat, &lon, &[10.0; 4]).unwrap(), Interpolation::Linear);
+    let flat = MapSurface::new(&GeographicGrid::new(&lat, &lon, &[10.0; 4]).unwrap(), MapInterpolation::Linear);
     let mut line = Line::golden();
     line.measurement_nt.fill(14.0);
     let output = line.run(&EkfParameters::default(), &flat).unwrap();

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::transition::NoiseDiscretisation;
 
@@ -28,7 +28,7 @@ fn columns() -> [Vec<f64>; 13] {
 }
 
 /// A wavy map from -74.91° to `east_deg`.
-fn map(east_deg: f64, interpolation: Interpolation) -> FieldMap {
+fn map(east_deg: f64, interpolation: MapInterpolation) -> FieldMap {
     let columns = ((east_deg + 74.91) / 0.001).round();
     let lat: Vec<f64> = (0..30).map(|k| 40.09 + 0.001 * f64::from(k)).collect();
     let lon: Vec<f64> = (0..columns as i32).map(|k| -74.91 + 0.001 * f64::from(k)).collect();
@@ -117,17 +117,17 @@ fn points(maps: &[FieldMap], core: &Arc<CoreField>, ins: &InsSeries<'_>) -> Vec<
 fn setting() -> ([Vec<f64>; 13], Vec<FieldMap>, Arc<CoreField>) {
     // The second map ends where the flight is half done.
     let maps = vec![
-        map(-74.88, Interpolation::Linear),
-        map(-74.892, Interpolation::Cubic),
-        map(-74.88, Interpolation::Cubic),
-        map(-74.88, Interpolation::Quadratic),
+        map(-74.88, MapInterpolation::Linear),
+        map(-74.892, MapInterpolation::Cubic),
+        map(-74.88, MapInterpolation::Cubic),
+        map(-74.88, MapInterpolation::Quadratic),
     ];
     (columns(), maps, Arc::new(CoreField::at(2020.5).unwrap()))
 }
 
-fn borrowed<'a>(of: &'a Owned, maps: &'a [FieldMap], core: &'a Arc<CoreField>) -> EkfPoint<'a> {
+fn borrowed<'a>(of: &'a Owned, maps: &'a [FieldMap], core: &'a Arc<CoreField>) -> EkfInput<'a> {
     let Owned { parameters, measurement_nt, map, core: with_core } = of;
-    EkfPoint {
+    EkfInput {
         parameters,
         measurement_nt,
         sigma_nt: None,
@@ -137,16 +137,16 @@ fn borrowed<'a>(of: &'a Owned, maps: &'a [FieldMap], core: &'a Arc<CoreField>) -
     }
 }
 
-fn alone(ins: &InsSeries<'_>, point: &EkfPoint<'_>) -> Result<NavigationOutput, NavigationError> {
+fn alone(ins: &InsSeries<'_>, point: &EkfInput<'_>) -> Result<NavigationOutput, NavigationError> {
     run(point.parameters, ins, point.measurement_nt, point.map, point.core.map(|core| &**core))
 }
 
 #[test]
 fn law_a_point_has_the_same_bits_in_any_company() {
     let (columns, maps, core) = setting();
-    let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
+    let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     let owned = points(&maps, &core, &ins);
-    let all: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
+    let all: Vec<EkfInput<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     let expected: Vec<NavigationOutput> = all.iter().map(|point| alone(&ins, point).unwrap()).collect();
     let report = |k: usize| expected[k].report;
     assert!(expected.iter().map(|e| e.report.gated).sum::<usize>() > 20, "the gate rejects");
@@ -155,7 +155,7 @@ fn law_a_point_has_the_same_bits_in_any_company() {
     for company in 1..=all.len() {
         for first in [0, 7, 13] {
             let places: Vec<usize> = (0..company).map(|k| (first + 5 * k) % all.len()).collect();
-            let few: Vec<EkfPoint<'_>> = places.iter().map(|place| all[*place]).collect();
+            let few: Vec<EkfInput<'_>> = places.iter().map(|place| all[*place]).collect();
             for (place, output) in places.into_iter().zip(run_together(&ins, &few)) {
                 let output = output.unwrap();
                 assert!(bits(&output) == bits(&expected[place]), "{place} among {company}");
@@ -168,16 +168,16 @@ fn law_a_point_has_the_same_bits_in_any_company() {
 #[test]
 fn law_a_fault_of_one_point_leaves_the_others() {
     let (columns, maps, core) = setting();
-    let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
+    let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     let mut owned: Vec<Owned> = points(&maps, &core, &ins).into_iter().take(10).collect();
-    let whole: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
+    let whole: Vec<EkfInput<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     let expected: Vec<Vec<u64>> = whole.iter().map(|point| bits(&alone(&ins, point).unwrap())).collect();
     owned[1].parameters.errors.sources.init_velocity_sigma_mps = 1e160;
     // The largest number is reached after some 200 steps.
     owned[4].parameters.errors.sources.vrw_sigma = 3e153;
     owned[5].parameters.measurement_sigma_nt = -1.0;
     owned[8].measurement_nt.pop();
-    let all: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
+    let all: Vec<EkfInput<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     for (place, answer) in run_together(&ins, &all).into_iter().enumerate() {
         match (place, answer) {
             (1, Err(NavigationError::Diverged { row, .. })) => assert_eq!(row, 0),
@@ -194,7 +194,7 @@ fn law_a_fault_of_one_point_leaves_the_others() {
     }
     let mut bad = columns.clone();
     bad[5][12] = f64::NAN;
-    let ins = InsSeries::of(bad.each_ref().map(Vec::as_slice));
+    let ins = InsSeries::from_columns(bad.each_ref().map(Vec::as_slice));
     assert!(run_together(&ins, &all[..4]).iter().all(|answer| matches!(answer, Err(NavigationError::Series(_)))));
     assert!(run_together(&ins, &[]).is_empty());
 }
@@ -203,7 +203,7 @@ fn law_a_fault_of_one_point_leaves_the_others() {
 fn law_a_step_in_lanes_is_the_step_of_one_matrix() {
     // The covariance after the first step, without measurements, against the scalar step of the error model.
     let (columns, maps, core) = setting();
-    let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
+    let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     for place in [0, 2, 3, 9] {
         let mut owned = points(&maps, &core, &ins).swap_remove(place);
         owned.measurement_nt.fill(f64::NAN);

@@ -1,31 +1,31 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use crate::navigation::pinson::{ALT, LAT, LON, S};
-use crate::navigation::scenes::{Dense, DenseVector, dense};
-use crate::random::Normals;
+use crate::navigation::scenes::{DenseStateMatrix, DenseStateVector, dense};
+use crate::random::NormalGenerator;
 use nalgebra::SVector;
 
 /// An estimate whose states are of like scales, correlated.
-pub(crate) fn random_estimate(seed: u64) -> Estimate {
-    let mut normals = Normals::new(seed);
-    let root = Dense::from_fn(|_, _| normals.draw());
+pub(crate) fn random_estimate(seed: u64) -> StateEstimate {
+    let mut normals = NormalGenerator::new(seed);
+    let root = DenseStateMatrix::from_fn(|_, _| normals.draw());
     let p = root * root.transpose();
     let mut p: StateMatrix = std::array::from_fn(|row| std::array::from_fn(|column| p[(row, column)]));
     mirror(&mut p);
-    Estimate { x: std::array::from_fn(|_| normals.draw()), p }
+    StateEstimate { x: std::array::from_fn(|_| normals.draw()), p }
 }
 
 /// An estimate of unlike scales, correlated.
-fn estimate() -> Estimate {
-    let mut normals = Normals::new(3);
-    let root = Dense::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
+fn estimate() -> StateEstimate {
+    let mut normals = NormalGenerator::new(3);
+    let root = DenseStateMatrix::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
     let p = root * root.transpose();
     let p = std::array::from_fn(|row| std::array::from_fn(|column| p[(row.min(column), row.max(column))]));
-    Estimate { x: std::array::from_fn(|_| normals.draw()), p }
+    StateEstimate { x: std::array::from_fn(|_| normals.draw()), p }
 }
 
 /// The largest difference of two covariances, in standard deviations of the first.
-fn difference(a: &Dense, b: &Dense) -> f64 {
+fn difference(a: &DenseStateMatrix, b: &DenseStateMatrix) -> f64 {
     let relative = |row: usize, column: usize| {
         (a[(row, column)] - b[(row, column)]).abs() / (a[(row, row)] * a[(column, column)]).sqrt()
     };
@@ -89,7 +89,7 @@ fn law_what_is_not_finite_or_negative_has_diverged() {
 fn law_the_corrected_covariance_is_josephs_form() {
     let mut estimate = random_estimate(1);
     let (h, variance) = (Sensitivity([0.7, -1.3, 0.2, 1.0]), 0.5);
-    let mut row = DenseVector::zeros();
+    let mut row = DenseStateVector::zeros();
     for (factor, state) in h.0.into_iter().zip(MEASURED) {
         row[state] = factor;
     }
@@ -97,12 +97,12 @@ fn law_the_corrected_covariance_is_josephs_form() {
     let ph = h.covariance(&estimate.p);
     // Any gain: the form is that of the gain, not of the best one.
     let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).cos());
-    let dense_gain = DenseVector::from_fn(|state, _| gain[state]);
-    let rest = Dense::identity() - dense_gain * row.transpose();
+    let dense_gain = DenseStateVector::from_fn(|state, _| gain[state]);
+    let rest = DenseStateMatrix::identity() - dense_gain * row.transpose();
     let expected = rest * p * rest.transpose() + dense_gain * variance * dense_gain.transpose();
     let sum = h.dot(&ph) + variance;
     let best = ph.map(|ph| ph / sum);
-    assert!(((p * row) - DenseVector::from_fn(|state, _| ph[state])).norm() < 1e-12);
+    assert!(((p * row) - DenseStateVector::from_fn(|state, _| ph[state])).norm() < 1e-12);
     estimate.correct_covariance(&h, &gain, &ph, variance);
     // Entries are of size 10 to 100.
     assert!((dense(&estimate.p) - expected).abs().max() < 1e-11);

@@ -1,14 +1,20 @@
 use super::*;
-use crate::navigation::flights::Flight;
+use crate::navigation::flights::OsborneFlight;
 use crate::navigation::ins_error::InsErrors;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 const ROWS: u32 = 900;
 
-/// A flight of 15 minutes and fixes of 2 m (height 5 m) each second, moved north, east and up by `fault` of the time in s.
-fn tested(seed: u64, noise: f64, model: InsErrorModel, fault: impl Fn(f64) -> [f64; 3]) -> (TestedFixes, Flight) {
-    let flight = Flight::flown(seed, ROWS, 1.0, model);
-    let mut normals = Normals::new(1000 + seed);
+/// A flight of 15 minutes and fixes of 2 m (height 5 m) each second, moved north, east and up by `fault` of the time in
+/// s.
+fn tested(
+    seed: u64,
+    noise: f64,
+    model: InsErrorModel,
+    fault: impl Fn(f64) -> [f64; 3],
+) -> (FixTestResult, OsborneFlight) {
+    let flight = OsborneFlight::flown(seed, ROWS, 1.0, model);
+    let mut normals = NormalGenerator::new(1000 + seed);
     let truth = &flight.truth.columns;
     let mut fixes = PositionFixes {
         lat_deg: vec![],
@@ -28,7 +34,7 @@ fn tested(seed: u64, noise: f64, model: InsErrorModel, fault: impl Fn(f64) -> [f
 }
 
 fn model() -> InsErrorModel {
-    InsErrorModel::of(InsErrors { init_altitude_sigma_m: 5.0, ha_sigma_m: 1.0, ..InsErrors::default() })
+    InsErrorModel::from_sources(InsErrors { init_altitude_sigma_m: 5.0, ha_sigma_m: 1.0, ..InsErrors::default() })
 }
 
 /// The rows of `values` that are so.
@@ -83,13 +89,13 @@ fn law_neither_more_noise_nor_a_wrong_start_nor_a_gap_is_an_alarm() {
         let (noisy, _) = tested(seed, 2.5, model(), |_| [0.0; 3]);
         assert!(rows(&noisy.rejected).len() < 30, "seed {seed}: {:?} {:?}", noisy.alarms, rows(&noisy.rejected).len());
         // A start that is claimed to be known to 3 m and 0.01 m/s, and is not.
-        let flown = InsErrorModel::of(InsErrors {
+        let flown = InsErrorModel::from_sources(InsErrors {
             init_position_sigma_m: 100.0,
             init_velocity_sigma_mps: 0.5,
             init_attitude_sigma_deg: 0.03,
             ..model().sources
         });
-        let flight = Flight::flown(seed, ROWS, 1.0, flown);
+        let flight = OsborneFlight::flown(seed, ROWS, 1.0, flown);
         let truth = &flight.truth.columns;
         let mut fixes = PositionFixes {
             lat_deg: truth[1].clone(),

@@ -3,46 +3,46 @@
 use std::ops::Range;
 
 use crate::earth::field_value::FieldValue;
-use crate::navigation::aids::{AidStates, Aids, Rows};
-use crate::navigation::gaussian::{Layout, Sensitivity, Step, add, add_scaled, product};
+use crate::navigation::aids::{AidMeasurements, AidStates, Aids};
+use crate::navigation::gaussian::{AugmentedSensitivity, StateLayout, StateStep, add, add_scaled, product};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::{identity, propagate_covariance};
 use crate::navigation::{NavigationLine, PredictedField};
 
-use super::Magnetometer;
+use super::FixedLagMagnetometer;
 
 /// Slack of the limits between intervals, in s: a decimal time is not exact.
 pub(super) const SLACK_S: f64 = 1e-6;
 
 /// An instant, the first sample of an interval, and its measurements.
 #[derive(Clone, Debug)]
-pub(super) struct Node {
+pub(super) struct FixedLagNode {
     /// The samples.
     pub rows: Range<usize>,
     pub tt_s: f64,
     /// The step from the node before; of no use to the first.
-    pub step: Step,
+    pub step: StateStep,
     /// Rows of position of Φ from the node, for each sample.
     positions: Vec<[StateVector; 3]>,
     /// Measurement of each magnetometer.
-    pub measurements: Vec<Option<Measurement>>,
+    pub measurements: Vec<Option<NodeMeasurement>>,
     /// The aiding positions at its samples.
-    pub fixes: Vec<Fix>,
+    pub fixes: Vec<NodeFix>,
     /// Propagation of the node's states to its later samples, if there are further measurements.
-    later: Vec<Later>,
+    later: Vec<NodePropagation>,
 }
 
-/// The way from a node to a later sample of it.
+/// Propagation from a node to one of its later samples.
 #[derive(Clone, Debug)]
-struct Later {
+struct NodePropagation {
     dt_s: f64,
     speed_mps: f64,
     phi: StateMatrix,
 }
 
-/// A coordinate from elsewhere, as a measurement of the node's states.
+/// Coordinate of an aiding position, as a measurement of the node's states.
 #[derive(Clone, Debug)]
-pub(super) struct Fix {
+pub(super) struct NodeFix {
     /// The row of Φ from the node to the sample.
     h: StateVector,
     /// The error of the INS there, and its variance.
@@ -50,21 +50,21 @@ pub(super) struct Fix {
     pub variance: f64,
 }
 
-impl Fix {
+impl NodeFix {
     /// The row of H.
-    pub fn sensitivity(&self) -> Sensitivity<'_> {
-        Sensitivity::of_ins(&self.h)
+    pub fn sensitivity(&self) -> AugmentedSensitivity<'_> {
+        AugmentedSensitivity::of_ins(&self.h)
     }
 
     /// Measurement minus prediction at a state.
     pub fn residual(&self, x: &[f64]) -> f64 {
-        self.error - self.sensitivity().of(x)
+        self.error - self.sensitivity().dot(x)
     }
 }
 
-/// The average over an interval, weighted by the inverse variances.
+/// Average of the measurements over a node's interval, weighted by the inverse variances.
 #[derive(Clone, Debug)]
-pub(super) struct Measurement {
+pub(super) struct NodeMeasurement {
     value_nt: f64,
     pub variance_nt2: f64,
     /// Weight of each sample.
@@ -85,7 +85,7 @@ pub(super) struct LocalField {
     derivative: StateVector,
 }
 
-impl Node {
+impl FixedLagNode {
     /// The field that a magnetometer's measurement predicts at a state; `None` off the map and without a measurement.
     pub fn field(
         &self,
@@ -115,22 +115,22 @@ impl Node {
     }
 }
 
-impl Node {
+impl FixedLagNode {
     /// The averages of the further measurements of its samples, linearised about a state.
     pub fn aid_rows(
         &self,
         (aids, states): (&Aids<'_>, &AidStates),
-        layout: &Layout,
+        layout: &StateLayout,
         line: &NavigationLine<'_>,
         field: &mut PredictedField<'_>,
         x: &[f64],
-    ) -> Rows {
+    ) -> AidMeasurements {
         let first = aids.rows(states, field, line, self.rows.start, x);
         if self.later.is_empty() {
             return first;
         }
         let mut samples = vec![first];
-        for (row, Later { dt_s, speed_mps, phi }) in self.rows.clone().skip(1).zip(&self.later) {
+        for (row, NodePropagation { dt_s, speed_mps, phi }) in self.rows.clone().skip(1).zip(&self.later) {
             let decay = |state: usize| match state.checked_sub(STATES) {
                 Some(place) if place < layout.errors.len() => layout.error_at(place, *speed_mps).decay(*dt_s),
                 Some(_) | None => 1.0,
@@ -141,11 +141,11 @@ impl Node {
             }
             samples.push(aids.rows(states, field, line, row, &then).carried(phi, decay));
         }
-        Rows::mean(samples)
+        AidMeasurements::mean(samples)
     }
 }
 
-impl Measurement {
+impl NodeMeasurement {
     /// Whether the map is too flat about a state to observe the position.
     pub fn is_flat(&self, aids: &Aids<'_>, local: &LocalField, line: &NavigationLine<'_>, row: usize) -> bool {
         let [d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] = [LAT, LON, ALT].map(|state| local.derivative[state]);
@@ -154,8 +154,13 @@ impl Measurement {
     }
 
     /// The row of H.
-    pub fn sensitivity<'a>(&'a self, field: &'a LocalField, layout: &Layout, magnetometer: usize) -> Sensitivity<'a> {
-        Sensitivity {
+    pub fn sensitivity<'a>(
+        &'a self,
+        field: &'a LocalField,
+        layout: &StateLayout,
+        magnetometer: usize,
+    ) -> AugmentedSensitivity<'a> {
+        AugmentedSensitivity {
             ins: &field.derivative,
             error: (STATES + magnetometer, self.error),
             common: self.map_error,
@@ -165,16 +170,16 @@ impl Measurement {
     }
 
     /// Measurement minus prediction at a state.
-    pub fn residual(&self, field: &LocalField, h: &Sensitivity, x: &[f64]) -> f64 {
-        self.value_nt - field.at_zero_nt - h.of(x)
+    pub fn residual(&self, field: &LocalField, h: &AugmentedSensitivity, x: &[f64]) -> f64 {
+        self.value_nt - field.at_zero_nt - h.dot(x)
     }
 }
 
-/// Makes the nodes of a line in turn.
-pub(super) struct Nodes<'a> {
+/// Builder of the nodes of a line, one after the other.
+pub(super) struct LineNodeBuilder<'a> {
     pub line: &'a NavigationLine<'a>,
-    magnetometers: &'a [Magnetometer<'a>],
-    layout: &'a Layout,
+    magnetometers: &'a [FixedLagMagnetometer<'a>],
+    layout: &'a StateLayout,
     offsets_nt: &'a [f64],
     interval_s: f64,
     /// The state of the map's error.
@@ -183,14 +188,14 @@ pub(super) struct Nodes<'a> {
     aided: bool,
     /// The first sample of the next node.
     pub next: usize,
-    arrival: Step,
+    arrival: StateStep,
 }
 
-impl<'a> Nodes<'a> {
+impl<'a> LineNodeBuilder<'a> {
     pub fn new(
         line: &'a NavigationLine<'a>,
-        magnetometers: &'a [Magnetometer<'a>],
-        layout: &'a Layout,
+        magnetometers: &'a [FixedLagMagnetometer<'a>],
+        layout: &'a StateLayout,
         offsets_nt: &'a [f64],
         interval_s: f64,
     ) -> Self {
@@ -209,10 +214,10 @@ impl<'a> Nodes<'a> {
     }
 
     /// The next node, of samples before `end_s` but for the first; `None` after the last.
-    pub fn take(&mut self, end_s: f64) -> Option<Node> {
+    pub fn take(&mut self, end_s: f64) -> Option<FixedLagNode> {
         let first_s = self.next_s()?;
         let tt_s = self.line.ins.tt_s;
-        let mut node = Node {
+        let mut node = FixedLagNode {
             rows: self.next..self.next,
             tt_s: first_s,
             step: self.arrival.clone(),
@@ -224,12 +229,12 @@ impl<'a> Nodes<'a> {
         let mut walked = no_step();
         loop {
             if self.aided && walked.dt_s > 0.0 {
-                let Step { dt_s, speed_mps, phi, .. } = walked;
-                node.later.push(Later { dt_s, speed_mps, phi });
+                let StateStep { dt_s, speed_mps, phi, .. } = walked;
+                node.later.push(NodePropagation { dt_s, speed_mps, phi });
             }
             node.positions.push([walked.phi[LAT], walked.phi[LON], walked.phi[ALT]]);
             for fix in self.line.fixes_at(node.rows.end).into_iter().flatten() {
-                node.fixes.push(Fix { h: walked.phi[fix.state], error: fix.error, variance: fix.variance });
+                node.fixes.push(NodeFix { h: walked.phi[fix.state], error: fix.error, variance: fix.variance });
             }
             node.rows.end += 1;
             let row = node.rows.end;
@@ -247,7 +252,7 @@ impl<'a> Nodes<'a> {
         Some(node)
     }
 
-    fn measurement(&self, of: usize, node: &Node) -> Option<Measurement> {
+    fn measurement(&self, of: usize, node: &FixedLagNode) -> Option<NodeMeasurement> {
         let (magnetometer, tt_s) = (&self.magnetometers[of], self.line.ins.tt_s);
         let weights: Vec<f64> = node.rows.clone().map(|row| magnetometer.precision(row)).collect();
         let precision: f64 = weights.iter().sum();
@@ -255,7 +260,7 @@ impl<'a> Nodes<'a> {
             return None;
         }
         let weights: Vec<f64> = weights.into_iter().map(|weight| weight / precision).collect();
-        let mut average = Measurement {
+        let mut average = NodeMeasurement {
             value_nt: 0.0,
             variance_nt2: 1.0 / precision,
             temporal: 0.0,
@@ -287,12 +292,12 @@ impl<'a> Nodes<'a> {
 }
 
 /// A step of no length.
-fn no_step() -> Step {
-    Step { dt_s: 0.0, speed_mps: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] }
+fn no_step() -> StateStep {
+    StateStep { dt_s: 0.0, speed_mps: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] }
 }
 
 /// Takes a step to `row` on.
-fn walk(walked: &mut Step, line: &NavigationLine, row: usize) {
+fn walk(walked: &mut StateStep, line: &NavigationLine, row: usize) {
     let step = line.step(row);
     if walked.dt_s == 0.0 {
         *walked = step.into();

@@ -2,7 +2,7 @@
 
 use params::{Rule, params};
 
-use crate::navigation::loss::{Loss, RobustLoss};
+use crate::navigation::loss::{RobustLoss, TrajectoryLoss};
 
 params! {
     /// Parameters of the smoother.
@@ -17,7 +17,7 @@ params! {
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Loss function of a residual.
-    loss: Loss, unit "", default Loss::None;
+    loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;
     /// Residual above which a robust `loss` departs from least squares, in standard deviations of the measurement.
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.

@@ -4,18 +4,18 @@ use std::collections::VecDeque;
 use std::ops::Range;
 
 use crate::navigation::aids::{AidStates, Aids, SampleInnovations};
-use crate::navigation::gaussian::{Gaussian, Layout};
+use crate::navigation::gaussian::{Gaussian, StateLayout};
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix, StateVector};
 use crate::navigation::{NavigationError, NavigationLine, PredictedField};
 
-use super::nodes::{Node, Nodes, SLACK_S, carry};
+use super::nodes::{FixedLagNode, LineNodeBuilder, SLACK_S, carry};
 use super::parameters::FixedLagParameters;
-use super::window::Window;
-use super::{FixedLagOutput, Magnetometer, Usage};
+use super::window::SmoothingWindow;
+use super::{FixedLagMagnetometer, FixedLagOutput, FixedLagUsage};
 
 /// Estimate at a node, with the innovation there.
-pub(super) struct Estimate {
+pub(super) struct NodeEstimate {
     rows: Range<usize>,
     tt_s: f64,
     x: StateVector,
@@ -25,13 +25,13 @@ pub(super) struct Estimate {
     further: SampleInnovations,
     /// The horizontal slope of the predicted field, in nT/m.
     pub(super) slope_nt_per_m: f64,
-    pub(super) usage: Usage,
+    pub(super) usage: FixedLagUsage,
 }
 
 /// The filter in front of the windows, linearised at its own prediction.
-pub(super) struct Front<'a> {
+pub(super) struct FrontFilter<'a> {
     parameters: &'a FixedLagParameters,
-    layout: &'a Layout,
+    layout: &'a StateLayout,
     line: &'a NavigationLine<'a>,
     aids: (&'a Aids<'a>, &'a AidStates),
     field: PredictedField<'a>,
@@ -40,10 +40,10 @@ pub(super) struct Front<'a> {
     spare: Vec<f64>,
 }
 
-impl<'a> Front<'a> {
+impl<'a> FrontFilter<'a> {
     pub(super) fn new(
         parameters: &'a FixedLagParameters,
-        layout: &'a Layout,
+        layout: &'a StateLayout,
         line: &'a NavigationLine<'a>,
         aids: (&'a Aids<'a>, &'a AidStates),
         prior: Gaussian,
@@ -54,7 +54,7 @@ impl<'a> Front<'a> {
 
     /// Takes the measurements of a node, which is the line's first or after the last one taken. Those for which the map
     /// is too flat there are dropped from the node.
-    pub(super) fn take(&mut self, node: &mut Node) -> Estimate {
+    pub(super) fn take(&mut self, node: &mut FixedLagNode) -> NodeEstimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
         }
@@ -85,10 +85,10 @@ impl<'a> Front<'a> {
             used += 1;
         }
         let mut usage = match used {
-            0 if flat => Usage::Flat,
-            0 if !measured => Usage::Missing,
-            0 => Usage::OffMap,
-            _ => Usage::Used,
+            0 if flat => FixedLagUsage::Flat,
+            0 if !measured => FixedLagUsage::Missing,
+            0 => FixedLagUsage::OffMap,
+            _ => FixedLagUsage::Used,
         };
         if used > 0 {
             innovation.nis = squares / used as f64;
@@ -100,10 +100,10 @@ impl<'a> Front<'a> {
             let at = self.field.at_error(line.ins, row, position);
             slope_nt_per_m = at.map_or(f64::NAN, |at| line.slope_nt_per_m(row, &at));
             further = self.further(node);
-            usage = if further.is_none() { usage } else { Usage::Used };
+            usage = if further.is_none() { usage } else { FixedLagUsage::Used };
             innovation = if used == 0 { further.difference } else { innovation };
         }
-        Estimate {
+        NodeEstimate {
             rows: node.rows.clone(),
             tt_s: node.tt_s,
             x: self.now.ins_state(),
@@ -117,7 +117,7 @@ impl<'a> Front<'a> {
     }
 
     /// The further measurements of a node, linearised together at the state after its scalar ones.
-    fn further(&mut self, node: &Node) -> SampleInnovations {
+    fn further(&mut self, node: &FixedLagNode) -> SampleInnovations {
         let mut innovations = SampleInnovations::default();
         let rows = node.aid_rows(self.aids, self.layout, self.line, &mut self.field, &self.now.x);
         for linear in rows.iter() {
@@ -130,33 +130,33 @@ impl<'a> Front<'a> {
     }
 }
 
-/// A line on its way through the windows.
-pub(super) struct Passage<'a> {
+/// Fixed-lag smoother along a line: its nodes, front filter, window and pending estimates.
+pub(super) struct FixedLagRun<'a> {
     parameters: &'a FixedLagParameters,
-    layout: &'a Layout,
-    magnetometers: &'a [Magnetometer<'a>],
+    layout: &'a StateLayout,
+    magnetometers: &'a [FixedLagMagnetometer<'a>],
     aids: &'a Aids<'a>,
-    nodes: Nodes<'a>,
-    front: Front<'a>,
-    window: Window<'a>,
+    nodes: LineNodeBuilder<'a>,
+    front: FrontFilter<'a>,
+    window: SmoothingWindow<'a>,
     /// The estimates that are not final, the last as many as the window has nodes or fewer.
-    pending: VecDeque<Estimate>,
+    pending: VecDeque<NodeEstimate>,
     output: FixedLagOutput,
 }
 
-impl<'a> Passage<'a> {
+impl<'a> FixedLagRun<'a> {
     pub fn new(
         parameters: &'a FixedLagParameters,
-        layout: &'a Layout,
-        magnetometers: &'a [Magnetometer<'a>],
+        layout: &'a StateLayout,
+        magnetometers: &'a [FixedLagMagnetometer<'a>],
         aids: (&'a Aids<'a>, &'a AidStates),
-        nodes: Nodes<'a>,
+        nodes: LineNodeBuilder<'a>,
         prior: Gaussian,
         output: FixedLagOutput,
     ) -> Self {
         let line = nodes.line;
-        let front = Front::new(parameters, layout, line, aids, prior.clone());
-        let window = Window::new(parameters, layout, line, aids, prior);
+        let front = FrontFilter::new(parameters, layout, line, aids, prior.clone());
+        let window = SmoothingWindow::new(parameters, layout, line, aids, prior);
         let (pending, aids) = (VecDeque::new(), aids.0);
         Self { parameters, layout, magnetometers, aids, nodes, front, window, pending, output }
     }
@@ -202,8 +202,9 @@ impl<'a> Passage<'a> {
         let ripe = self.pending.partition_point(|estimate| is_final(estimate.tt_s));
         // The nodes whose estimates are final and may use all of this window.
         let oldest = self.pending.front().map_or(0, |estimate| estimate.rows.start);
-        let smooth =
-            |node: &Node| node.rows.start >= oldest && is_final(node.tt_s) && end_s <= node.tt_s + lag_s + SLACK_S;
+        let smooth = |node: &FixedLagNode| {
+            node.rows.start >= oldest && is_final(node.tt_s) && end_s <= node.tt_s + lag_s + SLACK_S
+        };
         let mut wanted: Vec<bool> = nodes.iter().map(smooth).collect();
         let smoothed = wanted.iter().position(|wanted| *wanted);
         let until = wanted.iter().rposition(|wanted| *wanted).map_or(0, |last| last + 1);
@@ -244,9 +245,10 @@ impl<'a> Passage<'a> {
     }
 
     /// Writes the samples of a node.
-    fn emit(&mut self, estimate: Estimate) -> Result<(), NavigationError> {
+    fn emit(&mut self, estimate: NodeEstimate) -> Result<(), NavigationError> {
         let line = self.nodes.line;
-        let Estimate { rows, mut x, mut p, coefficients, innovation, further, slope_nt_per_m, usage, .. } = estimate;
+        let NodeEstimate { rows, mut x, mut p, coefficients, innovation, further, slope_nt_per_m, usage, .. } =
+            estimate;
         for row in rows.clone() {
             let mut innovation = innovation;
             if row > rows.start {
@@ -259,16 +261,18 @@ impl<'a> Passage<'a> {
                 return Err(NavigationError::Diverged { row, tt_s: line.ins.tt_s[row] });
             }
             let usage = match usage {
-                Usage::Used if further.is_none() && !self.magnetometers.iter().any(|one| one.precision(row) > 0.0) => {
-                    Usage::Missing
+                FixedLagUsage::Used
+                    if further.is_none() && !self.magnetometers.iter().any(|one| one.precision(row) > 0.0) =>
+                {
+                    FixedLagUsage::Missing
                 }
                 usage => usage,
             };
             let report = &mut output.report;
             match usage {
-                Usage::Used | Usage::Flat => report.updates += 1,
-                Usage::Missing => report.missing_measurements += 1,
-                Usage::OffMap => report.off_map += 1,
+                FixedLagUsage::Used | FixedLagUsage::Flat => report.updates += 1,
+                FixedLagUsage::Missing => report.missing_measurements += 1,
+                FixedLagUsage::OffMap => report.off_map += 1,
             }
             self.output.usage.push(usage);
             // An averaged measurement has its innovation at the first sample.

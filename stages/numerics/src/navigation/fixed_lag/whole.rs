@@ -5,43 +5,45 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError};
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
 
-use super::nodes::Nodes;
-use super::passage::Front;
-use super::window::{Source, Window};
-use super::{FixedLagParameters, Magnetometer, Usage, WindowReport, layout, prior};
+use super::nodes::LineNodeBuilder;
+use super::passage::FrontFilter;
+use super::window::{MeasurementSource, SmoothingWindow};
+use super::{FixedLagMagnetometer, FixedLagParameters, FixedLagUsage, WindowReport, layout, prior};
 
-/// The smoothed line.
+/// Smoothed line, solved as a single window.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Whole {
+pub(crate) struct WholeLineSolution {
     pub(crate) x: Vec<StateVector>,
     pub(crate) p: Vec<StateMatrix>,
-    /// The innovations of the last forward pass, linearised along the path, over variances that a loss does not enlarge.
+    /// The innovations of the last forward pass, linearised along the path, over variances that a loss does not
+    /// enlarge.
     pub(crate) innovations: Vec<Innovation>,
     pub(crate) aids: AidInnovations,
-    pub(crate) usage: Vec<Usage>,
+    pub(crate) usage: Vec<FixedLagUsage>,
     pub(crate) slope_nt_per_m: Vec<f64>,
     pub(crate) report: WindowReport,
     pub(crate) offset: (f64, usize),
 }
 
-/// Smooths a line that has been checked, by its measurement and further ones. A step that moves no position by `tolerance_m` is the last.
+/// Smooths a line that has been checked, by its measurement and further ones. A step that moves no position by
+/// `tolerance_m` is the last.
 pub(crate) fn smooth(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
     aids: &Aids<'_>,
     tolerance_m: f64,
-) -> Result<Whole, NavigationError> {
-    let magnetometers = [Magnetometer::of_line(line)];
-    let states = AidStates::of(aids, STATES + magnetometers.len());
+) -> Result<WholeLineSolution, NavigationError> {
+    let magnetometers = [FixedLagMagnetometer::of_line(line)];
+    let states = AidStates::new(aids, STATES + magnetometers.len());
     let layout = layout(&magnetometers, &states);
     let offset = line.predicted().offset(line.ins, line.measurement_nt, line.offset_window_s);
     let offsets_nt = [offset.0];
-    let mut nodes = Nodes::new(line, &magnetometers, &layout, &offsets_nt, 0.0).with(aids, &states);
+    let mut nodes = LineNodeBuilder::new(line, &magnetometers, &layout, &offsets_nt, 0.0).with(aids, &states);
     let start = prior(line, &magnetometers, &layout);
-    let mut front = Front::new(parameters, &layout, line, (aids, &states), start.clone());
-    let mut window = Window::new(parameters, &layout, line, (aids, &states), start);
+    let mut front = FrontFilter::new(parameters, &layout, line, (aids, &states), start.clone());
+    let mut window = SmoothingWindow::new(parameters, &layout, line, (aids, &states), start);
     window.tolerance_m = tolerance_m;
-    let (mut path, mut whole) = (vec![], Whole { offset, ..Whole::default() });
+    let (mut path, mut whole) = (vec![], WholeLineSolution { offset, ..WholeLineSolution::default() });
     while let Some(mut node) = nodes.take(f64::INFINITY) {
         let (row, tt_s) = (node.rows.start, node.tt_s);
         let estimate = front.take(&mut node);
@@ -68,9 +70,9 @@ pub(crate) fn smooth(
         let (mut of_field, mut further) = (Innovation::NONE, SampleInnovations::default());
         for trace in window.traces(row) {
             match trace.of {
-                Source::Magnetometer(_) => of_field = trace.innovation(),
-                Source::Aid(aid) => further.note(aid, trace.innovation()),
-                Source::Fix(_) => {}
+                MeasurementSource::Magnetometer(_) => of_field = trace.innovation(),
+                MeasurementSource::Aid(aid) => further.note(aid, trace.innovation()),
+                MeasurementSource::Fix(_) => {}
             }
         }
         whole.innovations.push(if of_field.nis.is_nan() { further.difference } else { of_field });

@@ -2,24 +2,24 @@
 
 use std::ops::Range;
 
-use crate::navigation::aids::{Aid, AidStates, Aids, Rows};
+use crate::navigation::aids::{Aid, AidMeasurements, AidStates, Aids};
 use crate::navigation::gaussian::{
-    Gaussian, Layout, Sensitivity, Step, add_scaled, noise_times, propagate_adjoint, propagate_mean,
+    AugmentedSensitivity, Gaussian, StateLayout, StateStep, add_scaled, noise_times, propagate_adjoint, propagate_mean,
 };
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::{NavigationLine, PredictedField};
 
-use super::nodes::{LocalField, Node};
+use super::nodes::{FixedLagNode, LocalField};
 use super::parameters::{FixedLagParameters, WindowReport};
-use crate::navigation::loss::Loss;
+use crate::navigation::loss::TrajectoryLoss;
 
 /// Halvings of a step before it is given up.
 const MOST_HALVINGS: u32 = 8;
 
 /// A path through the nodes: x = m − P λ at the first, x ← Φ x − Q λ at the others, with the adjoint λ of the path.
 #[derive(Clone, Debug, Default)]
-struct Path {
+struct WindowPath {
     x: Vec<f64>,
     adjoint: Vec<f64>,
     /// Half the squared distance from prior and process.
@@ -28,17 +28,17 @@ struct Path {
 
 /// The measurements of all nodes, linearised about a path.
 #[derive(Clone, Debug, Default)]
-struct About {
+struct WindowLinearisation {
     /// By node and magnetometer.
     fields: Vec<Option<LocalField>>,
     /// By node, where there are further measurements.
-    rows: Vec<Rows>,
+    rows: Vec<AidMeasurements>,
 }
 
 /// Values of a measurement that the forward pass saves for its adjoint.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Trace {
-    pub(super) of: Source,
+pub(super) struct AdjointTrace {
+    pub(super) of: MeasurementSource,
     /// Innovation over its variance, and that variance.
     scaled: f64,
     variance: f64,
@@ -46,7 +46,7 @@ pub(super) struct Trace {
     inflated: f64,
 }
 
-impl Trace {
+impl AdjointTrace {
     /// The innovation, and its square over the variance that the loss does not enlarge.
     pub(super) fn innovation(&self) -> Innovation {
         let residual_nt = self.scaled * self.variance;
@@ -54,38 +54,38 @@ impl Trace {
     }
 }
 
-/// Source of a measurement, by its place among the measurements of the node.
+/// Source of a measurement, by its index among the measurements of the node.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Source {
+pub(super) enum MeasurementSource {
     Magnetometer(usize),
     Fix(usize),
     Aid(Aid),
 }
 
 /// A window that slides along the nodes.
-pub(super) struct Window<'a> {
+pub(super) struct SmoothingWindow<'a> {
     parameters: &'a FixedLagParameters,
-    layout: &'a Layout,
+    layout: &'a StateLayout,
     line: &'a NavigationLine<'a>,
     aids: (&'a Aids<'a>, &'a AidStates),
     /// Largest change of a position, in m, in one step below which the window is solved too.
     pub tolerance_m: f64,
     field: PredictedField<'a>,
     /// The first is the window's start.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<FixedLagNode>,
     /// The states at the first node before its measurements.
     pub prior: Gaussian,
     /// The states at the last node with all measurements up to it.
     pub last: Gaussian,
-    path: Path,
-    trial: Path,
+    path: WindowPath,
+    trial: WindowPath,
     /// Linearisation point of the last forward pass.
-    about: About,
+    about: WindowLinearisation,
     /// About the trial path; between windows about the path.
-    trial_about: About,
+    trial_about: WindowLinearisation,
     /// By node, where its traces begin; one more at the end.
     starts: Vec<usize>,
-    traces: Vec<Trace>,
+    traces: Vec<AdjointTrace>,
     gains: Vec<f64>,
     /// The predicted states of the nodes that are asked for.
     predicted: Vec<Option<Gaussian>>,
@@ -93,10 +93,10 @@ pub(super) struct Window<'a> {
     row: Vec<f64>,
 }
 
-impl<'a> Window<'a> {
+impl<'a> SmoothingWindow<'a> {
     pub fn new(
         parameters: &'a FixedLagParameters,
-        layout: &'a Layout,
+        layout: &'a StateLayout,
         line: &'a NavigationLine<'a>,
         aids: (&'a Aids<'a>, &'a AidStates),
         prior: Gaussian,
@@ -112,10 +112,10 @@ impl<'a> Window<'a> {
             last: prior.clone(),
             row: vec![0.0; prior.dim()],
             prior,
-            path: Path::default(),
-            trial: Path::default(),
-            about: About::default(),
-            trial_about: About::default(),
+            path: WindowPath::default(),
+            trial: WindowPath::default(),
+            about: WindowLinearisation::default(),
+            trial_about: WindowLinearisation::default(),
             starts: vec![],
             traces: vec![],
             gains: vec![],
@@ -145,7 +145,7 @@ impl<'a> Window<'a> {
 
     /// Solves for the states of all nodes, linearised first about `x`, regardless of its cost.
     pub fn solve_from(&mut self, x: Vec<f64>, wanted: &[bool]) -> WindowReport {
-        self.path = Path { adjoint: vec![0.0; x.len()], x, distance: 0.0 };
+        self.path = WindowPath { adjoint: vec![0.0; x.len()], x, distance: 0.0 };
         self.evaluate(0);
         self.iterate(&(0..0), wanted, f64::INFINITY)
     }
@@ -157,8 +157,8 @@ impl<'a> Window<'a> {
         (self.about, self.path) = (about, path);
     }
 
-    /// Gauss and Newton's iteration from the path, which costs `before`. Nothing is known of the residuals of the nodes `new`
-    /// yet.
+    /// Gauss and Newton's iteration from the path, which costs `before`. Nothing is known of the residuals of the nodes
+    /// `new` yet.
     fn iterate(&mut self, new: &Range<usize>, wanted: &[bool], mut before: f64) -> WindowReport {
         self.predicted.resize(self.nodes.len(), None);
         let mut report = WindowReport { smallest_step: 1.0, states: self.dim(), ..WindowReport::default() };
@@ -176,8 +176,12 @@ impl<'a> Window<'a> {
             report.converged = share > 0.0
                 && match self.parameters.loss {
                     // The cost is that of the linear model: another iteration would say the same.
-                    Loss::None => before - after < tolerance || (share == 1.0 && (linear - after).abs() < tolerance),
-                    Loss::Huber | Loss::Cauchy => before - after < tolerance && report.iterations > 1,
+                    TrajectoryLoss::None => {
+                        before - after < tolerance || (share == 1.0 && (linear - after).abs() < tolerance)
+                    }
+                    TrajectoryLoss::Huber | TrajectoryLoss::Cauchy => {
+                        before - after < tolerance && report.iterations > 1
+                    }
                 };
             report.converged |= share == 1.0 && report.last_step_m < self.tolerance_m;
             if share == 0.0 {
@@ -222,7 +226,7 @@ impl<'a> Window<'a> {
     }
 
     /// The measurements about the states of all nodes, from a node on.
-    fn linearise(&mut self, x: &[f64], first: usize, out: &mut About) {
+    fn linearise(&mut self, x: &[f64], first: usize, out: &mut WindowLinearisation) {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         out.fields.truncate(first * magnetometers);
         out.rows.truncate(first);
@@ -252,12 +256,12 @@ impl<'a> Window<'a> {
     }
 
     /// Values of the measurements of a node in the last forward pass.
-    pub fn traces(&self, node: usize) -> &[Trace] {
+    pub fn traces(&self, node: usize) -> &[AdjointTrace] {
         &self.traces[self.starts[node]..self.starts[node + 1]]
     }
 
     /// Half the squared distance of a path from prior and process: ½ λᵀ P λ of the first node, ½ λᵀ Q λ of the others.
-    fn distance(&self, path: &Path) -> f64 {
+    fn distance(&self, path: &WindowPath) -> f64 {
         let dim = self.dim();
         let mut noise = vec![0.0; dim];
         let mut sum = 0.5 * self.prior_cost(path);
@@ -269,7 +273,7 @@ impl<'a> Window<'a> {
     }
 
     /// Distance and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted` is used.
-    fn cost(&self, path: &Path, about: &About, counted: &About) -> f64 {
+    fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);
         for (k, node) in self.nodes.iter().enumerate() {
@@ -282,9 +286,9 @@ impl<'a> Window<'a> {
                     None => (known, &self.path.x[range.clone()]),
                 };
                 let residual = measurement.residual(field, &measurement.sensitivity(field, self.layout, of), x);
-                sum += loss.of(residual / measurement.variance_nt2.sqrt());
+                sum += loss.value(residual / measurement.variance_nt2.sqrt());
             }
-            for known in counted.rows.get(k).into_iter().flat_map(Rows::iter) {
+            for known in counted.rows.get(k).into_iter().flat_map(AidMeasurements::iter) {
                 let (linear, x) = match about.rows.get(k).and_then(|rows| rows.get(known.of)) {
                     Some(linear) => (linear, &path.x[range.clone()]),
                     None => (known, &self.path.x[range.clone()]),
@@ -299,7 +303,7 @@ impl<'a> Window<'a> {
     }
 
     /// λᵀ P λ of the window's start: the squared distance from the prior.
-    fn prior_cost(&self, path: &Path) -> f64 {
+    fn prior_cost(&self, path: &WindowPath) -> f64 {
         let dim = self.dim();
         let Some(adjoint) = path.adjoint.get(..dim) else { return 0.0 };
         self.prior.p.chunks_exact(dim).zip(adjoint).map(|(row, entry)| entry * dot(row, adjoint)).sum()
@@ -326,8 +330,8 @@ impl<'a> Window<'a> {
                 self.gains.resize(at + dim, 0.0);
                 let s = now.predict(&fix.sensitivity(), fix.variance, &mut self.gains[at..]);
                 now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
-                let (of, scaled) = (Source::Fix(of), innovation / s);
-                self.traces.push(Trace { of, scaled, variance: s, inflated: 0.0 });
+                let (of, scaled) = (MeasurementSource::Fix(of), innovation / s);
+                self.traces.push(AdjointTrace { of, scaled, variance: s, inflated: 0.0 });
             }
             for (of, measurement) in node.measurements.iter().enumerate() {
                 let (Some(measurement), Some(field)) = (measurement, &self.about.fields[k * magnetometers + of]) else {
@@ -344,16 +348,21 @@ impl<'a> Window<'a> {
                 self.gains.resize(at + dim, 0.0);
                 let s = now.predict(&h, variance, &mut self.gains[at..]);
                 now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
-                let (of, scaled) = (Source::Magnetometer(of), innovation / s);
-                self.traces.push(Trace { of, scaled, variance: s, inflated: variance - measurement.variance_nt2 });
+                let (of, scaled) = (MeasurementSource::Magnetometer(of), innovation / s);
+                self.traces.push(AdjointTrace {
+                    of,
+                    scaled,
+                    variance: s,
+                    inflated: variance - measurement.variance_nt2,
+                });
             }
-            for linear in self.about.rows.get(k).into_iter().flat_map(Rows::iter) {
+            for linear in self.about.rows.get(k).into_iter().flat_map(AidMeasurements::iter) {
                 let (innovation, at) = (linear.residual(&now.x), self.gains.len());
                 self.gains.resize(at + dim, 0.0);
                 let s = now.predict(&linear.sensitivity(), linear.variance, &mut self.gains[at..]);
                 now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
-                let (of, scaled) = (Source::Aid(linear.of), innovation / s);
-                self.traces.push(Trace { of, scaled, variance: s, inflated: 0.0 });
+                let (of, scaled) = (MeasurementSource::Aid(linear.of), innovation / s);
+                self.traces.push(AdjointTrace { of, scaled, variance: s, inflated: 0.0 });
             }
         }
         self.starts.push(self.traces.len());
@@ -371,7 +380,7 @@ impl<'a> Window<'a> {
         adjoint.fill(0.0);
         for k in (0..nodes).rev() {
             for trace in (self.starts[k]..self.starts[k + 1]).rev() {
-                let Trace { of, scaled, .. } = self.traces[trace];
+                let AdjointTrace { of, scaled, .. } = self.traces[trace];
                 let gain = &self.gains[trace * dim..(trace + 1) * dim];
                 if let Some(h) = self.sensitivity(k, of) {
                     let factor = scaled + dot(gain, &adjoint);
@@ -388,15 +397,15 @@ impl<'a> Window<'a> {
     }
 
     /// The row of H of a measurement of the last forward pass.
-    fn sensitivity(&self, node: usize, of: Source) -> Option<Sensitivity<'_>> {
+    fn sensitivity(&self, node: usize, of: MeasurementSource) -> Option<AugmentedSensitivity<'_>> {
         match of {
-            Source::Fix(of) => self.nodes[node].fixes.get(of).map(|fix| fix.sensitivity()),
-            Source::Magnetometer(of) => {
+            MeasurementSource::Fix(of) => self.nodes[node].fixes.get(of).map(|fix| fix.sensitivity()),
+            MeasurementSource::Magnetometer(of) => {
                 let measurement = self.nodes[node].measurements[of].as_ref()?;
                 let field = self.about.fields[node * self.layout.blocks.len() + of].as_ref()?;
                 Some(measurement.sensitivity(field, self.layout, of))
             }
-            Source::Aid(of) => Some(self.about.rows.get(node)?.get(of)?.sensitivity()),
+            MeasurementSource::Aid(of) => Some(self.about.rows.get(node)?.get(of)?.sensitivity()),
         }
     }
 
@@ -452,7 +461,7 @@ impl<'a> Window<'a> {
         let (mut column, mut dense, mut spare) = (vec![0.0; dim], vec![0.0; dim], vec![]);
         for k in (range.start..self.nodes.len()).rev() {
             for trace in (self.starts[k]..self.starts[k + 1]).rev() {
-                let Trace { of, variance, .. } = self.traces[trace];
+                let AdjointTrace { of, variance, .. } = self.traces[trace];
                 let gain = &self.gains[trace * dim..(trace + 1) * dim];
                 let Some(h) = self.sensitivity(k, of) else { continue };
                 dense.fill(0.0);
@@ -506,7 +515,7 @@ fn halve(to: &mut [f64], other: &[f64]) {
 }
 
 /// Λ ← Φᵀ Λ Φ.
-fn propagate_information(layout: &Layout, step: &Step, information: &mut [f64], spare: &mut Vec<f64>) {
+fn propagate_information(layout: &StateLayout, step: &StateStep, information: &mut [f64], spare: &mut Vec<f64>) {
     let dim = layout.dim();
     for row in information.chunks_exact_mut(dim) {
         propagate_adjoint(layout, step, row);

@@ -1,21 +1,23 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::maps::map_surface::Interpolation;
+use crate::maps::map_surface::MapInterpolation;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::pinson::{S, STATES};
-use crate::navigation::scenes::{Batch, Scene, assert_close, assert_refusals, hills, m_per_deg, plane, uneven};
-use crate::random::Normals;
+use crate::navigation::scenes::{
+    AnalyticScene, DenseBatchSmoother, assert_close, assert_refusals, hills, m_per_deg, plane, uneven,
+};
+use crate::random::NormalGenerator;
 
 fn all(iterations: usize) -> IekfParameters {
     IekfParameters { iterations, keep_covariance: true, ..IekfParameters::default() }
 }
 
-fn filtered(scene: &Scene, parameters: &IekfParameters) -> IekfOutput {
+fn filtered(scene: &AnalyticScene, parameters: &IekfParameters) -> IekfOutput {
     scene.with(|line| run(line, parameters)).unwrap()
 }
 
 /// The extended Kalman filter of the same scene.
-fn ekf(scene: &Scene, gate_nis: Option<f64>) -> NavigationOutput {
+fn ekf(scene: &AnalyticScene, gate_nis: Option<f64>) -> NavigationOutput {
     let parameters = EkfParameters {
         errors: scene.errors,
         measurement_sigma_nt: scene.sigma_nt[0],
@@ -48,7 +50,7 @@ fn assert_equal(ours: &NavigationOutput, theirs: &NavigationOutput, part: f64) {
 
 #[test]
 fn law_one_iteration_is_the_extended_kalman_filter() {
-    let mut scene = Scene::new(&uneven(150), Interpolation::Cubic, hills);
+    let mut scene = AnalyticScene::new(&uneven(150), MapInterpolation::Cubic, hills);
     for row in [0, 17, 18, 80] {
         scene.measurement_nt[row] = f64::NAN;
     }
@@ -67,13 +69,13 @@ fn law_one_iteration_is_the_extended_kalman_filter() {
 
 #[test]
 fn law_on_a_plane_more_iterations_change_nothing_and_the_last_state_is_least_squares() {
-    let scene = Scene::new(&uneven(150), Interpolation::Linear, plane);
+    let scene = AnalyticScene::new(&uneven(150), MapInterpolation::Linear, plane);
     let output = filtered(&scene, &IekfParameters { tolerance_m: 1e-9, ..all(5) });
     // Positions are of 1e-16 of a degree's 1e5 m.
     assert_equal(&output.line, &ekf(&scene, None), 1e-9);
     let last = scene.columns[0].len() - 1;
     let batch = scene.with(|line| {
-        let mut batch = Batch::new(line);
+        let mut batch = DenseBatchSmoother::new(line);
         batch.solve(line, |_| 1.0);
         batch
     });
@@ -90,7 +92,7 @@ fn wave(north: f64, _: f64) -> f64 {
 #[test]
 fn law_one_update_is_the_most_probable_state() {
     for offset_m in [-180.0, -60.0, 30.0, 120.0, 240.0] {
-        let mut scene = Scene::new(&[0.0], Interpolation::Cubic, wave);
+        let mut scene = AnalyticScene::new(&[0.0], MapInterpolation::Cubic, wave);
         scene.measurement_nt[0] = wave(offset_m, 0.0);
         let output = filtered(&scene, &IekfParameters { tolerance_m: 1e-3, ..all(30) });
         assert_eq!(output.iterations.unconverged, 0, "{offset_m}");
@@ -111,7 +113,7 @@ fn law_one_update_is_the_most_probable_state() {
 }
 
 /// Map value at `north_m` metres north of a scene's first sample.
-fn north_of(scene: &Scene, north_m: f64) -> f64 {
+fn north_of(scene: &AnalyticScene, north_m: f64) -> f64 {
     let lat_deg = scene.columns[1][0] + north_m / m_per_deg().0;
     scene.map.at(lat_deg, scene.columns[2][0], 500.0).unwrap().value_nt
 }
@@ -120,10 +122,10 @@ fn north_of(scene: &Scene, north_m: f64) -> f64 {
 fn law_on_a_curved_map_with_a_large_error_it_is_better_than_the_extended_kalman_filter() {
     // The slope northward is 0.25 nT/m at the first sample, and changes by 0.05 nT/m in 100 m.
     let field = |north: f64, _: f64| 0.5 * north + 2.5e-4 * north * north;
-    let mut normals = Normals::new(3);
+    let mut normals = NormalGenerator::new(3);
     let (mut ours, mut theirs, runs) = ([0.0; 2], [0.0; 2], 40);
     for _ in 0..runs {
-        let mut scene = Scene::new(&uneven(20), Interpolation::Cubic, field);
+        let mut scene = AnalyticScene::new(&uneven(20), MapInterpolation::Cubic, field);
         scene.errors.sources.init_position_sigma_m = 150.0;
         scene.errors.fogm_sigma_nt = 0.5;
         scene.sigma_nt.fill(1.0);
@@ -151,7 +153,7 @@ fn law_on_a_curved_map_with_a_large_error_it_is_better_than_the_extended_kalman_
 fn law_no_answer_is_less_probable_than_the_prediction() {
     // Near the crest of a wave, at 628 m, the slope is next to nothing, and a whole step goes kilometres.
     let mut halved = 0;
-    let mut scene = Scene::new(&[0.0], Interpolation::Cubic, wave);
+    let mut scene = AnalyticScene::new(&[0.0], MapInterpolation::Cubic, wave);
     scene.errors.sources.init_position_sigma_m = 5000.0;
     for start_m in [560.0, 600.0, 620.0, 650.0, 700.0] {
         let north_deg = start_m / m_per_deg().0;
@@ -172,7 +174,7 @@ fn law_no_answer_is_less_probable_than_the_prediction() {
 
 #[test]
 fn law_irregular_samples_are_predicted_through_and_counted() {
-    let mut scene = Scene::new(&uneven(20), Interpolation::Cubic, hills);
+    let mut scene = AnalyticScene::new(&uneven(20), MapInterpolation::Cubic, hills);
     for row in [0, 4, 5] {
         scene.measurement_nt[row] = f64::NAN;
     }
@@ -186,17 +188,17 @@ fn law_irregular_samples_are_predicted_through_and_counted() {
     for row in [0, 4, 5, 6, 7, 8, 10] {
         assert!(output.line.residual_nt[row].is_nan() && output.line.sd_n_m[row].is_finite());
     }
-    let flat = Scene::new(&uneven(20), Interpolation::Linear, |_, _| 7.0);
+    let flat = AnalyticScene::new(&uneven(20), MapInterpolation::Linear, |_, _| 7.0);
     let last = filtered(&flat, &IekfParameters::default()).line.x[19];
     assert!(last[..S].iter().all(|x| *x == 0.0) && last[S] != 0.0);
-    let single = Scene::new(&[0.0], Interpolation::Linear, plane);
+    let single = AnalyticScene::new(&[0.0], MapInterpolation::Linear, plane);
     assert_eq!(filtered(&single, &IekfParameters::default()).line.report.updates, 1);
 }
 
 #[test]
 fn unit_bad_lines_and_parameters_are_refused_in_words() {
     assert_refusals(|scene| scene.with(|line| run(line, &IekfParameters::default())).err());
-    let scene = Scene::new(&[0.0], Interpolation::Linear, plane);
+    let scene = AnalyticScene::new(&[0.0], MapInterpolation::Linear, plane);
     let message = |parameters: &IekfParameters| scene.with(|line| run(line, parameters)).unwrap_err().to_string();
     let good = IekfParameters::default();
     assert_eq!(message(&IekfParameters { iterations: 0, ..good }), "`iterations` must be above 0, not 0");

@@ -1,6 +1,6 @@
 //! The errors of an INS carried along a trajectory that comes in pieces, by the linear error model.
 
-use super::driving::{Draws, Driving, blocks};
+use super::driving::{DrivingNoise, NormalStreams, blocks};
 use super::{InsErrorFault, InsErrorModel};
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::ins_series::InsSeries;
@@ -26,11 +26,11 @@ pub fn errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,
     start: &StateVector,
-    draws: &mut Draws<'_>,
+    draws: &mut NormalStreams<'_>,
 ) -> Result<Vec<StateVector>, InsErrorFault> {
     model.check()?;
     truth.check()?;
-    let (driving, times) = (Driving::new(model), model.time_constants());
+    let (driving, times) = (DrivingNoise::new(model), model.time_constants());
     let mut error = *start;
     let mut errors = Vec::with_capacity(truth.len());
     errors.push(error);
@@ -89,7 +89,7 @@ impl InsErrorEnsemble {
     }
 
     /// Carries the members along a trajectory. `normal` draws the next normal of a member's
-    /// [`Draws::block`]. Only where `counts` is set do the positions enter [`InsErrorEnsemble::drms_m`].
+    /// [`NormalStreams::block`]. Only where `counts` is set do the positions enter [`InsErrorEnsemble::drms_m`].
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -102,7 +102,7 @@ impl InsErrorEnsemble {
     ) -> Result<(), InsErrorFault> {
         model.check()?;
         truth.check()?;
-        let (driving, times) = (Driving::new(model), model.time_constants());
+        let (driving, times) = (DrivingNoise::new(model), model.time_constants());
         if counts {
             self.count(truth, 0);
         }

@@ -10,8 +10,8 @@ use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
 /// Length of a block, in s. A longer step is one block.
 const BLOCK_S: f64 = 1.0;
 
-/// Two streams of standard normals: what a realisation is made of.
-pub struct Draws<'a> {
+/// Two streams of standard normals, which determine a realisation.
+pub struct NormalStreams<'a> {
     /// The noise of each block, and before it the initial error.
     pub block: &'a mut dyn FnMut() -> f64,
     /// Draws that distribute the noise of a block over its steps.
@@ -19,7 +19,7 @@ pub struct Draws<'a> {
 }
 
 /// The driving noise of an INS by its densities.
-pub(super) struct Driving {
+pub(super) struct DrivingNoise {
     /// Square roots of the spectral densities, per square root of a second.
     sigmas: StateVector,
 }
@@ -29,7 +29,7 @@ fn driven() -> impl Iterator<Item = usize> {
     (VN..STATES).filter(|state| *state != A_HAT)
 }
 
-impl Driving {
+impl DrivingNoise {
     pub(super) fn new(model: &InsErrorModel) -> Self {
         Self { sigmas: model.noise_density().map(f64::sqrt) }
     }
@@ -45,7 +45,7 @@ impl Driving {
 
     /// The noise of the steps of one block: 14 draws for the block, 14 more for each step where there
     /// are several.
-    pub(super) fn steps(&self, steps_s: &[f64], draws: &mut Draws<'_>) -> Vec<StateVector> {
+    pub(super) fn steps(&self, steps_s: &[f64], draws: &mut NormalStreams<'_>) -> Vec<StateVector> {
         let duration_s: f64 = steps_s.iter().sum();
         let whole = self.block(duration_s, draws.block);
         if let [_] = steps_s {

@@ -7,10 +7,10 @@ use nalgebra::{SMatrix, SVector};
 
 use super::*;
 use crate::earth::geodesy::{EARTH_RATE_RADPS, EarthModel, SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2};
-use crate::navigation::mechanisation::Earth;
+use crate::navigation::mechanisation::NavigationEarth;
 use crate::navigation::pinson::TILT_D;
 use crate::navigation::transition::step_covariance;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 /// A level flight of 60 m/s on the error model's own sphere at height 0, that weaves by `weave_rad`
 /// about 30 degrees in two minutes.
@@ -48,20 +48,20 @@ impl Flight {
     }
 
     fn series(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 }
 
-const SPHERE: MechanisedExtras = MechanisedExtras {
-    earth: Earth::Sphere { rate_radps: EARTH_RATE_RADPS },
+const SPHERE: MechanisationErrors = MechanisationErrors {
+    earth: NavigationEarth::Sphere { rate_radps: EARTH_RATE_RADPS },
     acc_scale: [0.0; 3],
     gyro_scale: [0.0; 3],
 };
 
 /// Runs `f` with the two streams of a seed.
-fn drawn<T>(seed: u64, f: impl FnOnce(&mut Draws<'_>) -> T) -> T {
-    let (mut block, mut within) = (Normals::new(2 * seed), Normals::new(2 * seed + 1));
-    f(&mut Draws { block: &mut || block.draw(), within: &mut || within.draw() })
+fn drawn<T>(seed: u64, f: impl FnOnce(&mut NormalStreams<'_>) -> T) -> T {
+    let (mut block, mut within) = (NormalGenerator::new(2 * seed), NormalGenerator::new(2 * seed + 1));
+    f(&mut NormalStreams { block: &mut || block.draw(), within: &mut || within.draw() })
 }
 
 /// The last error of a member that is drawn from the start.
@@ -134,7 +134,7 @@ fn law_a_realisation_is_the_same_at_any_rate_and_in_an_ensemble() {
         // A bank of up to 11 degrees and a heading of up to 2 degrees a second are held for a step.
         assert!(apart(&of_slow, &of_fast, &p) < 0.03, "{grade:?} {}", apart(&of_slow, &of_fast, &p));
         assert!(apart(&of_fast, &of_faster, &p) < 0.003, "{grade:?} {}", apart(&of_fast, &of_faster, &p));
-        let mut normals = Normals::new(10);
+        let mut normals = NormalGenerator::new(10);
         let start = model.initial_error(-0.4, 0.0, &mut || normals.draw());
         let mut ensemble = InsErrorEnsemble::new(vec![start]);
         ensemble.advance(&fast.series(), &model, true, &mut |_| normals.draw()).unwrap();
@@ -197,7 +197,8 @@ fn law_200_realisations_of_each_grade_have_the_propagated_covariance() {
     for (grade, minutes) in LOOKED_AT {
         let flight = Flight::new(60.0 * minutes, 1.0, 0.6);
         let (truth, model) = (flight.series(), grade.model());
-        let mut normals: Vec<Normals> = (0..MEMBERS).map(|member| Normals::new(1000 + member)).collect();
+        let mut normals: Vec<NormalGenerator> =
+            (0..MEMBERS).map(|member| NormalGenerator::new(1000 + member)).collect();
         let starts = normals.iter_mut().map(|n| model.initial_error(-0.4, 0.0, &mut || n.draw())).collect();
         let mut ensemble = InsErrorEnsemble::new(starts);
         ensemble.advance(&truth, &model, true, &mut |member| normals[member].draw()).unwrap();
@@ -287,7 +288,7 @@ fn law_the_mechanisation_is_the_error_model_for_small_errors_and_parts_from_it_a
 fn law_on_the_ellipsoid_the_error_model_is_right_to_what_its_sphere_is() {
     let flight = Flight::new(600.0, 10.0, 0.6);
     let (truth, model) = (flight.series(), InsGrade::Navigation.model());
-    let extras = MechanisedExtras::default();
+    let extras = MechanisationErrors::default();
     for seed in 0..5 {
         let run = |mechanised: bool| {
             drawn(seed, |draws| {
@@ -363,7 +364,7 @@ fn law_an_ins_without_errors_is_exact() {
     let truth = flight.series();
     let linear = drawn(0, |draws| errors_along(&truth, &quiet, &zero, draws).unwrap());
     assert!(linear.iter().all(|error| *error == zero));
-    let extras = MechanisedExtras::default();
+    let extras = MechanisationErrors::default();
     let mechanised = drawn(0, |draws| mechanised_errors_along(&truth, &quiet, &extras, &zero, draws).unwrap());
     for error in mechanised {
         // 300 roundings of radians and metres a second, and of matrices to quaternions and back.
@@ -390,7 +391,7 @@ fn law_the_commercial_grade_runs_away_in_numbers() {
 fn law_the_member_of_a_rank_has_as_many_before_it() {
     let flight = Flight::new(60.0, 1.0, 0.0);
     let model = InsGrade::Tactical.model();
-    let mut normals: Vec<Normals> = (0..50).map(Normals::new).collect();
+    let mut normals: Vec<NormalGenerator> = (0..50).map(NormalGenerator::new).collect();
     let starts = normals.iter_mut().map(|n| model.initial_error(-0.4, 0.0, &mut || n.draw())).collect();
     let mut ensemble = InsErrorEnsemble::new(starts);
     ensemble.advance(&flight.series(), &model, true, &mut |member| normals[member].draw()).unwrap();
@@ -404,10 +405,10 @@ fn law_the_member_of_a_rank_has_as_many_before_it() {
 
 fn drawn_drms(flight: &Flight, model: &InsErrorModel, seed: u64) -> f64 {
     let truth = flight.series();
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let start = model.initial_error(-0.4, 0.0, &mut || normals.draw());
     let mut never = || f64::NAN;
-    let mut draws = Draws { block: &mut || normals.draw(), within: &mut never };
+    let mut draws = NormalStreams { block: &mut || normals.draw(), within: &mut never };
     let errors = errors_along(&truth, model, &start, &mut draws).unwrap();
     let place = |row: usize| EarthModel::Wgs84.lat_rad_to_north_m(1.0, truth.point(row).lat_rad, 0.0);
     let east = |row: usize| EarthModel::Wgs84.lon_rad_to_east_m(1.0, truth.point(row).lat_rad, 0.0);
@@ -428,7 +429,7 @@ fn val_drift_of_each_grade_beside_an_independent_implementation() {
     for (grade, minutes, theirs) in others {
         let flight = Flight::new(60.0 * minutes, 1.0, 0.6);
         let (truth, model) = (flight.series(), grade.model());
-        let mut normals: Vec<Normals> = (0..400).map(|member| Normals::new(7000 + member)).collect();
+        let mut normals: Vec<NormalGenerator> = (0..400).map(|member| NormalGenerator::new(7000 + member)).collect();
         let starts = normals.iter_mut().map(|n| model.initial_error(-0.4, 0.0, &mut || n.draw())).collect();
         let mut ensemble = InsErrorEnsemble::new(starts);
         ensemble.advance(&truth, &model, true, &mut |member| normals[member].draw()).unwrap();

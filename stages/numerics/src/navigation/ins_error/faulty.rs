@@ -63,7 +63,7 @@ mod tests {
 
     /// Two samples: level to the north, and banked to the east.
     fn truth(columns: &[[f64; 2]; 13]) -> InsSeries<'_> {
-        InsSeries::of(columns.each_ref().map(|c| c.as_slice()))
+        InsSeries::from_columns(columns.each_ref().map(|c| c.as_slice()))
     }
 
     const COLUMNS: [[f64; 2]; 13] = [

@@ -29,7 +29,7 @@ impl InsGrade {
 
     /// The error model of an INS of this grade.
     pub fn model(self) -> InsErrorModel {
-        InsErrorModel::of(self.errors())
+        InsErrorModel::from_sources(self.errors())
     }
 
     /// The error sources of an INS of this grade.

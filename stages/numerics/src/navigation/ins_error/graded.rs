@@ -1,15 +1,15 @@
 //! The error sources of an INS as a spec gives them: by its grade, one by one, or both.
 
-use params::{Fault, Lists, ParamDoc, Params, Reader, params};
+use params::{ChoiceRegistry, Fault, ParamDoc, ParamReader, Params, params};
 
 use super::{InsErrors, InsGrade};
 
 /// Error sources of an INS. Its grade gives the unset ones.
 ///
-/// The grade is read and is no part of the answer: an INS of a grade and one of the same error sources, given one by one,
-/// are the same.
+/// The grade is read and is no part of the answer: an INS of a grade and one of the same error sources, given one by
+/// one, are the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct GradedIns {
+pub struct InsErrorSpec {
     /// The error sources.
     pub sources: InsErrors,
     /// Whether a spec gives an initial position, height or velocity.
@@ -21,7 +21,7 @@ const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "
 
 params! {
     /// Key in addition to those of [`InsErrors`].
-    struct Grade;
+    struct InsGradeKey;
     /// Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS). `magnav`
     /// uses the defaults shown with the keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and
     /// `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at
@@ -29,15 +29,15 @@ params! {
     ins_grade: Option<InsGrade>, unit "", absent "`magnav`";
 }
 
-impl From<InsErrors> for GradedIns {
+impl From<InsErrors> for InsErrorSpec {
     fn from(sources: InsErrors) -> Self {
         Self { sources, start_given: false }
     }
 }
 
-impl Params for GradedIns {
-    fn read(reader: &mut Reader, base: Option<&Self>) -> Option<Self> {
-        let grade = Grade::read(reader, None);
+impl Params for InsErrorSpec {
+    fn read(reader: &mut ParamReader, base: Option<&Self>) -> Option<Self> {
+        let grade = InsGradeKey::read(reader, None);
         let of_grade = grade.as_ref().and_then(|grade| grade.ins_grade).map(InsGrade::errors);
         let sources = InsErrors::read(reader, of_grade.as_ref().or(base.map(|base| &base.sources)));
         grade?;
@@ -45,8 +45,8 @@ impl Params for GradedIns {
         sources.map(|sources| Self { sources, start_given })
     }
 
-    fn docs(lists: &Lists) -> Vec<ParamDoc> {
-        Grade::docs(lists).into_iter().chain(InsErrors::docs(lists)).collect()
+    fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc> {
+        InsGradeKey::docs(lists).into_iter().chain(InsErrors::docs(lists)).collect()
     }
 
     fn spell(&self, out: &mut Vec<(&'static str, String)>) {
@@ -64,15 +64,15 @@ impl Params for GradedIns {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use params::{Args, Given, Literal};
+    use params::{Literal, SpecEntries, SpecEntry};
 
     use super::*;
 
-    fn read(keys: &[(&str, Literal)]) -> Result<GradedIns, Vec<Fault>> {
-        let given = |value: &Literal| Given { value: value.clone(), key_at: 0..0, at: 0..0 };
-        let args: Args = keys.iter().map(|(key, value)| ((*key).to_owned(), given(value))).collect();
-        let lists = Lists::default();
-        let (group, faults) = Reader::new("navigate", &args, None, &lists).group::<GradedIns>(None);
+    fn read(keys: &[(&str, Literal)]) -> Result<InsErrorSpec, Vec<Fault>> {
+        let given = |value: &Literal| SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 };
+        let args: SpecEntries = keys.iter().map(|(key, value)| ((*key).to_owned(), given(value))).collect();
+        let lists = ChoiceRegistry::default();
+        let (group, faults) = ParamReader::new("navigate", &args, None, &lists).group::<InsErrorSpec>(None);
         group.filter(|_| faults.is_empty()).ok_or(faults)
     }
 
@@ -80,7 +80,7 @@ mod tests {
         ("ins_grade", Literal::Text(word.to_owned()))
     }
 
-    fn spelt(ins: GradedIns) -> Vec<(&'static str, String)> {
+    fn spelt(ins: InsErrorSpec) -> Vec<(&'static str, String)> {
         let mut pairs = vec![];
         ins.spell(&mut pairs);
         pairs
@@ -109,7 +109,7 @@ mod tests {
     fn law_one_ins_has_one_spelling() {
         assert_eq!(spelt(read(&[]).unwrap()), spelt(read(&[grade("magnav")]).unwrap()));
         let tactical = read(&[grade("tactical")]).unwrap();
-        assert_eq!(spelt(tactical), spelt(GradedIns::from(InsGrade::Tactical.errors())));
+        assert_eq!(spelt(tactical), spelt(InsErrorSpec::from(InsGrade::Tactical.errors())));
         assert_ne!(spelt(tactical), spelt(read(&[grade("navigation")]).unwrap()));
     }
 
@@ -119,9 +119,9 @@ mod tests {
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert_eq!(faults[0].help.as_deref(), Some("did you mean `tactical`?"));
         assert!(faults[1].what.contains("`vrw_sigma` must be 0 or above"), "{faults:?}");
-        let docs = GradedIns::docs(&Lists::default());
+        let docs = InsErrorSpec::docs(&ChoiceRegistry::default());
         assert_eq!((docs[0].name, docs[0].absent), ("ins_grade", Some("`magnav`")));
         assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
-        assert_eq!(docs.len(), 1 + InsErrors::docs(&Lists::default()).len());
+        assert_eq!(docs.len(), 1 + InsErrors::docs(&ChoiceRegistry::default()).len());
     }
 }

@@ -4,19 +4,21 @@ use crate::angle::wrap_rad;
 use nalgebra::Vector3;
 
 use super::along::steps_s;
-use super::driving::{Draws, Driving, blocks};
+use super::driving::{DrivingNoise, NormalStreams, blocks};
 use super::{InsErrorFault, InsErrorModel};
 use crate::earth::attitude::{body_to_ned, tilt_between, tilted};
 use crate::navigation::ins_series::InsSeries;
-use crate::navigation::mechanisation::{Earth, ImuErrors, Mechanisation, Motion, Reading, Readings, quaternion};
+use crate::navigation::mechanisation::{
+    IdealImu, ImuErrors, ImuReading, Mechanisation, NavigationEarth, NavigationState, quaternion,
+};
 use crate::navigation::pinson::{A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateVector, TILT_N, VN};
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// Error sources of the mechanisation that the error model lacks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct MechanisedExtras {
+pub struct MechanisationErrors {
     /// The earth that is navigated on.
-    pub earth: Earth,
+    pub earth: NavigationEarth,
     /// Scale errors of the accelerometers x, y, z, truth minus measurement of 1.
     pub acc_scale: [f64; 3],
     /// Scale errors of the gyroscopes x, y, z, truth minus measurement of 1.
@@ -35,18 +37,18 @@ pub struct MechanisedExtras {
 pub fn mechanised_errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,
-    extras: &MechanisedExtras,
+    extras: &MechanisationErrors,
     start: &StateVector,
-    draws: &mut Draws<'_>,
+    draws: &mut NormalStreams<'_>,
 ) -> Result<Vec<StateVector>, InsErrorFault> {
     model.check()?;
     truth.check()?;
-    let driving = Driving::new(model);
+    let driving = DrivingNoise::new(model);
     let exact = motion(truth, 0);
-    let mut run = Run {
-        processes: Processes::new(model),
+    let mut run = MechanisationRun {
+        processes: GaussMarkovDecay::new(model),
         extras,
-        readings: Readings::new(extras.earth, exact),
+        readings: IdealImu::new(extras.earth, exact),
         ins: Mechanisation::new(extras.earth, moved(&exact, start), -start[A_HAT]),
         error: *start,
     };
@@ -63,10 +65,10 @@ pub fn mechanised_errors_along(
     Ok(errors)
 }
 
-fn motion(truth: &InsSeries<'_>, row: usize) -> Motion {
+fn motion(truth: &InsSeries<'_>, row: usize) -> NavigationState {
     let at = truth.point(row);
     let [roll, pitch, yaw] = at.euler_rad;
-    Motion {
+    NavigationState {
         lat_rad: at.lat_rad,
         lon_rad: truth.lon_deg[row].to_radians(),
         alt_m: truth.alt_m[row],
@@ -80,9 +82,9 @@ fn triple(error: &StateVector, from: usize) -> Vector3<f64> {
 }
 
 /// A motion less an error.
-fn moved(exact: &Motion, error: &StateVector) -> Motion {
+fn moved(exact: &NavigationState, error: &StateVector) -> NavigationState {
     let attitude = exact.body_to_ned.to_rotation_matrix().into_inner();
-    Motion {
+    NavigationState {
         lat_rad: exact.lat_rad - error[LAT],
         lon_rad: exact.lon_rad - error[LON],
         alt_m: exact.alt_m - error[ALT],
@@ -91,12 +93,12 @@ fn moved(exact: &Motion, error: &StateVector) -> Motion {
     }
 }
 
-/// The states that decay: how much is left of them after a step.
-struct Processes {
+/// Time constants of the Gauss-Markov states, in s; infinite for the other states.
+struct GaussMarkovDecay {
     taus_s: StateVector,
 }
 
-impl Processes {
+impl GaussMarkovDecay {
     fn new(model: &InsErrorModel) -> Self {
         let mut taus_s = [f64::INFINITY; STATES];
         taus_s[ACC..GYRO].fill(model.sources.acc_tau_s);
@@ -113,16 +115,16 @@ impl Processes {
     }
 }
 
-struct Run<'a> {
-    processes: Processes,
-    extras: &'a MechanisedExtras,
-    readings: Readings,
+struct MechanisationRun<'a> {
+    processes: GaussMarkovDecay,
+    extras: &'a MechanisationErrors,
+    readings: IdealImu,
     ins: Mechanisation,
     error: StateVector,
 }
 
-impl Run<'_> {
-    fn step(&mut self, to: &Motion, dt_s: f64, noise: &StateVector) {
+impl MechanisationRun<'_> {
+    fn step(&mut self, to: &NavigationState, dt_s: f64, noise: &StateVector) {
         let from = *self.readings.motion();
         let reading = self.readings.next(&to.vel_ned_mps, &to.body_to_ned, dt_s);
         let before = self.error;
@@ -142,7 +144,7 @@ impl Run<'_> {
             gyro_scale: Vector3::from(self.extras.gyro_scale),
         };
         let exact_alt_m = 0.5 * (from.alt_m + self.readings.motion().alt_m);
-        let faulty: Reading = errors.measured(&reading);
+        let faulty: ImuReading = errors.measured(&reading);
         self.ins.step(&faulty, Some(exact_alt_m - mean(HA)));
         self.read_error();
     }
@@ -150,7 +152,7 @@ impl Run<'_> {
     /// The error states that the two motions differ by.
     fn read_error(&mut self) {
         let (exact, said) = (self.readings.motion(), self.ins.motion());
-        let turned = |motion: &Motion| motion.body_to_ned.to_rotation_matrix().into_inner();
+        let turned = |motion: &NavigationState| motion.body_to_ned.to_rotation_matrix().into_inner();
         let tilt = -tilt_between(&turned(exact), &turned(said));
         self.error[LAT] = exact.lat_rad - said.lat_rad;
         self.error[LON] = wrap_rad(exact.lon_rad - said.lon_rad);

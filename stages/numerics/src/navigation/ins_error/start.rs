@@ -1,4 +1,5 @@
-//! The error of an INS at the first sample of a line: from the alignment before it, or from a position and velocity fix.
+//! The error of an INS at the first sample of a line: from the alignment before it, or from a position and velocity
+//! fix.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
@@ -11,9 +12,9 @@ const STEP_S: f64 = 5.0;
 
 /// Covariance of the states at the first sample of `ins`, which was aligned `age_s` seconds before.
 ///
-/// The initial standard deviations of `errors` are those at the alignment. Between the alignment and the first sample the
-/// flight is assumed to be straight and level, with the velocity and heading of the first sample. `ins` has at least one
-/// sample.
+/// The initial standard deviations of `errors` are those at the alignment. Between the alignment and the first sample
+/// the flight is assumed to be straight and level, with the velocity and heading of the first sample. `ins` has at
+/// least one sample.
 pub fn aligned_covariance(errors: &InsErrorModel, ins: &InsSeries<'_>, age_s: f64) -> StateMatrix {
     let errors = InsErrorModel { start: None, ..*errors };
     let first = ins.point(0);
@@ -38,7 +39,7 @@ pub fn aligned_covariance(errors: &InsErrorModel, ins: &InsSeries<'_>, age_s: f6
 
 /// A position and velocity fix at the first sample of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fix {
+pub struct StartFix {
     /// Latitude and longitude, in degrees.
     pub lat_lon_deg: [f64; 2],
     /// Height above the ellipsoid, in m.
@@ -46,12 +47,12 @@ pub struct Fix {
     /// Velocity north, east and down, in m/s; `None` keeps that of the INS.
     pub vel_ned_mps: Option<[f64; 3]>,
     /// Its standard deviations.
-    pub sigmas: FixSigmas,
+    pub sigmas: StartFixSigmas,
 }
 
 /// Standard deviations of a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FixSigmas {
+pub struct StartFixSigmas {
     /// Standard deviation of the position north and east, each, in m.
     pub horizontal_m: f64,
     /// Standard deviation of the height, in m.
@@ -60,9 +61,9 @@ pub struct FixSigmas {
     pub velocity_mps: f64,
 }
 
-impl Fix {
-    /// Covariance of the states of an INS that was corrected by the fix. Tilts, biases and the barometer loop have the initial
-    /// standard deviations of `errors`, and so has the velocity where the fix has none.
+impl StartFix {
+    /// Covariance of the states of an INS that was corrected by the fix. Tilts, biases and the barometer loop have the
+    /// initial standard deviations of `errors`, and so has the velocity where the fix has none.
     pub fn covariance(&self, errors: &InsErrorModel) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
@@ -89,8 +90,9 @@ impl Fix {
     }
 }
 
-/// Corrections along a line for an error at its first sample, as [`Fix::error`] has it: latitude and longitude in degrees,
-/// height in m, velocity north, east and down in m/s, one column each. The error propagates by the INS error model.
+/// Corrections along a line for an error at its first sample, as [`StartFix::error`] has it: latitude and longitude in
+/// degrees, height in m, velocity north, east and down in m/s, one column each. The error propagates by the INS error
+/// model.
 pub fn correction_along(errors: &InsErrorModel, ins: &InsSeries<'_>, first: [f64; 6]) -> [Vec<f64>; 6] {
     let mut x = [0.0; STATES];
     for (state, value) in [LAT, LON, ALT, VN, VN + 1, VN + 2].into_iter().zip(first) {
@@ -114,7 +116,7 @@ mod tests {
     use super::*;
     use crate::navigation::ins_error::{InsErrors, InsGrade, simulate_ins_error};
     use crate::navigation::pinson::TILT_N;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
 
     /// A straight level flight, a sample a second.
     fn flight(rows: usize) -> [Vec<f64>; 13] {
@@ -140,14 +142,14 @@ mod tests {
     }
 
     fn series(columns: &[Vec<f64>; 13]) -> InsSeries<'_> {
-        InsSeries::of(columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(columns.each_ref().map(Vec::as_slice))
     }
 
     #[test]
     fn law_errors_since_the_alignment_scatter_as_their_covariance() {
         let columns = flight(433);
         let model = InsGrade::Navigation.model();
-        let mut normals = Normals::new(5);
+        let mut normals = NormalGenerator::new(5);
         let runs = 400;
         let mut sums = [0.0; STATES];
         for _ in 0..runs {
@@ -156,7 +158,7 @@ mod tests {
         }
         // The line begins 432 s after the alignment.
         let rest = columns.each_ref().map(|column| &column[432..]);
-        let p = aligned_covariance(&model, &InsSeries::of(rest), 432.0);
+        let p = aligned_covariance(&model, &InsSeries::from_columns(rest), 432.0);
         for state in [LAT, LON, VN, VN + 1, TILT_N, TILT_N + 1] {
             // 400 draws: a variance to 7 % (one sigma).
             let ratio = sums[state] / f64::from(runs) / p[state][state];
@@ -182,8 +184,8 @@ mod tests {
             a_hat_sigma_mps2: 0.0,
             ..InsErrors::default()
         };
-        let model = InsErrorModel::of(sources);
-        let mut normals = Normals::new(9);
+        let model = InsErrorModel::from_sources(sources);
+        let mut normals = NormalGenerator::new(9);
         let errors = simulate_ins_error(&series(&columns), &model, || normals.draw()).unwrap();
         let mut ins = columns.clone();
         for (row, error) in errors.iter().enumerate() {
@@ -193,11 +195,11 @@ mod tests {
                 ins[4 + axis][row] -= error[VN + axis];
             }
         }
-        let fix = Fix {
+        let fix = StartFix {
             lat_lon_deg: [columns[1][0], columns[2][0]],
             alt_m: 500.0,
             vel_ned_mps: Some([60.0, 20.0, 0.0]),
-            sigmas: FixSigmas { horizontal_m: 3.0, vertical_m: 5.0, velocity_mps: 0.1 },
+            sigmas: StartFixSigmas { horizontal_m: 3.0, vertical_m: 5.0, velocity_mps: 0.1 },
         };
         let corrections = correction_along(&model, &series(&ins), fix.error(&series(&ins)));
         for row in [0, 450, 899] {

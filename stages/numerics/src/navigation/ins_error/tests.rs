@@ -3,7 +3,7 @@ use super::*;
 use crate::navigation::pinson::MAGNAV_POSITION;
 use crate::navigation::pinson::tests::golden;
 use crate::navigation::transition::step_covariance;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 /// MagNav.jl's numbers where the contract's defaults are rounded.
 fn magnav() -> InsErrorModel {
@@ -66,7 +66,7 @@ impl Flight {
     }
 
     fn series(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 }
 
@@ -78,7 +78,7 @@ fn law_simulated_errors_have_the_predicted_covariance() {
     let runs = 2000;
     let mut sums = [[0.0; STATES]; STATES];
     for run in 0..runs {
-        let mut normals = Normals::new(run);
+        let mut normals = NormalGenerator::new(run);
         let errors = simulate_ins_error(&truth, &model, || normals.draw()).unwrap();
         let last = errors[errors.len() - 1];
         for (sums, a) in sums.iter_mut().zip(last) {

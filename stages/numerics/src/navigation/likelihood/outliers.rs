@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
@@ -18,17 +18,18 @@ const RECOVERED_AFTER: usize = 20;
 /// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer finite.
+/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer
+/// finite.
 pub fn outliers(line: &NavigationLine<'_>) -> Result<Vec<bool>, NavigationError> {
     line.check()?;
     let mut field = line.predicted();
     let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
     let rejected = Vec::with_capacity(line.ins.len());
     let output = NavigationOutput::with_capacity(line.ins.len(), false, false);
-    pulp::Arch::new().dispatch(Filter { line, field, offset_nt, rejected, in_a_row: 0, output })
+    pulp::Arch::new().dispatch(OutlierEkf { line, field, offset_nt, rejected, in_a_row: 0, output })
 }
 
-struct Filter<'a> {
+struct OutlierEkf<'a> {
     line: &'a NavigationLine<'a>,
     field: PredictedField<'a>,
     offset_nt: f64,
@@ -37,7 +38,7 @@ struct Filter<'a> {
     output: NavigationOutput,
 }
 
-impl WithSimd for Filter<'_> {
+impl WithSimd for OutlierEkf<'_> {
     type Output = Result<Vec<bool>, NavigationError>;
 
     #[inline(always)]
@@ -48,13 +49,13 @@ impl WithSimd for Filter<'_> {
     }
 }
 
-impl Recursion for Filter<'_> {
+impl FilterRecursion for OutlierEkf<'_> {
     fn output(&mut self) -> &mut NavigationOutput {
         &mut self.output
     }
 
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         self.rejected.push(false);
         let Some((value_nt, variance_nt2)) = self.line.measured(row, self.offset_nt) else { return Innovation::NONE };
         let [lat, lon, alt, temporal_nt] = estimate.measured();
@@ -63,7 +64,7 @@ impl Recursion for Filter<'_> {
         let covariance = estimate.horizontal();
         let variance_nt2 =
             variance_nt2 + self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, covariance);
-        let at = estimate.linearised(Sensitivity::of(&field));
+        let at = estimate.linearised(Sensitivity::from_field(&field));
         let nis = residual_nt * residual_nt / (at.variance + variance_nt2);
         if nis > GATE_NIS && self.in_a_row < RECOVERED_AFTER {
             self.in_a_row += 1;

@@ -1,25 +1,26 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::navigation::flights::Flight;
+use crate::navigation::flights::OsborneFlight;
 use crate::navigation::ins_error::InsErrors;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 const FOGM_SIGMA_NT: f64 = 6.0;
 const FOGM_TAU_S: f64 = 200.0;
 const SIGMA_NT: f64 = 4.0;
 
-fn flown(seed: u64) -> Flight {
+fn flown(seed: u64) -> OsborneFlight {
     let sources = InsErrors { init_position_sigma_m: 50.0, init_velocity_sigma_mps: 0.2, ..InsErrors::default() };
-    let model = InsErrorModel { fogm_sigma_nt: FOGM_SIGMA_NT, fogm_tau_s: FOGM_TAU_S, ..InsErrorModel::of(sources) };
-    Flight::flown(seed, 1500, 1.0, model)
+    let model =
+        InsErrorModel { fogm_sigma_nt: FOGM_SIGMA_NT, fogm_tau_s: FOGM_TAU_S, ..InsErrorModel::from_sources(sources) };
+    OsborneFlight::flown(seed, 1500, 1.0, model)
 }
 
-fn found(flight: &Flight, measured_nt: &[f64], given: [Option<f64>; 3]) -> LineNoise {
+fn found(flight: &OsborneFlight, measured_nt: &[f64], given: [Option<f64>; 3]) -> LineNoise {
     let series = flight.ins.series();
     let sigma_nt = vec![1.0; measured_nt.len()];
     let line = flight.line(&series, measured_nt, &sigma_nt);
     let rows = rows_at(series.tt_s, 2.0);
-    let search_of = Search { line: &line, rows: &rows, scale: &sigma_nt, known_nt: None, map_nt: None, given };
+    let search_of = NoiseSearch { line: &line, rows: &rows, scale: &sigma_nt, known_nt: None, map_nt: None, given };
     search(&search_of).unwrap().unwrap()
 }
 
@@ -51,7 +52,7 @@ fn law_an_offset_is_a_process_of_a_long_time_constant() {
 fn unit_a_given_parameter_stays_and_correlated_noise_is_inflated() {
     let flight = flown(5);
     let clean = flight.measured(0, 1e-9);
-    let mut normals = Normals::new(8);
+    let mut normals = NormalGenerator::new(8);
     let mut slow = 0.0;
     // The noise has a correlation time of 12 s, while the given process is slow and small.
     let lasting = clean.iter().map(|nt| {
@@ -90,6 +91,7 @@ fn unit_too_few_measurements_have_no_noise() {
     let sigma_nt = vec![1.0; measured.len()];
     let line = flight.line(&series, &measured, &sigma_nt);
     let rows = rows_at(series.tt_s, 2.0);
-    let all = Search { line: &line, rows: &rows, scale: &sigma_nt, known_nt: None, map_nt: None, given: [None; 3] };
+    let all =
+        NoiseSearch { line: &line, rows: &rows, scale: &sigma_nt, known_nt: None, map_nt: None, given: [None; 3] };
     assert_eq!(search(&all).unwrap(), None);
 }

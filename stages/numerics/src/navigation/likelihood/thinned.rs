@@ -18,16 +18,16 @@ pub fn rows_at(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
     rows
 }
 
-/// The INS, the measurements and the position fixes at some rows. The specific force is the mean up to the next of them, so
-/// that a step has the change of velocity of the steps that it spans.
-pub(super) struct Thinned {
+/// The INS, the measurements and the position fixes at some rows. The specific force is the mean up to the next of
+/// them, so that a step has the change of velocity of the steps that it spans.
+pub(super) struct ThinnedLine {
     columns: [Vec<f64>; 13],
     pub(super) measurement_nt: Vec<f64>,
     pub(super) fixes: Option<PositionFixes>,
 }
 
-impl Thinned {
-    pub(super) fn of(line: &NavigationLine<'_>, rows: &[usize]) -> Self {
+impl ThinnedLine {
+    pub(super) fn new(line: &NavigationLine<'_>, rows: &[usize]) -> Self {
         let ins = line.ins;
         let at = |column: &[f64]| -> Vec<f64> { rows.iter().map(|row| column[*row]).collect() };
         let mean = |column: &[f64]| -> Vec<f64> {
@@ -60,6 +60,6 @@ impl Thinned {
     }
 
     pub(super) fn ins(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::Reading;
+use super::ImuReading;
 
 /// The errors of one step, truth minus measurement, as all errors of the INS here.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,10 +23,10 @@ pub struct ImuErrors {
 
 impl ImuErrors {
     /// The reading of the sensors where an error-free one reads `exact`.
-    pub fn measured(&self, exact: &Reading) -> Reading {
+    pub fn measured(&self, exact: &ImuReading) -> ImuReading {
         let angle = exact.angle_rad.component_mul(&self.gyro_scale);
         let velocity = exact.velocity_mps.component_mul(&self.acc_scale);
-        Reading {
+        ImuReading {
             dt_s: exact.dt_s,
             angle_rad: exact.angle_rad - angle - self.gyro_bias_radps * exact.dt_s - self.gyro_walk_rad,
             velocity_mps: exact.velocity_mps - velocity - self.acc_bias_mps2 * exact.dt_s - self.acc_walk_mps,

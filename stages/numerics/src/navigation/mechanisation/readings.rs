@@ -2,34 +2,34 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::{Earth, Motion, REPETITIONS, Reading, surroundings};
+use super::{ImuReading, NavigationEarth, NavigationState, REPETITIONS, surroundings};
 use crate::earth::attitude::skew;
 
 /// The readings of error-free sensors along a motion that is given by velocities and attitudes.
 ///
 /// The inverse of a mechanisation's step, not a quadrature: a free mechanisation of these readings
-/// returns velocities and attitudes to rounding, and as its position that of [`Readings::motion`],
+/// returns velocities and attitudes to rounding, and as its position that of [`IdealImu::motion`],
 /// the trapezoidal integral of the velocities.
 #[derive(Clone, Debug)]
-pub struct Readings {
-    earth: Earth,
-    motion: Motion,
-    before: Reading,
+pub struct IdealImu {
+    earth: NavigationEarth,
+    motion: NavigationState,
+    before: ImuReading,
 }
 
-impl Readings {
+impl IdealImu {
     /// The readings of a motion that starts like this.
-    pub fn new(earth: Earth, start: Motion) -> Self {
-        Self { earth, motion: start, before: Reading::default() }
+    pub fn new(earth: NavigationEarth, start: NavigationState) -> Self {
+        Self { earth, motion: start, before: ImuReading::default() }
     }
 
     /// The current motion.
-    pub fn motion(&self) -> &Motion {
+    pub fn motion(&self) -> &NavigationState {
         &self.motion
     }
 
     /// The reading of the `dt_s` seconds to the next velocity (m/s) and attitude.
-    pub fn next(&mut self, vel_ned_mps: &Vector3<f64>, body_to_ned: &UnitQuaternion<f64>, dt_s: f64) -> Reading {
+    pub fn next(&mut self, vel_ned_mps: &Vector3<f64>, body_to_ned: &UnitQuaternion<f64>, dt_s: f64) -> ImuReading {
         let from = self.motion;
         let v = 0.5 * (from.vel_ned_mps + vel_ned_mps);
         let (mut turn, mut accelerated) = (Vector3::zeros(), Vector3::zeros());
@@ -53,7 +53,7 @@ impl Readings {
     }
 
     /// The reading whose increments, with coning and sculling corrected, are these.
-    fn uncorrected(&self, rotation_rad: &Vector3<f64>, velocity_mps: &Vector3<f64>, dt_s: f64) -> Reading {
+    fn uncorrected(&self, rotation_rad: &Vector3<f64>, velocity_mps: &Vector3<f64>, dt_s: f64) -> ImuReading {
         let (angle_before, velocity_before) = self.before.stretched_to(dt_s);
         // The matrices are the identity plus small skew ones, which always have an inverse.
         let solved = |m: Matrix3<f64>, right: Vector3<f64>| m.try_inverse().map_or(right, |inverse| inverse * right);
@@ -62,6 +62,6 @@ impl Readings {
         let angle = skew(&angle_rad);
         let turning = 0.5 * angle + angle * angle / 6.0 + skew(&angle_before) / 12.0;
         let right = velocity_mps - velocity_before.cross(&angle_rad) / 12.0;
-        Reading { dt_s, angle_rad, velocity_mps: solved(identity + turning, right) }
+        ImuReading { dt_s, angle_rad, velocity_mps: solved(identity + turning, right) }
     }
 }

@@ -3,12 +3,12 @@ use nalgebra::{Matrix3, Vector3};
 use super::*;
 use crate::earth::attitude::{body_to_ned, tilt_between};
 
-const NOT_ROTATING: Earth = Earth::Sphere { rate_radps: 0.0 };
+const NOT_ROTATING: NavigationEarth = NavigationEarth::Sphere { rate_radps: 0.0 };
 const R: f64 = SEMI_MAJOR_AXIS_M;
 const G: f64 = STANDARD_GRAVITY_MPS2;
 
-fn at_rest(lat_rad: f64) -> Motion {
-    Motion {
+fn at_rest(lat_rad: f64) -> NavigationState {
+    NavigationState {
         lat_rad,
         lon_rad: 0.3,
         alt_m: 0.0,
@@ -18,8 +18,8 @@ fn at_rest(lat_rad: f64) -> Motion {
 }
 
 /// Readings of `seconds` at rest.
-fn resting(earth: Earth, start: Motion, seconds: usize) -> Vec<Reading> {
-    let mut readings = Readings::new(earth, start);
+fn resting(earth: NavigationEarth, start: NavigationState, seconds: usize) -> Vec<ImuReading> {
+    let mut readings = IdealImu::new(earth, start);
     (0..seconds).map(|_| readings.next(&Vector3::zeros(), &start.body_to_ned, 1.0)).collect()
 }
 
@@ -45,7 +45,7 @@ fn law_at_rest_the_sensors_read_the_earths_rate_and_the_lift_against_gravity() {
     let to_body = start.body_to_ned.inverse();
     let rate = to_body * Vector3::new(0.7_f64.cos(), 0.0, -0.7_f64.sin()) * EARTH_RATE_RADPS;
     let lift = to_body * Vector3::new(0.0, 0.0, -normal_gravity_mps2(0.7, 0.0));
-    let last = resting(Earth::Wgs84, start, 3)[2];
+    let last = resting(NavigationEarth::Wgs84, start, 3)[2];
     // Rounding of angles of 1 rad and of 9.8 m/s.
     assert!((last.angle_rad - rate).norm() < 1e-15, "{}", (last.angle_rad - rate).norm());
     // The earth turns the body by 7e-5 rad a second: second order in that, and rounding.
@@ -55,8 +55,8 @@ fn law_at_rest_the_sensors_read_the_earths_rate_and_the_lift_against_gravity() {
 #[test]
 fn law_an_error_free_ins_at_rest_stays() {
     let start = at_rest(0.7);
-    let mut ins = Mechanisation::new(Earth::Wgs84, start, 0.0);
-    for reading in resting(Earth::Wgs84, start, 3600) {
+    let mut ins = Mechanisation::new(NavigationEarth::Wgs84, start, 0.0);
+    for reading in resting(NavigationEarth::Wgs84, start, 3600) {
         ins.step(&reading, Some(0.0));
     }
     let end = ins.motion();
@@ -67,7 +67,7 @@ fn law_an_error_free_ins_at_rest_stays() {
 
 /// A motion known at every instant: position and attitude swing in all directions.
 struct Swing {
-    earth: Earth,
+    earth: NavigationEarth,
 }
 
 impl Swing {
@@ -108,7 +108,7 @@ impl Swing {
     }
 
     /// The integrals over a step, by Simpson's rule over eight pieces.
-    fn reading(&self, t: f64, dt_s: f64) -> Reading {
+    fn reading(&self, t: f64, dt_s: f64) -> ImuReading {
         let (mut angle_rad, mut velocity_mps) = (Vector3::zeros(), Vector3::zeros());
         for k in 0..=16 {
             let weight = if k == 0 || k == 16 { 1.0 } else { f64::from(2 + 2 * (k % 2)) } * dt_s / 48.0;
@@ -116,18 +116,18 @@ impl Swing {
             angle_rad += rate * weight;
             velocity_mps += force * weight;
         }
-        Reading { dt_s, angle_rad, velocity_mps }
+        ImuReading { dt_s, angle_rad, velocity_mps }
     }
 
-    fn motion(&self, t: f64) -> Motion {
+    fn motion(&self, t: f64) -> NavigationState {
         let [lat_rad, lon_rad, alt_m] = Self::place(t);
         let body_to_ned = quaternion(&Self::attitude(t));
-        Motion { lat_rad, lon_rad, alt_m, vel_ned_mps: self.velocity(t), body_to_ned }
+        NavigationState { lat_rad, lon_rad, alt_m, vel_ned_mps: self.velocity(t), body_to_ned }
     }
 }
 
 /// Distance (m), speed (m/s) and angle (rad) between two motions.
-fn apart(a: &Motion, b: &Motion) -> [f64; 3] {
+fn apart(a: &NavigationState, b: &NavigationState) -> [f64; 3] {
     let north = (a.lat_rad - b.lat_rad) * R;
     let east = (a.lon_rad - b.lon_rad) * R * a.lat_rad.cos();
     let place = Vector3::new(north, east, a.alt_m - b.alt_m).norm();
@@ -135,7 +135,7 @@ fn apart(a: &Motion, b: &Motion) -> [f64; 3] {
 }
 
 /// How far the mechanisation of the integrals of rate and force is from the motion after a minute.
-fn after_a_minute(earth: Earth, steps: u32) -> [f64; 3] {
+fn after_a_minute(earth: NavigationEarth, steps: u32) -> [f64; 3] {
     let swing = Swing { earth };
     let dt_s = 60.0 / f64::from(steps);
     // The first reading lets the second know the one before it.
@@ -149,7 +149,7 @@ fn after_a_minute(earth: Earth, steps: u32) -> [f64; 3] {
 
 #[test]
 fn law_the_mechanisation_finds_a_motion_from_the_integrals_of_its_rate_and_force() {
-    for earth in [Earth::Wgs84, Earth::Sphere { rate_radps: EARTH_RATE_RADPS }] {
+    for earth in [NavigationEarth::Wgs84, NavigationEarth::Sphere { rate_radps: EARTH_RATE_RADPS }] {
         let (coarse, fine) = (after_a_minute(earth, 1200), after_a_minute(earth, 2400));
         println!("{earth:?}: {coarse:?} {fine:?} m, m/s, rad");
         for (coarse, fine) in coarse.iter().zip(fine) {
@@ -163,9 +163,9 @@ fn law_the_mechanisation_finds_a_motion_from_the_integrals_of_its_rate_and_force
 
 #[test]
 fn law_the_readings_of_a_motion_are_the_integrals_of_its_rate_and_force() {
-    let swing = Swing { earth: Earth::Wgs84 };
+    let swing = Swing { earth: NavigationEarth::Wgs84 };
     let worst = |dt_s: f64| {
-        let mut readings = Readings::new(Earth::Wgs84, swing.motion(0.0));
+        let mut readings = IdealImu::new(NavigationEarth::Wgs84, swing.motion(0.0));
         let mut worst = [0.0_f64; 2];
         for k in 0..(20.0 / dt_s) as u32 {
             let t = dt_s * f64::from(k);
@@ -188,9 +188,9 @@ fn law_the_readings_of_a_motion_are_the_integrals_of_its_rate_and_force() {
 
 #[test]
 fn law_readings_lead_back_to_the_motion_they_were_made_of() {
-    let swing = Swing { earth: Earth::Wgs84 };
-    let mut readings = Readings::new(Earth::Wgs84, swing.motion(0.0));
-    let mut ins = Mechanisation::new(Earth::Wgs84, swing.motion(0.0), 0.0);
+    let swing = Swing { earth: NavigationEarth::Wgs84 };
+    let mut readings = IdealImu::new(NavigationEarth::Wgs84, swing.motion(0.0));
+    let mut ins = Mechanisation::new(NavigationEarth::Wgs84, swing.motion(0.0), 0.0);
     for k in 1..=6000 {
         let to = swing.motion(0.1 * f64::from(k));
         let baro_alt_m = 0.5 * (readings.motion().alt_m + 0.0);
@@ -207,10 +207,10 @@ fn law_readings_lead_back_to_the_motion_they_were_made_of() {
 
 /// North of where it began (m) after each second of rest on a sphere that does not rotate.
 fn drift_north_m(errors: &ImuErrors, tilt: f64, seconds: usize) -> Vec<f64> {
-    let start = Motion { body_to_ned: quaternion(&Matrix3::identity()), ..at_rest(0.0) };
+    let start = NavigationState { body_to_ned: quaternion(&Matrix3::identity()), ..at_rest(0.0) };
     let tilted = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, tilt, 0.0)) * start.body_to_ned;
-    let mut ins = Mechanisation::new(NOT_ROTATING, Motion { body_to_ned: tilted, ..start }, 0.0);
-    let one = |reading: &Reading| {
+    let mut ins = Mechanisation::new(NOT_ROTATING, NavigationState { body_to_ned: tilted, ..start }, 0.0);
+    let one = |reading: &ImuReading| {
         ins.step(&errors.measured(reading), Some(0.0));
         ins.motion().lat_rad * R
     };
@@ -246,13 +246,13 @@ fn law_tilts_and_biases_swing_with_schulers_period() {
 #[test]
 fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
     let start = at_rest(45.0_f64.to_radians());
-    let mut ins = Mechanisation::new(Earth::Wgs84, start, 0.0);
+    let mut ins = Mechanisation::new(NavigationEarth::Wgs84, start, 0.0);
     let errors = ImuErrors { acc_bias_mps2: Vector3::new(1e-3, 0.0, 0.0), ..ImuErrors::default() };
-    let away = |reading: &Reading| {
+    let away = |reading: &ImuReading| {
         ins.step(&errors.measured(reading), Some(0.0));
         apart(ins.motion(), &start)[0]
     };
-    let distances: Vec<f64> = resting(Earth::Wgs84, start, 6000).iter().map(away).collect();
+    let distances: Vec<f64> = resting(NavigationEarth::Wgs84, start, 6000).iter().map(away).collect();
     // The plane of the swing turns as Foucault's does: b/ωs² |1 - exp(-i Ω sin(lat) t) cos(ωs t)|.
     let turning = EARTH_RATE_RADPS * start.lat_rad.sin();
     let misfit = |period_min: f64| {
@@ -271,7 +271,7 @@ fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
 
 #[test]
 fn law_a_flight_over_the_pole_goes_on_south_on_the_other_side() {
-    let start = Motion {
+    let start = NavigationState {
         lat_rad: 89.999_f64.to_radians(),
         lon_rad: 0.5,
         alt_m: 0.0,
@@ -282,7 +282,7 @@ fn law_a_flight_over_the_pole_goes_on_south_on_the_other_side() {
     for _ in 0..20 {
         // Along a great circle the body turns about its right wing alone.
         let angle_rad = Vector3::new(0.0, -100.0 / R, 0.0);
-        ins.step(&Reading { dt_s: 1.0, angle_rad, velocity_mps: Vector3::new(0.0, 0.0, 1e4 / R - G) }, Some(0.0));
+        ins.step(&ImuReading { dt_s: 1.0, angle_rad, velocity_mps: Vector3::new(0.0, 0.0, 1e4 / R - G) }, Some(0.0));
     }
     let end = ins.motion();
     let beyond = 2000.0 / R - 0.001_f64.to_radians();
@@ -299,8 +299,8 @@ fn law_a_free_vertical_channel_runs_away_and_a_barometer_holds_it() {
     let errors =
         ImuErrors { acc_bias_mps2: start.body_to_ned.inverse() * Vector3::new(0.0, 0.0, 1e-3), ..ImuErrors::default() };
     let fallen = |baro: Option<f64>| {
-        let mut ins = Mechanisation::new(Earth::Wgs84, start, 0.0);
-        for reading in resting(Earth::Wgs84, start, 1200) {
+        let mut ins = Mechanisation::new(NavigationEarth::Wgs84, start, 0.0);
+        for reading in resting(NavigationEarth::Wgs84, start, 1200) {
             ins.step(&errors.measured(&reading), baro);
         }
         ins.motion().alt_m

@@ -6,15 +6,15 @@
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use rayon::prelude::*;
 
-use super::covariance::{Lasting, Spread, Square};
-use super::draws::Draws;
+use super::covariance::{GaussMarkovStep, ParticleMatrix, ParticleSpread};
+use super::draws::ParticleDraws;
 
 /// Particles in a block: their states are 5 to 7 kB, which the innermost cache holds.
 pub(super) const BLOCK: usize = 32;
-/// A number of each particle of a block.
-pub(super) type Lanes = [f64; BLOCK];
+/// One value for each particle of a block.
+pub(super) type ParticleLanes = [f64; BLOCK];
 /// The `N` states of a block: the 18 of the INS, and those of further measurements.
-pub(super) type Block<const N: usize> = [Lanes; N];
+pub(super) type ParticleBlock<const N: usize> = [ParticleLanes; N];
 /// Particles whose sums are in registers.
 const WIDE: usize = 16;
 /// Separate sums, so that they need not wait for each other.
@@ -24,17 +24,17 @@ const LEAST_TO_SPREAD: usize = 8192;
 /// Blocks that a thread takes at a time.
 const SHARE: usize = 64;
 
-/// The particles. Those beyond the last fill its block and weigh nothing.
+/// Particles with their weights; those beyond the last fill its block and weigh nothing.
 #[derive(Clone, Debug)]
-pub(super) struct Cloud<const N: usize> {
+pub(super) struct ParticleCloud<const N: usize> {
     /// Their number.
     pub(super) particles: usize,
     /// Their states.
-    pub(super) blocks: Vec<Block<N>>,
+    pub(super) blocks: Vec<ParticleBlock<N>>,
     /// The logarithms of their weights.
-    pub(super) log_weights: Vec<Lanes>,
+    pub(super) log_weights: Vec<ParticleLanes>,
     /// Their weights, which sum up to 1.
-    pub(super) weights: Vec<Lanes>,
+    pub(super) weights: Vec<ParticleLanes>,
 }
 
 /// The entries of a transition matrix that are not zero, by rows.
@@ -46,7 +46,7 @@ pub(super) struct SparseTransition<const N: usize> {
 
 impl<const N: usize> SparseTransition<N> {
     /// Transition of the 18 states and of each further state.
-    pub(super) fn of(phi: &StateMatrix, further: &[Lasting]) -> Self {
+    pub(super) fn new(phi: &StateMatrix, further: &[GaussMarkovStep]) -> Self {
         let (mut entries, mut ends) = (Vec::with_capacity(STATES * STATES), [0; N]);
         for (state, end) in ends.iter_mut().enumerate() {
             match phi.get(state) {
@@ -59,9 +59,9 @@ impl<const N: usize> SparseTransition<N> {
     }
 }
 
-impl<const N: usize> Cloud<N> {
+impl<const N: usize> ParticleCloud<N> {
     /// Particles about no error, with these standard deviations of the position.
-    pub(super) fn new(particles: usize, sigmas: [f64; 2], draws: Draws) -> Self {
+    pub(super) fn new(particles: usize, sigmas: [f64; 2], draws: ParticleDraws) -> Self {
         let count = particles.div_ceil(BLOCK);
         let mut cloud = Self {
             particles,
@@ -75,7 +75,7 @@ impl<const N: usize> Cloud<N> {
     }
 
     /// Adds independent normals of these standard deviations to the position of each particle.
-    pub(super) fn jitter(&mut self, sigmas: [f64; 2], draws: Draws) {
+    pub(super) fn jitter(&mut self, sigmas: [f64; 2], draws: ParticleDraws) {
         for (number, block) in self.blocks.iter_mut().enumerate() {
             for (lane, particle) in (number * BLOCK..(number + 1) * BLOCK).enumerate() {
                 let [a, b] = draws.normals(particle);
@@ -108,7 +108,7 @@ impl<const N: usize> Cloud<N> {
 
     /// The weighted mean of the states.
     pub(super) fn mean(&self) -> [f64; N] {
-        pulp::Arch::new().dispatch(Mean(self))
+        pulp::Arch::new().dispatch(CloudMean(self))
     }
 
     /// The weighted covariance of the position about a mean: twice latitude, latitude with longitude, twice longitude.
@@ -124,7 +124,7 @@ impl<const N: usize> Cloud<N> {
     }
 
     /// The weighted covariance of all states about a mean, without that which the particles share.
-    pub(super) fn covariance(&self, mean: &[f64; N]) -> Square<N> {
+    pub(super) fn covariance(&self, mean: &[f64; N]) -> ParticleMatrix<N> {
         let mut sum = [[0.0; N]; N];
         for (block, weights) in self.blocks.iter().zip(&self.weights) {
             for lane in 0..BLOCK {
@@ -136,11 +136,11 @@ impl<const N: usize> Cloud<N> {
     }
 
     /// Moves every particle: x ← Φ x + spread·ξ.
-    pub(super) fn propagate(&mut self, phi: &SparseTransition<N>, spread: &Spread<N>, draws: Draws) {
+    pub(super) fn propagate(&mut self, phi: &SparseTransition<N>, spread: &ParticleSpread<N>, draws: ParticleDraws) {
         let particles = self.particles;
-        let share = |(number, blocks): (usize, &mut [Block<N>])| {
+        let share = |(number, blocks): (usize, &mut [ParticleBlock<N>])| {
             let first = number * SHARE * BLOCK;
-            pulp::Arch::new().dispatch(Propagation { blocks, first, phi, spread, draws });
+            pulp::Arch::new().dispatch(CloudPropagation { blocks, first, phi, spread, draws });
         };
         if particles < LEAST_TO_SPREAD {
             self.blocks.chunks_mut(SHARE).enumerate().for_each(share);
@@ -151,8 +151,14 @@ impl<const N: usize> Cloud<N> {
 
     /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P u) r, where `r` is the
     /// residual over its variance, and `of_common` is P u with what all particles have in common of H.
-    pub(super) fn correct(&mut self, p: &Square<N>, of_common: &[f64; N], slopes: &[Lanes], residuals: &[Lanes]) {
-        pulp::Arch::new().dispatch(LinearCorrection { blocks: &mut self.blocks, p, of_common, slopes, residuals });
+    pub(super) fn correct(
+        &mut self,
+        p: &ParticleMatrix<N>,
+        of_common: &[f64; N],
+        slopes: &[ParticleLanes],
+        residuals: &[ParticleLanes],
+    ) {
+        pulp::Arch::new().dispatch(CloudCorrection { blocks: &mut self.blocks, p, of_common, slopes, residuals });
     }
 
     /// The state of one particle.
@@ -191,9 +197,9 @@ pub(super) fn add_outer<const N: usize>(sum: &mut [[f64; N]; N], weight: f64, x:
     }
 }
 
-struct Mean<'a, const N: usize>(&'a Cloud<N>);
+struct CloudMean<'a, const N: usize>(&'a ParticleCloud<N>);
 
-impl<const N: usize> pulp::NullaryFnOnce for Mean<'_, N> {
+impl<const N: usize> pulp::NullaryFnOnce for CloudMean<'_, N> {
     type Output = [f64; N];
 
     #[inline(always)]
@@ -208,16 +214,16 @@ impl<const N: usize> pulp::NullaryFnOnce for Mean<'_, N> {
     }
 }
 
-struct Propagation<'a, const N: usize> {
-    blocks: &'a mut [Block<N>],
+struct CloudPropagation<'a, const N: usize> {
+    blocks: &'a mut [ParticleBlock<N>],
     /// The number of the first particle.
     first: usize,
     phi: &'a SparseTransition<N>,
-    spread: &'a Spread<N>,
-    draws: Draws,
+    spread: &'a ParticleSpread<N>,
+    draws: ParticleDraws,
 }
 
-impl<const N: usize> pulp::NullaryFnOnce for Propagation<'_, N> {
+impl<const N: usize> pulp::NullaryFnOnce for CloudPropagation<'_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -252,15 +258,15 @@ impl<const N: usize> pulp::NullaryFnOnce for Propagation<'_, N> {
     }
 }
 
-struct LinearCorrection<'a, const N: usize> {
-    blocks: &'a mut [Block<N>],
-    p: &'a Square<N>,
+struct CloudCorrection<'a, const N: usize> {
+    blocks: &'a mut [ParticleBlock<N>],
+    p: &'a ParticleMatrix<N>,
     of_common: &'a [f64; N],
-    slopes: &'a [Lanes],
-    residuals: &'a [Lanes],
+    slopes: &'a [ParticleLanes],
+    residuals: &'a [ParticleLanes],
 }
 
-impl<const N: usize> pulp::NullaryFnOnce for LinearCorrection<'_, N> {
+impl<const N: usize> pulp::NullaryFnOnce for CloudCorrection<'_, N> {
     type Output = ();
 
     #[inline(always)]

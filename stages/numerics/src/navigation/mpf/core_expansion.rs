@@ -12,11 +12,11 @@ use crate::earth::geodesy::EarthModel;
 #[derive(Clone, Debug)]
 pub(super) struct CoreExpansion {
     field: Arc<CoreField>,
-    place: Option<Place>,
+    place: Option<CoreExpansionPoint>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct CoreExpansionPoint {
     lat_deg: f64,
     lon_deg: f64,
     alt_m: f64,
@@ -41,13 +41,13 @@ impl CoreExpansion {
 
     /// Moves the point of expansion where the middle of the cloud is too far from it.
     pub(super) fn follow(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) {
-        let near = |place: &Place| {
+        let near = |place: &CoreExpansionPoint| {
             let (north, east) =
                 EarthModel::Wgs84.offset_ne_m((place.lat_deg, place.lon_deg), (lat_deg, lon_deg), alt_m);
             north.hypot(east) <= REACH_M && (alt_m - place.alt_m).abs() <= REACH_UP_M
         };
         if !self.place.as_ref().is_some_and(near) {
-            self.place = Some(Place::new(&self.field, lat_deg, lon_deg, alt_m));
+            self.place = Some(CoreExpansionPoint::new(&self.field, lat_deg, lon_deg, alt_m));
         }
     }
 
@@ -59,13 +59,13 @@ impl CoreExpansion {
 
     /// Its horizontal gradient at the point of expansion, in nT/rad; 0 before the first [`Self::follow`].
     pub(super) fn gradient(&self) -> [f64; 2] {
-        self.place
-            .as_ref()
-            .map_or([0.0; 2], |Place { at_place, .. }| [at_place.d_lat_nt_per_rad, at_place.d_lon_nt_per_rad])
+        self.place.as_ref().map_or([0.0; 2], |CoreExpansionPoint { at_place, .. }| {
+            [at_place.d_lat_nt_per_rad, at_place.d_lon_nt_per_rad]
+        })
     }
 }
 
-impl Place {
+impl CoreExpansionPoint {
     fn new(field: &CoreField, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Self {
         let step_deg = DIFFERENCE_RAD.to_degrees();
         let at = |lat: f64, lon: f64| field.magnitude_and_gradient(lat_deg + lat, lon_deg + lon, alt_m);

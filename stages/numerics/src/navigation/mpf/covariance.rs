@@ -10,13 +10,13 @@ use crate::navigation::transition::propagate_covariance;
 const LEAST_PIVOT: f64 = 1e-13;
 
 /// A matrix of the states.
-pub(super) type Square<const N: usize> = [[f64; N]; N];
+pub(super) type ParticleMatrix<const N: usize> = [[f64; N]; N];
 /// Two columns over the states, by which two standard normals move a particle.
-pub(super) type Spread<const N: usize> = [[f64; 2]; N];
+pub(super) type ParticleSpread<const N: usize> = [[f64; 2]; N];
 
 /// Propagation of a further state, a Gauss-Markov process, over a step.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Lasting {
+pub(super) struct GaussMarkovStep {
     /// The part of it that is left.
     pub(super) decay: f64,
     /// The variance that the step adds.
@@ -24,7 +24,7 @@ pub(super) struct Lasting {
 }
 
 /// P h of a row of H, by its entries.
-pub(super) fn times<const N: usize>(p: &Square<N>, h: &[(usize, f64)]) -> [f64; N] {
+pub(super) fn times<const N: usize>(p: &ParticleMatrix<N>, h: &[(usize, f64)]) -> [f64; N] {
     std::array::from_fn(|row| h.iter().map(|(state, entry)| entry * p[row][*state]).sum())
 }
 
@@ -35,7 +35,7 @@ pub(super) fn dot<const N: usize>(h: &[(usize, f64)], x: &[f64; N]) -> f64 {
 
 /// Corrects a covariance by a scalar measurement of `h`·x with a noise of this variance, in Joseph's form; of variance
 /// 0, conditions it on that. A combination without variance is left as it is.
-pub(super) fn correct<const N: usize>(p: &mut Square<N>, h: &[(usize, f64)], variance: f64) {
+pub(super) fn correct<const N: usize>(p: &mut ParticleMatrix<N>, h: &[(usize, f64)], variance: f64) {
     let ph = times(p, h);
     let total = dot(h, &ph) + variance;
     if total <= 0.0 {
@@ -60,14 +60,14 @@ pub(super) fn correct<const N: usize>(p: &mut Square<N>, h: &[(usize, f64)], var
 }
 
 /// Makes a state's row and column zero: one that has no variance left but rounding.
-fn clear<const N: usize>(p: &mut Square<N>, state: usize) {
+fn clear<const N: usize>(p: &mut ParticleMatrix<N>, state: usize) {
     p[state] = [0.0; N];
     p.iter_mut().for_each(|row| row[state] = 0.0);
 }
 
 /// Conditions a covariance on the position, and clears the position's rows and columns. Returns the first two columns
 /// of its Cholesky factor: spread·ξ is a draw of the position with the corresponding mean of the other states.
-pub(super) fn condition_on_position<const N: usize>(p: &mut Square<N>) -> Spread<N> {
+pub(super) fn condition_on_position<const N: usize>(p: &mut ParticleMatrix<N>) -> ParticleSpread<N> {
     let mut spread = [[0.0; 2]; N];
     let variances = [p[LAT][LAT], p[LON][LON]];
     for (place, state) in [LAT, LON].into_iter().enumerate() {
@@ -89,10 +89,14 @@ pub(super) fn condition_on_position<const N: usize>(p: &mut Square<N>) -> Spread
 ///
 /// [Schön, Gustafsson & Nordlund 2005, (22)-(25), where M is the position's block of Σ, and L M the rest of its
 /// columns; noise that position and linear states share, which the paper removes beforehand, is part of Σ]
-pub(super) fn predict<const N: usize>(p: &mut Square<N>, step: &LineStep, further: &[Lasting]) -> Spread<N> {
+pub(super) fn predict<const N: usize>(
+    p: &mut ParticleMatrix<N>,
+    step: &LineStep,
+    further: &[GaussMarkovStep],
+) -> ParticleSpread<N> {
     let of_ins: StateMatrix = std::array::from_fn(|row| std::array::from_fn(|column| p[row][column]));
     let of_ins = propagate_covariance(&step.phi, &of_ins);
-    for (state, Lasting { decay, variance }) in (STATES..).zip(further) {
+    for (state, GaussMarkovStep { decay, variance }) in (STATES..).zip(further) {
         let cross: [f64; STATES] = std::array::from_fn(|row| {
             step.phi[row].iter().zip(&p[..STATES]).map(|(phi, before)| phi * before[state]).sum::<f64>() * decay
         });
@@ -118,7 +122,7 @@ pub(super) fn predict<const N: usize>(p: &mut Square<N>, step: &LineStep, furthe
 /// Sums over the particles that a measurement corrected: weight over innovation variance times 1, the slope with
 /// height, and its square.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Information {
+pub(super) struct InformationSums {
     pub(super) common: f64,
     pub(super) alt_common: f64,
     pub(super) alt: f64,
@@ -130,10 +134,10 @@ pub(super) struct Information {
 /// It is that of the measurement with information J = M (I − P M)⁻¹, M being the sum, over u·x and the altitude; J is
 /// split in two scalar measurements so that each can be in Joseph's form. With one slope for all it is one: the usual
 /// update.
-pub(super) fn measure<const N: usize>(p: &mut Square<N>, common: &[(usize, f64)], of: Information) {
+pub(super) fn measure<const N: usize>(p: &mut ParticleMatrix<N>, common: &[(usize, f64)], of: InformationSums) {
     let of_common = times(p, common);
     let (paa, pau, puu) = (p[ALT][ALT], of_common[ALT], dot(common, &of_common));
-    let Information { common: mu, alt_common: mx, alt: ma } = of;
+    let InformationSums { common: mu, alt_common: mx, alt: ma } = of;
     let (c00, c01) = (1.0 - (paa * ma + pau * mx), -(paa * mx + pau * mu));
     let (c10, c11) = (-(pau * ma + puu * mx), 1.0 - (pau * mx + puu * mu));
     let det = c00 * c11 - c01 * c10;

@@ -7,7 +7,7 @@ const STRIDE: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Purpose of a draw.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Purpose {
+pub(super) enum DrawPurpose {
     Start = 1,
     Motion = 2,
     Resampling = 3,
@@ -17,12 +17,12 @@ pub(super) enum Purpose {
 
 /// The numbers of one purpose at one step: a stretch of a SplitMix64 sequence, entered anywhere in constant time.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Draws {
+pub(super) struct ParticleDraws {
     key: u64,
 }
 
-impl Draws {
-    pub(super) fn new(seed: u64, purpose: Purpose, step: usize) -> Self {
+impl ParticleDraws {
+    pub(super) fn new(seed: u64, purpose: DrawPurpose, step: usize) -> Self {
         let of_purpose = SplitMix64::new(SplitMix64::new(seed).draw() ^ purpose as u64).draw();
         Self { key: SplitMix64::new(of_purpose ^ step as u64).draw() }
     }

@@ -1,22 +1,22 @@
 //! The recursion along a line.
 
-use crate::navigation::aided::filter::Outcome;
-use crate::navigation::aids::{Aid, AidStates, Aids, SampleInnovations, Usage};
-use crate::navigation::gaussian::Layout;
+use crate::navigation::aided::filter::MeasurementOutcome;
+use crate::navigation::aids::{Aid, AidStates, Aids, SampleInnovations, SampleUsage};
+use crate::navigation::gaussian::StateLayout;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{LAT, LON, STATES};
 
 use super::UNEXPLAINED_NIS;
-use super::cloud::{Cloud, SparseTransition};
-use super::covariance::{Lasting, Square, measure, predict, times};
-use super::draws::{Draws, Purpose};
-use super::look::Look;
-use super::measurement::{Fit, Measured, Predictor};
-use super::modes::Clusters;
+use super::cloud::{ParticleCloud, SparseTransition};
+use super::covariance::{GaussMarkovStep, ParticleMatrix, measure, predict, times};
+use super::draws::{DrawPurpose, ParticleDraws};
+use super::look::ParticleFields;
+use super::measurement::{CloudMeasurement, CloudPrediction, CloudResidual};
+use super::modes::ModeClusters;
 use super::output::{MpfOutput, modes_of};
 use super::parameters::MpfParameters;
-use super::resampling::{Resampler, Resampling};
+use super::resampling::{ParticleResampler, ParticleResampling};
 
 /// A measurement that would leave less than this part of the particles effective is used in parts.
 pub(super) const LEAST_LEFT: f64 = 0.1;
@@ -27,13 +27,13 @@ pub(super) const MOST_PARTS: usize = 64;
 
 /// Source of a correction of the particles at a sample. Each has its own resamplings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Turn {
+pub(super) enum CorrectionSource {
     Scalar,
     Fixes,
     Further(Aid),
 }
 
-impl Turn {
+impl CorrectionSource {
     fn place(self) -> usize {
         match self {
             Self::Scalar => 0,
@@ -43,32 +43,32 @@ impl Turn {
     }
 }
 
-/// A filter of `N` states on its way along a line.
-pub(super) struct Filter<'a, const N: usize> {
+/// Marginalised particle filter of `N` states along a line.
+pub(super) struct MarginalisedParticleFilter<'a, const N: usize> {
     pub(super) line: &'a NavigationLine<'a>,
     pub(super) parameters: &'a MpfParameters,
-    pub(super) cloud: Cloud<N>,
+    pub(super) cloud: ParticleCloud<N>,
     /// The covariance of the linear states given a particle's position, that all particles share.
-    pub(super) p: Square<N>,
+    pub(super) p: ParticleMatrix<N>,
     aids: &'a Aids<'a>,
     /// The states from 18 on.
-    layout: Layout,
-    look: Look<'a>,
-    predictor: Predictor,
-    resampler: Resampler<N>,
-    clusters: Clusters,
+    layout: StateLayout,
+    look: ParticleFields<'a>,
+    predictor: CloudPrediction,
+    resampler: ParticleResampler<N>,
+    clusters: ModeClusters,
     output: MpfOutput,
     /// Unexplained and collapsed samples in a row up to now.
     in_a_row: [usize; 2],
 }
 
 /// Results of a sample.
-struct Sample {
+struct MpfSampleResult {
     innovation: Innovation,
-    usage: Usage,
+    usage: SampleUsage,
 }
 
-impl<'a, const N: usize> Filter<'a, N> {
+impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
     /// The particles at the first sample, before its measurement.
     pub(super) fn new(
         line: &'a NavigationLine<'a>,
@@ -78,7 +78,7 @@ impl<'a, const N: usize> Filter<'a, N> {
     ) -> Self {
         let ins = line.ins;
         let of_ins = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
-        let mut layout = Layout::default();
+        let mut layout = StateLayout::default();
         states.extend(&mut layout);
         let mut p = [[0.0; N]; N];
         for (row, of_ins) in p.iter_mut().zip(&of_ins) {
@@ -93,7 +93,11 @@ impl<'a, const N: usize> Filter<'a, N> {
             p[state] = [0.0; N];
             p.iter_mut().for_each(|row| row[state] = 0.0);
         }
-        let cloud = Cloud::new(parameters.particles, sigmas, Draws::new(parameters.seed, Purpose::Start, 0));
+        let cloud = ParticleCloud::new(
+            parameters.particles,
+            sigmas,
+            ParticleDraws::new(parameters.seed, DrawPurpose::Start, 0),
+        );
         let (offset_nt, samples) = line.predicted().offset(ins, line.measurement_nt, line.offset_window_s);
         let track = NavigationOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance);
         let mut output = MpfOutput { track, ..MpfOutput::default() };
@@ -108,10 +112,10 @@ impl<'a, const N: usize> Filter<'a, N> {
             p,
             aids,
             layout,
-            look: Look::new(line, aids, states, offset_nt, blocks),
-            predictor: Predictor::new(blocks),
-            resampler: Resampler::default(),
-            clusters: Clusters::default(),
+            look: ParticleFields::new(line, aids, states, offset_nt, blocks),
+            predictor: CloudPrediction::new(blocks),
+            resampler: ParticleResampler::default(),
+            clusters: ModeClusters::default(),
             output,
             in_a_row: [0; 2],
         }
@@ -126,7 +130,7 @@ impl<'a, const N: usize> Filter<'a, N> {
             self.aid(row);
             let sample = self.measure(row);
             self.report(row, &sample)?;
-            self.resample_where_few(Turn::Scalar, row, 0);
+            self.resample_where_few(CorrectionSource::Scalar, row, 0);
         }
         Ok(self.output)
     }
@@ -135,22 +139,22 @@ impl<'a, const N: usize> Filter<'a, N> {
         let step = self.line.step(row);
         let lasting = |place: usize| {
             let error = self.layout.error_at(place, step.speed_mps);
-            Lasting { decay: error.decay(step.dt_s), variance: error.step_variance(step.dt_s) }
+            GaussMarkovStep { decay: error.decay(step.dt_s), variance: error.step_variance(step.dt_s) }
         };
-        let further: Vec<Lasting> = (0..self.layout.errors.len()).map(lasting).collect();
+        let further: Vec<GaussMarkovStep> = (0..self.layout.errors.len()).map(lasting).collect();
         let spread = predict(&mut self.p, &step, &further);
-        let draws = Draws::new(self.parameters.seed, Purpose::Motion, row);
-        self.cloud.propagate(&SparseTransition::of(&step.phi, &further), &spread, draws);
+        let draws = ParticleDraws::new(self.parameters.seed, DrawPurpose::Motion, row);
+        self.cloud.propagate(&SparseTransition::new(&step.phi, &further), &spread, draws);
     }
 
     /// Corrects weights, linear states and their covariance by the measurements of a row, where there are any to use.
-    fn measure(&mut self, row: usize) -> Sample {
+    fn measure(&mut self, row: usize) -> MpfSampleResult {
         let mut unexplained = false;
-        let scalar = self.take(Turn::Scalar, row, &mut unexplained);
+        let scalar = self.take(CorrectionSource::Scalar, row, &mut unexplained);
         let mut further = SampleInnovations::default();
         let mut outcomes = vec![scalar];
         for aid in Aid::ALL.into_iter().filter(|aid| self.aids.has(*aid)) {
-            let outcome = self.take(Turn::Further(aid), row, &mut unexplained);
+            let outcome = self.take(CorrectionSource::Further(aid), row, &mut unexplained);
             if !outcome.innovation().nis.is_nan() {
                 further.note(aid, outcome.innovation());
             }
@@ -160,7 +164,7 @@ impl<'a, const N: usize> Filter<'a, N> {
             }
         }
         self.output.aids.push(self.aids, &further);
-        let usage = Outcome::usage(&outcomes);
+        let usage = MeasurementOutcome::usage(&outcomes);
         self.output.track.report.count(usage);
         self.output.usage.push(usage);
         if outcomes.iter().any(|outcome| !outcome.innovation().nis.is_nan()) {
@@ -169,30 +173,30 @@ impl<'a, const N: usize> Filter<'a, N> {
         }
         let of_scalar = scalar.innovation();
         let innovation = if of_scalar.nis.is_nan() { further.difference } else { of_scalar };
-        Sample { innovation, usage }
+        MpfSampleResult { innovation, usage }
     }
 
     /// Corrects by one measurement of a row.
-    fn take(&mut self, turn: Turn, row: usize, unexplained: &mut bool) -> Outcome {
-        let Some((value, variance)) = self.look.measured(turn, row) else { return Outcome::Missing };
-        if turn != Turn::Scalar {
+    fn take(&mut self, turn: CorrectionSource, row: usize, unexplained: &mut bool) -> MeasurementOutcome {
+        let Some((value, variance)) = self.look.measured(turn, row) else { return MeasurementOutcome::Missing };
+        if turn != CorrectionSource::Scalar {
             self.resample_where_few(turn, row, 0);
         }
-        let mut measured = Measured { value, variance, common: vec![] };
-        let Some(fit) = self.fit(turn, row, &mut measured) else { return Outcome::OffMap };
+        let mut measured = CloudMeasurement { value, variance, common: vec![] };
+        let Some(fit) = self.fit(turn, row, &mut measured) else { return MeasurementOutcome::OffMap };
         let residual_nt = fit.residual_nt;
         let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / fit.variance_nt2 };
         let by_none = fit.best > UNEXPLAINED_NIS;
-        *unexplained |= by_none && turn != Turn::Further(Aid::Height);
+        *unexplained |= by_none && turn != CorrectionSource::Further(Aid::Height);
         if by_none || self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            return Outcome::Gated(innovation);
+            return MeasurementOutcome::Gated(innovation);
         }
         self.update(turn, row, measured, fit.on_map);
-        Outcome::Used(innovation)
+        MeasurementOutcome::Used(innovation)
     }
 
     /// Looks a measurement up at every particle.
-    fn fit(&mut self, turn: Turn, row: usize, measured: &mut Measured) -> Option<Fit> {
+    fn fit(&mut self, turn: CorrectionSource, row: usize, measured: &mut CloudMeasurement) -> Option<CloudResidual> {
         let middle = self.cloud.mean();
         measured.common = self.look.at(turn, row, &self.cloud, &middle, &mut self.predictor)?;
         self.predictor.fit_of(&self.cloud, &self.p, measured)
@@ -200,7 +204,7 @@ impl<'a, const N: usize> Filter<'a, N> {
 
     /// Corrects by a measurement that was looked up: at once, or where next to no particle would be left, as several
     /// measurements of it whose inverse variances sum up to its own, with a resampling after each but the last.
-    fn update(&mut self, turn: Turn, row: usize, mut whole: Measured, mut on_map: f64) {
+    fn update(&mut self, turn: CorrectionSource, row: usize, mut whole: CloudMeasurement, mut on_map: f64) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
         for part_of_row in 1.. {
@@ -229,7 +233,7 @@ impl<'a, const N: usize> Filter<'a, N> {
     }
 
     /// Appends the row to the output.
-    fn report(&mut self, row: usize, sample: &Sample) -> Result<(), NavigationError> {
+    fn report(&mut self, row: usize, sample: &MpfSampleResult) -> Result<(), NavigationError> {
         let Self { line, cloud, p, output, .. } = self;
         let mean = cloud.mean();
         let [a, b, c] = cloud.position_covariance(&mean);
@@ -241,7 +245,7 @@ impl<'a, const N: usize> Filter<'a, N> {
         output.effective.push(effective);
         let report = &mut output.report;
         report.least_effective = report.least_effective.min(effective);
-        if sample.usage == Usage::Used {
+        if sample.usage == SampleUsage::Used {
             let collapsed = effective < 2.0 && cloud.particles > 2;
             count(collapsed, &mut report.collapsed, &mut self.in_a_row[1], &mut report.collapsed_in_a_row);
         }
@@ -266,18 +270,18 @@ impl<'a, const N: usize> Filter<'a, N> {
     }
 
     /// Resamples at a row. `turn` and `part` name the draws, which no other resampling of the line has.
-    pub(super) fn resample(&mut self, turn: Turn, row: usize, part: usize) {
+    pub(super) fn resample(&mut self, turn: CorrectionSource, row: usize, part: usize) {
         let number = (turn.place() * self.line.ins.len() + row) * MOST_PARTS + part;
         let MpfParameters { seed, regularise, roughening, smooth_over_m, .. } = *self.parameters;
         let lat_rad = self.line.ins.lat_deg[row].to_radians();
         let (north, east) = self.line.errors.earth.north_east_m_per_rad(lat_rad, self.line.ins.alt_m[row]);
-        let how = Resampling { seed, regularise, roughening, smooth_over_m, m_per_rad: [north, east] };
+        let how = ParticleResampling { seed, regularise, roughening, smooth_over_m, m_per_rad: [north, east] };
         self.resampler.resample(how, number, &mut self.cloud, &mut self.p);
         self.output.report.resamplings += 1;
     }
 
     /// Resamples where the effective number of particles is below the threshold.
-    pub(super) fn resample_where_few(&mut self, turn: Turn, row: usize, part: usize) {
+    pub(super) fn resample_where_few(&mut self, turn: CorrectionSource, row: usize, part: usize) {
         if self.cloud.effective() < self.parameters.resample_threshold * self.cloud.particles as f64 {
             self.resample(turn, row, part);
         }
@@ -295,7 +299,7 @@ fn count(happens: bool, all: &mut usize, in_a_row: &mut usize, most: &mut usize)
     }
 }
 
-fn add<const N: usize>(to: &mut Square<N>, from: &Square<N>) {
+fn add<const N: usize>(to: &mut ParticleMatrix<N>, from: &ParticleMatrix<N>) {
     for (to, from) in to.as_flattened_mut().iter_mut().zip(from.as_flattened()) {
         *to += from;
     }

@@ -3,22 +3,22 @@
 use crate::navigation::pinson::ALT;
 use crate::navigation::position_fixes::StateFix;
 
-use super::cloud::{BLOCK, Block, Cloud, Lanes, NO_SUMS, accumulate, total};
+use super::cloud::{BLOCK, NO_SUMS, ParticleBlock, ParticleCloud, ParticleLanes, accumulate, total};
 use super::covariance::correct;
-use super::filter::{Filter, LEAST_LEFT, MOST_PARTS, Turn};
+use super::filter::{CorrectionSource, LEAST_LEFT, MOST_PARTS, MarginalisedParticleFilter};
 
 /// Smallest fraction of the remaining information of a fix that is used at once, for a cloud of kilometres and a fix of
 /// metres.
 const LEAST_PART: f64 = 1e-12;
 
-/// Weights that are not yet the cloud's.
-struct Weighed {
-    log_weights: Vec<Lanes>,
-    weights: Vec<Lanes>,
+/// Updated weights of the particles before they replace those of the cloud.
+struct TentativeWeights {
+    log_weights: Vec<ParticleLanes>,
+    weights: Vec<ParticleLanes>,
     effective: f64,
 }
 
-impl<const N: usize> Filter<'_, N> {
+impl<const N: usize> MarginalisedParticleFilter<'_, N> {
     /// Corrects weights, linear states and their covariance by the aiding positions of a row.
     pub(super) fn aid(&mut self, row: usize) {
         let [lat, lon, alt] = self.line.fixes_at(row);
@@ -31,7 +31,7 @@ impl<const N: usize> Filter<'_, N> {
         }
         let fixed = alt.is_some() || !horizontal.is_empty();
         if fixed {
-            self.resample_where_few(Turn::Fixes, row, MOST_PARTS - 1);
+            self.resample_where_few(CorrectionSource::Fixes, row, MOST_PARTS - 1);
         }
     }
 
@@ -73,25 +73,25 @@ impl<const N: usize> Filter<'_, N> {
             if left <= 0.0 {
                 break;
             }
-            self.resample(Turn::Fixes, row, part_of_row);
+            self.resample(CorrectionSource::Fixes, row, part_of_row);
         }
     }
 
-    fn accept(&mut self, weighed: Weighed) {
+    fn accept(&mut self, weighed: TentativeWeights) {
         (self.cloud.weights, self.cloud.log_weights) = (weighed.weights, weighed.log_weights);
     }
 }
 
 /// The logarithm of the likelihood of each particle's position, but for a constant.
-fn log_likelihoods<const N: usize>(cloud: &Cloud<N>, fixes: &[StateFix]) -> Vec<Lanes> {
-    let of = |lane: usize, block: &Block<N>| -> f64 {
+fn log_likelihoods<const N: usize>(cloud: &ParticleCloud<N>, fixes: &[StateFix]) -> Vec<ParticleLanes> {
+    let of = |lane: usize, block: &ParticleBlock<N>| -> f64 {
         fixes.iter().map(|fix| -0.5 * (fix.error - block[fix.state][lane]).powi(2) / fix.variance).sum()
     };
     cloud.blocks.iter().map(|block| std::array::from_fn(|lane| of(lane, block))).collect()
 }
 
 /// The weights of a cloud times a part of the likelihoods.
-fn weighed<const N: usize>(cloud: &Cloud<N>, logs: &[Lanes], part: f64) -> Weighed {
+fn weighed<const N: usize>(cloud: &ParticleCloud<N>, logs: &[ParticleLanes], part: f64) -> TentativeWeights {
     let mut log_weights = cloud.log_weights.clone();
     let mut most = f64::NEG_INFINITY;
     for (weights, logs) in log_weights.iter_mut().zip(logs) {
@@ -103,7 +103,7 @@ fn weighed<const N: usize>(cloud: &Cloud<N>, logs: &[Lanes], part: f64) -> Weigh
             }
         }
     }
-    let mut weights: Vec<Lanes> = log_weights.iter().map(|lanes| lanes.map(|log| (log - most).exp())).collect();
+    let mut weights: Vec<ParticleLanes> = log_weights.iter().map(|lanes| lanes.map(|log| (log - most).exp())).collect();
     let mut sum = NO_SUMS;
     weights.iter().for_each(|lanes| accumulate(&mut sum, |lane| lanes[lane]));
     let whole = total(&sum);
@@ -114,5 +114,5 @@ fn weighed<const N: usize>(cloud: &Cloud<N>, logs: &[Lanes], part: f64) -> Weigh
         logs.iter_mut().for_each(|log| *log -= log_whole);
         accumulate(&mut squares, |lane| weights[lane] * weights[lane]);
     }
-    Weighed { log_weights, weights, effective: 1.0 / total(&squares) }
+    TentativeWeights { log_weights, weights, effective: 1.0 / total(&squares) }
 }

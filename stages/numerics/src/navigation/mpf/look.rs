@@ -9,14 +9,14 @@ use crate::navigation::aids::{Aid, AidStates, Aids, rotation};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::pinson::{ALT, LAT, LON, S, TILT_N};
 
-use super::cloud::{BLOCK, Cloud, NO_SUMS, accumulate, total};
+use super::cloud::{BLOCK, NO_SUMS, ParticleCloud, accumulate, total};
 use super::core_expansion::CoreExpansion;
-use super::filter::Turn;
-use super::measurement::Predictor;
+use super::filter::CorrectionSource;
+use super::measurement::CloudPrediction;
 
 /// The map and the core field at the positions of the particles.
 #[derive(Clone, Debug)]
-pub(super) struct Look<'a> {
+pub(super) struct ParticleFields<'a> {
     line: &'a NavigationLine<'a>,
     map: &'a FieldMap,
     aids: &'a Aids<'a>,
@@ -29,9 +29,9 @@ pub(super) struct Look<'a> {
 }
 
 /// The entries of a row of H that all particles have in common.
-type Common = Vec<(usize, f64)>;
+type CommonEntries = Vec<(usize, f64)>;
 
-impl<'a> Look<'a> {
+impl<'a> ParticleFields<'a> {
     pub(super) fn new(
         line: &'a NavigationLine<'a>,
         aids: &'a Aids<'a>,
@@ -53,8 +53,8 @@ impl<'a> Look<'a> {
     }
 
     /// A measurement and its variance, where it is there.
-    pub(super) fn measured(&self, turn: Turn, row: usize) -> Option<(f64, f64)> {
-        let Turn::Further(aid) = turn else {
+    pub(super) fn measured(&self, turn: CorrectionSource, row: usize) -> Option<(f64, f64)> {
+        let CorrectionSource::Further(aid) = turn else {
             return self.line.measured(row, self.offset_nt).filter(|_| self.line.sigma_nt[row] > 0.0);
         };
         let (value, sigma) = match aid {
@@ -72,29 +72,34 @@ impl<'a> Look<'a> {
     /// Tells the predictor what each particle lets expect of a measurement; `middle` is the mean state.
     pub(super) fn at<const N: usize>(
         &mut self,
-        turn: Turn,
+        turn: CorrectionSource,
         row: usize,
-        cloud: &Cloud<N>,
+        cloud: &ParticleCloud<N>,
         middle: &[f64; N],
-        out: &mut Predictor,
-    ) -> Option<Common> {
+        out: &mut CloudPrediction,
+    ) -> Option<CommonEntries> {
         if let Some(core) = &mut self.core {
             let [lat, lon, alt] = origin(self.line, row);
             core.follow(lat + middle[LAT].to_degrees(), lon + middle[LON].to_degrees(), alt + middle[ALT]);
         }
         match turn {
-            Turn::Fixes => None,
-            Turn::Scalar => self.scalar(row, cloud, out),
-            Turn::Further(Aid::Difference) => self.difference(row, cloud, out),
-            Turn::Further(Aid::Vector(axis)) => self.vector(axis, row, cloud, middle, out),
-            Turn::Further(Aid::Height) => {
+            CorrectionSource::Fixes => None,
+            CorrectionSource::Scalar => self.scalar(row, cloud, out),
+            CorrectionSource::Further(Aid::Difference) => self.difference(row, cloud, out),
+            CorrectionSource::Further(Aid::Vector(axis)) => self.vector(axis, row, cloud, middle, out),
+            CorrectionSource::Further(Aid::Height) => {
                 out.values.iter_mut().chain(&mut out.d_alt).for_each(|lanes| lanes.fill(0.0));
                 self.states.height.map(|bias| vec![(ALT, 1.0), (bias, 1.0)])
             }
         }
     }
 
-    fn scalar<const N: usize>(&mut self, row: usize, cloud: &Cloud<N>, out: &mut Predictor) -> Option<Common> {
+    fn scalar<const N: usize>(
+        &mut self,
+        row: usize,
+        cloud: &ParticleCloud<N>,
+        out: &mut CloudPrediction,
+    ) -> Option<CommonEntries> {
         self.look_up(0, row, cloud, [0.0; 3])?;
         let [lat_deg, lon_deg, alt_m] = &self.places;
         for (number, (values, d_alt)) in out.values.iter_mut().zip(&mut out.d_alt).enumerate() {
@@ -109,10 +114,15 @@ impl<'a> Look<'a> {
         Some([(S, 1.0)].into_iter().chain(self.states.map_error.map(|state| (state, 1.0))).collect())
     }
 
-    /// The field at one end of the baseline less that at the other. The tilt turns the baseline by the mean slope of all
-    /// particles: what their own would make of it differs by the slope times the baseline times the tilt, a thousandth of
-    /// a nanotesla.
-    fn difference<const N: usize>(&mut self, row: usize, cloud: &Cloud<N>, out: &mut Predictor) -> Option<Common> {
+    /// The field at one end of the baseline less that at the other. The tilt turns the baseline by the mean slope of
+    /// all particles: what their own would make of it differs by the slope times the baseline times the tilt, a
+    /// thousandth of a nanotesla.
+    fn difference<const N: usize>(
+        &mut self,
+        row: usize,
+        cloud: &ParticleCloud<N>,
+        out: &mut CloudPrediction,
+    ) -> Option<CommonEntries> {
         let (of, bias) = self.aids.difference.zip(self.states.difference)?;
         let arm = of.arm(self.line, row);
         let mut core = vec![];
@@ -162,10 +172,10 @@ impl<'a> Look<'a> {
         &mut self,
         axis: usize,
         row: usize,
-        cloud: &Cloud<N>,
+        cloud: &ParticleCloud<N>,
         middle: &[f64; N],
-        out: &mut Predictor,
-    ) -> Option<Common> {
+        out: &mut CloudPrediction,
+    ) -> Option<CommonEntries> {
         let (of, (bias, crustal)) = self.aids.vector.zip(self.states.vector)?;
         self.look_up(0, row, cloud, [0.0; 3])?;
         let [lat_deg, lon_deg, alt_m] = origin(self.line, row);
@@ -206,7 +216,13 @@ impl<'a> Look<'a> {
     }
 
     /// The map at the particles' positions moved by an offset in latitude and longitude (rad) and height (m).
-    fn look_up<const N: usize>(&mut self, into: usize, row: usize, cloud: &Cloud<N>, offset: [f64; 3]) -> Option<()> {
+    fn look_up<const N: usize>(
+        &mut self,
+        into: usize,
+        row: usize,
+        cloud: &ParticleCloud<N>,
+        offset: [f64; 3],
+    ) -> Option<()> {
         let origin = origin(self.line, row);
         let [lats, lons, alts] = &mut self.places;
         let columns = lats.chunks_exact_mut(BLOCK).zip(lons.chunks_exact_mut(BLOCK)).zip(alts.chunks_exact_mut(BLOCK));

@@ -2,8 +2,8 @@
 
 use crate::navigation::pinson::ALT;
 
-use super::cloud::{BLOCK, Cloud, Lanes, NO_SUMS, accumulate, total};
-use super::covariance::{Information, Square, dot, times};
+use super::cloud::{BLOCK, NO_SUMS, ParticleCloud, ParticleLanes, accumulate, total};
+use super::covariance::{InformationSums, ParticleMatrix, dot, times};
 
 /// Smallest share of the weight on the map for which a measurement is used. A smaller share does not represent the
 /// cloud.
@@ -11,7 +11,7 @@ const LEAST_ON_MAP: f64 = 0.1;
 
 /// A scalar measurement of z = v(position) + u·x + white noise, where v is of each particle and the row u of all.
 #[derive(Clone, Debug)]
-pub(super) struct Measured {
+pub(super) struct CloudMeasurement {
     /// z.
     pub(super) value: f64,
     /// The variance of the white noise.
@@ -20,7 +20,7 @@ pub(super) struct Measured {
     pub(super) common: Vec<(usize, f64)>,
 }
 
-impl Measured {
+impl CloudMeasurement {
     /// The same with a part of its information.
     pub(super) fn part(&self, part: f64) -> Self {
         Self { variance: self.variance / part, ..self.clone() }
@@ -29,27 +29,27 @@ impl Measured {
 
 /// Prediction of a measurement at every particle, and the result of the measurement.
 #[derive(Clone, Debug)]
-pub(super) struct Predictor {
+pub(super) struct CloudPrediction {
     /// v at each particle; NaN off the map.
-    pub(super) values: Vec<Lanes>,
+    pub(super) values: Vec<ParticleLanes>,
     /// Its change with height.
-    pub(super) d_alt: Vec<Lanes>,
+    pub(super) d_alt: Vec<ParticleLanes>,
     /// The change of the field with height at each particle, in nT/m; 0 off the map.
-    pub(super) slopes: Vec<Lanes>,
+    pub(super) slopes: Vec<ParticleLanes>,
     /// Residual over its variance at each particle, in 1/nT; 0 off the map.
-    pub(super) residuals: Vec<Lanes>,
+    pub(super) residuals: Vec<ParticleLanes>,
     /// One over the variance of the residual, in 1/nT²; 0 off the map.
-    inverses: Vec<Lanes>,
+    inverses: Vec<ParticleLanes>,
     /// The logarithm of the likelihood; that of particles off the map follows from the others'.
-    log_likelihoods: Vec<Lanes>,
+    log_likelihoods: Vec<ParticleLanes>,
     /// Weights and their logarithms with the likelihoods, not yet the cloud's.
-    weights: Vec<Lanes>,
-    log_weights: Vec<Lanes>,
+    weights: Vec<ParticleLanes>,
+    log_weights: Vec<ParticleLanes>,
 }
 
 /// The residual of the cloud.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fit {
+pub(super) struct CloudResidual {
     /// The part of the weight that is on the map.
     pub(super) on_map: f64,
     /// The weighted mean of the residuals on the map, in nT.
@@ -60,7 +60,7 @@ pub(super) struct Fit {
     pub(super) best: f64,
 }
 
-impl Predictor {
+impl CloudPrediction {
     pub(super) fn new(blocks: usize) -> Self {
         let lanes = || vec![[0.0; BLOCK]; blocks];
         Self {
@@ -75,22 +75,27 @@ impl Predictor {
         }
     }
 
-    /// Compares every particle with a measurement whose values are there. `None` where less than [`LEAST_ON_MAP`] of the
-    /// weight has one.
+    /// Compares every particle with a measurement whose values are there. `None` where less than [`LEAST_ON_MAP`] of
+    /// the weight has one.
     pub(super) fn fit_of<const N: usize>(
         &mut self,
-        cloud: &Cloud<N>,
-        p: &Square<N>,
-        measured: &Measured,
-    ) -> Option<Fit> {
+        cloud: &ParticleCloud<N>,
+        p: &ParticleMatrix<N>,
+        measured: &CloudMeasurement,
+    ) -> Option<CloudResidual> {
         self.compare_all(cloud, p, measured);
         let fit = self.fit(cloud);
         (fit.on_map >= LEAST_ON_MAP).then_some(fit)
     }
 
     /// Residuals, their variances and likelihoods for a measurement whose values are there.
-    pub(super) fn compare_all<const N: usize>(&mut self, cloud: &Cloud<N>, p: &Square<N>, measured: &Measured) {
-        let Measured { value, variance, common } = measured;
+    pub(super) fn compare_all<const N: usize>(
+        &mut self,
+        cloud: &ParticleCloud<N>,
+        p: &ParticleMatrix<N>,
+        measured: &CloudMeasurement,
+    ) {
+        let CloudMeasurement { value, variance, common } = measured;
         let of_common = times(p, common);
         let (puu, pau, paa) = (dot(common, &of_common), of_common[ALT], p[ALT][ALT]);
         for (number, block) in cloud.blocks.iter().enumerate() {
@@ -116,7 +121,7 @@ impl Predictor {
     }
 
     /// The residual of the cloud as its weights are.
-    fn fit<const N: usize>(&self, cloud: &Cloud<N>) -> Fit {
+    fn fit<const N: usize>(&self, cloud: &ParticleCloud<N>) -> CloudResidual {
         let (mut on_map, mut first, mut second, mut own) = (NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS);
         let mut best = f64::INFINITY;
         for (number, weights) in cloud.weights.iter().enumerate() {
@@ -135,12 +140,12 @@ impl Predictor {
         let share = total(&on_map);
         let residual_nt = total(&first) / share;
         let between = (total(&second) / share - residual_nt * residual_nt).max(0.0);
-        Fit { on_map: share, residual_nt, variance_nt2: between + total(&own) / share, best }
+        CloudResidual { on_map: share, residual_nt, variance_nt2: between + total(&own) / share, best }
     }
 
     /// The weights times the likelihoods; those of particles off the map times the mean likelihood of the others, so
     /// that the part of the weight that is off the map stays as it is. Hands back the effective number of particles.
-    pub(super) fn weigh<const N: usize>(&mut self, cloud: &Cloud<N>, on_map: f64) -> f64 {
+    pub(super) fn weigh<const N: usize>(&mut self, cloud: &ParticleCloud<N>, on_map: f64) -> f64 {
         let mut most = f64::NEG_INFINITY;
         for (logs, likelihoods) in cloud.log_weights.iter().zip(&self.log_likelihoods) {
             // The maximum of a number and NaN is the number.
@@ -175,7 +180,7 @@ impl Predictor {
     }
 
     /// Makes the weights of [`Self::weigh`] those of the cloud; the sums that the common covariance needs.
-    pub(super) fn accept<const N: usize>(&mut self, cloud: &mut Cloud<N>) -> Information {
+    pub(super) fn accept<const N: usize>(&mut self, cloud: &mut ParticleCloud<N>) -> InformationSums {
         std::mem::swap(&mut cloud.weights, &mut self.weights);
         std::mem::swap(&mut cloud.log_weights, &mut self.log_weights);
         let (mut common, mut alt_common, mut alt) = (NO_SUMS, NO_SUMS, NO_SUMS);
@@ -184,6 +189,6 @@ impl Predictor {
             accumulate(&mut alt_common, |lane| weights[lane] * inverses[lane] * slopes[lane]);
             accumulate(&mut alt, |lane| weights[lane] * inverses[lane] * slopes[lane] * slopes[lane]);
         }
-        Information { common: total(&common), alt_common: total(&alt_common), alt: total(&alt) }
+        InformationSums { common: total(&common), alt_common: total(&alt_common), alt: total(&alt) }
     }
 }

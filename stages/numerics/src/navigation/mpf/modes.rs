@@ -21,16 +21,16 @@ const NONE: u32 = u32::MAX;
 
 /// Clusters of points.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Clusters {
+pub(super) struct ModeClusters {
     /// The mode of each point, from 0.
     pub(super) labels: Vec<u32>,
     /// Their number.
     pub(super) count: usize,
-    scratch: Scratch,
+    scratch: ModeDensityGrid,
 }
 
 #[derive(Clone, Debug, Default)]
-struct Scratch {
+struct ModeDensityGrid {
     cells: Vec<u16>,
     density: Vec<f64>,
     smooth: Vec<f64>,
@@ -40,7 +40,7 @@ struct Scratch {
 
 /// A weighted mean of points with their covariance and the number of equal weights that would be as good.
 #[derive(Clone, Copy, Debug)]
-struct Moments {
+struct ClusterMoments {
     weight: f64,
     mean: [f64; 2],
     /// The lower factor of Cholesky of the covariance, by rows.
@@ -48,7 +48,7 @@ struct Moments {
     effective: f64,
 }
 
-impl Clusters {
+impl ModeClusters {
     /// Separates the modes of points; `points` returns the coordinates of a point, in any unit of each axis.
     /// Weights are not negative and sum up to about 1.
     pub(super) fn find(&mut self, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) {
@@ -67,7 +67,7 @@ impl Clusters {
 
     /// Splits one mode; its highest hill keeps the label. The number of others, whose labels follow those in use.
     fn split(&mut self, label: u32, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) -> u32 {
-        let Some(moments) = Moments::of(&self.labels, label, weights, points) else { return 0 };
+        let Some(moments) = ClusterMoments::new(&self.labels, label, weights, points) else { return 0 };
         self.scratch.fill(&moments, &self.labels, label, weights, points);
         // In cells: the bandwidth of a plane, and a pass of 1 2 1 has the variance ½.
         let bandwidth = moments.effective.powf(-1.0 / 6.0) * SIDE as f64 / (2.0 * HALF_WIDTH);
@@ -109,8 +109,8 @@ impl Clusters {
     }
 }
 
-impl Moments {
-    fn of(labels: &[u32], label: u32, weights: &[f64], points: impl Fn(usize) -> [f64; 2]) -> Option<Self> {
+impl ClusterMoments {
+    fn new(labels: &[u32], label: u32, weights: &[f64], points: impl Fn(usize) -> [f64; 2]) -> Option<Self> {
         let own = || labels.iter().zip(weights).enumerate().filter(|(_, (of, _))| **of == label);
         let (mut weight, mut squares, mut sum) = (0.0, 0.0, [0.0; 2]);
         for (point, (_, w)) in own() {
@@ -146,10 +146,10 @@ impl Moments {
     }
 }
 
-impl Scratch {
+impl ModeDensityGrid {
     fn fill(
         &mut self,
-        moments: &Moments,
+        moments: &ClusterMoments,
         labels: &[u32],
         label: u32,
         weights: &[f64],

@@ -1,13 +1,13 @@
 //! Output of the filter on a line.
 
 use crate::earth::geodesy::EarthModel;
-use crate::navigation::aids::{AidInnovations, Usage};
+use crate::navigation::aids::{AidInnovations, SampleUsage};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::NavigationOutput;
 use crate::navigation::pinson::{LAT, LON};
 
-use super::cloud::Cloud;
-use super::modes::Clusters;
+use super::cloud::ParticleCloud;
+use super::modes::ModeClusters;
 use super::resampling::position;
 
 /// The filtered line.
@@ -20,11 +20,11 @@ pub struct MpfOutput {
     /// The effective number of particles 1/Σq² after the measurement of each sample, before resampling.
     pub effective: Vec<f64>,
     /// Outcome of each sample.
-    pub usage: Vec<Usage>,
+    pub usage: Vec<SampleUsage>,
     /// The innovations of the further measurements, each of the whole cloud as that of the field.
     pub aids: AidInnovations,
     /// The modes of the samples that [`super::MpfParameters::modes_every`] asks for, and of the last sample.
-    pub modes: Vec<ModesAt>,
+    pub modes: Vec<SampleModes>,
     /// Report on the particles.
     pub report: MpfReport,
 }
@@ -50,16 +50,16 @@ pub struct MpfReport {
 
 /// The modes at a sample.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ModesAt {
+pub struct SampleModes {
     /// The sample, from 0.
     pub row: usize,
     /// They, from the heaviest down; their weights sum up to 1.
-    pub modes: Vec<Mode>,
+    pub modes: Vec<PositionMode>,
 }
 
-/// A hill of the density of the particles' positions.
+/// Mode of the density of the particles' positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mode {
+pub struct PositionMode {
     /// The probability that the aircraft is in it.
     pub weight: f64,
     /// Its mean latitude, in degrees.
@@ -76,7 +76,7 @@ pub struct Mode {
 
 /// Sums over a mode.
 #[derive(Clone, Copy, Default)]
-struct Sums {
+struct ModeSums {
     weight: f64,
     mean: [f64; 2],
     covariance: [f64; 3],
@@ -84,15 +84,15 @@ struct Sums {
 
 /// The modes of a cloud at a row, from the heaviest down.
 pub(super) fn modes_of<const N: usize>(
-    clusters: &mut Clusters,
-    cloud: &Cloud<N>,
+    clusters: &mut ModeClusters,
+    cloud: &ParticleCloud<N>,
     ins: &InsSeries<'_>,
     row: usize,
     earth: EarthModel,
-) -> ModesAt {
+) -> SampleModes {
     let weights = &cloud.weights.as_flattened()[..cloud.particles];
     clusters.find(weights, |index| position(cloud, index));
-    let mut sums = vec![Sums::default(); clusters.count];
+    let mut sums = vec![ModeSums::default(); clusters.count];
     let own = || weights.iter().zip(&clusters.labels).enumerate();
     for (index, (weight, own)) in own() {
         let (sums, [lat, lon]) = (&mut sums[*own as usize], position(cloud, index));
@@ -108,13 +108,13 @@ pub(super) fn modes_of<const N: usize>(
     }
     sums.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     let all: f64 = sums.iter().map(|sums| sums.weight).sum();
-    let mode = |sums: &Sums| {
+    let mode = |sums: &ModeSums| {
         let (lat_deg, lon_deg) = (sums.mean[LAT].to_degrees(), sums.mean[LON].to_degrees());
         let (lat_deg, lon_deg) = (ins.lat_deg[row] + lat_deg, ins.lon_deg[row] + lon_deg);
         let (north, east) = earth.north_east_m_per_rad(lat_deg.to_radians(), ins.alt_m[row]);
         let [a, b, c] = sums.covariance.map(|sum| sum / sums.weight);
         let (sd_n_m, sd_e_m) = (north * a.sqrt(), east * c.sqrt());
-        Mode { weight: sums.weight / all, lat_deg, lon_deg, sd_n_m, sd_e_m, cov_ne_m2: north * east * b }
+        PositionMode { weight: sums.weight / all, lat_deg, lon_deg, sd_n_m, sd_e_m, cov_ne_m2: north * east * b }
     };
-    ModesAt { row, modes: sums.iter().map(mode).collect() }
+    SampleModes { row, modes: sums.iter().map(mode).collect() }
 }

@@ -5,7 +5,7 @@ const LEAST_EFFECTIVE: f64 = 16.0;
 
 /// Cells of weighted points in the plane.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Partition {
+pub(super) struct ParticlePartition {
     /// The cell of each point, from 0.
     pub(super) labels: Vec<u32>,
     /// Their number.
@@ -13,7 +13,7 @@ pub(super) struct Partition {
     order: Vec<u32>,
 }
 
-impl Partition {
+impl ParticlePartition {
     /// Halves the points at the weighted median along the longer side, again and again, down to cells with a standard
     /// deviation of no more than `size`. [Bentley 1975]
     ///

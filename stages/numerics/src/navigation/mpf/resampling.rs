@@ -2,15 +2,15 @@
 
 use crate::navigation::pinson::{LAT, LON};
 
-use super::cloud::{BLOCK, Block, Cloud, add_outer};
-use super::covariance::{Spread, Square, condition_on_position};
-use super::draws::{Draws, Purpose};
-use super::modes::Clusters;
-use super::partition::Partition;
+use super::cloud::{BLOCK, ParticleBlock, ParticleCloud, add_outer};
+use super::covariance::{ParticleMatrix, ParticleSpread, condition_on_position};
+use super::draws::{DrawPurpose, ParticleDraws};
+use super::modes::ModeClusters;
+use super::partition::ParticlePartition;
 
 /// Resampling method.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Resampling {
+pub(super) struct ParticleResampling {
     pub(super) seed: u64,
     pub(super) regularise: bool,
     pub(super) roughening: f64,
@@ -19,27 +19,33 @@ pub(super) struct Resampling {
     pub(super) m_per_rad: [f64; 2],
 }
 
-/// Memory that is used again at each resampling.
+/// Buffers that all resamplings use.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Resampler<const N: usize> {
+pub(super) struct ParticleResampler<const N: usize> {
     ancestors: Vec<u32>,
     weights: Vec<f64>,
-    blocks: Vec<Block<N>>,
-    cells: Partition,
-    clusters: Clusters,
+    blocks: Vec<ParticleBlock<N>>,
+    cells: ParticlePartition,
+    clusters: ModeClusters,
 }
 
-impl<const N: usize> Resampler<N> {
+impl<const N: usize> ParticleResampler<N> {
     /// Draws as many particles as there are, each with its weight for a probability, and makes their weights equal.
     /// `p` is the covariance that they share, to which a kernel adds its linear part.
-    pub(super) fn resample(&mut self, how: Resampling, row: usize, cloud: &mut Cloud<N>, p: &mut Square<N>) {
-        let [uniform, _] = Draws::new(how.seed, Purpose::Resampling, row).uniforms(0);
+    pub(super) fn resample(
+        &mut self,
+        how: ParticleResampling,
+        row: usize,
+        cloud: &mut ParticleCloud<N>,
+        p: &mut ParticleMatrix<N>,
+    ) {
+        let [uniform, _] = ParticleDraws::new(how.seed, DrawPurpose::Resampling, row).uniforms(0);
         self.weights.clear();
         self.weights.extend(cloud.weights.as_flattened().iter().take(cloud.particles));
         systematic(&self.weights, uniform, &mut self.ancestors);
         let kernels = how.regularise.then(|| self.kernels(how, cloud));
         self.blocks.clone_from(&cloud.blocks);
-        let draws = Draws::new(how.seed, Purpose::Kernel, row);
+        let draws = ParticleDraws::new(how.seed, DrawPurpose::Kernel, row);
         for (index, ancestor) in self.ancestors.iter().map(|ancestor| *ancestor as usize).enumerate() {
             let mut x = cloud.particle(ancestor);
             if let Some((cells, modes)) = &kernels {
@@ -54,13 +60,17 @@ impl<const N: usize> Resampler<N> {
             kernel.add_rest(p);
         }
         if how.roughening > 0.0 {
-            roughen(cloud, how.roughening, Draws::new(how.seed, Purpose::Roughening, row));
+            roughen(cloud, how.roughening, ParticleDraws::new(how.seed, DrawPurpose::Roughening, row));
         }
         cloud.make_equal();
     }
 
     /// The kernels of the position by cell, and of the linear states by mode.
-    fn kernels(&mut self, how: Resampling, cloud: &Cloud<N>) -> (Vec<PositionKernel>, Vec<LinearKernel<N>>) {
+    fn kernels(
+        &mut self,
+        how: ParticleResampling,
+        cloud: &ParticleCloud<N>,
+    ) -> (Vec<PositionKernel>, Vec<LinearKernel<N>>) {
         let Self { weights, cells, clusters, .. } = self;
         let at = |index: usize| {
             let [lat, lon] = position(cloud, index);
@@ -76,7 +86,7 @@ impl<const N: usize> Resampler<N> {
 }
 
 /// The moments of some of the particles.
-struct Moments<const N: usize> {
+struct ParticleMoments<const N: usize> {
     weight: f64,
     /// The number of equal weights that would be as good.
     effective: f64,
@@ -90,9 +100,9 @@ fn moments<const N: usize>(
     labels: &[u32],
     count: usize,
     of: impl Fn(usize) -> [f64; N],
-) -> Vec<Moments<N>> {
-    let none = || Moments { weight: 0.0, effective: 0.0, mean: [0.0; N], covariance: [[0.0; N]; N] };
-    let mut all: Vec<Moments<N>> = (0..count).map(|_| none()).collect();
+) -> Vec<ParticleMoments<N>> {
+    let none = || ParticleMoments { weight: 0.0, effective: 0.0, mean: [0.0; N], covariance: [[0.0; N]; N] };
+    let mut all: Vec<ParticleMoments<N>> = (0..count).map(|_| none()).collect();
     for (index, (weight, label)) in weights.iter().zip(labels).enumerate() {
         let own = &mut all[*label as usize];
         own.weight += weight;
@@ -122,7 +132,7 @@ struct PositionKernel {
 }
 
 impl PositionKernel {
-    fn new(of: &Moments<2>) -> Self {
+    fn new(of: &ParticleMoments<2>) -> Self {
         let [[a, b], [_, c]] = of.covariance;
         let l11 = a.sqrt();
         let l21 = if l11 > 0.0 { b / l11 } else { 0.0 };
@@ -145,14 +155,14 @@ struct LinearKernel<const N: usize> {
     weight: f64,
     mean: [f64; N],
     /// The first two columns of the Cholesky factor of the mode's covariance: the regression on the position.
-    spread: Spread<N>,
+    spread: ParticleSpread<N>,
     /// Its remaining covariance given the position.
-    rest: Square<N>,
+    rest: ParticleMatrix<N>,
     width: f64,
 }
 
 impl<const N: usize> LinearKernel<N> {
-    fn new(of: Moments<N>) -> Self {
+    fn new(of: ParticleMoments<N>) -> Self {
         let mut rest = of.covariance;
         let spread = condition_on_position(&mut rest);
         Self { weight: of.weight, mean: of.mean, spread, rest, width: bandwidth(of.effective) }
@@ -176,7 +186,7 @@ impl<const N: usize> LinearKernel<N> {
     }
 
     /// Adds the kernel's covariance.
-    fn add_rest(&self, p: &mut Square<N>) {
+    fn add_rest(&self, p: &mut ParticleMatrix<N>) {
         let part = self.weight * self.width * self.width;
         for (p, rest) in p.as_flattened_mut().iter_mut().zip(self.rest.as_flattened()) {
             *p += part * rest;
@@ -194,7 +204,7 @@ fn bandwidth(effective: f64) -> f64 {
 const WIDEST: f64 = 0.7;
 
 /// The latitude and longitude of a particle.
-pub(super) fn position<const N: usize>(cloud: &Cloud<N>, index: usize) -> [f64; 2] {
+pub(super) fn position<const N: usize>(cloud: &ParticleCloud<N>, index: usize) -> [f64; 2] {
     let (block, lane) = (&cloud.blocks[index / BLOCK], index % BLOCK);
     [block[LAT][lane], block[LON][lane]]
 }
@@ -217,7 +227,7 @@ fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
 }
 
 /// Independent normals for the position, by axis, of `factor` times the range over the root of the number.
-fn roughen<const N: usize>(cloud: &mut Cloud<N>, factor: f64, draws: Draws) {
+fn roughen<const N: usize>(cloud: &mut ParticleCloud<N>, factor: f64, draws: ParticleDraws) {
     let mut ranges = [(f64::INFINITY, f64::NEG_INFINITY); 2];
     for index in 0..cloud.particles {
         for (range, x) in ranges.iter_mut().zip(position(cloud, index)) {

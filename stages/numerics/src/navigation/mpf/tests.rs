@@ -4,18 +4,18 @@ use std::sync::{Arc, OnceLock};
 use crate::earth::EarthModel;
 use crate::earth::core_field::CoreField;
 use crate::maps::map_surface::VerticalDerivative;
-use crate::maps::{FieldMap, GeographicGrid, Interpolation, MapSurface};
-use crate::navigation::aids::Usage;
+use crate::maps::{FieldMap, GeographicGrid, MapInterpolation, MapSurface};
+use crate::navigation::aids::SampleUsage;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::osborne::{Line, core_field, grid, temporal_nt};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 use crate::navigation::{InsErrorModel, InsErrors, NavigationOutput, simulate_ins_error};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 use super::core_expansion::CoreExpansion;
-use super::covariance::{Information, correct, measure};
-use super::draws::{Draws, Purpose};
-use super::modes::Clusters;
+use super::covariance::{InformationSums, correct, measure};
+use super::draws::{DrawPurpose, ParticleDraws};
+use super::modes::ModeClusters;
 use super::*;
 
 mod fixes;
@@ -63,11 +63,11 @@ fn map_of(value: impl Fn(f64, f64) -> f64, slope: Option<f64>) -> FieldMap {
     }
     let grid = GeographicGrid::new(&lat, &lon, &values).unwrap();
     FieldMap::Flat(match slope {
-        None => MapSurface::new(&grid, Interpolation::Cubic),
+        None => MapSurface::new(&grid, MapInterpolation::Cubic),
         Some(slope) => {
             let d_alt = vec![slope; values.len()];
             let vertical = VerticalDerivative { d_alt_nt_per_m: &d_alt, alt_m: 300.0 };
-            MapSurface::with_vertical(&grid, vertical, Interpolation::Cubic).unwrap()
+            MapSurface::with_vertical(&grid, vertical, MapInterpolation::Cubic).unwrap()
         }
     })
 }
@@ -93,9 +93,9 @@ impl Scene {
             constant(0.0),
             constant(0.0),
         ];
-        let errors = InsErrorModel { fogm_sigma_nt: 1.0, ..InsErrorModel::of(sources) };
+        let errors = InsErrorModel { fogm_sigma_nt: 1.0, ..InsErrorModel::from_sources(sources) };
         let mut scene = Self { columns, measured_nt: vec![], sigma_nt: constant(2.0), map, errors };
-        let mut normals = Normals::new(5);
+        let mut normals = NormalGenerator::new(5);
         for row in 0..samples {
             let (lat, lon) = scene.moved(row, true_m);
             let field = scene.map.at(lat, lon, 300.0).map_or(f64::NAN, |field| field.value_nt);
@@ -112,7 +112,7 @@ impl Scene {
     }
 
     fn try_run(&self, parameters: &MpfParameters) -> Result<MpfOutput, NavigationError> {
-        let ins = crate::navigation::InsSeries::of(self.columns.each_ref().map(Vec::as_slice));
+        let ins = crate::navigation::InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice));
         let Self { measured_nt, sigma_nt, map, errors, .. } = self;
         let (measurement_nt, errors) = (measured_nt.as_slice(), *errors);
         run(
@@ -137,7 +137,7 @@ impl Scene {
     }
 
     fn ekf(&self) -> NavigationOutput {
-        let ins = crate::navigation::InsSeries::of(self.columns.each_ref().map(Vec::as_slice));
+        let ins = crate::navigation::InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice));
         let parameters = EkfParameters {
             errors: self.errors,
             measurement_sigma_nt: 2.0,
@@ -149,7 +149,7 @@ impl Scene {
 }
 
 fn used(output: &MpfOutput, row: usize) -> bool {
-    output.usage[row] == Usage::Used
+    output.usage[row] == SampleUsage::Used
 }
 
 /// All numbers of an answer, as bits.
@@ -231,7 +231,7 @@ fn law_a_measurement_leaves_the_mean_of_the_covariances_of_the_particles() {
     let mut p: StateMatrix = [[0.0; STATES]; STATES];
     (p[ALT][ALT], p[S][S], p[ALT][S], p[S][ALT], p[5][5], p[5][ALT], p[ALT][5]) = (4.0, 9.0, 1.5, 1.5, 2.0, 1.0, 1.0);
     let mut expected: StateMatrix = [[0.0; STATES]; STATES];
-    let mut sums = Information::default();
+    let mut sums = InformationSums::default();
     for (weight, slope) in [(0.5, Some(-0.3)), (0.2, None), (0.3, Some(0.8))] {
         let mut own = p;
         if let Some(slope) = slope {
@@ -265,9 +265,9 @@ fn two_hills(third: bool) -> Scene {
 #[test]
 fn law_an_ambiguous_map_has_two_modes_until_a_feature_tells_them_apart() {
     let parameters = MpfParameters { particles: 2000, modes_every: Some(10), ..MpfParameters::default() };
-    let east_of = |at: &ModesAt, scene: &Scene| -> Vec<(f64, f64)> {
+    let east_of = |at: &SampleModes, scene: &Scene| -> Vec<(f64, f64)> {
         let origin = |row: usize| (scene.columns[1][row], -76.0);
-        let of = |mode: &Mode| EARTH.offset_ne_m(origin(at.row), (mode.lat_deg, mode.lon_deg), 300.0).1;
+        let of = |mode: &PositionMode| EARTH.offset_ne_m(origin(at.row), (mode.lat_deg, mode.lon_deg), 300.0).1;
         at.modes.iter().map(|mode| (mode.weight, of(mode))).collect()
     };
     let scene = two_hills(false);
@@ -316,7 +316,7 @@ fn law_same_bits_on_any_number_of_threads_and_others_with_another_seed() {
 fn law_draws_are_standard_normal_and_unrelated() {
     let n = 100_000;
     let [mut sum, mut square, mut product, mut across] = [0.0; 4];
-    let (here, next) = (Draws::new(7, Purpose::Motion, 1), Draws::new(7, Purpose::Motion, 2));
+    let (here, next) = (ParticleDraws::new(7, DrawPurpose::Motion, 1), ParticleDraws::new(7, DrawPurpose::Motion, 2));
     for particle in 0..n {
         let ([a, b], [c, _]) = (here.normals(particle), next.normals(particle));
         sum += a + b;
@@ -332,9 +332,9 @@ fn law_draws_are_standard_normal_and_unrelated() {
 
 #[test]
 fn law_modes_of_different_sizes_are_told_apart_and_one_gaussian_is_one() {
-    let mut clusters = Clusters::default();
+    let mut clusters = ModeClusters::default();
     for seed in 0..20 {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let mut points = vec![];
         // Three quarters in two tight modes 300 apart, a quarter in a wide one far away.
         for k in 0..1000 {

@@ -13,7 +13,7 @@ use params::Fault;
 
 use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
-use crate::navigation::aids::{AidInnovations, AidStates, Aids, Usage};
+use crate::navigation::aids::{AidInnovations, AidStates, Aids, SampleUsage};
 use crate::navigation::ins_error::{InsErrorModel, ParameterError};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
@@ -21,7 +21,7 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::pinson::STATES;
 use crate::navigation::position_fixes::PositionFixes;
 
-use filter::{Along, Filter};
+use filter::{AugmentedFilter, AugmentedFilterRun};
 
 /// A line with its map and its error model, without the measurements.
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,7 @@ pub struct LineModel<'a> {
 
 impl<'a> LineModel<'a> {
     /// Model of a line without its own measurement.
-    pub fn of(line: &NavigationLine<'a>) -> Self {
+    pub fn from_line(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, map, core, errors, offset_window_s, fixes, second_order, .. } = *line;
         Self { ins, map, core, errors, offset_window_s, fixes, second_order, aids: Aids::default() }
     }
@@ -106,7 +106,7 @@ pub struct MagnetometerTrack {
 }
 
 /// The field of the aircraft at each magnetometer as a function of the further states.
-pub(crate) trait AircraftModel {
+pub(crate) trait AircraftFieldModel {
     /// The field of a sample at the states `c`, in nT, and its derivatives by them, which are zero before; `None`
     /// where an input is missing.
     fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64>;
@@ -221,7 +221,7 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
 }
 
 /// A magnetometer's measurement and its standard deviation, in nT.
-pub(crate) type Readings<'a> = (&'a [f64], &'a [f64]);
+pub(crate) type MagnetometerColumns<'a> = (&'a [f64], &'a [f64]);
 
 /// Output of the filter on a line.
 pub(crate) struct AugmentedOutput {
@@ -232,7 +232,7 @@ pub(crate) struct AugmentedOutput {
     /// Their covariance, row-major.
     pub(crate) c_covariance: Vec<f64>,
     /// Outcome of each sample, if there are further measurements.
-    pub(crate) usage: Vec<Usage>,
+    pub(crate) usage: Vec<SampleUsage>,
     /// Their innovations.
     pub(crate) aids: AidInnovations,
     /// The horizontal slope of the predicted field, in nT/m, where it is asked whether the map is too flat.
@@ -243,9 +243,9 @@ pub(crate) struct AugmentedOutput {
 }
 
 /// Filters a line.
-pub(crate) fn run<M: AircraftModel>(
+pub(crate) fn run<M: AircraftFieldModel>(
     line: &LineModel<'_>,
-    readings: &[Readings<'_>],
+    readings: &[MagnetometerColumns<'_>],
     model: M,
     states: &ExtraStates,
     parameters: &OnlineParameters,
@@ -268,9 +268,9 @@ pub(crate) fn run<M: AircraftModel>(
         line.check()?;
     }
     line.aids.check(line.ins.len())?;
-    let of_aids = AidStates::of(&line.aids, STATES + states.mean.len());
+    let of_aids = AidStates::new(&line.aids, STATES + states.mean.len());
     let all = states.with(&of_aids);
-    let mut filter = Filter::new(line, lines, model, (states, &all, of_aids), parameters);
+    let mut filter = AugmentedFilter::new(line, lines, model, (states, &all, of_aids), parameters);
     filter.take_offsets();
-    pulp::Arch::new().dispatch(Along(filter))
+    pulp::Arch::new().dispatch(AugmentedFilterRun(filter))
 }

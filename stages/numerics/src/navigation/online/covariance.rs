@@ -19,7 +19,7 @@ const LANES: usize = 8;
 /// when states are scaled (bit-identical for powers of two), so states in rad and in nT together cost no digits. H P Hᵀ
 /// over R costs digits and is limited by [`WIDEST`].
 #[derive(Clone, Debug)]
-pub(crate) struct Covariance {
+pub(crate) struct AugmentedCovariance {
     states: usize,
     stride: usize,
     entries: Vec<f64>,
@@ -31,14 +31,14 @@ pub(crate) struct Covariance {
 pub(crate) const WIDEST: f64 = 1e13;
 
 /// One scalar measurement.
-pub(crate) struct Scalar<'a> {
+pub(crate) struct ScalarUpdate<'a> {
     /// P Hᵀ.
     pub(crate) ph: &'a [f64],
     /// H P Hᵀ + R.
     pub(crate) innovation_variance: f64,
 }
 
-impl Covariance {
+impl AugmentedCovariance {
     /// A block-diagonal covariance of the 18 states and of the others (row-major).
     pub(crate) fn new(navigation: &StateMatrix, others: &[f64], other_states: usize) -> Self {
         let states = STATES + other_states;
@@ -114,7 +114,7 @@ impl Covariance {
 
     /// The update; `gain` becomes K, `rest` is overwritten.
     #[inline(always)]
-    pub(crate) fn correct(&mut self, by: &Scalar<'_>, gain: &mut [f64], rest: &mut [f64]) {
+    pub(crate) fn correct(&mut self, by: &ScalarUpdate<'_>, gain: &mut [f64], rest: &mut [f64]) {
         let weight = 1.0 / by.innovation_variance;
         for ((gain, rest), ph) in gain.iter_mut().zip(&mut *rest).zip(by.ph) {
             *gain = ph * weight;
@@ -126,7 +126,7 @@ impl Covariance {
     /// The update that corrects no other states than those that `corrects` names [Schmidt 1966].
     pub(crate) fn consider(
         &mut self,
-        by: &Scalar<'_>,
+        by: &ScalarUpdate<'_>,
         gain: &mut [f64],
         rest: &mut [f64],
         corrects: impl Fn(usize) -> bool,
@@ -152,7 +152,7 @@ impl Covariance {
 
     /// A step. Of the others each is multiplied by its `decay` and gets `noise`; decays of 1 leave their block alone.
     #[inline(always)]
-    pub(crate) fn propagate(&mut self, step: &Step<'_>, decay: &[f64], noise: &[f64]) {
+    pub(crate) fn propagate(&mut self, step: &InsStep<'_>, decay: &[f64], noise: &[f64]) {
         self.propagate_navigation(step);
         self.propagate_cross(step.phi, decay);
         let (stride, others) = (self.stride, self.states - STATES);
@@ -170,7 +170,7 @@ impl Covariance {
     }
 
     #[inline(always)]
-    fn propagate_navigation(&mut self, step: &Step<'_>) {
+    fn propagate_navigation(&mut self, step: &InsStep<'_>) {
         let mut p = [[0.0; STATES]; STATES];
         for (to, from) in p.iter_mut().zip(self.entries.chunks_exact(self.stride)) {
             to.copy_from_slice(&from[..STATES]);
@@ -211,7 +211,7 @@ impl Covariance {
 }
 
 /// The step of the 18 states.
-pub(crate) struct Step<'a> {
+pub(crate) struct InsStep<'a> {
     pub(crate) errors: &'a InsErrorModel,
     /// Spectral densities of its process noise.
     pub(crate) density: &'a [f64; STATES],

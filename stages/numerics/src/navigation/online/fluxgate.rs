@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::compensation::tolles_lawson::{Field, Terms, matrix_in_runs};
+use crate::compensation::tolles_lawson::{BodyFieldColumns, TermSelection, matrix_in_runs};
 use crate::navigation::ins_error::ParameterError;
 
 use super::augmented::refused;
@@ -21,9 +21,9 @@ use super::augmented::refused;
 #[derive(Clone, Copy, Debug)]
 pub struct Fluxgate<'a> {
     /// The vector's components in the body frame, in nT, and no scalar (`bt`).
-    pub field: Field<'a>,
+    pub field: BodyFieldColumns<'a>,
     /// The terms, which are the first columns of those of every magnetometer.
-    pub terms: &'a Terms,
+    pub terms: &'a TermSelection,
     /// The scale of induced and eddy terms, in nT.
     pub scale_nt: f64,
     /// The runs of rows within which the terms are differenced; none for the whole line.
@@ -36,7 +36,7 @@ pub struct Fluxgate<'a> {
 
 /// A column of the matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Term {
+enum FluxgateTermKind {
     /// u_i.
     Permanent(usize),
     /// u_i V_j/s.
@@ -49,8 +49,8 @@ enum Term {
     Bias,
 }
 
-impl Term {
-    fn of(name: &str) -> Option<Self> {
+impl FluxgateTermKind {
+    fn from_name(name: &str) -> Option<Self> {
         let (axes, changes) = match name.strip_suffix("_dot") {
             _ if name == "bias" => return Some(Self::Bias),
             Some(axes) => (axes, true),
@@ -69,16 +69,16 @@ impl Term {
 
 /// The terms of a line at any bias.
 pub(crate) struct FluxgateTerms<'a> {
-    field: Field<'a>,
-    terms: Vec<Term>,
+    field: BodyFieldColumns<'a>,
+    terms: Vec<FluxgateTermKind>,
     scale_nt: f64,
     /// Ḃ, three a row.
     change: Vec<f64>,
 }
 
-/// A vector in a row: its direction, its size (nT), and its change over the scale.
+/// Fluxgate vector of a row: direction, components and norm in nT, and its change over the scale.
 #[derive(Clone, Copy)]
-struct Vector {
+struct FluxgateVector {
     u: [f64; 3],
     v: [f64; 3],
     norm: f64,
@@ -106,12 +106,14 @@ impl<'a> FluxgateTerms<'a> {
                 format!("the time constant of the bias must be above 0, but is {tau_s}"),
             ));
         }
-        let bad = |fault: crate::compensation::TermsError| refused("terms", fault.to_string());
-        let derivative = Terms::new(&["derivative"]).map_err(bad)?;
+        let bad = |fault: crate::compensation::AMatrixError| refused("terms", fault.to_string());
+        let derivative = TermSelection::new(&["derivative"]).map_err(bad)?;
         let whole = 0..field.x.len();
         let runs = if runs.is_empty() { std::slice::from_ref(&whole) } else { runs };
         let change = matrix_in_runs(&field, &derivative, scale_nt, runs).map_err(bad)?;
-        let of = |name: &str| Term::of(name).ok_or_else(|| refused("terms", format!("the term `{name}` is unknown")));
+        let of = |name: &str| {
+            FluxgateTermKind::from_name(name).ok_or_else(|| refused("terms", format!("the term `{name}` is unknown")))
+        };
         let terms = terms.names().into_iter().map(of).collect::<Result<_, _>>()?;
         Ok(Self { field, terms, scale_nt, change })
     }
@@ -127,23 +129,23 @@ impl<'a> FluxgateTerms<'a> {
     }
 
     #[inline(always)]
-    fn vector(&self, row: usize, bias_nt: [f64; 3]) -> Vector {
+    fn vector(&self, row: usize, bias_nt: [f64; 3]) -> FluxgateVector {
         let [x, y, z] = bias_nt;
         let v = [self.field.x[row] + x, self.field.y[row] + y, self.field.z[row] + z];
         let norm = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
         let norm = if norm == 0.0 { f64::NAN } else { norm };
         let change = std::array::from_fn(|axis| self.change[3 * row + axis]);
-        Vector { u: v.map(|v| v / norm), v, norm, change }
+        FluxgateVector { u: v.map(|v| v / norm), v, norm, change }
     }
 
     #[inline(always)]
-    fn term(&self, at: &Vector, term: Term) -> f64 {
+    fn term(&self, at: &FluxgateVector, term: FluxgateTermKind) -> f64 {
         match term {
-            Term::Permanent(i) => at.u[i],
-            Term::Induced(i, j) => at.u[i] * (at.v[j] / self.scale_nt),
-            Term::Eddy(i, j) => at.u[i] * (at.change[j] / self.scale_nt),
-            Term::Derivative(i) => at.change[i],
-            Term::Bias => 1.0,
+            FluxgateTermKind::Permanent(i) => at.u[i],
+            FluxgateTermKind::Induced(i, j) => at.u[i] * (at.v[j] / self.scale_nt),
+            FluxgateTermKind::Eddy(i, j) => at.u[i] * (at.change[j] / self.scale_nt),
+            FluxgateTermKind::Derivative(i) => at.change[i],
+            FluxgateTermKind::Bias => 1.0,
         }
     }
 
@@ -164,13 +166,13 @@ impl<'a> FluxgateTerms<'a> {
         let (mut force, mut direct) = ([0.0; 3], [0.0; 3]);
         for (coefficient, term) in coefficients.iter().zip(&self.terms) {
             match *term {
-                Term::Permanent(i) => force[i] += coefficient,
-                Term::Induced(i, j) => {
+                FluxgateTermKind::Permanent(i) => force[i] += coefficient,
+                FluxgateTermKind::Induced(i, j) => {
                     force[i] += coefficient * (at.v[j] / self.scale_nt);
                     direct[j] += coefficient * (at.u[i] / self.scale_nt);
                 }
-                Term::Eddy(i, j) => force[i] += coefficient * (at.change[j] / self.scale_nt),
-                Term::Derivative(_) | Term::Bias => {}
+                FluxgateTermKind::Eddy(i, j) => force[i] += coefficient * (at.change[j] / self.scale_nt),
+                FluxgateTermKind::Derivative(_) | FluxgateTermKind::Bias => {}
             }
         }
         let along = force[0] * at.u[0] + force[1] * at.u[1] + force[2] * at.u[2];

@@ -1,6 +1,6 @@
 //! Prior of the coefficients of a line.
 
-use crate::compensation::tolles_lawson::{Family, Terms};
+use crate::compensation::tolles_lawson::{TermFamily, TermSelection};
 use crate::navigation::ins_error::ParameterError;
 
 use super::augmented::{check_covariance, refused};
@@ -160,18 +160,18 @@ impl ColdStart {
     ///
     /// # Errors
     /// Fails for deviations below 0 and a `dt_s` that is not above 0.
-    pub fn prior(&self, terms: &Terms, dt_s: f64) -> Result<CoefficientPrior, ParameterError> {
+    pub fn prior(&self, terms: &TermSelection, dt_s: f64) -> Result<CoefficientPrior, ParameterError> {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             return Err(refused("prior", format!("the time step must be above 0 s, but is {dt_s} s")));
         }
         let mut sigma = vec![];
         for group in terms.groups() {
             let of = match group.family {
-                Family::Permanent => self.permanent_nt,
-                Family::Induced => self.induced_nt,
-                Family::Eddy => self.eddy_nt_s / dt_s,
-                Family::Derivative => self.derivative_s / dt_s,
-                Family::Bias => self.bias_nt,
+                TermFamily::Permanent => self.permanent_nt,
+                TermFamily::Induced => self.induced_nt,
+                TermFamily::Eddy => self.eddy_nt_s / dt_s,
+                TermFamily::Derivative => self.derivative_s / dt_s,
+                TermFamily::Bias => self.bias_nt,
             };
             if !(of >= 0.0 && of.is_finite()) {
                 return Err(refused(
@@ -179,7 +179,7 @@ impl ColdStart {
                     format!("the standard deviation of {} must not be below 0, but is {of}", group.name),
                 ));
             }
-            let single = Terms::new(&[group.name]).map_err(|fault| refused("terms", fault.to_string()))?;
+            let single = TermSelection::new(&[group.name]).map_err(|fault| refused("terms", fault.to_string()))?;
             sigma.extend(std::iter::repeat_n(of, single.len()));
         }
         Ok(CoefficientPrior::independent(&vec![0.0; sigma.len()], &sigma))

@@ -5,11 +5,11 @@ mod irregular;
 mod priors;
 
 use super::*;
-use crate::compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
+use crate::compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix};
 use crate::earth::core_field::CoreField;
-use crate::navigation::ekf::{EkfParameters, EkfPoint, run_together};
+use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
 use crate::navigation::transition::NoiseDiscretisation;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use flights::{Flight, ROWS, bits, sloping, wavy};
 use std::sync::Arc;
 
@@ -51,7 +51,7 @@ fn law_known_coefficients_are_the_ekf_on_the_compensated_line() {
             ..EkfParameters::default()
         };
         let sigma_nt = Some(flight.sigma_nt[0].as_slice());
-        let point = EkfPoint {
+        let point = EkfInput {
             parameters: &parameters,
             measurement_nt: &compensated_nt,
             sigma_nt,
@@ -131,17 +131,17 @@ fn law_the_same_line_gives_the_same_bits() {
 /// The vector of a flight as terms with a bias.
 struct Vector {
     columns: [Vec<f64>; 3],
-    terms: Terms,
+    terms: TermSelection,
 }
 
 impl Vector {
     fn new(flight: &Flight, groups: &[&str]) -> Self {
-        Self { columns: flight.vector_nt.clone(), terms: Terms::new(groups).unwrap() }
+        Self { columns: flight.vector_nt.clone(), terms: TermSelection::new(groups).unwrap() }
     }
 
-    fn field(&self) -> Field<'_> {
+    fn field(&self) -> BodyFieldColumns<'_> {
         let [x, y, z] = &self.columns;
-        Field { x, y, z, bt: None }
+        BodyFieldColumns { x, y, z, bt: None }
     }
 
     fn fluxgate(&self, sigma_nt: f64, tau_s: f64) -> Fluxgate<'_> {
@@ -155,7 +155,7 @@ fn jac_the_terms_by_the_bias_of_the_vector() {
     let mut vector = Vector::new(&flight, &["permanent", "induced", "eddy", "derivative", "bias"]);
     vector.columns[0][7] = 0.0;
     let terms = FluxgateTerms::new(&vector.fluxgate(50.0, f64::INFINITY)).unwrap();
-    let mut normals = Normals::new(5);
+    let mut normals = NormalGenerator::new(5);
     let coefficients: Vec<f64> = (0..terms.len()).map(|_| 300.0 * normals.draw()).collect();
     let value = |row: usize, bias: [f64; 3]| {
         let mut own = vec![0.0; terms.len()];
@@ -206,7 +206,8 @@ fn law_the_bias_of_the_vector_is_found() {
     let priors: Vec<CoefficientPrior> =
         flight.coefficients.iter().map(|c| CoefficientPrior::independent(c, &[1.0; 9])).collect();
     let none = [0.0; 9];
-    let magnetometers: Vec<Magnetometer<'_>> = (0..2).map(|k| flight.magnetometer(k, &priors[k], &none)).collect();
+    let magnetometers: Vec<OnlineMagnetometer<'_>> =
+        (0..2).map(|k| flight.magnetometer(k, &priors[k], &none)).collect();
     let fluxgate = vector.fluxgate(100.0, f64::INFINITY);
     let with = run(&flight.line(&map), &magnetometers, Some(&fluxgate), &ALL).unwrap();
     let found = with.fluxgate.unwrap();

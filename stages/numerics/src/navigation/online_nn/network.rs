@@ -3,14 +3,14 @@
 use params::choice;
 
 use crate::navigation::ins_error::ParameterError;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 use super::super::online::augmented::refused;
 
 choice! {
     /// Activation function.
     #[derive(Default)]
-    pub enum Activation {
+    pub enum OnlineActivation {
         /// z/(1 + e⁻ᶻ): swish, or SiLU.
         #[default]
         Swish = "swish",
@@ -19,7 +19,7 @@ choice! {
     }
 }
 
-impl Activation {
+impl OnlineActivation {
     /// The activation and its derivative.
     #[inline(always)]
     fn at(self, z: f64) -> (f64, f64) {
@@ -44,16 +44,16 @@ impl Activation {
 ///
 /// The weights are one vector: W by hidden units, b, v, b₂.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Network {
+pub struct OnlineNetwork {
     inputs: usize,
     hidden: usize,
-    activation: Activation,
+    activation: OnlineActivation,
     output_nt: f64,
     mean: Vec<f64>,
     deviation: Vec<f64>,
 }
 
-impl Network {
+impl OnlineNetwork {
     /// A network for the features of a calibration, row-major with `inputs` columns, whose finite rows set means and
     /// deviations. `output_nt` is the scale s, about the standard deviation of the aircraft's field.
     ///
@@ -64,7 +64,7 @@ impl Network {
         features: &[f64],
         inputs: usize,
         hidden: usize,
-        activation: Activation,
+        activation: OnlineActivation,
         output_nt: f64,
     ) -> Result<Self, ParameterError> {
         if inputs == 0 || hidden == 0 || !features.len().is_multiple_of(inputs.max(1)) {
@@ -93,7 +93,8 @@ impl Network {
         Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
     }
 
-    /// A network whose inputs are scaled by means and deviations that are given, as those of one that was trained before.
+    /// A network whose inputs are scaled by means and deviations that are given, as those of one that was trained
+    /// before.
     ///
     /// # Errors
     /// Fails without inputs or hidden units, for means and deviations of different numbers or not finite, and for a
@@ -102,7 +103,7 @@ impl Network {
         mean: Vec<f64>,
         deviation: Vec<f64>,
         hidden: usize,
-        activation: Activation,
+        activation: OnlineActivation,
         output_nt: f64,
     ) -> Result<Self, ParameterError> {
         let positive = |x: &f64| *x > 0.0 && x.is_finite();
@@ -146,7 +147,7 @@ impl Network {
 
     /// Weights drawn from these, by a seed.
     pub fn draw(&self, seed: u64) -> Vec<f64> {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         self.weight_sigma().into_iter().map(|sigma| sigma * normals.draw()).collect()
     }
 

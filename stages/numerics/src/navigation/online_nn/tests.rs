@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used)]
 use super::super::online::tests::flights::{Flight, ROWS, wavy};
-use super::training::{Recursion, diagonal};
+use super::training::{NetworkRecursion, diagonal};
 use super::*;
-use crate::navigation::ekf::{EkfParameters, EkfPoint, run_together};
-use crate::random::Normals;
+use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
+use crate::random::NormalGenerator;
 use nalgebra::{DMatrix, DVector};
 
 const ALL: OnlineParameters =
@@ -11,7 +11,7 @@ const ALL: OnlineParameters =
 
 /// Rows of three features and a smooth function of them, in nT.
 fn samples(rows: usize, seed: u64) -> (Vec<f64>, Vec<f64>) {
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let features: Vec<f64> = (0..rows)
         .flat_map(|_| [10.0 + 2.0 * normals.draw(), 1e-3 * normals.draw(), 500.0 + 100.0 * normals.draw()])
         .collect();
@@ -23,13 +23,13 @@ fn samples(rows: usize, seed: u64) -> (Vec<f64>, Vec<f64>) {
     (features, field_nt)
 }
 
-fn network(hidden: usize, activation: Activation) -> Network {
-    Network::new(&samples(500, 9).0, 3, hidden, activation, 50.0).unwrap()
+fn network(hidden: usize, activation: OnlineActivation) -> OnlineNetwork {
+    OnlineNetwork::new(&samples(500, 9).0, 3, hidden, activation, 50.0).unwrap()
 }
 
 #[test]
 fn jac_the_back_propagation() {
-    for activation in [Activation::Swish, Activation::Tanh] {
+    for activation in [OnlineActivation::Swish, OnlineActivation::Tanh] {
         let network = network(5, activation);
         let weights: Vec<f64> = network.draw(4).iter().map(|w| 2.0 * w).collect();
         for inputs in network.standardised(&samples(40, 3).0).chunks_exact(3) {
@@ -53,7 +53,7 @@ fn jac_the_back_propagation() {
 #[test]
 fn law_of_the_output_layer_alone_it_is_least_squares() {
     let (hidden, sigma_nt) = (4, 3.0);
-    let network = network(hidden, Activation::Tanh);
+    let network = network(hidden, OnlineActivation::Tanh);
     let (features, field_nt) = samples(300, 5);
     let inputs = network.standardised(&features);
     let states = network.weights();
@@ -61,7 +61,7 @@ fn law_of_the_output_layer_alone_it_is_least_squares() {
     let mut sigma = vec![0.0; first];
     sigma.resize(states, 2.0);
     let start = network.draw(8);
-    let mut recursion = Recursion::new(&network, sigma_nt, start.clone(), &diagonal(&sigma));
+    let mut recursion = NetworkRecursion::new(&network, sigma_nt, start.clone(), &diagonal(&sigma));
     for (row, nt) in inputs.chunks_exact(3).zip(&field_nt) {
         recursion.update(row, *nt);
     }
@@ -93,13 +93,13 @@ fn law_of_the_output_layer_alone_it_is_least_squares() {
 fn law_training_learns_what_is_not_linear() {
     let (features, mut field_nt) = samples(1500, 11);
     let tt_s: Vec<f64> = (0..1500).map(f64::from).collect();
-    let mut normals = Normals::new(2);
+    let mut normals = NormalGenerator::new(2);
     field_nt.iter_mut().for_each(|nt| *nt += 2.0 * normals.draw());
     field_nt[700] = f64::NAN;
     let (unseen, truth_nt) = samples(500, 12);
-    for activation in [Activation::Swish, Activation::Tanh] {
+    for activation in [OnlineActivation::Swish, OnlineActivation::Tanh] {
         let network = network(8, activation);
-        let calibration = Calibration { tt_s: &tt_s, features: &features, aircraft_nt: &field_nt };
+        let calibration = NetworkCalibration { tt_s: &tt_s, features: &features, aircraft_nt: &field_nt };
         let parameters = TrainingParameters { sigma_nt: 2.0, ..TrainingParameters::default() };
         let prior = train(&network, &calibration, None, &parameters).unwrap();
         let again = train(&network, &calibration, None, &parameters).unwrap();
@@ -128,7 +128,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 1);
     let features: Vec<f64> = (0..ROWS).flat_map(|row| [0, 1, 2].map(|axis| flight.vector_nt[axis][row])).collect();
-    let network = Network::new(&features, 3, 4, Activation::Swish, 40.0).unwrap();
+    let network = OnlineNetwork::new(&features, 3, 4, OnlineActivation::Swish, 40.0).unwrap();
     let weights = network.draw(2);
     let states = network.weights();
     let inputs = network.standardised(&features);
@@ -148,7 +148,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
     let mut compensated_nt = compensated_nt;
     compensated_nt[77] = f64::NAN;
     let sigma_nt = Some(flight.sigma_nt[0].as_slice());
-    let point = EkfPoint {
+    let point = EkfInput {
         parameters: &parameters,
         measurement_nt: &compensated_nt,
         sigma_nt,
@@ -179,7 +179,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
 fn law_bad_networks_are_refused_in_words() {
     let (features, field_nt) = samples(50, 1);
     let words = |inputs: usize, hidden: usize, output_nt: f64, features: &[f64]| {
-        Network::new(features, inputs, hidden, Activation::Tanh, output_nt).unwrap_err().to_string()
+        OnlineNetwork::new(features, inputs, hidden, OnlineActivation::Tanh, output_nt).unwrap_err().to_string()
     };
     assert_eq!(words(3, 0, 1.0, &features), "150 values are not whole rows of 3 features for 0 hidden units");
     assert_eq!(words(4, 2, 1.0, &features), "150 values are not whole rows of 4 features for 2 hidden units");
@@ -188,24 +188,24 @@ fn law_bad_networks_are_refused_in_words() {
     constant.chunks_exact_mut(3).for_each(|row| row[1] = 0.1);
     assert!(words(3, 2, 1.0, &constant).starts_with("feature 1 is constant in the calibration"));
     assert!(words(3, 2, 1.0, &[f64::NAN; 6]).starts_with("feature 0 is constant"));
-    let network = network(4, Activation::Tanh);
+    let network = network(4, OnlineActivation::Tanh);
     let tt_s: Vec<f64> = (0..50).map(f64::from).collect();
-    let good = Calibration { tt_s: &tt_s, features: &features, aircraft_nt: &field_nt };
+    let good = NetworkCalibration { tt_s: &tt_s, features: &features, aircraft_nt: &field_nt };
     let parameters = TrainingParameters::default();
-    let words = |calibration: &Calibration<'_>, start: Option<&[f64]>, parameters: &TrainingParameters| {
+    let words = |calibration: &NetworkCalibration<'_>, start: Option<&[f64]>, parameters: &TrainingParameters| {
         train(&network, calibration, start, parameters).unwrap_err().to_string()
     };
     assert!(train(&network, &good, Some(&network.draw(1)), &parameters).is_ok());
     assert_eq!(words(&good, Some(&[0.0]), &parameters), "1 weights are given, not 21 finite ones");
     let noiseless = TrainingParameters { sigma_nt: 0.0, ..parameters };
     assert_eq!(words(&good, None, &noiseless), "`calibration_sigma_nt` must be above 0, not 0");
-    let short = Calibration { aircraft_nt: &field_nt[1..], ..good };
+    let short = NetworkCalibration { aircraft_nt: &field_nt[1..], ..good };
     assert!(words(&short, None, &parameters).contains("do not match"));
     let none = vec![f64::NAN; 50];
-    let empty = Calibration { aircraft_nt: &none, ..good };
+    let empty = NetworkCalibration { aircraft_nt: &none, ..good };
     assert_eq!(words(&empty, None, &parameters), "the calibration has 0 usable rows; 4 are needed");
     let still = vec![0.0; 50];
-    assert!(words(&Calibration { tt_s: &still, ..good }, None, &parameters).contains("do not ascend"));
+    assert!(words(&NetworkCalibration { tt_s: &still, ..good }, None, &parameters).contains("do not ascend"));
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 1);
     let line = flight.line(&map).with(&flight.measurement_nt[0], &flight.sigma_nt[0]);

@@ -3,8 +3,8 @@
 use crate::navigation::ins_error::ParameterError;
 
 use super::super::online::augmented::{check_covariance, refused};
-use super::super::online::covariance::{Covariance, Scalar, dot};
-use super::Network;
+use super::super::online::covariance::{AugmentedCovariance, ScalarUpdate, dot};
+use super::OnlineNetwork;
 
 /// Prior of the weights of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,7 +22,7 @@ pub struct NetworkPrior {
 /// Samples at which the aircraft's field is known: the uncompensated measurement less the field of map, core field
 /// and temporal variation at a known position, or less a compensated magnetometer.
 #[derive(Clone, Copy, Debug)]
-pub struct Calibration<'a> {
+pub struct NetworkCalibration<'a> {
     /// Their times, in s, ascending.
     pub tt_s: &'a [f64],
     /// The features, row-major.
@@ -56,20 +56,20 @@ impl Default for TrainingParameters {
 /// ```text
 /// K = P φ/(σ² + φᵀ P φ),      w ← w + K (y − m(w)),      P ← (I − K φᵀ) P (I − K φᵀ)ᵀ + K σ² Kᵀ
 /// ```
-pub(crate) struct Recursion<'a> {
-    network: &'a Network,
+pub(crate) struct NetworkRecursion<'a> {
+    network: &'a OnlineNetwork,
     variance_nt2: f64,
     pub(crate) weights: Vec<f64>,
-    pub(crate) p: Covariance,
+    pub(crate) p: AugmentedCovariance,
     phi: Vec<f64>,
     ph: Vec<f64>,
     gain: Vec<f64>,
     rest: Vec<f64>,
 }
 
-impl<'a> Recursion<'a> {
-    pub(crate) fn new(network: &'a Network, sigma_nt: f64, weights: Vec<f64>, covariance: &[f64]) -> Self {
-        let p = Covariance::alone(covariance, weights.len());
+impl<'a> NetworkRecursion<'a> {
+    pub(crate) fn new(network: &'a OnlineNetwork, sigma_nt: f64, weights: Vec<f64>, covariance: &[f64]) -> Self {
+        let p = AugmentedCovariance::alone(covariance, weights.len());
         let zeros = || vec![0.0; p.stride()];
         let (phi, ph, gain, rest) = (zeros(), zeros(), zeros(), zeros());
         Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, ph, gain, rest }
@@ -81,7 +81,7 @@ impl<'a> Recursion<'a> {
         let missed_nt = field_nt - network.value_and_gradient(inputs, weights, &mut phi[..weights.len()]);
         self.p.times(phi, ph);
         let innovation_variance = dot(phi, ph) + self.variance_nt2;
-        self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+        self.p.correct(&ScalarUpdate { ph, innovation_variance }, gain, rest);
         for (weight, gain) in weights.iter_mut().zip(&*gain) {
             *weight += gain * missed_nt;
         }
@@ -111,8 +111,8 @@ impl<'a> Recursion<'a> {
 /// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
 /// not above 0, and where the recursion does not stay finite.
 pub fn train(
-    network: &Network,
-    calibration: &Calibration<'_>,
+    network: &OnlineNetwork,
+    calibration: &NetworkCalibration<'_>,
     start: Option<&[f64]>,
     parameters: &TrainingParameters,
 ) -> Result<NetworkPrior, ParameterError> {
@@ -132,11 +132,11 @@ pub fn train(
         None => network.draw(seed),
     };
     let prior = diagonal(&network.weight_sigma());
-    let mut recursion = Recursion::new(network, sigma_nt, weights, &prior);
+    let mut recursion = NetworkRecursion::new(network, sigma_nt, weights, &prior);
     let half = rows.len() / 2;
     let (mut at_half, mut squares) = (vec![], vec![0.0; network.weights()]);
     for pass in 0..passes {
-        recursion.p = Covariance::alone(&prior, network.weights());
+        recursion.p = AugmentedCovariance::alone(&prior, network.weights());
         let last = pass + 1 == passes;
         for (place, row) in rows.iter().enumerate() {
             if last && place == half {
@@ -151,7 +151,7 @@ pub fn train(
     if !(recursion.weights.iter().sum::<f64>().is_finite() && recursion.p.is_sound()) {
         return Err(refused("features", "the training diverged"));
     }
-    let missed = |row: &Row| (row.field_nt - network.value(&row.inputs, &recursion.weights)).powi(2);
+    let missed = |row: &NetworkCalibrationRow| (row.field_nt - network.value(&row.inputs, &recursion.weights)).powi(2);
     let misfit_nt = (rows.iter().map(missed).sum::<f64>() / rows.len() as f64).sqrt();
     let factor = (misfit_nt / sigma_nt).powi(2).max(1.0);
     let lasting_s = rows[rows.len() - 1].tt_s - rows[half].tt_s;
@@ -168,7 +168,7 @@ pub fn train(
 
 impl NetworkPrior {
     /// Rejects sizes that differ from the network.
-    pub(crate) fn check(&self, network: &Network) -> Result<(), ParameterError> {
+    pub(crate) fn check(&self, network: &OnlineNetwork) -> Result<(), ParameterError> {
         let states = network.weights();
         if self.weights.len() != states || self.walk_density.len() != states {
             let (weights, densities) = (self.weights.len(), self.walk_density.len());
@@ -180,14 +180,17 @@ impl NetworkPrior {
 }
 
 /// A usable row of a calibration.
-struct Row {
+struct NetworkCalibrationRow {
     tt_s: f64,
     inputs: Vec<f64>,
     field_nt: f64,
 }
 
-fn usable(network: &Network, calibration: &Calibration<'_>) -> Result<Vec<Row>, ParameterError> {
-    let Calibration { tt_s, features, aircraft_nt } = *calibration;
+fn usable(
+    network: &OnlineNetwork,
+    calibration: &NetworkCalibration<'_>,
+) -> Result<Vec<NetworkCalibrationRow>, ParameterError> {
+    let NetworkCalibration { tt_s, features, aircraft_nt } = *calibration;
     let (rows, width) = (tt_s.len(), network.inputs());
     if features.len() != rows * width || aircraft_nt.len() != rows {
         let (given, fields) = (features.len(), aircraft_nt.len());
@@ -198,13 +201,13 @@ fn usable(network: &Network, calibration: &Calibration<'_>) -> Result<Vec<Row>, 
         return Err(refused("features", "the times of the calibration do not ascend"));
     }
     let inputs = network.standardised(features);
-    let row = |row: usize| Row {
+    let row = |row: usize| NetworkCalibrationRow {
         tt_s: tt_s[row],
         inputs: inputs[row * width..][..width].to_vec(),
         field_nt: aircraft_nt[row],
     };
-    let known = |row: &Row| row.field_nt.is_finite() && row.inputs.iter().all(|x| x.is_finite());
-    let rows: Vec<Row> = (0..rows).map(row).filter(known).collect();
+    let known = |row: &NetworkCalibrationRow| row.field_nt.is_finite() && row.inputs.iter().all(|x| x.is_finite());
+    let rows: Vec<NetworkCalibrationRow> = (0..rows).map(row).filter(known).collect();
     if rows.len() < 4 {
         return Err(refused("features", format!("the calibration has {} usable rows; 4 are needed", rows.len())));
     }

@@ -9,9 +9,9 @@ const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 
 /// The others.
 const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
 
-/// A measurement as the forward pass used it.
+/// Measurement update of the forward pass.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Used {
+pub(super) struct ForwardUpdate {
     pub(super) h: Sensitivity,
     pub(super) gain: StateVector,
     /// ν/s.
@@ -22,20 +22,20 @@ pub(super) struct Used {
     pub(super) variance_nt2: f64,
 }
 
-/// λ and Λ.
+/// Adjoint state λ and its matrix Λ.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Adjoint {
+pub(super) struct AdjointState {
     pub(super) state: StateVector,
     pub(super) matrix: StateMatrix,
 }
 
-impl Adjoint {
+impl AdjointState {
     /// That behind the last sample.
     pub(super) const END: Self = Self { state: [0.0; STATES], matrix: [[0.0; STATES]; STATES] };
 
     /// Back through a measurement; hands back its u.
     #[inline(always)]
-    pub(super) fn through_measurement(&mut self, used: &Used) -> f64 {
+    pub(super) fn through_measurement(&mut self, used: &ForwardUpdate) -> f64 {
         let u = used.force + inner(&used.gain, &self.state);
         // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: four rows and columns.
         let mut g = [0.0; STATES];

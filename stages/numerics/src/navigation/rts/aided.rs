@@ -1,22 +1,22 @@
 //! The smoother with further measurements besides the scalar field.
 
-use crate::navigation::aids::{AidInnovations, Aids, Usage};
+use crate::navigation::aids::{AidInnovations, Aids, SampleUsage};
 use crate::navigation::fixed_lag::whole::smooth;
 use crate::navigation::fixed_lag::{self, FixedLagParameters};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 
-use super::{SmootherParameters, SmootherReport};
+use super::{RtsParameters, RtsReport};
 
 /// A smoothed line with further measurements.
 #[derive(Clone, Debug, Default)]
-pub struct AidedSmootherOutput {
-    /// The line, as that of [`SmootherOutput`](super::SmootherOutput).
+pub struct AidedRtsOutput {
+    /// The line, as that of [`RtsOutput`](super::RtsOutput).
     pub line: NavigationOutput,
     /// Report on the iteration. The size of its last step in standard deviations is unknown.
-    pub iterations: SmootherReport,
+    pub iterations: RtsReport,
     /// Outcome of each sample.
-    pub usage: Vec<Usage>,
+    pub usage: Vec<SampleUsage>,
     /// Innovations of the further measurements, of the last forward pass.
     pub aids: AidInnovations,
     /// The horizontal slope of the field at the estimate of the first filter, in nT/m; NaN off the map.
@@ -32,14 +32,14 @@ pub struct AidedSmootherOutput {
 /// Fails as [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
-    parameters: &SmootherParameters,
+    parameters: &RtsParameters,
     aids: &Aids<'_>,
-) -> Result<AidedSmootherOutput, NavigationError> {
+) -> Result<AidedRtsOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
     aids.check(line.ins.len())?;
     super::check_window(line)?;
-    let SmootherParameters { iterations, tolerance_m, loss, loss_scale, keep_states, keep_covariance } = *parameters;
+    let RtsParameters { iterations, tolerance_m, loss, loss_scale, keep_states, keep_covariance } = *parameters;
     let loss_scale = loss_scale.unwrap_or(loss.usual_scale());
     let of_window = FixedLagParameters { iterations, loss, loss_scale, ..FixedLagParameters::default() };
     let whole = smooth(&of_window, line, aids, tolerance_m)?;
@@ -48,17 +48,17 @@ pub fn run_aided(
     let mut usage = vec![];
     for (row, (x, p)) in whole.x.iter().zip(&whole.p).enumerate() {
         let became = match whole.usage[row] {
-            fixed_lag::Usage::Used => Usage::Used,
-            fixed_lag::Usage::Missing => Usage::Missing,
-            fixed_lag::Usage::OffMap => Usage::OffMap,
-            fixed_lag::Usage::Flat => Usage::Flat,
+            fixed_lag::FixedLagUsage::Used => SampleUsage::Used,
+            fixed_lag::FixedLagUsage::Missing => SampleUsage::Missing,
+            fixed_lag::FixedLagUsage::OffMap => SampleUsage::OffMap,
+            fixed_lag::FixedLagUsage::Flat => SampleUsage::Flat,
         };
         output.report.count(became);
         usage.push(became);
         let innovation = whole.innovations[row];
         output.push(line.ins, row, |state| x[state], |i, j| p[i][j], innovation, line.errors.earth);
     }
-    let iterations = SmootherReport {
+    let iterations = RtsReport {
         passes: whole.report.iterations,
         halved: usize::from(whole.report.smallest_step < 1.0),
         converged: whole.report.converged,
@@ -66,5 +66,5 @@ pub fn run_aided(
         last_step_sigmas: f64::NAN,
         cost: 0.5 * whole.report.chi_square,
     };
-    Ok(AidedSmootherOutput { line: output, iterations, usage, aids: whole.aids, slope_nt_per_m: whole.slope_nt_per_m })
+    Ok(AidedRtsOutput { line: output, iterations, usage, aids: whole.aids, slope_nt_per_m: whole.slope_nt_per_m })
 }

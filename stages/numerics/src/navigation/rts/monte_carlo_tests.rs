@@ -6,11 +6,11 @@ use super::*;
 use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
 use crate::maps::map_stack::FieldMap;
-use crate::maps::map_surface::{Interpolation, MapSurface};
+use crate::maps::map_surface::{MapInterpolation, MapSurface};
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::ins_error::{InsErrorModel, simulate_ins_error};
 use crate::navigation::osborne::{Line, core_field, grid, temporal_nt};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 const RUNS: u64 = 40;
 const SAMPLES: u32 = 1500;
@@ -27,7 +27,7 @@ struct Flight {
 fn world() -> &'static (FieldMap, Arc<CoreField>) {
     static WORLD: OnceLock<(FieldMap, Arc<CoreField>)> = OnceLock::new();
     WORLD.get_or_init(|| {
-        let surface = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
+        let surface = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
         (FieldMap::Flat(surface), Arc::new(core_field().unwrap()))
     })
 }
@@ -40,7 +40,7 @@ impl Flight {
     fn of(seed: u64, outliers: f64, model: InsErrorModel) -> Self {
         let (map, core) = world();
         let truth = Line::flown(SAMPLES, 1.0, 0.16 * seed as f64).unwrap();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
         let mut measured_nt = vec![];
         for (row, error) in errors.iter().enumerate() {
@@ -56,7 +56,7 @@ impl Flight {
         Self { ins: truth.with_errors(&errors), truth, measured_nt, errors: model }
     }
 
-    fn smoothed(&self, loss: Loss) -> SmootherOutput {
+    fn smoothed(&self, loss: TrajectoryLoss) -> RtsOutput {
         let (map, core) = world();
         let (ins, sigma_nt) = (self.ins.series(), vec![5.0; self.measured_nt.len()]);
         let line = NavigationLine {
@@ -70,7 +70,7 @@ impl Flight {
             fixes: None,
             second_order: false,
         };
-        run(&line, &SmootherParameters { loss, ..SmootherParameters::default() }).unwrap()
+        run(&line, &RtsParameters { loss, ..RtsParameters::default() }).unwrap()
     }
 
     fn filtered(&self) -> NavigationOutput {
@@ -113,7 +113,7 @@ fn chi_square(freedom: f64, z: f64) -> f64 {
 #[test]
 fn law_the_smoother_is_as_good_as_it_says_and_better_than_the_filter() {
     let flights: Vec<Flight> = (0..RUNS).map(|seed| Flight::new(seed, 0.0)).collect();
-    let smoothed: Vec<SmootherOutput> = flights.iter().map(|flight| flight.smoothed(Loss::None)).collect();
+    let smoothed: Vec<RtsOutput> = flights.iter().map(|flight| flight.smoothed(TrajectoryLoss::None)).collect();
     let filtered: Vec<NavigationOutput> = flights.iter().map(Flight::filtered).collect();
     let n = RUNS as f64;
     let (mut all, mut outside) = (0.0, 0);
@@ -150,7 +150,8 @@ fn law_robust_losses_bear_outliers() {
     let mut sums = [0.0; 6];
     for seed in 0..runs {
         let (clean, spoilt) = (Flight::new(seed, 0.0), Flight::new(seed, 100.0));
-        for (at, loss) in [Loss::None, Loss::Huber, Loss::Cauchy].into_iter().enumerate() {
+        for (at, loss) in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy].into_iter().enumerate()
+        {
             sums[at] += clean.drms_m(&clean.smoothed(loss).line).powi(2) / runs as f64;
             sums[3 + at] += spoilt.drms_m(&spoilt.smoothed(loss).line).powi(2) / runs as f64;
         }
@@ -173,7 +174,8 @@ fn law_a_large_initial_error_is_found_whatever_the_loss() {
     for seed in 0..6 {
         let flight = Flight::of(seed, 0.0, model);
         worst[3] = worst[3].max(flight.drms_m(&flight.filtered()));
-        for (worst, loss) in worst.iter_mut().zip([Loss::None, Loss::Huber, Loss::Cauchy]) {
+        for (worst, loss) in worst.iter_mut().zip([TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy])
+        {
             let smoothed = flight.smoothed(loss);
             assert!(smoothed.iterations.converged, "{seed} {loss:?} {:?}", smoothed.iterations);
             *worst = worst.max(flight.drms_m(&smoothed.line));

@@ -7,33 +7,33 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationReport};
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
 use pulp::{Simd, WithSimd};
 
-use super::SmootherParameters;
-use super::adjoint::{Adjoint, Used};
-use crate::navigation::estimate::{Corrected, Estimate, StepModel};
+use super::RtsParameters;
+use super::adjoint::{AdjointState, ForwardUpdate};
+use crate::navigation::estimate::{InsProcessModel, MeasurementUpdate, StateEstimate};
 use crate::navigation::loss::RobustLoss;
 use crate::navigation::position_fixes::StateFix;
-use crate::navigation::scalar_problem::{ScalarProblem, Search};
+use crate::navigation::scalar_problem::{ScalarProblem, ScalarSearch};
 use crate::navigation::sensitivity::{Sensitivity, add_scaled, inner, measured_states};
 
 /// Samples between two states that the forward pass keeps; what the backward pass computes again between them stays in
 /// the cache next to the innermost one.
 const BLOCK: usize = 64;
 
-/// A trajectory and the field along it.
-type Along<'a> = (&'a [StateVector], &'a [Option<FieldValue>]);
+/// Trajectory with the field along it.
+type TrajectoryField<'a> = (&'a [StateVector], &'a [Option<FieldValue>]);
 
 /// Linearisation point of the map, and the residuals that determine the weights of a robust loss.
 #[derive(Clone, Copy)]
-pub(super) enum About<'a> {
+pub(super) enum RtsLinearisation<'a> {
     /// The most probable state after each measurement and those before it.
-    Filtered(Start),
+    Filtered(FirstPass),
     /// A trajectory, and its residuals.
-    Along(Along<'a>),
+    Along(TrajectoryField<'a>),
 }
 
-/// A first pass.
+/// Settings of a first pass.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) struct Start {
+pub(super) struct FirstPass {
     /// Linearisations a measurement, at the most.
     pub(super) iterations: usize,
     /// Whether a robust loss weights, by the innovations over their standard deviations.
@@ -44,7 +44,7 @@ pub(super) struct Start {
 
 /// The solution of a linear problem.
 #[derive(Default)]
-pub(super) struct Solution {
+pub(super) struct RtsSolution {
     pub(super) x: Vec<StateVector>,
     /// Twice the part of J that is of the initial state and the process noise.
     pub(super) motion: f64,
@@ -63,28 +63,28 @@ struct LinearMeasurement {
     variance_nt2: f64,
 }
 
-/// A sample of a block, as the forward pass left it.
-struct Filtered {
+/// Result of the forward pass at a sample of a block.
+struct ForwardSample {
     /// Φ of the step to it.
     phi: StateMatrix,
     /// After its measurement.
-    estimate: Estimate,
+    estimate: StateEstimate,
     /// The aiding positions, and the measurement.
-    used: [Option<Used>; 4],
+    used: [Option<ForwardUpdate>; 4],
 }
 
 /// A pass, with by-products of its last solution.
-pub(super) struct Pass<'a> {
+pub(super) struct SmootherPass<'a> {
     line: &'a NavigationLine<'a>,
     loss: RobustLoss,
     offset_nt: f64,
     tolerance_m: f64,
     keep_covariance: bool,
-    model: StepModel,
+    model: InsProcessModel,
     measurements: Vec<Option<LinearMeasurement>>,
     /// Before the measurement of the first sample of each block.
-    kept: Vec<Estimate>,
-    block: Vec<Filtered>,
+    kept: Vec<StateEstimate>,
+    block: Vec<ForwardSample>,
     pub(super) innovations: Vec<Innovation>,
     /// Smoothed covariances of latitude, of latitude and longitude, of longitude, in rad².
     pub(super) position_covariances: Vec<[f64; 3]>,
@@ -93,8 +93,8 @@ pub(super) struct Pass<'a> {
     pub(super) report: NavigationReport,
 }
 
-impl<'a> Pass<'a> {
-    pub(super) fn new(line: &'a NavigationLine<'a>, parameters: &SmootherParameters, offset_nt: f64) -> Self {
+impl<'a> SmootherPass<'a> {
+    pub(super) fn new(line: &'a NavigationLine<'a>, parameters: &RtsParameters, offset_nt: f64) -> Self {
         let (rows, keep_covariance) = (line.ins.len(), parameters.keep_covariance);
         Self {
             line,
@@ -102,7 +102,7 @@ impl<'a> Pass<'a> {
             offset_nt,
             tolerance_m: parameters.tolerance_m,
             keep_covariance,
-            model: StepModel::of(&line.errors),
+            model: InsProcessModel::from_error_model(&line.errors),
             measurements: vec![None; rows],
             kept: Vec::with_capacity(rows.div_ceil(BLOCK)),
             block: Vec::with_capacity(BLOCK),
@@ -116,18 +116,18 @@ impl<'a> Pass<'a> {
     /// Smooths the line with the map linearised along a trajectory, or at the predicted states.
     pub(super) fn run(
         &mut self,
-        about: About<'_>,
+        about: RtsLinearisation<'_>,
         field: &mut PredictedField<'a>,
-    ) -> Result<Solution, NavigationError> {
-        pulp::Arch::new().dispatch(Dispatched { pass: self, about, field })
+    ) -> Result<RtsSolution, NavigationError> {
+        pulp::Arch::new().dispatch(SimdPass { pass: self, about, field })
     }
 
     #[inline(always)]
-    fn forward(&mut self, about: About<'_>, field: &mut PredictedField<'a>) -> Result<(), NavigationError> {
+    fn forward(&mut self, about: RtsLinearisation<'_>, field: &mut PredictedField<'a>) -> Result<(), NavigationError> {
         let ins = self.line.ins;
         self.report = NavigationReport::default();
         self.kept.clear();
-        let mut estimate = Estimate::start_of(&self.line.errors, ins);
+        let mut estimate = StateEstimate::start_of(&self.line.errors, ins);
         for row in 0..ins.len() {
             if row > 0 {
                 estimate.propagate(&self.model, ins, row);
@@ -147,13 +147,19 @@ impl<'a> Pass<'a> {
 
     /// The aiding positions of a row.
     #[inline(always)]
-    fn aid(&self, row: usize, estimate: &mut Estimate) -> [Option<Used>; 3] {
+    fn aid(&self, row: usize, estimate: &mut StateEstimate) -> [Option<ForwardUpdate>; 3] {
         self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(estimate)))
     }
 
     /// The measurement of a row in the linear problem, and its innovation.
     #[inline(always)]
-    fn linearise(&mut self, row: usize, predicted: &Estimate, about: About<'_>, field: &mut PredictedField<'a>) {
+    fn linearise(
+        &mut self,
+        row: usize,
+        predicted: &StateEstimate,
+        about: RtsLinearisation<'_>,
+        field: &mut PredictedField<'a>,
+    ) {
         self.measurements[row] = None;
         self.innovations[row] = Innovation::NONE;
         let Some((value_nt, variance_nt2)) = self.line.measured(row, self.offset_nt) else {
@@ -162,8 +168,8 @@ impl<'a> Pass<'a> {
         };
         let (expected, ins) = (predicted.measured(), self.line.ins);
         let found = match about {
-            About::Along((x, fields)) => fields[row].map(|field| (measured_states(&x[row]), field)),
-            About::Filtered(_) => {
+            RtsLinearisation::Along((x, fields)) => fields[row].map(|field| (measured_states(&x[row]), field)),
+            RtsLinearisation::Filtered(_) => {
                 let [lat, lon, alt, _] = expected;
                 field.at_error(ins, row, [lat, lon, alt]).map(|field| (expected, field))
             }
@@ -173,39 +179,39 @@ impl<'a> Pass<'a> {
             return;
         };
         self.report.updates += 1;
-        let mut linear = LinearMeasurement::of(value_nt, variance_nt2, at, &value);
+        let mut linear = LinearMeasurement::new(value_nt, variance_nt2, at, &value);
         let innovation = linear.innovation(predicted);
         let variance_nt2 = match about {
-            About::Along(_) => {
+            RtsLinearisation::Along(_) => {
                 let r = (value_nt - (value.value_nt + at[3])) / variance_nt2.sqrt();
                 variance_nt2 / self.loss.weight(r)
             }
-            About::Filtered(Start { robust, sigma_factor, .. }) => {
+            RtsLinearisation::Filtered(FirstPass { robust, sigma_factor, .. }) => {
                 let weight = if robust { self.loss.weight(innovation.nis.sqrt()) } else { 1.0 };
                 variance_nt2 * sigma_factor.powi(2) / weight
             }
         };
-        if let About::Filtered(Start { iterations, .. }) = about {
+        if let RtsLinearisation::Filtered(FirstPass { iterations, .. }) = about {
             let m_per_rad = self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]);
-            let search = Search { iterations, tolerance_m: self.tolerance_m, m_per_rad };
-            let problem = ScalarProblem::of(predicted, value_nt, variance_nt2);
+            let search = ScalarSearch { iterations, tolerance_m: self.tolerance_m, m_per_rad };
+            let problem = ScalarProblem::from_estimate(predicted, value_nt, variance_nt2);
             let optimum = problem.most_probable(&search, value, |position| field.at_error(ins, row, position));
             let (at, value) = optimum.linearised_at;
-            linear = LinearMeasurement::of(value_nt, variance_nt2, at, &value);
+            linear = LinearMeasurement::new(value_nt, variance_nt2, at, &value);
         }
         self.innovations[row] = innovation;
         self.measurements[row] = Some(LinearMeasurement { variance_nt2, ..linear });
     }
 
     #[inline(always)]
-    fn backward(&mut self, about: About<'_>) -> Result<Solution, NavigationError> {
+    fn backward(&mut self, about: RtsLinearisation<'_>) -> Result<RtsSolution, NavigationError> {
         let rows = self.line.ins.len();
-        let mut solution = Solution { x: vec![[0.0; STATES]; rows], ..Solution::default() };
-        let mut adjoint = Adjoint::END;
+        let mut solution = RtsSolution { x: vec![[0.0; STATES]; rows], ..RtsSolution::default() };
+        let mut adjoint = AdjointState::END;
         for first in (0..rows).step_by(BLOCK).rev() {
             self.again(first);
             for at in (0..self.block.len()).rev() {
-                let (row, Filtered { phi, estimate, used }) = (first + at, &self.block[at]);
+                let (row, ForwardSample { phi, estimate, used }) = (first + at, &self.block[at]);
                 let x = smoothed_state(estimate, &adjoint);
                 let covariance = position_covariance(estimate, &adjoint);
                 // A sum of products with zero differs from zero only if a factor is not finite.
@@ -221,7 +227,7 @@ impl<'a> Pass<'a> {
                 for used in used.iter().rev().flatten() {
                     let u = adjoint.through_measurement(used);
                     solution.motion += u * used.h.dot(&x);
-                    if let About::Along((last, _)) = about {
+                    if let RtsLinearisation::Along((last, _)) = about {
                         let (last_nt, weight) = (used.h.dot(&last[row]), 1.0 / used.variance_nt2);
                         solution.motion_with_last += u * last_nt;
                         solution.measured_step += (used.h.dot(&x) - last_nt).powi(2) * weight;
@@ -251,7 +257,7 @@ impl<'a> Pass<'a> {
             let [lat, lon, alt] = self.aid(row, &mut estimate);
             let measured = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut estimate));
             let used = [lat, lon, alt, measured];
-            self.block.push(Filtered { phi, estimate, used });
+            self.block.push(ForwardSample { phi, estimate, used });
         }
     }
 }
@@ -259,8 +265,8 @@ impl<'a> Pass<'a> {
 impl LinearMeasurement {
     /// The measurement of a value, linearised at measured states with their field.
     #[inline(always)]
-    fn of(value_nt: f64, variance_nt2: f64, at: [f64; 4], field: &FieldValue) -> Self {
-        let h = Sensitivity::of(field);
+    fn new(value_nt: f64, variance_nt2: f64, at: [f64; 4], field: &FieldValue) -> Self {
+        let h = Sensitivity::from_field(field);
         Self { h, value_nt: value_nt - (field.value_nt + at[3]) + h.of_measured(at), variance_nt2 }
     }
 
@@ -270,23 +276,23 @@ impl LinearMeasurement {
     }
 
     #[inline(always)]
-    fn innovation(&self, predicted: &Estimate) -> Innovation {
+    fn innovation(&self, predicted: &StateEstimate) -> Innovation {
         let residual_nt = self.value_nt - self.h.dot(&predicted.x);
         let variance_nt2 = self.h.dot(&self.h.covariance(&predicted.p)) + self.variance_nt2;
         Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
     }
 
     #[inline(always)]
-    fn correct(&self, estimate: &mut Estimate) -> Used {
+    fn correct(&self, estimate: &mut StateEstimate) -> ForwardUpdate {
         let LinearMeasurement { h, value_nt, variance_nt2 } = *self;
-        let Corrected { gain, innovation, weight } = estimate.update(h, value_nt, variance_nt2);
-        Used { h, gain, force: innovation * weight, weight, variance_nt2 }
+        let MeasurementUpdate { gain, innovation, weight } = estimate.update(h, value_nt, variance_nt2);
+        ForwardUpdate { h, gain, force: innovation * weight, weight, variance_nt2 }
     }
 }
 
 /// x - P λ.
 #[inline(always)]
-fn smoothed_state(estimate: &Estimate, adjoint: &Adjoint) -> StateVector {
+fn smoothed_state(estimate: &StateEstimate, adjoint: &AdjointState) -> StateVector {
     let mut x = estimate.x;
     for (factor, row) in adjoint.state.iter().zip(&estimate.p) {
         add_scaled(&mut x, -factor, row);
@@ -296,21 +302,21 @@ fn smoothed_state(estimate: &Estimate, adjoint: &Adjoint) -> StateVector {
 
 /// The entries of P - P Λ P for latitude and longitude.
 #[inline(always)]
-fn position_covariance(estimate: &Estimate, adjoint: &Adjoint) -> [f64; 3] {
+fn position_covariance(estimate: &StateEstimate, adjoint: &AdjointState) -> [f64; 3] {
     let p = &estimate.p;
     let (lat, lon) = (adjoint.product(&p[LAT]), adjoint.product(&p[LON]));
     [p[LAT][LAT] - inner(&p[LAT], &lat), p[LAT][LON] - inner(&p[LAT], &lon), p[LON][LON] - inner(&p[LON], &lon)]
 }
 
-/// A pass as the work that is dispatched to the machine's vector unit.
-struct Dispatched<'p, 'a, 't> {
-    pass: &'p mut Pass<'a>,
-    about: About<'t>,
+/// Pass with its inputs, dispatched to the vector unit of the machine.
+struct SimdPass<'p, 'a, 't> {
+    pass: &'p mut SmootherPass<'a>,
+    about: RtsLinearisation<'t>,
     field: &'p mut PredictedField<'a>,
 }
 
-impl WithSimd for Dispatched<'_, '_, '_> {
-    type Output = Result<Solution, NavigationError>;
+impl WithSimd for SimdPass<'_, '_, '_> {
+    type Output = Result<RtsSolution, NavigationError>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {

@@ -1,25 +1,26 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::maps::map_surface::Interpolation;
+use crate::maps::map_surface::MapInterpolation;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::pinson::STATES;
 use crate::navigation::scenes::{
-    Batch, Dense, Scene, assert_close, assert_refusals, dense, hills, m_per_deg, plane, positions, uneven,
+    AnalyticScene, DenseBatchSmoother, DenseStateMatrix, assert_close, assert_refusals, dense, hills, m_per_deg, plane,
+    positions, uneven,
 };
 use crate::navigation::transition::NoiseDiscretisation;
 
-fn all() -> SmootherParameters {
-    SmootherParameters { keep_covariance: true, ..SmootherParameters::default() }
+fn all() -> RtsParameters {
+    RtsParameters { keep_covariance: true, ..RtsParameters::default() }
 }
 
-fn smoothed(scene: &Scene, parameters: &SmootherParameters) -> SmootherOutput {
+fn smoothed(scene: &AnalyticScene, parameters: &RtsParameters) -> RtsOutput {
     scene.with(|line| run(line, parameters)).unwrap()
 }
 
 /// Dense solution after `iterations` iterations.
-fn batch(scene: &Scene, loss: RobustLoss, iterations: usize) -> Batch {
+fn batch(scene: &AnalyticScene, loss: RobustLoss, iterations: usize) -> DenseBatchSmoother {
     scene.with(|line| {
-        let mut batch = Batch::new(line);
+        let mut batch = DenseBatchSmoother::new(line);
         batch.solve(line, |_| 1.0);
         for _ in 1..iterations {
             batch.solve(line, |r| loss.weight(r));
@@ -29,8 +30,8 @@ fn batch(scene: &Scene, loss: RobustLoss, iterations: usize) -> Batch {
 }
 
 /// Longer than two of the blocks of the backward pass, with gaps.
-fn gaps(interpolation: Interpolation, field_nt: fn(f64, f64) -> f64) -> Scene {
-    let mut scene = Scene::new(&uneven(150), interpolation, field_nt);
+fn gaps(interpolation: MapInterpolation, field_nt: fn(f64, f64) -> f64) -> AnalyticScene {
+    let mut scene = AnalyticScene::new(&uneven(150), interpolation, field_nt);
     for row in [0, 17, 18, 63, 64, 100, 149] {
         scene.measurement_nt[row] = f64::NAN;
     }
@@ -40,10 +41,10 @@ fn gaps(interpolation: Interpolation, field_nt: fn(f64, f64) -> f64) -> Scene {
 #[test]
 fn law_on_a_plane_every_state_is_that_of_dense_least_squares() {
     for noise in [NoiseDiscretisation::Trapezoidal, NoiseDiscretisation::Rectangular, NoiseDiscretisation::VanLoan] {
-        let mut scene = gaps(Interpolation::Linear, plane);
+        let mut scene = gaps(MapInterpolation::Linear, plane);
         scene.errors.noise = noise;
         let output = smoothed(&scene, &all());
-        let batch = batch(&scene, RobustLoss::new(Loss::None, None), 1);
+        let batch = batch(&scene, RobustLoss::new(TrajectoryLoss::None, None), 1);
         for row in 0..150 {
             // The dense solution loses four of its sixteen digits to the condition of its matrix, and where smoothing
             // takes little off the prior the difference loses some more.
@@ -59,12 +60,12 @@ fn law_on_a_plane_every_state_is_that_of_dense_least_squares() {
 
 #[test]
 fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
-    let mut scene = gaps(Interpolation::Cubic, hills);
+    let mut scene = gaps(MapInterpolation::Cubic, hills);
     for row in [30, 31, 90] {
         scene.measurement_nt[row] += 40.0;
     }
-    for loss in [Loss::None, Loss::Huber, Loss::Cauchy] {
-        let parameters = SmootherParameters { tolerance_m: 1e-4, loss, iterations: 60, ..all() };
+    for loss in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
+        let parameters = RtsParameters { tolerance_m: 1e-4, loss, iterations: 60, ..all() };
         let output = smoothed(&scene, &parameters);
         assert!(output.iterations.converged, "{loss:?} {:?}", output.iterations);
         let robust = RobustLoss::new(loss, None);
@@ -81,7 +82,7 @@ fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
             for row in 0..150 {
                 let (Some((measured, variance)), x) = (line.measured(row, 0.0), batch.x[row]) else { continue };
                 let value = field.at_error(line.ins, row, [x[LAT], x[LON], x[ALT]]).unwrap().value_nt;
-                cost += robust.of((measured - value - x[S]) / variance.sqrt());
+                cost += robust.value((measured - value - x[S]) / variance.sqrt());
             }
             cost
         });
@@ -92,11 +93,11 @@ fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
 
 #[test]
 fn law_with_positions_from_elsewhere_it_is_the_dense_minimum() {
-    let mut scene = gaps(Interpolation::Cubic, hills);
+    let mut scene = gaps(MapInterpolation::Cubic, hills);
     scene.fixes = Some(positions(&scene.columns));
-    let output = smoothed(&scene, &SmootherParameters { tolerance_m: 1e-4, iterations: 60, ..all() });
+    let output = smoothed(&scene, &RtsParameters { tolerance_m: 1e-4, iterations: 60, ..all() });
     assert!(output.iterations.converged, "{:?}", output.iterations);
-    let batch = batch(&scene, RobustLoss::new(Loss::None, None), 60);
+    let batch = batch(&scene, RobustLoss::new(TrajectoryLoss::None, None), 60);
     for row in 0..150 {
         let found = (&output.line.x[row], &output.line.p[row]);
         assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-4, &format!("row {row}"));
@@ -125,16 +126,16 @@ fn law_the_cost_never_rises() {
     // Waves as long as a few times the initial error.
     let field = |north: f64, east: f64| 200.0 * (north / 300.0).sin() + 150.0 * (east / 250.0).cos();
     let mut halved = 0;
-    for interpolation in [Interpolation::Cubic, Interpolation::Linear] {
+    for interpolation in [MapInterpolation::Cubic, MapInterpolation::Linear] {
         for shift in 0..6 {
-            let mut scene = Scene::new(&uneven(70), interpolation, field);
+            let mut scene = AnalyticScene::new(&uneven(70), interpolation, field);
             let north_deg = (60.0 * f64::from(shift) - 150.0) / m_per_deg().0;
             scene.columns[1].iter_mut().for_each(|lat| *lat += north_deg);
             scene.errors.sources.init_position_sigma_m = 150.0;
             let mut last = f64::INFINITY;
             // These limits cover all first passes.
             for iterations in 5..14 {
-                let output = smoothed(&scene, &SmootherParameters { iterations, ..SmootherParameters::default() });
+                let output = smoothed(&scene, &RtsParameters { iterations, ..RtsParameters::default() });
                 let report = output.iterations;
                 // J of the process noise is carried from step to step, with its rounding.
                 assert!(report.cost <= last * (1.0 + 1e-9), "{shift} {iterations} {} {last}", report.cost);
@@ -149,7 +150,7 @@ fn law_the_cost_never_rises() {
 
 #[test]
 fn law_covariances_are_symmetric_and_positive_and_no_larger_than_the_filters() {
-    let mut scene = gaps(Interpolation::Cubic, hills);
+    let mut scene = gaps(MapInterpolation::Cubic, hills);
     scene.sigma_nt.fill(0.05);
     scene.errors.sources.init_altitude_sigma_m = 0.0;
     let output = smoothed(&scene, &all());
@@ -158,7 +159,7 @@ fn law_covariances_are_symmetric_and_positive_and_no_larger_than_the_filters() {
         assert_eq!(p, p.transpose());
         assert!((0..STATES).all(|state| p[(state, state)] >= 0.0));
         let sigma: [f64; STATES] = std::array::from_fn(|state| p[(state, state)].sqrt().max(1e-300));
-        let correlation = Dense::from_fn(|row, column| p[(row, column)] / sigma[row] / sigma[column]);
+        let correlation = DenseStateMatrix::from_fn(|row, column| p[(row, column)] / sigma[row] / sigma[column]);
         // A difference of the filter's covariance, which is up to 1e6 times as large in a direction.
         let smallest = correlation.symmetric_eigenvalues().min();
         assert!(smallest > -1e-8, "{smallest:e}");
@@ -167,10 +168,10 @@ fn law_covariances_are_symmetric_and_positive_and_no_larger_than_the_filters() {
 
 #[test]
 fn law_the_last_sample_is_the_filters_and_the_innovations_are_its_own() {
-    let scene = Scene::new(&uneven(150), Interpolation::Linear, plane);
+    let scene = AnalyticScene::new(&uneven(150), MapInterpolation::Linear, plane);
     let parameters = EkfParameters { errors: scene.errors, ..EkfParameters::default() };
     let filter = ekf::run(&parameters, &scene.series(), &scene.measurement_nt, &scene.map, None).unwrap();
-    let output = smoothed(&scene, &SmootherParameters::default()).line;
+    let output = smoothed(&scene, &RtsParameters::default()).line;
     for state in 0..STATES {
         let size = filter.x[149][state].abs();
         assert!((output.x[149][state] - filter.x[149][state]).abs() <= 1e-7 * size, "{state}");
@@ -186,8 +187,8 @@ fn law_the_last_sample_is_the_filters_and_the_innovations_are_its_own() {
 
 #[test]
 fn law_irregular_samples_are_smoothed_through_and_counted() {
-    let mut scene = Scene::new(&uneven(80), Interpolation::Cubic, hills);
-    let clean = smoothed(&scene, &SmootherParameters::default()).line;
+    let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
+    let clean = smoothed(&scene, &RtsParameters::default()).line;
     for row in [0, 4, 5] {
         scene.measurement_nt[row] = f64::NAN;
     }
@@ -195,7 +196,7 @@ fn law_irregular_samples_are_smoothed_through_and_counted() {
     scene.sigma_nt[7] = -1.0;
     // 90 km off the map.
     scene.columns[1][70] += 0.8;
-    let output = smoothed(&scene, &SmootherParameters::default());
+    let output = smoothed(&scene, &RtsParameters::default());
     let report = output.line.report;
     assert_eq!((report.updates, report.missing_measurements, report.off_map), (74, 5, 1));
     for row in [0, 4, 5, 6, 7, 70] {
@@ -208,9 +209,9 @@ fn law_irregular_samples_are_smoothed_through_and_counted() {
 
 #[test]
 fn law_without_any_measurement_the_ins_is_handed_through() {
-    let mut scene = Scene::new(&uneven(80), Interpolation::Cubic, hills);
+    let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
     scene.measurement_nt.fill(f64::NAN);
-    let output = smoothed(&scene, &SmootherParameters::default());
+    let output = smoothed(&scene, &RtsParameters::default());
     assert_eq!(output.line.lat_deg, scene.columns[1]);
     assert!(output.line.sd_n_m.windows(2).all(|pair| pair[1] >= pair[0]));
     assert_eq!((output.iterations.cost, output.iterations.converged), (0.0, true));
@@ -218,8 +219,8 @@ fn law_without_any_measurement_the_ins_is_handed_through() {
 
 #[test]
 fn law_a_single_sample_is_the_iterated_filters() {
-    let scene = Scene::new(&[0.0], Interpolation::Cubic, hills);
-    let output = smoothed(&scene, &SmootherParameters { tolerance_m: 1e-6, ..SmootherParameters::default() });
+    let scene = AnalyticScene::new(&[0.0], MapInterpolation::Cubic, hills);
+    let output = smoothed(&scene, &RtsParameters { tolerance_m: 1e-6, ..RtsParameters::default() });
     let parameters =
         crate::navigation::iekf::IekfParameters { iterations: 30, tolerance_m: 1e-6, ..Default::default() };
     let filter = scene.with(|line| crate::navigation::iekf::run(line, &parameters)).unwrap();
@@ -229,25 +230,25 @@ fn law_a_single_sample_is_the_iterated_filters() {
 
 #[test]
 fn law_a_flat_map_moves_only_the_temporal_variation() {
-    let mut scene = Scene::new(&uneven(80), Interpolation::Linear, |_, _| 7.0);
+    let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Linear, |_, _| 7.0);
     scene.measurement_nt.fill(11.0);
-    let output = smoothed(&scene, &SmootherParameters::default()).line;
+    let output = smoothed(&scene, &RtsParameters::default()).line;
     assert!(output.x.iter().all(|x| x[..S].iter().all(|x| *x == 0.0) && x[S] > 2.0));
 }
 
 #[test]
 fn law_a_single_pass_says_that_it_did_not_converge() {
-    let scene = Scene::new(&uneven(80), Interpolation::Cubic, hills);
-    let report = smoothed(&scene, &SmootherParameters { iterations: 1, ..SmootherParameters::default() }).iterations;
+    let scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
+    let report = smoothed(&scene, &RtsParameters { iterations: 1, ..RtsParameters::default() }).iterations;
     assert!(!report.converged && report.passes == 1 && report.last_step_m.is_infinite());
 }
 
 #[test]
 fn unit_bad_lines_and_parameters_are_refused_in_words() {
-    assert_refusals(|scene| scene.with(|line| run(line, &SmootherParameters::default())).err());
-    let scene = Scene::new(&[0.0], Interpolation::Linear, plane);
-    let message = |parameters: &SmootherParameters| scene.with(|line| run(line, parameters)).unwrap_err().to_string();
-    let good = SmootherParameters::default();
-    assert_eq!(message(&SmootherParameters { iterations: 0, ..good }), "`iterations` must be above 0, not 0");
-    assert_eq!(message(&SmootherParameters { loss_scale: Some(0.0), ..good }), "`loss_scale` must be above 0, not 0");
+    assert_refusals(|scene| scene.with(|line| run(line, &RtsParameters::default())).err());
+    let scene = AnalyticScene::new(&[0.0], MapInterpolation::Linear, plane);
+    let message = |parameters: &RtsParameters| scene.with(|line| run(line, parameters)).unwrap_err().to_string();
+    let good = RtsParameters::default();
+    assert_eq!(message(&RtsParameters { iterations: 0, ..good }), "`iterations` must be above 0, not 0");
+    assert_eq!(message(&RtsParameters { loss_scale: Some(0.0), ..good }), "`loss_scale` must be above 0, not 0");
 }

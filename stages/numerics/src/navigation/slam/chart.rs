@@ -1,13 +1,13 @@
 //! The map that a flight leaves behind.
 
-use super::index::Index;
-use super::kernel::{Bordered, Kernel, MOST_NEIGHBOURS};
+use super::index::SlamSampleIndex;
+use super::kernel::{AnomalyKernel, BorderedCovariance, MOST_NEIGHBOURS};
 use super::output::{PathSample, SlamOutput};
 use rayon::prelude::*;
 
 /// A map of the anomaly on a regular grid, by rows from the south.
 #[derive(Clone, Debug)]
-pub struct Chart {
+pub struct SlamMap {
     /// Latitudes of the rows, in degrees, ascending.
     pub lat_deg: Vec<f64>,
     /// Longitudes of the columns, in degrees, ascending.
@@ -20,7 +20,7 @@ pub struct Chart {
 
 /// The nodes of a grid: first latitude and longitude, steps and counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ChartGrid {
+pub struct SlamMapGrid {
     /// Latitude of the first row and longitude of the first column, in degrees.
     pub south_west_deg: (f64, f64),
     /// Steps of latitude and longitude, in degrees, above 0.
@@ -34,37 +34,37 @@ impl SlamOutput {
     /// kernel, at the positions of [`SlamOutput::path`].
     ///
     /// The process is that of the filter: squared-exponential anomaly with an unknown mean, a temporal variation of a
-    /// standard deviation (nT) and correlation time (s), which the map is freed from, and white noise. Differences from the
-    /// mean height are taken as noise. Nodes whose standard deviation is above `most_sd_nt` are NaN.
-    pub fn chart(&self, temporal: (f64, f64), grid: &ChartGrid, most_sd_nt: f64) -> Chart {
+    /// standard deviation (nT) and correlation time (s), which the map is freed from, and white noise. Differences from
+    /// the mean height are taken as noise. Nodes whose standard deviation is above `most_sd_nt` are NaN.
+    pub fn chart(&self, temporal: (f64, f64), grid: &SlamMapGrid, most_sd_nt: f64) -> SlamMap {
         let axis = |first: f64, step: f64, count: usize| (0..count).map(move |place| first + step * place as f64);
         let (rows, columns) = grid.size;
         let lat_deg: Vec<f64> = axis(grid.south_west_deg.0, grid.step_deg.0, rows).collect();
         let lon_deg: Vec<f64> = axis(grid.south_west_deg.1, grid.step_deg.1, columns).collect();
-        let drawing = Drawing::of(self, temporal);
+        let drawing = PathKriging::new(self, temporal);
         let node = |place: usize| {
             let at_m = self.frame.at_m(lat_deg[place / columns], lon_deg[place % columns]);
             drawing.krige(at_m).filter(|(_, sd_nt)| *sd_nt <= most_sd_nt)
         };
         let nodes: Vec<Option<(f64, f64)>> = (0..rows * columns).into_par_iter().map(node).collect();
         let (value_nt, sd_nt) = nodes.into_iter().map(|node| node.unwrap_or((f64::NAN, f64::NAN))).unzip();
-        Chart { lat_deg, lon_deg, value_nt, sd_nt }
+        SlamMap { lat_deg, lon_deg, value_nt, sd_nt }
     }
 }
 
-/// A path with what its map is drawn by.
-struct Drawing<'a> {
+/// Path with the spatial index and the kernel that interpolate its measurements.
+struct PathKriging<'a> {
     path: &'a [PathSample],
-    index: Index,
-    kernel: Kernel,
+    index: SlamSampleIndex,
+    kernel: AnomalyKernel,
     temporal: (f64, f64),
     alt_m: f64,
 }
 
-impl<'a> Drawing<'a> {
-    fn of(output: &'a SlamOutput, temporal: (f64, f64)) -> Self {
+impl<'a> PathKriging<'a> {
+    fn new(output: &'a SlamOutput, temporal: (f64, f64)) -> Self {
         let (path, kernel) = (output.path.as_slice(), output.report.kernel);
-        let mut index = Index::new(0.5 * kernel.length_m, usize::MAX);
+        let mut index = SlamSampleIndex::new(0.5 * kernel.length_m, usize::MAX);
         for (place, sample) in path.iter().enumerate() {
             index.insert(place as u32, sample.at_m);
         }
@@ -102,7 +102,7 @@ impl<'a> Drawing<'a> {
                 (None, None) => spatial(at_m, at_m),
             }
         };
-        let mut system = Bordered::new(near.len());
+        let mut system = BorderedCovariance::new(near.len());
         system.fill(covariance, |place| near.get(place).map_or(0.0, |sample| sample.value_nt - centre));
         let expected = system.solve()?;
         Some((expected.value_nt + centre, expected.variance_nt2.sqrt()))

@@ -2,12 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::history::{History, Then};
-use super::index::Index;
-use super::kernel::{Bordered, Expected, Kernel, MOST_NEIGHBOURS};
+use super::history::{AncestorDisplacements, ParticleHistory};
+use super::index::SlamSampleIndex;
+use super::kernel::{AnomalyKernel, BorderedCovariance, KrigingPrediction, MOST_NEIGHBOURS};
 use super::parameters::{ExpectedMeasurement, SlamParameters};
 use super::particles::PIECE;
-use super::samples::Sample;
+use super::samples::SlamSample;
 
 /// Samples of a cell that are looked up.
 const MOST_IN_CELL: usize = 4;
@@ -22,11 +22,11 @@ const SPREADS: f64 = 3.0;
 
 /// The rules of the expected measurement, with every default made a number.
 #[derive(Clone, Copy, Debug)]
-pub struct Rules {
+pub struct PredictionRules {
     /// The method.
     pub method: ExpectedMeasurement,
     /// The process of the anomaly.
-    pub kernel: Kernel,
+    pub kernel: AnomalyKernel,
     /// Standard deviation of the temporal variation, in nT, and its correlation time, in s.
     pub temporal: (f64, f64),
     /// Earlier samples of one prediction.
@@ -49,13 +49,13 @@ pub struct Rules {
     pub interpolant_sigma_nt: f64,
 }
 
-impl Rules {
+impl PredictionRules {
     /// Rules of the parameters for the distance between samples, in m, and the speed, in m/s.
     ///
     /// A straight line has no revisits: samples count as earlier samples only after a flight of two and a half radii.
-    pub fn of(
+    pub fn new(
         parameters: &SlamParameters,
-        kernel: Kernel,
+        kernel: AnomalyKernel,
         temporal: (f64, f64),
         spacing_m: f64,
         speed_mps: f64,
@@ -87,7 +87,7 @@ impl Rules {
     }
 
     /// The noise of a sample that predicts at another height, in nT².
-    fn noise_nt2(&self, sample: &Sample, alt_m: f64) -> f64 {
+    fn noise_nt2(&self, sample: &SlamSample, alt_m: f64) -> f64 {
         let white = sample.variance_nt2 + self.kernel.sigma_n_nt.powi(2);
         white + self.kernel.height_nt2(sample.alt_m - alt_m)
     }
@@ -95,8 +95,8 @@ impl Rules {
 
 /// An earlier sample, as it is used for one measurement.
 #[derive(Clone, Copy, Debug)]
-struct Candidate<'a> {
-    then: Then<'a>,
+struct EarlierSample<'a> {
+    then: AncestorDisplacements<'a>,
     /// INS position less the present one, in m.
     from_m: [f64; 2],
     tt_s: f64,
@@ -105,25 +105,25 @@ struct Candidate<'a> {
     core_nt_per_m: [f64; 2],
 }
 
-impl Candidate<'_> {
+impl EarlierSample<'_> {
     /// Position relative to a particle whose displacement is `now_m`, in m.
     #[inline(always)]
     fn from(&self, particle: usize, now_m: [f64; 2]) -> [f64; 2] {
-        let then_m = self.then.of(particle);
+        let then_m = self.then.displacement(particle);
         [0, 1].map(|axis| self.from_m[axis] + then_m[axis] - now_m[axis])
     }
 
     /// The anomaly at a particle's position then, in nT.
     #[inline(always)]
     fn anomaly_nt(&self, particle: usize) -> f64 {
-        let then_m = self.then.of(particle);
+        let then_m = self.then.displacement(particle);
         self.value_nt - self.core_nt_per_m[0] * then_m[0] - self.core_nt_per_m[1] * then_m[1]
     }
 }
 
 /// Prediction of a particle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Prediction {
+pub struct ParticlePrediction {
     /// The value measured less the one expected, in nT.
     pub residual_nt: f64,
     /// Its variance, with the noise of the measurement, in nT².
@@ -132,7 +132,7 @@ pub struct Prediction {
     pub revisits: bool,
 }
 
-impl Prediction {
+impl ParticlePrediction {
     /// No prediction.
     pub const NONE: Self = Self { residual_nt: f64::NAN, variance_nt2: f64::NAN, revisits: false };
 
@@ -142,15 +142,15 @@ impl Prediction {
     }
 }
 
-/// The samples of a flight with the particles' paths: every particle's map.
+/// Samples of a flight with the paths of the particles: the map of every particle.
 #[derive(Clone, Debug)]
-pub struct Map {
-    rules: Rules,
+pub struct ParticleMap {
+    rules: PredictionRules,
     /// The samples.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<SlamSample>,
     /// The displacements of the particles at each of them, in m.
-    pub history: History,
-    index: Index,
+    pub history: ParticleHistory,
+    index: SlamSampleIndex,
     /// The first sample that is not old enough for the index.
     pending: usize,
     /// The largest spread of the particles at a sample of the index, in m.
@@ -171,14 +171,14 @@ fn spread(count: usize, of: impl Fn(usize) -> [f64; 2]) -> ([f64; 2], f64) {
     (mean, (share * squares.sum::<f64>()).sqrt())
 }
 
-impl Map {
+impl ParticleMap {
     /// No sample yet.
-    pub fn new(rules: Rules, particles: usize) -> Self {
-        let index = Index::new(rules.cell_m, MOST_IN_CELL);
+    pub fn new(rules: PredictionRules, particles: usize) -> Self {
+        let index = SlamSampleIndex::new(rules.cell_m, MOST_IN_CELL);
         Self {
             rules,
             samples: vec![],
-            history: History::new(particles),
+            history: ParticleHistory::new(particles),
             index,
             pending: 0,
             spread_m: 0.0,
@@ -187,7 +187,7 @@ impl Map {
     }
 
     /// Appends a sample with the displacement of each particle, in m.
-    pub fn push(&mut self, sample: Sample, now_m: &[[f64; 2]]) {
+    pub fn push(&mut self, sample: SlamSample, now_m: &[[f64; 2]]) {
         self.samples.push(sample);
         self.history.push(now_m.iter().map(|now_m| now_m.map(|metres| metres as f32)));
     }
@@ -198,7 +198,7 @@ impl Map {
             && tt_s - sample.tt_s > self.rules.ignore_s
         {
             if let Some(then) = self.history.at(self.pending) {
-                let (mean, spread_m) = spread(particles, |particle| then.of(particle));
+                let (mean, spread_m) = spread(particles, |particle| then.displacement(particle));
                 self.spread_m = self.spread_m.max(spread_m);
                 self.index.insert(self.pending as u32, [0, 1].map(|axis| sample.at_m[axis] + mean[axis]));
             }
@@ -211,9 +211,9 @@ impl Map {
         &self.found
     }
 
-    fn candidate(&self, sample: usize, now: &Sample) -> Option<Candidate<'_>> {
+    fn candidate(&self, sample: usize, now: &SlamSample) -> Option<EarlierSample<'_>> {
         let (then, old) = (self.history.at(sample)?, self.samples.get(sample)?);
-        ((old.alt_m - now.alt_m).abs() <= self.rules.height_m).then(|| Candidate {
+        ((old.alt_m - now.alt_m).abs() <= self.rules.height_m).then(|| EarlierSample {
             then,
             from_m: [0, 1].map(|axis| old.at_m[axis] - now.at_m[axis]),
             tt_s: old.tt_s,
@@ -224,7 +224,7 @@ impl Map {
     }
 
     /// The earlier samples that any of the particles may be near.
-    fn candidates(&self, now: &Sample, now_m: &[[f64; 2]]) -> Vec<Candidate<'_>> {
+    fn candidates(&self, now: &SlamSample, now_m: &[[f64; 2]]) -> Vec<EarlierSample<'_>> {
         let mut out = vec![];
         for candidate in self.found.iter().filter_map(|sample| self.candidate(*sample as usize, now)) {
             let (mean, spread_m) = spread(now_m.len(), |particle| candidate.from(particle, now_m[particle]));
@@ -238,7 +238,7 @@ impl Map {
 
     /// Prediction of each particle for a sample, given its present displacement, in m; `None` where no particle
     /// revisits.
-    pub fn predict(&mut self, now: &Sample, now_m: &[[f64; 2]]) -> Option<Vec<Prediction>> {
+    pub fn predict(&mut self, now: &SlamSample, now_m: &[[f64; 2]]) -> Option<Vec<ParticlePrediction>> {
         self.age(now.tt_s, now_m.len());
         let (mean, spread_m) = spread(now_m.len(), |particle| now_m[particle]);
         self.found.clear();
@@ -252,11 +252,11 @@ impl Map {
         }
         let first = self.samples.len().saturating_sub(self.rules.recent).max(self.pending);
         let recent: Vec<_> = (first..self.samples.len()).filter_map(|sample| self.candidate(sample, now)).collect();
-        let mut out = vec![Prediction::NONE; now_m.len()];
+        let mut out = vec![ParticlePrediction::NONE; now_m.len()];
         out.par_chunks_mut(PIECE).enumerate().for_each(|(piece, predictions)| {
             for (place, prediction) in predictions.iter_mut().enumerate() {
                 let particle = piece * PIECE + place;
-                let view = View { rules: &self.rules, now, particle, now_m: now_m[particle] };
+                let view = ParticleView { rules: &self.rules, now, particle, now_m: now_m[particle] };
                 *prediction = view.predict(&old, &recent);
             }
         });
@@ -264,24 +264,24 @@ impl Map {
     }
 }
 
-/// One particle's view of its past.
-struct View<'a> {
-    rules: &'a Rules,
-    now: &'a Sample,
+/// Present sample from the position of one particle.
+struct ParticleView<'a> {
+    rules: &'a PredictionRules,
+    now: &'a SlamSample,
     particle: usize,
     now_m: [f64; 2],
 }
 
-/// The samples that a prediction is made of: squared distance, position, place among the candidates.
-struct Chosen {
+/// Samples of a prediction: squared distance (m²), position (m), index among the candidates.
+struct NeighbourSet {
     members: [(f64, [f64; 2], u32); MOST_NEIGHBOURS],
     count: usize,
 }
 
-impl View<'_> {
+impl ParticleView<'_> {
     /// The nearest candidates within the radius, and the number within the trigger radius.
-    fn nearest(&self, old: &[Candidate<'_>]) -> (Chosen, usize) {
-        let mut chosen = Chosen { members: [(0.0, [0.0; 2], 0); MOST_NEIGHBOURS], count: 0 };
+    fn nearest(&self, old: &[EarlierSample<'_>]) -> (NeighbourSet, usize) {
+        let mut chosen = NeighbourSet { members: [(0.0, [0.0; 2], 0); MOST_NEIGHBOURS], count: 0 };
         let (mut reach, trigger) = (self.rules.radius_m.powi(2), self.rules.trigger_m.powi(2));
         let mut within = 0;
         for (place, candidate) in old.iter().enumerate() {
@@ -298,7 +298,7 @@ impl View<'_> {
         (chosen, within)
     }
 
-    fn predict(&self, old: &[Candidate<'_>], recent: &[Candidate<'_>]) -> Prediction {
+    fn predict(&self, old: &[EarlierSample<'_>], recent: &[EarlierSample<'_>]) -> ParticlePrediction {
         let (chosen, within) = self.nearest(old);
         let revisits = within > self.rules.trigger_points && chosen.count > 0;
         let expected = match self.rules.method {
@@ -307,19 +307,19 @@ impl View<'_> {
             ExpectedMeasurement::InverseDistance if revisits => Some(self.interpolated(&chosen, old)),
             ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => None,
         };
-        let Some(Expected { value_nt, variance_nt2 }) = expected else { return Prediction::NONE };
+        let Some(KrigingPrediction { value_nt, variance_nt2 }) = expected else { return ParticlePrediction::NONE };
         let slope = self.now.core_nt_per_m;
         let measured_nt = self.now.value_nt - slope[0] * self.now_m[0] - slope[1] * self.now_m[1];
         let white = self.now.variance_nt2 + self.rules.kernel.sigma_n_nt.powi(2);
-        Prediction { residual_nt: measured_nt - value_nt, variance_nt2: variance_nt2 + white, revisits }
+        ParticlePrediction { residual_nt: measured_nt - value_nt, variance_nt2: variance_nt2 + white, revisits }
     }
 
     /// Field at the particle, given samples with their positions, times, values and noise.
-    fn field(&self, samples: &[Sighting], temporal: (f64, f64), mean_nt2: f64) -> Option<Expected> {
+    fn field(&self, samples: &[ParticleSample], temporal: (f64, f64), mean_nt2: f64) -> Option<KrigingPrediction> {
         let kernel = &self.rules.kernel;
         let n = samples.len();
         let centre = samples.iter().map(|sample| sample.value_nt).sum::<f64>() / n.max(1) as f64;
-        let here = Sighting { at_m: [0.0; 2], tt_s: self.now.tt_s, value_nt: 0.0, noise_nt2: 0.0 };
+        let here = ParticleSample { at_m: [0.0; 2], tt_s: self.now.tt_s, value_nt: 0.0, noise_nt2: 0.0 };
         let (sigma_nt, tau_s) = temporal;
         let power = sigma_nt * sigma_nt;
         let of = |place: usize| samples.get(place).unwrap_or(&here);
@@ -332,20 +332,25 @@ impl View<'_> {
             }
             if row == column { sum + a.noise_nt2 } else { sum }
         };
-        let mut system = Bordered::new(n);
+        let mut system = BorderedCovariance::new(n);
         system.fill(covariance, |place| of(place).value_nt - centre);
-        let Expected { value_nt, variance_nt2 } = system.solve()?;
-        Some(Expected { value_nt: value_nt + centre, variance_nt2 })
+        let KrigingPrediction { value_nt, variance_nt2 } = system.solve()?;
+        Some(KrigingPrediction { value_nt: value_nt + centre, variance_nt2 })
     }
 
-    fn sighting(&self, candidate: &Candidate<'_>, at_m: [f64; 2]) -> Sighting {
+    fn sighting(&self, candidate: &EarlierSample<'_>, at_m: [f64; 2]) -> ParticleSample {
         let value_nt = candidate.anomaly_nt(self.particle);
-        Sighting { at_m, tt_s: candidate.tt_s, value_nt, noise_nt2: candidate.noise_nt2 }
+        ParticleSample { at_m, tt_s: candidate.tt_s, value_nt, noise_nt2: candidate.noise_nt2 }
     }
 
     /// By the nearest and the last samples, whose prior is the process with an unknown mean.
-    fn conditioned(&self, chosen: &Chosen, old: &[Candidate<'_>], recent: &[Candidate<'_>]) -> Option<Expected> {
-        let mut samples = [Sighting::default(); MOST_NEIGHBOURS];
+    fn conditioned(
+        &self,
+        chosen: &NeighbourSet,
+        old: &[EarlierSample<'_>],
+        recent: &[EarlierSample<'_>],
+    ) -> Option<KrigingPrediction> {
+        let mut samples = [ParticleSample::default(); MOST_NEIGHBOURS];
         let mut count = 0;
         let earlier = chosen.iter().map(|(_, at_m, place)| (&old[*place as usize], *at_m));
         let last = recent.iter().map(|candidate| (candidate, candidate.from(self.particle, self.now_m)));
@@ -357,8 +362,8 @@ impl View<'_> {
     }
 
     /// By the earlier samples within the radius, whose mean is the prior mean. [Lee 2019, (85)]
-    fn regression(&self, chosen: &Chosen, old: &[Candidate<'_>]) -> Option<Expected> {
-        let mut samples = [Sighting::default(); MOST_NEIGHBOURS];
+    fn regression(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> Option<KrigingPrediction> {
+        let mut samples = [ParticleSample::default(); MOST_NEIGHBOURS];
         for ((_, at_m, place), sample) in chosen.iter().zip(&mut samples) {
             *sample = self.sighting(&old[*place as usize], *at_m);
         }
@@ -366,7 +371,7 @@ impl View<'_> {
     }
 
     /// By the inverse squared distance; at a sample its value.
-    fn interpolated(&self, chosen: &Chosen, old: &[Candidate<'_>]) -> Expected {
+    fn interpolated(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> KrigingPrediction {
         let (mut sum, mut weights) = (0.0, 0.0);
         for (distance2, _, place) in chosen.iter() {
             // A centimetre: what is nearer is at the sample.
@@ -374,20 +379,20 @@ impl View<'_> {
             sum += weight * old[*place as usize].anomaly_nt(self.particle);
             weights += weight;
         }
-        Expected { value_nt: sum / weights, variance_nt2: self.rules.interpolant_sigma_nt.powi(2) }
+        KrigingPrediction { value_nt: sum / weights, variance_nt2: self.rules.interpolant_sigma_nt.powi(2) }
     }
 }
 
-/// A sample as one particle has it.
+/// Earlier sample at its position on the path of one particle.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sighting {
+struct ParticleSample {
     at_m: [f64; 2],
     tt_s: f64,
     value_nt: f64,
     noise_nt2: f64,
 }
 
-impl Chosen {
+impl NeighbourSet {
     fn iter(&self) -> impl Iterator<Item = &(f64, [f64; 2], u32)> {
         self.members[..self.count].iter()
     }

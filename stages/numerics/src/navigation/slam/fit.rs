@@ -2,8 +2,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::kernel::Kernel;
-use super::samples::Sample;
+use super::kernel::AnomalyKernel;
+use super::samples::SlamSample;
 
 /// Maximum number of samples in the likelihood. Computing time grows with its third power.
 const MOST: usize = 200;
@@ -16,7 +16,7 @@ pub(in crate::navigation) const LONGEST: f64 = 0.5;
 
 /// Measurements along a path, in time order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct AlongTrack {
+pub struct TrackMeasurements {
     /// Distance along the path, in m.
     pub distance_m: Vec<f64>,
     /// Time, in s.
@@ -27,10 +27,10 @@ pub struct AlongTrack {
     pub variance_nt2: Vec<f64>,
 }
 
-impl AlongTrack {
+impl TrackMeasurements {
     /// Samples of the first `window_s` seconds. If there are more than 200, every second, third, … is used, because a
     /// run of 200 neighbours would cover too little of the path.
-    pub fn of(samples: &[Sample], window_s: f64) -> Self {
+    pub fn from_samples(samples: &[SlamSample], window_s: f64) -> Self {
         let first_s = samples.first().map_or(0.0, |sample| sample.tt_s);
         let count = samples.partition_point(|sample| sample.tt_s - first_s <= window_s);
         let mut out = Self { distance_m: vec![], tt_s: vec![], value_nt: vec![], variance_nt2: vec![] };
@@ -52,7 +52,7 @@ impl AlongTrack {
     /// The logarithm of the likelihood of a kernel, with the mean that is most likely and a temporal variation of this
     /// standard deviation (nT) and correlation time (s); minus infinity for a covariance that is not positive.
     /// [Lee 2019, (53)]
-    pub fn log_likelihood(&self, kernel: &Kernel, temporal: (f64, f64)) -> f64 {
+    pub fn log_likelihood(&self, kernel: &AnomalyKernel, temporal: (f64, f64)) -> f64 {
         let n = self.value_nt.len();
         let (sigma_nt, tau_s) = temporal;
         let covariance = |row: usize, column: usize| {
@@ -75,7 +75,7 @@ impl AlongTrack {
     /// without length or measurements that do not vary.
     ///
     /// The length is kept between the mean distance of the measurements and half of the path.
-    pub fn fitted(&self, start: &Kernel, temporal: (f64, f64)) -> Option<Kernel> {
+    pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let n = self.value_nt.len();
         let path_m = *self.distance_m.last()?;
         let spread = standard_deviation(&self.value_nt);
@@ -87,7 +87,7 @@ impl AlongTrack {
         let spacing_m = path_m / (n - 1) as f64;
         let kernel_of = |logs: [f64; 3]| {
             let [sigma_se_nt, length_m, sigma_n_nt] = logs.map(f64::exp);
-            Kernel {
+            AnomalyKernel {
                 covariance: start.covariance,
                 sigma_se_nt,
                 length_m: length_m.clamp(spacing_m, LONGEST * path_m),

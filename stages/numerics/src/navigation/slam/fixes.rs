@@ -27,7 +27,7 @@
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
 use crate::navigation::position_fixes::StateFix;
 
-use super::particles::Particles;
+use super::particles::SlamParticles;
 
 /// The gain of a fix.
 fn gain(p: &StateMatrix, fix: &StateFix) -> StateVector {
@@ -68,7 +68,7 @@ pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
     narrow(p, &gain, fix);
 }
 
-impl Particles {
+impl SlamParticles {
     /// Weights the particles by a fix, and conditions each on it.
     pub(super) fn foresee(&mut self, fix: &StateFix) {
         let (gain, total) = (gain(&self.linear, fix), self.linear[fix.state][fix.state] + fix.variance);

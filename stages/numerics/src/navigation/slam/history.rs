@@ -13,7 +13,7 @@ use std::ops::Range;
 pub type Displacement = [f32; 2];
 
 #[derive(Clone, Debug)]
-struct Generation {
+struct ParticleGeneration {
     /// Its samples.
     samples: Range<usize>,
     /// Its particles that have descendants.
@@ -26,31 +26,31 @@ struct Generation {
 
 /// The displacements of all particles at all samples.
 #[derive(Clone, Debug)]
-pub struct History {
+pub struct ParticleHistory {
     particles: usize,
-    generations: Vec<Generation>,
+    generations: Vec<ParticleGeneration>,
     samples: usize,
     /// Whether the last generation takes samples: it has not been resampled.
     open: bool,
 }
 
-/// One sample in the pasts of all particles.
+/// Displacements of the ancestors of all particles at one sample.
 #[derive(Clone, Copy, Debug)]
-pub struct Then<'a> {
+pub struct AncestorDisplacements<'a> {
     displacements: &'a [Displacement],
     ancestors: &'a [u32],
 }
 
-impl Then<'_> {
+impl AncestorDisplacements<'_> {
     /// The displacement, in m, of the ancestor of a particle.
     #[inline(always)]
-    pub fn of(&self, particle: usize) -> [f64; 2] {
+    pub fn displacement(&self, particle: usize) -> [f64; 2] {
         let [north, east] = self.displacements[self.ancestors[particle] as usize];
         [f64::from(north), f64::from(east)]
     }
 }
 
-impl History {
+impl ParticleHistory {
     /// No sample yet.
     pub fn new(particles: usize) -> Self {
         Self { particles, generations: vec![], samples: 0, open: false }
@@ -76,7 +76,7 @@ impl History {
         if !self.open {
             let (slots, samples) = (self.particles, self.samples..self.samples);
             let ancestors = (0..slots as u32).collect();
-            self.generations.push(Generation { samples, slots, displacements: vec![], ancestors });
+            self.generations.push(ParticleGeneration { samples, slots, displacements: vec![], ancestors });
             self.open = true;
         }
         if let Some(last) = self.generations.last_mut() {
@@ -87,17 +87,17 @@ impl History {
     }
 
     /// Looks up a sample; `None` beyond the last.
-    pub fn at(&self, sample: usize) -> Option<Then<'_>> {
+    pub fn at(&self, sample: usize) -> Option<AncestorDisplacements<'_>> {
         let place = self.generations.partition_point(|generation| generation.samples.end <= sample);
-        let Generation { samples, slots, displacements, ancestors } = self.generations.get(place)?;
+        let ParticleGeneration { samples, slots, displacements, ancestors } = self.generations.get(place)?;
         let first = (sample - samples.start) * slots;
-        Some(Then { displacements: &displacements[first..first + slots], ancestors })
+        Some(AncestorDisplacements { displacements: &displacements[first..first + slots], ancestors })
     }
 
     /// Replaces each particle by a copy of its parent.
     pub fn resample(&mut self, parents: &[u32]) {
         self.open = false;
-        let mut kept: Vec<Generation> = Vec::with_capacity(self.generations.len());
+        let mut kept: Vec<ParticleGeneration> = Vec::with_capacity(self.generations.len());
         for mut generation in std::mem::take(&mut self.generations) {
             generation.map_on(parents);
             match kept.last_mut() {
@@ -109,7 +109,7 @@ impl History {
     }
 }
 
-impl Generation {
+impl ParticleGeneration {
     /// Maps the ancestors on, and keeps the slots that are left, in the order of the particles.
     fn map_on(&mut self, parents: &[u32]) {
         const GONE: u32 = u32::MAX;

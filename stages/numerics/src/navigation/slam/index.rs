@@ -2,17 +2,17 @@
 
 use std::collections::HashMap;
 
-/// Samples by cells of a square grid. A cell that is full takes no more: flying over it again adds little to its map, and
-/// the work of a look-up stays the same however often it is flown over.
+/// Samples by cells of a square grid. A cell that is full takes no more: flying over it again adds little to its map,
+/// and the work of a look-up stays the same however often it is flown over.
 #[derive(Clone, Debug)]
-pub struct Index {
+pub struct SlamSampleIndex {
     cell_m: f64,
     most: usize,
     cells: HashMap<(i64, i64), Vec<u32>>,
     places: Vec<(u32, [f64; 2])>,
 }
 
-impl Index {
+impl SlamSampleIndex {
     /// Index with cells of this size, in m, and this number of samples per cell at most.
     pub fn new(cell_m: f64, most: usize) -> Self {
         Self { cell_m, most, cells: HashMap::new(), places: vec![] }

@@ -13,7 +13,7 @@ const MEAN_SIGMAS: f64 = 10.0;
 choice! {
     /// Covariance function of the anomaly over distance.
     #[derive(Default)]
-    pub enum Covariance {
+    pub enum CovarianceFunction {
         /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields near their sources.
         #[default]
         Matern52 = "matern_5_2",
@@ -26,9 +26,9 @@ choice! {
 
 /// Covariance of the anomaly, with white noise. [Lee 2019, (45)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kernel {
+pub struct AnomalyKernel {
     /// Its form.
-    pub covariance: Covariance,
+    pub covariance: CovarianceFunction,
     /// Standard deviation of the anomaly about its mean, in nT.
     pub sigma_se_nt: f64,
     /// Its correlation length l, in m.
@@ -37,14 +37,14 @@ pub struct Kernel {
     pub sigma_n_nt: f64,
 }
 
-impl Default for Kernel {
+impl Default for AnomalyKernel {
     /// Kernel of the Louisa flight. [Lee 2019, appendix A.1.2]
     fn default() -> Self {
-        Self { covariance: Covariance::default(), sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0 }
+        Self { covariance: CovarianceFunction::default(), sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0 }
     }
 }
 
-impl Kernel {
+impl AnomalyKernel {
     /// Rejects an invalid kernel.
     ///
     /// # Errors
@@ -60,12 +60,12 @@ impl Kernel {
     pub fn anomaly_nt2(&self, distance2_m2: f64) -> f64 {
         let (power, squared) = (self.sigma_se_nt * self.sigma_se_nt, distance2_m2 / (self.length_m * self.length_m));
         match self.covariance {
-            Covariance::SquaredExponential => power * (-0.5 * squared).exp(),
-            Covariance::Matern52 => {
+            CovarianceFunction::SquaredExponential => power * (-0.5 * squared).exp(),
+            CovarianceFunction::Matern52 => {
                 let d = (5.0 * squared).sqrt();
                 power * (1.0 + d + d * d / 3.0) * (-d).exp()
             }
-            Covariance::Matern32 => {
+            CovarianceFunction::Matern32 => {
                 let d = (3.0 * squared).sqrt();
                 power * (1.0 + d) * (-d).exp()
             }
@@ -76,25 +76,25 @@ impl Kernel {
     /// the matrix of second derivatives `second` d dᵀ − `first` I, and the derivative by the logarithm of the length
     /// `first` |d|².
     #[inline(always)]
-    pub(super) fn bends(&self, distance2_m2: f64) -> Bends {
+    pub(super) fn bends(&self, distance2_m2: f64) -> DistanceDerivatives {
         let (power, per_m2) = (self.sigma_se_nt * self.sigma_se_nt, 1.0 / (self.length_m * self.length_m));
         let squared = distance2_m2 * per_m2;
         match self.covariance {
-            Covariance::SquaredExponential => {
+            CovarianceFunction::SquaredExponential => {
                 let first = power * per_m2 * (-0.5 * squared).exp();
-                Bends { first, second: first * per_m2 }
+                DistanceDerivatives { first, second: first * per_m2 }
             }
-            Covariance::Matern52 => {
+            CovarianceFunction::Matern52 => {
                 let d = (5.0 * squared).sqrt();
                 let fallen = 5.0 / 3.0 * power * per_m2 * (-d).exp();
-                Bends { first: fallen * (1.0 + d), second: 5.0 * fallen * per_m2 }
+                DistanceDerivatives { first: fallen * (1.0 + d), second: 5.0 * fallen * per_m2 }
             }
-            Covariance::Matern32 => {
+            CovarianceFunction::Matern32 => {
                 let d = (3.0 * squared).sqrt();
                 let first = 3.0 * power * per_m2 * (-d).exp();
                 // `second` d dᵀ is 0 at no distance, where `second` has no limit.
                 let second = if d > 0.0 { 3.0 * first * per_m2 / d } else { 0.0 };
-                Bends { first, second }
+                DistanceDerivatives { first, second }
             }
         }
     }
@@ -106,9 +106,9 @@ impl Kernel {
     /// 6σ²/l² for the two others.
     pub fn height_nt2(&self, height_m: f64) -> f64 {
         let laplacian = match self.covariance {
-            Covariance::SquaredExponential => 2.0,
-            Covariance::Matern52 => 10.0 / 3.0,
-            Covariance::Matern32 => 6.0,
+            CovarianceFunction::SquaredExponential => 2.0,
+            CovarianceFunction::Matern52 => 10.0 / 3.0,
+            CovarianceFunction::Matern32 => 6.0,
         };
         laplacian * (self.sigma_se_nt * height_m / self.length_m).powi(2)
     }
@@ -120,9 +120,9 @@ impl Kernel {
     }
 }
 
-/// See [`Kernel::bends`].
+/// Factors of the derivatives of the covariance with respect to the distance vector.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bends {
+pub(super) struct DistanceDerivatives {
     /// In nT²/m².
     pub(super) first: f64,
     /// In nT²/m⁴.
@@ -131,7 +131,7 @@ pub(super) struct Bends {
 
 /// Prediction at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Expected {
+pub struct KrigingPrediction {
     /// The mean, in nT.
     pub value_nt: f64,
     /// The variance of the field there, without the noise of a measurement, in nT².
@@ -140,12 +140,12 @@ pub struct Expected {
 
 /// The covariances of a few samples and a point, bordered by the samples' values: eliminating the samples leaves the
 /// variance of the point and, off the diagonal, its negative mean. Only the lower triangle is used, by columns.
-pub struct Bordered {
+pub struct BorderedCovariance {
     columns: [[f64; ROWS]; ROWS],
     samples: usize,
 }
 
-impl Bordered {
+impl BorderedCovariance {
     /// Problem of at most [`MOST_NEIGHBOURS`] samples; further ones are ignored.
     pub fn new(samples: usize) -> Self {
         Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
@@ -164,7 +164,7 @@ impl Bordered {
 
     /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples
     /// is not positive. [Lee 2019, (51), (52)]
-    pub fn solve(mut self) -> Option<Expected> {
+    pub fn solve(mut self) -> Option<KrigingPrediction> {
         let n = self.samples;
         for pivot in 0..n {
             let (done, rest) = self.columns.split_at_mut(pivot + 1);
@@ -184,6 +184,6 @@ impl Bordered {
         }
         let (value_nt, variance_nt2) = (-self.columns[n][n + 1], self.columns[n][n]);
         (value_nt.is_finite() && variance_nt2.is_finite())
-            .then_some(Expected { value_nt, variance_nt2: variance_nt2.max(0.0) })
+            .then_some(KrigingPrediction { value_nt, variance_nt2: variance_nt2.max(0.0) })
     }
 }

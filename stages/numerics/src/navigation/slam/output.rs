@@ -2,17 +2,17 @@
 
 use crate::navigation::NavigationOutput;
 
-use super::expected::Map;
-use super::kernel::Kernel;
-use super::particles::Particles;
-use super::samples::{LocalFrame, Sample};
-use super::smoother::SmootherReport;
+use super::expected::ParticleMap;
+use super::kernel::AnomalyKernel;
+use super::particles::SlamParticles;
+use super::samples::{LocalFrame, SlamSample};
+use super::smoother::SlamSmootherReport;
 
 /// Report on the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamReport {
     /// The hyper-parameters that were used.
-    pub kernel: Kernel,
+    pub kernel: AnomalyKernel,
     /// Whether they were fitted; false although a fit was asked for means that the first part of the flight has too few
     /// measurements for it, or that they do not vary, and that the given ones were used.
     pub fitted: bool,
@@ -27,7 +27,7 @@ pub struct SlamReport {
     pub largest_correction: f64,
     /// Report on the smoother; `None` if it was not requested, or has no solution so that the filter's track is
     /// returned.
-    pub smoother: Option<SmootherReport>,
+    pub smoother: Option<SlamSmootherReport>,
 }
 
 /// The filtered line.
@@ -74,11 +74,16 @@ pub struct PathSample {
 }
 
 /// The weighted mean of the particles' paths.
-pub(super) fn path_of(map: &Map, particles: &Particles, frame: &LocalFrame) -> Vec<PathSample> {
-    let at = |(place, sample): (usize, &Sample)| {
+pub(super) fn path_of(map: &ParticleMap, particles: &SlamParticles, frame: &LocalFrame) -> Vec<PathSample> {
+    let at = |(place, sample): (usize, &SlamSample)| {
         let then = map.history.at(place)?;
         let mean = |of: &dyn Fn([f64; 2]) -> f64| -> f64 {
-            particles.weights.iter().enumerate().map(|(particle, weight)| weight * of(then.of(particle))).sum()
+            particles
+                .weights
+                .iter()
+                .enumerate()
+                .map(|(particle, weight)| weight * of(then.displacement(particle)))
+                .sum()
         };
         let (north, east) = (mean(&|moved| moved[0]), mean(&|moved| moved[1]));
         let spread_m = mean(&|moved| (moved[0] - north).powi(2) + (moved[1] - east).powi(2)).sqrt();

@@ -3,8 +3,8 @@
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use params::{Rule, choice};
 
-use super::kernel::{Kernel, MOST_NEIGHBOURS};
-use super::smoother::SmootherParameters;
+use super::kernel::{AnomalyKernel, MOST_NEIGHBOURS};
+use super::smoother::SlamSmootherParameters;
 
 choice! {
     /// Prediction of a measurement from earlier ones.
@@ -50,7 +50,7 @@ pub struct SlamParameters {
     /// Whether `kernel` is fitted first.
     pub hyperparameters: HyperparameterSource,
     /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
-    pub kernel: Kernel,
+    pub kernel: AnomalyKernel,
     /// Length of the first part of the flight used by the fit, in s.
     pub fit_window_s: f64,
     /// Maximum number of earlier samples in a prediction.
@@ -78,7 +78,7 @@ pub struct SlamParameters {
     /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Hand out the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
-    pub smoother: Option<SmootherParameters>,
+    pub smoother: Option<SlamSmootherParameters>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
     /// Returns the covariance of every sample; a smoothed track has none but that of its position.
@@ -93,7 +93,7 @@ impl Default for SlamParameters {
             update_interval_s: 1.0,
             expected: ExpectedMeasurement::default(),
             hyperparameters: HyperparameterSource::default(),
-            kernel: Kernel::default(),
+            kernel: AnomalyKernel::default(),
             fit_window_s: 600.0,
             neighbours: 12,
             recent: 4,

@@ -2,7 +2,7 @@
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::propagate_state;
-use crate::random::{Normals, SplitMix64};
+use crate::random::{NormalGenerator, SplitMix64};
 use rayon::prelude::*;
 
 /// Particles in one piece of parallel work.
@@ -17,7 +17,7 @@ const DEPENDENT: f64 = 1e-14;
 /// its path. Their covariance given the path, `linear`, is common to all, as none of the matrices depends on the
 /// particle [Lee 2019, (20)]; its rows and columns of latitude and longitude are zero once the positions are drawn.
 #[derive(Clone, Debug)]
-pub struct Particles {
+pub struct SlamParticles {
     /// The states, rad, m, m/s, …, truth minus INS.
     pub x: Vec<StateVector>,
     /// The weights; they add up to 1.
@@ -31,14 +31,14 @@ pub struct Particles {
 
 /// Mean and covariance of all states.
 #[derive(Clone, Copy, Debug)]
-pub struct Moments {
+pub struct SlamMoments {
     /// The mean.
     pub x: StateVector,
     /// The covariance.
     pub p: StateMatrix,
 }
 
-impl Moments {
+impl SlamMoments {
     /// Whether the mean is finite and no variance negative.
     pub fn are_sound(&self) -> bool {
         self.x.iter().all(|x| x.is_finite()) && (0..STATES).all(|state| self.p[state][state] >= 0.0)
@@ -80,15 +80,15 @@ fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
 }
 
 /// The source of normals of a particle at a step: draws do not depend on which thread makes them, nor on the order.
-fn normals_of(seed: u64, step: u64, particle: u64) -> Normals {
-    Normals::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
+fn normals_of(seed: u64, step: u64, particle: u64) -> NormalGenerator {
+    NormalGenerator::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
 }
 
 fn key(seed: u64, step: u64) -> u64 {
     SplitMix64::new(SplitMix64::new(seed).draw() ^ step).draw()
 }
 
-impl Particles {
+impl SlamParticles {
     /// New particles without drawn positions: `linear` is the initial covariance of all states.
     pub fn new(count: usize, seed: u64, initial: &StateMatrix) -> Self {
         Self {
@@ -171,7 +171,7 @@ impl Particles {
     }
 
     /// Weighted mean and covariance. [Lee 2019, (19), (24)]
-    pub fn moments(&self) -> Moments {
+    pub fn moments(&self) -> SlamMoments {
         let mut mean = [0.0; STATES];
         for (x, weight) in self.x.iter().zip(&self.weights) {
             for (mean, x) in mean.iter_mut().zip(x) {
@@ -194,7 +194,7 @@ impl Particles {
                 p[column][row] = *entry;
             }
         }
-        Moments { x: mean, p }
+        SlamMoments { x: mean, p }
     }
 
     /// The effective number of particles. [Lee 2019, (77)]

@@ -11,7 +11,7 @@
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
 
-use super::history::History;
+use super::history::ParticleHistory;
 
 /// The most places of the flight at which the lost variance is kept.
 const MOST_MARKS: usize = 64;
@@ -29,8 +29,8 @@ pub fn bandwidth(effective: f64) -> f64 {
 /// Maximum scale of the variance of one particle: if one particle has the whole weight, there is no variance to scale.
 const LARGEST_EXCESS: f64 = 50.0;
 
-/// The excess of the unbiased covariance of weighted draws over the plain one, in units of the plain one: with s = Σw² it is
-/// s/(1 − s), at most 50.
+/// The excess of the unbiased covariance of weighted draws over the plain one, in units of the plain one: with s = Σw²
+/// it is s/(1 − s), at most 50.
 pub fn excess(weights: &[f64]) -> f64 {
     let part: f64 = weights.iter().map(|weight| weight * weight).sum();
     (part / (1.0 - part).max(f64::MIN_POSITIVE)).min(LARGEST_EXCESS)
@@ -38,23 +38,23 @@ pub fn excess(weights: &[f64]) -> f64 {
 
 /// A sample of the flight with the variance of its position that resampling has taken from the particles' paths.
 #[derive(Clone, Copy, Debug)]
-struct Mark {
+struct LostVarianceSample {
     sample: usize,
     /// North, east and both, in m².
     lost_m2: [f64; 3],
 }
 
-/// The variance that resampling has lost.
+/// Variance that resampling has removed from the particles.
 #[derive(Clone, Debug)]
-pub struct Lost {
+pub struct LostVariance {
     /// That of the states now.
     pub now: StateMatrix,
-    marks: Vec<Mark>,
+    marks: Vec<LostVarianceSample>,
     stride: usize,
     m_per_rad: [f64; 2],
 }
 
-impl Lost {
+impl LostVariance {
     /// Nothing.
     pub fn new(m_per_rad: [f64; 2]) -> Self {
         Self { now: [[0.0; STATES]; STATES], marks: vec![], stride: 1, m_per_rad }
@@ -68,7 +68,7 @@ impl Lost {
         let [n, e] = self.m_per_rad;
         let now = &self.now;
         let lost_m2 = [now[LAT][LAT] * n * n, now[LON][LON] * e * e, now[LAT][LON] * n * e];
-        self.marks.push(Mark { sample, lost_m2 });
+        self.marks.push(LostVarianceSample { sample, lost_m2 });
         if self.marks.len() > MOST_MARKS {
             self.stride *= 2;
             let stride = self.stride;
@@ -77,7 +77,7 @@ impl Lost {
     }
 
     /// Before a resampling: what of the covariance of the particles, `spread`, and of that of their paths will be lost.
-    pub fn bank(&mut self, weights: &[f64], spread: &StateMatrix, history: &History) {
+    pub fn bank(&mut self, weights: &[f64], spread: &StateMatrix, history: &ParticleHistory) {
         let part = excess(weights);
         for (lost, of) in self.now.as_flattened_mut().iter_mut().zip(spread.as_flattened()) {
             *lost += part * of;
@@ -86,7 +86,7 @@ impl Lost {
             let Some(then) = history.at(mark.sample) else { continue };
             let mut sums = [0.0; 5];
             for (particle, weight) in weights.iter().enumerate() {
-                let [n, e] = then.of(particle);
+                let [n, e] = then.displacement(particle);
                 for (sum, of) in sums.iter_mut().zip([n, e, n * n, e * e, n * e]) {
                     *sum += weight * of;
                 }

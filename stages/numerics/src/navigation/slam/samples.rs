@@ -75,7 +75,7 @@ pub struct LocalFrame {
 
 impl LocalFrame {
     /// About the first sample of a series that passed [`InsSeries::check`].
-    pub fn of(ins: &InsSeries<'_>, errors: &InsErrorModel) -> Self {
+    pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel) -> Self {
         let (lat_deg, lon_deg) = (ins.lat_deg[0], ins.lon_deg[0]);
         let (north, east) = errors.earth.north_east_m_per_rad(lat_deg.to_radians(), ins.alt_m[0]);
         Self { lat_deg, lon_deg, m_per_rad: [north, east] }
@@ -97,7 +97,7 @@ impl LocalFrame {
 
 /// The measurements of one step, averaged with the inverse of their variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub struct SlamSample {
     /// The last row of the step.
     pub row: usize,
     /// Mean time, in s.
@@ -114,22 +114,22 @@ pub struct Sample {
     pub core_nt_per_m: [f64; 2],
 }
 
-/// Averages measurements.
+/// Averaging of the measurements of each step.
 #[derive(Debug)]
-pub struct Sampler<'a> {
+pub struct SlamSampler<'a> {
     line: SlamLine<'a>,
     frame: LocalFrame,
     core: Option<LinearisedCoreField>,
 }
 
-impl<'a> Sampler<'a> {
+impl<'a> SlamSampler<'a> {
     /// For a line that passed [`SlamLine::check`].
     pub fn new(line: SlamLine<'a>, frame: LocalFrame) -> Self {
         Self { line, frame, core: line.core.map(|core| LinearisedCoreField::new(core.clone())) }
     }
 
     /// The sample of some rows; `None` where none of them has a measurement.
-    pub fn sample(&mut self, rows: std::ops::RangeInclusive<usize>) -> Option<Sample> {
+    pub fn sample(&mut self, rows: std::ops::RangeInclusive<usize>) -> Option<SlamSample> {
         let (ins, last) = (self.line.ins, *rows.end());
         let mut weights = 0.0;
         let mut sums = [0.0; 7];
@@ -158,7 +158,7 @@ impl<'a> Sampler<'a> {
         }
         let [time, north, east, alt_m, value_nt, d_lat, d_lon] = sums.map(|sum| sum / weights);
         let [per_north, per_east] = self.frame.m_per_rad;
-        Some(Sample {
+        Some(SlamSample {
             row: last,
             tt_s: ins.tt_s[last] + time,
             at_m: [north, east],

@@ -11,8 +11,8 @@
 //! # Equations
 //!
 //! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is
-//! written as δ = B u with u ~ N(0, I) ([`motion::Functions`]). The map is not a state: given the path p = p_ins + B u
-//! the measurements are jointly Gaussian [Lawrence 2003],
+//! written as δ = B u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p =
+//! p_ins + B u the measurements are jointly Gaussian [Lawrence 2003],
 //!
 //! ```text
 //! z ~ N(μ, C(p)),    C = K(p, p) + σ_S² exp(−|t − t'|/τ) + R
@@ -57,18 +57,18 @@ pub mod thin;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 
-use super::kernel::Kernel;
+use super::kernel::AnomalyKernel;
 use super::output::{PathSample, SlamOutput};
-use super::samples::{LocalFrame, Sample, SlamLine};
+use super::samples::{LocalFrame, SlamLine, SlamSample};
 use crate::navigation::ins_error::{ParameterError, require};
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{LAT, LON, STATES};
 use crate::navigation::{NavigationError, NavigationOutput};
 use evidence::evidence;
-use likelihood::{Measured, Problem};
-use motion::{Functions, Motion};
+use likelihood::{SlamMeasurement, SlamProblem};
+use motion::{InsErrorTransitions, PositionErrorBasis};
 use params::Rule;
-use search::{Prior, Rules, Search};
+use search::{SlamSearch, SlamSearchParameters, SlamWeightPrior};
 use thin::thinned;
 
 /// Standard deviation of the position error that the functions of the motion may omit, in m.
@@ -81,7 +81,7 @@ const WIDE: f64 = 0.3;
 const PARTS: usize = 10;
 /// The starts of every flight; the others are for one that these do not fit.
 const USUAL_STARTS: usize = 3;
-/// A [`SmootherReport::agreement`] below which a track is not plausible.
+/// A [`SlamSmootherReport::agreement`] below which a track is not plausible.
 pub const CONTRADICTED: f64 = 0.5;
 /// An agreement below which more starts are tried.
 const DOUBTFUL: f64 = 0.9;
@@ -92,7 +92,7 @@ const LONGEST: f64 = 0.5;
 
 /// The parameters of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SmootherParameters {
+pub struct SlamSmootherParameters {
     /// The most measurements that are looked at. The work grows with the third power.
     pub measurements: usize,
     /// Factor on the standard deviations of the measurements.
@@ -103,13 +103,13 @@ pub struct SmootherParameters {
     pub tolerance_m: f64,
 }
 
-impl Default for SmootherParameters {
+impl Default for SlamSmootherParameters {
     fn default() -> Self {
         Self { measurements: 1000, noise_factor: 1.0, passes: 40, tolerance_m: 0.1 }
     }
 }
 
-impl SmootherParameters {
+impl SlamSmootherParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
@@ -124,7 +124,7 @@ impl SmootherParameters {
 
 /// Report on the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SmootherReport {
+pub struct SlamSmootherReport {
     /// Measurements looked at.
     pub measurements: usize,
     /// Functions of the motion.
@@ -136,10 +136,10 @@ pub struct SmootherReport {
     /// Largest change of the position of a measurement in the last step, in m.
     pub last_step_m: f64,
     /// The kernel at the end.
-    pub kernel: Kernel,
+    pub kernel: AnomalyKernel,
     /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 if the noise is as large as assumed.
     pub misfit: f64,
-    /// See [`evidence::Evidence::agreement`]; below [`CONTRADICTED`] the track is lost.
+    /// See [`evidence::RevisitEvidence::agreement`]; below [`CONTRADICTED`] the track is lost.
     pub agreement: f64,
     /// J at the end, but for a constant of the flight.
     pub cost: f64,
@@ -148,28 +148,28 @@ pub struct SmootherReport {
 }
 
 /// Results of the filter that the smoother uses.
-pub(super) struct Filtered<'a> {
+pub(super) struct SlamFilterResult<'a> {
     pub(super) line: &'a SlamLine<'a>,
     /// The last rows of the steps.
     pub(super) ends: &'a [usize],
     pub(super) frame: LocalFrame,
-    pub(super) kernel: Kernel,
+    pub(super) kernel: AnomalyKernel,
     /// Whether the kernel was fitted, and is to be fitted further.
     pub(super) fits: bool,
     /// Largest squared leave-one-out residual of a measurement over its variance; larger ones are rejected.
     pub(super) gate_nis: Option<f64>,
     /// The samples, each with whether it is used.
-    pub(super) samples: &'a [(Sample, bool)],
+    pub(super) samples: &'a [(SlamSample, bool)],
 }
 
 /// The most probable track of a line.
-struct Smoothed {
-    motion: Motion,
-    functions: Functions,
+struct SlamTrack {
+    motion: InsErrorTransitions,
+    functions: PositionErrorBasis,
     weights: Vec<f64>,
     /// The factor of the weights' covariance.
     root: Mat<f64>,
-    report: SmootherReport,
+    report: SlamSmootherReport,
 }
 
 /// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and
@@ -179,24 +179,24 @@ struct Smoothed {
 /// # Errors
 /// [`NavigationError::Diverged`] where the covariance of the INS is not finite.
 pub(super) fn smooth(
-    parameters: &SmootherParameters,
-    of: &Filtered<'_>,
+    parameters: &SlamSmootherParameters,
+    of: &SlamFilterResult<'_>,
     out: &mut SlamOutput,
 ) -> Result<bool, NavigationError> {
-    let Some(smoothed) = Smoothed::of(parameters, of, &out.path)? else { return Ok(false) };
+    let Some(smoothed) = SlamTrack::solve(parameters, of, &out.path)? else { return Ok(false) };
     smoothed.replace(of, out);
     Ok(true)
 }
 
-impl Smoothed {
-    fn of(
-        parameters: &SmootherParameters,
-        of: &Filtered<'_>,
+impl SlamTrack {
+    fn solve(
+        parameters: &SlamSmootherParameters,
+        of: &SlamFilterResult<'_>,
         path: &[PathSample],
     ) -> Result<Option<Self>, NavigationError> {
-        let motion = Motion::along(of.line, of.ends, &of.frame)?;
+        let motion = InsErrorTransitions::along(of.line, of.ends, &of.frame)?;
         let functions = motion.functions(LACKING_M);
-        let used: Vec<(Sample, [f64; 2])> = of
+        let used: Vec<(SlamSample, [f64; 2])> = of
             .samples
             .iter()
             .zip(path)
@@ -204,11 +204,11 @@ impl Smoothed {
             .map(|((sample, _), path)| {
                 let variance_nt2 = sample.variance_nt2 * parameters.noise_factor.powi(2);
                 let moved = [0, 1].map(|axis: usize| path.at_m[axis] - sample.at_m[axis]);
-                (Sample { variance_nt2, ..*sample }, moved)
+                (SlamSample { variance_nt2, ..*sample }, moved)
             })
             .collect();
         let prior = prior_of(&motion, &functions, of.line);
-        let known = Known { motion: &motion, functions: &functions, prior: &prior, of, parameters };
+        let known = SlamSmootherContext { motion: &motion, functions: &functions, prior: &prior, of, parameters };
         let thin = thinned(&used, &of.kernel, parameters.measurements);
         let Some(start) = known.best_start(&used, &thin) else { return Ok(None) };
         let Some((weights, root, report)) = known.searched(thin, start) else { return Ok(None) };
@@ -224,7 +224,7 @@ impl Smoothed {
         })
     }
 
-    fn replace(self, of: &Filtered<'_>, out: &mut SlamOutput) {
+    fn replace(self, of: &SlamFilterResult<'_>, out: &mut SlamOutput) {
         let (ins, earth, per) = (of.line.ins, of.line.errors.earth, of.frame.m_per_rad);
         let states = self.motion.states(&self.functions, &self.weights);
         let factors: Vec<[Vec<f64>; 2]> = (0..self.motion.steps()).map(|step| self.factors(step)).collect();
@@ -282,34 +282,34 @@ impl Smoothed {
     }
 }
 
-/// A measurement with what the filter has its displacement at, in m.
-type Displaced = (Measured, [f64; 2]);
+/// Measurement with its displacement by the filter, north and east, in m.
+type DisplacedMeasurement = (SlamMeasurement, [f64; 2]);
 
-/// Weights and kernel that a search begins with.
-type Beginning = (Vec<f64>, Kernel);
+/// Initial weights and kernel of a search.
+type SlamInitialGuess = (Vec<f64>, AnomalyKernel);
 
 /// Starting point of the search with all measurements.
-struct Start {
+struct SlamSearchStart {
     weights: Vec<f64>,
-    kernel: Kernel,
+    kernel: AnomalyKernel,
     /// J of the path of the filter, all measurements looked at.
     filtered_cost: f64,
 }
 
-/// Results of the first searches.
-struct Known<'a> {
-    motion: &'a Motion,
-    functions: &'a Functions,
-    prior: &'a Prior,
-    of: &'a Filtered<'a>,
-    parameters: &'a SmootherParameters,
+/// Motion model, prior and filter results that all searches of a line share.
+struct SlamSmootherContext<'a> {
+    motion: &'a InsErrorTransitions,
+    functions: &'a PositionErrorBasis,
+    prior: &'a SlamWeightPrior,
+    of: &'a SlamFilterResult<'a>,
+    parameters: &'a SlamSmootherParameters,
 }
 
-impl<'a> Known<'a> {
-    fn rules(&self, problem: &Problem) -> Rules {
+impl<'a> SlamSmootherContext<'a> {
+    fn rules(&self, problem: &SlamProblem) -> SlamSearchParameters {
         let path_m: f64 = problem.measured.windows(2).map(step_m).sum();
         let spacing_m = path_m / problem.measured.len().saturating_sub(1).max(1) as f64;
-        Rules {
+        SlamSearchParameters {
             passes: self.parameters.passes,
             tolerance_m: self.parameters.tolerance_m,
             fits: self.of.fits && spacing_m > 0.0,
@@ -317,13 +317,13 @@ impl<'a> Known<'a> {
         }
     }
 
-    fn problem(&self, thin: &[Displaced]) -> Problem {
+    fn problem(&self, thin: &[DisplacedMeasurement]) -> SlamProblem {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
     /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on
     /// it, there are more.
-    fn best_start(&self, used: &[(Sample, [f64; 2])], thin: &[Displaced]) -> Option<Start> {
+    fn best_start(&self, used: &[(SlamSample, [f64; 2])], thin: &[DisplacedMeasurement]) -> Option<SlamSearchStart> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
         }
@@ -331,14 +331,14 @@ impl<'a> Known<'a> {
         let moved: Vec<[f64; 2]> = thin.iter().map(|(_, moved)| *moved).collect();
         let filtered = near(&all, self.prior, &moved)?;
         let narrow = self.of.kernel;
-        let filtered_cost = Search::from(&all, self.prior, self.rules(&all), filtered.clone(), narrow)?.cost();
-        let wide = Kernel { sigma_n_nt: narrow.sigma_n_nt.max(WIDE * narrow.sigma_se_nt), ..narrow };
+        let filtered_cost = SlamSearch::from(&all, self.prior, self.rules(&all), filtered.clone(), narrow)?.cost();
+        let wide = AnomalyKernel { sigma_n_nt: narrow.sigma_n_nt.max(WIDE * narrow.sigma_se_nt), ..narrow };
         let measured = thinned(used, &narrow, thin.len().div_ceil(2).max(FEWEST));
         let few = self.problem(&measured);
-        let grown = |parts: usize, kernel: Kernel| -> Option<Beginning> {
+        let grown = |parts: usize, kernel: AnomalyKernel| -> Option<SlamInitialGuess> {
             Some((self.grown(&measured, parts, kernel)?, narrow))
         };
-        let starts: [&dyn Fn() -> Option<Beginning>; 7] = [
+        let starts: [&dyn Fn() -> Option<SlamInitialGuess>; 7] = [
             &|| Some((filtered.clone(), narrow)),
             &|| Some((filtered.clone(), wide)),
             &|| grown(PARTS, narrow),
@@ -347,9 +347,9 @@ impl<'a> Known<'a> {
             &|| grown(PARTS, wide),
             &|| grown(2 * PARTS, wide),
         ];
-        let mut best: Option<(Search<'_>, f64)> = None;
+        let mut best: Option<(SlamSearch<'_>, f64)> = None;
         for (place, start) in starts.into_iter().enumerate() {
-            let doubtful = |(_, agreement): &(Search<'_>, f64)| *agreement < DOUBTFUL;
+            let doubtful = |(_, agreement): &(SlamSearch<'_>, f64)| *agreement < DOUBTFUL;
             if place >= USUAL_STARTS && !best.as_ref().is_none_or(doubtful) {
                 break;
             }
@@ -360,38 +360,43 @@ impl<'a> Known<'a> {
                 best = Some((search, agreement));
             }
         }
-        let found = best.map(|(best, _)| Start { weights: best.weights, kernel: best.kernel, filtered_cost });
-        Some(found.unwrap_or(Start { weights: filtered, kernel: narrow, filtered_cost }))
+        let found = best.map(|(best, _)| SlamSearchStart { weights: best.weights, kernel: best.kernel, filtered_cost });
+        Some(found.unwrap_or(SlamSearchStart { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
     /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is
     /// only that of a first search.
-    fn settled<'p>(&'p self, problem: &'p Problem, weights: Vec<f64>, kernel: Kernel) -> Option<Search<'p>> {
+    fn settled<'p>(
+        &'p self,
+        problem: &'p SlamProblem,
+        weights: Vec<f64>,
+        kernel: AnomalyKernel,
+    ) -> Option<SlamSearch<'p>> {
         let rules = self.rules(problem);
-        let mut search = Search::from(problem, self.prior, rules, weights, kernel)?;
+        let mut search = SlamSearch::from(problem, self.prior, rules, weights, kernel)?;
         if !rules.fits && kernel != self.of.kernel {
             search.run()?;
-            search = Search::from(problem, self.prior, rules, search.weights, self.of.kernel)?;
+            search = SlamSearch::from(problem, self.prior, rules, search.weights, self.of.kernel)?;
         }
         search.run()?;
         Some(search)
     }
 
-    /// See [`evidence::Evidence::agreement`]; `None` where a covariance is not positive.
-    fn agreement(&self, problem: &Problem, search: &Search<'_>) -> Option<f64> {
+    /// See [`evidence::RevisitEvidence::agreement`]; `None` where a covariance is not positive.
+    fn agreement(&self, problem: &SlamProblem, search: &SlamSearch<'_>) -> Option<f64> {
         Some(evidence(problem, self.prior, self.rules(problem), search)?.agreement())
     }
 
     /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take
     /// the next part in when these are settled: the most probable weights given the first part foresee the path of the
     /// next.
-    fn grown(&self, measured: &[Displaced], parts: usize, kernel: Kernel) -> Option<Vec<f64>> {
+    fn grown(&self, measured: &[DisplacedMeasurement], parts: usize, kernel: AnomalyKernel) -> Option<Vec<f64>> {
         let mut weights = solved(&self.prior.information, &self.prior.force)?;
         for part in 1..=parts {
             let known = (measured.len() * part).div_ceil(parts);
             let problem = self.problem(measured.get(..known)?);
-            let rules = Rules { fits: false, ..self.rules(&problem) };
-            let mut search = Search::from(&problem, self.prior, rules, weights, kernel)?;
+            let rules = SlamSearchParameters { fits: false, ..self.rules(&problem) };
+            let mut search = SlamSearch::from(&problem, self.prior, rules, weights, kernel)?;
             search.run()?;
             weights = search.weights;
         }
@@ -400,8 +405,12 @@ impl<'a> Known<'a> {
 
     /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of
     /// the filter, and where a covariance is not positive.
-    fn searched(&self, mut thin: Vec<Displaced>, start: Start) -> Option<(Vec<f64>, Mat<f64>, SmootherReport)> {
-        let Start { mut weights, mut kernel, filtered_cost } = start;
+    fn searched(
+        &self,
+        mut thin: Vec<DisplacedMeasurement>,
+        start: SlamSearchStart,
+    ) -> Option<(Vec<f64>, Mat<f64>, SlamSmootherReport)> {
+        let SlamSearchStart { mut weights, mut kernel, filtered_cost } = start;
         let mut may_gate = self.of.gate_nis;
         let (mut passes, mut fall) = (0, None);
         loop {
@@ -409,7 +418,7 @@ impl<'a> Known<'a> {
                 return None;
             }
             let problem = self.problem(&thin);
-            let mut search = Search::from(&problem, self.prior, self.rules(&problem), weights, kernel)?;
+            let mut search = SlamSearch::from(&problem, self.prior, self.rules(&problem), weights, kernel)?;
             search.run()?;
             passes += search.passes;
             let fall = *fall.get_or_insert(filtered_cost - search.cost());
@@ -426,7 +435,7 @@ impl<'a> Known<'a> {
                 continue;
             }
             let root = search.covariance()?.llt(Side::Lower).ok()?.L().to_owned();
-            let report = SmootherReport {
+            let report = SlamSmootherReport {
                 measurements: problem.measured.len(),
                 functions: self.functions.count,
                 passes,
@@ -444,19 +453,24 @@ impl<'a> Known<'a> {
 }
 
 /// Takes those measurements off whose square is above the gate; false where there is none.
-fn without_outliers(thin: &mut Vec<Displaced>, squares: &[f64], gate: f64) -> bool {
+fn without_outliers(thin: &mut Vec<DisplacedMeasurement>, squares: &[f64], gate: f64) -> bool {
     let before = thin.len();
     let mut squares = squares.iter();
     thin.retain(|_| squares.next().is_none_or(|square| *square <= gate));
     thin.len() < before
 }
 
-fn step_m(pair: &[Measured]) -> f64 {
+fn step_m(pair: &[SlamMeasurement]) -> f64 {
     (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1])
 }
 
-fn problem_of(thin: &[(Measured, [f64; 2])], motion: &Motion, functions: &Functions, of: &Filtered<'_>) -> Problem {
-    let measured: Vec<Measured> = thin.iter().map(|(measured, _)| *measured).collect();
+fn problem_of(
+    thin: &[(SlamMeasurement, [f64; 2])],
+    motion: &InsErrorTransitions,
+    functions: &PositionErrorBasis,
+    of: &SlamFilterResult<'_>,
+) -> SlamProblem {
+    let measured: Vec<SlamMeasurement> = thin.iter().map(|(measured, _)| *measured).collect();
     let mut rows = Vec::with_capacity(2 * measured.len() * functions.count);
     for one in &measured {
         let [north, east] = functions.between(motion.between(one.tt_s));
@@ -465,7 +479,7 @@ fn problem_of(thin: &[(Measured, [f64; 2])], motion: &Motion, functions: &Functi
     }
     let centre_nt = measured.iter().map(|one| one.value_nt).sum::<f64>() / measured.len() as f64;
     let errors = &of.line.errors;
-    Problem {
+    SlamProblem {
         functions: MatRef::from_row_major_slice(&rows, 2 * measured.len(), functions.count).to_owned(),
         measured,
         temporal: (errors.fogm_sigma_nt, errors.fogm_tau_s),
@@ -474,7 +488,7 @@ fn problem_of(thin: &[(Measured, [f64; 2])], motion: &Motion, functions: &Functi
     }
 }
 
-fn prior_of(motion: &Motion, functions: &Functions, line: &SlamLine<'_>) -> Prior {
+fn prior_of(motion: &InsErrorTransitions, functions: &PositionErrorBasis, line: &SlamLine<'_>) -> SlamWeightPrior {
     let count = functions.count;
     let mut information = Mat::<f64>::identity(count, count);
     let mut force = vec![0.0; count];
@@ -483,11 +497,11 @@ fn prior_of(motion: &Motion, functions: &Functions, line: &SlamLine<'_>) -> Prio
         information += MatRef::from_row_major_slice(&known, count, count);
         force = forced;
     }
-    Prior { information, force }
+    SlamWeightPrior { information, force }
 }
 
 /// The weights whose displacements are near those given.
-fn near(problem: &Problem, prior: &Prior, moved: &[[f64; 2]]) -> Option<Vec<f64>> {
+fn near(problem: &SlamProblem, prior: &SlamWeightPrior, moved: &[[f64; 2]]) -> Option<Vec<f64>> {
     let weight = 1.0 / (START_M * START_M);
     let flat: Vec<f64> = moved.iter().flatten().copied().collect();
     let b = &problem.functions;

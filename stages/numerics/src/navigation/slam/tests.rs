@@ -19,7 +19,7 @@ fn run_on(flight: &Flight, parameters: &SlamParameters) -> Result<SlamOutput, Na
 
 /// Few particles, and a given kernel, where speed counts more than accuracy.
 fn quick() -> SlamParameters {
-    let kernel = Kernel { sigma_se_nt: 100.0, length_m: 700.0, ..Kernel::default() };
+    let kernel = AnomalyKernel { sigma_se_nt: 100.0, length_m: 700.0, ..AnomalyKernel::default() };
     SlamParameters { particles: 100, kernel, hyperparameters: HyperparameterSource::Fixed, ..SlamParameters::default() }
 }
 
@@ -126,8 +126,8 @@ fn law_the_core_field_and_a_constant_change_nothing() {
         errors: flight.model,
     };
     let with = run(&quick(), &line).unwrap();
-    // The core field is taken off to first order, 0.01 nT, where the particles are. Up to the first resampling, which turns a
-    // rounding into another particle, the weights and with them the tracks are the same but for that.
+    // The core field is taken off to first order, 0.01 nT, where the particles are. Up to the first resampling, which
+    // turns a rounding into another particle, the weights and with them the tracks are the same but for that.
     let resampled = |row: &usize| plain.effective[*row] < 50.0;
     let until = (0..flight.errors.len()).find(resampled).unwrap();
     assert!(plain.navigation.nis[..until].iter().any(|nis| nis.is_finite()));
@@ -217,7 +217,7 @@ fn unit_what_makes_no_filter_is_refused() {
         SlamParameters { neighbours: 0, ..quick() },
         SlamParameters { neighbours: 22, recent: 4, ..quick() },
         SlamParameters { recent: 30, ..quick() },
-        SlamParameters { kernel: Kernel { length_m: 0.0, ..kernel }, ..quick() },
+        SlamParameters { kernel: AnomalyKernel { length_m: 0.0, ..kernel }, ..quick() },
         SlamParameters { resample_below: 1.5, ..quick() },
         SlamParameters { gate_nis: Some(0.0), ..quick() },
     ];

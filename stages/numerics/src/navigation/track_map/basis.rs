@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use crate::navigation::slam::{Covariance, Kernel};
+use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 
 /// Fraction of the variance that the basis omits, if the maximum number of functions permits.
 const LACKING: f64 = 1e-4;
@@ -15,11 +15,11 @@ pub type HalfWaves = [usize; 2];
 
 /// The basis on the rectangle about some samples.
 ///
-/// φ_j(x) = sin(j₁ θ₁) sin(j₂ θ₂)/√(L₁ L₂), θ = π (x + L)/2L, on a rectangle of half sides L about its middle; the weights of
-/// the functions are independent, with the variances S(√λ_j), S the spectral density of the kernel.
+/// φ_j(x) = sin(j₁ θ₁) sin(j₂ θ₂)/√(L₁ L₂), θ = π (x + L)/2L, on a rectangle of half sides L about its middle; the
+/// weights of the functions are independent, with the variances S(√λ_j), S the spectral density of the kernel.
 /// [Solin & Särkkä 2020, (56)-(60)]
 #[derive(Clone, Debug)]
-pub struct Basis {
+pub struct LaplacianBasis {
     /// The middle of the rectangle, east and north, in m.
     pub middle_m: [f64; 2],
     /// Half of its sides, in m.
@@ -34,9 +34,9 @@ pub struct Basis {
     pub lacking_nt2: f64,
 }
 
-impl Basis {
+impl LaplacianBasis {
     /// Basis for the samples between `low_m` and `high_m` (east, north), with a maximum number of functions.
-    pub fn new(kernel: &Kernel, low_m: [f64; 2], high_m: [f64; 2], most: usize) -> Self {
+    pub fn new(kernel: &AnomalyKernel, low_m: [f64; 2], high_m: [f64; 2], most: usize) -> Self {
         let middle_m = [0, 1].map(|axis: usize| 0.5 * (low_m[axis] + high_m[axis]));
         let half_m = [0, 1].map(|axis: usize| 0.5 * (high_m[axis] - low_m[axis]) + MARGIN * kernel.length_m);
         let wanted = wavenumber_beyond(kernel, LACKING);
@@ -87,17 +87,17 @@ pub fn waves(theta: f64, cosines: &mut [f64], sines: &mut [f64]) {
 }
 
 /// The index of the Matérn covariances; `None` for the squared exponential.
-fn index(covariance: Covariance) -> Option<f64> {
+fn index(covariance: CovarianceFunction) -> Option<f64> {
     match covariance {
-        Covariance::Matern52 => Some(2.5),
-        Covariance::Matern32 => Some(1.5),
-        Covariance::SquaredExponential => None,
+        CovarianceFunction::Matern52 => Some(2.5),
+        CovarianceFunction::Matern32 => Some(1.5),
+        CovarianceFunction::SquaredExponential => None,
     }
 }
 
 /// The spectral density of the kernel in the plane at a wavenumber (rad/m), in nT² m²: k(r) = ∫∫ S cos(k·r) d²k/4π².
 /// [Rasmussen & Williams 2006, (4.15)]
-pub fn density(kernel: &Kernel, wavenumber: f64) -> f64 {
+pub fn density(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     let (power, length2) = (kernel.sigma_se_nt.powi(2), kernel.length_m.powi(2));
     match index(kernel.covariance) {
         None => power * 2.0 * PI * length2 * (-0.5 * length2 * wavenumber * wavenumber).exp(),
@@ -110,7 +110,7 @@ pub fn density(kernel: &Kernel, wavenumber: f64) -> f64 {
 }
 
 /// The part of the variance at wavenumbers above this.
-fn beyond(kernel: &Kernel, wavenumber: f64) -> f64 {
+fn beyond(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     let waves = (wavenumber * kernel.length_m).powi(2);
     match index(kernel.covariance) {
         None => (-0.5 * waves).exp(),
@@ -119,7 +119,7 @@ fn beyond(kernel: &Kernel, wavenumber: f64) -> f64 {
 }
 
 /// The wavenumber with this part of the variance beyond it.
-fn wavenumber_beyond(kernel: &Kernel, part: f64) -> f64 {
+fn wavenumber_beyond(kernel: &AnomalyKernel, part: f64) -> f64 {
     let waves = match index(kernel.covariance) {
         None => -2.0 * part.ln(),
         Some(nu) => 2.0 * nu * (part.powf(-1.0 / nu) - 1.0),
@@ -131,10 +131,11 @@ fn wavenumber_beyond(kernel: &Kernel, part: f64) -> f64 {
 mod tests {
     use super::*;
 
-    const ALL: [Covariance; 3] = [Covariance::Matern52, Covariance::Matern32, Covariance::SquaredExponential];
+    const ALL: [CovarianceFunction; 3] =
+        [CovarianceFunction::Matern52, CovarianceFunction::Matern32, CovarianceFunction::SquaredExponential];
 
-    fn kernel(covariance: Covariance) -> Kernel {
-        Kernel { covariance, sigma_se_nt: 30.0, length_m: 400.0, sigma_n_nt: 1.0 }
+    fn kernel(covariance: CovarianceFunction) -> AnomalyKernel {
+        AnomalyKernel { covariance, sigma_se_nt: 30.0, length_m: 400.0, sigma_n_nt: 1.0 }
     }
 
     #[test]
@@ -161,7 +162,7 @@ mod tests {
         for covariance in ALL {
             let kernel = kernel(covariance);
             for most in [100, 4000] {
-                let basis = Basis::new(&kernel, [-2000.0, 0.0], [2000.0, 3000.0], most);
+                let basis = LaplacianBasis::new(&kernel, [-2000.0, 0.0], [2000.0, 3000.0], most);
                 assert!(basis.functions.len() <= most, "{} {most}", basis.functions.len());
                 // In the middle, where the boundary is not felt.
                 let theta = [0, 1].map(|axis: usize| basis.angle(basis.middle_m[axis] + 11.0, axis));

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::TrackSample;
-use crate::navigation::slam::Kernel;
+use crate::navigation::slam::AnomalyKernel;
 use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation};
 
 /// The most samples of a piece: the work grows with their third power.
@@ -19,15 +19,15 @@ const COARSE: usize = 4;
 /// A piece belongs to one line, so a slow position error or a constant of the line is common to it and does not count
 /// as noise. Half of the pieces have neighbouring samples, the others every fourth sample, which determine the longer
 /// lengths. [Stein, Chi & Welty 2004: the likelihood of blocks]
-pub struct Pieces<'a> {
+pub struct TrackPieces<'a> {
     pieces: Vec<Vec<&'a TrackSample>>,
     /// The mean distance of neighbouring samples, in m.
     spacing_m: f64,
 }
 
-impl<'a> Pieces<'a> {
+impl<'a> TrackPieces<'a> {
     /// Pieces of lines. The samples of each line are in time order.
-    pub fn of(lines: &[&'a [TrackSample]], spacing_m: f64) -> Self {
+    pub fn new(lines: &[&'a [TrackSample]], spacing_m: f64) -> Self {
         let mut pieces: Vec<Vec<&TrackSample>> = vec![];
         for stride in [1, COARSE] {
             let parts = || lines.iter().flat_map(|line| line.chunks(stride * MOST));
@@ -39,13 +39,14 @@ impl<'a> Pieces<'a> {
     }
 
     /// The logarithm of the likelihood of a kernel, each piece with the mean that is most likely.
-    fn log_likelihood(&self, kernel: &Kernel, temporal: (f64, f64)) -> f64 {
+    fn log_likelihood(&self, kernel: &AnomalyKernel, temporal: (f64, f64)) -> f64 {
         let each: Vec<f64> = self.pieces.par_iter().map(|piece| of_piece(piece, kernel, temporal)).collect();
         each.iter().sum()
     }
 
-    /// The kernel of the largest likelihood, searched from `start` on; `None` where no piece is long enough, or none varies.
-    pub fn fitted(&self, start: &Kernel, temporal: (f64, f64)) -> Option<Kernel> {
+    /// The kernel of the largest likelihood, searched from `start` on; `None` where no piece is long enough, or none
+    /// varies.
+    pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let spread = |piece: &Vec<&TrackSample>| {
             standard_deviation(&piece.iter().map(|sample| sample.value_nt).collect::<Vec<f64>>())
         };
@@ -60,7 +61,7 @@ impl<'a> Pieces<'a> {
         let kernel_of = |logs: [f64; 3]| {
             let [sigma_se_nt, length_m, sigma_n_nt] = logs.map(f64::exp);
             let length_m = length_m.clamp(shortest_m, longest_m);
-            Kernel { covariance: start.covariance, sigma_se_nt, length_m, sigma_n_nt }
+            AnomalyKernel { covariance: start.covariance, sigma_se_nt, length_m, sigma_n_nt }
         };
         let cost = |logs: [f64; 3]| {
             // A wall beyond which the clamp would leave the likelihood flat.
@@ -84,7 +85,7 @@ fn extent(piece: &[&TrackSample]) -> f64 {
     side(0).max(side(1))
 }
 
-fn of_piece(piece: &[&TrackSample], kernel: &Kernel, (sigma_nt, tau_s): (f64, f64)) -> f64 {
+fn of_piece(piece: &[&TrackSample], kernel: &AnomalyKernel, (sigma_nt, tau_s): (f64, f64)) -> f64 {
     let n = piece.len();
     let covariance = |row: usize, column: usize| {
         let (a, b) = (piece[row], piece[column]);

@@ -4,14 +4,14 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use rayon::prelude::*;
 
-use super::basis::{Basis, waves};
+use super::basis::{LaplacianBasis, waves};
 
 /// Samples whose waves are in memory at a time.
 const CHUNK: usize = 2048;
 
-/// A sample as the equations see it.
+/// Row of the normal equations, of one sample.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct TrackMapRow {
     /// East and north, in m.
     pub at_m: [f64; 2],
     /// The value, in nT.
@@ -24,10 +24,10 @@ pub struct Row {
 
 /// Sums over the samples: all that the equations need of them, of a size that does not grow with their number.
 ///
-/// A product of two sines is a difference of two cosines, so that ΦᵀWΦ has as many different entries as there are sums and
-/// differences of half waves: four a function, not one a pair. [Viset, Kullberg, Wesel & Solin 2024]
+/// A product of two sines is a difference of two cosines, so that ΦᵀWΦ has as many different entries as there are sums
+/// and differences of half waves: four a function, not one a pair. [Viset, Kullberg, Wesel & Solin 2024]
 #[derive(Clone, Debug)]
-pub struct Sums {
+pub struct TrackMapSums {
     /// Σ w cos(p θ₁) cos(q θ₂), by p and then q, each up to twice the most half waves.
     cosines: Vec<f64>,
     /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each additional column and, last, for the values; by j₁, column, j₂.
@@ -37,9 +37,9 @@ pub struct Sums {
     columns: usize,
 }
 
-impl Sums {
+impl TrackMapSums {
     /// Sums over all rows. `columns` is the number of additional columns. The same bits on any number of threads.
-    pub fn of(basis: &Basis, rows: &[Row], columns: usize) -> Self {
+    pub fn new(basis: &LaplacianBasis, rows: &[TrackMapRow], columns: usize) -> Self {
         let [p, q] = basis.most.map(|most| 2 * most + 1);
         let [m1, m2] = basis.most;
         let all = columns + 1;
@@ -79,7 +79,7 @@ impl Sums {
     }
 
     /// (ΦᵀWΦ)ⱼₖ, without the scales of the functions.
-    fn pair(&self, basis: &Basis, j: usize, k: usize) -> f64 {
+    fn pair(&self, basis: &LaplacianBasis, j: usize, k: usize) -> f64 {
         let q = 2 * basis.most[1] + 1;
         let ([j1, j2], [k1, k2]) = (basis.functions[j], basis.functions[k]);
         let at = |east: usize, north: usize| self.cosines[east * q + north];
@@ -88,13 +88,13 @@ impl Sums {
     }
 
     /// (ΦᵀWH)ⱼ of an additional column.
-    fn cross(&self, basis: &Basis, j: usize, column: usize) -> f64 {
+    fn cross(&self, basis: &LaplacianBasis, j: usize, column: usize) -> f64 {
         let ([j1, j2], m2) = (basis.functions[j], basis.most[1]);
         self.sines[((j1 - 1) * (self.columns + 1) + column) * m2 + j2 - 1]
     }
 }
 
-impl Row {
+impl TrackMapRow {
     /// Its entries, the value behind the others.
     fn entries(&self, columns: usize) -> impl Iterator<Item = (usize, f64)> {
         self.beside.iter().copied().chain([(columns, self.value_nt)])
@@ -107,8 +107,8 @@ fn add(to: &mut [f64], factor: f64, of: &[f64]) {
     }
 }
 
-/// The weights that the samples leave.
-pub struct Solution {
+/// Solution of the normal equations, with the factor of their matrix.
+pub struct TrackMapSolution {
     factor: faer::linalg::solvers::Llt<f64>,
     /// The weights of the functions, with their scales, in nT.
     pub weights_nt: Vec<f64>,
@@ -116,10 +116,10 @@ pub struct Solution {
     pub beside: Vec<f64>,
 }
 
-impl Solution {
+impl TrackMapSolution {
     /// Solves (Λ⁻¹ + AᵀWA) x = AᵀWy, where A holds the functions and the additional columns, and `prior` is the inverse
     /// covariance of the latter by rows. `None` if the matrix is not positive.
-    pub fn of(basis: &Basis, sums: &Sums, prior: &[f64]) -> Option<Self> {
+    pub fn solve(basis: &LaplacianBasis, sums: &TrackMapSums, prior: &[f64]) -> Option<Self> {
         let (m, columns) = (basis.functions.len(), sums.columns);
         let (all, scales) = (columns + 1, &basis.scales_nt);
         let mut matrix = Mat::<f64>::zeros(m + columns, m + columns);
@@ -149,7 +149,7 @@ impl Solution {
     }
 
     /// Variance of the sum of the field and the first additional column, as a sum of cosines and one of sines.
-    pub fn variance(&self, basis: &Basis) -> Variance {
+    pub fn variance(&self, basis: &LaplacianBasis) -> FieldVariance {
         let (m, [p, q]) = (basis.functions.len(), basis.most.map(|most| 2 * most + 1));
         let inverse = self.factor.inverse();
         let mut cosines = vec![0.0; p * q];
@@ -170,12 +170,12 @@ impl Solution {
         let with_level = (0..m)
             .map(|j| if self.beside.is_empty() { 0.0 } else { 2.0 * basis.scales_nt[j] * inverse[(m, j)] })
             .collect();
-        Variance { cosines, with_level, level_nt2 }
+        FieldVariance { cosines, with_level, level_nt2 }
     }
 }
 
-/// The variance of the field by place.
-pub struct Variance {
+/// Variance of the field as a function of position.
+pub struct FieldVariance {
     /// The factors of cos(p θ₁) cos(q θ₂), in nT².
     pub cosines: Vec<f64>,
     /// Those of the functions, without their scales.

@@ -1,14 +1,14 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::*;
-use crate::navigation::slam::Covariance;
-use crate::random::Normals;
+use crate::navigation::slam::CovarianceFunction;
+use crate::random::NormalGenerator;
 
-fn kernel(covariance: Covariance) -> Kernel {
-    Kernel { covariance, sigma_se_nt: 40.0, length_m: 600.0, sigma_n_nt: 1.0 }
+fn kernel(covariance: CovarianceFunction) -> AnomalyKernel {
+    AnomalyKernel { covariance, sigma_se_nt: 40.0, length_m: 600.0, sigma_n_nt: 1.0 }
 }
 
-fn fixed(kernel: Kernel) -> TrackMapParameters {
+fn fixed(kernel: AnomalyKernel) -> TrackMapParameters {
     TrackMapParameters {
         kernel,
         hyperparameters: HyperparameterSource::Fixed,
@@ -22,14 +22,14 @@ fn fixed(kernel: Kernel) -> TrackMapParameters {
 struct Field(Vec<[f64; 4]>);
 
 impl Field {
-    fn drawn(kernel: &Kernel, seed: u64) -> Self {
-        let mut normals = Normals::new(seed);
+    fn drawn(kernel: &AnomalyKernel, seed: u64) -> Self {
+        let mut normals = NormalGenerator::new(seed);
         let count = 3000;
         let wave = |_| {
             let freedom = match kernel.covariance {
-                Covariance::Matern52 => 5,
-                Covariance::Matern32 => 3,
-                Covariance::SquaredExponential => 0,
+                CovarianceFunction::Matern52 => 5,
+                CovarianceFunction::Matern32 => 3,
+                CovarianceFunction::SquaredExponential => 0,
             };
             // Student's t, whose characteristic function the Matérn covariance is.
             let chi2: f64 = (0..freedom).map(|_| normals.draw().powi(2)).sum();
@@ -77,7 +77,7 @@ fn axis(first: f64, step: f64, len: usize) -> EvenAxis {
 }
 
 /// Mean and variance of the field and level at some places, by all pairs of samples.
-fn dense(kernel: &Kernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Vec<(f64, f64)> {
+fn dense(kernel: &AnomalyKernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Vec<(f64, f64)> {
     let n = samples.len();
     let apart2 = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
     let k = |a: [f64; 2], b: [f64; 2]| kernel.anomaly_nt2(apart2(a, b)) + kernel.mean_nt2();
@@ -94,23 +94,25 @@ fn dense(kernel: &Kernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Vec<(f64,
 
 #[test]
 fn law_the_map_is_that_of_the_regression_on_all_pairs() {
-    for covariance in [Covariance::SquaredExponential, Covariance::Matern52, Covariance::Matern32] {
+    for covariance in
+        [CovarianceFunction::SquaredExponential, CovarianceFunction::Matern52, CovarianceFunction::Matern32]
+    {
         let kernel = kernel(covariance);
         let field = Field::drawn(&kernel, 3);
-        let mut normals = Normals::new(8);
+        let mut normals = NormalGenerator::new(8);
         let mut samples = lines(3000.0, 500.0, 120.0);
         for sample in &mut samples {
             sample.variance_nt2 = if sample.at_m[0] > 1500.0 { 9.0 } else { 0.0 };
             let sd_nt = (sample.variance_nt2 + 1.0).sqrt();
             sample.value_nt = 70.0 + field.at(sample.at_m) + sd_nt * normals.draw();
         }
-        let map = TrackMap::of(&fixed(kernel), &samples).unwrap();
+        let map = TrackMap::new(&fixed(kernel), &samples).unwrap();
         let (east, north) = (axis(-130.0, 170.0, 20), axis(-130.0, 170.0, 20));
         let nodes = map.on(east, north);
         let at: Vec<[f64; 2]> =
             north.coordinates().iter().flat_map(|n| east.coordinates().into_iter().map(|e| [e, *n])).collect();
-        // By theory the mean is off by the waves that lack, √lacking of the variance where nothing is measured, and by the
-        // boundary, k(4 l) at the outermost samples.
+        // By theory the mean is off by the waves that lack, √lacking of the variance where nothing is measured, and by
+        // the boundary, k(4 l) at the outermost samples.
         let tolerance = 3.0 * map.report.lacking.sqrt() * 40.0 + 0.15;
         let (mut worst, mut worst_sd) = (0.0_f64, 0.0_f64);
         for (node, (value, variance)) in nodes.iter().zip(dense(&kernel, &samples, &at)) {
@@ -127,16 +129,16 @@ fn law_the_map_is_that_of_the_regression_on_all_pairs() {
 
 #[test]
 fn law_the_standard_deviation_is_that_of_the_error() {
-    let kernel = kernel(Covariance::Matern52);
+    let kernel = kernel(CovarianceFunction::Matern52);
     let (mut within, mut squares, mut count) = (0, 0.0, 0);
     for seed in 0..6 {
         let field = Field::drawn(&kernel, seed);
-        let mut normals = Normals::new(100 + seed);
+        let mut normals = NormalGenerator::new(100 + seed);
         let mut samples = lines(4000.0, 500.0, 100.0);
         for sample in &mut samples {
             sample.value_nt = field.at(sample.at_m) - 500.0 + normals.draw();
         }
-        let map = TrackMap::of(&fixed(kernel), &samples).unwrap();
+        let map = TrackMap::new(&fixed(kernel), &samples).unwrap();
         let (east, north) = (axis(30.0, 90.0, 44), axis(30.0, 90.0, 44));
         for (place, node) in map.on(east, north).iter().enumerate() {
             let at_m = [east.at((place % 44) as f64), north.at((place / 44) as f64)];
@@ -154,13 +156,13 @@ fn law_the_standard_deviation_is_that_of_the_error() {
 
 #[test]
 fn law_an_error_of_the_position_is_in_the_standard_deviation() {
-    let kernel = kernel(Covariance::Matern52);
+    let kernel = kernel(CovarianceFunction::Matern52);
     // All of the track is off by one error; or each line by its own.
     for own in [false, true] {
         let (mut within, mut blind, mut count) = (0, 0, 0);
         for seed in 0..10 {
             let field = Field::drawn(&kernel, 50 + seed);
-            let mut normals = Normals::new(200 + seed);
+            let mut normals = NormalGenerator::new(200 + seed);
             let mut samples = lines(4000.0, 500.0, 100.0);
             let (sd_m, mut off_m, mut line) = (60.0, [0.0; 2], usize::MAX);
             for sample in &mut samples {
@@ -172,10 +174,10 @@ fn law_an_error_of_the_position_is_in_the_standard_deviation() {
                 sample.value_nt = field.at(truly_m) + normals.draw();
                 sample.position_m2 = [sd_m * sd_m, sd_m * sd_m, 0.0];
             }
-            let map = TrackMap::of(&fixed(kernel), &samples).unwrap();
+            let map = TrackMap::new(&fixed(kernel), &samples).unwrap();
             let naive: Vec<TrackSample> =
                 samples.iter().map(|sample| TrackSample { position_m2: [0.0; 3], ..*sample }).collect();
-            let naive = TrackMap::of(&fixed(kernel), &naive).unwrap();
+            let naive = TrackMap::new(&fixed(kernel), &naive).unwrap();
             let (east, north) = (axis(30.0, 90.0, 44), axis(30.0, 90.0, 44));
             for (place, (node, naive)) in map.on(east, north).iter().zip(naive.on(east, north)).enumerate() {
                 let at_m = [east.at((place % 44) as f64), north.at((place / 44) as f64)];
@@ -193,9 +195,9 @@ fn law_an_error_of_the_position_is_in_the_standard_deviation() {
 
 #[test]
 fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
-    let kernel = kernel(Covariance::Matern52);
+    let kernel = kernel(CovarianceFunction::Matern52);
     let field = Field::drawn(&kernel, 20);
-    let mut normals = Normals::new(21);
+    let mut normals = NormalGenerator::new(21);
     let mut samples = lines(4000.0, 500.0, 100.0);
     let mut ties = samples.clone();
     let lines_count = samples.iter().map(|sample| sample.line + 1).max().unwrap();
@@ -216,7 +218,7 @@ fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
             })
             .collect();
         let rms = |parameters: TrackMapParameters| {
-            let map = TrackMap::of(&parameters, &disturbed).unwrap();
+            let map = TrackMap::new(&parameters, &disturbed).unwrap();
             let (east, north) = (axis(220.0, 180.0, 20), axis(220.0, 180.0, 20));
             let errors: Vec<f64> = map
                 .on(east, north)
@@ -240,16 +242,16 @@ fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
 
 #[test]
 fn law_the_kernel_that_is_fitted_is_that_of_the_field() {
-    let truth = Kernel { sigma_n_nt: 2.0, ..kernel(Covariance::Matern52) };
+    let truth = AnomalyKernel { sigma_n_nt: 2.0, ..kernel(CovarianceFunction::Matern52) };
     let field = Field::drawn(&truth, 31);
-    let mut normals = Normals::new(32);
+    let mut normals = NormalGenerator::new(32);
     let mut samples = lines(12_000.0, 1000.0, 60.0);
     for sample in &mut samples {
         sample.value_nt = field.at(sample.at_m) + 2.0 * normals.draw() + 7.0 * sample.line as f64;
     }
-    let start = Kernel { sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0, ..truth };
+    let start = AnomalyKernel { sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0, ..truth };
     let parameters = TrackMapParameters { hyperparameters: HyperparameterSource::Fitted, ..fixed(start) };
-    let map = TrackMap::of(&parameters, &samples).unwrap();
+    let map = TrackMap::new(&parameters, &samples).unwrap();
     let found = map.report.kernel;
     println!("{found:?} {} functions, {}", map.report.functions, map.report.lacking);
     assert!(map.report.fitted);
@@ -260,7 +262,7 @@ fn law_the_kernel_that_is_fitted_is_that_of_the_field() {
 
 #[test]
 fn law_threads_change_no_bit() {
-    let kernel = kernel(Covariance::Matern52);
+    let kernel = kernel(CovarianceFunction::Matern52);
     let field = Field::drawn(&kernel, 40);
     let mut samples = lines(3000.0, 600.0, 100.0);
     for sample in &mut samples {
@@ -275,7 +277,7 @@ fn law_threads_change_no_bit() {
     };
     let bits = |threads: usize| -> Vec<[u64; 2]> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let map = pool.install(|| TrackMap::of(&parameters, &samples).unwrap());
+        let map = pool.install(|| TrackMap::new(&parameters, &samples).unwrap());
         let nodes = pool.install(|| map.on(axis(0.0, 100.0, 30), axis(0.0, 100.0, 30)));
         nodes.iter().map(|node| [node.value_nt.to_bits(), node.sd_nt.to_bits()]).collect()
     };
@@ -284,16 +286,16 @@ fn law_threads_change_no_bit() {
 
 #[test]
 fn unit_what_makes_no_map_is_refused() {
-    let kernel = kernel(Covariance::Matern52);
-    assert_eq!(TrackMap::of(&fixed(kernel), &[]).err(), Some(TrackMapError::Nothing));
-    let wrong = Kernel { length_m: 0.0, ..kernel };
+    let kernel = kernel(CovarianceFunction::Matern52);
+    assert_eq!(TrackMap::new(&fixed(kernel), &[]).err(), Some(TrackMapError::Nothing));
+    let wrong = AnomalyKernel { length_m: 0.0, ..kernel };
     let samples = lines(1000.0, 500.0, 100.0);
-    assert!(matches!(TrackMap::of(&fixed(wrong), &samples), Err(TrackMapError::Parameter(_))));
+    assert!(matches!(TrackMap::new(&fixed(wrong), &samples), Err(TrackMapError::Parameter(_))));
     let far = lines(100_000.0, 50_000.0, 10_000.0);
-    let fault = TrackMap::of(&fixed(kernel), &far).err().unwrap();
+    let fault = TrackMap::new(&fixed(kernel), &far).err().unwrap();
     assert!(fault.to_string().contains("is too large"), "{fault}");
     // One sample has a level and no more; beyond the rectangle there is nothing.
-    let one = TrackMap::of(
+    let one = TrackMap::new(
         &TrackMapParameters { hyperparameters: HyperparameterSource::Fitted, temporal: (1.0, 60.0), ..fixed(kernel) },
         &[TrackSample { value_nt: 12.0, ..samples[0] }],
     )

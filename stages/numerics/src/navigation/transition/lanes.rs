@@ -9,10 +9,10 @@ use pulp::{Simd, bytemuck};
 use super::{DECAYING, STATES, StateMatrix, StateVector};
 use crate::navigation::pinson::{A_HAT, ALT, LAT, LON, S, TILT_D, TILT_E, TILT_N, VD, VE, VN};
 
-/// A vector over the states, in every lane one.
-pub(crate) type Vectors<S> = [<S as Simd>::f64s; STATES];
-/// A matrix over the states, in every lane one.
-pub(crate) type Matrices<S> = [Vectors<S>; STATES];
+/// Vector over the states for each lane.
+pub(crate) type StateVectorLanes<S> = [<S as Simd>::f64s; STATES];
+/// Matrix over the states for each lane.
+pub(crate) type StateMatrixLanes<S> = [StateVectorLanes<S>; STATES];
 
 /// The states that depend on others.
 const COUPLED: [usize; COUPLED_STATES] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
@@ -22,16 +22,16 @@ const LON_PLACE: usize = 1;
 
 /// The nonzero entries of a transition matrix.
 #[derive(Clone, Debug)]
-pub(crate) struct Transition {
+pub(crate) struct TransitionEntries {
     /// By column, the entries of the coupled rows.
     columns: [[f64; COUPLED_STATES]; STATES],
     /// Diagonal of the rows of the Gauss-Markov states.
     decay: StateVector,
 }
 
-impl Transition {
+impl TransitionEntries {
     #[inline(always)]
-    pub(crate) fn of(phi: &StateMatrix) -> Self {
+    pub(crate) fn from_matrix(phi: &StateMatrix) -> Self {
         let (mut columns, mut decay) = ([[0.0; COUPLED_STATES]; STATES], [0.0; STATES]);
         for (place, row) in COUPLED.into_iter().enumerate() {
             for (column, entry) in columns.iter_mut().zip(&phi[row]) {
@@ -62,7 +62,11 @@ pub(crate) fn from_lanes<S: Simd>(simd: S, mut of: impl FnMut(usize) -> f64) -> 
 
 /// The first `PLACES` coupled rows of Φ times a vector.
 #[inline(always)]
-fn coupled<S: Simd, const PLACES: usize>(simd: S, phi: &Transition, x: &Vectors<S>) -> [S::f64s; PLACES] {
+fn coupled<S: Simd, const PLACES: usize>(
+    simd: S,
+    phi: &TransitionEntries,
+    x: &StateVectorLanes<S>,
+) -> [S::f64s; PLACES] {
     let mut sums = [simd.splat_f64s(0.0); PLACES];
     sums[LON_PLACE] = x[LON];
     add_column(simd, &mut sums, &phi.columns[LAT], x[LAT]);
@@ -86,7 +90,7 @@ fn add_column<S: Simd, const PLACES: usize>(
 
 /// The decay of every Gauss-Markov state, in their order, that of the temporal variation by lane.
 #[inline(always)]
-fn decays<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s) -> [S::f64s; DECAYING.len()] {
+fn decays<S: Simd>(simd: S, phi: &TransitionEntries, fogm_decay: S::f64s) -> [S::f64s; DECAYING.len()] {
     let mut decays = [fogm_decay; DECAYING.len()];
     for (decay, state) in decays.iter_mut().zip(DECAYING) {
         if state != S {
@@ -98,7 +102,12 @@ fn decays<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s) -> [S::f64s; 
 
 /// x ← Φ x. `fogm_decay` replaces the diagonal entry of the temporal variation.
 #[inline(always)]
-pub(crate) fn propagate_states<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, x: &mut Vectors<S>) {
+pub(crate) fn propagate_states<S: Simd>(
+    simd: S,
+    phi: &TransitionEntries,
+    fogm_decay: S::f64s,
+    x: &mut StateVectorLanes<S>,
+) {
     let moved: [S::f64s; COUPLED_STATES] = coupled(simd, phi, x);
     for (state, moved) in COUPLED.into_iter().zip(moved) {
         x[state] = moved;
@@ -110,7 +119,12 @@ pub(crate) fn propagate_states<S: Simd>(simd: S, phi: &Transition, fogm_decay: S
 
 /// P ← Φ P Φᵀ of a symmetric P, exactly symmetric. `fogm_decay` replaces the diagonal entry of the temporal variation.
 #[inline(always)]
-pub(crate) fn propagate_covariances<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, p: &mut Matrices<S>) {
+pub(crate) fn propagate_covariances<S: Simd>(
+    simd: S,
+    phi: &TransitionEntries,
+    fogm_decay: S::f64s,
+    p: &mut StateMatrixLanes<S>,
+) {
     // The coupled rows of Y = Φ P. P is its own transpose, so a column of it lies in a row.
     let mut y = [[simd.splat_f64s(0.0); STATES]; COUPLED_STATES];
     for (state, p) in p.iter().enumerate() {
@@ -154,7 +168,7 @@ fn fill<V: Copy>(p: &mut [[V; STATES]; STATES], place: usize, entries: &[V]) {
 
 /// Adds a multiple of a vector to the diagonal.
 #[inline(always)]
-pub(crate) fn add_diagonals<S: Simd>(simd: S, p: &mut Matrices<S>, factor: f64, entries: &Vectors<S>) {
+pub(crate) fn add_diagonals<S: Simd>(simd: S, p: &mut StateMatrixLanes<S>, factor: f64, entries: &StateVectorLanes<S>) {
     let factor = simd.splat_f64s(factor);
     for (state, entry) in entries.iter().enumerate() {
         p[state][state] = simd.add_f64s(p[state][state], simd.mul_f64s(*entry, factor));
@@ -163,7 +177,7 @@ pub(crate) fn add_diagonals<S: Simd>(simd: S, p: &mut Matrices<S>, factor: f64, 
 
 /// Adds the same matrix in every lane.
 #[inline(always)]
-pub(crate) fn add_to_all<S: Simd>(simd: S, p: &mut Matrices<S>, matrix: &StateMatrix) {
+pub(crate) fn add_to_all<S: Simd>(simd: S, p: &mut StateMatrixLanes<S>, matrix: &StateMatrix) {
     for (p, row) in p.iter_mut().zip(matrix) {
         for (p, entry) in p.iter_mut().zip(row) {
             *p = simd.add_f64s(*p, simd.splat_f64s(*entry));

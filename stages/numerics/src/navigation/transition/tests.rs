@@ -20,7 +20,7 @@ fn cases() -> [(&'static str, StateMatrix); 2] {
 
 /// Spectral densities of the reference's process noise: MagNav.jl's defaults.
 fn density() -> StateVector {
-    crate::navigation::ins_error::InsErrorModel::of(crate::navigation::ins_error::InsErrors {
+    crate::navigation::ins_error::InsErrorModel::from_sources(crate::navigation::ins_error::InsErrors {
         vrw_sigma: 2.38e-4,
         arw_sigma: 5.81e-7,
         ..Default::default()

@@ -7,7 +7,7 @@ use super::{NONLINEAR, UkfParameters};
 
 /// A field regressed over the uncertainty of a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Regression {
+pub(crate) struct FieldRegression {
     /// The mean of the field, in nT.
     pub(crate) mean_nt: f64,
     /// Its change with latitude, longitude (nT/rad) and height (nT/m).
@@ -16,7 +16,7 @@ pub(crate) struct Regression {
     pub(crate) remainder_nt2: f64,
 }
 
-impl Regression {
+impl FieldRegression {
     /// The first order of a field at its place.
     #[inline(always)]
     pub(crate) fn at(field: &FieldValue) -> Self {
@@ -25,9 +25,9 @@ impl Regression {
     }
 }
 
-/// Positions and weights of the points.
+/// Distance and weights of the sigma points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Spread {
+pub(crate) struct SigmaPoints {
     /// The distance c of the points, in standard deviations.
     pub(crate) sigmas: f64,
     /// β − α².
@@ -38,8 +38,8 @@ pub(crate) struct Spread {
 /// exact: a smaller share is rounding.
 const ROUNDING: f64 = 1e-13;
 
-impl Spread {
-    pub(crate) fn of(parameters: &UkfParameters) -> Self {
+impl SigmaPoints {
+    pub(crate) fn from_parameters(parameters: &UkfParameters) -> Self {
         let UkfParameters { alpha, beta, kappa, .. } = *parameters;
         Self { sigmas: alpha * (NONLINEAR as f64 + kappa).sqrt(), beyond: beta - alpha * alpha }
     }
@@ -53,7 +53,7 @@ impl Spread {
         p: &StateMatrix,
         centre_nt: f64,
         mut value_at: impl FnMut([f64; NONLINEAR]) -> Option<f64>,
-    ) -> Option<Regression> {
+    ) -> Option<FieldRegression> {
         let root = cholesky(p);
         let (mut first, mut sum, mut squares) = ([0.0; NONLINEAR], 0.0, 0.0);
         for (direction, first) in first.iter_mut().enumerate() {
@@ -70,7 +70,7 @@ impl Spread {
         let shift_nt = sum / square;
         // At least 0 but for rounding.
         let remainder_nt2 = (squares / square + self.beyond * shift_nt * shift_nt).max(0.0);
-        Some(Regression { mean_nt: centre_nt + shift_nt, slope: solve_transposed(&root, first), remainder_nt2 })
+        Some(FieldRegression { mean_nt: centre_nt + shift_nt, slope: solve_transposed(&root, first), remainder_nt2 })
     }
 }
 

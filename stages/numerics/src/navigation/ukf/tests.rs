@@ -3,11 +3,13 @@ use std::sync::Arc;
 
 use super::*;
 use crate::earth::core_field::CoreField;
-use crate::navigation::flights::{FLIGHTS, Flight, Small, chi_square, ensemble, golden_map, known, plane};
+use crate::navigation::flights::{
+    FLIGHTS, OsborneFlight, OwnedNavigationLine, chi_square, ensemble, golden_map, known, plane,
+};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix};
 use crate::navigation::transition::NoiseDiscretisation;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use nalgebra::{SMatrix, SVector};
 
 fn all() -> UkfParameters {
@@ -20,7 +22,7 @@ fn compatible() -> InsErrorModel {
 
 /// A covariance of unlike scales, correlated, by a seed.
 fn covariance(seed: u64) -> StateMatrix {
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let root = SMatrix::<f64, STATES, STATES>::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
     let p = root * root.transpose();
     std::array::from_fn(|row| std::array::from_fn(|column| p[(row, column)]))
@@ -28,7 +30,7 @@ fn covariance(seed: u64) -> StateMatrix {
 
 #[test]
 fn law_over_a_plane_it_is_the_ekf() {
-    let (line, map) = (Small::golden(3.0), plane());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), plane());
     let ins = line.series();
     let core = Arc::new(CoreField::at(2020.5).unwrap());
     let total: Vec<f64> = line.measurement_nt.iter().map(|z| z + 53_000.0).collect();
@@ -53,7 +55,7 @@ fn law_over_a_plane_it_is_the_ekf() {
 fn law_a_quadratic_field_has_its_moments() {
     // With c² = 2 and β = α² the variance is exact where the second derivatives are diagonal along the points.
     for (alpha, kappa, beta) in [(1.0, -1.0, 1.0), (0.5, 5.0, 0.25)] {
-        let spread = Spread::of(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
+        let spread = SigmaPoints::from_parameters(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
         let p = covariance(7);
         let root = points::cholesky(&p);
         let root = SMatrix::<f64, 3, 3>::from_fn(|row, column| root[row][column]);
@@ -82,7 +84,7 @@ fn law_the_defaults_get_a_cubic_field_right() {
     // E[y · y³] = 3 σ⁴: the slope of a y³ is 3 a σ², its mean 0; of a y⁴ the mean is 3 a σ⁴.
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1], p[2][2]) = (4.0, 0.25, 9.0);
-    let spread = Spread::of(&UkfParameters::default());
+    let spread = SigmaPoints::from_parameters(&UkfParameters::default());
     for state in 0..3 {
         let variance = p[state][state];
         let cubic = spread.regression(&p, 0.0, |away| Some(0.3 * away[state].powi(3))).unwrap();
@@ -126,9 +128,9 @@ fn law_the_transform_of_the_position_is_that_of_all_states() {
         |lat: f64, lon: f64, alt: f64| 20.0 * (30.0 * lat).sin() + 7.0 * (8.0 * lon + 0.4).cos() - 0.5 * lat * alt;
     for (seed, alpha, beta, kappa) in [(1, 1.0, 1.0, 0.0), (2, 0.8, 2.0, 0.5), (3, 1.3, 1.5, -0.5)] {
         let p = covariance(seed);
-        let spread = Spread::of(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
+        let spread = SigmaPoints::from_parameters(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
         let found = spread.regression(&p, field(0.0, 0.0, 0.0), |[a, b, c]| Some(field(a, b, c))).unwrap();
-        let estimate = Estimate { x: [0.0; STATES], p };
+        let estimate = StateEstimate { x: [0.0; STATES], p };
         let at = estimate.linearised(Sensitivity::of_slope(found.slope));
         // The same α and c² = α² (3 + κ) of 18 states.
         let (mean, variance, shared) =
@@ -148,7 +150,7 @@ fn law_the_bend_of_a_field_without_a_preferred_direction_is_taken_as_documented(
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1]) = (4.0, 4.0);
     for beta in [0.75, 1.0, 2.0] {
-        let spread = Spread::of(&UkfParameters { beta, ..UkfParameters::default() });
+        let spread = SigmaPoints::from_parameters(&UkfParameters { beta, ..UkfParameters::default() });
         let waves = 16;
         let of_wave = |wave: i32| {
             let (sin, cos) = (std::f64::consts::PI * f64::from(wave) / f64::from(waves)).sin_cos();
@@ -163,7 +165,7 @@ fn law_the_bend_of_a_field_without_a_preferred_direction_is_taken_as_documented(
 
 #[test]
 fn law_the_remainder_is_never_negative() {
-    let mut normals = Normals::new(5);
+    let mut normals = NormalGenerator::new(5);
     for seed in 0..50 {
         let (alpha, kappa) = (0.1 + normals.draw().abs(), -2.9 + normals.draw().abs());
         let beta = -alpha * alpha * kappa / 3.0;
@@ -171,7 +173,7 @@ fn law_the_remainder_is_never_negative() {
         parameters.check().unwrap();
         let bends: [f64; 3] = std::array::from_fn(|_| if seed % 2 == 0 { 1.0 } else { normals.draw() });
         let field = |away: [f64; 3]| Some(away.iter().zip(bends).map(|(y, bend)| bend * y * y).sum());
-        let spread = Spread { sigmas: alpha * (3.0 + kappa).sqrt(), beyond: beta - alpha * alpha };
+        let spread = SigmaPoints { sigmas: alpha * (3.0 + kappa).sqrt(), beyond: beta - alpha * alpha };
         let (mut p, mut squares) = ([[0.0; STATES]; STATES], 0.0);
         for (state, bend) in bends.into_iter().enumerate() {
             p[state][state] = 1.0;
@@ -198,7 +200,7 @@ fn law_the_filter_is_as_good_as_it_says() {
     // All epochs together, in the 99.9 % band, as neighbouring epochs are not quite independent.
     let (all, sum) = (2.0 * n * epochs.len() as f64, n * nees.iter().sum::<f64>());
     assert!((chi_square(all, -3.29)..=chi_square(all, 3.29)).contains(&sum), "{}", sum / all);
-    let nis = |run: &crate::navigation::flights::Filtered| run.ukf.navigation.nis.iter().sum::<f64>();
+    let nis = |run: &crate::navigation::flights::FlightEstimates| run.ukf.navigation.nis.iter().sum::<f64>();
     let nis = ensemble().iter().map(nis).sum::<f64>() / (n * f64::from(crate::navigation::flights::SAMPLES));
     // The mean of 216,000 has a standard deviation of 0.003; the second order is taken 9/8 too large.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
@@ -210,7 +212,7 @@ fn law_a_wide_prior_is_held_better_than_by_the_ekf() {
     let (mut ekf, mut ukf) = ([0.0; 2], [0.0; 2]);
     let flights = 60_u64;
     for seed in 0..flights {
-        let flight = Flight::flown(300 + seed, 400, 1.0, InsErrorModel::of(wide));
+        let flight = OsborneFlight::flown(300 + seed, 400, 1.0, InsErrorModel::from_sources(wide));
         let (measured, sigma) = (flight.measured(seed, 5.0), vec![5.0; 400]);
         let ins = flight.ins.series();
         let line = flight.line(&ins, &measured, &sigma);
@@ -238,7 +240,7 @@ fn law_a_wide_prior_is_held_better_than_by_the_ekf() {
 
 #[test]
 fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
-    let (mut line, map) = (Small::golden(3.0), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     for row in [0, 4, 5] {
         line.measurement_nt[row] = f64::NAN;
     }
@@ -265,7 +267,7 @@ fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
 #[test]
 fn law_at_the_edge_of_the_map_it_is_the_ekf() {
     // 1 m inside the map's south edge, with 3 m of uncertainty.
-    let (line, map) = (Small::golden(3.0).thinned(|row| row == 0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0).thinned(|row| row == 0), golden_map());
     let mut line = line;
     line.columns[1][0] = (0.70_f64 + 1.6e-7).to_degrees();
     line.measurement_nt[0] = 100.0;
@@ -283,10 +285,10 @@ fn law_at_the_edge_of_the_map_it_is_the_ekf() {
 
 #[test]
 fn law_a_position_known_exactly_stays_and_a_flat_map_moves_only_the_temporal_variation() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let exact = InsErrors { init_position_sigma_m: 0.0, init_altitude_sigma_m: 0.0, ..InsErrors::default() };
-    let output = run(&all(), &line.line(&ins, &map, InsErrorModel::of(exact))).unwrap();
+    let output = run(&all(), &line.line(&ins, &map, InsErrorModel::from_sources(exact))).unwrap();
     assert_eq!((output.navigation.report.updates, output.linearised), (20, 0));
     assert!(output.navigation.x[0][..S].iter().all(|x| *x == 0.0) && output.navigation.x[0][S] != 0.0);
     assert_eq!(output.nonlinear_sd_nt[0], 0.0);
@@ -295,7 +297,7 @@ fn law_a_position_known_exactly_stays_and_a_flat_map_moves_only_the_temporal_var
         let grid = crate::maps::map_surface::GeographicGrid::new(&[40.0, 40.2], &[-75.0, -74.0], &[10.0; 4]);
         *map = crate::maps::map_surface::MapSurface::new(&grid.unwrap(), map.interpolation());
     }
-    let level = Small { measurement_nt: vec![14.0; 20], ..line.clone() };
+    let level = OwnedNavigationLine { measurement_nt: vec![14.0; 20], ..line.clone() };
     let last = run(&all(), &level.line(&ins, &flat, InsErrorModel::default())).unwrap().navigation;
     for (state, x) in last.x[19][..S].iter().enumerate() {
         // Equal nodes interpolate to 1e-15 of their value.
@@ -306,7 +308,7 @@ fn law_a_position_known_exactly_stays_and_a_flat_map_moves_only_the_temporal_var
 
 #[test]
 fn law_uneven_time_is_the_same_as_leaving_samples_out() {
-    let (mut thinned, map) = (Small::golden(3.0), golden_map());
+    let (mut thinned, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let gone = [3, 4, 5, 9, 15];
     gone.iter().for_each(|row| thinned.measurement_nt[*row] = f64::NAN);
     // Constant INS quantities, so that two short steps are one long one.
@@ -316,7 +318,7 @@ fn law_uneven_time_is_the_same_as_leaving_samples_out() {
     }
     let uneven = thinned.thinned(|row| !gone.contains(&row));
     let errors = InsErrorModel { noise: NoiseDiscretisation::VanLoan, ..InsErrorModel::default() };
-    let of = |line: &Small| run(&all(), &line.line(&line.series(), &map, errors)).unwrap().navigation;
+    let of = |line: &OwnedNavigationLine| run(&all(), &line.line(&line.series(), &map, errors)).unwrap().navigation;
     let (a, b) = (of(&thinned), of(&uneven));
     let kept: Vec<usize> = (0..20).filter(|row| !gone.contains(row)).collect();
     for (place, row) in kept.into_iter().enumerate() {
@@ -328,7 +330,7 @@ fn law_uneven_time_is_the_same_as_leaving_samples_out() {
 
 #[test]
 fn law_the_gate_leaves_out_what_does_not_fit_and_the_offset_is_taken_off() {
-    let (mut line, map) = (Small::golden(3.0), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     line.measurement_nt.iter_mut().for_each(|measured| *measured += 1000.0);
     line.measurement_nt[7] += 500.0;
     let ins = line.series();
@@ -346,11 +348,11 @@ fn law_the_gate_leaves_out_what_does_not_fit_and_the_offset_is_taken_off() {
 
 #[test]
 fn law_covariances_are_symmetric_and_positive() {
-    let (mut line, map) = (Small::golden(1e-3), golden_map());
+    let (mut line, map) = (OwnedNavigationLine::golden(1e-3), golden_map());
     line.measurement_nt[3] += 30.0;
     let ins = line.series();
     let wide = InsErrors { init_position_sigma_m: 100.0, ..InsErrors::default() };
-    for errors in [InsErrorModel::default(), InsErrorModel::of(wide)] {
+    for errors in [InsErrorModel::default(), InsErrorModel::from_sources(wide)] {
         let output = run(&all(), &line.line(&ins, &map, errors)).unwrap().navigation;
         for p in &output.p {
             for (row, entries) in p.iter().enumerate() {
@@ -368,7 +370,7 @@ fn law_covariances_are_symmetric_and_positive() {
 
 #[test]
 fn law_bad_parameters_and_lines_are_refused_in_words() {
-    let (line, map) = (Small::golden(3.0), golden_map());
+    let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let message = |parameters: UkfParameters| {
         run(&parameters, &line.line(&line.series(), &map, compatible())).unwrap_err().to_string()
     };
@@ -378,8 +380,8 @@ fn law_bad_parameters_and_lines_are_refused_in_words() {
     let refused = message(UkfParameters { kappa: -1.5, beta: 0.4, ..usual });
     assert_eq!(refused, "`beta` must be at least -alpha² kappa/3 = 0.5, not 0.4");
     assert_eq!(message(UkfParameters { gate_nis: Some(-1.0), ..usual }), "`gate_nis` must be above 0, not -1");
-    let refused = |change: &dyn Fn(&mut Small)| {
-        let mut line = Small::golden(3.0);
+    let refused = |change: &dyn Fn(&mut OwnedNavigationLine)| {
+        let mut line = OwnedNavigationLine::golden(3.0);
         change(&mut line);
         run(&usual, &line.line(&line.series(), &map, compatible())).unwrap_err().to_string()
     };

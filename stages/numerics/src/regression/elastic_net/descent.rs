@@ -1,16 +1,16 @@
 //! Coordinate descent on covariances, with exact steps over the active terms.
 
-use crate::regression::least_squares::{LeastSquaresError, Prepared, Triangular};
+use crate::regression::least_squares::{LeastSquaresError, ScaledFactor, TriangularSystem};
 
-/// Result of a descent.
-pub(super) struct End {
+/// Convergence of a coordinate descent.
+pub(super) struct DescentResult {
     /// The duality gap, as a fraction of ‖y‖².
     pub(super) gap: f64,
     pub(super) sweeps: usize,
 }
 
-pub(super) struct Descent<'a> {
-    prepared: &'a Prepared,
+pub(super) struct CoordinateDescent<'a> {
+    prepared: &'a ScaledFactor,
     z: &'a [f64],
     /// ‖y‖², including the unexplained part.
     squares: f64,
@@ -24,8 +24,8 @@ pub(super) struct Descent<'a> {
 /// Sweeps over the active terms between two checks of the others and of the gap.
 const SWEEPS_BETWEEN: usize = 3;
 
-impl<'a> Descent<'a> {
-    pub(super) fn new(prepared: &'a Prepared, target: usize) -> Result<Self, LeastSquaresError> {
+impl<'a> CoordinateDescent<'a> {
+    pub(super) fn new(prepared: &'a ScaledFactor, target: usize) -> Result<Self, LeastSquaresError> {
         let z = prepared.along(target)?;
         Ok(Self {
             prepared,
@@ -45,7 +45,7 @@ impl<'a> Descent<'a> {
     /// Minimises ‖y − A b‖²/2 + l1 ‖b‖₁ + l2 ‖b‖²/2 from the last solution.
     ///
     /// Sweeps activate terms; exact steps move active terms to their minimum or deactivate them.
-    pub(super) fn run(&mut self, l1: f64, l2: f64, tolerance: f64, most_sweeps: usize) -> End {
+    pub(super) fn run(&mut self, l1: f64, l2: f64, tolerance: f64, most_sweeps: usize) -> DescentResult {
         let all: Vec<usize> = (0..self.b.len()).collect();
         let mut sweeps = 0;
         let mut gap = self.gap(l1, l2);
@@ -62,7 +62,7 @@ impl<'a> Descent<'a> {
                 gap = self.gap(l1, l2);
             }
         }
-        End { gap, sweeps }
+        DescentResult { gap, sweeps }
     }
 
     fn active(&self) -> Vec<usize> {
@@ -115,7 +115,7 @@ impl<'a> Descent<'a> {
     /// (Rᵀ R + l2) b = Rᵀ z − l1 sign over the active terms, by a QR factorisation of [R; √l2].
     fn exactly(&self, terms: &[usize], l1: f64, l2: f64) -> Option<Vec<f64>> {
         let (p, active) = (self.b.len(), terms.len());
-        let mut triangular = Triangular::new(active);
+        let mut triangular = TriangularSystem::new(active);
         let mut row = vec![0.0; active + 1];
         for (r, z) in self.prepared.factor().chunks_exact(p.max(1)).zip(self.z) {
             for (value, &j) in row.iter_mut().zip(terms) {

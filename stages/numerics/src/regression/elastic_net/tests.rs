@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use crate::reference_csv::{TERMS, columns, model_lines};
 
-fn lines() -> Vec<Moments> {
-    model_lines().iter().map(|line| Moments::of(&line.a, 8, &[&line.y0]).unwrap()).collect()
+fn lines() -> Vec<RegressionMoments> {
+    model_lines().iter().map(|line| RegressionMoments::from_matrix(&line.a, 8, &[&line.y0]).unwrap()).collect()
 }
 
 fn near(one: f64, other: f64, relative: f64, scale: f64) {
@@ -13,16 +13,16 @@ fn near(one: f64, other: f64, relative: f64, scale: f64) {
 
 #[test]
 fn val_fits_equal_scikit_learns() {
-    let all = Moments::merged(&lines()).unwrap();
+    let all = RegressionMoments::merged(&lines()).unwrap();
     let table = columns(include_str!("../../../reference/models/elastic_net.csv"));
     assert_eq!(table["alpha"].len(), 18);
     for (row, &alpha) in table["alpha"].iter().enumerate() {
-        let net = ElasticNet {
+        let net = ElasticNetOptions {
             l1_ratio: table["l1_ratio"][row],
-            scaling: Scaling::None,
+            scaling: ColumnScaling::None,
             intercept: table["centred"][row] == 1.0,
             tolerance: 1e-13,
-            ..ElasticNet::default()
+            ..ElasticNetOptions::default()
         };
         let fit = &net.path(&all, 0, &[alpha]).unwrap()[0];
         // scikit-learn ends at a gap of 1e-14 of ‖y‖², which leaves it coefficients good to some 1e-6.
@@ -35,9 +35,9 @@ fn val_fits_equal_scikit_learns() {
 
 #[test]
 fn val_a_path_equals_scikit_learns() {
-    let all = Moments::merged(&lines()).unwrap();
+    let all = RegressionMoments::merged(&lines()).unwrap();
     let table = columns(include_str!("../../../reference/models/enet_path.csv"));
-    let net = ElasticNet { l1_ratio: 0.7, tolerance: 1e-13, ..ElasticNet::default() };
+    let net = ElasticNetOptions { l1_ratio: 0.7, tolerance: 1e-13, ..ElasticNetOptions::default() };
     let alphas = net.alphas(&all, 0, 12, 1e-3).unwrap();
     let deviations = all.term_deviations();
     for (k, fit) in net.path(&all, 0, &alphas).unwrap().iter().enumerate() {
@@ -53,9 +53,14 @@ fn val_a_path_equals_scikit_learns() {
 fn val_scores_of_left_out_lines_equal_scikit_learns() {
     let lines = lines();
     let table = columns(include_str!("../../../reference/models/enet_cv.csv"));
-    let net = ElasticNet { l1_ratio: 0.7, scaling: Scaling::None, tolerance: 1e-13, ..ElasticNet::default() };
-    let alphas = net.alphas(&Moments::merged(&lines).unwrap(), 0, 10, 1e-3).unwrap();
-    let choice = net.choose(&lines, 0, &alphas, LineScore::MeanSquare).unwrap();
+    let net = ElasticNetOptions {
+        l1_ratio: 0.7,
+        scaling: ColumnScaling::None,
+        tolerance: 1e-13,
+        ..ElasticNetOptions::default()
+    };
+    let alphas = net.alphas(&RegressionMoments::merged(&lines).unwrap(), 0, 10, 1e-3).unwrap();
+    let choice = net.choose(&lines, 0, &alphas, LineScoreMeasure::MeanSquare).unwrap();
     let mut means = Vec::new();
     for (k, alpha) in alphas.iter().enumerate() {
         near(*alpha, table["alpha"][k], 1e-12, 0.0);
@@ -76,8 +81,8 @@ fn val_scores_of_left_out_lines_equal_scikit_learns() {
 fn law_the_conditions_of_a_minimum_hold() {
     // The gradient of the squared residuals by a coefficient equals its penalty. Where the coefficient is zero, it is
     // smaller.
-    let all = Moments::merged(&lines()).unwrap();
-    let net = ElasticNet { l1_ratio: 0.6, tolerance: 1e-14, ..ElasticNet::default() };
+    let all = RegressionMoments::merged(&lines()).unwrap();
+    let net = ElasticNetOptions { l1_ratio: 0.6, tolerance: 1e-14, ..ElasticNetOptions::default() };
     let prepared = all.prepare(net.scaling, true).unwrap();
     let alphas = net.alphas(&all, 0, 30, 1e-4).unwrap();
     let mut zeros = 0;
@@ -103,10 +108,11 @@ fn law_the_conditions_of_a_minimum_hold() {
 
 #[test]
 fn law_without_a_first_order_penalty_it_is_ridge() {
-    let all = Moments::merged(&lines()).unwrap();
-    let net = ElasticNet { l1_ratio: 0.0, tolerance: 1e-18, ..ElasticNet::default() };
+    let all = RegressionMoments::merged(&lines()).unwrap();
+    let net = ElasticNetOptions { l1_ratio: 0.0, tolerance: 1e-18, ..ElasticNetOptions::default() };
     let path = net.path(&all, 0, &[0.3, 0.01]).unwrap();
-    let ridge = all.prepare(Scaling::Standardise, true).unwrap().ridge(&[0.3 * 120.0, 0.01 * 120.0], &TERMS).unwrap();
+    let ridge =
+        all.prepare(ColumnScaling::Standardise, true).unwrap().ridge(&[0.3 * 120.0, 0.01 * 120.0], &TERMS).unwrap();
     for (fit, ridge) in path.iter().zip(&ridge.solutions) {
         for (ours, theirs) in fit.fit.coefficients.iter().zip(&ridge.coefficients[0]) {
             near(*ours, *theirs, 1e-9, 1e-6);
@@ -119,16 +125,16 @@ fn law_without_a_first_order_penalty_it_is_ridge() {
 fn law_badly_conditioned_terms_are_solved_in_few_sweeps() {
     // Thirty terms that differ by 1e-5 of themselves: plain descent needs some 1e10 sweeps.
     let (rows, p) = (400, 30);
-    let mut normals = Normals::new(4);
+    let mut normals = NormalGenerator::new(4);
     let mut row = || {
         let common = normals.draw();
         (0..p).map(|_| common + 1e-5 * normals.draw()).collect::<Vec<f64>>()
     };
     let a: Vec<f64> = (0..rows).flat_map(|_| row()).collect();
-    let mut noise = Normals::new(5);
+    let mut noise = NormalGenerator::new(5);
     let y: Vec<f64> = a.chunks(p).map(|r| 3e4 * (r[0] - r[1]) + r[2] + 0.1 * noise.draw()).collect();
-    let moments = Moments::of(&a, p, &[&y]).unwrap();
-    let net = ElasticNet::default();
+    let moments = RegressionMoments::from_matrix(&a, p, &[&y]).unwrap();
+    let net = ElasticNetOptions::default();
     let alphas = net.alphas(&moments, 0, 60, 1e-6).unwrap();
     let path = net.path(&moments, 0, &alphas).unwrap();
     let sweeps: usize = path.iter().map(|fit| fit.sweeps).sum();
@@ -138,14 +144,14 @@ fn law_badly_conditioned_terms_are_solved_in_few_sweeps() {
 
 #[test]
 fn r12_settings_out_of_range_are_named() {
-    let all = Moments::merged(&lines()).unwrap();
-    let message = |net: ElasticNet, alpha: f64| net.path(&all, 0, &[alpha]).unwrap_err().to_string();
-    let net = |l1_ratio: f64| ElasticNet { l1_ratio, ..ElasticNet::default() };
+    let all = RegressionMoments::merged(&lines()).unwrap();
+    let message = |net: ElasticNetOptions, alpha: f64| net.path(&all, 0, &[alpha]).unwrap_err().to_string();
+    let net = |l1_ratio: f64| ElasticNetOptions { l1_ratio, ..ElasticNetOptions::default() };
     assert!(message(net(1.5), 1.0).contains("l1 ratio of an elastic net must be from 0 to 1, but is 1.5"));
     assert!(message(net(0.5), -1.0).contains("alpha must be a finite number of at least 0, but is -1"));
     assert!(net(0.0).alphas(&all, 0, 5, 1e-3).unwrap_err().to_string().contains("above 0"));
     assert!(net(0.5).path(&all, 1, &[1.0]).unwrap_err().to_string().contains("no target 1"));
-    let few = ElasticNet { sweeps: 1, tolerance: 1e-30, ..ElasticNet::default() };
+    let few = ElasticNetOptions { sweeps: 1, tolerance: 1e-30, ..ElasticNetOptions::default() };
     assert!(message(few, 0.1).contains("allow more sweeps or a larger tolerance"));
     let alphas = net(0.5).alphas(&all, 0, 5, 1e-2).unwrap();
     assert_eq!(

@@ -1,16 +1,16 @@
 //! The sufficient statistics of a line for a sweep of linear models: the factor of [1 | A | Y], without its rows.
 //!
-//! A [`Moments`] is small (p x p), is merged with others in the order of the lines, left out of
+//! A [`RegressionMoments`] is small (p x p), is merged with others in the order of the lines, left out of
 //! them, cut down to some of its terms and targets, and evaluated with any coefficients: no row is
-//! read again. With the columns scaled it becomes a [`Prepared`], from which every model
+//! read again. With the columns scaled it becomes a [`ScaledFactor`], from which every model
 //! is computed.
 
 use rayon::prelude::*;
 
-use super::panel::Triangle;
-use super::{LeastSquaresError, Prepared, QrAccumulator, Scaling, expect};
+use super::panel::QrTriangle;
+use super::{ColumnScaling, LeastSquaresError, QrAccumulator, ScaledFactor, expect};
 
-/// Folds rows into [`Moments`].
+/// Accumulator of rows for the moments of a regression.
 #[derive(Debug, Clone)]
 pub struct MomentsAccumulator {
     qr: QrAccumulator,
@@ -51,15 +51,15 @@ impl MomentsAccumulator {
     }
 
     /// The moments of all rows pushed.
-    pub fn finish(self) -> Moments {
+    pub fn finish(self) -> RegressionMoments {
         let (terms, targets, rows) = (self.qr.terms, self.qr.targets, self.qr.rows);
         let (upper, unexplained) = taken(self.qr.triangle);
-        Moments { rows, terms, targets, upper, unexplained, least: self.least, greatest: self.greatest }
+        RegressionMoments { rows, terms, targets, upper, unexplained, least: self.least, greatest: self.greatest }
     }
 }
 
 /// The triangle and the residuals of the columns that it carries.
-fn taken(mut triangle: Triangle) -> (Vec<f64>, Vec<f64>) {
+fn taken(mut triangle: QrTriangle) -> (Vec<f64>, Vec<f64>) {
     triangle.flush();
     let squares = triangle.squares().to_vec();
     (triangle.upper(), squares)
@@ -68,7 +68,7 @@ fn taken(mut triangle: Triangle) -> (Vec<f64>, Vec<f64>) {
 /// The statistics of rows [A | Y] for linear models: sizes, means, extremes and the triangular factor
 /// of [1 | A | Y].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moments {
+pub struct RegressionMoments {
     rows: usize,
     terms: usize,
     targets: usize,
@@ -96,9 +96,9 @@ impl LinearFit {
     }
 }
 
-/// The residual of a model of a target over some rows.
+/// Statistics of a model's residuals from a target over some rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Residuals {
+pub struct ResidualStatistics {
     /// The number of rows.
     pub rows: usize,
     /// The sum of squared residuals.
@@ -107,12 +107,12 @@ pub struct Residuals {
     pub squares_about_mean: f64,
 }
 
-impl Moments {
+impl RegressionMoments {
     /// The moments of rows in memory: `a` row-major, one slice per target.
     ///
     /// # Errors
-    /// Fails as [`QrAccumulator::of`].
-    pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
+    /// Fails as [`QrAccumulator::from_matrix`].
+    pub fn from_matrix(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut accumulator = MomentsAccumulator::new(terms, targets.len());
         accumulator.push(a, targets)?;
         Ok(accumulator.finish())
@@ -130,7 +130,7 @@ impl Moments {
     pub fn merge(&self, other: &Self) -> Result<Self, LeastSquaresError> {
         expect("the other line's terms", other.terms, self.terms)?;
         expect("the other line's targets", other.targets, self.targets)?;
-        let mut triangle = Triangle::new(1 + self.terms, self.targets);
+        let mut triangle = QrTriangle::new(1 + self.terms, self.targets);
         for part in [self, other] {
             triangle.add_squares(&part.unexplained);
             part.upper.chunks_exact(self.width()).for_each(|row| triangle.push(row));
@@ -197,7 +197,7 @@ impl Moments {
             .chain(terms.iter().map(|t| 1 + t))
             .chain(targets.iter().map(|t| 1 + self.terms + t))
             .collect();
-        let mut triangle = Triangle::new(1 + terms.len(), targets.len());
+        let mut triangle = QrTriangle::new(1 + terms.len(), targets.len());
         let left: Vec<f64> = targets.iter().map(|&t| self.unexplained[t]).collect();
         triangle.add_squares(&left);
         for row in self.upper.chunks_exact(self.width()) {
@@ -227,7 +227,7 @@ impl Moments {
         for column in weights {
             expect("a column's list of weights", column.len(), self.terms)?;
         }
-        let mut triangle = Triangle::new(1 + weights.len(), self.targets);
+        let mut triangle = QrTriangle::new(1 + weights.len(), self.targets);
         triangle.add_squares(&self.unexplained);
         for row in self.upper.chunks_exact(self.width()) {
             let (own, targets) = row[1..].split_at(self.terms);
@@ -314,7 +314,7 @@ impl Moments {
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] when the coefficients are not as many as the terms, and with
     /// [`LeastSquaresError::NoSuch`] for an unknown target.
-    pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<Residuals, LeastSquaresError> {
+    pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<ResidualStatistics, LeastSquaresError> {
         expect("the list of coefficients", fit.coefficients.len(), self.terms)?;
         let unexplained = *self.unexplained.get(target).ok_or(LeastSquaresError::NoSuch {
             what: "target",
@@ -327,7 +327,11 @@ impl Moments {
         });
         let of_mean = rows.next().unwrap_or_default();
         let about_mean = unexplained + rows.map(|r| r * r).sum::<f64>();
-        Ok(Residuals { rows: self.rows, squares: about_mean + of_mean * of_mean, squares_about_mean: about_mean })
+        Ok(ResidualStatistics {
+            rows: self.rows,
+            squares: about_mean + of_mean * of_mean,
+            squares_about_mean: about_mean,
+        })
     }
 
     /// The scaled columns, from which models are computed.
@@ -337,7 +341,7 @@ impl Moments {
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoRows`] without rows.
-    pub fn prepare(&self, scaling: Scaling, intercept: bool) -> Result<Prepared, LeastSquaresError> {
+    pub fn prepare(&self, scaling: ColumnScaling, intercept: bool) -> Result<ScaledFactor, LeastSquaresError> {
         if self.rows == 0 {
             return Err(LeastSquaresError::NoRows);
         }
@@ -346,14 +350,14 @@ impl Moments {
             let below = self.upper.chunks_exact(width).skip(1);
             (below.flat_map(|row| row[1..].to_vec()).collect(), self.unexplained.clone())
         } else {
-            let mut triangle = Triangle::new(p, self.targets);
+            let mut triangle = QrTriangle::new(p, self.targets);
             triangle.add_squares(&self.unexplained);
             self.upper.chunks_exact(width).for_each(|row| triangle.push(&row[1..]));
             taken(triangle)
         };
         let constant: Vec<bool> = self.least.iter().zip(&self.greatest).map(|(a, b)| a == b).collect();
         let scales = self.scales(scaling, &constant);
-        Ok(Prepared::new(
+        Ok(ScaledFactor::new(
             self.rows,
             self.targets,
             upper,
@@ -366,12 +370,12 @@ impl Moments {
         ))
     }
 
-    fn scales(&self, scaling: Scaling, constant: &[bool]) -> Vec<f64> {
+    fn scales(&self, scaling: ColumnScaling, constant: &[bool]) -> Vec<f64> {
         let scales = match scaling {
-            Scaling::None => vec![1.0; self.terms],
-            Scaling::Standardise => self.term_deviations(),
-            Scaling::MaxAbs => self.extremes(|least, greatest| least.abs().max(greatest.abs())),
-            Scaling::MinMax => self.extremes(|least, greatest| greatest - least),
+            ColumnScaling::None => vec![1.0; self.terms],
+            ColumnScaling::Standardise => self.term_deviations(),
+            ColumnScaling::MaxAbs => self.extremes(|least, greatest| least.abs().max(greatest.abs())),
+            ColumnScaling::MinMax => self.extremes(|least, greatest| greatest - least),
         };
         let usable = |(scale, constant): (f64, &bool)| {
             if *constant || !(scale > 0.0 && scale.is_finite()) { 1.0 } else { scale }
@@ -388,9 +392,9 @@ impl Moments {
     }
 }
 
-/// Score of an omitted line.
+/// Measure of the error at an omitted line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum LineScore {
+pub enum LineScoreMeasure {
     /// The mean squared error.
     #[default]
     MeanSquare,
@@ -436,21 +440,21 @@ impl LineScores {
 /// Runs on rayon's threads, one line each; the result does not depend on their number.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows, as [`Moments::leave_one_out`], as `fits`, and
-/// as [`Moments::residuals`] for its candidates.
+/// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows, as [`RegressionMoments::leave_one_out`], as
+/// `fits`, and as [`RegressionMoments::residuals`] for its candidates.
 pub fn leave_line_out<F>(
-    lines: &[Moments],
+    lines: &[RegressionMoments],
     target: usize,
-    score: LineScore,
+    score: LineScoreMeasure,
     fits: F,
 ) -> Result<LineScores, LeastSquaresError>
 where
-    F: Fn(&Moments) -> Result<Vec<LinearFit>, LeastSquaresError> + Sync,
+    F: Fn(&RegressionMoments) -> Result<Vec<LinearFit>, LeastSquaresError> + Sync,
 {
     if let Some(line) = lines.iter().position(|line| line.rows == 0) {
         return Err(LeastSquaresError::EmptyLine { line });
     }
-    let others = Moments::leave_one_out(lines)?;
+    let others = RegressionMoments::leave_one_out(lines)?;
     let by_line: Vec<Vec<f64>> = lines
         .par_iter()
         .zip(&others)
@@ -458,8 +462,8 @@ where
             let scored = |fit: &LinearFit| {
                 let left = line.residuals(target, fit)?;
                 let squares = match score {
-                    LineScore::MeanSquare => left.squares,
-                    LineScore::Variance => left.squares_about_mean,
+                    LineScoreMeasure::MeanSquare => left.squares,
+                    LineScoreMeasure::Variance => left.squares_about_mean,
                 };
                 Ok(squares / left.rows as f64)
             };

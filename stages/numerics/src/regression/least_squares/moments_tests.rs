@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use crate::reference_csv::{TERMS, columns, model_lines};
 
 /// The four lines of the reference samples: row-major terms, and two targets.
@@ -8,13 +8,13 @@ fn lines() -> Vec<(Vec<f64>, Vec<f64>, Vec<f64>)> {
     model_lines().into_iter().map(|line| (line.a, line.y0, line.y1)).collect()
 }
 
-fn moments() -> Vec<Moments> {
-    lines().iter().map(|(a, y0, y1)| Moments::of(a, 8, &[y0, y1]).unwrap()).collect()
+fn moments() -> Vec<RegressionMoments> {
+    lines().iter().map(|(a, y0, y1)| RegressionMoments::from_matrix(a, 8, &[y0, y1]).unwrap()).collect()
 }
 
-fn ridge(moments: &Moments, lambda: f64) -> RidgeSolution {
+fn ridge(moments: &RegressionMoments, lambda: f64) -> RidgeSolution {
     let names: Vec<String> = (0..moments.terms()).map(|j| j.to_string()).collect();
-    let path = moments.prepare(Scaling::Standardise, true).unwrap().ridge(&[lambda], &names).unwrap();
+    let path = moments.prepare(ColumnScaling::Standardise, true).unwrap().ridge(&[lambda], &names).unwrap();
     path.solutions[0].clone()
 }
 
@@ -27,11 +27,12 @@ fn near(one: &[f64], other: &[f64], relative: f64) {
 
 #[test]
 fn val_scaled_ridge_equals_scikit_learn() {
-    let all = Moments::merged(&moments()).unwrap();
+    let all = RegressionMoments::merged(&moments()).unwrap();
     let table = columns(include_str!("../../../reference/models/ridge_scaled.csv"));
     assert_eq!(table["scaling"].len(), 9);
     for row in 0..9 {
-        let scaling = [Scaling::Standardise, Scaling::MaxAbs, Scaling::MinMax][table["scaling"][row] as usize - 1];
+        let scaling = [ColumnScaling::Standardise, ColumnScaling::MaxAbs, ColumnScaling::MinMax]
+            [table["scaling"][row] as usize - 1];
         let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &TERMS).unwrap();
         let theirs: Vec<f64> = TERMS.iter().map(|name| table[*name][row]).collect();
         // The condition number is some 1e3 once scaled: 1e-12 of rounding is left on either side.
@@ -47,7 +48,8 @@ fn law_lines_merged_and_rows_at_once_are_the_same() {
         a.extend(line);
         y.extend(y0);
     }
-    let (once, merged) = (Moments::of(&a, 8, &[&y]).unwrap(), Moments::merged(&moments()).unwrap());
+    let (once, merged) =
+        (RegressionMoments::from_matrix(&a, 8, &[&y]).unwrap(), RegressionMoments::merged(&moments()).unwrap());
     assert_eq!((once.rows(), merged.rows()), (120, 120));
     near(&once.term_means(), &merged.term_means(), 1e-13);
     near(&once.term_deviations(), &merged.term_deviations(), 1e-13);
@@ -57,14 +59,15 @@ fn law_lines_merged_and_rows_at_once_are_the_same() {
 
 #[test]
 fn law_a_selection_is_the_fit_without_the_others() {
-    let all = Moments::merged(&moments()).unwrap();
+    let all = RegressionMoments::merged(&moments()).unwrap();
     let some = all.select(&[6, 1, 3], &[1]).unwrap();
     let picked: Vec<(Vec<f64>, Vec<f64>)> = lines()
         .into_iter()
         .map(|(a, _, y1)| (a.chunks(8).flat_map(|row| [row[6], row[1], row[3]]).collect(), y1))
         .collect();
-    let again: Vec<Moments> = picked.iter().map(|(a, y)| Moments::of(a, 3, &[y]).unwrap()).collect();
-    let again = Moments::merged(&again).unwrap();
+    let again: Vec<RegressionMoments> =
+        picked.iter().map(|(a, y)| RegressionMoments::from_matrix(a, 3, &[y]).unwrap()).collect();
+    let again = RegressionMoments::merged(&again).unwrap();
     for lambda in [0.0, 3.0] {
         let (one, other) = (ridge(&some, lambda), ridge(&again, lambda));
         near(&one.coefficients[0], &other.coefficients[0], 1e-11);
@@ -78,19 +81,19 @@ fn law_a_selection_is_the_fit_without_the_others() {
 #[test]
 fn law_leaving_a_line_out_is_the_fit_of_the_others() {
     let moments = moments();
-    let others = Moments::leave_one_out(&moments).unwrap();
+    let others = RegressionMoments::leave_one_out(&moments).unwrap();
     for (out, others) in others.iter().enumerate() {
-        let kept: Vec<Moments> = (0..4).filter(|&k| k != out).map(|k| moments[k].clone()).collect();
-        let again = Moments::merged(&kept).unwrap();
+        let kept: Vec<RegressionMoments> = (0..4).filter(|&k| k != out).map(|k| moments[k].clone()).collect();
+        let again = RegressionMoments::merged(&kept).unwrap();
         assert_eq!(others.rows(), again.rows());
         near(&ridge(others, 1.0).coefficients[1], &ridge(&again, 1.0).coefficients[1], 1e-11);
         // The extremes are left out too, of which max-abs is made.
         assert_eq!(
-            others.prepare(Scaling::MinMax, true).unwrap().scales(),
-            again.prepare(Scaling::MinMax, true).unwrap().scales()
+            others.prepare(ColumnScaling::MinMax, true).unwrap().scales(),
+            again.prepare(ColumnScaling::MinMax, true).unwrap().scales()
         );
     }
-    assert_eq!(Moments::leave_one_out(&moments[..1]), Err(LeastSquaresError::TooFewLines { given: 1 }));
+    assert_eq!(RegressionMoments::leave_one_out(&moments[..1]), Err(LeastSquaresError::TooFewLines { given: 1 }));
 }
 
 #[test]
@@ -108,30 +111,30 @@ fn law_residuals_are_those_of_the_rows() {
 
 #[test]
 fn law_covariance_does_not_depend_on_the_scaling_without_a_ridge() {
-    let all = Moments::merged(&moments()).unwrap();
+    let all = RegressionMoments::merged(&moments()).unwrap();
     let of = |scaling| all.prepare(scaling, true).unwrap().ridge(&[0.0], &TERMS).unwrap().covariance(0, 0).unwrap();
-    let plain = of(Scaling::None);
+    let plain = of(ColumnScaling::None);
     // Unscaled, the condition number is 1e5, squared in a covariance.
-    near(&of(Scaling::Standardise), &plain, 1e-7);
+    near(&of(ColumnScaling::Standardise), &plain, 1e-7);
     assert!(plain[0] > 1e-5);
 }
 
 #[test]
 fn law_without_an_intercept_columns_are_divided_and_not_shifted() {
-    let all = Moments::merged(&moments()).unwrap();
-    let plain = all.prepare(Scaling::None, false).unwrap().ridge(&[0.0], &TERMS).unwrap();
-    let scaled = all.prepare(Scaling::MinMax, false).unwrap().ridge(&[0.0], &TERMS).unwrap();
+    let all = RegressionMoments::merged(&moments()).unwrap();
+    let plain = all.prepare(ColumnScaling::None, false).unwrap().ridge(&[0.0], &TERMS).unwrap();
+    let scaled = all.prepare(ColumnScaling::MinMax, false).unwrap().ridge(&[0.0], &TERMS).unwrap();
     near(&scaled.solutions[0].coefficients[0], &plain.solutions[0].coefficients[0], 1e-9);
     assert_eq!(scaled.solutions[0].intercepts, [0.0, 0.0]);
 }
 
 #[test]
 fn law_a_constant_term_takes_no_part_in_a_fit_with_an_intercept() {
-    let mut normals = Normals::new(1);
+    let mut normals = NormalGenerator::new(1);
     let a: Vec<f64> = (0..200).flat_map(|_| [normals.draw(), 50_000.1]).collect();
     let y: Vec<f64> = a.chunks(2).map(|row| 2.0 * row[0] + 1.0).collect();
-    let moments = Moments::of(&a, 2, &[&y]).unwrap();
-    for scaling in [Scaling::None, Scaling::Standardise, Scaling::MinMax] {
+    let moments = RegressionMoments::from_matrix(&a, 2, &[&y]).unwrap();
+    for scaling in [ColumnScaling::None, ColumnScaling::Standardise, ColumnScaling::MinMax] {
         let prepared = moments.prepare(scaling, true).unwrap();
         assert_eq!(prepared.ridge(&[1e-9], &["a", "bias"]).unwrap().solutions[0].coefficients[0][1], 0.0);
         assert!(prepared.ridge(&[0.0], &["a", "bias"]).unwrap_err().to_string().contains("`bias` are constant"));
@@ -142,16 +145,16 @@ fn law_a_constant_term_takes_no_part_in_a_fit_with_an_intercept() {
 fn law_lines_are_scored_by_fits_that_have_not_seen_them() {
     let (moments, lines) = (moments(), lines());
     let lambdas = [100.0, 1.0];
-    let fits = |others: &Moments| {
-        let path = others.prepare(Scaling::Standardise, true)?.ridge(&lambdas, &TERMS)?;
+    let fits = |others: &RegressionMoments| {
+        let path = others.prepare(ColumnScaling::Standardise, true)?.ridge(&lambdas, &TERMS)?;
         let fit = |s: &RidgeSolution| LinearFit { coefficients: s.coefficients[0].clone(), intercept: s.intercepts[0] };
         Ok(path.solutions.iter().map(fit).collect())
     };
-    let scores = leave_line_out(&moments, 0, LineScore::Variance, fits).unwrap();
+    let scores = leave_line_out(&moments, 0, LineScoreMeasure::Variance, fits).unwrap();
     for (k, &lambda) in lambdas.iter().enumerate() {
         for (out, (a, y, _)) in lines.iter().enumerate() {
-            let kept: Vec<Moments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
-            let solution = ridge(&Moments::merged(&kept).unwrap(), lambda);
+            let kept: Vec<RegressionMoments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
+            let solution = ridge(&RegressionMoments::merged(&kept).unwrap(), lambda);
             let fit = LinearFit { coefficients: solution.coefficients[0].clone(), intercept: solution.intercepts[0] };
             let left: Vec<f64> = fit.predict(a).iter().zip(y).map(|(fit, y)| y - fit).collect();
             let mean = left.iter().sum::<f64>() / left.len() as f64;
@@ -162,6 +165,6 @@ fn law_lines_are_scored_by_fits_that_have_not_seen_them() {
     }
     assert_eq!(scores.best, usize::from(scores.mean[1] < scores.mean[0]));
     let empty = [moments[0].clone(), MomentsAccumulator::new(8, 2).finish()];
-    let error = leave_line_out(&empty, 0, LineScore::MeanSquare, fits).unwrap_err();
+    let error = leave_line_out(&empty, 0, LineScoreMeasure::MeanSquare, fits).unwrap_err();
     assert_eq!(error, LeastSquaresError::EmptyLine { line: 1 });
 }

@@ -13,30 +13,30 @@ pub(super) const PANEL: usize = 192;
 
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
-struct Lanes([f64; LANES]);
+struct PanelLanes([f64; LANES]);
 
-const ZERO: Lanes = Lanes([0.0; LANES]);
+const ZERO: PanelLanes = PanelLanes([0.0; LANES]);
 
-/// The upper triangle of a QR factorisation, and the rows that are pending elimination.
+/// Upper triangle of a QR factorisation, with the rows that are pending elimination.
 #[derive(Debug, Clone)]
-pub(super) struct Triangle {
+pub(super) struct QrTriangle {
     width: usize,
     /// The number of columns that are eliminated; those after them are only carried along.
     pivots: usize,
     /// The residual sum of squares of each of the others.
     squares: Vec<f64>,
     /// `blocks` times [`PANEL`] rows of eight columns.
-    panel: Vec<Lanes>,
+    panel: Vec<PanelLanes>,
     filled: usize,
     /// `pivots` rows of `blocks` times eight columns.
-    r: Vec<Lanes>,
+    r: Vec<PanelLanes>,
     reflector: Vec<f64>,
     next_reflector: Vec<f64>,
-    dots: Vec<Lanes>,
-    steps: Vec<Lanes>,
+    dots: Vec<PanelLanes>,
+    steps: Vec<PanelLanes>,
 }
 
-impl Triangle {
+impl QrTriangle {
     /// The triangle of a matrix of `pivots` columns, with `carried` more next to them, and no rows.
     ///
     /// The result for a carried column is bit-independent of the others.
@@ -81,7 +81,7 @@ impl Triangle {
     /// Eliminates the pending rows.
     pub(super) fn flush(&mut self) {
         if self.filled > 0 {
-            pulp::Arch::new().dispatch(Eliminate(self));
+            pulp::Arch::new().dispatch(PanelElimination(self));
             self.filled = 0;
         }
     }
@@ -126,9 +126,9 @@ impl Triangle {
 }
 
 /// The elimination in the form in which it is compiled for the vector width of each processor.
-struct Eliminate<'a>(&'a mut Triangle);
+struct PanelElimination<'a>(&'a mut QrTriangle);
 
-impl pulp::NullaryFnOnce for Eliminate<'_> {
+impl pulp::NullaryFnOnce for PanelElimination<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -152,7 +152,7 @@ impl pulp::NullaryFnOnce for Eliminate<'_> {
 
 /// The first column, and its inner products with all columns.
 #[inline(always)]
-fn first_dots(t: &mut Triangle) {
+fn first_dots(t: &mut QrTriangle) {
     for (v, row) in t.reflector.iter_mut().zip(&t.panel[..t.filled]) {
         *v = row.0[0];
     }
@@ -166,7 +166,7 @@ fn first_dots(t: &mut Triangle) {
 /// Applies the reflection of `column` to its row of the triangle, and finds by how much of the
 /// reflector each later column of the panel has to change.
 #[inline(always)]
-fn reflect_top(t: &mut Triangle, column: usize) {
+fn reflect_top(t: &mut QrTriangle, column: usize) {
     let blocks = t.dots.len();
     let top = &mut t.r[column * blocks..(column + 1) * blocks];
     let (block, lane) = (column / LANES, column % LANES);
@@ -190,7 +190,7 @@ fn reflect_top(t: &mut Triangle, column: usize) {
 
 /// Applies the reflection of `column` to the panel and forms the inner products of the next.
 #[inline(always)]
-fn reflect_panel(t: &mut Triangle, column: usize) {
+fn reflect_panel(t: &mut QrTriangle, column: usize) {
     let (from, lane) = ((column + 1) / LANES, (column + 1) % LANES);
     let step = t.steps[from].0[lane];
     let rows = &t.panel[from * PANEL..from * PANEL + t.filled];
@@ -207,7 +207,7 @@ fn reflect_panel(t: &mut Triangle, column: usize) {
 
 /// Subtracts `v` times `steps` from eight columns, and returns their inner products with `next`.
 #[inline(always)]
-fn update(rows: &mut [Lanes], v: &[f64], steps: &Lanes, next: &[f64]) -> Lanes {
+fn update(rows: &mut [PanelLanes], v: &[f64], steps: &PanelLanes, next: &[f64]) -> PanelLanes {
     // Two sums, of the even and the odd rows, keep the adders busy; their order is fixed.
     let mut sums = [ZERO, ZERO];
     let mut pairs = rows.chunks_exact_mut(2);
@@ -229,7 +229,7 @@ fn update(rows: &mut [Lanes], v: &[f64], steps: &Lanes, next: &[f64]) -> Lanes {
 }
 
 #[inline(always)]
-fn update_row(row: &mut Lanes, v: f64, steps: &Lanes, next: f64, sum: &mut Lanes) {
+fn update_row(row: &mut PanelLanes, v: f64, steps: &PanelLanes, next: f64, sum: &mut PanelLanes) {
     for lane in 0..LANES {
         let value = (-v).mul_add(steps.0[lane], row.0[lane]);
         row.0[lane] = value;

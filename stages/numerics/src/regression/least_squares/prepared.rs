@@ -7,7 +7,7 @@ use super::{LeastSquaresError, LinearFit, expect};
 
 /// The divisor of columns before a uniform penalty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Scaling {
+pub enum ColumnScaling {
     /// No scaling: the columns unchanged.
     #[default]
     None,
@@ -24,7 +24,7 @@ pub enum Scaling {
 /// Sufficient for a penalised fit: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled
 /// units. Coefficients are converted to the columns' own units by [`original`](Self::original).
 #[derive(Debug, Clone)]
-pub struct Prepared {
+pub struct ScaledFactor {
     rows: usize,
     terms: usize,
     /// Row-major, `terms` by `terms`.
@@ -40,7 +40,7 @@ pub struct Prepared {
 
 /// The singular value decomposition of the scaled factor.
 #[derive(Debug, Clone)]
-pub struct Singular {
+pub struct ScaledFactorSvd {
     /// Singular values, largest first.
     pub values: Vec<f64>,
     /// Right singular vectors, one per value, each with one entry per term.
@@ -49,7 +49,7 @@ pub struct Singular {
     pub projections: Vec<Vec<f64>>,
 }
 
-impl Prepared {
+impl ScaledFactor {
     #[expect(clippy::too_many_arguments, reason = "made in one place, from a factor's parts")]
     pub(super) fn new(
         rows: usize,
@@ -184,12 +184,12 @@ impl Prepared {
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoConvergence`] when the decomposition does not converge.
-    pub fn singular(&self) -> Result<Singular, LeastSquaresError> {
+    pub fn singular(&self) -> Result<ScaledFactorSvd, LeastSquaresError> {
         let p = self.terms;
         let svd = Mat::from_fn(p, p, |i, j| self.r[i * p + j]).svd().map_err(|_| LeastSquaresError::NoConvergence)?;
         let (u, v) = (svd.U(), svd.V());
         let project = |z: &Vec<f64>| (0..p).map(|k| (0..p).map(|i| u[(i, k)] * z[i]).sum()).collect();
-        Ok(Singular {
+        Ok(ScaledFactorSvd {
             values: svd.S().column_vector().iter().copied().collect(),
             right: (0..p).map(|k| (0..p).map(|j| v[(j, k)]).collect()).collect(),
             projections: self.z.iter().map(project).collect(),
@@ -214,7 +214,7 @@ impl Prepared {
             own.chain(self.z.iter().map(move |z| z[i])).collect::<Vec<f64>>()
         };
         let scaled_means = self.term_means.iter().zip(&self.scales).map(|(m, s)| m / s);
-        let factor = ridge::Factor {
+        let factor = ridge::RidgeFactor {
             rows: self.rows,
             terms: p,
             targets,

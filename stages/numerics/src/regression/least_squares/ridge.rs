@@ -13,7 +13,7 @@ pub const RANK_TOLERANCE: f64 = 1e-12;
 const NAMED_FROM: f64 = 1e-4;
 
 /// The triangular factor of [A | Y] and statistics of its rows.
-pub(super) struct Factor {
+pub(super) struct RidgeFactor {
     pub(super) rows: usize,
     pub(super) terms: usize,
     pub(super) targets: usize,
@@ -24,7 +24,7 @@ pub(super) struct Factor {
     pub(super) centred: bool,
 }
 
-impl Factor {
+impl RidgeFactor {
     fn at(&self, row: usize, column: usize) -> f64 {
         self.upper[row * (self.terms + self.targets) + column]
     }
@@ -78,8 +78,9 @@ pub struct RidgePath {
 
 impl RidgePath {
     /// The covariance of a solution's coefficients for one target, row-major, one row per term:
-    /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance for independent residuals and
-    /// excludes the bias of the ridge; see [`cross_spectra`](crate::regression::cross_spectra) for others. `None` if there is no such solution or target.
+    /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance for independent
+    /// residuals and excludes the bias of the ridge; see [`cross_spectra`](crate::regression::cross_spectra) for
+    /// others. `None` if there is no such solution or target.
     pub fn covariance(&self, solution: usize, target: usize) -> Option<Vec<f64>> {
         let solution = self.solutions.get(solution)?;
         let variance = *solution.residual_variances.get(target)?;
@@ -88,8 +89,8 @@ impl RidgePath {
         Some(self.of_directions(&weights))
     }
 
-    /// The matrix G of a solution b = G Aᵀ y, row-major: V diag(1/(s² + λ)) Vᵀ, in the units of the columns. `None` if there is no
-    /// such solution.
+    /// The matrix G of a solution b = G Aᵀ y, row-major: V diag(1/(s² + λ)) Vᵀ, in the units of the columns. `None` if
+    /// there is no such solution.
     pub fn gain(&self, solution: usize) -> Option<Vec<f64>> {
         let lambda = self.solutions.get(solution)?.lambda;
         let weights: Vec<f64> = self
@@ -126,15 +127,15 @@ fn shrink(s: f64, lambda: f64) -> f64 {
 }
 
 /// Singular values, left vectors by column and right vectors by row of the terms' triangle.
-struct Decomposition {
+struct TriangleSvd {
     s: Vec<f64>,
     u: Mat<f64>,
     v: Mat<f64>,
 }
 
-fn decompose(p: usize, at: impl Fn(usize, usize) -> f64) -> Result<Decomposition, LeastSquaresError> {
+fn decompose(p: usize, at: impl Fn(usize, usize) -> f64) -> Result<TriangleSvd, LeastSquaresError> {
     let svd = Mat::from_fn(p, p, at).svd().map_err(|_| LeastSquaresError::NoConvergence)?;
-    Ok(Decomposition {
+    Ok(TriangleSvd {
         s: svd.S().column_vector().iter().copied().collect(),
         u: svd.U().to_owned(),
         v: svd.V().to_owned(),
@@ -142,7 +143,7 @@ fn decompose(p: usize, at: impl Fn(usize, usize) -> f64) -> Result<Decomposition
 }
 
 /// Solves for all lambdas. `names` has one name per term.
-pub(super) fn solve(factor: Factor, lambdas: &[f64], names: Vec<String>) -> Result<RidgePath, LeastSquaresError> {
+pub(super) fn solve(factor: RidgeFactor, lambdas: &[f64], names: Vec<String>) -> Result<RidgePath, LeastSquaresError> {
     let p = factor.terms;
     let excitation = excitation(&factor, &names)?;
     if excitation.rank < p && lambdas.contains(&0.0) {
@@ -179,7 +180,7 @@ pub(super) fn solve(factor: Factor, lambdas: &[f64], names: Vec<String>) -> Resu
     })
 }
 
-fn solution(factor: &Factor, svd: &Decomposition, projections: &[Vec<f64>], lambda: f64) -> RidgeSolution {
+fn solution(factor: &RidgeFactor, svd: &TriangleSvd, projections: &[Vec<f64>], lambda: f64) -> RidgeSolution {
     let p = factor.terms;
     let fitted: f64 = svd.s.iter().map(|s| s * shrink(*s, lambda)).sum();
     let degrees_of_freedom = fitted + f64::from(u8::from(factor.centred));
@@ -208,7 +209,7 @@ fn solution(factor: &Factor, svd: &Decomposition, projections: &[Vec<f64>], lamb
     solution
 }
 
-struct Excitation {
+struct TermRank {
     rank: usize,
     unexcited: Vec<String>,
     dependent: Vec<String>,
@@ -218,7 +219,7 @@ struct Excitation {
 ///
 /// A term's component in the directions without excitation is the diagonal of the projector onto them,
 /// which does not depend on the basis of the decomposition.
-fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSquaresError> {
+fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastSquaresError> {
     let p = factor.terms;
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();
     let lengths: Vec<f64> = (0..p).map(length).collect();
@@ -237,7 +238,7 @@ fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSqua
     let rank = svd.s.iter().filter(|s| **s > threshold).count();
     let part = |j: usize| (rank..p).map(|k| svd.v[(j, k)].powi(2)).sum::<f64>().sqrt();
     let named = |j: usize| names.get(j).cloned().unwrap_or_default();
-    Ok(Excitation {
+    Ok(TermRank {
         rank,
         unexcited: (0..p).filter(|&j| zero(j)).map(named).collect(),
         dependent: (0..p).filter(|&j| !zero(j) && part(j) > NAMED_FROM).map(named).collect(),

@@ -27,7 +27,7 @@ fn targets(y: &[Vec<f64>]) -> Vec<&[f64]> {
 #[test]
 fn val_coefficients_and_residuals_equal_scikit_learn() {
     let (a, y) = samples();
-    let factor = QrAccumulator::of(&a, 5, &targets(&y)).unwrap();
+    let factor = QrAccumulator::from_matrix(&a, 5, &targets(&y)).unwrap();
     let table = columns(include_str!("../../../reference/signal/ridge.csv"));
     let lambdas = [0.0, 0.025, 2.5, 100.0];
     assert_eq!(table["lambda"].len(), 16);
@@ -59,7 +59,7 @@ fn law_coefficients_are_recovered_from_data_without_noise() {
     let a: Vec<f64> = noise(rows * p as usize, 3).iter().enumerate().map(|(k, x)| x * scale(k)).collect();
     let y: Vec<f64> = a.chunks(p as usize).map(|row| row.iter().zip(&beta).map(|(a, b)| a * b).sum()).collect();
     let names: Vec<String> = (0..p).map(|j| j.to_string()).collect();
-    let path = QrAccumulator::of(&a, p as usize, &[&y]).unwrap().solve(&[0.0], &names).unwrap();
+    let path = QrAccumulator::from_matrix(&a, p as usize, &[&y]).unwrap().solve(&[0.0], &names).unwrap();
     for (ours, truth) in path.solutions[0].coefficients[0].iter().zip(&beta) {
         assert!((ours / truth - 1.0).abs() < 1e-6, "{ours} {truth}");
     }
@@ -93,7 +93,7 @@ fn law_merged_factors_equal_one_and_threads_do_not_matter() {
     let one = one.solve(&[0.0, 3.0], &names).unwrap();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| QrAccumulator::of(&a, p, &[&y]).unwrap().solve(&[0.0, 3.0], &names).unwrap())
+        pool.install(|| QrAccumulator::from_matrix(&a, p, &[&y]).unwrap().solve(&[0.0, 3.0], &names).unwrap())
     };
     let merged = on(1);
     assert_eq!(merged, on(3));
@@ -108,7 +108,7 @@ fn law_merged_factors_equal_one_and_threads_do_not_matter() {
 #[test]
 fn law_means_and_centred_fits_are_those_of_centred_data() {
     let (a, y) = samples();
-    let factor = QrAccumulator::of(&a, 5, &targets(&y)).unwrap();
+    let factor = QrAccumulator::from_matrix(&a, 5, &targets(&y)).unwrap();
     let path = factor.solve_centred(&[0.5], &NAMES).unwrap();
     let mean = |x: &mut dyn Iterator<Item = f64>| x.sum::<f64>() / 120.0;
     let means: Vec<f64> = (0..5).map(|j| mean(&mut a.iter().skip(j).step_by(5).copied())).collect();
@@ -119,7 +119,7 @@ fn law_means_and_centred_fits_are_those_of_centred_data() {
     assert!((path.target_means[0] - target_mean).abs() < 1e-13 * target_mean.abs());
     let centred: Vec<f64> = a.iter().zip(means.iter().cycle()).map(|(a, m)| a - m).collect();
     let shifted: Vec<f64> = y[0].iter().map(|y| y - target_mean).collect();
-    let plain = QrAccumulator::of(&centred, 5, &[&shifted]).unwrap().solve(&[0.5], &NAMES).unwrap();
+    let plain = QrAccumulator::from_matrix(&centred, 5, &[&shifted]).unwrap().solve(&[0.5], &NAMES).unwrap();
     let pairs = path.solutions[0].coefficients[0].iter().zip(&plain.solutions[0].coefficients[0]);
     for (one, other) in pairs {
         assert!((one - other).abs() < 1e-9 * other.abs(), "{one} {other}");
@@ -133,7 +133,7 @@ fn law_covariance_is_that_of_repeated_fits() {
     let (rows, draws, lambda) = (300, 400, 10.0);
     let a = noise(rows * 2, 8).chunks(2).flat_map(|x| [x[0], x[0] + 0.5 * x[1]]).collect::<Vec<_>>();
     let y: Vec<Vec<f64>> = noise(rows * draws, 9).chunks(rows).map(<[f64]>::to_vec).collect();
-    let path = QrAccumulator::of(&a, 2, &targets(&y)).unwrap().solve(&[0.0, lambda], &["a", "b"]).unwrap();
+    let path = QrAccumulator::from_matrix(&a, 2, &targets(&y)).unwrap().solve(&[0.0, lambda], &["a", "b"]).unwrap();
     for (k, solution) in path.solutions.iter().enumerate() {
         let of = |j: usize| solution.coefficients.iter().map(move |b| b[j]);
         let mean = |j: usize| of(j).sum::<f64>() / draws as f64;
@@ -163,7 +163,7 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
     };
     let a: Vec<f64> = (0..200).flat_map(row).collect();
     let y: Vec<f64> = (0..200).map(|k| row(k)[0] + row(k)[3]).collect();
-    let factor = QrAccumulator::of(&a, 5, &[&y]).unwrap();
+    let factor = QrAccumulator::from_matrix(&a, 5, &[&y]).unwrap();
     let error = factor.solve(&[1.0, 0.0], &NAMES).unwrap_err();
     let LeastSquaresError::RankDeficient { rank, unexcited, dependent, .. } = &error else {
         panic!("{error}");
@@ -185,17 +185,17 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
 fn law_badly_scaled_terms_are_not_called_dependent() {
     let a: Vec<f64> = noise(400, 12).chunks(2).flat_map(|x| [x[0], 1e-9 * x[1]]).collect();
     let y: Vec<f64> = a.chunks(2).map(|x| x[0] + 1e9 * x[1]).collect();
-    let path = QrAccumulator::of(&a, 2, &[&y]).unwrap().solve(&[0.0], &["a", "b"]).unwrap();
+    let path = QrAccumulator::from_matrix(&a, 2, &[&y]).unwrap().solve(&[0.0], &["a", "b"]).unwrap();
     assert_eq!(path.rank, 2);
     assert!((path.solutions[0].coefficients[0][1] / 1e9 - 1.0).abs() < 1e-6);
     // The last scale at which a term still counts: its singular value is below the tolerance, which
     // is why the columns are scaled to one length first.
     let faint: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 3e-4 * x[1]]).collect();
-    let factor = QrAccumulator::of(&faint, 2, &[&y]).unwrap();
+    let factor = QrAccumulator::from_matrix(&faint, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "b"]).unwrap().rank, 2);
     // A constant is excited unless means are taken off.
     let with_bias: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 50_000.1]).collect();
-    let factor = QrAccumulator::of(&with_bias, 2, &[&y]).unwrap();
+    let factor = QrAccumulator::from_matrix(&with_bias, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "bias"]).unwrap().rank, 2);
     let error = factor.solve_centred(&[0.0], &["a", "bias"]).unwrap_err();
     assert!(error.to_string().contains("`bias` are constant"), "{error}");
@@ -204,12 +204,12 @@ fn law_badly_scaled_terms_are_not_called_dependent() {
 #[test]
 fn law_degrees_of_freedom_fall_from_all_terms_to_none() {
     let (a, y) = samples();
-    let factor = QrAccumulator::of(&a, 5, &targets(&y)).unwrap();
+    let factor = QrAccumulator::from_matrix(&a, 5, &targets(&y)).unwrap();
     let path = factor.solve(&[0.0, 1.0, 1e12], &NAMES).unwrap();
     let degrees: Vec<f64> = path.solutions.iter().map(|s| s.degrees_of_freedom).collect();
     assert!((degrees[0] - 5.0).abs() < 1e-12 && degrees[1] < 5.0 && degrees[2] < 1e-6, "{degrees:?}");
     assert!(path.singular_values.windows(2).all(|s| s[0] >= s[1]));
-    let few = QrAccumulator::of(&a[..15], 5, &[&y[0][..3]]).unwrap();
+    let few = QrAccumulator::from_matrix(&a[..15], 5, &[&y[0][..3]]).unwrap();
     assert!(few.solve(&[0.0], &NAMES).is_err());
     assert!(few.solve(&[1.0], &NAMES).unwrap().solutions[0].coefficients[0][0].is_finite());
 }
@@ -236,6 +236,6 @@ fn r12_bad_input_is_named() {
     let far = noise(60_000, 1);
     let mut y = far[..30_000].to_vec();
     y[20_000] = f64::NAN;
-    let error = QrAccumulator::of(&far, 2, &[&y]).unwrap_err().to_string();
+    let error = QrAccumulator::from_matrix(&far, 2, &[&y]).unwrap_err().to_string();
     assert!(error.contains("row 20000 of target 0"), "{error}");
 }

@@ -1,17 +1,17 @@
 //! A small triangular system, for models that solve again and again over a few terms.
 
-use super::panel::Triangle;
+use super::panel::QrTriangle;
 
-/// The triangular factor of [A | y], solved against itself.
+/// The triangular factor R of [A | y], for solving small systems Rᵀ R x = b.
 #[derive(Debug, Clone)]
-pub(crate) struct Triangular {
+pub(crate) struct TriangularSystem {
     terms: usize,
-    triangle: Triangle,
+    triangle: QrTriangle,
 }
 
-impl Triangular {
+impl TriangularSystem {
     pub(crate) fn new(terms: usize) -> Self {
-        Self { terms, triangle: Triangle::new(terms, 1) }
+        Self { terms, triangle: QrTriangle::new(terms, 1) }
     }
 
     /// Adds one row: the terms, then the target.

@@ -8,7 +8,7 @@ use super::FilterError;
 
 /// The pass band of a filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Band {
+pub enum FilterBand {
     /// All below `high_hz`: a low-pass.
     Low {
         /// The corner, Hz.
@@ -28,7 +28,7 @@ pub enum Band {
     },
 }
 
-impl Band {
+impl FilterBand {
     /// The band between two corners, of which either may be left out.
     ///
     /// MagNav.jl drops an edge whose frequency is at or below zero or not below Nyquist; here an
@@ -46,7 +46,7 @@ impl Band {
     }
 }
 
-impl std::fmt::Display for Band {
+impl std::fmt::Display for FilterBand {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Low { high_hz } => write!(f, "below {high_hz} Hz"),
@@ -58,7 +58,7 @@ impl std::fmt::Display for Band {
 
 /// One second-order section, H(z) = (1 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Section {
+pub struct BiquadSection {
     /// Numerator, one sample ago.
     pub b1: f64,
     /// Numerator, two samples ago.
@@ -69,7 +69,7 @@ pub struct Section {
     pub a2: f64,
 }
 
-impl Section {
+impl BiquadSection {
     /// The section that passes everything unchanged.
     pub(super) const PASS: Self = Self { b1: 0.0, b2: 0.0, a1: 0.0, a2: 0.0 };
 
@@ -93,33 +93,33 @@ fn square_root(z: Complex64) -> Complex64 {
 }
 
 /// Analogue poles that form one section: a conjugate pair by its upper member, or real ones.
-enum Poles {
+enum SectionPoles {
     Pair(Complex64),
     Real(f64, f64),
     Single(f64),
 }
 
 /// Gain and sections of a Butterworth filter, poles nearest the origin first.
-pub(super) fn design(band: Band, rate_hz: f64, order: usize) -> Result<(f64, Vec<Section>), FilterError> {
+pub(super) fn design(band: FilterBand, rate_hz: f64, order: usize) -> Result<(f64, Vec<BiquadSection>), FilterError> {
     check(band, rate_hz, order)?;
     // The bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2, so that frequencies are tan(π f / rate).
     let warp = |corner_hz: f64| (PI * corner_hz / rate_hz).tan();
     let poles = match band {
-        Band::Low { high_hz } => low_pass(order, warp(high_hz)),
-        Band::High { low_hz } => high_pass(order, warp(low_hz)),
-        Band::Band { low_hz, high_hz } => band_pass(order, warp(low_hz), warp(high_hz)),
+        FilterBand::Low { high_hz } => low_pass(order, warp(high_hz)),
+        FilterBand::High { low_hz } => high_pass(order, warp(low_hz)),
+        FilterBand::Band { low_hz, high_hz } => band_pass(order, warp(low_hz), warp(high_hz)),
     };
-    let mut sections: Vec<(f64, Section)> = poles.iter().map(|poles| section(poles, band)).collect();
+    let mut sections: Vec<(f64, BiquadSection)> = poles.iter().map(|poles| section(poles, band)).collect();
     sections.sort_by(|(_, one), (_, other)| one.a2.total_cmp(&other.a2));
     let gain = sections.iter().fold(1.0, |gain, (factor, _)| gain * factor) * analogue_gain(band, order, &warp);
-    let sections: Vec<Section> = sections.into_iter().map(|(_, section)| section).collect();
+    let sections: Vec<BiquadSection> = sections.into_iter().map(|(_, section)| section).collect();
     if gain > 0.0 && gain.is_finite() && sections.iter().all(stable) {
         return Ok((gain, sections));
     }
     Err(FilterError::Unstable { order, band: band.to_string(), rate_hz })
 }
 
-fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
+fn check(band: FilterBand, rate_hz: f64, order: usize) -> Result<(), FilterError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(FilterError::Rate { rate_hz });
     }
@@ -127,9 +127,9 @@ fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
         return Err(FilterError::Order { order });
     }
     let corners = match band {
-        Band::Low { high_hz } => vec![high_hz],
-        Band::High { low_hz } => vec![low_hz],
-        Band::Band { low_hz, high_hz } => vec![low_hz, high_hz],
+        FilterBand::Low { high_hz } => vec![high_hz],
+        FilterBand::High { low_hz } => vec![low_hz],
+        FilterBand::Band { low_hz, high_hz } => vec![low_hz, high_hz],
     };
     for &corner_hz in &corners {
         if corner_hz.is_nan() || corner_hz <= 0.0 {
@@ -140,7 +140,9 @@ fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
         }
     }
     match band {
-        Band::Band { low_hz, high_hz } if low_hz >= high_hz => Err(FilterError::CornersCrossed { low_hz, high_hz }),
+        FilterBand::Band { low_hz, high_hz } if low_hz >= high_hz => {
+            Err(FilterError::CornersCrossed { low_hz, high_hz })
+        }
         _ => Ok(()),
     }
 }
@@ -153,55 +155,55 @@ fn prototype(order: usize) -> impl Iterator<Item = Complex64> {
     })
 }
 
-fn low_pass(order: usize, corner: f64) -> Vec<Poles> {
-    let pairs = prototype(order).map(|pole| Poles::Pair(pole * corner));
-    let single = (order % 2 == 1).then_some(Poles::Single(-corner));
+fn low_pass(order: usize, corner: f64) -> Vec<SectionPoles> {
+    let pairs = prototype(order).map(|pole| SectionPoles::Pair(pole * corner));
+    let single = (order % 2 == 1).then_some(SectionPoles::Single(-corner));
     pairs.chain(single).collect()
 }
 
-fn high_pass(order: usize, corner: f64) -> Vec<Poles> {
-    let pairs = prototype(order).map(|pole| Poles::Pair(pole.inv() * corner));
-    let single = (order % 2 == 1).then_some(Poles::Single(-corner));
+fn high_pass(order: usize, corner: f64) -> Vec<SectionPoles> {
+    let pairs = prototype(order).map(|pole| SectionPoles::Pair(pole.inv() * corner));
+    let single = (order % 2 == 1).then_some(SectionPoles::Single(-corner));
     pairs.chain(single).collect()
 }
 
 /// Each prototype pole p becomes the two roots of s² − p w s + c² with w = high − low, c² = low·high.
-fn band_pass(order: usize, low: f64, high: f64) -> Vec<Poles> {
+fn band_pass(order: usize, low: f64, high: f64) -> Vec<SectionPoles> {
     let (half, square) = ((high - low) / 2.0, low * high);
     let mut poles = Vec::with_capacity(order);
     for pole in prototype(order) {
         let middle = pole * half;
         let root = square_root(middle * middle - square);
-        poles.push(Poles::Pair(middle + root));
-        poles.push(Poles::Pair(middle - root));
+        poles.push(SectionPoles::Pair(middle + root));
+        poles.push(SectionPoles::Pair(middle - root));
     }
     if order % 2 == 1 {
         let under = half * half - square;
         poles.push(if under < 0.0 {
-            Poles::Pair(Complex64::new(-half, (-under).sqrt()))
+            SectionPoles::Pair(Complex64::new(-half, (-under).sqrt()))
         } else {
-            Poles::Real(-half - under.sqrt(), -half + under.sqrt())
+            SectionPoles::Real(-half - under.sqrt(), -half + under.sqrt())
         });
     }
     poles
 }
 
 /// The digital section of analogue poles s (z = (1 + s)/(1 − s)), and its factor 1/Π(1 − s).
-fn section(poles: &Poles, band: Band) -> (f64, Section) {
+fn section(poles: &SectionPoles, band: FilterBand) -> (f64, BiquadSection) {
     let (b1, b2) = match (band, poles) {
-        (Band::Low { .. }, Poles::Single(_)) => (1.0, 0.0),
-        (Band::High { .. }, Poles::Single(_)) => (-1.0, 0.0),
-        (Band::Low { .. }, _) => (2.0, 1.0),
-        (Band::High { .. }, _) => (-2.0, 1.0),
+        (FilterBand::Low { .. }, SectionPoles::Single(_)) => (1.0, 0.0),
+        (FilterBand::High { .. }, SectionPoles::Single(_)) => (-1.0, 0.0),
+        (FilterBand::Low { .. }, _) => (2.0, 1.0),
+        (FilterBand::High { .. }, _) => (-2.0, 1.0),
         // One zero at 0 Hz and one at Nyquist each: a constant is removed by the first section.
-        (Band::Band { .. }, _) => (0.0, -1.0),
+        (FilterBand::Band { .. }, _) => (0.0, -1.0),
     };
     let (factor, a1, a2) = match *poles {
-        Poles::Pair(s) => quadratic(2.0 * s.re, s.re * s.re + s.im * s.im),
-        Poles::Real(one, other) => quadratic(one + other, one * other),
-        Poles::Single(s) => (1.0 / (1.0 - s), -(1.0 + s) / (1.0 - s), 0.0),
+        SectionPoles::Pair(s) => quadratic(2.0 * s.re, s.re * s.re + s.im * s.im),
+        SectionPoles::Real(one, other) => quadratic(one + other, one * other),
+        SectionPoles::Single(s) => (1.0 / (1.0 - s), -(1.0 + s) / (1.0 - s), 0.0),
     };
-    (factor, Section { b1, b2, a1, a2 })
+    (factor, BiquadSection { b1, b2, a1, a2 })
 }
 
 /// 1/((1−s1)(1−s2)), a1 and a2 for poles with the given sum and product.
@@ -211,16 +213,16 @@ fn quadratic(sum: f64, product: f64) -> (f64, f64, f64) {
 }
 
 /// The gain without the factor Π 1/(1 − s): the analogue gain times Π(1 − zeros).
-fn analogue_gain(band: Band, order: usize, warp: &impl Fn(f64) -> f64) -> f64 {
+fn analogue_gain(band: FilterBand, order: usize, warp: &impl Fn(f64) -> f64) -> f64 {
     let width = match band {
-        Band::Low { high_hz } => warp(high_hz),
-        Band::High { .. } => 1.0,
-        Band::Band { low_hz, high_hz } => warp(high_hz) - warp(low_hz),
+        FilterBand::Low { high_hz } => warp(high_hz),
+        FilterBand::High { .. } => 1.0,
+        FilterBand::Band { low_hz, high_hz } => warp(high_hz) - warp(low_hz),
     };
     width.powi(order as i32)
 }
 
 /// The stability triangle: both poles inside the unit circle.
-fn stable(section: &Section) -> bool {
+fn stable(section: &BiquadSection) -> bool {
     section.a2.abs() < 1.0 && section.a1.abs() < 1.0 + section.a2
 }

@@ -5,7 +5,7 @@
 //! same sequence of additions and fused multiplications on any processor and next to any other
 //! column, so that the result does not depend on either.
 
-use super::Section;
+use super::BiquadSection;
 
 /// Columns that are filtered together: one cache line.
 const LANES: usize = 8;
@@ -19,18 +19,18 @@ const PER_CHUNK: usize = 16_384;
 
 /// A gain, the sections of one pass, and their steady state for an input of one.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Cascade {
+pub(super) struct BiquadCascade {
     gain: f64,
-    sections: Vec<Section>,
+    sections: Vec<BiquadSection>,
     steady: Vec<[f64; 2]>,
 }
 
 /// The state of a section for up to eight columns: y = x − w0, w0 ← w1 − b1 x + a1 y,
 /// w1 ← a2 y − b2 x (transposed direct form II with the signs turned).
-type State = [[f64; LANES]; 2];
+type BiquadState = [[f64; LANES]; 2];
 
-impl Cascade {
-    pub(super) fn new(gain: f64, sections: Vec<Section>) -> Self {
+impl BiquadCascade {
+    pub(super) fn new(gain: f64, sections: Vec<BiquadSection>) -> Self {
         let mut level = gain;
         let mut steady = Vec::with_capacity(sections.len());
         for section in &sections {
@@ -45,22 +45,22 @@ impl Cascade {
         self.gain
     }
 
-    pub(super) fn sections(&self) -> &[Section] {
+    pub(super) fn sections(&self) -> &[BiquadSection] {
         &self.sections
     }
 
     /// Filters `pieces`, consecutive row-major parts of one matrix, from the first row to the last.
     pub(super) fn forwards(&self, columns: usize, pieces: [&mut [f64]; 3]) {
-        pulp::Arch::new().dispatch(Sweep::<false> { cascade: self, columns, pieces });
+        pulp::Arch::new().dispatch(CascadeSweep::<false> { cascade: self, columns, pieces });
     }
 
     /// Filters `pieces`, in the order given, each from its last row to its first.
     pub(super) fn backwards(&self, columns: usize, pieces: [&mut [f64]; 3]) {
-        pulp::Arch::new().dispatch(Sweep::<true> { cascade: self, columns, pieces });
+        pulp::Arch::new().dispatch(CascadeSweep::<true> { cascade: self, columns, pieces });
     }
 
     /// The steady state of every section for the first row of a sweep.
-    fn start(&self, row: &[f64]) -> Vec<State> {
+    fn start(&self, row: &[f64]) -> Vec<BiquadState> {
         let groups = row.chunks(LANES);
         groups
             .flat_map(|group| {
@@ -79,13 +79,13 @@ impl Cascade {
 }
 
 /// One sweep in the form in which it is compiled for the vector width of each processor.
-struct Sweep<'a, const BACKWARDS: bool> {
-    cascade: &'a Cascade,
+struct CascadeSweep<'a, const BACKWARDS: bool> {
+    cascade: &'a BiquadCascade,
     columns: usize,
     pieces: [&'a mut [f64]; 3],
 }
 
-impl<const BACKWARDS: bool> pulp::NullaryFnOnce for Sweep<'_, BACKWARDS> {
+impl<const BACKWARDS: bool> pulp::NullaryFnOnce for CascadeSweep<'_, BACKWARDS> {
     type Output = ();
 
     #[inline(always)]
@@ -113,11 +113,16 @@ impl<const BACKWARDS: bool> pulp::NullaryFnOnce for Sweep<'_, BACKWARDS> {
 
 /// Runs all sections over some rows, eight columns at a time and the rest by four, two and one.
 #[inline(always)]
-fn filter_chunk<const BACKWARDS: bool>(cascade: &Cascade, rows: &mut [f64], columns: usize, states: &mut [State]) {
+fn filter_chunk<const BACKWARDS: bool>(
+    cascade: &BiquadCascade,
+    rows: &mut [f64],
+    columns: usize,
+    states: &mut [BiquadState],
+) {
     for (group, states) in states.chunks_exact_mut(cascade.sections.len()).enumerate() {
         let mut lane = 0;
         while lane < LANES.min(columns - group * LANES) {
-            let at = Place { columns, column: group * LANES + lane, lane };
+            let at = ColumnLanes { columns, column: group * LANES + lane, lane };
             lane += match LANES.min(columns - group * LANES) - lane {
                 8 => filter_lanes::<BACKWARDS, 8>(cascade, rows, at, states),
                 4..8 => filter_lanes::<BACKWARDS, 4>(cascade, rows, at, states),
@@ -128,9 +133,9 @@ fn filter_chunk<const BACKWARDS: bool>(cascade: &Cascade, rows: &mut [f64], colu
     }
 }
 
-/// The position of a group of columns in a row, and in the state of its eight.
+/// Position of a group of columns in a row and in the lanes of its state.
 #[derive(Clone, Copy)]
-struct Place {
+struct ColumnLanes {
     columns: usize,
     column: usize,
     lane: usize,
@@ -139,10 +144,10 @@ struct Place {
 /// Runs all sections over `W` columns, and returns `W`.
 #[inline(always)]
 fn filter_lanes<const BACKWARDS: bool, const W: usize>(
-    cascade: &Cascade,
+    cascade: &BiquadCascade,
     rows: &mut [f64],
-    at: Place,
-    states: &mut [State],
+    at: ColumnLanes,
+    states: &mut [BiquadState],
 ) -> usize {
     let mut gain = cascade.gain;
     let mut done = 0;
@@ -162,12 +167,12 @@ fn filter_lanes<const BACKWARDS: bool, const W: usize>(
 #[inline(always)]
 fn pass<const BACKWARDS: bool, const W: usize, const K: usize>(
     gain: f64,
-    sections: &[Section],
+    sections: &[BiquadSection],
     rows: &mut [f64],
-    at: Place,
-    states: &mut [State],
+    at: ColumnLanes,
+    states: &mut [BiquadState],
 ) -> usize {
-    let mut bank = [Section::PASS; K];
+    let mut bank = [BiquadSection::PASS; K];
     bank.copy_from_slice(&sections[..K]);
     let mut local = [[[0.0; W]; 2]; K];
     for (local, state) in local.iter_mut().zip(states.iter()) {
@@ -175,7 +180,7 @@ fn pass<const BACKWARDS: bool, const W: usize, const K: usize>(
             local.copy_from_slice(&state[at.lane..at.lane + W]);
         }
     }
-    if bank.iter().all(Section::is_band) {
+    if bank.iter().all(BiquadSection::is_band) {
         run::<BACKWARDS, true, W, K>(gain, &bank, rows, at, &mut local);
     } else {
         run::<BACKWARDS, false, W, K>(gain, &bank, rows, at, &mut local);
@@ -191,9 +196,9 @@ fn pass<const BACKWARDS: bool, const W: usize, const K: usize>(
 #[inline(always)]
 fn run<const BACKWARDS: bool, const BAND: bool, const W: usize, const K: usize>(
     gain: f64,
-    bank: &[Section; K],
+    bank: &[BiquadSection; K],
     rows: &mut [f64],
-    at: Place,
+    at: ColumnLanes,
     state: &mut [[[f64; W]; 2]; K],
 ) {
     // Loops, not closures: a closure would be compiled without the vector instructions.
@@ -214,7 +219,7 @@ fn run<const BACKWARDS: bool, const BAND: bool, const W: usize, const K: usize>(
 fn step<const BAND: bool, const W: usize, const K: usize>(
     row: &mut [f64],
     gain: f64,
-    bank: &[Section; K],
+    bank: &[BiquadSection; K],
     state: &mut [[[f64; W]; 2]; K],
 ) {
     let Some(row) = row.first_chunk_mut::<W>() else {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use super::{FilterError, Section, ZeroPhase, cascade::Cascade};
+use super::{BiquadSection, FilterError, ZeroPhaseFilter, cascade::BiquadCascade};
 
 /// Alias of a sinusoid of `frequency_hz` in samples at `rate_hz` (above 0): 0 to half of the rate.
 pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
@@ -10,7 +10,7 @@ pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
     turn.min(rate_hz - turn)
 }
 
-impl ZeroPhase {
+impl ZeroPhaseFilter {
     /// One second-order notch at each of `frequencies_hz` for samples at `rate_hz`, run forwards and backwards.
     ///
     /// At a frequency nothing is left, half of the amplitude at `width_hz`/2 to either side, and a constant stays what
@@ -50,11 +50,11 @@ impl ZeroPhase {
             let g = 1.0 / (1.0 + (PI * width_hz / rate_hz).tan());
             let b1 = -2.0 * (2.0 * PI * frequency_hz / rate_hz).cos();
             gain *= g;
-            sections.push(Section { b1, b2: 1.0, a1: g * b1, a2: 2.0 * g - 1.0 });
+            sections.push(BiquadSection { b1, b2: 1.0, a1: g * b1, a2: 2.0 * g - 1.0 });
         }
         let ring = (rate_hz / width_hz).ceil() as usize;
         let padding = ring.max(6 * sections.len());
-        Ok(Self { cascade: Cascade::new(gain, sections), padding })
+        Ok(Self { cascade: BiquadCascade::new(gain, sections), padding })
     }
 }
 
@@ -70,7 +70,7 @@ mod tests {
     fn val_notches_equal_scipy() {
         let table = columns(include_str!("../../../reference/signal/notch.csv"));
         for (name, frequencies, width_hz) in [("one", &[50.0][..], 2.0), ("three", &[50.0, 60.0, 10.0], 1.5)] {
-            let filter = ZeroPhase::notches(frequencies, width_hz, 160.0).unwrap();
+            let filter = ZeroPhaseFilter::notches(frequencies, width_hz, 160.0).unwrap();
             let ours = filter.apply(&table["x"]).unwrap();
             let worst = ours.iter().zip(&table[name]).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
             // Rounding of 50,000 nT (7e-12) in each section and sample.
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn law_nothing_is_left_at_the_frequency_half_at_half_of_the_width_and_a_constant_stays() {
         let (rate_hz, width_hz) = (160.0, 2.0);
-        let filter = ZeroPhase::notches(&[50.0], width_hz, rate_hz).unwrap();
+        let filter = ZeroPhaseFilter::notches(&[50.0], width_hz, rate_hz).unwrap();
         // The bilinear transform keeps the width between the points of half amplitude, not their places exactly.
         let left = |hz: f64| {
             let wave = |k: i32| 10.0 * (TAU * hz * f64::from(k) / rate_hz).cos();
@@ -113,11 +113,14 @@ mod tests {
 
     #[test]
     fn unit_a_notch_that_reaches_zero_or_nyquist_is_refused() {
-        assert!(ZeroPhase::notches(&[], 1.0, 10.0).is_err());
+        assert!(ZeroPhaseFilter::notches(&[], 1.0, 10.0).is_err());
         for frequency_hz in [0.0, 0.4, 4.6, 5.0, 7.0, f64::NAN] {
-            assert!(ZeroPhase::notches(&[frequency_hz], 1.0, 10.0).is_err(), "{frequency_hz}");
+            assert!(ZeroPhaseFilter::notches(&[frequency_hz], 1.0, 10.0).is_err(), "{frequency_hz}");
         }
-        assert!(ZeroPhase::notches(&[2.0], 0.0, 10.0).is_err() && ZeroPhase::notches(&[2.0], 1.0, f64::NAN).is_err());
-        assert!(ZeroPhase::notches(&[2.0], 1.0, 10.0).is_ok());
+        assert!(
+            ZeroPhaseFilter::notches(&[2.0], 0.0, 10.0).is_err()
+                && ZeroPhaseFilter::notches(&[2.0], 1.0, f64::NAN).is_err()
+        );
+        assert!(ZeroPhaseFilter::notches(&[2.0], 1.0, 10.0).is_ok());
     }
 }

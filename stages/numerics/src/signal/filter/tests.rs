@@ -2,8 +2,8 @@
 use super::*;
 use crate::reference_csv::columns;
 
-fn band(low_hz: f64, high_hz: f64) -> Band {
-    Band::Band { low_hz, high_hz }
+fn band(low_hz: f64, high_hz: f64) -> FilterBand {
+    FilterBand::Band { low_hz, high_hz }
 }
 
 fn magnav_input() -> Vec<f64> {
@@ -18,8 +18,8 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
 #[test]
 fn val_zero_phase_filters_equal_scipy() {
     let table = columns(include_str!("../../../reference/signal/filters.csv"));
-    let low = |high_hz| Band::Low { high_hz };
-    let high = |low_hz| Band::High { low_hz };
+    let low = |high_hz| FilterBand::Low { high_hz };
+    let high = |low_hz| FilterBand::High { low_hz };
     let designs = [
         ("band_4", band(0.1, 0.9), 4),
         ("band_1", band(0.5, 2.0), 1),
@@ -31,7 +31,7 @@ fn val_zero_phase_filters_equal_scipy() {
         ("high_7", high(2.5), 7),
     ];
     for (name, band, order) in designs {
-        let filter = ZeroPhase::new(band, 10.0, order).unwrap();
+        let filter = ZeroPhaseFilter::new(band, 10.0, order).unwrap();
         let ours = filter.apply(&table["x"]).unwrap();
         let worst = largest_difference(&ours, &table[name]);
         // Both round a field of 50,000 nT (7e-12) in every section and sample, and a low corner
@@ -44,11 +44,11 @@ fn val_zero_phase_filters_equal_scipy() {
 fn val_default_low_and_high_pass_equal_magnav() {
     let cases = [
         (band(0.1, 0.9), include_str!("../../../reference/signal/magnav_bpf_default.csv")),
-        (Band::Low { high_hz: 0.2 }, include_str!("../../../reference/signal/magnav_lpf_02.csv")),
-        (Band::High { low_hz: 0.5 }, include_str!("../../../reference/signal/magnav_hpf_05.csv")),
+        (FilterBand::Low { high_hz: 0.2 }, include_str!("../../../reference/signal/magnav_lpf_02.csv")),
+        (FilterBand::High { low_hz: 0.5 }, include_str!("../../../reference/signal/magnav_hpf_05.csv")),
     ];
     for (band, text) in cases {
-        let filter = ZeroPhase::new(band, 10.0, 4).unwrap();
+        let filter = ZeroPhaseFilter::new(band, 10.0, 4).unwrap();
         let ours = filter.apply(&magnav_input()).unwrap();
         let worst = largest_difference(&ours, &columns(text)["row0"]);
         // Values near 1, poles 0.02 from the unit circle.
@@ -59,7 +59,7 @@ fn val_default_low_and_high_pass_equal_magnav() {
 /// The sections that MagNav.jl and scipy print for the default band-pass, to the digits printed.
 #[test]
 fn val_sections_of_the_default_band_pass() {
-    let filter = ZeroPhase::new(band(0.1, 0.9), 10.0, 4).unwrap();
+    let filter = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, 4).unwrap();
     assert!((filter.gain() / 0.0022348916980823265 - 1.0).abs() < 1e-13);
     let printed = [
         (-1.2850126432, 0.4387649163),
@@ -76,7 +76,7 @@ fn val_sections_of_the_default_band_pass() {
 }
 
 /// |H(f)|² of one pass of the sections.
-fn squared_gain(filter: &ZeroPhase, frequency: f64) -> f64 {
+fn squared_gain(filter: &ZeroPhaseFilter, frequency: f64) -> f64 {
     let angle = std::f64::consts::TAU * frequency;
     let square = |c1: f64, c2: f64| {
         let re = 1.0 + c1 * angle.cos() + c2 * (2.0 * angle).cos();
@@ -93,15 +93,15 @@ fn squared_gain(filter: &ZeroPhase, frequency: f64) -> f64 {
 fn law_every_order_and_band_has_butterworth_gain() {
     let tan = |f: f64| (std::f64::consts::PI * f).tan();
     for order in 1..=12 {
-        let bands = [Band::Low { high_hz: 0.13 }, Band::High { low_hz: 0.31 }, band(0.07, 0.22)];
+        let bands = [FilterBand::Low { high_hz: 0.13 }, FilterBand::High { low_hz: 0.31 }, band(0.07, 0.22)];
         for band in bands {
-            let filter = ZeroPhase::new(band, 1.0, order).unwrap();
+            let filter = ZeroPhaseFilter::new(band, 1.0, order).unwrap();
             for k in 1..49 {
                 let f = 0.01 * f64::from(k);
                 let w = match band {
-                    Band::Low { high_hz } => tan(f) / tan(high_hz),
-                    Band::High { low_hz } => tan(low_hz) / tan(f),
-                    Band::Band { low_hz, high_hz } => {
+                    FilterBand::Low { high_hz } => tan(f) / tan(high_hz),
+                    FilterBand::High { low_hz } => tan(low_hz) / tan(f),
+                    FilterBand::Band { low_hz, high_hz } => {
                         let (low, high) = (tan(low_hz), tan(high_hz));
                         (tan(f) * tan(f) - low * high) / (tan(f) * (high - low))
                     }
@@ -119,11 +119,11 @@ fn law_every_order_and_band_has_butterworth_gain() {
 fn law_a_constant_is_taken_off_wholly_or_passed_unchanged() {
     let constant = vec![54_321.0; 300];
     for order in 1..=12 {
-        let pass = ZeroPhase::new(band(0.1, 0.9), 10.0, order).unwrap();
+        let pass = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, order).unwrap();
         assert_eq!(pass.apply(&constant).unwrap(), vec![0.0; 300], "order {order}");
-        let high = ZeroPhase::new(Band::High { low_hz: 0.5 }, 10.0, order).unwrap();
+        let high = ZeroPhaseFilter::new(FilterBand::High { low_hz: 0.5 }, 10.0, order).unwrap();
         assert!(high.apply(&constant).unwrap().iter().all(|y| y.abs() < 1e-6), "order {order}");
-        let low = ZeroPhase::new(Band::Low { high_hz: 2.0 }, 10.0, order).unwrap();
+        let low = ZeroPhaseFilter::new(FilterBand::Low { high_hz: 2.0 }, 10.0, order).unwrap();
         let worst = largest_difference(&low.apply(&constant).unwrap(), &constant);
         assert!(worst < 1e-6, "order {order}: {worst:e}");
     }
@@ -132,7 +132,7 @@ fn law_a_constant_is_taken_off_wholly_or_passed_unchanged() {
 #[test]
 fn law_time_reversal_and_sign_pass_through() {
     let x: Vec<f64> = (0..200).map(|k| (0.01 * f64::from(k * k % 97)).sin()).collect();
-    let filter = ZeroPhase::new(band(0.5, 2.0), 10.0, 4).unwrap();
+    let filter = ZeroPhaseFilter::new(band(0.5, 2.0), 10.0, 4).unwrap();
     let y = filter.apply(&x).unwrap();
     let negative: Vec<f64> = x.iter().map(|x| -x).collect();
     let expected: Vec<f64> = y.iter().map(|y| -y).collect();
@@ -151,7 +151,7 @@ fn law_a_column_does_not_depend_on_what_stands_beside_it() {
     for (columns, order) in [(1, 4), (2, 1), (5, 6), (8, 2), (15, 4), (18, 3), (23, 12)] {
         let value = |i: usize, j: usize| ((i * (j + 3)) as f64 * 0.013).sin() * 10f64.powi(j as i32 % 7);
         let mut matrix: Vec<f64> = (0..rows * columns).map(|k| value(k / columns, k % columns)).collect();
-        let filter = ZeroPhase::new(band(0.3, 1.7), 10.0, order).unwrap();
+        let filter = ZeroPhaseFilter::new(band(0.3, 1.7), 10.0, order).unwrap();
         filter.apply_matrix(&mut matrix, columns, ConstantColumns::Filter).unwrap();
         for j in 0..columns {
             let x: Vec<f64> = (0..rows).map(|i| value(i, j)).collect();
@@ -165,7 +165,7 @@ fn law_a_column_does_not_depend_on_what_stands_beside_it() {
 fn law_columns_are_filtered_as_series() {
     let x = magnav_input();
     let other: Vec<f64> = x.iter().map(|x| x * x).collect();
-    let filter = ZeroPhase::new(Band::Low { high_hz: 1.0 }, 10.0, 4).unwrap();
+    let filter = ZeroPhaseFilter::new(FilterBand::Low { high_hz: 1.0 }, 10.0, 4).unwrap();
     let both = filter.apply_columns(&[&x, &other]).unwrap();
     assert_eq!(both, [filter.apply(&x).unwrap(), filter.apply(&other).unwrap()]);
     assert!(filter.apply_columns(&[]).unwrap().is_empty());
@@ -175,7 +175,7 @@ fn law_columns_are_filtered_as_series() {
 #[test]
 fn law_a_bias_column_is_kept_only_when_asked_for() {
     let matrix: Vec<f64> = magnav_input().iter().flat_map(|x| [*x, 1.0, 3.0 * x]).collect();
-    let filter = ZeroPhase::new(band(0.1, 0.9), 10.0, 4).unwrap();
+    let filter = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, 4).unwrap();
     let (mut kept, mut filtered) = (matrix.clone(), matrix);
     filter.apply_matrix(&mut kept, 3, ConstantColumns::Keep).unwrap();
     filter.apply_matrix(&mut filtered, 3, ConstantColumns::Filter).unwrap();
@@ -188,7 +188,7 @@ fn law_a_bias_column_is_kept_only_when_asked_for() {
 
 #[test]
 fn r12_what_cannot_be_filtered_is_named() {
-    let filter = ZeroPhase::new(band(0.1, 0.9), 10.0, 4).unwrap();
+    let filter = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, 4).unwrap();
     let short = filter.apply(&[1.0; 24]).unwrap_err();
     assert_eq!(short, FilterError::TooShort { rows: 24, needed: 25 });
     assert!(filter.apply(&[1.0; 25]).is_ok());
@@ -204,15 +204,15 @@ fn r12_what_cannot_be_filtered_is_named() {
 
 #[test]
 fn r12_impossible_designs_are_named() {
-    let error = |band, rate, order| ZeroPhase::new(band, rate, order).unwrap_err().to_string();
+    let error = |band, rate, order| ZeroPhaseFilter::new(band, rate, order).unwrap_err().to_string();
     assert!(error(band(0.1, 5.0), 10.0, 4).contains("5 Hz is not below the Nyquist frequency of 5 Hz"));
     assert!(error(band(0.0, 1.0), 10.0, 4).contains("above 0 Hz, but is 0 Hz"));
     assert!(error(band(f64::NAN, 1.0), 10.0, 4).contains("above 0 Hz"));
     assert!(error(band(0.9, 0.1), 10.0, 4).contains("not below the upper"));
     assert!(error(band(0.1, 0.9), 0.0, 4).contains("sample rate"));
     assert!(error(band(0.1, 0.9), 10.0, 13).contains("1 to 12"));
-    assert!(error(Band::Low { high_hz: 1e-17 }, 10.0, 4).contains("double precision"));
-    assert_eq!(Band::between(None, None), Err(FilterError::NoCorner));
-    assert_eq!(Band::between(Some(0.1), None), Ok(Band::High { low_hz: 0.1 }));
-    assert_eq!(Band::between(None, Some(0.9)), Ok(Band::Low { high_hz: 0.9 }));
+    assert!(error(FilterBand::Low { high_hz: 1e-17 }, 10.0, 4).contains("double precision"));
+    assert_eq!(FilterBand::between(None, None), Err(FilterError::NoCorner));
+    assert_eq!(FilterBand::between(Some(0.1), None), Ok(FilterBand::High { low_hz: 0.1 }));
+    assert_eq!(FilterBand::between(None, Some(0.9)), Ok(FilterBand::Low { high_hz: 0.9 }));
 }

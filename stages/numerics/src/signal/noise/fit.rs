@@ -3,7 +3,7 @@
 use params::choice;
 use thiserror::Error;
 
-use super::{Blocks, FLOOR_NT, Noise, allan_variance, gauss_markov_allan};
+use super::{BlockMeans, FLOOR_NT, LineNoiseModel, allan_variance, gauss_markov_allan};
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// The correlation times that are tried, before the best is refined.
@@ -19,7 +19,7 @@ const LEAST_GAIN: f64 = 12.0;
 
 choice! {
     /// Statistic of a record that is fitted.
-    pub enum FitBy {
+    pub enum NoiseFitStatistic {
         /// Its autocorrelation, as half the mean square of the change over a lag: that is the variance less the
         /// autocovariance, and independent of the mean, which a short record does not tell.
         Autocorrelation = "autocorrelation",
@@ -28,9 +28,9 @@ choice! {
     }
 }
 
-/// Error of the fit.
+/// Error of a noise fit.
 #[derive(Clone, Debug, Error, PartialEq)]
-pub enum FitError {
+pub enum NoiseFitError {
     /// There are too few samples.
     #[error(
         "the noise fit requires a run of at least {LEAST_SAMPLES} samples without a gap, but the longest has {longest}"
@@ -58,7 +58,7 @@ pub enum FitError {
 }
 
 /// A statistic of the record: what it is of a unit of each part depends on the correlation time.
-struct Point {
+struct NoiseFitPoint {
     /// Statistic of white noise of variance 1.
     white: f64,
     /// The time over which it is taken, s.
@@ -70,7 +70,7 @@ struct Point {
     pairs: f64,
 }
 
-impl Point {
+impl NoiseFitPoint {
     /// Statistic of a Gauss-Markov process of variance 1.
     fn lasting(&self, tau_s: f64) -> f64 {
         match self.sampled {
@@ -81,52 +81,56 @@ impl Point {
 }
 
 /// The white and the first-order Gauss-Markov noise that fit the `runs` of a record best, evenly sampled at `rate_hz`
-/// within a run, in nT. The mean of each run is taken as unknown. The white part is at least 0.01 nT, since a filter cannot
-/// use a measurement without noise.
+/// within a run, in nT. The mean of each run is taken as unknown. The white part is at least 0.01 nT, since a filter
+/// cannot use a measurement without noise.
 ///
-/// The statistics of each lag or span are fitted by maximum likelihood as if they were independent gamma variates with as
-/// many degrees of freedom as there are separate pairs in the record. Where a lasting part does not explain more than
-/// chance would, its standard deviation is 0 and its correlation time the step between samples. Of a record of T
+/// The statistics of each lag or span are fitted by maximum likelihood as if they were independent gamma variates with
+/// as many degrees of freedom as there are separate pairs in the record. Where a lasting part does not explain more
+/// than chance would, its standard deviation is 0 and its correlation time the step between samples. Of a record of T
 /// the standard deviation is known to about √(τ/2T), the correlation time to about √(4τ/T).
 ///
-/// Unlike [`noise`](super::noise) it is a best fit, and no bound: noise with more than one time scale is missed in part.
-/// [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
+/// Unlike [`noise`](super::noise) it is a best fit, and no bound: noise with more than one time scale is missed in
+/// part. [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
 ///
 /// # Errors
 /// Fails for a record that is too short or constant, and for one that its correlation time is too long for.
-pub fn fit(runs: &[&[f64]], rate_hz: f64, by: FitBy) -> Result<Noise, FitError> {
+pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineNoiseModel, NoiseFitError> {
     let longest = runs.iter().map(|run| run.len()).max().unwrap_or(0);
     if longest < LEAST_SAMPLES {
-        return Err(FitError::TooShort { longest });
+        return Err(NoiseFitError::TooShort { longest });
     }
     let points = match by {
-        FitBy::Autocorrelation => structure(runs, rate_hz, longest),
-        FitBy::Allan => allan(runs, rate_hz),
+        NoiseFitStatistic::Autocorrelation => structure(runs, rate_hz, longest),
+        NoiseFitStatistic::Allan => allan(runs, rate_hz),
     };
     if points.iter().all(|p| p.value == 0.0) {
-        return Err(FitError::Constant);
+        return Err(NoiseFitError::Constant);
     }
     let step_s = 1.0 / rate_hz;
     let [total_s, longest_s] = [runs.iter().map(|run| run.len()).sum(), longest].map(|n: usize| n as f64 * step_s);
-    // How many independent squares are behind a lag depends on the noise: what a first fit says of it, a second one takes.
+    // How many independent squares are behind a lag depends on the noise: what a first fit says of it, a second one
+    // takes.
     let (tau_s, rough) = best(&points, 0.5 * step_s, longest_s);
     let points = match by {
-        FitBy::Autocorrelation => weighed(points, &rough, tau_s, total_s, step_s),
-        FitBy::Allan => points,
+        NoiseFitStatistic::Autocorrelation => weighed(points, &rough, tau_s, total_s, step_s),
+        NoiseFitStatistic::Allan => points,
     };
     let (tau_s, best) = best(&points, 0.5 * step_s, longest_s);
     if white_alone(&points).deviance - best.deviance < LEAST_GAIN {
         let white = white_alone(&points).white.sqrt().max(FLOOR_NT);
-        return Ok(Noise { white_nt: white, lasting: GaussMarkov { sigma: 0.0, tau_s: step_s } });
+        return Ok(LineNoiseModel { white_nt: white, lasting: GaussMarkov { sigma: 0.0, tau_s: step_s } });
     }
     if total_s < LEAST_TAUS[0] * tau_s || longest_s < LEAST_TAUS[1] * tau_s {
-        return Err(FitError::Unresolved { tau_s, total_s, longest_s });
+        return Err(NoiseFitError::Unresolved { tau_s, total_s, longest_s });
     }
-    Ok(Noise { white_nt: best.white.sqrt().max(FLOOR_NT), lasting: GaussMarkov { sigma: best.lasting.sqrt(), tau_s } })
+    Ok(LineNoiseModel {
+        white_nt: best.white.sqrt().max(FLOOR_NT),
+        lasting: GaussMarkov { sigma: best.lasting.sqrt(), tau_s },
+    })
 }
 
 /// Half the mean square of the change over lags of 1, 2, ... samples, ever wider, to a quarter of the longest run.
-fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<Point> {
+fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint> {
     let mut points = vec![];
     let mut lag = 1;
     while lag <= longest / 4 {
@@ -136,7 +140,13 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<Point> {
             terms += (run.len() - lag) as f64;
             pairs += (run.len() - lag) as f64 / lag as f64;
         }
-        points.push(Point { white: 1.0, span_s: lag as f64 / rate_hz, sampled: true, value: sum / terms, pairs });
+        points.push(NoiseFitPoint {
+            white: 1.0,
+            span_s: lag as f64 / rate_hz,
+            sampled: true,
+            value: sum / terms,
+            pairs,
+        });
         lag = (lag + 1).max((1.2 * lag as f64) as usize);
     }
     points
@@ -146,21 +156,27 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<Point> {
 /// the squared autocorrelations of the changes over a lag. Those of white noise are alone but for the two that share a
 /// sample with it (1 + 2/4); those of the lasting part overlap over the lag (2/3 of it, by their triangle), or last for
 /// the correlation time where that is shorter.
-fn weighed(points: Vec<Point>, parts: &Parts, tau_s: f64, total_s: f64, step_s: f64) -> Vec<Point> {
-    let one = |p: Point| {
+fn weighed(
+    points: Vec<NoiseFitPoint>,
+    parts: &NoiseFitVariances,
+    tau_s: f64,
+    total_s: f64,
+    step_s: f64,
+) -> Vec<NoiseFitPoint> {
+    let one = |p: NoiseFitPoint| {
         let (white, lasting) = (parts.white, parts.lasting * p.lasting(tau_s));
         let overlap = (p.span_s / 1.5).min(1.5 * tau_s).max(step_s) / step_s;
         let sum = (white + lasting).powi(2) + 0.5 * white * white + (overlap - 1.0) * lasting * lasting;
         let pairs = (total_s - p.span_s) / step_s * (white + lasting).powi(2) / sum;
-        Point { pairs: if pairs.is_finite() { pairs } else { p.pairs }, ..p }
+        NoiseFitPoint { pairs: if pairs.is_finite() { pairs } else { p.pairs }, ..p }
     };
     points.into_iter().map(one).collect()
 }
 
-fn allan(runs: &[&[f64]], rate_hz: f64) -> Vec<Point> {
-    let blocks: Vec<Blocks> =
-        runs.iter().map(|run| Blocks::of(run, std::slice::from_ref(&(0..run.len())), rate_hz)).collect();
-    let point = |p: super::AllanPoint| Point {
+fn allan(runs: &[&[f64]], rate_hz: f64) -> Vec<NoiseFitPoint> {
+    let blocks: Vec<BlockMeans> =
+        runs.iter().map(|run| BlockMeans::from_runs(run, std::slice::from_ref(&(0..run.len())), rate_hz)).collect();
+    let point = |p: super::AllanPoint| NoiseFitPoint {
         white: 1.0 / (rate_hz * p.span_s),
         span_s: p.span_s,
         sampled: p.sampled,
@@ -170,20 +186,20 @@ fn allan(runs: &[&[f64]], rate_hz: f64) -> Vec<Point> {
     allan_variance(&blocks).into_iter().map(point).collect()
 }
 
-/// Variances of the two parts, and how badly they fit.
+/// Variances of the white and the correlated part, and the deviance of their fit.
 #[derive(Clone, Copy)]
-struct Parts {
+struct NoiseFitVariances {
     white: f64,
     lasting: f64,
     deviance: f64,
 }
 
-fn white_alone(points: &[Point]) -> Parts {
+fn white_alone(points: &[NoiseFitPoint]) -> NoiseFitVariances {
     parts(points, |_| 0.0)
 }
 
 /// The correlation time that fits best, of those between two, and its parts.
-fn best(points: &[Point], least_s: f64, most_s: f64) -> (f64, Parts) {
+fn best(points: &[NoiseFitPoint], least_s: f64, most_s: f64) -> (f64, NoiseFitVariances) {
     let of = |tau_s: f64| parts(points, |p| p.lasting(tau_s));
     let ratio = (most_s / least_s).powf(1.0 / (TAUS - 1) as f64);
     let tau = |i: usize| least_s * ratio.powi(i as i32);
@@ -205,9 +221,9 @@ fn best(points: &[Point], least_s: f64, most_s: f64) -> (f64, Parts) {
     (tau_s, of(tau_s))
 }
 
-/// The variances of the white part and of that whose response is given: least squares with the weights of the fit, which
-/// at rest is the maximum of the gamma likelihood.
-fn parts(points: &[Point], lasting: impl Fn(&Point) -> f64) -> Parts {
+/// The variances of the white part and of that whose response is given: least squares with the weights of the fit,
+/// which at rest is the maximum of the gamma likelihood.
+fn parts(points: &[NoiseFitPoint], lasting: impl Fn(&NoiseFitPoint) -> f64) -> NoiseFitVariances {
     let rows: Vec<[f64; 4]> = points.iter().map(|p| [p.white, lasting(p), p.value, p.pairs]).collect();
     let mut fitted: Vec<f64> = rows.iter().map(|row| row[2]).collect();
     let floor = 1e-12 * fitted.iter().copied().fold(0.0, f64::max);
@@ -236,22 +252,22 @@ fn parts(points: &[Point], lasting: impl Fn(&Point) -> f64) -> Parts {
         let ratio = (y / fitted).max(1e-12);
         pairs * (ratio - 1.0 - ratio.ln())
     };
-    Parts { white, lasting: other, deviance: rows.iter().zip(&fitted).map(term).sum() }
+    NoiseFitVariances { white, lasting: other, deviance: rows.iter().zip(&fitted).map(term).sum() }
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::random::Normals;
+    use crate::random::NormalGenerator;
     use crate::regression::statistics::median;
 
     const RATE_HZ: f64 = 10.0;
-    const BOTH: [FitBy; 2] = [FitBy::Autocorrelation, FitBy::Allan];
+    const BOTH: [NoiseFitStatistic; 2] = [NoiseFitStatistic::Autocorrelation, NoiseFitStatistic::Allan];
 
     fn record(process: GaussMarkov, white: f64, seconds: f64, seed: u64) -> Vec<f64> {
         let tt: Vec<f64> = (0..(seconds * RATE_HZ) as usize).map(|k| k as f64 / RATE_HZ).collect();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let lasting = process.realisation(&tt, || normals.draw());
         lasting.into_iter().map(|x| 300.0 + x + white * normals.draw()).collect()
     }
@@ -264,9 +280,9 @@ mod tests {
             (GaussMarkov { sigma: 3.0, tau_s: 5.0 }, 0.0, 1200.0),
         ] {
             for by in BOTH {
-                let found: Vec<Noise> =
+                let found: Vec<LineNoiseModel> =
                     (0..40).map(|seed| fit(&[&record(process, white, seconds, seed)], RATE_HZ, by).unwrap()).collect();
-                let of = |part: fn(&Noise) -> f64| found.iter().map(part).collect::<Vec<f64>>();
+                let of = |part: fn(&LineNoiseModel) -> f64| found.iter().map(part).collect::<Vec<f64>>();
                 let (mut whites, mut sigmas, mut taus) =
                     (of(|n| n.white_nt), of(|n| n.lasting.sigma), of(|n| n.lasting.tau_s));
                 let rms = |x: &[f64], truth: f64| {
@@ -304,7 +320,7 @@ mod tests {
         for by in BOTH {
             let refused = (0..40).filter(|seed| {
                 let of = fit(&[&record(slow, 0.5, 900.0, *seed)], RATE_HZ, by);
-                matches!(of, Err(FitError::Unresolved { .. }))
+                matches!(of, Err(NoiseFitError::Unresolved { .. }))
             });
             let n = refused.count();
             println!("{}: {n} of 40 records of three correlation times are refused", by.word());
@@ -320,9 +336,9 @@ mod tests {
     #[test]
     fn unit_few_samples_and_a_constant_are_told() {
         for by in BOTH {
-            assert_eq!(fit(&[], RATE_HZ, by), Err(FitError::TooShort { longest: 0 }));
-            assert_eq!(fit(&[&[1.0; 63], &[2.0; 10]], RATE_HZ, by), Err(FitError::TooShort { longest: 63 }));
-            assert_eq!(fit(&[&[1.0; 200]], RATE_HZ, by), Err(FitError::Constant));
+            assert_eq!(fit(&[], RATE_HZ, by), Err(NoiseFitError::TooShort { longest: 0 }));
+            assert_eq!(fit(&[&[1.0; 63], &[2.0; 10]], RATE_HZ, by), Err(NoiseFitError::TooShort { longest: 63 }));
+            assert_eq!(fit(&[&[1.0; 200]], RATE_HZ, by), Err(NoiseFitError::Constant));
         }
     }
 }

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 const RATE_HZ: f64 = 10.0;
 
@@ -10,13 +10,13 @@ fn times(seconds: f64) -> Vec<f64> {
 }
 
 /// Gauss-Markov noise and white noise along a line.
-fn flown(process: GaussMarkov, white_nt: f64, seconds: f64, normals: &mut Normals) -> Vec<f64> {
+fn flown(process: GaussMarkov, white_nt: f64, seconds: f64, normals: &mut NormalGenerator) -> Vec<f64> {
     let lasting = process.realisation(&times(seconds), || normals.draw());
     lasting.into_iter().map(|x| 300.0 + x + white_nt * normals.draw()).collect()
 }
 
-fn whole(x: &[f64]) -> Blocks {
-    Blocks::of(x, std::slice::from_ref(&(0..x.len())), RATE_HZ)
+fn whole(x: &[f64]) -> BlockMeans {
+    BlockMeans::from_runs(x, std::slice::from_ref(&(0..x.len())), RATE_HZ)
 }
 
 #[test]
@@ -42,8 +42,8 @@ fn law_allan_variance_of_a_gauss_markov_process_is_the_integral_of_its_autocovar
 #[test]
 fn law_allan_variance_of_noise_is_that_of_its_model() {
     let process = GaussMarkov { sigma: 4.0, tau_s: 20.0 };
-    let mut normals = Normals::new(3);
-    let lines: Vec<Blocks> = (0..20).map(|_| whole(&flown(process, 2.0, 1000.0, &mut normals))).collect();
+    let mut normals = NormalGenerator::new(3);
+    let lines: Vec<BlockMeans> = (0..20).map(|_| whole(&flown(process, 2.0, 1000.0, &mut normals))).collect();
     for p in allan_variance(&lines) {
         let lasting =
             if p.span_s < 1.0 { 1.0 - (-p.span_s / 20.0_f64).exp() } else { gauss_markov_allan(p.span_s, 20.0) };
@@ -56,14 +56,15 @@ fn law_allan_variance_of_noise_is_that_of_its_model() {
 #[test]
 fn law_known_noise_is_found() {
     let (process, white_nt) = (GaussMarkov { sigma: 5.0, tau_s: 30.0 }, 1.5);
-    let found: Vec<Noise> = (0..40)
+    let found: Vec<LineNoiseModel> = (0..40)
         .map(|seed| {
-            let mut normals = Normals::new(seed);
-            let lines: Vec<Blocks> = (0..3).map(|_| whole(&flown(process, white_nt, 700.0, &mut normals))).collect();
+            let mut normals = NormalGenerator::new(seed);
+            let lines: Vec<BlockMeans> =
+                (0..3).map(|_| whole(&flown(process, white_nt, 700.0, &mut normals))).collect();
             noise(&lines).unwrap()
         })
         .collect();
-    let median = |of: &dyn Fn(&Noise) -> f64| {
+    let median = |of: &dyn Fn(&LineNoiseModel) -> f64| {
         let mut all: Vec<f64> = found.iter().map(of).collect();
         all.sort_by(f64::total_cmp);
         all[all.len() / 2]
@@ -83,8 +84,8 @@ fn law_known_noise_is_found() {
 #[test]
 fn law_noise_of_two_time_scales_is_bounded_at_every_span() {
     let (fast, slow) = (GaussMarkov { sigma: 3.0, tau_s: 4.0 }, GaussMarkov { sigma: 10.0, tau_s: 200.0 });
-    let mut normals = Normals::new(11);
-    let lines: Vec<Blocks> = (0..8)
+    let mut normals = NormalGenerator::new(11);
+    let lines: Vec<BlockMeans> = (0..8)
         .map(|_| {
             let other = flown(fast, 0.0, 1600.0, &mut normals);
             let line = flown(slow, 0.5, 1600.0, &mut normals);
@@ -105,8 +106,8 @@ fn law_noise_of_two_time_scales_is_bounded_at_every_span() {
 #[test]
 fn law_a_time_constant_beyond_the_line_leaves_the_growth() {
     let process = GaussMarkov { sigma: 200.0, tau_s: 100_000.0 };
-    let mut normals = Normals::new(5);
-    let lines: Vec<Blocks> = (0..10).map(|_| whole(&flown(process, 0.5, 800.0, &mut normals))).collect();
+    let mut normals = NormalGenerator::new(5);
+    let lines: Vec<BlockMeans> = (0..10).map(|_| whole(&flown(process, 0.5, 800.0, &mut normals))).collect();
     let found = noise(&lines).unwrap();
     assert!(found.lasting.tau_s <= 800.0 + 1e-6);
     let growth = found.lasting.noise_density() / process.noise_density();
@@ -116,7 +117,7 @@ fn law_a_time_constant_beyond_the_line_leaves_the_growth() {
 #[test]
 fn law_constants_and_gaps_change_nothing() {
     let process = GaussMarkov { sigma: 5.0, tau_s: 30.0 };
-    let x = flown(process, 1.0, 1200.0, &mut Normals::new(2));
+    let x = flown(process, 1.0, 1200.0, &mut NormalGenerator::new(2));
     let moved: Vec<f64> = x.iter().map(|x| x - 55_000.0).collect();
     let (a, b) = (noise(&[whole(&x)]).unwrap(), noise(&[whole(&moved)]).unwrap());
     assert!((a.lasting.sigma / b.lasting.sigma - 1.0).abs() < 1e-9 && (a.white_nt / b.white_nt - 1.0).abs() < 1e-9);
@@ -124,7 +125,7 @@ fn law_constants_and_gaps_change_nothing() {
     let mut spoilt = x.clone();
     spoilt[6000..6010].fill(1e6);
     let runs = [0..6000, 6010..12_000];
-    let gap = noise(&[Blocks::of(&spoilt, &runs, RATE_HZ)]).unwrap();
+    let gap = noise(&[BlockMeans::from_runs(&spoilt, &runs, RATE_HZ)]).unwrap();
     assert!((gap.lasting.sigma / a.lasting.sigma - 1.0).abs() < 0.3, "{gap:?} {a:?}");
 }
 

@@ -1,12 +1,12 @@
 //! Akima's piecewise cubic interpolation.
 
-use super::Place;
+use super::SamplePosition;
 
 /// Interpolates `x` at the times `tt` for each position; each part between gaps longer than
 /// `max_gap_s` has its own curve.
-pub(super) fn interpolate(tt: &[f64], x: &[f64], places: &[Place], max_gap_s: f64) -> Vec<f64> {
+pub(super) fn interpolate(tt: &[f64], x: &[f64], places: &[SamplePosition], max_gap_s: f64) -> Vec<f64> {
     let slopes = slopes(tt, x, max_gap_s);
-    let value = |place: &Place| {
+    let value = |place: &SamplePosition| {
         let (left, weight) = (place.left, place.weight);
         if weight.is_nan() {
             return f64::NAN;

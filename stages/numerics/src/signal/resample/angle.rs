@@ -13,7 +13,7 @@ pub enum AngleRange {
 
 impl AngleRange {
     /// The range of a column: signed if any angle is negative or none is above 180.
-    pub fn of(degrees: &[f64]) -> Self {
+    pub fn from_degrees(degrees: &[f64]) -> Self {
         let negative = degrees.iter().any(|angle| *angle < 0.0);
         let above = degrees.iter().any(|angle| *angle > 180.0);
         if above && !negative { Self::Full } else { Self::Signed }

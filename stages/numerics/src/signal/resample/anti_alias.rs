@@ -1,7 +1,7 @@
 //! The low-pass before a resampling to a lower rate.
 
-use crate::signal::filter::{Band, FilterError, ZeroPhase};
-use crate::signal::segments::{FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate};
+use crate::signal::filter::{FilterBand, FilterError, ZeroPhaseFilter};
+use crate::signal::segments::{GapFilterReport, RowMask, STEP_TOLERANCE, TimeError, filter_column, sample_rate};
 
 /// The corner of the low-pass as a fraction of half of the new rate.
 pub const ANTI_ALIAS_FRACTION: f64 = 0.8;
@@ -28,18 +28,18 @@ pub enum AntiAliasError {
 /// removed, and the report counts no rows. Angles must be unwrapped first.
 ///
 /// # Errors
-/// Fails with [`TimeError::Lengths`] for columns of different lengths, as [`sample_rate`], and as [`ZeroPhase::new`]
-/// for a new rate that is not above 0 Hz or too low for the filter.
-pub fn anti_alias(tt: &[f64], x: &[f64], rate_hz: f64) -> Result<(Vec<f64>, FilterReport), AntiAliasError> {
+/// Fails with [`TimeError::Lengths`] for columns of different lengths, as [`sample_rate`], and as
+/// [`ZeroPhaseFilter::new`] for a new rate that is not above 0 Hz or too low for the filter.
+pub fn anti_alias(tt: &[f64], x: &[f64], rate_hz: f64) -> Result<(Vec<f64>, GapFilterReport), AntiAliasError> {
     if x.len() != tt.len() {
         return Err(TimeError::Lengths { given: x.len(), expected: tt.len() }.into());
     }
     let present_hz = sample_rate(tt, STEP_TOLERANCE)?;
     let high_hz = ANTI_ALIAS_FRACTION * rate_hz / 2.0;
     if high_hz >= present_hz / 2.0 {
-        return Ok((x.to_vec(), FilterReport::default()));
+        return Ok((x.to_vec(), GapFilterReport::default()));
     }
-    let filter = ZeroPhase::new(Band::Low { high_hz }, present_hz, ANTI_ALIAS_ORDER)?;
-    let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, present_hz);
+    let filter = ZeroPhaseFilter::new(FilterBand::Low { high_hz }, present_hz, ANTI_ALIAS_ORDER)?;
+    let runs = RowMask::all(x.len()).and_finite(x).runs_in_time(tt, present_hz);
     Ok(filter_column(&filter, x, &runs)?)
 }

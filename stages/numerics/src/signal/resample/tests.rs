@@ -2,7 +2,8 @@
 use super::*;
 use crate::reference_csv::columns;
 
-const METHODS: [Method; 3] = [Method::Linear, Method::Nearest, Method::Cubic];
+const METHODS: [SampleInterpolation; 3] =
+    [SampleInterpolation::Linear, SampleInterpolation::Nearest, SampleInterpolation::Cubic];
 
 fn times(rows: usize, first: f64, step: f64) -> Vec<f64> {
     (0..rows).map(|k| first + step * k as f64).collect()
@@ -16,7 +17,7 @@ fn law_a_series_on_the_grid_comes_back_bit_by_bit() {
     let divided: Vec<f64> = (0..500).map(|k| f64::from(500_007 + k) / 10.0).collect();
     for tt in [added, times(500, 50_000.7, 0.1), divided.clone()] {
         let x: Vec<f64> = (0..500).map(|k| (f64::from(k) * 0.37).sin() * 1e5).collect();
-        let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
+        let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
         assert_eq!(plan.grid(), divided);
         for method in METHODS {
             assert_eq!(plan.column(&x, method).unwrap(), x, "{method:?}");
@@ -28,21 +29,21 @@ fn law_a_series_on_the_grid_comes_back_bit_by_bit() {
 #[test]
 fn law_the_grid_begins_and_ends_inside_the_samples() {
     let tt = [0.05, 0.26, 0.41, 0.79];
-    let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
+    let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
     assert_eq!(plan.grid(), [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]);
-    let earlier = Plan::new(&[-0.25, 0.0], 10.0, 1.0).unwrap();
+    let earlier = ResamplePlan::new(&[-0.25, 0.0], 10.0, 1.0).unwrap();
     assert_eq!(earlier.grid(), [-0.2, -0.1, 0.0]);
-    assert_eq!(Plan::new(&[0.3], 10.0, 1.0).unwrap().grid(), [0.3]);
-    assert!(Plan::new(&[0.31], 10.0, 1.0).unwrap().grid().is_empty());
-    assert!(Plan::new(&[], 10.0, 1.0).unwrap().grid().is_empty());
+    assert_eq!(ResamplePlan::new(&[0.3], 10.0, 1.0).unwrap().grid(), [0.3]);
+    assert!(ResamplePlan::new(&[0.31], 10.0, 1.0).unwrap().grid().is_empty());
+    assert!(ResamplePlan::new(&[], 10.0, 1.0).unwrap().grid().is_empty());
 }
 
 #[test]
 fn law_a_straight_line_stays_one() {
     let tt: Vec<f64> = (0..400).map(|k| 0.07 * f64::from(k) + 0.02 * (f64::from(k)).sin()).collect();
     let x: Vec<f64> = tt.iter().map(|tt| 5.0 - 3.0 * tt).collect();
-    let plan = Plan::new(&tt, 20.0, 1.0).unwrap();
-    for method in [Method::Linear, Method::Cubic] {
+    let plan = ResamplePlan::new(&tt, 20.0, 1.0).unwrap();
+    for method in [SampleInterpolation::Linear, SampleInterpolation::Cubic] {
         for (tt, x) in plan.grid().iter().zip(plan.column(&x, method).unwrap()) {
             // Values of up to 80 are rounded a few times.
             assert!((x - (5.0 - 3.0 * tt)).abs() < 1e-13, "{method:?} at {tt}");
@@ -54,9 +55,9 @@ fn law_a_straight_line_stays_one() {
 fn val_linear_and_akima_equal_scipy() {
     let samples = columns(include_str!("../../../reference/signal/resample_samples.csv"));
     let grid = columns(include_str!("../../../reference/signal/resample_grid.csv"));
-    let plan = Plan::new(&samples["tt"], 10.0, 1.0).unwrap();
+    let plan = ResamplePlan::new(&samples["tt"], 10.0, 1.0).unwrap();
     assert_eq!(plan.grid(), grid["tt"]);
-    for (method, name) in [(Method::Linear, "linear"), (Method::Cubic, "akima")] {
+    for (method, name) in [(SampleInterpolation::Linear, "linear"), (SampleInterpolation::Cubic, "akima")] {
         let ours = plan.column(&samples["x"], method).unwrap();
         for (row, (ours, scipy)) in ours.iter().zip(&grid[name]).enumerate() {
             // The same cubic in another form: some units in the last place of values up to 30.
@@ -70,14 +71,14 @@ fn law_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
     // One second is missing after 1.0, exactly as long as may be bridged; then 1.1 s after 3.0.
     let tt = [0.8, 0.9, 1.0, 2.0, 2.9, 3.0, 4.1, 4.2];
     let x = [8.0, 9.0, 10.0, 20.0, 29.0, 30.0, 41.0, 42.0];
-    let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
+    let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
     assert_eq!(plan.rows_in_gaps(), 10);
     for method in METHODS {
         let y = plan.column(&x, method).unwrap();
         for (row, (tt, y)) in plan.grid().iter().zip(&y).enumerate() {
             let in_gap = *tt > 3.05 && *tt < 4.05;
             assert_eq!(y.is_nan(), in_gap, "{method:?} row {row}");
-            if method != Method::Nearest && !in_gap {
+            if method != SampleInterpolation::Nearest && !in_gap {
                 assert!((y - 10.0 * tt).abs() < 1e-12, "{method:?} row {row}: {y}");
             }
         }
@@ -97,32 +98,32 @@ fn law_missing_samples_of_one_column_concern_that_column_only() {
     holed[5] = f64::NAN;
     holed[20..32].fill(f64::NAN);
     holed[40] = f64::INFINITY;
-    let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
-    let y = plan.column(&holed, Method::Linear).unwrap();
+    let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
+    let y = plan.column(&holed, SampleInterpolation::Linear).unwrap();
     for (row, (y, x)) in y.iter().zip(&x).enumerate() {
         let missing = row == 0 || row == 40 || (20..32).contains(&row);
         assert_eq!(y.is_nan(), missing, "row {row}");
         assert!(missing || (y - x).abs() < 1e-15, "row {row}");
     }
-    assert_eq!(plan.column(&x, Method::Linear).unwrap(), x);
-    let none = plan.column(&[f64::NAN; 41], Method::Cubic).unwrap();
+    assert_eq!(plan.column(&x, SampleInterpolation::Linear).unwrap(), x);
+    let none = plan.column(&[f64::NAN; 41], SampleInterpolation::Cubic).unwrap();
     assert!(none.iter().all(|y| y.is_nan()));
 }
 
 #[test]
 fn law_angles_take_the_shorter_way_and_stay_in_their_range() {
     let tt = [0.0, 0.2, 0.4, 0.6];
-    let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
-    let heading = plan.angle_deg(&[350.0, 10.0, 350.0, 90.0], Method::Linear).unwrap();
+    let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
+    let heading = plan.angle_deg(&[350.0, 10.0, 350.0, 90.0], SampleInterpolation::Linear).unwrap();
     let expected = [350.0, 0.0, 10.0, 0.0, 350.0, 40.0, 90.0];
     let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
     assert!(close(&heading, &expected), "{heading:?}");
-    let signed = plan.angle_deg(&[170.0, -170.0, 170.0, 175.0], Method::Linear).unwrap();
+    let signed = plan.angle_deg(&[170.0, -170.0, 170.0, 175.0], SampleInterpolation::Linear).unwrap();
     let expected = [170.0, 180.0, -170.0, 180.0, 170.0, 172.5, 175.0];
     let same = |a: f64, b: f64| AngleRange::Full.wrap(a - b + 180.0) - 180.0;
     assert!(signed.iter().zip(expected).all(|(a, b)| same(*a, b).abs() < 1e-9), "{signed:?}");
     assert!(signed.iter().all(|a| (-180.0..=180.0).contains(a)));
-    let cubic = plan.angle_deg(&[340.0, 350.0, 0.0, 10.0], Method::Cubic).unwrap();
+    let cubic = plan.angle_deg(&[340.0, 350.0, 0.0, 10.0], SampleInterpolation::Cubic).unwrap();
     assert!(close(&cubic, &[340.0, 345.0, 350.0, 355.0, 0.0, 5.0, 10.0]), "{cubic:?}");
 }
 
@@ -162,7 +163,7 @@ fn law_anti_aliasing_takes_off_what_would_fold_and_keeps_the_rest() {
 
 #[test]
 fn r12_bad_times_and_requests_are_named() {
-    let error = |tt: &[f64], rate_hz, gap| Plan::new(tt, rate_hz, gap).unwrap_err().to_string();
+    let error = |tt: &[f64], rate_hz, gap| ResamplePlan::new(tt, rate_hz, gap).unwrap_err().to_string();
     assert!(error(&[0.0, 1.0, 1.0], 10.0, 1.0).contains("row 2"));
     assert!(error(&[0.0, 1.0, 0.5], 10.0, 1.0).contains("row 2"));
     assert!(error(&[0.0, f64::NAN], 10.0, 1.0).contains("row 1"));
@@ -170,26 +171,26 @@ fn r12_bad_times_and_requests_are_named() {
     assert!(error(&[0.0, 1.0], 0.0, 1.0).contains("above 0 Hz"));
     assert!(error(&[0.0, 1.0], 10.0, -1.0).contains("at least 0 s"));
     assert!(error(&[1e15, 1e15 + 1.0], 10.0, 1.0).contains("cannot be distinguished"));
-    let plan = Plan::new(&[0.0, 1.0], 10.0, 1.0).unwrap();
-    assert!(plan.column(&[0.0], Method::Linear).is_err());
+    let plan = ResamplePlan::new(&[0.0, 1.0], 10.0, 1.0).unwrap();
+    assert!(plan.column(&[0.0], SampleInterpolation::Linear).is_err());
 }
 
 #[test]
 fn law_a_plan_onto_its_own_grid_is_the_plan() {
     let tt: Vec<f64> = (0..200).map(|k| 12.03 + 0.13 * f64::from(k) + 0.02 * f64::from(k % 3)).collect();
     let x: Vec<f64> = tt.iter().map(|t| (3.0 * t).sin()).collect();
-    let own = Plan::new(&tt, 10.0, 1.0).unwrap();
+    let own = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
     assert_eq!(own.grid(), even_grid(tt[0], tt[199], 10.0).unwrap());
-    let onto = Plan::onto(&tt, own.grid().to_vec(), 10.0, 1.0).unwrap();
+    let onto = ResamplePlan::onto(&tt, own.grid().to_vec(), 10.0, 1.0).unwrap();
     assert_eq!(onto, own);
     // Beyond the samples there is nothing.
-    let wide = Plan::onto(&tt, even_grid(11.0, 40.0, 10.0).unwrap(), 10.0, 1.0).unwrap();
-    let made = wide.column(&x, Method::Linear).unwrap();
+    let wide = ResamplePlan::onto(&tt, even_grid(11.0, 40.0, 10.0).unwrap(), 10.0, 1.0).unwrap();
+    let made = wide.column(&x, SampleInterpolation::Linear).unwrap();
     let inside = |t: f64| t >= tt[0] && t <= tt[199];
     assert!(wide.grid().iter().zip(&made).all(|(t, y)| inside(*t) == y.is_finite()));
     let shared: Vec<f64> = made.into_iter().filter(|y| y.is_finite()).collect();
-    assert_eq!(shared, own.column(&x, Method::Linear).unwrap());
-    assert_eq!(Plan::onto(&[], vec![1.0, 2.0], 10.0, 1.0).unwrap().rows_in_gaps(), 2);
+    assert_eq!(shared, own.column(&x, SampleInterpolation::Linear).unwrap());
+    assert_eq!(ResamplePlan::onto(&[], vec![1.0, 2.0], 10.0, 1.0).unwrap().rows_in_gaps(), 2);
 }
 
 #[test]
@@ -197,5 +198,5 @@ fn unit_times_that_make_no_grid_are_refused() {
     assert_eq!(even_grid(5.0, 4.0, 10.0).unwrap(), Vec::<f64>::new());
     assert!(even_grid(f64::NAN, 4.0, 10.0).is_err() && even_grid(0.0, 4.0, 0.0).is_err());
     assert!(matches!(even_grid(0.0, 1e8, 10.0), Err(ResampleError::TooLong { .. })));
-    assert!(Plan::onto(&[1.0, 2.0], vec![2.0, 1.0], 10.0, 1.0).is_err());
+    assert!(ResamplePlan::onto(&[1.0, 2.0], vec![2.0, 1.0], 10.0, 1.0).is_err());
 }

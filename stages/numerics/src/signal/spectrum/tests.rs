@@ -10,8 +10,11 @@ fn samples() -> Vec<f64> {
 fn val_densities_equal_scipy() {
     let even = columns(include_str!("../../../reference/signal/spectrum_64.csv"));
     let odd = columns(include_str!("../../../reference/signal/spectrum_65.csv"));
-    let cases =
-        [(&even, "hann", 64, Window::Hann), (&even, "hamming", 64, Window::Hamming), (&odd, "hann", 65, Window::Hann)];
+    let cases = [
+        (&even, "hann", 64, SpectralTaper::Hann),
+        (&even, "hamming", 64, SpectralTaper::Hamming),
+        (&odd, "hann", 65, SpectralTaper::Hann),
+    ];
     for (table, name, segment, window) in cases {
         let ours = welch(&samples(), 20.0, segment, window).unwrap();
         assert_eq!(ours.frequency_hz.len(), table["frequency"].len());
@@ -36,7 +39,7 @@ fn law_the_integral_is_the_variance() {
         (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
     let x: Vec<f64> = (0..6400).map(|_| noise()).collect();
-    let spectrum = welch(&x, 50.0, 128, Window::Hann).unwrap();
+    let spectrum = welch(&x, 50.0, 128, SpectralTaper::Hann).unwrap();
     let integral: f64 = spectrum.density.iter().sum::<f64>() * 50.0 / 128.0;
     assert!((integral * 12.0 - 1.0).abs() < 0.03, "{integral}");
     assert_eq!(spectrum.segments, 99);
@@ -45,20 +48,20 @@ fn law_the_integral_is_the_variance() {
 #[test]
 fn law_segments_with_gaps_are_left_out_and_counted() {
     let mut x = samples();
-    let tail = welch(&x[64..], 20.0, 64, Window::Hann).unwrap();
+    let tail = welch(&x[64..], 20.0, 64, SpectralTaper::Hann).unwrap();
     x[10] = f64::NAN;
-    let gap = welch(&x, 20.0, 64, Window::Hann).unwrap();
+    let gap = welch(&x, 20.0, 64, SpectralTaper::Hann).unwrap();
     assert_eq!((gap.left_out, gap.segments), (1, 7));
     assert_ne!(gap.density, tail.density);
     x[40] = f64::INFINITY;
-    let gap = welch(&x, 20.0, 64, Window::Hann).unwrap();
+    let gap = welch(&x, 20.0, 64, SpectralTaper::Hann).unwrap();
     assert_eq!(gap.left_out, 2);
     assert_eq!(gap.density, tail.density);
 }
 
 #[test]
 fn r12_what_has_no_spectrum_is_named() {
-    let error = |x: &[f64], rate, segment| welch(x, rate, segment, Window::Hann).unwrap_err().to_string();
+    let error = |x: &[f64], rate, segment| welch(x, rate, segment, SpectralTaper::Hann).unwrap_err().to_string();
     assert!(error(&[1.0; 9], 10.0, 10).contains("no 10 consecutive samples of 9"));
     assert!(error(&[f64::NAN; 20], 10.0, 10).contains("use shorter"));
     assert!(error(&[1.0; 9], 0.0, 4).contains("above 0 Hz"));

@@ -1,12 +1,12 @@
 //! The currents on board: when they flow, and their sensors.
 
 use nalgebra::Vector3;
-use schemas::{Chosen, Lists, Rule, params};
+use schemas::{ChoiceRegistry, ChoiceSelection, Rule, params};
 
-use super::{Channel, ChannelKeys};
+use super::{ChannelErrors, ChannelKeys};
 use crate::reading::{
-    Section,
-    variant::{Variant, Varied, variant},
+    SynthSection,
+    variant::{SynthVariant, SynthVariantValue, variant},
 };
 
 /// A current on board, and its sensor.
@@ -15,7 +15,7 @@ pub struct Current {
     /// Name of the column, `cur_*`.
     pub name: String,
     /// Control of the current.
-    pub kind: Kind,
+    pub kind: CurrentControl,
     /// Current when off and when fully on, in A.
     pub off_on_a: (f64, f64),
     /// Duration of the linear rise and fall, in seconds: for `switched`, `schedule` and `periodic`.
@@ -27,7 +27,7 @@ pub struct Current {
     /// Step of the recorded values, in A; 0 is none.
     pub resolution_a: f64,
     /// Errors of the column.
-    pub channel: Channel,
+    pub channel: ChannelErrors,
     /// Whether a sensor records the current. Otherwise the current flows without a column.
     pub measured: bool,
     /// Fraction of each change of its field that eddy currents delay.
@@ -40,7 +40,7 @@ pub struct Current {
 
 /// Control of a current: a level from 0 (off) to 1 (fully on).
 #[derive(Clone, Debug, PartialEq)]
-pub enum Kind {
+pub enum CurrentControl {
     /// On and off at random, with exponentially distributed durations.
     Switched {
         /// Mean durations of off and on, in seconds.
@@ -63,7 +63,7 @@ pub enum Kind {
     /// Always on.
     Steady,
     /// Follows the engine's throttle.
-    Engine(Engine),
+    Engine(EngineThrottle),
     /// Follows the attitude rates that servos control.
     Servo {
         /// Weights of the rates of roll, pitch and yaw.
@@ -79,7 +79,7 @@ pub enum Kind {
 
 /// The throttle that holds speed and climb, from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Engine {
+pub struct EngineThrottle {
     /// Throttle in level flight at `cruise_mps`, proportional to the cube of the speed. Key `cruise`, 0.5.
     pub cruise: f64,
     /// Speed at which `cruise` applies, in m/s.
@@ -107,13 +107,13 @@ pub struct Thermostat {
     pub tau_s: f64,
 }
 
-impl Varied for Kind {
+impl SynthVariantValue for CurrentControl {
     const DEFAULT: &'static str = "switched";
 }
 
 variant! {
     /// On and off at random, with exponentially distributed durations.
-    SWITCHED: Kind = "switched", |keys| Kind::Switched { mean_off_on_s: (keys.mean_off_s, keys.mean_on_s) };
+    SWITCHED: CurrentControl = "switched", |keys| CurrentControl::Switched { mean_off_on_s: (keys.mean_off_s, keys.mean_on_s) };
     struct SwitchedKeys;
     /// Mean duration of the off state.
     mean_off_s: f64, unit "s", default 20.0, rule Rule::Positive;
@@ -123,7 +123,7 @@ variant! {
 
 variant! {
     /// On from `t_on` to `t_off`, in seconds after the flight's start.
-    SCHEDULE: Kind = "schedule", |keys| Kind::Schedule { on_off_s: keys.schedule };
+    SCHEDULE: CurrentControl = "schedule", |keys| CurrentControl::Schedule { on_off_s: keys.schedule };
     struct ScheduleKeys;
     /// Switching times in ascending order, `[[t_on, t_off], ...]`, in s after the flight's start.
     schedule: Vec<[f64; 2]>, unit "s", rule Rule::Finite;
@@ -131,8 +131,8 @@ variant! {
 
 variant! {
     /// On for `for_s` every `every_s`, like a strobe light.
-    PERIODIC: Kind = "periodic",
-    |keys| Kind::Periodic { every_s: keys.every_s, for_s: keys.for_s, first_s: keys.first_s };
+    PERIODIC: CurrentControl = "periodic",
+    |keys| CurrentControl::Periodic { every_s: keys.every_s, for_s: keys.for_s, first_s: keys.first_s };
     struct PeriodicKeys;
     /// Period from one start to the next.
     every_s: f64, unit "s", rule Rule::Positive;
@@ -144,15 +144,15 @@ variant! {
 
 variant! {
     /// Always on.
-    STEADY: Kind = "steady", |_| Kind::Steady;
+    STEADY: CurrentControl = "steady", |_| CurrentControl::Steady;
     struct SteadyKeys;
 }
 
 variant! {
     /// Follows the engine's throttle, which holds speed and climb. The level is from 0 to 1.
-    ENGINE: Kind = "engine", |keys| {
+    ENGINE: CurrentControl = "engine", |keys| {
         let EngineKeys { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s } = keys;
-        Kind::Engine(Engine { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s })
+        CurrentControl::Engine(EngineThrottle { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s })
     };
     struct EngineKeys;
     /// Throttle in level flight at `cruise_mps`. It is proportional to the cube of the speed.
@@ -171,8 +171,8 @@ variant! {
 
 variant! {
     /// Follows the attitude rates that servos control.
-    SERVO: Kind = "servo", |keys| {
-        Kind::Servo { axes: Vector3::from(keys.axes), full_dps: keys.full_dps, signed: keys.signed }
+    SERVO: CurrentControl = "servo", |keys| {
+        CurrentControl::Servo { axes: Vector3::from(keys.axes), full_dps: keys.full_dps, signed: keys.signed }
     };
     struct ServoKeys;
     /// Weights of the rates of roll, pitch and yaw.
@@ -185,9 +185,9 @@ variant! {
 
 variant! {
     /// Follows a thermostat's heater: on below `keep_degc - band_degc / 2`, off above `keep_degc + band_degc / 2`.
-    HEATER: Kind = "heater", |keys| {
+    HEATER: CurrentControl = "heater", |keys| {
         let HeaterKeys { keep_degc, band_degc, power_degc, warm_tau_s } = keys;
-        Kind::Heater(Thermostat { keep_degc, band_degc, power_degc, tau_s: warm_tau_s })
+        CurrentControl::Heater(Thermostat { keep_degc, band_degc, power_degc, tau_s: warm_tau_s })
     };
     struct HeaterKeys;
     /// Set temperature.
@@ -206,7 +206,7 @@ params! {
     /// Name of the column, `cur_*`.
     name: String, unit "";
     /// Control of the current.
-    kind: Chosen<Variant<Kind>>, unit "";
+    kind: ChoiceSelection<SynthVariant<CurrentControl>>, unit "";
     /// Current when off.
     off_a: f64, unit "A", default 0.0, rule Rule::Finite;
     /// Current when fully on.
@@ -232,35 +232,35 @@ params! {
 }
 
 /// The kinds of control of a current.
-pub(crate) fn kinds() -> Lists {
-    Lists::default().with(vec![&SWITCHED, &SCHEDULE, &PERIODIC, &STEADY, &ENGINE, &SERVO, &HEATER])
+pub(crate) fn kinds() -> ChoiceRegistry {
+    ChoiceRegistry::default().with(vec![&SWITCHED, &SCHEDULE, &PERIODIC, &STEADY, &ENGINE, &SERVO, &HEATER])
 }
 
-pub(in super::super) fn current(s: &Section) -> Option<Current> {
+pub(in super::super) fn current(s: &SynthSection) -> Option<Current> {
     let keys: CurrentKeys = s.group_of(None, &kinds())?;
     s.refuse_foreign(&keys.kind);
     if !keys.name.starts_with("cur_") {
         s.fault_at("name", format!("the name of a current must begin with `cur_`, not `{}`", keys.name));
     }
     match &*keys.kind.keys {
-        Kind::Schedule { on_off_s } => {
+        CurrentControl::Schedule { on_off_s } => {
             let times: Vec<f64> = on_off_s.iter().flatten().copied().collect();
             if times.windows(2).any(|w| w[0] > w[1]) {
                 s.fault_at("schedule", "the times of `schedule` must be in ascending order".to_owned());
             }
         }
-        Kind::Periodic { every_s, for_s, .. } if for_s > every_s => {
+        CurrentControl::Periodic { every_s, for_s, .. } if for_s > every_s => {
             s.fault_at("for_s", format!("`for_s`, {for_s} s, must be at most `every_s`, {every_s} s"));
         }
-        Kind::Switched { .. }
-        | Kind::Periodic { .. }
-        | Kind::Steady
-        | Kind::Engine(_)
-        | Kind::Servo { .. }
-        | Kind::Heater(_) => {}
+        CurrentControl::Switched { .. }
+        | CurrentControl::Periodic { .. }
+        | CurrentControl::Steady
+        | CurrentControl::Engine(_)
+        | CurrentControl::Servo { .. }
+        | CurrentControl::Heater(_) => {}
     }
     Some(Current {
-        kind: Kind::clone(&keys.kind.keys),
+        kind: CurrentControl::clone(&keys.kind.keys),
         name: keys.name,
         off_on_a: (keys.off_a, keys.on_a),
         ramp_s: keys.ramp_s,

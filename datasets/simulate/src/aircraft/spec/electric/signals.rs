@@ -1,20 +1,20 @@
 //! The control signals that are recorded.
 
-use schemas::{Chosen, Lists, Rule, params};
+use schemas::{ChoiceRegistry, ChoiceSelection, Rule, params};
 
-use super::{Channel, ChannelKeys, Current, current_of};
+use super::{ChannelErrors, ChannelKeys, Current, current_of};
 use crate::reading::{
-    Section,
-    variant::{Variant, Varied, variant},
+    SynthSection,
+    variant::{SynthVariant, SynthVariantValue, variant},
 };
 
 /// A recorded control signal: `offset + gain * signal` plus noise, rounded to `resolution`.
 #[derive(Clone, Debug)]
-pub struct Input {
+pub struct ControlSignal {
     /// Name of the column.
     pub name: String,
     /// The recorded quantity.
-    pub signal: Signal,
+    pub signal: ControlQuantity,
     /// Offset.
     pub offset: f64,
     /// Gain.
@@ -24,12 +24,12 @@ pub struct Input {
     /// Quantisation step of the recorded values; 0 disables rounding.
     pub resolution: f64,
     /// Errors of the column.
-    pub channel: Channel,
+    pub channel: ChannelErrors,
 }
 
 /// Quantity that a control signal records.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Signal {
+pub enum ControlQuantity {
     /// The level of a current, 0 to 1, such as the throttle. Kind `current`, with the key `of`.
     Level(usize),
     /// Rate of roll (aileron), of pitch (elevator) or of yaw (rudder), in degrees per second.
@@ -42,20 +42,20 @@ pub enum Signal {
 
 /// The recorded quantity of a control signal, with a current identified by its name.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
+pub enum NamedControlQuantity {
     /// The level of a current.
     Level(String),
     /// A quantity without a name.
-    Other(Signal),
+    Other(ControlQuantity),
 }
 
-impl Varied for Told {
+impl SynthVariantValue for NamedControlQuantity {
     const DEFAULT: &'static str = "current";
 }
 
 variant! {
     /// The level of a current, 0 to 1, such as the throttle.
-    LEVEL: Told = "current", |keys| Told::Level(keys.of);
+    LEVEL: NamedControlQuantity = "current", |keys| NamedControlQuantity::Level(keys.of);
     struct LevelKeys;
     /// Index of the current.
     of: String, unit "";
@@ -63,37 +63,37 @@ variant! {
 
 variant! {
     /// Rate of roll, in degrees per second.
-    AILERON: Told = "aileron", |_| Told::Other(Signal::Rate(0));
+    AILERON: NamedControlQuantity = "aileron", |_| NamedControlQuantity::Other(ControlQuantity::Rate(0));
     struct AileronKeys;
 }
 
 variant! {
     /// Rate of pitch, in degrees per second.
-    ELEVATOR: Told = "elevator", |_| Told::Other(Signal::Rate(1));
+    ELEVATOR: NamedControlQuantity = "elevator", |_| NamedControlQuantity::Other(ControlQuantity::Rate(1));
     struct ElevatorKeys;
 }
 
 variant! {
     /// Rate of yaw, in degrees per second.
-    RUDDER: Told = "rudder", |_| Told::Other(Signal::Rate(2));
+    RUDDER: NamedControlQuantity = "rudder", |_| NamedControlQuantity::Other(ControlQuantity::Rate(2));
     struct RudderKeys;
 }
 
 variant! {
     /// Speed, in m/s.
-    SPEED: Told = "speed", |_| Told::Other(Signal::Speed);
+    SPEED: NamedControlQuantity = "speed", |_| NamedControlQuantity::Other(ControlQuantity::Speed);
     struct SpeedKeys;
 }
 
 variant! {
     /// Temperature on board, in degrees Celsius.
-    TEMPERATURE: Told = "temperature", |_| Told::Other(Signal::Temperature);
+    TEMPERATURE: NamedControlQuantity = "temperature", |_| NamedControlQuantity::Other(ControlQuantity::Temperature);
     struct TemperatureSignalKeys;
 }
 
 /// The kinds of control signals.
-pub(crate) fn signals() -> Lists {
-    Lists::default().with(vec![&LEVEL, &AILERON, &ELEVATOR, &RUDDER, &SPEED, &TEMPERATURE])
+pub(crate) fn signals() -> ChoiceRegistry {
+    ChoiceRegistry::default().with(vec![&LEVEL, &AILERON, &ELEVATOR, &RUDDER, &SPEED, &TEMPERATURE])
 }
 
 params! {
@@ -102,7 +102,7 @@ params! {
     /// Name of the column.
     name: String, unit "";
     /// The recorded quantity.
-    kind: Chosen<Variant<Told>>, unit "";
+    kind: ChoiceSelection<SynthVariant<NamedControlQuantity>>, unit "";
     /// Offset.
     offset: f64, unit "", default 0.0, rule Rule::Finite;
     /// Gain.
@@ -113,7 +113,7 @@ params! {
     resolution: f64, unit "", default 0.0, rule Rule::NotNegative;
 }
 
-pub(in super::super) fn input(s: &Section, currents: &[Current]) -> Option<Input> {
+pub(in super::super) fn input(s: &SynthSection, currents: &[Current]) -> Option<ControlSignal> {
     let keys: InputKeys = s.group_of(None, &signals())?;
     s.refuse_foreign(&keys.kind);
     let described = schemas::flight::describe(&keys.name);
@@ -121,9 +121,9 @@ pub(in super::super) fn input(s: &Section, currents: &[Current]) -> Option<Input
         s.fault_at("name", format!("`{}` is the name of another column", keys.name));
     }
     let signal = match &*keys.kind.keys {
-        Told::Level(of) => Signal::Level(current_of(s, "of", of, currents)?),
-        Told::Other(signal) => signal.clone(),
+        NamedControlQuantity::Level(of) => ControlQuantity::Level(current_of(s, "of", of, currents)?),
+        NamedControlQuantity::Other(signal) => signal.clone(),
     };
     let InputKeys { name, offset, gain, noise, resolution, channel, .. } = keys;
-    Some(Input { name, signal, offset, gain, noise, resolution, channel: channel.channel() })
+    Some(ControlSignal { name, signal, offset, gain, noise, resolution, channel: channel.channel() })
 }

@@ -51,7 +51,7 @@ fn val_continuation_is_magnavs() {
 #[test]
 fn val_components_are_magnavs_but_for_the_mean_and_the_names_of_the_axes() {
     let theirs = columns(MAGNAV);
-    let spectrum = Spectrum::new(&magnav_map(), 0.0, &Padding::none()).unwrap();
+    let spectrum = MapSpectrum::new(&magnav_map(), 0.0, &Padding::none()).unwrap();
     // Declination -0.2 and inclination 1.2 rad, the declination counted from east.
     let main = [1.2_f64.cos() * 0.2_f64.cos(), -(1.2_f64.cos()) * 0.2_f64.sin(), -(1.2_f64.sin())];
     let field = spectrum.components(main, 0.0, 0.0).unwrap();
@@ -70,7 +70,7 @@ fn val_components_are_magnavs_but_for_the_mean_and_the_names_of_the_axes() {
 fn val_the_chessboard_is_magnavs() {
     let map = magnav_map();
     let heights = formula(9, 11, [600.0, 650.0], |j, k| 300.0 + 5.0 * j + 3.0 * k);
-    let drape = Drape::magnav(20.0, Padding::magnav(&map, 60.0));
+    let drape = DrapeOptions::magnav(20.0, Padding::magnav(&map, 60.0));
     let level = drape_to_level(&map, &heights.values, 360.0, &drape).unwrap();
     let difference = worst(&level.values, &columns(MAGNAV)["map_chessboard"]);
     assert!(difference < ROUNDING_NT, "{difference}");
@@ -80,16 +80,21 @@ fn val_the_chessboard_is_magnavs() {
 fn val_padding_by_zeros_gives_harmonicas_answers() {
     let theirs = columns(HARMONICA);
     let map = formula(30, 42, [50.0, 60.0], |j, k| 100.0 * (0.7 * j).sin() + 40.0 * (0.5 * k).cos() + 0.2 * j * k);
-    let padding = Padding { width: Width::Nodes([10, 14]), edge: Edge::Zero, trend: Trend::None, ..Padding::default() };
-    let spectrum = Spectrum::new(&map, 0.0, &padding).unwrap();
+    let padding = Padding {
+        width: PaddingWidth::Nodes([10, 14]),
+        edge: EdgeExtension::Zero,
+        trend: TrendRemoval::None,
+        ..Padding::default()
+    };
+    let spectrum = MapSpectrum::new(&map, 0.0, &padding).unwrap();
     assert_eq!([spectrum.layout().rows.padded, spectrum.layout().columns.padded], [50, 70]);
     let up = upward(&map, 130.0, &padding).unwrap();
     assert!(worst(&up.values, &theirs["upward_130"]) < ROUNDING_NT);
     for (which, name) in [
-        (Derivative::Up, "derivative_upward"),
-        (Derivative::UpTwice, "derivative_upward_2"),
-        (Derivative::East, "derivative_easting"),
-        (Derivative::North, "derivative_northing"),
+        (MapDerivative::Up, "derivative_upward"),
+        (MapDerivative::UpTwice, "derivative_upward_2"),
+        (MapDerivative::East, "derivative_easting"),
+        (MapDerivative::North, "derivative_northing"),
     ] {
         let ours = spectrum.derivative(which, 0.0, 0.0).unwrap();
         let difference = worst(&ours.values, &theirs[name]);

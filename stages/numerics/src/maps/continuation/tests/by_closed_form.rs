@@ -9,8 +9,8 @@ const SCENES: [Scene; 3] = [Scene::Inside, Scene::Around, Scene::Regional];
 
 /// harmonica's padding as its user guide has it: a third of each side, zeros.
 fn harmonica(map: &PlaneGrid) -> Padding {
-    let width = Width::Nodes([map.rows() / 3, map.columns() / 3]);
-    Padding { width, edge: Edge::Zero, trend: Trend::None, ..Padding::default() }
+    let width = PaddingWidth::Nodes([map.rows() / 3, map.columns() / 3]);
+    Padding { width, edge: EdgeExtension::Zero, trend: TrendRemoval::None, ..Padding::default() }
 }
 
 #[test]
@@ -36,7 +36,7 @@ fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
                 let (map, exact) = (field.anomaly(0.0), field.anomaly(up_m));
                 let width = (2.0 * up_m / 100.0) as usize;
                 let size = rms_where(&exact, |_, _| true);
-                let plain = Padding { edge: Edge::Falling { detail_nodes: 0 }, ..Padding::default() };
+                let plain = Padding { edge: EdgeExtension::Falling { detail_nodes: 0 }, ..Padding::default() };
                 let paddings = [Padding::default(), harmonica(&map), Padding::magnav(&map, up_m), plain];
                 for (sum, padding) in sums.iter_mut().zip(paddings) {
                     let error = minus(&upward(&map, up_m, &padding).unwrap(), &exact);
@@ -80,7 +80,7 @@ fn law_the_measured_edge_error_is_the_error() {
 fn law_derivatives_are_those_of_the_field() {
     let field = Field::new(Scene::Inside, 2, [90, 110]);
     let map = field.anomaly(0.0);
-    let spectrum = Spectrum::new(&map, 100.0, &Padding::default()).unwrap();
+    let spectrum = MapSpectrum::new(&map, 100.0, &Padding::default()).unwrap();
     let shifted = |up_m: f64, axis: usize, metres: f64| {
         field.on(
             |_| up_m,
@@ -91,7 +91,7 @@ fn law_derivatives_are_those_of_the_field() {
         )
     };
     for up_m in [0.0, 100.0] {
-        for (axis, which) in [Derivative::East, Derivative::North, Derivative::Up].into_iter().enumerate() {
+        for (axis, which) in [MapDerivative::East, MapDerivative::North, MapDerivative::Up].into_iter().enumerate() {
             let (plus, less) = (shifted(up_m, axis, 1.0), shifted(up_m, axis, -1.0));
             let exact = plus.with(minus(&plus, &less).values.iter().map(|d| 0.5 * d).collect());
             let ours = spectrum.derivative(which, up_m, 0.0).unwrap();
@@ -100,7 +100,7 @@ fn law_derivatives_are_those_of_the_field() {
         let [above, at, below] = [1.0, 0.0, -1.0].map(|metres| shifted(up_m, 2, metres));
         let exact =
             above.with((0..at.values.len()).map(|i| above.values[i] - 2.0 * at.values[i] + below.values[i]).collect());
-        let ours = spectrum.derivative(Derivative::UpTwice, up_m, 0.0).unwrap();
+        let ours = spectrum.derivative(MapDerivative::UpTwice, up_m, 0.0).unwrap();
         assert_near_inside(&ours, &exact, 0.02, &format!("second at {up_m} m"));
     }
 }
@@ -117,7 +117,7 @@ fn assert_near_inside(ours: &PlaneGrid, exact: &PlaneGrid, part: f64, what: &str
 fn law_components_are_those_of_the_field() {
     let field = Field::new(Scene::Inside, 4, [90, 110]);
     let map = field.anomaly(0.0);
-    let spectrum = Spectrum::new(&map, 100.0, &Padding::default()).unwrap();
+    let spectrum = MapSpectrum::new(&map, 100.0, &Padding::default()).unwrap();
     let ours = spectrum.components(main_field().map(|c| 54_000.0 * c), 100.0, 0.0).unwrap();
     for (axis, ours) in [&ours.east, &ours.north, &ours.up].into_iter().enumerate() {
         // The horizontal components fall more slowly outward than the anomaly that they are made from.
@@ -135,7 +135,7 @@ fn law_components_are_those_of_the_field() {
 #[test]
 fn law_components_of_a_horizontal_main_field_are_damped_not_infinite() {
     let map = Field::new(Scene::Around, 4, [40, 50]).anomaly(0.0);
-    let spectrum = Spectrum::new(&map, 0.0, &Padding::default()).unwrap();
+    let spectrum = MapSpectrum::new(&map, 0.0, &Padding::default()).unwrap();
     let ours = spectrum.components(direction(0.0, 0.0), 0.0, 0.0).unwrap();
     assert!(ours.damped);
     let size = rms_where(&map, |_, _| true);
@@ -155,7 +155,7 @@ fn law_the_corner_of_the_l_curve_is_near_the_best_alpha() {
         map.values.iter_mut().for_each(|value| *value += noise_nt * random.normal());
         let error = |map: &PlaneGrid| rms_where(&minus(map, &exact), |row, column| depth(map, row, column) >= 10);
         let ours = downward(&map, down_m, Regularisation::LCurve, &padding).unwrap();
-        let spectrum = Spectrum::new(&map, down_m, &padding).unwrap();
+        let spectrum = MapSpectrum::new(&map, down_m, &padding).unwrap();
         let best = (ours.curve.points.iter().step_by(6))
             .map(|point| error(&spectrum.at_height(-down_m, point.alpha_m2).unwrap()))
             .fold(f64::INFINITY, f64::min);
@@ -175,15 +175,15 @@ fn law_a_level_on_a_drape_is_the_field_there() {
     let heights: Vec<f64> = (0..9900).map(hills).collect();
     let exact = field.on(hills, |point| field.anomaly_at(point));
     let (low, middle) = (field.anomaly(180.0), field.anomaly(300.0));
-    let cubic = level_to_drape(&low, 180.0, &heights, &Drape::default()).unwrap();
+    let cubic = level_to_drape(&low, 180.0, &heights, &DrapeOptions::default()).unwrap();
     assert_near_inside(&cubic, &exact, 0.003, "upward");
     let [linear, coarse] = [HeightInterpolation::Linear, HeightInterpolation::Cubic].map(|interpolation| {
-        let drape = Drape { interpolation, step_m: Some(100.0), ..Drape::default() };
+        let drape = DrapeOptions { interpolation, step_m: Some(100.0), ..DrapeOptions::default() };
         level_to_drape(&low, 180.0, &heights, &drape).unwrap()
     });
     let inside = |map: &PlaneGrid| rms_where(&minus(map, &exact), |row, column| depth(map, row, column) >= 15);
     assert!(inside(&coarse) < 0.2 * inside(&linear), "{} {}", inside(&coarse), inside(&linear));
-    let both = level_to_drape(&middle, 300.0, &heights, &Drape::default()).unwrap();
+    let both = level_to_drape(&middle, 300.0, &heights, &DrapeOptions::default()).unwrap();
     assert_near_inside(&both, &exact, 0.005, "both ways");
 }
 
@@ -194,9 +194,9 @@ fn law_a_drape_on_a_level_is_the_field_there_and_refining_makes_it_better() {
     let map = field.on(hills, |point| field.anomaly_at(point));
     for (level_m, part) in [(420.0, 0.002), (300.0, 0.003)] {
         let exact = field.anomaly(level_m);
-        let refined = drape_to_level(&map, &heights, level_m, &Drape::default()).unwrap();
+        let refined = drape_to_level(&map, &heights, level_m, &DrapeOptions::default()).unwrap();
         assert_near_inside(&refined, &exact, part, &format!("{level_m} m"));
-        let plain = Drape { refinements: 0, ..Drape::default() };
+        let plain = DrapeOptions { refinements: 0, ..DrapeOptions::default() };
         let plain = drape_to_level(&map, &heights, level_m, &plain).unwrap();
         let inside = |map: &PlaneGrid| rms_where(&minus(map, &exact), |row, column| depth(map, row, column) >= 15);
         assert!(2.0 * inside(&refined) < inside(&plain), "{level_m} m: {} {}", inside(&refined), inside(&plain));

@@ -21,7 +21,7 @@ pub(super) fn main_field() -> EastNorthUp {
 
 /// Sources magnetised along the main field, and the axes of the map above them.
 pub(super) struct Field {
-    pub(super) sources: Vec<Source>,
+    pub(super) sources: Vec<MagneticBody>,
     east_m: EvenAxis,
     north_m: EvenAxis,
 }
@@ -96,15 +96,15 @@ impl Field {
 }
 
 /// A dipole or a prism that makes some 100 nT at height 0.
-fn source(at: EastNorthUp, strength: f64, random: &mut Random) -> Source {
+fn source(at: EastNorthUp, strength: f64, random: &mut Random) -> MagneticBody {
     let depth = -at[2];
     let moment = main_field().map(|c| c * strength * 0.5 * depth.powi(3));
     if random.even() < 0.92 {
-        return Source::Dipole(Dipole { at_m: at, moment_am2: moment });
+        return MagneticBody::Dipole(Dipole { at_m: at, moment_am2: moment });
     }
     let half = [0.4, 0.3, 0.3].map(|part| part * depth);
     let volume = 8.0 * half[0] * half[1] * half[2];
-    Source::Prism(Prism {
+    MagneticBody::Prism(Prism {
         low_m: [0, 1, 2].map(|i| at[i] - half[i]),
         high_m: [0, 1, 2].map(|i| at[i] + half[i]),
         magnetisation_apm: moment.map(|m| m / volume),

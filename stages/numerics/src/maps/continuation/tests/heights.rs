@@ -9,7 +9,7 @@ fn law_the_error_of_a_height_is_that_of_the_field_in_closed_form() {
     for (seed, scene) in [(1, Scene::Around), (2, Scene::Around), (3, Scene::Inside)] {
         let field = Field::new(scene, seed, [160, 200]);
         let map = field.anomaly(0.0);
-        let power = RadialPower::of(&map).unwrap();
+        let power = RadialPower::from_map(&map).unwrap();
         for up_m in [20.0, 100.0, 400.0, 1500.0, -30.0] {
             let truth = rms_where(&minus(&map, &field.anomaly(up_m)), |_, _| true);
             let ours = power.height_error_nt(up_m);
@@ -26,13 +26,13 @@ fn law_a_wave_decays_with_its_wavenumber() {
     let k = std::f64::consts::TAU / 2000.0;
     let wave = |i: usize| 10.0 * (k * 100.0 * (i % 200) as f64).sin();
     let map = PlaneGrid { east_m: axis(200), north_m: axis(100), values: (0..20_000).map(wave).collect() };
-    let power = RadialPower::of(&map).unwrap();
+    let power = RadialPower::from_map(&map).unwrap();
     let expected = 50f64.sqrt() * (1.0 - (-k * 300.0).exp());
     // The padding breaks the wave off, which spreads its line.
     assert!((power.height_error_nt(300.0) / expected - 1.0).abs() < 0.1);
     let mut holes = map.clone();
     holes.values.iter_mut().step_by(7).for_each(|x| *x = f64::NAN);
-    assert!(RadialPower::of(&holes).unwrap().height_error_nt(300.0).is_finite());
+    assert!(RadialPower::from_map(&holes).unwrap().height_error_nt(300.0).is_finite());
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn law_a_level_below_the_map_errs_by_the_amplified_noise_and_the_damped_field() 
                 let below = continued(&map, -down_m, MAGNAV_ALPHA_M2, &Padding::default()).unwrap();
                 let errors = minus(&below, &field.anomaly(from_m - down_m));
                 let truth = rms_where(&errors, |row, column| (30..130).contains(&row) && (30..170).contains(&column));
-                let power = RadialPower::of(&map).unwrap();
+                let power = RadialPower::from_map(&map).unwrap();
                 let known = power.downward_error_nt(down_m, MAGNAV_ALPHA_M2, Some(noise_nt));
                 let found = power.downward_error_nt(down_m, MAGNAV_ALPHA_M2, None);
                 println!(
@@ -73,7 +73,7 @@ fn law_white_noise_grows_downward_by_the_mean_gain() {
         north_m: axis(120),
         values: (0..14_400).map(|_| 2.0 * random.normal()).collect(),
     };
-    let power = RadialPower::of(&map).unwrap();
+    let power = RadialPower::from_map(&map).unwrap();
     let below = continued(&map, -50.0, MAGNAV_ALPHA_M2, &Padding::default()).unwrap();
     let truth = rms_where(&below, |row, column| (10..110).contains(&row) && (10..110).contains(&column));
     for noise in [None, Some(2.0)] {

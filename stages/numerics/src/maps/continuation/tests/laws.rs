@@ -17,10 +17,10 @@ fn noise(rows: usize, columns: usize) -> PlaneGrid {
 #[test]
 fn law_a_constant_is_the_same_at_any_height_and_has_no_slope() {
     let map = formula(20, 33, [80.0, 50.0], |_, _| 271.5);
-    let spectrum = Spectrum::new(&map, 400.0, &Padding::default()).unwrap();
+    let spectrum = MapSpectrum::new(&map, 400.0, &Padding::default()).unwrap();
     for up_m in [-400.0, 0.0, 400.0] {
         assert!(worst(&spectrum.at_height(up_m, 200.0).unwrap().values, &map.values) < 1e-10);
-        let slope = spectrum.derivative(Derivative::Up, up_m, 200.0).unwrap();
+        let slope = spectrum.derivative(MapDerivative::Up, up_m, 200.0).unwrap();
         assert!(worst(&slope.values, &vec![0.0; 660]) < 1e-10);
     }
 }
@@ -28,10 +28,12 @@ fn law_a_constant_is_the_same_at_any_height_and_has_no_slope() {
 #[test]
 fn law_a_plane_is_the_same_at_any_height_and_keeps_its_slopes() {
     let map = formula(20, 33, [80.0, 50.0], |j, k| 100.0 + 3.0 * j - 2.0 * k);
-    let padding = Padding { trend: Trend::EdgePlane, ..Padding::default() };
-    let spectrum = Spectrum::new(&map, 400.0, &padding).unwrap();
+    let padding = Padding { trend: TrendRemoval::EdgePlane, ..Padding::default() };
+    let spectrum = MapSpectrum::new(&map, 400.0, &padding).unwrap();
     assert!(worst(&spectrum.at_height(400.0, 0.0).unwrap().values, &map.values) < 1e-10);
-    for (which, slope) in [(Derivative::East, -2.0 / 80.0), (Derivative::North, 3.0 / 50.0), (Derivative::Up, 0.0)] {
+    for (which, slope) in
+        [(MapDerivative::East, -2.0 / 80.0), (MapDerivative::North, 3.0 / 50.0), (MapDerivative::Up, 0.0)]
+    {
         let ours = spectrum.derivative(which, 100.0, 0.0).unwrap();
         assert!(worst(&ours.values, &vec![slope; 660]) < 1e-12, "{which:?}");
     }
@@ -45,7 +47,7 @@ fn law_a_periodic_wave_is_damped_by_its_wavenumber_alone() {
     let wave = formula(rows, columns, [80.0, 50.0], |j, k| phase(j, k).cos());
     let (k_east, k_north) = (tau * 3.0 / (30.0 * 80.0), tau * 2.0 / (24.0 * 50.0));
     let k = k_east.hypot(k_north);
-    let spectrum = Spectrum::new(&wave, 0.0, &Padding::none()).unwrap();
+    let spectrum = MapSpectrum::new(&wave, 0.0, &Padding::none()).unwrap();
     let scaled = |factor: f64| wave.values.iter().map(|v| v * factor).collect::<Vec<f64>>();
     let (up_m, down_m, alpha) = (130.0_f64, 70.0_f64, 900.0);
     assert!(worst(&spectrum.at_height(up_m, alpha).unwrap().values, &scaled((-k * up_m).exp())) < 1e-13);
@@ -53,19 +55,19 @@ fn law_a_periodic_wave_is_damped_by_its_wavenumber_alone() {
     let damped = growth / (1.0 + alpha * k * k * growth);
     assert!(worst(&spectrum.at_height(-down_m, alpha).unwrap().values, &scaled(damped)) < 1e-13);
     let east = formula(rows, columns, [80.0, 50.0], |j, k| -k_east * phase(j, k).sin());
-    assert!(worst(&spectrum.derivative(Derivative::East, 0.0, 0.0).unwrap().values, &east.values) < 1e-13);
+    assert!(worst(&spectrum.derivative(MapDerivative::East, 0.0, 0.0).unwrap().values, &east.values) < 1e-13);
     let north = formula(rows, columns, [80.0, 50.0], |j, k| -k_north * phase(j, k).sin());
-    assert!(worst(&spectrum.derivative(Derivative::North, 0.0, 0.0).unwrap().values, &north.values) < 1e-13);
+    assert!(worst(&spectrum.derivative(MapDerivative::North, 0.0, 0.0).unwrap().values, &north.values) < 1e-13);
 }
 
 #[test]
 fn law_the_derivatives_obey_laplace() {
     let map = noise(31, 40); // odd padding, so that no wave of two nodes is in it
-    let padding = Padding { width: Width::Nodes([2, 2]), even: false, ..Padding::default() };
-    let spectrum = Spectrum::new(&map, 0.0, &padding).unwrap();
+    let padding = Padding { width: PaddingWidth::Nodes([2, 2]), even: false, ..Padding::default() };
+    let spectrum = MapSpectrum::new(&map, 0.0, &padding).unwrap();
     assert_eq!([spectrum.layout().rows.padded % 2, spectrum.layout().columns.padded % 2], [1, 1]);
     let across = spectrum.filtered(|east, north| Complex::new(-east * east - north * north, 0.0));
-    let up = spectrum.derivative(Derivative::UpTwice, 0.0, 0.0).unwrap();
+    let up = spectrum.derivative(MapDerivative::UpTwice, 0.0, 0.0).unwrap();
     let sum: Vec<f64> = up.values.iter().zip(&across.values).map(|(a, b)| a + b).collect();
     assert!(worst(&sum, &vec![0.0; map.values.len()]) < 1e-12 * 100.0);
 }
@@ -75,7 +77,7 @@ fn law_both_ways_of_filtering_agree_and_one_is_the_map_itself() {
     for (rows, columns) in [(2, 2), (5, 3), (16, 16), (67, 83), (90, 200)] {
         let map = noise(rows, columns);
         for padding in [Padding::default(), Padding::none(), Padding::magnav(&map, 100.0)] {
-            let spectrum = Spectrum::new(&map, 100.0, &padding).unwrap();
+            let spectrum = MapSpectrum::new(&map, 100.0, &padding).unwrap();
             let itself = spectrum.filtered_radially(|_| 1.0);
             assert!(worst(&itself.values, &map.values) < 1e-10, "{rows} x {columns}");
             let radial = spectrum.at_height(100.0, 0.0).unwrap();
@@ -97,7 +99,7 @@ fn law_answers_do_not_depend_on_the_number_of_threads() {
             let padding = Padding::default();
             let up = upward(&map, 120.0, &padding).unwrap();
             let down = downward(&map, 60.0, Regularisation::LCurve, &padding).unwrap();
-            let drape = drape_to_level(&map, &heights, 30.0, &Drape::default()).unwrap();
+            let drape = drape_to_level(&map, &heights, 30.0, &DrapeOptions::default()).unwrap();
             let error = edge_error(&map, 50.0, 0.0, &padding).unwrap();
             let all = [up.values, down.map.values, vec![down.alpha_m2], drape.values, error.map.values].concat();
             all.iter().map(|value| value.to_bits()).collect::<Vec<u64>>()
@@ -144,7 +146,7 @@ fn law_the_l_curve_gives_up_smoothness_for_fit() {
 #[test]
 fn law_nothing_grows_over_all_bounds_far_down() {
     let map = noise(30, 30);
-    let down = continued(&map, -1e5, 200.0, &Padding { width: Width::None, ..Padding::default() }).unwrap();
+    let down = continued(&map, -1e5, 200.0, &Padding { width: PaddingWidth::None, ..Padding::default() }).unwrap();
     assert!(down.values.iter().all(|value| value.is_finite()));
 }
 
@@ -185,17 +187,17 @@ fn law_what_cannot_be_continued_is_refused_with_the_way_out() {
     assert!(matches!(upward(&map, f64::NAN, &padding), Err(ContinuationError::Height { .. })));
     assert!(matches!(stack(&map, &[1.0, f64::INFINITY], 0.0, &padding), Err(ContinuationError::Height { .. })));
     assert!(matches!(continued(&map, -9.0, -1.0, &padding), Err(ContinuationError::Alpha { .. })));
-    let spectrum = Spectrum::new(&map, 0.0, &padding).unwrap();
+    let spectrum = MapSpectrum::new(&map, 0.0, &padding).unwrap();
     assert!(matches!(spectrum.components([0.0; 3], 0.0, 0.0), Err(ContinuationError::Direction { .. })));
     let heights = vec![0.0; 600];
     assert!(matches!(
-        level_to_drape(&map, 0.0, &heights[1..], &Drape::default()),
+        level_to_drape(&map, 0.0, &heights[1..], &DrapeOptions::default()),
         Err(ContinuationError::DrapeHeights { given: 599, .. })
     ));
     let tall: Vec<f64> = (0..600).map(|i| 1e4 * f64::from(i)).collect();
-    let fine = Drape { step_m: Some(1.0), ..Drape::default() };
+    let fine = DrapeOptions { step_m: Some(1.0), ..DrapeOptions::default() };
     assert!(matches!(level_to_drape(&map, 0.0, &tall, &fine), Err(ContinuationError::TooManyLevels { .. })));
-    let still = Drape { step_m: Some(0.0), ..Drape::default() };
+    let still = DrapeOptions { step_m: Some(0.0), ..DrapeOptions::default() };
     assert!(matches!(level_to_drape(&map, 0.0, &heights, &still), Err(ContinuationError::Height { .. })));
     let small = noise(10, 30);
     assert!(matches!(edge_error(&small, 1.0, 0.0, &padding), Err(ContinuationError::TooSmallToMeasure { .. })));
@@ -205,13 +207,13 @@ fn law_what_cannot_be_continued_is_refused_with_the_way_out() {
 fn law_a_flat_drape_is_a_level_and_what_lies_too_deep_is_unknown() {
     let map = Field::new(Scene::Around, 8, [40, 50]).anomaly(0.0);
     let exact = upward(&map, 75.0, &Padding::default()).unwrap();
-    let draped = level_to_drape(&map, 100.0, &vec![175.0; 2000], &Drape::default()).unwrap();
+    let draped = level_to_drape(&map, 100.0, &vec![175.0; 2000], &DrapeOptions::default()).unwrap();
     // 75 m is one level and a half of 50 m: the cubic between levels is what differs.
     assert!(rms_where(&minus(&draped, &exact), |_, _| true) < 2e-3 * rms_where(&exact, |_, _| true));
     let mut heights = vec![100.0; 2000];
     heights[41] = 100.0 - 151.0;
     heights[42] = 100.0 - 149.0;
-    let deep = level_to_drape(&map, 100.0, &heights, &Drape::default()).unwrap();
+    let deep = level_to_drape(&map, 100.0, &heights, &DrapeOptions::default()).unwrap();
     assert!(deep.values[41].is_nan() && deep.values[42].is_finite());
     assert_eq!(deep.unknown(), 1);
     assert!(worst(&[deep.values[0]], &[map.values[0]]) < 1e-9);
@@ -222,7 +224,7 @@ fn law_a_stack_is_its_levels() {
     let map = noise(40, 50);
     let padding = Padding::default();
     let levels = stack(&map, &[0.0, 60.0, -20.0], 300.0, &padding).unwrap();
-    let spectrum = Spectrum::new(&map, 60.0, &padding).unwrap();
+    let spectrum = MapSpectrum::new(&map, 60.0, &padding).unwrap();
     assert!(worst(&levels[0].values, &map.values) < 1e-10);
     assert_eq!(levels[1], spectrum.at_height(60.0, 0.0).unwrap());
     assert_eq!(levels[2], spectrum.at_height(-20.0, 300.0).unwrap());

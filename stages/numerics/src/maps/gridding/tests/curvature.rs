@@ -4,8 +4,8 @@ fn axis(first: f64, step: f64, len: usize) -> EvenAxis {
     EvenAxis { first, step, len }
 }
 
-fn relaxation(tension: f64) -> Relaxation {
-    Relaxation { tension, tolerance_nt: 1e-7, passes: 50_000 }
+fn relaxation(tension: f64) -> RelaxationOptions {
+    RelaxationOptions { tension, tolerance_nt: 1e-7, passes: 50_000 }
 }
 
 #[test]
@@ -24,7 +24,7 @@ fn law_a_plane_comes_back_from_data_off_the_nodes() {
 }
 
 /// Held nodes and a surface between them.
-fn held(tension: f64) -> (Vec<[usize; 2]>, Vec<f64>, PlaneGrid, Relaxed) {
+fn held(tension: f64) -> (Vec<[usize; 2]>, Vec<f64>, PlaneGrid, RelaxationReport) {
     let places: Vec<[usize; 2]> = (0..12).map(|k| [(7 * k + 3) % 13, (11 * k + 5) % 13]).collect();
     let values: Vec<f64> = scattered(12, 4).into_iter().map(|v| 100.0 * v).collect();
     let at = [0, 1].map(|a| places.iter().map(|p| 10.0 * p[a] as f64).collect::<Vec<f64>>());

@@ -10,7 +10,7 @@ use crate::reference_csv::columns;
 use std::collections::BTreeMap;
 
 /// No progress is shown.
-const QUIET: Progress = &|_, _, _| {};
+const QUIET: GriddingProgress = &|_, _, _| {};
 
 fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
     columns(match name {
@@ -29,8 +29,8 @@ fn dipole(d: [f64; 3]) -> [f64; 4] {
 }
 
 /// Lines 200 m apart, a point every 50 m, over two dipoles; the lines rise and fall.
-fn survey() -> OwnedPoints {
-    let mut points = OwnedPoints::default();
+fn survey() -> OwnedSurveyPoints {
+    let mut points = OwnedSurveyPoints::default();
     for line in 0..21 {
         for k in 0..81 {
             let (e, n) = (50.0 * f64::from(k), 200.0 * f64::from(line));

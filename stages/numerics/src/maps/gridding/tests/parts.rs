@@ -1,12 +1,12 @@
-use super::super::clusters::{Clusters, Positions};
-use super::super::far_field::{Spread as FarField, all_proxies};
-use super::super::kernel::{Sources, add_values};
+use super::super::clusters::{ClusterTree, PointPositions};
+use super::super::far_field::{ProxySources as FarField, all_proxies};
+use super::super::kernel::{PointSources, add_values};
 use super::*;
 
 #[test]
 fn law_the_nearest_points_are_those_that_looking_at_all_finds() {
     let (east, north) = (scattered(500, 1), scattered(500, 2));
-    let near = NearestPoints::of(&east, &north);
+    let near = PointCellIndex::new(&east, &north);
     for at in [[0.0, 0.0], [0.99, -0.99], [7.0, 0.2], [-3.0, -40.0]] {
         let mut all: Vec<(f64, usize)> =
             (0..500).map(|i| ((east[i] - at[0]).powi(2) + (north[i] - at[1]).powi(2), i)).collect();
@@ -16,8 +16,8 @@ fn law_the_nearest_points_are_those_that_looking_at_all_finds() {
         let limit = all[4].0.sqrt() * (1.0 + 1e-12);
         assert_eq!(near.nearest(at, 9, limit, |i| i % 3 != 0), all[..5]);
     }
-    assert!(NearestPoints::of(&[], &[]).nearest([0.0; 2], 1, 1.0, |_| true).is_empty());
-    assert_eq!(NearestPoints::of(&[2.0; 5], &[3.0; 5]).nearest([2.0, 3.0], 2, 1.0, |_| true), [(0.0, 0), (0.0, 1)]);
+    assert!(PointCellIndex::new(&[], &[]).nearest([0.0; 2], 1, 1.0, |_| true).is_empty());
+    assert_eq!(PointCellIndex::new(&[2.0; 5], &[3.0; 5]).nearest([2.0, 3.0], 2, 1.0, |_| true), [(0.0, 0), (0.0, 1)]);
 }
 
 #[test]
@@ -28,37 +28,38 @@ fn law_a_block_is_the_median_or_mean_of_its_points() {
         &[5.0, 6.0, 70.0, 8.0, 9.0],
         &[1.0, 2.0, 60.0, 4.0, 5.0],
     ];
-    let blocks = reduce_blocks(points, 10.0, BlockValue::Median);
+    let blocks = reduce_blocks(points, 10.0, BlockReduction::Median);
     assert_eq!(blocks.value_nt, [2.0, 4.0, 5.0]);
     assert_eq!(blocks.height_m, [6.0, 8.0, 9.0]);
     assert_eq!((blocks.easting_m[0], blocks.northing_m[0], &blocks.points[..]), (1.0, 1.0, &[3, 1, 1][..]));
-    assert_eq!(reduce_blocks(points, 10.0, BlockValue::Mean).value_nt, [21.0, 4.0, 5.0]);
-    assert_eq!(reduce_blocks(points, 0.0, BlockValue::Mean).value_nt, points[3]);
+    assert_eq!(reduce_blocks(points, 10.0, BlockReduction::Mean).value_nt, [21.0, 4.0, 5.0]);
+    assert_eq!(reduce_blocks(points, 0.0, BlockReduction::Mean).value_nt, points[3]);
     assert_eq!(crate::regression::statistics::median(&mut [4.0, 1.0, 3.0, 2.0]), 2.5);
 }
 
-fn cloud(count: usize, seed: u64, up: f64) -> Positions {
+fn cloud(count: usize, seed: u64, up: f64) -> PointPositions {
     let axis = |k: u64, reach: f64| scattered(count, seed + k).into_iter().map(|x| reach * x).collect();
     let height = scattered(count, seed + 2).into_iter().map(|x| up + 30.0 * x).collect();
-    Positions { east: axis(0, 5000.0), north: axis(1, 3000.0), up: height }
+    PointPositions { east: axis(0, 5000.0), north: axis(1, 3000.0), up: height }
 }
 
 /// The sum over all pairs.
-fn directly(targets: &Clusters, sources: &Clusters, strength: &[f64], sign: f64) -> Vec<f64> {
+fn directly(targets: &ClusterTree, sources: &ClusterTree, strength: &[f64], sign: f64) -> Vec<f64> {
     let mut sum = vec![0.0; targets.points.len()];
     let at = sources.points.part(0..strength.len());
-    add_values(targets.points.part(0..sum.len()), Sources { at, strength }, sign, &mut sum);
+    add_values(targets.points.part(0..sum.len()), PointSources { at, strength }, sign, &mut sum);
     sum
 }
 
 #[test]
 fn law_boxes_sum_to_what_all_pairs_do_and_the_better_the_farther_they_must_be() {
-    let (targets, sources) = (Clusters::of(&cloud(3000, 5, 300.0), 128), Clusters::of(&cloud(4000, 9, 50.0), 128));
+    let (targets, sources) =
+        (ClusterTree::new(&cloud(3000, 5, 300.0), 128), ClusterTree::new(&cloud(4000, 9, 50.0), 128));
     let strength = scattered(4000, 77);
     let exact = directly(&targets, &sources, &strength, 1.0);
     let proxies = all_proxies(&sources);
     let error = |far: f64| {
-        let sum = FarField::of(&sources, &proxies, &strength, far).values(&targets, 1.0);
+        let sum = FarField::new(&sources, &proxies, &strength, far).values(&targets, 1.0);
         rms(sum.iter().zip(&exact).map(|(a, b)| a - b)) / rms(exact.iter().copied())
     };
     // Five points across and three upward: the first neglected terms are of order 0.6⁵/32 and 0.4⁵/32 of far boxes.
@@ -68,7 +69,7 @@ fn law_boxes_sum_to_what_all_pairs_do_and_the_better_the_farther_they_must_be() 
 
 #[test]
 fn law_the_backward_sum_is_the_transpose_of_the_forward_one() {
-    let (data, sources) = (Clusters::of(&cloud(900, 5, 300.0), 64), Clusters::of(&cloud(1100, 9, 50.0), 64));
+    let (data, sources) = (ClusterTree::new(&cloud(900, 5, 300.0), 64), ClusterTree::new(&cloud(1100, 9, 50.0), 64));
     let (q, r) = (scattered(1100, 3), scattered(900, 4));
     let forward = directly(&data, &sources, &q, 1.0);
     let backward = directly(&sources, &data, &r, -1.0);
@@ -79,7 +80,7 @@ fn law_the_backward_sum_is_the_transpose_of_the_forward_one() {
 #[test]
 fn law_clusters_hold_every_point_once_and_inside_their_box() {
     let points = cloud(1000, 21, 100.0);
-    let clusters = Clusters::of(&points, 50);
+    let clusters = ClusterTree::new(&points, 50);
     let mut order = clusters.order.clone();
     order.sort_unstable();
     assert_eq!(order, (0..1000).collect::<Vec<_>>());
@@ -92,14 +93,14 @@ fn law_clusters_hold_every_point_once_and_inside_their_box() {
     let values = scattered(1000, 8);
     assert_eq!(clusters.unsorted(&clusters.sorted(&values)), values);
     // Points that cannot be told apart stay in one box.
-    let same = Positions { east: vec![1.0; 99], north: vec![2.0; 99], up: vec![3.0; 99] };
-    assert_eq!(Clusters::of(&same, 10).boxes.len(), 1);
+    let same = PointPositions { east: vec![1.0; 99], north: vec![2.0; 99], up: vec![3.0; 99] };
+    assert_eq!(ClusterTree::new(&same, 10).boxes.len(), 1);
 }
 
 #[test]
 fn law_cleaning_finds_what_was_spoilt_and_keeps_a_steep_anomaly() {
     let mut points = survey();
-    let whole = clean(points.borrow(), &CleanOptions::default());
+    let whole = clean(points.borrow(), &CleaningOptions::default());
     assert_eq!(whole.kept.len(), points.line.len());
     points.value_nt[100] = f64::NAN;
     points.easting_m[200] = f64::INFINITY;
@@ -111,7 +112,7 @@ fn law_cleaning_finds_what_was_spoilt_and_keeps_a_steep_anomaly() {
     points.northing_m[400] = 0.0;
     points.line[1690..].fill(900);
     points.line[1699..].fill(901);
-    let cleaned = clean(points.borrow(), &CleanOptions::default());
+    let cleaned = clean(points.borrow(), &CleaningOptions::default());
     assert_eq!(cleaned.not_finite, [100, 200]);
     assert_eq!(cleaned.far, [400]);
     assert_eq!(cleaned.duplicates, [901]);
@@ -119,7 +120,7 @@ fn law_cleaning_finds_what_was_spoilt_and_keeps_a_steep_anomaly() {
     assert_eq!(cleaned.of_short_lines, [1699, 1700]);
     let count = cleaned.kept.len() + cleaned.outliers.len() + 6;
     assert_eq!(count, points.line.len());
-    let off = clean(points.borrow(), &CleanOptions { sigmas: 0.0, ..CleanOptions::default() });
+    let off = clean(points.borrow(), &CleaningOptions { sigmas: 0.0, ..CleaningOptions::default() });
     assert!(off.outliers.is_empty() && off.kept.contains(&300));
 }
 

@@ -1,8 +1,8 @@
 use super::*;
 
-fn fitted(points: &OwnedPoints, damping: f64) -> EquivalentSources {
+fn fitted(points: &OwnedSurveyPoints, damping: f64) -> EquivalentSources {
     let layers = layers(50.0, 200.0, 4000.0);
-    let options = FitOptions { layers, damping, iterations: 30, tolerance: 1e-3 };
+    let options = SourceFitOptions { layers, damping, iterations: 30, tolerance: 1e-3 };
     let at = [&points.easting_m[..], &points.northing_m, &points.height_m];
     EquivalentSources::fit(at, &points.value_nt, &options, QUIET).unwrap().0
 }
@@ -66,7 +66,7 @@ fn law_the_sums_err_by_less_than_a_hundredth_of_a_nanotesla() {
 fn val_equivalent_sources_continue_a_dipole_about_as_well_as_harmonica() {
     let (points, nodes) = (reference("points"), reference("nodes"));
     let column = |name: &str| points[name].clone();
-    let survey = OwnedPoints {
+    let survey = OwnedSurveyPoints {
         easting_m: column("easting_m"),
         northing_m: column("northing_m"),
         height_m: column("height_m"),
@@ -75,7 +75,7 @@ fn val_equivalent_sources_continue_a_dipole_about_as_well_as_harmonica() {
     };
     let sources = {
         let options =
-            FitOptions { layers: layers(100.0, 400.0, 4000.0), damping: 0.1, iterations: 30, tolerance: 1e-3 };
+            SourceFitOptions { layers: layers(100.0, 400.0, 4000.0), damping: 0.1, iterations: 30, tolerance: 1e-3 };
         let at = [&survey.easting_m[..], &survey.northing_m, &survey.height_m];
         EquivalentSources::fit(at, &survey.value_nt, &options, QUIET).unwrap().0
     };
@@ -93,9 +93,9 @@ fn r12_any_number_of_threads_gives_the_same_bits() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let points = survey();
-        let methods = [Method::equivalent_sources(), Method::minimum_curvature()];
+        let methods = [GriddingMethod::equivalent_sources(), GriddingMethod::minimum_curvature()];
         methods.map(|method| {
-            let grid = pool.install(|| grid(points.borrow(), &GridOptions::of(method), QUIET)).unwrap().grid;
+            let grid = pool.install(|| grid(points.borrow(), &GriddingOptions::new(method), QUIET)).unwrap().grid;
             grid.values.iter().map(|v| v.to_bits()).collect::<Vec<u64>>()
         })
     };
@@ -108,7 +108,7 @@ fn law_below_the_sources_there_is_no_field() {
     let sources = fitted(&points, 0.1);
     let low = [vec![502_000.0], vec![7_002_000.0], vec![230.0]];
     let refused = sources.predict([&low[0], &low[1], &low[2]]).unwrap_err();
-    let GridError::BelowSources { height_m: 230.0, at_m, lowest_m } = refused else { panic!("{refused}") };
+    let GriddingError::BelowSources { height_m: 230.0, at_m, lowest_m } = refused else { panic!("{refused}") };
     assert_eq!(at_m, [502_000.0, 7_002_000.0]);
     let at = |height_m: f64| sources.check_above([&low[0], &low[1], &[height_m]]);
     assert!(at(lowest_m).is_ok() && at(lowest_m - 0.01).is_err(), "{lowest_m}");
@@ -121,10 +121,11 @@ fn law_below_the_sources_there_is_no_field() {
 fn r10_a_level_below_the_sources_is_refused_before_the_fit() {
     let told = std::sync::Mutex::new(vec![]);
     let progress = |what: &str, _: usize, _: usize| told.lock().unwrap().push(what.to_owned());
-    let options =
-        |level_m| GridOptions::of(Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(level_m) });
+    let options = |level_m| {
+        GriddingOptions::new(GriddingMethod::EquivalentSources { layers: None, damping: 1.0, level_m: Some(level_m) })
+    };
     let refused = grid(survey().borrow(), &options(230.0), &progress).unwrap_err();
-    let GridError::BelowSources { lowest_m, .. } = refused else { panic!("{refused}") };
+    let GriddingError::BelowSources { lowest_m, .. } = refused else { panic!("{refused}") };
     let told = told.into_inner().unwrap();
     assert!(!told.iter().any(|what| what == "equivalent sources"), "{told:?}");
     assert!(grid(survey().borrow(), &options(lowest_m.ceil()), QUIET).is_ok(), "{lowest_m}");
@@ -142,7 +143,7 @@ fn r12_lines_that_fly_low_beside_high_ones_are_above_all_sources() {
 
 #[test]
 fn law_one_point_one_line_and_a_constant_are_fitted() {
-    let line = OwnedPoints {
+    let line = OwnedSurveyPoints {
         easting_m: (0..50).map(|k| 30.0 * f64::from(k)).collect(),
         northing_m: vec![5.0; 50],
         height_m: vec![300.0; 50],
@@ -155,9 +156,9 @@ fn law_one_point_one_line_and_a_constant_are_fitted() {
     let one = line.borrow().pick(&[3]);
     let values = fitted(&one, 1.0).predict([&one.easting_m, &one.northing_m, &one.height_m]).unwrap();
     assert!((values[0] - 42.0).abs() < 1e-6);
-    let options = FitOptions { layers: Vec::new(), damping: 1.0, iterations: 1, tolerance: 0.1 };
+    let options = SourceFitOptions { layers: Vec::new(), damping: 1.0, iterations: 1, tolerance: 0.1 };
     let fit = |e: &[f64], v: &[f64]| EquivalentSources::fit([e, &[0.0], &[9.0]], v, &options, QUIET).err();
-    assert_eq!(fit(&[f64::INFINITY], &[1.0]), Some(GridError::NotFinite { index: 0 }));
-    assert_eq!(fit(&[0.0], &[]), Some(GridError::Lengths { lengths: vec![1, 1, 1, 0] }));
-    assert_eq!(EquivalentSources::fit([&[], &[], &[]], &[], &options, QUIET).err(), Some(GridError::NoPoints));
+    assert_eq!(fit(&[f64::INFINITY], &[1.0]), Some(GriddingError::NotFinite { index: 0 }));
+    assert_eq!(fit(&[0.0], &[]), Some(GriddingError::Lengths { lengths: vec![1, 1, 1, 0] }));
+    assert_eq!(EquivalentSources::fit([&[], &[], &[]], &[], &options, QUIET).err(), Some(GriddingError::NoPoints));
 }

@@ -3,8 +3,8 @@ use super::*;
 #[test]
 fn law_a_survey_becomes_a_grid_that_knows_its_error() {
     let points = survey();
-    let mut options = GridOptions::of(Method::equivalent_sources());
-    options.folds = Some(Folds::all(4));
+    let mut options = GriddingOptions::new(GriddingMethod::equivalent_sources());
+    options.folds = Some(LineFolds::all(4));
     let seen = std::sync::Mutex::new(Vec::new());
     let made = grid(points.borrow(), &options, &|what, _, _| seen.lock().unwrap().push(what.to_owned())).unwrap();
     let report = &made.report;
@@ -53,8 +53,9 @@ fn law_nodes_far_from_data_are_unknown() {
 fn law_a_block_that_no_field_explains_is_left_out() {
     let mut points = survey();
     points.value_nt[850..853].iter_mut().for_each(|v| *v += 400.0);
-    let clean = CleanOptions { sigmas: 0.0, ..CleanOptions::default() };
-    let options = GridOptions { misfit_sigmas: 12.0, clean, ..GridOptions::of(Method::equivalent_sources()) };
+    let clean = CleaningOptions { sigmas: 0.0, ..CleaningOptions::default() };
+    let options =
+        GriddingOptions { misfit_sigmas: 12.0, clean, ..GriddingOptions::new(GriddingMethod::equivalent_sources()) };
     let report = grid(points.borrow(), &options, QUIET).unwrap().report;
     assert!(!report.misfits.is_empty());
     let near = |m: &[f64; 2]| (m[0] - points.easting_m[851]).hypot(m[1] - points.northing_m[851]) < 300.0;
@@ -64,23 +65,23 @@ fn law_a_block_that_no_field_explains_is_left_out() {
 #[test]
 fn law_what_cannot_be_is_refused() {
     let points = survey();
-    let refused = |change: &dyn Fn(&mut GridOptions)| {
-        let mut options = GridOptions::of(Method::minimum_curvature());
+    let refused = |change: &dyn Fn(&mut GriddingOptions)| {
+        let mut options = GriddingOptions::new(GriddingMethod::minimum_curvature());
         change(&mut options);
         grid(points.borrow(), &options, QUIET).err().map(|e| e.to_string()).unwrap_or_default()
     };
     assert!(refused(&|o| o.spacing_m = Some(0.0)).contains("`spacing_m` is 0, but must be above zero"));
     assert!(refused(&|o| o.spacing_m = Some(1e-4)).contains("nodes, more than"));
     assert!(refused(&|o| o.block_m = Some(f64::NAN)).contains("`block_m`"));
-    let taut = Relaxation { tension: 1.5, tolerance_nt: 0.1, passes: 1 };
-    assert!(refused(&|o| o.method = Method::MinimumCurvature(taut)).contains("`tension` is 1.5"));
-    let undamped = Method::EquivalentSources { layers: None, damping: 0.0, level_m: None };
+    let taut = RelaxationOptions { tension: 1.5, tolerance_nt: 0.1, passes: 1 };
+    assert!(refused(&|o| o.method = GriddingMethod::MinimumCurvature(taut)).contains("`tension` is 1.5"));
+    let undamped = GriddingMethod::EquivalentSources { layers: None, damping: 0.0, level_m: None };
     assert!(refused(&|o| o.method = undamped.clone()).contains("`damping`"));
-    let low = Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(100.0) };
+    let low = GriddingMethod::EquivalentSources { layers: None, damping: 1.0, level_m: Some(100.0) };
     assert!(refused(&|o| o.method = low.clone()).contains("it is defined above the equivalent sources"));
-    let none = OwnedPoints::default();
+    let none = OwnedSurveyPoints::default();
     assert_eq!(
-        grid(none.borrow(), &GridOptions::of(Method::minimum_curvature()), QUIET).err(),
-        Some(GridError::NoPoints)
+        grid(none.borrow(), &GriddingOptions::new(GriddingMethod::minimum_curvature()), QUIET).err(),
+        Some(GriddingError::NoPoints)
     );
 }

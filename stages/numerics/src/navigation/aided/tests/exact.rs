@@ -5,11 +5,11 @@ use super::*;
 use crate::maps::magnetic_sources::{Dipole, direction};
 use crate::maps::map_stack::FieldMap;
 use crate::maps::map_surface::{GeographicGrid, MapSurface, VerticalDerivative};
-use crate::navigation::flights::Flight;
+use crate::navigation::flights::OsborneFlight;
 use crate::navigation::ins_error::simulate_ins_error;
 use crate::navigation::osborne::Line;
 use crate::navigation::pinson::{StateVector, TILT_D};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 const SAMPLES: u32 = 900;
 const FLIGHTS: u64 = 10;
@@ -31,7 +31,7 @@ impl Ground {
     fn new() -> Self {
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(MIDDLE_DEG[0].to_radians(), ALT_M);
         let m_per_deg = [north, east].map(|m| m / 1_f64.to_degrees());
-        let mut normals = Normals::new(77);
+        let mut normals = NormalGenerator::new(77);
         let along = direction(-53.0, 6.0);
         let mut even = || (0.5 * (normals.draw() * 1e6).fract()).abs() * 2.0;
         let one = |_| {
@@ -65,7 +65,7 @@ impl Ground {
 
     /// A map of one height, without its slope upwards.
     fn level(&self) -> FieldMap {
-        FieldMap::Flat(MapSurface::new(&self.map(|lat, lon| self.at(lat, lon, ALT_M)), Interpolation::Cubic))
+        FieldMap::Flat(MapSurface::new(&self.map(|lat, lon| self.at(lat, lon, ALT_M)), MapInterpolation::Cubic))
     }
 
     /// The same with the slope.
@@ -73,7 +73,7 @@ impl Ground {
         let up = self.map(|lat, lon| (self.at(lat, lon, ALT_M + 1.0) - self.at(lat, lon, ALT_M - 1.0)) / 2.0);
         let vertical = VerticalDerivative { d_alt_nt_per_m: up.values(), alt_m: ALT_M };
         let level = self.map(|lat, lon| self.at(lat, lon, ALT_M));
-        FieldMap::Flat(MapSurface::with_vertical(&level, vertical, Interpolation::Cubic).unwrap())
+        FieldMap::Flat(MapSurface::with_vertical(&level, vertical, MapInterpolation::Cubic).unwrap())
     }
 
     /// A map of lines that fly east, so far apart, with a smooth curve from line to line.
@@ -87,13 +87,13 @@ impl Ground {
             let bend = 3.0 * (high - low) - 2.0 * a - b;
             low + part * (a + part * (bend + part * (a + b - 2.0 * (high - low))))
         };
-        FieldMap::Flat(MapSurface::new(&self.map(between), Interpolation::Cubic))
+        FieldMap::Flat(MapSurface::new(&self.map(between), MapInterpolation::Cubic))
     }
 }
 
 /// A flight in the exact field: at its place, and what two magnetometers differ by.
 struct Flown {
-    flight: Flight,
+    flight: OsborneFlight,
     measured_nt: Vec<f64>,
     difference_nt: Vec<f64>,
 }
@@ -104,7 +104,7 @@ fn flown(ground: &Ground, seed: u64) -> Flown {
     truth.columns[6].fill(0.0);
     truth.columns[11].fill(TRIM_DEG);
     let model = drifting();
-    let mut normals = Normals::new(40 + seed);
+    let mut normals = NormalGenerator::new(40 + seed);
     let errors: Vec<StateVector> = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
     let mut measured_nt = vec![];
     let mut difference_nt = vec![];
@@ -120,7 +120,7 @@ fn flown(ground: &Ground, seed: u64) -> Flown {
         measured_nt.push(ground.at(lat, lon, alt) + error[S] + 5.0 * normals.draw());
     }
     let ins = truth.with_errors(&errors);
-    Flown { flight: Flight { truth, ins, errors, field_nt: vec![], model }, measured_nt, difference_nt }
+    Flown { flight: OsborneFlight { truth, ins, errors, field_nt: vec![], model }, measured_nt, difference_nt }
 }
 
 /// Figures over all flights from the 200th second on: mean NEES, DRMS in m, NIS of the difference.
@@ -159,7 +159,7 @@ fn figures(flights: &[Flown], map: &FieldMap, told: Option<Told>, scalar: bool, 
         };
         let bias = GaussMarkov { sigma: 0.02, tau_s: 3600.0 };
         let slope = SlopeError::default();
-        let of = |slope| Difference { difference_nt, sigma_nt: SIGMA_NT, baseline_m: BASELINE, slope, bias };
+        let of = |slope| DifferenceAid { difference_nt, sigma_nt: SIGMA_NT, baseline_m: BASELINE, slope, bias };
         let mut aids = Aids { difference: told.map(|_| of(slope)), ..Aids::default() };
         let slope = MapSlope::along(&line);
         if told == Some(Told::Found) {

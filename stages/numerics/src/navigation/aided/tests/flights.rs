@@ -1,10 +1,10 @@
 //! Flights over the Osborne map, with known truth: is each filter as good as it says?
 
 use super::*;
-use crate::navigation::flights::{Flight, chi_square, world};
+use crate::navigation::flights::{OsborneFlight, chi_square, world};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{TILT_D, VE, VN};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 pub(super) const SAMPLES: u32 = 900;
 const FLIGHTS: u64 = 20;
@@ -23,8 +23,8 @@ fn storm_nt(t_s: f64) -> f64 {
 }
 
 /// The difference of two magnetometers this far from each other.
-pub(super) fn difference_nt(flight: &Flight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64) -> Vec<f64> {
-    let mut normals = Normals::new(seed);
+pub(super) fn difference_nt(flight: &OsborneFlight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64) -> Vec<f64> {
+    let mut normals = NormalGenerator::new(seed);
     let bias = GaussMarkov { sigma: 0.3, tau_s: 600.0 }.realisation(&flight.truth.columns[0], || normals.draw());
     let (world, columns) = (world(), &flight.truth.columns);
     let field = |lat: f64, lon: f64, alt: f64| {
@@ -57,7 +57,7 @@ const TIMES: [usize; 4] = [200, 450, 700, 899];
 fn consistency(
     model: InsErrorModel,
     nis: impl Fn(&AidedOutput) -> &[f64],
-    of: impl Fn(&Flight, u64) -> AidedOutput,
+    of: impl Fn(&OsborneFlight, u64) -> AidedOutput,
 ) -> Consistency {
     consistency_of(model, |flight, seed| {
         let mut output = of(flight, seed);
@@ -67,11 +67,14 @@ fn consistency(
 }
 
 /// The same of filters that hand out a track.
-pub(super) fn consistency_of(model: InsErrorModel, of: impl Fn(&Flight, u64) -> NavigationOutput) -> Consistency {
+pub(super) fn consistency_of(
+    model: InsErrorModel,
+    of: impl Fn(&OsborneFlight, u64) -> NavigationOutput,
+) -> Consistency {
     let mut found = Consistency { nees: vec![0.0; TIMES.len()], square_m2: 0.0, ins_m2: 0.0, nis: 0.0 };
     let n = FLIGHTS as f64;
     for seed in 0..FLIGHTS {
-        let flight = Flight::flown(seed, SAMPLES, 1.0, model);
+        let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, model);
         let output = of(&flight, seed);
         for (sum, row) in found.nees.iter_mut().zip(TIMES) {
             *sum += flight.nees(&output, row) / n;
@@ -102,12 +105,12 @@ impl Consistency {
 
 /// An INS that drifts by hundreds of metres in a quarter of an hour.
 pub(super) fn drifting() -> InsErrorModel {
-    InsErrorModel::of(InsErrors { init_velocity_sigma_mps: 0.3, ..InsErrors::default() })
+    InsErrorModel::from_sources(InsErrors { init_velocity_sigma_mps: 0.3, ..InsErrors::default() })
 }
 
 const BASELINE: [f64; 3] = [15.0, 0.0, 0.0];
 
-fn with_difference(flight: &Flight, seed: u64, linearisation: Linearisation, scalar: bool) -> AidedOutput {
+fn with_difference(flight: &OsborneFlight, seed: u64, linearisation: Linearisation, scalar: bool) -> AidedOutput {
     let difference = difference_nt(flight, BASELINE, 0.05, 500 + seed);
     let mut measured = flight.measured(1000 + seed, 5.0);
     if scalar {
@@ -118,7 +121,7 @@ fn with_difference(flight: &Flight, seed: u64, linearisation: Linearisation, sca
     let (ins, sigma) = (flight.ins.series(), vec![5.0; SAMPLES as usize]);
     let line = flight.line(&ins, &measured, &sigma);
     let aids = Aids {
-        difference: Some(Difference {
+        difference: Some(DifferenceAid {
             difference_nt: &difference,
             sigma_nt: 0.05,
             baseline_m: BASELINE,
@@ -160,7 +163,7 @@ fn law_a_difference_is_right_where_the_heading_is_half_a_degree_off() {
     let sources = InsErrors { init_heading_sigma_deg: Some(0.5), init_velocity_sigma_mps: 0.3, ..InsErrors::default() };
     for (name, linearisation) in linearisations() {
         let found = consistency(
-            InsErrorModel::of(sources),
+            InsErrorModel::from_sources(sources),
             |output| &output.aids.difference.nis,
             |flight, seed| with_difference(flight, seed, linearisation, false),
         );
@@ -169,8 +172,8 @@ fn law_a_difference_is_right_where_the_heading_is_half_a_degree_off() {
 }
 
 /// A Gauss-Markov process of the distance flown.
-pub(super) fn lasting_error_nt(flight: &Flight, of: MapError, seed: u64) -> Vec<f64> {
-    let mut normals = Normals::new(seed);
+pub(super) fn lasting_error_nt(flight: &OsborneFlight, of: MapErrorProcess, seed: u64) -> Vec<f64> {
+    let mut normals = NormalGenerator::new(seed);
     let columns = &flight.truth.columns;
     let mut error_nt = of.sigma_nt * normals.draw();
     let mut all = vec![error_nt];
@@ -185,8 +188,8 @@ pub(super) fn lasting_error_nt(flight: &Flight, of: MapError, seed: u64) -> Vec<
 
 #[test]
 fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
-    let lasting = MapError { sigma_nt: 15.0, length_m: 1000.0 };
-    let by = |map_error: Option<MapError>| {
+    let lasting = MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 };
+    let by = |map_error: Option<MapErrorProcess>| {
         consistency(
             drifting(),
             |output| &output.navigation.nis,
@@ -209,8 +212,8 @@ fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
 }
 
 /// A vector magnetometer with biases, in the crustal field of a flight.
-pub(super) fn vector_nt(flight: &Flight, seed: u64) -> [Vec<f64>; 3] {
-    let mut normals = Normals::new(seed);
+pub(super) fn vector_nt(flight: &OsborneFlight, seed: u64) -> [Vec<f64>; 3] {
+    let mut normals = NormalGenerator::new(seed);
     let (world, columns) = (world(), &flight.truth.columns);
     let mut of = |sigma: f64, tau_s: f64| GaussMarkov { sigma, tau_s }.realisation(&columns[0], || normals.draw());
     let biases = [(); 3].map(|()| of(20.0, 3600.0));
@@ -239,13 +242,13 @@ pub(super) fn vector_nt(flight: &Flight, seed: u64) -> [Vec<f64>; 3] {
 fn law_a_vector_tells_the_heading_and_little_of_the_position() {
     // Heading to half a degree, as an INS without a gyrocompass has it.
     let sources = InsErrors { init_heading_sigma_deg: Some(0.5), ..InsErrors::default() };
-    let model = InsErrorModel::of(sources);
+    let model = InsErrorModel::from_sources(sources);
     let mut figures = vec![];
     for with in [false, true] {
-        let fly = |flight: &Flight, seed: u64| {
+        let fly = |flight: &OsborneFlight, seed: u64| {
             let (measured, field) = (flight.measured(1000 + seed, 5.0), vector_nt(flight, 300 + seed));
             let (ins, sigma) = (flight.ins.series(), vec![5.0; SAMPLES as usize]);
-            let vector = Vector {
+            let vector = VectorAid {
                 field_nt: field.each_ref().map(Vec::as_slice),
                 sigma_nt: 5.0,
                 bias: GaussMarkov { sigma: 20.0, tau_s: 3600.0 },
@@ -263,7 +266,7 @@ fn law_a_vector_tells_the_heading_and_little_of_the_position() {
         let found =
             consistency(model, |output| if with { &output.aids.vector.nis } else { &output.navigation.nis }, fly);
         for seed in 0..FLIGHTS {
-            let flight = Flight::flown(seed, SAMPLES, 1.0, model);
+            let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, model);
             let out = fly(&flight, seed).navigation;
             let row = 300;
             let off = flight.errors[row][TILT_D] - out.x[row][TILT_D];
@@ -292,11 +295,11 @@ fn law_a_height_holds_a_vertical_channel_that_drifts() {
     // A barometer of the INS that is off by 30 m, and another height of 3 m with a bias of 5 m.
     let sources =
         InsErrors { baro_sigma_m: 30.0, ha_sigma_m: 30.0, init_altitude_sigma_m: 10.0, ..InsErrors::default() };
-    let model = InsErrorModel::of(sources);
+    let model = InsErrorModel::from_sources(sources);
     let (mut squares, mut nees) = ([0.0; 2], 0.0);
     for seed in 0..FLIGHTS {
-        let flight = Flight::flown(seed, SAMPLES, 1.0, model);
-        let mut normals = Normals::new(900 + seed);
+        let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, model);
+        let mut normals = NormalGenerator::new(900 + seed);
         let bias = GaussMarkov { sigma: 5.0, tau_s: 1200.0 };
         let lasting = bias.realisation(&flight.truth.columns[0], || normals.draw());
         let heights: Vec<f64> =
@@ -305,7 +308,7 @@ fn law_a_height_holds_a_vertical_channel_that_drifts() {
         let ins = flight.ins.series();
         let line = flight.line(&ins, &measured, &sigma);
         let parameters = AidedParameters { keep_states: true, keep_covariance: true, ..AidedParameters::default() };
-        for (k, height) in [None, Some(Height { alt_m: &heights, sigma_m: 3.0, bias })].into_iter().enumerate() {
+        for (k, height) in [None, Some(HeightAid { alt_m: &heights, sigma_m: 3.0, bias })].into_iter().enumerate() {
             let out = run(&line, &Aids { height, ..Aids::default() }, &parameters).unwrap().navigation;
             let square = (flight.errors[899][ALT] - out.x[899][ALT]).powi(2);
             squares[k] += square / FLIGHTS as f64;

@@ -2,14 +2,14 @@
 
 use super::flights::SAMPLES;
 use super::*;
-use crate::navigation::flights::{Flight, world};
+use crate::navigation::flights::{OsborneFlight, world};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 /// The measurement of a magnetometer whose stamps are `delay_s` late, with white noise of 2 nT.
-fn late_nt(flight: &Flight, delay_s: f64, seed: u64) -> Vec<f64> {
+fn late_nt(flight: &OsborneFlight, delay_s: f64, seed: u64) -> Vec<f64> {
     let (world, columns) = (world(), &flight.truth.columns);
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let of = |row: usize| {
         let [lat, lon, alt] = [1, 2, 3].map(|column: usize| columns[column][row]);
         let (north_m, east_m) = EarthModel::Wgs84.north_east_m_per_rad(lat.to_radians(), alt);
@@ -22,11 +22,11 @@ fn late_nt(flight: &Flight, delay_s: f64, seed: u64) -> Vec<f64> {
 
 /// The mean square error from 200 s on, in m², the mean NEES, and the delay with its sigma at the end of flights.
 fn flown(delay_s: f64, latency_sigma_s: Option<f64>, linearisation: Linearisation) -> (f64, f64, Vec<[f64; 2]>) {
-    let model = InsErrorModel::of(InsErrors { init_velocity_sigma_mps: 0.1, ..InsErrors::default() });
+    let model = InsErrorModel::from_sources(InsErrors { init_velocity_sigma_mps: 0.1, ..InsErrors::default() });
     let (mut square, mut nees, mut delays) = (0.0, 0.0, vec![]);
     let flights = 6;
     for seed in 0..flights {
-        let flight = Flight::flown(seed, SAMPLES, 1.0, model);
+        let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, model);
         let (measured, sigma) = (late_nt(&flight, delay_s, 50 + seed), vec![2.0; SAMPLES as usize]);
         let ins = flight.ins.series();
         let aids = Aids { latency_sigma_s, ..Aids::default() };

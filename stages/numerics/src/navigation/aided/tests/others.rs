@@ -1,47 +1,50 @@
-//! The further measurements in the other filters: against the dense chain of all states, against each other, and on flights with
-//! known truth.
+//! The further measurements in the other filters: against the dense chain of all states, against each other, and on
+//! flights with known truth.
 
 use std::cell::Cell;
 
 use super::flights::{Consistency, SAMPLES, consistency_of, difference_nt, drifting, lasting_error_nt};
 use super::*;
-use crate::navigation::adaptive::{self, Adapt, AdaptiveParameters};
+use crate::navigation::adaptive::{self, AdaptiveNoise, AdaptiveParameters};
 use crate::navigation::crlb::{self, TruePath};
-use crate::navigation::fixed_lag::{self, FixedLagParameters, Keep};
+use crate::navigation::fixed_lag::{self, FixedLagOptions, FixedLagParameters};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::online::{self, CoefficientPrior, LineModel, OnlineParameters};
-use crate::navigation::online_nn::{self, Activation, Network, NetworkPrior};
-use crate::navigation::rts::{self, SmootherParameters};
+use crate::navigation::online_nn::{self, NetworkPrior, OnlineActivation, OnlineNetwork};
+use crate::navigation::rts::{self, RtsParameters};
 use crate::navigation::scenes::plane;
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 /// The noise is learnt within bounds that leave it where it is.
 fn by_adaptive(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
-    let parameters = AdaptiveParameters { adapt: Adapt::R, keep_covariance: true, ..AdaptiveParameters::default() };
+    let parameters =
+        AdaptiveParameters { adapt: AdaptiveNoise::R, keep_covariance: true, ..AdaptiveParameters::default() };
     let sigma_nt = line.sigma_nt[0];
-    let magnetometer = adaptive::Magnetometer::of(line, sigma_nt, sigma_nt);
+    let magnetometer = adaptive::AdaptiveMagnetometer::from_line(line, sigma_nt, sigma_nt);
     adaptive::run_aided(&parameters, line, &[magnetometer], aids).unwrap().line.navigation
 }
 
 fn by_online(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
     let prior = CoefficientPrior { mean: vec![], covariance: vec![] };
     let (measurement_nt, sigma_nt) = (line.measurement_nt, line.sigma_nt);
-    let magnetometer = online::Magnetometer { measurement_nt, sigma_nt, terms: &[], prior: &prior, walk_density: &[] };
+    let magnetometer =
+        online::OnlineMagnetometer { measurement_nt, sigma_nt, terms: &[], prior: &prior, walk_density: &[] };
     let parameters = OnlineParameters { keep_states: true, keep_covariance: true, ..OnlineParameters::default() };
-    let model = LineModel { aids: *aids, ..LineModel::of(line) };
+    let model = LineModel { aids: *aids, ..LineModel::from_line(line) };
     online::run(&model, &[magnetometer], None, &parameters).unwrap().navigation
 }
 
-/// An aircraft whose field is a network's, of which the filter knows the output layer to `spread` (of 20 nT) and the rest exactly.
+/// An aircraft whose field is a network's, of which the filter knows the output layer to `spread` (of 20 nT) and the
+/// rest exactly.
 fn by_network(line: &NavigationLine<'_>, aids: &Aids<'_>, spread: f64, seed: u64) -> NavigationOutput {
     const INPUTS: usize = 3;
     const HIDDEN: usize = 4;
     let of_row = |row: usize| [(0.11 * row as f64).sin(), (0.05 * row as f64).cos(), (0.17 * row as f64 + 1.0).sin()];
     let features: Vec<f64> = (0..line.ins.len()).flat_map(of_row).collect();
-    let network = Network::new(&features, INPUTS, HIDDEN, Activation::Tanh, 20.0).unwrap();
+    let network = OnlineNetwork::new(&features, INPUTS, HIDDEN, OnlineActivation::Tanh, 20.0).unwrap();
     let (weights, states) = (network.draw(seed), network.weights());
     let (mut truth, mut covariance) = (weights.clone(), vec![0.0; states * states]);
-    let mut normals = Normals::new(9000 + seed);
+    let mut normals = NormalGenerator::new(9000 + seed);
     for weight in states - HIDDEN - 1..states {
         truth[weight] += spread * normals.draw();
         covariance[weight * (states + 1)] = spread * spread;
@@ -63,20 +66,20 @@ fn by_fixed_lag(line: &NavigationLine<'_>, aids: &Aids<'_>, (window_s, lag_s): (
         overlap: 0.5,
         ..FixedLagParameters::default()
     };
-    let magnetometers = [fixed_lag::Magnetometer::of_line(line)];
-    let keep = Keep { states: true, covariance: true };
+    let magnetometers = [fixed_lag::FixedLagMagnetometer::of_line(line)];
+    let keep = FixedLagOptions { states: true, covariance: true };
     fixed_lag::run_aided(&parameters, line, &magnetometers, aids, keep).unwrap().navigation
 }
 
 fn by_rts(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
-    let parameters = SmootherParameters { keep_covariance: true, tolerance_m: 1e-4, ..SmootherParameters::default() };
+    let parameters = RtsParameters { keep_covariance: true, tolerance_m: 1e-4, ..RtsParameters::default() };
     let found = rts::run_aided(line, &parameters, aids).unwrap();
     assert!(found.iterations.converged, "{:?}", found.iterations);
     found.line
 }
 
-/// The states of the whole chain at once, of this prior and these measurements linearised about no error: dense least squares in
-/// the space of the measurements.
+/// The states of the whole chain at once, of this prior and these measurements linearised about no error: dense least
+/// squares in the space of the measurements.
 struct Chain {
     x: Vec<DVector<f64>>,
     p: Vec<DMatrix<f64>>,
@@ -184,7 +187,7 @@ fn assert_all(line: &NavigationLine<'_>, aids: &Aids<'_>, chain: &Chain, part: f
 
 #[test]
 fn law_on_a_plane_every_filter_is_dense_least_squares_of_all_states() {
-    let scene = Scene { fixes: None, ..scene(plane) };
+    let scene = AnalyticScene { fixes: None, ..scene(plane) };
     let read = read(&scene);
     scene.with(|line| {
         let aids = Aids { difference: None, vector: None, ..aids(&read) };
@@ -202,7 +205,7 @@ fn law_on_a_plane_every_filter_is_dense_least_squares_of_all_states() {
 
 #[test]
 fn law_over_a_bowl_whose_slope_alone_is_measured_every_filter_is_dense_least_squares() {
-    let mut scene = Scene { fixes: None, ..scene(bowl) };
+    let mut scene = AnalyticScene { fixes: None, ..scene(bowl) };
     scene.measurement_nt.fill(f64::NAN);
     // The tilt times the position is not linear.
     scene.errors.sources.init_attitude_sigma_deg = 1e-6;
@@ -259,8 +262,7 @@ fn law_smoothers_agree_over_hills_with_all_measurements() {
     let read = read(&scene);
     scene.with(|line| {
         // Without any the smoother of all states is that of the 18.
-        let parameters =
-            SmootherParameters { keep_covariance: true, tolerance_m: 1e-3, ..SmootherParameters::default() };
+        let parameters = RtsParameters { keep_covariance: true, tolerance_m: 1e-3, ..RtsParameters::default() };
         let usual = rts::run(line, &parameters).unwrap().line;
         let found = rts::run_aided(line, &parameters, &Aids::default()).unwrap().line;
         let off = difference(&found, &usual);
@@ -283,7 +285,7 @@ fn law_smoothers_agree_over_hills_with_all_measurements() {
 
 /// Flights with a difference of magnetometers and a map that errs, by each of the filters.
 fn flown(name: &str, by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOutput) -> Consistency {
-    let map_error = MapError { sigma_nt: 15.0, length_m: 1000.0 };
+    let map_error = MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 };
     let baseline_m = [15.0, 0.0, 0.0];
     let found = consistency_of(drifting(), |flight, seed| {
         let difference = difference_nt(flight, baseline_m, 0.05, 500 + seed);
@@ -291,8 +293,13 @@ fn flown(name: &str, by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOu
         measured.iter_mut().zip(lasting_error_nt(flight, map_error, 700 + seed)).for_each(|(nt, error)| *nt += error);
         let (ins, sigma) = (flight.ins.series(), vec![2.0; SAMPLES as usize]);
         let bias = GaussMarkov { sigma: 0.3, tau_s: 600.0 };
-        let difference =
-            Difference { difference_nt: &difference, sigma_nt: 0.05, baseline_m, slope: SlopeError::default(), bias };
+        let difference = DifferenceAid {
+            difference_nt: &difference,
+            sigma_nt: 0.05,
+            baseline_m,
+            slope: SlopeError::default(),
+            bias,
+        };
         let aids = Aids { difference: Some(difference), map_error: Some(map_error), ..Aids::default() };
         by(&flight.line(&ins, &measured, &sigma), &aids)
     });
@@ -306,7 +313,7 @@ fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs(
     let adaptive = flown("ekf_adaptive", |line, aids| {
         // The map's error of a step is larger than the noise, which the default form is for.
         let parameters = AdaptiveParameters::default();
-        let magnetometer = adaptive::Magnetometer::of(line, 0.2, 40.0);
+        let magnetometer = adaptive::AdaptiveMagnetometer::from_line(line, 0.2, 40.0);
         let output = adaptive::run_aided(&parameters, line, &[magnetometer], aids).unwrap();
         output.line.navigation
     });
@@ -319,13 +326,15 @@ fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs(
     let lagged = |lag_s: f64| {
         move |line: &NavigationLine<'_>, aids: &Aids<'_>| {
             let parameters = FixedLagParameters { lag_s, measurement_interval_s: 0.0, ..FixedLagParameters::default() };
-            let magnetometers = [fixed_lag::Magnetometer::of_line(line)];
-            fixed_lag::run_aided(&parameters, line, &magnetometers, aids, Keep::default()).unwrap().navigation
+            let magnetometers = [fixed_lag::FixedLagMagnetometer::of_line(line)];
+            fixed_lag::run_aided(&parameters, line, &magnetometers, aids, FixedLagOptions::default())
+                .unwrap()
+                .navigation
         }
     };
     let now = flown("fixed_lag", lagged(0.0));
     let later = flown("fixed_lag, 60 s", lagged(60.0));
-    let whole = flown("rts", |line, aids| rts::run_aided(line, &SmootherParameters::default(), aids).unwrap().line);
+    let whole = flown("rts", |line, aids| rts::run_aided(line, &RtsParameters::default(), aids).unwrap().line);
     for filter in [&adaptive, &online, &now] {
         assert!(filter.square_m2 < 1.2 * ekf.square_m2, "{} {}", filter.square_m2, ekf.square_m2);
     }

@@ -1,9 +1,9 @@
-//! The further measurements in the particle filter: against the Kalman filter where that is exact, and on flights with known
-//! truth.
+//! The further measurements in the particle filter: against the Kalman filter where that is exact, and on flights with
+//! known truth.
 
 use super::flights::{Consistency, SAMPLES, consistency_of, difference_nt, drifting, lasting_error_nt, vector_nt};
 use super::*;
-use crate::navigation::flights::{Flight, world};
+use crate::navigation::flights::{OsborneFlight, world};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::mpf::{self, MpfOutput, MpfParameters};
 use crate::navigation::pinson::TILT_D;
@@ -47,8 +47,8 @@ fn off(found: &NavigationOutput, exact: &NavigationOutput, row: usize) -> f64 {
 }
 
 /// A scene of a known position whose map and measurements are near each other, its aids with a vector or without.
-fn known(sources: InsErrors) -> (Scene, Read) {
-    let mut scene = Scene { fixes: None, ..scene(bowl) };
+fn known(sources: InsErrors) -> (AnalyticScene, Read) {
+    let mut scene = AnalyticScene { fixes: None, ..scene(bowl) };
     scene.errors.sources = sources;
     let read = read(&scene);
     (scene, read)
@@ -90,7 +90,7 @@ fn law_one_sample_corrects_height_and_tilt_as_the_kalman_filter() {
         let row = || (0..13).map(|column| scene.columns[column][..1].to_vec());
         let columns: Vec<Vec<f64>> = row().collect();
         let columns: [&[f64]; 13] = std::array::from_fn(|k| columns[k].as_slice());
-        let ins = InsSeries::of(columns);
+        let ins = InsSeries::from_columns(columns);
         let (measurement_nt, sigma_nt) = (&line.measurement_nt[..1], &line.sigma_nt[..1]);
         let line = NavigationLine { ins: &ins, measurement_nt, sigma_nt, core: Some(&read.core), ..*line };
         let all = aids(&read);
@@ -100,9 +100,9 @@ fn law_one_sample_corrects_height_and_tilt_as_the_kalman_filter() {
             let heading = exact.p[0][TILT_D][TILT_D].sqrt();
             (off(&found, &exact, 0), heading)
         };
-        let difference = all.difference.map(|of| Difference { difference_nt: &of.difference_nt[..1], ..of });
-        let vector = all.vector.map(|of| Vector { field_nt: of.field_nt.map(|column| &column[..1]), ..of });
-        let height = all.height.map(|of| Height { alt_m: &of.alt_m[..1], ..of });
+        let difference = all.difference.map(|of| DifferenceAid { difference_nt: &of.difference_nt[..1], ..of });
+        let vector = all.vector.map(|of| VectorAid { field_nt: of.field_nt.map(|column| &column[..1]), ..of });
+        let height = all.height.map(|of| HeightAid { alt_m: &of.alt_m[..1], ..of });
         let none = Aids { map_error: all.map_error, ..Aids::default() };
         let (_, before) = first(none);
         for (name, aids, within) in [
@@ -122,7 +122,7 @@ fn law_one_sample_corrects_height_and_tilt_as_the_kalman_filter() {
 
 #[test]
 fn law_over_a_bowl_particles_come_to_the_kalman_filter_with_all_measurements() {
-    let mut scene = Scene { fixes: None, ..scene(bowl) };
+    let mut scene = AnalyticScene { fixes: None, ..scene(bowl) };
     scene.errors.sources.init_position_sigma_m = 40.0;
     let read = read(&scene);
     scene.with(|line| {
@@ -156,7 +156,7 @@ fn law_over_a_bowl_particles_come_to_the_kalman_filter_with_all_measurements() {
 fn flown(
     name: &str,
     model: InsErrorModel,
-    map_error: Option<MapError>,
+    map_error: Option<MapErrorProcess>,
     scalar: bool,
     by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOutput,
 ) -> Consistency {
@@ -168,7 +168,7 @@ fn flown(
 /// The figures of flights with a difference, a map error and the field, where asked.
 fn flown_only(
     model: InsErrorModel,
-    map_error: Option<MapError>,
+    map_error: Option<MapErrorProcess>,
     scalar: bool,
     by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOutput,
 ) -> Consistency {
@@ -184,8 +184,13 @@ fn flown_only(
         }
         let (ins, sigma) = (flight.ins.series(), vec![2.0; SAMPLES as usize]);
         let bias = GaussMarkov { sigma: 0.3, tau_s: 600.0 };
-        let difference =
-            Difference { difference_nt: &difference, sigma_nt: 0.05, baseline_m, slope: SlopeError::default(), bias };
+        let difference = DifferenceAid {
+            difference_nt: &difference,
+            sigma_nt: 0.05,
+            baseline_m,
+            slope: SlopeError::default(),
+            bias,
+        };
         let aids = Aids { difference: Some(difference), map_error, ..Aids::default() };
         by(&flight.line(&ins, &measured, &sigma), &aids)
     })
@@ -203,7 +208,7 @@ fn by_ekf(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
 
 #[test]
 fn law_particles_are_as_good_as_they_say_with_a_difference_and_a_map_that_errs() {
-    let map_error = Some(MapError { sigma_nt: 15.0, length_m: 1000.0 });
+    let map_error = Some(MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 });
     let ekf = flown("ekf", drifting(), map_error, true, by_ekf);
     // With 2000 particles, a difference of 0.05 nT loses one flight in twenty.
     let particles = flown("mpf", drifting(), map_error, true, by_particles(200.0));
@@ -212,7 +217,7 @@ fn law_particles_are_as_good_as_they_say_with_a_difference_and_a_map_that_errs()
 
 #[test]
 fn law_particles_find_a_lost_aircraft_by_the_difference_alone() {
-    let lost = InsErrorModel::of(InsErrors { init_position_sigma_m: 300.0, ..InsErrors::default() });
+    let lost = InsErrorModel::from_sources(InsErrors { init_position_sigma_m: 300.0, ..InsErrors::default() });
     // The slope of the map is linear over less than the map is.
     let particles = flown("mpf, lost by 300 m", lost, None, false, by_particles(70.0));
     assert!(particles.square_m2 < 10.0 * 10.0, "{}", particles.square_m2);
@@ -224,14 +229,14 @@ fn law_particles_find_a_lost_aircraft_by_the_difference_alone() {
 #[test]
 fn law_particles_take_the_heading_from_a_vector() {
     let sources = InsErrors { init_heading_sigma_deg: Some(0.5), ..InsErrors::default() };
-    let model = InsErrorModel::of(sources);
+    let model = InsErrorModel::from_sources(sources);
     const FLIGHTS: u64 = 12;
     let (mut square, mut nees, mut exact) = (0.0, 0.0, 0.0);
     for seed in 0..FLIGHTS {
-        let flight = Flight::flown(seed, 301, 1.0, model);
+        let flight = OsborneFlight::flown(seed, 301, 1.0, model);
         let (measured, field) = (flight.measured(1000 + seed, 5.0), vector_nt(&flight, 300 + seed));
         let (ins, sigma) = (flight.ins.series(), vec![5.0; 301]);
-        let vector = Vector {
+        let vector = VectorAid {
             field_nt: field.each_ref().map(Vec::as_slice),
             sigma_nt: 5.0,
             bias: GaussMarkov { sigma: 20.0, tau_s: 3600.0 },
@@ -282,12 +287,17 @@ fn law_particles_leave_out_each_measurement_by_itself() {
         let found = mpf::run(&kept(500, 1), line, &all).unwrap();
         let normal = |nis: &[f64], row: usize| nis[row] < 37.0;
         assert!(!normal(&found.aids.difference.nis, 12) && !normal(&found.aids.height.nis, 14));
-        assert!(found.usage[12] == Usage::Used && found.usage[14] == Usage::Used && found.usage[15] == Usage::Used);
+        assert!(
+            found.usage[12] == SampleUsage::Used
+                && found.usage[14] == SampleUsage::Used
+                && found.usage[15] == SampleUsage::Used
+        );
         // The height carries no information about the horizontal position.
         assert_eq!(found.report.unexplained, 2);
         assert_eq!(found.aids.difference.nis.len(), ROWS);
         let blind = [f64::NAN; ROWS];
-        let without = Aids { difference: Some(Difference { difference_nt: &blind, ..all.difference.unwrap() }), ..all };
+        let without =
+            Aids { difference: Some(DifferenceAid { difference_nt: &blind, ..all.difference.unwrap() }), ..all };
         let found = mpf::run(&kept(500, 1), line, &without).unwrap();
         assert!(found.aids.difference.nis.iter().all(|nis| nis.is_nan()));
     });

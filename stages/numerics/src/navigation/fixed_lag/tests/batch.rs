@@ -1,13 +1,15 @@
 //! Against the joint distribution of all states of a line, conditioned at once on its measurements.
 
-use crate::maps::{FieldMap, GeographicGrid, Interpolation, MapSurface};
+use crate::maps::{FieldMap, GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::pinson::{LAT, LON, S, STATES};
 use crate::navigation::{InsErrorModel, InsErrors, InsSeries, NavigationLine};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use crate::signal::gauss_markov::GaussMarkov;
 use nalgebra::{DMatrix, DVector};
 
-use super::super::{Coefficients, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, run};
+use super::super::{
+    AircraftCoefficients, FixedLagMagnetometer, FixedLagOptions, FixedLagOutput, FixedLagParameters, run,
+};
 use super::flights::manoeuvred;
 
 const SAMPLES: usize = 40;
@@ -28,7 +30,7 @@ struct Linear {
 }
 
 fn linear() -> Linear {
-    let mut normals = Normals::new(5);
+    let mut normals = NormalGenerator::new(5);
     let mut columns = manoeuvred(SAMPLES as u32, 1.0, 0.4).columns;
     // Every fourth step is half as long again.
     (0..SAMPLES).for_each(|row| columns[0][row] += 0.5 * (row / 4) as f64);
@@ -36,7 +38,8 @@ fn linear() -> Linear {
     let (lat, lon) = (axis(columns[1][0]), axis(columns[2][0]));
     let nodes: Vec<f64> =
         lat.iter().flat_map(|lat| lon.map(|lon| 4000.0 * (lat + 21.0) - 2500.0 * (lon - 140.0))).collect();
-    let map = FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &nodes).unwrap(), Interpolation::Linear));
+    let map =
+        FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &nodes).unwrap(), MapInterpolation::Linear));
     let root = DMatrix::from_fn(TERMS, TERMS, |_, _| 300.0 * normals.draw());
     let covariance = &root * root.transpose();
     let covariance = 0.5 * (&covariance + covariance.transpose());
@@ -56,7 +59,7 @@ fn linear() -> Linear {
 
 impl Linear {
     fn ins(&self) -> InsSeries<'_> {
-        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+        InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }
 
     fn line<'a>(&'a self, ins: &'a InsSeries<'a>) -> NavigationLine<'a> {
@@ -67,18 +70,18 @@ impl Linear {
             sigma_nt: &self.sigma,
             map: &self.map,
             core: None,
-            errors: InsErrorModel::of(sources),
+            errors: InsErrorModel::from_sources(sources),
             offset_window_s: 0.0,
             fixes: None,
             second_order: false,
         }
     }
 
-    fn magnetometers(&self) -> Vec<Magnetometer<'_>> {
-        let of = |k: usize| Magnetometer {
+    fn magnetometers(&self) -> Vec<FixedLagMagnetometer<'_>> {
+        let of = |k: usize| FixedLagMagnetometer {
             measurement_nt: &self.measured[k],
             sigma_nt: &self.sigma,
-            coefficients: Coefficients {
+            coefficients: AircraftCoefficients {
                 regressors: &self.regressors[k],
                 mean: &self.mean,
                 covariance: &self.covariance,
@@ -98,7 +101,7 @@ impl Linear {
             ..FixedLagParameters::default()
         };
         let ins = self.ins();
-        let keep = Keep { states: true, covariance: true };
+        let keep = FixedLagOptions { states: true, covariance: true };
         run(&parameters, &self.line(&ins), &self.magnetometers(), keep).unwrap()
     }
 }

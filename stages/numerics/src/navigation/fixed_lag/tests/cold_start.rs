@@ -8,10 +8,10 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::time::Instant;
 
-use super::super::nodes::Nodes;
-use super::super::{Coefficients, FixedLagOutput, FixedLagParameters, Magnetometer};
+use super::super::nodes::LineNodeBuilder;
+use super::super::{AircraftCoefficients, FixedLagMagnetometer, FixedLagOutput, FixedLagParameters};
 use super::flights::{Flight, Left, fly};
-use crate::navigation::gaussian::Layout;
+use crate::navigation::gaussian::StateLayout;
 
 const EPOCHS: [usize; 5] = [300, 675, 1050, 1425, 1799];
 
@@ -148,12 +148,12 @@ fn jac_an_averaged_measurement() {
     let line = flight.line(&ins);
     let (covariance, zeros) = (flight.covariance(), vec![0.0; flight.terms]);
     let regressors = &flight.regressors;
-    let coefficients = Coefficients { regressors, mean: &zeros, covariance: &covariance, walk_density: &zeros };
-    let magnetometers = [Magnetometer { coefficients, ..Magnetometer::of_line(&line) }];
+    let coefficients = AircraftCoefficients { regressors, mean: &zeros, covariance: &covariance, walk_density: &zeros };
+    let magnetometers = [FixedLagMagnetometer { coefficients, ..FixedLagMagnetometer::of_line(&line) }];
     let error = GaussMarkov { sigma: 5.0, tau_s: 2.0 };
-    let mut layout = Layout { errors: vec![error], walk: zeros.clone(), ..Layout::default() };
+    let mut layout = StateLayout { errors: vec![error], walk: zeros.clone(), ..StateLayout::default() };
     layout.blocks.push(STATES + 1..layout.dim());
-    let node = Nodes::new(&line, &magnetometers, &layout, &[0.0], 1.0).take(f64::INFINITY).unwrap();
+    let node = LineNodeBuilder::new(&line, &magnetometers, &layout, &[0.0], 1.0).take(f64::INFINITY).unwrap();
     assert_eq!(node.rows, 0..10);
     let mut field: PredictedField = line.predicted();
     let mut residual = |x: &[f64]| {

@@ -1,18 +1,18 @@
 //! Aiding positions, against dense least squares and the filter of an INS that they alone aid.
 #![allow(clippy::unwrap_used)]
 
-use crate::maps::Interpolation;
-use crate::navigation::loss::Loss;
-use crate::navigation::scenes::{Batch, Scene, assert_close, plane, positions, uneven};
+use crate::maps::MapInterpolation;
+use crate::navigation::loss::TrajectoryLoss;
+use crate::navigation::scenes::{AnalyticScene, DenseBatchSmoother, assert_close, plane, positions, uneven};
 use crate::navigation::{NavigationLine, ins_only};
 
-use super::super::{FixedLagOutput, FixedLagParameters, Keep, Magnetometer, Usage, run};
+use super::super::{FixedLagMagnetometer, FixedLagOptions, FixedLagOutput, FixedLagParameters, FixedLagUsage, run};
 
 const ROWS: usize = 60;
 
 /// With positions at every seventh sample; without a measurement of the field where `blind`.
-fn scene(blind: bool) -> Scene {
-    let mut scene = Scene::new(&uneven(ROWS), Interpolation::Linear, plane);
+fn scene(blind: bool) -> AnalyticScene {
+    let mut scene = AnalyticScene::new(&uneven(ROWS), MapInterpolation::Linear, plane);
     scene.measurement_nt[20..if blind { ROWS } else { 35 }].fill(f64::NAN);
     if blind {
         scene.measurement_nt.fill(f64::NAN);
@@ -22,8 +22,8 @@ fn scene(blind: bool) -> Scene {
 }
 
 fn smoothed(line: &NavigationLine<'_>, parameters: FixedLagParameters) -> FixedLagOutput {
-    let keep = Keep { states: true, covariance: true };
-    run(&parameters, line, &[Magnetometer::of_line(line)], keep).unwrap()
+    let keep = FixedLagOptions { states: true, covariance: true };
+    run(&parameters, line, &[FixedLagMagnetometer::of_line(line)], keep).unwrap()
 }
 
 /// Parameters without averaging of measurements.
@@ -35,17 +35,18 @@ fn parameters(window_s: f64, overlap: f64, lag_s: f64) -> FixedLagParameters {
 fn law_with_and_without_the_field_positions_make_the_least_squares_solution() {
     for blind in [false, true] {
         scene(blind).with(|line| {
-            let mut batch = Batch::new(line);
+            let mut batch = DenseBatchSmoother::new(line);
             batch.solve(line, |_| 1.0);
             let found = smoothed(line, parameters(1000.0, 0.0, 1000.0));
             for row in 0..ROWS {
                 let (x, p) = (&found.navigation.x[row], &found.navigation.p[row]);
                 assert_close(x, p, (&batch.x[row], &batch.p[row]), 1e-6, &format!("blind {blind}, {row}"));
             }
-            let missing = found.usage.iter().filter(|usage| **usage == Usage::Missing).count();
+            let missing = found.usage.iter().filter(|usage| **usage == FixedLagUsage::Missing).count();
             assert_eq!(missing, if blind { ROWS } else { 15 });
             // A loss is on the field's residuals alone.
-            let huber = FixedLagParameters { loss: Loss::Huber, loss_scale: 0.1, ..parameters(1000.0, 0.0, 1000.0) };
+            let huber =
+                FixedLagParameters { loss: TrajectoryLoss::Huber, loss_scale: 0.1, ..parameters(1000.0, 0.0, 1000.0) };
             let robust = smoothed(line, huber);
             let same = robust.navigation.x == found.navigation.x;
             assert_eq!(same, blind, "a scale of a tenth of a sigma cuts the noise of the field");
@@ -72,7 +73,7 @@ fn law_in_real_time_it_is_the_filter_whatever_the_windows() {
 #[test]
 fn law_positions_within_an_interval_count_at_their_own_time() {
     scene(true).with(|line| {
-        let mut batch = Batch::new(line);
+        let mut batch = DenseBatchSmoother::new(line);
         batch.solve(line, |_| 1.0);
         let every = FixedLagParameters { measurement_interval_s: 3.0, ..parameters(1000.0, 0.0, 1000.0) };
         let found = smoothed(line, every);

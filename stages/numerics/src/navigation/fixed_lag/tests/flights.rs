@@ -1,19 +1,21 @@
 //! Manoeuvring flights over the Osborne map with an aircraft that has a field, and a plain online filter for them.
 
-use crate::compensation::tolles_lawson::{self, Terms};
+use crate::compensation::tolles_lawson::{self, TermSelection};
 use crate::earth::attitude::body_to_ned;
 use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
-use crate::maps::{FieldMap, Interpolation, MapSurface};
+use crate::maps::{FieldMap, MapInterpolation, MapSurface};
 use crate::navigation::osborne::{Line, core_field, grid};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector};
 use crate::navigation::{InsErrorModel, NavigationLine, simulate_ins_error};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use crate::signal::gauss_markov::GaussMarkov;
 use nalgebra::{DMatrix, DVector};
 use std::sync::{Arc, OnceLock};
 
-use super::super::{Coefficients, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, run};
+use super::super::{
+    AircraftCoefficients, FixedLagMagnetometer, FixedLagOptions, FixedLagOutput, FixedLagParameters, run,
+};
 
 /// Map and core field.
 pub struct Scene {
@@ -25,7 +27,7 @@ pub struct Scene {
 pub fn scene() -> &'static Scene {
     static SCENE: OnceLock<Scene> = OnceLock::new();
     SCENE.get_or_init(|| {
-        let surface = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
+        let surface = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
         Scene { map: FieldMap::Flat(surface.clone()), surface, core: Arc::new(core_field().unwrap()) }
     })
 }
@@ -64,7 +66,7 @@ pub fn fly(seed: u64, samples: u32, dt_s: f64, magnetometers: usize, left: Left)
     let scene = scene();
     let truth = manoeuvred(samples, dt_s, 0.1 * seed as f64);
     let model = InsErrorModel::default();
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
     let ins = truth.with_errors(&errors);
     let (regressors, terms) = regressors(&truth, &scene.core);
@@ -128,9 +130,9 @@ fn regressors(line: &Line, core: &CoreField) -> (Vec<f64>, usize) {
         let b = body_to_ned(roll.to_radians(), pitch.to_radians(), yaw.to_radians()).transpose() * ned;
         (0..3).for_each(|axis| body[axis].push(b[axis]));
     }
-    let terms = Terms::new(&["permanent", "induced", "eddy", "bias"]).unwrap();
+    let terms = TermSelection::new(&["permanent", "induced", "eddy", "bias"]).unwrap();
     let [x, y, z] = &body;
-    let field = tolles_lawson::Field { x, y, z, bt: None };
+    let field = tolles_lawson::BodyFieldColumns { x, y, z, bt: None };
     (tolles_lawson::matrix(&field, &terms, 50_000.0).unwrap(), terms.len())
 }
 
@@ -159,13 +161,22 @@ impl Flight {
         let ins = self.ins.series();
         let line = self.line(&ins);
         let (covariance, zeros) = (self.covariance(), vec![0.0; self.terms]);
-        let coefficients =
-            Coefficients { regressors: &self.regressors, mean: &zeros, covariance: &covariance, walk_density: &zeros };
+        let coefficients = AircraftCoefficients {
+            regressors: &self.regressors,
+            mean: &zeros,
+            covariance: &covariance,
+            walk_density: &zeros,
+        };
         let mut magnetometers = vec![];
         for measured in &self.measured {
-            magnetometers.push(Magnetometer { measurement_nt: measured, sigma_nt: &self.sigma, coefficients, error });
+            magnetometers.push(FixedLagMagnetometer {
+                measurement_nt: measured,
+                sigma_nt: &self.sigma,
+                coefficients,
+                error,
+            });
         }
-        run(parameters, &line, &magnetometers, Keep { states: true, covariance: true }).unwrap()
+        run(parameters, &line, &magnetometers, FixedLagOptions { states: true, covariance: true }).unwrap()
     }
 
     /// Root mean square of the horizontal error in metres of estimated states.

@@ -1,11 +1,14 @@
 //! Outliers, gaps and other irregularities of a line.
 
-use crate::navigation::loss::Loss;
+use crate::navigation::loss::TrajectoryLoss;
 use crate::navigation::{InsSeries, NavigationLine};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use crate::signal::gauss_markov::GaussMarkov;
 
-use super::super::{Coefficients, FixedLagError, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, Usage, run};
+use super::super::{
+    AircraftCoefficients, FixedLagError, FixedLagMagnetometer, FixedLagOptions, FixedLagOutput, FixedLagParameters,
+    FixedLagUsage, run,
+};
 use super::flights::{Flight, Left, fly, scene};
 
 const NO_ERROR: GaussMarkov = GaussMarkov { sigma: 0.0, tau_s: 1.0 };
@@ -25,18 +28,19 @@ fn is_sound(output: &FixedLagOutput) -> bool {
 fn law_a_robust_loss_holds_a_line_with_outliers() {
     let clean = fly(3, 1500, 1.0, 1, Left::White);
     let mut spoilt = fly(3, 1500, 1.0, 1, Left::White);
-    let mut normals = Normals::new(99);
+    let mut normals = NormalGenerator::new(99);
     // One measurement in twenty is off by some 300 nT, a hundred times its noise.
     for row in (0..1500).filter(|row| row % 20 == 7) {
         spoilt.measured[0][row] += 300.0 * normals.draw();
     }
-    let drms = |flight: &Flight, loss: Loss| {
+    let drms = |flight: &Flight, loss: TrajectoryLoss| {
         let parameters = FixedLagParameters { loss, overlap: 0.8, ..FixedLagParameters::default() };
         flight.drms_m(&flight.smoothed(&parameters, NO_ERROR).navigation.x)
     };
-    let without = drms(&clean, Loss::None);
-    let [squares, huber, cauchy] = [Loss::None, Loss::Huber, Loss::Cauchy].map(|loss| drms(&spoilt, loss));
-    let unspoilt = drms(&clean, Loss::Cauchy);
+    let without = drms(&clean, TrajectoryLoss::None);
+    let [squares, huber, cauchy] =
+        [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy].map(|loss| drms(&spoilt, loss));
+    let unspoilt = drms(&clean, TrajectoryLoss::Cauchy);
     println!("DRMS m: clean {without:.1}, Cauchy {unspoilt:.1}");
     println!("with outliers: least squares {squares:.1}, Huber {huber:.1}, Cauchy {cauchy:.1}");
     // A twentieth of the data is lost, and robust weights cost another twentieth: the errors grow by far less than
@@ -62,7 +66,7 @@ fn unit_what_is_missing_is_counted() {
     assert_eq!(output.aircraft_nt.len(), 800);
     let report = output.navigation.report;
     assert_eq!((report.updates, report.missing_measurements, report.off_map), (377, 23, 0));
-    assert_eq!(output.usage[110], Usage::Missing);
+    assert_eq!(output.usage[110], FixedLagUsage::Missing);
     assert!(output.navigation.nis[110].is_nan() && output.navigation.nis[60].is_finite());
     assert!(output.navigation.sd_n_m[119] > output.navigation.sd_n_m[99]);
     assert!(flight.drms_m(&output.navigation.x) < 40.0);
@@ -87,7 +91,7 @@ fn unit_off_the_map_the_ins_is_followed() {
     assert!(is_sound(&output));
     let report = output.navigation.report;
     assert_eq!((report.updates, report.off_map), (220, 80));
-    assert_eq!(output.usage[150], Usage::OffMap);
+    assert_eq!(output.usage[150], FixedLagUsage::OffMap);
     // Never on the map.
     flight.ins.columns[2].iter_mut().for_each(|lon| *lon += 30.0);
     let output = smoothed(&flight);
@@ -99,15 +103,15 @@ fn unit_off_the_map_the_ins_is_followed() {
 fn first(samples: usize, regressors: &[f64], covariance: &[f64]) -> Result<FixedLagOutput, FixedLagError> {
     let flight = fly(2, 300, 1.0, 1, Left::White);
     let columns = flight.ins.columns.each_ref().map(|column| &column[..samples]);
-    let ins = InsSeries::of(columns);
+    let ins = InsSeries::from_columns(columns);
     let measured = &flight.measured[0][..samples];
     let line =
         NavigationLine { ins: &ins, measurement_nt: measured, sigma_nt: &flight.sigma[..samples], ..flight.line(&ins) };
     let terms = regressors.len() / samples;
     let zeros = vec![0.0; terms];
-    let coefficients = Coefficients { regressors, mean: &zeros, covariance, walk_density: &zeros };
-    let magnetometer = Magnetometer { coefficients, ..Magnetometer::of_line(&line) };
-    run(&FixedLagParameters::default(), &line, &[magnetometer], Keep::default())
+    let coefficients = AircraftCoefficients { regressors, mean: &zeros, covariance, walk_density: &zeros };
+    let magnetometer = FixedLagMagnetometer { coefficients, ..FixedLagMagnetometer::of_line(&line) };
+    run(&FixedLagParameters::default(), &line, &[magnetometer], FixedLagOptions::default())
 }
 
 #[test]
@@ -145,14 +149,15 @@ fn unit_arrays_that_make_no_model_are_refused() {
     let flight = fly(2, 20, 1.0, 1, Left::White);
     let ins = flight.ins.series();
     let line = flight.line(&ins);
-    let of_line = Magnetometer::of_line(&line);
-    let fails = |parameters, magnetometer| run(&parameters, &line, &[magnetometer], Keep::default()).is_err();
+    let of_line = FixedLagMagnetometer::of_line(&line);
+    let fails =
+        |parameters, magnetometer| run(&parameters, &line, &[magnetometer], FixedLagOptions::default()).is_err();
     assert!(fails(FixedLagParameters { window_s: 0.0, ..FixedLagParameters::default() }, of_line));
     assert!(fails(FixedLagParameters { overlap: 1.0, ..FixedLagParameters::default() }, of_line));
     assert!(fails(FixedLagParameters { lag_s: f64::NAN, ..FixedLagParameters::default() }, of_line));
     let error = GaussMarkov { sigma: 1.0, tau_s: 0.0 };
-    assert!(fails(FixedLagParameters::default(), Magnetometer { error, ..of_line }));
-    assert!(fails(FixedLagParameters::default(), Magnetometer { sigma_nt: &[], ..of_line }));
+    assert!(fails(FixedLagParameters::default(), FixedLagMagnetometer { error, ..of_line }));
+    assert!(fails(FixedLagParameters::default(), FixedLagMagnetometer { sigma_nt: &[], ..of_line }));
     assert!(!fails(FixedLagParameters::default(), of_line));
 }
 
@@ -160,7 +165,7 @@ fn unit_arrays_that_make_no_model_are_refused() {
 fn unit_no_magnetometer_is_the_ins() {
     let flight = fly(2, 50, 1.0, 1, Left::White);
     let ins = flight.ins.series();
-    let output = run(&FixedLagParameters::default(), &flight.line(&ins), &[], Keep::default()).unwrap();
+    let output = run(&FixedLagParameters::default(), &flight.line(&ins), &[], FixedLagOptions::default()).unwrap();
     assert_eq!(output.navigation.lat_deg, flight.ins.columns[1]);
     assert_eq!(output.navigation.report.missing_measurements, 50);
     assert!(scene().map.at(ins.lat_deg[0], ins.lon_deg[0], ins.alt_m[0]).is_some());

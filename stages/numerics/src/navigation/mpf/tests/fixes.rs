@@ -27,7 +27,7 @@ fn blind(samples: usize, sources: InsErrors) -> Scene {
 }
 
 fn with_fixes(scene: &Scene, fixes: &PositionFixes, parameters: &MpfParameters) -> MpfOutput {
-    let ins = crate::navigation::InsSeries::of(scene.columns.each_ref().map(Vec::as_slice));
+    let ins = crate::navigation::InsSeries::from_columns(scene.columns.each_ref().map(Vec::as_slice));
     let line = NavigationLine {
         ins: &ins,
         measurement_nt: &scene.measured_nt,
@@ -43,7 +43,7 @@ fn with_fixes(scene: &Scene, fixes: &PositionFixes, parameters: &MpfParameters) 
 }
 
 fn exact(scene: &Scene, fixes: &PositionFixes) -> NavigationOutput {
-    let ins = crate::navigation::InsSeries::of(scene.columns.each_ref().map(Vec::as_slice));
+    let ins = crate::navigation::InsSeries::from_columns(scene.columns.each_ref().map(Vec::as_slice));
     ins_only::run(&ins, &scene.errors, Some(fixes)).unwrap()
 }
 

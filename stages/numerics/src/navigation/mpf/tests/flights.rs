@@ -13,7 +13,7 @@ struct Flight {
 fn osborne() -> &'static (FieldMap, Arc<CoreField>) {
     static MAP: OnceLock<(FieldMap, Arc<CoreField>)> = OnceLock::new();
     MAP.get_or_init(|| {
-        (FieldMap::Flat(MapSurface::new(&grid().unwrap(), Interpolation::Cubic)), Arc::new(core_field().unwrap()))
+        (FieldMap::Flat(MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic)), Arc::new(core_field().unwrap()))
     })
 }
 
@@ -21,9 +21,10 @@ impl Flight {
     /// One flight with its own INS errors, temporal variation and measurement noise.
     fn new(seed: u64, samples: u32, dt_s: f64, position_m: f64) -> Self {
         let (map, core) = osborne();
-        let model = InsErrorModel::of(InsErrors { init_position_sigma_m: position_m, ..InsErrors::default() });
+        let model =
+            InsErrorModel::from_sources(InsErrors { init_position_sigma_m: position_m, ..InsErrors::default() });
         let truth = Line::flown(samples, dt_s, 0.1 * seed as f64).unwrap();
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
         let mut measured_nt = vec![];
         for (row, error) in errors.iter().enumerate() {

@@ -3,8 +3,8 @@
 use pulp::{Simd, WithSimd};
 
 use crate::earth::field_value::FieldValue;
-use crate::navigation::aided::filter::Outcome;
-use crate::navigation::aids::{AidInnovations, AidStates, Linear, SampleInnovations, Usage};
+use crate::navigation::aided::filter::MeasurementOutcome;
+use crate::navigation::aids::{AidInnovations, AidStates, LinearisedAid, SampleInnovations, SampleUsage};
 use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
@@ -14,16 +14,16 @@ use crate::navigation::transition::{propagate_state, transition_matrix};
 
 use crate::signal::gauss_markov::GaussMarkov;
 
-use super::super::covariance::{Covariance, Scalar, Step, WIDEST, dot};
+use super::super::covariance::{AugmentedCovariance, InsStep, ScalarUpdate, WIDEST, dot};
 use super::{
-    AircraftModel, AugmentedOutput, ExtraStates, LineModel, MagnetometerReport, MagnetometerTrack, OnlineParameters,
-    refused,
+    AircraftFieldModel, AugmentedOutput, ExtraStates, LineModel, MagnetometerReport, MagnetometerTrack,
+    OnlineParameters, refused,
 };
 
-/// The filter along its line, as the work that is dispatched to the machine's vector unit.
-pub(super) struct Along<'a, M>(pub(super) Filter<'a, M>);
+/// Filter along its line, dispatched to the vector unit of the machine.
+pub(super) struct AugmentedFilterRun<'a, M>(pub(super) AugmentedFilter<'a, M>);
 
-impl<M: AircraftModel> WithSimd for Along<'_, M> {
+impl<M: AircraftFieldModel> WithSimd for AugmentedFilterRun<'_, M> {
     type Output = Result<AugmentedOutput, NavigationError>;
 
     #[inline(always)]
@@ -42,7 +42,7 @@ impl<M: AircraftModel> WithSimd for Along<'_, M> {
 }
 
 /// Vectors of the length of a padded row.
-struct Scratch {
+struct AugmentedBuffers {
     /// The row H of each magnetometer.
     h: Vec<f64>,
     ph: Vec<f64>,
@@ -54,17 +54,17 @@ struct Scratch {
     noise: Vec<f64>,
 }
 
-/// A magnetometer at a sample.
+/// Residual of a magnetometer at a sample, or the reason for its absence.
 #[derive(Clone, Copy)]
-enum Reading {
+enum MagnetometerResidual {
     Missing,
     OffMap,
     /// Measurement minus prediction before the sample, in nT, and the variance of the measurement, in nT².
     Residual(f64, f64),
 }
 
-/// States, covariance and what is known of a line.
-pub(super) struct Filter<'a, M> {
+/// Filter of the augmented state along a line.
+pub(super) struct AugmentedFilter<'a, M> {
     line: LineModel<'a>,
     lines: Vec<NavigationLine<'a>>,
     model: M,
@@ -77,13 +77,13 @@ pub(super) struct Filter<'a, M> {
     predicted: PredictedField<'a>,
     density: StateVector,
     x: Vec<f64>,
-    p: Covariance,
-    readings: Vec<Reading>,
-    scratch: Scratch,
+    p: AugmentedCovariance,
+    readings: Vec<MagnetometerResidual>,
+    scratch: AugmentedBuffers,
     output: AugmentedOutput,
 }
 
-impl<'a, M: AircraftModel> Filter<'a, M> {
+impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
     pub(super) fn new(
         line: &LineModel<'a>,
         lines: Vec<NavigationLine<'a>>,
@@ -94,12 +94,12 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         let own = own.mean.len();
         let (ins, errors, others, rows) = (line.ins, line.errors, states.mean.len(), line.ins.len());
         let first = errors.initial_covariance(ins.point(0).lat_rad, ins.alt_m[0]);
-        let p = Covariance::new(&first, &states.covariance, others);
+        let p = AugmentedCovariance::new(&first, &states.covariance, others);
         let stride = p.stride();
         let mut x = vec![0.0; stride];
         x[STATES..STATES + others].copy_from_slice(&states.mean);
         let zeros = || vec![0.0; stride];
-        let scratch = Scratch {
+        let scratch = AugmentedBuffers {
             h: vec![0.0; stride * lines.len()],
             ph: zeros(),
             gain: zeros(),
@@ -129,7 +129,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         };
         let (predicted, readings) = (
             PredictedField::new(line.map, line.core).with_second_order(line.second_order),
-            vec![Reading::Missing; lines.len()],
+            vec![MagnetometerResidual::Missing; lines.len()],
         );
         let (line, parameters, density) = (*line, *parameters, errors.noise_density());
         Self {
@@ -179,7 +179,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         let phi = transition_matrix(&f, dt_s);
         let moved = propagate_state(&phi, &std::array::from_fn(|state| self.x[state]));
         self.x[..STATES].copy_from_slice(&moved);
-        let Scratch { decay, noise, .. } = &mut self.scratch;
+        let AugmentedBuffers { decay, noise, .. } = &mut self.scratch;
         self.states.step(dt_s, decay, noise);
         let speed_mps = ins.vn_mps[row - 1].hypot(ins.ve_mps[row - 1]);
         for (place, length_m) in &self.of_aids.lengths_m {
@@ -191,7 +191,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
                 *c = mean + decay * (*c - mean);
             }
         }
-        self.p.propagate(&Step { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
+        self.p.propagate(&InsStep { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
     }
 
     /// The aiding positions of a sample.
@@ -201,11 +201,11 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         for StateFix { state, error, variance } in
             fixes.at(self.line.ins, row, self.line.errors.earth).into_iter().flatten()
         {
-            let Scratch { ph, gain, rest, .. } = &mut self.scratch;
+            let AugmentedBuffers { ph, gain, rest, .. } = &mut self.scratch;
             ph.copy_from_slice(self.p.row(state));
             let innovation_variance = ph[state] + variance;
             let residual = error - self.x[state];
-            self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+            self.p.correct(&ScalarUpdate { ph, innovation_variance }, gain, rest);
             for (x, gain) in self.x.iter_mut().zip(&*gain) {
                 *x += gain * residual;
             }
@@ -220,23 +220,23 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         let mut measured = false;
         for magnetometer in 0..self.lines.len() {
             self.readings[magnetometer] = self.linearise(magnetometer, row);
-            measured |= matches!(self.readings[magnetometer], Reading::Residual(..));
+            measured |= matches!(self.readings[magnetometer], MagnetometerResidual::Residual(..));
         }
         let slope_nt_per_m = self.predict_field(row, measured);
         let (mut off_map, mut used, mut sum, mut samples, mut residual_nt) = (false, None, 0.0, 0_usize, f64::NAN);
         for magnetometer in 0..self.lines.len() {
             let (mut own_nt, mut own_nis) = (f64::NAN, f64::NAN);
             match self.readings[magnetometer] {
-                Reading::Missing => self.output.magnetometers[magnetometer].report.missing += 1,
-                Reading::OffMap => {
+                MagnetometerResidual::Missing => self.output.magnetometers[magnetometer].report.missing += 1,
+                MagnetometerResidual::OffMap => {
                     off_map = true;
                     self.output.magnetometers[magnetometer].report.off_map += 1;
                 }
-                Reading::Residual(before_nt, variance_nt2) => {
+                MagnetometerResidual::Residual(before_nt, variance_nt2) => {
                     let flat = self.line.aids.is_flat(variance_nt2, slope_nt_per_m);
                     let (nis, was_used) = self.correct(magnetometer, before_nt, variance_nt2, flat)?;
-                    if was_used && used != Some(Usage::Used) {
-                        used = Some(if flat { Usage::Flat } else { Usage::Used });
+                    if was_used && used != Some(SampleUsage::Used) {
+                        used = Some(if flat { SampleUsage::Flat } else { SampleUsage::Used });
                     }
                     (own_nt, own_nis) = (before_nt, nis);
                     (sum, samples) = (sum + nis, samples + 1);
@@ -249,38 +249,44 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         }
         let innovation = Innovation { residual_nt, nis: if samples > 0 { sum / samples as f64 } else { f64::NAN } };
         let scalar = match (used, samples, off_map) {
-            (Some(Usage::Flat), ..) => Outcome::Flat(innovation),
-            (Some(_), ..) => Outcome::Used(innovation),
-            (None, 1.., _) => Outcome::Gated(innovation),
-            (None, 0, true) => Outcome::OffMap,
-            (None, 0, false) => Outcome::Missing,
+            (Some(SampleUsage::Flat), ..) => MeasurementOutcome::Flat(innovation),
+            (Some(_), ..) => MeasurementOutcome::Used(innovation),
+            (None, 1.., _) => MeasurementOutcome::Gated(innovation),
+            (None, 0, true) => MeasurementOutcome::OffMap,
+            (None, 0, false) => MeasurementOutcome::Missing,
         };
         Ok(self.further(row, scalar, innovation, slope_nt_per_m))
     }
 
     /// Uses the further measurements of a sample, each linearised at the state before it. Outputs their innovations.
     #[inline(always)]
-    fn further(&mut self, row: usize, scalar: Outcome, innovation: Innovation, slope_nt_per_m: f64) -> Innovation {
+    fn further(
+        &mut self,
+        row: usize,
+        scalar: MeasurementOutcome,
+        innovation: Innovation,
+        slope_nt_per_m: f64,
+    ) -> Innovation {
         if !self.line.aids.is_any() {
-            self.output.navigation.report.count(Outcome::usage(&[scalar]));
+            self.output.navigation.report.count(MeasurementOutcome::usage(&[scalar]));
             return innovation;
         }
         let aids = self.line.aids;
         let mut sample = SampleInnovations::default();
         let line = &self.lines[0];
         let difference = match aids.difference_row(&self.of_aids, &mut self.predicted, line, row, &self.x) {
-            None => Outcome::Missing,
-            Some(None) => Outcome::OffMap,
+            None => MeasurementOutcome::Missing,
+            Some(None) => MeasurementOutcome::OffMap,
             Some(Some(difference)) => self.take(&difference, &mut sample),
         };
-        let mut vector = Outcome::Missing;
+        let mut vector = MeasurementOutcome::Missing;
         match aids.vector_rows(&self.of_aids, &self.lines[0], row, &self.x) {
             None => {}
-            Some(None) => vector = Outcome::OffMap,
+            Some(None) => vector = MeasurementOutcome::OffMap,
             Some(Some(components)) => {
                 for component in &components {
                     let outcome = self.take(component, &mut sample);
-                    if !matches!(vector, Outcome::Used(_)) {
+                    if !matches!(vector, MeasurementOutcome::Used(_)) {
                         vector = outcome;
                     }
                 }
@@ -289,7 +295,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         if let Some(height) = aids.height_row(&self.of_aids, &self.lines[0], row) {
             self.take(&height, &mut sample);
         }
-        let usage = Outcome::usage(&[scalar, difference, vector]);
+        let usage = MeasurementOutcome::usage(&[scalar, difference, vector]);
         self.output.navigation.report.count(usage);
         self.output.usage.push(usage);
         self.output.aids.push(&aids, &sample);
@@ -298,8 +304,8 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
     }
 
     /// Uses a further measurement.
-    fn take(&mut self, linear: &Linear, sample: &mut SampleInnovations) -> Outcome {
-        let Scratch { h, ph, gain, rest, .. } = &mut self.scratch;
+    fn take(&mut self, linear: &LinearisedAid, sample: &mut SampleInnovations) -> MeasurementOutcome {
+        let AugmentedBuffers { h, ph, gain, rest, .. } = &mut self.scratch;
         let h = &mut h[..self.p.stride()];
         h.fill(0.0);
         linear.sensitivity().add_to(h, 1.0);
@@ -309,13 +315,13 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / innovation_variance };
         sample.note(linear.of, innovation);
         if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            return Outcome::Gated(innovation);
+            return MeasurementOutcome::Gated(innovation);
         }
-        self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+        self.p.correct(&ScalarUpdate { ph, innovation_variance }, gain, rest);
         for (x, gain) in self.x.iter_mut().zip(&*gain) {
             *x += gain * residual_nt;
         }
-        Outcome::Used(innovation)
+        MeasurementOutcome::Used(innovation)
     }
 
     /// Takes the field of map and core field off the residuals, and its slope into their rows of H; the horizontal
@@ -335,13 +341,13 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         }
         let rows = self.scratch.h.chunks_exact_mut(self.p.stride());
         for (reading, h) in self.readings.iter_mut().zip(rows) {
-            let Reading::Residual(nt, variance_nt2) = *reading else { continue };
+            let MagnetometerResidual::Residual(nt, variance_nt2) = *reading else { continue };
             let Some(FieldValue { value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m }) = field else {
-                *reading = Reading::OffMap;
+                *reading = MagnetometerResidual::OffMap;
                 continue;
             };
             (h[LAT], h[LON], h[ALT]) = (d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m);
-            *reading = Reading::Residual(nt - value_nt, variance_nt2 + remainder_nt2);
+            *reading = MagnetometerResidual::Residual(nt - value_nt, variance_nt2 + remainder_nt2);
         }
         field.filter(|_| asked).map_or(f64::NAN, |at| self.lines[0].slope_nt_per_m(row, &at))
     }
@@ -349,18 +355,18 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
     /// The residual of a magnetometer but for the field of map and core field, and its row of H but for their slope, at
     /// the state before the sample.
     #[inline(always)]
-    fn linearise(&mut self, magnetometer: usize, row: usize) -> Reading {
+    fn linearise(&mut self, magnetometer: usize, row: usize) -> MagnetometerResidual {
         let stride = self.p.stride();
         let h = &mut self.scratch.h[magnetometer * stride..][..stride];
         h.fill(0.0);
         let (c, d_c) = (&self.x[STATES..][..self.own], &mut h[STATES..][..self.own]);
         let offset_nt = self.output.magnetometers[magnetometer].report.offset_nt;
         let Some((nt, variance_nt2)) = self.lines[magnetometer].measured(row, offset_nt) else {
-            return Reading::Missing;
+            return MagnetometerResidual::Missing;
         };
         let aircraft_nt = match self.model.linearised(magnetometer, row, c, d_c) {
             Some(nt) if nt.is_finite() && d_c.iter().all(|h| h.is_finite()) => nt,
-            _ => return Reading::Missing,
+            _ => return MagnetometerResidual::Missing,
         };
         h[S] = 1.0;
         let mut expected_nt = self.x[S] + aircraft_nt;
@@ -368,7 +374,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             h[state] = 1.0;
             expected_nt += self.x[state];
         }
-        Reading::Residual(nt - expected_nt, variance_nt2)
+        MagnetometerResidual::Residual(nt - expected_nt, variance_nt2)
     }
 
     /// Uses a measurement: its squared residual over its variance, and whether it passed the gate.
@@ -381,7 +387,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
         flat: bool,
     ) -> Result<(f64, bool), NavigationError> {
         let stride = self.p.stride();
-        let Scratch { h, ph, gain, rest, before, .. } = &mut self.scratch;
+        let AugmentedBuffers { h, ph, gain, rest, before, .. } = &mut self.scratch;
         let h = &h[magnetometer * stride..][..stride];
         self.p.times(h, ph);
         let predicted_nt2 = dot(h, ph);
@@ -404,7 +410,7 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             return Ok((nis, false));
         }
         report.updates += 1;
-        let by = Scalar { ph, innovation_variance };
+        let by = ScalarUpdate { ph, innovation_variance };
         if flat {
             let (own, map_error) = (STATES..STATES + self.own, self.of_aids.map_error);
             let corrects = |state: usize| state == S || own.contains(&state) || map_error == Some(state);

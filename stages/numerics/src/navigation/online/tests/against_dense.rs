@@ -61,7 +61,7 @@ fn law_on_a_linear_map_it_is_least_squares_of_the_whole_line() {
         flight.terms[k].truncate(5 * rows);
     }
     let sources = InsErrors { init_position_sigma_m: 200.0, init_altitude_sigma_m: 5.0, ..InsErrors::default() };
-    flight.errors = InsErrorModel { noise: NoiseDiscretisation::VanLoan, ..InsErrorModel::of(sources) };
+    flight.errors = InsErrorModel { noise: NoiseDiscretisation::VanLoan, ..InsErrorModel::from_sources(sources) };
     let line = flight.line(&map);
     let density = [0.5, 1.0, 2.0, 0.0, 4.0];
     let mixed = |i: usize, j: usize| if i == j { 80.0_f64.powi(2) } else { 1000.0 };
@@ -154,7 +154,7 @@ fn only_coefficients(flight: &mut Flight) -> FieldMap {
         gyro_sigma_radps: 0.0,
         ..InsErrors::default()
     };
-    flight.errors = InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(sources) };
+    flight.errors = InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::from_sources(sources) };
     wavy(-74.85)
 }
 

@@ -2,15 +2,15 @@
 
 use std::f64::consts::TAU;
 
-use crate::compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
+use crate::compensation::tolles_lawson::{BodyFieldColumns, DEFAULT_SCALE_NT, TermSelection, matrix};
 use crate::earth::attitude::body_to_ned;
-use crate::maps::{FieldMap, GeographicGrid, Interpolation, MapSurface};
+use crate::maps::{FieldMap, GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::aids::Aids;
 use crate::navigation::{InsErrorModel, InsSeries};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 use nalgebra::Vector3;
 
-use super::super::{CoefficientPrior, LineModel, Magnetometer, OnlineOutput};
+use super::super::{CoefficientPrior, LineModel, OnlineMagnetometer, OnlineOutput};
 
 pub(crate) const ROWS: usize = 230;
 
@@ -20,7 +20,7 @@ fn map_of(east_deg: f64, value: impl Fn(f64, f64) -> f64) -> FieldMap {
     let lat: Vec<f64> = (0..30).map(|k| 40.09 + 0.001 * f64::from(k)).collect();
     let lon: Vec<f64> = (0..columns as i32).map(|k| -74.91 + 0.001 * f64::from(k)).collect();
     let values: Vec<f64> = lat.iter().flat_map(|lat| lon.iter().map(|lon| value(*lat, *lon))).collect();
-    FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), Interpolation::Linear))
+    FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), MapInterpolation::Linear))
 }
 
 pub(crate) fn wavy(east_deg: f64) -> FieldMap {
@@ -81,8 +81,8 @@ impl Flight {
             (0..3).for_each(|axis| vector_nt[axis].push(body[axis]));
         }
         let [x, y, z] = &vector_nt;
-        let terms = Terms::new(&["permanent", "induced", "eddy"]).unwrap();
-        let a = matrix(&Field { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
+        let terms = TermSelection::new(&["permanent", "induced", "eddy"]).unwrap();
+        let a = matrix(&BodyFieldColumns { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
         let mut flight = Self {
             columns,
             errors: InsErrorModel::default(),
@@ -101,7 +101,7 @@ impl Flight {
     pub(crate) fn replace_terms(&mut self, map: &FieldMap, terms: &[f64], width: usize, sigma: f64) {
         self.width = width;
         self.terms = vec![terms.to_vec(); self.coefficients.len()];
-        let mut normals = Normals::new(3);
+        let mut normals = NormalGenerator::new(3);
         for magnetometer in 0..self.coefficients.len() {
             self.coefficients[magnetometer] = (0..width).map(|_| sigma * normals.draw()).collect();
             let aircraft_nt = self.aircraft(magnetometer);
@@ -118,7 +118,7 @@ impl Flight {
     /// The line, whose INS lives as long as the test.
     pub(crate) fn line<'a>(&self, map: &'a FieldMap) -> LineModel<'a> {
         let columns: &'static [Vec<f64>; 13] = Box::leak(Box::new(self.columns.clone()));
-        let ins = Box::leak(Box::new(InsSeries::of(columns.each_ref().map(Vec::as_slice))));
+        let ins = Box::leak(Box::new(InsSeries::from_columns(columns.each_ref().map(Vec::as_slice))));
         LineModel {
             ins,
             map,
@@ -136,9 +136,9 @@ impl Flight {
         k: usize,
         prior: &'a CoefficientPrior,
         walk_density: &'a [f64],
-    ) -> Magnetometer<'a> {
+    ) -> OnlineMagnetometer<'a> {
         let (measurement_nt, sigma_nt, terms) = (&self.measurement_nt[k], &self.sigma_nt[k], &self.terms[k]);
-        Magnetometer { measurement_nt, sigma_nt, terms, prior, walk_density }
+        OnlineMagnetometer { measurement_nt, sigma_nt, terms, prior, walk_density }
     }
 
     pub(crate) fn prior(&self, k: usize, sigma: f64) -> CoefficientPrior {

@@ -148,30 +148,36 @@ fn law_bad_input_is_refused_in_words() {
     let (prior, none) = (flight.prior(0, 30.0), vec![0.0; 18]);
     let good = flight.magnetometer(0, &prior, &none);
     let line = flight.line(&map);
-    let message = |m: Magnetometer<'_>| run(&line, &[m], None, &ALL).unwrap_err().to_string();
-    let words = message(Magnetometer { terms: &flight.terms[0][1..], ..good });
+    let message = |m: OnlineMagnetometer<'_>| run(&line, &[m], None, &ALL).unwrap_err().to_string();
+    let words = message(OnlineMagnetometer { terms: &flight.terms[0][1..], ..good });
     assert_eq!(words, "magnetometer 0 has 4139 terms, not 230 rows of 18 coefficients");
-    let words = message(Magnetometer { walk_density: &none[1..], ..good });
+    let words = message(OnlineMagnetometer { walk_density: &none[1..], ..good });
     assert_eq!(words, "magnetometer 0 has 18 coefficients, a covariance of 324 entries and 17 densities");
     let negative = vec![-1.0; 18];
-    let words = message(Magnetometer { walk_density: &negative, ..good });
+    let words = message(OnlineMagnetometer { walk_density: &negative, ..good });
     assert_eq!(words, "the density of the random walk of coefficient 0 is -1");
     let mut bad = prior.clone();
     bad.covariance[1] = 1000.0;
-    let words = message(Magnetometer { prior: &bad, ..good });
+    let words = message(OnlineMagnetometer { prior: &bad, ..good });
     assert_eq!(words, "the prior covariance is not positive: a correlation is beyond 1");
     bad.covariance[1] = 100.0;
-    assert_eq!(message(Magnetometer { prior: &bad, ..good }), "the prior covariance is not symmetric");
+    assert_eq!(message(OnlineMagnetometer { prior: &bad, ..good }), "the prior covariance is not symmetric");
     bad = prior.clone();
     for (i, j, c) in [(0, 1, 0.9), (1, 2, 0.9), (0, 2, -0.9)] {
         (bad.covariance[18 * i + j], bad.covariance[18 * j + i]) = (c * 900.0, c * 900.0);
     }
-    assert_eq!(message(Magnetometer { prior: &bad, ..good }), "the prior covariance is not positive semidefinite");
+    assert_eq!(
+        message(OnlineMagnetometer { prior: &bad, ..good }),
+        "the prior covariance is not positive semidefinite"
+    );
     bad = CoefficientPrior::independent(&[f64::NAN; 18], &[1.0; 18]);
-    assert_eq!(message(Magnetometer { prior: &bad, ..good }), "the prior mean of coefficient 0 is NaN");
+    assert_eq!(message(OnlineMagnetometer { prior: &bad, ..good }), "the prior mean of coefficient 0 is NaN");
     bad = CoefficientPrior::independent(&[0.0; 18], &[1e8; 18]);
-    assert!(message(Magnetometer { prior: &bad, ..good }).starts_with("the prior of the aircraft's field is too wide"));
-    let words = message(Magnetometer { sigma_nt: &flight.sigma_nt[0][1..], ..good });
+    assert!(
+        message(OnlineMagnetometer { prior: &bad, ..good })
+            .starts_with("the prior of the aircraft's field is too wide")
+    );
+    let words = message(OnlineMagnetometer { sigma_nt: &flight.sigma_nt[0][1..], ..good });
     assert_eq!(words, "column `measurement sigma` has 229 rows, but `tt` has 230");
     assert_eq!(run(&line, &[], None, &ALL).unwrap_err().to_string(), "no magnetometer is given");
     let gate = OnlineParameters { gate_nis: Some(0.0), ..ALL };
@@ -196,19 +202,19 @@ fn law_a_scalar_magnetometer_is_no_term() {
     let vector = Vector::new(&flight, &["permanent", "induced", "eddy"]);
     let (prior, none) = (flight.prior(0, 30.0), vec![0.0; 18]);
     let magnetometer = flight.magnetometer(0, &prior, &none);
-    let refused = |fluxgate: &Fluxgate<'_>, magnetometer: Magnetometer<'_>| {
+    let refused = |fluxgate: &Fluxgate<'_>, magnetometer: OnlineMagnetometer<'_>| {
         run(&flight.line(&map), &[magnetometer], Some(fluxgate), &ALL).unwrap_err().to_string()
     };
     let good = vector.fluxgate(20.0, f64::INFINITY);
     assert!(run(&flight.line(&map), &[magnetometer], Some(&good), &ALL).is_ok());
-    let modified = Fluxgate { field: Field { bt: Some(&flight.measurement_nt[0]), ..good.field }, ..good };
+    let modified = Fluxgate { field: BodyFieldColumns { bt: Some(&flight.measurement_nt[0]), ..good.field }, ..good };
     assert!(refused(&modified, magnetometer).contains("subtract its own"));
     let mut others = flight.terms[0].clone();
     others[18 * 50 + 2] *= 1.001;
-    let words = refused(&good, Magnetometer { terms: &others, ..magnetometer });
+    let words = refused(&good, OnlineMagnetometer { terms: &others, ..magnetometer });
     assert_eq!(words, "the terms of magnetometer 0 are not those of the vector in row 50");
     others[18 * 50 + 2] = f64::NAN;
-    assert!(refused(&good, Magnetometer { terms: &others, ..magnetometer }).contains("row 50"));
+    assert!(refused(&good, OnlineMagnetometer { terms: &others, ..magnetometer }).contains("row 50"));
     assert!(
         refused(&Fluxgate { tau_s: 0.0, ..good }, magnetometer).contains("time constant of the bias must be above 0")
     );

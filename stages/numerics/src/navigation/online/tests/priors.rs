@@ -4,7 +4,7 @@ use super::*;
 use nalgebra::DMatrix;
 
 fn draws(count: usize, seed: u64) -> Vec<Vec<f64>> {
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let one = |_| {
         let [a, b, c, d] = [0; 4].map(|_| normals.draw());
         vec![100.0 + 10.0 * a, 0.1 * b, 50.0 + 10.0 * a + 5.0 * c, 3.0 * d]
@@ -77,7 +77,7 @@ fn law_one_calibration_needs_its_own_covariance() {
 
 #[test]
 fn law_the_walk_is_that_between_calibrations() {
-    let mut normals = Normals::new(2);
+    let mut normals = NormalGenerator::new(2);
     let (mut at, mut tt_s) = ([0.0, 0.0], 0.0);
     let (mut all, mut times) = (vec![], vec![]);
     for k in 0..4000 {
@@ -98,7 +98,7 @@ fn law_the_walk_is_that_between_calibrations() {
 
 #[test]
 fn unit_a_cold_start_has_a_sigma_for_every_term() {
-    let terms = Terms::new(&["bias", "permanent", "induced5", "eddy3", "derivative"]).unwrap();
+    let terms = TermSelection::new(&["bias", "permanent", "induced5", "eddy3", "derivative"]).unwrap();
     let start = ColdStart { permanent_nt: 1.0, induced_nt: 2.0, eddy_nt_s: 3.0, derivative_s: 4.0, bias_nt: 5.0 };
     let prior = start.prior(&terms, 0.1).unwrap();
     let expected = [[1.0; 3].as_slice(), &[2.0; 5], &[30.0; 3], &[40.0; 3], &[5.0]].concat();
@@ -106,5 +106,5 @@ fn unit_a_cold_start_has_a_sigma_for_every_term() {
     assert!(prior.mean.iter().all(|mean| *mean == 0.0) && prior.mean.len() == terms.len());
     assert!(start.prior(&terms, 0.0).is_err());
     assert!(ColdStart { bias_nt: -1.0, ..start }.prior(&terms, 0.1).is_err());
-    assert!(ColdStart { bias_nt: -1.0, ..start }.prior(&Terms::default(), 0.1).is_ok());
+    assert!(ColdStart { bias_nt: -1.0, ..start }.prior(&TermSelection::default(), 0.1).is_ok());
 }

@@ -1,16 +1,16 @@
 use super::*;
 use crate::navigation::estimate::tests::random_estimate;
 use crate::navigation::pinson::{InsPoint, PinsonForm, TimeConstants, pinson_matrix};
-use crate::navigation::scenes::{Dense, DenseVector, dense};
+use crate::navigation::scenes::{DenseStateMatrix, DenseStateVector, dense};
 use crate::navigation::transition::transition_matrix;
 
-fn adjoint() -> Adjoint {
+fn adjoint() -> AdjointState {
     let estimate = random_estimate(5);
-    Adjoint { state: estimate.x, matrix: estimate.p }
+    AdjointState { state: estimate.x, matrix: estimate.p }
 }
 
 /// Largest difference over the largest entry.
-fn apart(a: &Dense, b: &Dense) -> f64 {
+fn apart(a: &DenseStateMatrix, b: &DenseStateMatrix) -> f64 {
     (a - b).abs().max() / b.abs().max()
 }
 
@@ -25,10 +25,10 @@ fn law_back_through_a_step_is_the_transposed_transition() {
     };
     let phi = transition_matrix(&pinson_matrix(&point, &times, PinsonForm::Thesis), 2.0);
     let mut back = adjoint();
-    let (state, matrix) = (DenseVector::from(back.state), dense(&back.matrix));
+    let (state, matrix) = (DenseStateVector::from(back.state), dense(&back.matrix));
     back.through_step(&phi);
     let phi = dense(&phi);
-    assert!((DenseVector::from(back.state) - phi.transpose() * state).norm() < 1e-13 * state.norm() * phi.norm());
+    assert!((DenseStateVector::from(back.state) - phi.transpose() * state).norm() < 1e-13 * state.norm() * phi.norm());
     assert!(apart(&dense(&back.matrix), &(phi.transpose() * matrix * phi)) < 1e-14);
     assert_eq!(dense(&back.matrix), dense(&back.matrix).transpose());
 }
@@ -36,19 +36,20 @@ fn law_back_through_a_step_is_the_transposed_transition() {
 #[test]
 fn law_back_through_a_measurement_is_the_dense_recursion() {
     let mut back = adjoint();
-    let (state, matrix) = (DenseVector::from(back.state), dense(&back.matrix));
+    let (state, matrix) = (DenseStateVector::from(back.state), dense(&back.matrix));
     let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).sin());
-    let used = Used { h: Sensitivity([0.7, -1.3, 0.2, 1.0]), gain, force: 0.4, weight: 0.25, variance_nt2: 2.0 };
-    let mut h = DenseVector::zeros();
+    let used =
+        ForwardUpdate { h: Sensitivity([0.7, -1.3, 0.2, 1.0]), gain, force: 0.4, weight: 0.25, variance_nt2: 2.0 };
+    let mut h = DenseStateVector::zeros();
     for (factor, state) in used.h.0.into_iter().zip(MEASURED) {
         h[state] = factor;
     }
-    let rest = Dense::identity() - DenseVector::from(gain) * h.transpose();
+    let rest = DenseStateMatrix::identity() - DenseStateVector::from(gain) * h.transpose();
     let u = back.through_measurement(&used);
-    assert!((u - (0.4 + DenseVector::from(gain).dot(&state))).abs() < 1e-14);
+    assert!((u - (0.4 + DenseStateVector::from(gain).dot(&state))).abs() < 1e-14);
     // λ by the form that Bierman prints.
     let expected = rest.transpose() * state - h * 0.4;
-    assert!((DenseVector::from(back.state) - expected).norm() < 1e-13);
+    assert!((DenseStateVector::from(back.state) - expected).norm() < 1e-13);
     let expected = rest.transpose() * matrix * rest + h * 0.25 * h.transpose();
     assert!(apart(&dense(&back.matrix), &expected) < 1e-14);
 }

@@ -17,19 +17,19 @@
 //! with the kernel of the stretched path, which does not depend on the track: the information of the revisits about
 //! each other.
 
-use super::likelihood::{Measured, Problem};
-use super::search::{Prior, Rules, Search};
+use super::likelihood::{SlamMeasurement, SlamProblem};
+use super::search::{SlamSearch, SlamSearchParameters, SlamWeightPrior};
 
 /// Evidence of the revisits for a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Evidence {
+pub struct RevisitEvidence {
     /// E.
     pub found: f64,
     /// D.
     pub expected: f64,
 }
 
-impl Evidence {
+impl RevisitEvidence {
     /// E over D: 1 where two visits differ by no more than the expected noise and roughness of the field, 0 where they
     /// are unrelated. NaN where the visits contain almost no information, with a D below 5 (a factor of 150 in
     /// probability), or without visits.
@@ -42,17 +42,22 @@ impl Evidence {
 const LEAST: f64 = 5.0;
 
 /// The evidence of a search at its optimum; `None` where the covariance is not positive.
-pub fn evidence(problem: &Problem, prior: &Prior, rules: Rules, search: &Search<'_>) -> Option<Evidence> {
+pub fn evidence(
+    problem: &SlamProblem,
+    prior: &SlamWeightPrior,
+    rules: SlamSearchParameters,
+    search: &SlamSearch<'_>,
+) -> Option<RevisitEvidence> {
     let out = drawn_out(problem, &search.weights);
-    let mut alone = Search::from(&out, prior, rules, search.weights.clone(), search.kernel)?;
+    let mut alone = SlamSearch::from(&out, prior, rules, search.weights.clone(), search.kernel)?;
     alone.settle_kernel();
     let both = [&out, problem].map(|of| Some(of.factored(&alone.kernel, &search.weights)?.logarithm()));
     let [Some(apart), Some(together)] = both else { return None };
-    Some(Evidence { found: alone.likelihood_cost() - search.likelihood_cost(), expected: apart - together })
+    Some(RevisitEvidence { found: alone.likelihood_cost() - search.likelihood_cost(), expected: apart - together })
 }
 
 /// The problem whose path is as long and straight.
-fn drawn_out(problem: &Problem, weights: &[f64]) -> Problem {
+fn drawn_out(problem: &SlamProblem, weights: &[f64]) -> SlamProblem {
     let mut along_m = 0.0;
     let mut before = None::<[f64; 2]>;
     let mut measured = vec![];
@@ -60,9 +65,9 @@ fn drawn_out(problem: &Problem, weights: &[f64]) -> Problem {
         let at_m = [0, 1].map(|axis: usize| of.at_m[axis] + moved_m[axis]);
         let from_m = before.replace(at_m).unwrap_or(at_m);
         along_m += (at_m[0] - from_m[0]).hypot(at_m[1] - from_m[1]);
-        measured.push(Measured { at_m: [along_m - moved_m[0], -moved_m[1]], ..*of });
+        measured.push(SlamMeasurement { at_m: [along_m - moved_m[0], -moved_m[1]], ..*of });
     }
-    Problem { measured, functions: problem.functions.clone(), ..*problem }
+    SlamProblem { measured, functions: problem.functions.clone(), ..*problem }
 }
 
 #[cfg(test)]
@@ -74,12 +79,17 @@ mod tests {
     #[test]
     fn unit_a_path_drawn_out_has_the_same_steps() {
         let at = [[0.0, 0.0], [30.0, 40.0], [0.0, 0.0]];
-        let measured =
-            at.map(|at_m| Measured { tt_s: 0.0, at_m, value_nt: 1.0, variance_nt2: 1.0, core_nt_per_m: [0.1, 0.2] });
+        let measured = at.map(|at_m| SlamMeasurement {
+            tt_s: 0.0,
+            at_m,
+            value_nt: 1.0,
+            variance_nt2: 1.0,
+            core_nt_per_m: [0.1, 0.2],
+        });
         // One function that moves the second position by 30 m back north.
         let functions = Mat::from_fn(6, 1, |row, _| if row == 2 { -30.0 } else { 0.0 });
         let (measured, temporal) = (measured.to_vec(), (0.0, 1.0));
-        let problem = Problem { measured, functions, temporal, mean_nt2: 1.0, centre_nt: 0.0 };
+        let problem = SlamProblem { measured, functions, temporal, mean_nt2: 1.0, centre_nt: 0.0 };
         let out = drawn_out(&problem, &[1.0]);
         let moved = out.displacements_m(&[1.0]);
         let found: Vec<[f64; 2]> =

@@ -5,14 +5,14 @@ use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
 
-use crate::navigation::slam::kernel::Kernel;
+use crate::navigation::slam::kernel::AnomalyKernel;
 
 /// Columns of a matrix that are worked on together: the order of sums does not depend on the number of threads.
 const BLOCK: usize = 64;
 
 /// A measurement, averaged over a short stretch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct SlamMeasurement {
     /// Mean time, in s.
     pub tt_s: f64,
     /// Mean position of the INS, north and east, in m.
@@ -25,10 +25,10 @@ pub struct Measured {
     pub core_nt_per_m: [f64; 2],
 }
 
-/// The measurements and what does not change with the path.
-pub struct Problem {
+/// Measurements of a line with the quantities that do not depend on the path.
+pub struct SlamProblem {
     /// The measurements, by time.
-    pub measured: Vec<Measured>,
+    pub measured: Vec<SlamMeasurement>,
     /// The displacement of each is these functions times the weights, in m: 2 rows a measurement, north and east.
     pub functions: Mat<f64>,
     /// Standard deviation (nT) and time constant (s) of the temporal variation.
@@ -40,7 +40,7 @@ pub struct Problem {
 }
 
 /// The factor of the covariance of the measurements along a path.
-pub struct Factored {
+pub struct PathCovarianceFactor {
     positions_m: Vec<[f64; 2]>,
     residual_nt: Vec<f64>,
     factor: Llt<f64>,
@@ -51,22 +51,23 @@ pub struct Factored {
 }
 
 /// Derivatives of the cost.
-pub struct Derivatives {
+pub struct CostDerivatives {
     /// By the weights.
     pub gradient: Vec<f64>,
     /// The second ones.
     pub hessian: Mat<f64>,
 }
 
-/// Derivatives by the logarithms of the kernel's standard deviation, length and noise, and the Fisher information of them.
-pub struct ByKernel {
+/// Derivatives by the logarithms of the kernel's standard deviation, length and noise, and the Fisher information of
+/// them.
+pub struct KernelDerivatives {
     /// The first ones.
     pub gradient: [f64; 3],
     /// The Fisher information.
     pub information: [[f64; 3]; 3],
 }
 
-impl Problem {
+impl SlamProblem {
     /// The displacements north and east at the measurements, in m.
     pub fn displacements_m(&self, weights: &[f64]) -> Vec<[f64; 2]> {
         let u = MatRef::from_column_major_slice(weights, weights.len(), 1);
@@ -75,7 +76,7 @@ impl Problem {
     }
 
     /// The covariance along the path; `None` where it is not positive.
-    pub fn factored(&self, kernel: &Kernel, weights: &[f64]) -> Option<Factored> {
+    pub fn factored(&self, kernel: &AnomalyKernel, weights: &[f64]) -> Option<PathCovarianceFactor> {
         let n = self.measured.len();
         let moved = self.displacements_m(weights);
         let mut positions_m = Vec::with_capacity(n);
@@ -104,11 +105,11 @@ impl Problem {
         let square: f64 = residual_nt.iter().enumerate().map(|(i, r)| r * solved[(i, 0)]).sum();
         let logarithm: f64 = (0..n).map(|i| factor.L()[(i, i)].ln()).sum();
         let cost = 0.5 * square + logarithm;
-        cost.is_finite().then_some(Factored { positions_m, residual_nt, factor, cost, square })
+        cost.is_finite().then_some(PathCovarianceFactor { positions_m, residual_nt, factor, cost, square })
     }
 }
 
-impl Factored {
+impl PathCovarianceFactor {
     /// C⁻¹ and α = C⁻¹ r.
     fn inverse(&self) -> (Mat<f64>, Vec<f64>) {
         let inverse = self.factor.inverse();
@@ -129,7 +130,7 @@ impl Factored {
     }
 
     /// By the weights of the functions.
-    pub fn derivatives(&self, problem: &Problem, kernel: &Kernel) -> Derivatives {
+    pub fn derivatives(&self, problem: &SlamProblem, kernel: &AnomalyKernel) -> CostDerivatives {
         let n = self.positions_m.len();
         let (inverse, alpha) = self.inverse();
         let apart = |i: usize, j: usize| -> [f64; 2] {
@@ -215,11 +216,11 @@ impl Factored {
                 }
             }
         }
-        Derivatives { gradient, hessian }
+        CostDerivatives { gradient, hessian }
     }
 
     /// By the kernel.
-    pub fn by_kernel(&self, kernel: &Kernel) -> ByKernel {
+    pub fn by_kernel(&self, kernel: &AnomalyKernel) -> KernelDerivatives {
         let n = self.positions_m.len();
         let (inverse, alpha) = self.inverse();
         let white_nt2 = 2.0 * kernel.sigma_n_nt.powi(2);
@@ -261,7 +262,7 @@ impl Factored {
                 *to = 0.5 * sums.iter().sum::<f64>();
             }
         }
-        ByKernel { gradient, information }
+        KernelDerivatives { gradient, information }
     }
 }
 
@@ -269,7 +270,7 @@ impl Factored {
 const PAIRS: [(usize, usize); 3] = [(0, 0), (0, 1), (1, 1)];
 
 /// The second derivative of the covariance by the axes a and b of one of two positions so far apart.
-fn bend(kernel: &Kernel, apart: [f64; 2], a: usize, b: usize) -> f64 {
+fn bend(kernel: &AnomalyKernel, apart: [f64; 2], a: usize, b: usize) -> f64 {
     let bends = kernel.bends(apart[0].powi(2) + apart[1].powi(2));
     bends.second * apart[a] * apart[b] - if a == b { bends.first } else { 0.0 }
 }

@@ -11,7 +11,7 @@ use crate::navigation::transition::{identity, propagate_state, step_covariance, 
 const MOST_FUNCTIONS: usize = 500;
 
 /// The error states from step to step: x ← Φ x + w, with the covariance P of x. Axis 0 is north, 1 is east.
-pub struct Motion {
+pub struct InsErrorTransitions {
     phi: Vec<StateMatrix>,
     p: Vec<StateMatrix>,
     m_per_rad: [f64; 2],
@@ -23,7 +23,7 @@ pub struct Motion {
 ///
 /// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ: a weight is the part of one
 /// pivot's error that the pivots before it do not determine. [Harbrecht, Peters & Schneider 2012]
-pub struct Functions {
+pub struct PositionErrorBasis {
     /// The number of functions.
     pub count: usize,
     /// B, by steps, each north and then east.
@@ -34,9 +34,9 @@ pub struct Functions {
     pivots: Vec<(usize, usize)>,
 }
 
-/// A place in time between two steps: that of the first, and the part of the way to the second.
+/// Time between two steps: the first step, and the fraction of the way to the second.
 #[derive(Clone, Copy, Debug)]
-pub struct Between {
+pub struct StepInterpolation {
     /// The first step.
     pub step: usize,
     /// The part, from 0 to 1.
@@ -53,7 +53,7 @@ fn transposed(phi: &StateMatrix, x: &StateVector) -> StateVector {
     out
 }
 
-impl Motion {
+impl InsErrorTransitions {
     /// Along a line that passed [`SlamLine::check`], whose steps end with these rows.
     ///
     /// # Errors
@@ -111,7 +111,7 @@ impl Motion {
     }
 
     /// Functions until what they lack of any position is below a standard deviation in m.
-    pub fn functions(&self, tolerance_m: f64) -> Functions {
+    pub fn functions(&self, tolerance_m: f64) -> PositionErrorBasis {
         let steps = self.p.len();
         let [north, east] = self.m_per_rad;
         let mut lacking: Vec<[f64; 2]> =
@@ -150,11 +150,11 @@ impl Motion {
                 rows.extend(columns.iter().map(|column| column[step][axis]));
             }
         }
-        Functions { count: columns.len(), rows, lacking_m2: lacking, pivots }
+        PositionErrorBasis { count: columns.len(), rows, lacking_m2: lacking, pivots }
     }
 
     /// The expected error states at the steps given the weights of the functions.
-    pub fn states(&self, functions: &Functions, weights: &[f64]) -> Vec<StateVector> {
+    pub fn states(&self, functions: &PositionErrorBasis, weights: &[f64]) -> Vec<StateVector> {
         let steps = self.p.len();
         // K_JJ = L Lᵀ with the pivots' own rows L, so that E x = K_xJ L⁻ᵀ u.
         let mut forces = weights.to_vec();
@@ -194,12 +194,14 @@ impl Motion {
     }
 
     /// Position of a time among the steps, clamped to the first and last step.
-    pub fn between(&self, tt_s: f64) -> Between {
+    pub fn between(&self, tt_s: f64) -> StepInterpolation {
         let after = self.tt_s.partition_point(|step_s| *step_s < tt_s);
-        let Some(step) = after.checked_sub(1) else { return Between { step: 0, part: 0.0 } };
+        let Some(step) = after.checked_sub(1) else { return StepInterpolation { step: 0, part: 0.0 } };
         match (self.tt_s.get(step), self.tt_s.get(after)) {
-            (Some(from_s), Some(to_s)) => Between { step, part: ((tt_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0) },
-            _ => Between { step: self.tt_s.len().saturating_sub(1), part: 0.0 },
+            (Some(from_s), Some(to_s)) => {
+                StepInterpolation { step, part: ((tt_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0) }
+            }
+            _ => StepInterpolation { step: self.tt_s.len().saturating_sub(1), part: 0.0 },
         }
     }
 
@@ -216,7 +218,12 @@ impl Motion {
 
     /// Information on the weights from aiding positions: the information matrix by rows, and its product with the most
     /// probable weights.
-    pub fn known(&self, functions: &Functions, line: &SlamLine<'_>, fixes: &PositionFixes) -> (Vec<f64>, Vec<f64>) {
+    pub fn known(
+        &self,
+        functions: &PositionErrorBasis,
+        line: &SlamLine<'_>,
+        fixes: &PositionFixes,
+    ) -> (Vec<f64>, Vec<f64>) {
         let count = functions.count;
         let (mut information, mut force) = (vec![0.0; count * count], vec![0.0; count]);
         for row in 0..line.ins.len() {
@@ -244,7 +251,7 @@ impl Motion {
     }
 }
 
-impl Functions {
+impl PositionErrorBasis {
     /// The functions at a step, of an axis, in m.
     pub fn at(&self, step: usize, axis: usize) -> &[f64] {
         let first = (2 * step + axis) * self.count;
@@ -252,7 +259,7 @@ impl Functions {
     }
 
     /// Those between two steps, north and east, in m.
-    pub fn between(&self, Between { step, part }: Between) -> [Vec<f64>; 2] {
+    pub fn between(&self, StepInterpolation { step, part }: StepInterpolation) -> [Vec<f64>; 2] {
         [0, 1].map(|axis| {
             let here = self.at(step, axis);
             if part == 0.0 {

@@ -3,8 +3,8 @@
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
 
-use super::likelihood::{Factored, Problem};
-use crate::navigation::slam::kernel::Kernel;
+use super::likelihood::{PathCovarianceFactor, SlamProblem};
+use crate::navigation::slam::kernel::AnomalyKernel;
 
 /// The most halvings of a step.
 const MOST_HALVINGS: usize = 10;
@@ -18,14 +18,14 @@ const STILL_LOG: f64 = 0.02;
 const LEAST_NOISE: f64 = 0.1;
 
 /// Prior of the weights without the field: minus the logarithm of the density is uᵀ M u/2 − fᵀ u.
-pub struct Prior {
+pub struct SlamWeightPrior {
     /// M.
     pub information: Mat<f64>,
     /// f.
     pub force: Vec<f64>,
 }
 
-impl Prior {
+impl SlamWeightPrior {
     fn cost(&self, weights: &[f64]) -> f64 {
         let moved = self.times(weights);
         weights.iter().zip(moved.iter().zip(&self.force)).map(|(u, (moved, force))| u * (0.5 * moved - force)).sum()
@@ -39,7 +39,7 @@ impl Prior {
 
 /// Parameters of the search.
 #[derive(Clone, Copy, Debug)]
-pub struct Rules {
+pub struct SlamSearchParameters {
     /// The most linearisations.
     pub passes: usize,
     /// The search ends where a step moves no measurement by as much, in m.
@@ -51,15 +51,15 @@ pub struct Rules {
 }
 
 /// State of the search.
-pub struct Search<'a> {
-    problem: &'a Problem,
-    prior: &'a Prior,
-    rules: Rules,
+pub struct SlamSearch<'a> {
+    problem: &'a SlamProblem,
+    prior: &'a SlamWeightPrior,
+    rules: SlamSearchParameters,
     /// The weights.
     pub weights: Vec<f64>,
     /// The kernel.
-    pub kernel: Kernel,
-    factored: Factored,
+    pub kernel: AnomalyKernel,
+    factored: PathCovarianceFactor,
     /// Passes made.
     pub passes: usize,
     /// Largest change of the position of a measurement in the last full step, in m.
@@ -68,14 +68,14 @@ pub struct Search<'a> {
     pub converged: bool,
 }
 
-impl<'a> Search<'a> {
+impl<'a> SlamSearch<'a> {
     /// From these weights and kernel on; `None` where the covariance of the measurements is not positive there.
     pub fn from(
-        problem: &'a Problem,
-        prior: &'a Prior,
-        rules: Rules,
+        problem: &'a SlamProblem,
+        prior: &'a SlamWeightPrior,
+        rules: SlamSearchParameters,
         weights: Vec<f64>,
-        kernel: Kernel,
+        kernel: AnomalyKernel,
     ) -> Option<Self> {
         let factored = problem.factored(&kernel, &weights)?;
         let last_step_m = f64::INFINITY;
@@ -97,7 +97,7 @@ impl<'a> Search<'a> {
         self.factored.square / self.problem.measured.len() as f64
     }
 
-    /// See [`Factored::left_out`].
+    /// See [`PathCovarianceFactor::left_out`].
     pub fn left_out(&self) -> Vec<f64> {
         self.factored.left_out()
     }
@@ -134,8 +134,8 @@ impl<'a> Search<'a> {
 
     /// The factor of the information of the weights, and the gradient of the cost.
     ///
-    /// Far from the optimum the likelihood may be curved the other way along some weights, which then have the information
-    /// of the prior.
+    /// Far from the optimum the likelihood may be curved the other way along some weights, which then have the
+    /// information of the prior.
     fn curvature(&self) -> (Option<Llt<f64>>, Vec<f64>) {
         let found = self.factored.derivatives(self.problem, &self.kernel);
         let mut gradient = found.gradient;
@@ -212,11 +212,11 @@ impl<'a> Search<'a> {
     }
 
     /// The kernel with steps of the logarithms of its standard deviation, length and noise, within its bounds.
-    fn moved_kernel(&self, [sigma, length, noise]: [f64; 3]) -> Kernel {
+    fn moved_kernel(&self, [sigma, length, noise]: [f64; 3]) -> AnomalyKernel {
         let measured = &self.problem.measured;
         let mean_nt2 = measured.iter().map(|of| of.variance_nt2).sum::<f64>() / measured.len() as f64;
         let (shortest, longest) = self.rules.lengths_m;
-        Kernel {
+        AnomalyKernel {
             covariance: self.kernel.covariance,
             sigma_se_nt: self.kernel.sigma_se_nt * sigma.exp(),
             length_m: (self.kernel.length_m * length.exp()).clamp(shortest, longest),

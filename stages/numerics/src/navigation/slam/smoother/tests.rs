@@ -1,4 +1,4 @@
-use super::likelihood::Factored;
+use super::likelihood::PathCovarianceFactor;
 use super::*;
 use crate::navigation::ins_error::{InsGrade, simulate_ins_error};
 use crate::navigation::ins_only;
@@ -6,17 +6,17 @@ use crate::navigation::pinson::{VE, VN};
 use crate::navigation::position_fixes::PositionFixes;
 use crate::navigation::slam::samples::step_ends;
 use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loiter, straight, waves};
-use crate::navigation::slam::{Covariance, HyperparameterSource, SlamParameters, run};
-use crate::random::Normals;
+use crate::navigation::slam::{CovarianceFunction, HyperparameterSource, SlamParameters, run};
+use crate::random::NormalGenerator;
 
 /// A random path of `n` measurements, and random functions of it.
-fn problem(n: usize, count: usize, seed: u64) -> (Problem, Vec<f64>) {
-    let mut normals = Normals::new(seed);
+fn problem(n: usize, count: usize, seed: u64) -> (SlamProblem, Vec<f64>) {
+    let mut normals = NormalGenerator::new(seed);
     let mut at_m = [0.0; 2];
     let mut measured = vec![];
     for place in 0..n {
         at_m = at_m.map(|x| x + 60.0 * normals.draw());
-        measured.push(Measured {
+        measured.push(SlamMeasurement {
             tt_s: place as f64,
             at_m,
             value_nt: 30.0 * normals.draw(),
@@ -26,7 +26,7 @@ fn problem(n: usize, count: usize, seed: u64) -> (Problem, Vec<f64>) {
     }
     let functions = Mat::from_fn(2 * n, count, |_, _| 30.0 * normals.draw());
     let weights = (0..count).map(|_| 0.3 * normals.draw()).collect();
-    (Problem { measured, functions, temporal: (2.0, 100.0), mean_nt2: 1e4, centre_nt: 3.0 }, weights)
+    (SlamProblem { measured, functions, temporal: (2.0, 100.0), mean_nt2: 1e4, centre_nt: 3.0 }, weights)
 }
 
 fn with(weights: &[f64], place: usize, more: f64) -> Vec<f64> {
@@ -40,9 +40,11 @@ const STEP: f64 = 1e-5;
 #[test]
 fn law_derivatives_are_those_of_finite_differences() {
     let (problem, weights) = problem(90, 5, 4);
-    for covariance in [Covariance::SquaredExponential, Covariance::Matern52, Covariance::Matern32] {
-        let kernel = Kernel { covariance, sigma_se_nt: 50.0, length_m: 200.0, sigma_n_nt: 2.0 };
-        let at = |weights: &[f64]| -> Factored { problem.factored(&kernel, weights).unwrap() };
+    for covariance in
+        [CovarianceFunction::SquaredExponential, CovarianceFunction::Matern52, CovarianceFunction::Matern32]
+    {
+        let kernel = AnomalyKernel { covariance, sigma_se_nt: 50.0, length_m: 200.0, sigma_n_nt: 2.0 };
+        let at = |weights: &[f64]| -> PathCovarianceFactor { problem.factored(&kernel, weights).unwrap() };
         let found = at(&weights).derivatives(&problem, &kernel);
         for i in 0..weights.len() {
             let (above, below) = (at(&with(&weights, i, STEP)), at(&with(&weights, i, -STEP)));
@@ -58,7 +60,7 @@ fn law_derivatives_are_those_of_finite_differences() {
         let by = at(&weights).by_kernel(&kernel);
         let moved = |which: usize, more: f64| {
             let factor = |place: usize| if place == which { more.exp() } else { 1.0 };
-            Kernel {
+            AnomalyKernel {
                 covariance,
                 sigma_se_nt: kernel.sigma_se_nt * factor(0),
                 length_m: kernel.length_m * factor(1),
@@ -77,7 +79,8 @@ fn law_derivatives_are_those_of_finite_differences() {
 #[test]
 fn law_the_information_of_the_kernel_is_the_covariance_of_its_gradient() {
     let (mut problem, weights) = problem(40, 3, 8);
-    let kernel = Kernel { covariance: Covariance::Matern52, sigma_se_nt: 50.0, length_m: 200.0, sigma_n_nt: 5.0 };
+    let kernel =
+        AnomalyKernel { covariance: CovarianceFunction::Matern52, sigma_se_nt: 50.0, length_m: 200.0, sigma_n_nt: 5.0 };
     problem.mean_nt2 = 0.0;
     problem.centre_nt = 0.0;
     for measured in &mut problem.measured {
@@ -92,7 +95,7 @@ fn law_the_information_of_the_kernel_is_the_covariance_of_its_gradient() {
         kernel.anomaly_nt2(apart[0].powi(2) + apart[1].powi(2)) + 4.0 * (-(a.tt_s - b.tt_s).abs() / 100.0).exp() + white
     });
     let root = covariance.llt(Side::Lower).unwrap().L().to_owned();
-    let mut normals = Normals::new(5);
+    let mut normals = NormalGenerator::new(5);
     let mut sums = [[0.0; 3]; 3];
     const RUNS: usize = 1500;
     let mut information = [[0.0; 3]; 3];
@@ -130,16 +133,16 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
     let flight = Flight::tactical(loiter(ROUGH_DEG, 240, 1.0), 1);
     let ins = flight.ins.series();
     let line = line_of(&ins, &flight);
-    let frame = LocalFrame::of(&ins, &flight.model);
+    let frame = LocalFrame::new(&ins, &flight.model);
     let ends = step_ends(ins.tt_s, 2.0);
-    let motion = Motion::along(&line, &ends, &frame).unwrap();
+    let motion = InsErrorTransitions::along(&line, &ends, &frame).unwrap();
     let functions = motion.functions(LACKING_M);
     let last = motion.steps() - 1;
     let places = [(40, 0), (40, 1), (last, 0), (last, 1)];
     let mut sums = [[0.0; 4]; 4];
     const RUNS: u64 = 600;
     for seed in 0..RUNS {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let errors = simulate_ins_error(&ins, &flight.model, || normals.draw()).unwrap();
         let of = places.map(|(step, axis)| errors[ends[step]][[LAT, LON][axis]] * frame.m_per_rad[axis]);
         for (sums, a) in sums.iter_mut().zip(&of) {
@@ -162,7 +165,7 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
         assert!(functions.lacking_m2[a.0][a.1] <= LACKING_M * LACKING_M);
     }
     println!("{} functions for {} steps", functions.count, motion.steps());
-    let mut normals = Normals::new(9);
+    let mut normals = NormalGenerator::new(9);
     let weights: Vec<f64> = (0..functions.count).map(|_| normals.draw()).collect();
     let states = motion.states(&functions, &weights);
     for (step, state) in states.iter().enumerate() {
@@ -183,7 +186,7 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
 }
 
 fn parameters(particles: usize, measurements: usize) -> SlamParameters {
-    let smoother = SmootherParameters { measurements, ..SmootherParameters::default() };
+    let smoother = SlamSmootherParameters { measurements, ..SlamSmootherParameters::default() };
     SlamParameters { particles, smoother: Some(smoother), ..SlamParameters::default() }
 }
 
@@ -195,13 +198,19 @@ fn smoothed(flight: &Flight, parameters: &SlamParameters) -> SlamOutput {
 /// Fixed positions along the path determine the field as a plane; the remaining problem is a linear regression.
 #[test]
 fn law_over_a_known_plane_it_is_least_squares() {
-    let mut normals = Normals::new(3);
+    let mut normals = NormalGenerator::new(3);
     let (slope, sigma) = ([0.05, -0.03], 0.5);
     let plane = |[north, east]: [f64; 2]| slope[0] * north + slope[1] * east;
     let mut measured = vec![];
     for k in 0..441 {
         let at_m = [50.0 * f64::from(k % 21), 50.0 * f64::from(k / 21)];
-        measured.push(Measured { tt_s: 0.0, at_m, value_nt: plane(at_m), variance_nt2: 1e-6, core_nt_per_m: [0.0; 2] });
+        measured.push(SlamMeasurement {
+            tt_s: 0.0,
+            at_m,
+            value_nt: plane(at_m),
+            variance_nt2: 1e-6,
+            core_nt_per_m: [0.0; 2],
+        });
     }
     let (count, path) = (4, 60);
     let true_weights: Vec<f64> = (0..count).map(|_| normals.draw()).collect();
@@ -217,17 +226,27 @@ fn law_over_a_known_plane_it_is_least_squares() {
         let h = nalgebra::DVector::from_fn(count, |i, _| slope[0] * functions[0][i] + slope[1] * functions[1][i]);
         normal += &h * h.transpose() / (sigma * sigma);
         right += h * ((value_nt - plane(at_m)) / (sigma * sigma));
-        measured.push(Measured { tt_s: 0.0, at_m, value_nt, variance_nt2: sigma * sigma, core_nt_per_m: [0.0; 2] });
+        measured.push(SlamMeasurement {
+            tt_s: 0.0,
+            at_m,
+            value_nt,
+            variance_nt2: sigma * sigma,
+            core_nt_per_m: [0.0; 2],
+        });
         rows.extend(functions[0]);
         rows.extend(functions[1]);
     }
     let functions = MatRef::from_row_major_slice(&rows, 2 * measured.len(), count).to_owned();
-    let problem = Problem { measured, functions, temporal: (0.0, 1.0), mean_nt2: 1e4, centre_nt: 0.0 };
-    let prior = Prior { information: Mat::identity(count, count), force: vec![0.0; count] };
-    let kernel =
-        Kernel { covariance: Covariance::SquaredExponential, sigma_se_nt: 100.0, length_m: 2000.0, sigma_n_nt: 0.0 };
-    let rules = Rules { passes: 20, tolerance_m: 1e-7, fits: false, lengths_m: (1.0, 1.0) };
-    let mut search = Search::from(&problem, &prior, rules, vec![0.0; count], kernel).unwrap();
+    let problem = SlamProblem { measured, functions, temporal: (0.0, 1.0), mean_nt2: 1e4, centre_nt: 0.0 };
+    let prior = SlamWeightPrior { information: Mat::identity(count, count), force: vec![0.0; count] };
+    let kernel = AnomalyKernel {
+        covariance: CovarianceFunction::SquaredExponential,
+        sigma_se_nt: 100.0,
+        length_m: 2000.0,
+        sigma_n_nt: 0.0,
+    };
+    let rules = SlamSearchParameters { passes: 20, tolerance_m: 1e-7, fits: false, lengths_m: (1.0, 1.0) };
+    let mut search = SlamSearch::from(&problem, &prior, rules, vec![0.0; count], kernel).unwrap();
     search.run().unwrap();
     let inverse = normal.clone().try_inverse().unwrap();
     let expected = &inverse * right;
@@ -246,7 +265,7 @@ fn law_the_end_of_the_track_is_the_kalman_filter_where_the_field_tells_nothing()
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 400, 0.5), 3);
     flight.sigma_nt.fill(1e7);
     let (ins, truth) = (flight.ins.series(), &flight.truth.columns);
-    let mut normals = Normals::new(2);
+    let mut normals = NormalGenerator::new(2);
     let mut of = |column: usize, m_per_unit: f64| -> Vec<f64> {
         let mut at = |(row, value): (usize, &f64)| {
             let noise = 5.0 * normals.draw() / m_per_unit;
@@ -262,7 +281,7 @@ fn law_the_end_of_the_track_is_the_kalman_filter_where_the_field_tells_nothing()
         vertical_sigma_m: 5.0,
     };
     let exact = ins_only::run(&ins, &flight.model, Some(&fixes)).unwrap();
-    let kernel = Kernel { sigma_se_nt: 100.0, length_m: 700.0, ..Kernel::default() };
+    let kernel = AnomalyKernel { sigma_se_nt: 100.0, length_m: 700.0, ..AnomalyKernel::default() };
     let parameters = SlamParameters { kernel, hyperparameters: HyperparameterSource::Fixed, ..parameters(50, 100) };
     let found = run(&parameters, &SlamLine { fixes: Some(&fixes), ..line_of(&ins, &flight) }).unwrap();
     assert!(found.report.smoother.unwrap().converged);
@@ -369,9 +388,9 @@ fn unit_what_cannot_be_smoothed_is_left_as_it_is() {
     let alone = smoothed(&flight, &SlamParameters { smoother: None, ..parameters(20, 100) });
     assert_eq!((both.report.smoother, both.navigation.lat_deg), (None, alone.navigation.lat_deg));
     let wrong = [
-        SmootherParameters { measurements: 1, ..SmootherParameters::default() },
-        SmootherParameters { passes: 0, ..SmootherParameters::default() },
-        SmootherParameters { tolerance_m: f64::NAN, ..SmootherParameters::default() },
+        SlamSmootherParameters { measurements: 1, ..SlamSmootherParameters::default() },
+        SlamSmootherParameters { passes: 0, ..SlamSmootherParameters::default() },
+        SlamSmootherParameters { tolerance_m: f64::NAN, ..SlamSmootherParameters::default() },
     ];
     let ins = flight.ins.series();
     for smoother in wrong {
@@ -382,7 +401,7 @@ fn unit_what_cannot_be_smoothed_is_left_as_it_is() {
 
 #[test]
 fn unit_groups_are_averaged_near_their_middle() {
-    let sample = |k: usize| Sample {
+    let sample = |k: usize| SlamSample {
         row: k,
         tt_s: 1e5 + k as f64,
         at_m: [30.0 * k as f64, 0.0],
@@ -392,7 +411,7 @@ fn unit_groups_are_averaged_near_their_middle() {
         core_nt_per_m: [0.0; 2],
     };
     let samples: Vec<_> = (0..20).map(|k| (sample(k), [k as f64, 0.0])).collect();
-    let kernel = Kernel { length_m: 700.0, ..Kernel::default() };
+    let kernel = AnomalyKernel { length_m: 700.0, ..AnomalyKernel::default() };
     assert_eq!([20, 21, 19].map(|most| thinned(&samples, &kernel, most).len()), [20, 20, 19]);
     // Groups of 5, of which the three within 35 m of the middle count.
     let thin = thinned(&samples, &kernel, 4);

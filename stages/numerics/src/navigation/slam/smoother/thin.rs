@@ -1,11 +1,11 @@
 //! Measurements of the smoother, thinned to limit the size of their covariance matrix.
 
-use super::likelihood::Measured;
-use crate::navigation::slam::kernel::Kernel;
-use crate::navigation::slam::samples::Sample;
+use super::likelihood::SlamMeasurement;
+use crate::navigation::slam::kernel::AnomalyKernel;
+use crate::navigation::slam::samples::SlamSample;
 
-/// Samples within this part of a length of the kernel from the middle of their group are averaged: within it the field is
-/// straight to about a thousandth of its standard deviation.
+/// Samples within this part of a length of the kernel from the middle of their group are averaged: within it the field
+/// is straight to about a thousandth of its standard deviation.
 const AVERAGED: f64 = 0.05;
 
 /// At most `most` measurements of samples in time order, each the mean of neighbouring ones, with the mean of what the
@@ -13,7 +13,11 @@ const AVERAGED: f64 = 0.05;
 ///
 /// Divides a longer flight into groups whose sizes differ by at most one. In each group the samples near the middle are
 /// averaged and the others are skipped, because a mean over a longer stretch would smooth the field.
-pub fn thinned(samples: &[(Sample, [f64; 2])], kernel: &Kernel, most: usize) -> Vec<(Measured, [f64; 2])> {
+pub fn thinned(
+    samples: &[(SlamSample, [f64; 2])],
+    kernel: &AnomalyKernel,
+    most: usize,
+) -> Vec<(SlamMeasurement, [f64; 2])> {
     let alt_m = samples.iter().map(|(sample, _)| sample.alt_m).sum::<f64>() / samples.len().max(1) as f64;
     let (all, groups) = (samples.len(), samples.len().min(most));
     let group = |k: usize| &samples[k * all / groups..(k + 1) * all / groups];
@@ -21,10 +25,10 @@ pub fn thinned(samples: &[(Sample, [f64; 2])], kernel: &Kernel, most: usize) -> 
 }
 
 /// The samples of a group that are near the one in its middle.
-fn near_middle(group: &[(Sample, [f64; 2])], within_m: f64) -> &[(Sample, [f64; 2])] {
+fn near_middle(group: &[(SlamSample, [f64; 2])], within_m: f64) -> &[(SlamSample, [f64; 2])] {
     let middle = group.len() / 2;
     let Some((at, _)) = group.get(middle) else { return group };
-    let is_near = |(sample, _): &&(Sample, [f64; 2])| {
+    let is_near = |(sample, _): &&(SlamSample, [f64; 2])| {
         (sample.at_m[0] - at.at_m[0]).hypot(sample.at_m[1] - at.at_m[1]) <= within_m
     };
     let before = group[..middle].iter().rev().take_while(is_near).count();
@@ -33,7 +37,7 @@ fn near_middle(group: &[(Sample, [f64; 2])], within_m: f64) -> &[(Sample, [f64; 
 }
 
 /// The mean of some samples with the inverse of their variances.
-fn mean(samples: &[(Sample, [f64; 2])], kernel: &Kernel, alt_m: f64) -> Option<(Measured, [f64; 2])> {
+fn mean(samples: &[(SlamSample, [f64; 2])], kernel: &AnomalyKernel, alt_m: f64) -> Option<(SlamMeasurement, [f64; 2])> {
     let mut weights = 0.0;
     let mut sums = [0.0; 9];
     for (sample, moved) in samples {
@@ -54,7 +58,7 @@ fn mean(samples: &[(Sample, [f64; 2])], kernel: &Kernel, alt_m: f64) -> Option<(
         return None;
     }
     let [time, north, east, height_m, value_nt, slope_n, slope_e, moved_n, moved_e] = sums.map(|sum| sum / weights);
-    let measured = Measured {
+    let measured = SlamMeasurement {
         tt_s: first.tt_s + time,
         at_m: [north, east],
         value_nt,

@@ -7,7 +7,7 @@ use super::*;
 
 /// Positions of a flight by GNSS of a noise of `sigma_m`, one every `every` rows, where `there` says so.
 fn gnss(flight: &Flight, sigma_m: f64, every: usize, there: impl Fn(usize) -> bool) -> PositionFixes {
-    let (mut normals, truth) = (crate::random::Normals::new(77), &flight.truth.columns);
+    let (mut normals, truth) = (crate::random::NormalGenerator::new(77), &flight.truth.columns);
     let mut of = |column: usize, m_per_unit: f64| -> Vec<f64> {
         let mut at = |(row, value): (usize, &f64)| {
             let noise = sigma_m * normals.draw() / m_per_unit;

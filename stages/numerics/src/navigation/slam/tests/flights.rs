@@ -2,16 +2,17 @@
 
 use std::sync::OnceLock;
 
-use crate::maps::map_surface::{Interpolation, MapSurface};
+use crate::maps::map_surface::{MapInterpolation, MapSurface};
 use crate::navigation::ins_error::{InsErrorModel, InsGrade, simulate_ins_error};
 use crate::navigation::osborne::{Line, grid};
 use crate::navigation::pinson::{S, STATES};
 use crate::navigation::strapdown::{level_attitude_deg, specific_force_ned_mps2, velocity_ned_mps};
-use crate::random::Normals;
+use crate::random::NormalGenerator;
 
 use super::super::SlamOutput;
 
-/// The middle of a part of the map, 9 km by 8 km, whose gradient is 0.25 nT/m everywhere, as that of the thesis' flights.
+/// The middle of a part of the map, 9 km by 8 km, whose gradient is 0.25 nT/m everywhere, as that of the thesis'
+/// flights.
 pub const ROUGH_DEG: (f64, f64) = (-21.846, 140.581);
 /// The middle of the map, where the gradient is 0.03 nT/m.
 pub const SMOOTH_DEG: (f64, f64) = (-21.958, 140.6675);
@@ -19,7 +20,7 @@ pub const M_PER_DEG: (f64, f64) = (110_720.0, 103_300.0);
 
 pub fn map() -> &'static MapSurface {
     static MAP: OnceLock<MapSurface> = OnceLock::new();
-    MAP.get_or_init(|| MapSurface::new(&grid().unwrap(), Interpolation::Cubic))
+    MAP.get_or_init(|| MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic))
 }
 
 /// Straight for a distance in m, then a turn to the right in degrees.
@@ -116,7 +117,8 @@ pub fn survey(samples: usize, dt_s: f64) -> Line {
     line(&fine, ROUGH_DEG, dt_s, samples)
 }
 
-/// Chords of a star of eleven points, 9 km across, a round of some 25 minutes, which turns by 7 degrees from round to round.
+/// Chords of a star of eleven points, 9 km across, a round of some 25 minutes, which turns by 7 degrees from round to
+/// round.
 pub fn star(samples: usize, dt_s: f64) -> Line {
     let curve = |u: f64| {
         let turn = u / std::f64::consts::TAU * 7_f64.to_radians();
@@ -149,7 +151,7 @@ impl Flight {
     }
 
     pub fn over(truth: Line, model: InsErrorModel, seed: u64, field: &dyn Fn(f64, f64) -> f64) -> Self {
-        let mut normals = Normals::new(seed);
+        let mut normals = NormalGenerator::new(seed);
         let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
         let mut measured_nt = vec![];
         for (row, error) in errors.iter().enumerate() {
@@ -175,8 +177,8 @@ impl Flight {
         [(lat - truth[1][row]) * M_PER_DEG.0, (lon - truth[2][row]) * M_PER_DEG.1]
     }
 
-    /// Mean squared error of the position over its covariance, per degree of freedom, and the largest one, over the rows
-    /// after the first 100.
+    /// Mean squared error of the position over its covariance, per degree of freedom, and the largest one, over the
+    /// rows after the first 100.
     pub fn nees(&self, output: &SlamOutput) -> (f64, f64) {
         let out = &output.navigation;
         let of = |row: usize| {
@@ -197,7 +199,7 @@ impl Flight {
 
 /// A realisation of a Gaussian process with squared-exponential covariance (nT, m), as a sum of 2000 waves.
 pub fn waves(sigma_nt: f64, length_m: f64, seed: u64) -> impl Fn(f64, f64) -> f64 {
-    let mut normals = Normals::new(seed);
+    let mut normals = NormalGenerator::new(seed);
     let waves: Vec<[f64; 4]> = (0..2000).map(|_| [0; 4].map(|_| normals.draw())).collect();
     let share = sigma_nt / 2000_f64.sqrt();
     move |lat_deg, lon_deg| {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::maps::crossings::figure_of_merit_crossings;
 use crate::maps::map_stack::FieldMap;
-use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::{EkfParameters, InsGrade, ekf};
 
 use super::super::*;
@@ -57,7 +57,7 @@ fn step_s(hours: usize) -> f64 {
     };
     // A tenth of the particles: it is the growth that counts, and it is the same for each.
     let parameters = SlamParameters { particles: 100, ..SlamParameters::default() };
-    let mut filter = Filter::new(&parameters, &line);
+    let mut filter = SlamFilter::new(&parameters, &line);
     let mut start = Instant::now();
     for step in 0..filter.ends.len() {
         if step + 1800 == filter.ends.len() {
@@ -87,8 +87,12 @@ fn law_a_step_costs_the_same_after_ten_hours() {
 #[test]
 #[ignore = "twenty flights with 4000 particles: some minutes"]
 fn law_the_filter_is_as_good_as_it_says_where_its_model_is_true() {
-    let kernel =
-        Kernel { covariance: Covariance::SquaredExponential, sigma_se_nt: 50.0, length_m: 400.0, sigma_n_nt: 0.0 };
+    let kernel = AnomalyKernel {
+        covariance: CovarianceFunction::SquaredExponential,
+        sigma_se_nt: 50.0,
+        length_m: 400.0,
+        sigma_n_nt: 0.0,
+    };
     let parameters = SlamParameters {
         kernel,
         hyperparameters: HyperparameterSource::Fixed,
@@ -124,7 +128,7 @@ fn law_a_second_aircraft_navigates_on_the_map_of_the_first() {
     let slam = filtered(&first, &SlamParameters::default());
     println!("first aircraft: INS {:.0} m, SLAM {:.1} m", first.drms_m(None), first.drms_m(Some(&slam)));
     let south_west = (ROUGH_DEG.0 - 4500.0 / M_PER_DEG.0, ROUGH_DEG.1 - 4500.0 / M_PER_DEG.1);
-    let grid = ChartGrid { south_west_deg: south_west, step_deg: (0.001, 0.001), size: (82, 88) };
+    let grid = SlamMapGrid { south_west_deg: south_west, step_deg: (0.001, 0.001), size: (82, 88) };
     let chart = slam.chart((first.model.fogm_sigma_nt, first.model.fogm_tau_s), &grid, 1e9);
     let (mut squares, mut scaled, mut count) = (0.0, 0.0, 0.0);
     for (place, value) in chart.value_nt.iter().enumerate() {
@@ -137,7 +141,7 @@ fn law_a_second_aircraft_navigates_on_the_map_of_the_first() {
     }
     println!("map: {count} nodes, rms error {:.1} nT, scaled {:.2}", (squares / count).sqrt(), (scaled / count).sqrt());
     let nodes = GeographicGrid::new(&chart.lat_deg, &chart.lon_deg, &chart.value_nt).unwrap();
-    let drawn = FieldMap::Flat(MapSurface::new(&nodes, Interpolation::Cubic));
+    let drawn = FieldMap::Flat(MapSurface::new(&nodes, MapInterpolation::Cubic));
     let truth = FieldMap::Flat(map().clone());
     let second = Flight::new(loiter(ROUGH_DEG, 1800, 1.0), InsGrade::Magnav.model(), 5);
     let drms = |map: &FieldMap, sigma: f64| {
@@ -203,7 +207,7 @@ fn law_few_particles_hold_a_hundred_minutes_and_do_not_claim_more() {
 
 /// DRMS (m) of the filter and of the smoother, and the NEES of the smoother by degree of freedom.
 fn smoothed(flight: &Flight, particles: usize, measurements: usize) -> [f64; 3] {
-    let smoother = Some(SmootherParameters { measurements, ..SmootherParameters::default() });
+    let smoother = Some(SlamSmootherParameters { measurements, ..SlamSmootherParameters::default() });
     let alone = filtered(flight, &SlamParameters { particles, ..SlamParameters::default() });
     let both = filtered(flight, &SlamParameters { particles, smoother, ..SlamParameters::default() });
     let found = [flight.drms_m(Some(&alone)), flight.drms_m(Some(&both)), flight.nees(&both).0];

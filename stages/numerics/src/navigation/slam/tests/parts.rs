@@ -1,31 +1,35 @@
 //! The parts by themselves: kriging, likelihood, history, time update, resampling.
 
 use crate::navigation::ins_error::InsGrade;
-use crate::random::{Normals, SplitMix64};
+use crate::random::{NormalGenerator, SplitMix64};
 use nalgebra::{DMatrix, DVector};
 
-use super::super::fit::AlongTrack;
-use super::super::history::History;
-use super::super::index::Index;
-use super::super::kernel::{Bordered, Covariance, Kernel};
-use super::super::particles::Particles;
+use super::super::fit::TrackMeasurements;
+use super::super::history::ParticleHistory;
+use super::super::index::SlamSampleIndex;
+use super::super::kernel::{AnomalyKernel, BorderedCovariance, CovarianceFunction};
+use super::super::particles::SlamParticles;
 use super::super::samples::step_ends;
 use super::flights::{ROUGH_DEG, loiter};
 use crate::navigation::pinson::{ACC, GYRO, LAT, LON, S, STATES, TILT_N, VN};
 use crate::navigation::transition::step_covariance;
 use crate::navigation::{pinson_matrix, transition_matrix};
 
-const COVARIANCES: [Covariance; 3] = [Covariance::Matern52, Covariance::Matern32, Covariance::SquaredExponential];
+const COVARIANCES: [CovarianceFunction; 3] =
+    [CovarianceFunction::Matern52, CovarianceFunction::Matern32, CovarianceFunction::SquaredExponential];
 
-fn kernel(covariance: Covariance) -> Kernel {
-    Kernel { covariance, ..Kernel::default() }
+fn kernel(covariance: CovarianceFunction) -> AnomalyKernel {
+    AnomalyKernel { covariance, ..AnomalyKernel::default() }
 }
 
 #[test]
 fn law_kriging_is_the_conditional_mean_and_variance() {
-    let mut normals = Normals::new(1);
-    for (n, covariance) in [(1, Covariance::Matern52), (7, Covariance::Matern32), (24, Covariance::SquaredExponential)]
-    {
+    let mut normals = NormalGenerator::new(1);
+    for (n, covariance) in [
+        (1, CovarianceFunction::Matern52),
+        (7, CovarianceFunction::Matern32),
+        (24, CovarianceFunction::SquaredExponential),
+    ] {
         let kernel = kernel(covariance);
         let at: Vec<[f64; 2]> = (0..=n).map(|_| [200.0 * normals.draw(), 200.0 * normals.draw()]).collect();
         let values: Vec<f64> = (0..n).map(|_| 50.0 * normals.draw()).collect();
@@ -33,7 +37,7 @@ fn law_kriging_is_the_conditional_mean_and_variance() {
             let apart = (at[row][0] - at[column][0]).powi(2) + (at[row][1] - at[column][1]).powi(2);
             kernel.anomaly_nt2(apart) + if row == column && row < n { 4.0 } else { 0.0 }
         };
-        let mut system = Bordered::new(n);
+        let mut system = BorderedCovariance::new(n);
         system.fill(of, |place| values[place]);
         let found = system.solve().unwrap();
         let (k, cross) = (DMatrix::from_fn(n, n, of), DVector::from_fn(n, |row, _| of(row, n)));
@@ -46,8 +50,8 @@ fn law_kriging_is_the_conditional_mean_and_variance() {
 
 #[test]
 fn law_one_sample_is_shrunk_as_in_the_closed_form() {
-    let kernel = kernel(Covariance::SquaredExponential);
-    let mut system = Bordered::new(1);
+    let kernel = kernel(CovarianceFunction::SquaredExponential);
+    let mut system = BorderedCovariance::new(1);
     let of = |row: usize, column: usize| kernel.anomaly_nt2(if row == column { 0.0 } else { 150.0_f64.powi(2) });
     system.fill(|row, column| of(row, column) + if row + column == 0 { 100.0 } else { 0.0 }, |_| 10.0);
     let found = system.solve().unwrap();
@@ -59,10 +63,10 @@ fn law_one_sample_is_shrunk_as_in_the_closed_form() {
 
 #[test]
 fn unit_a_covariance_that_is_not_positive_has_no_prediction() {
-    let mut system = Bordered::new(2);
+    let mut system = BorderedCovariance::new(2);
     system.fill(|_, _| 1.0, |_| 0.0);
     assert!(system.solve().is_none());
-    let mut system = Bordered::new(2);
+    let mut system = BorderedCovariance::new(2);
     system.fill(|row, column| if row == column { f64::NAN } else { 0.0 }, |_| 0.0);
     assert!(system.solve().is_none());
 }
@@ -71,8 +75,9 @@ fn unit_a_covariance_that_is_not_positive_has_no_prediction() {
 fn jac_the_height_variance_is_the_laplacian_of_the_covariance() {
     for covariance in COVARIANCES {
         let kernel = kernel(covariance);
-        // The covariance of the vertical derivative of a potential field: minus the Laplacian in the plane, which is twice
-        // the second derivative along one axis. A step of l/1500: the third power, which the roughest has, is 1e-3 of it.
+        // The covariance of the vertical derivative of a potential field: minus the Laplacian in the plane, which is
+        // twice the second derivative along one axis. A step of l/1500: the third power, which the roughest has, is
+        // 1e-3 of it.
         let h = 0.1;
         let second = 2.0 * (kernel.anomaly_nt2(h * h) - kernel.anomaly_nt2(0.0)) / (h * h);
         let ratio = kernel.height_nt2(1.0) / (-2.0 * second);
@@ -80,8 +85,8 @@ fn jac_the_height_variance_is_the_laplacian_of_the_covariance() {
     }
 }
 
-fn track(kernel: &Kernel, temporal: (f64, f64), n: usize, seed: u64) -> AlongTrack {
-    let mut normals = Normals::new(seed);
+fn track(kernel: &AnomalyKernel, temporal: (f64, f64), n: usize, seed: u64) -> TrackMeasurements {
+    let mut normals = NormalGenerator::new(seed);
     let distance_m: Vec<f64> = (0..n).map(|k| 65.0 * k as f64).collect();
     let tt_s: Vec<f64> = (0..n).map(|k| k as f64).collect();
     let covariance = DMatrix::from_fn(n, n, |row, column| {
@@ -93,12 +98,12 @@ fn track(kernel: &Kernel, temporal: (f64, f64), n: usize, seed: u64) -> AlongTra
     });
     let draws = DVector::from_fn(n, |_, _| normals.draw());
     let value_nt = (covariance.cholesky().unwrap().l() * draws).add_scalar(1234.0).iter().copied().collect();
-    AlongTrack { distance_m, tt_s, value_nt, variance_nt2: vec![1.0; n] }
+    TrackMeasurements { distance_m, tt_s, value_nt, variance_nt2: vec![1.0; n] }
 }
 
 #[test]
 fn law_the_likelihood_is_that_of_the_normal_distribution() {
-    let (kernel, temporal, n) = (kernel(Covariance::Matern52), (3.0, 600.0), 30);
+    let (kernel, temporal, n) = (kernel(CovarianceFunction::Matern52), (3.0, 600.0), 30);
     let track = track(&kernel, temporal, n, 3);
     // The density as the product of the conditional ones, each by its own system, at the most likely mean.
     let of = |row: usize, column: usize| {
@@ -125,16 +130,17 @@ fn law_the_likelihood_is_that_of_the_normal_distribution() {
 
 #[test]
 fn law_the_fit_is_the_maximum_and_near_the_truth() {
-    let truth = Kernel { sigma_se_nt: 40.0, length_m: 400.0, sigma_n_nt: 2.0, covariance: Covariance::Matern52 };
+    let truth =
+        AnomalyKernel { sigma_se_nt: 40.0, length_m: 400.0, sigma_n_nt: 2.0, covariance: CovarianceFunction::Matern52 };
     let temporal = (3.0, 600.0);
     let track = track(&truth, temporal, 150, 7);
-    let start = Kernel { length_m: 150.0, sigma_n_nt: 1.0, ..truth };
+    let start = AnomalyKernel { length_m: 150.0, sigma_n_nt: 1.0, ..truth };
     let found = track.fitted(&start, temporal).unwrap();
     let best = track.log_likelihood(&found, temporal);
     for sigma in [0.3, 0.6, 0.9, 1.1, 1.5, 3.0] {
         for length in [0.3, 0.6, 0.9, 1.0, 1.1, 1.5, 3.0] {
             for noise in [0.2, 0.8, 1.0, 1.2, 2.0] {
-                let other = Kernel {
+                let other = AnomalyKernel {
                     sigma_se_nt: sigma * found.sigma_se_nt,
                     length_m: length * found.length_m,
                     sigma_n_nt: noise * found.sigma_n_nt,
@@ -152,7 +158,7 @@ fn law_the_fit_is_the_maximum_and_near_the_truth() {
 
 #[test]
 fn unit_too_little_is_not_fitted() {
-    let (kernel, temporal) = (Kernel::default(), (3.0, 600.0));
+    let (kernel, temporal) = (AnomalyKernel::default(), (3.0, 600.0));
     assert_eq!(track(&kernel, temporal, 19, 1).fitted(&kernel, temporal), None);
     let mut flat = track(&kernel, temporal, 40, 1);
     flat.value_nt.fill(3.0);
@@ -165,7 +171,7 @@ fn unit_too_little_is_not_fitted() {
 #[test]
 fn law_the_tree_has_the_paths_that_copying_gives() {
     const N: usize = 60;
-    let (mut history, mut copies, mut bits) = (History::new(N), vec![vec![]; N], SplitMix64::new(5));
+    let (mut history, mut copies, mut bits) = (ParticleHistory::new(N), vec![vec![]; N], SplitMix64::new(5));
     let mut now: Vec<[f32; 2]> = vec![[0.0; 2]; N];
     for step in 0..900 {
         for now in &mut now {
@@ -190,7 +196,7 @@ fn law_the_tree_has_the_paths_that_copying_gives() {
         if step % 100 == 99 {
             for (particle, copy) in copies.iter().enumerate() {
                 for (sample, at) in copy.iter().enumerate() {
-                    assert_eq!(history.at(sample).unwrap().of(particle), at.map(f64::from));
+                    assert_eq!(history.at(sample).unwrap().displacement(particle), at.map(f64::from));
                 }
             }
             // A partition that gets finer with time has at most N different stages.
@@ -206,8 +212,8 @@ fn law_the_tree_has_the_paths_that_copying_gives() {
 
 #[test]
 fn law_the_index_finds_what_a_search_of_all_finds() {
-    let mut normals = Normals::new(4);
-    let mut index = Index::new(100.0, usize::MAX);
+    let mut normals = NormalGenerator::new(4);
+    let mut index = SlamSampleIndex::new(100.0, usize::MAX);
     let places: Vec<[f64; 2]> = (0..2000).map(|_| [800.0 * normals.draw(), 800.0 * normals.draw()]).collect();
     for (place, at) in places.iter().enumerate() {
         assert!(index.insert(place as u32, *at));
@@ -220,7 +226,7 @@ fn law_the_index_finds_what_a_search_of_all_finds() {
         let expected: Vec<u32> = (0..2000).filter(|place| near(&places[*place as usize])).collect();
         assert_eq!(found, expected);
     }
-    let mut full = Index::new(100.0, 3);
+    let mut full = SlamSampleIndex::new(100.0, 3);
     assert_eq!([[0.0; 2]; 4].map(|at| full.insert(0, at)), [true, true, true, false]);
 }
 
@@ -231,7 +237,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
     let (ins, mut model) = (flight.series(), InsGrade::Tactical.model());
     model.sources.init_position_sigma_m = 30.0;
     let mut p = model.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
-    let mut particles = Particles::new(N, 8, &p);
+    let mut particles = SlamParticles::new(N, 8, &p);
     particles.draw(0);
     let (times, density) = (model.time_constants(), model.noise_density());
     for row in 1..ins.len() {
@@ -259,7 +265,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
 #[test]
 fn law_resampling_copies_by_weight_among_the_members() {
     let initial = InsGrade::Magnav.model().initial_covariance(0.7, 300.0);
-    let mut particles = Particles::new(100, 1, &initial);
+    let mut particles = SlamParticles::new(100, 1, &initial);
     particles.draw(0);
     let logs: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.05).collect();
     assert!(particles.weigh(&logs));
