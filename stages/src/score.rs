@@ -91,10 +91,11 @@ stage! {
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
     /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for
     /// a consistent filter. Innovations on both sides of a sample without a measurement do not count as neighbours.
+    /// `correlated_nis` is the NIS of averages of innovations.
     ///
     /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &
     /// Kirubarajan 2001, section 5.4; Mehra 1970.
-    Score = "score", version 6, grain Line, yields Scores, inputs [input: ManyLines],
+    Score = "score", version 7, grain Line, yields Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name  = "score"

@@ -123,8 +123,8 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     let marked_rows = || (0..scores.rows.len()).filter(|r| scores.is_marked(*r));
     if marked_rows().any(|r| !scores.is_cautious(r)) {
         out.push_str(
-            "! flagged: worse than the INS alone, NEES or NIS far from the expected value (2 and 1), or whiteness \
-             below 0.8\n",
+            "! flagged: worse than the INS alone, NEES or NIS far from the expected value (2 and 1), or correlated \
+             innovations (whiteness below 0.8 and correlated_nis above 1.5)\n",
         );
     }
     if marked_rows().any(|r| scores.is_cautious(r)) {

@@ -33,6 +33,7 @@ pub const SCORERS: &[&Scorer] = &[
     &track::NEES_CONSISTENT,
     &track::NIS_CONSISTENT,
     &track::WHITENESS,
+    &track::CORRELATED_NIS,
     &track::ERROR_WITHIN_3SIGMA,
     &track::DIVERGENCE,
     &track::SAMPLES_USED,

@@ -146,12 +146,15 @@ metric! {
     /// to 20 samples, that are within 1.96/sqrt(n) of 0; 0.95 on average for white innovations, less for correlated
     /// ones
     WHITENESS = "whiteness", unit "1", pool Mean, better Near(0.95), needs [Innovations];
-    |line| {
-        let of = |name| line.named(ScoreSource::Innovations, name);
-        let normalised = |(residual, nis): (&f64, &f64)| nis.sqrt().copysign(*residual);
-        let normalised: Vec<f64> = of("residual")?.iter().zip(of("nis")?).map(normalised).collect();
-        Ok(consistency::whiteness(&ungated(line, &normalised)?, 20))
-    }
+    |line| Ok(consistency::whiteness(&normalised_innovations(line)?, 20))
+}
+
+metric! {
+    /// `nis` times the statistical inefficiency of the innovations, 1 plus twice the sum of their autocorrelations; 1
+    /// for a consistent filter. Correlated innovations with larger assumed noise have a low `whiteness` and a value
+    /// near 1; above 1 the covariance of the position is too small
+    CORRELATED_NIS = "correlated_nis", unit "1", pool Mean, better Near(1.0), needs [Innovations];
+    |line| Ok(consistency::correlated_nis(&normalised_innovations(line)?))
 }
 
 metric! {
@@ -239,6 +242,14 @@ fn velocity_error(line: &ScoreLine, component: usize) -> Result<SampleStatistic,
     let (track, truth) = (line.columns(ScoreSource::TrackVelocity)?, line.columns(ScoreSource::Velocity)?);
     let error = track[component].iter().zip(truth[component]).map(|(track, truth)| track - truth);
     Ok(statistics::rms(&line.unless_bound(error.collect())))
+}
+
+/// Innovations divided by their predicted standard deviations, without rejected measurements.
+fn normalised_innovations(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
+    let of = |name| line.named(ScoreSource::Innovations, name);
+    let normalised = |(residual, nis): (&f64, &f64)| nis.sqrt().copysign(*residual);
+    let normalised: Vec<f64> = of("residual")?.iter().zip(of("nis")?).map(normalised).collect();
+    ungated(line, &normalised)
 }
 
 /// Values, with NaN where the gate rejected the measurement.
@@ -360,11 +371,11 @@ mod tests {
         assert_eq!([CEP, R95, ERROR_WITHIN_3SIGMA, DIVERGENCE].map(|m| value(&m, &gap).n), [100; 4]);
     }
 
-    /// Consistency of the position and of the innovations, whiteness, and the shares within three and beyond five
-    /// sigma: the mean of twenty tracks whose errors are `scale` times what the filter says, with innovations that last
-    /// or not.
-    fn of_tracks(scale: f64, lasts: bool) -> [f64; 5] {
-        let mut sums = [0.0; 5];
+    /// Consistency of the position and of the innovations, whiteness, shares within three and beyond five sigma, and
+    /// `correlated_nis`: the mean of twenty tracks whose errors are `scale` times their covariance, with correlated or
+    /// white innovations.
+    fn of_tracks(scale: f64, correlated: bool) -> [f64; 6] {
+        let mut sums = [0.0; 6];
         for seed in 0..20 {
             let mut normals = NormalGenerator::new(seed);
             let drawn: Vec<[f64; 3]> = (0..1000).map(|_| [normals.draw(), normals.draw(), normals.draw()]).collect();
@@ -374,7 +385,7 @@ mod tests {
             let innovations: Vec<f64> = drawn
                 .iter()
                 .map(|d| {
-                    before = if lasts { 0.9 * before + 0.19f64.sqrt() * d[2] } else { d[2] };
+                    before = if correlated { 0.9 * before + 0.19f64.sqrt() * d[2] } else { d[2] };
                     scale * before
                 })
                 .collect();
@@ -382,7 +393,7 @@ mod tests {
             nis.for_each(|column| column.1 = innovations.iter().map(|i| i * i).collect());
             track.push(("residual", innovations.iter().map(|i| 2.0 * i).collect()));
             let tables = [truth, track];
-            let metrics = [NEES_CONSISTENT, NIS_CONSISTENT, WHITENESS, ERROR_WITHIN_3SIGMA, DIVERGENCE];
+            let metrics = [NEES_CONSISTENT, NIS_CONSISTENT, WHITENESS, ERROR_WITHIN_3SIGMA, DIVERGENCE, CORRELATED_NIS];
             sums.iter_mut().zip(metrics).for_each(|(sum, metric)| *sum += value(&metric, &tables).value / 20.0);
         }
         sums
@@ -390,7 +401,7 @@ mod tests {
 
     #[test]
     fn law_a_consistent_track_is_called_so_and_one_that_trusts_itself_too_much_is_not() {
-        let [nees, nis, white, within, lost] = of_tracks(1.0, false);
+        let [nees, nis, white, within, lost, of_averages] = of_tracks(1.0, false);
         // At 95 %, one of twenty tests fails on average, and five fail once in two thousand times.
         assert!(nees >= 0.75 && nis >= 0.75, "{nees} {nis}");
         // 400 lags: 1.1 % a sigma; 20,000 samples within 0.989: 0.07 %.
@@ -398,12 +409,18 @@ mod tests {
             (white - 0.95).abs() < 0.05 && (within - 0.989).abs() < 0.004 && lost < 1e-3,
             "{white} {within} {lost}"
         );
-        let [nees, nis, white, within, lost] = of_tracks(3.0, false);
+        assert!((of_averages - 1.0).abs() < 0.1, "{of_averages}");
+        let [nees, nis, white, within, lost, of_averages] = of_tracks(3.0, false);
         assert_eq!([nees, nis], [0.0, 0.0]);
+        assert!((of_averages - 9.0).abs() < 0.9, "{of_averages}");
         assert!((white - 0.95).abs() < 0.05, "whiteness is of the order, not of the size: {white}");
         // exp(-9/18) are outside three sigma of a third, exp(-25/18) outside five.
         assert!((1.0 - within - (-0.5f64).exp()).abs() < 0.02 && (lost - (-25.0f64 / 18.0).exp()).abs() < 0.02);
-        assert!(of_tracks(1.0, true)[2] < 0.5, "what lasts is not white");
+        // A decay of 0.9 in each sample: (1 + 0.9)/(1 - 0.9) = 19. The same innovations, small enough, are consistent.
+        let [.., white, _, _, of_averages] = of_tracks(1.0, true);
+        assert!(white < 0.5 && (of_averages / 19.0 - 1.0).abs() < 0.2, "{white} {of_averages}");
+        let [.., white, _, _, of_averages] = of_tracks(19f64.sqrt().recip(), true);
+        assert!(white < 0.5 && (of_averages - 1.0).abs() < 0.2, "{white} {of_averages}");
     }
 
     #[test]

@@ -245,7 +245,7 @@ impl LineScoreTable {
         if self.columns.iter().any(|c| c.marks > 0) {
             words.push(
                 "Values with a ! are flagged: the filter is worse than the INS alone, its NEES or NIS is far from the \
-                 expected value, or its whiteness is below 0.8. A pooled value is flagged if any of its lines is \
+                 expected value, or its innovations are correlated. A pooled value is flagged if any of its lines is \
                  flagged."
                     .to_owned(),
             );

@@ -272,9 +272,13 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         let text = format!("{}: {metric} {}, expected value {}", kind.of_many(), shown(value), law.mean);
         add(kind, (value, limit, "1"), text);
     }
+    let correlated = row.get("correlated_nis");
     if let Some(white) = row.get("whiteness").filter(|white| *white < limits::WHITENESS && row.get("drms") != Some(0.0))
+        && correlated.is_none_or(|nis| nis > limits::CORRELATED_NIS)
     {
-        let text = format!("{}: whiteness {}, expected value 0.95", WarningKind::NotWhite.of_many(), shown(white));
+        let more = correlated.map_or(String::new(), |nis| format!("; correlated_nis {}, expected value 1", shown(nis)));
+        let text =
+            format!("{}: whiteness {}, expected value 0.95{more}", WarningKind::NotWhite.of_many(), shown(white));
         add(WarningKind::NotWhite, (white, limits::WHITENESS, "1"), text);
     }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {

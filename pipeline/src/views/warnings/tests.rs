@@ -46,7 +46,17 @@ fn unit_what_is_within_its_law_is_not_remarked() {
 }
 
 #[test]
-fn r30_innovations_that_repeat_are_marked_without_truth_and_a_low_nis_is_cautious() {
+fn unit_correlated_innovations_are_flagged_unless_the_noise_includes_the_correlation() {
+    let flagged = |correlated: f64| {
+        let row = LineMetrics::from([("nis", 0.6), ("whiteness", 0.0), ("correlated_nis", correlated)]);
+        kinds(&judge(&facts(&row, given(2.0))))
+    };
+    assert_eq!(flagged(1.1), Vec::<&str>::new());
+    assert_eq!(flagged(1.6), ["not_white"]);
+}
+
+#[test]
+fn unit_correlated_innovations_are_flagged_without_truth_and_a_low_nis_is_cautious() {
     // The adaptive filter on a map of sparse lines, a magnetometer that is 0.6 s late, and a healthy filter.
     for (nis, white, expected) in
         [(1.64, 0.21, vec!["not_white"]), (1.09, 0.56, vec!["not_white"]), (1.0, 0.97, vec![]), (1.0, 0.8, vec![])]

@@ -234,8 +234,8 @@ impl pulp::NullaryFnOnce for RecurrentStep<'_> {
     }
 }
 
-/// The way back through a step: the derivatives by its sums, of those by the units after it. `d_h` and `d_s` become
-/// what goes on to the step before without passing U.
+/// Backpropagation through a step: derivatives by its sums, from the derivatives by its units. `d_h` and `d_s` become
+/// the parts that reach the previous step without passing U.
 struct RecurrentStepGradient<'a> {
     units: usize,
     rows: usize,

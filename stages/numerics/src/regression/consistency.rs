@@ -165,6 +165,16 @@ fn ln_gamma(a: f64) -> f64 {
     (a - 0.5) * a.ln() - a + 0.5 * std::f64::consts::TAU.ln() + series - shift
 }
 
+/// The mean of the normalised innovations squared times their statistical inefficiency: 1 and twice the sum of their
+/// autocorrelations. It is the variance of averages of `x` over that of averages of independent values of variance 1,
+/// and 1 for a consistent filter. Averages of innovations correct the position, so values above 1 mean that the
+/// covariance is too small, whether the innovations are too large or too correlated. NaN for a constant or fewer than
+/// ten samples.
+pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
+    let n = x.iter().filter(|x| x.is_finite()).count();
+    SampleStatistic { value: mean_square(x) * n as f64 / effective_samples(x), n }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -264,6 +274,26 @@ mod tests {
         assert!((white - 0.95).abs() < 0.025, "{white}");
         assert!(coloured_one < 0.3 && biased < 0.05, "{coloured_one} {biased}");
         assert_eq!(mean(0.0, 0.0, 1e-3), white, "the size does not matter");
+    }
+
+    #[test]
+    fn law_correlated_nis_is_the_variance_of_averages() {
+        let mean = |decay: f64, spread: f64| {
+            let of = |seed| {
+                let x: Vec<f64> = coloured(4000, decay, seed).iter().map(|x| spread * x).collect();
+                correlated_nis(&x).value
+            };
+            (0..50).map(of).sum::<f64>() / 50.0
+        };
+        // (1 + a)/(1 - a) for a first-order autoregression of decay a.
+        for (decay, spread, expected) in
+            [(0.0, 1.0, 1.0), (0.0, 2.0, 4.0), (0.5, 1.0, 3.0), (0.5, 3f64.sqrt().recip(), 1.0)]
+        {
+            let got = mean(decay, spread);
+            println!("decay {decay}, spread {spread:.2}: {got:.3}, expected {expected}");
+            assert!((got / expected - 1.0).abs() < 0.1, "{got} {expected}");
+        }
+        assert!(correlated_nis(&[0.5; 100]).value.is_nan() && correlated_nis(&[]).n == 0);
     }
 
     #[test]

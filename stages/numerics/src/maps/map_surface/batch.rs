@@ -136,7 +136,7 @@ impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
     }
 }
 
-/// Look-up of a map at its own level, whatever the height.
+/// Look-up of a map at its own level for all heights.
 struct OwnLevelLookup<'a>(&'a MapSurface);
 
 impl FieldLookup for OwnLevelLookup<'_> {
