@@ -8,7 +8,7 @@ use crate::support::{
     Bench, Done, SPEC, batch, changed, line_of, map, numbers, read, stderr, stdout, texts, without, write,
 };
 
-/// `magline check` on a spec that is wrong: exit status 2 and the message.
+/// Message of `magline check` on an invalid spec, with exit status 2.
 fn refused(spec: &str) -> String {
     let bench = Bench::new();
     bench.spec(spec);
@@ -62,7 +62,7 @@ fn gold_unknown_stage_axis_table_column_and_key() {
 }
 
 #[test]
-fn gold_a_where_that_selects_nothing_is_refused_with_the_lines_there_are() {
+fn gold_a_where_without_a_match_is_rejected_with_the_available_lines() {
     let bench = Bench::new();
     bench.spec(&SPEC.replace("'%.01'", "'%.07'"));
     let done = bench.run(&[]);
@@ -76,7 +76,7 @@ fn gold_a_where_that_selects_nothing_is_refused_with_the_lines_there_are() {
 }
 
 #[test]
-fn gold_one_mistake_is_one_message_and_two_are_two() {
+fn gold_each_mistake_gives_one_message() {
     let message = refused(&SPEC.replace("\"a_matrix\"", "\"amatrix\""));
     assert_eq!(message.matches("error:").count(), 1, "{message}");
     let message =
@@ -85,7 +85,7 @@ fn gold_one_mistake_is_one_message_and_two_are_two() {
 }
 
 #[test]
-fn gold_set_names_what_it_does_not_know() {
+fn gold_set_reports_unknown_keys() {
     let bench = Bench::new();
     let done = bench.run(&["--set", "axes.lamda=[1.0]"]);
     assert_eq!(done.code, 2);
@@ -126,14 +126,14 @@ fn gold_repeated_and_backward_time_fail_their_line_only() {
         assert_eq!(failed.len(), 1);
         assert_eq!((failed[0].0.as_str(), failed[0].1.as_str()), ("1.02", "flights"));
         assert!(failed[0].2.contains(says) && failed[0].2.contains("flights/1.parquet"), "{}", failed[0].2);
-        // The same on a second run: nothing is computed, and the failure is still told.
+        // A second run computes nothing and reports the same failure.
         let again = bench.run(&[]);
         assert_eq!((again.code, again.total("computed")), (1, 0));
     }
 }
 
 #[test]
-fn user_a_dropout_stays_where_it_is() {
+fn user_a_dropout_affects_only_its_samples_and_sensor() {
     let gap = |i: usize| (200..230).contains(&i);
     let lines = [
         changed(&line_of("1", "1.01", 700), "mag_4_uc", |i, x| {
@@ -149,7 +149,7 @@ fn user_a_dropout_stays_where_it_is() {
         (0..values.len()).filter(|i| mags[*i] == mag && lines[*i] == "1.01").map(|i| values[i]).collect()
     };
     let (four, five) = (of("mag_4_uc"), of("mag_5_uc"));
-    // The gap is 3 s long, more than the second that resampling bridges; the other magnetometer does not feel it.
+    // The gap of 3 s exceeds the 1 s that resampling bridges. The other magnetometer is unaffected.
     assert!((0..700).all(|i| four[i].is_nan() == gap(i)));
     assert!(five.iter().all(|x| x.is_finite()));
     let models = read(&bench.path("store/tables/small/coefficients"));
@@ -161,7 +161,7 @@ fn user_a_dropout_stays_where_it_is() {
         })
         .collect();
     let mags = texts(&models, "mag");
-    // Trim: 20 samples at each end of each run; one run in each of two lines, one more where there is the gap.
+    // Trim: 20 samples at each end of each run. Each of the two lines is one run; the gap adds one.
     assert!((0..left.len()).all(|i| left[i] == if mags[i] == "mag_4_uc" { 30 + 3 * 40 } else { 2 * 40 }), "{left:?}");
     let track = read(&bench.path("store/tables/small/track"));
     let missing = texts(&track, "update").iter().filter(|u| *u == "missing").count();
@@ -169,7 +169,7 @@ fn user_a_dropout_stays_where_it_is() {
 }
 
 #[test]
-fn gold_a_line_shorter_than_the_filter_is_left_out_and_none_left_is_a_failure() {
+fn gold_a_line_shorter_than_the_filter_is_skipped_and_no_usable_line_is_a_failure() {
     let (bench, done) = with_lines(&[line_of("1", "1.01", 30), line_of("1", "1.02", 500)]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     drop(bench);
@@ -180,7 +180,7 @@ fn gold_a_line_shorter_than_the_filter_is_left_out_and_none_left_is_a_failure() 
     }
     let done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    // The lines themselves are there; only the models and what needs them are not.
+    // The lines are computed; the models and their dependents are missing.
     assert_eq!((done.computed("terms"), done.computed("coefficients"), done.computed("clean")), (8, 0, 0));
     let failed = failures(&bench);
     assert_eq!(failed.len(), 8);
@@ -210,7 +210,7 @@ fn gold_bandpass_of_a_short_line_and_of_uneven_time() {
 #[test]
 fn gold_positions_off_the_map_are_counted_and_a_line_wholly_off_fails() {
     let half = changed(&line_of("1", "1.02", 500), "ins_lat", |i, x| if i >= 300 { x + 1.0 } else { x });
-    // 330 km off the map; an INS further from the truth than 500 km is refused when it is read.
+    // 330 km off the map. An INS more than 500 km from the truth is rejected by the reader.
     let away = changed(&line_of("1", "1.03", 500), "ins_lat", |_, x| x + 3.0);
     let (bench, done) = with_lines(&[line_of("1", "1.01", 700), half, away]);
     assert_eq!(done.code, 1);
@@ -237,13 +237,13 @@ fn user_a_flat_map_navigates_no_better_than_the_ins() {
     let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
     let of = |m: &str| -> Vec<f64> { (0..values.len()).filter(|i| metrics[*i] == m).map(|i| values[i]).collect() };
     for (filter, ins) in of("drms").iter().zip(of("ins_drms")) {
-        // Nothing is learnt of the position, so the estimate is the INS to rounding.
+        // The measurements hold no information on the position, so the estimate equals the INS to rounding.
         assert!((filter - ins).abs() < 1e-6, "{filter} {ins}");
     }
 }
 
 #[test]
-fn gold_terms_that_the_flight_does_not_excite_are_named() {
+fn gold_terms_without_excitation_are_listed() {
     let still = |b: RecordBatch| ["flux_a_x", "flux_a_y"].iter().fold(b, |b, c| changed(&b, c, |_, _| 0.0));
     let bench = Bench::new();
     for flight in ["1", "2"] {
@@ -252,7 +252,7 @@ fn gold_terms_that_the_flight_does_not_excite_are_named() {
     }
     let done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    // Without a ridge only flux_a's fits fail; with one they are solved, and the condition tells.
+    // Without a ridge parameter only the fits of flux_a fail. With one they are solved with a large condition number.
     assert_eq!((done.computed("coefficients"), done.total("failed")), (6, 2));
     let failed = failures(&bench);
     assert!(
@@ -264,12 +264,12 @@ fn gold_terms_that_the_flight_does_not_excite_are_named() {
 }
 
 #[test]
-fn gold_a_line_that_lacks_a_column_fails_where_it_is_needed() {
+fn gold_a_line_without_a_column_fails_where_the_column_is_read() {
     let bench = Bench::new();
     write(&bench.path("flights/3.parquet"), &[without(&line_of("3", "3.02", 500), "flux_d_z")]);
     let done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    // Resampled it is a column of NaN, so nothing can be navigated on that vector; the other one is fine.
+    // Resampling makes a column of NaN, so navigation with this vector magnetometer fails; the other one works.
     let failed = failures(&bench);
     assert_eq!(failed.len(), 4, "{failed:?}");
     assert!(
@@ -277,7 +277,7 @@ fn gold_a_line_that_lacks_a_column_fails_where_it_is_needed() {
         "{failed:?}"
     );
     assert_eq!((done.computed("clean"), done.computed("track")), (40, 36));
-    // Without resampling the line is missed where its column is first read.
+    // Without resampling the line fails in the first stage that reads the column.
     bench.spec(&SPEC.replace("input  = \"even\"", "input  = \"flights\""));
     let done = bench.run(&[]);
     let failed = failures(&bench);
@@ -289,7 +289,7 @@ fn gold_a_line_that_lacks_a_column_fails_where_it_is_needed() {
 }
 
 #[test]
-fn gold_truncated_and_foreign_files_are_refused_before_anything_runs() {
+fn gold_truncated_and_foreign_files_are_rejected_before_the_run() {
     for (bytes, says) in [(0usize, "the file is empty"), (3, "1.parquet"), (5000, "1.parquet")] {
         let bench = Bench::new();
         let whole = fs::read(bench.path("flights/1.parquet")).unwrap();
@@ -324,7 +324,7 @@ fn gold_missing_keys_wrong_units_and_text_for_numbers() {
 }
 
 #[test]
-fn gold_a_line_in_two_files_is_used_in_neither() {
+fn gold_a_line_in_two_files_is_not_used() {
     let bench = Bench::new();
     write(&bench.path("flights/copy.parquet"), &[line_of("1", "1.02", 400)]);
     let done = bench.run(&[]);
@@ -334,13 +334,13 @@ fn gold_a_line_in_two_files_is_used_in_neither() {
 }
 
 #[test]
-fn gold_a_map_that_is_no_grid_is_refused_and_one_with_a_hole_is_not() {
+fn gold_an_irregular_map_is_rejected_and_a_map_with_a_hole_is_accepted() {
     let bench = Bench::new();
     write(&bench.path("map.parquet"), &[changed(&map(), "lon", |i, lon| if i == 100 { lon + 0.001 } else { lon })]);
     let done = bench.run(&[]);
     assert_eq!(done.code, 2, "{}", done.last);
     assert!(done.stderr.contains("map.parquet") && done.stderr.contains("lon"), "{}", done.stderr);
-    // Nodes that are not in the table are unknown cells; none of these is under a track.
+    // Nodes absent from the table are missing values. None of them lies under a track.
     let rows = map();
     write(&bench.path("map.parquet"), &[rows.slice(0, rows.num_rows() - 7)]);
     let done = bench.run(&[]);
@@ -348,7 +348,7 @@ fn gold_a_map_that_is_no_grid_is_refused_and_one_with_a_hole_is_not() {
 }
 
 #[test]
-fn user_a_foreign_folder_is_not_taken_for_a_store() {
+fn user_a_foreign_folder_is_not_used_as_a_store() {
     let bench = Bench::new();
     fs::create_dir(bench.path("mine")).unwrap();
     fs::write(bench.path("mine/thesis.txt"), "years of work").unwrap();

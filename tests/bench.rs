@@ -1,4 +1,4 @@
-//! `magline bench`: what is asked of entrants, what they are given, and what is refused.
+//! `magline bench`: tasks, supplied data and rejected predictions.
 
 use std::{fs, path::Path, process::Output, sync::OnceLock};
 
@@ -42,7 +42,7 @@ fn predicted(columns: &[(&str, &str)]) -> RecordBatch {
     RecordBatch::try_from_iter(named).unwrap()
 }
 
-/// The naive answer.
+/// Predictions of the baseline.
 fn naive() -> RecordBatch {
     predicted(&[("mag_4_uc", "mag_4_comp"), ("ins_lat", "lat"), ("ins_lon", "lon")])
 }
@@ -90,7 +90,7 @@ fn of_line(batches: &[RecordBatch], line: &str, column: &str) -> Vec<f64> {
 }
 
 #[test]
-fn user_the_test_flight_comes_without_its_truth_and_the_others_with_it() {
+fn user_only_the_test_flight_lacks_its_truth() {
     let flight = test_flight();
     for hidden in ["lat", "lon", "alt", "vn", "roll", "yaw_rate", "mag_1_c", "anomaly_truth", "igrf"] {
         assert!(flight.column_by_name(hidden).is_none(), "{hidden}");
@@ -106,19 +106,19 @@ fn user_the_test_flight_comes_without_its_truth_and_the_others_with_it() {
 }
 
 #[test]
-fn law_scores_are_standard_deviation_and_distance_of_the_truth() {
+fn law_scores_are_standard_deviation_and_horizontal_error() {
     let output = score(&naive(), &["--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let rows = rows(&output);
     assert_eq!(rows.len(), 6);
-    // Against the simulation, by formulas written here.
+    // The expected scores are computed here from the simulation.
     let mut squares = (0.0, 0.0);
     for line in ["3.02", "3.03"] {
         let of = |column: &str| of_line(truth(), line, column);
         let errors: Vec<f64> = of("mag_4_uc").iter().zip(of("mag_1_c")).map(|(a, b)| a - b).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
         let std = (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (errors.len() - 1) as f64).sqrt();
-        // On a sphere, which is right to half a per cent.
+        // The sphere is accurate to 0.5 %.
         let north =
             of("ins_lat").iter().zip(of("lat")).map(|(a, b)| (a - b).to_radians() * 6.371e6).collect::<Vec<_>>();
         let lon = of("ins_lon").into_iter().zip(of("lon")).zip(of("lat"));
@@ -136,7 +136,7 @@ fn law_scores_are_standard_deviation_and_distance_of_the_truth() {
     let all = rows.iter().find(|r| r["task"] == "compensate" && r["line"].is_null()).unwrap();
     let pooled = (squares.0 / squares.1).sqrt();
     assert!((all["score"].as_f64().unwrap() - pooled).abs() < 1e-6 * pooled);
-    // The truth itself is without error, and a constant costs nothing in compensation.
+    // The truth has no error. A constant does not affect the compensation score.
     let true_rows = predicted(&[("mag_4_uc", "mag_4_comp")]);
     let true_field: Vec<f64> = ["3.02", "3.03"].iter().flat_map(|l| of_line(truth(), l, "mag_1_c")).collect();
     let perfect = changed(&true_rows, "mag_4_comp", |i, _| true_field[i] + 100.0);
@@ -146,7 +146,7 @@ fn law_scores_are_standard_deviation_and_distance_of_the_truth() {
 }
 
 #[test]
-fn user_missing_samples_fail_the_line_and_are_told() {
+fn user_missing_samples_fail_the_line_and_are_reported() {
     let whole = naive();
     let n = whole.num_rows();
     let less =
@@ -160,7 +160,7 @@ fn user_missing_samples_fail_the_line_and_are_told() {
         assert_eq!(row["missing"], u64::from(failed));
         assert!(row["naive"].is_f64());
     }
-    // A line that is missing as a whole is no better.
+    // A line without any prediction also fails.
     let lines = texts(std::slice::from_ref(&whole), "line");
     let first = lines.iter().filter(|l| *l == "3.02").count();
     let output = score(&whole.slice(0, first), &["--json", "--tasks", "navigate"]);
@@ -170,7 +170,7 @@ fn user_missing_samples_fail_the_line_and_are_told() {
 }
 
 #[test]
-fn user_what_is_no_answer_is_refused_with_its_place() {
+fn user_invalid_predictions_are_rejected_with_their_position() {
     let whole = naive();
     let twice = arrow_select::concat::concat_batches(&whole.schema(), &[whole.clone(), whole.slice(3, 1)]).unwrap();
     let cases: Vec<(RecordBatch, &str)> = vec![
@@ -224,7 +224,7 @@ fn user_csv_and_parquet_score_alike_and_results_are_written() {
     for row in 0..whole.num_rows() {
         let word = |a: &arrow_array::ArrayRef| a.as_string::<i32>().value(row).to_owned();
         let number = |a: &arrow_array::ArrayRef| a.as_primitive::<Float64Type>().value(row);
-        // Rounded as other programs write it.
+        // Rounded to 0.001, as many programs write it.
         text += &format!("{},{},{:.3},{}\n", word(&flight), word(&line), number(&tt), number(&mag));
     }
     let csv = folder.path().join("p.csv");

@@ -1,4 +1,4 @@
-//! Warnings of a fit, and the lines that it skips when it chooses.
+//! Warnings of a fit, and cross-validation by line and by flight.
 
 use std::fs;
 
@@ -18,12 +18,12 @@ fn head() -> String {
 }
 
 #[test]
-fn law_flights_are_left_out_whole() {
+fn law_leave_one_flight_out_omits_whole_flights() {
     let bench = Bench::new();
     let models = [("by_line", "line"), ("by_flight", "flight")];
     let mut spec = head();
     for (name, what) in models {
-        // One line of each flight: to leave out the one is to leave out the other.
+        // With one line per flight, leave-one-line-out equals leave-one-flight-out.
         let choose = format!("model = \"ridge\"\nchoose = \"leave_one_{what}_out\"");
         spec += &fitted(name, "line like '%.01'", &choose);
         spec += &fitted(&format!("{name}_all"), "line like '%'", &choose);
@@ -35,7 +35,7 @@ fn law_flights_are_left_out_whole() {
     assert_eq!(of("by_line", "chosen"), of("by_flight", "chosen"));
     assert_eq!(of("by_line", "value"), of("by_flight", "value"));
     assert!(of("by_flight_all", "chosen").iter().all(|l| *l > 0.0));
-    // Two lines of one flight: lines can be left out, flights cannot.
+    // With two lines of one flight, only leave-one-line-out is possible.
     for (name, what) in models {
         let choose = format!("model = \"ridge\"\nchoose = \"leave_one_{what}_out\"");
         bench.spec(&(head() + &fitted(name, "flight = '1'", &choose)));
@@ -46,7 +46,7 @@ fn law_flights_are_left_out_whole() {
 }
 
 #[test]
-fn law_the_trivial_solution_is_told_at_the_end_with_what_it_may_miss() {
+fn law_the_trivial_solution_is_reported_with_its_error_bound() {
     let bench = Bench::new();
     // The small flights' magnetometers lack 48,000 nT of core field.
     for flight in ["1", "2"] {
@@ -64,7 +64,7 @@ fn law_the_trivial_solution_is_told_at_the_end_with_what_it_may_miss() {
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let said = stderr(&output);
-    // Six of seven fits are trivial: the first is shown, the others are counted.
+    // Six of seven fits are trivial. The message shows the first one and the number of all.
     let first = "warning: model: the fit has a warning at 6 places, first (lambda = 0, vector = flux_a): ";
     assert!(said.contains(first) && said.contains("trivial solution"), "{said}");
     assert!(said.contains("warning: 6 warnings; the table `small.warnings` lists all"), "{said}");
@@ -74,9 +74,9 @@ fn law_the_trivial_solution_is_told_at_the_end_with_what_it_may_miss() {
     let warning = texts(&table, "warning");
     for i in 0..lambda.len() {
         if lambda[i] == 0.0 {
-            // The flights are exactly those of Tolles and Lawson, so the fit without a ridge is the aircraft's plus the
-            // unit matrix: p of 72.28 nT, induced terms of 16.42/50,000 (the largest eigenvalue), and 1. The field
-            // varies by 200 nT and the coefficients by the 0.05 nT of the waves: half a per cent.
+            // The aircraft field is exactly Tolles-Lawson. The fit without a ridge parameter therefore equals the
+            // aircraft plus the unit matrix: p of 72.28 nT, induced terms of 16.42/50,000 (largest eigenvalue), and 1.
+            // The field varies by 200 nT and the coefficients by the 0.05 nT of the waves: 0.5 %.
             let field_nt = 48_000.0;
             let aircraft = 72.28 + (1.0 + 16.42 / 50_000.0) * field_nt;
             let expected = aircraft * aircraft / (2.0 * field_nt);

@@ -1,5 +1,4 @@
-//! Requests of a client that is not magline's to a cluster: nothing without its key, and with it nothing but tasks of
-//! magline.
+//! Requests of foreign clients to a cluster. Without the key all are rejected; with it only tasks of magline run.
 
 use std::{fs, net::TcpListener, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration};
 
@@ -42,7 +41,7 @@ use crate::{
 const MAGLINE: &str = env!("CARGO_BIN_EXE_magline");
 const SECRET: &str = "geheim";
 
-/// A cluster of one worker, the ports of its parts, and files that nobody may read or write through it.
+/// A cluster of one worker, its ports, and files that must not be read or written through it.
 struct Scene {
     bench: Bench,
     cluster: Cluster,
@@ -53,13 +52,13 @@ struct Scene {
     plans: Plans,
 }
 
-/// Plans of DataFusion that a stranger may hand over.
+/// DataFusion plans that a foreign client may submit.
 struct Plans {
     physical: Vec<(&'static str, Vec<u8>)>,
     logical: Vec<u8>,
 }
 
-/// Two ports, one after the other, that are free.
+/// First of two consecutive free ports.
 fn ports() -> u16 {
     let free = |port: u16| TcpListener::bind(("127.0.0.1", port));
     loop {
@@ -111,7 +110,7 @@ impl Scene {
         Scene { bench, cluster, runtime, scheduler, answers, tasks, plans }
     }
 
-    /// Nothing was read or written, and scheduler and worker are as they were.
+    /// Asserts that nothing was read or written, and that scheduler and worker still work.
     fn assert_unharmed(&mut self) {
         assert!(!self.bench.path("written.csv").exists());
         assert!(self.cluster.scheduler.try_wait().unwrap().is_none(), "the scheduler has ended");
@@ -126,7 +125,7 @@ impl Scene {
         assert!(!self.cluster.said().contains(SECRET));
     }
 
-    /// A plan handed to the scheduler: whether it takes it.
+    /// Submits a plan to the scheduler; an error if it is rejected.
     async fn submit(&self, channel: Channel, query: Query) -> Result<(), String> {
         let asked = ExecuteQueryParams { query: Some(query), ..ExecuteQueryParams::default() };
         let mut request = Request::new(asked);
@@ -138,7 +137,7 @@ impl Scene {
         }
     }
 
-    /// Tasks handed to the worker: whether it takes them.
+    /// Sends tasks to the worker; an error if they are rejected.
     async fn launch(&self, channel: Channel, job: &str, plan: &[u8]) -> Result<(), String> {
         let task = TaskId { global_output_partition_ids: vec![0], vcores_consumed: 1, ..TaskId::default() };
         let tasks = MultiTaskDefinition {
@@ -159,7 +158,7 @@ fn said(status: Status) -> String {
     status.to_string()
 }
 
-/// The request for a file of a job.
+/// Request for a file of a job.
 fn fetch(job: &str) -> Vec<u8> {
     let partition =
         protobuf::FetchPartition { job_id: job.to_owned(), stage_id: 1, ..protobuf::FetchPartition::default() };
@@ -206,7 +205,7 @@ impl ServerCertVerifier for Anyone {
     }
 }
 
-/// The answer of a REST path of the scheduler.
+/// Status of a REST path of the scheduler.
 async fn rest(mut channel: Channel, method: &str, path: &str) -> Result<u16, String> {
     let request = http::Request::builder().method(method).uri(path).body(Body::empty()).unwrap();
     std::future::poll_fn(|cx| channel.poll_ready(cx)).await.map_err(|e| e.to_string())?;
@@ -214,7 +213,7 @@ async fn rest(mut channel: Channel, method: &str, path: &str) -> Result<u16, Str
 }
 
 #[test]
-fn user_who_does_not_hold_the_key_has_a_cluster_do_nothing() {
+fn user_clients_without_the_key_are_rejected_by_a_cluster() {
     let mut scene = Scene::new();
     let other = scene.bench.path("other.key");
     write_key(&other, "another-key-of-a-test-7d1e4b0c9a");
@@ -269,7 +268,7 @@ fn user_who_does_not_hold_the_key_has_a_cluster_do_nothing() {
 }
 
 #[test]
-fn user_who_holds_the_key_can_have_tasks_of_magline_computed_and_nothing_else() {
+fn user_clients_with_the_key_can_only_run_tasks_of_magline() {
     let mut scene = Scene::new();
     let trust = ClusterTrust::read(Some(&scene.bench.path(KEY_FILE)), false).unwrap();
     scene.runtime.block_on(async {
@@ -294,7 +293,7 @@ fn user_who_holds_the_key_can_have_tasks_of_magline_computed_and_nothing_else() 
             let remove = RemoveJobDataParams { job_id: job.to_owned(), remove_stage_ids: vec![] };
             assert!(tasks.remove_job_data(remove).await.is_err(), "{job}");
         }
-        // The same ways are open for what is right.
+        // The same requests succeed with valid tasks.
         assert_eq!(
             rest(channel(&scene.scheduler), "GET", &format!("https://{}/api/state", scene.scheduler)).await,
             Ok(200)
@@ -304,7 +303,7 @@ fn user_who_holds_the_key_can_have_tasks_of_magline_computed_and_nothing_else() 
 }
 
 #[test]
-fn user_a_cluster_without_a_key_is_refused_unless_it_is_a_test_of_this_machine() {
+fn user_a_cluster_without_a_key_is_rejected_except_on_the_loopback_interface() {
     let bench = Bench::new();
     let says = |args: &[&str]| {
         let output = bench.magline(args);

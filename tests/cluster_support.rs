@@ -11,10 +11,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// The longest that anything is waited for: machines that build and test at once are slow.
+/// Longest wait. It allows for machines that build and test at the same time.
 const LONGEST: Duration = Duration::from_secs(240);
 
-/// The file of a cluster's key, in its folder.
+/// Key file in the folder of a cluster.
 pub const KEY_FILE: &str = "cluster.key";
 /// The key.
 pub const KEY: &str = "a-key-of-a-test-7d1e4b0c9a2f5863";
@@ -28,18 +28,18 @@ pub struct Cluster {
     /// HOST:PORT of the scheduler.
     pub at: String,
     pub scheduler: Child,
-    /// Each with the file of its receipts.
+    /// Workers, each with its file of receipts.
     pub workers: Vec<(Child, PathBuf)>,
     _one: MutexGuard<'static, ()>,
 }
 
-/// Writes a key that its owner alone can read.
+/// Writes a key file that only its owner can read.
 pub fn write_key(file: &Path, key: &str) {
     fs::write(file, key).unwrap();
     fs::set_permissions(file, fs::Permissions::from_mode(0o600)).unwrap();
 }
 
-/// Waits until something is so.
+/// Waits until `is` returns true.
 pub fn until(what: &str, mut is: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !is() {
@@ -48,7 +48,7 @@ pub fn until(what: &str, mut is: impl FnMut() -> bool) {
     }
 }
 
-/// A scheduler of `program`, and where it listens.
+/// Starts a scheduler of `program` and returns its address.
 fn scheduler(program: &Path, folder: &Path, bind: &str) -> (Child, String) {
     let mut child = Command::new(program)
         .args(["scheduler", "--bind", bind, "--worker-timeout", "6s", "--key-file", KEY_FILE])
@@ -68,13 +68,13 @@ fn scheduler(program: &Path, folder: &Path, bind: &str) -> (Child, String) {
             break at.to_owned();
         }
     };
-    // A pipe that nobody reads would stop it.
+    // A full pipe would block the scheduler.
     spawn(move || said.read_to_end(&mut vec![]));
     (child, at)
 }
 
 impl Cluster {
-    /// A scheduler and `workers` workers of one core, in `folder`, with its folder `store` as store.
+    /// Starts a scheduler and `workers` workers of one core in `folder`, with the store `store` in it.
     pub fn new(program: &str, folder: &Path, workers: usize) -> Cluster {
         let one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
         let program = PathBuf::from(program);
@@ -91,17 +91,17 @@ impl Cluster {
         format!("ballista://{}", self.at)
     }
 
-    /// Adds a worker with the store `store`, which is running on return.
+    /// Adds a worker with the store `store` and waits until it runs.
     pub fn add(&mut self, store: &str) {
         self.add_with(store, &[]);
     }
 
-    /// The same with variables of its environment.
+    /// Adds a worker with environment variables.
     pub fn add_with(&mut self, store: &str, env: &[(String, String)]) {
         self.add_at(store, env, 0);
     }
 
-    /// The same at a port and the next one; at two that are free where it is 0.
+    /// Adds a worker at `port` and the next port, or at two free ports if `port` is 0.
     pub fn add_at(&mut self, store: &str, env: &[(String, String)], port: u16) {
         let path = |ending: &str| self.folder.join(format!("worker{}.{ending}", self.workers.len()));
         let (receipts, said) = (path("jsonl"), path("log"));
@@ -122,14 +122,14 @@ impl Cluster {
         });
     }
 
-    /// Kills a worker as the system does when memory is short.
+    /// Kills a worker as the kernel does when memory is exhausted.
     pub fn kill(&mut self, worker: usize) {
         let (child, _) = &mut self.workers[worker];
         child.kill().unwrap();
         child.wait().unwrap();
     }
 
-    /// Kills the scheduler, and starts another one at the same address.
+    /// Kills the scheduler and starts another one at the same address after `after`.
     pub fn another_scheduler(&mut self, after: Duration) {
         self.scheduler.kill().unwrap();
         self.scheduler.wait().unwrap();
@@ -139,7 +139,7 @@ impl Cluster {
         self.scheduler = scheduler;
     }
 
-    /// The receipts of all workers, a line each.
+    /// Receipts of all workers, one per line.
     pub fn receipts(&self) -> Vec<String> {
         let of = |file: &PathBuf| fs::read_to_string(file).unwrap().lines().map(str::to_owned).collect::<Vec<_>>();
         self.workers.iter().flat_map(|(_, file)| of(file)).collect()

@@ -1,8 +1,8 @@
-//! Corrections of a reading are made once, however far upstream.
+//! Each correction of a reading is applied once, in any upstream stage.
 
 use crate::support::{Bench, SPEC, numbers, read};
 
-/// A reading less its diurnal variation, compensated and navigated with more keys of `navigate`.
+/// Spec that derives a reading by `expression`, compensates it, and navigates with the keys `more`.
 fn spec(expression: &str, more: &str) -> String {
     let head = SPEC.split("[axes]").next().unwrap();
     format!(
@@ -82,7 +82,7 @@ fn law_the_diurnal_variation_is_removed_once() {
 }
 
 #[test]
-fn user_asking_for_a_correction_twice_is_an_error_before_anything_runs() {
+fn user_a_double_correction_is_an_error_before_the_run() {
     let bench = Bench::new();
     let refused = |spec: &str, what: &[&str]| {
         bench.spec(spec);

@@ -21,7 +21,7 @@ fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().unwrap_or_else(|| panic!("no {key} in {value}"))
 }
 
-/// The bytes of all packs of the store.
+/// Total size of the packs below a folder, bytes.
 fn packs(folder: &Path) -> u64 {
     let inside = |e: fs::DirEntry| if e.path().is_dir() { packs(&e.path()) } else { e.metadata().unwrap().len() };
     fs::read_dir(folder).unwrap().flatten().map(inside).sum()
@@ -39,25 +39,25 @@ fn rows(bench: &Bench, table: &str) -> f64 {
 }
 
 #[test]
-fn user_rows_and_bytes_are_told_before_a_run_and_nothing_is_left_after_it() {
+fn user_rows_and_bytes_are_estimated_before_a_run_and_are_zero_after_it() {
     let bench = Bench::new();
     let before = cost(&bench, &[]);
     let read = packs(&bench.path("store/objects"));
     assert_eq!(bench.run(&[]).code, 0);
-    // Lines that a stage only appends columns to have the rows of their inputs; 4 lines of 2,400 rows in all, 8 points.
+    // A stage that only appends columns keeps the rows of its inputs: 4 lines with 2,400 rows in total, 8 points.
     for (table, real) in [("even", 2400.0), ("terms", 4800.0), ("clean", 19_200.0), ("track", 19_200.0)] {
         assert_eq!(rows(&bench, table), real);
         let told = number(of(&before, table), "rows");
         assert!((told / real - 1.0).abs() < 0.01, "{table}: {told} rows, {real} real");
     }
-    // Rows of scores follow from the metrics that a line has, which no plan tells.
+    // The rows of scores depend on the metrics of each line, which the plan does not contain.
     within_two(number(of(&before, "coefficients"), "rows"), rows(&bench, "coefficients"), "coefficients");
     within_two(number(&before, "bytes"), (packs(&bench.path("store/objects")) - read) as f64, "bytes");
     for t in before["tables"].as_array().unwrap() {
         assert!(number(t, "processor_s") > 0.0 && number(t, "clock_s") > 0.0 && number(t, "memory_bytes") > 0.0, "{t}");
         assert!(number(t, "compute") > 0.0 && number(t, "there") == 0.0, "{t}");
     }
-    // All of it is there, and costs nothing.
+    // All results are stored, so the cost is zero.
     let after = cost(&bench, &[]);
     for key in ["rows", "bytes", "processor_s", "clock_s", "memory_bytes"] {
         assert_eq!(number(&after, key), 0.0, "{key}: {after}");
@@ -69,7 +69,7 @@ fn user_rows_and_bytes_are_told_before_a_run_and_nothing_is_left_after_it() {
 }
 
 #[test]
-fn user_the_cost_of_a_sweep_that_grows_is_that_of_its_new_points() {
+fn user_a_grown_sweep_costs_only_its_new_points() {
     let bench = Bench::new();
     let whole = cost(&bench, &[]);
     assert_eq!(bench.run(&[]).code, 0);
@@ -77,7 +77,7 @@ fn user_the_cost_of_a_sweep_that_grows_is_that_of_its_new_points() {
     for table in ["even", "terms"] {
         assert_eq!(number(of(&more, table), "compute"), 0.0, "{table}");
     }
-    // A third value in addition to two: half of the total for these.
+    // A third value in addition to two costs half as much as these two.
     assert_eq!(number(of(&more, "clean"), "compute"), 16.0);
     assert_eq!(number(of(&more, "clean"), "rows"), number(of(&whole, "clean"), "rows") / 2.0);
     assert!(number(&more, "bytes") < number(&whole, "bytes"));
@@ -90,7 +90,7 @@ fn user_the_cost_of_a_sweep_that_grows_is_that_of_its_new_points() {
 }
 
 #[test]
-fn user_seconds_and_bytes_follow_the_rows() {
+fn user_seconds_and_bytes_scale_with_the_rows() {
     let bench = Bench::new();
     let small = cost(&bench, &[]);
     for flight in ["1", "2"] {
@@ -98,11 +98,11 @@ fn user_seconds_and_bytes_follow_the_rows() {
             [("01", 7000), ("02", 5000)].map(|(l, n)| line_of(flight, &format!("{flight}.{l}"), n)).into();
         write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
     }
-    // The INS of these long lines drifts; the cost does not depend on that.
+    // The INS drifts on these long lines; the cost does not depend on the drift.
     let large = cost(&bench, &[]);
     for table in ["even", "terms", "clean", "track"] {
         let ratio = |key: &str| number(of(&large, table), key) / number(of(&small, table), key);
-        // Each estimate measures how fast the machine is at that moment, which other work on it changes.
+        // Each estimate measures the current speed of the machine, which depends on its load.
         let speeds = number(&large, "speed") / number(&small, "speed");
         assert!((ratio("rows") - 10.0).abs() < 0.1, "{table}: {}", ratio("rows"));
         assert!(ratio("bytes") > 3.0 && ratio("bytes") < 11.0, "{table}: {}", ratio("bytes"));
@@ -112,7 +112,7 @@ fn user_seconds_and_bytes_follow_the_rows() {
 }
 
 #[test]
-fn user_a_damaged_record_of_costs_is_passed_over() {
+fn user_a_damaged_cost_record_is_ignored() {
     let bench = Bench::new();
     assert_eq!(bench.run(&[]).code, 0);
     let file = bench.path("store/costs/small.json");
@@ -124,20 +124,20 @@ fn user_a_damaged_record_of_costs_is_passed_over() {
     assert_eq!(number(&cost(&bench, &[]), "measured"), 0.0);
     fs::write(&file, &bytes[..middle]).unwrap();
     assert_eq!(number(&cost(&bench, &[]), "measured"), 0.0);
-    // The next run that computes something begins anew.
+    // The next run with computed units starts a new record.
     assert_eq!(bench.run(&["--set", "axes.lambda=[0.5]"]).code, 0);
     assert!(number(&cost(&bench, &[]), "measured") >= 3.0);
 }
 
 #[test]
-fn user_a_table_that_is_not_kept_costs_where_it_is_needed() {
+fn user_the_cost_of_an_unkept_table_is_charged_to_its_reader() {
     let bench = Bench::new();
     let kept = cost(&bench, &[]);
     bench.spec(&SPEC.replace("vector = \"$vector\"\n", "vector = \"$vector\"\nkeep = false\npublish = false\n"));
     let not = cost(&bench, &[]);
     assert_eq!(of(&not, "terms")["kept"], false);
     assert_eq!((number(of(&not, "terms"), "compute"), number(of(&not, "terms"), "bytes")), (0.0, 0.0));
-    // In seconds of one machine: each estimate measures its speed at that moment.
+    // Scaled to equal speed, because each estimate measures the current speed of the machine.
     let clean_s = |cost: &Value| number(of(cost, "clean"), "processor_s") * number(cost, "speed");
     assert!(clean_s(&not) > clean_s(&kept));
     assert!(stdout(&bench.magline(&["explain", "spec.toml", "--cost"])).contains("not kept"));

@@ -1,4 +1,4 @@
-//! The example specs run, and their answers are those of others.
+//! The example specs run, and their results agree with other programs and publications.
 
 use std::path::Path;
 
@@ -7,12 +7,12 @@ use tempfile::TempDir;
 
 use crate::support::{magline, numbers, read, repository, stderr, stdout, texts};
 
-/// Runs an example into a store of its own; the folder and the last event.
+/// Runs an example with a separate store and returns the folder and the last event.
 fn run(example: &str) -> (TempDir, Value) {
     run_with(example, &[])
 }
 
-/// The same with values of the spec changed.
+/// Runs an example with changed values of the spec.
 fn run_with(example: &str, sets: &[&str]) -> (TempDir, Value) {
     let folder = TempDir::new().unwrap();
     let spec = repository().join("datasets/examples").join(example);
@@ -33,7 +33,7 @@ fn values(folder: &Path, pipeline: &str, metric: &str) -> Vec<f64> {
 }
 
 #[test]
-fn val_tolles_lawson_on_real_samples_is_that_of_scikit_learn() {
+fn val_tolles_lawson_on_real_samples_equals_scikit_learn() {
     let (folder, _) = run("tolles_lawson.toml");
     let models = read(&folder.path().join("store/tables/tolles_lawson/coefficients"));
     let (lambdas, terms, ours) = (numbers(&models, "lambda"), texts(&models, "term"), numbers(&models, "value"));
@@ -43,7 +43,7 @@ fn val_tolles_lawson_on_real_samples_is_that_of_scikit_learn() {
         let cells: Vec<&str> = row.split(',').collect();
         let (lambda, value): (f64, f64) = (cells[0].parse().unwrap(), cells[2].parse().unwrap());
         let at = (0..ours.len()).find(|i| lambdas[*i] == lambda && terms[*i] == cells[1]).unwrap();
-        // The matrix has a condition number of some 1e3; both solve by SVD, so all but the last digits agree.
+        // The matrix has a condition number of about 1e3. Both programs solve by SVD, so all but the last digits agree.
         assert!((ours[at] - value).abs() <= 1e-7 * value.abs().max(1.0), "{row}: {}", ours[at]);
         compared += 1;
     }
@@ -58,7 +58,7 @@ fn val_tolles_lawson_on_real_samples_is_that_of_scikit_learn() {
 }
 
 #[test]
-fn ref_simple_magnav_flight_navigates_as_printed() {
+fn ref_simple_magnav_flight_has_the_published_drms() {
     let (folder, _) = run("navigation.toml");
     let scores = read(&folder.path().join("store/tables/navigation/scores"));
     let (axes, metrics, values) =
@@ -72,7 +72,7 @@ fn ref_simple_magnav_flight_navigates_as_printed() {
     assert!((of("cubic", "drms") - 7.35).abs() < 0.5, "{}", of("cubic", "drms"));
     assert!((of("linear", "drms") - 2.00).abs() < 0.3, "{}", of("linear", "drms"));
     assert!((of("linear", "ins_drms") - 1.98).abs() < 0.05, "{}", of("linear", "ins_drms"));
-    // On the longer flight the filter holds the position that the INS loses, and knows how well.
+    // On the longer flight the INS drifts and the filter does not; the filter is consistent.
     let held = read(&folder.path().join("store/tables/navigation/held_scores"));
     let (metrics, values) = (texts(&held, "metric"), numbers(&held, "value"));
     let of = |metric: &str| values[metrics.iter().position(|m| m == metric).unwrap()];
@@ -81,7 +81,7 @@ fn ref_simple_magnav_flight_navigates_as_printed() {
 }
 
 #[test]
-fn user_the_main_job_compensates_and_navigates() {
+fn user_the_osborne_example_compensates_and_navigates() {
     let (folder, last) = run("osborne.toml");
     assert_eq!(last["failed"], 0);
     let scores = read(&folder.path().join("store/tables/osborne/scores"));
@@ -97,7 +97,7 @@ fn user_the_main_job_compensates_and_navigates() {
         assert_eq!(after.len(), 12);
         assert!(after.iter().zip(&before).all(|(a, b)| a < b), "{mag}");
     }
-    // Each filter is better than its INS, and as sure of itself as it may be: NEES has the law 2, NIS the law 1.
+    // Each filter is better than its INS and consistent: the expected value of NEES is 2, that of NIS is 1.
     let all =
         |metric: &str| -> Vec<f64> { (0..values.len()).filter(|i| metrics[*i] == metric).map(|i| values[i]).collect() };
     let (drms, ins) = (all("drms"), all("ins_drms"));
@@ -113,7 +113,7 @@ fn user_the_main_job_compensates_and_navigates() {
 }
 
 #[test]
-fn user_geology_is_kept_by_a_calibration_far_above_it() {
+fn user_a_calibration_at_great_height_retains_the_anomaly() {
     let (folder, last) = run("retention.toml");
     assert_eq!(last["failed"], 0);
     let summary = read(&folder.path().join("store/tables/retention/summary"));
@@ -131,13 +131,13 @@ fn user_geology_is_kept_by_a_calibration_far_above_it() {
     for mag in ["mag_1_uc", "mag_4_uc", "mag_5_uc"] {
         let (kept, low, high) = of(mag, "3.01", "anomaly_retention");
         assert!(low <= kept && kept <= high && (kept - 1.0).abs() < 0.05, "{mag}: {kept} in {low} to {high}");
-        // A calibration low over the geology costs accuracy elsewhere.
+        // A calibration at low height over anomalies is less accurate on other lines.
         assert!(of(mag, "4.01", "std_error").0 > of(mag, "3.01", "std_error").0, "{mag}");
     }
 }
 
 #[test]
-fn user_a_map_at_the_height_flown_follows_the_stinger() {
+fn user_a_map_continued_to_the_flight_height_matches_the_stinger() {
     let (folder, last) = run("map.toml");
     assert_eq!(last["failed"], 0);
     let std = |table: &str, interpolation: &str, high: bool| {
@@ -149,18 +149,17 @@ fn user_a_map_at_the_height_flown_follows_the_stinger() {
         };
         (0..values.len()).filter(wanted).map(|i| values[i]).fold(0.0, f64::max)
     };
-    // The stinger's noise is 0.02 nT. The simulated field is the spline of the map in latitude and longitude, the
-    // stage's that of the map on its own grid: they agree at the map's nodes.
+    // The noise of the stinger is 0.02 nT. The simulation uses a spline in latitude and longitude, the stage a spline
+    // on the native grid. Both agree at the nodes.
     assert!(std("scores_level", "cubic", false) < 0.1);
     assert!(std("scores_level", "linear", false) > 0.3);
-    // The boxes are flown 2500 m above the map: there the level map is off by all of the short anomalies, the
-    // continued one by what the levels 700 m apart leave and the edges do.
+    // The boxes are flown 2500 m above the map. There the level map has the full error of the short anomalies. The
+    // continued map has the errors of levels 700 m apart and of the edges.
     assert!(std("scores_level", "cubic", true) > 10.0);
     assert!(std("scores_flown", "cubic", true) < 1.0);
 }
 
-/// The root mean square over lines of a metric, of the rows where the text columns have these values and the numbers
-/// these.
+/// Root mean square of a metric over lines. Selects rows by text columns (`words`) and number columns (`figures`).
 fn rms(folder: &Path, table: &str, words: &[(&str, &str)], figures: &[(&str, f64)]) -> f64 {
     let scores = read(&folder.join("store/tables").join(table));
     let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
@@ -175,7 +174,7 @@ fn rms(folder: &Path, table: &str, words: &[(&str, &str)], figures: &[(&str, f64
 }
 
 #[test]
-fn ref_models_of_thesis_000_are_in_its_order() {
+fn ref_models_rank_as_in_thesis_000() {
     let fewer = [
         "axes.mag=[\"mag_4_uc\", \"mag_5_uc\"]",
         "axes.other=[\"mag_4_uc\"]",
@@ -188,19 +187,19 @@ fn ref_models_of_thesis_000_are_in_its_order() {
     let of = |model: &str, train: &str, figures: &[(&str, f64)]| {
         rms(folder.path(), &format!("thesis_000/{model}_scores"), &[("train", train)], figures)
     };
-    // Table 3.3: with one box Tolles-Lawson is best.
+    // Table 3.3: Tolles-Lawson is best with one box.
     let classical = of("classical", "box", &[("lambda", 0.025)]);
     let penalty = [("penalty", 0.0005)];
     for other in [of("net", "box", &penalty), of("plsr", "box", &[("components", 2.0)])] {
         assert!(classical < 0.8 * other, "{classical} {other}");
     }
-    // Table 3.4: with hours of data the elastic net and partial least squares are, and they are alike.
+    // Table 3.4: with hours of data the elastic net and partial least squares are best and similar.
     let classical = of("classical", "hours", &[("lambda", 0.25)]);
     let (net, plsr) = (of("net", "hours", &penalty), of("plsr", "hours", &[("components", 18.0)]));
     assert!(net < 0.7 * classical && plsr < 0.7 * classical, "{classical} {net} {plsr}");
     assert!((net / plsr - 1.0).abs() < 0.4, "{net} {plsr}");
-    // Tables 4.10 and 4.13, 4.14: magnetometer 5 is the best; partial least squares on hours beats Tolles-Lawson on a
-    // box; two vector magnetometers and more features help.
+    // Tables 4.10, 4.13 and 4.14: magnetometer 5 is best. Partial least squares on hours is better than Tolles-Lawson
+    // on a box. A second vector magnetometer and more features reduce the error.
     let pooled = |table: &str, words: &[(&str, &str)]| rms(folder.path(), &format!("thesis_000/{table}"), words, &[]);
     let (four, five) = (pooled("box", &[("mag", "mag_4_uc")]), pooled("box", &[("mag", "mag_5_uc")]));
     assert!(five < four);
@@ -220,7 +219,7 @@ fn ref_models_of_thesis_000_are_in_its_order() {
 }
 
 #[test]
-fn ref_real_sensors_leave_linear_models_what_the_thesis_reports() {
+fn ref_linear_models_with_real_sensors_have_the_errors_of_the_thesis() {
     let fewer = [
         "axes.mag=[\"mag_3_uc\", \"mag_5_uc\"]",
         "axes.vector=[\"flux_a\"]",
@@ -235,17 +234,18 @@ fn ref_real_sensors_leave_linear_models_what_the_thesis_reports() {
         assert_eq!(chosen.len(), if table.ends_with("box") { 2 } else { 4 }, "{table}");
         chosen
     };
-    // Fluxgates that err linearly only give partial least squares the truth; Gnadt 2022, Table 4.10, has 4.7 to 70 nT.
+    // With purely linear fluxgate errors, partial least squares recovers the truth. Gnadt 2022, Table 4.10, has 4.7 to
+    // 70 nT.
     assert!(errors("ideal_pls").iter().all(|e| *e < 4.0), "{:?}", errors("ideal_pls"));
     assert!(errors("real_pls").iter().all(|e| (4.7..70.0).contains(e)), "{:?}", errors("real_pls"));
-    // Tolles-Lawson on a box, which was as published before, hardly changes.
+    // Tolles-Lawson on a box agreed with the publication before and hardly changes.
     for (ideal, real) in errors("ideal_box").iter().zip(errors("real_box")) {
         assert!((0.7..1.4).contains(&(real / ideal)), "{real} {ideal}");
     }
 }
 
 #[test]
-fn ref_a_network_is_below_partial_least_squares_below_tolles_lawson() {
+fn ref_errors_decrease_from_tolles_lawson_to_partial_least_squares_to_a_network() {
     let fewer = [
         "axes.mag=[\"mag_4_uc\"]",
         "axes.vector=[\"flux_a\"]",
@@ -269,12 +269,12 @@ fn ref_a_network_is_below_partial_least_squares_below_tolles_lawson() {
     };
     let box_nt = error("box", "mag", "mag_4_uc");
     let (linear_nt, network_nt) = (error("linear", "linear", "pls"), error("network", "model", "m2c"));
-    // The order of Gnadt 2022, Table 4.10: 102, 10 and 8.6 nT.
+    // Order of Gnadt 2022, Table 4.10: 102, 10 and 8.6 nT.
     assert!(network_nt < linear_nt && linear_nt < box_nt, "{network_nt} {linear_nt} {box_nt}");
 }
 
 #[test]
-fn user_the_thesis_specs_take_the_columns_of_the_real_survey() {
+fn user_the_thesis_specs_accept_the_columns_of_the_real_survey() {
     let folder = TempDir::new().unwrap();
     for spec in ["thesis_000.toml", "thesis_000_networks.toml", "thesis_000_sweep.toml"] {
         let spec = repository().join("datasets/examples").join(spec).display().to_string();
@@ -299,7 +299,8 @@ fn ref_a_drone_is_compensated_as_in_thesis_004() {
         assert_eq!(chosen.len(), 6);
         chosen.iter().sum::<f64>() / 6.0
     };
-    // Tables 4.1 to 4.3: uncompensated nT and ratio with a ridge. One drone of the kind, not the same one.
+    // Tables 4.1 to 4.3: uncompensated standard deviation in nT, and improvement ratio with a ridge parameter. The
+    // simulated drone is similar, not identical.
     for (side, mag, uncompensated, ratio) in [
         ("left", "mag_1_uc", 37.85, 4.90),
         ("right", "mag_2_uc", 27.45, 4.03),
@@ -310,7 +311,7 @@ fn ref_a_drone_is_compensated_as_in_thesis_004() {
         let ours = mean(side, "ridge", mag, "improvement_ratio");
         assert!((0.6..1.6).contains(&(ours / ratio)), "{mag} {ours}");
     }
-    // The vector magnetometers' ratios are larger.
+    // The vector magnetometers have larger ratios.
     let ratio = |side, mag| mean(side, "ridge", mag, "improvement_ratio");
     assert!(ratio("left", "flux_a_t") > ratio("left", "mag_1_uc"));
     assert!(ratio("right", "flux_b_t") > ratio("right", "mag_2_uc"));
@@ -324,6 +325,6 @@ fn val_navigation_on_a_map_made_of_survey_points() {
         let values = values(folder.path(), "survey_to_map", metric);
         values.iter().sum::<f64>() / values.len() as f64
     };
-    // The flights are over the map that others made of the same points; the INS alone drifts by more than a kilometre.
+    // The simulation uses a published map of the same points. The INS alone drifts by more than 1 km.
     assert!(mean("drms") < 150.0 && mean("ins_drms") > 500.0, "{} {}", mean("drms"), mean("ins_drms"));
 }

@@ -4,7 +4,7 @@ use arrow_array::RecordBatch;
 
 use crate::support::{Bench, changed, line_of, read, texts, write};
 
-/// A fit of columns as they are, so that an uneven line reaches it.
+/// Fit of unresampled columns, so that an uneven line reaches it.
 const FIT: &str = r#"
 name  = "whole"
 store = "store"
@@ -21,7 +21,7 @@ target   = "mag_4_uc"
 features = ["flux_a_x", "flux_a_y", "flux_a_z"]
 "#;
 
-/// Steps of 0.08 and 0.12 s by turns.
+/// Alternates time steps of 0.08 and 0.12 s.
 fn uneven(line: &RecordBatch) -> RecordBatch {
     changed(line, "tt", |i, tt| if i % 2 == 1 { tt + 0.02 } else { tt })
 }
@@ -33,7 +33,7 @@ fn bench(second: RecordBatch) -> Bench {
     bench
 }
 
-/// The lines that the coefficients are of, and the line, stage and message of each failure.
+/// Fitted lines of the coefficients, and line, stage and message of each failure.
 fn outcome(bench: &Bench) -> (Vec<String>, Vec<[String; 3]>) {
     let mut lines = texts(&read(&bench.path("store/tables/whole/coefficients")), "lines");
     lines.dedup();
@@ -44,7 +44,7 @@ fn outcome(bench: &Bench) -> (Vec<String>, Vec<[String; 3]>) {
 }
 
 #[test]
-fn r10_a_fit_goes_on_without_a_line_that_it_cannot_use_and_names_it() {
+fn user_a_fit_skips_and_reports_an_unusable_line() {
     let bench = bench(uneven(&line_of("1", "1.02", 500)));
     let first = bench.run(&[]);
     assert_eq!(first.code, 1, "a line failed: {}", first.stderr);
@@ -54,14 +54,14 @@ fn r10_a_fit_goes_on_without_a_line_that_it_cannot_use_and_names_it() {
     assert_eq!((failures[0][0].as_str(), failures[0][1].as_str()), ("1.02", "coefficients"));
     assert!(failures[0][2].contains("flight 1, line 1.02, column `tt`"), "{failures:?}");
     assert_eq!(first.last["failures"].as_array().map(Vec::len), Some(1), "{}", first.last);
-    // A reused result was made without the line too, and reports it.
+    // A reused result also omits the line and reports it.
     let again = bench.run(&[]);
     assert_eq!((again.code, again.last["tables"]["coefficients"]["reused"].as_u64()), (1, Some(1)), "{}", again.last);
     assert_eq!(outcome(&bench), (lines, failures));
 }
 
 #[test]
-fn r10_a_fit_without_any_line_says_why() {
+fn user_a_fit_without_usable_lines_reports_the_reason() {
     let bench = bench(uneven(&line_of("1", "1.02", 500)));
     bench.spec(&FIT.replace("model    =", "where    = \"line = '1.02'\"\nmodel    ="));
     let run = bench.run(&[]);
@@ -72,8 +72,8 @@ fn r10_a_fit_without_any_line_says_why() {
 }
 
 #[test]
-fn r10_a_fit_whose_line_is_too_short_names_it() {
-    // A Butterworth filter of fourth order and 20 samples of trim at each end take more.
+fn user_a_fit_reports_a_too_short_line() {
+    // A fourth-order Butterworth filter and a trim of 20 samples at each end require more samples.
     let short = bench(line_of("1", "1.02", 40));
     short.spec(&FIT.replace("model    =", "where    = \"line = '1.02'\"\nmodel    ="));
     let run = short.run(&[]);
@@ -93,7 +93,7 @@ fn r10_a_fit_whose_line_is_too_short_names_it() {
 }
 
 #[test]
-fn r10_a_difference_of_magnetometers_is_an_entry() {
+fn user_a_difference_of_magnetometers_can_be_an_entry() {
     let bench = Bench::new();
     let spec = FIT
         .replace("[[stages]]\nname     = \"coefficients\"", MADE)
@@ -119,7 +119,7 @@ features = ["mag_5_4_uc", "flux_a_x", "flux_a_y", "flux_a_z"]
 name     = "coefficients""#;
 
 #[test]
-fn r10_columns_with_a_dot_in_their_name_go_through_all_stages() {
+fn user_columns_with_a_dot_in_their_name_pass_all_stages() {
     let bench = Bench::new();
     let dotted = |line: RecordBatch| {
         let schema = line.schema();

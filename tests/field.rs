@@ -1,10 +1,10 @@
-//! The earth's field: the stage, the SQL functions, the map at the samples, and what scores make of them.
+//! Earth's field: the stage, the SQL functions, the map at the samples, and the metrics of the map.
 
 use std::collections::BTreeMap;
 
 use crate::support::{Bench, anomaly, batch, numbers, read, stderr, stdout, texts, with_keys, write};
 
-/// A flight whose measured field is core, diurnal variation and map, with year and day.
+/// Flight whose measured field is the sum of core field, diurnal variation and map, with year and day.
 fn flight() -> Bench {
     let bench = Bench::new();
     let n = 400;
@@ -64,7 +64,7 @@ truth = "mag_1_c"
 "#;
 
 #[test]
-fn val_the_stage_and_sql_agree_and_the_body_frame_keeps_the_length() {
+fn val_the_stage_and_sql_agree_and_the_body_frame_preserves_the_magnitude() {
     let bench = flight();
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
@@ -86,21 +86,21 @@ fn val_the_stage_and_sql_agree_and_the_body_frame_keeps_the_length() {
     let output = bench.magline(&["sql", query, "--format", "json"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let row: BTreeMap<String, f64> = serde_json::from_str(&stdout(&output)).unwrap();
-    // The same sums, but for the rounding of the year.
+    // The sums are equal except for the rounding of the year.
     assert!(row["d"] < 1e-6 && row["down"] < 1e-6, "{row:?}");
-    // Two models of one field, both predicted from 2020 or so: they differ by less than 100 nT.
+    // Both core-field models predict from about 2020 and differ by less than 100 nT.
     assert!(row["models"] > 0.1 && row["models"] < 100.0, "{row:?}");
 }
 
 #[test]
-fn law_the_map_at_the_samples_is_the_map() {
+fn law_map_value_interpolates_the_map() {
     let bench = flight();
     assert_eq!(bench.run(&[]).code, 0);
     let map = read(&bench.path("store/tables/field/map"));
     let (lat, lon) = (numbers(&map, "lat"), numbers(&map, "lon"));
     let (value, north) = (numbers(&map, "map_anomaly"), numbers(&map, "map_grad_n"));
     for i in 0..lat.len() {
-        // A spline through nodes 0.55 rad of the wave apart: a few 1e-4 of its 210 nT.
+        // A spline through nodes 0.55 rad of the wave apart has an error of a few 1e-4 of its 210 nT.
         assert!((value[i] - anomaly(lat[i], lon[i])).abs() < 0.6, "{i}: {}", value[i] - anomaly(lat[i], lon[i]));
         let step = 1e-6;
         let slope = (anomaly(lat[i] + step, lon[i]) - anomaly(lat[i] - step, lon[i])) / (2.0 * step) / 111_130.0;
@@ -111,15 +111,15 @@ fn law_the_map_at_the_samples_is_the_map() {
     for name in ["map_std_error", "map_bias_error", "map_gradient_along_track", "map_position_bound"] {
         assert!(metric[name].is_finite(), "{name}");
     }
-    // The signal of this flight has no core field in it, so what is left of the map is minus the core field and the
-    // diurnal variation's 2 nT.
+    // The signal of this flight has no core field. The bias of the map is therefore minus the core field and the 2 nT
+    // of the diurnal variation.
     assert!((metric["map_bias_error"] + 47_900.0).abs() < 300.0, "{metric:?}");
     // 400 samples of 5 nT over slopes of about 0.2 nT/m.
     assert!(metric["map_position_bound"] > 0.3 && metric["map_position_bound"] < 10.0, "{metric:?}");
 }
 
 #[test]
-fn law_levels_follow_the_height_flown() {
+fn law_map_levels_follow_the_flight_height() {
     let bench = flight();
     bench.spec(
         &SPEC.replace(
@@ -135,14 +135,14 @@ fn law_levels_follow_the_height_flown() {
     let middle: Vec<usize> = (0..lat.len()).filter(|i| (0.03..0.17).contains(&(lat[*i] - 44.9))).collect();
     assert!(middle.len() > 100);
     for i in middle {
-        // Each wave of the map dies out with height as exp(-k h). Its first has 220 rad a degree of latitude.
+        // Each wave of the map decays with height as exp(-k h). The first wave has 220 rad per degree of latitude.
         let h = alt[i] - 300.0;
         let (m_lat, m_lon) = (111_130.0, 78_850.0);
         let (a, b, c) = (220.0 / m_lat, 180.0 / m_lon, 50.0 / m_lat);
         let first = 120.0 * (220.0 * (lat[i] - 45.0)).sin() * (-a * h).exp();
         let k = f64::hypot(b, c);
         let second = 90.0 * (180.0 * (lon[i] - 10.0) + 50.0 * (lat[i] - 45.0)).cos() * (-k * h).exp();
-        // The map is 4 wavelengths wide: what is past its edges counts for a few percent of 210 nT.
+        // The map is 4 wavelengths wide, so the unknown field beyond its edges contributes a few percent of 210 nT.
         assert!((value[i] - first - second).abs() < 8.0, "{i} {h}: {} {}", value[i], first + second);
         assert!((up[i] + a * first + k * second).abs() < 0.05, "{i} {h}: {} {}", up[i], -a * first - k * second);
     }
@@ -154,7 +154,7 @@ fn law_levels_follow_the_height_flown() {
 }
 
 #[test]
-fn gold_a_core_field_without_a_date_is_refused() {
+fn gold_a_core_field_without_a_date_is_rejected() {
     let bench = Bench::new();
     bench.spec(SPEC);
     let refused = bench.run(&[]);

@@ -1,10 +1,10 @@
-//! Every filter as a user runs it: flights with known truth over the real map of Osborne, in one sweep.
+//! All filters in one sweep: flights with known truth over the real map of Osborne.
 
 use std::{collections::BTreeMap, fs};
 
 use crate::support::{Bench, numbers, read, repository, stderr, texts};
 
-/// Forty flights of twenty minutes, each with errors of its own that are drawn from what `navigate` expects by default.
+/// Forty flights of 20 min. Each draws its errors from the default assumptions of `navigate`.
 fn flights(magnetometers: &str) -> String {
     let map = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
     format!(
@@ -82,7 +82,7 @@ fn bench(magnetometers: &str, filters: &str, stage: &str) -> Bench {
     bench
 }
 
-/// The mean over the flights of a metric, and its standard error, by filter.
+/// Mean of a metric over the flights and its standard error, by filter.
 fn means(bench: &Bench, metric: &str) -> BTreeMap<String, (f64, f64)> {
     let scores = read(&bench.path("store/tables/filters/scores"));
     let (filters, metrics, values) = (texts(&scores, "filter"), texts(&scores, "metric"), numbers(&scores, "value"));
@@ -100,25 +100,26 @@ fn means(bench: &Bench, metric: &str) -> BTreeMap<String, (f64, f64)> {
 }
 
 #[test]
-fn law_every_filter_is_as_good_as_it_says_and_near_the_bound() {
+fn law_every_filter_is_consistent_and_near_the_cramer_rao_bound() {
     let filters = r#""ins_only", "ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf", "crlb""#;
     let bench = bench(CLEAN, filters, "");
     let (drms, nees, nis) = (means(&bench, "drms"), means(&bench, "nees"), means(&bench, "nis"));
     let ins = drms["ins_only"].0;
     for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf"] {
-        // Two coordinates: 2. The errors of a flight last for minutes, so that a flight is one draw. Four standard
-        // errors.
+        // The expected value is 2 for two coordinates. The errors of a flight are correlated over minutes, so each
+        // flight is one draw. The tolerance is four standard errors.
         let (mean, error) = nees[filter];
         assert!((mean - 2.0).abs() < 4.0 * error && error < 0.5, "{filter}: NEES {mean} ± {error}");
         let (mean, error) = nis[filter];
-        // The inverse of a variance that is learnt from 50 samples is 1 + 2/50 times too large on average.
+        // The inverse of a variance estimated from 50 samples is 1 + 2/50 times too large on average.
         let expected = if filter == "ekf_adaptive" { 1.04 } else { 1.0 };
         assert!((mean - expected).abs() < (4.0 * error).max(0.02), "{filter}: NIS {mean} ± {error}");
         assert!(drms[filter].0 < 0.25 * ins, "{filter}: {} m of {ins} m", drms[filter].0);
     }
     let (mean, error) = nees["ins_only"];
     assert!((mean - 2.0).abs() < 4.0 * error, "ins_only: NEES {mean} ± {error}");
-    // The bound is in the track's standard deviations: the mean of its variance is that of the best filter's error.
+    // The track holds the bound as standard deviations. Their mean variance is the smallest possible mean squared
+    // error.
     let track = read(&bench.path("store/tables/filters/track"));
     let (filters, north, east) = (texts(&track, "filter"), numbers(&track, "sd_n"), numbers(&track, "sd_e"));
     let squares = |of: &str| -> Vec<f64> {
@@ -127,13 +128,13 @@ fn law_every_filter_is_as_good_as_it_says_and_near_the_bound() {
     };
     let rms = |x: &[f64]| (x.iter().sum::<f64>() / x.len() as f64).sqrt();
     let bound = rms(&squares("crlb"));
-    // The mean of a root is a little below the root of the mean; a smoother is below any filter.
+    // The mean of a root is slightly below the root of the mean. A smoother has a smaller error than any filter.
     assert!(drms["ekf"].0 < 1.2 * bound && drms["ekf"].0 > 0.7 * bound, "{} {bound}", drms["ekf"].0);
     assert!(drms["rts"].0 < 0.9 * drms["ekf"].0, "{} {}", drms["rts"].0, drms["ekf"].0);
 }
 
 #[test]
-fn law_a_noise_that_is_ten_times_wrong_is_learnt() {
+fn law_a_tenfold_error_of_the_assumed_noise_is_estimated() {
     let keys = "measurement_sigma_nt = 0.5\nsigma_max_nt = 50.0";
     let told = bench(CLEAN, r#""ekf_adaptive""#, keys);
     let fixed = bench(CLEAN, r#""ekf""#, "measurement_sigma_nt = 0.5");
@@ -144,11 +145,11 @@ fn law_a_noise_that_is_ten_times_wrong_is_learnt() {
 }
 
 #[test]
-fn law_a_noise_that_changes_is_believed_where_a_column_says_so() {
+fn law_varying_noise_from_a_column_gives_a_consistent_filter() {
     let bench = Bench::new();
     let two = "[[magnetometers]]\nname = \"mag_1_uc\"\nnoise_nt = 2.0\n[[magnetometers]]\nname = \"mag_2_uc\"\nnoise_nt = 40.0";
     fs::write(bench.path("flights.synth.toml"), flights(two)).unwrap();
-    // Quiet for five minutes and noisy for five: the noise of one sensor and then of the other.
+    // Five minutes of the quiet sensor alternate with five minutes of the noisy sensor.
     let choice =
         |noisy: &str, quiet: &str| format!("case when sin(tt * 0.0104719755) > 0 then {noisy} else {quiet} end");
     let derive = format!(
@@ -199,17 +200,17 @@ fn law_a_noise_that_changes_is_believed_where_a_column_says_so() {
     let (nis, error) = of("known", "nis");
     assert!((nis - 1.0).abs() < (4.0 * error).max(0.02), "NIS {nis} ± {error}");
     let best = of("known", "drms").0;
-    // Told half of it and left to learn the factor, it is nearly as good; left to learn all of it, it is not.
+    // With half the noise assumed and the factor estimated, the filter is nearly as good. Without the column it is not.
     assert!(of("learnt", "nees").0 < 3.0 && of("learnt", "drms").0 < 1.25 * best);
     assert!(of("blind", "nees").0 > of("learnt", "nees").0 && of("blind", "drms").0 > of("learnt", "drms").0);
-    // One number for all is wrong either way: the filter is lost with the noise of the quiet times, and with the mean
-    // of both it has the right innovations on average, and no use of the quiet times.
+    // One constant noise fails in both cases. With the noise of the quiet times the filter diverges. With the mean
+    // noise the NIS is right on average, but the quiet times are wasted.
     assert!(of("fixed", "nees").0 > 100.0 && of("fixed", "nis").0 > 100.0);
     assert!(of("mean", "drms").0 > 1.5 * best, "{} {best}", of("mean", "drms").0);
 }
 
 #[test]
-fn law_gnss_until_it_is_lost_and_again_after_it() {
+fn law_gnss_is_used_before_and_after_an_outage() {
     let keys = "gnss_lost_s = [300.0, 900.0]\ngnss_sigma_m = 2.0";
     let aided = bench(CLEAN, r#""ins_only", "ekf", "rts""#, keys);
     let free = bench(CLEAN, r#""ins_only", "ekf", "rts""#, "");
@@ -220,7 +221,7 @@ fn law_gnss_until_it_is_lost_and_again_after_it() {
     assert!(aided["ekf"].0 < aided["ins_only"].0, "the field is worth something while GNSS is lost");
 }
 
-/// The spec with two magnetometers 15 m behind each other.
+/// Spec with two magnetometers 15 m apart along the body axis.
 fn two_magnetometers(filters: &str, stage: &str) -> String {
     let keys = r#"gradient = ["mag_2_uc", "mag_3_uc"]
 gradient_baseline_m = [15.0, 0.0, 0.0]
@@ -260,17 +261,18 @@ fn law_a_difference_of_magnetometers_navigates_through_a_storm() {
     for filter in ["ekf", "iekf", "ukf"] {
         assert!(held[filter].0 < 0.25 * ins[filter].0, "{filter}: {:?} {:?}", held[filter], ins[filter]);
         assert!(spoilt[filter].0 > 20.0 && lost[filter].0 > 3.0 * held[filter].0, "{filter}: {:?}", spoilt[filter]);
-        // Four standard errors; the unscented filter takes the bend of the map as noise, on the cautious side.
+        // Tolerance of four standard errors. The unscented filter treats the curvature of the map as noise and is
+        // cautious.
         let (mean, error) = nees[filter];
         let cautious = filter == "ukf" && mean < 2.0;
         assert!(cautious || (mean - 2.0).abs() < 4.0 * error, "{filter}: NEES {mean} ± {error}");
-        // The slope between the nodes of the map, 100 m apart, is no part of the assumed noise.
+        // The assumed noise omits slope errors between the nodes of the map, which are 100 m apart.
         assert!((nis[filter].0 - 1.0).abs() < 0.3, "{filter}: NIS {:?}", nis[filter]);
     }
 }
 
 #[test]
-fn user_a_line_over_a_flat_map_is_told() {
+fn user_samples_over_a_flat_map_are_reported() {
     let bench = bench(CLEAN, r#""ekf", "ukf""#, "flat_over_m = 100.0");
     let scores = read(&bench.path("store/tables/filters/scores"));
     assert!(texts(&scores, "metric").iter().any(|metric| metric == "drms"));
@@ -288,7 +290,7 @@ fn user_a_line_over_a_flat_map_is_told() {
 }
 
 #[test]
-fn user_what_a_filter_cannot_use_is_refused_with_its_owner() {
+fn user_keys_of_other_filters_are_rejected_with_the_owning_filter() {
     let bench = Bench::new();
     fs::write(bench.path("flights.synth.toml"), flights(CLEAN)).unwrap();
     for (filter, key, words) in [
@@ -318,7 +320,7 @@ fn user_what_a_filter_cannot_use_is_refused_with_its_owner() {
 }
 
 #[test]
-fn law_tracks_are_the_same_bytes_on_one_thread_and_on_two() {
+fn user_tracks_have_the_same_bytes_on_one_thread_and_on_two() {
     let filters = r#""ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf", "slam", "crlb", "ins_only""#;
     let few = flights(CLEAN).replace("copies = 40", "copies = 2").replace("duration_s = 1200.0", "duration_s = 300.0");
     let bytes = |threads: &str| {

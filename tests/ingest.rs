@@ -1,4 +1,4 @@
-//! Logs that come in through mappings: in a spec, by `magline ingest`, and with mappings that are suggested.
+//! Logs that are read through mappings: in a spec, by `magline ingest`, and with suggested mappings.
 
 use std::{
     collections::BTreeMap,
@@ -61,7 +61,7 @@ pub fn bench(rows: usize) -> TempDir {
 }
 
 #[test]
-fn ref_real_logs_come_in_through_their_mappings() {
+fn ref_real_logs_are_read_through_their_mappings() {
     let folder = TempDir::new().unwrap();
     let run = |input: &str, mapping: &str, to: &str| {
         let output = magline(folder.path(), &["ingest", input, "--to", to, "--mapping", mapping]);
@@ -74,8 +74,8 @@ fn ref_real_logs_come_in_through_their_mappings() {
     }
     assert!(noted.contains("its clock was 0 on 2013-11-29 at 21:59:47.520 UTC"), "{noted}");
     let mag = file(&folder.path().join("sky/mag/mag.parquet"));
-    // Values of the file as shown by pyarrow: time_s 13.244, mag (-195, 28, -618), offset (172, -19, -153) mgauss. GPS
-    // is 511203.52 s ahead in its week (the median), UTC 16 s behind it, on the fifth day of the week.
+    // Values of the file by pyarrow: time_s 13.244, mag (-195, 28, -618), offset (172, -19, -153) mgauss. GPS time of
+    // week is 511203.52 s ahead (median). UTC is 16 s behind GPS, on the fifth day of the week.
     assert!((numbers(&mag, "tt")[0] - (511_203.52 + 13.244 - 16.0 - 5.0 * 86_400.0)).abs() < 1e-6);
     let first = ["flux_a_x", "flux_a_y", "flux_a_z"].map(|axis| numbers(&mag, axis)[0]);
     assert_eq!(first, [-36_700.0, 4_700.0, -46_500.0]);
@@ -87,14 +87,14 @@ fn ref_real_logs_come_in_through_their_mappings() {
     let gps = file(&folder.path().join("sky/gps/gps.parquet"));
     // 2.03 m/s on a course of 278.85 degrees.
     assert!((numbers(&gps, "vn")[0] - 2.03 * 278.85_f64.to_radians().cos()).abs() < 1e-9);
-    // The quantisation of a magnetometer that is logged in milligauss.
+    // Quantisation of a magnetometer logged in milligauss.
     let quality = file(&folder.path().join("sky/mag/_quality/mag.parquet"));
     let (columns, checks, values) = (texts(&quality, "column"), texts(&quality, "check"), numbers(&quality, "value"));
     let of = |column: &str, check: &str| {
         (0..values.len()).find(|i| columns[*i] == column && checks[*i] == check).map(|i| values[i])
     };
     assert_eq!(of("flux_a_x", "quantisation"), Some(100.0));
-    // The README of the log: gaps of up to 0.27 s at 0.1 s.
+    // README of the log: gaps of up to 0.27 s at an interval of 0.1 s.
     let gap = of("tt", "longest_gap").unwrap();
     assert!((gap - 0.169).abs() < 1e-6, "{gap}");
 
@@ -105,21 +105,21 @@ fn ref_real_logs_come_in_through_their_mappings() {
     let expected: Vec<f64> = numbers(&theirs, "mag_y_gauss")[skip..].iter().map(|y| -y * 1e5).collect();
     let worst = expected.iter().zip(numbers(&ours, "flux_a_y")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(expected.len() == numbers(&ours, "flux_a_y").len() && worst < 1e-6, "{worst}");
-    // The clock of the motor is 7.75 s behind that of the flight.
+    // The motor clock is 7.75 s behind the flight clock.
     let motor = file(&folder.path().join("thor/motor/motor.parquet"));
     let start = numbers(&ours, "tt")[0] - numbers(&theirs, "time_s")[skip];
     assert!((numbers(&motor, "tt")[0] - start - 7.75).abs() < 1e-6);
 }
 
 #[test]
-fn ref_binary_logs_come_in_through_their_mappings() {
+fn ref_binary_logs_are_read_through_their_mappings() {
     let folder = TempDir::new().unwrap();
     let run = |input: &str, mapping: &str, to: &str| {
         let output = magline(folder.path(), &["ingest", &sample(input), "--to", to, "--mapping", mapping]);
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         (stdout(&output), stderr(&output))
     };
-    // PX4: pyulog shows magnetometer_ga (0.42917827, -0.11418437, -0.05181336) at 20.310847 s after the start, and UTC
+    // PX4 by pyulog: magnetometer_ga (0.42917827, -0.11418437, -0.05181336) at 20.310847 s after the start, and UTC
     // 1618986658.600345 at 20.471648 s.
     let (_, noted) = run("logs/sample_log_small.ulg", "px4_ulog", "px4");
     assert!(noted.contains("its clock was 0 on 2021-04-21 at 06:30:38.1"), "{noted}");
@@ -132,8 +132,8 @@ fn ref_binary_logs_come_in_through_their_mappings() {
     assert!((numbers(&mag, "tt")[0] - (start + 20.310_847)).abs() < 0.02, "{}", numbers(&mag, "tt")[0]);
     let gps = file(&folder.path().join("px4/gps/sample_log_small.parquet"));
     assert!((numbers(&gps, "lat")[0] - 63.417_062_2).abs() < 1e-9 && (numbers(&gps, "alt")[0] - 106.766).abs() < 1e-9);
-    // ArduPilot: pymavlink shows MAG (217, 4, -586) with the offsets (-97, 118, 213) at 11.477 s; the cut ends before
-    // the first fix, so that nothing says when the log began.
+    // ArduPilot by pymavlink: MAG (217, 4, -586) with the offsets (-97, 118, 213) at 11.477 s. The cut ends before the
+    // first fix, so the start of the log is unknown.
     let cut = sample("logs/log171_cut.bin");
     let output = magline(folder.path(), &["ingest", &cut, "--to", "ap", "--mapping", "ardupilot_dataflash_timems"]);
     if output.status.code() == Some(2) {
@@ -157,7 +157,7 @@ fn ref_binary_logs_come_in_through_their_mappings() {
     assert!((numbers(&mag, "tt")[0] - 85_431.797).abs() < 0.01, "{}", numbers(&mag, "tt")[0]);
     let battery = file(&folder.path().join("ap/battery/log171_cut.parquet"));
     assert_eq!((numbers(&battery, "cur_battery")[0], numbers(&battery, "vol_battery")[0]), (0.55, 16.54));
-    // MATLAB: the same array that the Parquet file was made of.
+    // MATLAB: the array from which the Parquet file was made.
     run("logs/TestLog2_cut.mat", "skywalker_x8", "sky");
     let mat = file(&folder.path().join("sky/mag/TestLog2_cut.parquet"));
     run("skywalker_x8", "skywalker_x8_parquet", "skyp");
@@ -200,10 +200,10 @@ fn user_a_log_in_a_spec_and_its_ingested_file_give_the_same_bytes() {
     assert!(raw.iter().all(|t| !t.is_empty()));
     assert!(raw == tables("in"), "the ingested file differs");
     assert!(raw == tables("hive"), "the file of a hive folder differs");
-    // 500 mgauss are 50,000 nT; y and z are turned; half of the counts are amperes.
+    // 500 mgauss are 50,000 nT. The signs of y and z are reversed. Amperes are half of the counts.
     let even = read(&at.join("s_raw/tables/small/even"));
     assert_eq!(numbers(&even, "flux_a_z")[0], -45_000.0);
-    // A changed mapping is another question.
+    // A changed mapping changes the key.
     fs::write(at.join("m.toml"), MAPPING.replace("+x -y -z", "+x +y +z")).unwrap();
     magline(at, &["run", "raw.toml", "--set", "store=s_raw"]);
     assert_eq!(numbers(&read(&at.join("s_raw/tables/small/even")), "flux_a_z")[0], 45_000.0);
@@ -229,7 +229,8 @@ fn user_one_thread_and_two_write_the_same_files() {
     assert!(one == run("2").0);
 }
 
-/// Runs `magline ingest log.csv --to out --mapping m.toml` with a changed log or mapping.
+/// Runs `magline ingest log.csv --to out --mapping m.toml` with an invalid log or mapping and checks exit status and
+/// message.
 fn refused(csv: &str, mapping: &str, code: i32, words: &[&str]) -> TempDir {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("log.csv"), csv).unwrap();
@@ -244,7 +245,7 @@ fn refused(csv: &str, mapping: &str, code: i32, words: &[&str]) -> TempDir {
 }
 
 #[test]
-fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
+fn user_errors_are_reported_with_their_position_and_nothing_is_written() {
     let csv = "ms,MagX,MagY,MagZ,cur\n1000,200,0,450,1\n1100,201,0,450,1\n1200,202,0,450,1\n";
     let empty = |folder: TempDir| {
         let out = folder.path().join("out");
@@ -261,7 +262,7 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
         2,
         &["`mgaus`, which does not convert to nT", "m.toml:6:", "did you mean `mgauss`?"],
     ));
-    // Gauss for milligauss: five hundred gauss are no field of the earth.
+    // Gauss in place of milligauss: 500 gauss are not a field of the earth.
     empty(refused(
         csv,
         &change("'mgauss'", "'gauss'"),
@@ -299,7 +300,7 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
 }
 
 #[test]
-fn user_a_line_that_is_wrong_leaves_the_others() {
+fn user_an_invalid_line_does_not_affect_the_others() {
     let mut text = "flight,line,tt,mag_1_uc\n".to_owned();
     for line in 1..=3 {
         for i in 0..50 {
@@ -320,7 +321,7 @@ fn user_a_line_that_is_wrong_leaves_the_others() {
     let written = file(&folder.path().join("out/a.parquet"));
     let lines = texts(&written, "line");
     assert!(lines.len() == 100 && !lines.contains(&"7.02".to_owned()));
-    // The figures of all lines are kept, with the clock that goes back.
+    // The quality figures of all lines are kept, including those of the decreasing clock.
     let quality = file(&folder.path().join("out/_quality/a.parquet"));
     let checks = texts(&quality, "check");
     assert!(checks.contains(&"backward_time".to_owned()) || checks.contains(&"repeated_time".to_owned()), "{checks:?}");
@@ -366,7 +367,7 @@ fn spawned(folder: &Path, args: &[&str]) -> Child {
 }
 
 #[test]
-fn user_two_ingests_at_once_into_one_folder() {
+fn user_simultaneous_ingests_leave_one_data_set_of_a_name() {
     let folder = bench(20_000);
     let at = folder.path();
     let same = ["ingest", "log.csv", "--to", "out", "--mapping", "m.toml", "-q"];
@@ -376,7 +377,7 @@ fn user_two_ingests_at_once_into_one_folder() {
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     }
     assert_eq!(file(&at.join("out/log.parquet")).iter().map(RecordBatch::num_rows).sum::<usize>(), 20_000);
-    // One of several data sets with the same name is first.
+    // Only the first of several data sets with the same name is written.
     for name in ["a", "b", "c"] {
         fs::create_dir(at.join(name)).unwrap();
         log(&at.join(name), "log.csv", 5_000 + name.len() + usize::from(name.as_bytes()[0]));
@@ -393,7 +394,7 @@ fn user_two_ingests_at_once_into_one_folder() {
 }
 
 #[test]
-fn user_kill_nine_leaves_no_half_file_and_nothing_behind() {
+fn user_a_kill_leaves_no_partial_or_temporary_files() {
     let folder = bench(60_000);
     let at = folder.path();
     let args = ["ingest", "log.csv", "--to", "out", "--mapping", "m.toml", "-q"];
@@ -418,7 +419,7 @@ fn user_kill_nine_leaves_no_half_file_and_nothing_behind() {
 }
 
 #[test]
-fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
+fn user_a_suggested_mapping_is_valid_and_lists_its_guesses() {
     let folder = TempDir::new().unwrap();
     let at = folder.path();
     for (input, words) in [
@@ -443,10 +444,10 @@ fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
         let output =
             magline(at, &["ingest", &sample(input), "--to", &format!("to_{name}"), "--mapping", &format!("./{name}")]);
         assert_eq!(output.status.code(), Some(0), "{input}: {}\n{text}", stderr(&output));
-        // A mapping that is there is somebody's work.
+        // An existing mapping is not overwritten.
         assert_eq!(magline(at, &["ingest", "--suggest", &sample(input), "-o", &name]).status.code(), Some(1));
     }
-    // Without units in names, values tell what they can.
+    // Without units in the names, units are inferred from the values.
     let mut csv = "timestamp,lat,lon,mx,my,mz,Roll,Yaw\n".to_owned();
     for i in 0..200 {
         let t = 1_618_986_658_600_345_u64 + 20_000 * i;
@@ -476,7 +477,7 @@ fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
 }
 
 #[test]
-fn val_the_uav_example_has_the_figures_of_numpy() {
+fn val_the_uav_example_has_the_numbers_of_numpy() {
     let folder = TempDir::new().unwrap();
     let spec = repository().join("datasets/examples/uav.toml").display().to_string();
     let output =
@@ -495,8 +496,8 @@ fn val_the_uav_example_has_the_figures_of_numpy() {
                     cells[0] == model && calibrations[*i] == cells[1] && lines[*i] == cells[2] && metrics[*i] == metric
                 });
                 let Some(at) = at else { continue };
-                // numpy has a constant core field, which differs by 30 nT from IGRF at the place, and its own grid of
-                // times.
+                // numpy uses a constant core field, which differs by 30 nT from IGRF at the location, and a different
+                // time grid.
                 assert!((values[at] / expected - 1.0).abs() < 0.04, "{row}: {}", values[at]);
                 compared += 1;
             }

@@ -1,5 +1,5 @@
-//! The part of JSON Schema 2020-12 that the schemas in this repository use. A keyword that it does not know is a fault,
-//! so that nothing of a schema is left out.
+//! Subset of JSON Schema 2020-12 that the schemas in this repository use. An unknown keyword is a fault, so that no
+//! constraint is ignored.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -8,7 +8,7 @@ use serde_json::Value;
 /// Schemas by their `$id`.
 pub struct Schemas(BTreeMap<String, Value>);
 
-/// Keywords that say nothing of what is valid.
+/// Keywords without effect on validity.
 const SILENT: [&str; 9] =
     ["$schema", "$id", "$defs", "description", "title", "example", "examples", "deprecated", "$comment"];
 
@@ -24,7 +24,7 @@ impl Schemas {
         Schemas(json.map(one).collect())
     }
 
-    /// Faults of `value` by the schema at `url`: an `$id`, with a pointer behind `#`.
+    /// Faults of `value` by the schema at `url`: an `$id`, with a pointer after `#`.
     pub fn faults(&self, url: &str, value: &Value) -> Vec<String> {
         let mut wrong = vec![];
         self.reference("", url, value, "", &mut wrong);
@@ -139,7 +139,7 @@ fn is_formatted(text: &str, format: &str) -> bool {
 }
 
 #[test]
-fn unit_a_schema_refuses_what_it_should() {
+fn unit_a_schema_rejects_invalid_values() {
     let schema: Value = serde_json::json!({
         "$id": "urn:test",
         "$defs": { "n": { "type": ["integer", "null"], "minimum": 1 } },

@@ -8,7 +8,7 @@ use std::{
 
 use crate::support::{Bench, read};
 
-/// Runs that are ended at many moments, and one that resumes to the end: the tables of an undisturbed run.
+/// Ends runs at many moments, resumes the last one, and expects the tables of an undisturbed run.
 fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
     let started = Instant::now();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
@@ -27,7 +27,7 @@ fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
         sleep(whole_run * i / (2 * KILLS));
         end(&mut child);
         died += u32::from(!child.wait().unwrap().success());
-        // Every file under a final name can be read.
+        // Every file with a final name is readable.
         for table in ["even", "terms", "clean", "track", "scores"] {
             let folder = bench.path("killed/tables/small").join(table);
             if folder.exists() {
@@ -48,22 +48,22 @@ fn same_after(bench: &Bench, end: impl Fn(&mut Child)) {
 }
 
 #[test]
-fn user_kill_nine_at_many_moments_then_the_same_bytes() {
+fn user_runs_killed_at_many_moments_resume_to_the_same_bytes() {
     // SIGKILL: no handler runs.
     same_after(&Bench::new(), |child| child.kill().unwrap());
 }
 
 #[test]
-fn user_interrupts_at_many_moments_then_the_same_bytes() {
+fn user_runs_interrupted_at_many_moments_resume_to_the_same_bytes() {
     let interrupt = |child: &mut Child| {
         Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     };
-    // Tables of several files, of which an interrupt leaves some lines out.
+    // Tables of several files, of which an interrupt omits some lines.
     same_after(&Bench::of_many_lines(), interrupt);
 }
 
 #[test]
-fn user_an_interrupt_keeps_what_is_finished() {
+fn user_an_interrupt_keeps_finished_results() {
     let bench = Bench::new();
     let child = Command::new(env!("CARGO_BIN_EXE_magline"))
         .args(["run", "spec.toml", "--threads", "1", "--set", "store=store"])

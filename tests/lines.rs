@@ -1,5 +1,4 @@
-//! Lines of a log: from a table of times, found along the track, shown and used; and the quality of a log in the
-//! report.
+//! Lines of a log: from a table of times, detected along the track, shown and used. Quality of a log in the report.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -31,7 +30,7 @@ fn user_lines_are_divided_by_a_table_of_times() {
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 90), ("home".to_owned(), 50)]));
-    // The table is part of the key.
+    // The table of times is part of the key.
     table(&format!("1,out,{},{}\n", tt[10], tt[19]));
     assert_eq!(bench.run(&[]).code, 0);
     assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 10)]));
@@ -47,7 +46,7 @@ fn user_lines_are_divided_by_a_table_of_times() {
     }
 }
 
-/// A simulated flight of a calibration box and three survey lines, whose own lines are called `a` and `b`.
+/// Simulated flight of a calibration box and three survey lines, with the line names `a` and `b`.
 fn simulated(folder: &Path) {
     let map = sample("osborne/osborne_anomaly_100m_at_500m.tif");
     let text = format!(
@@ -71,7 +70,7 @@ fn user_lines_are_found_shown_edited_and_used() {
         assert_eq!(output.status.code(), Some(code), "{args:?}: {}", stderr(&output));
         (stdout(&output), stderr(&output))
     };
-    // Only to look at.
+    // Detection without an output folder.
     let look = ["ingest", "flown/7.parquet", "--lines", "auto", "--picture", "look.svg", "--write-lines", "lines.csv"];
     let (said, _) = run(&look, 0);
     for word in ["box1", "line3", "40000.0", "look.svg", "lines.csv"] {
@@ -86,7 +85,7 @@ fn user_lines_are_found_shown_edited_and_used() {
     assert!(found.starts_with("flight,line,t_start,t_end,kind,") && found.contains("\n7,box1,40000.0,"), "{found}");
     assert!(found.contains(",roll pitch yaw"), "{found}");
 
-    // The lines that are found, the table of them, the spec and the ingested file give the same.
+    // Detected lines, their table, the spec and the ingested file give the same result.
     run(&["ingest", "flown/7.parquet", "--lines", "auto", "--to", "auto", "--picture", "auto.png"], 0);
     assert_eq!(fs::read_to_string(at.join("auto/_lines/7.csv")).unwrap(), found);
     assert!(fs::read(at.join("auto.png")).unwrap().starts_with(b"\x89PNG"));
@@ -134,7 +133,7 @@ fn user_lines_are_found_shown_edited_and_used() {
 }
 
 #[test]
-fn user_lines_that_cannot_be_found_or_used_are_refused_before_anything_is_written() {
+fn user_unusable_lines_are_rejected_before_anything_is_written() {
     let folder = bench(600);
     let at = folder.path();
     let log = ["ingest", "log.csv", "--mapping", "m.toml", "--to", "out"];
@@ -151,7 +150,7 @@ fn user_lines_that_cannot_be_found_or_used_are_refused_before_anything_is_writte
     fs::write(at.join("lines.csv"), "flight,line,t_start,t_end\nlog,far,1,2\n").unwrap();
     refused(&["--lines", "lines.csv"], 2, "no sample is within a line of");
     refused(&["--lines", "lines.csv", "--write-lines", "x.csv"], 2, "`--lines auto`");
-    // The same in a spec, at the place of the key.
+    // A spec reports the same error at the position of the key.
     fs::write(
         at.join("spec.toml"),
         "name = 'small'\nstore = 'store'\n[tables.log]\npath = 'log.csv'\nmapping = 'm.toml'\nlines = 'auto'\n[[stages]]\n\
@@ -161,7 +160,7 @@ fn user_lines_that_cannot_be_found_or_used_are_refused_before_anything_is_writte
     let output = magline(at, &["run", "spec.toml"]);
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert!(stderr(&output).contains("neither positions nor headings"), "{}", stderr(&output));
-    // A line of the table without a sample is said, and the others are there.
+    // A line without samples is reported, and the others are written.
     fs::write(at.join("lines.csv"), "flight,line,t_start,t_end\nlog,one,43201,43230\nlog,far,1,2\n").unwrap();
     let output = magline(at, &[&log[..], &["--lines", "lines.csv"]].concat());
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
@@ -199,7 +198,7 @@ fn user_the_report_shows_the_quality_of_the_data() {
     let first = page();
     let section = first.split("id=\"quality\"").nth(1).unwrap().split("</section>").next().unwrap();
     for part in [
-        // Two gaps of 7 s, of one flight: the time they lack together.
+        // Two gaps of 7 s in one flight: total missing time.
         "! 2</td>",
         "! 14.00</td>",
         // 120 samples of one value take 11.9 s.
@@ -213,15 +212,15 @@ fn user_the_report_shows_the_quality_of_the_data() {
     ] {
         assert!(section.contains(part), "no {part} in {section}");
     }
-    // The worst first, and what needs no look is folded.
+    // The worst line is first, and unremarkable lines are folded.
     let place = |word: &str| section.find(&format!("<td>{word}</td>")).unwrap();
     assert!(place("mag_1_uc") < place("cur_1") && section.find("not flagged").unwrap() < place("cur_1"));
-    // The figures are kept: without the log's being read again.
+    // The figures are stored; the log is not read again.
     assert_eq!(first, page());
 }
 
 #[test]
-fn bug_a_file_of_more_lines_than_parquet_numbers_row_groups_was_not_ingested() {
+fn user_a_file_with_more_lines_than_parquet_row_groups_is_ingested() {
     let folder = TempDir::new().unwrap();
     let lines = 33_000;
     let text: String = (0..lines).map(|i| format!("1,{i},{i},50000\n")).collect();

@@ -1,4 +1,4 @@
-//! Logs of several sensors as a user brings them together: one grid, lags, the record of an observatory, expressions.
+//! Logs of several sensors: common grid, lags, observatory record and expressions.
 
 use std::fs;
 
@@ -7,16 +7,16 @@ use tempfile::TempDir;
 
 use crate::support::{Bench, batch, numbers, read, repository, stderr, stdout, texts, with_keys, write};
 
-/// Where the flight begins, seconds past midnight UTC.
+/// Start of the flight, s past midnight UTC.
 const START_S: f64 = 36_000.0;
-/// How late the vector magnetometer of these logs reports.
+/// Lag of the vector magnetometer in these logs, s.
 const LAG_S: f64 = 0.06;
 
 fn field(t: f64) -> f64 {
     50_000.0 + 30.0 * (0.9 * t).sin() + 20.0 * (2.3 * t + 1.0).sin() + 8.0 * (4.1 * t).cos()
 }
 
-/// A table of one sensor on 4 November 2014, `rate_hz` times a second from `first_s` after the start on.
+/// Table of one sensor on 4 November 2014, at `rate_hz`, from `first_s` after the start.
 fn sensor(line: &str, first_s: f64, rate_hz: f64, rows: usize, columns: &[(&str, &dyn Fn(f64) -> f64)]) -> RecordBatch {
     let tt: Vec<f64> = (0..rows).map(|k| START_S + first_s + k as f64 / rate_hz).collect();
     let mut all = vec![("tt", tt.clone()), ("year", vec![2014.0; rows]), ("doy", vec![308.0; rows])];
@@ -24,7 +24,7 @@ fn sensor(line: &str, first_s: f64, rate_hz: f64, rows: usize, columns: &[(&str,
     with_keys("1", line, &batch(&all))
 }
 
-/// Three tables of two lines, and the folder they are in.
+/// Bench with three tables of two lines.
 fn logs() -> Bench {
     let bench = Bench { folder: TempDir::new().unwrap() };
     let late = |part: f64| move |t: f64| part * field(t - LAG_S);
@@ -33,7 +33,7 @@ fn logs() -> Bench {
     write(&bench.path("mag.parquet"), &each(&|line| sensor(line, 0.0, 40.0, 8000, &[("mag_1_uc", &field)])));
     let flux = |line: &str| sensor(line, 0.013, 50.0, 10_000, &[("flux_a_x", &x), ("flux_a_y", &y)]);
     write(&bench.path("flux.parquet"), &each(&flux));
-    // The receiver has the first line only.
+    // The receiver recorded only the first line.
     let lat = |t: f64| 40.0 + 1e-5 * (t - START_S);
     let gps = sensor("1.01", 5.0, 1.0, 180, &[("lat", &lat), ("lon", &|_| -105.0), ("alt", &|_| 2000.0)]);
     write(&bench.path("gps.parquet"), &[gps]);
@@ -73,7 +73,7 @@ fn table(bench: &Bench, name: &str) -> Vec<RecordBatch> {
 }
 
 #[test]
-fn user_sensors_of_their_own_rates_meet_and_their_lag_is_found_and_taken_out() {
+fn user_sensors_of_different_rates_are_joined_and_their_lag_is_removed() {
     let bench = logs();
     bench.spec(&(tables() + &EVEN.replace("LAG", "")));
     let done = bench.run(&[]);
@@ -103,12 +103,12 @@ fn user_sensors_of_their_own_rates_meet_and_their_lag_is_found_and_taken_out() {
         .zip(numbers(&even, "mag_1_uc"))
         .map(|(x, m)| (x - 0.6 * m).abs())
         .fold(0.0, f64::max);
-    // Straight lines between samples 25 ms apart: an eighth of the square of that by 280 nT/s².
+    // Linear interpolation between samples 25 ms apart: error of an eighth of the squared interval times 280 nT/s².
     assert!(off < 0.05, "{off}");
 }
 
 #[test]
-fn user_what_is_made_of_logs_has_the_same_bytes_again_and_on_any_number_of_threads() {
+fn user_tables_of_logs_have_the_same_bytes_on_any_number_of_threads() {
     let spec = tables()
         + &EVEN.replace("LAG", "lag_s = { flux_a = 0.06 }")
         + r#"
@@ -144,7 +144,7 @@ columns = ["quiet", "t", "lat"]
     assert_eq!(other.run(&["--threads", "4"]).code, 0);
     assert!(other.tables("store") == one);
 
-    // The record by hand: the two minutes around 10:00:05, less the mean of both days (python3, from the files).
+    // Expected value from the files by python3: the two minutes around 10:00:05 minus the mean of both days.
     let variation = table(&bench, "variation");
     assert_eq!(numbers(&variation, "tt")[0], 36_005.0);
     assert!(
@@ -156,7 +156,7 @@ columns = ["quiet", "t", "lat"]
     assert!(numbers(&high, "tt").iter().all(|t| *t > 36_050.0) && !numbers(&high, "tt").is_empty());
     assert!(high[0].column_by_name("diurnal").is_none());
 
-    // Another record is another variation, and nothing before it is computed again.
+    // Another record changes the variation; upstream tables are reused.
     bench.spec(&spec.replace("bou2014*.min", "bou20141104vmin.min"));
     let done = bench.run(&[]);
     assert_eq!((done.code, done.computed("even"), done.computed("variation")), (0, 0, 1), "{}", done.last);
@@ -165,7 +165,7 @@ columns = ["quiet", "t", "lat"]
 }
 
 #[test]
-fn user_a_record_of_another_day_fails_the_line_and_says_why() {
+fn user_an_observatory_record_of_another_day_fails_the_line_with_a_reason() {
     let bench = logs();
     let variation = "[[stages]]\nname = \"variation\"\nstage = \"diurnal\"\ninput = \"mag\"\nrecord = \"boulder\"\n";
     bench.spec(&(tables().replace("bou2014*.min", "BOU20200101vsec.sec") + variation));
@@ -173,7 +173,7 @@ fn user_a_record_of_another_day_fails_the_line_and_says_why() {
     assert_eq!(done.code, 1);
     let failed = texts(&table(&bench, "failures"), "error");
     assert!(failed.len() == 2 && failed[0].contains("the record covers no sample of the line"), "{failed:?}");
-    // A file cut off in the middle of a line is an error before anything runs.
+    // A file truncated in the middle of a line is an error before the run.
     let text = fs::read_to_string(repository().join("datasets/samples/boulder/bou20141104vmin.min")).unwrap();
     fs::write(bench.path("cut.min"), &text[..text.len() - 30]).unwrap();
     bench.spec(&(tables().replace("[tables.boulder]\npath = ", "[tables.boulder]\npath = \"cut.min\" # ") + variation));
@@ -183,7 +183,7 @@ fn user_a_record_of_another_day_fails_the_line_and_says_why() {
 }
 
 #[test]
-fn user_the_truth_stays_the_truth_and_units_must_fit() {
+fn user_columns_derived_from_truth_stay_truth_and_units_are_checked() {
     let bench = Bench::new();
     let head = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n";
     let said = |stages: &str| {
@@ -213,7 +213,7 @@ fn user_the_truth_stays_the_truth_and_units_must_fit() {
 }
 
 #[test]
-fn user_an_axis_reaches_into_a_table_of_values() {
+fn user_an_axis_can_set_values_in_an_inline_table() {
     let bench = Bench::new();
     bench.spec(
         "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n[axes]\nmag = [\"mag_4_uc\", \

@@ -1,4 +1,4 @@
-//! Logs of particular loggers, as their definitions have them, through the ready mappings.
+//! Logs of specific loggers, written by their definitions and read through the included mappings.
 
 use std::{fs, path::Path};
 
@@ -13,10 +13,10 @@ fn file(path: &Path) -> Vec<RecordBatch> {
     reader.build().unwrap().map(Result::unwrap).collect()
 }
 
-/// Logs that `datasets/reference/logs.py` writes by the message definitions of ArduPilot 4.1 and 3.6, and pymavlink
-/// reads.
+/// Logs written by `datasets/reference/logs.py` from the message definitions of ArduPilot 4.1 and 3.6, and verified
+/// with pymavlink.
 #[test]
-fn ref_ardupilot_logs_of_today_and_of_2018_come_in_through_their_mappings() {
+fn ref_ardupilot_logs_of_4_1_and_3_6_are_read_through_their_mappings() {
     let folder = TempDir::new().unwrap();
     for (name, mapping, year, doy) in
         [("ardupilot_4", "ardupilot_dataflash", 2022, 68), ("ardupilot_3", "ardupilot_dataflash_timeus", 2018, 129)]
@@ -25,7 +25,7 @@ fn ref_ardupilot_logs_of_today_and_of_2018_come_in_through_their_mappings() {
         let output = magline(folder.path(), &["ingest", &log, "--to", name, "--mapping", mapping]);
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(0), "{said}");
-        // Noon by GPS time is 0 of the clock: 18 s earlier in UTC since 2017.
+        // The clock is 0 at noon GPS time, which is 18 s earlier in UTC since 2017.
         assert!(said.contains(&format!("its clock was 0 on {year}-")) && said.contains("11:59:42.000 UTC"), "{said}");
         let table = |table: &str| file(&folder.path().join(format!("{name}/{table}/{name}.parquet")));
         let mag = table("mag");
@@ -48,7 +48,7 @@ fn ref_ardupilot_logs_of_today_and_of_2018_come_in_through_their_mappings() {
             [-4000.0, 27_000.0, -43_000.0]
         );
         let gps = table("gps");
-        // The first two fixes have none; 12 m/s eastward.
+        // The first two records have no fix. The velocity is 12 m/s eastward.
         assert_eq!(numbers(&gps, "lat").len(), 58);
         assert_eq!(["lat", "lon", "msl"].map(|n| numbers(&gps, n)[0]), [-35.362_581, 149.165_23, 584.36]);
         assert!(numbers(&gps, "vn")[0].abs() < 1e-12 && numbers(&gps, "ve")[0] == 12.0);
@@ -63,7 +63,7 @@ fn ref_ardupilot_logs_of_today_and_of_2018_come_in_through_their_mappings() {
     }
 }
 
-/// Rows of a MagArrow as its manual and the documentation of other readers show them, over midnight.
+/// Rows of a MagArrow over midnight, as in its manual and in the documentation of other readers.
 const MAGARROW: &str = "Counter,Date,Time,Latitude,Longitude,Mag, MagValid,CompassX, CompassY, CompassZ,GyroscopeX, GyroscopeY, \
      GyroscopeZ,AccelerometerX, AccelerometerY, AccelerometerZ,ImuTemperature,Track,LocationSource,Hdop,FixQuality, \
      SatellitesUsed, Altitude,HeightOverEllipsoid,SpeedOverGround,MagneticVariation,VariationDirection,ModeIndicator,\
@@ -74,7 +74,7 @@ const MFAM: &str =
     "Counter,Date,Time,Latitude,Longitude,Mag1Data, Mag1Valid, Mag1Deadzone, Mag2Data, Mag2Valid, Mag2Deadzone\n";
 
 #[test]
-fn ref_magarrow_and_mfam_logs_come_in_through_their_mapping() {
+fn ref_magarrow_and_mfam_logs_are_read_through_their_mapping() {
     let folder = TempDir::new().unwrap();
     let (mut magarrow, mut mfam) = (MAGARROW.to_owned(), MFAM.to_owned());
     for k in 0..400 {
@@ -108,13 +108,14 @@ fn ref_magarrow_and_mfam_logs_come_in_through_their_mapping() {
     assert_eq!((texts(&one, "flight")[0].as_str(), texts(&one, "line")[0].as_str()), ("magarrow", "1"));
     let mag = numbers(&one, "mag_1_uc");
     assert!(mag[7].is_nan() && mag[0] == 32_575.0 && mag.iter().filter(|x| x.is_nan()).count() == 1);
-    // Starboard, aft, down to nose, starboard, down; 301.4 m above the sea, which is 24.1 m above the ellipsoid.
+    // Axes starboard, aft, down are converted to nose, starboard, down. The height is 301.4 m above the sea, which is
+    // 24.1 m above the ellipsoid.
     assert_eq!(["flux_a_x", "flux_a_y", "flux_a_z"].map(|n| numbers(&one, n)[0]), [11_815.0, 24_246.0, -20_435.0]);
     assert!((numbers(&one, "alt")[0] - 325.5).abs() < 1e-9 && numbers(&one, "lat")[0] == 8.134_843_66);
     let two = file(&folder.path().join("out/mfam.parquet"));
     assert_eq!(numbers(&two, "mag_1_uc").iter().filter(|x| x.is_nan()).count(), 30);
     assert_eq!(numbers(&two, "mag_2_uc")[0], 32_573.7);
-    // Status messages of the sensor are a figure of quality.
+    // Status messages of the sensor are counted as data quality.
     let quality = file(&folder.path().join("out/_quality/mfam.parquet"));
     let at = texts(&quality, "check").iter().position(|check| check == "dead_zone").unwrap();
     assert_eq!((texts(&quality, "column")[at].as_str(), numbers(&quality, "count")[at]), ("mag_1_uc", 30.0));
@@ -122,7 +123,7 @@ fn ref_magarrow_and_mfam_logs_come_in_through_their_mapping() {
 }
 
 #[test]
-fn user_the_lines_of_a_small_aircraft_are_found_and_can_be_worked_on() {
+fn user_the_lines_of_a_small_aircraft_are_found_and_usable() {
     let folder = TempDir::new().unwrap();
     let log = repository().join("datasets/samples/thor75/flight.parquet").display().to_string();
     let spec = format!(
@@ -131,11 +132,11 @@ fn user_the_lines_of_a_small_aircraft_are_found_and_can_be_worked_on() {
     );
     fs::write(folder.path().join("thor.toml"), spec).unwrap();
     let output = magline(folder.path(), &["run", "thor.toml"]);
-    // Its barometer counts from the start, 240 m above the sea: a line in the air must not be refused for that.
+    // The barometer is zero at take-off, 240 m above the sea. A line in the air must not be rejected for this.
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let query = "SELECT DISTINCT line FROM thor.even ORDER BY line";
     let lines = magline(folder.path(), &["sql", query, "--store", "store", "--format", "csv"]);
     let lines: Vec<String> = String::from_utf8_lossy(&lines.stdout).lines().skip(1).map(str::to_owned).collect();
-    // The climb-out, three sides of each of seven squares, and two legs of the way home.
+    // Climb-out, three sides of each of seven squares, and two lines of the return.
     assert_eq!((lines.len(), lines[0].as_str()), (24, "circle1"), "{lines:?}");
 }

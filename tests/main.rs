@@ -1,7 +1,8 @@
 //! User interface of magline: the command line, its tables and its messages.
 //!
-//! Every test runs the built binary on files in a folder of its own. Names say what a test trusts: `law_` physics or
-//! algebra, `val_` another program, `ref_` a printed figure, `gold_` frozen text, `user_` what the README promises.
+//! Every test runs the built binary on files in a separate folder. The prefix of a test gives its reference: `law_`
+//! physics or algebra, `val_` another program, `ref_` a published number, `gold_` a fixed text, `user_` the visible
+//! behaviour, `unit_` anything else.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -1,4 +1,4 @@
-//! The error of each node of a map counts in the noise of a filter: of a map that a stage made, and of a file's.
+//! The node error of a map is part of a filter's assumed noise, for maps from a stage and from a file.
 
 use arrow_array::RecordBatch;
 
@@ -31,7 +31,7 @@ level_m        = 300.0
 cross_validate = 4
 "#;
 
-/// The map of the flights with one sigma of the error of its nodes: 40 nT west of 10 degrees, 1 nT east of it.
+/// Map of the flights with the standard deviation of its node error: 40 nT west of 10 degrees, 1 nT east of it.
 fn with_errors() -> RecordBatch {
     let map = map();
     let column = |name: &str| numbers(std::slice::from_ref(&map), name);
@@ -72,7 +72,7 @@ fn navigate(name: &str, map: &str, keys: &str) -> String {
 }
 
 #[test]
-fn r30_the_error_of_a_map_counts_whether_a_stage_or_a_file_gives_it() {
+fn user_the_node_error_of_a_map_increases_the_position_uncertainty() {
     let bench = bench();
     let key = "map_error_length_m = 500.0";
     let stages = [
@@ -93,7 +93,7 @@ fn r30_the_error_of_a_map_counts_whether_a_stage_or_a_file_gives_it() {
 }
 
 #[test]
-fn r30_a_map_without_the_error_of_its_nodes_is_rejected_before_the_run() {
+fn user_a_map_without_node_errors_is_rejected_before_the_run() {
     let bench = bench();
     for (map, more) in [("plain", ""), ("bare", GRIDDED)] {
         let more = more.replace("gridded", "bare").replace("cross_validate = 4\n", "");
@@ -104,7 +104,7 @@ fn r30_a_map_without_the_error_of_its_nodes_is_rejected_before_the_run() {
         let said = stderr(&output);
         assert!(said.contains("map_error_length_m") && said.contains("`error`"), "{said}");
     }
-    // A column of this name that holds no standard deviations leaves a map that can be read, but not with the key.
+    // With invalid standard deviations in this column the map is readable, but the key is rejected.
     write(&bench.path("errors.parquet"), &[changed(&with_errors(), "error", |_, error| -error)]);
     bench.spec(&format!("{FILES}{}", navigate("track", "file", "map_error_length_m = 500.0")));
     assert_ne!(bench.run(&[]).code, 0);

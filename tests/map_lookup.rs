@@ -24,7 +24,7 @@ input = "flights"
 map   = "anomaly"
 "#;
 
-/// The levelled grid of Osborne, in UTM zone 54 south, 100 m from node to node.
+/// Levelled grid of Osborne in UTM zone 54 south, with nodes 100 m apart.
 fn osborne() -> (PathBuf, AnomalyGrid, Crs) {
     let path = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
     let map = read_grid(&path, &MapOptions::default()).unwrap();
@@ -32,7 +32,7 @@ fn osborne() -> (PathBuf, AnomalyGrid, Crs) {
     (path, map, crs)
 }
 
-/// A line that is flown over eastings and northings, ten samples a second.
+/// Line along a track in eastings and northings, at 10 Hz.
 fn flown(line: &str, crs: &Crs, track: impl Fn(f64) -> (f64, f64), rows: usize) -> RecordBatch {
     let places: Vec<(f64, f64)> = (0..rows)
         .map(|i| {
@@ -61,14 +61,15 @@ fn bilinear(map: &AnomalyGrid, easting: f64, northing: f64) -> (f64, f64, f64) {
     (low + v * (high - low), across / map.x.step, (high - low) / map.y.step)
 }
 
-/// The lines as they were flown, what was looked up along them, and the map.
+/// Flown lines, interpolated values along them, and the map.
 fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, AnomalyGrid, Crs) {
     let (path, map, crs) = osborne();
     let bench = Bench::new();
     let (west, south) = (map.x.first, map.y.first);
     let (east, north) = (map.x.last(), map.y.last());
     let (wide, high) = (east - west, north - south);
-    // Along two edges, on nodes: 50 m a sample would be 500 m/s, so every tenth sample of 10 m is a node.
+    // Along two edges through nodes. Steps of 50 m would be 500 m/s, so the step is 10 m and every tenth sample is a
+    // node.
     let lines = [
         flown("1.01", &crs, |i| (west + 10.0 * i, south), 1000),
         flown("1.02", &crs, |i| (east, south + 10.0 * i), 1000),
@@ -82,7 +83,7 @@ fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, AnomalyGrid, Cr
 }
 
 #[test]
-fn r10_linear_is_bilinear_on_the_nodes_of_a_projected_map_and_keeps_its_edges() {
+fn law_linear_interpolation_of_a_projected_map_is_bilinear_up_to_its_edges() {
     let (flown, rows, map, crs) = looked_up(SPEC);
     let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flown, name));
     let [found, north, east] = ["map_anomaly", "map_grad_n", "map_grad_e"].map(|name| numbers(&rows, name));
@@ -98,8 +99,9 @@ fn r10_linear_is_bilinear_on_the_nodes_of_a_projected_map_and_keeps_its_edges() 
         steepest = steepest.max(slope);
         most = most.max((found[i] - value).abs());
         squares += (found[i] - value).powi(2);
-        // Slopes per metre on the ground: the scale of UTM is within 4e-4 of 1 here; the length does not turn. On a
-        // line of nodes rounding decides which cell is meant, and the slope of a bilinear surface jumps there.
+        // Slopes are per metre on the ground. The scale of UTM is within 4e-4 of 1 here, and the magnitude is
+        // independent of rotation. On a line of nodes rounding selects the cell, and the slope of a bilinear surface is
+        // discontinuous there.
         let on_node = |x: f64| (x - x.round()).abs() < 1e-6;
         if !on_node(map.x.node(easting)) && !on_node(map.y.node(northing)) {
             let length = north[i].hypot(east[i]);
@@ -109,12 +111,12 @@ fn r10_linear_is_bilinear_on_the_nodes_of_a_projected_map_and_keeps_its_edges() 
     let rms = (squares / lat.len() as f64).sqrt();
     println!("against bilinear on its nodes: rms {rms:e} nT, most {most:e} nT, {lost} lost, steepest {steepest} nT/m");
     assert_eq!(lost, 0, "samples on the edge of the map are lost");
-    // Northings of 7.6e6 m are rounded by 1e-9 m, and these lines cross slopes of up to 0.13 nT/m.
+    // Northings of 7.6e6 m are rounded to 1e-9 m, and these lines cross slopes of up to 0.13 nT/m.
     assert!(steepest > 0.1 && most < 1e-9, "{most} {rms} {steepest}");
 }
 
 #[test]
-fn r10_levels_of_a_projected_map_are_continued_on_its_own_nodes() {
+fn law_levels_of_a_projected_map_are_continued_on_its_native_grid() {
     let lines = "map_levels_m = [500.0, 600.0]\n";
     let (flown, rows, map, crs) = looked_up(&format!("{SPEC}{lines}"));
     let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flown, name));
@@ -127,6 +129,6 @@ fn r10_levels_of_a_projected_map_are_continued_on_its_own_nodes() {
         assert!(up[i].is_finite());
     }
     println!("at the map's own height, continued by 0 m: most {most:e} nT of {n} samples");
-    // Fourier transform and back of values of 3800 nT; the place is rounded as above.
+    // Rounding of a Fourier transform and its inverse with values of 3800 nT. Positions are rounded as above.
     assert!(most < 1e-6 && n == lat.len(), "{most} {n}");
 }

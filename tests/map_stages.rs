@@ -9,7 +9,7 @@ fn survey(bench: &Bench) {
     survey_with(bench, &[]);
 }
 
-/// The same with more points of [latitude, longitude, height, line].
+/// Survey with additional points of [latitude, longitude, height, line].
 fn survey_with(bench: &Bench, more: &[[f64; 4]]) {
     let mut rows: Vec<[f64; 4]> = more.to_vec();
     for line in 0..56 {
@@ -97,7 +97,7 @@ fn fine(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn user_what_a_map_warns_of_is_in_the_warnings() {
+fn user_warnings_of_a_map_are_in_the_table_warnings() {
     let bench = Bench::new();
     survey_with(&bench, &[[-5.0, 9.94, 300.0, 7.0]]);
     bench.spec(&(TABLES.to_owned() + FROM_POINTS));
@@ -245,7 +245,7 @@ level_m   = 320.0
             let near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-6 || a.is_nan() && b.is_nan();
             assert!(a.len() == b.len() && a.iter().zip(&b).all(near), "{name} {column}");
         }
-        // And what is published is a map file.
+        // The published file is a map file.
         let file = fs::read_dir(&published).unwrap().flatten().next().unwrap().path();
         let said = fine(&bench.magline(&["map", "info", &file.display().to_string()]));
         assert!(said.contains(if name == "up" { "4326" } else { "32632" }), "{said}");
@@ -258,7 +258,7 @@ fn fine_or_failed(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn user_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
+fn user_a_failed_map_is_reported_and_its_dependents_are_skipped() {
     let bench = Bench::new();
     survey(&bench);
     let low = FROM_POINTS
@@ -281,7 +281,7 @@ fn user_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
 }
 
 #[test]
-fn gold_what_cannot_be_is_refused_before_anything_runs() {
+fn gold_invalid_parameters_are_rejected_before_the_run() {
     let bench = Bench::new();
     survey(&bench);
     let up = "[[stages]]\nname = \"up\"\nstage = \"map_continue\"\nmap = \"anomaly\"\n";

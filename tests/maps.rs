@@ -1,4 +1,4 @@
-//! `magline map`: what a user does with maps, from survey points to a picture.
+//! `magline map`: operations on maps, from survey points to a picture.
 
 use std::{fs, path::Path, process::Output};
 
@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, batch, magline, map, numbers, read, repository, stderr, stdout, write};
 
-/// Ending and format; where it is empty, the ending alone says it.
+/// File extension and format. If the format is empty, the extension determines it.
 const FORMATS: [(&str, &str); 11] = [
     ("parquet", ""),
     ("tif", ""),
@@ -35,14 +35,14 @@ fn info(folder: &Path, map: &str) -> Value {
 }
 
 #[test]
-fn user_a_map_goes_through_every_format_and_comes_back() {
+fn user_a_map_survives_conversion_to_every_format() {
     let bench = Bench::new();
     let first = info(bench.folder.path(), "map.parquet");
     for (ending, format) in FORMATS {
         let file = format!("there_{format}.{ending}");
         let as_format: &[&str] = if format.is_empty() { &[] } else { &["--output-format", format] };
         fine(&bench.magline(&[&["map", "convert", "map.parquet", "-o", &file], as_format].concat()));
-        // Surfer's grids do not say what their coordinates are.
+        // Surfer grids do not contain their coordinate system.
         let there = fine(&bench.magline(&["map", "info", &file, "--json", "--epsg", "4326"]));
         let there: Value = serde_json::from_str(&there).unwrap();
         for key in ["columns", "rows", "epsg"] {
@@ -50,7 +50,7 @@ fn user_a_map_goes_through_every_format_and_comes_back() {
         }
         for key in ["west [deg]", "north [deg]", "min [nT]", "max [nT]", "std [nT]", "mean [nT]"] {
             let (a, b) = (there[key].as_f64().unwrap(), first[key].as_f64().unwrap());
-            // Single precision in some of the formats.
+            // Some of the formats are in single precision.
             assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{ending} {format} {key}: {a} {b}");
         }
     }
@@ -75,7 +75,7 @@ fn user_bytes_do_not_depend_on_threads() {
 }
 
 #[test]
-fn user_down_and_up_again_is_the_map_within_the_error_that_is_told() {
+fn user_downward_and_upward_continuation_restore_the_map_within_the_reported_error() {
     let bench = Bench::new();
     let output = bench.magline(&["map", "continue", &osborne(), "--to", "450", "-o", "low.tif", "--l-curve", "l.svg"]);
     fine(&output);
@@ -88,7 +88,7 @@ fn user_down_and_up_again_is_the_map_within_the_error_that_is_told() {
     let [back, map] = ["back", "map500"].map(|n| numbers(&file(&bench, &format!("{n}.parquet")), "anomaly"));
     let inner: Vec<f64> = back.iter().zip(&map).map(|(a, b)| a - b).collect();
     let found = (inner.iter().map(|d| d * d).sum::<f64>() / inner.len() as f64).sqrt();
-    // The file in between is in single precision, and its edges were not known.
+    // The intermediate file is in single precision, and the field beyond its edges is unknown.
     assert!(found < 1.5 * rms + 0.01, "{found} {rms}");
     assert!(fs::read_to_string(bench.path("l.svg")).unwrap().contains("alpha"));
 }
@@ -101,7 +101,7 @@ fn file(bench: &Bench, name: &str) -> Vec<arrow_array::RecordBatch> {
 }
 
 #[test]
-fn gold_a_continuation_too_far_is_warned_about_and_heights_are_needed() {
+fn gold_a_long_continuation_gives_a_warning_and_heights_are_required() {
     let bench = Bench::new();
     let output = bench.magline(&["map", "continue", &osborne(), "--to", "2500", "-o", "up.tif"]);
     fine(&output);
@@ -120,7 +120,7 @@ fn gold_a_continuation_too_far_is_warned_about_and_heights_are_needed() {
 }
 
 #[test]
-fn user_a_hole_is_filled_from_around_or_from_another_map() {
+fn user_a_hole_is_filled_from_its_surroundings_or_another_map() {
     let bench = Bench::new();
     let whole = map();
     let punched = crate::support::changed(&whole, "anomaly", |i, v| {
@@ -137,7 +137,7 @@ fn user_a_hole_is_filled_from_around_or_from_another_map() {
     };
     for method in ["knn", "harmonic", "minimum-curvature"] {
         fine(&bench.magline(&["map", "fill", "hole.parquet", "--method", method, "-o", "filled.parquet"]));
-        // The anomaly's own standard deviation is 106 nT; the hole is a third of a wave wide.
+        // The anomaly has a standard deviation of 106 nT. The hole is a third of a wavelength wide.
         assert!(rms("filled.parquet") < 150.0, "{method}: {}", rms("filled.parquet"));
     }
     let shifted = crate::support::changed(&whole, "anomaly", |_, v| v + 25.0);
@@ -155,12 +155,12 @@ fn user_a_hole_is_filled_from_around_or_from_another_map() {
     ]);
     fine(&output);
     assert!(stderr(&output).contains("median -25.00"), "{}", stderr(&output));
-    // The other map is the field itself but for its level, which the overlap gives.
+    // The other map is exact except for its level, which follows from the overlap.
     assert!(rms("both.parquet") < 1e-6, "{}", rms("both.parquet"));
 }
 
 #[test]
-fn user_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
+fn user_a_survey_of_dipoles_is_levelled_and_gridded_to_their_field() {
     let bench = Bench::new();
     let dipoles = [(2200.0, 1800.0, 9e4), (3500.0, 3300.0, -7e4), (1200.0, 3900.0, 5e4)];
     let field = |e: f64, n: f64, h: f64| -> f64 {
@@ -203,7 +203,7 @@ fn user_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
     let report = fine(&output);
     let after = report.lines().find(|l| l.starts_with("after levelling")).unwrap();
     let left: f64 = after.split_whitespace().nth(2).unwrap().parse().unwrap();
-    // Offsets of -14 to 14 nT go; what is left is interpolation between points 10 m apart.
+    // Offsets of -14 to 14 nT are removed. The residual is the interpolation error between points 10 m apart.
     assert!(left < 1.0, "{report}");
     let grid = file(&bench, "grid.parquet");
     let (e, n, v) = (numbers(&grid, "easting"), numbers(&grid, "northing"), numbers(&grid, "anomaly"));
@@ -247,9 +247,9 @@ fn grid(bench: &Bench, more: &[&str]) -> Output {
 }
 
 #[test]
-fn r10_points_far_away_are_left_out_and_named() {
+fn user_distant_points_are_skipped_and_reported() {
     let bench = Bench::new();
-    // A place of zeros, and swapped coordinates.
+    // A position of zeros, and swapped coordinates.
     points_of(&bench, |i, row| match i {
         300 => (row[0], row[1]) = (0.0, 0.0),
         777 => (row[0], row[1]) = (row[1], row[0]),
@@ -265,7 +265,7 @@ fn r10_points_far_away_are_left_out_and_named() {
     assert!(report.contains("removed: 2 far away, 0 not finite"), "{report}");
     let first = info(bench.folder.path(), "grid.parquet");
     assert_eq!((first["columns"].as_f64(), first["rows"].as_f64()), (Some(41.0), Some(41.0)), "{first}");
-    // A second or two here; without, a grid of 5000 km.
+    // Takes about 2 s here. A grid over the distant points would be 5000 km wide.
     assert!(begun.elapsed().as_secs() < 60, "{:?}", begun.elapsed());
     let kept = bench.magline(&[&GRID[..], &["1", "-o", "kept.parquet", "--keep-outliers"]].concat());
     assert_eq!(kept.status.code(), Some(2), "{}", stderr(&kept));
@@ -273,7 +273,7 @@ fn r10_points_far_away_are_left_out_and_named() {
 }
 
 #[test]
-fn r10_what_cannot_be_is_refused_before_work() {
+fn user_invalid_arguments_are_rejected_before_the_computation() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     for (args, says) in [
@@ -288,7 +288,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
             "`--level-m` has no effect without `--method equi",
         ),
     ] {
-        // The points are not even looked for.
+        // The arguments are checked before the points are opened.
         let output = bench.magline(&[&["map", "grid", "none.parquet"], args].concat());
         assert_eq!(output.status.code(), Some(2), "{args:?}: {}", stderr(&output));
         assert!(stderr(&output).contains(says), "{args:?}: {}", stderr(&output));
@@ -302,7 +302,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
 }
 
 #[test]
-fn r10_levelling_shifts_ties_and_leaves_level_lines_alone() {
+fn user_levelling_shifts_ties_and_keeps_level_lines() {
     let bench = Bench::new();
     // Ties are 25 nT too high, and their values come from positions 15 m off the recorded ones.
     points_of(&bench, |i, row| {
@@ -325,7 +325,7 @@ fn r10_levelling_shifts_ties_and_leaves_level_lines_alone() {
 }
 
 #[test]
-fn r10_an_interrupt_ends_gridding_at_once_and_leaves_no_file() {
+fn user_an_interrupt_ends_gridding_at_once_and_leaves_no_file() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     let args = [&GRID[..], &["5", "-o", "grid.parquet", "--cross-validate", "20", "--block", "0"]].concat();
@@ -343,14 +343,14 @@ fn r10_an_interrupt_ends_gridding_at_once_and_leaves_no_file() {
     let stopped = std::time::Instant::now();
     std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
     running.wait().unwrap();
-    // The whole of it takes a minute.
+    // Complete gridding takes about 1 min.
     assert!(stopped.elapsed().as_secs() < 20, "{:?}", stopped.elapsed());
     let left: Vec<_> = fs::read_dir(bench.folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert!(!left.iter().any(|name| name.to_string_lossy().contains("grid")), "{left:?}");
 }
 
 #[test]
-fn user_pictures_are_what_their_names_say() {
+fn user_the_format_of_a_picture_follows_its_file_name() {
     let bench = Bench::new();
     for (name, starts) in
         [("a.png", &b"\x89PNG"[..]), ("a.svg", b"<?xml"), ("a.kml", b"<?xml"), ("a.kmz", b"PK\x03\x04")]
@@ -367,7 +367,7 @@ fn user_pictures_are_what_their_names_say() {
 }
 
 #[test]
-fn gold_maps_that_cannot_be_read_say_so_and_leave_nothing_behind() {
+fn gold_unreadable_maps_are_rejected_and_leave_no_files() {
     let bench = Bench::new();
     fs::write(bench.path("half.tif"), &fs::read(osborne()).unwrap()[..200_000]).unwrap();
     fs::write(bench.path("empty.nc"), b"").unwrap();

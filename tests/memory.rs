@@ -1,4 +1,4 @@
-//! A run holds a line at a time, so its peak does not grow with the number of lines.
+//! A run holds one line at a time, so its memory peak does not grow with the number of lines.
 
 use std::{
     fs,
@@ -9,7 +9,7 @@ use std::{
 
 use crate::support::{Bench, line_of, write};
 
-/// The peak of the resident memory of a run over `lines` lines of 20,000 samples, in kB.
+/// Peak resident memory of a run over `lines` lines of 20,000 samples, kB.
 fn peak_kb(lines: usize) -> u64 {
     let bench = Bench::new();
     for flight in ["1", "2"] {
@@ -38,7 +38,7 @@ fn peak_kb(lines: usize) -> u64 {
         peak = peak.max(high.unwrap_or(0));
         sleep(Duration::from_millis(3));
     }
-    // Off the map for most of its way; what counts is that it ran through.
+    // Most of the track is off the map; the test only requires a complete run.
     assert!(bench.path("store/tables/small/failures").exists());
     peak
 }

@@ -1,4 +1,4 @@
-//! Linear models as a user of the command line gets them, held against other programs' and exact answers.
+//! Linear models of the command line, compared with other programs and exact results.
 
 use numerics::random::NormalGenerator;
 use std::{collections::BTreeMap, fmt::Write, fs};
@@ -10,7 +10,7 @@ use crate::support::{Bench, batch, numbers, read, repository, texts, with_keys, 
 
 const TERMS: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
 
-/// The columns of a committed reference table.
+/// Columns of a committed reference table.
 fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
     let text = fs::read_to_string(repository().join("stages/numerics/reference/models").join(name)).unwrap();
     let mut lines = text.lines().filter(|l| !l.starts_with('#'));
@@ -71,7 +71,7 @@ fn near(bench: &Bench, name: &str, table: &BTreeMap<String, Vec<f64>>, row: usiz
 }
 
 #[test]
-fn val_models_of_moments_are_scikit_learns() {
+fn val_models_from_moments_equal_scikit_learn() {
     let (ridge, net, pls) = (reference("ridge_scaled.csv"), reference("elastic_net.csv"), reference("pls.csv"));
     let scalings = ["none", "standardise", "max_abs", "min_max"];
     let mut stages = String::new();
@@ -92,14 +92,14 @@ fn val_models_of_moments_are_scikit_learns() {
     for k in 1..=8 {
         stages += &fit(&format!("pls{k}"), "mag_4_uc", &format!("model = \"pls\"\ncomponents = {k}"));
     }
-    // All components of a truncated decomposition are ordinary least squares: the first row of the ridge.
+    // A truncated decomposition with all components is ordinary least squares: the first row of the ridge table.
     stages += &fit("svd8", "mag_4_uc", "model = \"truncated_svd\"\ncomponents = 8");
-    // And so is a fit without a penalty to all whitened components.
+    // A fit without a penalty to all whitened components is also ordinary least squares.
     stages += &fit("white8", "mag_4_uc", "model = \"ridge\"\nlambda = 0.0\nwhiten = 8.0");
     let bench = small_case(&stages);
     run(&bench);
     (0..9).for_each(|row| near(&bench, &format!("ridge{row}"), &ridge, row, 1e-9));
-    // Coordinate descent stops at a gap; scikit-learn's was 1e-14 of the target's squares.
+    // Coordinate descent stops at a duality gap. scikit-learn used 1e-14 of the sum of squares of the target.
     (0..18).for_each(|row| near(&bench, &format!("net{row}"), &net, row, 1e-5));
     (1..=8).for_each(|k| near(&bench, &format!("pls{k}"), &pls, k - 1, 1e-8));
     near(&bench, "svd8", &ridge, 0, 1e-9);
@@ -107,7 +107,7 @@ fn val_models_of_moments_are_scikit_learns() {
 }
 
 #[test]
-fn val_partial_least_squares_of_two_targets_is_scikit_learns() {
+fn val_partial_least_squares_of_two_targets_equals_scikit_learn() {
     let pls = reference("pls.csv");
     let of = |name: &str, target: &str, other: &str, k: usize| {
         fit(name, target, &format!("model = \"pls\"\ncomponents = {k}\nwith_targets = [\"{other}\"]"))
@@ -121,7 +121,7 @@ fn val_partial_least_squares_of_two_targets_is_scikit_learns() {
     let bench = small_case(&stages);
     run(&bench);
     for k in 1..=8 {
-        // The rows of two targets stand behind the eight of one, both targets in turns.
+        // The rows of two targets follow the eight rows of one target and alternate between the targets.
         near(&bench, &format!("first{k}"), &pls, 8 + 2 * (k - 1), 1e-7);
         near(&bench, &format!("second{k}"), &pls, 9 + 2 * (k - 1), 1e-7);
         near(&bench, &format!("alone{k}"), &pls, k - 1, 1e-8);
@@ -131,7 +131,7 @@ fn val_partial_least_squares_of_two_targets_is_scikit_learns() {
 }
 
 #[test]
-fn val_robust_models_are_scikit_learns_and_statsmodels() {
+fn val_robust_models_equal_scikit_learn_and_statsmodels() {
     let table = reference("robust.csv");
     let stages: Vec<String> = (0..table["kind"].len())
         .map(|row| {
@@ -147,12 +147,12 @@ fn val_robust_models_are_scikit_learns_and_statsmodels() {
         .collect();
     let bench = small_case(&stages.concat());
     run(&bench);
-    // Where the objective no longer changes, coefficients have half its digits.
+    // At the minimum of the objective, coefficients have half of its digits.
     (0..table["kind"].len()).for_each(|row| near(&bench, &format!("robust{row}"), &table, row, 1e-4));
 }
 
 #[test]
-fn law_recursive_least_squares_without_forgetting_are_a_ridge_in_one() {
+fn law_recursive_least_squares_without_forgetting_equals_ridge_regression() {
     let bench = small_case(
         &[
             fit("recursive", "mag_4_uc", "model = \"recursive_least_squares\"\nscaling = \"none\"\nlambda = 0.5"),
@@ -169,7 +169,7 @@ fn law_recursive_least_squares_without_forgetting_are_a_ridge_in_one() {
 }
 
 #[test]
-fn val_what_is_chosen_is_what_explicit_formulas_choose() {
+fn val_chosen_parameters_match_explicit_formulas() {
     let table = reference("choice.csv");
     let spelt = |name: &str| table[name].iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(", ");
     let net = format!(
@@ -198,14 +198,14 @@ fn val_what_is_chosen_is_what_explicit_formulas_choose() {
     let simpler = means.iter().position(|m| *m <= limit).unwrap();
     assert!(simpler < best, "{means:?}");
     assert_eq!(chosen(&bench, "best"), table["alpha"][best]);
-    // On this case scikit-learn's squares choose as the variances do.
+    // In this case scikit-learn's mean squares lead to the same choice as the variances.
     assert_eq!(best, least(&table["mean_square"]));
     assert_eq!(chosen(&bench, "simpler"), table["alpha"][simpler]);
     assert_eq!(chosen(&bench, "gcv"), table["lambda"][least(&table["gcv"])]);
     for name in ["corner", "lines"] {
         assert!(table["lambda"].contains(&chosen(&bench, name)), "{name} {}", chosen(&bench, name));
     }
-    // The chosen parameter is the one that the fit used.
+    // The fit uses the chosen parameter.
     let again = format!("model = \"ridge\"\nlambda = {:?}", chosen(&bench, "gcv"));
     let given = small_case(&fit("given", "mag_4_uc", &again));
     run(&given);
@@ -213,7 +213,7 @@ fn val_what_is_chosen_is_what_explicit_formulas_choose() {
 }
 
 #[test]
-fn law_truth_is_no_feature_directly_or_in_a_list() {
+fn user_truth_is_rejected_as_a_feature_directly_and_in_a_list() {
     let bench = Bench::new();
     let head = "name = \"truth\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n";
     let fit = |features: &str, input: &str| {
@@ -236,7 +236,7 @@ fn law_truth_is_no_feature_directly_or_in_a_list() {
     assert!(done.code == 2 && done.stderr.contains("truth"), "{}", done.stderr);
 }
 
-/// A sweep over every kind of axis and model, with lists.
+/// Sweep over every kind of axis and model, with lists.
 fn sweep() -> Bench {
     let features = TERMS.map(|t| format!("\"{t}\"")).join(",");
     let models = ["tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust", "recursive_least_squares"];
@@ -256,7 +256,7 @@ fn sweep() -> Bench {
 }
 
 #[test]
-fn law_a_sweep_of_models_has_the_same_bytes_with_any_threads_and_in_any_steps() {
+fn user_a_sweep_of_models_has_the_same_bytes_with_any_threads_and_in_any_steps() {
     let bench = sweep();
     let run = |more: &[&str]| {
         let done = bench.run(more);
@@ -294,14 +294,15 @@ fn law_entries_of_a_list_are_the_columns_of_that_name() {
     assert_eq!(sets, ["a0", "a1+a2", "a5", "a0+a1+a2", "a0+a5", "a1+a2+a5"]);
     for column in ["value", "residual_std"] {
         for (a, b) in numbers(&columns, column).iter().zip(numbers(&entries, column)) {
-            // One is cut from the factor of eight columns, the other made of its own; robust ones stop at a tolerance.
+            // One factor is a part of the factor of eight columns, the other is computed separately. Robust models stop
+            // at a tolerance.
             assert!((a - b).abs() <= 1e-6 * (b.abs() + 1e-2), "{column}: {a} {b}");
         }
     }
 }
 
 #[test]
-fn gold_entries_that_are_not_there() {
+fn gold_missing_entries_are_rejected() {
     let bench = small_case(&fit("bad", "mag_4_uc", "model = \"ridge\"\nentries = [\"a0\", \"b7\"]"));
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
@@ -310,8 +311,7 @@ fn gold_entries_that_are_not_there() {
     assert!(bench.run(&[]).stderr.contains("duplicate entry `a0`"));
 }
 
-/// A line of movements all round, whose magnetometers read what eighteen coefficients make of the exact terms, and
-/// noise.
+/// Line with manoeuvres in all axes. Its magnetometers read the exact terms times eighteen coefficients, plus noise.
 fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut NormalGenerator) -> RecordBatch {
     let t = |i: usize| 0.1 * i as f64;
     let angle = |i: usize, w: f64, a: f64| a * (w * t(i) + line as f64).sin();
@@ -394,7 +394,7 @@ fn law_coefficients_of_a_noise_free_flight_are_recovered() {
 }
 
 #[test]
-fn law_errors_from_noise_are_as_large_as_predicted() {
+fn law_errors_from_noise_match_their_predicted_covariance() {
     let mut normals = NormalGenerator::new(2);
     const REPEATS: usize = 240;
     let lines: Vec<RecordBatch> = (0..REPEATS).map(|k| flown(k, 300, &AIRCRAFT, 0.5, &mut normals)).collect();
@@ -410,18 +410,19 @@ fn law_errors_from_noise_are_as_large_as_predicted() {
     assert_eq!(values.len(), REPEATS * 18);
     let squares: Vec<f64> =
         values.iter().zip(&std).enumerate().map(|(i, (v, s))| ((v - AIRCRAFT[i % 18]) / s).powi(2)).collect();
-    // Each term separately over all flights: chi-square of 240, of sigma 22; five sigma either way.
+    // Each term separately over all flights: chi-square with 240 degrees of freedom and a standard deviation of 22. The
+    // tolerance is five standard deviations.
     for term in 0..18 {
         let sum: f64 = squares.iter().skip(term).step_by(18).sum();
         assert!((130.0..350.0).contains(&sum), "term {term}: {sum}");
     }
-    // Together: squares of unit mean. Terms of one flight go together, so that they count as 240 at least.
+    // All terms together: squares of mean 1. Terms of one flight are correlated, so they count as at least 240.
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!((mean - 1.0).abs() < 3.5 * (2.0f64 / 240.0).sqrt(), "{mean}");
 }
 
 #[test]
-fn gold_a_key_of_another_model_is_refused_and_names_its_owner() {
+fn gold_a_key_of_another_model_is_rejected_with_the_owning_model() {
     let refused = |more: &str| {
         let done = small_case(&fit("bad", "mag_4_uc", more)).run(&[]);
         assert_eq!(done.code, 2, "{}", done.stderr);
@@ -437,26 +438,26 @@ fn gold_a_key_of_another_model_is_refused_and_names_its_owner() {
     assert!(text.contains("`one_standard_error` requires cross-validation"), "{text}");
     let text = refused("model = \"ridge\"\nlambda = 0.5\nchoose = \"gcv\"");
     assert!(text.contains("`lambda` and `choose = \"gcv\"` cannot be combined"), "{text}");
-    // Misspelt words of a choice have the nearest.
+    // A misspelt choice gives the nearest valid word.
     assert!(refused("model = \"rigde\"").contains("did you mean `ridge`?"));
     assert!(refused("model = \"ridge\"\nscaling = \"max_ab\"").contains("did you mean `max_abs`?"));
 }
 
 #[test]
-fn law_a_key_that_a_model_of_the_sweep_takes_may_be_given() {
+fn user_a_key_of_any_model_of_the_sweep_is_accepted() {
     let spec = |models: &str| {
         let stage = fit("swept", "mag_4_uc", "model = \"$kind\"\ncomponents = 2\nlambda = \"$lambda\"");
         small_case(&format!("[axes]\nkind = [{models}]\nlambda = [0.1, 1.0]\n{stage}")).magline(&["check", "spec.toml"])
     };
     assert!(spec("\"ridge\", \"pls\"").status.success());
-    // The values of an axis are there for other models; what is given outright to none of them is a slip.
+    // An axis value may apply to other models. A key that applies to no model is an error.
     assert!(spec("\"pls\"").status.success());
     let none = spec("\"ridge\", \"robust\"");
     assert_eq!(none.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&none.stderr).contains("`components` belongs to `pls` and `truncated_svd`"));
 }
 
-/// A sweep of two models over the ridge parameter, which only one of them takes.
+/// Sweep of two models over the ridge parameter, which applies to only one of them.
 fn two_models(more: &str) -> Bench {
     let stage = fit("swept", "mag_4_uc", &format!("model = \"$kind\"\nlambda = \"$lambda\"\ncomponents = 2\n{more}"));
     small_case(&format!(
@@ -467,12 +468,12 @@ fn two_models(more: &str) -> Bench {
 }
 
 #[test]
-fn law_points_that_differ_in_a_key_of_another_model_are_computed_once_and_each_is_published() {
+fn user_points_that_differ_only_in_an_unused_key_are_computed_once_and_all_published() {
     let bench = two_models("");
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let counted = |table: &str, what: &str| done.last["tables"][table][what].as_u64().unwrap();
-    // Three ridges and one partial least squares, and what is compensated with them on four lines.
+    // Three ridge fits and one partial least squares fit, and their compensation of four lines.
     assert_eq!((done.computed("swept"), counted("swept", "reused")), (4, 2));
     assert_eq!((done.computed("clean"), counted("clean", "reused")), (16, 8));
     let table = read(&bench.path("store/tables/small/swept"));
@@ -488,10 +489,10 @@ fn law_points_that_differ_in_a_key_of_another_model_are_computed_once_and_each_i
     let clean = read(&bench.path("store/tables/small/clean"));
     let rows = |lambda: f64| numbers(&clean, "lambda").iter().filter(|l| **l == lambda).count();
     assert!(rows(0.1) > 0 && rows(0.1) == rows(1.0) && rows(0.1) == rows(10.0));
-    // All results are now in the store, also the one shared with another point.
+    // All results are now in the store, including the one shared with another point.
     let again = bench.run(&[]);
     assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.last);
-    // And it has the same bytes with one thread, and grown in steps.
+    // The bytes are the same with one thread and after growth in steps.
     for more in [&["--set", "store=one", "--threads", "1"][..], &["--set", "store=grown", "--set", "axes.lambda=[1.0]"]]
     {
         assert_eq!(bench.run(more).code, 0);
@@ -505,7 +506,7 @@ fn law_points_that_differ_in_a_key_of_another_model_are_computed_once_and_each_i
 }
 
 #[test]
-fn law_points_that_fail_alike_are_each_named_and_asked_no_more() {
+fn user_points_with_the_same_failure_are_each_listed_and_not_retried() {
     let bench = two_models("trim = 100000");
     let spec = fs::read_to_string(bench.path("spec.toml")).unwrap().replacen("trim = 0\n", "", 1);
     bench.spec(&spec);

@@ -1,4 +1,4 @@
-//! Navigation: its date, its measurement, the noise it expects, and what it says of its map.
+//! Navigation: date, measurement, assumed noise and metrics of the map.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use arrow_array::RecordBatch;
 
 use crate::support::{Bench, SPEC, batch, changed, line_of, numbers, read, stderr, texts, with_keys, write};
 
-/// The lines of a flight with more columns, values by row.
+/// Line with additional columns.
 fn with_columns(line: &RecordBatch, more: &[(&str, Vec<f64>)]) -> RecordBatch {
     let (flight, name) =
         (texts(std::slice::from_ref(line), "flight")[0].clone(), texts(std::slice::from_ref(line), "line")[0].clone());
@@ -19,7 +19,7 @@ fn with_columns(line: &RecordBatch, more: &[(&str, Vec<f64>)]) -> RecordBatch {
     with_keys(&flight, &name, &batch(&columns))
 }
 
-/// A bench whose lines are changed.
+/// Bench with changed lines.
 fn bench_of(change: impl Fn(RecordBatch) -> RecordBatch) -> Bench {
     let bench = Bench::new();
     for flight in ["1", "2"] {
@@ -53,7 +53,7 @@ fn close(a: &[f64], b: &[f64], within: f64) -> bool {
 const WITH_CORE: &str = "track.core_field=true";
 
 #[test]
-fn r10_a_date_that_nobody_said_is_an_error_before_anything_runs() {
+fn user_a_missing_date_is_an_error_before_the_run() {
     let bench = Bench::new();
     let run = bench.run(&["--set", WITH_CORE]);
     assert_eq!(run.code, 2, "{}", run.stderr);
@@ -67,7 +67,7 @@ fn r10_a_date_that_nobody_said_is_an_error_before_anything_runs() {
 }
 
 #[test]
-fn r10_what_the_spec_says_of_the_date_goes_before_the_flight() {
+fn user_the_date_of_the_spec_takes_precedence_over_the_flight() {
     let dated = |year: f64| {
         move |line: RecordBatch| {
             let n = line.num_rows();
@@ -86,7 +86,7 @@ fn r10_what_the_spec_says_of_the_date_goes_before_the_flight() {
     assert_eq!(nobody, both);
     let flight = residual(&bench_of(dated(2024.0)), &said[..2]);
     assert_ne!(flight, both);
-    // The first samples have no day, others no year: the first with both is taken.
+    // The first samples lack the day, others the year. The first sample with both gives the date.
     let holes = residual(
         &bench_of(|line| {
             let line = changed(&dated(2024.0)(line), "doy", |row, x| if row < 3 { f64::NAN } else { x });
@@ -94,12 +94,12 @@ fn r10_what_the_spec_says_of_the_date_goes_before_the_flight() {
         }),
         &said[..2],
     );
-    // A second of a year is 3e-8 of it.
+    // One second is 3e-8 of a year.
     assert!(close(&holes, &flight, 1e-12));
 }
 
 #[test]
-fn r10_a_flight_without_a_date_beside_one_with_it_fails_by_itself() {
+fn user_a_flight_without_a_date_fails_alone() {
     let bench = bench_of(|line| {
         let n = line.num_rows();
         with_columns(&line, &[("year", vec![2024.0; n]), ("doy", vec![60.0; n])])
@@ -113,7 +113,7 @@ fn r10_a_flight_without_a_date_beside_one_with_it_fails_by_itself() {
     let (lines, errors) = (texts(&failed, "line"), texts(&failed, "error"));
     assert_eq!(lines, ["2.01", "2.02"]);
     assert!(errors.iter().all(|e| e.contains("needs a date") && e.contains("decimal_year")), "{errors:?}");
-    // A day that no year has is named with its row.
+    // An impossible day is reported with its row.
     let bench = bench_of(|line| {
         let n = line.num_rows();
         with_columns(&line, &[("year", vec![2024.0; n]), ("doy", vec![367.0; n])])
@@ -124,7 +124,7 @@ fn r10_a_flight_without_a_date_beside_one_with_it_fails_by_itself() {
     assert!(run.code == 1 && texts(&failed, "error").iter().all(|e| e.contains("`doy`")), "{failed:?}");
 }
 
-/// A slow variation of 40 nT, as long as a line.
+/// Adds a slow variation of 40 nT over the whole line, with a column `diurnal` if `known`.
 fn disturbed(line: &RecordBatch, known: bool) -> RecordBatch {
     let diurnal: Vec<f64> = (0..line.num_rows()).map(|i| 40.0 * (0.012 * i as f64).sin()).collect();
     let line = changed(line, "mag_4_uc", |row, x| x + diurnal[row]);
@@ -132,11 +132,11 @@ fn disturbed(line: &RecordBatch, known: bool) -> RecordBatch {
 }
 
 #[test]
-fn r10_the_diurnal_variation_is_taken_off_the_measurement() {
+fn user_the_diurnal_variation_is_subtracted_from_the_measurement() {
     let quiet = bench_of(|line| line);
     let hidden = bench_of(|line| disturbed(&line, false));
     let known = bench_of(|line| disturbed(&line, true));
-    // The model is fitted on quiet lines in all cases, so that nothing but navigation differs.
+    // The model is always fitted on quiet lines, so that only navigation differs.
     let spec = one();
     let drms = |bench: &Bench, sets: &[&str]| {
         bench.spec(&spec);
@@ -149,14 +149,14 @@ fn r10_the_diurnal_variation_is_taken_off_the_measurement() {
     println!("DRMS quiet {quiet:.2}, hidden {hidden:.2}, taken off {taken_off:.2}, left in {left_in:.2} m");
     assert!((taken_off / quiet - 1.0).abs() < 0.05 && left_in > 1.5 * quiet, "{quiet} {taken_off} {left_in}");
     assert_eq!(left_in, hidden);
-    // Said where there is none.
+    // A request without a diurnal column is an error.
     let bench = Bench::new();
     let run = bench.run(&["--set", "track.remove_diurnal=true"]);
     assert!(run.code == 2 && run.stderr.contains("`diurnal`") && run.stderr.contains("remove_diurnal = false"));
 }
 
 #[test]
-fn r10_a_sample_without_diurnal_has_no_measurement() {
+fn user_a_sample_without_diurnal_has_no_measurement() {
     let bench = bench_of(|line| {
         changed(&disturbed(&line, true), "diurnal", |row, x| if (100..110).contains(&row) { f64::NAN } else { x })
     });
@@ -172,7 +172,7 @@ fn r10_a_sample_without_diurnal_has_no_measurement() {
 }
 
 #[test]
-fn r10_the_heading_has_an_error_of_its_own() {
+fn user_the_initial_heading_error_increases_the_position_uncertainty() {
     let bench = Bench::new();
     bench.spec(&one());
     let sd = |sets: &[&str]| {
@@ -185,7 +185,7 @@ fn r10_the_heading_has_an_error_of_its_own() {
 }
 
 #[test]
-fn r10_noise_is_taken_from_what_the_calibration_left() {
+fn user_automatic_noise_uses_the_calibration_residual() {
     let auto = [
         "--set",
         "track.measurement_sigma_nt=auto",
@@ -195,7 +195,7 @@ fn r10_noise_is_taken_from_what_the_calibration_left() {
         "track.fogm_tau_s=auto",
     ];
     let bench = Bench::new();
-    // To what the calibration left, bilinear interpolation would add its own.
+    // Bilinear interpolation would add its error to the calibration residual.
     let one = || one().replace("offset_window_s = 1.0", "offset_window_s = 1.0\nmap_interpolation = \"cubic\"");
     bench.spec(&one());
     let run = bench.run(&auto);
@@ -210,7 +210,7 @@ fn r10_noise_is_taken_from_what_the_calibration_left() {
         let (found, told) = (numbers(&model, of_model), numbers(&clean, of_line));
         assert!(found[0] > 0.0 && found.iter().chain(&told).all(|x| *x == found[0]), "{of_model} {found:?}");
     }
-    // The same numbers by hand; with an offset the lasting part doubles in variance and time.
+    // The same numbers set explicitly. With an offset the FOGM part has twice the variance and time constant.
     let by_hand = track(&bench, "lat");
     let (white, sigma, tau) = (
         numbers(&model, "residual_sigma")[0],
@@ -225,7 +225,7 @@ fn r10_noise_is_taken_from_what_the_calibration_left() {
     let run = bench.run(&["--set", &sets[0], "--set", &sets[1], "--set", &sets[2]]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert_eq!(by_hand, track(&bench, "lat"));
-    // Where nothing was compensated there is nothing to take it from.
+    // Without compensation there is no residual noise, which is an error.
     bench.spec(&one().replace("input           = \"clean\"", "input           = \"even\"\nmag = \"mag_4_uc\""));
     let run = bench.run(&auto);
     assert_eq!(run.code, 2);
@@ -237,7 +237,7 @@ fn r10_noise_is_taken_from_what_the_calibration_left() {
 }
 
 #[test]
-fn r10_noise_is_taken_from_lines_over_a_known_field() {
+fn user_automatic_noise_uses_lines_over_a_known_field() {
     let bench = Bench::new();
     let more = "\n[[stages]]\nname = \"left\"\nstage = \"residual_noise\"\ninput = \"clean\"\nwhere = \"line like '%.01'\"\n\
                 truth = \"mag_1_c\"\n\n[[stages]]\nname = \"expected\"\nstage = \"assume_noise\"\ninput = \"clean\"\n\
@@ -251,7 +251,7 @@ fn r10_noise_is_taken_from_lines_over_a_known_field() {
         (read(&bench.path("store/tables/small/left")), read(&bench.path("store/tables/small/expected")));
     let sigma = numbers(&left, "residual_sigma");
     assert!(sigma.len() == 1 && numbers(&expected, "mag_sigma").iter().all(|x| *x == sigma[0]));
-    // Without a true field it takes the parts of one, and says where they come from.
+    // Without a true field its parts are required; the message gives the stages that compute them.
     bench.spec(&(spec + &more.replace("truth = \"mag_1_c\"\n", "")));
     let run = bench.run(&[]);
     assert_eq!(run.code, 2);
@@ -259,7 +259,7 @@ fn r10_noise_is_taken_from_lines_over_a_known_field() {
 }
 
 #[test]
-fn r10_a_map_at_another_height_has_an_error_to_expect() {
+fn user_a_map_at_another_height_has_an_estimated_error() {
     let error = |alt_m: f64, sets: &[&str]| {
         let bench = bench_of(|line| changed(&changed(&line, "alt", |_, _| alt_m), "ins_alt", |_, _| alt_m));
         bench.spec(&one());
@@ -269,8 +269,8 @@ fn r10_a_map_at_another_height_has_an_error_to_expect() {
         assert!(all.len() == 4 && all.iter().all(|x| (x - all[0]).abs() < 1e-9), "{all:?}");
         all[0]
     };
-    // The map is at 300 m. Its waves are some 2.5 km long, 100 nT rms: 200 m higher 100 (1 - exp(-2 pi 0.08)) nT are
-    // lost.
+    // The map is at 300 m. Its waves are about 2.5 km long, 100 nT rms. At 200 m above it, 100 (1 - exp(-2 pi 0.08)) nT
+    // are lost.
     assert!(error(300.0, &[]) < 1e-6);
     let high = error(500.0, &[]);
     assert!((20.0..70.0).contains(&high), "{high}");

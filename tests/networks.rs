@@ -1,4 +1,4 @@
-//! Networks as a user trains and applies them.
+//! Training and application of networks.
 
 use std::{
     process::{Command, Stdio},
@@ -8,7 +8,7 @@ use std::{
 
 use crate::support::{Bench, SPEC, numbers, read, stderr, stdout, texts};
 
-/// The small flights with a fit of networks to their true field of the aircraft; `keys` are further ones of the fit.
+/// Spec of the small flights with a fit of networks to the true aircraft field. `keys` are additional keys of the fit.
 fn spec(axes: &str, keys: &str) -> String {
     let tables = SPEC.split("[axes]").next().unwrap();
     format!(
@@ -54,7 +54,7 @@ metrics = ["std_error", "std_uncompensated"]
 }
 
 #[test]
-fn user_every_network_compensates_and_its_training_is_a_query_away() {
+fn user_every_network_compensates_and_its_training_can_be_queried() {
     let bench = Bench::new();
     let models = r#"model = ["m1", "m2a", "m2b", "m2c", "m2d", "tlnn", "etlnn"]"#;
     let keys =
@@ -108,16 +108,16 @@ fn user_a_network_becomes_an_onnx_file() {
 }
 
 #[test]
-fn user_a_training_that_is_killed_goes_on_to_the_same_bytes_on_other_threads() {
+fn user_killed_training_resumes_to_the_same_bytes_on_other_threads() {
     killed("model = \"m2c\"\nhidden = [64, 64]\nepochs = 150\nbatch = 16\nseed = 5");
 }
 
 #[test]
-fn user_trees_that_are_killed_go_on_to_the_same_bytes_on_other_threads() {
+fn user_killed_fits_of_trees_resume_to_the_same_bytes_on_other_threads() {
     killed("model = \"boosted_trees\"\ntrees = 4000\nleaf_samples = 2\nsubsample = 0.8\nseed = 5");
 }
 
-/// Kills a fit once it has kept a state, and runs it again.
+/// Kills a fit after it stored a state, and runs it again.
 fn killed(keys: &str) {
     let bench = Bench::new();
     bench.spec(&spec("x = [1]", keys).replace("[axes]\nx = [1]\n", ""));
@@ -144,7 +144,7 @@ fn killed(keys: &str) {
 }
 
 #[test]
-fn user_what_a_network_cannot_use_is_refused() {
+fn user_invalid_keys_of_networks_are_rejected() {
     let bench = Bench::new();
     let said = |keys: &str| {
         bench.spec(&spec("x = [1]", keys).replace("[axes]\nx = [1]\n", ""));
@@ -170,7 +170,7 @@ fn user_what_a_network_cannot_use_is_refused() {
 }
 
 #[test]
-fn user_the_report_shows_trainings_and_which_inputs_matter() {
+fn user_the_report_shows_trainings_and_input_importance() {
     let bench = Bench::new();
     let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]\nseed = \"$start\"\nsubsample = 0.9";
     let importance = "\n[[stages]]\nname = \"matters\"\nstage = \"importance\"\ninput = \"wanted\"\nmodel = \"network\"\n\
@@ -186,7 +186,7 @@ fn user_the_report_shows_trainings_and_which_inputs_matter() {
     for part in ["id=\"training\"", "network: model = m1", "id=\"importance\"", "matters: model = boosted_trees"] {
         assert!(page.contains(part), "{part}");
     }
-    // A picture for each model, of all lines and seeds; and a beeswarm, whose colours are the values of inputs.
+    // One picture for each model with all lines and seeds, and a beeswarm plot coloured by input values.
     assert_eq!(page.matches("<strong>matters: model = m1").count(), 1, "seeds are no models of their own");
     assert_eq!(page.matches("<strong>parts: model = m1").count(), 2, "bars and a beeswarm");
     assert!(
@@ -194,8 +194,8 @@ fn user_the_report_shows_trainings_and_which_inputs_matter() {
     );
 }
 
-/// Flights of the survey aircraft with sensors as real ones are, and of another one of the type: other fields at a
-/// magnetometer in the cabin, and other currents' draws.
+/// Flight of the survey aircraft with realistic sensors. `seed` and `magnetometer` give another aircraft of the type:
+/// other random currents and another aircraft field at a cabin magnetometer.
 fn aircraft(flight: &str, seed: u32, lines: &[(&str, f64, f64)], magnetometer: &str) -> String {
     let map = crate::support::repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
     let line = |(name, start_s, duration_s): &(&str, f64, f64)| {
@@ -213,7 +213,7 @@ fn aircraft(flight: &str, seed: u32, lines: &[(&str, f64, f64)], magnetometer: &
     )
 }
 
-/// A network of the first aircraft, and two of a minute of the second: cold and from the first.
+/// Spec with a network of the first aircraft and two networks of one minute of the second: cold start and warm start.
 fn transfer(first_epochs: u32) -> String {
     let mut spec = "name = \"transfer\"\nstore = \"store\"\n".to_owned();
     for one in ["first", "second"] {
@@ -287,7 +287,7 @@ metrics = ["std_error", "std_uncompensated"]
 }
 
 #[test]
-fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
+fn user_training_can_start_from_the_network_of_another_aircraft() {
     let bench = Bench::new();
     let other = "[[magnetometers]]\nname = \"mag_4_uc\"\npermanent = [380.0, 225.0, -185.0]\n\
                  induced = [[2.4e-3, 3e-4, 0.0], [3e-4, -8e-4, 2e-4], [0.0, 2e-4, 1.3e-3]]";
@@ -321,7 +321,7 @@ fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
     let whole = bench.tables("store");
     assert_eq!(bench.run(&["--threads", "1", "--set", "store=other"]).code, 0);
     assert!(whole == bench.tables("other"), "the bytes differ");
-    // The published table of the first is as good as its stage, for another spec and another store.
+    // The published table of the first network replaces its stage in another spec with another store.
     let spec = transfer(190);
     let (head, rest) = spec.split_once("[[stages]]").unwrap();
     let pretrained =
@@ -333,7 +333,7 @@ fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
     assert_eq!(done.code, 0, "{}", done.stderr);
     let values = |store: &str| numbers(&read(&bench.path(store).join("tables/transfer/warm")), "value");
     assert_eq!(values("store"), values("elsewhere"));
-    // Workers of other processes have it from the store alone.
+    // Worker processes read the network from the store only.
     let workers = bench.run(&["--engine", "processes", "--set", "store=workers"]);
     assert_eq!(workers.code, 0, "{}", workers.stderr);
     assert!(bench.tables("elsewhere") == bench.tables("workers"), "the bytes differ");
@@ -341,7 +341,7 @@ fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
     assert!(stdout(&explained).contains("pretrained  model"), "{}", stdout(&explained));
     let lineage = bench.magline(&["lineage", "transfer.warm", "--store", "elsewhere"]);
     assert!(stdout(&lineage).contains("pretrained  model of 1 lines, 1 files"), "{}", stdout(&lineage));
-    // Other bytes are another model.
+    // Changed bytes count as a changed model.
     let model = std::fs::read_dir(bench.path("store/tables/transfer/taught")).unwrap().flatten();
     let file = model.map(|f| f.path()).find(|f| f.extension().is_some_and(|e| e == "parquet")).unwrap();
     let table = read(&bench.path("store/tables/transfer/taught"));
@@ -355,7 +355,7 @@ fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
 }
 
 #[test]
-fn user_what_no_training_can_begin_with_is_refused() {
+fn user_unsuitable_initial_models_are_rejected() {
     let bench = Bench::new();
     let first = "model = \"m1\"\nepochs = 1\n\n[[stages]]\nname = \"line\"\nstage = \"fit\"\ninput = \"wanted\"\n\
                  target = \"target\"\nmodel = \"ridge\"\n\n[[stages]]\nname = \"second\"\nstage = \"fit\"\n\
@@ -375,7 +375,7 @@ fn user_what_no_training_can_begin_with_is_refused() {
     assert!(unknown.contains("did you mean `network`?"), "{unknown}");
     let missing = said("model = \"m1\"\nwarm_start = \"flights\"");
     assert!(missing.contains("flights") && missing.contains("term"), "{missing}");
-    // The content of a table is known once it exists.
+    // The content of a table is checked once the table exists.
     for (keys, what) in [
         ("model = \"m1\"\nepochs = 1\nwarm_start = \"line\"", "is linear and has no weights"),
         (

@@ -17,7 +17,7 @@ use crate::{
     support::{Bench, SPEC, changed, line_of, repository, stderr, write},
 };
 
-/// The events in a file of OpenLineage, held against their schemas, those of each facet too.
+/// Events of an OpenLineage file, validated against the schemas of events and facets.
 fn events(path: &Path) -> Vec<Value> {
     let schemas = Schemas::read(&repository().join("tests/reference/openlineage"));
     let text = fs::read_to_string(path).unwrap();
@@ -57,7 +57,7 @@ fn user_openlineage_events_name_every_hop_from_the_files_to_the_scores() {
     let [first, last] = pair("small".to_owned());
     let expected: Vec<(String, String)> = std::iter::once(first).chain(tables).chain([last]).collect();
     assert_eq!(kinds(&found), expected);
-    // One run of the pipeline, which the summary names; one below it for each table.
+    // One run for the pipeline, with the identifier of the summary, and one child run for each table.
     let id = summary(&bench)["id"].clone();
     let mut runs: BTreeMap<String, Vec<Value>> = BTreeMap::new();
     for event in &found {
@@ -73,7 +73,7 @@ fn user_openlineage_events_name_every_hop_from_the_files_to_the_scores() {
     assert_eq!(runs["small"][0], id);
     let distinct: std::collections::BTreeSet<String> = runs.values().map(|ids| ids[0].to_string()).collect();
     assert_eq!(distinct.len(), 7);
-    // The spec is a facet; the files are datasets with versions, and each table is the input of those after it.
+    // The spec is a facet. Files are datasets with versions, and each table is the input of downstream tables.
     assert_eq!(found[0]["job"]["facets"]["sourceCode"]["sourceCode"], SPEC);
     let of = |table: &str| found.iter().rfind(|e| e["job"]["name"] == format!("small.{table}")).unwrap();
     let folder = bench.folder.path().canonicalize().unwrap();
@@ -107,19 +107,19 @@ fn user_openlineage_events_name_every_hop_from_the_files_to_the_scores() {
     let schema = of("clean")["outputs"][0]["facets"]["schema"]["fields"].as_array().unwrap().clone();
     let mag = schema.iter().find(|f| f["name"] == "mag_c").unwrap();
     assert!(mag["description"].as_str().unwrap().ends_with("[nT]"), "{mag}");
-    // The view of a store is an event of the same schema.
+    // The lineage of a store is an event of the same schema.
     let view = bench.magline(&["lineage", "small.clean", "--store", "store", "--format", "openlineage"]);
     let view: Value = serde_json::from_slice(&view.stdout).unwrap();
     fs::write(bench.path("view.jsonl"), view.to_string()).unwrap();
     assert_eq!(kinds(&events(&bench.path("view.jsonl"))), [("small.clean".to_owned(), "COMPLETE".to_owned())]);
-    // The same but for identifiers and times.
+    // Another store gives the same events except for identifiers and times.
     fs::remove_dir_all(bench.path("store")).unwrap();
     bench.run(&["--openlineage", "again.jsonl", "--threads", "1"]);
     let plain = |events: Vec<Value>| events.into_iter().map(anonymous).collect::<Vec<_>>();
     let again = events(&bench.path("again.jsonl"));
     assert_ne!(again[0]["run"]["runId"], id);
     assert_eq!(plain(again), plain(found.clone()));
-    // Another byte of an input is another version of it and of what is made from it.
+    // A changed byte of an input changes its version and those of its dependents.
     write(&bench.path("flights/2.parquet"), &[line_of("2", "2.01", 600)]);
     bench.run(&["--openlineage", "third.jsonl"]);
     let third = events(&bench.path("third.jsonl"));
@@ -145,7 +145,7 @@ fn anonymous(mut event: Value) -> Value {
 }
 
 #[test]
-fn user_openlineage_tells_failures_and_the_run_of_the_scheduler() {
+fn user_openlineage_reports_failures_and_the_run_of_the_scheduler() {
     let bench = Bench::new();
     write(&bench.path("flights/3.parquet"), &[changed(&line_of("3", "3.01", 500), "lat", |_, _| 95.0)]);
     let parent = "airflow/nightly.sweep/0190b2a5-2b3c-7def-8a01-23456789abcd";
@@ -170,7 +170,7 @@ fn user_openlineage_tells_failures_and_the_run_of_the_scheduler() {
     let even = found.iter().rfind(|e| e["job"]["name"] == "small.even").unwrap();
     assert_eq!(even["eventType"], "FAIL");
     assert!(even["run"]["facets"]["errorMessage"]["message"].as_str().unwrap().starts_with("1 of 5 units"), "{even}");
-    // A run that was stopped is aborted; the spec of one that is wrong never ran.
+    // A stopped run is aborted. An invalid spec gives no run.
     bench.run(&["--openlineage", "stopped.jsonl", "--max-time=0s", "--set", "store=other"]);
     let stopped = kinds(&events(&bench.path("stopped.jsonl")));
     assert_eq!(stopped.first().unwrap().1, "START");
@@ -179,7 +179,7 @@ fn user_openlineage_tells_failures_and_the_run_of_the_scheduler() {
     assert!(!bench.path("wrong.jsonl").exists());
 }
 
-/// Answers each request with `status`, and gives back their bodies when the client is done.
+/// Answers each request with `status` and returns the request bodies when the client ends.
 fn serve(listener: TcpListener, status: &'static str) -> std::thread::JoinHandle<Vec<(String, Value)>> {
     std::thread::spawn(move || {
         let mut bodies = vec![];
@@ -193,7 +193,7 @@ fn serve(listener: TcpListener, status: &'static str) -> std::thread::JoinHandle
     })
 }
 
-/// One request to a connection.
+/// Answers one request on a connection.
 fn one_client(stream: TcpStream, status: &str, bodies: &mut Vec<(String, Value)>) -> bool {
     let mut reader = BufReader::new(stream.try_clone().unwrap());
     let (mut head, mut length) = (String::new(), 0);
@@ -222,7 +222,7 @@ fn one_client(stream: TcpStream, status: &str, bodies: &mut Vec<(String, Value)>
 }
 
 #[test]
-fn user_openlineage_goes_to_a_server_and_a_server_that_is_gone_fails_nothing() {
+fn user_openlineage_is_sent_to_a_server_and_an_unreachable_server_is_no_failure() {
     let bench = Bench::new();
     let sent = |status: &'static str, store: &str| {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -251,7 +251,7 @@ fn user_openlineage_goes_to_a_server_and_a_server_that_is_gone_fails_nothing() {
     let (output, bodies) = sent("400 Bad Request", "two");
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stderr(&output).contains("warning: OpenLineage events are lost: 6 events"), "{}", stderr(&output));
-    // It is not asked again and again.
+    // After a failure the server receives no further requests.
     assert_eq!(bodies.len(), 3);
     let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let output = bench.magline(&["run", "spec.toml", "-q", "--openlineage", &format!("http://{closed}")]);

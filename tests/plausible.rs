@@ -1,4 +1,4 @@
-//! An impossible value is an error with a likely cause. Samples that a sensor drops are missing and counted.
+//! An impossible value is an error with a likely cause. Dropouts of a sensor are missing values and are counted.
 
 use std::fs;
 
@@ -22,14 +22,14 @@ input   = "flights"
 rate_hz = 10.0
 "#;
 
-/// A line whose magnetometers read the total field.
+/// Line with magnetometers that read the total field.
 fn total(line: &str, rows: usize) -> RecordBatch {
     ["mag_1_c", "mag_4_uc", "mag_5_uc"]
         .iter()
         .fold(line_of("1", line, rows), |b, column| changed(&b, column, |_, x| x + 48_000.0))
 }
 
-/// The same with the velocities of its positions.
+/// Line of [`total`] with the velocities of its positions.
 fn moving(line: &str, rows: usize) -> RecordBatch {
     let flight = total(line, rows);
     let column = |name: &str| numbers(std::slice::from_ref(&flight), name);
@@ -54,7 +54,7 @@ fn renamed(flight: &RecordBatch, from: &str, to: &str) -> RecordBatch {
     RecordBatch::try_new(std::sync::Arc::new(schema.finish()), flight.columns().to_vec()).unwrap()
 }
 
-/// A bench with one file of these lines, and more keys of its table.
+/// Bench with one file of these lines and additional keys of its table.
 fn bench(lines: &[RecordBatch], more: &str) -> Bench {
     let bench = Bench::new();
     fs::remove_file(bench.path("flights/2.parquet")).unwrap();
@@ -77,7 +77,7 @@ fn quality(bench: &Bench) -> Vec<(String, String, String, f64, f64, f64)> {
         .collect()
 }
 
-/// The only failure of a run and of a check, for a flight of one line; nothing is computed from it.
+/// Single failure of a run and of a check for a flight of one line. Asserts that nothing is computed.
 fn refused(lines: &[RecordBatch], more: &str) -> String {
     let bench = bench(lines, more);
     let done = bench.run(&[]);
@@ -89,7 +89,7 @@ fn refused(lines: &[RecordBatch], more: &str) -> String {
     let said = stderr(&check);
     let what = errors[0].split(" (").next().unwrap();
     assert!(said.contains(what) && said.contains("--> spec.toml:6:8"), "{what}\n{said}");
-    // The same values are accepted when the table says so.
+    // The same values are accepted with `accept`.
     let accepted = format!("accept = [\"range\"]\n{more}");
     bench.spec(&SPEC.replace("path = \"flights/\"", &format!("path = \"flights/\"\n{accepted}")));
     assert_eq!(bench.magline(&["check", "spec.toml"]).status.code(), Some(0));
@@ -110,9 +110,9 @@ fn contains(said: &str, words: &[&str]) {
 }
 
 #[test]
-fn r10_a_field_in_another_unit_is_refused_with_that_unit() {
+fn user_a_field_in_another_unit_is_rejected_with_that_unit() {
     let flight = total("1.01", 300);
-    // 48,000 nT that the file calls microtesla.
+    // 48,000 nT in a column declared as microtesla.
     let declared = renamed(&flight, "mag_4_uc", "cabin_uT");
     let said = refused(&[declared], "rename = { \"cabin_uT\" = \"mag_4_uc\" }");
     contains(
@@ -131,7 +131,7 @@ fn r10_a_field_in_another_unit_is_refused_with_that_unit() {
             &said,
             &["column `mag_4_uc`, row 0", &format!("if the value is in {unit}, it is 4"), &format!("= \"{unit}\" }}`")],
         );
-        // One mistake of a vector magnetometer is one message.
+        // One mistake of a vector magnetometer gives one message.
         let said = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * factor)], "");
         contains(&said, &["column `flux_a_x`", "vector magnetometer", &format!("\"flux_a_z\" = \"{unit}\"")]);
     }
@@ -140,7 +140,7 @@ fn r10_a_field_in_another_unit_is_refused_with_that_unit() {
 }
 
 #[test]
-fn r10_positions_that_do_not_exist_are_refused() {
+fn user_impossible_positions_are_rejected() {
     let flight = total("1.01", 300);
     for (column, value, says) in [
         ("lat", 95.0, "95 deg is not a latitude (-90 to 90 deg)"),
@@ -165,7 +165,7 @@ fn r10_positions_that_do_not_exist_are_refused() {
 }
 
 #[test]
-fn r10_radians_are_seen_by_the_ins_the_velocities_or_the_speed() {
+fn user_radians_are_detected_from_the_ins_the_velocities_or_the_speed() {
     let radians = |b: &RecordBatch| each(b, &["lat", "lon"], f64::to_radians);
     let says = "set `units = { \"lat\" = \"rad\", \"lon\" = \"rad\" }`";
     let ins = radians(&total("1.01", 600));
@@ -179,7 +179,7 @@ fn r10_radians_are_seen_by_the_ins_the_velocities_or_the_speed() {
 }
 
 #[test]
-fn r10_velocities_and_heights_that_fit_in_another_unit_only() {
+fn user_velocities_and_heights_in_another_unit_are_rejected() {
     let flight = moving("1.01", 600);
     assert_eq!(bench(std::slice::from_ref(&flight), "").run(&[]).code, 0);
     for (factor, unit) in [(3.6, "km/h"), (1.0 / 0.514_444, "kn"), (1.0 / 0.3048, "ft/s")] {
@@ -193,14 +193,14 @@ fn r10_velocities_and_heights_that_fit_in_another_unit_only() {
     let feet = each(&flight, &["alt"], |x| x / 0.3048);
     let said = refused(&[renamed(&feet, "alt", "height")], "rename = { \"height\" = \"alt\" }");
     contains(&said, &["column `alt`", "`alt` and `ins_alt` are 684 m apart", "set `units = { \"height\" = \"ft\" }`"]);
-    // 487 m apart, which 700 m and 213 m are in feet too; but they rise together.
+    // The heights are 487 m apart and would agree if 700 were in feet, but both rise together.
     let rising = |from: f64| move |i: usize, _: f64| from + 20.0 * (0.05 * i as f64).sin();
     let flight = changed(&changed(&flight, "alt", rising(700.0)), "ins_alt", rising(213.0));
     assert_eq!(bench(&[flight], "").run(&[]).code, 0);
 }
 
 #[test]
-fn r10_spikes_infinities_and_dropouts_are_missing_and_counted() {
+fn user_spikes_infinities_and_dropouts_are_missing_and_counted() {
     let flight = changed(&total("1.01", 400), "mag_4_uc", |i, x| match i {
         7 => 1e300,
         8 => f64::INFINITY,
@@ -230,16 +230,16 @@ fn r10_spikes_infinities_and_dropouts_are_missing_and_counted() {
     ];
     let spelt = |rows: &[(String, String, String, f64, f64, f64)]| format!("{rows:?}");
     assert_eq!(spelt(&found), spelt(&expected));
-    // Samples 7 to 11 are missing; the gap of 0.6 s is bridged, so all that comes out is a field of the earth.
+    // Samples 7 to 11 are missing. The gap of 0.6 s is bridged, so all outputs are plausible total fields.
     let even = read(&bench.path("store/tables/small/even"));
     assert!(numbers(&even, "mag_4_uc").iter().all(|x| (47_000.0..49_000.0).contains(x)));
     let output = bench.magline(&["sql", "SELECT sum(n) AS n FROM small.quality", "--format", "csv"]);
     assert_eq!(stdout(&output), "n\n406\n", "{}", stderr(&output));
-    // The findings are known from the store as well, and reported in one line.
+    // A run from the store reports the same findings in one line.
     let again = bench.magline(&["run", "spec.toml"]);
     assert!(stderr(&again).contains("data quality: 6 findings in 1 line; see the table `small.quality`"));
     assert_eq!(spelt(&quality(&bench)), spelt(&expected));
-    // A sensor that is impossible for a fifth of the line is no spike.
+    // Impossible values on a fifth of the line do not count as spikes.
     let bad = changed(&total("1.01", 400), "mag_4_uc", |i, x| if i % 5 == 0 { 9e5 } else { x });
     contains(
         &refused(&[bad], ""),
@@ -248,7 +248,7 @@ fn r10_spikes_infinities_and_dropouts_are_missing_and_counted() {
 }
 
 #[test]
-fn r10_one_mistake_of_a_file_is_one_message() {
+fn user_one_mistake_of_a_file_gives_one_message() {
     let lines = [("1.01", 300), ("1.02", 200), ("1.03", 100)]
         .map(|(line, rows)| each(&total(line, rows), &["mag_4_uc"], |x| x * 1e-9));
     let bench = bench(&lines, "");
@@ -259,7 +259,7 @@ fn r10_one_mistake_of_a_file_is_one_message() {
     contains(&said, &["line 1.01", "(and in 2 more lines of the file)"]);
     assert_eq!(errors(&bench).len(), 3);
     assert_eq!(stderr(&bench.magline(&["check", "spec.toml"])).matches("not a total field").count(), 1);
-    // Three mistakes are three messages at once.
+    // Three mistakes give three messages in one run.
     let wrong = each(&each(&lines[0], &["alt"], |x| x / 0.3048), &["lat", "lon"], f64::to_radians);
     write(&bench.path("flights/1.parquet"), &[wrong]);
     let done: Done = bench.run(&[]);
@@ -272,7 +272,7 @@ fn r10_one_mistake_of_a_file_is_one_message() {
 }
 
 #[test]
-fn r10_options_of_tables_are_checked_like_parameters_and_all_at_once() {
+fn user_all_options_of_tables_are_checked_like_parameters() {
     let bench = bench(&[total("1.01", 100)], "fromat = \"csv\"\nunits = { mag_1_uc = 5 }\nepsg = 70000\nline = 7");
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
@@ -287,7 +287,7 @@ fn r10_options_of_tables_are_checked_like_parameters_and_all_at_once() {
 }
 
 #[test]
-fn r10_accept_and_the_name_of_the_table_are_checked() {
+fn user_accept_and_the_name_of_the_table_are_checked() {
     let bench = bench(&[total("1.01", 100)], "accept = [\"rnage\"]");
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
@@ -299,7 +299,7 @@ fn r10_accept_and_the_name_of_the_table_are_checked() {
 }
 
 #[test]
-fn r10_sql_refuses_places_and_dates_that_do_not_exist() {
+fn user_sql_rejects_impossible_positions_and_dates() {
     let bench = bench(&[total("1.01", 100)], "");
     assert_eq!(bench.run(&[]).code, 0);
     let ask = |call: &str| bench.magline(&["sql", &format!("SELECT {call} AS f"), "--format", "csv"]);

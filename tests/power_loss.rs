@@ -1,7 +1,7 @@
-//! A loss of power at any moment, and any bit that flips, cost no more than another run.
+//! After a power loss at any moment, or any flipped bit, another run restores the store.
 //!
-//! A library that is preloaded into a run (`shim/power.c`) ends it before a chosen rename, link or fsync. It first
-//! drops all data that a disk may have dropped because it was not synced.
+//! A preloaded library (`shim/power.c`) ends a run before a chosen rename, link or fsync. It first drops unsynced data,
+//! as a disk may do.
 #![cfg(target_os = "linux")]
 
 use std::{
@@ -15,7 +15,7 @@ use std::{
 
 use crate::support::{Bench, repository, stderr, stdout};
 
-/// A chain short enough to be run often: a table by lines, a fit, and columns that pass through.
+/// Short pipeline: a table by lines, a fit, and passthrough columns.
 const SHORT: &str = r#"
 name  = "small"
 seed  = 1
@@ -56,7 +56,7 @@ model = "coefficients"
 mag   = "mag_4_uc"
 "#;
 
-/// Sums of whole numbers, so that the order of the rows does not matter. `lat` of `clean` lies in a table further up.
+/// Sums of whole numbers, which do not depend on the row order. `lat` of `clean` is stored in an upstream table.
 const QUESTION: &str = "
     SELECT 'even' AS name, count(*) AS n, sum(CAST(mag_4_uc * 1e6 AS BIGINT)) AS a, sum(CAST(tt * 1e3 AS BIGINT)) AS b
         FROM small.even
@@ -86,7 +86,7 @@ struct Scene {
     folder: PathBuf,
 }
 
-/// How a run ends.
+/// End of a run: point, mode and seed.
 #[derive(Clone, Copy, Debug)]
 struct End {
     point: usize,
@@ -97,7 +97,7 @@ struct End {
 impl Scene {
     fn new() -> Scene {
         let bench = Bench::new();
-        // Files as young as that are read again by the next run, which then has other points to end at.
+        // The next run reads files of less than 2 s of age again, which would change its points.
         std::thread::sleep(std::time::Duration::from_millis(2100));
         bench.spec(SHORT);
         let shim = bench.path("power.so");
@@ -109,7 +109,7 @@ impl Scene {
         Scene { bench, shim, folder }
     }
 
-    /// A run in `store` under the shim.
+    /// Command of a run in `store` under the shim.
     fn shimmed(&self, store: &str, more: &[&str], end: Option<End>) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_magline"));
         command.args(["run", "spec.toml", "--quiet", "--threads", "2", "--set", &format!("store={store}")]).args(more);
@@ -122,14 +122,14 @@ impl Scene {
         command
     }
 
-    /// The points of an undisturbed run in `store`.
+    /// Number of points of an undisturbed run in `store`.
     fn points(&self, store: &str, more: &[&str]) -> usize {
         let output = self.shimmed(store, more, None).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
         fs::read_to_string(self.folder.join("count")).unwrap().trim().parse().unwrap()
     }
 
-    /// Whether a run in `store` came to the point before which it was to end.
+    /// True if a run in `store` was ended at its point.
     fn dies(&self, store: &str, more: &[&str], end: End) -> bool {
         let output = self.shimmed(store, more, Some(end)).output().unwrap();
         assert!(output.status.signal() == Some(9) || output.status.success(), "{end:?}: {}", stderr(&output));
@@ -153,7 +153,7 @@ impl Scene {
         if output.status.success() { Ok(()) } else { Err(format!("gc said: {}", stderr(&output))) }
     }
 
-    /// The answer, or what was said instead.
+    /// Answer to [`QUESTION`], or the error message.
     fn ask(&self, store: &str) -> Result<String, String> {
         let output = self.bench.magline(&["sql", "--store", store, "--format", "csv", QUESTION]);
         if output.status.success() { Ok(stdout(&output)) } else { Err(stderr(&output)) }
@@ -167,7 +167,7 @@ impl Scene {
         Shown { files: self.files(store), answer: self.ask(store).unwrap() }
     }
 
-    /// Checks the published files after a loss: none, or one of `wholes` as a whole.
+    /// Checks the published files after a loss: none, or exactly one of `wholes`.
     fn is_one_of(&self, store: &str, wholes: &[&Shown]) -> Result<(), String> {
         let (files, answer) = (self.files(store), self.ask(store));
         if files.is_empty() {
@@ -177,12 +177,12 @@ impl Scene {
         match answer {
             Ok(answer) if answer == whole.answer => Ok(()),
             Ok(answer) => Err(format!("another answer:\n{answer}")),
-            // Columns that pass through are read from packs; those of the version before may be gone.
+            // Passthrough columns are read from packs. Packs of the previous version may be gone.
             Err(said) => Err(format!("no answer: {said}")),
         }
     }
 
-    /// After a loss: nothing half-written is to be read, and one run makes all whole.
+    /// Asserts after a loss that no partial data is readable and that one run completes the store.
     fn goes_on(&self, store: &str, more: &[&str], wholes: &[&Shown], end: &Shown) -> Result<(), String> {
         self.is_one_of(store, wholes)?;
         self.run(store, more)?;
@@ -199,8 +199,8 @@ impl Scene {
     }
 }
 
-/// Some ends of a run of `points` points: every `step`-th point, by turns killed and without power, with the seeds one
-/// after another, and more of them at the end; where `step` is 1, all of it at every point.
+/// Selected ends of a run with `points` points: every `step`-th point, with one kill in four, successive seeds, and
+/// more ends near the last point. With `step` 1: all modes and seeds at every point.
 fn ends(points: usize, step: usize, first: usize) -> Vec<End> {
     const SEEDS: usize = 4;
     if step == 1 {
@@ -214,7 +214,7 @@ fn ends(points: usize, step: usize, first: usize) -> Vec<End> {
         let mode = if i % 4 == 3 { "kill" } else { "power" };
         End { point, mode, seed: i % (2 * SEEDS) }
     };
-    // The last points come after the new version is in place, which must stay as a whole.
+    // The last points follow the publication of the new version, which must stay complete.
     let last = [10, 7, 3]
         .into_iter()
         .flat_map(|back| (1..SEEDS).map(move |seed| End { point: points - back, mode: "power", seed: seed + back }));
@@ -234,7 +234,7 @@ fn end_first_runs(step: usize) {
     let mut faults = vec![];
     for end in ends(points, step, 3) {
         scene.remove("store");
-        // The order of the points is not the same in each run, their number is.
+        // The order of the points varies between runs; their number does not.
         assert!(scene.dies("store", &[], end), "{end:?}: it came to its end");
         if let Err(fault) = scene.goes_on("store", &[], &[&whole], &whole) {
             faults.push(format!("{end:?}: {fault}"));
@@ -243,7 +243,7 @@ fn end_first_runs(step: usize) {
     none_of(faults);
 }
 
-/// Ends runs that change what is published.
+/// Ends runs that change the published tables.
 fn end_second_runs(step: usize) {
     let scene = Scene::new();
     scene.points("whole", &[]);
@@ -273,9 +273,9 @@ fn user_power_may_fail_while_tables_change() {
     end_second_runs(7);
 }
 
-/// Before the first fsync nothing is on the disk.
+/// Ends a run before the first fsync, when nothing is on the disk.
 #[test]
-fn user_what_is_not_synced_is_lost() {
+fn unit_the_shim_drops_unsynced_data() {
     let scene = Scene::new();
     let of = |store: &str, mode| {
         assert!(scene.dies(store, &[], End { point: 1, mode, seed: 0 }));
@@ -288,7 +288,7 @@ fn user_what_is_not_synced_is_lost() {
     assert!(scene.files("killed") == scene.files("lost"));
 }
 
-/// Several minutes.
+/// Takes several minutes.
 #[test]
 #[ignore = "the same at every single moment"]
 fn user_power_may_fail_at_every_moment() {
@@ -306,7 +306,7 @@ fn found(folder: &Path, end: &str) -> Vec<PathBuf> {
     below.filter(|p| p.to_string_lossy().ends_with(end)).collect()
 }
 
-/// Turns one bit of a file, in place.
+/// Flips one bit of a file in place.
 fn flip(path: &Path, random: u64, keep_time: bool) -> String {
     let about = fs::metadata(path).unwrap();
     let at = random / 8 % about.len();
@@ -323,7 +323,7 @@ fn flip(path: &Path, random: u64, keep_time: bool) -> String {
     format!("{} bit {} of byte {at}, time {}", path.display(), random % 8, if keep_time { "kept" } else { "new" })
 }
 
-/// Flips bits in files of every kind, and heals the store each time.
+/// Flips bits in files of every kind and repairs the store each time.
 fn flip_bits(positions: u64) {
     let scene = Scene::new();
     let fresh = || {
@@ -377,16 +377,16 @@ fn flip_bits(positions: u64) {
     none_of(faults);
 }
 
-/// A damaged store answers as the whole one or not at all, and two runs make it whole.
+/// Asserts that a damaged store gives the correct answer or an error, and that two runs repair it.
 fn heals(scene: &Scene, whole: &Shown) -> Result<(), String> {
-    // Whether there is an answer.
+    // True if the query succeeds.
     let asked = || match scene.ask("store") {
         Ok(answer) if answer != whole.answer => Err(format!("another answer:\n{answer}")),
         other => Ok(other.is_ok()),
     };
     asked()?;
     let first = scene.run("store", &[]);
-    // Older versions stay as they are until they are dropped.
+    // Older versions stay damaged until `gc` removes them.
     scene.dropped("store")?;
     // Only `verify` checks files that neither a run nor a query reads, and whose size and time are unchanged.
     if first.is_err() || !asked()? || scene.verified("store").is_err() {
@@ -400,13 +400,13 @@ fn heals(scene: &Scene, whole: &Shown) -> Result<(), String> {
 }
 
 #[test]
-fn user_a_flipped_bit_is_found_and_healed() {
+fn user_a_flipped_bit_is_found_and_repaired() {
     flip_bits(1);
 }
 
-/// Several minutes.
+/// Takes several minutes.
 #[test]
 #[ignore = "the same with many bits"]
-fn user_many_flipped_bits_are_found_and_healed() {
+fn user_many_flipped_bits_are_found_and_repaired() {
     flip_bits(12);
 }

@@ -1,5 +1,4 @@
-//! `magline publish` and `magline verify DIR`: a set that is whole, true to itself, the same each time, and holds
-//! nothing that is restricted.
+//! `magline publish` and `magline verify DIR`: complete, consistent and reproducible sets without restricted data.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -30,7 +29,7 @@ given  = "Ada"
 family = "Lovelace"
 "#;
 
-/// A spec with facts, some of its text replaced.
+/// Spec with metadata and replaced parts of its text.
 fn spec(changes: &[(&str, &str)]) -> String {
     let text = SPEC.to_owned() + FACTS;
     changes.iter().fold(text, |text, (from, to)| {
@@ -39,7 +38,7 @@ fn spec(changes: &[(&str, &str)]) -> String {
     })
 }
 
-/// One that was run.
+/// Bench after a run of [`spec`].
 fn ran(changes: &[(&str, &str)]) -> Bench {
     let bench = Bench::new();
     bench.spec(&spec(changes));
@@ -65,7 +64,7 @@ fn refused(output: &Output) -> String {
     stderr(output)
 }
 
-/// Every file of a folder with its bytes.
+/// Files of a folder with their bytes.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     fn walk(folder: &Path, prefix: &str, found: &mut BTreeMap<String, Vec<u8>>) {
         for entry in fs::read_dir(folder).unwrap().flatten() {
@@ -125,7 +124,7 @@ fn user_a_published_set_holds_the_rows_of_the_run_and_verifies() {
             .collect();
         assert!(keys.is_sorted_by(|a, b| a < b), "{line}: keys ascend, and none is there twice");
     }
-    // A table of files is published as it was read.
+    // A table of files is published unchanged.
     let flown = read(&bench.path(&line_folder("set", "flights", "1", "1.02")));
     assert_eq!(numbers(&flown, "mag_4_uc").len(), 500);
     // Compressed by zstd, with statistics.
@@ -140,7 +139,7 @@ fn user_the_same_run_gives_the_same_bytes_on_any_number_of_threads() {
     let bench = ran(&[]);
     let tables = ["scores", "clean", "flights", "anomaly"];
     published(&bench, &tables, "one", &["--threads", "1"]);
-    // Computed anew in another store, on other threads, point by point.
+    // Recomputed in another store, with another number of threads, point by point.
     for lambda in ["[0.025]", "[0.0, 0.025]"] {
         let set = format!("axes.lambda={lambda}");
         let done = bench.run(&["--set", &set, "--set", "store=other", "--threads", "2"]);
@@ -157,7 +156,7 @@ fn user_the_same_run_gives_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
-fn user_two_programs_that_publish_the_same_at_once_both_succeed() {
+fn user_simultaneous_publications_of_the_same_set_all_succeed() {
     let bench = ran(&[]);
     for round in 0..3 {
         let to = format!("set{round}");
@@ -170,7 +169,7 @@ fn user_two_programs_that_publish_the_same_at_once_both_succeed() {
         }
         assert_eq!(verify(&bench, &to).0, Some(0));
     }
-    // Nothing is left of those that came later.
+    // The later programs leave no files.
     let names: Vec<String> = fs::read_dir(bench.folder.path())
         .unwrap()
         .flatten()
@@ -200,7 +199,7 @@ fn user_the_published_spec_gives_the_same_bytes_again() {
 }
 
 #[test]
-fn user_inputs_that_are_not_included_are_named_by_their_hashes() {
+fn user_inputs_that_are_not_included_are_listed_by_their_hashes() {
     let bench = ran(&[]);
     published(&bench, &["scores"], "set", &[]);
     let lock = json(&bench, "set/pipeline/lock.json");
@@ -212,7 +211,7 @@ fn user_inputs_that_are_not_included_are_named_by_their_hashes() {
     assert!(lock["stages"].as_array().unwrap().iter().all(|s| s["version"].is_u64() && s["key"].is_string()));
 }
 
-/// Hash in the lineage of the store.
+/// BLAKE3 hash of a file, as in the lineage of the store.
 fn blake3_of(path: &Path) -> String {
     let folder = path.parent().unwrap().parent().unwrap();
     let output = crate::support::magline(folder, &["lineage", "small.even"]);
@@ -222,7 +221,7 @@ fn blake3_of(path: &Path) -> String {
 }
 
 #[test]
-fn user_every_damage_to_a_set_is_found_and_named() {
+fn user_all_damage_to_a_set_is_found_and_reported() {
     let bench = ran(&[]);
     published(&bench, &["scores", "clean"], "set", &[]);
     let original = files(&bench.path("set"));
@@ -241,7 +240,7 @@ fn user_every_damage_to_a_set_is_found_and_named() {
         wanted.iter().for_each(|w| assert!(said.contains(w), "{what}: {w}: {said}"));
         restore();
     };
-    // A flipped bit, a cut file, a missing and an extra one, in any file.
+    // A flipped bit, a truncated file, a missing file and an extra file, for each file.
     for name in original.keys() {
         let path = bench.path("set").join(name);
         let mut bytes = original[name].clone();
@@ -260,7 +259,7 @@ fn user_every_damage_to_a_set_is_found_and_named() {
     found("an extra file", &["data/clean/more.parquet: it is not part of the published set"]);
     fs::write(bench.path("set/.hidden"), "x").unwrap();
     found("a hidden file", &[".hidden"]);
-    // Changes whose sums were made again: the documents must agree with the data.
+    // Changes with recomputed checksums: the documents must agree with the data.
     let resum = || {
         let all = files(&bench.path("set"));
         let sum = |name: &String| {
@@ -295,14 +294,14 @@ fn user_every_damage_to_a_set_is_found_and_named() {
         edit(name, from, to);
         found(&format!("{name}: {from} -> {to}"), &[name]);
     }
-    // A line in the place of another, with its sum.
+    // A line replaced by another line, with its checksum.
     let other = format!("{}/part-0.parquet", line_folder("set", "clean", "2", "2.02"));
     fs::copy(bench.path(&other), bench.path(&data)).unwrap();
     resum();
     found("another line's rows", &[data.strip_prefix("set/").unwrap()]);
     let (code, said) = verify(&bench, "set");
     assert_eq!(code, Some(0), "{said}");
-    // A folder that is no set, and a store.
+    // A folder that is not a published set, and a store.
     assert_eq!(verify(&bench, "flights").0, Some(2));
     assert_eq!(verify(&bench, "store").0, Some(0));
 }
@@ -318,13 +317,13 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     }
     assert_eq!(fs::read_to_string(bench.path("mine/thesis.tex")).unwrap(), "years of work");
     published(&bench, &["scores"], "set", &[]);
-    // The same again changes nothing; another set needs to be told.
+    // Publishing the same set again changes nothing. Another set requires `--replace`.
     assert!(published(&bench, &["scores"], "set", &[]).contains("already holds the same published set"));
     let before = files(&bench.path("set"));
     let said = refused(&publish(&bench, &["coefficients"], &["--to", "set"]));
     assert!(said.contains("--replace"), "{said}");
     assert_eq!(files(&bench.path("set")), before);
-    // A file of another in the set is not lost either.
+    // A foreign file in the set is kept.
     fs::write(bench.path("set/notes.txt"), "x").unwrap();
     let said = refused(&publish(&bench, &["coefficients"], &["--to", "set", "--replace"]));
     assert!(said.contains("notes.txt"), "{said}");
@@ -343,7 +342,7 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
 }
 
 #[test]
-fn user_what_is_missing_is_said_with_what_to_write() {
+fn user_missing_metadata_is_reported_with_the_required_key() {
     let bench = Bench::new();
     let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
     assert!(said.contains("[publish]") && said.contains("title"), "{said}");
@@ -358,7 +357,7 @@ fn user_what_is_missing_is_said_with_what_to_write() {
     // Results of another spec are not published under this one.
     let said = refused(&publish(&bench, &["scores"], &["--to", "set", "--set", "axes.lambda=[0.5]"]));
     assert!(said.contains("magline run spec.toml --set 'axes.lambda=[0.5]'"), "{said}");
-    // Slips in the facts are found by `check`, with their places.
+    // `check` reports errors in the metadata with their positions.
     for (from, to, wanted) in [
         ("licence ", "license ", "did you mean `licence`?"),
         ("2026-11-23", "2026-02-30", "is not a date"),
@@ -379,9 +378,9 @@ const RESTRICTED: (&str, &str) =
     ("path = \"flights/\"", "path = \"flights/\"\nrestricted = [\"mag_4_uc\"]\nreason = \"the survey agreement\"");
 
 #[test]
-fn user_what_is_made_from_a_restricted_column_does_not_go_out() {
+fn user_columns_derived_from_a_restricted_column_are_not_published() {
     let bench = ran(&[RESTRICTED, ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_4_uc\"]")]);
-    // Through three stages, row by row.
+    // Restriction is inherited through three stages, row by row.
     for (table, chain) in [
         ("clean", "clean.mag_c <- terms.mag_4_uc <- even.mag_4_uc <- flights.mag_4_uc"),
         ("track", "clean.mag_c <- terms.mag_4_uc <- even.mag_4_uc <- flights.mag_4_uc"),
@@ -393,12 +392,12 @@ fn user_what_is_made_from_a_restricted_column_does_not_go_out() {
         assert!(said.contains("--include-restricted"), "{said}");
         assert!(!bench.path("set").exists());
     }
-    // Aggregates, and what is not made from it, go out, and nothing of it with them.
+    // Aggregates and independent columns are published without restricted values.
     published(&bench, &["scores", "coefficients", "terms"], "set", &[]);
     assert_eq!(json(&bench, "set/dictionary.json")["restricted"], Value::Array(vec![]));
     let columns = read(&bench.path(&line_folder("set", "terms", "1", "1.01")));
     assert!(columns[0].column_by_name("tl").is_some() && columns[0].column_by_name("mag_4_uc").is_none());
-    // Told to, it goes out and says so everywhere.
+    // With `--include-restricted` it is published, and all documents state this.
     published(&bench, &["clean"], "told", &["--include-restricted"]);
     let held = json(&bench, "told/dictionary.json")["restricted"].clone();
     let names: BTreeSet<&str> = held.as_array().unwrap().iter().filter_map(|h| h["column"].as_str()).collect();
@@ -435,12 +434,12 @@ fn user_single_samples_of_a_small_table_are_no_aggregate() {
 }
 
 #[test]
-fn user_a_table_that_another_magnetometer_was_used_for_goes_out() {
-    // Only the other magnetometer is restricted: what is compensated is made from `mag_5_uc`.
+fn user_a_table_derived_from_an_unrestricted_magnetometer_is_published() {
+    // Only the other magnetometer is restricted; the compensated column derives from `mag_5_uc`.
     let bench = ran(&[RESTRICTED, ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_5_uc\"]")]);
     published(&bench, &["clean", "track"], "set", &[]);
     assert_eq!(verify(&bench, "set").0, Some(0));
-    // A model is an aggregate, of restricted columns too: so `mag_c` is not made from them row by row.
+    // A model is an aggregate, even of restricted columns, so `mag_c` does not depend on them row by row.
     bench.spec(&spec(&[
         ("path = \"flights/\"", "path = \"flights/\"\nrestricted = [\"mag_1_c\"]"),
         ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_5_uc\"]"),
@@ -484,7 +483,7 @@ fn user_whole_tables_embargoes_and_maps_are_protected() {
 }
 
 #[test]
-fn user_a_line_that_failed_is_named_in_the_set() {
+fn user_a_failed_line_is_listed_in_the_set() {
     let bench = Bench::new();
     let broken = crate::support::without(&crate::support::line_of("3", "3.01", 300), "flux_d_x");
     crate::support::write(&bench.path("flights/3.parquet"), &[broken]);

@@ -36,7 +36,7 @@ fn user_sql_gives_the_least_error_of_each_combination() {
 }
 
 #[test]
-fn gold_sql_says_what_tables_there_are() {
+fn gold_sql_lists_the_tables() {
     let bench = ran();
     let output = bench.magline(&["sql", "SELECT * FROM small.score", "--store", "store"]);
     assert_eq!(output.status.code(), Some(2));
@@ -47,14 +47,14 @@ fn gold_sql_says_what_tables_there_are() {
 }
 
 #[test]
-fn user_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
+fn user_published_tables_hold_the_axes_and_the_columns_of_the_stage() {
     let bench = ran();
     let clean = read(&bench.path("store/tables/small/clean"));
     assert_eq!(clean.iter().map(|b| b.num_rows()).sum::<usize>(), 19_200);
     let schema = clean[0].schema();
     let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
     assert_eq!(names[..6], ["mag", "vector", "lambda", "flight", "line", "tt"]);
-    // Passthrough columns stay in the tables that made them.
+    // Passthrough columns stay in the tables of their stages.
     assert_eq!(
         names[6..],
         ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]
@@ -81,12 +81,13 @@ fn user_axis_columns_have_their_types_and_fields_their_metadata() {
 }
 
 #[test]
-fn user_compensation_recovers_an_exact_aircraft() {
+fn user_compensation_removes_an_exact_tolles_lawson_field() {
     let bench = ran();
     let scores = read(&bench.path("store/tables/small/scores"));
     let (metrics, values, lambdas) = (texts(&scores, "metric"), numbers(&scores, "value"), numbers(&scores, "lambda"));
     let vectors = texts(&scores, "vector");
-    // The aircraft is Tolles-Lawson's in flux_a; what stays is a 0.05 nT tone and what the map does within the band.
+    // The aircraft field is exactly Tolles-Lawson in flux_a. The residual is a tone of 0.05 nT and the map within the
+    // band.
     let of = |metric: &str| -> Vec<f64> {
         (0..values.len())
             .filter(|i| metrics[*i] == metric && lambdas[*i] == 0.025 && vectors[*i] == "flux_a")
@@ -131,7 +132,7 @@ fn user_lineage_ends_at_the_files() {
 }
 
 #[test]
-fn gold_explain_says_what_is_there_and_what_is_to_do() {
+fn gold_explain_lists_stored_and_missing_results() {
     let bench = Bench::new();
     let before = stdout(&bench.magline(&["explain", "spec.toml"]));
     assert!(before.contains("clean  compensate v4 <- terms, coefficients"), "{before}");

@@ -1,5 +1,5 @@
-//! Maps and survey points whose numbers are not what they seem: values that cannot be, points without heights, the seam
-//! of a map around the earth, and formats that are not read.
+//! Special cases of maps and survey points: impossible values, points without heights, the seam of a map around the
+//! earth, and unsupported formats.
 
 use std::{fs, path::PathBuf};
 
@@ -55,7 +55,7 @@ fn user_a_marker_in_a_map_is_an_error_with_its_remedy() {
     let most = found.iter().copied().filter(|v| !v.is_nan()).fold(f64::NEG_INFINITY, f64::max);
     assert!(most < 700.0, "{most}");
 
-    // Every command of maps has the check and the flags.
+    // All commands on maps have the check and the flags.
     for args in [
         &["map", "info"][..],
         &["map", "fill", "-o", "f.tif"],
@@ -99,7 +99,7 @@ fn user_points_without_heights_are_gridded_by_minimum_curvature() {
     for more in [&["--method", "minimum_curvature"][..], &["--method", "minimum_curvature", "--level-lines"]] {
         let done = grid(more);
         let text = stderr(&done);
-        // Lines that do not cross cannot be levelled: that is what is said, not that heights are missing.
+        // The error is about lines without crossings, not about missing heights.
         if more.len() > 2 {
             assert!(text.contains("no lines cross"), "{text}");
             continue;
@@ -122,7 +122,7 @@ fn field(lat: f64, lon: f64) -> f64 {
     100.0 * lambda.cos() * phi.cos() + 50.0 * (2.0 * lambda).sin() * phi.cos().powi(2) + lat
 }
 
-/// A map around the earth whose first longitude is `west`.
+/// Writes a map around the earth with the first longitude `west`.
 fn globe(bench: &Bench, name: &str, west: f64, columns: usize) {
     let axis = |first: f64, step: f64, len: usize| EvenAxis { first, step, len };
     let (x, y) = (axis(west, 2.0, columns), axis(-60.0, 2.0, 61));
@@ -135,7 +135,7 @@ fn globe(bench: &Bench, name: &str, west: f64, columns: usize) {
 #[test]
 fn law_a_map_around_the_earth_has_no_seam() {
     let bench = Bench::new();
-    // Over the date line and over Greenwich, at cells' edges and between them.
+    // Positions across the date line and Greenwich, at cell edges and between them.
     let lon: Vec<f64> =
         (0..81).map(|i| 177.0 + 0.075 * f64::from(i)).chain((0..81).map(|i| -3.0 + 0.075 * f64::from(i))).collect();
     let lat: Vec<f64> = lon.iter().map(|lon| 10.0 + 0.5 * lon.to_radians().sin()).collect();
@@ -152,12 +152,12 @@ fn law_a_map_around_the_earth_has_no_seam() {
             assert_eq!(run.code, 0, "{}", run.stderr);
             let found = numbers(&read(&bench.path("store/tables/x/v")), "map_anomaly");
             for ((found, lat), lon) in found.iter().zip(&lat).zip(&lon) {
-                // Bilinear: an eighth of the square of two degrees of a field of 300 nT.
+                // Bilinear error: an eighth of the squared spacing of 2 degrees for a field of 300 nT.
                 assert!((found - field(*lat, *lon)).abs() < most, "{name} {kind} at {lon}: {found}");
             }
         }
     }
-    // A projected map across the date line is made of both sides.
+    // A projected map across the date line uses both sides.
     let done = bench.magline(&[
         "map",
         "convert",
@@ -178,7 +178,7 @@ fn law_a_map_around_the_earth_has_no_seam() {
 }
 
 #[test]
-fn gold_a_geosoft_grid_is_named() {
+fn gold_a_geosoft_binary_grid_is_identified_and_rejected() {
     let bench = Bench::new();
     let done = bench.magline(&["map", "info", &case("geosoft.grd").display().to_string()]);
     let text = stderr(&done);

@@ -1,4 +1,4 @@
-//! Models at another sample rate than the one that they were fitted at.
+//! Models at another sample rate than that of their fit.
 
 use std::collections::HashMap;
 
@@ -10,8 +10,8 @@ use crate::support::{Bench, batch, numbers, read, texts, with_keys, write};
 const RATE_HZ: f64 = 40.0;
 const FIELD_NT: f64 = 52_000.0;
 
-/// A line at 40 Hz with slow manoeuvres, whose magnetometer has permanent and induced fields and eddy currents of the
-/// true rate of change.
+/// Line at 40 Hz with slow manoeuvres. Its magnetometer has permanent and induced fields, and eddy currents from the
+/// exact rate of change.
 fn line(name: &str, seed: f64) -> RecordBatch {
     let rows = 6000;
     let vector = |t: f64| {
@@ -88,14 +88,14 @@ fn applied(name: &str, input: &str, model: &str) -> String {
     )
 }
 
-/// The standard deviation of the error of each line.
+/// Standard deviation of the error of each line, nT.
 fn errors(bench: &Bench, table: &str) -> HashMap<String, f64> {
     let scores = read(&bench.path(&format!("store/tables/rates/scores_{table}")));
     texts(&scores, "line").into_iter().zip(numbers(&scores, "value")).collect()
 }
 
 #[test]
-fn law_a_model_that_was_fitted_at_ten_hertz_holds_at_others() {
+fn law_a_model_fitted_at_10_hz_is_valid_at_other_rates() {
     let bench = bench(&[line("1.01", 0.0), line("1.02", 1.7)]);
     let mut spec = HEAD.to_owned();
     for rate_hz in [5, 10, 40] {
@@ -105,7 +105,7 @@ fn law_a_model_that_was_fitted_at_ten_hertz_holds_at_others() {
     for rate_hz in [5, 10, 40] {
         spec += &applied(&format!("clean_{rate_hz}"), &format!("terms_{rate_hz}"), "model");
     }
-    // Terms that were made before they were thinned are differences at the new rate.
+    // Terms computed before thinning are treated as differences at the new rate.
     spec += "[[stages]]\nname = \"late\"\nstage = \"resample\"\ninput = \"terms_40\"\nrate_hz = 5.0\n";
     spec += &applied("clean_late", "late", "model");
     bench.spec(&spec);
@@ -113,7 +113,7 @@ fn law_a_model_that_was_fitted_at_ten_hertz_holds_at_others() {
     assert_eq!(done.code, 0, "{}", done.stderr);
     for (table, most_nt) in [("clean_5", 0.5), ("clean_10", 0.1), ("clean_40", 0.1), ("clean_late", 0.1)] {
         let found = errors(&bench, table)["1.02"];
-        // Coefficients that are not converted leave 10 nT.
+        // Without conversion of the coefficients the error is 10 nT.
         assert!(found < most_nt, "{table}: {found} nT");
     }
     let rate = numbers(&read(&bench.path("store/tables/rates/model")), "rate_hz");
@@ -128,7 +128,7 @@ fn law_a_model_that_was_fitted_at_ten_hertz_holds_at_others() {
 }
 
 #[test]
-fn law_lines_of_several_rates_make_one_model() {
+fn law_lines_of_different_rates_give_one_model() {
     let (one, other) = (line("1.01", 0.0), line("1.02", 1.7));
     let again = line("1.03", 3.1);
     let bench = bench(&[thinned(&one, 4), other, thinned(&again, 8)]);
@@ -154,12 +154,12 @@ fn law_lines_of_several_rates_make_one_model() {
 }
 
 #[test]
-fn user_a_model_without_a_rate_is_refused_where_its_terms_are_differences() {
+fn user_a_model_of_differences_without_a_rate_is_rejected() {
     let bench = bench(&[line("1.01", 0.0)]);
     let spec = format!("{HEAD}{}{}", resampled(10), fit("model", "terms_10", "'1.01'"));
     bench.spec(&spec);
     assert_eq!(bench.run(&[]).code, 0);
-    // The table as an earlier version wrote it.
+    // Table in the format of an earlier version.
     let old = read(&bench.path("store/tables/rates/model"));
     let old = old.iter().map(|b| crate::support::without(b, "rate_hz")).collect::<Vec<_>>();
     write(&bench.path("old.parquet"), &old);

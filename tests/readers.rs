@@ -1,5 +1,4 @@
-//! Properties and pitfalls of files: units, missing values, damaged rows, midnight, and names that are patterns or
-//! pipes.
+//! Properties and pitfalls of files: units, missing values, damaged rows, midnight, patterns in names, and pipes.
 
 use std::{
     fs,
@@ -14,7 +13,7 @@ use arrow_schema::DataType;
 
 use crate::support::{Bench, Done, changed, line_of, numbers, read, repository, stderr, stdout, texts};
 
-/// One stage on a table of files, with more options of that table.
+/// Spec with one stage on a table of files, with additional options of the table.
 fn spec(options: &str) -> String {
     format!(
         "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"logs/\"\n{options}\n\
@@ -29,10 +28,10 @@ fn bench(options: &str) -> Bench {
     bench
 }
 
-/// A cell of the CSV text of a batch: the row, the column's name and what it holds.
+/// Replacement of a CSV cell by row, column name and value; `None` keeps the value.
 type Cell<'a> = &'a dyn Fn(usize, &str, f64) -> Option<String>;
 
-/// Batches as CSV text, some columns under another name, some cells of another text. `None` leaves a cell as it is.
+/// Batches as CSV text, with renamed columns and replaced cells.
 fn csv(batches: &[RecordBatch], name: &dyn Fn(&str) -> String, cell: Cell) -> String {
     let names: Vec<String> = batches[0].schema().fields().iter().map(|f| f.name().clone()).collect();
     let mut text = names.iter().map(|n| name(n)).collect::<Vec<_>>().join(",") + "\n";
@@ -57,7 +56,7 @@ fn same(name: &str) -> String {
     name.to_owned()
 }
 
-/// A line whose scalar magnetometers read the total field.
+/// Line with scalar magnetometers that read the total field.
 fn total(flight: &str, line: &str, rows: usize) -> RecordBatch {
     let mags = ["mag_1_c", "mag_4_uc", "mag_5_uc"];
     mags.iter().fold(line_of(flight, line, rows), |b, mag| changed(&b, mag, |_, x| x + 48_000.0))
@@ -67,7 +66,7 @@ fn lines(rows: usize) -> Vec<RecordBatch> {
     ["1.01", "1.02", "1.03"].iter().map(|line| total("1", line, rows)).collect()
 }
 
-/// The rows of `even` that SQL shows, as numbers.
+/// Columns of `even` by SQL, as numbers by row.
 fn even(bench: &Bench, columns: &str) -> Vec<Vec<f64>> {
     let query = format!("SELECT {columns} FROM small.even ORDER BY flight, line, tt");
     let output = bench.magline(&["sql", &query, "--format", "csv"]);
@@ -94,7 +93,7 @@ fn finished(bench: &Bench) -> Done {
 }
 
 #[test]
-fn r10_units_in_the_names_of_renamed_columns_are_converted() {
+fn user_units_in_the_names_of_renamed_columns_are_converted() {
     let foreign = |name: &str| match name {
         "lat" => "GPS Lat (rad)".to_owned(),
         "alt" => "GPS Alt ft".to_owned(),
@@ -127,7 +126,7 @@ fn r10_units_in_the_names_of_renamed_columns_are_converted() {
 }
 
 #[test]
-fn r10_units_of_the_table_scale_the_column_and_say_what_is_wrong() {
+fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
     let text = csv(&lines(60), &same, &|_, name, x| (name == "mag_4_uc").then(|| (x / 1000.0).to_string()));
     let unit = bench("units = { mag_4_uc = \"uT\" }");
     fs::write(unit.path("logs/1.csv"), &text).unwrap();
@@ -154,7 +153,7 @@ fn r10_units_of_the_table_scale_the_column_and_say_what_is_wrong() {
 }
 
 #[test]
-fn r10_a_name_that_says_another_unit_than_its_column_is_refused() {
+fn user_a_column_name_with_a_conflicting_unit_is_rejected() {
     for (own, ours, says) in [
         ("Cabin temp_degC", "mag_6_uc", "its name says `degC`, which does not convert to nT, the unit of `mag_6_uc`"),
         ("Alt (fathoms)", "baro", "its name says `fathoms`, which does not convert to m"),
@@ -168,7 +167,7 @@ fn r10_a_name_that_says_another_unit_than_its_column_is_refused() {
         let said = refused(&bench);
         let place = format!("1.csv, column `{own}`: ");
         assert!(said.contains(says) && said.contains(&place) && said.contains("units = {"), "{said}");
-        // A unit that the user gives takes precedence.
+        // A unit in `units` takes precedence.
         let unit = if ours == "baro" { "m" } else { "nT" };
         bench.spec(&spec(&format!("{options}\nunits = {{ \"{own}\" = \"{unit}\" }}")));
         finished(&bench);
@@ -176,7 +175,7 @@ fn r10_a_name_that_says_another_unit_than_its_column_is_refused() {
 }
 
 #[test]
-fn r10_words_for_missing_values() {
+fn user_words_for_missing_values_are_read_as_missing() {
     let word = |row: usize| match row {
         20 => Some("N/A"),
         21 => Some("-99999"),
@@ -192,10 +191,10 @@ fn r10_words_for_missing_values() {
     fs::write(bench.path("logs/1.csv"), csv(&lines(60), &same, &cell)).unwrap();
     finished(&bench);
     let mags: Vec<f64> = even(&bench, "mag_4_uc").into_iter().map(|r| r[0]).collect();
-    // The gap is shorter than the second that resampling bridges, so every value comes of the neighbours: none is a
-    // filler.
+    // The gap is shorter than the 1 s that resampling bridges. All values are interpolated from neighbours, so none is
+    // a filler.
     assert!(mags.iter().all(|x| (x - 48_000.0).abs() < 1_000.0), "{mags:?}");
-    // Without the option the first unknown word fails its lines, and the message says where to put it.
+    // Without the option the first unknown word fails its lines, and the message names the option.
     bench.spec(&spec(""));
     let done = bench.run(&[]);
     assert_eq!((done.code, done.computed("even")), (1, 0), "{}", done.stderr);
@@ -206,7 +205,7 @@ fn r10_words_for_missing_values() {
 }
 
 #[test]
-fn r10_a_bad_cell_is_the_failure_of_its_line() {
+fn user_a_bad_cell_fails_only_its_line() {
     let text = csv(&lines(60), &same, &|_, _, _| None);
     let mut rows: Vec<String> = text.lines().map(str::to_owned).collect();
     // Row 10 of the second line.
@@ -224,7 +223,7 @@ fn r10_a_bad_cell_is_the_failure_of_its_line() {
         assert_eq!(failed.len(), 1, "{failed:?}");
         assert!(failed[0].0 == "1.02" && failed[0].1.contains(says), "{failed:?}");
         assert!(failed[0].1.contains("logs/1.csv, flight 1, line 1.02"), "{failed:?}");
-        // A second run computes nothing and still says it.
+        // A second run computes nothing and reports the same failure.
         let again = bench.run(&[]);
         assert_eq!((again.code, again.total("computed")), (1, 0));
     };
@@ -239,9 +238,9 @@ fn r10_a_bad_cell_is_the_failure_of_its_line() {
 }
 
 #[test]
-fn r10_rows_of_no_line_are_named_and_the_lines_go_on() {
+fn user_rows_without_a_line_are_reported_and_the_lines_are_read() {
     let mut rows: Vec<String> = csv(&lines(60), &same, &|_, _, _| None).lines().map(str::to_owned).collect();
-    // The turn from the first line to the second has no line.
+    // The turn between the two lines has no line identifier.
     for row in &mut rows[58..64] {
         let (line, other) = if row.contains(",1.01,") { (",1.01,", ",,") } else { (",1.02,", ",,") };
         *row = row.replacen(line, other, 1);
@@ -259,7 +258,7 @@ fn r10_rows_of_no_line_are_named_and_the_lines_go_on() {
 }
 
 #[test]
-fn r10_a_repeated_header_is_left_out_and_another_one_is_an_error() {
+fn user_a_repeated_header_is_skipped_and_a_different_header_is_an_error() {
     let text = csv(&lines(60), &same, &|_, _, _| None);
     let (header, _) = text.split_once('\n').unwrap();
     let mut rows: Vec<&str> = text.lines().collect();
@@ -273,7 +272,7 @@ fn r10_a_repeated_header_is_left_out_and_another_one_is_an_error() {
     assert!(said.contains("1.csv: 2 rows repeat the header (first in line 62 of the file); left out"), "{said}");
     assert_eq!(finished(&bench).computed("even"), 3);
     assert_eq!(even(&bench, "tt").len(), 180);
-    // The second table has its columns in another order: nothing after its header is where it seems to be.
+    // The second header has the columns in another order, so later values would be misassigned.
     let turned: Vec<&str> = header.split(',').rev().collect();
     let turned = turned.join(",");
     rows[61] = &turned;
@@ -283,7 +282,7 @@ fn r10_a_repeated_header_is_left_out_and_another_one_is_an_error() {
 }
 
 #[test]
-fn r10_midnight_is_unwrapped_and_other_falls_are_not() {
+fn user_midnight_is_unwrapped_and_other_decreases_of_time_are_errors() {
     let over = |row: usize| (863_960 + row) % 864_000;
     let dated = |name: &str| {
         if name == "ins_alt" {
@@ -310,7 +309,7 @@ fn r10_midnight_is_unwrapped_and_other_falls_are_not() {
         assert!((row[0] - (86_396.0 + i as f64 / 10.0)).abs() < 1e-6, "{row:?}");
         assert_eq!(row[1..], date, "row {i}");
     }
-    // A fall in the middle of the day is an error of the log.
+    // A decrease of time in the middle of the day is an error of the log.
     let back = |row: usize, name: &str, _: f64| {
         (name == "tt").then(|| (if row < 40 { 70_000.0 } else { 10_000.0 } + row as f64 / 10.0).to_string())
     };
@@ -321,7 +320,7 @@ fn r10_midnight_is_unwrapped_and_other_falls_are_not() {
 }
 
 #[test]
-fn r10_a_column_with_a_dot_in_its_name() {
+fn user_a_column_name_can_contain_a_dot() {
     let dotted = |name: &str| if name == "mag_4_uc" { "mag.4".to_owned() } else { name.to_owned() };
     let text = csv(&lines(60), &dotted, &|_, _, _| None);
     let wanted = numbers(&[total("1", "1.01", 60)], "mag_4_uc");
@@ -345,7 +344,7 @@ fn r10_a_column_with_a_dot_in_its_name() {
 }
 
 #[test]
-fn r10_a_csv_cut_inside_its_last_number_says_so() {
+fn user_a_csv_cut_inside_its_last_number_is_reported() {
     let text = csv(&lines(60), &same, &|_, name, x| (name == "flux_d_z").then(|| format!("{x:.3}")));
     let whole = text.trim_end();
     let bench = bench("");
@@ -356,17 +355,17 @@ fn r10_a_csv_cut_inside_its_last_number_says_so() {
         finished(&bench);
         (stderr(&check), even(&bench, "tt").len())
     };
-    // Three digits are gone: no other value of the column is as short.
+    // Three digits are missing, and all other values of the column are longer.
     let (note, rows) = said(&whole[..whole.len() - 3]);
     assert!(note.contains("1.csv: the file does not end with a newline"), "{note}");
     assert!(note.contains("of `flux_d_z` (line 181 of the file) is shorter than all others"), "{note}");
     assert_eq!(rows, 179);
-    // Nothing is gone but the newline: used, with a word.
+    // Only the newline is missing. The row is used with a note.
     let (note, rows) = said(whole);
     assert!(note.contains("may be cut short inside the last value") && rows == 180, "{note} {rows}");
     let (note, rows) = said(&text);
     assert!(!note.contains("newline") && rows == 180, "{note} {rows}");
-    // A row that lacks columns fails its line.
+    // A row with missing columns fails its line.
     fs::write(bench.path("logs/1.csv"), whole.rsplit_once(',').unwrap().0).unwrap();
     let done = bench.run(&[]);
     assert_eq!((done.code, done.computed("even")), (1, 0), "{}", done.last);
@@ -374,7 +373,7 @@ fn r10_a_csv_cut_inside_its_last_number_says_so() {
 }
 
 #[test]
-fn r10_a_pipe_is_no_file() {
+fn user_a_pipe_is_not_read_as_a_file() {
     let bench = bench("");
     fs::write(bench.path("logs/1.csv"), csv(&lines(60), &same, &|_, _, _| None)).unwrap();
     let pipe = bench.path("logs/2.csv");
@@ -390,7 +389,7 @@ fn r10_a_pipe_is_no_file() {
 }
 
 #[test]
-fn r10_a_pattern_in_a_folder_with_brackets() {
+fn user_a_pattern_matches_in_a_folder_with_brackets() {
     let bench = Bench::new();
     let folder = bench.path("survey [2020]");
     fs::create_dir_all(folder.join("logs [a]")).unwrap();
@@ -405,7 +404,7 @@ fn r10_a_pattern_in_a_folder_with_brackets() {
 }
 
 #[test]
-fn r10_an_interrupt_while_flights_are_simulated_takes_effect_within_a_second() {
+fn user_an_interrupt_of_a_simulation_takes_effect_within_a_second() {
     let bench = Bench::new();
     let path = repository().join("datasets/examples/osborne.synth.toml");
     bench.spec(&spec("").replace("logs/", &path.display().to_string()));
@@ -428,7 +427,7 @@ fn r10_an_interrupt_while_flights_are_simulated_takes_effect_within_a_second() {
     assert!(took < Duration::from_secs(1), "{took:?}");
 }
 
-/// A copy of a sample in the folder of logs.
+/// Copies a sample into the folder of logs.
 fn sample(bench: &Bench, name: &str) -> PathBuf {
     let from = repository().join("datasets/samples").join(name);
     let to = bench.path("logs").join(Path::new(name).file_name().unwrap());
@@ -437,7 +436,7 @@ fn sample(bench: &Bench, name: &str) -> PathBuf {
 }
 
 #[test]
-fn r10_rename_and_units_apply_to_hdf5() {
+fn user_rename_and_units_apply_to_hdf5() {
     let plain = bench("");
     sample(&plain, "magnavjl_sample/sgl_2020.h5");
     finished(&plain);
@@ -458,7 +457,7 @@ fn r10_rename_and_units_apply_to_hdf5() {
 }
 
 #[test]
-fn r10_what_a_format_needs_is_found_under_the_name_that_rename_says() {
+fn user_required_columns_of_a_format_can_be_renamed() {
     for (name, own, ours, mark) in
         [("magnavjl_sample/sgl_2020.h5", "tu", "tt", "\0"), ("simple_magnav/xyz.csv", "lau", "lat", ",")]
     {

@@ -1,4 +1,4 @@
-//! The same question is never computed twice, and a new one computes only what is new.
+//! Results are never computed twice, and a changed spec computes only new units.
 
 use std::fs;
 
@@ -33,15 +33,15 @@ fn user_a_new_lambda_computes_its_own_points_only() {
 }
 
 #[test]
-fn user_a_new_flight_computes_its_lines_and_what_is_fitted_on_them() {
+fn user_a_new_flight_computes_its_lines_and_dependent_fits() {
     let bench = Bench::new();
     computed(&bench, &[]);
     let more = [line_of("3", "3.02", 500)];
     write(&bench.path("flights/3.parquet"), &more);
-    // The new line is not one that the fit selects, so the coefficients stay.
+    // The fit does not select the new line, so the coefficients stay.
     assert_eq!(computed(&bench, &[]), [1, 2, 0, 8, 8, 8]);
     write(&bench.path("flights/4.parquet"), &[line_of("4", "4.01", 600)]);
-    // This one is, so every model and all that hangs on it is new.
+    // The fit selects this line, so all models and their dependents are new.
     assert_eq!(computed(&bench, &[]), [1, 2, 8, 48, 48, 48]);
 }
 
@@ -50,11 +50,11 @@ fn user_a_navigate_parameter_recomputes_navigation_and_scores() {
     let bench = Bench::new();
     computed(&bench, &[]);
     assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0"]), [0, 0, 0, 0, 32, 32]);
-    // A default that is written out is the same question.
+    // An explicit default value does not change the key.
     assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0", "--set", "track.vrw_sigma=0.000238"]), [0; 6]);
 }
 
-/// The tables as `sql` shows them, without the axis.
+/// Tables by `sql`, without the axis.
 fn terms(bench: &Bench, store: &str) -> String {
     let query = "SELECT * EXCEPT (vectors) FROM small.terms WHERE vectors = 'TL_A_flux_a' ORDER BY flight, line, tt";
     let answer = bench.magline(&["sql", "--store", store, "--format", "json", query]);
@@ -63,7 +63,7 @@ fn terms(bench: &Bench, store: &str) -> String {
 }
 
 #[test]
-fn user_lists_of_several_lengths_stay_what_they_are_when_a_sweep_shrinks_and_grows() {
+fn user_lists_keep_their_length_when_a_sweep_shrinks_and_grows() {
     let bench = Bench::new();
     let tables = SPEC.split("[axes]").next().unwrap();
     bench.spec(&format!(
@@ -97,17 +97,17 @@ fn user_renaming_and_reformatting_keep_the_cache() {
 }
 
 #[test]
-fn user_a_changed_column_recomputes_what_reads_it() {
+fn user_a_changed_column_recomputes_only_its_readers() {
     let bench = Bench::new();
     computed(&bench, &[]);
     let lines = [line_of("1", "1.01", 700), changed(&line_of("1", "1.02", 500), "mag_5_uc", |_, x| x + 1.0)];
     write(&bench.path("flights/1.parquet"), &lines);
-    // One line is resampled again; its A-matrices do not read mag_5_uc, and neither does what is made of mag_4_uc.
+    // One line is resampled again. Its A-matrices and the results of mag_4_uc do not read mag_5_uc.
     assert_eq!(computed(&bench, &[]), [1, 0, 0, 4, 4, 4]);
 }
 
 #[test]
-fn user_a_file_touched_or_moved_is_the_same_file() {
+fn user_a_renamed_file_recomputes_nothing() {
     let bench = Bench::new();
     computed(&bench, &[]);
     fs::rename(bench.path("flights/1.parquet"), bench.path("flights/renamed.parquet")).unwrap();
@@ -115,7 +115,7 @@ fn user_a_file_touched_or_moved_is_the_same_file() {
 }
 
 #[test]
-fn gold_why_names_what_moved() {
+fn gold_why_lists_the_changes() {
     let bench = Bench::new();
     computed(&bench, &[]);
     let why = |more: &[&str]| {

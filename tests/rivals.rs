@@ -1,8 +1,8 @@
-//! Boosted trees and random features as a user fits and applies them, and which inputs matter to them.
+//! Boosted trees and random features: fit, application and input importance.
 
 use crate::support::{Bench, SPEC, numbers, read, stderr, stdout, texts};
 
-/// The small flights with a fit to their true field of the aircraft; `keys` are further ones of the fit.
+/// Spec of the small flights with a fit to the true aircraft field. `keys` are additional keys of the fit.
 fn spec(axes: &str, keys: &str, importance: &str) -> String {
     let tables = SPEC.split("[axes]").next().unwrap();
     format!(
@@ -74,7 +74,7 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
     let (after, before) = (of("std_error"), of("std_uncompensated"));
     assert_eq!(after.len(), 2 * 4);
     assert!(after.iter().zip(&before).all(|(after, before)| *after < 0.5 * before), "{after:?} {before:?}");
-    // The Gaussian process knows its sigma, the trees know none.
+    // The Gaussian process gives a standard deviation; the trees do not.
     let (clean, models) = (folder("clean"), texts(&folder("clean"), "model"));
     for (sigma, model) in numbers(&clean, "mag_aircraft_sigma").into_iter().zip(models) {
         assert!(if model == "boosted_trees" { sigma.is_nan() } else { sigma > 0.0 }, "{model} {sigma}");
@@ -98,7 +98,7 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
                 GROUP BY \"group\" ORDER BY avg(value) DESC LIMIT 1";
     let answer = bench.magline(&["sql", "--store", "one", "--format", "csv", best]);
     assert!(answer.status.success() && stdout(&answer).lines().count() == 2, "{}{}", stdout(&answer), stderr(&answer));
-    // The axis replaces the column of its name, once.
+    // The axis replaces the column of its name; the column appears once.
     assert_eq!(weights[0].schema().fields().iter().filter(|field| field.name() == "method").count(), 1);
     let lists =
         "SELECT count(*) FROM small.weights WHERE sample_values IS NOT NULL AND array_length(sample_values) = 20";
@@ -109,7 +109,7 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
 }
 
 #[test]
-fn user_what_a_rival_cannot_use_is_refused() {
+fn user_invalid_keys_of_trees_and_random_features_are_rejected() {
     let bench = Bench::new();
     let said = |keys: &str, importance: &str| {
         bench.spec(&spec("", keys, importance));
@@ -130,7 +130,7 @@ fn user_what_a_rival_cannot_use_is_refused() {
 #[test]
 fn user_the_error_without_each_input_is_a_sweep_over_subsets() {
     let bench = Bench::new();
-    // All of four inputs, and all but one of them.
+    // All four inputs, and all subsets of three.
     let axes = "[axes]\ninputs = { subsets_of = [\"x\", \"y\", \"z\", \"yy\"], at_least = 3 }";
     let fit = "model = \"ridge\"\nentries = \"$inputs\"\nlambda = 0.0\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0";
     bench.spec(&spec(axes, fit, "method = \"pearson\""));
@@ -142,8 +142,8 @@ fn user_the_error_without_each_input_is_a_sweep_over_subsets() {
     let answer = bench.magline(&["sql", "--store", "store", "--format", "csv", grows]);
     let lines: Vec<String> = stdout(&answer).lines().skip(1).map(str::to_owned).collect();
     assert_eq!(lines.len(), 4, "{}{}", stdout(&answer), stderr(&answer));
-    // The field of these flights turns most from side to side, then fore and aft, and hardly up and down; `yy` is no
-    // part of what the aircraft makes.
+    // The field of these flights varies most along y, then along x, and hardly along z. The aircraft field does not
+    // depend on `yy`.
     let order: Vec<&str> = lines.iter().filter_map(|line| line.split(',').next()).collect();
     assert_eq!(order[..2], ["x+z+yy", "y+z+yy"], "{lines:?}");
 }

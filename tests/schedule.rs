@@ -1,4 +1,4 @@
-//! Runs that a scheduler starts: locks, limits, and the files that say what came of them.
+//! Runs started by a scheduler: locks, limits, and files with their outcome.
 
 use std::{
     collections::BTreeMap,
@@ -35,7 +35,7 @@ fn leases(bench: &Bench) -> Vec<PathBuf> {
     files.filter(|p| p.to_string_lossy().contains("small.lease-")).collect()
 }
 
-/// A run that has the lock.
+/// Starts a run and waits until it holds the lock.
 fn holder(bench: &Bench) -> Child {
     let child = start(bench, &["-q"]);
     let begun = Instant::now();
@@ -51,7 +51,7 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// A summary, as its schema has it.
+/// Summary of a run, validated against its schema.
 pub fn summary(bench: &Bench) -> Value {
     let found = json(&bench.path("summary.json"));
     let schemas = Schemas::read(&repository().join("datasets/examples/schedule"));
@@ -65,7 +65,7 @@ fn bytes_of(bench: &Bench, table: &str) -> BTreeMap<String, Vec<u8>> {
 }
 
 #[test]
-fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_nothing_twice() {
+fn user_a_second_run_of_a_pipeline_is_rejected_or_waits_and_recomputes_nothing() {
     let bench = Bench::new();
     let mut first = holder(&bench);
     signal(&first, "-STOP");
@@ -82,7 +82,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
     let tired = start(&bench, &["-q", "--wait=1s"]).wait_with_output().unwrap();
     assert_eq!(tired.status.code(), Some(3));
     assert!(stderr(&tired).contains("the wait of 1 s is over"), "{}", stderr(&tired));
-    // Another pipeline of the same store is not held up.
+    // Another pipeline of the same store is not blocked.
     fs::write(bench.path("other.toml"), SPEC.replace("\"small\"", "\"other\"")).unwrap();
     assert!(bench.magline(&["run", "other.toml", "-q", "--until", "even"]).status.success());
     let mut waits = start(&bench, &["--wait", "--summary", "summary.json"]);
@@ -98,7 +98,7 @@ fn user_a_second_run_of_a_pipeline_is_refused_by_name_or_waits_and_computes_noth
 }
 
 #[test]
-fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
+fn user_a_killed_or_expired_holder_does_not_lock() {
     let bench = Bench::new();
     let mut first = holder(&bench);
     first.kill().unwrap();
@@ -106,7 +106,7 @@ fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
     assert!(fs::read_to_string(&leases(&bench)[0]).unwrap().contains("\"free\":false"), "it released its lease");
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    // The lease of a process of another boot, whose lock nobody sees here: it counts while it is renewed.
+    // Lease of a process on another machine, whose lock is invisible here. It is valid while it is renewed.
     let lease = leases(&bench).pop().unwrap();
     let number: u64 = lease.to_string_lossy().rsplit('-').next().unwrap().parse().unwrap();
     let other = bench.path(&format!("store/locks/small.lease-{}", number + 1));
@@ -129,7 +129,7 @@ fn user_a_holder_that_was_killed_or_is_silent_does_not_lock() {
 }
 
 #[test]
-fn user_until_computes_a_table_and_leaves_the_others_as_they_were() {
+fn user_until_computes_one_table_and_keeps_downstream_tables() {
     let bench = Bench::new();
     let done = bench.run(&["--until", "terms", "--summary", "summary.json"]);
     assert_eq!((done.code, done.computed("even"), done.computed("terms")), (0, 4, 8), "{}", done.stderr);
@@ -144,7 +144,7 @@ fn user_until_computes_a_table_and_leaves_the_others_as_they_were() {
     let done = bench.run(&["--until", "even"]);
     assert_eq!((done.total("computed"), &done.last["left"]), (0, &serde_json::json!([])));
     assert_eq!(bench.tables("store"), before);
-    // Another rate: `even` and `terms` change, the others are those of the last whole run.
+    // With another rate `even` and `terms` change; the other tables are those of the last complete run.
     let slow = SPEC.replace("rate_hz = 10.0", "rate_hz = 5.0");
     bench.spec(&slow);
     let (even, clean) = (bytes_of(&bench, "even"), bytes_of(&bench, "clean"));
@@ -156,11 +156,11 @@ fn user_until_computes_a_table_and_leaves_the_others_as_they_were() {
     assert_ne!(bytes_of(&bench, "even"), even);
     assert!(!clean.is_empty() && bytes_of(&bench, "clean") == clean);
     assert!(done.last["scores"].as_array().unwrap().is_empty(), "scores of other inputs are shown");
-    // They are what nothing may throw away.
+    // `gc` must keep these tables.
     assert!(bench.magline(&["gc", "--store", "store", "--yes"]).status.success());
     assert!(bytes_of(&bench, "clean") == clean);
     assert!(bench.magline(&["verify", "--store", "store"]).status.success());
-    // The record of what a left table was made from is still that of its run.
+    // The lineage of a skipped table is still that of its run.
     let lineage: Value =
         serde_json::from_slice(&bench.magline(&["lineage", "small.clean", "--format", "json"]).stdout).unwrap();
     assert_eq!(lineage["table"], "clean");
@@ -173,7 +173,7 @@ fn user_until_computes_a_table_and_leaves_the_others_as_they_were() {
     assert!(stderr(&wrong).contains("did you mean `clean`?"), "{}", stderr(&wrong));
 }
 
-/// Changes one value of a published column in the file that holds it, as a machine that computes something else.
+/// Changes one value of a published column in its file, as if another machine computed another result.
 fn tamper(bench: &Bench, table: &str, column: &str) {
     let folder = bench.path("store/tables/small").canonicalize().unwrap().join(table);
     let part = fs::read_dir(folder).unwrap().flatten().map(|e| e.path()).next().unwrap();
@@ -195,14 +195,14 @@ fn tamper(bench: &Bench, table: &str, column: &str) {
         .filter(|kv| kv.key.starts_with("magline") && kv.key != "magline.crc")
         .map(|kv| (kv.key, kv.value.unwrap_or_default()))
         .collect();
-    // Not through the link, which the published version shares.
+    // The pack is replaced, because the published version shares the hard link.
     fs::remove_file(&pack).unwrap();
     let store = pipeline::store::Store::open(&bench.path("elsewhere")).unwrap();
     store.write_table(&pack, &whole, &about).unwrap();
 }
 
 #[test]
-fn user_force_computes_again_and_says_whether_the_bytes_are_the_same() {
+fn user_force_recomputes_and_reports_changed_bytes() {
     let bench = Bench::new();
     bench.run(&[]);
     let before = bench.tables("store");
@@ -218,7 +218,7 @@ fn user_force_computes_again_and_says_whether_the_bytes_are_the_same() {
     assert!(done.last["notes"].to_string().contains("`clean` was recomputed: 32 units, the same bytes"));
     assert!(bench.tables("store") == before);
     assert!(fs::read_dir(bench.path("store/tmp")).unwrap().next().is_none(), "the copy is left");
-    // A result that is not what this program computes.
+    // A stored result that differs from the computed one.
     tamper(&bench, "coefficients", "value");
     let done = bench.run(&["--force=coefficients", "--summary", "summary.json"]);
     assert_eq!((done.code, done.total("computed")), (1, 0), "{}", done.stderr);
@@ -226,7 +226,7 @@ fn user_force_computes_again_and_says_whether_the_bytes_are_the_same() {
     let told = done.last["failures"].to_string();
     assert!(told.contains("column `value`, row 0: ") && told.contains(" now"), "{told}");
     assert_eq!(summary(&bench)["status"], "failed");
-    // `even` was not made from it.
+    // `even` does not depend on it.
     assert_eq!(bench.run(&["--force=even"]).code, 0);
     let wrong = bench.run(&["--force=evne"]);
     assert!(wrong.code == 2 && wrong.stderr.contains("did you mean `even`?"), "{}", wrong.stderr);
@@ -254,7 +254,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
         let bytes: usize = files.values().map(Vec::len).sum();
         assert_eq!((of["files"].as_u64(), of["bytes"].as_u64()), (Some(files.len() as u64), Some(bytes as u64)));
     }
-    // A line that cannot be: the rest is there.
+    // With an impossible line all other results are complete.
     write(&bench.path("flights/3.parquet"), &[changed(&line_of("3", "3.01", 500), "lat", |_, _| 95.0)]);
     let (done, said) = run(&[]);
     assert_eq!((done.code, &said["status"], &said["error"]), (1, &"failed".into(), &Value::Null));
@@ -266,7 +266,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     let refused = bench.magline(&["run", "spec.toml", "--summary", "no/such/folder.json"]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(stderr(&refused).contains("there is no folder no/such"), "{}", stderr(&refused));
-    // A search needs all its tables.
+    // A search requires all its tables.
     let search = repository().join("datasets/examples/search.toml").display().to_string();
     let store = format!("store={}", bench.path("searched").display());
     let refused = bench.magline(&["run", &search, "--set", &store, "--until", "scores"]);
@@ -275,7 +275,7 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
 }
 
 #[test]
-fn user_a_run_that_is_out_of_time_goes_on_the_next_time() {
+fn user_a_run_past_its_time_limit_resumes_in_the_next_run() {
     // Number of points that this machine cannot compute in one second.
     let out_of_time = |points: &u32| {
         let bench = Bench::new();
@@ -294,7 +294,7 @@ fn user_a_run_that_is_out_of_time_goes_on_the_next_time() {
     assert_eq!(whole.total("computed") + whole.total("reused"), u64::from(12 + points * (4 + 3 * 16)));
 }
 
-/// Samples by name and labels; each family has its help and its type before its samples.
+/// Samples by name and labels. Asserts that help and type of each family precede its samples.
 fn metrics(path: &Path) -> BTreeMap<String, f64> {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.ends_with('\n'));
@@ -318,7 +318,7 @@ fn metrics(path: &Path) -> BTreeMap<String, f64> {
 }
 
 #[test]
-fn user_metrics_are_those_of_the_run_and_remember_the_last_success() {
+fn user_metrics_describe_the_run_and_keep_the_last_success() {
     let bench = Bench::new();
     let done = bench.run(&["--metrics", "magline.prom"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
@@ -345,7 +345,7 @@ fn user_metrics_are_those_of_the_run_and_remember_the_last_success() {
 }
 
 #[test]
-fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
+fn user_a_watched_folder_uses_complete_files_and_reports_incomplete_ones() {
     let bench = Bench::new();
     let old = |name: &str| {
         let file = File::options().write(true).open(bench.path(name)).unwrap();
@@ -353,7 +353,7 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
     };
     ["flights/1.parquet", "flights/2.parquet"].iter().for_each(|name| old(name));
     assert_eq!(bench.run(&["--settle", "1h"]).code, 0);
-    // Names of files that are being written: none of them is looked at.
+    // Names of unfinished files are ignored.
     let whole = bench.path("3.parquet");
     write(&whole, &[line_of("3", "3.02", 500)]);
     let bytes = fs::read(&whole).unwrap();
@@ -362,7 +362,7 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
         fs::write(bench.path("flights").join(name), half).unwrap();
     }
     assert_eq!(bench.run(&[]).total("computed"), 0);
-    // Half a file under its final name: the run says which, and the tables stay as they are.
+    // Half a file under its final name: the run reports it, and the tables stay unchanged.
     let before = bench.tables("store");
     fs::write(bench.path("flights/3.parquet"), half).unwrap();
     let refused = bench.run(&[]);
@@ -373,12 +373,12 @@ fn user_a_watched_folder_takes_what_is_whole_and_names_what_is_not() {
         refused.stderr
     );
     assert!(bench.tables("store") == before);
-    // With a time to settle it is left out, and said.
+    // With `--settle` it is skipped and reported.
     let done = bench.run(&["--settle", "1h"]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let notes = done.last["notes"].to_string();
     assert!(notes.contains("skipped by `--settle`") && notes.contains("flights/3.parquet"), "{notes}");
-    // When it is whole the next run has it, and computes its units alone.
+    // When it is complete, the next run reads it and computes only its units.
     fs::write(bench.path("flights/3.parquet"), &bytes).unwrap();
     old("flights/3.parquet");
     let done = bench.run(&["--settle", "1h"]);

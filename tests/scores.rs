@@ -1,5 +1,4 @@
-//! Scores in sample, pooled scores, and metrics that cannot be computed: on the terminal, in the report, as JSON and in
-//! tables.
+//! In-sample scores, pooled scores and undefined metrics: on the terminal, in the report, as JSON and in tables.
 
 use std::{collections::BTreeMap, fs};
 
@@ -8,7 +7,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, Done, SPEC, changed, line_of, numbers, read, stderr, stdout, texts, write};
 
-/// The flags of a column.
+/// Boolean column over all batches.
 fn flags(batches: &[RecordBatch], column: &str) -> Vec<bool> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}")).as_boolean().clone();
@@ -22,7 +21,7 @@ fn flags(batches: &[RecordBatch], column: &str) -> Vec<bool> {
 const NAVIGATION: &str = "offset_window_s = 1.0\nmeasurement_sigma_nt = 1.0\nfogm_sigma_nt = 1.0\n\
                           map_interpolation = \"cubic\"\ninit_position_sigma_m = 40.0";
 
-/// A line with an INS 40 m off and white noise of 1 nT in its magnetometer.
+/// Line with an INS error of 40 m and white noise of 1 nT in its magnetometer.
 fn flown(flight: &str, line: &str, rows: usize) -> RecordBatch {
     let mut state = line.bytes().fold(0x9E37_79B9_7F4A_7C15_u64, |all, byte| all.rotate_left(8) ^ u64::from(byte));
     let mut uniform = || {
@@ -47,8 +46,9 @@ fn bench(text: &str) -> Bench {
     bench
 }
 
-/// One magnetometer and one vector magnetometer over three ridge parameters, changed; calibrated on the lines `%.01`.
-/// The assumed errors are those of [`flown`], so that only the track of the largest ridge parameter is flagged.
+/// Spec with one magnetometer, one vector magnetometer and three ridge parameters, calibrated on the lines `%.01`, with
+/// `changes` applied. The assumed errors are those of [`flown`], so that only the track of the largest ridge parameter
+/// is flagged.
 fn spec(changes: &[(&str, &str)]) -> String {
     let small = [
         ("[\"mag_4_uc\", \"mag_5_uc\"]", "[\"mag_4_uc\"]"),
@@ -62,7 +62,7 @@ fn spec(changes: &[(&str, &str)]) -> String {
     })
 }
 
-/// A run of a spec, with what it printed.
+/// Runs a spec; returns the bench, standard output and standard error.
 fn ran(text: &str) -> (Bench, String, String) {
     let bench = bench(text);
     let output = bench.magline(&["run", "spec.toml"]);
@@ -70,7 +70,7 @@ fn ran(text: &str) -> (Bench, String, String) {
     (bench, stdout(&output), stderr(&output))
 }
 
-/// The lines of a score table, each with whether it is in sample.
+/// In-sample flag of each line of a score table.
 fn in_sample(bench: &Bench, table: &str) -> BTreeMap<String, bool> {
     let scores = read(&bench.path("store/tables/small").join(table));
     texts(&scores, "line").into_iter().zip(flags(&scores, "in_sample")).collect()
@@ -89,7 +89,7 @@ fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
     assert!(out.contains("scores, pooled over 2 held-out lines; 2 in sample are separate"), "{out}");
     assert!(out.lines().filter(|l| l.starts_with('*')).count() == 2, "a star and its legend: {out}");
 
-    // The pooled table: root mean squares of the held-out lines, and of the others apart.
+    // The pooled table: root mean squares of the held-out lines, and separately of the in-sample lines.
     let scores = read(&bench.path("store/tables/small/scores"));
     let (metrics, values, n) = (texts(&scores, "metric"), numbers(&scores, "value"), numbers(&scores, "n"));
     let (seen, lambdas) = (flags(&scores, "in_sample"), numbers(&scores, "lambda"));
@@ -113,7 +113,7 @@ fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
     assert!(flags(&pooled, "in_sample").iter().all(|seen| !seen), "each point has held-out lines");
     assert_eq!(texts(&pooled, "stage").iter().collect::<std::collections::BTreeSet<_>>().len(), 1);
 
-    // One figure: the terminal, `--json`, SQL and the table.
+    // Terminal, `--json`, SQL and table show the same number.
     let Done { last, .. } = bench.run(&[]);
     let points = last["scores"].as_array().unwrap();
     assert_eq!(points.len(), 3);
@@ -133,11 +133,11 @@ fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
 }
 
 #[test]
-fn law_pooled_radii_hold_their_share_of_all_samples() {
+fn law_pooled_radii_contain_their_share_of_all_samples() {
     let (bench, ..) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]));
     let (track, even) = (read(&bench.path("store/tables/small/track")), read(&bench.path("store/tables/small/even")));
     let [lat, lon] = ["lat", "lon"].map(|name| (numbers(&track, name), numbers(&even, name)));
-    // On a sphere; the ellipsoid's radii differ by less than the tolerance from these at 45 degrees north.
+    // Metres per degree on a sphere. The radii of the ellipsoid at 45 degrees north differ by less than the tolerance.
     let (north, east) = (111_131.8, 78_847.0);
     let names = texts(&track, "line");
     let held_out = (0..names.len()).filter(|i| names[*i].ends_with(".02"));
@@ -178,7 +178,7 @@ fn user_without_a_held_out_line_no_point_is_the_best() {
     assert!(body.contains("every point is in sample") && body.contains("4 of 4"), "{body}");
 }
 
-/// A second model, fitted to what the first one leaves on other lines.
+/// Second model, fitted to the residual of the first one on other lines.
 const SECOND: &str = r#"
 [[stages]]
 name   = "terms_again"
@@ -214,16 +214,16 @@ fn user_lines_are_in_sample_through_other_tables() {
     let text = spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]) + SECOND;
     let (bench, ..) = ran(&text);
     assert_eq!(in_sample(&bench, "scores"), lines([true, false, true, false]));
-    // The first model's lines, and those of the second, which was fitted to what the first one left.
+    // Lines of the first model, and those of the second, which was fitted to the residual of the first.
     assert_eq!(in_sample(&bench, "scores_again"), lines([true, true, true, false]));
-    // A changed `where` of the second model moves nothing of the first.
+    // A changed `where` of the second model does not affect the first.
     bench.spec(&text.replace("line = '1.02'", "line = '2.02'"));
     let done = bench.run(&[]);
     assert_eq!((done.code, done.computed("scores"), done.computed("scores_again")), (0, 0, 4), "{}", done.stderr);
     assert_eq!(in_sample(&bench, "scores_again"), lines([true, false, true, true]));
 }
 
-/// The scores of all lines, those of two held-out lines, and those of the two lines of the model.
+/// Summaries of all lines, of two held-out lines, and of the two lines of the model.
 const SUMMARIES: &str = r#"
 [[stages]]
 name  = "together"
@@ -244,7 +244,7 @@ where = "line like '%.01'"
 "#;
 
 #[test]
-fn user_a_summary_pools_held_out_lines_alone_and_marks_one_of_lines_in_sample() {
+fn user_a_summary_pools_held_out_lines_and_flags_in_sample_lines() {
     let (bench, _, err) = ran(&(spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]) + SUMMARIES));
     let table = |name: &str| read(&bench.path("store/tables/small").join(name));
     let marks = |name: &str| flags(&table(name), "in_sample");
@@ -260,12 +260,12 @@ fn user_a_summary_pools_held_out_lines_alone_and_marks_one_of_lines_in_sample() 
     assert!(!marks("held_out").is_empty() && marks("held_out").iter().all(|seen| !seen));
     assert!(!marks("fitted").is_empty() && marks("fitted").iter().all(|seen| *seen));
     assert!(!err.contains("lines in sample with"), "{err}");
-    // One figure: the summary and the pooled scores.
+    // Summary and pooled scores show the same number.
     for (metric, value) in metrics(&bench, "scores_pooled").into_iter().filter(|(_, value)| value.is_finite()) {
         let summary = of("together", &metric, "value");
         assert!((summary - value).abs() <= 1e-12 * value.abs(), "{metric}: {summary} {value}");
     }
-    // A changed `where` of the model moves the lines that are pooled, and the mark.
+    // A changed `where` of the model changes the pooled lines and the flag.
     bench.spec(&(spec(&[("[0.025, 0.25, 25.0]", "[0.025]"), ("'%.01'", "'1.02'")]) + SUMMARIES));
     assert_eq!(bench.run(&[]).code, 0);
     let lines = ["together", "held_out", "fitted"].map(|name| of(name, "std_error", "lines"));
@@ -274,7 +274,7 @@ fn user_a_summary_pools_held_out_lines_alone_and_marks_one_of_lines_in_sample() 
 }
 
 #[test]
-fn user_what_a_search_chose_by_is_in_sample() {
+fn user_lines_of_the_goal_of_a_search_are_in_sample() {
     let search = "[search]\ngoal = 'scores.std_error'\nwhere = \"line = '1.02'\"\ntrials = 3\n\
                   [search.axes]\nlambda = { low = 0.001, high = 1.0, log = true }\n";
     let text = spec(&[("lambda = [0.025, 0.25, 25.0]\n", "")])
@@ -284,7 +284,7 @@ fn user_what_a_search_chose_by_is_in_sample() {
 }
 
 #[test]
-fn user_a_bound_is_no_result() {
+fn user_the_cramer_rao_bound_is_never_the_best_result() {
     let text = spec(&[
         ("[0.025, 0.25, 25.0]", "[0.025]\nfilter = [\"ekf\", \"crlb\"]"),
         ("core_field      = false", "core_field      = false\nfilter          = \"$filter\""),
@@ -314,7 +314,7 @@ const SLOW: [(&str, &str); 3] = [
 ];
 
 #[test]
-fn user_a_default_metric_that_cannot_be_computed_is_left_out_with_a_reason() {
+fn user_an_undefined_default_metric_is_omitted_with_a_reason() {
     let (bench, out, err) = ran(&spec(&SLOW));
     assert!(out.contains("std_error") && !out.contains("improvement_ratio_band"), "{out}");
     assert!(err.contains("`improvement_ratio_band` cannot be computed: ") && err.contains("0.9"), "{err}");
@@ -328,7 +328,7 @@ fn user_a_default_metric_that_cannot_be_computed_is_left_out_with_a_reason() {
 }
 
 #[test]
-fn user_a_named_metric_that_cannot_be_computed_fails_alone() {
+fn user_an_undefined_requested_metric_fails_alone() {
     let bench = Bench::new();
     let metrics = "truth = \"mag_1_c\"\nmetrics = [\"std_error\", \"improvement_ratio_band\"]";
     bench.spec(&spec(&[SLOW[0], SLOW[1], SLOW[2], ("truth = \"mag_1_c\"", metrics)]));
@@ -337,7 +337,7 @@ fn user_a_named_metric_that_cannot_be_computed_fails_alone() {
     let failures = done.last["failures"].as_array().unwrap();
     assert_eq!(failures.len(), 4, "{}", done.last);
     assert!(failures.iter().all(|f| f["stage"] == "scores" && f["error"].as_str().unwrap().contains("_band`")));
-    // The other metric is there.
+    // The other metric is computed.
     let scores = read(&bench.path("store/tables/small/scores"));
     let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
     let there = (0..values.len()).filter(|i| metrics[*i] == "std_error" && values[*i].is_finite());
@@ -391,7 +391,7 @@ fn user_pooled_scores_are_a_table_like_the_others() {
         read(&bench.path("store/tables/small/scores_pooled")).iter().map(RecordBatch::num_rows).sum::<usize>()
     );
     assert!(bench.magline(&["verify", "set"]).status.success());
-    // It stays where a run leaves its table of scores as it was.
+    // The table stays when a run skips its table of scores.
     let before = bench.tables("store");
     assert_eq!(bench.run(&["--until", "clean", "--set", "axes.lambda=[0.025, 0.25, 25.0]"]).code, 0);
     assert_eq!(bench.tables("store").keys().collect::<Vec<_>>(), before.keys().collect::<Vec<_>>());
@@ -399,13 +399,13 @@ fn user_pooled_scores_are_a_table_like_the_others() {
     assert!(removed.status.success(), "{}", stderr(&removed));
     assert!(!bench.path("store/tables/small/scores_pooled").exists());
     assert!(bench.magline(&["gc", "--store", "store", "--yes"]).status.success());
-    // A name of its own.
+    // The name `scores_pooled` is reserved.
     bench.spec(&SPEC.replace("name  = \"scores\"", "name  = \"scores_pooled\""));
     let taken = bench.magline(&["check", "spec.toml"]);
     assert!(stderr(&taken).contains("`scores_pooled` is the table of scores pooled over lines"), "{}", stderr(&taken));
 }
 
-/// The spec of [`spec`] over flights that lack some columns, with its tables of scores.
+/// Runs a spec over flights without `columns`; returns the bench, standard output and standard error.
 fn without(columns: &[&str], text: &str) -> (Bench, String, String) {
     let bench = bench(text);
     let fewer = |batch: RecordBatch| {
@@ -423,14 +423,14 @@ fn without(columns: &[&str], text: &str) -> (Bench, String, String) {
     (bench, stdout(&output), stderr(&output))
 }
 
-/// The metrics of a table with their values.
+/// Metrics of a table with their values.
 fn metrics(bench: &Bench, table: &str) -> BTreeMap<String, f64> {
     let scores = read(&bench.path("store/tables/small").join(table));
     texts(&scores, "metric").into_iter().zip(numbers(&scores, "value")).collect()
 }
 
 #[test]
-fn user_a_run_without_truth_is_scored_by_what_needs_none() {
+fn user_a_run_without_truth_has_the_metrics_that_need_none() {
     let text = spec(&[("[0.025, 0.25, 25.0]", "[0.025]"), ("truth = \"mag_1_c\"", "")]);
     let (bench, out, err) = without(&["mag_1_c"], &text);
     let found = metrics(&bench, "scores_pooled");
@@ -441,21 +441,21 @@ fn user_a_run_without_truth_is_scored_by_what_needs_none() {
     assert!(!found.contains_key("std_error") && !found.contains_key("snr"), "{found:?}");
     assert!(out.contains("improvement_ratio"), "{out}");
     assert!(err.contains("`scores`: not scored without `truth`: `std_error`, "), "{err}");
-    // The positions are not known either.
+    // The positions are unknown too.
     let (bench, _, err) = without(&["mag_1_c", "lat", "lon", "alt", "vn", "ve", "vd"], &text);
     let found = metrics(&bench, "scores_pooled");
     assert!(found["improvement_ratio"].is_finite() && found["nis"].is_finite(), "{found:?}");
     assert!(!found.contains_key("drms") && !found.contains_key("figure_of_merit_crossings"), "{found:?}");
     let positions = err.lines().find(|l| l.contains("not scored without true positions `lat` and `lon`: "));
     assert!(positions.is_some_and(|l| l.contains("`drms`") && l.contains("`figure_of_merit_crossings`")), "{err}");
-    // With a truth nothing is noted.
+    // With a truth there is no note.
     let (_, _, err) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]));
     assert!(!err.contains("not scored without `truth`"), "{err}");
 }
 
 /// The two queries of the README for the scores of `osborne`.
 #[test]
-fn user_the_readme_asks_the_pooled_table() {
+fn user_the_queries_of_the_readme_read_the_pooled_table() {
     let text = fs::read_to_string(crate::support::repository().join("README.md")).unwrap();
     let asked: Vec<&str> = text.lines().filter(|l| l.contains("store/tables/osborne/scores")).collect();
     assert_eq!(asked.len(), 2, "{asked:?}");

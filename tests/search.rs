@@ -1,4 +1,4 @@
-//! `[search]`: axes whose values are searched.
+//! `[search]`: search over axis values.
 
 use std::{
     process::{Command, Stdio},
@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, numbers, read, stderr, stdout, texts};
 
-/// A compensation, to be searched or swept.
+/// Stages of a compensation, for a search or a sweep.
 const STAGES: &str = r#"
 [[stages]]
 name   = "terms"
@@ -44,7 +44,7 @@ truth = "mag_1_c"
 
 const HEAD: &str = "name = 'small'\nseed = 1\nstore = 'store'\n[tables.flights]\npath = 'flights/'\n";
 
-/// The strength of the penalty and the samples cut off at the ends of a line.
+/// Search axes: ridge parameter and trimmed samples at the ends of a line.
 const AXES: &str =
     "[search.axes]\nlambda = { low = 1e-6, high = 100.0, log = true }\ntrim = { low = 0, high = 60, whole = true }\n";
 
@@ -62,7 +62,7 @@ const TPE: &str = "trials = 16\ngeneration = 4\nstart = 4";
 const HALVING: &str =
     "trials = 18\ngeneration = 9\nstart = 9\nhalving = { axis = 'share', values = ['1.01', '2.01'], eta = 3 }";
 
-/// The events of a run, each of which is one line.
+/// Events of a run, one per line.
 fn events(bench: &Bench, more: &[&str]) -> Vec<Value> {
     let args: Vec<&str> = ["run", "spec.toml", "--json"].iter().chain(more).copied().collect();
     let output = bench.magline(&args);
@@ -83,7 +83,7 @@ fn says(search: &str, wanted: &[&str]) {
 }
 
 #[test]
-fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
+fn user_errors_of_a_search_are_reported_before_the_run() {
     let goal = "[search]\ntrials = 4\ngoal = 'scores.std_error'\n";
     says(&format!("[search]\ntrials = 0\ngoal = 'scores.std_error'\n{AXES}"), &["`trials` must be 1 to 100000, not 0"]);
     says(&format!("[search]\ntrials = 4\ngoal = 'score.std_error'\n{AXES}"), &["did you mean `scores`?"]);
@@ -122,7 +122,7 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
         &format!("{goal}halving = {{ axis = 'lambda', values = [1, 2] }}\n{AXES}"),
         &["the axis `lambda` of `halving` is also searched"],
     );
-    // A goal of no line is known when the lines are.
+    // A goal without lines is detected once the lines are known.
     let bench = Bench::new();
     bench.spec(&spec(&format!("{goal}where = \"line = '9.09'\"\n{AXES}")));
     let output = bench.magline(&["run", "spec.toml"]);
@@ -131,7 +131,7 @@ fn user_what_is_wrong_with_a_search_is_said_before_anything_runs() {
 }
 
 #[test]
-fn user_every_trial_is_a_row_and_the_best_is_told() {
+fn user_every_trial_is_a_row_and_the_best_is_reported() {
     let bench = searched(TPE);
     let text = stdout(&bench.magline(&["check", "spec.toml"]));
     assert!(text.contains("4 tables, at most 49 points"), "{text}");
@@ -144,7 +144,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     );
     assert!(text.contains("axis lambda = searched: 0.000001 to 100, by ratio"), "{text}");
     assert!(text.contains("at 4 points: trial (4), at most 16 after the search; 2 lines"), "{text}");
-    // Terms on 4 lines; a fit, and 4 lines compensated and scored, for each trial.
+    // Terms on 4 lines. Each trial has one fit, and 4 lines are compensated and scored.
     assert!(text.contains("the complete search has at most 148 units"), "{text}");
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
@@ -156,7 +156,7 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
     let best = (0..16).min_by(|a, b| goal[*a].total_cmp(&goal[*b])).unwrap();
     let told = stdout(&output);
     assert!(told.contains(&format!("best of 16 trials: trial {}, scores.std_error ", best + 1)), "{told}");
-    // The goal is the root mean square over the two lines, weighted by samples, as the scores have them.
+    // The goal is the root mean square of the scores of both lines, weighted by samples.
     let scores = read(&bench.path("store/tables/small/scores"));
     let (of, line, metric) = (numbers(&scores, "trial"), texts(&scores, "line"), texts(&scores, "metric"));
     let (value, n) = (numbers(&scores, "value"), numbers(&scores, "n"));
@@ -166,12 +166,12 @@ fn user_every_trial_is_a_row_and_the_best_is_told() {
         let square: f64 = rows().map(|i| n[i] * value[i] * value[i]).sum::<f64>() / rows().map(|i| n[i]).sum::<f64>();
         assert!(rows().count() == 2 && (square.sqrt() - goal).abs() < 1e-12 * goal, "{trial}");
     }
-    // Each row of a model says what it was fitted with.
+    // Each row of a model holds its parameter values.
     let models = read(&bench.path("store/tables/small/coefficients"));
     let (of, lambda) = (numbers(&models, "trial"), numbers(&models, "lambda"));
     let asked = numbers(&trials, "lambda");
     assert!(of.iter().zip(&lambda).all(|(t, l)| asked[*t as usize - 1] == *l));
-    // All is found again, and the report draws it.
+    // All results are reused, and the report plots them.
     let done = bench.run(&[]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
@@ -206,7 +206,7 @@ fn user_one_thread_and_two_give_the_same_trials() {
 }
 
 #[test]
-fn user_a_killed_search_goes_on_and_ends_with_the_same_bytes() {
+fn user_a_killed_search_resumes_to_the_same_bytes() {
     let bench = searched(TPE);
     let started = Instant::now();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
@@ -236,14 +236,14 @@ fn user_a_killed_search_goes_on_and_ends_with_the_same_bytes() {
 }
 
 #[test]
-fn user_a_search_is_computed_again_with_all_of_its_trials() {
+fn user_force_recomputes_all_trials_of_a_search() {
     let bench = searched(TPE);
     let first = events(&bench, &[]).pop().unwrap();
     let before = bench.tables("store");
     let again = events(&bench, &["--force"]).pop().unwrap();
     assert_eq!((&again["computed"], &again["interrupted"]), (&0.into(), &false.into()));
     let compared = again["compared"].as_array().unwrap();
-    // Every trial of every generation: as many scores as the search has computed.
+    // All trials of all generations: the number of scores equals that of the search.
     for table in ["coefficients", "clean", "scores"] {
         let found = compared.iter().find(|c| c["table"] == table).unwrap();
         let computed = &first["tables"][table]["computed"];
@@ -253,8 +253,8 @@ fn user_a_search_is_computed_again_with_all_of_its_trials() {
 }
 
 #[test]
-fn user_the_cost_of_a_search_is_that_of_all_its_trials() {
-    // Halved: three of nine go on to a second rung, twice.
+fn user_the_cost_of_a_search_includes_all_its_trials() {
+    // Halving: three of nine are promoted to a second rung, twice.
     for (keys, assumed) in [(TPE, 12), (HALVING, 15)] {
         let bench = searched(keys);
         let text = std::fs::read_to_string(bench.path("spec.toml")).unwrap();
@@ -273,7 +273,7 @@ fn user_the_cost_of_a_search_is_that_of_all_its_trials() {
         let done = events(&bench, &[]).pop().unwrap();
         for table in before["tables"].as_array().unwrap() {
             let name = table["table"].as_str().unwrap();
-            // Only values that come up twice are computed once.
+            // Only repeated values are computed once.
             assert_eq!(table["compute"], done["tables"][name]["computed"], "{name}");
         }
         let after = cost();
@@ -288,7 +288,7 @@ fn user_a_search_finds_the_best_of_a_fine_sweep() {
     assert_eq!(bench.run(&sets).code, 0);
     let trials = read(&bench.path("store/tables/small/trials"));
     let (goal, lambda) = (numbers(&trials, "goal"), numbers(&trials, "lambda"));
-    // Two hundred values by ratio, from end to end.
+    // 200 values with constant ratio over the whole range.
     let listed: Vec<String> =
         (0..200).map(|i| format!("{:e}", 10f64.powf(-6.0 + 8.0 * f64::from(i) / 199.0))).collect();
     bench.spec(&format!("{HEAD}[axes]\nlambda = [{}]\ntrim = [20]\n{STAGES}", listed.join(", ")));
@@ -307,15 +307,15 @@ fn user_a_search_finds_the_best_of_a_fine_sweep() {
     assert_eq!(swept.len(), 200);
     let best = swept.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
     let worst = swept.iter().map(|s| s.1).fold(0.0, f64::max);
-    // The optimum is inside, and is no plateau.
+    // The optimum is inside the range and not on a plateau.
     assert!(best.0 > 1e-5 && best.0 < 10.0 && worst > 1.5 * best.1, "{best:?} {worst}");
     let found = (0..goal.len()).min_by(|a, b| goal[*a].total_cmp(&goal[*b])).unwrap();
-    // Within a hundredth of what the sweep spans; a thirty-second of its values at random would leave more.
+    // Within 1/100 of the range of the sweep. Random values, 1/32 as many, would have a larger error.
     assert!(goal[found] - best.1 < 0.01 * (worst - best.1), "{} at {}, swept {best:?}", goal[found], lambda[found]);
 }
 
 #[test]
-fn user_the_goal_is_pooled_over_all_other_axes_and_may_be_the_largest() {
+fn user_the_goal_is_pooled_over_other_axes_and_can_be_maximised() {
     let bench = searched(&format!("{TPE}\ndirection = 'maximise'"));
     let text = std::fs::read_to_string(bench.path("spec.toml")).unwrap();
     let swept = text
@@ -335,7 +335,7 @@ fn user_the_goal_is_pooled_over_all_other_axes_and_may_be_the_largest() {
     let rows = || (0..of.len()).filter(|i| of[*i] == 7.0 && metric[*i] == "std_error" && line[*i].ends_with(".02"));
     let square = rows().map(|i| n[i] * value[i] * value[i]).sum::<f64>() / rows().map(|i| n[i]).sum::<f64>();
     assert!((square.sqrt() - goal[6]).abs() < 1e-12 * goal[6]);
-    // The report knows each point again, though a value of a choice stands at several trials.
+    // The report identifies each point, although trials share values of a choice.
     let sets = ["--set", "search.axes.trim=[10, 20]", "--set", "store=again"];
     assert_eq!(bench.run(&sets).code, 0);
     let args: Vec<&str> = ["report", "spec.toml", "-o", "a.html"].iter().chain(&sets).copied().collect();
@@ -345,7 +345,7 @@ fn user_the_goal_is_pooled_over_all_other_axes_and_may_be_the_largest() {
 }
 
 #[test]
-fn user_points_known_beforehand_are_one_run() {
+fn user_a_search_with_predetermined_points_is_one_run() {
     for method in ["method = 'sobol'\nscramble = false", "method = 'random'"] {
         let bench = searched(&format!("trials = 8\n{method}"));
         let all = events(&bench, &[]);
@@ -381,10 +381,10 @@ fn user_events_name_each_trial_once() {
 }
 
 #[test]
-fn user_halving_takes_the_best_third_on() {
+fn user_halving_promotes_the_best_third() {
     let bench = searched(HALVING);
     let text = std::fs::read_to_string(bench.path("spec.toml")).unwrap();
-    // A rung is another calibration line, which costs the same here but is another answer.
+    // A rung uses another calibration line, with equal cost and another result.
     bench.spec(&text.replace("where  = \"line like '%.01'\"", "where  = \"line = '$share'\""));
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
@@ -417,8 +417,8 @@ fn user_halving_takes_the_best_third_on() {
 }
 
 #[test]
-fn user_a_trial_that_fails_is_the_worst_and_is_named() {
-    // Lines of 700 samples: nothing is left where 400 are cut off at each end.
+fn user_a_failed_trial_is_ranked_last_and_listed() {
+    // Lines of 700 samples: a trim of 400 at each end leaves no samples.
     let bench = searched(TPE);
     let done = bench.run(&["--set", "search.axes.trim=[10, 400]"]);
     assert_eq!(done.code, 1, "{}", done.stderr);
@@ -436,7 +436,7 @@ fn user_a_trial_that_fails_is_the_worst_and_is_named() {
         "{}",
         stdout(&output)
     );
-    // Where all fail the search ends after its first generation, and says so.
+    // If all trials fail, the search ends after its first generation with a message.
     let output = bench.magline(&["run", "spec.toml", "--set", "search.axes.trim=[400]", "--set", "store=none"]);
     assert_eq!(output.status.code(), Some(1));
     let text = stderr(&output);

@@ -1,4 +1,4 @@
-//! Credentials and servers that want them shown or sent elsewhere.
+//! Credentials, and servers that try to have them shown or sent elsewhere.
 
 use std::{
     fs,
@@ -14,10 +14,11 @@ use std::{
 
 use crate::support::{Bench, stderr, stdout};
 
-/// Texts that must not be seen: access key, secret key, session token, password.
+/// Texts that must not be shown: access key, secret key, session token, password.
 const SECRETS: [&str; 4] = ["AKIAGEHEIM", "geheim-secret", "geheim-token", "geheim-password"];
 
-/// A server that answers every request with this status and what it was sent; and how many it had.
+/// Server that answers every request with this status and an echo of the request; returns its address and the number of
+/// requests.
 fn echoing(status: &'static str, header: String) -> (SocketAddr, Arc<AtomicUsize>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let (address, asked) = (listener.local_addr().unwrap(), Arc::new(AtomicUsize::new(0)));
@@ -48,7 +49,7 @@ fn echo(mut stream: TcpStream, status: &str, header: &str, count: &AtomicUsize) 
     let _ = write!(stream, "HTTP/1.1 {status}\r\n{header}content-length: {length}\r\nconnection: close\r\n\r\n{body}");
 }
 
-/// Output and files of commands with a store at this endpoint.
+/// Output and files of commands with a store at `endpoint`.
 fn told(bench: &Bench, endpoint: &str) -> String {
     let command = |args: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_magline"))
@@ -77,7 +78,7 @@ fn told(bench: &Bench, endpoint: &str) -> String {
     said.concat()
 }
 
-/// Everything that was written below a folder; links are left out.
+/// Contents of all files below a folder, without links.
 fn written(folder: &std::path::Path) -> String {
     let mut all = String::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -98,7 +99,7 @@ fn assert_hidden(bench: &Bench, said: &str) {
 }
 
 #[test]
-fn user_what_a_server_repeats_is_not_shown() {
+fn user_credentials_repeated_by_a_server_are_not_shown() {
     for status in ["403 Forbidden", "400 Bad Request", "401 Unauthorized"] {
         let bench = Bench::new();
         let (address, asked) = echoing(status, String::new());
@@ -123,7 +124,7 @@ fn user_a_redirect_to_another_server_is_not_followed() {
 }
 
 #[test]
-fn user_an_endpoint_with_a_password_is_refused_and_not_shown() {
+fn user_an_endpoint_with_a_password_is_rejected_and_not_shown() {
     let bench = Bench::new();
     let (address, asked) = echoing("403 Forbidden", String::new());
     for endpoint in [
@@ -136,7 +137,7 @@ fn user_an_endpoint_with_a_password_is_refused_and_not_shown() {
         assert_hidden(&bench, &said);
     }
     assert_eq!(asked.load(Ordering::Relaxed), 0);
-    // Neither is the password of a server of lineage events.
+    // The password of a server of lineage events is not shown either.
     let to = format!("http://me:geheim-password@{address}/?key=geheim-password");
     let run = bench.magline(&["run", "spec.toml", "--openlineage", &to]);
     let said = stdout(&run) + &stderr(&run);

@@ -1,4 +1,4 @@
-//! Limits of what strangers can do by files, specs, stores, sets and queries. `SECURITY.md` names each test.
+//! Protection against malicious files, specs, stores, sets and queries. `SECURITY.md` lists each test.
 
 use std::{
     fs,
@@ -92,7 +92,7 @@ fn user_a_spec_from_elsewhere_does_not_replace_tables() {
         );
         assert_eq!(bench.tables("store"), before);
     }
-    // The spec that made it may run, and another name in the same store.
+    // The original spec may run, and so may another name in the same store.
     assert_eq!(bench.run(&[]).code, 0);
     fs::write(bench.path("from/other.toml"), evil.replace("\"small\"", "\"other\"")).unwrap();
     assert!(bench.magline(&["run", "from/other.toml", "-q"]).status.success());
@@ -102,7 +102,7 @@ fn user_a_spec_from_elsewhere_does_not_replace_tables() {
 }
 
 #[test]
-fn user_a_lease_from_the_future_holds_nothing() {
+fn user_a_lease_from_the_future_is_ignored() {
     let bench = ran();
     let lease = |number: &str, seconds: u64| {
         let file = bench.path("store/locks").join(format!("small.lease-{number}"));
@@ -140,14 +140,14 @@ fn user_expressions_of_a_spec_cannot_fill_the_memory() {
     }
 }
 
-/// The children of a process, with itself.
+/// A process and its children.
 #[cfg(target_os = "linux")]
 fn family(process: u32) -> Vec<u32> {
     let children = fs::read_to_string(format!("/proc/{process}/task/{process}/children")).unwrap_or_default();
     std::iter::once(process).chain(children.split_whitespace().filter_map(|n| n.parse().ok())).collect()
 }
 
-/// The peak of the memory of a query with its process, MB, and its end.
+/// Peak memory of a query and its processes, MB, and its output.
 #[cfg(target_os = "linux")]
 fn peak_mb(bench: &Bench, query: &str, limit: &str) -> (u64, Output) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
@@ -172,7 +172,7 @@ fn peak_mb(bench: &Bench, query: &str, limit: &str) -> (u64, Output) {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn user_queries_keep_to_their_memory_in_all_operators() {
+fn user_queries_respect_their_memory_limit_in_all_operators() {
     let bench = ran();
     for query in [
         "SELECT length(repeat('a', 2000000000))",
@@ -285,12 +285,12 @@ fn user_no_output_passes_control_characters_of_names_to_the_terminal() {
     ] {
         check(command, bench.magline(command));
     }
-    // A file, and a pipe in a form for programs, get the bytes.
+    // A file, and a pipe in a machine-readable format, receive the bytes.
     let output = bench.magline(&["sql", "SELECT DISTINCT line FROM small.scores ORDER BY line", "--format", "csv"]);
     assert!(stdout(&output).contains(hostile), "{:?}", stdout(&output));
 }
 
-/// The texts of the Rust files below a folder of the repository.
+/// Appends the texts of the Rust files below a folder of the repository.
 fn sources(folder: &Path, found: &mut String) {
     for entry in fs::read_dir(folder).unwrap().flatten() {
         let (path, name) = (entry.path(), entry.file_name());

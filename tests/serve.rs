@@ -1,4 +1,4 @@
-//! `magline serve`, as clients of Arrow Flight SQL see it.
+//! `magline serve` with clients of Arrow Flight SQL.
 
 use std::{
     fs,
@@ -33,7 +33,7 @@ type Client = FlightSqlServiceClient<Channel>;
 
 const TOKEN: &str = "0123456789abcdef0123";
 
-/// A server in this process.
+/// Server in this process.
 struct Served {
     address: SocketAddr,
     stop: watch::Sender<bool>,
@@ -56,7 +56,7 @@ fn settings(bench: &Bench) -> ServerSettings {
     }
 }
 
-/// Why a server does not start.
+/// Error of a server that does not start.
 fn refused(settings: ServerSettings) -> String {
     let (_keep, stopped) = watch::channel(false);
     serve(settings, |address| panic!("it serves at {address}"), stopped).unwrap_err().to_string()
@@ -127,7 +127,7 @@ fn words(batches: &[RecordBatch], column: usize) -> Vec<String> {
 }
 
 #[test]
-fn user_answers_are_what_the_files_hold() {
+fn user_answers_equal_the_published_files() {
     let bench = ran();
     let served = Served::new(&bench, |_| {});
     let client = &mut served.client();
@@ -137,7 +137,7 @@ fn user_answers_are_what_the_files_hold() {
     assert_eq!(rows.iter().map(RecordBatch::num_rows).sum::<usize>(), 19_200);
     let sum = |batches: &[RecordBatch]| numbers(batches, "mag_c").iter().sum::<f64>();
     assert!((sum(&rows) / sum(&files) - 1.0).abs() < 1e-12);
-    // A column that passes through is there too, with unit and role.
+    // A passthrough column is included, with unit and role.
     let lon = served.ask(client, "SELECT lon FROM small.clean WHERE line = '1.01' AND tt < 36010").unwrap();
     assert_eq!(lon.iter().map(RecordBatch::num_rows).sum::<usize>(), 8 * 100);
     assert_eq!(lon[0].schema().field(0).metadata()["unit"], "deg");
@@ -148,7 +148,7 @@ fn user_answers_are_what_the_files_hold() {
 }
 
 #[test]
-fn user_every_query_that_writes_is_refused() {
+fn user_every_query_that_writes_is_rejected() {
     let bench = ran();
     let before = bench.tables("store");
     let served = Served::new(&bench, |_| {});
@@ -194,7 +194,7 @@ fn user_prepared_statements_take_parameters() {
         let found = served.rows(client, info).unwrap();
         assert_eq!(found[0].column(0).as_any().downcast_ref::<Int64Array>().unwrap().value(0), rows, "{line}");
     }
-    // A text of any form is a value.
+    // Any text is treated as a value.
     statement.set_parameters(values(vec!["' OR '1' = '1"], -1.0)).unwrap();
     let info = served.runtime.block_on(statement.execute()).unwrap();
     assert_eq!(served.rows(client, info).unwrap()[0].column(0).as_primitive::<Int64Type>().value(0), 0);
@@ -222,7 +222,7 @@ fn user_prepared_statements_take_parameters() {
 }
 
 #[test]
-fn user_a_client_can_ask_what_there_is() {
+fn user_a_client_can_list_schemas_tables_and_keys() {
     let bench = ran();
     let served = Served::new(&bench, |_| {});
     let client = &mut served.client();
@@ -263,7 +263,7 @@ fn user_a_client_can_ask_what_there_is() {
 }
 
 #[test]
-fn user_a_query_sees_the_tables_of_one_moment() {
+fn user_a_query_reads_one_snapshot() {
     let bench = ran();
     let served = Served::new(&bench, |_| {});
     let client = &mut served.client();
@@ -273,7 +273,7 @@ fn user_a_query_sees_the_tables_of_one_moment() {
     let done = bench.run(&["--set", "axes.lambda=[0.0, 0.025, 0.25]"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     assert_eq!(served.count(client, query), 28_800, "what was published is seen");
-    // An earlier plan is answered from the tables of that time, any number of times.
+    // An earlier plan is answered from its snapshot, any number of times.
     for _ in 0..2 {
         let rows = served.rows(client, before.clone()).unwrap();
         assert_eq!(rows[0].column(0).as_primitive::<Int64Type>().value(0), 19_200);
@@ -282,7 +282,7 @@ fn user_a_query_sees_the_tables_of_one_moment() {
 }
 
 #[test]
-fn user_an_answer_of_mixed_types_has_the_columns_that_were_told() {
+fn user_an_answer_of_mixed_types_has_the_planned_columns() {
     let bench = ran();
     let served = Served::new(&bench, |_| {});
     let client = &mut served.client();
@@ -299,7 +299,7 @@ fn user_an_answer_of_mixed_types_has_the_columns_that_were_told() {
 }
 
 #[test]
-fn user_a_query_that_needs_too_much_says_so_and_damage_is_named() {
+fn user_exceeded_limits_and_damage_are_reported_to_the_client() {
     let bench = ran();
     let served = Served::new(&bench, |s| s.memory = 16 << 20);
     let client = &mut served.client();
@@ -325,7 +325,7 @@ fn user_a_query_that_needs_too_much_says_so_and_damage_is_named() {
 }
 
 #[test]
-fn user_a_server_that_cannot_serve_says_why() {
+fn user_a_server_that_cannot_start_reports_the_reason() {
     let bench = ran();
     let pem = |name: &str| fs::read(repository().join("tests/reference/serve").join(name)).unwrap();
     let served = Served::new(&bench, |_| {});
@@ -348,7 +348,7 @@ fn user_a_server_that_cannot_serve_says_why() {
 }
 
 #[test]
-fn user_the_command_says_where_it_serves_and_ends_when_it_is_told() {
+fn user_serve_prints_its_address_and_ends_on_a_signal() {
     let bench = ran();
     fs::write(bench.path("token"), TOKEN).unwrap();
     fs::set_permissions(bench.path("token"), fs::Permissions::from_mode(0o600)).unwrap();

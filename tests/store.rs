@@ -1,4 +1,4 @@
-//! The store: plain for every reader, whole at every moment, and no larger than what it holds.
+//! The store: readable by every reader, complete at every moment, and without overhead.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -25,7 +25,7 @@ fn ran() -> Bench {
     bench
 }
 
-/// Every file below `folder`.
+/// Files below `folder`.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = vec![];
     let mut folders = vec![folder.to_owned()];
@@ -48,8 +48,8 @@ fn metadata(file: &Path) -> ParquetMetaData {
     SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap().metadata().clone()
 }
 
-/// The rows that parquet-mr reads of a file in splits of `split` bytes: it takes a row group with the split that the
-/// middle of its bytes lies in, and reckons these from the offset of the first chunk and the sizes of all.
+/// Number of rows that parquet-mr reads from a file in splits of `split` bytes. It assigns a row group to the split
+/// with the middle of its bytes. It computes the middle from the offset of the first chunk and the sizes of all chunks.
 fn rows_in_splits(file: &Path, split: i64) -> i64 {
     let metadata = metadata(file);
     let size = fs::metadata(file).unwrap().len() as i64;
@@ -69,7 +69,7 @@ fn rows_in_splits(file: &Path, split: i64) -> i64 {
 }
 
 #[test]
-fn r11_every_published_file_is_plain_to_the_strictest_reader() {
+fn user_every_published_file_is_readable_by_the_strictest_reader() {
     let bench = ran();
     let mut seen = 0;
     for file in files(&bench.path("store/tables/small")) {
@@ -78,7 +78,7 @@ fn r11_every_published_file_is_plain_to_the_strictest_reader() {
         for split in [1 << 10, 100_000, 128 << 20] {
             assert_eq!(rows_in_splits(&file, split), rows, "{} in splits of {split}", file.display());
         }
-        // No byte belongs to two chunks, and the chunks of a row group stand together.
+        // Chunks do not overlap, and the chunks of a row group are contiguous.
         let mut end = 4;
         for group in metadata.row_groups() {
             for chunk in group.columns() {
@@ -113,7 +113,7 @@ fn r11_every_published_file_is_plain_to_the_strictest_reader() {
 }
 
 #[test]
-fn r11_a_table_holds_keys_and_what_its_stage_made_and_sql_the_rest() {
+fn user_a_table_holds_keys_and_new_columns_and_sql_adds_passthrough_columns() {
     let bench = Bench::new();
     bench.spec(&SPEC.replace("mag   = \"$mag\"\n", "mag   = \"$mag\"\ncarry = [\"lat\", \"mag_1_c\"]\n"));
     assert_eq!(bench.run(&[]).code, 0);
@@ -126,7 +126,7 @@ fn r11_a_table_holds_keys_and_what_its_stage_made_and_sql_the_rest() {
     let clean: BTreeSet<String> = names("clean").into_iter().collect();
     let expected = ["mag", "vector", "lambda", "flight", "line", "tt", "lat", "mag_1_c"].iter().chain(&made);
     assert_eq!(clean, expected.map(|n| (*n).to_owned()).collect());
-    // The logical table has all columns, and those that pass through are the ones of the table that made them.
+    // The logical table has all columns. Passthrough columns equal those of their source table.
     let sum = |table: &str, column: &str| {
         query(
             &bench,
@@ -147,12 +147,12 @@ fn r11_a_table_holds_keys_and_what_its_stage_made_and_sql_the_rest() {
     let joined = "SELECT count(*) AS n FROM small.clean c JOIN small.even e ON c.flight = e.flight AND c.line = e.line \
                   AND c.tt = e.tt WHERE c.lon = e.lon AND c.lat = e.lat AND c.mag_4_uc = e.mag_4_uc";
     assert_eq!(query(&bench, "store", joined)[0]["n"], 19_200);
-    // Units are ruled out by their keys, and the answer stays the same.
+    // Units are excluded by their keys, and the answer is unchanged.
     let by_key = "SELECT count(*) AS n, avg(lon) AS lon FROM small.clean WHERE mag = 'mag_5_uc' AND lambda < 0.01 AND line = '2.02'";
     assert_eq!(query(&bench, "store", by_key)[0]["n"], 2 * 500);
 }
 
-/// Everything that is in a store, with what tells whether it was written again.
+/// Files of a store with inode and modification time, which reveal rewriting.
 fn stamps(folder: &Path) -> BTreeMap<PathBuf, (u64, i64, i64)> {
     let stamp = |p: PathBuf| {
         let m = fs::metadata(&p).unwrap();
@@ -163,7 +163,7 @@ fn stamps(folder: &Path) -> BTreeMap<PathBuf, (u64, i64, i64)> {
 }
 
 #[test]
-fn r11_an_unchanged_run_writes_nothing_but_its_history() {
+fn user_an_unchanged_run_writes_only_its_history() {
     let bench = ran();
     let before = stamps(&bench.path("store"));
     let version = fs::read_link(bench.path("store/tables/small")).unwrap();
@@ -178,7 +178,7 @@ fn r11_an_unchanged_run_writes_nothing_but_its_history() {
 }
 
 #[test]
-fn r11_the_store_is_as_large_as_what_it_holds() {
+fn user_the_store_has_a_small_overhead() {
     let bench = ran();
     let mut seen = BTreeSet::new();
     let mut bytes = |part: &str| -> u64 {
@@ -189,12 +189,12 @@ fn r11_the_store_is_as_large_as_what_it_holds() {
     let objects = bytes("objects");
     let rest: u64 = ["versions", "sources", "plans", "runs"].iter().map(|p| bytes(p)).sum();
     assert!(rest < objects / 2, "{rest} bytes beside {objects}");
-    // 4 lines of 9 tables at 8 points: no file a unit.
+    // 4 lines of 9 tables at 8 points: fewer files than units.
     assert!(files(&bench.path("store/objects")).len() < 12);
 }
 
 #[test]
-fn r11_a_thousand_points_do_with_256_open_files() {
+fn user_a_thousand_points_require_at_most_256_open_files() {
     let bench = Bench::new();
     let lambdas: Vec<String> = (0..1000).map(|i| format!("{}", f64::from(i) * 1e-4)).collect();
     let spec = SPEC
@@ -213,7 +213,7 @@ fn r11_a_thousand_points_do_with_256_open_files() {
 }
 
 #[test]
-fn r11_one_run_of_a_pipeline_at_a_time() {
+fn user_runs_of_a_pipeline_exclude_each_other() {
     let bench = Bench::new();
     let start = |args: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_magline"));
@@ -238,7 +238,7 @@ fn r11_one_run_of_a_pipeline_at_a_time() {
     assert!(waits.try_wait().unwrap().is_none(), "it did not wait");
     held.unlock().unwrap();
     assert!(waits.wait().unwrap().success());
-    // Many at once: each waits for the one before, and the tables are those of one of them.
+    // Several runs at once: each waits for the previous one, and the tables are those of one run.
     let all: Vec<_> =
         ["0.0", "0.5", "0.9"].iter().map(|l| start(&["--wait", "--set", &format!("axes.lambda=[{l}]")])).collect();
     for child in all {
@@ -251,7 +251,7 @@ fn r11_one_run_of_a_pipeline_at_a_time() {
 }
 
 #[test]
-fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
+fn user_tables_change_together_and_a_reader_keeps_its_snapshot() {
     let bench = ran();
     let folder = bench.path("store/tables/small").canonicalize().unwrap();
     let opened = read(&folder.join("scores"));
@@ -261,7 +261,7 @@ fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
     let smaller = smaller.replace("name  = \"scores\"", "name  = \"marks\"");
     bench.spec(&smaller);
     assert_eq!(bench.run(&[]).code, 0);
-    // The version before is as it was; the new one has neither the stage that went nor another point.
+    // The previous version is unchanged. The new one has neither the removed stage nor other points.
     assert_eq!(texts(&read(&folder.join("scores")), "metric"), texts(&opened, "metric"));
     assert!(!bench.path("store/tables/small/scores").exists() && bench.path("store/tables/small/marks").is_dir());
     for file in ["notes.txt", "mine.parquet"] {
@@ -278,7 +278,7 @@ fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
     let output = bench.magline(&["gc", "--store", "store", "--yes"]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(!folder.join("scores").exists());
-    // Foreign files stay, also in the version that they were put into.
+    // Foreign files stay, also in their original version.
     assert!(
         folder.join("clean/notes.txt").is_file() && stdout(&output).contains("magline did not write"),
         "{}",
@@ -316,7 +316,7 @@ fn user_a_run_reports_the_bytes_that_gc_would_free() {
 }
 
 #[test]
-fn r11_tables_are_listed_and_removed() {
+fn user_tables_are_listed_and_removed() {
     let bench = ran();
     let listed = stdout(&bench.magline(&["ls", "--store", "store"]));
     assert!(listed.lines().any(|l| l.split_whitespace().take(2).eq(["small.clean", "19200"])), "{listed}");
@@ -335,7 +335,7 @@ fn r11_tables_are_listed_and_removed() {
 }
 
 #[test]
-fn store_results_stay_where_the_list_of_a_version_is_damaged() {
+fn user_results_are_kept_if_a_manifest_is_damaged() {
     let bench = ran();
     let list = bench.path("store/tables/small").canonicalize().unwrap().with_file_name("version.json");
     let text = fs::read_to_string(&list).unwrap();
@@ -354,7 +354,7 @@ fn store_results_stay_where_the_list_of_a_version_is_damaged() {
 }
 
 #[test]
-fn r11_a_line_that_is_added_costs_its_own_bytes() {
+fn user_an_added_line_costs_only_its_own_bytes() {
     let bench = Bench::new();
     bench.spec(&SPEC.replace("line like '%.01'", "line = '1.01'"));
     for i in 0..60 {
@@ -373,9 +373,9 @@ fn r11_a_line_that_is_added_costs_its_own_bytes() {
     let (old, new) = (packs(&before), packs(&stamps(&bench.path("store"))));
     let added: u64 = new.iter().filter(|(inode, _)| !old.contains_key(inode)).map(|(_, size)| size).sum();
     let all: u64 = old.values().sum();
-    // A sixtieth is the line's own; the small tables are written whole.
+    // The added line is one sixtieth; small tables are rewritten completely.
     assert!(added < all / 15, "{added} of {all} bytes");
-    // Put together, the files are those of a run at once.
+    // After compaction the files equal those of a single run.
     let compact = bench.magline(&["compact", "spec.toml", "--set", "axes.lambda=[0.1]", "-q"]);
     assert!(compact.status.success(), "{}", stderr(&compact));
     assert_eq!(bench.run(&["--set", "axes.lambda=[0.1]", "--set", "store=\"whole\""]).code, 0);
@@ -383,7 +383,7 @@ fn r11_a_line_that_is_added_costs_its_own_bytes() {
 }
 
 #[test]
-fn r11_what_failed_is_known_and_not_tried_again() {
+fn user_failures_are_stored_and_not_retried() {
     let bench = Bench::new();
     write(&bench.path("flights/8.parquet"), &[line_of("8", "8.01", 8)]);
     let first = bench.run(&[]);
@@ -398,7 +398,7 @@ fn r11_what_failed_is_known_and_not_tried_again() {
 }
 
 #[test]
-fn r11_queries_come_from_files_and_standard_input_and_end_when_told() {
+fn user_queries_are_read_from_files_and_standard_input_and_end_at_max_rows() {
     let bench = ran();
     fs::write(bench.path("q.sql"), "SELECT count(*) AS n\nFROM small.clean").unwrap();
     let output = bench.magline(&["sql", "-f", "q.sql", "--format", "csv"]);
@@ -414,10 +414,10 @@ fn r11_queries_come_from_files_and_standard_input_and_end_when_told() {
 }
 
 #[test]
-fn r11_a_question_opens_only_what_it_names() {
+fn user_a_query_opens_only_its_own_tables() {
     let bench = ran();
     let started = Instant::now();
-    // Every other table is unreadable, and nobody notices.
+    // All other tables are unreadable, which does not affect the query.
     for table in ["even", "terms", "coefficients", "clean", "track"] {
         for file in files(&bench.path("store/versions/small/1/tables").join(table)) {
             fs::remove_file(&file).unwrap();
@@ -435,7 +435,7 @@ fn r11_a_question_opens_only_what_it_names() {
 }
 
 #[test]
-fn r11_what_is_not_kept_is_made_again_with_the_same_answer() {
+fn user_unkept_tables_are_recomputed_with_the_same_results() {
     let bench = ran();
     let even = "input   = \"flights\"\nrate_hz = 10.0\n";
     let spec = SPEC.replace(even, &format!("{even}publish = false\nkeep = false\n"));
@@ -455,7 +455,7 @@ fn r11_what_is_not_kept_is_made_again_with_the_same_answer() {
         );
     }
     assert!(!bench.path("lean/tables/small/even").exists());
-    // Passthrough columns from there can be queried all the same.
+    // Passthrough columns of these tables can still be queried.
     let sum = |store: &str| {
         query(&bench, store, "SELECT sum(mag_4_uc) AS s, count(lon) AS n FROM small.clean WHERE flight = '2'")
     };

@@ -1,4 +1,4 @@
-//! Small flights over a small map, and a way to run the binary on them.
+//! Small flights over a small map, and functions that run the binary on them.
 
 use std::{
     collections::BTreeMap,
@@ -37,7 +37,7 @@ impl Done {
     }
 }
 
-/// The binary with `args`, in `folder`.
+/// Runs the binary with `args` in `folder`.
 pub fn magline(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_magline")).args(args).current_dir(folder).output().unwrap()
 }
@@ -50,7 +50,7 @@ pub fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// The root of the repository.
+/// Root folder of the repository.
 pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
@@ -70,7 +70,7 @@ impl Bench {
         bench
     }
 
-    /// The same with three flights more of four lines each: some tables are several files.
+    /// Adds three flights of four lines each to [`Bench::new`], so that some tables have several files.
     pub fn of_many_lines() -> Bench {
         let bench = Bench::new();
         for flight in ["3", "4", "5"] {
@@ -92,7 +92,7 @@ impl Bench {
         magline(self.folder.path(), args)
     }
 
-    /// `magline run spec.toml --json` with more arguments.
+    /// Runs `magline run spec.toml --json` with additional arguments.
     pub fn run(&self, more: &[&str]) -> Done {
         let args: Vec<&str> = ["run", "spec.toml", "--json"].iter().chain(more).copied().collect();
         let output = self.magline(&args);
@@ -101,7 +101,7 @@ impl Bench {
         Done { code: output.status.code().unwrap(), last, stderr: stderr(&output) }
     }
 
-    /// Every file under `folder` of the store's tables, with its bytes.
+    /// Files of the tables of a store with their bytes.
     pub fn tables(&self, store: &str) -> BTreeMap<String, Vec<u8>> {
         let mut found = BTreeMap::new();
         collect(&self.path(store).join("tables"), "", &mut found);
@@ -120,7 +120,7 @@ fn collect(folder: &Path, prefix: &str, found: &mut BTreeMap<String, Vec<u8>>) {
     }
 }
 
-/// Two magnetometers, two vector magnetometers and two ridge parameters, through to scores.
+/// Spec of two magnetometers, two vector magnetometers and two ridge parameters, up to scores.
 pub const SPEC: &str = r#"
 name  = "small"
 seed  = 1
@@ -181,12 +181,12 @@ input = ["clean", "track"]
 truth = "mag_1_c"
 "#;
 
-/// The anomaly of the small map, in nT.
+/// Anomaly of the small map, nT.
 pub fn anomaly(lat: f64, lon: f64) -> f64 {
     120.0 * (220.0 * (lat - 45.0)).sin() + 90.0 * (180.0 * (lon - 10.0) + 50.0 * (lat - 45.0)).cos()
 }
 
-/// A map of 0.2 by 0.2 degrees around 45 north, 10 east.
+/// Map of 0.2 by 0.2 degrees around 45 degrees north, 10 degrees east.
 pub fn map() -> RecordBatch {
     let axis = |from: f64| (0..81).map(move |i| from + f64::from(i) * 0.0025);
     let nodes: Vec<(f64, f64)> = axis(44.9).flat_map(|lat| axis(9.9).map(move |lon| (lat, lon))).collect();
@@ -198,15 +198,15 @@ pub fn map() -> RecordBatch {
     ])
 }
 
-/// Columns of numbers.
+/// Batch of number columns.
 pub fn batch(columns: &[(&str, Vec<f64>)]) -> RecordBatch {
     let fields: Vec<Field> = columns.iter().map(|(n, _)| Field::new(*n, DataType::Float64, true)).collect();
     let arrays = columns.iter().map(|(_, v)| Arc::new(Float64Array::from(v.clone())) as ArrayRef).collect();
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }
 
-/// One line: a straight track with pitch, roll and yaw movements, an aircraft field that is exactly Tolles-Lawson's,
-/// and a small slow INS error.
+/// Line with a straight track, pitch, roll and yaw manoeuvres, an exact Tolles-Lawson aircraft field, and a small slow
+/// INS error.
 pub fn line_of(flight: &str, line: &str, rows: usize) -> RecordBatch {
     let seed = line.bytes().map(u32::from).sum::<u32>() as f64;
     let t = |i: usize| i as f64 * 0.1;
@@ -269,7 +269,7 @@ pub fn line_of(flight: &str, line: &str, rows: usize) -> RecordBatch {
     with_keys(flight, line, &numbers)
 }
 
-/// The batch with `flight` and `line` in front.
+/// Batch with the leading columns `flight` and `line`.
 pub fn with_keys(flight: &str, line: &str, numbers: &RecordBatch) -> RecordBatch {
     let text = |s: &str| Arc::new(StringArray::from(vec![s; numbers.num_rows()])) as ArrayRef;
     let keys = ["flight", "line"].map(|k| Arc::new(Field::new(k, DataType::Utf8, true)));
@@ -278,7 +278,7 @@ pub fn with_keys(flight: &str, line: &str, numbers: &RecordBatch) -> RecordBatch
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }
 
-/// The batch with one column's values changed.
+/// Batch with changed values of one column.
 pub fn changed(batch: &RecordBatch, column: &str, change: impl Fn(usize, f64) -> f64) -> RecordBatch {
     let at = batch.schema().index_of(column).unwrap();
     let old = batch.column(at).as_any().downcast_ref::<Float64Array>().unwrap();
@@ -288,7 +288,7 @@ pub fn changed(batch: &RecordBatch, column: &str, change: impl Fn(usize, f64) ->
     RecordBatch::try_new(batch.schema(), columns).unwrap()
 }
 
-/// The batch without a column.
+/// Batch without a column.
 pub fn without(batch: &RecordBatch, column: &str) -> RecordBatch {
     let keep: Vec<usize> = (0..batch.num_columns()).filter(|i| batch.schema().field(*i).name() != column).collect();
     batch.project(&keep).unwrap()
@@ -301,7 +301,7 @@ pub fn write(path: &Path, batches: &[RecordBatch]) {
     writer.close().unwrap();
 }
 
-/// All rows of a published table.
+/// Rows of a published table.
 pub fn read(folder: &Path) -> Vec<RecordBatch> {
     let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().flatten().map(|e| e.path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "parquet"));
@@ -311,7 +311,7 @@ pub fn read(folder: &Path) -> Vec<RecordBatch> {
     files.iter().flat_map(|f| open(f).map(Result::unwrap).collect::<Vec<_>>()).collect()
 }
 
-/// The numbers of a column over all batches, whole ones as well.
+/// Numbers of a float or integer column over all batches.
 pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));
@@ -329,7 +329,7 @@ pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
     batches.iter().flat_map(one).collect()
 }
 
-/// The texts of a column over all batches.
+/// Texts of a column over all batches.
 pub fn texts(batches: &[RecordBatch], column: &str) -> Vec<String> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));

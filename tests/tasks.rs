@@ -1,4 +1,4 @@
-//! A run whose computing is done by other processes: the same bytes, each unit once, for any failure of a worker.
+//! Runs computed by other processes: the same bytes and each unit once, for any failure of a worker.
 
 use std::{
     collections::BTreeMap,
@@ -22,7 +22,7 @@ fn tasks(bench: &Bench, store: &str, more: &[&str]) -> Vec<String> {
     stdout(&output).lines().map(str::to_owned).collect()
 }
 
-/// `magline task` with these lines on standard input.
+/// Runs `magline task` with these lines on standard input.
 fn task(bench: &Bench, store: &str, lines: &[u8], more: &[&str]) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
         .args(["task", "--store", store])
@@ -33,7 +33,7 @@ fn task(bench: &Bench, store: &str, lines: &[u8], more: &[&str]) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A worker that does not read its input to the end has closed it.
+    // A worker that stops reading has closed its input.
     let _ = child.stdin.take().unwrap().write_all(lines);
     child.wait_with_output().unwrap()
 }
@@ -42,7 +42,7 @@ fn receipts(output: &Output) -> Vec<Value> {
     stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// The outcome and key of each unit of some receipts.
+/// Outcome and key of each unit in the receipts.
 fn units(receipts: &[Value]) -> Vec<(String, String)> {
     let text = |unit: &Value, key: &str| unit[key].as_str().unwrap().to_owned();
     let all = receipts.iter().flat_map(|r| r["units"].as_array().unwrap());
@@ -58,7 +58,7 @@ fn times(receipts: &[Value], outcome: &str) -> BTreeMap<String, usize> {
     found
 }
 
-/// Every pack of a store, with its bytes.
+/// Packs of a store with their bytes.
 fn packs(bench: &Bench, store: &str) -> BTreeMap<PathBuf, Vec<u8>> {
     let root = bench.path(store).join("objects");
     let folders = fs::read_dir(&root).unwrap().flatten().filter(|e| e.path().is_dir());
@@ -66,7 +66,7 @@ fn packs(bench: &Bench, store: &str) -> BTreeMap<PathBuf, Vec<u8>> {
     files.map(|f| (f.path().strip_prefix(&root).unwrap().to_owned(), fs::read(f.path()).unwrap())).collect()
 }
 
-/// The tables of `store` are those of the local run in `whole`, and so are all packs that it wrote.
+/// Asserts that tables and packs of `store` equal those of the local run in `whole`.
 pub fn same(bench: &Bench, whole: &str, store: &str) {
     let (expected, found) = (bench.tables(whole), bench.tables(store));
     assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>());
@@ -79,7 +79,7 @@ pub fn same(bench: &Bench, whole: &str, store: &str) {
     }
 }
 
-/// Takes the inputs away from the workers, or gives them back.
+/// Hides the inputs from the workers, or restores them.
 fn inputs(bench: &Bench, there: bool) {
     for name in ["flights", "map.parquet"] {
         let (one, other) = (bench.path(name), bench.path(&format!("{name}.away")));
@@ -112,7 +112,7 @@ fn user_tasks_by_xargs_give_the_bytes_of_a_run_and_each_unit_once() {
         assert_eq!(receipts(&output).len(), lines.len());
         all.extend(receipts(&output));
     }
-    // even, terms, coefficients, clean, track, scores; some chunks whole, others cut.
+    // Waves: even, terms, coefficients, clean, track, scores. Some packs are complete, others are parts.
     assert!(waves == 6 && parts > 5, "{waves} waves, {parts} parts");
     assert!(all.iter().any(|r| r["worker"] != all[0]["worker"]));
     let computed = times(&all, "computed");
@@ -131,7 +131,7 @@ fn user_tasks_by_xargs_give_the_bytes_of_a_run_and_each_unit_once() {
 }
 
 #[test]
-fn user_the_engine_of_processes_gives_the_same_bytes_and_so_does_a_sweep_that_grows() {
+fn user_the_engine_of_processes_gives_the_same_bytes_also_for_a_grown_sweep() {
     let bench = Bench::new();
     let small = ["--set", "axes.lambda=[0.025]"];
     for store in ["store=whole", "store=store"] {
@@ -150,7 +150,7 @@ fn user_the_engine_of_processes_gives_the_same_bytes_and_so_does_a_sweep_that_gr
 }
 
 #[test]
-fn user_a_search_goes_on_through_tasks_and_engines() {
+fn user_a_search_resumes_with_tasks_and_other_engines() {
     let bench = Bench::new();
     let searched = crate::support::SPEC.replace("lambda = [0.0, 0.025]\n", "").replace("\"$lambda\"", "\"$damping\"");
     let search = "[search]\ngoal = \"scores.std_error\"\ntrials = 6\ngeneration = 3\nstart = 3\n[search.axes]\n\
@@ -181,7 +181,7 @@ fn user_a_search_goes_on_through_tasks_and_engines() {
 }
 
 #[test]
-fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
+fn user_a_killed_worker_costs_only_its_unfinished_units() {
     let bench = Bench::new();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
     let (mut lost, mut done, mut reused) = (0, 0, 0);
@@ -199,7 +199,7 @@ fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
             .current_dir(bench.folder.path())
             .spawn()
             .unwrap();
-        // A moment after it has begun or ended a unit, which differs in each wave.
+        // The worker is killed shortly after the start or end of a unit; the moment differs in each wave.
         let started = Instant::now();
         let begun = || {
             let attempts = fs::read_dir(bench.path("store/attempts")).unwrap().count();
@@ -213,7 +213,7 @@ fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
         let before = fs::read_to_string(bench.path("receipts.jsonl")).unwrap();
         let whole = before.lines().filter_map(|l| serde_json::from_str::<Value>(l).ok()).collect::<Vec<_>>();
         let before = times(&whole, "computed");
-        // The same tasks again: what has a receipt is there, the rest is computed.
+        // The same tasks again: units with a receipt are reused, the others are computed.
         let output = task(&bench, "store", lines.join("\n").as_bytes(), &["--retries", "100"]);
         assert!(output.status.success(), "{}", stderr(&output));
         let again = units(&receipts(&output));
@@ -228,7 +228,7 @@ fn user_a_worker_that_is_killed_costs_what_it_had_at_hand() {
 }
 
 #[test]
-fn user_a_worker_that_is_told_to_stop_loses_no_attempt() {
+fn user_a_stopped_worker_loses_no_attempt() {
     let bench = Bench::new();
     write(&bench.path("flights/3.parquet"), &[line_of("3", "3.01", 200_000)]);
     let lines = tasks(&bench, "store", &[]);
@@ -252,7 +252,7 @@ fn user_a_worker_that_is_told_to_stop_loses_no_attempt() {
 }
 
 #[test]
-fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
+fn user_invalid_tasks_are_rejected_and_the_others_are_computed() {
     let bench = Bench::new();
     let lines = tasks(&bench, "store", &["--units", "1"]);
     assert_eq!(lines.len(), 4, "{lines:?}");
@@ -267,7 +267,7 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
         change(&mut task);
         task.to_string()
     };
-    // Another version: a receipt says so.
+    // A receipt reports another version.
     let other = refused(&changed(&|t| t["magline"] = json!("9.9.9")), "of magline 9.9.9; this is magline");
     assert!(other[0]["refused"].as_str().unwrap().contains("9.9.9") && other[0]["units"] == json!([]));
     let nowhere = changed(&|t| t["plan"] = json!("0123456789abcdef0123456789abcdef"));
@@ -278,7 +278,7 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
     refused(&changed(&|t| t["units"][0]["point"] = json!(9)), "no unit at point 9");
     refused(&changed(&|t| t["table"] = json!("evem")), "did you mean `even`");
     refused(&changed(&|t| t["plan"] = Value::Null), "has no plan");
-    // A line that is not a task has no receipt.
+    // A line that is not a task gives no receipt.
     assert!(refused(&lines[0][..lines[0].len() / 2], "the line is truncated").is_empty());
     assert!(refused("{\"event\": \"started\"}", "other JSON").is_empty());
     assert!(refused("even 1 1.01", "not JSON").is_empty());
@@ -287,7 +287,7 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
     assert_eq!(task(&bench, "store", b"", &[]).status.code(), Some(0), "no task is no fault");
     assert_eq!(task(&bench, "nowhere", lines[0].as_bytes(), &[]).status.code(), Some(2));
     assert!(!bench.path("nowhere").exists());
-    // The plan is damaged, or cut.
+    // The plan is damaged or truncated.
     let plan = fs::read_dir(bench.path("store/plans")).unwrap().next().unwrap().unwrap().path();
     let whole = fs::read(&plan).unwrap();
     let mut flipped = whole.clone();
@@ -296,13 +296,13 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
         fs::write(&plan, bytes).unwrap();
         refused(&lines[0], "is damaged");
     }
-    // The next `tasks` mends it; bad lines do not keep the others from being computed.
+    // The next `tasks` repairs the plan. Invalid lines do not affect the others.
     assert_eq!(tasks(&bench, "store", &["--units", "1"]), lines);
     let mixed = [&lines[0], "{\"cut\": ", &nowhere, &lines[1]].join("\n");
     let output = task(&bench, "store", mixed.as_bytes(), &[]);
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert_eq!(times(&receipts(&output), "computed").len(), 2);
-    // A job array: each line is one job's.
+    // Job array: each job has a share of the lines.
     let shares: Vec<Vec<Value>> = ["0/3", "1/3", "2/3"]
         .map(|share| receipts(&task(&bench, "store", lines.join("\n").as_bytes(), &["--share", share])))
         .into();
@@ -311,7 +311,7 @@ fn user_what_is_no_task_of_this_store_is_refused_and_the_others_are_computed() {
     assert_eq!(task(&bench, "store", b"", &["--share", "3/3"]).status.code(), Some(2));
 }
 
-/// Fits of columns as they are, so that an uneven line reaches them.
+/// Fits of unresampled columns, so that an uneven line reaches them.
 const FITS: &str = r#"
 name  = "small"
 store = "store"
@@ -339,7 +339,7 @@ columns  = ["mag_4_uc"]
 "#;
 
 #[test]
-fn user_a_line_that_cannot_be_computed_is_the_same_failure_by_tasks() {
+fn user_an_unusable_line_gives_the_same_failure_by_tasks() {
     let bench = Bench::new();
     // Steps alternate between 0.08 and 0.12 s: one fit skips that line, the other has no line left.
     let uneven = changed(&line_of("1", "1.02", 500), "tt", |i, tt| if i % 2 == 1 { tt + 0.02 } else { tt });
@@ -352,7 +352,7 @@ fn user_a_line_that_cannot_be_computed_is_the_same_failure_by_tasks() {
         if lines.is_empty() {
             break;
         }
-        // A failure that the data cause is an answer.
+        // A failure caused by the data is a result.
         let output = task(&bench, "store", lines.join("\n").as_bytes(), &[]);
         assert!(output.status.success(), "{}", stderr(&output));
         let faults: Vec<Value> =
@@ -367,7 +367,7 @@ fn user_a_line_that_cannot_be_computed_is_the_same_failure_by_tasks() {
     same(&bench, "whole", "store");
 }
 
-/// The examples of `datasets/examples/cluster`, on the spec of these tests.
+/// Runs a script of `datasets/examples/cluster` on the spec of these tests.
 fn cluster(bench: &Bench, script: &str) -> Output {
     let scripts = crate::support::repository().join("datasets/examples/cluster");
     let magline = Path::new(env!("CARGO_BIN_EXE_magline")).parent().unwrap();
@@ -425,7 +425,7 @@ fn user_the_example_for_slurm_submits_itself_to_the_end() {
     let output = cluster(&bench, "slurm.sh");
     let log = fs::read_to_string(bench.path("log")).unwrap_or_default();
     assert!(output.status.success(), "{} {log}", stderr(&output));
-    // A job of planning and one of work for each of six waves, and the last one, which publishes.
+    // One planning job and one work job for each of six waves, and a last job that publishes.
     assert_eq!(fs::read_to_string(bench.path("jobs")).unwrap().trim(), "13", "{log}");
     same(&bench, "whole", "store");
 }

@@ -1,4 +1,4 @@
-//! Text files, clocks and units as loggers and other programs write them.
+//! Text files, clocks and units of loggers and other programs.
 
 use std::{fs, process::Output, sync::Arc};
 
@@ -11,7 +11,7 @@ use crate::support::{magline, numbers, read, stderr, stdout, texts, write};
 
 const HEAD: &str = "/ XYZ EXPORT [05/03/2019]\n/\n/ X Y UTC LON LAT ALT MAG\n/== == === === === === ===\n";
 
-/// A survey of six lines and three ties, 20 nT above the lines, whose ties begin with the number `first_tie`.
+/// Survey of six lines and three ties, 20 nT above the lines. Tie numbers start at `first_tie`.
 fn survey(first_tie: usize) -> String {
     let row = |x: f64, y: f64, up_nt: f64| {
         let mag = 100.0 * (x / 1500.0).sin() * (y / 1100.0).cos() + up_nt;
@@ -36,7 +36,7 @@ fn gridded(folder: &TempDir, files: &[&str]) -> Output {
 }
 
 #[test]
-fn user_a_tie_with_the_number_of_a_line_is_a_line_of_its_own() {
+fn user_a_tie_with_the_number_of_a_line_is_a_separate_line() {
     let folder = TempDir::new().unwrap();
     let expected = ["15\n", "9 lines, 3 of them ties", "ties: all shifted by -20.00 nT"];
     for first_tie in [1, 9001] {
@@ -46,7 +46,7 @@ fn user_a_tie_with_the_number_of_a_line_is_a_line_of_its_own() {
         assert!(expected.iter().all(|words| text.contains(words)), "{text}{}", stderr(&output));
         assert_eq!(stderr(&output).contains("`Tie 1` is named T1"), first_tie == 1, "{}", stderr(&output));
     }
-    // The types hold from file to file.
+    // Line types persist across files.
     let text = survey(1);
     let at = text.find("Tie 1").unwrap();
     fs::write(folder.path().join("lines.xyz"), &text[..at]).unwrap();
@@ -55,7 +55,7 @@ fn user_a_tie_with_the_number_of_a_line_is_a_line_of_its_own() {
     assert!(expected.iter().all(|words| stdout(&output).contains(words)), "{}{}", stdout(&output), stderr(&output));
 }
 
-/// The result of `magline run` of a spec with one table of flights and one column `out`.
+/// Output of `magline run` on a spec with one table of flights and one column `out`.
 fn derived(folder: &TempDir, file: &str, table: &str, out: &str) -> Output {
     let spec = format!(
         "name = \"x\"\nstore = \"store\"\n[tables.f]\npath = {file:?}\n{table}\n[[stages]]\nname = \"s\"\nstage = \"derive\"\n\
@@ -65,7 +65,7 @@ fn derived(folder: &TempDir, file: &str, table: &str, out: &str) -> Output {
     magline(folder.path(), &["run", "spec.toml"])
 }
 
-/// The rows of each line of the derived table.
+/// Number of rows of each line of the derived table.
 fn lines(folder: &TempDir) -> Vec<(String, usize)> {
     let mut found: Vec<(String, usize)> = vec![];
     for name in texts(&read(&folder.path().join("store/tables/x/s")), "line") {
@@ -97,21 +97,21 @@ fn user_every_line_record_of_an_xyz_file_begins_a_line() {
     assert!(said.contains("line Foo 7") && said.contains("`Foo 7` is not a line record"), "{said}");
 }
 
-/// The time of `s` past midnight in digits.
+/// Time `s` past midnight as hhmmss digits.
 fn hhmmss(s: f64) -> f64 {
     let tenths = (s * 10.0).round() % 864_000.0;
     let (hours, minutes) = ((tenths / 36_000.0).floor(), (tenths / 600.0).floor() % 60.0);
     (1e5 * hours + 1e3 * minutes + tenths % 600.0) / 10.0
 }
 
-/// A CSV of 10 Hz from `from_s` on, with the time that `clock` writes.
+/// CSV at 10 Hz from `from_s`, with times written by `clock`.
 fn log(from_s: f64, rows: usize, clock: impl Fn(f64) -> String) -> String {
     let row = |i: usize| format!("F,1,{},{}\n", clock(from_s + 0.1 * i as f64), 52_000.0 + (i as f64 * 0.7).sin());
     "flight,line,tt,mag_1_uc\n".to_owned() + &(0..rows).map(row).collect::<String>()
 }
 
 #[test]
-fn user_a_clock_in_digits_is_refused_as_seconds_and_read_by_a_mapping() {
+fn user_a_clock_in_digits_is_rejected_as_seconds_and_read_by_a_mapping() {
     let folder = TempDir::new().unwrap();
     let path = |name: &str| folder.path().join(name);
     let mapping = |time: &str| {
@@ -143,7 +143,7 @@ fn user_a_clock_in_digits_is_refused_as_seconds_and_read_by_a_mapping() {
 }
 
 #[test]
-fn user_a_zone_for_times_that_have_their_own_is_refused() {
+fn user_a_time_zone_for_times_with_a_zone_is_rejected() {
     let folder = TempDir::new().unwrap();
     let path = |name: &str| folder.path().join(name);
     let at = |i: i64| 1_572_044_398_000_000 + 100_000 * i;
@@ -175,7 +175,7 @@ fn user_a_zone_for_times_that_have_their_own_is_refused() {
 }
 
 #[test]
-fn user_units_in_names_are_converted_or_refused() {
+fn user_units_in_names_are_converted_or_rejected() {
     let folder = TempDir::new().unwrap();
     let log = |name: &str, value: f64| {
         let row = |i: usize| format!("F,1,{:.1},{value},52000\n", 36_000.0 + 0.1 * i as f64);
@@ -211,7 +211,7 @@ fn user_units_in_names_are_converted_or_refused() {
 }
 
 #[test]
-fn user_velocities_in_another_unit_than_that_of_the_positions_are_refused() {
+fn user_velocities_in_another_unit_than_the_positions_are_rejected() {
     let folder = TempDir::new().unwrap();
     let row = |i: usize| {
         format!("F,1,{:.1},-22,{:.8},500,0,229.659,52000\n", 36_000.0 + 0.1 * i as f64, 140.0 + 6.782e-5 * i as f64)
@@ -242,7 +242,7 @@ fn user_identifiers_in_single_precision_have_their_shortest_text() {
 }
 
 #[test]
-fn user_a_dos_end_of_file_mark_is_the_end_of_a_text() {
+fn user_a_dos_end_of_file_mark_ends_a_text() {
     let folder = TempDir::new().unwrap();
     let text = log(36_000.0, 40, |s| format!("{s:.1}")).replace('\n', "\r\n");
     for text in [text.clone() + "\x1a", text.trim_end().to_owned() + "\x1a", text + "\x1a\x1a\x1a\x1a"] {
@@ -254,7 +254,7 @@ fn user_a_dos_end_of_file_mark_is_the_end_of_a_text() {
 }
 
 #[test]
-fn bug_a_line_name_of_any_length_is_shown() {
+fn user_a_line_name_of_any_length_is_shown() {
     let folder = TempDir::new().unwrap();
     let text = log(36_000.0, 20, |s| format!("{s:.1}")).replace("F,1,", &format!("F,{},", "L".repeat(70_000)));
     fs::write(folder.path().join("a.csv"), text).unwrap();

@@ -1,4 +1,4 @@
-//! No question that writes, no name that reaches out, and no input that fells it.
+//! Robustness: queries that try to write, names outside the store, and extreme inputs.
 
 use std::{
     collections::BTreeMap,
@@ -19,7 +19,7 @@ fn ran() -> Bench {
     bench
 }
 
-/// Every file below `folder` with its bytes; links by where they lead.
+/// Files below `folder` with their bytes; links with their targets.
 fn everything(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -35,14 +35,14 @@ fn everything(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     found
 }
 
-/// A command through the shell, with redirections; `magline` is the binary.
+/// Runs a shell command with redirections; `magline` is the binary.
 fn shell(bench: &Bench, line: &str) -> Output {
     let line = format!("magline() {{ \"{}\" \"$@\"; }}\n{line}", env!("CARGO_BIN_EXE_magline"));
     Command::new("bash").args(["-c", &line]).current_dir(bench.folder.path()).output().unwrap()
 }
 
 #[test]
-fn r10_a_question_writes_nothing() {
+fn user_a_query_writes_nothing() {
     let bench = ran();
     let before = everything(bench.folder.path());
     for (query, kind) in [
@@ -107,7 +107,7 @@ fn r10_a_question_writes_nothing() {
 }
 
 #[test]
-fn r10_a_question_reads_the_store_and_nothing_else() {
+fn user_a_query_reads_only_the_store() {
     let bench = ran();
     fs::write(bench.path("secret.csv"), "a,b\nsecret,2\n").unwrap();
     let map = bench.path("map.parquet").display().to_string();
@@ -144,7 +144,7 @@ fn r10_a_question_reads_the_store_and_nothing_else() {
 }
 
 #[test]
-fn r10_a_question_names_the_nearest_table_and_column() {
+fn user_a_query_error_suggests_the_nearest_table_and_column() {
     let bench = ran();
     for (query, says) in [
         ("SELECT * FROM small.score", "did you mean `small.scores`?"),
@@ -159,7 +159,7 @@ fn r10_a_question_names_the_nearest_table_and_column() {
     }
 }
 
-/// The peak of the resident memory of a question, in MB, and how it ended.
+/// Peak resident memory of a query, MB, and its output.
 #[cfg(target_os = "linux")]
 fn peak_mb(bench: &Bench, args: &[&str]) -> (u64, Output) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
@@ -182,16 +182,16 @@ fn peak_mb(bench: &Bench, args: &[&str]) -> (u64, Output) {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn r10_a_question_keeps_to_its_memory() {
+fn user_a_query_respects_its_memory_limit() {
     let bench = ran();
-    // 19,200 rows squared, all columns: terabytes.
+    // 19,200 rows squared with all columns: terabytes.
     let cross = "SELECT * FROM small.clean a CROSS JOIN small.clean b";
     let (peak, output) = peak_mb(&bench, &["sql", cross, "--memory-limit", "200MB"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stderr(&output).contains("exceeds its memory limit of 200 MB"), "{}", stderr(&output));
     assert!(stderr(&output).contains("`--memory-limit`"), "{}", stderr(&output));
     assert!(peak < 700, "{peak} MB");
-    // Rows that do not fit into memory are sorted in pieces on the disk: 4,800,000 rows of 32 bytes.
+    // 4,800,000 rows of 32 bytes exceed the memory limit and are sorted on disk.
     let sort = "SELECT a.tt, b.tt AS other, a.mag_4_uc, b.mag_5_uc FROM small.even a CROSS JOIN (SELECT * FROM small.even LIMIT 2000) b ORDER BY a.tt * 7 % 11, b.tt * 5 % 13";
     let (peak, output) =
         peak_mb(&bench, &["sql", sort, "--format", "csv", "-o", "sorted.csv", "--memory-limit", "64MB"]);
@@ -206,7 +206,7 @@ fn r10_a_question_keeps_to_its_memory() {
 
 #[test]
 #[cfg(unix)]
-fn r10_a_question_can_be_interrupted() {
+fn user_a_query_can_be_interrupted() {
     let bench = ran();
     let counting = "SELECT count(*) FROM small.clean a, small.clean b, small.clean c WHERE a.tt + b.tt > c.tt";
     let printing = "SELECT a.tt, b.tt AS other FROM small.clean a CROSS JOIN small.clean b";
@@ -219,7 +219,7 @@ fn r10_a_question_can_be_interrupted() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // The answer is not read: the second question waits for its reader.
+        // The answer is not read, so the second query blocks on its output.
         sleep(Duration::from_millis(1500));
         assert!(child.try_wait().unwrap().is_none(), "{query} was over at once");
         let asked = Instant::now();
@@ -240,7 +240,7 @@ fn r10_a_question_can_be_interrupted() {
 }
 
 #[test]
-fn r10_deep_questions_are_answered_or_refused_in_words() {
+fn user_deeply_nested_queries_are_answered_or_rejected() {
     let bench = ran();
     let sum = |n: usize| format!("SELECT {}1 AS x", "1 + ".repeat(n));
     let output = bench.magline(&["sql", &sum(900), "--format", "csv"]);
@@ -269,7 +269,7 @@ fn r10_deep_questions_are_answered_or_refused_in_words() {
 }
 
 #[test]
-fn r10_where_depends_on_the_row_alone() {
+fn user_where_depends_only_on_the_row() {
     let with = |predicate: &str| SPEC.replace("\"line like '%.01'\"", &format!("\"{predicate}\""));
     for (predicate, says) in [
         ("tt > 36000 + 30 * random()", "`random()` gives a different value each time"),
@@ -294,9 +294,9 @@ fn r10_where_depends_on_the_row_alone() {
 }
 
 #[test]
-fn r10_a_where_of_thousands_of_terms_runs() {
+fn user_a_where_of_thousands_of_terms_runs() {
     let bench = Bench::new();
-    // The first term selects what `line like '%.01'` does; the others select nothing.
+    // The first term selects the same lines as `line like '%.01'`; the others select nothing.
     let terms: String = (0..3000).map(|i| format!(" or tt = {i}")).collect();
     let spec = SPEC.replace("lambda = [0.0, 0.025]", "lambda = [0.025]");
     bench.spec(&spec);
@@ -304,7 +304,7 @@ fn r10_a_where_of_thousands_of_terms_runs() {
     bench.spec(&spec.replace("line like '%.01'", &format!("line like '%.01'{terms}")));
     let done = bench.run(&["--threads", "2"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    // A condition on samples may select some of any line, so that all lines count as seen.
+    // A condition on samples may select samples of any line, so all lines count as in sample.
     let table = |store: &str| read(&bench.path(store).join("tables/small/scores"));
     let scores = |store: &str| table(store).iter().map(|b| without(b, "in_sample")).collect::<Vec<_>>();
     assert!(scores("store") == scores("plain"), "the terms that select nothing changed the scores");
@@ -315,7 +315,7 @@ fn r10_a_where_of_thousands_of_terms_runs() {
 }
 
 #[test]
-fn r10_set_goes_through_the_checks_of_the_file() {
+fn user_set_is_checked_like_the_file() {
     let bench = Bench::new();
     fs::create_dir_all(bench.path("thesis/even")).unwrap();
     fs::write(bench.path("thesis/even/chapter.txt"), "years of work").unwrap();
@@ -380,7 +380,7 @@ fn r10_set_goes_through_the_checks_of_the_file() {
 }
 
 #[test]
-fn r10_set_takes_what_the_file_takes() {
+fn user_set_accepts_the_same_values_as_the_file() {
     let bench = Bench::new();
     let sets = [
         "name=other",
@@ -393,7 +393,7 @@ fn r10_set_takes_what_the_file_takes() {
         "coefficients.where=line = '1.02'",
         "stages.clean.detrend=true",
     ];
-    // A subset is a list, which a ridge parameter is not: the message stands at the parameter that takes it.
+    // A subset is a list, which is invalid for a ridge parameter. The message is at the parameter.
     let args: Vec<&str> = sets.iter().flat_map(|s| ["--set", *s]).collect();
     let done = bench.run(&args);
     assert_eq!(done.code, 2);
@@ -408,10 +408,10 @@ fn r10_set_takes_what_the_file_takes() {
 
 #[test]
 #[cfg(unix)]
-fn r10_publishing_leaves_what_is_not_its_own() {
+fn user_publishing_keeps_foreign_files() {
     use std::os::unix::fs::symlink;
     let bench = ran();
-    // A table's folder that leads out of the store is not emptied, and a foreign file in a table is not removed.
+    // A table folder linked to a place outside the store is not emptied. A foreign file in a table is kept.
     fs::create_dir(bench.path("thesis")).unwrap();
     fs::write(bench.path("thesis/part-9.parquet"), "years of work").unwrap();
     fs::remove_dir_all(bench.path("store/tables/small/scores")).unwrap();
@@ -427,7 +427,7 @@ fn r10_publishing_leaves_what_is_not_its_own() {
 }
 
 #[test]
-fn r10_threads_are_limited() {
+fn user_threads_are_limited() {
     let bench = Bench::new();
     let cores = std::thread::available_parallelism().unwrap().get();
     for threads in ["65535", "100000000000000000000", "0", "-1", "many", ""] {
@@ -444,7 +444,7 @@ fn r10_threads_are_limited() {
 }
 
 #[test]
-fn r10_sweeps_are_counted_before_they_are_made() {
+fn user_sweeps_are_counted_before_they_are_expanded() {
     let bench = Bench::new();
     let list = |n: usize| (0..n).map(|i| format!("{i}.5")).collect::<Vec<_>>().join(", ");
     let names: Vec<String> = (0..30).map(|i| format!("'x{i}'")).collect();
@@ -470,7 +470,7 @@ fn r10_sweeps_are_counted_before_they_are_made() {
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     let says = "`coefficients` would be run at 12000000 points: mag (2) x vector (2) x lambda (60000) x low (50)";
     assert!(stderr(&output).contains(says), "{}", stderr(&output).chars().take(400).collect::<String>());
-    // A product of axes that overflows every integer.
+    // The product of the axes overflows every integer type.
     let axes: Vec<String> = (0..16).map(|i| format!("a{i} = [{}]", list(100_000 / 100))).collect();
     let spec = SPEC.replace("lambda = [0.0, 0.025]", &format!("lambda = [1.0]\n{}", axes.join("\n")));
     let mention: String = (0..16).map(|i| format!("$a{i}")).collect();
@@ -483,7 +483,7 @@ fn r10_sweeps_are_counted_before_they_are_made() {
         "{}",
         stderr(&output)
     );
-    // Twenty thousand points of each of four tables are planned in seconds.
+    // 20,000 points of each of four tables are planned in seconds.
     let output = check(&[format!("lambda = [{}]", list(5_000))]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stdout(&output).contains("points"), "{}", stdout(&output));
@@ -492,7 +492,7 @@ fn r10_sweeps_are_counted_before_they_are_made() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn r10_closed_full_and_abandoned_streams_panic_nobody() {
+fn user_closed_full_and_abandoned_streams_cause_no_panic() {
     let bench = ran();
     let code = |line: &str| {
         let output = shell(&bench, line);
@@ -500,7 +500,7 @@ fn r10_closed_full_and_abandoned_streams_panic_nobody() {
         assert!(!said.contains("panicked"), "{line}: {said}");
         (output.status.code().unwrap(), said)
     };
-    // Standard error that takes nothing changes no exit status.
+    // An unwritable standard error does not change the exit status.
     for target in ["2>&-", "2>/dev/full"] {
         assert_eq!(code(&format!("magline run spec.toml {target}")).0, 0, "{target}");
         assert_eq!(code(&format!("magline check spec.toml {target}")).0, 0, "{target}");
@@ -511,7 +511,7 @@ fn r10_closed_full_and_abandoned_streams_panic_nobody() {
         assert_eq!(code(&format!("magline map info nowhere.tif {target}")).0, 2, "{target}");
     }
     assert_eq!(code("magline check spec.toml --set name=a/b 2>&1 >/dev/null | true; exit ${PIPESTATUS[0]}").0, 2);
-    // Results that cannot be written are an error with a word.
+    // Unwritable results are an error with a message.
     for command in [
         "run spec.toml",
         "run spec.toml --json",
@@ -529,7 +529,7 @@ fn r10_closed_full_and_abandoned_streams_panic_nobody() {
         let (status, said) = code(&format!("magline {command} >/dev/full"));
         assert_eq!(status, 1, "{command}: {said}");
         assert!(said.contains("cannot write to standard output: No space left on device"), "{command}: {said}");
-        // A reader that has seen enough is no error.
+        // A reader that stops early causes no error.
         let (status, said) = code(&format!("magline {command} | head -c 1 >/dev/null; exit ${{PIPESTATUS[0]}}"));
         assert!(status == 0 && !said.contains("error:"), "{command}: {status} {said}");
         assert_eq!(code(&format!("magline {command} >&- 2>&-")).0, 0, "{command}");

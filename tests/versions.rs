@@ -1,4 +1,4 @@
-//! The version gate: when a stage's answer moves, its version has to.
+//! Version gate: a changed result of a stage requires a new version.
 //!
 //! Each stage, model and filter has a fingerprint of its example's results on the small flights of these tests. The
 //! results are rounded to seven significant digits, so that another processor's rounding does not count as a change.
@@ -18,7 +18,7 @@ fn fingerprint(batches: &[RecordBatch]) -> String {
         let values = list.as_ref().unwrap_or(column);
         if let Some(numbers) = values.as_any().downcast_ref::<Float64Array>() {
             for x in numbers.values() {
-                // A value that is zero except for rounding has no digits to compare.
+                // A value that is zero up to rounding has no significant digits.
                 let x = if x.abs() < 1e-7 { 0.0 } else { *x };
                 hasher.update(format!("{x:.6e}").as_bytes());
             }
@@ -27,19 +27,19 @@ fn fingerprint(batches: &[RecordBatch]) -> String {
     hasher.finalize().to_hex()[..16].to_owned()
 }
 
-/// The tables of the small flights, without axes and stages, and the record of an observatory.
+/// Spec with the tables of the small flights and an observatory record, without axes and stages.
 fn head() -> String {
     let record = repository().join("datasets/samples/boulder/bou20141104vmin.min");
     let tables = SPEC.split("[axes]").next().unwrap();
     format!("{tables}\n[tables.observatory]\npath = {:?}\n", record.display().to_string())
 }
 
-/// The name of the table of a kind.
+/// Name of the table of a kind.
 fn table_of(entry: &StageEntry, kind: &ChoiceDoc) -> String {
     format!("{}_{}", entry.name, kind.name)
 }
 
-/// The example of a stage with one of the kinds that its key chooses, in place of the one that the example has.
+/// Example of a stage with the kind replaced by `kind`.
 fn example_of(entry: &StageEntry, kind: &ChoiceDoc) -> String {
     let is_of_kinds = |key: &str| key == kind.key || entry.params.iter().any(|p| p.name == key && !p.owners.is_empty());
     let key = |line: &str| line.split('=').next().unwrap().trim().to_owned();
@@ -54,7 +54,7 @@ fn example_of(entry: &StageEntry, kind: &ChoiceDoc) -> String {
 }
 
 #[test]
-fn gold_an_answer_that_moves_needs_a_new_version() {
+fn gold_a_changed_result_requires_a_new_version() {
     let bench = Bench::new();
     let catalogue = stages::catalogue();
     let examples: String = catalogue.iter().map(|e| e.example).collect();
@@ -78,7 +78,7 @@ fn gold_an_answer_that_moves_needs_a_new_version() {
 }
 
 #[test]
-fn every_stage_says_what_happens_without_a_parameter() {
+fn unit_every_stage_documents_its_unset_parameters() {
     for entry in stages::catalogue() {
         for parameter in &entry.params {
             let silent = parameter.default.is_none() && parameter.absent == Some("");

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, SPEC, numbers, read, stderr, stdout, texts};
 
-/// A filter that believes its measurement to the thousandth of a nanotesla and takes off no constant.
+/// Spec of a filter with an assumed measurement noise of 0.001 nT and without offset removal.
 fn diverging() -> String {
     SPEC.replace("offset_window_s = 1.0", "offset_window_s = 0.0\nmeasurement_sigma_nt = 0.001\nfogm_sigma_nt = 0.001")
         .replace("[\"mag_4_uc\", \"mag_5_uc\"]", "[\"mag_4_uc\"]")
@@ -21,9 +21,9 @@ fn ran(spec: &str) -> (Bench, String, String) {
 }
 
 #[test]
-fn r10_a_diverged_filter_is_marked_wherever_its_score_is_shown() {
+fn user_a_diverged_filter_is_flagged_wherever_its_score_is_shown() {
     let (bench, out, err) = ran(&diverging());
-    // The terminal: every row is marked, and none of them is the best.
+    // The terminal: every row is flagged, and none is the best.
     let rows: Vec<&str> = out.lines().skip_while(|l| !l.contains("nees")).skip(1).take(2).collect();
     assert!(rows.iter().all(|r| r.starts_with("! ") && r.ends_with("4/4")), "{out}");
     assert!(out.contains("! flagged: worse than the INS alone, NEES or NIS far from the expected value"), "{out}");
@@ -52,7 +52,7 @@ fn r10_a_diverged_filter_is_marked_wherever_its_score_is_shown() {
     let sql = bench.magline(&["sql", "SELECT count(*) AS n FROM small.warnings", "--format", "csv"]);
     assert_eq!(stdout(&sql), format!("n\n{}\n", kinds.len()));
 
-    // The report: a section of its own, no green cell, no coloured tile.
+    // The report: a separate section, no green cell, no coloured tile.
     let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
     assert!(report.status.success(), "{}", stderr(&report));
     let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
@@ -66,7 +66,7 @@ fn r10_a_diverged_filter_is_marked_wherever_its_score_is_shown() {
 }
 
 #[test]
-fn r10_a_filter_that_is_too_cautious_is_remarked() {
+fn user_a_cautious_filter_gives_a_warning() {
     let spec = SPEC.replace("offset_window_s = 1.0", "offset_window_s = 1.0\nmeasurement_sigma_nt = 500.0");
     let (bench, out, _) = ran(&spec);
     let table = read(&bench.path("store/tables/small/warnings"));
@@ -75,13 +75,13 @@ fn r10_a_filter_that_is_too_cautious_is_remarked() {
     assert!(causes[low].contains("`measurement_sigma_nt` of 500.0 is too large"), "{causes:?}");
 }
 
-/// A filter whose sigmas are those of the small flights.
+/// Spec of a filter whose assumed noise matches the small flights.
 fn consistent() -> String {
     SPEC.replace("offset_window_s = 1.0", "offset_window_s = 1.0\nmeasurement_sigma_nt = 1.0\nfogm_sigma_nt = 1.0")
 }
 
 #[test]
-fn r10_json_carries_warnings_notes_scores_time_version_and_run() {
+fn user_json_holds_warnings_notes_scores_time_version_and_run() {
     let bench = Bench::new();
     bench.spec(&diverging());
     let output = bench.magline(&["run", "spec.toml", "--json"]);
@@ -104,7 +104,7 @@ fn r10_json_carries_warnings_notes_scores_time_version_and_run() {
     assert_eq!((scores[0]["marked"].as_u64(), scores[0]["lines"].as_u64()), (Some(4), Some(4)));
     assert!(scores[0]["metrics"]["drms"].as_f64().unwrap() > scores[0]["metrics"]["ins_drms"].as_f64().unwrap());
 
-    // The same request has the same identifier, for any state of the store and any form of the spec.
+    // The same request has the same identifier, for any state of the store and formatting of the spec.
     let run = |bench: &Bench| bench.run(&[]).last["run"].clone();
     assert_eq!(run(&bench), last["run"]);
     bench.spec(&format!("# a comment\n{}", diverging()));
@@ -114,7 +114,7 @@ fn r10_json_carries_warnings_notes_scores_time_version_and_run() {
 }
 
 #[test]
-fn r10_finished_begins_as_scripts_look_for_it() {
+fn user_the_event_finished_begins_with_fixed_text() {
     let bench = Bench::new();
     bench.run(&[]);
     let output = bench.magline(&["run", "spec.toml", "--json"]);
@@ -123,8 +123,8 @@ fn r10_finished_begins_as_scripts_look_for_it() {
 }
 
 #[test]
-fn r10_a_fit_warns_even_where_its_table_is_not_published() {
-    // Without manoeuvres of its own a line of 50 s with one slow turn says little of eighteen terms.
+fn user_a_fit_gives_warnings_even_if_its_table_is_not_published() {
+    // A line of 50 s with one slow turn and without manoeuvres hardly constrains eighteen terms.
     let weak = SPEC.replace("model  = \"tolles_lawson\"", "model  = \"tolles_lawson\"\npublish = false");
     let (bench, ..) = ran(&weak);
     let published = ran(SPEC).0;
@@ -138,7 +138,7 @@ fn r10_a_fit_warns_even_where_its_table_is_not_published() {
 }
 
 #[test]
-fn r10_a_report_counts_points_and_shows_summary_and_map() {
+fn user_a_report_counts_points_and_shows_summary_and_map() {
     let more = r#"
 [[stages]]
 name    = "coarse"
@@ -162,7 +162,7 @@ input = "scores"
     let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
     assert!(report.status.success(), "{}", stderr(&report));
     let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
-    // Three axes make eight points, and no table has the fourth axis as a further column.
+    // Three axes give eight points, and no table has the fourth axis as an additional column.
     assert!(page.contains("<strong>8</strong>sweep points"), "{}", &page[page.find("<header>").unwrap()..][..600]);
     assert!(page.contains("id=\"summary-pooled\"") && page.contains("class=\"intervals\""));
     let drms = page.split("drms: pooled values with their intervals").nth(1).unwrap();
@@ -174,7 +174,7 @@ input = "scores"
 }
 
 #[test]
-fn r10_warnings_is_no_name_for_a_table() {
+fn user_warnings_is_a_reserved_table_name() {
     let bench = Bench::new();
     bench.spec(&SPEC.replace("name  = \"scores\"", "name  = \"warnings\""));
     let output = bench.magline(&["check", "spec.toml"]);
@@ -183,7 +183,7 @@ fn r10_warnings_is_no_name_for_a_table() {
 }
 
 #[test]
-fn r10_the_score_table_is_120_wide_off_a_terminal() {
+fn user_the_score_table_is_at_most_120_wide_without_a_terminal() {
     let (_, out, _) = ran(&consistent());
     let table: Vec<&str> = out.lines().skip_while(|l| !l.contains("drms [m]")).collect();
     assert!(table.len() > 8 && table.iter().take(9).all(|l| l.chars().count() <= 120), "{out}");
@@ -191,7 +191,7 @@ fn r10_the_score_table_is_120_wide_off_a_terminal() {
 }
 
 #[test]
-fn r10_quiet_says_nothing_and_errors_still() {
+fn user_quiet_prints_only_warnings_and_errors() {
     let bench = Bench::new();
     bench.spec(&consistent());
     let output = bench.magline(&["run", "spec.toml", "--quiet"]);
@@ -211,7 +211,7 @@ fn r10_quiet_says_nothing_and_errors_still() {
 }
 
 #[test]
-fn r10_standard_error_is_plain_off_a_terminal() {
+fn user_standard_error_is_plain_without_a_terminal() {
     let bench = Bench::new();
     for args in [&["run", "spec.toml"][..], &["explain", "spec.toml"], &["map", "info", "map.parquet"]] {
         let output = bench.magline(args);
@@ -222,7 +222,7 @@ fn r10_standard_error_is_plain_off_a_terminal() {
 }
 
 #[test]
-fn r10_help_says_what_magline_is_and_what_json_holds() {
+fn user_help_describes_magline_and_the_json_events() {
     let bench = Bench::new();
     let help = stdout(&bench.magline(&["--help"]));
     let first = help.lines().next().unwrap();

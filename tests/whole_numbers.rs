@@ -1,4 +1,4 @@
-//! Codes, flags and counts of text files between their samples.
+//! Interpolation of codes, flags and counts of text files.
 
 use std::{collections::BTreeSet, fs};
 
@@ -30,12 +30,12 @@ columns = ["sats", "valid", "mag_1_uc"]
 "#;
 
 #[test]
-fn bug_codes_and_flags_of_a_csv_were_interpolated() {
+fn user_codes_and_flags_of_a_csv_are_not_interpolated() {
     let bench = Bench::new();
     let row = |i: usize| {
         let valid = if i % 7 == 3 { String::new() } else { usize::from(!i.is_multiple_of(4)).to_string() };
         let (tt, fix, sats) = (36_000.0 + 0.1 * i as f64, if i < 30 { 3 } else { 6 }, [8, 12][i % 2]);
-        // The field comes in whole nT.
+        // The field is in whole nT.
         format!("F,1,{tt:.1},{},{fix},{sats},{valid},{}\n", 52_000 + i, 1000 + 3 * i)
     };
     let rows: String = (0..60).map(row).collect();
@@ -51,7 +51,7 @@ fn bug_codes_and_flags_of_a_csv_were_interpolated() {
         let distinct = |column: &str| numbers(&table, column).iter().map(|x| x.to_string()).collect::<BTreeSet<_>>();
         let words = |of: &[&str]| of.iter().map(ToString::to_string).collect::<BTreeSet<_>>();
         assert_eq!((distinct("sats"), distinct("valid")), (words(&["8", "12"]), words(&["0", "1"])), "{name}");
-        // What is measured has values between whole numbers.
+        // Measured columns are interpolated to non-integer values.
         assert!(numbers(&table, "mag_1_uc").iter().any(|nt| nt.fract() != 0.0), "{name}");
     }
     let even = read(&bench.path("store/tables/small/even"));

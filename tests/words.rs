@@ -1,12 +1,12 @@
 //! Wording of pages, messages and comments: phrases that readers have to read twice.
 //!
-//! The list is a floor, not the proof of a good text.
+//! The list is a minimum; a text without these phrases may still be unclear.
 
 use std::{collections::BTreeMap, process::Command};
 
 use crate::support::repository;
 
-/// Rejected phrases. A phrase with a blank at its end or begin is a word.
+/// Rejected phrases. A leading or trailing blank matches a word boundary.
 const PHRASES: [&str; 20] = [
     "so many ",
     "is told",
@@ -30,16 +30,16 @@ const PHRASES: [&str; 20] = [
     "taken over",
 ];
 
-/// Lines that may have a phrase: a part of the path, a part of the line, and the reason.
+/// Permitted occurrences: a part of the path, a part of the line, and the reason.
 const ALLOWED: [(&str, &str, &str); 2] =
     [("tests/words.rs", "", "the list"), ("datasets/samples/", "", "licences and notices are quoted")];
 
-/// Words that no doc comment begins with.
+/// Words that must not begin a doc comment.
 const BEGINNINGS: [&str; 7] = ["What ", "Of ", "As ", "Whose ", "How often ", "So ", "So, "];
-/// Largest number of doc comments with such a beginning, in a thousand lines of comments.
+/// Maximum number of doc comments with such a beginning per thousand lines of comments.
 const MOST_BEGINNINGS: f64 = 3.0;
 
-/// Files of the repository with one of these endings, and their texts.
+/// Files of the repository with one of these extensions, and their texts.
 fn files(endings: &[&str]) -> Vec<(String, String)> {
     let output = Command::new("git").args(["ls-files", "-z"]).current_dir(repository()).output().unwrap();
     let names = String::from_utf8(output.stdout).unwrap();
@@ -48,7 +48,7 @@ fn files(endings: &[&str]) -> Vec<(String, String)> {
     wanted.filter_map(read).collect()
 }
 
-/// The text that readers see: a page's line, a comment, or the string literals of a line of code.
+/// Text visible to readers: a line of a page, a comment, or the string literals of a line of code.
 fn seen(path: &str, line: &str) -> String {
     if !path.ends_with(".rs") {
         return line.to_owned();
@@ -60,7 +60,7 @@ fn seen(path: &str, line: &str) -> String {
 }
 
 #[test]
-fn user_pages_and_messages_avoid_phrases_that_are_read_twice() {
+fn user_pages_and_messages_avoid_unclear_phrases() {
     let mut found = vec![];
     for (path, text) in files(&[".md", ".rs"]) {
         for (at, line) in text.lines().enumerate() {
@@ -95,7 +95,7 @@ fn user_doc_comments_begin_with_a_noun_or_a_verb() {
     assert!(rate < MOST_BEGINNINGS, "{rate:.1} in a thousand lines of comments:\n{}", found.join("\n"));
 }
 
-/// Largest share of type names that another type has too. No name needs to be shared today.
+/// Maximum share of type names used by several types. Currently no name needs to be shared.
 const MOST_SHARED: f64 = 0.01;
 
 /// Name of the type that a line of code defines.

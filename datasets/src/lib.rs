@@ -1,10 +1,10 @@
 //! The input and output of magline: foreign formats and the embedded samples.
 //!
-//! The content or name of a file identifies its format. A flight becomes batches with canonical column names
-//! ([`open_flight`]) or the file's names ([`open_raw`]). A map becomes an even grid in its coordinates ([`read_grid`])
-//! or in latitude and longitude ([`read_map`]), and can be written in any of a dozen formats ([`write_grid`]). Survey
-//! points come from any table ([`read_points`]). Other crates can add flight formats ([`formats::flight_formats`]), as
-//! the simulator does.
+//! The content or name of a file identifies its format. A flight is read as batches with canonical column names
+//! ([`open_flight`]) or the file's names ([`open_raw`]). A map is read as an even grid in its coordinates
+//! ([`read_grid`]) or in latitude and longitude ([`read_map`]), and can be written in any of a dozen formats
+//! ([`write_grid`]). Survey points are read from any table ([`read_points`]). Other crates can add flight formats
+//! ([`formats::flight_formats`]), as the simulator does.
 
 pub mod formats;
 mod grid;
@@ -15,8 +15,8 @@ pub mod row_groups;
 pub mod samples;
 pub mod table;
 
-/// Version of the readers and the simulator, part of the key of their cached results. It changes whenever they compute
-/// other values from the same bytes.
+/// Version of the readers and the simulator, part of the key of their cached results. It is increased when the values
+/// for the same bytes change.
 pub const VERSION: &str = "8";
 
 pub use formats::{

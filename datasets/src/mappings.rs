@@ -1,10 +1,10 @@
 //! The mappings included in magline: the meaning of columns in logs of known programs. `mappings/README.md` describes
-//! their form.
+//! their format.
 
 /// A mapping included in magline: its name and its text.
 #[derive(Clone, Copy, Debug)]
 pub struct BuiltinMapping {
-    /// Its name for `mapping`.
+    /// Its name in the key `mapping`.
     pub name: &'static str,
     /// Its text.
     pub text: &'static str,
@@ -12,7 +12,7 @@ pub struct BuiltinMapping {
 
 macro_rules! ready {
     ($($name:literal),+ $(,)?) => {
-        /// All of them; each is a file in `mappings`.
+        /// The included mappings; each is a file in `mappings`.
         pub const READY: &[BuiltinMapping] = &[
             $(BuiltinMapping {
                 name: $name,

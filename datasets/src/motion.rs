@@ -76,7 +76,7 @@ mod tests {
         let lon: Vec<f64> = (0..50).map(|i| wrap_deg(179.99 + step * f64::from(i))).collect();
         let [_, ve, _] = GeodeticTrack { tt: &tt, lat_deg: &lat, lon_deg: &lon, alt_m: &alt }.velocity_mps();
         let expected = step.to_radians() * (transverse_radius_m(lat0.to_radians()) + 1000.0) * lat0.to_radians().cos();
-        // Across the date line too.
+        // The same across the date line.
         assert!(ve.iter().all(|v| (v - expected).abs() < 1e-6));
     }
 }

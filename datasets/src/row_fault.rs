@@ -7,6 +7,6 @@ use crate::ReadError;
 pub struct RowFault {
     /// The row of the batch, from 0.
     pub row: usize,
-    /// The fault; its row is that of the file.
+    /// The fault; it holds the row of the file.
     pub fault: ReadError,
 }

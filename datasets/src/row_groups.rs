@@ -6,14 +6,14 @@
 const LEAST_ROWS: usize = 256;
 /// The number of row groups from which [`LEAST_ROWS_OF_MANY`] applies.
 const MANY_GROUPS: usize = 16_384;
-/// The least number of rows of the further row groups of a file of many.
+/// Minimum number of rows of the row groups after [`MANY_GROUPS`].
 const LEAST_ROWS_OF_MANY: usize = 131_072;
 
-/// Whether a row group ends with the line that was written last. `rows` are those of the unfinished row group, `groups`
-/// is the number of finished ones.
+/// Whether a row group ends after the last line. `rows` is the number of rows of the unfinished row group, `groups` the
+/// number of finished ones.
 ///
-/// A line of 256 rows or more has a row group of its own, so that reading it decodes no other line. In a file of more
-/// than 16,384 row groups the further ones have 131,072 rows or more: 2e9 rows fit.
+/// A line of 256 rows or more has a separate row group, so that reading it decodes no other line. After 16,384 row
+/// groups, each has 131,072 rows or more, so that a file holds 2e9 rows.
 pub fn ends_with_line(rows: usize, groups: usize) -> bool {
     rows >= if groups < MANY_GROUPS { LEAST_ROWS } else { LEAST_ROWS_OF_MANY }
 }
@@ -35,7 +35,7 @@ mod tests {
     }
 
     #[test]
-    fn law_no_file_has_more_row_groups_than_parquet_can_number() {
+    fn unit_no_file_exceeds_the_number_of_row_groups_of_parquet() {
         assert_eq!([groups(1000, 256), groups(1000, 36_000)], [1000, 1000]);
         assert_eq!([groups(40_000, 1), groups(1000, 100)], [157, 334]);
         assert!(groups(40_000, 36_000) < 32_767 && groups(1_000_000, 2000) < 32_767);

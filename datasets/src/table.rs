@@ -113,7 +113,7 @@ pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (ColumnValues, 
     let mut faults = vec![];
     let mut one = |(row, x): (usize, &f64)| match *x {
         x if x.is_nan() => None,
-        // 2^53: beyond it not every whole number is a f64.
+        // Beyond 2^53, integers may not be exact as f64.
         x if x.fract() == 0.0 && x.abs() < 9e15 => Some(x as i64),
         x => {
             let fault = ReadError::data(path, format!("must be a whole number, not {x}"));

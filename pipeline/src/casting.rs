@@ -1,4 +1,4 @@
-//! The values of a column as another type that holds them all.
+//! Cast of a column to another type without loss.
 
 use std::sync::Arc;
 
@@ -6,13 +6,13 @@ use arrow_array::{Array, ArrayRef, FixedSizeListArray, cast::AsArray};
 use arrow_schema::{DataType, FieldRef};
 use schemas::Fault;
 
-/// The values of `array` as `kind`.
+/// Casts `array` to `kind`.
 ///
-/// Arrow's own cast of lists to lists of one length takes the values of a slice from the beginning of the array that it
-/// is a slice of, so that these are made here.
+/// For a slice, Arrow's cast of lists to fixed-size lists reads from the start of the underlying array. That cast is
+/// therefore implemented here.
 ///
 /// # Errors
-/// When a value has no such type, or a list another length.
+/// Fails when `kind` cannot represent a value, or when a list has another length.
 pub fn cast(array: &ArrayRef, kind: &DataType) -> Result<ArrayRef, Fault> {
     match (array.data_type(), kind) {
         (from, to) if from == to => Ok(array.clone()),
@@ -21,7 +21,7 @@ pub fn cast(array: &ArrayRef, kind: &DataType) -> Result<ArrayRef, Fault> {
     }
 }
 
-/// Lists of one length as such.
+/// Casts to fixed-size lists.
 fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
     let wrong = || Fault::bug(format!("a list does not have its {n} entries"));
     let lists = array.as_list_opt::<i32>().ok_or_else(wrong)?;
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_slice_of_lists_keeps_its_own_values() {
+    fn unit_slices_of_lists_keep_their_values() {
         let item = Arc::new(Field::new("item", DataType::Float64, false));
         let rows =
             [0..3, 3..6, 6..8, 8..10, 10..12].map(|row| Some(row.map(|x| Some(f64::from(x))).collect::<Vec<_>>()));

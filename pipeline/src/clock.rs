@@ -41,7 +41,7 @@ mod tests {
     #[test]
     fn ref_dates_of_the_unix_time() {
         assert_eq!(utc(0), "1970-01-01T00:00:00Z");
-        // The last second of a leap day, and the moment of 2038.
+        // The last second of a leap day, and the overflow of 32-bit times in 2038.
         assert_eq!(utc(1_709_251_199), "2024-02-29T23:59:59Z");
         assert_eq!(utc(2_147_483_647), "2038-01-19T03:14:07Z");
     }

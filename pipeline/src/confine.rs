@@ -1,5 +1,5 @@
-//! Processes of this program for queries, those of `sql` and of `serve`: they end with their parent, and the kernel
-//! limits their memory, so that a query that takes too much ends alone.
+//! Child processes for queries of `sql` and `serve`. They end with their parent. The kernel limits their memory, so
+//! that an oversized query fails alone.
 
 use std::{
     fs,
@@ -10,7 +10,7 @@ use std::{
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use schemas::Fault;
 
-/// The variable by which mimalloc takes memory from the system as it is needed, so that it counts as it is used.
+/// Environment variable that makes mimalloc commit memory on demand, so that the measured memory is the used memory.
 const LAZY: (&str, &str) = ("MIMALLOC_ARENA_EAGER_COMMIT", "0");
 
 /// The command of this program for a process whose memory will be limited.
@@ -20,16 +20,16 @@ pub fn command(program: &std::path::Path) -> Command {
     command
 }
 
-/// Ends this process with its parent: nobody waits for its answer then.
+/// Ends this process with its parent, because nobody waits for its result then.
 pub fn end_with_parent() {
     #[cfg(target_os = "linux")]
     let _ = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL);
 }
 
-/// Limits the memory of this process to what it has by now and `bytes` more. An allocation beyond that ends it.
+/// Limits the memory of this process to its current size plus `bytes`. A larger allocation ends the process.
 ///
 /// # Errors
-/// Fails when the system refuses.
+/// Fails when the system rejects the limit.
 pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     let refused = |e: nix::errno::Errno| Fault::machine(format!("cannot limit the memory of a process: {e}"));
     let (_, hard) = getrlimit(Resource::RLIMIT_DATA).map_err(refused)?;
@@ -37,20 +37,20 @@ pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     setrlimit(Resource::RLIMIT_DATA, most, hard).map_err(refused)
 }
 
-/// Private memory of a process in bytes, without that of files.
+/// Private memory of a process, without mapped files, bytes.
 pub fn used(process: u32) -> Option<usize> {
     bytes_of(&process.to_string(), "RssAnon:")
 }
 
-/// A size of a process, bytes, under its name in `/proc`; `None` where the system does not report it.
+/// Size of a process under its name in `/proc`, bytes; `None` if the system does not report it.
 pub fn bytes_of(process: &str, key: &str) -> Option<usize> {
     let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(key))?;
     line.trim().trim_end_matches("kB").trim().parse::<usize>().ok()?.checked_mul(1024)
 }
 
-/// Whether a process ended because it had no memory left: an allocation that fails aborts it, and the kernel kills it
-/// where there is none in the machine.
+/// Whether a process ended because it ran out of memory. A failed allocation aborts it; the kernel kills it if the
+/// machine has no memory left.
 pub fn ran_out(status: ExitStatus) -> bool {
     matches!(status.signal(), Some(libc_signal::ABORT | libc_signal::SEGV | libc_signal::KILL))
 }
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_the_memory_of_a_process_is_known() {
+    fn unit_process_memory_is_reported() {
         let here = used(std::process::id());
         assert!(here.is_none_or(|bytes| bytes > 1 << 16));
         assert_eq!(used(u32::MAX), None);

@@ -14,7 +14,7 @@ pub struct HashKey([u8; 16]);
 pub static ARITHMETIC: LazyLock<HashKey> =
     LazyLock::new(|| HashKey::from_parts(arithmetic::probe().iter().map(|x| x.to_bits().to_le_bytes())));
 
-/// The arithmetic of this machine, for people: the processor and its [`ARITHMETIC`].
+/// Readable description of this machine's arithmetic: the processor and its [`ARITHMETIC`].
 pub fn arithmetic_in_words() -> String {
     format!("{} {}", arithmetic::processor(), *ARITHMETIC)
 }
@@ -30,7 +30,7 @@ impl HashKey {
         HashKey::finish(&hasher)
     }
 
-    /// The key that `hasher` has come to.
+    /// The key from the state of `hasher`.
     pub fn finish(hasher: &blake3::Hasher) -> HashKey {
         let mut short = [0; 16];
         short.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
@@ -42,8 +42,8 @@ impl HashKey {
         HashKey(bytes)
     }
 
-    /// The key of `bytes` without framing. They begin with a word that is unique to their use, and the caller that
-    /// joins parts keeps the parts apart.
+    /// The key of `bytes` without framing. `bytes` must begin with a word that is unique to their use. A caller that
+    /// joins parts must separate them.
     pub fn of_bytes(bytes: &[u8]) -> HashKey {
         let mut short = [0; 16];
         short.copy_from_slice(&blake3::hash(bytes).as_bytes()[..16]);
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_keys_tell_parts_apart() {
+    fn unit_keys_depend_on_the_boundaries_of_parts() {
         assert_ne!(HashKey::from_parts(["ab"]), HashKey::from_parts(["a", "b"]));
         assert_ne!(HashKey::from_parts(["a", ""]), HashKey::from_parts(["a"]));
         let key = HashKey::from_parts(["x"]);

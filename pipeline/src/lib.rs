@@ -5,7 +5,7 @@
 //! ```
 //! `explain`, `why`, `lineage`, `sql`, the reference and the report are views of the same plan and store.
 //!
-//! [`main`] is the command line over a catalogue of stages: [`catalogue`], or that with stages of one's own.
+//! [`main`] is the command line over a catalogue of stages: [`catalogue`], optionally with custom stages.
 
 pub mod bench;
 mod casting;
@@ -37,7 +37,7 @@ use spec::{Spec, SpecFaults};
 /// Reads the spec at `path` and applies the assignments of `--set`.
 ///
 /// # Errors
-/// When it cannot be read or is wrong in form.
+/// Fails when it cannot be read or its form is wrong.
 pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, SpecFaults> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|e| SpecFaults {

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-// Columns of many megabytes come and go on all threads; this allocator gives their memory back.
+// All threads allocate and free columns of many megabytes; this allocator returns their memory to the system.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -1,8 +1,8 @@
 //! `where`: a SQL predicate over the columns of a table of flight lines, evaluated by DataFusion.
 //!
-//! Its conditions on flight and line alone are decided when the plan is made, so that the other lines are never read;
-//! the rest is evaluated on the rows of each line, reading only the columns it names. It is a function of one row and
-//! of nothing else: neither the clock nor chance, no other rows and no other tables.
+//! Conditions on flight and line alone are evaluated in the plan, so that excluded lines are never read. The other
+//! conditions are evaluated on the rows of each line, and read only the columns that they name. The predicate is a
+//! function of one row: it cannot use the clock, random numbers, other rows or other tables.
 
 use std::sync::Arc;
 
@@ -26,9 +26,9 @@ const SUBJECT: &str = "`where`";
 pub struct Predicate {
     lines: Option<Arc<dyn PhysicalExpr>>,
     rows: Option<Arc<dyn PhysicalExpr>>,
-    /// The columns that the rows' part reads.
+    /// Columns that the row conditions read.
     pub columns: Vec<String>,
-    /// The rows' part in one spelling, for keys.
+    /// Row conditions in canonical spelling, for keys.
     pub canonical: String,
 }
 
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_lines_are_decided_without_rows() {
+    fn unit_line_conditions_are_evaluated_without_rows() {
         let p = Predicate::new("line like '1003%' and flight <> '9' and tt between 1 and 2", &shape()).unwrap();
         let lines = [("1", "1003.01"), ("9", "1003.01"), ("1", "1004")].map(|(a, b)| (a.to_owned(), b.to_owned()));
         assert_eq!(p.lines(&lines).unwrap(), [true, false, false]);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_only_what_depends_on_the_row_alone_is_taken() {
+    fn unit_only_functions_of_one_row_are_accepted() {
         let refused = |sql: &str| Predicate::new(sql, &shape()).unwrap_err();
         for (sql, says) in [
             ("tt > random()", "`random()` gives a different value each time"),
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_chain_of_thousands_of_terms_is_read_and_evaluated() {
+    fn unit_a_chain_of_thousands_of_terms_is_evaluated() {
         let lines = [("1", "7"), ("1", "9999"), ("1", "nine")].map(|(a, b)| (a.to_owned(), b.to_owned()));
         let ors: Vec<String> = (0..3000).map(|i| format!("line = '{i}'")).collect();
         let selected = Predicate::new(&ors.join(" or "), &shape()).unwrap().lines(&lines).unwrap();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_what_is_nested_too_deep_is_refused() {
+    fn unit_deeply_nested_expressions_are_rejected() {
         for sql in [
             format!("tt > {}1", "1 + ".repeat(20_000)),
             format!("tt > {}1", "1 + ".repeat(200_000)),

@@ -25,7 +25,7 @@ use set::SetAssignment;
 /// Bytes of the spec; those of the `--set` assignments follow those of the file.
 pub type SpecSpan = Range<usize>;
 
-/// A parsed spec. Nothing of it is checked against the catalogue or the data yet.
+/// A parsed spec, not yet checked against the catalogue or the data.
 #[derive(Clone, Debug)]
 pub struct Spec {
     /// The file, as the user named it.
@@ -34,7 +34,7 @@ pub struct Spec {
     pub folder: PathBuf,
     /// The text, for messages.
     pub text: String,
-    /// The assignments of `--set` that were put into it, for messages.
+    /// The assignments of `--set` that were applied, for messages.
     pub sets: Vec<String>,
     /// The pipeline's name.
     pub name: String,
@@ -42,26 +42,25 @@ pub struct Spec {
     pub seed: u64,
     /// The store's folder.
     pub store: PathBuf,
-    /// Its address and where that stands, where it is in an object store; the folder is then its copy.
+    /// Its address with position, if it is in an object store; the folder is then its copy.
     pub store_at: Option<(ObjectAddress, SpecSpan)>,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
-    /// The axes of the sweep, those that are searched at the end.
+    /// The axes of the sweep; searched axes are last.
     pub axes: Vec<SweepAxis>,
-    /// The positions of the axes that are searched: each of their values belongs to the same one of the others.
+    /// Positions of the searched axes. The i-th values of all of them form one trial.
     pub searched: Range<usize>,
     /// Search of the spec.
     pub search: Option<SearchSpec>,
-    /// The trials whose values the axes that are searched have.
+    /// The trials that give the values of the searched axes.
     pub trials: Vec<SearchTrial>,
     /// The stages.
     pub stages: Vec<StageDecl>,
-    /// The facts of a data set published from it, or what is wrong with them. Faults matter to `magline publish` only.
+    /// The metadata of a published set, or their faults, which matter only to `magline publish`.
     pub publish: Option<Result<PublishFacts, Vec<Fault>>>,
-    /// Whether the bytes of every input are read, however much it looks like the one that was read last; not part of
-    /// the file.
+    /// Whether the bytes of every input are read, even if it appears unchanged; not part of the file.
     pub verify_inputs: bool,
-    /// Files of flights that were written to less than so long ago are left out; not part of the file.
+    /// Minimum age of a flight file; newer files are skipped. Not part of the file.
     pub settle: Option<Duration>,
 }
 
@@ -70,13 +69,13 @@ pub struct Spec {
 pub struct SourceDecl {
     /// Its name in the spec.
     pub name: String,
-    /// Where it is declared.
+    /// Position of its declaration.
     pub at: SpecSpan,
-    /// Its path, and where that stands.
+    /// Its path, with position.
     pub path: (String, SpecSpan),
     /// Restrictions on publishing.
     pub protection: ProtectionKeys,
-    /// Everything else that was said of it.
+    /// Its other keys.
     pub options: SpecEntries,
 }
 
@@ -85,9 +84,9 @@ pub struct SourceDecl {
 pub struct SweepAxis {
     /// The column's name.
     pub name: String,
-    /// Where it is declared.
+    /// Position of its declaration.
     pub at: SpecSpan,
-    /// The values, in the spec's order, of one type: lists too, whose key column is their entries joined by `+`.
+    /// The values of one type, in the spec's order. The key column of a list holds its entries joined by `+`.
     pub values: Vec<Literal>,
 }
 
@@ -96,26 +95,26 @@ pub struct SweepAxis {
 pub struct StageDecl {
     /// The name of the table it yields.
     pub name: String,
-    /// Where the name stands.
+    /// Position of the name.
     pub at: SpecSpan,
-    /// The kind of stage, and where that stands.
+    /// The kind of stage, with position.
     pub stage: (String, SpecSpan),
     /// Its `where`, if any.
     pub predicate: Option<(String, SpecSpan)>,
-    /// Whether its table is written out for others to read; later stages see it in any case.
+    /// Whether its table is published; later stages can read it in any case.
     pub publish: bool,
-    /// Columns that pass through it and that its published table is to hold too, each with where it stands.
+    /// Columns that pass through it and are also written to its published table, each with position.
     pub carry: Vec<(String, SpecSpan)>,
-    /// Whether what it computes is kept in the store; otherwise it is made again where it is needed.
+    /// Whether its results are stored, with position; otherwise they are recomputed on demand.
     pub keep: (bool, SpecSpan),
-    /// Inputs and parameters, axes not yet put in.
+    /// Inputs and parameters, before axes are substituted.
     pub args: SpecEntries,
 }
 
-/// More stages than this are made by a program that should use an axis; each may be a level of the plan.
+/// Maximum number of stages. More stages should be an axis; each may be a level of the plan.
 const MOST_STAGES: usize = 1_000;
 
-/// The keys of a stage that are neither inputs nor parameters, and what they say.
+/// The keys of a stage that are neither inputs nor parameters, and their meanings.
 pub const STAGE_KEYS: [(&str, &str); 6] = [
     ("name", "the name of the table that the stage makes; required"),
     ("stage", "the kind of stage, one of the stages below; required"),
@@ -140,12 +139,12 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
 const TOP: [&str; 8] = ["name", "seed", "store", "tables", "axes", "search", "stages", "publish"];
 
 impl Spec {
-    /// Reads the spec `text` of `file`, whose relative paths start from `folder`, with each of `sets` put into it
-    /// first: `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER`
-    /// (`stages.STAGE.PARAMETER` too), `=` and a value. The value is TOML; what is not TOML is taken as text.
+    /// Reads the spec `text` of `file`, whose relative paths start from `folder`, after applying each of `sets`:
+    /// `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER` (also
+    /// `stages.STAGE.PARAMETER`), `=` and a value. The value is TOML; other values are text.
     ///
     /// # Errors
-    /// Everything that is wrong with its form, each with its position.
+    /// Fails with all faults of its form, each with its position.
     pub fn parse(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, SpecFaults> {
         let mut read = SpecParser::default();
         let spec = read.document(file, folder, &text, sets);
@@ -155,12 +154,12 @@ impl Spec {
         }
     }
 
-    /// The faults as something to show, with this spec's text.
+    /// The faults with this spec's text, for display.
     pub fn faults(&self, faults: Vec<Fault>) -> SpecFaults {
         SpecFaults { file: self.file.clone(), text: self.text.clone(), sets: self.sets.clone(), faults }
     }
 
-    /// The same with the trials `rows` as the values of the axes that are searched; unchanged where there are none.
+    /// A copy with the trials `rows` as the values of the searched axes; unchanged without searched axes.
     pub fn with_trials(&self, rows: &[SearchTrial]) -> Spec {
         let mut spec = self.clone();
         if let Some(search) = &self.search {
@@ -277,7 +276,7 @@ impl SpecParser {
         self.identifier(&name, at).then_some(name)
     }
 
-    /// The store's folder, as it is given, or that of its copy and its address.
+    /// The store's folder as given; or the folder of its copy, and its address.
     fn store(&mut self, root: &DeTable) -> (PathBuf, Option<(ObjectAddress, SpecSpan)>) {
         let Some((store, at)) = self.text(root, "store") else { return ("store".into(), None) };
         if store.contains("://") {
@@ -356,7 +355,7 @@ impl SpecParser {
         }
     }
 
-    /// The entries of the table `key`, in the order they stand in the file.
+    /// The entries of the table `key`, in the order of the file.
     fn named<'a>(&mut self, root: &'a DeTable, key: &str) -> Vec<(Spanned<String>, &'a Spanned<DeValue<'a>>)> {
         let Some(value) = root.get(key) else { return vec![] };
         let Some(table) = value.get_ref().as_table() else {
@@ -453,7 +452,7 @@ impl SpecParser {
         Some(StageDecl { name, at, stage: stage?, predicate, publish, carry, keep, args })
     }
 
-    /// The key `key` of a stage, which is true unless it is given.
+    /// The boolean key `key` of a stage; default true.
     fn choice(&mut self, table: &DeTable, key: &str) -> (bool, SpecSpan) {
         let Some(value) = table.get(key) else { return (true, 0..0) };
         let chosen = value.get_ref().as_bool();
@@ -501,7 +500,7 @@ fn plain(text: &str) -> String {
     if text.chars().count() > SHOWN { format!("{line}...") } else { line }
 }
 
-/// A TOML value as a literal; a table cannot stand where one is read.
+/// A TOML value as a literal; a table is rejected.
 fn literal(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     match argument(value)? {
         Literal::Section(_) => Err(no_table(value)),
@@ -509,7 +508,7 @@ fn literal(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     }
 }
 
-/// A TOML value as a literal, a table of values by name among them; a list of tables cannot stand where one is read.
+/// A TOML value as a literal, including a table of values by name; a list of tables is rejected.
 fn argument(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let first = |faults: Vec<Fault>| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a value is invalid"));
     match schemas::literal(value).map_err(first)? {

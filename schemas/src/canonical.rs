@@ -27,11 +27,10 @@ enum ColumnConversion {
 
 impl FlightConversion {
     /// The conversion from `source` to the flight table.
-    ///
-    /// Text and numbers become `flight` and `line`; every column with a canonical unit becomes Float64 in it; other
-    /// floats become Float64, other whole numbers Int64, and the rest stays as it is. Columns keep the file's order
-    /// after `flight`, `line`, `tt`. Nulls of numbers become NaN, and so does a reading of exactly 0 nT of an
-    /// uncompensated scalar magnetometer: a dropout.
+    /// Text and numbers become `flight` and `line`. Every column with a canonical unit becomes Float64 in that unit;
+    /// other floats become Float64, other whole numbers Int64, and other types are unchanged. Columns keep the file's
+    /// order after `flight`, `line`, `tt`. Null numbers become NaN. A reading of exactly 0 nT of an uncompensated
+    /// scalar magnetometer is a dropout and becomes NaN.
     ///
     /// # Errors
     /// Every missing key, wrong unit and wrong type, each naming its column.
@@ -175,10 +174,10 @@ fn is_text(t: &DataType) -> bool {
     matches!(t, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View)
 }
 
-/// Identifiers as text: whole numbers without a fraction, others as [`identifier`] has them.
+/// Identifiers as text: whole numbers without a fraction, others in the form of [`identifier`].
 ///
 /// # Errors
-/// Fails for values that no text exists of.
+/// Fails for values that have no text.
 pub fn identifiers(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowError> {
     if !flattened(array.data_type()).is_floating() {
         return cast(array, &DataType::Utf8);
@@ -188,16 +187,16 @@ pub fn identifiers(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowErro
     Ok(Arc::new(numbers.iter().map(|x| x.map(identifier)).collect::<StringArray>()))
 }
 
-/// The text of an identifier that is a number: the shortest that reads back the same, in single precision where that
-/// holds the number exactly. Line 1006.04 in single precision is 1006.0399780273438 in double.
+/// The text of a numeric identifier: the shortest that reads back the same, in single precision if that is exact. Line
+/// 1006.04 in single precision is 1006.0399780273438 in double.
 pub fn identifier(x: f64) -> String {
     as_written(x).to_string()
 }
 
-/// The number that was written as an identifier, before it was rounded to single precision.
+/// The number before an identifier was rounded to single precision.
 pub fn as_written(x: f64) -> f64 {
     let single = x as f32;
-    // A whole number has all its digits already.
+    // A whole number is already exact.
     if x.fract() == 0.0 || f64::from(single) != x {
         return x;
     }
@@ -227,10 +226,10 @@ fn without_zeros(array: &ArrayRef) -> ArrayRef {
     Arc::new(kept)
 }
 
-/// Whether time runs forward, strictly, through a line.
+/// Checks that time increases strictly along a line.
 ///
 /// # Errors
-/// The first row whose time is missing, repeated or earlier than the one before.
+/// The first row whose time is missing, repeated or earlier than that of the row before.
 pub fn check_time(tt: &[f64]) -> Result<(), Fault> {
     let row = |i: usize, what: String| Err(Fault::data(what).in_column("tt").in_row(i as u64));
     for (i, t) in tt.iter().enumerate() {
@@ -309,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_name_of_its_own_keeps_its_role_and_a_known_name_has_that_of_the_contract() {
+    fn unit_only_unknown_columns_keep_their_declared_role() {
         let fields = ["flight", "line", "tt", "reference", "lat", "other"]
             .map(|n| crate::field(n, DataType::Float64, "", if n == "other" { Role::Key } else { Role::Truth }, ""));
         let out = FlightConversion::new(&Schema::new(fields.to_vec())).unwrap();
@@ -318,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_all_that_is_wrong_with_a_schema_is_said_at_once() {
+    fn gold_all_faults_of_a_schema_are_reported() {
         let schema = Schema::new(vec![
             Field::new("flight", DataType::Utf8, true),
             Field::new("lines", DataType::Utf8, true),
@@ -349,7 +348,7 @@ mod tests {
         let out = FlightConversion::new(&schema).unwrap().apply(&batch).unwrap();
         let numbers = |i: usize| out.column(i).as_primitive::<arrow_array::types::Float64Type>().values().to_vec();
         assert!(numbers(3)[0].is_nan() && numbers(3)[1] == 50_000.0);
-        // An anomaly may well be zero.
+        // An anomaly may be zero.
         assert_eq!(numbers(4), [0.0, 50_000.0]);
     }
 

@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_what_a_table_says_of_its_grid_is_read_back_to_the_last_bit() {
+    fn unit_native_grid_metadata_read_back_bit_identically() {
         let own = NativeGrid {
             epsg: 32754,
             definition: "+proj=utm +zone=54 +south".to_owned(),

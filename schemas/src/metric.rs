@@ -227,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_errors_pool_by_squares_ratios_by_means_and_numbers_add_up() {
+    fn unit_each_pooling_rule_gives_its_mean_or_sum() {
         let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter().map(WeightedScore::from);
         assert_eq!(PoolingRule::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
         assert_eq!((PoolingRule::Mean.value(lines()), PoolingRule::Sum.value(lines())), (3.75, 7.0));
@@ -243,9 +243,10 @@ mod tests {
     }
 
     #[test]
-    fn law_a_radius_of_several_lines_is_that_of_all_their_samples() {
+    fn law_pooled_quantiles_equal_those_of_all_samples() {
         let line = |from: usize, n: usize, far: f64| (from..from + n).map(|i| far * i as f64).collect::<Vec<f64>>();
-        // A rank is known to a tenth of a share: a hundredth of a long line, a tenth of one of a hundred samples.
+        // A rank is accurate to a tenth of a share: a hundredth for a long line, a tenth for a line of a hundred
+        // samples.
         for (lines, tolerance) in [
             (vec![line(0, 100, 1.0), line(3, 900, 0.3)], 1e-2),
             (vec![line(0, 5000, 0.01), line(1000, 300, 0.4), line(0, 1000, 0.2)], 2e-3),
@@ -265,14 +266,14 @@ mod tests {
             }
         }
         assert_eq!(PoolingRule::Quantile(50).value(std::iter::once((3.0, 7.0).into())), 3.0);
-        // A value shows no single sample.
+        // A spread discloses no single sample.
         assert_eq!((spread(&[1.0, 2.0, 9.0]), spread(&[]).len(), spread(&line(0, 57, 1.0)).len()), (vec![2.0], 0, 5));
         let unknown = [(3.0, 7.0), (4.0, 7.0)].into_iter().map(WeightedScore::from);
         assert!(PoolingRule::Quantile(50).value(unknown).is_nan(), "no spread, no quantile");
     }
 
     #[test]
-    fn unit_a_ratio_is_as_far_from_its_target_above_as_below() {
+    fn unit_cost_is_symmetric_in_the_ratio_to_the_target() {
         assert_eq!(MetricPreference::Near(2.0).cost(8.0), MetricPreference::Near(2.0).cost(0.5));
         assert!(MetricPreference::Higher.cost(3.0) < MetricPreference::Higher.cost(2.0));
         assert_eq!((MetricPreference::Neither.cost(1.0), MetricPreference::Lower.cost(f64::NAN)), (None, None));

@@ -307,7 +307,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn r10_columns_have_the_limits_of_what_they_measure() {
+    fn unit_columns_have_the_limits_of_their_quantity() {
         for (name, inside, outside) in [
             ("lat", vec![-90.0, 45.0, 90.0], vec![95.0, -100.0, 2603.0, 1e300]),
             ("lon", vec![-180.0, 359.9], vec![-181.0, 500.0]),
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_an_impossible_value_is_possible_in_one_unit() {
+    fn unit_the_probable_unit_of_an_impossible_value_is_found() {
         let of = |name: &str, value: f64, unit: &str| likely(&limits(name).unwrap(), value, unit);
         assert_eq!(of("mag_3_uc", 5.4e7, "uT"), Some(ProbableCause::Unit("nT", 54_000.0)));
         assert_eq!(of("mag_3_uc", 54.0, ""), Some(ProbableCause::Unit("uT", 54_000.0)));
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_only_values_that_vary_like_none_are_no_total_field() {
+    fn unit_a_residual_field_is_detected_by_its_variation() {
         let total = limits("mag_4_uc").unwrap();
         let wave = |offset: f64, scale: f64| (0..500).map(|i| offset + scale * f64::from(i).sin()).collect::<Vec<_>>();
         assert!(residual(&total, &wave(0.0, 200.0)).is_some());
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_survey_is_of_anomalies_or_of_the_total_field() {
+    fn unit_a_survey_holds_anomalies_or_the_total_field() {
         let holds = |values: &[f64], x: f64| survey(values.iter().copied()).holds(x);
         assert!(holds(&[1.0, -300.0, 99_999.0], -5_000.0) && !holds(&[1.0, -300.0, 99_999.0], 99_999.0));
         assert!(holds(&[54_000.0, 54_100.0, f64::NAN, 0.0], 54_200.0));

@@ -126,7 +126,7 @@ mod tests {
     use crate::{Column, describe_field};
 
     #[test]
-    fn law_metadata_hold_what_was_removed_and_names_of_the_contract_imply_it() {
+    fn unit_corrections_are_read_from_metadata_or_column_names() {
         let mut column = Column::float("target", "nT", "");
         assert!(!column.field().metadata().contains_key("removed"));
         column.removed = MagneticCorrection::ALL.into();

@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn law_metadata_outweigh_names() {
+    fn unit_metadata_override_names() {
         let names = ["x", "xx_dot", "m_dot4", "m_lag_3", "a_lag_b"].map(str::to_owned).to_vec();
         let mut column = Column::list("tl", "", "", names);
         let laws = [("xx_dot", RateLaw::Difference(1)), ("m_dot4", RateLaw::Difference(4)), ("m_lag_3", RateLaw::Lag)];
@@ -132,7 +132,7 @@ mod tests {
             RateDependence { rate_hz: Some(10.0), entries: vec![("x".to_owned(), RateLaw::Difference(1))] };
         assert_eq!(describe_field(&column.field()).sampling, column.sampling);
         assert_eq!(column.field().metadata()["rate_hz"], "10");
-        // A column whose names mislead says so.
+        // A column with misleading names overrides them.
         column.sampling = RateDependence::default();
         assert_eq!(describe_field(&column.field()).sampling, RateDependence::default());
     }

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn ref_feet_of_the_us_survey_and_other_spellings_of_loggers() {
+    fn ref_us_survey_feet_and_logger_spellings() {
         let spellings = ["ftUS", "FTUS", "US-ft", "us_ft", "ft_us", "sft", "usft", "US survey foot", "US_survey_feet"];
         for unit in spellings {
             assert_eq!(convert(unit, "m"), Some(1200.0 / 3937.0), "{unit}");
@@ -197,14 +197,14 @@ mod tests {
     }
 
     #[test]
-    fn ref_g_is_gauss_of_a_field_and_gravity_of_an_acceleration() {
+    fn ref_g_means_gauss_or_gravity_by_dimension() {
         assert_eq!(convert("G", "nT"), Some(1e5));
         assert_eq!(convert("g", "m/s2"), Some(9.80665));
         assert_eq!(convertible_to("m/s2"), ["m/s2", "standard gravity", "mGal"]);
     }
 
     #[test]
-    fn unit_a_spelling_means_one_unit_of_each_dimension() {
+    fn unit_a_spelling_has_one_unit_per_dimension() {
         for (i, (spellings, dimension, _)) in UNITS.iter().enumerate() {
             for (others, other, _) in UNITS.iter().skip(i + 1) {
                 let shared = spellings.iter().any(|s| others.contains(s));

@@ -177,8 +177,8 @@ mod tests {
     }
 
     #[test]
-    fn law_a_constant_vector_has_cosines_their_products_with_the_field_and_no_change() {
-        // (20, -10, 20) uT: 30 uT with the cosines 2/3, -1/3, 2/3; over the scale 0.4, -0.2, 0.4.
+    fn law_a_constant_vector_has_permanent_and_induced_terms_only() {
+        // (20, -10, 20) uT: 30 uT with the cosines 2/3, -1/3, 2/3; divided by the scale 0.4, -0.2, 0.4.
         let (names, values) = made(&a_matrix(&ALL), [20_000.0; 3]);
         let permanent = [("x", 2.0 / 3.0), ("y", -1.0 / 3.0), ("z", 2.0 / 3.0)];
         let mixed = [("xx", 0.8 / 3.0), ("xy", -0.4 / 3.0), ("xz", 0.8 / 3.0)];
@@ -197,12 +197,12 @@ mod tests {
     }
 
     #[test]
-    fn law_eddy_terms_are_cosines_times_the_change_of_the_vector_over_the_scale() {
+    fn law_eddy_terms_are_cosines_times_scaled_rates() {
         let (names, values) = made(&a_matrix(&ALL), [19_600.0, 20_000.0, 20_300.0]);
         let at = |row: usize, name: &str| values[row * names.len() + names.iter().position(|n| n == name).unwrap()];
         // One-sided, central over two samples, one-sided.
         assert_eq!([0, 1, 2].map(|row| at(row, "x_dot")), [400.0, 350.0, 300.0]);
-        // 350 nT over 50,000 nT is 0.007.
+        // 350 nT divided by 50,000 nT is 0.007.
         for (name, expected) in [("xx_dot", 0.014 / 3.0), ("yx_dot", -0.007 / 3.0), ("zx_dot", 0.014 / 3.0)] {
             assert!(near(at(1, name), expected), "{name}: {}", at(1, name));
         }
@@ -212,12 +212,12 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_scalar_stands_for_the_magnitude_and_a_missing_vector_is_a_row_of_nan() {
+    fn unit_a_scalar_can_replace_the_magnitude_and_missing_vectors_give_nan() {
         let modified = AMatrix { scalar: Some("mag_4_uc".into()), ..a_matrix(&["induced3", "permanent"]) };
         let (names, values) = made(&modified, [20_000.0, f64::NAN, 20_000.0]);
         assert_eq!(names, ["x", "y", "z", "xx", "yy", "zz"], "the groups are in the order of the model");
         for row in [&values[..6], &values[12..]] {
-            // (20, -10, 20) over 40, and that times (0.4, -0.2, 0.4).
+            // (20, -10, 20) divided by 40, and that times (0.4, -0.2, 0.4).
             let expected = [0.5, -0.25, 0.5, 0.2, 0.05, 0.2];
             assert!(row.iter().zip(expected).all(|(found, expected)| near(*found, expected)), "{row:?}");
         }
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_cannot_be_used_is_told_with_its_parameter() {
+    fn unit_invalid_inputs_are_reported_with_their_parameter() {
         let said = |stage: &AMatrix, columns: Vec<Column>| {
             let faults = stage.yields(&[&table(columns)]).unwrap_err();
             faults.iter().map(|f| format!("{f} [{}]", f.param.clone().unwrap_or_default())).collect::<Vec<_>>()

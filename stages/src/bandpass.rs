@@ -72,7 +72,7 @@ impl Stage for Bandpass {
         }
         let made = self.columns.iter().map(|c| {
             let unit = shape.get(c).map(|x| x.unit.clone()).unwrap_or_default();
-            // The truth stays the truth through a filter.
+            // A filtered truth column keeps its role.
             let role = shape.get(c).map(|x| x.role).filter(|r| *r == Role::Truth).unwrap_or(Role::Derived);
             let column = Column::float(format!("{c}_bp"), unit, format!("{c}, band-passed"));
             like(column, shape, c).role(role).from(0, &["tt", c])
@@ -128,14 +128,14 @@ mod tests {
     }
 
     #[test]
-    fn law_a_sine_in_the_band_stays_as_it_is_and_one_far_outside_goes() {
+    fn law_a_sine_in_the_band_passes_and_one_outside_is_removed() {
         // Butterworth's squared gain is 1/2 at a corner after two passes.
         for (hz, gain) in [(0.3, 1.0), (0.1, 0.5), (0.9, 0.5), (0.01, 0.0), (3.0, 0.0)] {
             let sine = |t: f64| 10.0 * (TAU * hz * t).sin();
             let x = samples(ROWS, |t| 50_000.0 + sine(t));
             let y = run(&bandpass(&["x"]), samples(ROWS, |t| t), x).unwrap();
             assert_eq!(y.len(), ROWS as usize);
-            // Eighty seconds from the ends nothing is left of them: the slowest pole dies by e in 5 s.
+            // At 80 s from the ends, transients have decayed: the slowest pole falls by a factor of e in 5 s.
             let middle = 800..1200;
             let worst = middle.map(|k| (y[k] - gain * sine(k as f64 / RATE_HZ)).abs()).fold(0.0, f64::max);
             assert!(worst < 1e-3, "{hz} Hz: {worst} nT");
@@ -143,21 +143,21 @@ mod tests {
     }
 
     #[test]
-    fn law_a_constant_is_slower_than_any_band_and_a_gap_stays_a_gap() {
+    fn law_a_constant_is_removed_and_gaps_are_kept() {
         let mut x = vec![52_345.6; 600];
         x[300] = f64::NAN;
         let tt = samples(600, |t| t);
         for (low_hz, high_hz, left) in [(0.1, 0.9, 0.0), (0.5, 0.0, 0.0), (0.0, 0.9, 52_345.6)] {
             let y = run(&Bandpass { low_hz, high_hz, ..bandpass(&["x"]) }, tt.clone(), x.clone()).unwrap();
             assert!(y[300].is_nan());
-            // Rounding of 50,000 nT (7e-12) that a low corner takes up some hundred times.
+            // Rounding of 50,000 nT (7e-12), amplified some hundred times by a low corner.
             let rest = y.iter().enumerate().filter(|(k, _)| *k != 300);
             assert!(rest.map(|(_, y)| (y - left).abs()).fold(0.0, f64::max) < 1e-6, "{low_hz} to {high_hz} Hz");
         }
     }
 
     #[test]
-    fn unit_a_line_that_cannot_be_filtered_says_why() {
+    fn unit_an_unfilterable_line_is_rejected_with_the_reason() {
         let stage = bandpass(&["x"]);
         assert!(run(&stage, samples(25, |t| t), vec![1.0; 25]).is_ok());
         let short = run(&stage, samples(24, |t| t), vec![1.0; 24]).unwrap_err();
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_corner_above_nyquist_is_told_before_anything_runs() {
+    fn unit_a_corner_above_nyquist_is_rejected_before_the_run() {
         let columns = vec![
             Column::float("tt", "s", ""),
             Column::float("mag_4_uc", "nT", ""),

@@ -235,7 +235,7 @@ mod tests {
         LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
-    /// 3 y - 2 cur_1 + 40, and what the fit left.
+    /// 3 y - 2 cur_1 + 40, and the residual noise of the fit.
     fn model() -> RecordBatch {
         let terms: ArrayRef = Arc::new(StringArray::from(vec!["y", "cur_1", "intercept"]));
         let numbers = [("residual_sigma", 0.5), ("residual_fogm_sigma", 3.0), ("residual_fogm_tau", 120.0)];
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_taken_off_is_the_sum_of_coefficients_times_terms() {
+    fn law_the_subtracted_field_is_the_sum_of_coefficients_times_terms() {
         // 3 10 - 2 5 + 40 = 60 and 3 20 - 2 6 + 40 = 88.
         assert_eq!(fields(&compensate()), [[50_040.0, 50_112.0], [60.0, 88.0]]);
         let without =
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_anomaly_becomes_a_field_with_core_field_and_diurnal_variation() {
+    fn law_the_anomaly_plus_core_field_and_diurnal_is_the_field() {
         let of = |predicts: PredictedQuantity| fields(&Compensate { predicts, ..compensate() });
         assert_eq!(of(PredictedQuantity::Anomaly), [[50_070.0, 50_098.0], [30.0, 102.0]]);
         assert_eq!(of(PredictedQuantity::Field), [[60.0, 88.0], [50_040.0, 50_112.0]]);
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_does_not_fit_the_model_is_told_with_its_parameter() {
+    fn unit_lines_without_the_model_terms_are_rejected_with_the_parameter() {
         let lacking = Compensate { without: vec!["easting".into()], ..compensate() };
         let fault = lacking.prepare(&[line().inputs[0].clone(), model()]).err().unwrap();
         assert_eq!(fault.what, "the model has no term `easting`, which `without` names");

@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn val_igrf14_values_of_ppigrf_at_the_date_of_the_spec_and_of_the_flight() {
+    fn val_igrf14_agrees_with_ppigrf_at_both_dates() {
         // Values from numerics/reference/navigation/igrf14_computed_values.csv: magnitude, north, east, down.
         let pacific = [46_740.993, 23_141.299, 1_354.233, 40_587.767];
         let date_line = [34_104.128, 33_467.591, 5_796.665, -3_067.671];
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_body_frame_sees_the_field_along_its_own_axes() {
+    fn law_the_field_is_rotated_into_the_body_frame() {
         // Level to the east; north, right wing down; nose up from the north; without a heading.
         let (roll, pitch, yaw) = ([0.0, 90.0, 0.0, 0.0], [0.0, 0.0, 90.0, 0.0], [90.0, 0.0, 0.0, f64::NAN]);
         let columns: [(&str, &[f64]); 6] = [
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_date_that_nobody_said_is_a_fault_with_the_way_out() {
+    fn unit_a_missing_date_is_reported_with_the_remedy() {
         let table = |names: &[(&str, &str)]| {
             let columns = names.iter().map(|(name, unit)| Column::float(*name, *unit, "")).collect();
             Table::Lines(TableShape { columns, rate_hz: None })
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_place_and_a_date_that_do_not_exist_are_named() {
+    fn unit_an_impossible_position_or_date_is_reported() {
         let at = |lat: &[f64], year: f64| {
             run(&core_field(Some(year)), &[("lat", lat), ("lon", &[0.0, 0.0]), ("alt", &[0.0, 0.0])]).unwrap_err()
         };

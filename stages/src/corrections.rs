@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_expression_has_the_corrections_of_its_terms_and_its_own() {
+    fn unit_an_expression_has_its_own_corrections_and_those_of_its_terms() {
         let of = |sql: &str| {
             let expression = Expression::new(sql, &shape(), "`x`").unwrap();
             of_expression(&expression, &shape()).iter().map(|c| c.word()).collect::<Vec<_>>().join(",")
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_correction_is_made_once() {
+    fn unit_a_correction_is_made_once() {
         let (plain, had) = (["mag_4_uc".to_owned()], ["target".to_owned()]);
         let mixed = [plain.clone(), had.clone()].concat();
         let diurnal = |readings: &[String], given| {

@@ -91,7 +91,7 @@ impl Derivative {
 fn per_second(unit: &str) -> String {
     match unit {
         "" => "1/s".to_owned(),
-        // The usual spellings of what has one.
+        // The usual spelling, if there is one.
         "m/s" => "m/s2".to_owned(),
         other => format!("{other}/s"),
     }
@@ -176,7 +176,7 @@ mod tests {
         let x = sampled(0.0, RATE_HZ, 200, |t| 50_000.0 + 3.0 * t - 0.5 * t * t);
         for method in [DerivativeMethod::Central, DerivativeMethod::SavitzkyGolay] {
             let y = run(&derivative(method), "nT", x.clone()).unwrap();
-            // One-sided differences at the ends are those of half a step further in.
+            // One-sided differences at the ends equal the slope half a step inside.
             let inside = if method == DerivativeMethod::Central { 1..199 } else { 0..200 };
             for k in inside {
                 assert!((y[k] - (3.0 - k as f64 / RATE_HZ)).abs() < 1e-8, "{k}: {}", y[k]);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_turn_through_north_goes_on_at_its_rate_and_a_gap_stays_one() {
+    fn law_a_turn_through_north_keeps_its_rate_and_gaps_are_kept() {
         let mut x = sampled(0.0, RATE_HZ, 400, |t| (300.0 + 12.0 * t).rem_euclid(360.0));
         x[250] = f64::NAN;
         let y = run(&derivative(DerivativeMethod::Central), "deg", x).unwrap();
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn law_noise_is_amplified_by_what_the_weights_say() {
+    fn law_noise_is_amplified_by_the_norm_of_the_weights() {
         let mut normals = numerics::random::NormalGenerator::new(3);
         let x: Vec<f64> = (0..20_000).map(|_| normals.draw()).collect();
         // Half of √2, and the root of (2² + 1 + 1 + 2²)/10².
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_units_are_per_second_and_what_cannot_be_fitted_is_refused() {
+    fn unit_units_are_per_second_and_invalid_windows_are_rejected() {
         let lines = table(&[("tt", "s"), ("yaw", "deg"), ("ins_vn", "m/s"), ("mag_4_uc", "nT")], None);
         let stage = |window| Derivative {
             columns: ["yaw", "ins_vn", "mag_4_uc"].map(str::to_owned).to_vec(),

@@ -76,7 +76,7 @@ impl Derive {
             },
             (_, Some(given)) => given.clone(),
             (ExpressionUnit::Of(unit) | ExpressionUnit::Scaled(unit), None) => unit.clone(),
-            // Such as the year.
+            // A dimensionless column, such as the year.
             (ExpressionUnit::Any, None)
                 if flight::COLUMNS.iter().any(|(known, about)| *known == name && about.unit.is_empty()) =>
             {
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_column_is_what_its_expression_says_row_by_row() {
+    fn unit_an_expression_is_evaluated_row_by_row() {
         let stage = derive(
             &[
                 ("d", "mag_4_uc - mag_5_uc"),
@@ -211,7 +211,7 @@ mod tests {
         let same = |found: &[f64], expected: [f64; 3]| {
             assert!(found.iter().zip(expected).all(|(x, y)| *x == y || x.is_nan() && y.is_nan()), "{found:?}");
         };
-        // In the order of their names. Where it is unknown how high it was, the last choice holds; x/0 is missing.
+        // In the order of their names. For an unknown height the last alternative applies; x/0 is missing.
         same(&made[0], [50_000.0, 1.0, 0.0]);
         same(&made[1], [0.5, nan, 1.0]);
         same(&made[2], [0.5, nan, 50_004.0]);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_units_follow_or_are_given_and_truth_stays_truth() {
+    fn unit_units_are_inferred_or_given_and_truth_stays_truth() {
         let stage = derive(
             &[
                 ("d", "mag_4_uc - mag_1_c"),
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_would_be_a_wrong_number_is_told_before_anything_runs() {
+    fn unit_wrong_units_and_types_are_reported_before_the_run() {
         let of = |columns: &[(&str, &str)], units: &[(&str, &str)]| {
             said(derive(columns, units).yields(&[&lines()]).unwrap_err())
         };

@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_was_put_in_comes_out_and_the_rest_keeps_its_bits() {
+    fn unit_added_spikes_are_removed_and_other_samples_are_unchanged() {
         let tt = sampled(0.0, 10.0, 1000, |t| t);
         let clean = field(1000);
         let mut x = clean.clone();
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_variation_interpolated_from_minutes_keeps_its_corners() {
+    fn unit_corners_of_an_interpolated_variation_are_no_spikes() {
         // The earth's variation minute by minute in tenths of a nanotesla, at 10 Hz.
         let minute = |k: usize| ((30.0 * (0.01 * k as f64).sin() + 4.0 * (0.7 * k as f64).cos()) * 10.0).round() / 10.0;
         let value = |i: usize| minute(i / 600) + (minute(i / 600 + 1) - minute(i / 600)) * (i % 600) as f64 / 600.0;
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_neighbours_gaps_ends_and_uneven_times() {
+    fn unit_spikes_are_removed_near_gaps_ends_and_at_uneven_times() {
         let mut tt = sampled(0.0, 10.0, 1000, |t| t);
         // A jitter of 2 ms, and a gap of 5 s.
         tt.iter_mut()
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_signal_of_spikes_and_a_window_without_a_middle_are_refused() {
+    fn unit_too_many_spikes_and_even_windows_are_rejected() {
         let tt = sampled(0.0, 10.0, 1000, |t| t);
         let many = Despike { threshold: 0.1, ..despike(SpikeDetection::Hampel, SpikeReplacement::Nan) };
         assert!(run(&many, &tt, field(1000)).unwrap_err().what.contains("of 1000 samples are detected as spikes"));

@@ -82,7 +82,7 @@ const NEAREST_M: f64 = 1.0;
 #[derive(Debug)]
 pub struct Station {
     name: String,
-    /// Its place, earth-centred, m; where the record says it.
+    /// Earth-centred position, m. `None` if the record has none.
     place_m: Option<[f64; 3]>,
     /// Seconds from midnight of the day [`Stations::first_day`], ascending.
     t_s: Vec<f64>,
@@ -104,7 +104,7 @@ struct StationSamples {
 }
 
 impl Diurnal {
-    /// The columns of the line that say where it is; none where it has no position.
+    /// The position columns of the line; none if it has no position.
     fn position_of(&self, input: &TableShape) -> &'static [&'static str] {
         let columns: &'static [&'static str] = match self.position {
             PositionSource::Truth => &["lat", "lon"],
@@ -164,7 +164,7 @@ impl Station {
         let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
         let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // The same value twice, as where files overlap, is one.
+        // A value that two overlapping files contain counts once.
         rows.dedup_by(|b, a| a == b);
         if let Some(pair) = rows.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let time_s = pair[0].0.rem_euclid(DAY_S);
@@ -395,7 +395,7 @@ mod tests {
     /// A line of day 60 of 2020.
     fn flown(first_s: f64, rows: usize) -> RecordBatch {
         let tt = sampled(first_s, 1.0, rows, |t| t);
-        // Over midnight the date moves on.
+        // After midnight the date advances.
         let doy = tt.iter().map(|t| 60.0 + (t / DAY_S).floor()).collect();
         batch(vec![
             ("tt", "s", tt),
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_straight_record_is_a_straight_line_less_its_mean_also_over_midnight() {
+    fn law_a_linear_record_is_interpolated_minus_its_mean_across_midnight() {
         let slope = |t: f64| 50_000.0 + 1e-3 * t;
         let made = run(&diurnal(), flown(86_000.0, 900), vec![record("ABC", 60.0, 2, 45.0, slope)]).unwrap();
         // The mean of 2880 minutes from 0 to 172,740 s.
@@ -453,12 +453,12 @@ mod tests {
     }
 
     #[test]
-    fn unit_gaps_are_nan_and_a_line_that_is_not_covered_is_a_fault() {
+    fn unit_gaps_are_nan_and_uncovered_lines_are_rejected() {
         let whole = record("ABC", 60.0, 1, 45.0, |t| 0.1 * t);
         let parts = [whole.slice(0, 20), whole.slice(30, 1410)];
         let gap = arrow_select::concat::concat_batches(&whole.schema(), &parts).unwrap();
         let made = run(&diurnal(), flown(1000.0, 1000), vec![gap.clone()]).unwrap();
-        // The last minute before the gap is 1140 s, the first behind it 1800 s.
+        // The last minute before the gap is 1140 s, the first after it 1800 s.
         let missing: Vec<usize> = (0..1000).filter(|k| made[*k].is_nan()).collect();
         assert_eq!((missing.first().copied(), missing.last().copied(), missing.len()), (Some(141), Some(799), 659));
         let wide = Diurnal { max_gap_s: 660.0, ..diurnal() };
@@ -479,7 +479,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_missing_is_told_before_anything_runs() {
+    fn unit_missing_columns_are_reported_before_the_run() {
         let lines = table(&[("tt", "s"), ("year", ""), ("doy", ""), ("lat", "deg"), ("lon", "deg")], None);
         let of_station = [("flight", ""), ("tt", "s"), ("year", ""), ("doy", ""), ("field_f", "nT")];
         let station = table(&of_station, None);

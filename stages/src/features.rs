@@ -502,7 +502,7 @@ fn transposed(rows: &[f64], width: usize) -> Vec<Vec<f64>> {
     (0..width).map(|k| rows.iter().skip(k).step_by(width).copied().collect()).collect()
 }
 
-/// The value `n` samples before, NaN where there is none.
+/// The value `n` samples before; NaN if there is none.
 fn lagged(x: &[f64], n: usize) -> Vec<f64> {
     (0..x.len()).map(|i| i.checked_sub(n).and_then(|k| x.get(k)).copied().unwrap_or(f64::NAN)).collect()
 }

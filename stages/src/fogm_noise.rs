@@ -196,20 +196,21 @@ mod tests {
     }
 
     #[test]
-    fn law_sigma_and_time_constant_of_a_known_noise_are_found_over_its_lines() {
+    fn law_sigma_and_time_constant_of_a_known_noise_are_found() {
         for method in [NoiseFitStatistic::Autocorrelation, NoiseFitStatistic::Allan] {
             let lines: Vec<LineInput> =
                 (0..12).map(|seed| line(10.0, vec![("residual", noisy(600.0, seed))])).collect();
             let ([white, sigma, tau], n) = estimate_noise(&stage(method, None), &lines).unwrap();
             assert_eq!(n, 12 * 6000);
-            // 7200 s are 360 time constants: sigma to 4 %, the time constant to 11 %; two and a half of each.
+            // 7200 s are 360 time constants: errors of 4 % (sigma) and 11 % (time constant); the limits are 2.5 of
+            // each.
             assert!((white - 1.0).abs() < 0.03, "{white}");
             assert!((sigma / 4.0 - 1.0).abs() < 0.1 && (tau / 20.0 - 1.0).abs() < 0.27, "{sigma} {tau}");
         }
     }
 
     #[test]
-    fn law_what_is_taken_off_and_what_is_not_selected_does_not_matter() {
+    fn unit_subtracted_fields_and_unselected_rows_do_not_matter() {
         let (noise, truth) = (noisy(3000.0, 1), (0..30_000).map(|k| 5e4 + 0.1 * f64::from(k)).collect::<Vec<_>>());
         let sum: Vec<f64> = noise.iter().zip(&truth).map(|(a, b)| a + b).collect();
         let (plain, less) = (
@@ -218,7 +219,7 @@ mod tests {
         );
         let alone = estimate_noise(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
         let together = estimate_noise(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
-        // Rounding of 50,000, seen by the minimum of a flat curve: its root.
+        // Rounding of 50,000 and its square root, because the minimum of the curve is flat.
         assert!((0..3).all(|k| (alone.0[k] / together.0[k] - 1.0).abs() < 1e-4), "{alone:?} {together:?}");
         let (mut spoilt, mut missing) = (noise.clone(), noise);
         spoilt[20_000..].fill(1e6);
@@ -232,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_records_that_do_not_tell_are_refused_with_the_way_out() {
+    fn unit_too_short_records_are_rejected_with_a_remedy() {
         let plain = stage(NoiseFitStatistic::Autocorrelation, None);
         let fault = |lines: &[LineInput]| estimate_noise(&plain, lines).unwrap_err();
         let short = fault(&[line(10.0, vec![("residual", noisy(60.0, 2))])]);
@@ -248,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_missing_is_told_with_its_parameter() {
+    fn unit_missing_columns_are_reported_with_their_parameter() {
         let columns = vec![Column::float("tt", "s", ""), Column::float("residual", "m", "")];
         let table = Table::Lines(TableShape { columns, rate_hz: None });
         let faults = stage(NoiseFitStatistic::Allan, Some("mag_1_c")).yields(&[&table]).unwrap_err();

@@ -60,7 +60,7 @@ choice! {
     }
 }
 
-/// How far times that count as the same may be apart: far below a sample, far above the rounding of a day's seconds.
+/// Maximum difference of equal times, s: far below a sample interval, far above the rounding of a day's seconds.
 const SAME_S: f64 = 1e-6;
 
 /// The inputs, in their order.
@@ -68,7 +68,7 @@ const INPUT: usize = 0;
 const WITH: usize = 1;
 
 impl Join {
-    /// The columns to append, as `with` has them.
+    /// The columns to append, in the order of `with`.
     fn chosen<'a>(&self, input: &TableShape, with: &'a TableShape) -> Result<Vec<&'a Column>, Vec<Fault>> {
         let Some(names) = &self.columns else {
             let new = with.columns.iter().filter(|c| !is_key(&c.name));
@@ -125,8 +125,8 @@ impl Stage for Join {
     }
 }
 
-/// The row that goes with each time, `None` where there is none within `within_s`, of rows at the times `tt`. Both
-/// increase; of two rows equally near the earlier one.
+/// The row nearest to each time; `None` if none is within `within_s`. `tt` holds the times of the rows. Both increase;
+/// of two equally near rows, the earlier one.
 fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
     let mut first = 0;
     let one = |time: &f64| {
@@ -176,7 +176,7 @@ impl LineStage for Join {
             }
             JoinMethod::Linear => {
                 let step_s = times.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-                // A single row has no step; any rate does.
+                // A single row has no step, so any rate is valid.
                 let rate_hz = if step_s.is_finite() { 1.0 / step_s } else { 1.0 };
                 let plan = ResamplePlan::onto(&tt, times.to_vec(), rate_hz, self.tolerance_s)
                     .map_err(|e| data(e).in_column("tt"))?;
@@ -249,9 +249,9 @@ mod tests {
     }
 
     #[test]
-    fn law_on_the_same_grid_it_is_the_same_column_and_another_grid_is_refused() {
+    fn unit_exact_joins_require_the_same_times() {
         let values = sampled(100.0, 10.0, 70, |t| t * t);
-        // It begins before the line and ends behind it.
+        // The other table begins before the line and ends after it.
         let with = batch(vec![("x", "nT", values.clone()), ("tt", "s", sampled(99.0, 10.0, 70, |t| t))]);
         assert_eq!(run(&join(JoinMethod::Exact, 1.0), with.clone()).unwrap(), [values[10..60].to_vec()]);
         let fault = run(&join(JoinMethod::Exact, 1.0), with.slice(0, 40)).unwrap_err();
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn law_nearest_and_linear_within_their_tolerance() {
+    fn unit_nearest_and_linear_joins_obey_their_tolerance() {
         let slow = |t: f64| 3.0 * t;
         let tt: Vec<f64> = sampled(99.55, 1.0, 7, |t| t).into_iter().filter(|t| (*t - 102.55).abs() > 0.1).collect();
         let heading = |t: f64| (350.0 + 8.0 * (t - 100.0)).rem_euclid(360.0);
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_words_are_taken_too_and_are_null_without_a_partner() {
+    fn unit_text_columns_are_joined_and_null_without_a_match() {
         let words = Arc::new(StringArray::from(vec!["a", "b"])) as ArrayRef;
         let tt = Arc::new(arrow_array::Float64Array::from(vec![100.0, 101.0])) as ArrayRef;
         let with = RecordBatch::try_from_iter([("pilot", words), ("tt", tt)]).unwrap();
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn law_tables_of_two_days_do_not_meet() {
+    fn unit_tables_of_different_days_have_no_common_times() {
         let dated = |batch: RecordBatch, doy: f64| {
             let rows = batch.num_rows();
             let x = batch.column_by_name("x").map(|x| x.as_primitive::<Float64Type>().values().to_vec());
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_names_that_clash_or_are_not_there_are_told() {
+    fn unit_duplicate_and_missing_names_are_reported() {
         let ours = table(&[("tt", "s"), ("mag_4_uc", "nT")], Some(10.0));
         let theirs = table(&[("tt", "s"), ("mag_4_uc", "nT"), ("mag_1_c", "nT"), ("lat", "deg")], None);
         let stage = |columns: Option<&[&str]>, suffix: &str| Join {

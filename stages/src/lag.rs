@@ -252,14 +252,14 @@ mod tests {
     }
 
     #[test]
-    fn law_each_line_has_the_lag_that_it_was_made_with() {
+    fn law_the_lag_of_each_line_is_recovered() {
         let (lags, product) = found(&lag(&["mag_2_uc"]), &[flown(0.06, 0.0), flown(-0.215, 0.0)]);
         assert!((lags[0] - 0.06).abs() < 1e-4 && (lags[1] + 0.215).abs() < 1e-4, "{lags:?}");
         assert_eq!(product.columns[2].as_string::<i32>().value(0), "mag_2_uc");
-        // The pairs that overlap at the nearest whole sample, 1 and 4.
+        // Overlapping pairs at the nearest whole samples, 1 and 4.
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [2399, 2396]);
         assert!(product.warnings.is_empty());
-        // A trend flattens the peak, and a band takes it off.
+        // A trend flattens the peak; a band-pass removes the trend.
         let slanted = || flown(0.06, 5.0);
         let band = LagStage { low_hz: 0.1, ..lag(&["mag_2_uc"]) };
         let (with_band, _) = found(&band, &[slanted()]);
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_has_no_lag_is_a_row_of_nan_with_a_warning() {
+    fn unit_an_undetermined_lag_is_nan_with_a_warning() {
         let (lags, product) = found(&lag(&["dead", "mag_2_uc"]), &[flown(0.06, 0.0)]);
         assert!(lags[0].is_nan() && (lags[1] - 0.06).abs() < 1e-4);
         assert_eq!(product.warnings.len(), 1);
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_line_with_a_gap_in_time_is_left_out_and_rows_that_are_not_selected_do_not_count() {
+    fn unit_lines_with_gaps_and_unselected_rows_are_ignored() {
         let mut gap = flown(0.06, 0.0);
         let (head, tail) = (gap.inputs[0].slice(0, 1000), gap.inputs[0].slice(1200, 1200));
         gap.inputs[0] = arrow_select::concat::concat_batches(&head.schema(), &[head, tail]).unwrap();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_names_and_corners_are_checked_before_anything_runs() {
+    fn unit_names_and_corners_are_checked_before_the_run() {
         let lines = lines_of(&[("tt", "s"), ("mag_1_uc", "nT"), ("mag_2_uc", "nT")], Some(RATE_HZ));
         let of = |stage: LagStage| said(stage.yields(&[&lines]).unwrap_err());
         assert!(of(lag(&["mag_1_uc"])).contains("against itself"));

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn law_slow_stays_half_is_left_at_the_corner_and_fast_goes() {
+    fn law_slow_signals_pass_and_fast_ones_are_removed() {
         for (hz, gain) in [(0.1, 1.0), (2.0, 0.5), (10.0, 0.0)] {
             let sine = |t: f64| 10.0 * (TAU * hz * t).sin();
             let y = run(&lowpass(&["x"], Some(2.0), None), "nT", |t| 50_000.0 + sine(t));
@@ -132,18 +132,18 @@ mod tests {
     }
 
     #[test]
-    fn law_a_turn_through_north_is_no_step() {
+    fn unit_a_turn_through_north_is_no_step() {
         let heading = |t: f64| (300.0 + 4.0 * t).rem_euclid(360.0);
         let y = run(&lowpass(&["x"], Some(1.0), None), "deg", heading);
         let off = |k: usize| (y[k] - heading(k as f64 / RATE_HZ)).abs();
-        // A straight line stays what it is, some seconds from the ends.
+        // A straight line is unchanged, a few seconds from the ends.
         let worst = (300..2700).map(|k| off(k).min((off(k) - 360.0).abs())).fold(0.0, f64::max);
         assert!(worst < 1e-6, "{worst}");
         assert!(y.iter().all(|y| (0.0..360.0).contains(y)));
     }
 
     #[test]
-    fn law_before_a_lower_rate_it_is_the_filter_against_aliases() {
+    fn unit_with_an_output_rate_it_equals_the_anti_alias_filter() {
         let of = |t: f64| 50_000.0 + (TAU * 0.7 * t).sin() + 3.0 * (TAU * 9.3 * t).sin();
         let y = run(&lowpass(&["x"], None, Some(10.0)), "nT", of);
         let (tt, x) = (sampled(0.0, RATE_HZ, 3000, |t| t), sampled(0.0, RATE_HZ, 3000, of));
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_corner_that_cannot_be_is_told_and_truth_stays_truth() {
+    fn unit_invalid_corners_are_reported_and_truth_stays_truth() {
         let lines = table(&[("tt", "s"), ("mag_4_uc", "nT"), ("mag_1_c", "nT")], Some(10.0));
         let of = |stage: Lowpass| said(stage.yields(&[&lines]).unwrap_err());
         assert!(of(lowpass(&["mag_4_uc"], Some(6.0), None)).ends_with("[corner_hz]"));

@@ -51,7 +51,7 @@ pub mod testing {
 
     /// Nodes along each side.
     pub const NODES: usize = 48;
-    /// Between nodes, in metres.
+    /// Distance between nodes, in metres.
     pub const STEP_M: f64 = 100.0;
     /// The height of the map, in metres.
     pub const LEVEL_M: f64 = 300.0;

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_the_magnitude_is_that_of_pythagoras() {
+    fn law_the_magnitude_is_the_root_of_the_sum_of_squares() {
         let column = |a: f64, b: f64| Arc::new(Float64Array::from(vec![a, b])) as arrow_array::ArrayRef;
         let columns =
             [("flux_a_x", column(2.0, 1.0)), ("flux_a_y", column(-3.0, f64::NAN)), ("flux_a_z", column(6.0, 1.0))];

@@ -317,7 +317,7 @@ mod tests {
         assert_eq!((slope.map.height.clone(), slope.map.value_unit), (GridHeight::Level(300.0), "nT/m"));
         let k = K[0].hypot(K[1]);
         for ((east, north, value), (_, _, slope)) in middle(&up.map).into_iter().zip(middle(&slope.map)) {
-            // The field past the edges is estimated, which costs a part in thirty at 100 m.
+            // The field past the edges is estimated, with an error of about 3 % at 100 m.
             assert!((value - field_nt(east, north, 100.0)).abs() < 3.0, "{east} {north} {value}");
             assert!((slope + k * field_nt(east, north, 0.0)).abs() < 0.03, "{east} {north} {slope}");
         }
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn law_unknown_nodes_stay_unknown_unless_they_are_kept() {
+    fn unit_unknown_nodes_stay_unknown_unless_filled_values_are_kept() {
         let mut holed = map();
         let hole = 20 * NODES + 20;
         holed.anomaly_nt[hole] = f64::NAN;
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_what_cannot_be_continued_says_why() {
+    fn gold_impossible_continuations_are_rejected_with_the_reason() {
         let refused = |stage: MapContinue, map: &AnomalyGrid, drape: Option<&AnomalyGrid>| {
             stage.apply(map, drape).err().map(|f| f.to_string()).unwrap_or_default()
         };

@@ -181,7 +181,7 @@ mod tests {
         MapConvert { to_epsg: None, spacing: None, bounds: None, trim: false, expand_nodes: None };
 
     #[test]
-    fn law_a_cut_map_keeps_its_nodes_where_they_were() {
+    fn unit_a_cut_map_keeps_the_positions_of_its_nodes() {
         let bounds = Some(vec![500_950.0, 5_000_000.0, 502_000.0, 5_000_300.0]);
         let cut = MapConvert { bounds, ..AS_IT_IS }.apply(&map()).unwrap();
         assert_eq!((cut.x.first, cut.x.len, cut.y.first, cut.y.len), (501_000.0, 11, 5_000_000.0, 4));
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_what_cannot_be_converted_says_why() {
+    fn gold_impossible_conversions_are_rejected_with_the_reason() {
         let refused =
             |stage: MapConvert, map: &AnomalyGrid| stage.apply(map).err().map(|f| f.to_string()).unwrap_or_default();
         let of = |bounds: &[f64]| MapConvert { bounds: Some(bounds.to_vec()), ..AS_IT_IS };

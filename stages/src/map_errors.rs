@@ -158,7 +158,7 @@ fn bilinear_error_nt(map: &PlaneGrid) -> f64 {
             }
         }
     }
-    // Along one direction the error goes as 4t(1 - t), whose mean square is 8/15.
+    // Along one direction the error is proportional to 4t(1 - t), whose mean square is 8/15.
     if cells > 0.0 { (8.0 / 15.0 * sum / cells).sqrt() } else { 0.0 }
 }
 
@@ -169,7 +169,7 @@ mod tests {
     use numerics::maps::plane_grid::EvenAxis;
 
     #[test]
-    fn law_an_error_that_lasts_weighs_as_white_noise_of_its_length() {
+    fn law_a_correlated_error_equals_scaled_white_noise() {
         use arrow_array::{ArrayRef, Float64Array};
         use std::sync::Arc;
         let nodes = || (0..30).flat_map(|row| (0..30).map(move |column| (f64::from(row), f64::from(column))));
@@ -186,16 +186,17 @@ mod tests {
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
         assert!(MapErrors::new(&map, None, true, true).unwrap().own.is_some());
         assert!(MapErrors::new(&map, None, true, false).unwrap().own.is_none());
-        // A sum of n samples whose errors last for L and are a way s apart has n 2L/s times the variance of one.
+        // A sum of n samples at intervals s, with errors correlated over L, has n 2L/s times the variance of one
+        // sample.
         assert_eq!(lasting_factor(50.0, 400.0), 4.0);
-        // An error that ends within a sample is white already.
+        // An error with a correlation length below a sample interval is white.
         assert_eq!(lasting_factor(50.0, 10.0), 1.0);
         let without = RecordBatch::try_from_iter(columns[..4].to_vec()).unwrap();
         assert!(MapErrors::new(&without, None, true, true).is_err());
     }
 
     #[test]
-    fn law_bilinear_interpolation_misses_the_curvature_of_a_wave() {
+    fn law_bilinear_error_is_the_curvature_of_a_wave() {
         let axis = EvenAxis { first: 0.0, step: 100.0, len: 200 };
         let k = std::f64::consts::TAU / 2000.0;
         let wave = |east_m: f64| 10.0 * (k * east_m).sin();
@@ -209,7 +210,7 @@ mod tests {
             n += 1.0;
         }
         let truth = (sum / n).sqrt();
-        // The cubic convolution is itself off by a few parts in a hundred of what the straight line misses.
+        // The cubic convolution has an error of a few per cent of the error of linear interpolation.
         assert!((bilinear_error_nt(&map) / truth - 1.0).abs() < 0.1, "{} {truth}", bilinear_error_nt(&map));
         let errors = MapErrors {
             height: HeightError::Continued(vec![]),

@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_small_gap_is_filled_best_by_a_smooth_surface() {
+    fn law_minimum_curvature_fills_small_gaps_best() {
         let curvature = worst(&fill(GapFillMethod::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
         let harmonic = worst(&fill(GapFillMethod::Harmonic).apply(&holed(), &[]).unwrap().map);
         // The field of 100 nT has a fifth of a wave in the gap.
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn law_another_map_fills_a_gap_at_the_level_of_the_map() {
+    fn law_another_map_fills_a_gap_at_the_height_of_the_map() {
         let mut other = map();
         other.anomaly_nt.iter_mut().for_each(|v| *v += 40.0);
         let filled = fill(GapFillMethod::None).apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();

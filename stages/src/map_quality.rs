@@ -181,11 +181,11 @@ mod tests {
     }
 
     #[test]
-    fn law_on_a_plane_a_sample_knows_its_slope_and_no_window_a_position() {
+    fn law_a_plane_has_a_slope_and_no_position_bound() {
         let plane = map(|north, east| 0.03 * north - 0.04 * east);
         let east: Vec<[f64; 2]> = (-30..=30).map(|k| [0.0, 60.0 * f64::from(k)]).collect();
         let made = run(&map_quality(), &plane, &east).unwrap();
-        // Degrees of longitude shorten by 7e-5 from 45 degrees to the height of the line's own parallel.
+        // A degree of longitude changes by 7e-5 between 45 degrees and the parallel of the line.
         for (column, expected) in [(0, 0.03), (1, -0.04), (2, 0.05), (3, 100.0)] {
             assert!(made[column].iter().all(|x| (x / expected - 1.0).abs() < 1e-4), "{column}: {:?}", made[column][30]);
         }
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn law_on_waves_the_bound_of_whole_periods_is_closed() {
+    fn law_the_bound_over_whole_periods_of_waves_is_exact() {
         // A sin(k n) + A sin(2 k e), with a wave of 2400 m, flown on a diagonal: over whole periods the slopes north
         // and east do not correlate, and J = N A² k²/2 diag(1, 4)/σ².
         let (a, k) = (50.0, std::f64::consts::TAU / 2400.0);
@@ -207,12 +207,12 @@ mod tests {
             let made = run(&stage, &waves, &diagonal).unwrap();
             let n = 95.0;
             let expected = 5.0 * ((1.0 + 0.25) * 2.0 / (n * a * a * k * k)).sqrt();
-            // The one sample that a period has more than the window, and the spline of nodes 40 m apart.
+            // A period has one sample more than the window; the spline has nodes 40 m apart.
             assert!((made[4][90] / expected - 1.0).abs() < 0.02, "{} {expected}", made[4][90]);
             let slope = (a * k).hypot(2.0 * a * k);
             assert!((made[2][90] / slope - 1.0).abs() < 1e-2 && (made[3][90] * slope / 5.0 - 1.0).abs() < 1e-2);
         }
-        // Four times the samples are twice as good, and so is half of the noise.
+        // Four times the samples halve the bound, and so does half the noise.
         let of = |sigma_nt: f64, window_s: f64| {
             run(&MapQuality { sigma_nt, window_s, ..map_quality() }, &waves, &diagonal).unwrap()[4][90]
         };
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_off_the_map_there_is_nothing() {
+    fn unit_samples_off_the_map_are_nan() {
         let waves = map(|north, east| (0.01 * north).sin() + (0.02 * east).cos());
         let mut leaving: Vec<[f64; 2]> = (0..100).map(|k| [30.0 * f64::from(k), 10.0 * f64::from(k)]).collect();
         leaving[3][0] = f64::NAN;
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_missing_positions_are_told_and_time_must_ascend() {
+    fn unit_missing_positions_are_reported_and_time_must_ascend() {
         let lines = Table::Lines(TableShape { columns: vec![Column::float("ins_lat", "rad", "")], rate_hz: None });
         let map_table = Table::Map(schemas::map::shape());
         let stage =

@@ -185,13 +185,13 @@ mod tests {
     }
 
     #[test]
-    fn law_a_plane_is_found_between_its_nodes_with_its_slopes() {
+    fn law_a_plane_is_interpolated_exactly_with_its_slopes() {
         // On a node, between nodes, and in the corners of the map.
         let (lat, lon) = ([45.0, 45.00037, 44.99951, 44.995, 45.005], [-75.0, -75.00062, -74.99923, -75.004, -74.996]);
         for map_interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
             let made = run(&MapValue { map_interpolation, ..map_value() }, &lat, &lon).unwrap();
             for k in 0..lat.len() {
-                // Degrees of 75 are rounded to 1.4e-14, at 500 nT a degree.
+                // Degrees of about 75 are rounded to 1.4e-14, at 500 nT a degree.
                 assert!((made[0][k] - plane(lat[k], lon[k])).abs() < 1e-9, "{k}: {}", made[0][k]);
                 // A degree at 45 degrees is 111,132 m of latitude and 78,847 m of longitude (WGS-84, at the ellipsoid).
                 // The latter changes by 9e-5 from the middle of the map to its edges.
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_off_the_map_there_is_nothing() {
+    fn unit_samples_off_the_map_are_nan() {
         let (lat, lon) = ([45.0, 45.0051, 45.0, 45.0, f64::NAN], [-75.0, -75.0, -75.0041, -74.9959, -75.0]);
         let made = run(&map_value(), &lat, &lon).unwrap();
         for column in &made {
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_map_is_looked_up_by_the_ins_unless_the_truth_is_asked_for() {
+    fn unit_the_ins_position_is_the_default() {
         // The INS is 0.001 degrees north of the truth: half a nanotesla.
         let (lat, lon) = (vec![45.0, 45.001], vec![-75.0, -75.001]);
         let moved = lat.iter().map(|lat| lat + 0.001).collect();
@@ -248,10 +248,10 @@ mod tests {
         assert!((of(&map_value(), &both) - plane(45.001, -75.0)).abs() < 1e-9);
         assert!((of(&asked, &both) - plane(45.0, -75.0)).abs() < 1e-9);
         assert!((of(&map_value(), &batch(truth.to_vec())) - plane(45.0, -75.0)).abs() < 1e-9);
-        // Two of three columns are no position.
+        // Two of three columns do not make a position.
         let part = batch(truth.into_iter().chain(ins.into_iter().take(2)).collect());
         assert!((of(&map_value(), &part) - plane(45.0, -75.0)).abs() < 1e-9);
-        // The whole table tells the plan which columns are read.
+        // The whole table determines which columns are read.
         let shape = |batch: &RecordBatch| TableShape {
             columns: batch
                 .schema()
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_missing_positions_and_heights_that_do_not_ascend_are_told_at_once() {
+    fn unit_missing_positions_and_unsorted_heights_are_reported() {
         let place = [("ins_lat", "deg"), ("ins_lon", "rad")].map(|(name, unit)| Column::float(name, unit, ""));
         let lines = Table::Lines(TableShape { columns: place.to_vec(), rate_hz: None });
         let map = Table::Map(schemas::map::shape());

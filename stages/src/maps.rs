@@ -214,7 +214,7 @@ mod tests {
         [axis(448_000.0, 61), axis(7_560_000.0, 41)]
     }
 
-    /// A map of 15 by 10 km in UTM zone 54 south whose values are those of `of` (easting, northing).
+    /// A map of 15 by 10 km in UTM zone 54 south with the values of `of` (easting, northing).
     fn table(of: impl Fn(f64, f64) -> f64) -> RecordBatch {
         let [columns, rows] = axes();
         let nodes: Vec<(f64, f64)> =
@@ -237,7 +237,7 @@ mod tests {
         300.0 * (easting / 900.0).sin() * (northing / 700.0).cos() + 0.01 * (easting - 448_000.0)
     }
 
-    /// Places of the map in degrees, away from lines of nodes.
+    /// Positions on the map in degrees, away from grid lines.
     fn places() -> Vec<(f64, f64)> {
         let system = Projection::new(UTM).unwrap();
         let [columns, rows] = axes();
@@ -246,8 +246,8 @@ mod tests {
     }
 
     #[test]
-    fn law_a_projected_map_is_its_own_bilinear_surface() {
-        // Bilinear in easting and northing, so what lies between the nodes is known.
+    fn law_a_projected_map_is_bilinear_on_its_native_grid() {
+        // Bilinear in easting and northing, so the values between nodes are known.
         let plane =
             |x: f64, y: f64| 3.0 + 0.02 * (x - 450_000.0) - 0.05 * (y - 7.56e6) + 1e-6 * (x - 4.5e5) * (y - 7.56e6);
         let map = field_map(&table(plane), MapInterpolation::Linear, None).unwrap();
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn jac_slopes_of_a_projected_map_are_those_of_its_values() {
+    fn jac_slopes_of_a_projected_map_agree_with_differences() {
         for interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
             for levels in [None, Some(&[ALT_M, ALT_M + 40.0][..])] {
                 let map = field_map(&table(hills), interpolation, levels).unwrap();
@@ -281,13 +281,14 @@ mod tests {
                         map.at(lat + d_lat, lon + d_lon, alt_m + d_alt).unwrap().value_nt
                     };
                     let found = map.at(lat, lon, alt_m).unwrap();
-                    // A centimetre: rounding of 300 nT over 2e-2 m is 1e-12 nT/m, the third derivative less.
+                    // A step of 1 cm: rounding of 300 nT over 2e-2 m is 1e-12 nT/m, and the third derivative
+                    // contributes less.
                     let h: f64 = 1e-7;
                     let per_rad = (2.0 * h).to_radians();
                     let lat_slope = (at(h, 0.0, 0.0) - at(-h, 0.0, 0.0)) / per_rad;
                     let lon_slope = (at(0.0, h, 0.0) - at(0.0, -h, 0.0)) / per_rad;
                     let alt_slope = (at(0.0, 0.0, 0.01) - at(0.0, 0.0, -0.01)) / 0.02;
-                    // Slopes of 0.4 nT/m, 2.5e6 nT/rad; the place is rounded by 1e-9 m.
+                    // Slopes of 0.4 nT/m, 2.5e6 nT/rad; the position is rounded by 1e-9 m.
                     assert!((found.d_lat_nt_per_rad - lat_slope).abs() < 2.0, "{found:?} {lat_slope}");
                     assert!((found.d_lon_nt_per_rad - lon_slope).abs() < 2.0, "{found:?} {lon_slope}");
                     assert!((found.d_alt_nt_per_m - alt_slope).abs() < 1e-6, "{found:?} {alt_slope}");
@@ -297,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn law_many_places_are_looked_up_as_one_is() {
+    fn unit_many_positions_give_the_same_values_as_single_ones() {
         let map = field_map(&table(hills), MapInterpolation::Cubic, None).unwrap();
         let (lat, lon): (Vec<f64>, Vec<f64>) = places().into_iter().chain([(0.0, 0.0)]).unzip();
         let mut many = numerics::maps::map_surface::FieldColumns::default();
@@ -313,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_what_is_no_own_grid() {
+    fn gold_invalid_native_grids_are_rejected() {
         let whole = table(hills);
         let cut = whole.slice(0, whole.num_rows() - 1);
         let fault = field_map(&cut, MapInterpolation::Linear, None).unwrap_err().to_string();

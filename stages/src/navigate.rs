@@ -147,7 +147,7 @@ fn of_model(model: &Table) -> Vec<&'static str> {
     [TERM, VALUE, STD].into_iter().chain(model.shape().get(RATE).map(|_| RATE)).collect()
 }
 
-/// The input that is a map, and the inputs that are models, by the columns that only they have.
+/// The map input and the model inputs, identified by columns that only they have.
 fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterator<Item = &RecordBatch>) {
     let further = inputs.iter().skip(1);
     let has = |table: &&RecordBatch, name: &str| table.column_by_name(name).is_some();
@@ -186,7 +186,7 @@ impl Navigate {
         diurnal.into_iter().chain(core).collect()
     }
 
-    /// The columns of the flight that are read: those of the INS that are there, and its date.
+    /// The columns of the flight that are read: available INS columns and the date.
     fn reads(&self, shape: &TableShape) -> Vec<String> {
         let mut reads: Vec<&str> = vec!["tt"];
         reads.extend(self.magnetometers().iter().map(String::as_str));
@@ -237,7 +237,7 @@ impl Navigate {
         notes
     }
 
-    /// The date of the core field, where it is part of the measurement.
+    /// Date of the core field if the measurement contains it.
     fn core_year(&self, batch: &RecordBatch) -> Result<Option<f64>, Fault> {
         match self.decimal_year {
             _ if !self.core_field => Ok(None),
@@ -403,7 +403,7 @@ impl Navigate {
         faults
     }
 
-    /// Measurement of a magnetometer, minus the diurnal variation where it is removed.
+    /// Measurement of a magnetometer, minus the diurnal variation if it is removed.
     fn measured(&self, batch: &RecordBatch, mag: &str) -> Result<Vec<f64>, Fault> {
         let mut measured = floats(batch, mag)?.to_vec();
         if self.removes_diurnal(&TableShape::from_schema(&batch.schema())) {

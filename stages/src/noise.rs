@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn law_white_noise_is_found_whatever_the_field_and_the_constants() {
+    fn law_white_noise_is_found_for_any_field_and_constants() {
         let mut sigmas: Vec<f64> = vec![];
         for seed in 1..=9 {
             let (noise, truth) = (white(seed, ROWS), slow(ROWS, 300.0));
@@ -265,13 +265,13 @@ mod tests {
             sigmas.push(sigma);
         }
         sigmas.sort_by(f64::total_cmp);
-        // A bound on the Allan variance at all spans: of a single line it may be off by some per cent.
+        // The Allan variance gives an upper bound at all spans; for a single line it has an error of some per cent.
         assert!((sigmas[4] / SIGMA_NT - 1.0).abs() < 0.05, "{sigmas:?}");
         assert!(sigmas.iter().all(|s| (s / SIGMA_NT - 1.0).abs() < 0.15), "{sigmas:?}");
     }
 
     #[test]
-    fn law_the_known_field_is_that_of_core_map_and_diurnal_variation() {
+    fn law_the_known_field_is_core_field_plus_map_plus_diurnal() {
         let (noise, igrf, map, diurnal) = (white(1, ROWS), slow(ROWS, 40.0), slow(ROWS, 150.0), slow(ROWS, 10.0));
         let field = sum(&[&igrf, &map, &diurnal]);
         let mag = || sum(&[&noise, &field]);
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_only_selected_samples_count_and_a_short_line_is_refused() {
+    fn unit_only_selected_samples_count_and_a_short_line_is_rejected() {
         let (truth, mut mag) = (vec![0.0; ROWS], white(3, ROWS));
         let half = line(vec![("mag_c", mag[..ROWS / 2].to_vec()), ("mag_1_c", vec![0.0; ROWS / 2])]);
         mag[3 * ROWS / 4] = 1e6;
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_known_noise_is_that_of_every_sample() {
+    fn unit_a_known_noise_applies_to_every_sample() {
         let figures = [0.7, 2.5, 90.0];
         let table = RESIDUAL.iter().zip(figures).map(|(name, value)| (*name, array(vec![value])));
         let table = RecordBatch::try_from_iter(table).unwrap();
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_missing_is_told_with_its_parameter() {
+    fn unit_missing_columns_are_reported_with_their_parameter() {
         let shape = |names: &[&str]| {
             let columns = names.iter().map(|name| Column::float(*name, "", "")).collect();
             TableShape { columns, rate_hz: None }

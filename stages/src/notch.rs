@@ -121,34 +121,35 @@ mod tests {
     }
 
     #[test]
-    fn law_mains_and_their_aliases_go_and_the_signal_stays() {
+    fn law_mains_and_their_aliases_are_removed_and_the_signal_passes() {
         let signal = |t: f64| 50_000.0 + 20.0 * (TAU * 0.4 * t).sin();
-        // 50 Hz, 100 Hz seen at 60 Hz, 150 Hz seen at 10 Hz.
+        // 50 Hz, 100 Hz aliased to 60 Hz, 150 Hz aliased to 10 Hz.
         let mains = |t: f64| 5.0 * (TAU * 50.0 * t).sin() + 2.0 * (TAU * 100.0 * t).cos() + (TAU * 150.0 * t).sin();
         let y = run(&notch(50.0), 160.0, |t| signal(t) + mains(t)).unwrap();
         let worst = (2000..6000).map(|k| (y[k] - signal(k as f64 / 160.0)).abs()).fold(0.0, f64::max);
-        // Three notches shift 0.4 Hz by (width/f)² or so each, the nearest by 1/400.
+        // Each of three notches delays 0.4 Hz by about (width/f)², the nearest by 1/400.
         assert!(worst < 0.1, "{worst} nT");
         let before = (2000..6000).map(|k| mains(k as f64 / 160.0).abs()).fold(0.0, f64::max);
         assert!(before > 5.0);
     }
 
     #[test]
-    fn law_an_alias_of_the_sensor_is_folded_on() {
-        // Sampled at 40 Hz, 52 Hz is at 12 Hz, and stays there at 30 Hz; straight to 30 Hz it is at 8 Hz.
+    fn law_an_alias_of_the_sensor_is_aliased_again() {
+        // Sampled at 40 Hz, 52 Hz has the alias 12 Hz, also after resampling to 30 Hz. Sampled at 30 Hz directly, it
+        // has the alias 8 Hz.
         let stage = Notch { harmonics: 1, sampled_hz: Some(40.0), ..notch(52.0) };
         assert_eq!(stage.aliases(30.0).unwrap(), [12.0]);
         assert_eq!(Notch { sampled_hz: None, ..stage }.aliases(30.0).unwrap(), [8.0]);
     }
 
     #[test]
-    fn unit_a_harmonic_that_cannot_be_told_from_the_signal_is_refused() {
+    fn unit_a_harmonic_near_the_signal_is_rejected() {
         let lines = table(&[("tt", "s"), ("x", "nT")], Some(10.0));
         let fault = said(notch(50.0).yields(&[&lines]).unwrap_err());
         assert!(fault.contains("50 Hz has its alias at 0.000 Hz") && fault.ends_with("[harmonics]"), "{fault}");
         assert!(run(&notch(50.0), 100.0, |t| t).unwrap_err().what.contains("the Nyquist frequency"));
         let once = Notch { harmonics: 4, ..notch(40.0) }.aliases(150.0).unwrap();
-        // 40, 80 (70), 120 (30) and 160 (10).
+        // 40, 80 (alias 70), 120 (alias 30) and 160 (alias 10).
         assert_eq!(once, [40.0, 70.0, 30.0, 10.0]);
         assert_eq!(Notch { harmonics: 2, ..notch(50.0) }.aliases(150.0).unwrap(), [50.0], "100 Hz is seen at 50 Hz");
     }

@@ -1,4 +1,4 @@
-//! Brings a line, and the sensors that have tables of their own, onto an even grid of times.
+//! Resamples a line, and sensors with separate tables, to an even grid of times.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -91,7 +91,7 @@ impl Resample {
         own.copied().unwrap_or_else(|| self.lag_of_input(i))
     }
 
-    /// Why the lag of a column cannot be taken out: it was before.
+    /// Reason why the lag of a column cannot be removed: it was removed before.
     fn lag_again(&self, i: usize, column: &Column) -> Option<Fault> {
         let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&MagneticCorrection::Lag);
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
@@ -139,16 +139,16 @@ impl Resample {
     }
 }
 
-/// The columns that are not interpolated: identifiers and the time.
+/// Columns that are not interpolated: identifiers and the time.
 const KEPT: [&str; 3] = ["flight", "line", "tt"];
 const DATE: [&str; 2] = ["year", "doy"];
 
-/// Whether a column is a magnetic reading, whose corrections are kept account of.
+/// Whether a column is a magnetic reading, for which corrections are recorded.
 fn is_field(column: &Column) -> bool {
     column.column_type == ColumnType::Float && column.unit == "nT"
 }
 
-/// Why a list column cannot be brought to another rate.
+/// Reason why a list column cannot be resampled to another rate.
 fn lagged_entry(column: &Column) -> Option<Fault> {
     let (name, _) = column.sampling.entries.iter().find(|(_, law)| *law == RateLaw::Lag)?;
     let what = format!(
@@ -158,7 +158,7 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
     Some(Fault::new(what).help("make the column after `resample`, or drop it by `select`").of_param("input"))
 }
 
-/// The columns of the input `i` that are brought onto the grid: those that no input before it has brought.
+/// The columns of the input `i` that are resampled: those that no earlier input provides.
 fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
     for column in shapes.get(i).map_or(&[][..], |shape| shape.columns.as_slice()) {
@@ -192,7 +192,7 @@ impl Stage for Resample {
         if !faults.is_empty() {
             return Err(faults);
         }
-        // The grid, and so every value on it, depends on the times of all inputs.
+        // The grid, and therefore every value on it, depends on the times of all inputs.
         let times: Vec<(usize, String)> = (0..shapes.len())
             .flat_map(|i| {
                 let date = if shapes.len() > 1 { date_columns(shapes[i]) } else { &[] };
@@ -272,7 +272,7 @@ impl LineStage for Resample {
 }
 
 impl Resample {
-    /// The inputs with their times, less the lag of each.
+    /// The inputs with their times, minus the lag of each.
     fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
         let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {
@@ -294,7 +294,7 @@ impl Resample {
         };
         let mut ends = vec![];
         for (i, samples) in counted.iter().enumerate() {
-            // A faulty clock has no first and last time to speak of.
+            // The first and last time of a faulty clock are meaningless.
             ResamplePlan::onto(&samples.tt, vec![], self.rate_hz, self.max_gap_of(i)).map_err(data)?;
             if let (Some(first), Some(last)) = (samples.tt.first(), samples.tt.last()) {
                 ends.push((*first, *last));
@@ -337,7 +337,7 @@ impl Resample {
         }
     }
 
-    /// A list column, entry by entry: differences per sample become those of the new rate.
+    /// A list column, entry by entry. Differences per sample are converted to the new rate.
     fn entries(&self, batch: &RecordBatch, plan: &ResamplePlan, name: &str) -> Result<ArrayRef, Fault> {
         let (values, terms) = matrix(batch, name)?;
         let (own, width) = (sampling(batch, name)?, terms.len());

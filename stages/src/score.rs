@@ -54,8 +54,8 @@ pub const IN_SAMPLE: &str = "in_sample";
 pub const POOLED_IN_SAMPLE: &str =
     "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter";
 
-/// Whether a pooled score is that of lines in sample: it is where no held-out line has a value. `held_out` and
-/// `in_sample` are the numbers of lines with a value.
+/// Whether a pooled score counts as in sample: true if no held-out line has a value. `held_out` and `in_sample` are the
+/// numbers of lines with a value.
 pub fn is_pooled_in_sample(held_out: usize, in_sample: usize) -> bool {
     held_out == 0 && in_sample > 0
 }
@@ -119,7 +119,7 @@ truth = "mag_1_c"
     map_sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
 }
 
-/// The row of the catalogue, with `scorers` to score by.
+/// The row of the catalogue, with the metrics `scorers`.
 pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
     let metrics = scorers.iter().map(|scorer| scorer.metric).collect();
     StageEntry { metrics, ..Score::entry_with(ChoiceRegistry::default().with(scorers)) }
@@ -289,7 +289,7 @@ fn spread_type() -> DataType {
     DataType::List(Field::new_list_field(DataType::Float64, true).into())
 }
 
-/// The values of a row of the column `spread`; empty where it is null.
+/// The values of a row of the column `spread`; empty if null.
 pub fn spread_at(spreads: Option<&ListArray>, row: usize) -> Vec<f64> {
     let given = spreads.filter(|list| list.is_valid(row)).map(|list| list.value(row));
     let values = given.as_ref().and_then(|values| values.as_primitive_opt::<Float64Type>());

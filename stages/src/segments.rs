@@ -145,7 +145,7 @@ impl Segments {
                 Some(filter) => filter_column(filter, x, &runs).map_err(|e| data(e).in_column(name))?.0,
                 None => x.to_vec(),
             };
-            // A missing value shows no manoeuvre.
+            // A missing value does not indicate a manoeuvre.
             squares.iter_mut().zip(&y).filter(|(_, y)| y.is_finite()).for_each(|(sum, y)| *sum += y * y);
         }
         let half = self.window(rate_hz) / 2;
@@ -270,8 +270,8 @@ mod tests {
         }
     }
 
-    /// A box: legs of 80 s, turns to the right of 30 s at 3 degrees a second, and rolls of 5 degrees amid each leg,
-    /// from 30 to 50 s.
+    /// A box: legs of 80 s, right turns of 30 s at 3 degrees a second, and rolls of 5 degrees in the middle of each
+    /// leg, from 30 to 50 s.
     fn heading(t: f64) -> f64 {
         let (leg, s) = ((t / 110.0).floor(), t.rem_euclid(110.0));
         // On the legs a yaw of 3 degrees that turns at up to 3 degrees a second.
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_box_has_its_legs_turns_and_manoeuvres_where_they_were_flown() {
+    fn unit_legs_turns_and_manoeuvres_of_a_box_are_found() {
         let found = parts(&segments(), 4100, |_| {});
         let kinds: Vec<&str> = found.iter().map(|(kind, ..)| kind.as_str()).collect();
         let leg = ["straight", "manoeuvre", "straight", "turn"];
@@ -317,7 +317,7 @@ mod tests {
                 2 => (50.0, 80.0),
                 _ => (80.0, 110.0),
             };
-            // The limits are as sharp as the window.
+            // The limits are accurate to the length of the window.
             assert!((first - begun - from).abs() < 5.0 && (last - begun - to).abs() < 5.0, "{kind}: {first} to {last}");
         }
         let plain = Segments { attitude: vec![], ..segments() };
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_small_yaws_are_no_turns_and_what_is_missing_is_none() {
+    fn unit_small_yaws_are_no_turns_and_missing_samples_are_none() {
         let plain = Segments { attitude: vec![], ..segments() };
         let sharp = parts(&Segments { turn_deg: 0.0, least_s: 0.0, ..plain.clone() }, 800, |_| {});
         assert!(sharp.iter().any(|(kind, ..)| kind == "turn"), "{sharp:?}");
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_columns_and_units_are_checked_before_anything_runs() {
+    fn unit_columns_and_units_are_checked_before_the_run() {
         let lines = table(&[("tt", "s"), ("ins_yaw", "deg"), ("ins_roll", "deg"), ("flux_a_x", "nT")], Some(RATE_HZ));
         let of = |stage: Segments| said(stage.yields(&[&lines]).unwrap_err());
         let fine = Segments { heading: "ins_yaw".into(), attitude: vec!["ins_roll".into()], ..segments() };

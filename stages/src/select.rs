@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn law_only_rows_for_which_it_is_true_are_left() {
+    fn unit_only_rows_with_a_true_predicate_are_kept() {
         let input = batch(vec![
             ("tt", "s", vec![0.0, 0.1, 0.2, 0.3]),
             ("alt", "m", vec![100.0, 900.0, f64::NAN, 950.0]),
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_kept_is_read_and_the_time_is_always_there() {
+    fn unit_kept_columns_are_read_and_the_time_is_always_kept() {
         let made = select(Some("radar > 3"), Some(&["mag_4_uc"]), &[]).yields(&[&lines()]).unwrap();
         let names: Vec<&str> = made.columns.iter().map(|c| c.name.as_str()).collect();
         assert_eq!((names, made.passes), (vec!["tt", "mag_4_uc"], PassThroughColumns::None));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_selection_that_cannot_be_is_told() {
+    fn unit_an_invalid_selection_is_reported() {
         let of = |stage: Select| said(stage.yields(&[&lines()]).unwrap_err());
         assert!(of(select(Some("rada > 3"), None, &[])).contains("did you mean `radar`?"));
         assert!(of(select(Some("radar + 3"), None, &[])).contains("true or false"));

@@ -101,7 +101,7 @@ impl SimulateIns {
         POSITION.into_iter().chain([&VELOCITY, &ATTITUDE].into_iter().filter(there).copied().flatten()).collect()
     }
 
-    /// Fault of an existing INS that is not to be replaced.
+    /// Fault of an existing INS that must not be replaced.
     fn kept(&self, shape: &TableShape) -> Option<Fault> {
         let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");
@@ -148,7 +148,7 @@ impl<'a> TrueMotion<'a> {
         let smooth = |x: Vec<f64>| if smooth_s > 0.0 { smoothed(tt_s, &x, smooth_s) } else { x };
         let [lat, lon, alt] = read(POSITION)?.ok_or_else(|| Fault::data("the line has no positions"))?;
         let series = |e| named(e, "lat");
-        // Before smoothing, which needs time that ascends; a longitude may pass 180 degrees.
+        // Computed before smoothing, because smoothing requires ascending times; a longitude may pass 180 degrees.
         strapdown::velocity_ned_mps(tt_s, &lat, &lon, &alt).map_err(series)?;
         let (lat, lon, alt) = (smooth(lat), smooth(numerics::angle::unwrapped_deg(&lon)), smooth(alt));
         let [vn, ve, vd] = match read(VELOCITY)? {

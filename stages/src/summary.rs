@@ -64,7 +64,7 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
-/// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
+/// Errors whose ratio between new and training lines is the overfitting ratio; the first available one is used.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// Metrics that are scored over all lines only.
 const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
@@ -142,7 +142,7 @@ pub struct SummaryLine {
     scores: Vec<SummaryScore>,
 }
 
-/// The points of a sweep over the scores of the same lines.
+/// Points of a sweep over the scores of the same lines.
 pub struct SummaryAggregator {
     points: Vec<Summary>,
 }
@@ -158,7 +158,7 @@ impl SurveyAggregator for SummaryAggregator {
         let (Some(metric), Some(value), Some(n)) = (text("metric"), value, n) else {
             return Err(Fault::data("the line's scores lack a column"));
         };
-        // All points choose from one list.
+        // All points use the same list.
         let known = self.points.first().map(|point| point.metrics.all()).unwrap_or_default();
         let spreads = batch.column_by_name(score::SPREAD).and_then(|a| a.as_list_opt::<i32>());
         let seen = batch.column_by_name(IN_SAMPLE).and_then(|a| a.as_boolean_opt());
@@ -247,7 +247,7 @@ impl Summary {
         }
     }
 
-    /// The error of the other lines over that of the training lines.
+    /// The error of the other lines divided by that of the training lines.
     fn overfitting(&self, parts: &[&SummaryLine]) -> Option<SummaryFigure> {
         let (train, test): (Vec<&SummaryLine>, Vec<&SummaryLine>) =
             parts.iter().partition(|p| self.train.contains(&p.line));
@@ -258,7 +258,7 @@ impl Summary {
             draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())))
         };
         let all = |scores: &[&SummaryScore]| metric.pool.value(scores.iter().map(|s| s.weighed()));
-        // Both sides are drawn by their own streams, the second beginning where no seed of a user's does.
+        // Independent streams for both sides. The second starts at a seed that users cannot set.
         let (new, own) = (drawn(&test, self.seed as u64), drawn(&train, !(self.seed as u64)));
         let ratios = new.iter().zip(&own).map(|(new, own)| new / own).collect();
         Some(SummaryFigure {
@@ -272,7 +272,7 @@ impl Summary {
     }
 }
 
-/// The interval of a figure of some lines; of one alone there is none, for it says nothing of another.
+/// The interval of a figure of several lines; `None` for one line, which has no scatter.
 fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<PercentileInterval> {
     if lines < 2 { None } else { PercentileInterval::central(drawn, level) }
 }
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn law_errors_are_pooled_by_squares_and_ratios_by_means() {
+    fn unit_errors_are_pooled_by_squares_and_ratios_by_means() {
         let parts = [part("1", 3.0, 100), part("2", 4.0, 300)];
         let table = summary(&[]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
         assert_eq!(column(&table, 1), [((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt(), 2.0, 20.0]);
@@ -322,12 +322,12 @@ mod tests {
     }
 
     #[test]
-    fn law_what_no_stage_declares_is_not_pooled_by_a_guess() {
+    fn unit_undeclared_metrics_are_not_pooled() {
         assert!(SummaryScore::new(SCORERS, "std_eror", 1.0, 1, vec![]).unwrap_err().to_string().contains("`std_eror`"));
     }
 
     #[test]
-    fn law_a_single_line_has_no_interval() {
+    fn unit_a_single_line_has_no_interval() {
         let parts = [part("1", 3.0, 100)];
         let table = summary(&[]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
         assert_eq!(column(&table, 1)[0], 3.0);
@@ -335,13 +335,13 @@ mod tests {
     }
 
     #[test]
-    fn law_lines_in_sample_are_pooled_only_where_there_are_no_others() {
+    fn unit_lines_in_sample_are_pooled_only_without_held_out_lines() {
         let seen = |part: SummaryLine| {
             let scores = part.scores.into_iter().map(|score| SummaryScore { in_sample: true, ..score }).collect();
             SummaryLine { scores, ..part }
         };
         let (mut held_out, others) = (part("1", 3.0, 100), [seen(part("2", 4.0, 300)), seen(part("3", 1.0, 100))]);
-        // Without a value in the held-out line, `nees` is that of the others.
+        // The held-out line has no value of `nees`, so that of the others is used.
         held_out.scores[1].value = f64::NAN;
         let parts: Vec<&SummaryLine> = std::iter::once(&held_out).chain(&others).collect();
         let table = summary(&[]).table(&parts).unwrap();
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn law_overfitting_is_new_over_training_error() {
+    fn unit_overfitting_is_new_error_divided_by_training_error() {
         let parts = [part("1", 2.0, 100), part("2", 6.0, 100), part("3", 6.0, 100)];
         let table = summary(&["1"]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
         assert_eq!(column(&table, 1)[3], 3.0);

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn ref_the_five_types_of_the_thesis() {
+    fn ref_the_five_target_types_agree_with_the_thesis() {
         for (kind, expected) in [("a", 100.0), ("b", 99.0), ("c", 191.0), ("d", 190.0), ("e", 290.0)] {
             let made = target(kind).run(&line(), &()).unwrap();
             let values = made[0].as_primitive::<Float64Type>().values();
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_missing_is_named_with_the_way_out() {
+    fn unit_missing_columns_are_reported_with_the_remedy() {
         let columns = ["mag_4_uc", "mag_1_c", "igrf"].map(|n| Column::float(n, "nT", ""));
         let table = Table::Lines(TableShape { columns: columns.to_vec(), rate_hz: None });
         let said = |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();

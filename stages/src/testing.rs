@@ -26,12 +26,12 @@ pub fn point<S: SurveyStage>(stage: &S) -> SurveyPoint<'_, S> {
     SurveyPoint { stage, inputs: &[] }
 }
 
-/// A line of one input after another.
+/// A line with these inputs in order.
 pub fn line(inputs: Vec<RecordBatch>) -> LineInput {
     LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
 }
 
-/// The numbers of what a stage made, column by column.
+/// The numbers of a stage's output, column by column.
 pub fn numbers(made: LineOutput) -> Result<Vec<Vec<f64>>, Fault> {
     Ok(made?.iter().map(|array| array.as_primitive::<Float64Type>().values().to_vec()).collect())
 }
@@ -48,13 +48,13 @@ pub fn table(columns: &[(&str, &str)], rate_hz: Option<f64>) -> Table {
     Table::Lines(TableShape { columns, rate_hz })
 }
 
-/// Faults with the parameter that each is of.
+/// Faults as text, each with its parameter.
 pub fn said(faults: Vec<Fault>) -> String {
     let one = |f: &Fault| format!("{f} [{}]", f.param.clone().unwrap_or_default());
     faults.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// `rows` values at `rate_hz` from `first_s` on.
+/// `rows` values at `rate_hz`, beginning at `first_s`.
 pub fn sampled(first_s: f64, rate_hz: f64, rows: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..rows).map(|k| of(first_s + k as f64 / rate_hz)).collect()
 }

@@ -294,7 +294,7 @@ fn axes(samples: &[TrackSample], bounds: Option<[f64; 4]>, spacing_m: f64) -> Re
         bounds.unwrap_or([end(0, f64::min), end(1, f64::min), end(0, f64::max), end(1, f64::max)]);
     let ends = [(west, east), (south, north)].map(|(low, high)| ((low / spacing_m).floor(), (high / spacing_m).ceil()));
     let nodes = ends.iter().map(|(first, last)| last - first + 1.0).product::<f64>();
-    // Also false for a NaN.
+    // Also false for NaN.
     let fits = nodes <= MOST_NODES;
     if !fits {
         let what = format!("the map would have {nodes:.0} nodes, {spacing_m:.1} m apart");
@@ -307,7 +307,7 @@ fn axes(samples: &[TrackSample], bounds: Option<[f64; 4]>, spacing_m: f64) -> Re
     }))
 }
 
-/// Fault of lines that do not allow a map, and its remedy.
+/// Fault of lines from which no map can be made, and its remedy.
 fn refused(error: &TrackMapError) -> Fault {
     match error {
         TrackMapError::Nothing => data(error).help("set `bounds` to an area that contains lines"),
@@ -349,7 +349,7 @@ impl Stage for TrackMap {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of = |what: &str| Some(Fault::new(format!("`{key}` {what}")).help(format!("remove `{key}`")));
         match key {
-            // `length_m` and `sigma_n_nt` are where the search starts.
+            // `length_m` and `sigma_n_nt` are the start of the search.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
                 of("has no effect without `hyperparameters = \"fixed\"`")
             }

@@ -1,7 +1,7 @@
-//! Nonlinear models, as the table of a `fit` holds them, and their predictions.
+//! Nonlinear models in the table of a `fit`, and their predictions.
 //!
-//! The table of such a model begins with the term `family NAME`. The other terms are laid out in `trained::terms`. A
-//! table without that term is a linear model: a sum of coefficients times terms.
+//! The table of such a model begins with the term `family NAME`. The module `trained::terms` defines the layout of the
+//! other terms. A table without that term is a linear model: a sum of coefficients times terms.
 
 mod boosted_trees;
 mod network;

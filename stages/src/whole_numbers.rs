@@ -1,4 +1,4 @@
-//! Columns of numbers between their samples: measured quantities are interpolated, whole numbers stay whole.
+//! Resampling of numeric columns: measured quantities are interpolated, whole numbers stay whole.
 
 use std::collections::HashSet;
 
@@ -7,7 +7,7 @@ use schemas::{Column, Role};
 
 /// The maximum number of distinct values of a code: those of one byte.
 const MOST_CODES: usize = 256;
-/// Distinct values up to which a column holds codes even if none recurs, as on a short line.
+/// Number of distinct values up to which a column holds codes even if no value recurs, as on a short line.
 const FEW_CODES: usize = 16;
 
 /// Interpolation rule of a column between two samples.
@@ -25,12 +25,12 @@ enum ColumnInterpolation {
 
 /// The values `x` of a column on the grid of `plan`; NaN in gaps.
 ///
-/// A column with a unit, or of the role sensor or truth, is measured. Any other column whose finite values are all
-/// whole stays whole. It holds codes if its values recur: if at most half as many are distinct as there are samples,
-/// within [`FEW_CODES`] to [`MOST_CODES`]. Otherwise it holds counts.
+/// A column with a unit, or with the role sensor or truth, is measured. Any other column with whole finite values stays
+/// whole. It holds codes if its values recur: at most half as many distinct values as samples, within [`FEW_CODES`] to
+/// [`MOST_CODES`]. Otherwise it holds counts.
 ///
 /// # Errors
-/// Fails for a column that is not as long as the times of the plan.
+/// Fails if the length of the column differs from that of the times of the plan.
 pub fn between_samples(
     plan: &ResamplePlan,
     column: &Column,
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn law_codes_and_flags_take_the_nearest_sample() {
+    fn unit_codes_and_flags_take_the_nearest_sample() {
         let aux = column("", Role::Aux);
         assert_eq!(doubled(&aux, &[0.0, 1.0, 1.0, 0.0]), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0]);
         assert_eq!(doubled(&column("1", Role::Derived), &[8.0, 12.0]), [8.0, 8.0, 12.0]);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn law_measured_quantities_are_interpolated_even_if_they_are_whole() {
+    fn unit_whole_measured_quantities_are_interpolated() {
         for measured in [column("nT", Role::Aux), column("", Role::Sensor), column("", Role::Truth)] {
             assert_eq!(doubled(&measured, &[52_000.0, 52_001.0]), [52_000.0, 52_000.5, 52_001.0]);
         }
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn law_counts_stay_whole_and_do_not_jump() {
+    fn unit_counts_stay_whole_and_do_not_jump() {
         // A latitude in 1e-7 degrees, as autopilots log it.
         let lat: Vec<f64> = (0..60).map(|k| -353_632_621.0 + f64::from(k) * 137.0).collect();
         let found = doubled(&column("", Role::Aux), &lat);

@@ -1,8 +1,8 @@
-//! Restricted data, and what a published set may hold.
+//! Restricted data and permitted contents of a published set.
 
 use super::*;
 
-/// A spec over the flights of a bench, of which `mag_1_c` is restricted, with these stages.
+/// Spec over the flights of a bench with the restricted column `mag_1_c` and these stages.
 fn restricted(more: &str, axes: &str, stages: &str) -> String {
     format!(
         "name = \"small\"\nseed = 1\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\nrestricted = [\"mag_1_c\"]\n\
@@ -10,7 +10,7 @@ fn restricted(more: &str, axes: &str, stages: &str) -> String {
     )
 }
 
-/// The output of publishing the table of a spec, and whether it was refused.
+/// Publishes tables of a spec; returns true if this is rejected, and the message.
 fn asked(spec: &str, tables: &[&str]) -> (bool, String) {
     let bench = Bench::new();
     bench.spec(spec);
@@ -69,7 +69,7 @@ fn user_expressions_that_choose_samples_make_no_aggregate() {
     let fitted = "[[stages]]\nname=\"model\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01' and tt > 1\"\nmodel=\"ridge\"\n\
         target=\"mag_1_c\"\nfeatures=[\"mag_4_uc\"]\n";
     refused(&restricted("", "", fitted), &["model"], "`where` of `model`");
-    // Sums with constant factors neither choose nor weigh.
+    // Sums with constant factors neither select nor weight samples.
     let sums = "[[stages]]\nname=\"pick\"\nstage=\"derive\"\ninput=\"flights\"\ncolumns={ d = \"0.5 * (mag_4_uc - mag_1_c)\" }\n\
         [[stages]]\nname=\"sc\"\nstage=\"score\"\ninput=\"pick\"\nmag=\"mag_4_uc\"\ntruth=\"mag_1_c\"\nmetrics=[\"std_error\"]\n";
     assert!(!asked(&restricted("", "", sums), &["sc"]).0);
@@ -91,7 +91,7 @@ fn user_a_model_that_memorises_is_no_aggregate() {
 }
 
 #[test]
-fn user_aggregates_that_differ_by_few_samples_are_refused() {
+fn user_aggregates_that_differ_by_few_samples_are_rejected() {
     let fit = "[[stages]]\nname=\"model\"\nstage=\"fit\"\ninput=\"flights\"\nwhere=\"line='1.01'\"\nmodel=\"ridge\"\ntarget=\"mag_1_c\"\n\
         features=[\"mag_4_uc\"]\ntrim=\"$trim\"\n";
     refused(&restricted("", "trim = [20, 21]", fit), &["model"], "differ by fewer than 100");
@@ -123,7 +123,7 @@ fn user_a_restriction_that_a_spec_has_dropped_is_noted() {
     let spec = restricted("", "", &resampled(10.0));
     bench.spec(&spec);
     assert_eq!(bench.run(&[]).code, 0);
-    // Under another name of the table and of the pipeline, too.
+    // This also holds under another name of the table and of the pipeline.
     let dropped = spec.replace("restricted = [\"mag_1_c\"]\nreason = \"the agreement\"", "");
     let dropped = dropped.replace("\"small\"", "\"other\"").replace("tables.flights", "tables.copies");
     bench.spec(&dropped.replace("input=\"flights\"", "input=\"copies\""));

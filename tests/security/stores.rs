@@ -40,7 +40,7 @@ fn user_sets_with_special_files_verify_at_once() {
 }
 
 #[test]
-fn user_each_damaged_file_of_a_store_is_named() {
+fn user_each_damaged_file_of_a_store_is_reported() {
     let bench = ran();
     let verify = || bench.magline(&["verify", "--store", "store"]);
     assert!(verify().status.success(), "{}", stderr(&verify()));
@@ -60,7 +60,7 @@ fn user_each_damaged_file_of_a_store_is_named() {
         assert!(files.iter().any(|f| f.starts_with(bench.path("store").join(part))), "{part}");
     }
     files.sort();
-    // Packs have more names: each is damaged by one of them.
+    // Packs have several names; each pack is damaged through one of them.
     files.retain(|f| !f.starts_with(bench.path("store/versions")) || !f.to_string_lossy().contains("part-"));
     for (i, file) in files.iter().enumerate() {
         let whole = fs::read(file).unwrap();
@@ -69,7 +69,7 @@ fn user_each_damaged_file_of_a_store_is_named() {
         let at = (i * 7919 + 13) % whole.len();
         damaged[at] ^= 1 << (i % 7);
         let put = |bytes: &[u8]| {
-            // Packs are linked under several names, so that their bytes are changed in place.
+            // Packs have several hard links, so their bytes are changed in place.
             fs::write(file, bytes).unwrap();
             fs::File::options().append(true).open(file).unwrap().set_modified(modified).unwrap();
         };
@@ -91,7 +91,7 @@ fn user_each_damaged_file_of_a_store_is_named() {
     assert_eq!(verify().status.code(), Some(1));
 }
 
-/// The hash of a note, as a store spells it.
+/// Hash of a record in the format of a store.
 fn sum(parts: &[u8]) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&(parts.len() as u64).to_le_bytes());
@@ -154,7 +154,7 @@ fn user_a_manifest_cannot_name_files_elsewhere() {
 }
 
 #[test]
-fn user_a_file_size_limit_is_an_error_and_no_silent_end() {
+fn user_a_file_size_limit_is_reported_as_an_error() {
     let bench = Bench::new();
     bench.spec(SPEC);
     let run = format!("ulimit -f 20; exec '{}' run spec.toml -q", env!("CARGO_BIN_EXE_magline"));
@@ -164,9 +164,9 @@ fn user_a_file_size_limit_is_an_error_and_no_silent_end() {
 }
 
 #[test]
-fn user_a_store_that_cannot_be_written_is_listed_queried_and_verified() {
+fn user_a_read_only_store_can_be_listed_queried_and_verified() {
     let bench = ran();
-    // Root ignores permissions, but a folder that is a file cannot be made either.
+    // Root ignores permissions, so a file in place of the folder prevents writing.
     fs::remove_dir_all(bench.path("store/tmp")).unwrap();
     fs::write(bench.path("store/tmp"), "").unwrap();
     for command in [
@@ -181,7 +181,7 @@ fn user_a_store_that_cannot_be_written_is_listed_queried_and_verified() {
     }
 }
 
-/// The files below a folder, each with its content.
+/// Files below a folder with their contents.
 fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = vec![];
     for entry in fs::read_dir(folder).unwrap().flatten() {
@@ -196,7 +196,7 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 #[test]
-fn user_links_in_a_store_lead_to_nothing_that_is_written_or_removed() {
+fn user_targets_of_links_in_a_store_are_neither_written_nor_removed() {
     let bench = ran();
     let home = bench.path("home");
     for (name, text) in [("diary", "dear"), ("empty", ""), ("docs/letter", "sir"), ("2024/tax", "much")] {
@@ -210,7 +210,7 @@ fn user_links_in_a_store_lead_to_nothing_that_is_written_or_removed() {
     };
     old("home/docs");
     old("home/2024");
-    // The place of the link, its target, and whether a run succeeds.
+    // Position of the link, its target, and true if a run succeeds.
     for (at, target, runs) in [
         ("damaged", "home", false),
         ("tmp", "home", false),
@@ -248,7 +248,7 @@ fn user_links_in_a_store_lead_to_nothing_that_is_written_or_removed() {
 }
 
 #[test]
-fn user_pipes_in_a_store_hold_nobody_up() {
+fn user_pipes_in_a_store_block_no_command() {
     let bench = ran();
     for at in ["STORE", "index", "runs/small.jsonl", "plans/small.json", "locks/store", "locks/small.lock"] {
         let (place, aside) = (bench.path("store").join(at), bench.path("aside"));
@@ -271,11 +271,11 @@ fn user_pipes_in_a_store_hold_nobody_up() {
 }
 
 #[test]
-fn user_what_a_set_names_is_neither_read_elsewhere_nor_another_line_of_the_answer() {
+fn user_names_in_a_set_cannot_read_other_files_or_forge_output_lines() {
     let bench = ran();
     let published = bench.magline(&["publish", "spec.toml", "scores", "--to", "set"]);
     assert!(published.status.success(), "{}", stderr(&published));
-    // The schema of a table is a document of its name.
+    // The schema file of a table has the name of the table.
     fs::write(bench.path("private.json"), "a password\n").unwrap();
     let dictionary = bench.path("set/dictionary.json");
     let text = fs::read_to_string(&dictionary).unwrap();

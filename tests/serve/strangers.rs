@@ -1,9 +1,9 @@
-//! Tokens, encryption, time and memory: what a client cannot take from the others.
+//! Tokens, encryption, time and memory: protection of clients from each other.
 
 use super::*;
 
 #[test]
-fn user_only_who_knows_the_token_is_answered() {
+fn user_only_clients_with_the_token_are_answered() {
     let bench = ran();
     let served = Served::new(&bench, |s| s.token = Some(Token::read(TOKEN).unwrap()));
     let one = "SELECT count(*) FROM small.scores";
@@ -17,7 +17,7 @@ fn user_only_who_knows_the_token_is_answered() {
     is_refused(&mut client);
     client.set_token(TOKEN.to_owned());
     assert!(served.count(&mut client, one) > 0);
-    // The token is also the password of any user; the handshake returns it.
+    // The token is also accepted as the password of any user, and the handshake returns it.
     let mut client = served.client();
     assert!(served.runtime.block_on(client.handshake("anyone", "wrong password")).is_err());
     is_refused(&mut client);
@@ -27,7 +27,7 @@ fn user_only_who_knows_the_token_is_answered() {
 }
 
 #[test]
-fn user_what_one_server_handed_out_is_nothing_to_the_next() {
+fn user_a_ticket_of_one_server_is_invalid_at_the_next() {
     let bench = ran();
     let first = Served::new(&bench, |_| {});
     let info = first.plan(&mut first.client(), "SELECT 1").unwrap();
@@ -40,21 +40,21 @@ fn user_what_one_server_handed_out_is_nothing_to_the_next() {
 }
 
 #[test]
-fn user_a_query_that_takes_too_long_is_ended_and_makes_room() {
+fn user_a_query_past_its_timeout_is_ended_and_frees_its_slot() {
     let bench = ran();
     let served = Served::new(&bench, |s| (s.queries, s.timeout) = (1, Duration::from_secs(2)));
     let client = &mut served.client();
-    // On a machine at work a small question may be late too; it is asked again.
+    // On a busy machine even a small query may exceed the limit, so it is retried.
     let counted = |client: &mut Client| {
         let answer = (0..30).find_map(|_| served.ask(client, "SELECT count(*) FROM small.clean").ok());
         answer.unwrap()[0].column(0).as_primitive::<Int64Type>().value(0)
     };
-    // Ten thousand million rows.
+    // 1e10 rows.
     let slow = "SELECT sum(sqrt(a.value * b.value)) FROM generate_series(1, 100000) a, generate_series(1, 100000) b";
     let wrong = served.ask(client, slow).unwrap_err();
     assert!(wrong.contains("exceeded its time limit of 2 s"), "{wrong}");
     assert_eq!(counted(client), 19_200);
-    // One whose rows nobody takes gives its place back as well, and its rows do not just end.
+    // A query with unread rows also frees its slot, and its stream ends with an error.
     let info = served.plan(client, "SELECT a.mag_c FROM small.clean a, small.clean b").unwrap();
     let ticket = info.endpoint[0].ticket.clone().unwrap();
     let mut rows = served.runtime.block_on(client.do_get(ticket)).unwrap();
@@ -90,12 +90,12 @@ fn user_fifty_clients_at_once_are_all_answered() {
 }
 
 #[test]
-fn user_a_client_that_goes_away_makes_room_for_others() {
+fn user_a_disconnected_client_frees_its_slot() {
     let bench = ran();
     let served = Served::new(&bench, |s| (s.queries, s.timeout) = (1, Duration::from_secs(600)));
     let client = &mut served.client();
     let begun = Instant::now();
-    // 368 million rows, of which three messages are taken: they are neither computed at once nor kept.
+    // 368 million rows, of which three messages are read. The rows are neither computed at once nor stored.
     let info = served.plan(client, "SELECT a.mag_c, b.tt FROM small.clean a, small.clean b").unwrap();
     let ticket = info.endpoint[0].ticket.clone().unwrap();
     let mut rows = served.runtime.block_on(client.do_get(ticket)).unwrap();
@@ -103,7 +103,7 @@ fn user_a_client_that_goes_away_makes_room_for_others() {
         assert!(served.runtime.block_on(rows.try_next()).unwrap().unwrap().num_rows() > 0);
     }
     drop(rows);
-    // Long before the limit of time gives the place back.
+    // The slot is free long before the timeout.
     assert_eq!(served.count(client, "SELECT count(*) FROM small.clean"), 19_200);
     assert!(begun.elapsed() < Duration::from_secs(500));
 }
@@ -131,28 +131,28 @@ fn user_connections_can_be_encrypted() {
 }
 
 #[test]
-fn user_planning_has_its_time_too() {
+fn user_planning_is_subject_to_the_timeout() {
     let bench = ran();
     let served = Served::new(&bench, |s| (s.queries, s.timeout) = (1, Duration::from_secs(2)));
     let client = &mut served.client();
     let begun = Instant::now();
-    // Constants are folded while it is planned: 9e10 steps that nothing interrupts.
+    // Planning folds constants: 9e10 steps that cannot be interrupted.
     let slow = "SELECT levenshtein(repeat('a', 300000), repeat('b', 300000))";
     let wrong = served.ask(client, slow).unwrap_err();
     assert!(wrong.contains("exceeded its time limit of 2 s"), "{wrong}");
     let prepared = served.runtime.block_on(client.prepare(slow.to_owned(), None)).map(drop).unwrap_err().to_string();
     assert!(prepared.contains("exceeded its time limit of 2 s"), "{prepared}");
     assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
-    // The place is free again, and nothing computes any more.
+    // The slot is free again, and the computation has ended.
     let answer = (0..30).find_map(|_| served.ask(client, "SELECT count(*) FROM small.clean").ok());
     assert_eq!(answer.unwrap()[0].column(0).as_primitive::<Int64Type>().value(0), 19_200);
 }
 
 #[test]
-fn user_no_query_takes_more_memory_than_it_may_or_ends_the_server() {
+fn user_no_query_exceeds_its_memory_limit_or_ends_the_server() {
     let bench = ran();
     let served = Served::new(&bench, |s| s.memory = 128 << 20);
-    // Texts that are made by functions, while a query is planned and while it is computed.
+    // Functions that create long texts, during planning and during execution.
     let queries = [
         "SELECT length(repeat('a', 2000000000))",
         "SELECT max(length(repeat(flight, 1000000 + CAST(tt AS INT)))) FROM small.clean",
@@ -179,7 +179,7 @@ fn user_no_query_takes_more_memory_than_it_may_or_ends_the_server() {
 }
 
 #[test]
-fn user_connections_that_say_nothing_lock_nobody_out() {
+fn user_silent_connections_do_not_block_other_clients() {
     let bench = ran();
     fs::write(bench.path("token"), TOKEN).unwrap();
     // A server with few file descriptors.
@@ -198,7 +198,7 @@ fn user_connections_that_say_nothing_lock_nobody_out() {
         assert!(errors.read_line(&mut line).unwrap() > 0, "it does not serve");
     }
     let address: SocketAddr = line.split("grpc://").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
-    // More sockets than the server may have files.
+    // More sockets than the limit of file descriptors of the server.
     let silent: Vec<_> = (0..400).filter_map(|_| std::net::TcpStream::connect(address).ok()).collect();
     assert!(silent.len() > 300, "{}", silent.len());
     let begun = Instant::now();
@@ -220,11 +220,11 @@ fn user_connections_that_say_nothing_lock_nobody_out() {
 }
 
 #[test]
-fn user_a_client_that_reads_slowly_keeps_no_place() {
+fn user_a_slow_client_does_not_hold_a_query_slot() {
     let bench = ran();
     let served = Served::new(&bench, |s| s.queries = 1);
     let client = &mut served.client();
-    // Some megabytes that nobody reads, and another query meanwhile.
+    // Several megabytes that stay unread during another query.
     let info = served
         .plan(client, "SELECT a.tt, b.tt AS u FROM small.clean a, (SELECT tt FROM small.clean LIMIT 50) b")
         .unwrap();
@@ -233,7 +233,7 @@ fn user_a_client_that_reads_slowly_keeps_no_place() {
     let begun = Instant::now();
     assert_eq!(served.count(&mut served.client(), "SELECT count(*) FROM small.clean"), 19_200);
     assert!(begun.elapsed() < Duration::from_secs(60));
-    // The answer is whole all the same.
+    // The answer is still complete.
     let all = served.runtime.block_on(async {
         let mut all = 0;
         while let Some(batch) = rows.try_next().await.unwrap() {

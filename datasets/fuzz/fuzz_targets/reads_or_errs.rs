@@ -9,7 +9,7 @@ thread_local! {
     static FOLDER: OnceCell<TempDir> = const { OnceCell::new() };
 }
 
-/// Reads the topics of a file; anything but a panic, a hang or memory without bound is fine.
+/// Reads the topics of a file. A panic, a hang or unbounded memory use is a failure.
 pub fn reads_or_errs(format: &str, bytes: &[u8]) {
     FOLDER.with(|folder| {
         let folder = folder.get_or_init(|| TempDir::new().expect("a folder for the file"));

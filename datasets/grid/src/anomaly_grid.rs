@@ -65,7 +65,7 @@ pub const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 const WORST_SCALE: f64 = 0.005;
 
 impl AnomalyGrid {
-    /// A map of its axes and values, row by row from the south.
+    /// A map from its axes and values, row by row from the south.
     ///
     /// # Errors
     /// Fails for axes of fewer than two nodes or that do not ascend, degrees out of range, values or heights that are
@@ -245,8 +245,8 @@ impl AnomalyGrid {
         }
     }
 
-    /// The map on a plane, in metres: the input of continuation, filling and gridding. The coordinates are those of
-    /// the map times [`AnomalyGrid::unit_m`].
+    /// The map on a plane, in metres: the input of continuation, filling and gridding. The coordinates are the map's
+    /// coordinates times [`AnomalyGrid::unit_m`].
     pub fn plane(&self) -> PlaneGrid {
         let (x, y) = self.unit_m();
         let (east_m, north_m) = (scaled(&self.x, x), scaled(&self.y, y));
@@ -314,7 +314,7 @@ fn scaled(axis: &EvenAxis, factor: f64) -> EvenAxis {
     EvenAxis { first: axis.first * factor, step: axis.step * factor, len: axis.len }
 }
 
-/// The node, as a fraction, of a coordinate; `None` off the axis.
+/// Fractional node index of a coordinate; `None` off the axis.
 pub fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
     // The outermost nodes must survive the rounding of a projection forward and back.
     const SLACK: f64 = 1e-6;

@@ -96,7 +96,7 @@ impl Crs {
     }
 
     /// Easting and northing (or longitude and latitude for a system in degrees) of a WGS-84 latitude and longitude in
-    /// degrees; `None` where the projection has none.
+    /// degrees; `None` where the projection is undefined.
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
         self.projection.project(lat_deg, lon_deg)
     }

@@ -36,7 +36,7 @@ impl ReadError {
         Self(Box::new(Fault::machine(what).in_file(&path.display().to_string())))
     }
 
-    /// All faults of a spec at once, each shown with its file, line and column.
+    /// All faults of a spec together, each shown with its file, line and column.
     pub fn spec(path: &Path, text: &str, faults: &[Fault]) -> Self {
         let file = path.display().to_string();
         let shown: Vec<String> = faults.iter().map(|f| render(f, &file, text)).collect();
@@ -44,12 +44,12 @@ impl ReadError {
         Self(Box::new(Fault::new(shown.strip_prefix("error: ").unwrap_or(&shown))))
     }
 
-    /// Names the row, from 0.
+    /// Adds the row, from 0.
     pub fn in_row(self, row: u64) -> Self {
         Self(Box::new(self.0.in_row(row)))
     }
 
-    /// Names the column as the file calls it.
+    /// Adds the column by its name in the file.
     pub fn in_column(self, column: &str) -> Self {
         Self(Box::new(self.0.in_column(column)))
     }

@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn law_polynomials_are_exact_of_ninth_fifth_and_third_degree() {
+    fn law_polynomials_of_degree_nine_five_and_three_are_exact() {
         let powers = |degree: i32| {
             move |x: f64, y: f64| {
                 1.0 + (x / 10.0).powi(degree) - 2.0 * (y / 10.0).powi(degree) + (x * y / 100.0).powi(degree)
@@ -71,7 +71,7 @@ mod tests {
             let f = powers(degree);
             let values: Vec<f64> = (0..21).flat_map(|j| (0..20).map(move |i| f(f64::from(i), f64::from(j)))).collect();
             for (x, y) in places {
-                // Values reach 2^9 + 2^18; a hundred products of them.
+                // The sum has a hundred products of values up to 2^9 + 2^18.
                 let error = at(&values, &axis(20), &axis(21), x, y) - f(x, y);
                 assert!(error.abs() < 1e-8, "{degree} {x} {y}: {error}");
             }
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn law_unknown_nodes_are_felt_two_nodes_away_and_no_further() {
+    fn law_an_unknown_node_affects_positions_within_two_nodes() {
         let mut values = vec![7.0; 400];
         values[10 * 20 + 10] = f64::NAN;
         let value = |x: f64, y: f64| at(&values, &axis(20), &axis(20), x, y);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_grid_too_small_for_a_cubic_has_no_values_between() {
+    fn law_a_grid_too_small_for_a_cubic_is_not_interpolated() {
         assert!(at(&[1.0; 9], &axis(3), &axis(3), 1.0, 1.0).is_nan());
     }
 }

@@ -1,4 +1,4 @@
-//! The types of survey lines, as Geosoft's databases have them.
+//! The types of survey lines in Geosoft databases.
 
 /// The type of a survey line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -5,7 +5,7 @@ use numerics::maps::plane_grid::EvenAxis;
 /// Maximum deviation of 360 degrees from a whole number of steps, in steps.
 const SLACK: f64 = 1e-3;
 
-/// The axis, and the column of the file for each of its columns; `None` if no change is needed.
+/// The wrapped axis, and the file's column for each of its columns; `None` if no change is needed.
 ///
 /// A map around the earth begins at its first meridian east of -180 degrees. Any other map keeps its columns and is
 /// shifted by multiples of 360 degrees until its middle lies between -180 and 180 degrees. A map across the date line
@@ -16,7 +16,7 @@ pub fn turned(axis: &EvenAxis) -> Option<(EvenAxis, Vec<usize>)> {
     }
     let middle = 0.5 * (axis.first + axis.last());
     let rounds = ((middle + 180.0) / 360.0).floor();
-    // 180 itself may be the middle of either side.
+    // A middle of exactly 180 degrees is valid on both sides.
     let moved = EvenAxis { first: axis.first - 360.0 * rounds, ..*axis };
     (rounds != 0.0).then(|| (moved, (0..axis.len).collect()))
 }
@@ -50,20 +50,20 @@ mod tests {
         EvenAxis { first, step, len }
     }
 
-    /// The columns' longitudes differ from the file's by whole rounds, and lie in order.
+    /// Checks that the longitudes ascend and differ from the file's by multiples of 360 degrees.
     fn check(from: EvenAxis) -> EvenAxis {
         let Some((to, columns)) = turned(&from) else { return from };
         assert_eq!(columns.len(), to.len);
         for (i, column) in columns.iter().enumerate() {
             let rounds = (to.at(i as f64) - from.at(*column as f64)) / 360.0;
-            // A round is 360 steps or more of rounding 1e-14.
+            // Rounding: at least 360 steps, each with an error of 1e-14.
             assert!((rounds - rounds.round()).abs() < 1e-9, "{i} {column}: {rounds}");
         }
         to
     }
 
     #[test]
-    fn law_columns_keep_their_meridian_whatever_the_turn() {
+    fn law_wrapped_columns_keep_their_meridian() {
         assert_eq!(check(axis(0.0, 1.0, 360)), axis(-180.0, 1.0, 360));
         assert_eq!(check(axis(0.5, 1.0, 360)), axis(-179.5, 1.0, 360));
         assert_eq!(check(axis(0.0, 1.0, 361)), axis(-180.0, 1.0, 361), "0 and 360 are one meridian, -180 and 180 too");

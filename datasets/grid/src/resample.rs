@@ -29,8 +29,8 @@ type CoordinateRange = (f64, f64);
 
 impl AnomalyGrid {
     /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
-    /// grid of latitude and longitude that covers it, with a spacing at most that of the map. Nodes outside the map, or
-    /// within two nodes of an unknown node, are then NaN.
+    /// grid of latitude and longitude that covers it. The spacing is at most the map's. Nodes of a resampled map that
+    /// are outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
     /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their
@@ -43,8 +43,8 @@ impl AnomalyGrid {
     }
 
     /// The map in another coordinate system, on a grid that covers it. The nodes are whole multiples of `spacing` (in
-    /// units of that system, or degrees). By default the spacing is at most that of the map, and the grid begins at its
-    /// edge. Nodes outside the map, or within two nodes of an unknown node, are NaN.
+    /// units of that system, or degrees). By default the spacing is at most the map's, and the grid begins at its edge.
+    /// Nodes outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
     /// Fails for an unknown system, an invalid spacing, and as [`AnomalyGrid::to_geographic`].
@@ -222,7 +222,7 @@ impl AnomalyGrid {
         let (mut before, mut first) = (None, None);
         for (x, y) in self.outline() {
             let place = self.crs.unproject(x, y).ok_or_else(|| self.no_place(x, y, &self.crs))?;
-            // Degrees are continuous as they are.
+            // Degrees are already continuous.
             let here = if self.is_geographic() { place.1 + 360.0 * ((x - place.1) / 360.0).round() } else { place.1 };
             let here = before.map_or(here, |before: f64| here + 360.0 * ((before - here) / 360.0).round());
             first.get_or_insert(here);

@@ -13,7 +13,7 @@ pub enum SummaryValue {
     Text(String),
 }
 
-/// The result of [`AnomalyGrid::summary`]. Coordinates are those of the outermost nodes.
+/// The result of [`AnomalyGrid::summary`]. Coordinates refer to the outermost nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapSummary {
     /// The name of the format; empty for a computed map.

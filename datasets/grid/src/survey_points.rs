@@ -98,8 +98,8 @@ impl SurveyPointSet {
         AnomalyGrid::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
     }
 
-    /// The lines that are ties, of those that look like ties: the type of a line takes precedence, where the points
-    /// have ties by their type.
+    /// The tie lines: those of the type `Tie`, and those in `alike`. If any line has the type `Tie`, lines of the type
+    /// `Line` are not tie lines.
     pub fn ties(&self, alike: &[usize]) -> Vec<usize> {
         let of = |line: usize| self.types.get(line).copied().flatten();
         let typed = self.types.contains(&Some(LineType::Tie));

@@ -1,6 +1,6 @@
-//! Simulates 20 flights of one hour at 10 Hz with all columns of `magline-bench.synth.toml`, and says how long it takes
-//! and how much memory: `cargo run -p magline-simulate --example synth_speed [parts]`, with `parts` the contribution of
-//! every cause to every magnetometer as well.
+//! Simulates 20 flights of one hour at 10 Hz with all columns of `magline-bench.synth.toml`, and reports the time and
+//! memory: `cargo run -p magline-simulate --example synth_speed [parts]`, where `parts` adds the contribution of every
+//! component to every magnetometer.
 
 use std::{error::Error, fmt::Write, fs, path::PathBuf, time::Instant};
 

@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_the_synth_spec_is_a_format() {
+    fn unit_the_synth_spec_is_a_format() {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
         let formats = flight_formats(&[FORMAT]);
         let mut reader = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap();
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_synth_spec_says_what_it_is_made_from_and_how_many_lines_come_out() {
+    fn unit_a_synth_spec_lists_its_inputs_and_number_of_lines() {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
         let formats = flight_formats(&[FORMAT]);
         let reader = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap();
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_where_a_file_is_in_no_format_synth_specs_are_listed() {
+    fn gold_the_error_of_an_unknown_format_lists_synth_specs() {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("a.dat");
         std::fs::write(&path, "\0\u{1}\u{2}").unwrap();

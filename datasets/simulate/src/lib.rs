@@ -146,8 +146,8 @@ impl SimulationContext {
         SimulationContext { simulation, field: Mutex::default() }
     }
 
-    /// The earth's field. It is computed without the lock: a thread that waits for its own transform may take up
-    /// another flight meanwhile, which needs the field too.
+    /// The earth's field. It is computed without the lock: a thread that waits for its own transform may start another
+    /// flight meanwhile, which also needs the field.
     fn field(&self) -> Result<Arc<earth::EarthFieldModel>, ReadError> {
         let known = || self.field.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(field) = &*known() {
@@ -158,13 +158,13 @@ impl SimulationContext {
     }
 }
 
-/// Simulates a spec into flight tables: in the folder `to` one Parquet file per flight, one row group per
-/// line (short lines share one). Flights and lines are simulated in parallel, on the threads of the current pool; each
-/// file is written under a temporary name and all are renamed when the last is complete. Returns the files.
+/// Simulates a spec into flight tables: in the folder `to` one Parquet file per flight, one row group per line (short
+/// lines share one). Flights and lines are simulated in parallel, on the threads of the current pool; each file is
+/// written under a temporary name, and all are renamed when the last is complete. Returns the paths.
 ///
 /// # Errors
-/// Fails with all faults of the spec, for a line that leaves the map, and when a file cannot be written. Then there
-/// is no new file.
+/// Fails with all faults of the spec, for a line that leaves the map, and when a file cannot be written. After a
+/// failure no new file exists.
 pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
     synthesise_with(spec, to, &|_, _| ())
 }
@@ -191,9 +191,9 @@ pub fn synthesise_with(
     let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
     let (world, done, failed) =
         (Arc::new(SimulationContext::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
-    // Once, before the flights need it in parallel.
+    // Computed once, before the flights use it in parallel.
     world.field()?;
-    // Two programs that write into one folder have partial files of their own.
+    // Processes that write into the same folder use separate partial files.
     let own = std::process::id();
     let files: Vec<_> = names
         .iter()

@@ -1,7 +1,7 @@
 //! The simulation of lines in their order, some of them in parallel.
 //!
 //! Only the INS of a line depends on earlier lines of its flight. The truth of the next lines is therefore computed
-//! first, then the field and the sensors of each in parallel with the INS of each flight. The results equal those of a
+//! first, then the field and the sensors of each in parallel with the INS of each flight. The results equal a
 //! sequential simulation.
 
 use std::{collections::VecDeque, sync::Arc};
@@ -17,7 +17,7 @@ type InsLineOutputs = Vec<Result<[Vec<f64>; 13], ReadError>>;
 /// Iterator over the simulated lines, several of which are computed in parallel.
 pub(crate) struct LineSimulator {
     world: Arc<SimulationContext>,
-    /// Flight and line of those that are not started.
+    /// Flight and line of the lines that are not started.
     left: VecDeque<(usize, usize)>,
     /// The number of lines that are simulated in parallel.
     at_once: usize,
@@ -98,7 +98,7 @@ fn navigate(
     (said, Some(run))
 }
 
-/// Applies `one` to each, in parallel where there are several.
+/// Applies `one` to each, in parallel if there are several.
 fn each<T: Send, R: Send>(mut all: Vec<T>, one: impl Fn(T) -> R + Send + Sync) -> Vec<R> {
     match (all.len(), all.pop()) {
         (1, Some(only)) => vec![one(only)],

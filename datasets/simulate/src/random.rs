@@ -18,7 +18,7 @@ impl RandomStream {
         let mut hash = blake3::Hasher::new_derive_key("magline synth 1: streams of random numbers");
         hash.update(&seed.to_le_bytes());
         for name in names {
-            // The length keeps ("ab", "c") from ("a", "bc").
+            // The length distinguishes ("ab", "c") from ("a", "bc").
             hash.update(&(name.len() as u64).to_le_bytes());
             hash.update(name.as_bytes());
         }
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_streams_are_repeatable_and_apart() {
+    fn unit_streams_are_repeatable_and_distinct() {
         let first = |names: &[&str]| RandomStream::new(7, names).normal().to_bits();
         assert_eq!(first(&["1", "1.01", "mag_3_uc"]), first(&["1", "1.01", "mag_3_uc"]));
         assert_ne!(first(&["ab", "c"]), first(&["a", "bc"]));
@@ -76,7 +76,7 @@ mod tests {
         let mean = x.iter().sum::<f64>() / 2e5;
         let (variance, fourth) =
             (x.iter().map(|x| x * x).sum::<f64>() / 2e5, x.iter().map(|x| x.powi(4)).sum::<f64>() / 2e5);
-        // Standard errors 0.0022, 0.0032 and 0.022; five of them.
+        // Five standard errors of 0.0022, 0.0032 and 0.022.
         assert!(mean.abs() < 0.011 && (variance - 1.0).abs() < 0.016 && (fourth - 3.0).abs() < 0.11);
     }
 }

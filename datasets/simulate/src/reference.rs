@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_every_table_of_the_page_is_filled_in_and_no_key_is_silent() {
+    fn unit_every_table_of_the_page_is_filled_in_and_every_key_is_documented() {
         let page = reference();
         assert!(!page.contains("{{") && !page.contains("unset:  |"), "{page}");
         assert!(page.contains("| `init_position_sigma_m` | number | m | `3.0` |"), "{page}");

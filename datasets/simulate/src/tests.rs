@@ -27,7 +27,7 @@ fn example() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(EXAMPLE)
 }
 
-/// A short spec over Osborne: `more` goes before the flights.
+/// A short spec over Osborne, with `more` before the flights.
 fn spec_text(more: &str, flights: &str) -> String {
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
     format!("seed = 3\nyear = 2020\ndoy = 185\n{more}\n[map]\npath = '{}'\n{flights}", map.display())
@@ -96,8 +96,8 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
         let said = ["vn", "ve", "vd"].map(|n| column(line, n).to_vec());
         for axis in 0..3 {
             for i in 1..line.num_rows() - 1 {
-                // Central differences at 0.1 s: dt²/6 times the second derivative of the velocity, which is 60 m/s
-                // times 0.035 rad/s² where a turn begins at once: 3.5e-3 m/s.
+                // Central differences at 0.1 s have the error dt²/6 times the second derivative of the velocity. At the
+                // start of a turn this is 60 m/s times 0.035 rad/s²: 3.5e-3 m/s.
                 let error = differenced[axis][i] - said[axis][i];
                 assert!(error.abs() < 4e-3, "{} axis {axis} row {i}: {error}", name(line));
             }
@@ -110,23 +110,23 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
             let mut sum = 0.0;
             for i in 1..line.num_rows() - 1 {
                 let error = force[axis][i] - flown.force_mps2[axis][i];
-                // Where the pilot chooses another waypoint the turn's rate has a kink of up to 0.07 rad/s², which a
-                // central difference rounds off: 60 m/s times that times dt/4.
+                // At a change of waypoint the rate of turn has a kink of up to 0.07 rad/s². A central difference then
+                // has the error 60 m/s times the kink times dt/4.
                 assert!(error.abs() < 0.11, "{} axis {axis} row {i}: {error}", name(line));
                 sum += error * error;
             }
-            // Elsewhere v w³ dt²/6, 4e-5 m/s²; Coriolis would be 9e-3.
+            // Elsewhere the error is v w³ dt²/6 = 4e-5 m/s²; a missing Coriolis term would be 9e-3 m/s².
             let rms = (sum / line.num_rows() as f64).sqrt();
             assert!(rms < 2e-3, "{} axis {axis}: {rms}", name(line));
         }
         let speed: Vec<f64> = (0..line.num_rows()).map(|i| said[0][i].hypot(said[1][i])).collect();
-        // Along the ellipsoid's surface both radii are scaled by height as one is: 1.5e-6 at 3000 m.
+        // Along the surface both radii have the same scale with height: 1.5e-6 at 3000 m.
         assert!(speed.iter().all(|v| (v - 60.0).abs() < 2e-3));
     }
 }
 
 #[test]
-fn law_a_coordinated_turn_feels_no_sideways_force() {
+fn law_a_coordinated_turn_has_no_lateral_force() {
     let line = Simulation::open(&example()).unwrap().spec.flights[0].lines[1].clone();
     let flown = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
     let most_bank = flown.attitude_deg[0].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
@@ -135,7 +135,7 @@ fn law_a_coordinated_turn_feels_no_sideways_force() {
         let [roll, pitch, yaw] = flown.attitude_deg.each_ref().map(|a| a[i].to_radians());
         let f = Vector3::from_fn(|k, _| flown.force_mps2[k][i]);
         let body = body_to_ned(roll, pitch, yaw).transpose() * f;
-        // Coriolis, 2 Ω v = 0.009 m/s², and the trim of 2 degrees of pitch, which takes 6e-4 of the lift: 0.006 m/s².
+        // The Coriolis term 2 Ω v = 0.009 m/s², and the trim of 2 degrees of pitch, 6e-4 of the lift: 0.006 m/s².
         assert!(body.y.abs() < 0.03, "{i}: {}", body.y);
     }
 }
@@ -162,7 +162,7 @@ fn line_manoeuvre(line: &SynthLine, flown: &trajectory::TrueTrajectory, i: usize
 }
 
 #[test]
-fn law_the_earths_field_is_the_exact_sum() {
+fn law_the_earths_field_is_the_sum_of_its_parts() {
     let folder = TempDir::new().unwrap();
     let quiet = "[[magnetometers]]\nname = 'mag_1_c'\n[[vector_magnetometers]]\nname = 'flux_a'\n";
     let text = spec_text(
@@ -179,14 +179,14 @@ fn law_the_earths_field_is_the_exact_sum() {
         let (lat, lon, tt) = (column(line, "lat")[i], column(line, "lon")[i], column(line, "tt")[i]);
         let core = CoreField::at(decimal_year(2020, 185, tt).unwrap()).unwrap();
         let b = Vector3::from(core.field_ned_nt(lat, lon, 500.0));
-        // Only rounding of 5e4 nT.
+        // Rounding of 5e4 nT.
         assert!((column(line, "igrf")[i] - b.norm()).abs() < 1e-9);
         assert!((column(line, "mag_1_c")[i] - flux[i].norm()).abs() < 1e-9);
         let [roll, pitch, yaw] = ["roll", "pitch", "yaw"].map(|n| column(line, n)[i].to_radians());
         let added = body_to_ned(roll, pitch, yaw) * flux[i] - b;
         let along = column(line, "diurnal")[i] * b.normalize();
-        // The irregular variation lies along the core field; the rest is the anomaly. Angles pass through degrees:
-        // 1e-15 of 5e4 nT times a few.
+        // The irregular variation lies along the core field, so the rest of the sum is the anomaly. The conversion of
+        // angles to degrees has errors of a few 1e-15 of 5e4 nT.
         let anomaly = (b + added - along).norm() - b.norm();
         assert!((anomaly - column(line, "anomaly_truth")[i]).abs() < 1e-8);
         assert!(column(line, "diurnal")[i] != 0.0 && anomaly != 0.0);
@@ -194,7 +194,7 @@ fn law_the_earths_field_is_the_exact_sum() {
 }
 
 #[test]
-fn law_the_same_spec_gives_the_same_bytes_and_one_row_group_a_line() {
+fn unit_the_same_spec_gives_the_same_bytes_and_one_row_group_per_line() {
     let folder = TempDir::new().unwrap();
     let path = written(&folder, &spec_text("", SHORT));
     let (a, b) = (folder.path().join("a"), folder.path().join("b"));
@@ -215,7 +215,7 @@ fn law_the_same_spec_gives_the_same_bytes_and_one_row_group_a_line() {
 }
 
 #[test]
-fn law_another_flight_or_sensor_changes_nothing_else() {
+fn unit_an_added_flight_or_sensor_changes_no_other() {
     let folder = TempDir::new().unwrap();
     let before = lines(&written(&folder, &spec_text("", SHORT)));
     let current = "[[currents]]\nname = 'cur_x'\non_a = 1.0\n[[magnetometers]]\nname = 'mag_9_uc'\nnoise_nt = 1.0\n";
@@ -243,12 +243,13 @@ fn law_a_scalar_reads_the_magnitude_of_the_vector_sum() {
     let line = &lines(&written(&folder, &spec_text("gusts_deg = [3.0, 3.0, 3.0]", &format!("{sensors}{flights}"))))[0];
     let (truth, read) = (column(line, "mag_1_c"), column(line, "mag_2_uc"));
     let most = truth.iter().zip(read).fold(0.0_f64, |a, (t, r)| a.max((r - t).abs()));
-    // A permanent field adds its part along the earth's field: at most its size, and not nothing.
+    // A permanent field changes the magnitude by its component along the earth's field: at most its magnitude, and not
+    // zero.
     assert!(most <= 500.0 && most > 10.0, "{most}");
 }
 
 #[test]
-fn law_the_ins_navigates_by_its_own_measurements() {
+fn law_the_velocity_of_the_ins_follows_from_its_measured_force() {
     // The velocity and position of the INS follow from its measured specific force.
     const ROWS: usize = 1200;
     for line in lines(&example()) {
@@ -261,7 +262,8 @@ fn law_the_ins_navigates_by_its_own_measurements() {
         for i in 0..ROWS {
             let half = 0.5 * (tt[i + 1] - tt[i]);
             for j in [i, i + 1] {
-                // Without a rate of its own, minus the Coriolis and transport terms and plus gravity.
+                // The specific force of zero acceleration. Subtracting it removes the Coriolis and transport terms and
+                // adds gravity.
                 let v = [ins_v[0][j], ins_v[1][j], ins_v[2][j]];
                 let rest = numerics::navigation::strapdown::specific_force_mps2(lat(j), c("ins_alt")[j], v, [0.0; 3]);
                 velocity[0] += half * (force[0][j] - rest[0]);
@@ -270,14 +272,14 @@ fn law_the_ins_navigates_by_its_own_measurements() {
             }
         }
         for axis in 0..2 {
-            // Velocity random walk over 120 s is 2.6e-3 m/s; five of them. A tilt of 0.01 degrees of the wrong
-            // sign would be 0.4 m/s.
+            // Five standard deviations of the velocity random walk over 120 s, 2.6e-3 m/s. A tilt of 0.01 degrees of
+            // the wrong sign would give 0.4 m/s.
             let error = velocity[axis] - ins_v[axis][ROWS];
             assert!(error.abs() < 0.013, "{} axis {axis}: {error}", name(&line));
         }
         let middle = 0.5 * (lat(0) + lat(ROWS));
         let said_m = EarthModel::Wgs84.lat_rad_to_north_m(lat(ROWS) - lat(0), middle, c("alt")[0]);
-        // The error model's sphere differs from the meridian by 0.5 %, of an error of 10 m and less.
+        // The spherical error model differs from the meridian by 0.5 %, for an error of at most 10 m.
         assert!((said_m - moved_m).abs() < 0.3, "{}: {said_m} {moved_m}", name(&line));
     }
 }
@@ -298,7 +300,8 @@ const IN_SERIES: [&str; 12] = [
     "ins_yaw",
 ];
 
-/// DRMS of filter and INS in metres, and the mean NEES over 2, of a line navigated with the stinger's truth.
+/// DRMS of filter and INS in metres, and the mean NEES divided by 2, of a line navigated with the true field of the
+/// stinger.
 fn navigated(line: &RecordBatch, anomaly: &MapSurface) -> (f64, f64, f64) {
     let c = |n: &str| column(line, n);
     let columns: Vec<&[f64]> = std::iter::once("tt").chain(IN_SERIES).map(c).collect();
@@ -323,7 +326,7 @@ fn navigated(line: &RecordBatch, anomaly: &MapSurface) -> (f64, f64, f64) {
 }
 
 #[test]
-fn law_the_filter_finds_its_way_over_osborne() {
+fn law_the_filter_is_more_accurate_than_the_ins_over_osborne() {
     let map =
         datasets::read_map(&samples::path("osborne/osborne_anomaly_100m_at_500m.tif"), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
@@ -341,7 +344,7 @@ fn law_the_filter_finds_its_way_over_osborne() {
 }
 
 #[test]
-fn gold_faults_of_a_spec_are_told_at_once_with_their_place() {
+fn gold_all_faults_of_a_spec_are_reported_with_their_place() {
     let folder = TempDir::new().unwrap();
     let text = "seed = 1\nrate_hs = 10.0\n[map]\npath = 'none.tif'\n[[magnetometers]]\nname = 'mag_2_uc'\n\
                 permanent_n = 3.0\n[[magnetometers]]\nname = 'mag_3_uc'\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 1.0\n[[currents]]\nname = 'cur_z'\non_a = 'much'\n\
@@ -368,9 +371,9 @@ fn gold_faults_of_a_spec_are_told_at_once_with_their_place() {
 }
 
 #[test]
-fn unit_faults_are_in_the_order_of_the_file_those_between_keys_too() {
+fn unit_all_faults_are_in_the_order_of_the_file() {
     let folder = TempDir::new().unwrap();
-    // A day that the year does not have, and a height and a depth at once, are found after the keys of the tables below
+    // The invalid day of the year, and a source with height and depth, are found after the keys of the tables below
     // them.
     let text = "seed = 1\nyear = 2021\ndoy = 366\nrate_hs = 10.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
                 alt_m = -1.0\nmoment_am2 = 1.0\n[ins]\ngrade = 'navigatoin'\n[[flights]]\nname = '1'\n\
@@ -406,7 +409,7 @@ fn gold_lines_that_cannot_be_flown() {
 }
 
 #[test]
-fn law_a_failed_synthesis_leaves_no_file() {
+fn unit_a_failed_synthesis_leaves_no_file() {
     let folder = TempDir::new().unwrap();
     let path = written(
         &folder,
@@ -418,12 +421,12 @@ fn law_a_failed_synthesis_leaves_no_file() {
 }
 
 #[test]
-fn unit_another_program_that_writes_into_the_folder_is_left_alone() {
+fn unit_partial_files_of_another_process_are_kept() {
     let folder = TempDir::new().unwrap();
     let path = written(&folder, &spec_text("", SHORT));
     let to = folder.path().join("out");
     fs::create_dir(&to).unwrap();
-    // A partial file of another process, of the same flight.
+    // A partial file of another process for the same flight.
     let other = to.join(".A.parquet.partial");
     fs::write(&other, b"half").unwrap();
     synthesise(&path, &to).unwrap();
@@ -432,7 +435,7 @@ fn unit_another_program_that_writes_into_the_folder_is_left_alone() {
 }
 
 #[test]
-fn law_files_are_the_same_bytes_on_any_number_of_threads() {
+fn unit_files_have_the_same_bytes_on_any_number_of_threads() {
     let folder = TempDir::new().unwrap();
     let second = SHORT.split_once("[[flights]]").unwrap().1;
     let flights = ["B", "C"].map(|n| format!("[[flights]]{}", second.replace("'A", &format!("'{n}")))).concat();
@@ -454,7 +457,7 @@ fn law_files_are_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
-fn law_lines_are_the_same_however_many_are_simulated_at_once() {
+fn unit_lines_do_not_depend_on_the_number_simulated_in_parallel() {
     let folder = TempDir::new().unwrap();
     let second = SHORT.split_once("[[flights]]").unwrap().1;
     let flights = ["B", "C"].map(|n| format!("[[flights]]{}", second.replace("'A", &format!("'{n}")))).concat();
@@ -471,7 +474,7 @@ fn law_lines_are_the_same_however_many_are_simulated_at_once() {
 }
 
 #[test]
-fn law_copies_of_a_flight_have_draws_of_their_own() {
+fn unit_copies_of_a_flight_have_separate_draws() {
     let folder = TempDir::new().unwrap();
     let copies = SHORT.replace("name = 'A'\n", "name = 'A'\ncopies = 3\n");
     let several = lines(&written(&folder, &spec_text("", &copies)));

@@ -18,10 +18,10 @@ fn rms(x: &[f64]) -> f64 {
 }
 
 #[test]
-fn ref_tolles_lawson_on_the_cessna_leaves_what_it_left_in_table_2_3() {
+fn ref_the_residual_of_tolles_lawson_on_the_cessna_is_that_of_table_2_3() {
     let flown = lines(&spec("cessna")).unwrap();
     let calibration = line(&flown, "1006.04").unwrap();
-    // Gnadt 2022, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, for its calibration in 2.3 had failed.
+    // Gnadt 2022, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, as its calibration in Table 2.3 failed.
     let published = [
         ("mag_1_uc", 6.2, 5.8),
         ("mag_5_uc", 104.0, 13.0),
@@ -73,7 +73,7 @@ fn ref_core_field_tolles_lawson_improves_the_drone_as_in_table_4_2() {
         let (raw, ratio) = (median(raw), median(ratio));
         println!("{sensor}: {raw:.1} nT, ratio {ratio:.2}; published {raw_nt} and {published_ratio}");
         assert!((0.6..1.6).contains(&(raw / raw_nt)), "{sensor}: {raw}");
-        // Table 4.2 itself goes from 2.6 to 7.5.
+        // Table 4.2 has values from 2.6 to 7.5.
         assert!((0.5..2.0).contains(&(ratio / published_ratio)), "{sensor}: {ratio}");
     }
 }

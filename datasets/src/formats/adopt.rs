@@ -1,5 +1,4 @@
-//! Settles names, units and keys: those that the options give, those that names imply, and the flight and line that a
-//! file lacks.
+//! Names, units and keys from the options and from column names, and the flight and line that a file lacks.
 
 use std::{collections::HashSet, path::Path, sync::Arc};
 
@@ -15,17 +14,17 @@ use crate::ReadError;
 pub(super) struct FlightColumnTarget {
     /// Its name in the flight table.
     pub(super) name: String,
-    /// The unit that its values have; empty for the canonical unit, where none is given.
+    /// The unit that its values have; empty for the canonical unit.
     pub(super) unit: String,
 }
 
 /// The name and unit of a column.
 ///
-/// `own` is its name in the file, and the name that its format gives it where that differs; `said` is the unit that the
-/// file gives it. The unit is that of the options, otherwise that of the file, otherwise that of the name.
+/// `own` holds its name in the file and, if different, its name in the format; `said` is the unit in the file. The unit
+/// in the options takes precedence, then the unit in the file, then the unit in the name.
 ///
 /// # Errors
-/// Fails for a unit that does not convert to that of the column, and for a name that implies another unit than the
+/// Fails for a unit that does not convert to the unit of the column, and for a name that implies another unit than the
 /// file.
 pub(super) fn named(
     path: &Path,
@@ -86,7 +85,7 @@ fn doubted(path: &Path, name: &str, wanted: &str, said: Option<&str>) -> Result<
     let Some((_, unit)) = name.rsplit_once('_').filter(|_| !listed && !wanted.is_empty()) else { return Ok(()) };
     let in_earnest = unit.bytes().any(|b| b.is_ascii_lowercase()) && unit.bytes().any(|b| b.is_ascii_uppercase());
     match convert(unit, wanted) {
-        // The unit that the standard name implies is not one that the file gives.
+        // The file gives no other unit than the one of the standard name.
         Some(factor) if in_earnest && factor != 1.0 && said.is_none_or(|s| s == wanted) => {
             let what = format!("its name says `{unit}`, but a column of this name is in {wanted}");
             Err(ReadError::options(path, what).in_column(name).help(way_out(name, wanted)))
@@ -148,7 +147,7 @@ pub(super) fn adopt(path: &Path, raw: RawFlight, options: &FlightOptions) -> Res
     Ok(RawFlight { schema, parts: Box::new(parts), ..raw })
 }
 
-/// The rows with nulls for the numbers that mark missing values, where there still are such.
+/// The rows with nulls for the numbers that mark missing values, if such numbers remain.
 pub(super) fn without_fillers(path: &Path, raw: RawFlight, options: &FlightOptions) -> RawFlight {
     if !raw.fillers {
         return raw;
@@ -166,7 +165,7 @@ pub(super) fn without_fillers(path: &Path, raw: RawFlight, options: &FlightOptio
     RawFlight { schema: Arc::new(Schema::new(nullable)), parts: Box::new(parts), fillers: false, ..raw }
 }
 
-/// The flight and line to add, where the file has none.
+/// The flight and line to add to a file without them.
 fn added_keys(
     path: &Path,
     fields: &[Field],
@@ -186,7 +185,7 @@ fn added_keys(
     Ok(added)
 }
 
-/// The field that a column becomes; nullable, since values may be found missing.
+/// The field of a column in the flight table; nullable, since values may be missing.
 fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions) -> Result<Field, ReadError> {
     let metadata = source.metadata();
     let FlightColumnTarget { name, unit } =
@@ -211,13 +210,12 @@ pub(super) fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 
-/// The same, or a text that looks like a unit and is not known, so that it is an error wherever the unit matters.
+/// [`unit_of_name`], or an unknown text that looks like a unit, so that it is an error wherever the unit matters.
 pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }
 
-/// The values of a column in the unit that its format expects (`counted`; the canonical one where that is empty),
-/// and that unit.
+/// The values of a column in the unit of its format (`counted`, or the canonical unit if that is empty), and that unit.
 ///
 /// # Errors
 /// Fails for a unit that does not convert.
@@ -235,7 +233,7 @@ pub(super) fn in_counted_unit(
         return Ok((unit.to_owned(), values));
     }
     let factor = convert(unit, wanted);
-    // Units that no converter knows are those of the format itself.
+    // The converter lacks some units of the formats.
     let factor = if unit == wanted { Some(1.0) } else { factor };
     let factor = factor.ok_or_else(|| other_unit(path, own, &named.name, "the column is in", unit, wanted))?;
     let values = if factor == 1.0 { values } else { values.into_iter().map(|x| x * factor).collect() };

@@ -1,4 +1,5 @@
-//! Small files that declare much: each is refused before memory is allocated for it, by an error that names the file.
+//! Small files that declare large contents: each is rejected before memory is allocated, by an error with the file's
+//! name.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -53,7 +54,7 @@ fn table(columns: Vec<(String, ArrayRef)>) -> RecordBatch {
 }
 
 #[test]
-fn bug_a_parquet_file_that_declares_much_is_refused() {
+fn unit_a_parquet_file_that_declares_too_much_is_rejected() {
     let case = Case::new();
     // 300 values of 1 MiB, all of them null.
     let nulls = FixedSizeBinaryArray::new_null(1 << 20, 300);
@@ -69,15 +70,15 @@ fn bug_a_parquet_file_that_declares_much_is_refused() {
 }
 
 #[test]
-fn bug_a_text_of_a_dictionary_is_not_repeated_in_memory() {
+fn unit_a_text_of_a_dictionary_is_not_repeated_in_memory() {
     let case = Case::new();
-    // One text of 512 kB in 600 rows: 300 MB as rows.
+    // One text of 512 kB in 600 rows is 300 MB as rows.
     let long = "A".repeat(1 << 19);
     let bytes = parquet(&table(vec![("line".into(), Arc::new(StringArray::from(vec![long.as_str(); 600])))]));
     assert!(bytes.len() < 100_000);
     let said = case.flight("texts.parquet", &bytes);
     assert!(said.contains("the texts of 600 rows exceed 256 MB") && said.contains("line"), "{said}");
-    // Texts of every length come out as they are.
+    // Texts of every length are unchanged.
     let texts: Vec<String> = (0..40).map(|k| "é".repeat(k)).collect();
     let batch = table(vec![("line".into(), Arc::new(StringArray::from(texts)))]);
     let path = case.file("plain.parquet", &parquet(&batch));
@@ -86,7 +87,7 @@ fn bug_a_text_of_a_dictionary_is_not_repeated_in_memory() {
 }
 
 #[test]
-fn bug_tables_of_very_many_columns_are_refused() {
+fn unit_tables_of_too_many_columns_are_rejected() {
     let case = Case::new();
     let names: Vec<String> = (0..20_000).map(|k| format!("c{k}")).collect();
     let row = vec!["1"; names.len()].join(",");
@@ -98,10 +99,10 @@ fn bug_tables_of_very_many_columns_are_refused() {
 }
 
 #[test]
-fn bug_an_hdf5_file_that_declares_much_is_refused() {
+fn unit_an_hdf5_file_that_declares_too_much_is_rejected() {
     let case = Case::new();
     let mut file = FileBuilder::new();
-    // Bytes become Float64: 8 times 9 MiB for each of the four, of which three may be read.
+    // Bytes become Float64: 8 times 9 MiB for each of the four, of which three are within the limit.
     let zeros = vec![0_i8; 9 << 20];
     for name in ["lat", "lon", "tt", "utm_z"] {
         let shape = [zeros.len() as u64];
@@ -116,11 +117,11 @@ fn bug_an_hdf5_file_that_declares_much_is_refused() {
 }
 
 #[test]
-fn bug_a_matlab_file_that_declares_much_is_refused() {
+fn unit_a_matlab_file_that_declares_too_much_is_rejected() {
     let case = Case::new();
     let element = |kind: u32, data: &[u8]| [&kind.to_le_bytes()[..], &(data.len() as u32).to_le_bytes(), data].concat();
     let words = |words: &[u32]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();
-    // 2^27 doubles, deflated: the zeros need not be there for the head to say so.
+    // 2^27 deflated doubles; the header is sufficient, so the zeros are omitted.
     let count = 1_u32 << 27;
     let head = [
         element(6, &words(&[6, 0])),
@@ -141,7 +142,7 @@ fn bug_a_matlab_file_that_declares_much_is_refused() {
 }
 
 #[test]
-fn bug_a_tiff_that_declares_much_is_refused() {
+fn unit_a_tiff_that_declares_too_much_is_rejected() {
     let case = Case::new();
     let side = 20_000_u32;
     let strip = [0; 64];
@@ -170,13 +171,13 @@ fn bug_a_tiff_that_declares_much_is_refused() {
     bytes.extend([100.0, 100.0, 0.0, 0.0, 0.0, 0.0, 4e5, 7e6, 0.0].iter().flat_map(|x: &f64| x.to_le_bytes()));
     bytes.resize(300, 0);
     bytes.extend(strip);
-    // 3.2 GB from 64 bytes.
+    // 64 bytes that declare 3.2 GB.
     let said = read_grid(&case.file("zeros.tif", &bytes), &MapOptions::default()).unwrap_err().to_string();
     assert!(said.contains("zeros.tif") && said.to_lowercase().contains("limit"), "{said}");
 }
 
 #[test]
-fn bug_a_packed_gxf_that_declares_much_is_refused() {
+fn unit_a_packed_gxf_that_declares_too_much_is_rejected() {
     let case = Case::new();
     // One run of 9 characters over 3.6e9 nodes.
     let text = "#POINTS\n60000\n#ROWS\n60000\n#PTSEPARATION\n100\n#RWSEPARATION\n100\n#GTYPE\n8\n#GRID\n\"%%%%%%%\n";
@@ -210,7 +211,7 @@ fn magnetometer(attributes: &[(&str, AttrValue)], stored: &[i16]) -> Result<(Vec
 }
 
 #[test]
-fn bug_hdf5_values_are_unpacked_as_their_attributes_say() {
+fn unit_hdf5_values_are_unpacked_by_their_attributes() {
     let same = |found: &[f64], wanted: &[f64]| {
         let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-6 || (a.is_nan() && b.is_nan());
         found.len() == wanted.len() && found.iter().zip(wanted).all(close)
@@ -219,7 +220,7 @@ fn bug_hdf5_values_are_unpacked_as_their_attributes_say() {
     let fill = ("_FillValue", AttrValue::I16(-999));
     let (values, notes) = magnetometer(&[&packing[..], &[fill]].concat(), &[-2, 0, 100, -999]).unwrap();
     assert!(same(&values, &[49_999.0, 50_000.0, 50_050.0, f64::NAN]) && notes.is_empty(), "{values:?} {notes:?}");
-    // Without attributes the numbers are the values.
+    // Without attributes the stored numbers are the values.
     let (values, _) = magnetometer(&[], &[-2, 0, 100, -999]).unwrap();
     assert!(same(&values, &[-2.0, 0.0, 100.0, -999.0]), "{values:?}");
     let missing = ("missing_value", AttrValue::F64Array(vec![7.0, 9.0]));

@@ -1,9 +1,9 @@
 //! Decimal numbers in the bytes of a text, bit-identical to `str::parse`.
 //!
-//! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that one product or quotient of them
-//! rounds once, and rightly [Clinger 1990]. Every other spelling is left to `str::parse`.
+//! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that their product or quotient is
+//! correctly rounded [Clinger 1990]. `str::parse` reads every other spelling.
 
-/// With this number of bytes after a number it can be read without bounds checks.
+/// Number of bytes after a number that permits reading it without bounds checks.
 pub(super) const PAD: usize = 8;
 
 /// The powers of ten that are exact.
@@ -12,8 +12,8 @@ const POWERS: [f64; 23] = [
     1e21, 1e22,
 ];
 
-/// The number that begins at `start` and the position after it, where it consists of digits, with a sign, a point and
-/// an exponent or without, and exact. The caller checks the character after it.
+/// The number that begins at `start`, and the position after it; `None` unless it consists of digits, with optional
+/// sign, point and exponent, and is exact. The caller checks the character after it.
 #[inline(always)]
 pub(super) fn number(text: &[u8], start: usize) -> Option<(f64, usize)> {
     let DecimalLiteral { negative, digits, count, exponent, end } = spelt(text, start)?;
@@ -39,7 +39,7 @@ pub(super) fn end(text: &[u8], start: usize) -> Option<usize> {
 /// Decimal number as written: sign, digits, exponent and end position.
 struct DecimalLiteral {
     negative: bool,
-    /// Those before and after the point; right up to 19 of them.
+    /// The digits before and after the point; exact up to 19 digits.
     digits: u64,
     count: usize,
     /// Exponent of ten.
@@ -121,7 +121,7 @@ mod tests {
 
     use super::*;
 
-    /// Numbers, and what looks like them, in many spellings.
+    /// Numbers, and texts that look like them, in many spellings.
     pub(in crate::formats) fn spellings() -> Vec<String> {
         let mut all: Vec<String> = [
             "0",
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_number_is_that_of_the_standard_library_to_the_last_bit() {
+    fn unit_a_number_is_bit_identical_to_the_standard_librarys() {
         let mut plain = 0;
         for text in spellings() {
             let parsed = text.parse::<f64>().ok();

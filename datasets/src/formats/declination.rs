@@ -15,7 +15,7 @@ use crate::ReadError;
 pub(super) struct DeclinationSample {
     /// North, east and down, nT.
     pub(super) ned_nt: [f64; 3],
-    /// The declination that was added to that of the sample, or the direction of H.
+    /// The declination that was added to the sample's, or the direction of H.
     pub(super) baseline_rad: f64,
     /// The declination of the sample without its baseline, if it has the component D.
     pub(super) own_rad: Option<f64>,
@@ -187,14 +187,14 @@ mod tests {
     const VARIATION: &str = " Data Type variation |\n";
     const DEFINITIVE: &str = " Data Type Definitive |\n";
 
-    /// North and east within 1 nT of the values, and no note.
+    /// Checks that north and east are within 1 nT of the values, and that there is no note.
     fn is(record: ObservatoryRecord, north: f64, east: f64) {
         let [n, e, d] = record.ned_nt[0];
         assert!((n - north).abs() < 1.0 && (e - east).abs() < 1.0 && d.is_finite(), "{:?}", record.ned_nt[0]);
         assert!(record.notes.is_empty(), "{:?}", record.notes);
     }
 
-    /// North and east unknown, down and total as given, and a note with these words.
+    /// Checks that north and east are unknown, down and total are as given, and a note has these words.
     fn unknown(record: ObservatoryRecord, words: &[&str]) {
         let [n, e, d] = record.ned_nt[0];
         assert!(n.is_nan() && e.is_nan() && d == 44_000.0 && record.total_nt[0] == 48_400.0, "{record:?}");
@@ -203,11 +203,11 @@ mod tests {
     }
 
     #[test]
-    fn bug_variations_without_a_baseline_are_not_north_and_east() {
+    fn unit_variations_without_a_baseline_give_no_north_and_east() {
         let hez = "20050.00 30.00 44000.00 48400.00";
         let words = ["H and E are relative", "`field_n` and `field_e` are unknown", "# DECBAS <tenths"];
         unknown(read(VARIATION, "HEZF", hez).unwrap(), &words);
-        // H has no direction in definitive data either, and a mark of a missing value is no baseline.
+        // H has no direction in definitive data either; a missing-value marker is not a baseline.
         unknown(read(DEFINITIVE, "HEZF", hez).unwrap(), &words);
         unknown(read(&format!("{VARIATION} # DECBAS 99999 |\n"), "HEZF", hez).unwrap(), &words);
         let hdz = "20050.00 5.14 44000.00 48400.00";
@@ -224,7 +224,7 @@ mod tests {
         // 4.37 deg: the sine is 0.076198, the cosine 0.997093.
         let base = format!("{VARIATION} #DECBAS: 2622 (tenths of minutes) |\n");
         is(read(&base, "HEZF", "20050.00 30.00 44000.00 48400.00").unwrap(), 19_989.4, 1_557.7);
-        // 30 nT across 20050 nT are 5.144 minutes of arc.
+        // The angle of 30 nT across 20050 nT is 5.144 minutes of arc.
         is(read(&base, "HDZF", "20050.02 5.144 44000.00 48400.00").unwrap(), 19_989.4, 1_557.7);
         is(read(DEFINITIVE, "HDZF", "20050.02 267.344 44000.00 48400.00").unwrap(), 19_989.4, 1_557.7);
         is(
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn bug_a_unit_or_a_baseline_that_is_wrong_is_named() {
+    fn unit_a_wrong_unit_or_baseline_is_reported() {
         let said = |header: &str, components: &str, row: &str| read(header, components, row).unwrap_err().to_string();
         let degrees = said(DEFINITIVE, "HDZF", "20050.02 4.456 44000 48400");
         assert!(
@@ -263,18 +263,18 @@ mod tests {
     }
 
     #[test]
-    fn bug_components_relative_to_an_unknown_value_are_noted() {
+    fn unit_components_relative_to_an_unknown_value_are_noted() {
         let xyz = read(VARIATION, "XYZF", "12.00 -3.00 5.00 48400.00").unwrap();
         assert!(xyz.notes[0].contains("their magnitude is 13 nT, but the IGRF gives 48") && xyz.ned_nt[0][0] == 12.0);
         let hdz = read(&format!("{VARIATION} # DECBAS 2622 |\n"), "HDZF", "12.00 5.00 5.00 48400.00").unwrap();
         assert!(hdz.notes[0].contains("`field_n` and `field_e` are unknown") && hdz.ned_nt[0][0].is_nan());
-        // Sensor axes under the names of geographic ones.
+        // Components along sensor axes with the names of geographic ones.
         let xyz = read(VARIATION, "XYZF", "20050.00 30.00 44000.00 48400.00").unwrap();
         assert!(xyz.notes[0].contains("check the orientation") && xyz.ned_nt[0][1] == 30.0, "{:?}", xyz.notes);
     }
 
     #[test]
-    fn bug_two_samples_years_apart_are_no_record_of_seconds() {
+    fn unit_two_samples_years_apart_are_not_a_record_of_seconds() {
         let rows = "19989 1558 44000 48400\n2019-05-03 10:00:01.000 123 19989 1558 44000 48400\n\
                     2020-05-03 10:00:00.000 124 19989 1558 44000 48400";
         let said = read(DEFINITIVE, "XYZF", rows).unwrap_err().to_string();
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn bug_an_imf_header_without_a_baseline_gives_no_direction() {
+    fn unit_an_imf_header_without_a_baseline_gives_no_direction() {
         let day = |baseline: &str, d: &str| {
             let pair = format!("200500 {d} 440000 484000  200500 {d} 440000 484000\n");
             let text =

@@ -83,8 +83,8 @@ fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
     ))
 }
 
-/// Whether the first bytes are those of a Geosoft grid: bytes per element (plus 1024 if compressed), its sign, counts
-/// and ordering, then the geometry in double precision, 512 bytes in total. [Geosoft, GRD file format]
+/// Whether the first bytes are the header of a Geosoft grid: bytes per element (plus 1024 if compressed), its sign,
+/// counts and ordering, then the geometry in double precision, 512 bytes in total. [Geosoft, GRD file format]
 fn geosoft(head: &FileHead) -> bool {
     let word = |i: usize| Some(i32::from_le_bytes(head.bytes.get(4 * i..4 * i + 4)?.try_into().ok()?));
     let real = |i: usize| Some(f64::from_le_bytes(head.bytes.get(20 + 8 * i..28 + 8 * i)?.try_into().ok()?));

@@ -1,9 +1,9 @@
-//! Geosoft's XYZ exports: comments after `/`, the last of them before the data names the columns, a record such as
-//! `Line 10` or `Tie T5` before the rows of each line, `//Flight` and `//Date` before those that they are of, `*` for
-//! what is missing. [Seequent, Oasis montaj, Geosoft XYZ file format]
+//! Geosoft's XYZ exports. Comments follow `/`; the last of them before the data names the columns. A record such as
+//! `Line 10` or `Tie T5` precedes the rows of each line, and `//Flight` and `//Date` precede the rows that they apply
+//! to. `*` is a missing value. [Seequent, Oasis montaj, Geosoft XYZ file format]
 //!
 //! Columns keep the file's names; records become `line`, `flight`, `year` and `doy`. The file is read twice: once to
-//! settle which columns are numbers, once for the values.
+//! find the columns of numbers, once for the values.
 
 use std::{
     io::{BufRead, BufReader},
@@ -33,7 +33,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         let first = kinds.next();
         match first {
             Some(GeosoftTextLine::Record(_) | GeosoftTextLine::Flight(_) | GeosoftTextLine::Date(_)) => true,
-            // Comments first: those of the SGL surveys have no records.
+            // The comments are examined first: the SGL surveys have no line records.
             Some(GeosoftTextLine::Comment(_)) => kinds.any(|k| matches!(k, GeosoftTextLine::Record(_))),
             _ => false,
         }
@@ -54,7 +54,7 @@ enum GeosoftTextLine {
     Flight(String),
     Date(String),
     Record(GeosoftLineRecord),
-    /// A text like a line record that is none.
+    /// An invalid text like a line record.
     Unknown(Vec<String>),
     Row(Vec<String>),
 }
@@ -86,7 +86,7 @@ fn kind(text: &str, width: Option<usize>) -> GeosoftTextLine {
     }
 }
 
-/// The words of a line: between commas or tabs, where there are such, otherwise between blanks.
+/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks.
 fn words(text: &str) -> Vec<String> {
     let own = |w: &str| w.trim().trim_matches('"').to_owned();
     match [',', '\t'].into_iter().find(|s| text.contains(*s)) {
@@ -104,7 +104,7 @@ struct GeosoftScan {
     flights: bool,
     /// The line records.
     lines: GeosoftLineNames,
-    /// Texts like line records, with the first one's place in the file.
+    /// Texts like line records: the first one, with its position in the file, and their number.
     unknown: Option<(u64, Vec<String>, usize)>,
     dates: bool,
     /// A date that cannot be read.
@@ -126,7 +126,7 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> 
 
 fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError> {
     let (mut found, mut comments) = (GeosoftScan::default(), vec![]);
-    // The columns of rows of a word and a number, which are unknown line records if there are other rows.
+    // Rows of a word and a number, which are unknown line records if there are other rows.
     let mut pairs = vec![];
     for (at, line) in (1..).zip(lines(path)?) {
         let width = Some(found.numbers.len()).filter(|width| *width > 0);
@@ -158,7 +158,7 @@ fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError>
     if width == 0 {
         return Err(ReadError::data(path, "has no rows"));
     }
-    // A line of the comment that underlines the names has as many words, and no letters.
+    // A line of the comment that underlines the names has the same number of words, without letters.
     let names = |words: &&Vec<String>| {
         let letters = |w: &String| w.chars().any(char::is_alphabetic) && csv::number(w).is_none();
         words.len() == width && words.iter().all(letters)
@@ -173,12 +173,12 @@ fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError>
     Ok(found)
 }
 
-/// Whether the words would be an unknown line record before a row of three values.
+/// Whether the words would be an unknown line record in a table of three columns.
 fn looks_unknown(words: &[String]) -> bool {
     words.len() == 2 && read(words, Some(3)) == LineRecordMatch::Unknown
 }
 
-/// Narrows the columns of numbers to those that are so in a row.
+/// Removes the columns that are not numbers in a row.
 fn numbers(columns: &mut Vec<bool>, words: &[String], missing: &MissingMarkers) {
     if columns.is_empty() {
         *columns = vec![true; words.len()];
@@ -194,7 +194,7 @@ impl GeosoftScan {
         !self.lines.is_empty() || self.unknown.is_some()
     }
 
-    /// Whether a row begins with a number, so that one that begins with a word is none.
+    /// Whether rows begin with a number, so that a text that begins with a word is not a row.
     fn has_numbers_first(&self) -> bool {
         self.numbers.first() == Some(&true)
     }
@@ -307,7 +307,7 @@ struct GeosoftBatchReader {
     found: GeosoftScan,
     missing: MissingMarkers,
     now: GeosoftRowContext,
-    /// The fault of a text like a line record, for the first row after it.
+    /// The fault of an unknown line record, for the first row after it.
     unknown: Option<ReadError>,
     row: u64,
     text_line: u64,
@@ -355,7 +355,7 @@ impl Iterator for GeosoftBatchReader {
 }
 
 impl GeosoftBatchReader {
-    /// Begins a line of a record that is not one, whose rows are of no other line.
+    /// Begins the line of an unknown line record, whose rows belong to no other line.
     fn begin_unknown(&mut self, words: &[String]) {
         self.now.line = words.join(" ");
         let fault = ReadError::data(&self.path, unknown(words)).in_row(self.row);

@@ -165,7 +165,7 @@ fn split<T: Copy>(all: &mut Vec<T>, planar: bool) -> Vec<T> {
 }
 
 impl TiffSamples {
-    /// Takes the second of two samples of each cell.
+    /// Removes the second of two samples of each cell and returns it.
     fn split(&mut self, planar: bool) -> TiffSamples {
         use DecodingResult::{F16, F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
         TiffSamples(match &mut self.0 {

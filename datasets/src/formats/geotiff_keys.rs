@@ -1,4 +1,4 @@
-//! The tag and the GeoTIFF keys that reading and writing share. [OGC 19-008r4, GeoTIFF 1.1, 7.4]
+//! The tag and the GeoTIFF keys of both the reader and the writer. [OGC 19-008r4, GeoTIFF 1.1, 7.4]
 
 use tiff::tags::Tag;
 
@@ -44,7 +44,7 @@ const ANGLES: [(u16, f64); 6] = [
     (9122, 1.0),
 ];
 
-/// The unit of an EPSG code; `None` for one that is unknown.
+/// The unit of an EPSG code; `None` for an unknown code.
 pub(super) fn unit_of_code(code: u16) -> Option<AxisUnit> {
     let length = LENGTHS.iter().find(|(known, ..)| *known == code);
     let length = length.map(|(_, name, m)| AxisUnit::Length((*name).to_owned(), *m));

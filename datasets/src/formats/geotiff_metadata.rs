@@ -51,7 +51,7 @@ impl<'a> GdalMetadata<'a> {
         Ok(GdalMetadata { path, items })
     }
 
-    /// The first item of the file or its first band that has one of the names, with its name.
+    /// The first item of the file or its first band with one of the names, and its name.
     pub(super) fn item<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &str)> {
         let of = |name: &&'n str| {
             let mut found = self.items.iter().filter(|i| i.name == *name && i.sample.is_none_or(|s| s == 0));
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_entries_that_are_broken_or_partial() {
+    fn gold_broken_or_partial_entries() {
         let entry = |sample: &str, role: &str, text: &str| format!("<Item name=\"SCALE\"{sample}{role}>{text}</Item>");
         let (sample, role) = (" sample=\"0\"", " role=\"scale\"");
         for (items, what) in [

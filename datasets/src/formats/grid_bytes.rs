@@ -1,4 +1,5 @@
-//! Shared by the readers and writers of simple grids: text by words, bytes by fields, and rows in either order.
+//! Functions shared by the readers and writers of simple grids: text by words, bytes by fields, and rows in either
+//! order.
 
 use std::{io::Write, path::Path};
 
@@ -12,7 +13,7 @@ use grids::{AnomalyGrid, GridHeight};
 /// The value of blank nodes in Surfer's grids; all larger values are blank too.
 pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
 
-/// The whole of a text file.
+/// The content of a text file.
 ///
 /// # Errors
 /// Fails for a file that cannot be read or holds binary data.
@@ -24,7 +25,7 @@ pub(super) fn text_of(path: &Path) -> Result<String, ReadError> {
     Ok(String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').to_owned())
 }
 
-/// The whole of a file.
+/// The content of a file.
 ///
 /// # Errors
 /// Fails for a file that cannot be read.
@@ -32,7 +33,7 @@ pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, ReadError> {
     std::fs::read(path).map_err(|e| ReadError::io(path, &e))
 }
 
-/// The number of nodes, if the file is large enough for them at `least` bytes or more each.
+/// The number of nodes, if the file has at least `least` bytes for each.
 ///
 /// # Errors
 /// Fails for counts below two, and for more nodes than the bytes can hold.
@@ -163,7 +164,7 @@ pub(super) fn write_rows(
     Ok(())
 }
 
-/// A number as short as it can be read back exactly.
+/// The shortest text of a number that is read back exactly.
 pub(super) fn text(value: f64) -> String {
     let plain = value == 0.0 || value.is_nan() || (1e-5..1e16).contains(&value.abs());
     if plain { value.to_string() } else { format!("{value:e}") }

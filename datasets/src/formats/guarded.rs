@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bug_a_panic_of_a_decoder_is_an_error_of_the_file_and_later_ones_are_still_reported() {
+    fn unit_a_decoder_panic_is_an_error_and_later_panics_are_still_reported() {
         let path = Path::new("a.parquet");
         let nested = guarded(path, || {
             let inner = guarded::<()>(path, || panic!("inner"));

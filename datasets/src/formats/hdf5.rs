@@ -40,7 +40,7 @@ pub(super) struct Hdf5Source {
     base: u64,
 }
 
-/// The result of the macro `$numbers` for the Rust type of a data type's numbers; `$otherwise` for another data type.
+/// The result of the macro `$numbers` for the Rust type of a numeric data type; `$otherwise` for any other data type.
 macro_rules! of_kind {
     ($kind:expr, $numbers:ident, $otherwise:expr) => {
         match $kind {

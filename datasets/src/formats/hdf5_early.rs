@@ -1,6 +1,6 @@
-//! Data sets in the layout of HDF5 before 1.6.3: versions 1 and 2 of the data layout message, which the first MATLAB
-//! 7.3 files have. `hdf5-reader` 0.12 searches them at the wrong position. Contiguous data sets are read; others are
-//! errors. [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
+//! Data sets in the layout of HDF5 before 1.6.3: versions 1 and 2 of the data layout message, as in the first MATLAB
+//! 7.3 files. `hdf5-reader` 0.12 searches them at the wrong position. Contiguous data sets are read; others are errors.
+//! [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
 
 use std::{
     fs::File,
@@ -29,7 +29,7 @@ pub(super) enum Hdf5LegacyLayout {
 pub(super) fn early(path: &Path, base: u64, header: u64) -> Option<Hdf5LegacyLayout> {
     let mut file = File::open(path).ok()?;
     let first = bytes(&mut file, base.checked_add(header)?, 16)?;
-    // A header of version 2 begins with its signature, and is of a later library.
+    // A header of version 2, which begins with its signature, is from a later library.
     if *first.first()? != 1 {
         return None;
     }
@@ -68,7 +68,7 @@ fn layout(body: &[u8], base: u64) -> Option<Hdf5LegacyLayout> {
     }
 }
 
-/// Bytes of a file; `None` where the file ends before.
+/// Bytes of a file; `None` beyond its end.
 pub(super) fn bytes(file: &mut File, at: u64, length: usize) -> Option<Vec<u8>> {
     let whole = file.metadata().ok()?.len();
     if at.checked_add(length as u64)? > whole {
@@ -104,12 +104,12 @@ mod tests {
     };
     use crate::FlightOptions;
 
-    /// The layout of the data set of MATLAB 7.4: its header is 0x3d0 bytes after the HDF5 data begin, the layout
-    /// message 80 on.
+    /// The layout of the data set of MATLAB 7.4: its header begins 0x3d0 bytes after the start of the HDF5 data, and
+    /// the layout message 80 bytes later.
     const HEADER: u64 = 0x3d0;
 
     #[test]
-    fn unit_an_early_layout_is_told_from_later_ones_and_from_damage() {
+    fn unit_an_early_layout_is_distinguished_from_later_ones_and_from_damage() {
         let old = log("matlab/testhdf5_7.4_GLNX86.mat");
         assert_eq!(early(&old, 512, HEADER), Some(Hdf5LegacyLayout::Contiguous(512 + 0xe00)));
         assert_eq!(early(&old, 512, 0), None);
@@ -119,13 +119,13 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("x.mat");
         let at = whole.windows(8).position(|w| w == [2, 3, 1, 0, 0, 0, 0, 0]).unwrap();
-        // In chunks: an error with a remedy, not numbers.
+        // A chunked data set is an error with a remedy.
         let mut chunked = whole.clone();
         chunked[at + 2] = 2;
         fs::write(&path, &chunked).unwrap();
         let said = read(&path, &FlightOptions::default()).unwrap_err().to_string();
         assert!(said.contains("testdouble") && said.contains("HDF5 before 1.6.3"), "{said}");
-        // Beyond the end of the file.
+        // An address beyond the end of the file.
         let mut far = whole;
         far[at + 8 + 5] = 1;
         fs::write(&path, &far).unwrap();

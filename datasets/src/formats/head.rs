@@ -1,4 +1,4 @@
-//! The start of a file, by which its format is recognised.
+//! The start of a file, which identifies its format.
 
 use std::{collections::BTreeMap, fs::File, io::Read, path::Path};
 
@@ -46,7 +46,7 @@ impl FileHead<'_> {
         text_end::without_mark(&self.bytes)
     }
 
-    /// The lines at the start of the file, the last of them perhaps cut, where it is text.
+    /// The lines at the start of a text file; the last one may be truncated.
     pub(super) fn text_lines(&self) -> impl Iterator<Item = String> {
         let text =
             if self.text().contains(&0) { String::new() } else { String::from_utf8_lossy(self.text()).into_owned() };
@@ -54,7 +54,7 @@ impl FileHead<'_> {
         lines.into_iter()
     }
 
-    /// The first line that is not blank, where the start of the file is text.
+    /// The first line that is not blank, if the start of the file is text.
     pub fn first_line(&self) -> Option<String> {
         if self.text().contains(&0) {
             return None;
@@ -63,7 +63,7 @@ impl FileHead<'_> {
         text.trim_start_matches('\u{feff}').lines().find(|l| !l.trim().is_empty()).map(str::to_owned)
     }
 
-    /// The names of the datasets at the root, where it is an HDF5 file.
+    /// The names of the data sets at the root of an HDF5 file.
     pub(super) fn hdf5_names(&self) -> Vec<String> {
         if !self.starts_with(hdf5::MAGIC) {
             return vec![];

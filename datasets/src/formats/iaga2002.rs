@@ -51,7 +51,7 @@ pub struct ObservatoryRecord {
     pub start_tt_s: f64,
     /// Sampling interval.
     pub step_s: f64,
-    /// North, east and down in nT at each step; NaN where one is missing.
+    /// North, east and down in nT at each step; NaN if one is missing.
     pub ned_nt: Vec<[f64; 3]>,
     /// The total field of the scalar magnetometer in nT at each step; NaN where missing.
     pub total_nt: Vec<f64>,
@@ -137,10 +137,10 @@ impl ComponentConversion {
     }
 }
 
-/// The total field of a line's values, by the letters of its columns: S is measured; F too, unless there is S; G is the
-/// vector's magnitude minus the measured one, or minus the measured one alone where the vector is missing.
+/// The total field of a line's values, by the letters of its columns: S is measured, and so is F without an S. G is the
+/// vector's magnitude minus the measured one, or the negative measured one where the vector is missing.
 pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f64 {
-    /// No difference of two magnetometers, in nT.
+    /// Limit below which G is a negative total field and not a difference, nT.
     const NO_DIFFERENCE: f64 = -10_000.0;
     let of = |wanted: char| letters.iter().position(|l| *l == wanted).and_then(|c| values.get(c)).copied();
     let vector = ned_nt.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -165,16 +165,16 @@ struct IagaHeader {
     kind: Option<(ComponentConversion, String)>,
 }
 
-/// Reads an IAGA-2002 file: samples a second, a minute or an hour apart, of one day or of days one after the other.
+/// Reads an IAGA-2002 file: samples at intervals of a second, a minute or an hour, of one day or of consecutive days.
 ///
 /// Components may be XYZ, HDZ, HEZ or DIF, in any order, as well as a scalar. The baseline declination (`DECBAS`,
-/// tenths of minutes east) is the zero of D in data of the type `variation`, and the direction of H in HEZ; without it
-/// north and east are NaN there, with a note. A sample that is missing, is marked as missing or lacks a component is
-/// NaN.
+/// tenths of minutes east) is the zero of D in data of the type `variation`, and the direction of H in HEZ. Without it,
+/// north and east of such data are NaN, with a note. A sample that is absent, marked as missing or without a component
+/// is NaN.
 ///
 /// # Errors
 /// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, and a header
-/// that contradicts its columns or the IGRF by the factor of a unit.
+/// that contradicts its columns, or the IGRF by the factor of a unit.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -279,7 +279,7 @@ impl IagaHeader {
         } else if let Some(lon) = value_of("Geodetic Longitude") {
             self.lon_deg = number(lon).unwrap_or(f64::NAN);
         } else if let Some(elevation) = value_of("Elevation") {
-            // The marker of a missing value is not a height.
+            // A missing-value marker is not a height.
             self.msl_m = number(elevation).filter(|m| m.abs() < 9_999.0).unwrap_or(f64::NAN);
         } else if let Some(kind) = value_of("Data Type") {
             self.relative = is_relative(kind);
@@ -451,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_all_kinds_of_components_make_one_vector() {
+    fn unit_all_component_types_give_the_same_vector() {
         let (x, y, z) = (20_000.0_f64, 3_000.0_f64, 45_000.0_f64);
         let (h, f) = (x.hypot(y), x.hypot(y).hypot(z));
         let arcmin = |rad: f64| 60.0 * rad.to_degrees();
@@ -468,14 +468,14 @@ mod tests {
             let row = format!("2024-02-29 23:59:00.000 060 {a:.9} {b:.9} {c:.9} {e:.9}\n");
             let found = record(letters, &row).unwrap();
             assert_eq!((found.date, found.start_tt_s), ((2024, 60), 86_340.0));
-            // Nine decimals of a minute of arc are 1e-9/3438 of 5e4 nT.
+            // Rounding to nine decimals of a minute of arc: 1e-9/3438 of 5e4 nT.
             let error = [x, y, z].iter().zip(found.ned_nt[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(error < 1e-6, "{letters:?}: {:?}", found.ned_nt[0]);
         }
     }
 
     #[test]
-    fn unit_what_is_missing_is_nan_and_days_follow_one_another() {
+    fn unit_missing_values_are_nan_and_days_are_consecutive() {
         let rows = "2024-12-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n2024-12-31 23:59:00.000 366  99999.00 2.0 3.0 4.0\n\
                     2025-01-01 00:01:00.000 001  5.0 6.0 7.0 88888.00\n2025-01-01 00:02:00.000 001  5.0 6.0 88888.00 1.0\n";
         let found = record(["X", "Y", "Z", "F"], rows).unwrap();
@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_records_that_are_none() {
+    fn gold_invalid_records() {
         let said = |rows: &str| record(["X", "Y", "Z", "F"], rows).unwrap_err().to_string();
         let wrong = said("2024-13-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n");
         assert!(wrong.contains("the date, the time or a component is invalid in line 7"), "{wrong}");

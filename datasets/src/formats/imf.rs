@@ -53,7 +53,7 @@ impl ImfBlockHeader {
         let month = MONTHS.iter().position(|m| m.eq_ignore_ascii_case(month))? as u32 + 1;
         let number = |text: &str| text.parse::<u32>().ok();
         let year = number(year)? as i32;
-        // The format is of 1991.
+        // The format dates from 1991.
         let year = if year < 80 { 2000 + year } else { 1900 + year };
         let (colatitude, longitude) = (number(place.get(..4)?)?, number(place.get(4..8)?)?);
         let fits = date.len() == 7 && place.len() == 8 && letters.len() == 4;
@@ -71,14 +71,13 @@ impl ImfBlockHeader {
     }
 }
 
-/// Reads an IMF file: hours of one day, or of days one after the other, whose components form a vector (HDZF, XYZF or
-/// DIF).
+/// Reads an IMF file: hours of one day or of consecutive days, whose components form a vector (HDZF, XYZF or DIF).
 ///
 /// The declination is relative to the baseline of its header. Values marked as missing are NaN.
 ///
 /// # Errors
-/// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that
-/// contradict each other or themselves, and hours that do not follow one another.
+/// Fails for a file that is not in this format, a line that cannot be read, a truncated block, contradictory headers,
+/// and hours that are not consecutive.
 pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -154,7 +153,7 @@ fn values(line: &str) -> Option<Vec<f64>> {
     values.filter(|v| v.len() == 8 && v.iter().all(|x| x.is_finite()))
 }
 
-/// Tenths of nT as nT, hundredths of minutes of arc as minutes; NaN for what is missing.
+/// Tenths of nT as nT, hundredths of minutes of arc as minutes; NaN for a missing value.
 fn in_unit(digits: f64, letter: char) -> f64 {
     if MISSING.contains(&digits) {
         return f64::NAN;
@@ -192,14 +191,14 @@ mod tests {
     }
 
     #[test]
-    fn ref_boulder_in_both_formats_is_one_record() {
+    fn ref_boulder_is_the_same_record_in_both_formats() {
         let (text, iaga) = boulder(0..24);
         let imf = parse(Path::new("NOV0414.BOU"), &text).unwrap();
         assert_eq!((imf.date, imf.start_tt_s, imf.step_s, imf.ned_nt.len()), (iaga.date, 0.0, 60.0, 1440));
         assert_eq!((imf.station.as_str(), imf.components.as_str()), ("BOU", "HDZF"));
         assert!((imf.lat_deg - 40.1).abs() < 1e-9 && imf.lon_deg == 254.8);
         for (a, b) in imf.ned_nt.iter().flatten().zip(iaga.ned_nt.iter().flatten()) {
-            // Tenths of nT in place of hundredths.
+            // Rounding to tenths of nT instead of hundredths.
             assert!((a - b).abs() < 0.08, "{a} {b}");
         }
         assert!(imf.total_nt.iter().zip(&iaga.total_nt).all(|(a, b)| (a - b).abs() < 0.051));
@@ -220,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_damaged_is_named_with_its_line() {
+    fn unit_damage_is_reported_with_its_line() {
         let (text, _) = boulder(3..4);
         let said = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
         assert!(

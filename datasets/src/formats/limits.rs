@@ -8,10 +8,10 @@ use std::{
 
 use crate::ReadError;
 
-/// Decoded bytes that every file may have. Survey lines of one hour have about 10 MB.
+/// Decoded bytes that every file may declare. Survey lines of one hour have about 10 MB.
 const FREE: u64 = 256 << 20;
-/// Additional decoded bytes per byte of the file. Measured data have 2 to 10; a constant column has thousands, but is
-/// one of many.
+/// Additional decoded bytes per byte of the file. Measured data have 2 to 10; a constant column has thousands, but it
+/// is only one of many columns.
 const MOST_EXPANSION: u64 = 256;
 /// Maximum number of columns of a table. The widest surveys have a few hundred.
 pub(super) const MOST_COLUMNS: usize = 16_384;
@@ -40,7 +40,7 @@ impl DecodeLimit {
         usize::try_from(self.most()).unwrap_or(usize::MAX)
     }
 
-    /// Checks the decoded bytes of a file; `None` means more than 64 bits can count.
+    /// Checks the decoded bytes of a file; `None` stands for 2^64 or more.
     ///
     /// # Errors
     /// Fails for more bytes than the file may declare.
@@ -103,7 +103,7 @@ fn megabytes(bytes: u64) -> String {
 /// Checks the number of columns of a table.
 ///
 /// # Errors
-/// Fails for more than a table may have.
+/// Fails for more than [`MOST_COLUMNS`].
 pub(super) fn check_columns(path: &Path, columns: usize) -> Result<(), ReadError> {
     if columns <= MOST_COLUMNS {
         return Ok(());
@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_file_declares_no_more_than_its_size_allows() {
+    fn unit_a_file_declares_no_more_than_its_size_permits() {
         let path = Path::new("a.h5");
         let small = DecodeLimit::new(1000);
         assert!(small.check(path, Some(256 << 20)).is_ok() && small.check(path, Some((256 << 20) + 1)).is_err());
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn law_parts_count_once_and_together() {
+    fn unit_each_part_counts_once_and_parts_are_summed() {
         let (path, limit) = (Path::new("a.h5"), DecodeLimit::new(1000));
         for part in ["a", "a", "b"] {
             limit.check_part(path, part, Some(100 << 20)).unwrap();

@@ -13,7 +13,7 @@ use super::missing;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct GeosoftLineRecord {
     pub(super) kind: LineType,
-    /// The name as the file has it.
+    /// The name in the file.
     pub(super) name: String,
 }
 
@@ -28,7 +28,7 @@ pub(super) enum LineRecordMatch {
     No,
 }
 
-/// Reads the words of a text line of a table with rows of `width` values, where that is known.
+/// Classifies the words of a text line, in a table with rows of `width` values if that is known.
 pub(super) fn read<S: Borrow<str>>(words: &[S], width: Option<usize>) -> LineRecordMatch {
     let digit = |name: &str| name.chars().any(|c| c.is_ascii_digit());
     let other = width.is_some_and(|width| width != words.len());
@@ -63,14 +63,14 @@ fn is_word(text: &str) -> bool {
     text.chars().count() > 1 && text.chars().all(char::is_alphabetic) && !missing::is_usual_word(text)
 }
 
-/// The message on a text like a line record.
+/// The message about an unknown line record.
 pub(super) fn unknown<S: Borrow<str>>(words: &[S]) -> String {
     let known: Vec<&str> = LineType::ALL.iter().map(|kind| kind.word()).collect();
     format!("`{}` is not a line record: a record is one of {}, and a name", words.join(" "), known.join(", "))
 }
 
-/// The names of the lines of a file. A line has the letter of its type in front if it is not of the type `Line` and has
-/// the number of a line of another type. For example, `Tie 10` is named T10 in a file with `Line 10`.
+/// The names of the lines of a file. The letter of its type precedes a line's name if it is not of the type `Line` and
+/// has the number of a line of another type. For example, `Tie 10` is named T10 in a file with `Line 10`.
 #[derive(Debug, Default)]
 pub(super) struct GeosoftLineNames {
     types: BTreeMap<String, BTreeSet<LineType>>,
@@ -112,7 +112,7 @@ impl GeosoftLineNames {
         self.records().map(|record| (self.name(&record), record.kind)).collect()
     }
 
-    /// The note on lines that got a letter.
+    /// The note on lines whose names have an added letter.
     pub(super) fn note(&self) -> Option<String> {
         let renamed: Vec<GeosoftLineRecord> =
             self.records().filter(|record| self.name(record) != record.name).collect();
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(names.types(), types.map(|(name, kind)| (name.to_owned(), kind)).into());
         let note = "lines of different types have the same number: `Tie 1` is named T1";
         assert_eq!(names.note().as_deref(), Some(note));
-        // The name with the letter may be taken.
+        // The name with the letter may already exist.
         names.add(&record(LineType::Line, "T1"));
         assert_eq!(names.name(&all[1]), "TT1");
     }

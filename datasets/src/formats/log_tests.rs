@@ -1,4 +1,4 @@
-//! Binary logs against what other readers make of them (`reference/logs.py`), and against damage.
+//! Comparison of binary logs with the results of other readers (`reference/logs.py`), and tests of damaged logs.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -68,22 +68,22 @@ fn unquoted(text: &str) -> String {
     String::from_utf8(out).unwrap()
 }
 
-/// Whether a value is the one that was printed.
+/// Whether a value equals the printed one.
 fn is(column: &ArrayRef, row: usize, printed: &str) -> bool {
     match (column.data_type(), printed.strip_prefix('"')) {
         (DataType::Utf8, Some(text)) => column.as_string::<i32>().value(row) == unquoted(text),
         (DataType::Int64, Some(text)) => column.as_primitive::<Int64Type>().value(row).to_string() == text,
         (DataType::Float64, None) => {
             let (ours, theirs) = (column.as_primitive::<Float64Type>().value(row), printed.parse::<f64>().unwrap());
-            // Printed with all digits, so that nothing but the same number will do.
+            // The values are printed with all digits, so they must be equal bit by bit.
             ours.to_bits() == theirs.to_bits() || (ours.is_nan() && theirs.is_nan())
         }
         _ => false,
     }
 }
 
-/// A file against its reference: the same topics, columns and rows, the same values of every 500th row and the last,
-/// and the same sum.
+/// Compares a file with its reference: the same topics, columns and rows, the same values of every 500th row and the
+/// last, and the same sum.
 fn agrees(path: &Path) {
     let name = path.file_name().unwrap().to_str().unwrap();
     let text = fs::read_to_string(reference(&format!("{name}.tsv"))).unwrap();
@@ -116,7 +116,7 @@ fn agrees(path: &Path) {
                 assert!(is(values, row, printed), "{at} row {row}: {printed}");
             }
             if values.data_type() == &DataType::Float64 {
-                // In the order of the rows, as the other reader's values are summed.
+                // In the order of the rows, like the sum of the other reader.
                 let sum = values
                     .as_primitive::<Float64Type>()
                     .values()
@@ -188,7 +188,7 @@ fn ref_pymavlink_gives_the_same_units() {
     assert_eq!(seen, 6 + 3 * 6 + 2 * 3);
 }
 
-/// Numbers that look random, the same on every machine. [Marsaglia 2003, xorshift64]
+/// Pseudo-random numbers, the same on every machine. [Marsaglia 2003, xorshift64]
 struct Random(u64);
 
 impl Random {
@@ -200,7 +200,7 @@ impl Random {
     }
 }
 
-/// Bytes changed, cut out, doubled, and the end cut off.
+/// Bytes that are changed, removed or duplicated, or truncated at the end.
 fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..=random.next(6) {
@@ -229,7 +229,7 @@ fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Reads all topics of a damaged file, each of which either reads or errs; returns the number that read.
+/// Reads all topics of a damaged file, each of which succeeds or is an error; returns the number of successes.
 fn survives(path: &Path, format: &str, bytes: &[u8]) -> usize {
     fs::write(path, bytes).unwrap();
     let of =
@@ -243,7 +243,7 @@ fn survives(path: &Path, format: &str, bytes: &[u8]) -> usize {
         while let Some(Ok(part)) = reader.next_part() {
             rows += part.batch.num_rows() as u64;
         }
-        // MATLAB topics are listed by their shape, the others by what was counted.
+        // The row counts of MATLAB topics come from their shapes, others from a scan.
         assert!(format == "mat" || rows == found.rows, "{format} {}: {rows} of {} rows", found.name, found.rows);
         whole += 1;
     }
@@ -251,7 +251,7 @@ fn survives(path: &Path, format: &str, bytes: &[u8]) -> usize {
 }
 
 #[test]
-fn law_damaged_logs_read_or_err() {
+fn unit_damaged_logs_are_read_or_rejected() {
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("damaged");
     let cut = |path: PathBuf, n: usize| fs::read(path).unwrap().into_iter().take(n).collect::<Vec<u8>>();

@@ -21,7 +21,7 @@ pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
 /// - `vn`, `ve`, `vd` and the same with `ins_` are differences of the positions on the ellipsoid,
 /// - `ins_fn`, `ins_fe`, `ins_fd` are differences of the INS velocity, with Coriolis and gravity.
 ///
-/// The true specific force (`fn`, `fe`, `fd`) keeps its name if a file has it.
+/// The true specific force (`fn`, `fe`, `fd`) of a file keeps its name.
 ///
 /// Faults of single rows are returned with the table.
 pub(super) fn finish(

@@ -1,4 +1,4 @@
-//! Simple flights of MagNav.jl in CSV: the plain CSV reader's columns, with the derived columns added.
+//! Simple flights of MagNav.jl in CSV: the columns of the plain CSV reader, and the derived columns.
 
 use std::path::Path;
 
@@ -43,7 +43,7 @@ fn open(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<Raw
     Ok(RawFlight { own: Some(own), notes, found, ..RawFlight::new(schema, Box::new(whole)) })
 }
 
-/// The whole flight: derived columns depend on all of it.
+/// The whole flight, as derived columns depend on all rows.
 fn flight(
     path: &Path,
     schema: &SchemaRef,

@@ -1,7 +1,7 @@
 //! Simple flights of MagNav.jl in HDF5: one data set per field, angles in degrees.
 //!
-//! MagNav.jl 1.3.3 writes simulated flights with angles in radians, which its own readers then interpret as
-//! degrees; such a file is recognised by its velocities and rejected.
+//! MagNav.jl 1.3.3 writes simulated flights with angles in radians, which its readers interpret as degrees. Such a file
+//! is recognised by its velocities and rejected.
 
 use std::path::Path;
 

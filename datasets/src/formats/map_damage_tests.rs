@@ -1,5 +1,5 @@
-//! Damaged, truncated, monstrous and awkward maps: each is read right or refused with its name; none panics or takes
-//! memory that its file does not warrant.
+//! Damaged, truncated, oversized and unusual maps: each is read correctly or rejected with its name. None causes a
+//! panic or takes more memory than its file permits.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -13,7 +13,7 @@ fn reference() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("reference/maps")
 }
 
-/// One of each format and kind of layout.
+/// One file of each format and kind of layout.
 const FILES: [&str; 17] = [
     "gdal.tif",
     "gdal_i16.tif",
@@ -60,7 +60,7 @@ fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<Ano
     })
 }
 
-/// A small generator of bits, so that the damage is the same each time.
+/// Pseudo-random bits, so that the damage is reproducible.
 struct Bits(u64);
 
 impl Bits {
@@ -71,13 +71,13 @@ impl Bits {
 }
 
 #[test]
-fn unit_a_map_cut_short_anywhere_is_an_error() {
+fn unit_a_truncated_map_is_an_error() {
     let folder = TempDir::new().unwrap();
     fs::copy(reference().join("gdal"), folder.path().join("gdal")).unwrap();
     for name in FILES {
         let whole = fs::read(reference().join(name)).unwrap();
-        // The last number of a text may lose digits unseen; headers end in words that say nothing, binary files in
-        // padding.
+        // Truncation may shorten the last number of a text without an error; headers end in words without effect,
+        // binary files in padding.
         let slack = match name {
             "gdal.ers" => 160,
             _ if is_text(name) => 9,
@@ -103,7 +103,7 @@ fn unit_flipped_bits_never_panic() {
         let mut faults = 0;
         for trial in 0..300 {
             let mut bytes = whole.clone();
-            // Half of them in the first kilobyte, where the structure is.
+            // Half of the flips are in the first kilobyte, which holds the structure.
             let span = if trial % 2 == 0 { bytes.len().min(1024) } else { bytes.len() };
             for _ in 0..1 + trial % 3 {
                 let at = bits.next() % span;
@@ -140,7 +140,7 @@ fn unit_a_damaged_table_of_nodes_never_panics() {
 }
 
 #[test]
-fn unit_cells_cut_short_or_gone_are_an_error() {
+fn unit_truncated_or_missing_cells_are_an_error() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("gdal.ers");
     fs::copy(reference().join("gdal.ers"), &path).unwrap();
@@ -154,7 +154,7 @@ fn unit_cells_cut_short_or_gone_are_an_error() {
 }
 
 #[test]
-fn unit_a_monstrous_size_in_a_small_file_is_refused_at_once() {
+fn unit_an_excessive_size_in_a_small_file_is_rejected_at_once() {
     let folder = TempDir::new().unwrap();
     let mut surfer7 = fs::read(reference().join("gdal_surfer7.grd")).unwrap();
     surfer7[20..28].copy_from_slice(&[0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff, 0x7f]);
@@ -180,7 +180,7 @@ fn unit_a_monstrous_size_in_a_small_file_is_refused_at_once() {
 }
 
 #[test]
-fn gold_awkward_texts() {
+fn gold_unusual_texts() {
     let folder = TempDir::new().unwrap();
     let said = |name: &str, text: &str| outcome(&folder, name, text.as_bytes(), text).unwrap_err();
     let infinite = outcome(&folder, "i.grd", b"DSAA\n2 2\n0 10\n0 10\n0 1\n1 2 -inf 4\n", "infinite").unwrap();
@@ -225,7 +225,7 @@ fn gold_awkward_texts() {
 }
 
 #[test]
-fn unit_the_senses_of_gxf_are_one_map() {
+fn unit_every_sense_of_gxf_gives_the_same_map() {
     // A grid of 3 columns and 2 rows; the value is 10 row + column, row 0 in the south.
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("a.gxf");
@@ -252,7 +252,7 @@ fn unit_the_senses_of_gxf_are_one_map() {
 }
 
 #[test]
-fn unit_texts_of_other_habits() {
+fn unit_text_conventions_of_other_programs_are_read() {
     let folder = TempDir::new().unwrap();
     let read = |name: &str, text: &str, options: &MapOptions| {
         let path = folder.path().join(name);

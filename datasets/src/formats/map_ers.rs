@@ -1,7 +1,7 @@
 //! ER Mapper rasters: a header of nested `Begin`/`End` blocks in an `.ers` file, the values in a binary file next to
 //! it, rows from the north. [Earth Resource Mapping, ER Mapper customisation guide, ch. 2]
 //!
-//! Written in double precision; the format cannot store the height, which is omitted.
+//! The values are written in double precision. The format cannot store the height, which is omitted.
 
 use std::{
     collections::BTreeMap,
@@ -133,7 +133,7 @@ impl<'a> ErsHeader<'a> {
         Ok((x, y))
     }
 
-    /// The unit of eastings and northings; for degrees, programs write any word.
+    /// The unit of eastings and northings; for degrees, programs write arbitrary words.
     fn axis_unit(&self) -> Result<Option<AxisUnit>, ReadError> {
         let text = |key: &str| self.text(key).unwrap_or_default();
         let degrees = text("coordinatespace.coordinatetype").eq_ignore_ascii_case("LL")
@@ -199,7 +199,7 @@ fn names_of(code: u16) -> (String, String) {
     (format!("EPSG:{code}"), format!("EPSG:{code}"))
 }
 
-/// A number, or degrees, minutes and seconds between colons.
+/// A number, or degrees, minutes and seconds separated by colons.
 fn angle(text: &str) -> Option<f64> {
     let sign = if text.trim().starts_with('-') { -1.0 } else { 1.0 };
     let mut parts = text.trim().trim_start_matches(['-', '+']).split(':').map(|p| p.trim().parse::<f64>().ok());

@@ -53,7 +53,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         Ok::<_, ReadError>(if key == corner { at + 0.5 * step } else { at })
     };
     let (west, south) = (place("xllcorner", "xllcenter", dx)?, place("yllcorner", "yllcenter", dy)?);
-    // The format's own default.
+    // The default of the format.
     let unknown = head.get("nodata_value").copied().unwrap_or(-9999.0);
     let known = |v: f64| if is_marker(v, unknown) { f64::NAN } else { v };
     let values = numbers(path, &mut words, width * height)?.into_iter().map(known).collect();
@@ -94,7 +94,7 @@ fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadErro
     outputs.finish(prj)
 }
 
-/// A number that is not one of the values.
+/// A number that differs from all values.
 pub(super) fn unused(values: &[f64]) -> f64 {
     let mut candidate = -99_999.0;
     while values.contains(&candidate) {

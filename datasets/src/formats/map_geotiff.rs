@@ -1,5 +1,5 @@
-//! Map grids in GeoTIFF: one band of numbers, any compression and layout that the TIFF decoder knows,
-//! row 0 in the north. [OGC 19-008r4, GeoTIFF 1.1]
+//! Map grids in GeoTIFF: one band of numbers, any compression and layout of the TIFF decoder, row 0 in the north. [OGC
+//! 19-008r4, GeoTIFF 1.1]
 
 use std::path::Path;
 
@@ -74,11 +74,11 @@ struct Georeference {
     /// Centres of the rows.
     y: FileAxis,
     registration: Registration,
-    /// The code of the coordinate system, where the file has one.
+    /// The code of the coordinate system, if the file has one.
     epsg: Option<u16>,
     /// Whether the coordinates are degrees.
     geographic: bool,
-    /// The unit of the coordinates, where the file has one.
+    /// The unit of the coordinates, if the file has one.
     unit: Option<AxisUnit>,
 }
 

@@ -1,7 +1,8 @@
 //! Geosoft's Grid eXchange File, revision 3: labelled objects, then values as text or packed in base 90.
 //! [SEG Gravity and Magnetics Committee, GXF format revision 3.0, 2001]
 //!
-//! Written as text with the name of the coordinate system; the format cannot store the height, which is omitted.
+//! Files are written as text with the name of the coordinate system. The format cannot store the height, which is
+//! omitted.
 
 use std::{collections::BTreeMap, io::Write, path::Path};
 
@@ -45,7 +46,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
     let bytes = text.len() as u64 + 1;
-    // A run of a packed grid has any length.
+    // A run in a packed grid may have any length.
     let bytes = if packed == 0 { bytes } else { DecodeLimit::new(bytes).most() / 8 };
     let (points, lines) = (objects.number("POIN", f64::NAN)?, objects.number("ROWS", f64::NAN)?);
     let (points, lines) = nodes(path, points as i64, lines as i64, if packed == 0 { 2 } else { 1 }, bytes)?;

@@ -27,7 +27,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: None,
 };
 
-/// The folder itself, or that of its `map.csv`.
+/// The folder itself, or the folder of its `map.csv`.
 fn folder(path: &Path) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path.to_path_buf());
@@ -61,7 +61,7 @@ struct MagnavCsvShape<'a> {
 }
 
 impl MagnavCsvShape<'_> {
-    /// The rows one after another, each as long as there are longitudes.
+    /// The concatenated rows, each with one value per longitude.
     fn flatten(&self, name: &str, rows: Vec<Vec<f64>>) -> Result<Vec<f64>, ReadError> {
         let path = self.folder.join(name);
         if rows.len() != self.n_lat {

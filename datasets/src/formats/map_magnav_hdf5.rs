@@ -58,7 +58,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-/// MagNav.jl has no other marker for a node without data.
+/// Replaces zeros by NaN; MagNav.jl has no other marker of unknown nodes.
 pub(super) fn unknown_where_zero(mut values: Vec<f64>) -> Vec<f64> {
     values.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = f64::NAN);
     values

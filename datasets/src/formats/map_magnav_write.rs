@@ -1,5 +1,5 @@
-//! Writes maps as MagNav.jl's `save_map` does: data sets `info`, `map`, `xx`, `yy`, `alt` and `mask` at the root of an
-//! HDF5 file, degrees, longitudes first as Julia's columns are.
+//! Writes maps in the layout of MagNav.jl's `save_map`: data sets `info`, `map`, `xx`, `yy`, `alt` and `mask` at the
+//! root of an HDF5 file, in degrees, with the longitudes first, as in Julia.
 
 use hdf5_pure::FileBuilder;
 

@@ -1,6 +1,6 @@
-//! NetCDF grids: classic (CDF-1, 2 and 5) and NetCDF-4, with COARDS/CF coordinates as GMT, GDAL and xarray write them,
-//! and GMT's oldest grids with ranges instead of coordinates.
-//! [CF conventions 1.7; GMT technical reference, "The GMT-specific netCDF grid format"]
+//! NetCDF grids: classic (CDF-1, 2 and 5) and NetCDF-4, with the COARDS/CF coordinates of GMT, GDAL and xarray, and
+//! GMT's oldest grids with ranges instead of coordinates. [CF conventions 1.7; GMT technical reference, "The
+//! GMT-specific netCDF grid format"]
 
 use std::path::Path;
 
@@ -35,7 +35,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(netcdf_write::write),
 };
 
-/// Names of the grid, where there are several variables of two dimensions.
+/// Names of the grid among several variables of two dimensions.
 const GRIDS: [&str; 9] =
     ["z", "anomaly", "magnetic_anomaly", "total_field_anomaly", "tmi", "mag", "map", "band1", "anomaly_nt"];
 
@@ -146,7 +146,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         attribute.and_then(|a| a.value.as_f64())
     }
 
-    /// The variable of the map: of two dimensions, others of length 1 aside.
+    /// The variable of the map: two dimensions, not counting those of length 1.
     fn map(&self) -> Result<&'a NcVariable, ReadError> {
         let flat = |v: &&NcVariable| {
             let long = v.shape().iter().filter(|n| **n > 1).count();
@@ -239,8 +239,8 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
             || self.text(Some(v), "units").is_some_and(|u| u.starts_with(unit))
     }
 
-    /// The coordinate system: of the grid mapping, otherwise of the whole file, otherwise that of the coordinates'
-    /// units.
+    /// The coordinate system: of the grid mapping, otherwise of the whole file, otherwise the system implied by the
+    /// units of the coordinates.
     fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> FileCrs {
         let mapping = self.text(Some(map), "grid_mapping").and_then(|n| self.find(n.split([':', ' ']).next()?));
         for from in [mapping, None].into_iter().skip(usize::from(mapping.is_none())) {

@@ -30,7 +30,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// Names a column of each kind may have.
+/// Accepted names of a column of each kind.
 pub(super) const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude"];
 pub(super) const LONGITUDES: &[&str] = &["lon", "longitude_deg", "longitude"];
 pub(super) const EASTINGS: &[&str] = &["easting", "easting_m", "utm_easting_m", "osgb_easting_m", "x"];
@@ -110,7 +110,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-/// The unit of coordinates: that of the columns' metadata, else that of their names.
+/// The unit of coordinates: from the metadata of the columns, else from their names.
 ///
 /// # Errors
 /// Fails for an unknown unit, and for two units.
@@ -125,7 +125,7 @@ pub(super) fn axis_unit(path: &Path, names: [&str; 2], said: [Option<&str>; 2]) 
 /// The coordinate system of a map that a stage has made ([`schemas::map::MADE_COLUMNS`]); `None` for another table.
 ///
 /// # Errors
-/// Fails for several maps in one table, such as those of the points of a sweep.
+/// Fails for several maps in one table, such as the maps of a sweep.
 fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Option<u16>, ReadError> {
     if schemas::map::MADE_COLUMNS.iter().any(|made| !names.iter().any(|name| name == made)) {
         return Ok(None);

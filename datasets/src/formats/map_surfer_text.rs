@@ -1,7 +1,7 @@
 //! Surfer 6 grids as text (`DSAA`): size, ends of the axes and of the values, then rows from the south.
 //! [Golden Software, Surfer 6 text grid file format]
 //!
-//! The format has no coordinate system, unit or height: reading needs `epsg`, writing leaves them out.
+//! The format has no coordinate system, unit or height: reading requires `epsg`, writing omits them.
 
 use std::{io::Write, path::Path};
 
@@ -36,7 +36,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let [columns, rows, west, east, south, north, ..] = head.as_slice() else {
         return Err(ReadError::data(path, "the file is cut short"));
     };
-    // At least a value and a blank; the last value needs no blank.
+    // A value and a blank at least; the last value has no blank.
     let (width, height) = nodes(path, *columns as i64, *rows as i64, 2, text.len() as u64 + 1)?;
     let values = numbers(path, &mut words, width * height)?.into_iter().map(blanked).collect();
     let x = FileAxis::between(path, "x", *west, *east, width)?;

@@ -37,7 +37,7 @@ fn small(geographic: bool) -> AnomalyGrid {
 }
 
 fn same_axis(a: &EvenAxis, b: &EvenAxis) -> bool {
-    // Coordinates spelt in text or made of corners: a few roundings of the largest.
+    // Coordinates in text or computed from corners have errors of a few roundings of the largest one.
     let close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs().max(1.0);
     a.len == b.len && close(a.first, b.first) && close(a.last(), b.last())
 }
@@ -59,14 +59,14 @@ mod val_other_programs {
         let map = read_grid(&folder().join(name), options).unwrap_or_else(|e| panic!("{e}"));
         let expected = small(geographic);
         assert_eq!(map.crs, expected.crs, "{name}");
-        // Every value is a multiple of 0.25 below 2^8, which single precision and 16 scaled bits hold.
+        // Every value is a multiple of 0.25 below 2^8, which is exact in single precision and in 16 scaled bits.
         let worst = difference(&map, &expected);
         assert!(worst < 1e-12, "{name}: {worst}");
         map
     }
 
     #[test]
-    fn val_projected_maps_that_say_where_they_are() {
+    fn val_projected_maps_with_a_coordinate_system() {
         let default = MapOptions::default();
         for (name, format) in [
             ("gdal.tif", "geotiff"),
@@ -101,7 +101,7 @@ mod val_other_programs {
     }
 
     #[test]
-    fn val_geographic_maps_whatever_their_order() {
+    fn val_geographic_maps_in_any_order_of_rows() {
         let default = MapOptions::default();
         for name in ["gdal_geographic.nc", "xarray_down.nc", "xarray_transposed.nc", "xarray_0_360.nc", "h5py_map.h5"] {
             let map = check(name, true, &default);
@@ -116,7 +116,7 @@ mod val_other_programs {
     }
 
     #[test]
-    fn gold_rasters_that_are_no_map() {
+    fn gold_rasters_that_are_not_maps() {
         for (name, expected) in [
             ("gdal_rotated.tif", "the grid is rotated (warp the grid to north-up first)"),
             ("gdal_nowhere.tif", "the file lacks the positions of its cells (tags ModelPixelScale and ModelTiepoint)"),
@@ -133,7 +133,7 @@ mod val_other_programs {
     }
 
     #[test]
-    fn val_sixteen_bits_with_a_value_for_unknown() {
+    fn val_sixteen_bit_maps_with_a_no_data_value() {
         let map = read_grid(&folder().join("gdal_i16.tif"), &MapOptions::default()).unwrap();
         let whole: Vec<f64> = small(false).anomaly_nt.iter().map(|v| v.trunc()).collect();
         assert!(difference(&map, &small(false).with_plane_values(whole).unwrap()) == 0.0);
@@ -149,7 +149,7 @@ mod round_trips {
         file: &'static str,
         /// Values in single precision.
         single: bool,
-        /// The code has to be given.
+        /// Whether reading requires the code.
         needs_code: bool,
         height: bool,
         varying: bool,
@@ -174,7 +174,7 @@ mod round_trips {
         Kept { height: false, ..kept("er_mapper", "m.ers") },
     ];
 
-    /// Values of many sizes and spellings, a tenth of them unknown.
+    /// Values of many magnitudes and spellings, a tenth of them unknown.
     fn rough(geographic: bool, registration: Registration) -> AnomalyGrid {
         let values = (0..35_u64).map(|i| match i % 10 {
             3 => f64::NAN,
@@ -207,7 +207,7 @@ mod round_trips {
     }
 
     #[test]
-    fn unit_what_is_written_is_read_back() {
+    fn unit_a_written_map_is_read_back() {
         let folder = TempDir::new().unwrap();
         for registration in [Registration::Node, Registration::Pixel] {
             for kept in &ALL {
@@ -223,7 +223,7 @@ mod round_trips {
     }
 
     #[test]
-    fn unit_a_drape_is_kept_or_refused() {
+    fn unit_a_drape_is_stored_or_rejected() {
         let folder = TempDir::new().unwrap();
         let heights = (0..35).map(|i| 100.0 + f64::from(i) / 3.0).collect();
         let drape = AnomalyGrid { height: GridHeight::Cells(heights), ..small(true) };
@@ -239,7 +239,7 @@ mod round_trips {
     }
 
     #[test]
-    fn unit_systems_of_coordinates_are_kept() {
+    fn unit_coordinate_systems_are_kept() {
         let folder = TempDir::new().unwrap();
         for code in [32630, 32754, 28354, 7854, 27700, 3857, 2193, 4283, 2263] {
             let crs = Crs::from_epsg(Path::new("a"), code).unwrap();
@@ -254,7 +254,7 @@ mod round_trips {
     }
 
     #[test]
-    fn gold_what_cannot_be_written() {
+    fn gold_maps_that_cannot_be_written() {
         let folder = TempDir::new().unwrap();
         let said = |name: &str, format: Option<&str>, map: &AnomalyGrid| {
             let fault = write_grid(&folder.path().join(name), map, format).unwrap_err().to_string();
@@ -282,13 +282,13 @@ mod round_trips {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing half-written is left");
     }
 
-    /// The result of reading a file with any bytes.
+    /// The map in a file as text, without its source.
     fn unpacked(path: &Path) -> String {
         format!("{:?}", AnomalyGrid { source: PathBuf::new(), ..read_grid(path, &MapOptions::default()).unwrap() })
     }
 
-    /// The small map in every format, as other programs have read it (`reference/maps/check_maps.py`). A file that is
-    /// not there is made, to be checked with that script and kept.
+    /// The small map in every format, in files that other programs have read (`reference/maps/check_maps.py`). A
+    /// missing file is made, to be checked with that script and kept.
     #[test]
     fn gold_bytes_that_other_programs_have_read() {
         let written = super::folder().join("written");
@@ -319,7 +319,7 @@ mod round_trips {
                     made.push(kept);
                     continue;
                 }
-                // Deflate may pack the same values otherwise, as the library does that is built in.
+                // The bytes of deflate depend on the library in the build.
                 let same = match name.ends_with(".tif") {
                     true => unpacked(&entry.path()) == unpacked(&kept),
                     false => fs::read(entry.path()).unwrap() == fs::read(&kept).unwrap(),

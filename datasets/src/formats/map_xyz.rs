@@ -1,7 +1,7 @@
-//! Grids as columns of text, one row a node in any order: longitude or easting, latitude or northing, value.
+//! Grids as columns of text, one row per node in any order: longitude or easting, latitude or northing, value.
 //!
-//! Read with any separator, with or without a header; written with a header, and a comment that names the coordinate
-//! system, the unit and the height, which reading finds again.
+//! Files may have any separator, and a header or none. Written files have a header, and a comment with the coordinate
+//! system, the unit and the height, which the reader evaluates.
 
 use std::{io::Write, path::Path};
 
@@ -29,7 +29,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// Text whose first rows are of three numbers or more, except for a header.
+/// Whether the first rows of a text, except for a header, have three numbers or more.
 fn recognise(head: &FileHead) -> bool {
     if head.text().contains(&0) {
         return false;
@@ -41,11 +41,11 @@ fn recognise(head: &FileHead) -> bool {
         words.len() >= 3 && words.iter().all(|w| number(w).is_some())
     };
     let rows: Vec<&str> = rows.take(3).collect();
-    // The last of them may be cut by the end of the inspected text.
+    // The end of the inspected text may truncate the last of them.
     rows.len() == 3 && (numeric(rows[0]) || !numeric(rows[0]) && numeric(rows[1]))
 }
 
-/// Other names that the value has in such files.
+/// Other names of the value in such files.
 const VALUES: &[&str] = &["z", "value", "mag", "tmi", "total_field", "nt"];
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
@@ -76,7 +76,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.finish(options)
 }
 
-/// The columns of x, y and the value, and whether x and y are named as degrees.
+/// The columns of x, y and the value, and whether the names of x and y imply degrees.
 fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool), ReadError> {
     let width = table.columns.len();
     if !table.named {

@@ -45,7 +45,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 /// Rows per batch.
 const ROWS: usize = 65_536;
 
-/// Names in the header with another canonical name or unit.
+/// Names in the header, with their canonical name or unit if it differs.
 const COLUMNS: [(&str, &str, &str); 27] = [
     ("Counter", "counter", ""),
     ("MFAM Fiducial", "fiducial", ""),
@@ -76,7 +76,7 @@ const COLUMNS: [(&str, &str, &str); 27] = [
     ("SpeedOverGround", "speed_over_ground", "kn"),
     ("LocationSource", "location_source", ""),
 ];
-/// Columns of words.
+/// Text columns.
 const WORDS: [&str; 3] = ["location_source", "variationdirection", "modeindicator"];
 /// The first column that is not read.
 const SENTENCES: &str = "GgaSentence";
@@ -199,10 +199,10 @@ impl Iterator for MfamBatchReader {
 }
 
 impl MfamRowParser {
-    /// Adds a row.
+    /// Appends a row.
     fn gather(&mut self, record: &ByteRecord, row: u64, to: &mut MfamBatch) {
         let width = self.columns.len();
-        // Sentences without quotes are several values; the empty ones at the end may be missing or too many.
+        // Sentences without quotes are several values; empty values at the end may be missing or in excess.
         let spare = record.iter().skip(width + self.rest).any(|w| !w.trim_ascii().is_empty());
         let whole = record.len() >= width && (self.rest > 0 || !spare);
         let mut wrong = |what: ReadError| to.faults.push(RowFault { row: to.rows, fault: what.in_row(row) });
@@ -318,7 +318,7 @@ mod tests {
     use super::super::{log_tests::numbers, open_flight, open_raw};
     use super::*;
 
-    /// Rows as the manual and the documentation of other readers show them.
+    /// Rows from the manual and from the documentation of other readers.
     const ONE: &str = "Counter,Date,Time,Latitude,Longitude,Mag, MagValid,CompassX, CompassY, CompassZ,GyroscopeX, GyroscopeY, \
         GyroscopeZ,AccelerometerX, AccelerometerY, AccelerometerZ,ImuTemperature,Track,LocationSource,Hdop,FixQuality, \
         SatellitesUsed, Altitude,HeightOverEllipsoid,SpeedOverGround,MagneticVariation,VariationDirection,ModeIndicator,\

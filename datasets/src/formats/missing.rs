@@ -14,12 +14,12 @@ use super::FlightOptions;
 /// Words that mark missing values in every file; case is ignored. An empty cell is also missing.
 pub(super) const WORDS: [&str; 9] = ["*", "-", "--", "n/a", "#n/a", "na", "nan", "null", "none"];
 
-/// Numbers that mark missing values in every file: the usual filler of loggers, and Geosoft's. No column of a flight
-/// can have them: -99999 is below every length, angle and field. -9999 is not included, as a component of the field can
-/// have this value.
+/// Numbers that mark missing values in every file: the usual filler of loggers, and Geosoft's. They cannot be values of
+/// a flight: -99999 is below every length, angle and field. -9999 is not included, as a component of the field can have
+/// this value.
 pub(super) const NUMBERS: [f64; 2] = [-99_999.0, -1e32];
 
-/// The marks of a missing value in one file: the usual words, and those of the options.
+/// Markers of missing values in one file: the usual words, and those of the options.
 #[derive(Clone, Debug)]
 pub(super) struct MissingMarkers {
     words: Vec<String>,
@@ -33,7 +33,7 @@ impl MissingMarkers {
         MissingMarkers { words, numbers: NUMBERS.into_iter().chain(given).filter(|x| !x.is_nan()).collect() }
     }
 
-    /// A number, NaN for a missing one; `None` for any other word.
+    /// A number, or NaN for a missing value; `None` for any other word.
     pub(super) fn number(&self, text: &str) -> Option<f64> {
         match text.parse::<f64>() {
             Ok(x) if self.numbers.contains(&x) => Some(f64::NAN),
@@ -42,13 +42,13 @@ impl MissingMarkers {
         }
     }
 
-    /// A whole number; `Some(None)` is a missing one; a number with a fraction gives `None`.
+    /// A whole number; `Some(None)` for a missing value, and `None` for a number with a fraction or another word.
     pub(super) fn whole(&self, text: &str) -> Option<Option<i64>> {
         let x = self.number(text)?;
         if x.is_nan() {
             return Some(None);
         }
-        // 2^53: beyond it not every whole number is a f64.
+        // Beyond 2^53, integers may not be exact as f64.
         (x.fract() == 0.0 && x.abs() < 9e15).then_some(Some(x as i64))
     }
 
@@ -61,7 +61,7 @@ impl MissingMarkers {
         is_usual_word(text) || self.words.iter().any(|w| w == text)
     }
 
-    /// The number, or NaN for one that marks a missing value.
+    /// The number, or NaN if it marks a missing value.
     pub(super) fn kept(&self, x: f64) -> f64 {
         if self.numbers.contains(&x) { f64::NAN } else { x }
     }
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_fillers_of_other_writers_are_missing_too() {
+    fn unit_fillers_of_other_programs_are_missing_values() {
         let missing = MissingMarkers::from_options(&FlightOptions::default());
         let floats = missing.nulled(&(Arc::new(Float64Array::from(vec![1.0, -99_999.0])) as ArrayRef));
         let whole = missing.nulled(&(Arc::new(Int32Array::from(vec![-99_999, 7])) as ArrayRef));

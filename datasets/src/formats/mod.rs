@@ -1,7 +1,7 @@
-//! Foreign formats, one file each, and the registry that picks among them.
+//! Foreign formats, one file each, and the registry that selects one of them.
 //!
-//! A format is picked by its name in the options, otherwise by the content of the file, otherwise by its
-//! extension, so that a damaged file is still reported in its own format.
+//! The name in the options selects the format, otherwise the content of the file, otherwise its extension. A damaged
+//! file is thus reported in its own format.
 
 use std::{
     collections::BTreeMap,
@@ -106,7 +106,7 @@ impl Default for ReadHints {
 /// An open flight log: its schema, and its rows in the file's order.
 ///
 /// Columns have the contract's names ([`open_flight`]) or the file's own ([`open_raw`]); each field's metadata `unit`
-/// is the unit that its values have, which `schemas::canonical` converts. A missing number is NaN or null.
+/// is the unit of its values, which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
     format: FlightFormat,
     schema: SchemaRef,
@@ -119,8 +119,8 @@ pub struct FlightReader {
 /// Some rows of a flight, and the faults of single rows.
 #[derive(Clone, Debug)]
 pub struct FlightBatch {
-    /// The rows. A value that could not be read is missing; a row that could not be split into columns has nothing
-    /// but missing values, in the flight and line of the row before.
+    /// The rows. An unreadable value is missing. A row that cannot be split into columns has only missing values, and
+    /// the flight and line of the row before.
     pub batch: RecordBatch,
     /// The faults, in the order of the rows.
     pub faults: Vec<RowFault>,
@@ -133,7 +133,7 @@ impl FlightBatch {
     }
 }
 
-/// The rows of a file, as they are read.
+/// Iterator over the rows of a file, in batches.
 pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
 
 /// The output of a format before names and keys are settled.
@@ -142,18 +142,18 @@ pub struct RawFlight {
     pub schema: SchemaRef,
     /// The rows.
     pub parts: FlightBatches,
-    /// The file's names of its columns, where the format has settled names and units itself.
+    /// The file's names of its columns, if the format has already set names and units.
     pub own: Option<Vec<String>>,
-    /// Whether numbers that mark missing values are still among the values.
+    /// Whether the values still contain numbers that mark missing values.
     pub fillers: bool,
-    /// Whether a column without a unit may be in any unit, even if its name is that of the flight table: `lat` of an
-    /// autopilot counts 1e-7 degrees.
+    /// Whether a column without a unit may be in any unit, even if its name is standard: `lat` of an autopilot is in
+    /// 1e-7 degrees.
     pub unstated: bool,
     /// Notes for the user.
     pub notes: Vec<String>,
     /// The result of scanning the whole file.
     pub found: Option<String>,
-    /// The types of the lines by their names, where the file gives them.
+    /// The types of the lines by their names, if the file gives them.
     pub line_types: BTreeMap<String, LineType>,
 }
 
@@ -179,7 +179,7 @@ impl FlightReader {
         self.format.name
     }
 
-    /// Sets the inputs of the flight, where they are not its file alone.
+    /// The function that lists the inputs of the flight, if these are not only its file.
     pub fn made_from(&self) -> Option<FlightInputLister> {
         self.format.made_from
     }
@@ -194,27 +194,27 @@ impl FlightReader {
         &self.notes
     }
 
-    /// The result of scanning the whole file when it was opened, for [`ReadHints::found`]; `None` where that was not
+    /// The result of scanning the whole file when it was opened, for [`ReadHints::found`]; `None` if no scan was
     /// needed.
     pub fn found(&self) -> Option<&str> {
         self.found.as_deref()
     }
 
-    /// The types of the lines by their names, where the file gives them, as the line records of Geosoft do.
+    /// The types of the lines by their names, if the file gives them, such as in Geosoft's line records.
     pub fn line_types(&self) -> &BTreeMap<String, LineType> {
         &self.line_types
     }
 
-    /// The next rows, with the faults of single rows, for a reader that tolerates them.
+    /// The next rows, with the faults of single rows, for a caller that tolerates them.
     ///
     /// # Errors
-    /// Fails for damage after which nothing more of the file can be read.
+    /// Fails for damage after which reading cannot continue.
     pub fn next_part(&mut self) -> Option<Result<FlightBatch, ReadError>> {
         self.parts.next()
     }
 }
 
-/// The batches of a file in which every row is valid: the first fault is an error.
+/// Batches of valid rows: the first fault is an error.
 impl Iterator for FlightReader {
     type Item = Result<RecordBatch, ReadError>;
 
@@ -236,7 +236,7 @@ impl std::fmt::Debug for FlightReader {
 /// Input files of a flight that is computed from a spec, and its number of lines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FlightInputs {
-    /// The files that its values depend on, its own first.
+    /// The files that its values depend on, the spec first.
     pub files: Vec<PathBuf>,
     /// The number of lines.
     pub lines: usize,
@@ -263,8 +263,7 @@ pub struct FlightFormat {
     pub open: fn(&Path, &FlightOptions, &ReadHints) -> Result<RawFlight, ReadError>,
     /// The tables of a file, for a format that holds several; `None` for a format of one table.
     pub topics: Option<TopicLister>,
-    /// Where the values are computed from a file instead of read: the inputs. That takes far less time than
-    /// reading.
+    /// The inputs of a flight that is computed from a file. Listing them takes far less time than reading.
     pub made_from: Option<FlightInputLister>,
 }
 
@@ -283,14 +282,14 @@ pub struct MapFormat {
     /// Its file extensions.
     pub extensions: &'static [&'static str],
     recognise: fn(&FileHead) -> bool,
-    /// The other files that a map of one file is made of, where there may be some.
+    /// The companion files of a map, for a format that may have some.
     beside: Option<CompanionFileLister>,
     read: fn(&Path, &MapOptions) -> Result<AnomalyGrid, ReadError>,
     write: Option<MapWriter>,
 }
 
 impl MapFormat {
-    /// Whether [`write_grid`] knows it.
+    /// Whether [`write_grid`] supports it.
     pub fn is_written(&self) -> bool {
         self.write.is_some()
     }
@@ -314,8 +313,8 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     points_flight::FORMAT,
 ];
 
-/// The formats of files with `further` ones, in the order in which a file is tried: these come after Parquet, whose
-/// files are self-describing, and before those that are recognised by their text.
+/// The formats of files with `further` ones, in the order in which a file is tried: `further` comes after Parquet,
+/// whose files are self-describing, and before the formats that are recognised by their text.
 pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
     let (parquet, others) = FLIGHT_FORMATS.split_at(1);
     [parquet, further, others].concat()
@@ -340,8 +339,8 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// Opens a flight log.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged or in no known format, and options that do not fit it. Faults
-/// further on in the file are returned by the reader.
+/// Fails for a file that is missing, empty, damaged or in no known format, and options that do not fit it. The reader
+/// returns later faults of the file.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
     open_flight_with(path, options, &ReadHints::default())
 }
@@ -398,7 +397,7 @@ fn reader(format: FlightFormat, raw: RawFlight) -> FlightReader {
     FlightReader { format, schema, notes, found, line_types, parts }
 }
 
-/// Reads a map and brings it onto a regular grid of latitude and longitude.
+/// Reads a map and resamples it to a regular grid of latitude and longitude.
 ///
 /// # Errors
 /// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
@@ -420,14 +419,14 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadE
     Ok(AnomalyGrid { format: format.name, ..map })
 }
 
-/// Whether a map's file has a column with the error of each node ([`schemas::map::ERROR`]), as Parquet may.
+/// Whether a map's file, such as Parquet, has a column with the error of each node ([`schemas::map::ERROR`]).
 pub fn map_gives_error(path: &Path, options: &MapOptions) -> bool {
     let parquet = map_parquet::FORMAT;
     let chosen = || FileHead::read(path).is_ok_and(|head| (parquet.recognise)(&head));
     options.format.as_deref().map_or_else(chosen, |format| format == parquet.name) && map_parquet::gives_error(path)
 }
 
-/// The files that a map is made of: its own, or all of a folder's, and those next to it: the cells of a header, the
+/// The files of a map: its own, or all files of a folder, and the files next to it with the cells of a header or the
 /// coordinate system.
 ///
 /// # Errors
@@ -472,7 +471,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
     let lower = head.path.to_string_lossy().to_ascii_lowercase();
     let by_extension = |c: &FormatCandidate| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
     let recognised = known.iter().position(|c| (c.recognise)(head));
-    // A text may look like a table of numbers and be another thing.
+    // A text in another format may look like a table of numbers.
     if let Some(foreign) = foreign::refused(head) {
         return Err(foreign);
     }

@@ -41,12 +41,12 @@ impl NetcdfAttribute {
     }
 }
 
-/// The names of the attributes that describe the storage.
+/// The names of the attributes that describe the encoding.
 pub(super) const ATTRIBUTES: [&str; 8] =
     ["_FillValue", "missing_value", "scale_factor", "add_offset", "valid_min", "valid_max", "valid_range", "_Unsigned"];
 
 impl NetcdfEncoding {
-    /// The storage of a variable of NetCDF.
+    /// The encoding of a NetCDF variable.
     ///
     /// # Errors
     /// Fails as [`NetcdfEncoding::from_attributes`].
@@ -57,11 +57,11 @@ impl NetcdfEncoding {
         NetcdfEncoding::from_attributes(path, variable.name(), variable.dtype().clone(), &all, true)
     }
 
-    /// The storage that the attributes of a variable describe, among [`ATTRIBUTES`]. With `filled`, values that were
-    /// never written are NetCDF's default fill values.
+    /// The encoding that the attributes of a variable describe, among [`ATTRIBUTES`]. With `filled`, values that were
+    /// never written have NetCDF's default fill value.
     ///
     /// # Errors
-    /// Fails for an attribute that is not a number, and a valid range that has not two numbers.
+    /// Fails for an attribute that is not a number, and a valid range without exactly two numbers.
     pub(super) fn from_attributes(
         path: &Path,
         variable: &str,
@@ -83,7 +83,7 @@ impl NetcdfEncoding {
             [attributes.number("scale_factor")?.unwrap_or(1.0), attributes.number("add_offset")?.unwrap_or(0.0)];
         let (mut valid, mut valid_unpacked) = (ANYTHING, ANYTHING);
         let mut bound = |name: &str, which: usize, limit: f64| {
-            // A range in the type of the unpacked values is one of these.
+            // A range in the type of the unpacked values applies to these.
             match packing != PLAIN && is_whole(&kind) && attributes.is_real(name) {
                 true => valid_unpacked[which] = limit,
                 false => valid[which] = in_type(&kind, modulus, limit),
@@ -161,7 +161,7 @@ impl NetcdfAttributes<'_> {
         ReadError::data(self.path, what).in_column(self.variable).help("correct the attribute")
     }
 
-    /// The numbers of an attribute, also of one that is a text.
+    /// The numbers of an attribute, which may be stored as text.
     fn numbers(&self, name: &str) -> Result<Option<Vec<f64>>, ReadError> {
         let text = match self.get(name) {
             None => return Ok(None),

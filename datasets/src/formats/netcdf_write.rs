@@ -1,5 +1,5 @@
-//! Writes NetCDF classic files with 64-bit offsets (CDF-2), with the COARDS/CF attributes that GMT, GDAL and xarray
-//! know. [NetCDF classic format specification; CF conventions 1.7]
+//! Writes NetCDF classic files with 64-bit offsets (CDF-2), with the COARDS/CF attributes of GMT, GDAL and xarray.
+//! [NetCDF classic format specification; CF conventions 1.7]
 
 use std::io::Write;
 
@@ -36,7 +36,7 @@ struct NetcdfVariable {
     bytes: u64,
 }
 
-/// Writes a map as `x`, `y` (or `lon`, `lat`) and `z`, with `crs` for its coordinate system, and `alt` where the height
+/// Writes a map as `x`, `y` (or `lon`, `lat`) and `z`, with `crs` for its coordinate system, and `alt` if the height
 /// varies.
 pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     let variables = variables(map);
@@ -73,7 +73,7 @@ fn axis_names(map: &AnomalyGrid) -> [&'static str; 2] {
     if map.is_geographic() { ["lon", "lat"] } else { ["x", "y"] }
 }
 
-/// The variables in the order of their data; the map comes last, so that it may be large.
+/// The variables in the order of their data. The map is last, so that its size is not limited.
 fn variables(map: &AnomalyGrid) -> Vec<NetcdfVariable> {
     let [x, y] = axis_names(map);
     let nodes = map.nodes() as u64;
@@ -137,7 +137,7 @@ fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, Netcdf
         degrees => degrees.to_owned(),
     };
     let axis = if which == 0 { &map.x } else { &map.y };
-    // GMT has the edges of cells here where those are registered.
+    // GMT stores the edges of the cells here for pixel registration.
     let half = if map.registration == Registration::Pixel { 0.5 * axis.step } else { 0.0 };
     vec![
         ("standard_name", text(names[0])),
@@ -198,7 +198,7 @@ fn word(out: &mut Vec<u8>, value: u32) {
     out.extend(value.to_be_bytes());
 }
 
-/// Bytes with their number before and zeros after, to a whole number of words.
+/// Appends their number, the bytes, and zeros up to a whole number of words.
 fn padded(out: &mut Vec<u8>, count: usize, bytes: &[u8]) -> Result<(), String> {
     word(out, u32::try_from(count).map_err(|_| "an attribute is too long".to_owned())?);
     out.extend(bytes);

@@ -24,7 +24,7 @@ const FIELD: [(&str, &str); 4] = [
 ];
 
 /// The columns `flight`, `line` (such as `2014-11-04`), `tt`, `year`, `doy`, the position of the station if known, and
-/// the field; components that are missing throughout are omitted. A step without a sample is a row of NaN.
+/// the field; components without any value are omitted. A step without a sample is a row of NaN.
 ///
 /// # Errors
 /// Fails for a record without the name of its station.
@@ -80,7 +80,7 @@ struct Day {
     name: String,
     year: i32,
     doy: u32,
-    /// Its midnight, in seconds past the midnight of the first day.
+    /// Midnight of the day, in seconds past the midnight of the first day.
     midnight_s: f64,
 }
 
@@ -104,7 +104,7 @@ fn days(record: &ObservatoryRecord) -> Vec<Day> {
     let (year, doy) = record.date;
     let mut day = Day::new(year, doy, 0.0);
     let one = |k: usize| {
-        // Far below any step of a record.
+        // The tolerance is far below any step of a record.
         while record.tt_s(k) >= day.midnight_s + DAY_S - 1e-6 {
             day = day.next();
         }
@@ -143,11 +143,11 @@ mod tests {
     }
 
     #[test]
-    fn law_days_follow_one_another_over_the_end_of_a_leap_year() {
+    fn unit_days_are_consecutive_across_the_end_of_a_leap_year() {
         let made = batch(&record((2024, 365), 22.0 * 3600.0, 28));
         let schema = made.schema();
         let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
-        // Neither a latitude nor an east component is known.
+        // The record has neither a latitude nor an east component.
         assert_eq!(names, ["flight", "line", "tt", "year", "doy", "lon", "msl", "field_n", "field_d", "field_f"]);
         let lines: Vec<&str> = made["line"].as_string::<i32>().iter().flatten().collect();
         let of = |name: &str| made[name].as_primitive::<Float64Type>().values().to_vec();
@@ -174,7 +174,7 @@ mod tests {
         assert_eq!((of("tt")[1439], of("field_f")[0]), (86_340.0, 52_397.24));
         let (n, e, d) = (of("field_n"), of("field_e"), of("field_d"));
         let vector = (0..1440).map(|k| n[k].hypot(e[k]).hypot(d[k]));
-        // The two instruments stand apart from each other: their difference is constant within 2 nT.
+        // The two instruments are at different places: their difference is constant within 2 nT.
         let off: Vec<f64> = vector.zip(of("field_f")).map(|(v, f)| v - f).collect();
         let spread = off.iter().copied().fold(f64::MIN, f64::max) - off.iter().copied().fold(f64::MAX, f64::min);
         assert!(spread < 2.0, "{spread}");

@@ -11,13 +11,13 @@ use super::{MAP_FORMATS, MapFormat, side_files::refuse_stale};
 use crate::ReadError;
 use grids::AnomalyGrid;
 
-/// Writes a map, in the given format or that of the path's extension. An existing file is
-/// replaced when the new file is complete; no partial file is left.
+/// Writes a map, in the given format or the format of the path's extension. An existing file is replaced when the new
+/// file is complete; no partial file is left.
 ///
-/// Values are nT, or in the unit of a derivative where the format names one; unknown nodes have the format's own mark;
-/// notes are not kept. In addition to the values
+/// Values are in nT, or in the unit of a derivative if the format can store it. Unknown nodes have the format's own
+/// marker. Notes are not stored. Formats store, in addition to the values:
 ///
-/// | format | keeps |
+/// | format | stored |
 /// |---|---|
 /// | `parquet`, `netcdf`, `xyz` | the coordinate system and the height, varying or not |
 /// | `magnav_hdf5` | the height; WGS-84 degrees only |
@@ -45,7 +45,7 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
     outputs.commit()
 }
 
-/// Whether a map can be written to a file, before it is computed: the errors of [`write_grid`] for any map.
+/// Checks whether a map can be written to a file, before it is computed: the errors of [`write_grid`] for any map.
 ///
 /// # Errors
 /// Fails for a format that is unknown or cannot be written, and a folder that does not exist.
@@ -61,7 +61,7 @@ pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> 
     }
 }
 
-/// The formats that name the unit of the values.
+/// The formats that store the unit of the values.
 const KEEP_UNIT: [&str; 5] = ["parquet", "geotiff", "netcdf", "er_mapper", "xyz"];
 
 fn not_written(path: &Path, name: &str) -> ReadError {
@@ -115,7 +115,7 @@ impl MapOutputFiles<'_> {
         self.create_at(self.path.to_path_buf())
     }
 
-    /// Begins another file of the map's.
+    /// Begins another file of the map.
     pub(crate) fn create_at(&mut self, path: PathBuf) -> Result<MapFileSink, ReadError> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let io = |e: &std::io::Error| ReadError::io(&path, e);
@@ -128,7 +128,7 @@ impl MapOutputFiles<'_> {
         Ok(BufWriter::with_capacity(1 << 16, file))
     }
 
-    /// Ends a file and flushes it to the disk.
+    /// Completes a file and flushes it to the disk.
     pub(crate) fn finish(&self, sink: MapFileSink) -> Result<(), ReadError> {
         let done = sink.into_inner().map_err(|e| e.into_error()).and_then(|f| f.sync_all());
         done.map_err(|e| self.io(&e))
@@ -147,7 +147,7 @@ impl MapOutputFiles<'_> {
     }
 
     fn commit(mut self) -> Result<(), ReadError> {
-        // In reverse: a file that refers to others is the first and is renamed last.
+        // In reverse order: a file that refers to others is created first and renamed last.
         while let Some((part, path)) = self.made.pop() {
             if let Err(error) = fs::rename(&part, &path) {
                 self.made.push((part, path));

@@ -99,7 +99,7 @@ impl ParquetSource {
     }
 }
 
-/// The bytes of all values; `None` for more than 64 bits can count. A text counts as stored: of a dictionary once.
+/// The bytes of all values; `None` for 2^64 or more. A text of a dictionary counts once.
 fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     let chunk = |chunk: &ColumnChunkMetaData| {
         let values = u64::try_from(chunk.num_values()).ok()?;
@@ -122,7 +122,7 @@ fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     groups.map(chunk).try_fold(0_u64, |sum, bytes| sum.checked_add(bytes?))
 }
 
-/// The schema with texts as views: a long text of a dictionary is then in memory once, not once a row.
+/// The schema with texts as views: a long text of a dictionary is then in memory only once.
 fn views(schema: &SchemaRef) -> SchemaRef {
     let view = |kind: &DataType| match kind {
         DataType::Utf8 | DataType::LargeUtf8 => DataType::Utf8View,
@@ -136,7 +136,7 @@ fn views(schema: &SchemaRef) -> SchemaRef {
 /// A batch in the schema of its file.
 ///
 /// # Errors
-/// Fails for texts that together are longer than a batch may be.
+/// Fails if the total length of the texts exceeds the limit of a batch.
 fn plain(path: &Path, batch: &RecordBatch, to: &SchemaRef) -> Result<RecordBatch, ReadError> {
     let wrong = |e: ArrowError| damaged(path, &e.to_string());
     let mut texts = 0_u64;

@@ -35,8 +35,8 @@ pub struct PointOptions {
     pub line: Option<String>,
     /// The EPSG code of `x` and `y`; by default WGS-84 degrees if the columns are named latitude and longitude.
     pub epsg: Option<u16>,
-    /// The EPSG code of the plane of the points; by default that of `x` and `y` if they are eastings and northings,
-    /// else the UTM zone of the middle of the points.
+    /// The EPSG code of the plane of the points; by default the system of `x` and `y` if they are eastings and
+    /// northings, else the UTM zone of the middle of the points.
     pub to_epsg: Option<u16>,
     /// Numbers that mark a missing position, height or value, in the unit of the file.
     pub missing: Vec<VerbatimText>,
@@ -113,9 +113,10 @@ const LINES: &[&str] = &[
     "survey_line",
 ];
 
-/// Reads survey points from Parquet, CSV, columns of text (Geosoft's XYZ with line records too) or any flight format.
+/// Reads survey points from Parquet, CSV, columns of text (including Geosoft's XYZ with line records) or any flight
+/// format.
 ///
-/// Points without a position are skipped and counted in the notes; points without a value are kept, as NaN.
+/// Points without a position are skipped and counted in the notes; points without a value are kept as NaN.
 ///
 /// # Errors
 /// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in
@@ -133,7 +134,7 @@ pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet
 
 /// Warnings on probable wrong units and constant values of survey points, one sentence each.
 pub fn doubts(points: &SurveyPointSet) -> Vec<String> {
-    /// π and π/2: positions in radians read as degrees lie in this area, which is all sea.
+    /// π and π/2: positions in radians that are read as degrees lie in this area of open sea.
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
     /// Minimum range of the values of a survey, nT.
     const LEAST_NT: f64 = 1e-3;
@@ -397,8 +398,8 @@ impl<'a> PointColumnRoles<'a> {
     }
 }
 
-/// The position columns: those in the options, else latitude and longitude, else eastings and northings (which come
-/// first if a projected system is given).
+/// The position columns: those in the options, else latitude and longitude, else eastings and northings (in the reverse
+/// order if a projected system is given).
 fn place_columns<'a>(
     path: &Path,
     table: &'a PointTable,

@@ -1,4 +1,4 @@
-//! Survey points as a flight log: their lines one after another, each point a sample.
+//! Survey points as a flight log: the lines in sequence, with each point as a sample.
 
 use std::{path::Path, sync::Arc};
 
@@ -15,7 +15,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: points_table::POINTS,
     about: "survey points in any table: positions, values and lines; requires `format = \"points\"`",
     extensions: &[],
-    // Any table of numbers could be points, so only the option selects the format.
+    // Any table of numbers may hold points, so only the option selects the format.
     recognise: |_| false,
     open,
     topics: None,
@@ -91,7 +91,7 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     let schema = Arc::new(Schema::new(fields));
     let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
     let parts = Box::new(std::iter::once(Ok(FlightBatch::whole(batch))));
-    // Renames to canonical columns were applied; the others follow later.
+    // Renames to canonical columns are complete; the caller applies the others.
     let own = options.rename.iter().filter(|(_, to)| ROLES.contains(&to.as_str())).map(|(from, _)| from.clone());
     Ok(RawFlight { own: Some(own.collect()), notes, ..RawFlight::new(schema, parts) })
 }

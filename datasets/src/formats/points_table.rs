@@ -41,7 +41,7 @@ pub(super) struct PointTable {
     pub(super) notes: Vec<String>,
 }
 
-/// Loads a table, by its name or its content.
+/// Loads a table in the named or detected format.
 ///
 /// # Errors
 /// Fails for a format that is unknown, and a file that cannot be read.
@@ -135,7 +135,7 @@ fn from_text(path: &Path) -> Result<PointTable, ReadError> {
 }
 
 impl PointTable {
-    /// The column of a name; case does not matter.
+    /// The column with a name; case is ignored.
     pub(super) fn column(&self, name: &str) -> Option<&PointColumn> {
         self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
     }
@@ -156,7 +156,7 @@ impl PointTable {
         Ok(found.or_else(|| known.iter().find_map(|name| self.columns.iter().find(|c| base(c, name)))))
     }
 
-    /// The column that the options name, else the first of the usual names.
+    /// The column named in the options, else the first of the usual names.
     ///
     /// # Errors
     /// Fails for a named column that does not exist.
@@ -198,7 +198,7 @@ impl PointTable {
 }
 
 impl PointColumn {
-    /// Whether it has numbers.
+    /// Whether its values are numbers.
     pub(super) fn is_number(&self) -> bool {
         self.chunks.iter().all(|c| c.data_type().is_numeric())
     }
@@ -223,7 +223,7 @@ impl PointColumn {
         convert(&self.unit, "deg").is_some()
     }
 
-    /// The unit of a coordinate: that of the file, else that of the name.
+    /// The unit of a coordinate: from the file, else from the name.
     ///
     /// # Errors
     /// Fails for an unknown unit.
@@ -253,7 +253,7 @@ impl PointColumn {
             }
             let numbers = cast(chunk, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;
             let numbers = numbers.as_primitive::<Float64Type>();
-            // Geosoft's dummy, and others of its size, are not a field, height or position.
+            // Geosoft's dummy and similar ones are not a field, height or position.
             let known = |x: f64| if is_dummy(x) { f64::NAN } else { x * factor };
             out.extend(numbers.iter().map(|x| x.map_or(f64::NAN, known)));
         }
@@ -267,14 +267,14 @@ impl PointColumn {
         ReadError::data(path, format!("`{word}` is not a number")).in_column(&self.name).in_row((before + bad) as u64)
     }
 
-    /// The values as text; empty where there is none.
+    /// The values as text; empty if missing.
     pub(super) fn texts(&self) -> Vec<String> {
         self.chunks.iter().flat_map(texts).collect()
     }
 }
 
 fn texts(chunk: &ArrayRef) -> Vec<String> {
-    // Line 10 is not `10.0`.
+    // Identifiers are spelt without a fraction: line `10`, not `10.0`.
     let Ok(text) = identifiers(chunk) else { return vec![String::new(); chunk.len()] };
     text.as_string::<i32>().iter().map(|t| t.unwrap_or_default().to_owned()).collect()
 }

@@ -1,4 +1,4 @@
-//! Small rasters made in tests: TIFF and classic NetCDF files with any tags and attributes.
+//! Small rasters for tests: TIFF and classic NetCDF files with arbitrary tags and attributes.
 
 /// One image of a TIFF: its tags of numbers, of doubles and of text, and its cells.
 #[derive(Clone, Default)]

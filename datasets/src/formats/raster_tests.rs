@@ -1,5 +1,5 @@
-//! Rasters whose stored numbers are not the values: packing, masks, markers, units of coordinates, and values that
-//! cannot be. `tests/cases/maps` holds files of other programs; their siblings are made here.
+//! Rasters whose stored numbers differ from the values: packing, masks, markers, units of coordinates, and impossible
+//! values. `tests/cases/maps` holds files of other programs; variants of them are made here.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -35,13 +35,13 @@ fn range_of(map: &AnomalyGrid) -> (f64, f64, usize) {
     (low, high, map.anomaly_nt.len() - known.len())
 }
 
-/// Whether the least and the largest value are these within a hundredth of a nT, and as many are unknown.
+/// Whether the smallest and the largest value are as given within 0.01 nT, and the number of unknown nodes is as given.
 fn same(map: &AnomalyGrid, (low, high, unknown): (f64, f64, usize)) -> bool {
     let found = range_of(map);
     (found.0 - low).abs() < 0.01 && (found.1 - high).abs() < 0.01 && found.2 == unknown
 }
 
-/// Reads bytes as a file of a name.
+/// Reads bytes as a file with a name.
 fn bytes(name: &str, bytes: &[u8], options: &MapOptions) -> Result<AnomalyGrid, String> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join(name);
@@ -76,7 +76,7 @@ fn cells<T: Copy, const N: usize>(values: &[T], bytes: fn(T) -> [u8; N]) -> Vec<
 
 #[test]
 fn unit_packing_and_no_data_of_every_type_of_band() {
-    // Four cells: a marker, 0, 10 and 100; the marker is compared as stored.
+    // Four cells: a marker, 0, 10 and 100; the marker is compared with the stored number.
     for (name, image, no_data) in [
         ("i16", TiffImageFixture::band(2, 2, 16, 2, cells(&[-9999_i16, 0, 10, 100], i16::to_le_bytes)), "-9999"),
         ("u16", TiffImageFixture::band(2, 2, 16, 1, cells(&[65535_u16, 0, 10, 100], u16::to_le_bytes)), "65535"),
@@ -95,7 +95,7 @@ fn unit_packing_and_no_data_of_every_type_of_band() {
         let file = tiff(&[image.text(42113, no_data).text(42112, SCALED)]);
         let map = bytes("m.tif", &file, &MapOptions::default()).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert!(same(&map, (50.0, 100.0, 1)), "{name}: {:?}", map.anomaly_nt);
-        // Written and read again, nothing is doubled.
+        // Packing is not applied twice after writing and reading.
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("again.tif");
         write_grid(&path, &map, None).unwrap();
@@ -141,7 +141,7 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     let second = read(&[band.clone(), band.clone()]).unwrap();
     assert!(second.notes.iter().any(|n| n == "1 other images of the file are ignored"), "{:?}", second.notes);
 
-    // An alpha band, cell by cell and plane by plane.
+    // An alpha band, interleaved by cell or by plane.
     let mixed = cells(&[1.0_f32, 0.0, 2.0, 255.0, 3.0, 255.0, 4.0, 255.0], f32::to_le_bytes);
     let planes = cells(&[1.0_f32, 2.0, 3.0, 4.0, 0.0, 255.0, 255.0, 255.0], f32::to_le_bytes);
     for (extra, layout, both) in [(2, 1, mixed.clone()), (1, 1, mixed.clone()), (2, 2, planes)] {
@@ -158,13 +158,13 @@ fn unit_masks_alpha_bands_and_white_as_zero() {
     let fault = read(&[two]).unwrap_err();
     assert!(fault.contains("a map must have one band"), "{fault}");
 
-    // Photometric interpretation is for screens: the numbers are the values.
+    // The photometric interpretation only affects the display; the numbers are the values.
     let white = TiffImageFixture::band(2, 2, 16, 1, cells(&[1_u16, 2, 3, 4], u16::to_le_bytes)).with(262, &[0]);
     assert!(same(&read(&[white]).unwrap(), (1.0, 4.0, 0)));
 }
 
 #[test]
-fn unit_side_files_are_applied_and_never_to_another_file() {
+fn unit_side_files_apply_only_to_their_own_raster() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("m.tif");
     let image = TiffImageFixture::band(2, 2, 16, 2, cells(&[7_i16, 10, 20, 100], i16::to_le_bytes));
@@ -197,7 +197,7 @@ fn unit_side_files_are_applied_and_never_to_another_file() {
 }
 
 #[test]
-fn unit_attributes_of_netcdf_say_how_numbers_are_read() {
+fn unit_netcdf_attributes_determine_the_values() {
     use NetcdfValueFixture::{Bytes, Doubles, Floats, Ints, Shorts, Text};
     let nt = ("units", Text("nT"));
     let scale = ("scale_factor", Doubles(vec![0.5]));
@@ -308,7 +308,7 @@ fn unit_markers_of_text_and_binary_grids_in_both_precisions() {
 }
 
 #[test]
-fn gold_formats_that_are_not_read_are_named() {
+fn gold_unsupported_formats_are_named() {
     let geosoft = fs::read(case("geosoft.grd")).unwrap();
     let mut tar = vec![b'a'; 512];
     tar[257..262].copy_from_slice(b"ustar");

@@ -50,7 +50,7 @@ pub(super) struct RecordColumn {
     pub(super) offset: usize,
     /// Divisor of the stored number.
     pub(super) divisor: f64,
-    /// The unit of the quotient; empty where the file states none.
+    /// The unit of the quotient; empty if the file gives none.
     pub(super) unit: String,
 }
 
@@ -60,19 +60,19 @@ impl RecordColumn {
     }
 }
 
-/// Column type that holds the 64-bit integers of a column without loss.
+/// Column type that represents the 64-bit integers of a column without loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum WideIntegerType {
-    /// All are exact in a Float64.
+    /// All integers are exact as Float64.
     #[default]
     Float,
-    /// Some need 64 bits.
+    /// Some integers need 64 bits.
     Whole,
-    /// Some are beyond the range of an Int64: they become text, digit for digit.
+    /// Some integers are beyond the range of an Int64 and become text with all digits.
     Digits,
 }
 
-/// Search for 64-bit integers that a Float64 does not hold, by column.
+/// Search for 64-bit integers that are not exact as Float64, by column.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WideIntegerScan {
     /// The columns of whole numbers of 64 bits: index, offset, and whether they are unsigned.
@@ -106,7 +106,7 @@ impl WideIntegerScan {
 }
 
 fn width(bits: u64, unsigned: bool) -> WideIntegerType {
-    // 2^53: up to it every whole number is a Float64.
+    // Integers up to 2^53 are exact as Float64.
     const EXACT: u64 = 1 << 53;
     let magnitude = if unsigned { bits } else { (bits as i64).unsigned_abs() };
     match magnitude {
@@ -153,13 +153,13 @@ impl RecordBuffer {
         self.bytes.is_empty()
     }
 
-    /// Whether a batch should be taken before more records come.
+    /// Whether a batch should be taken before more records are added.
     #[inline]
     pub(super) fn is_full(&self) -> bool {
         self.bytes.len() >= ROWS.min((CELLS / self.columns.len().max(1)).max(1)) * self.stride
     }
 
-    /// Adds a record. Excess bytes are dropped; a shorter record is an error of the caller and ignored.
+    /// Adds a record. Excess bytes are dropped; a shorter record, an error of the caller, is ignored.
     #[inline]
     pub(super) fn push(&mut self, record: &[u8]) {
         if let Some(record) = record.get(..self.stride) {
@@ -167,7 +167,7 @@ impl RecordBuffer {
         }
     }
 
-    /// Takes the records as a batch.
+    /// Returns the records as a batch and clears the buffer.
     pub(super) fn take(&mut self, path: &Path) -> Result<RecordBatch, ReadError> {
         let columns =
             self.columns.iter().enumerate().map(|(i, c)| self.column(c, self.widths.column_type(i))).collect();
@@ -212,7 +212,7 @@ impl RecordBuffer {
         }
     }
 
-    /// The bytes of one column, decoded; a record that is too short for it gives none.
+    /// The bytes of one column, decoded; `None` for a record that is too short.
     fn cells<'a, const N: usize, T>(
         &'a self,
         column: &'a RecordColumn,
@@ -255,7 +255,7 @@ fn half(bits: u16) -> f64 {
     if sign == 1 { -magnitude } else { magnitude }
 }
 
-/// The rows of one topic in batches. `step` takes the next message of the file, pushes its record where it is of the
+/// The rows of one topic in batches. `step` reads the next message of the file, adds its record if it belongs to the
 /// topic, and returns whether there was one.
 pub(super) fn batches(
     path: &Path,
@@ -339,7 +339,7 @@ mod tests {
 
     #[test]
     fn ref_half_precision() {
-        // IEEE 754-2008, table 3.2 and the usual examples of binary16.
+        // Values of IEEE 754-2008, table 3.2, and the usual examples of binary16.
         for (bits, x) in
             [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65504.0), (0x0001, 2f64.powi(-24)), (0x3555, 0.333_251_953_125)]
         {

@@ -12,8 +12,8 @@ use crate::{
     table::{ColumnTable, ColumnValues, whole},
 };
 
-/// Names in `.xyz` headers, names in HDF5 files, and the unit where it is not the canonical one.
-/// A canonical name is used if the meaning is exactly the canonical one.
+/// Names in `.xyz` headers, names in HDF5 files, and the unit if it is not the canonical one. A canonical name is used
+/// only for exactly the canonical meaning.
 const FIELDS: &[(&str, &str, &str)] = &[
     ("LINE", "line", ""),
     ("FLT", "flight", ""),
@@ -88,7 +88,7 @@ pub(super) fn name_of_header(header: &str) -> String {
         return (*name).to_owned();
     }
     let lower = header.to_ascii_lowercase();
-    // FLUXB_TOT -> flux_b_t, UNCOMPMAG3 -> mag_3_uc, V_CABT -> vol_cabt; the rest in lower case.
+    // FLUXB_TOT -> flux_b_t, UNCOMPMAG3 -> mag_3_uc, V_CABT -> vol_cabt; other names become lower case.
     if let Some(n) = lower.strip_prefix("uncompmag") {
         format!("mag_{n}_uc")
     } else if let Some(rest) = lower.strip_prefix("flux") {
@@ -108,11 +108,11 @@ pub(super) fn unit_of(name: &str, ins_angle: &'static str) -> &'static str {
     }
 }
 
-/// The unit of `ins_lat` and `ins_lon`, on which the readme and the files disagree. It is the unit that agrees with the
-/// GNSS latitude; without a GNSS latitude it is radians.
+/// The unit of `ins_lat` and `ins_lon`, which differ between the readme and the files. The unit that agrees with the
+/// GNSS latitude is used; without a GNSS latitude it is radians.
 pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static str {
     match (lat_deg, ins_lat) {
-        // INS errors are below one degree; beyond a latitude of 1.02 degrees, rad and deg differ by more.
+        // INS errors are below one degree; above a latitude of 1.02 degrees, rad and deg differ by more.
         (Some(lat), Some(ins)) if (ins - lat).abs() < 1.0 && (ins.to_degrees() - lat).abs() > 1.0 => "deg",
         _ => "rad",
     }
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_line_numbers_keep_their_zero() {
+    fn unit_line_numbers_keep_their_trailing_zero() {
         assert_eq!(line_text(1003.1), "1003.10");
         assert_eq!(line_text(1003.0), "1003.00");
         assert_eq!(line_text(1003.125), "1003.125");

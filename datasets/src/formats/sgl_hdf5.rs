@@ -1,5 +1,5 @@
-//! The HDF5 files of the SGL surveys of 2020 and 2021, as MagNav.jl writes them: one data set per field.
-//! One line of the survey at a time is in memory.
+//! The HDF5 files of MagNav.jl for the SGL surveys of 2020 and 2021: one data set per field. One line of the survey at
+//! a time is in memory.
 
 use std::{
     ops::Range,
@@ -48,7 +48,7 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     let mut sets = vec![];
     for name in file.names() {
         let set = file.need(name)?;
-        // `N`, `dt` and the like describe the file; 2-D sets do not belong in a table of samples.
+        // `N`, `dt` and others describe the file; 2-D sets do not belong in a table of samples.
         if set.shape.len() != 1 || !set.is_numeric() || (set.shape == [1] && rows != 1) {
             continue;
         }

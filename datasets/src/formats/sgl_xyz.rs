@@ -1,6 +1,5 @@
-//! The ASCII `.xyz` files of the SGL surveys: comment lines start with `/`, the last of them before the
-//! data names the columns, values stand between blanks, `*` is missing. One line of the survey at a time
-//! is in memory.
+//! The ASCII `.xyz` files of the SGL surveys: comment lines start with `/`, the last of them before the data names the
+//! columns, blanks separate values, `*` is a missing value. One line of the survey at a time is in memory.
 
 use std::{
     io::{BufRead, BufReader},
@@ -82,7 +81,7 @@ struct SglXyzColumn {
 #[derive(Default)]
 struct SglXyzRow {
     text: String,
-    /// Where each word begins and ends.
+    /// Start and end of each word.
     words: Vec<(usize, usize)>,
     /// Line of the file, from 1.
     text_line: u64,
@@ -118,9 +117,9 @@ impl SglXyzRow {
 /// The rows of one line of the survey, by column.
 struct SglLineBatch {
     rows: usize,
-    /// None for flight and line.
+    /// The values of each column; empty for flight and line.
     numbers: Vec<Vec<f64>>,
-    /// Flight and line, as they are spelt.
+    /// Flight and line, as spelt in the file.
     key: Option<Vec<String>>,
     faults: Vec<RowFault>,
 }
@@ -138,12 +137,12 @@ struct SglXyzReader {
     columns: Vec<SglXyzColumn>,
     missing: MissingMarkers,
     ins_angle: &'static str,
-    /// The columns `flight` and `line`, as far as there are any.
+    /// The columns `flight` and `line` that exist.
     keys: Vec<usize>,
     pending: Option<SglXyzRow>,
-    /// The row before, whose room is used again.
+    /// The previous row, whose buffer is reused.
     spare: SglXyzRow,
-    /// Rows taken so far, and lines of text.
+    /// Number of rows read, and of lines of text.
     row: u64,
     text_line: u64,
 }
@@ -189,7 +188,7 @@ impl SglXyzReader {
         Ok(rows)
     }
 
-    /// Gives the columns the names and units of the options.
+    /// Sets the names and units of the columns by the options.
     fn name(&mut self, ins_angle: &'static str, options: &FlightOptions) -> Result<(), ReadError> {
         self.ins_angle = ins_angle;
         for column in &mut self.columns {
@@ -207,7 +206,7 @@ impl SglXyzReader {
         Ok(())
     }
 
-    /// The next line of text, in the room of another.
+    /// The next line of text, in the buffer `room`.
     fn text(&mut self, room: String) -> Result<Option<String>, ReadError> {
         let mut bytes = room.into_bytes();
         bytes.clear();
@@ -221,7 +220,7 @@ impl SglXyzReader {
         }
     }
 
-    /// Reads the next row of data, if there is one, into `pending`.
+    /// Reads the next row of data, if any, into `pending`.
     fn advance(&mut self) -> Result<(), ReadError> {
         self.pending = None;
         let mut row = std::mem::take(&mut self.spare);
@@ -239,8 +238,8 @@ impl SglXyzReader {
         Ok(())
     }
 
-    /// The key that separates one line of the survey from the next; a row without one value for each column belongs to
-    /// the line before it.
+    /// The key that separates one line of the survey from the next. A row with a wrong number of values belongs to the
+    /// line before it.
     fn key(&self) -> Option<impl Iterator<Item = &str>> {
         let row = self.pending.as_ref().filter(|r| r.words.len() == self.columns.len())?;
         Some(self.keys.iter().filter_map(|i| row.word(*i)))
@@ -306,10 +305,10 @@ impl SglXyzReader {
         to.rows += 1;
     }
 
-    /// The rows as a table; `flight` and `line` stay as they are spelt.
+    /// The rows as a table; `flight` and `line` keep their spelling.
     fn table(&self, gathered: SglLineBatch) -> Result<ColumnTable, ReadError> {
         let mut table = ColumnTable::default();
-        // A row that cannot be read is of the line of the others.
+        // An unreadable row belongs to the line of the other rows.
         let key = gathered.key.unwrap_or_default();
         for (i, (SglXyzColumn { header, named, .. }, numbers)) in self.columns.iter().zip(gathered.numbers).enumerate()
         {

@@ -32,7 +32,7 @@ pub(super) fn existing(path: &Path) -> Vec<PathBuf> {
 /// Rejects an output path with side files of another map, which would be applied to the new map.
 ///
 /// # Errors
-/// Fails where there is one.
+/// Fails if there is such a file.
 pub(super) fn refuse_stale(path: &Path) -> Result<(), ReadError> {
     let stale = existing(path).into_iter().next();
     stale.map_or(Ok(()), |side| {
@@ -42,7 +42,7 @@ pub(super) fn refuse_stale(path: &Path) -> Result<(), ReadError> {
 }
 
 impl SideFiles {
-    /// Reads the side files of a map of this size; `None` where there are none.
+    /// Reads the side files of a map of this size; `None` if there are none.
     ///
     /// # Errors
     /// Fails for a side file that cannot be read, and a mask of another size.
@@ -85,7 +85,7 @@ impl SideFiles {
     /// the raster.
     ///
     /// # Errors
-    /// Fails for a packing that contradicts that of the map's own file.
+    /// Fails for a packing that contradicts the packing in the map's file.
     pub(crate) fn apply(
         &self,
         path: &Path,

@@ -38,7 +38,7 @@ impl<R: Read> ForwardReader<R> {
         ForwardReader { input, bytes: vec![], at: 0, before: 0, ended: false }
     }
 
-    /// The bytes from the position on: at least `least` of them, fewer only where the file ends.
+    /// The bytes from the position on: at least `least` of them, fewer only at the end of the file.
     #[inline]
     pub(super) fn ahead(&mut self, least: usize) -> io::Result<&[u8]> {
         if self.bytes.len() - self.at < least && !self.ended {
@@ -58,7 +58,7 @@ impl<R: Read> ForwardReader<R> {
         Ok(())
     }
 
-    /// Moves forward, not beyond what [`ForwardReader::ahead`] returned.
+    /// Moves forward, at most by the bytes that [`ForwardReader::ahead`] returned.
     #[inline]
     pub(super) fn skip(&mut self, bytes: usize) {
         self.at = (self.at + bytes).min(self.bytes.len());
@@ -75,16 +75,16 @@ impl<R: Read> ForwardReader<R> {
 pub(super) struct Damage {
     /// Number of runs of damaged bytes between messages.
     pub(super) stretches: u64,
-    /// Bytes in them.
+    /// Number of damaged bytes.
     pub(super) bytes: u64,
-    /// The position of the first.
+    /// The position of the first damaged byte.
     first: u64,
     /// End of the last run.
     end: u64,
 }
 
 impl Damage {
-    /// Counts bytes that are not of a message.
+    /// Counts bytes that belong to no message.
     pub(super) fn add(&mut self, at: u64, bytes: u64) {
         if bytes == 0 {
             return;
@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_all_bytes_are_seen_once_whatever_the_block() {
+    fn unit_all_bytes_are_read_once_for_any_block_size() {
         let bytes: Vec<u8> = (0..3 * BLOCK + 17).map(|i| (i % 251) as u8).collect();
         let (mut forward, mut seen) = (ForwardReader::new(bytes.as_slice()), 0);
         loop {
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_stretches_that_touch_are_one() {
+    fn unit_adjacent_damaged_stretches_are_merged() {
         let mut damage = Damage::default();
         assert_eq!(damage.note(), None);
         damage.add(10, 5);

@@ -67,15 +67,15 @@ fn table(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
 }
 
 #[test]
-fn val_what_is_derived_from_the_sgl_sample() {
+fn val_derived_columns_of_the_sgl_sample() {
     for file in ["magnavjl_sample/Flt1003_sample.xyz", "magnavjl_sample/sgl_2020.h5"] {
         let flight = sample(file);
         let (names, rows) = table(&reference("sgl_expected.csv"));
         assert_eq!(flight.num_rows(), rows.len());
         for (k, name) in names.iter().enumerate().filter(|(_, n)| *n != "ins_lat_deg") {
             for (i, (ours, row)) in numbers(&flight, name).iter().zip(&rows).enumerate() {
-                // Velocities: the radii at a sample against those along the chord, 2e-7 of 33 m/s, and the
-                // geodesic's height factor, 1e-5 of the height's part 3e-5. Others: printed to 1e-9.
+                // Differences of velocities: 2e-7 of 33 m/s by the radii at a sample and along the chord, and 1e-5 of
+                // 3e-5 by the height factor of the geodesic. Others are printed to 1e-9.
                 let tolerance = if name.starts_with('v') { 1e-4 } else { 2e-9 };
                 assert!((ours - row[k]).abs() < tolerance, "{file} {name} row {i}: {ours} {}", row[k]);
             }
@@ -156,7 +156,7 @@ fn unit_renaming_takes_the_unit_from_the_name() {
 }
 
 #[test]
-fn r10_a_column_that_is_not_renamed_keeps_the_unit_that_its_name_says() {
+fn unit_an_unrenamed_column_keeps_the_unit_in_its_name() {
     let folder = TempDir::new().unwrap();
     let text =
         "flight,line,tt,MagCabin_T,GPS Alt ft,Gyro [rad/s],Flux_A,counter,mag_2_uc,cur_x\n1,1,0.5,5e-5,1,1,1,1,1,1\n";
@@ -180,7 +180,7 @@ fn r10_a_column_that_is_not_renamed_keeps_the_unit_that_its_name_says() {
 }
 
 #[test]
-fn r10_what_the_user_says_of_a_unit_is_taken_before_the_file_and_the_name() {
+fn unit_a_unit_in_the_options_overrides_the_file_and_the_name() {
     let folder = TempDir::new().unwrap();
     let field = |unit: &str| {
         Field::new("cabin_uT", DataType::Float64, true).with_metadata([("unit".to_owned(), unit.to_owned())].into())
@@ -206,7 +206,7 @@ fn r10_what_the_user_says_of_a_unit_is_taken_before_the_file_and_the_name() {
 }
 
 #[test]
-fn r10_a_contract_name_that_says_another_unit_itself_is_refused() {
+fn unit_a_standard_name_that_ends_in_another_unit_is_rejected() {
     let folder = TempDir::new().unwrap();
     let path = written(&folder, "f.csv", "flight,line,tt,cur_heater_mA\n1,1,0.5,1200\n");
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
@@ -217,7 +217,7 @@ fn r10_a_contract_name_that_says_another_unit_itself_is_refused() {
 }
 
 #[test]
-fn gold_a_table_without_keys_says_what_to_give() {
+fn gold_a_table_without_flight_and_line_is_an_error_with_a_remedy() {
     let path = samples::path("magnavjl_tl/magnavjl_tl.parquet");
     let fault = read(&path, &FlightOptions::default()).unwrap_err();
     let said = "holds no column `flight` (give `flight`, or rename the column that has it)";
@@ -266,7 +266,7 @@ fn unit_every_sample_becomes_canonical() {
 }
 
 #[test]
-fn unit_csv_types_are_settled_over_the_whole_file() {
+fn unit_csv_types_are_inferred_from_the_whole_file() {
     let folder = TempDir::new().unwrap();
     let text = "flight,line,tt,mag_1_uc,event,year,extra\n7,1.10,0.0,50000,1,2020,1\n7,1.10,0.1,*,flaps,2020,\n\
                 7,1.20,0.2,,2,,NaN\n";
@@ -282,7 +282,7 @@ fn unit_csv_types_are_settled_over_the_whole_file() {
 }
 
 #[test]
-fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
+fn gold_faults_of_a_csv_are_reported_with_their_place() {
     let folder = TempDir::new().unwrap();
     let head = "flight,line,tt,mag_1_uc\n7,1,0.0,1.5\n";
     for (name, tail, said) in [
@@ -306,7 +306,7 @@ fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
     fs::write(&path, b"flight,line,tt\n1,1,\xff\n").unwrap();
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("row 0: is not UTF-8 text"), "{fault}");
-    // Files as spreadsheets of other countries and systems save them.
+    // Files in the encodings and separators of spreadsheets of other countries and systems.
     for (bytes, said) in [
         (b"flight;line;tt\n1;1;0,5\n".to_vec(), "its columns are separated by semicolons, not by commas"),
         (b"flight\tline\ttt\n1\t1\t0.5\n".to_vec(), "its columns are separated by tabs, not by commas"),
@@ -322,7 +322,7 @@ fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
 }
 
 #[test]
-fn r12_text_beyond_ascii_is_text() {
+fn unit_non_ascii_text_is_read_as_text() {
     let folder = TempDir::new().unwrap();
     let text = "\u{feff}flight,line,tt,note µ\n1,1,0.5,Übung\n";
     let flight = read(&written(&folder, "f.dat", text), &FlightOptions::default()).unwrap();
@@ -331,7 +331,7 @@ fn r12_text_beyond_ascii_is_text() {
 }
 
 #[test]
-fn gold_files_that_no_format_knows() {
+fn gold_files_of_unknown_format() {
     let folder = TempDir::new().unwrap();
     let default = FlightOptions::default();
     let said = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
@@ -365,7 +365,7 @@ fn gold_a_short_row_of_an_xyz_file_is_an_error() {
 }
 
 #[test]
-fn r12_positions_in_radians_are_refused() {
+fn unit_positions_in_radians_are_rejected() {
     // MagNav.jl 1.3.3 saves simulated flights in radians and reads them as degrees.
     let folder = TempDir::new().unwrap();
     let tt: Vec<f64> = (0..20).map(f64::from).collect();
@@ -384,7 +384,7 @@ fn r12_positions_in_radians_are_refused() {
     assert!(fault.contains("has radians"), "{fault}");
 }
 
-/// Reads a file as flight or map and says whether that went well; what a reader must not do is panic.
+/// Reads a file as flight or map and returns the result; a reader must not panic.
 fn outcome(path: &Path, map: bool) -> Result<(), String> {
     if map {
         let options = MapOptions { alt_m: Some(300.0), ..MapOptions::default() };
@@ -411,7 +411,7 @@ fn extension(name: &str) -> String {
 }
 
 #[test]
-fn unit_a_file_cut_short_is_an_error_that_names_it() {
+fn unit_a_truncated_file_is_an_error_with_its_name() {
     let folder = TempDir::new().unwrap();
     for (name, map) in DAMAGED {
         let whole = fs::read(samples::path(name)).unwrap();
@@ -424,7 +424,7 @@ fn unit_a_file_cut_short_is_an_error_that_names_it() {
             fs::write(&path, &whole[..length]).unwrap();
             match outcome(&path, map) {
                 Err(said) => assert!(said.contains("cut."), "{name} {length}: {said}"),
-                // Text cut at the end of a row is a shorter table.
+                // Text that is truncated at the end of a row is a shorter table.
                 Ok(()) => assert!(text, "{name}: {length} bytes were accepted as complete"),
             }
         }
@@ -440,7 +440,7 @@ fn unit_flipped_bytes_never_panic() {
         let mut faults = 0;
         for k in 0..60_usize {
             let mut bytes = whole.clone();
-            // Half in the first kilobytes, where the structure is; the rest anywhere.
+            // Half of the changes are in the first kilobytes, which hold the structure.
             let span = if k % 2 == 0 { bytes.len().min(4096) } else { bytes.len() };
             let at = (k * 7919 + 13) * 31 % span;
             bytes[at] ^= 1 << (k % 8);

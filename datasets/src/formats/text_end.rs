@@ -1,4 +1,4 @@
-//! The end of a text file: the DOS end-of-file mark, 0x1a, and anything blank after it, are not part of the text.
+//! The end of a text file. The DOS end-of-file mark, 0x1a, and any blanks after it are not part of the text.
 
 use std::{
     fs::File,
@@ -13,7 +13,7 @@ const MARK: u8 = 0x1a;
 /// The number of bytes at the end of a file that are searched for a mark. CP/M fills records of 128 bytes with marks.
 const TAIL: usize = 4096;
 
-/// The length of a text without its end-of-file mark; its own length where it has none.
+/// The length of a text without its end-of-file mark; the full length if it has none.
 fn length(text: &[u8]) -> usize {
     let blank = |b: &u8| b.is_ascii_whitespace() || [MARK, 0].contains(b);
     let last = text.iter().rposition(|b| !blank(b)).map_or(0, |at| at + 1);
@@ -36,12 +36,12 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, ReadError> {
     Ok(bytes)
 }
 
-/// The text of a file, read forward. An end-of-file mark that no newline precedes is a newline.
+/// The text of a file, read forward. An end-of-file mark without a newline before it becomes a newline.
 pub(super) struct TextFile {
     file: File,
-    /// The bytes of the text that are not read yet.
+    /// Number of unread bytes of the text.
     left: u64,
-    /// Whether a newline takes the place of the mark.
+    /// Whether a newline replaces the mark.
     newline: bool,
 }
 
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_an_end_of_file_mark_ends_a_text_and_nothing_else_does() {
+    fn unit_only_an_end_of_file_mark_ends_a_text() {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("a.csv");
         for (bytes, text, whole) in [

@@ -1,5 +1,5 @@
-//! Plain text in columns: what survey points and grids are exchanged in. Separated by commas, tabs or blanks, with
-//! or without a header, with comments, and with the line records of Geosoft's XYZ files.
+//! Plain text in columns, the exchange format of survey points and grids. It is separated by commas, tabs or blanks,
+//! with or without a header, with comments, and with the line records of Geosoft's XYZ files.
 
 use std::path::Path;
 
@@ -14,11 +14,11 @@ use crate::{ReadError, grid::split_unit, table::ColumnValues};
 /// A table of text.
 #[derive(Debug)]
 pub(super) struct TextTable {
-    /// The names in the header; `column_1`, `column_2` ... where there is none.
+    /// The names in the header; `column_1`, `column_2` ... without a header.
     pub(super) names: Vec<String>,
     /// Whether the file names its columns.
     pub(super) named: bool,
-    /// Numbers where all values are numbers, otherwise text.
+    /// The columns: numbers if all values are numbers, otherwise text.
     pub(super) columns: Vec<ColumnValues>,
     /// The comments, in order, without their mark.
     pub(super) comments: Vec<String>,
@@ -52,7 +52,7 @@ pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
 fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut table = TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![] };
-    // The numbers of each column; `None` from the first word on that is not a number.
+    // The numbers of each column; `None` after the first word that is not a number.
     let mut columns: Vec<Option<Vec<f64>>> = vec![];
     let (mut rows, mut numbers) = (0, vec![]);
     scan(text, |line| {
@@ -166,20 +166,20 @@ fn scan<'t>(
 }
 
 impl TextTable {
-    /// Names for columns that the header does not name: those of the last comment with as many words, else numbers.
+    /// Sets the names of columns without a header: from the last comment with as many words, else numbers.
     fn name(&mut self, width: usize) {
         let words = |c: &String| -> Vec<String> {
             c.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()).map(str::to_owned).collect()
         };
         let named = self.comments.iter().rev().map(words).find(|w| {
-            // A comment of numbers, or of prose that has as many words by chance, names nothing.
+            // A comment of numbers, or of prose that happens to have as many words, has no names.
             w.len() == width && w.iter().all(|w| number(w).is_none()) && w.iter().any(|w| KNOWN.contains(&&*lower(w)))
         });
         self.named = named.is_some();
         self.names = named.unwrap_or_else(|| (1..=width).map(|i| format!("column_{i}")).collect());
     }
 
-    /// The index of the column of one of the names, in the order of the names; case does not matter.
+    /// The index of the column of one of the names, in the order of the names; case is ignored.
     pub(super) fn find(&self, known: &[&str]) -> Option<usize> {
         known.iter().find_map(|k| self.names.iter().position(|n| lower(n) == *k))
     }
@@ -193,7 +193,7 @@ impl TextTable {
     /// The numbers of a column.
     ///
     /// # Errors
-    /// Fails for the first value that is none.
+    /// Fails at the first value that is not a number.
     pub(super) fn numbers(&self, path: &Path, column: usize) -> Result<&[f64], ReadError> {
         let name = self.names.get(column).map_or("", String::as_str);
         match self.columns.get(column) {
@@ -231,7 +231,7 @@ pub(super) fn lower(name: &str) -> String {
     name.trim().trim_matches('"').to_ascii_lowercase()
 }
 
-/// The marks of comments.
+/// The first characters of comments.
 const MARKS: [char; 5] = ['#', '/', '!', '%', '>'];
 
 /// The words of a line.
@@ -244,22 +244,22 @@ fn split<'t>(line: &'t str, words: &mut Vec<&'t str>) {
     }
 }
 
-/// Whether a row is one of names: none is a number, and one is a word that is not a missing value.
+/// Whether a row is a header: none of its words is a number, and at least one is not a missing value.
 fn is_header(words: &[&str]) -> bool {
     words.iter().all(|w| w.is_empty() || missing_or_number(w).is_none()) && words.iter().any(|w| !w.is_empty())
 }
 
-/// A number; nothing and the usual words are missing, and so are the usual fillers.
+/// A number, or NaN for an empty word and the usual missing-value words and fillers.
 fn missing_or_number(word: &str) -> Option<f64> {
     number(word).map(known)
 }
 
-/// The number, or NaN for one that is a filler.
+/// The number, or NaN for a filler.
 fn known(value: f64) -> f64 {
     if missing::NUMBERS.contains(&value) { f64::NAN } else { value }
 }
 
-/// The numbers of a line that has only plain ones between separators of one kind, or blanks.
+/// The numbers of a line of plain numbers, separated by one kind of separator or by blanks.
 fn plain_numbers(line: &[u8], numbers: &mut Vec<f64>) -> bool {
     numbers.clear();
     let (mut at, mut separator) = (0, None);
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_any_separator_header_and_comment_make_one_table() {
+    fn unit_any_separator_header_and_comment_give_the_same_table() {
         let spellings = [
             "x,y,mag\n1,2,3\n4,5,*\n",
             "# a survey\n\"x\"\t\"y\"\t\"mag\"\n1\t2\t3\n\n4\t5\tNaN\n",
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_line_records_stand_before_their_rows() {
+    fn unit_line_records_precede_their_rows() {
         let table = table("/ x y mag\nLine 10\n1 2 3\n1 3 4\nTIE T20\n2 2 2\nL30:1\n5 5 5\n");
         let records = [(0, LineType::Line, "10"), (2, LineType::Tie, "T20"), (3, LineType::Line, "L30:1")];
         assert_eq!(
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_what_is_wrong_with_a_table() {
+    fn gold_faults_of_a_text_table() {
         let said = |text: &str| parse(Path::new("a.xyz"), text).unwrap_err().to_string();
         let short = "a.xyz, row 1: the row has 2 values where the others have 3 (line 3 of the file)";
         assert_eq!(said("1 2 3\n\n1 2\n"), short);

@@ -33,7 +33,7 @@ impl TiffDirectory {
     }
 }
 
-/// The directories of a file, in the order of its images, without damaged ones.
+/// The directories of a file in the order of its images, except damaged ones.
 pub(super) fn directories(bytes: &[u8]) -> Vec<TiffDirectory> {
     let mut found = vec![];
     let mut seen = std::collections::HashSet::new();

@@ -1,4 +1,4 @@
-//! The tables of a log that holds several: their list, the choice of one, and its rows with the file's names.
+//! The tables of a log with several tables: their list, the choice of one, and its rows with the file's names.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::ReadError;
 pub struct LogTopic {
     /// Its name in [`FlightOptions::topic`]; empty for a format with one table.
     pub name: String,
-    /// Its rows.
+    /// Number of rows.
     pub rows: u64,
     /// Its columns, in the file's order.
     pub columns: Vec<TopicColumn>,
@@ -25,9 +25,9 @@ pub struct LogTopic {
 pub struct TopicColumn {
     /// The file's name for it.
     pub name: String,
-    /// The unit that its values have; empty where the file states none.
+    /// The unit of its values; empty if the file gives none.
     pub unit: String,
-    /// The file's description, or what the name means in every flight.
+    /// The description in the file, or the general meaning of the name.
     pub description: String,
 }
 
@@ -38,10 +38,10 @@ pub struct TopicColumn {
 pub type RawReader = FlightReader;
 
 /// The tables of a file. A format with one table gives one [`LogTopic`] with an empty name, whose rows are counted by
-/// reading them.
+/// reading.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged beyond reading or in no known format.
+/// Fails for a file that is missing, empty, unreadable or in no known format.
 pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<LogTopic>, ReadError> {
     topics_among(FLIGHT_FORMATS, path, options)
 }
@@ -77,8 +77,8 @@ pub fn topics_among(
 /// `rename`, `units`, `flight` and `line` are ignored; markers of missing values apply.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged beyond reading or in no known format, and for a file of several
-/// tables where `topic` does not name one of them.
+/// Fails for a file that is missing, empty, unreadable or in no known format, and for a file of several tables if
+/// `topic` does not name one of them.
 pub fn open_raw(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<RawReader, ReadError> {
     open_raw_among(FLIGHT_FORMATS, path, options, reading)
 }
@@ -97,12 +97,12 @@ pub fn open_raw_among(
     Ok(reader(format, adopt::without_fillers(path, raw, options)))
 }
 
-/// The position of the table that the options name; by default the only table.
+/// The position of the table named in the options; by default the only table.
 ///
 /// `tables` are names and row counts; `asked` is the name in the format's spelling.
 ///
 /// # Errors
-/// Fails for a name that is not among them, and for several tables where none is named; the error lists them.
+/// Fails for an unknown name, and for several tables without a name; the error lists them.
 pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)]) -> Result<usize, ReadError> {
     let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
     match (asked, tables) {
@@ -120,7 +120,7 @@ pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)])
     }
 }
 
-/// Names of tables, each with its rows.
+/// Names of tables, each with its number of rows.
 pub(super) fn listed(tables: &[(String, u64)]) -> String {
     let one = |(name, rows): &(String, u64)| format!("{name} ({rows})");
     tables.iter().map(one).collect::<Vec<_>>().join(", ")

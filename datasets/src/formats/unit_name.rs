@@ -12,11 +12,11 @@ pub(super) enum ImpliedUnit {
     Unit(String),
     /// One or two letters at the end that are a unit, or an abbreviation of something else.
     Perhaps(String),
-    /// In brackets, a text that is not a known unit; or an end that looks like a unit and is not known.
+    /// An unknown text in brackets, or an unknown end that looks like a unit.
     Unknown(String),
 }
 
-/// Words in brackets or after the unit that say which quantity it is, and nothing of the unit.
+/// Words in brackets or after the unit that describe the quantity and not the unit.
 const QUALIFIERS: &[&str] = &[
     "msl",
     "agl",
@@ -45,7 +45,7 @@ const QUALIFIERS: &[&str] = &[
     "smoothed",
 ];
 
-/// Letters at the end of a name that are as often something else: `Flux_A` is a sensor, `vel_ns` a direction.
+/// Letters at the end of a name that often have another meaning: `Flux_A` is a sensor, `vel_ns` a direction.
 const AMBIGUOUS: &[&str] = &[
     "ns", "us", "ma", "mg", "mt", "mv", "ut", "min", "hr", "kn", "kt", "dps", "mm", "cm", "fpm", "mph", "pa", "pt",
     "bar", "gon",
@@ -70,12 +70,12 @@ pub(super) fn said_by(name: &str) -> ImpliedUnit {
     said_by_end(name)
 }
 
-/// Whether the contract gives the name its unit.
+/// Whether the name is a standard name with a unit.
 pub(super) fn is_canonical(name: &str) -> bool {
     flight::COLUMNS.iter().any(|(known, _)| *known == name) || !flight::describe(name).unit.is_empty()
 }
 
-/// The unit that an unrenamed column keeps: one that is not ambiguous.
+/// The unit that an unrenamed column keeps, if it is not ambiguous.
 pub(super) fn kept_unit(name: &str) -> Option<String> {
     match said_by(name) {
         ImpliedUnit::Unit(unit) => Some(unit),
@@ -84,7 +84,7 @@ pub(super) fn kept_unit(name: &str) -> Option<String> {
     }
 }
 
-/// A text at the end of a name, or in brackets there, that looks like a unit and is not known.
+/// An unknown text at the end of a name, with or without brackets, that looks like a unit.
 pub(super) fn unknown_unit(name: &str) -> Option<String> {
     if matches!(said_by(name), ImpliedUnit::Unit(_) | ImpliedUnit::Perhaps(_)) {
         return None;
@@ -109,7 +109,7 @@ fn is_qualifier(word: &str) -> bool {
     word.is_empty() || word.bytes().all(|b| b.is_ascii_digit()) || QUALIFIERS.contains(&word.as_str())
 }
 
-/// The longest end of the name that is a unit, after words such as `MSL` and numbers are taken off.
+/// The longest end of the name that is a unit, without words such as `MSL` and numbers after it.
 fn said_by_end(name: &str) -> ImpliedUnit {
     const BETWEEN: [char; 5] = ['_', ' ', '-', ',', '.'];
     let mut name = name.trim_end_matches(BETWEEN);
@@ -121,21 +121,21 @@ fn said_by_end(name: &str) -> ImpliedUnit {
     }
     let ends =
         name.char_indices().filter(|(_, c)| BETWEEN.contains(c)).filter_map(|(i, c)| name.get(i + c.len_utf8()..));
-    // The whole name is not an end of it: a column `m` or `a` implies no unit.
+    // The whole name is excluded: a column `m` or `a` implies no unit.
     let found = ends.filter(|end| end.len() < name.len()).find(|end| is_unit(&spelt(end)));
     let Some(end) = found else { return unknown_end(name) };
     let unit = spelt(end);
     if end.len() > 1 {
-        // `uT` and `mA` in both cases are definite units.
+        // Units in mixed case, such as `uT` and `mA`, are definite.
         let one_case = !(end.chars().any(char::is_lowercase) && end.chars().any(char::is_uppercase));
         let ambiguous = one_case && AMBIGUOUS.contains(&unit.to_ascii_lowercase().as_str());
         return if ambiguous { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Unit(unit) };
     }
-    // One letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` are other things.
+    // One letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` have other meanings.
     if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Nothing }
 }
 
-/// Units that do not convert, and notations of angles that no factor converts.
+/// Units that do not convert, and notations of angles without a conversion factor.
 const OTHERS: &[&str] = &[
     "dms",
     "ddmm",
@@ -192,11 +192,11 @@ const PREFIXES: [&[&str]; 2] =
 const PREFIXED: [&[&str]; 2] =
     [&["T", "G", "V", "A"], &["gauss", "tesla", "Gal", "rad", "deg", "ft", "feet", "Pa", "bar", "Hz", "m/s", "mps"]];
 
-/// Denominators that make a quotient of any numerator.
+/// Denominators that indicate a quotient, for any numerator.
 const TIMES: [&str; 9] = ["s", "sec", "min", "h", "hr", "hour", "day", "week", "fortnight"];
 
-/// The end of a name that has no known unit: nothing, or a text that looks like a unit. That is a quotient, a known
-/// unit with a prefix or with more letters, or a unit that does not convert.
+/// The end of a name without a known unit: nothing, or a text that looks like a unit. Such a text is a quotient, a
+/// known unit with a prefix or more letters, or a unit that does not convert.
 fn unknown_end(name: &str) -> ImpliedUnit {
     if let Some(quotient) = unknown_quotient(name) {
         return ImpliedUnit::Unknown(quotient.to_owned());
@@ -232,7 +232,7 @@ fn unit_and_more(word: &str) -> Option<(&str, &str)> {
     })
 }
 
-/// A unit as the converter spells it: `m_s2`, `m/s`, `rad_s` and `m_per_s` are the same sort of thing.
+/// The converter's spelling of a unit: `m_s2` becomes `m/s2`, and `rad_s` and `m_per_s` become quotients.
 fn spelt(unit: &str) -> String {
     let unit = unit.trim();
     let usual = |unit: &str| usual_spelling(unit).unwrap_or(unit).to_owned();
@@ -247,17 +247,17 @@ fn spelt(unit: &str) -> String {
 /// Reason why the unit of a column does not follow from its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum UnitNameError {
-    /// It implies a unit of another dimension, or one that is not known.
+    /// The name implies a unit of another dimension or an unknown one.
     Other(String),
-    /// Its last letter may be a unit or not, and the values differ.
+    /// The last letter of the name may be a unit, which would change the values.
     Ambiguous(String),
 }
 
-/// The unit that the values of the column `name` have when it becomes `ours`, of unit `wanted`; `None` where the
-/// name does not say.
+/// The unit of the values of the column `name` when it is renamed to `ours`, of unit `wanted`; `None` if the name
+/// implies none.
 ///
 /// # Errors
-/// Fails for a name that says a unit which does not convert, or one that may mean two things.
+/// Fails for a name with a unit that does not convert, and for an ambiguous name.
 pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, UnitNameError> {
     let factor = |unit: &str| convert(unit, wanted);
     match said_by(name) {
@@ -269,7 +269,7 @@ pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Op
         ImpliedUnit::Perhaps(unit) => match factor(&unit) {
             None if unit == "m" => Err(UnitNameError::Other(unit)),
             None => Ok(None),
-            // Small `g` is a gravity; of a field it is as likely a name.
+            // `g` is standard gravity; for a field it is probably part of the name.
             Some(_) if unit == "g" && wanted != "m/s2" => Ok(None),
             Some(factor) if factor != 1.0 && is_doubtful(name, ours, &unit) => Err(UnitNameError::Ambiguous(unit)),
             Some(_) => Ok(Some(unit)),
@@ -277,7 +277,8 @@ pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Op
     }
 }
 
-/// In capitals throughout, `FLUXB_T` may be in tesla or a total; so may any name of a vector's magnitude.
+/// Whether a unit is ambiguous. The end of `FLUXB_T`, all in capitals, may mean tesla or total, as may the end of any
+/// name of a vector's magnitude.
 fn is_doubtful(name: &str, ours: &str, unit: &str) -> bool {
     unit.len() == 1 && (!name.bytes().any(|b| b.is_ascii_lowercase()) || (unit == "T" && ours.ends_with("_t")))
 }
@@ -324,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_names_of_the_contract_are_never_read_as_units() {
+    fn unit_standard_names_are_never_read_as_units() {
         let families = ["mag_2_uc", "mag_1_c", "flux_a_x", "flux_a_t", "cur_x", "cur_ac_hi", "vol_bat_1", "vol_back_n"];
         let all = flight::COLUMNS.iter().map(|(name, _)| *name).chain(families);
         for name in all {
@@ -341,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_texts_that_look_like_a_unit_and_are_not_known() {
+    fn unit_unknown_texts_that_look_like_units_are_found() {
         for (name, unit) in [("ALT_kft", Some("kft")), ("Mag (counts)", Some("counts")), ("TMI (IGRF removed)", None)] {
             assert_eq!(unknown_unit(name).as_deref(), unit, "{name}");
         }
@@ -351,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_renamed_column_is_converted_or_refused() {
+    fn unit_a_renamed_column_is_converted_or_rejected() {
         let of = |name, ours, wanted| unit_of_renamed(name, ours, wanted);
         assert_eq!(of("MagCabin_T", "mag_4_uc", "nT"), Ok(Some("T".into())));
         assert_eq!(of("acc_x_g", "ins_fn", "m/s2"), Ok(Some("g".into())));

@@ -1,4 +1,4 @@
-//! Even axes: as in a file, ascending or descending, and their conversion to the ascending axis of a map.
+//! Even axes of a file, ascending or descending, and their conversion to the ascending axis of a map.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ const EVENNESS: f64 = 0.01;
 /// The minimum step that single-precision coordinates resolve, as a fraction of the largest coordinate.
 const RESOLUTION: f64 = 1e-12;
 
-/// An even axis as in a file: `step` is below zero where the coordinates descend.
+/// An even axis of a file: `step` is negative for descending coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FileAxis {
     first: f64,

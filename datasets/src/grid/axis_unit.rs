@@ -27,7 +27,7 @@ pub(crate) enum CrsSource {
 
 const US_FOOT: f64 = 1200.0 / 3937.0;
 
-/// Spellings of lengths beyond those of `schemas`, with blanks for `_` and `-`, and metres per unit.
+/// Spellings of lengths in addition to those of `schemas`, with blanks for `_` and `-`, and metres per unit.
 const LENGTHS: [(&[&str], f64); 9] = [
     (&["kilometre", "kilometer", "kilometres", "kilometers", "kms"], 1000.0),
     (
@@ -58,7 +58,7 @@ const LENGTHS: [(&[&str], f64); 9] = [
     (&["fathom", "fathoms"], 1.8288),
 ];
 
-/// Texts that name no unit.
+/// Texts without a unit.
 const NOTHING: [&str; 12] =
     ["", "1", "none", "unknown", "user x unit", "user y unit", "x", "y", "x units", "y units", "natural", "raw"];
 
@@ -66,7 +66,7 @@ const NOTHING: [&str; 12] =
 const SAME: f64 = 1e-5;
 
 impl AxisUnit {
-    /// The unit of a text; `Ok(None)` for a text that names none.
+    /// The unit of a text; `Ok(None)` for a text without a unit.
     ///
     /// # Errors
     /// Fails for an unknown unit.
@@ -81,10 +81,10 @@ impl AxisUnit {
         })
     }
 
-    /// The one unit of two coordinates.
+    /// The common unit of two coordinates.
     ///
     /// # Errors
-    /// Fails for two units.
+    /// Fails for different units.
     pub(crate) fn of_both(
         path: &Path,
         x: Option<AxisUnit>,
@@ -110,7 +110,7 @@ impl AxisUnit {
         }
     }
 
-    /// The unit of a text; `None` for one that is unknown.
+    /// The unit of a text; `None` for an unknown unit.
     pub(crate) fn from_text(text: &str) -> Option<AxisUnit> {
         let (_, inside) = bracketed(text).unwrap_or(("", ""));
         if let Some(unit) = Some(inside).filter(|t| !t.is_empty()).and_then(AxisUnit::from_text) {
@@ -193,15 +193,15 @@ fn unit_of(crs: &Crs) -> String {
     }
 }
 
-/// Lower case, with single blanks for everything that separates words.
+/// The text in lower case, with single blanks instead of all word separators.
 fn plain(text: &str) -> String {
     let words = text.trim().trim_matches('"').to_lowercase().replace(['_', '-', '.'], " ");
-    // A decimal point is none of these.
+    // A decimal point is not a separator.
     let words = if text.trim().starts_with(|c: char| c.is_ascii_digit()) { text.trim().to_lowercase() } else { words };
     words.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// A text without the brackets at its end, and the words in these.
+/// A text without the brackets at its end, and the text in the brackets.
 fn bracketed(text: &str) -> Option<(&str, &str)> {
     [('(', ')'), ('[', ']'), ('{', '}')].into_iter().find_map(|(open, close)| {
         let (base, inside) = text.trim().strip_suffix(close)?.rsplit_once(open)?;
@@ -209,8 +209,8 @@ fn bracketed(text: &str) -> Option<(&str, &str)> {
     })
 }
 
-/// A name without the unit at its end, and that unit: `X (ft)`, `easting_km`, `Northing [m]`; the unit is empty where
-/// the name ends in none. A word in brackets that is no unit is left in the name.
+/// A name without the unit at its end, and that unit: `X (ft)`, `easting_km`, `Northing [m]`. The unit is empty if the
+/// name has none. An unknown word in brackets remains in the name.
 pub(crate) fn split_unit(name: &str) -> (&str, &str) {
     let name = name.trim();
     let end = || {
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_units_and_systems_that_contradict_each_other() {
+    fn unit_units_that_contradict_the_system_are_rejected() {
         let path = Path::new("a");
         let utm = Crs::from_epsg(path, 32754).unwrap();
         let (feet, km) = (AxisUnit::from_text("US_survey_foot").unwrap(), AxisUnit::from_text("km").unwrap());

@@ -1,4 +1,4 @@
-//! The contents of a map file, and their conversion to a [`AnomalyGrid`]: the rules that all formats share.
+//! The contents of a map file, and their conversion to an [`AnomalyGrid`]: rules that all formats share.
 
 use std::path::Path;
 
@@ -22,21 +22,21 @@ pub(crate) struct MapDraft<'a> {
     /// The axis that runs fastest in `values`.
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,
-    /// Row by row, as stored; values that the file marks as unknown are already NaN.
+    /// The stored values row by row; those marked as unknown in the file are already NaN.
     pub(crate) values: Vec<f64>,
     /// Scale and offset from the stored values to those in `unit`.
     pub(crate) packing: [f64; 2],
-    /// Whether the first row in memory is the first row of the raster: masks in side files begin with it too.
+    /// Whether the first row in memory is the first row of the raster: masks in side files also begin with this row.
     pub(crate) raster_rows: bool,
-    /// Heights in the same order, where the file has them.
+    /// Heights in the same order, if the file has them.
     pub(crate) heights: Option<Vec<f64>>,
     /// Standard deviation of the error of each value in the same order and unit, if the file has it.
     pub(crate) errors: Option<Vec<f64>>,
-    /// The one height of all nodes, where the file gives it.
+    /// The height of all nodes, if the file gives one.
     pub(crate) level_m: Option<f64>,
-    /// The unit of the values, where the file gives it.
+    /// The unit of the values, if the file gives it.
     pub(crate) unit: Option<String>,
-    /// The unit of the coordinates, where the file gives it.
+    /// The unit of the coordinates, if the file gives it.
     pub(crate) axis_unit: Option<AxisUnit>,
     pub(crate) system: FileCrs,
     pub(crate) registration: Registration,
@@ -59,7 +59,7 @@ pub(crate) enum FileCrs {
 /// The note on a map whose height is unknown: only a continuation needs it.
 pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set `alt_m`";
 
-/// Scale and offset of values that are stored as they are.
+/// Scale and offset of unpacked values.
 pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
 
 /// Heights of a map in metres: from the deepest sea to satellites.
@@ -69,7 +69,7 @@ const HEIGHTS_M: [f64; 2] = [-12_000.0, 2_000_000.0];
 const NO_UNIT: &str = "the file gives no unit; nT is assumed";
 
 impl<'a> MapDraft<'a> {
-    /// A draft of axes and values alone.
+    /// A draft with only axes and values.
     pub(crate) fn new(path: &'a Path, x: FileAxis, y: FileAxis, values: Vec<f64>, system: FileCrs) -> MapDraft<'a> {
         MapDraft {
             path,
@@ -89,7 +89,7 @@ impl<'a> MapDraft<'a> {
         }
     }
 
-    /// The map: rows from the south, columns from the west, nT, longitudes around Greenwich.
+    /// The map: rows from the south, columns from the west, nT, longitudes wrapped to -180 to 180 degrees.
     ///
     /// # Errors
     /// Fails for a unit of another quantity than the field, an unknown coordinate system, and as [`AnomalyGrid::new`].

@@ -14,7 +14,7 @@ fn axis(first: f64, step: f64, len: usize) -> EvenAxis {
     EvenAxis { first, step, len }
 }
 
-/// A smooth field of the place: waves of a few degrees, whole in a round of the earth.
+/// A smooth field as a function of position: waves of a few degrees, periodic around the earth.
 fn field(lat_deg: f64, lon_deg: f64) -> f64 {
     100.0 * (3.0 * lat_deg).sin() + 80.0 * (120.0 * lon_deg.to_radians()).cos() + 5.0 * lat_deg
 }
@@ -43,7 +43,7 @@ fn error(map: &AnomalyGrid) -> (f64, usize) {
 
 #[test]
 fn law_a_field_is_the_same_in_any_system() {
-    // Steps of 1.1 km of waves of 170 km: the polynomials of third degree at the edges err by 1e-3 nT.
+    // With steps of 1.1 km for waves of 170 km, the polynomials of third degree at the edges have errors of 1e-3 nT.
     let most = 2e-3;
     let utm = made(32630, axis(300_000.0, 1100.0, 60), axis(5_500_000.0, 1100.0, 50));
     let national = utm.to_crs(27700, Some(1000.0)).unwrap();
@@ -62,7 +62,7 @@ fn law_a_field_is_the_same_in_any_system() {
 }
 
 #[test]
-fn law_answers_do_not_depend_on_the_number_of_threads() {
+fn unit_results_do_not_depend_on_the_number_of_threads() {
     let map = made(32630, axis(300_000.0, 1100.0, 40), axis(5_500_000.0, 1100.0, 40));
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -73,8 +73,8 @@ fn law_answers_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn law_maps_across_the_date_line_stay_whole() {
-    // Zone 1 south begins at 180 degrees; west of its edge longitudes are those of 179 east.
+fn law_maps_across_the_date_line_are_not_split() {
+    // Zone 1 south begins at 180 degrees; west of its edge the longitudes are about 179 east.
     let utm = made(32701, axis(150_000.0, 2000.0, 60), axis(7_800_000.0, 2000.0, 30));
     let ((south, north), (west, east)) = utm.bounds_deg().unwrap();
     assert!(west < -180.0 && east > -180.0 && east - west < 3.0 && south < north, "{west} {east}");
@@ -85,11 +85,11 @@ fn law_maps_across_the_date_line_stay_whole() {
     let back = degrees.to_crs(32701, Some(2000.0)).unwrap();
     let (worst, known) = error(&back);
     assert!(worst < 0.05 && known > 500, "{worst} {known}");
-    // A file that counts from 0 to 360 across Greenwich and one across the date line.
+    // One file with longitudes of 0 to 360 across Greenwich, and one across the date line.
     let over = made(4326, axis(175.0, 0.25, 40), axis(-20.0, 0.25, 10));
     assert_eq!(over.bounds_deg().unwrap().1, (175.0, 184.75));
     let (worst, known) = error(&over.to_crs(32701, None).unwrap());
-    // Eight nodes to a wave of 2.1 degrees: the polynomials of third degree at the edges lose 1 nT.
+    // With eight nodes per wave of 2.1 degrees, the polynomials of third degree at the edges have errors of 1 nT.
     assert!(worst < 2.0 && known > 200, "{worst} {known}");
 }
 
@@ -103,12 +103,12 @@ fn gold_a_map_around_a_pole() {
         format!("the map contains a pole, which a grid of latitude and longitude cannot represent ({help})")
     );
     assert_eq!(polar.summary().unwrap().lon_deg, None);
-    // Next to the pole it is a map like any other.
+    // A map next to the pole is an ordinary map.
     made(3031, axis(500_000.0, 50_000.0, 21), axis(-500_000.0, 50_000.0, 21)).to_crs(4326, None).unwrap();
 }
 
 #[test]
-fn gold_what_makes_no_map() {
+fn gold_invalid_maps() {
     let new = |x: EvenAxis, y: EvenAxis, code: u16, values: Vec<f64>, height: GridHeight| {
         AnomalyGrid::new(x, y, crs(code), values, height).map(|_| ()).unwrap_err().to_string()
     };
@@ -135,7 +135,7 @@ fn gold_what_makes_no_map() {
 }
 
 #[test]
-fn law_the_plane_is_in_metres_and_back() {
+fn law_the_plane_of_a_map_is_in_metres_and_converts_back() {
     // A degree of latitude at 52 degrees is 111 267 m, of longitude 68 678 m (WGS-84; NGA calculator).
     let degrees = made(4326, axis(-3.0, 0.1, 6), axis(51.9, 0.1, 3));
     let plane = degrees.plane();
@@ -145,7 +145,7 @@ fn law_the_plane_is_in_metres_and_back() {
     assert_eq!(back.anomaly_nt, degrees.anomaly_nt);
     let feet = made(2263, axis(900_000.0, 1000.0, 6), axis(150_000.0, 1000.0, 5)).plane();
     assert!((feet.east_m.step - 304.800_61).abs() < 1e-4, "{}", feet.east_m.step);
-    // Web Mercator at 60 degrees stretches by 2 (the ellipsoid's 1.995 and 2.005 along the two).
+    // Web Mercator at 60 degrees has a scale of 2 (1.995 and 2.005 along the two axes of the ellipsoid).
     let mercator = made(3857, axis(0.0, 1000.0, 6), axis(8_399_000.0, 1000.0, 5)).plane();
     assert!((mercator.east_m.step - 501.0).abs() < 2.0 && (mercator.north_m.step - 499.0).abs() < 2.0, "{mercator:?}");
     let utm = made(32630, axis(300_000.0, 1000.0, 6), axis(5_500_000.0, 1000.0, 5)).plane();
@@ -162,7 +162,7 @@ fn law_a_drape_is_resampled_with_its_map() {
     let mut known = 0;
     for (i, alt) in table.column("alt").iter().enumerate().filter(|(_, a)| !a.is_nan()) {
         let (e, n) = drape.crs.project(table.column("lat")[i], table.column("lon")[i]).unwrap();
-        // A plane is exact but for rounding.
+        // A plane is exact except for rounding.
         assert!((alt - plane(e, n)).abs() < 1e-6);
         known += 1;
     }
@@ -170,7 +170,7 @@ fn law_a_drape_is_resampled_with_its_map() {
 }
 
 #[test]
-fn law_a_summary_says_what_the_map_is() {
+fn law_a_summary_has_the_statistics_of_the_map() {
     let mut map = made(32630, axis(300_000.0, 100.0, 4), axis(5_500_000.0, 200.0, 3));
     map.anomaly_nt = [0.0, 1.0, 2.0, f64::NAN, 10.0, 11.0, 12.0, 13.0, 20.0, 21.0, 22.0, 23.0].to_vec();
     let summary = map.summary().unwrap();

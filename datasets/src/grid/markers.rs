@@ -1,12 +1,12 @@
-//! Markers of unknown nodes: those that a file or the options name, and values that no field can have.
+//! Markers of unknown nodes: those in the file or the options, and values beyond any field.
 
 use super::plausible::number;
 
-/// Markers that programs write without naming them in a header, of either sign: the largest single-precision number,
-/// Surfer's blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
+/// Markers that programs write without a header entry, of either sign: the largest single-precision number, Surfer's
+/// blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
 const DUMMIES: [f64; 5] = [f32::MAX as f64, 1.701_41e38, 9.969_209_968_386_869e36, 1e32, f64::MAX];
 
-/// Relative difference of a marker beyond any field and its text of six digits.
+/// Relative difference between a marker beyond any field and its text of six digits.
 const SIX_DIGITS: f64 = 1e-5;
 
 /// The magnitude from which a number cannot be a field in any unit.
@@ -30,8 +30,8 @@ const USUAL: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_9
 /// The distance below all other values at which a usual dummy is recognised, in the unit of the values.
 pub(super) const GAP: f64 = 1000.0;
 
-/// Replaces markers by NaN: those of `given`, infinities, [`is_dummy`], and one of the usual dummies that is the
-/// lowest value and far below the next. A note counts each kind that the options do not give.
+/// Replaces markers by NaN: those of `given`, infinities, [`is_dummy`], and a usual dummy that is the lowest value and
+/// far below the next. A note counts each kind that is not in the options.
 pub(crate) fn without_markers(values: &mut [f64], given: &[f64], usual: bool, notes: &mut Vec<String>) {
     let mut infinite = 0_usize;
     let mut dummies: Vec<(f64, usize)> = vec![];
@@ -106,7 +106,7 @@ mod tests {
         without_markers(&mut values, &[7.0], true, &mut notes);
         assert_eq!(values.iter().filter(|v| v.is_nan()).count(), 5);
         assert_eq!(notes.len(), 4, "{notes:?}");
-        // A value of -9999 nT next to -9500 nT may be one.
+        // A value of -9999 nT next to -9500 nT may be an anomaly.
         let mut values = [-9999.0, -9500.0, 3.0];
         without_markers(&mut values, &[], true, &mut notes);
         assert!(values.iter().all(|v| !v.is_nan()));

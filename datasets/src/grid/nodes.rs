@@ -9,7 +9,7 @@ use grids::node_on;
 use super::axis::FileAxis;
 use crate::ReadError;
 
-/// A grid with a larger ratio of possible nodes to listed nodes is rejected.
+/// Maximum ratio of possible nodes to listed nodes; a sparser grid is rejected.
 const SPARSEST: usize = 64;
 
 /// A grid listed as one row per node in any order, as ascending axes and values by rows (`y`, then `x`). Each
@@ -68,7 +68,7 @@ fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, Rea
     FileAxis::from_coordinates(path, name, &unique)
 }
 
-/// Axes and values of a grid that was given as a list of nodes.
+/// Axes and values of a grid from a list of nodes.
 pub(crate) struct NodeGrid {
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,

@@ -12,7 +12,7 @@ use grids::{AnomalyGrid, Crs, GridHeight, geographic};
 use crate::{MapOptions, read_grid, read_map, samples};
 
 #[test]
-fn law_a_projected_map_goes_to_the_stages_as_it_is() {
+fn unit_stages_receive_a_projected_map_unchanged() {
     let path = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
     let grid = read_grid(&path, &MapOptions::default()).unwrap();
     let table = grid.table().unwrap();
@@ -31,12 +31,12 @@ fn law_a_projected_map_goes_to_the_stages_as_it_is() {
         let (lat, lon) = grid.crs.unproject(x, y).unwrap();
         assert!(own.lat_deg[0] < lat && lat < own.lat_deg[1] && own.lon_deg[0] < lon && lon < own.lon_deg[1]);
     }
-    // And back to what is drawn, the contract's table.
+    // The conversion back to the standard map table.
     assert_eq!(geographic(&table).unwrap().batch, read_map(&path, &MapOptions::default()).unwrap().batch);
 }
 
 #[test]
-fn law_what_a_stage_yields_is_read_back_as_the_same_map() {
+fn unit_the_map_of_a_stage_is_read_back_unchanged() {
     for (sample, own) in [("osborne/osborne_anomaly_100m_at_500m.tif", true), ("simple_magnav/map.h5", false)] {
         let grid = read_grid(&samples::path(sample), &MapOptions::default()).unwrap();
         let fields: Vec<_> = schemas::map::made_columns("nT").iter().map(schemas::Column::field).collect();
@@ -55,7 +55,7 @@ fn law_what_a_stage_yields_is_read_back_as_the_same_map() {
 }
 
 #[test]
-fn law_a_map_in_degrees_stays_the_contracts_table() {
+fn unit_a_map_in_degrees_is_the_standard_table() {
     let path = samples::path("simple_magnav/map.h5");
     let (grid, map) =
         (read_grid(&path, &MapOptions::default()).unwrap(), read_map(&path, &MapOptions::default()).unwrap());
@@ -64,7 +64,7 @@ fn law_a_map_in_degrees_stays_the_contracts_table() {
 }
 
 #[test]
-fn law_a_map_around_a_pole_goes_to_the_stages_too() {
+fn unit_stages_receive_a_map_around_a_pole() {
     let crs = Crs::from_epsg(std::path::Path::new("map"), 3413).unwrap();
     let axis = EvenAxis { first: -300_000.0, step: 50_000.0, len: 13 };
     let grid = AnomalyGrid::new(axis, axis, crs, vec![1.0; 169], GridHeight::Level(1000.0)).unwrap();

@@ -1,12 +1,12 @@
-//! The check of the values of maps and surveys. A value that can be neither an anomaly nor a total field of the earth
-//! is an error, unless the options accept it.
+//! Plausibility check of the values of maps and surveys. A value that can be neither an anomaly nor a total field of
+//! the earth is an error, unless the options accept it.
 
 use schemas::plausible::{PhysicalQuantity, PlausibilityCheck, PlausibleRange, shown, survey};
 
 use super::markers::GAP;
 use crate::ReadError;
 
-/// The note on values that are the whole field.
+/// The note on values of the total field.
 const TOTAL_FIELD: &str =
     "the values are a total field, not an anomaly; subtract the core field if an anomaly is required";
 
@@ -15,27 +15,27 @@ pub(crate) fn accepted(accept: &[PlausibilityCheck]) -> bool {
     accept.contains(&PlausibilityCheck::Range)
 }
 
-/// A number as it is given in an option.
+/// A number in the spelling of an option.
 pub(crate) fn number(value: f64) -> String {
     let plain = value == 0.0 || (1e-4..1e15).contains(&value.abs());
     if plain { value.to_string() } else { format!("{value:e}") }
 }
 
-/// The unit of values before they become nT or one of the units of a derivative.
+/// The unit of values before their conversion to nT or a unit of a derivative.
 pub(crate) struct ValueUnit<'a> {
     /// Its name.
     pub(crate) name: &'a str,
     /// The factor that converts to `canonical`.
     pub(crate) factor: f64,
-    /// `nT`, or that of a derivative.
+    /// `nT`, or the unit of a derivative.
     pub(crate) canonical: &'static str,
 }
 
-/// Rejects impossible values. `wrong` makes an error at a value's index.
+/// Rejects impossible values. `wrong` returns the error for a value's index.
 ///
 /// # Errors
-/// Fails for values outside the limits of an anomaly (of a total field if most values are one), and for a largest value
-/// of nines, such as 9999, that is far above the next.
+/// Fails for values outside the limits of an anomaly (of a total field, if most values are total fields), and for a
+/// largest value of nines, such as 9999, far above the next.
 pub(crate) fn check(
     values: &[f64],
     unit: &ValueUnit,

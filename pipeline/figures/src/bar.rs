@@ -1,4 +1,4 @@
-//! The colour bar.
+//! Colour bar of a map.
 
 use super::{
     frame::{NAME, TICK},
@@ -8,25 +8,25 @@ use super::{
 
 /// Thickness of the bar.
 pub const THICK: f64 = 15.0;
-/// Length of the pointed end of a bar that is exceeded by values.
+/// Length of the pointed end of a bar, for values beyond the scale.
 const POINT: f64 = 9.0;
-/// Between the bar and its numbers.
+/// Gap between the bar and its numbers.
 const GAP: f64 = 7.0;
 /// The number of colour stops; the painters interpolate between them.
 const STOPS: usize = 129;
 
-/// A colour bar, with its name.
+/// Colour bar with its name.
 pub struct ColourBar<'a> {
-    /// The scale that it shows.
+    /// Colour scale of the bar.
     pub scale: &'a ColourScale,
     /// Quantity and unit.
     pub name: String,
-    /// From the bottom to the top, or from the left to the right.
+    /// Direction: bottom to top if true, otherwise left to right.
     pub upward: bool,
 }
 
 impl ColourBar<'_> {
-    /// Its total breadth, with numbers and name.
+    /// Total breadth, with numbers and name.
     pub fn breadth(&self) -> f64 {
         let apart = if self.upward { 8.0 } else { 4.0 };
         let name = if self.name.is_empty() { 0.0 } else { NAME + apart };
@@ -34,7 +34,7 @@ impl ColourBar<'_> {
         THICK + GAP + name + if self.upward { widths.fold(0.0, f64::max) } else { TICK }
     }
 
-    /// The bar within `place`, whose shorter side is [`ColourBar::breadth`].
+    /// Marks of the bar within `place`, whose shorter side is [`ColourBar::breadth`].
     pub fn marks(&self, place: &Rect) -> Vec<SceneMark> {
         let rect = self.strip(place);
         let colours = (0..STOPS).map(|k| self.scale.colour_at(k as f64 / (STOPS - 1) as f64)).collect();
@@ -46,7 +46,7 @@ impl ColourBar<'_> {
         out
     }
 
-    /// The strip of colours, without its pointed ends.
+    /// Strip of colours, without its pointed ends.
     fn strip(&self, place: &Rect) -> Rect {
         let (below, above) = self.ends();
         match self.upward {
@@ -60,7 +60,7 @@ impl ColourBar<'_> {
         (if below { POINT } else { 0.0 }, if above { POINT } else { 0.0 })
     }
 
-    /// A position at `along` the bar, 0 to 1, and `across` it, 0 on the side without numbers.
+    /// Position at `along` the bar, 0 to 1, and `across` it, 0 on the side without numbers.
     fn at(&self, rect: &Rect, along: f64, across: f64) -> PaperPoint {
         match self.upward {
             true => (rect.x + across * rect.w, rect.bottom() - along * rect.h),
@@ -82,7 +82,7 @@ impl ColourBar<'_> {
         around
     }
 
-    /// The colours beyond the ends.
+    /// Pointed ends in the colours beyond the scale.
     fn points(&self, rect: &Rect) -> Vec<SceneMark> {
         let length = if self.upward { rect.h } else { rect.w };
         let (below, above) = self.ends();

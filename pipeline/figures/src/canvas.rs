@@ -10,15 +10,15 @@ use super::{
     ticks::{fixed, linear, round_below},
 };
 
-/// Width of a picture.
+/// Width of a picture, px.
 pub const SIDE: f64 = 440.0;
-/// Where the widest area begins on it.
+/// Left edge of the widest area in the picture, px.
 pub const LEFT: f64 = 74.0;
 const RIGHT: f64 = 22.0;
 const TOP: f64 = 6.0;
 const BOTTOM: f64 = 38.0;
 
-/// A drawing area and the degrees it shows.
+/// Drawing area and the degrees it shows.
 pub struct Canvas {
     bounds: Bounds,
     width: f64,
@@ -26,7 +26,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// An area for `bounds`, in their aspect ratio.
+    /// Area for `bounds`, in their aspect ratio.
     pub fn new(bounds: Bounds) -> Canvas {
         let shrink = (0.5 * (bounds.lat.0 + bounds.lat.1)).to_radians().cos().max(0.01);
         let (wide, high) = ((bounds.lon.1 - bounds.lon.0) * shrink, bounds.lat.1 - bounds.lat.0);
@@ -34,24 +34,24 @@ impl Canvas {
         Canvas { bounds, width: (wide * scale).max(150.0), height: (high * scale).max(100.0) }
     }
 
-    /// Length of a degree of longitude on the picture.
+    /// Length of a degree of longitude in the picture, px.
     pub fn per_degree_east(&self) -> f64 {
         self.width / (self.bounds.lon.1 - self.bounds.lon.0)
     }
 
-    /// The x coordinate of a longitude, a full turn away if necessary.
+    /// x coordinate of a longitude, shifted by a full turn if necessary.
     pub fn x(&self, lon: f64) -> f64 {
         let (west, east) = self.bounds.lon;
         let middle = 0.5 * (west + east);
         (middle + wrap_deg(lon - middle) - west) * self.per_degree_east()
     }
 
-    /// The y coordinate of a latitude; north is up.
+    /// y coordinate of a latitude; north is up.
     pub fn y(&self, lat: f64) -> f64 {
         (self.bounds.lat.1 - lat) / (self.bounds.lat.1 - self.bounds.lat.0) * self.height
     }
 
-    /// The position of a latitude and longitude; `None` far outside.
+    /// Position of a latitude and longitude; `None` far outside.
     pub fn spot(&self, (lat, lon): (f64, f64)) -> Option<(f64, f64)> {
         let (x, y) = (self.x(lon), self.y(lat));
         // Positions far outside are dropped; the neighbouring positions keep the direction of the line.
@@ -59,7 +59,7 @@ impl Canvas {
         (near(x, self.width) && near(y, self.height)).then_some((x, y))
     }
 
-    /// Whether a latitude and longitude is on the picture.
+    /// Whether a latitude and longitude is in the picture.
     pub fn holds(&self, (lat, lon): (f64, f64)) -> bool {
         (0.0..self.width).contains(&self.x(lon)) && (0.0..self.height).contains(&self.y(lat))
     }
@@ -72,12 +72,12 @@ impl Canvas {
         wide.abs() / self.width
     }
 
-    /// The left edge of the area on the picture, which is centred.
+    /// Left edge of the area in the picture, which is centred.
     fn left(&self) -> f64 {
         LEFT + 0.5 * (SIDE - LEFT - RIGHT - self.width).max(0.0)
     }
 
-    /// The whole picture: the contents, clipped at the frame, and the degrees around it.
+    /// Whole picture: the contents, clipped at the frame, and the degrees around it.
     pub fn framed(&self, label: &str, inside: Markup) -> Markup {
         let (left, w, h) = (px(self.left()), px(self.width), px(self.height));
         html! {
@@ -119,13 +119,13 @@ impl Canvas {
         html! { (scale_bar(metres, long, self.place(bar, (long + 10.0, 25.0)))) (north_arrow(self.place(north, (24.0, 34.0)))) }
     }
 
-    /// A round length, in metres and on the picture.
+    /// Round length, in metres and px.
     fn scale(&self) -> (f64, f64) {
         let metres = round_below(0.3 * self.width * self.metres_per_px());
         (metres, metres / self.metres_per_px())
     }
 
-    /// The corner, other than `taken`, that covers the fewest spots: bottom left, top right, bottom right, top left.
+    /// Corner, other than `taken`, that covers the fewest spots: bottom left, top right, bottom right, top left.
     fn corner(&self, spots: &[(f64, f64)], size: (f64, f64), taken: Option<usize>) -> usize {
         const AROUND: f64 = 8.0;
         let covered = |corner: usize| {
@@ -136,7 +136,7 @@ impl Canvas {
         (0..4).filter(|c| Some(*c) != taken).min_by_key(|c| covered(*c)).unwrap_or(0)
     }
 
-    /// The upper left end of something of that size in a corner.
+    /// Upper left end of an object of that size in a corner.
     fn place(&self, corner: usize, (width, height): (f64, f64)) -> (f64, f64) {
         const MARGIN: f64 = 6.0;
         let (left, right) = (MARGIN, self.width - width - MARGIN);
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_degree_is_as_long_both_ways_on_the_picture() {
+    fn unit_degree_lengths_keep_the_ground_aspect_ratio() {
         let canvas = canvas();
         let (per_lon, per_lat) = (canvas.width / 0.4, canvas.height / 0.4);
         assert!((per_lon / per_lat - 22f64.to_radians().cos()).abs() < 1e-3);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_scale_bar_is_as_long_as_it_says() {
+    fn unit_scale_bar_length_matches_its_label() {
         let canvas = canvas();
         let (metres, long) = canvas.scale();
         assert_eq!(metres, 10_000.0);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_scale_bar_and_arrow_keep_off_the_track() {
+    fn unit_scale_bar_and_arrow_avoid_the_track() {
         let canvas = canvas();
         let low_left = vec![(15.0, canvas.height - 15.0); 3];
         assert_eq!(canvas.corner(&low_left, (90.0, 25.0), None), 1);

@@ -17,41 +17,41 @@ const BOTTOM: f64 = 40.0;
 pub struct ChartAxis {
     /// Quantity and unit.
     pub label: String,
-    /// Whether it is logarithmic.
+    /// Whether the axis is logarithmic.
     pub log: bool,
-    /// Its ends, where they do not follow the data.
+    /// Ends of the axis; `None` for those of the data.
     pub range: Option<(f64, f64)>,
 }
 
 impl ChartAxis {
-    /// An even axis.
+    /// Linear axis.
     pub fn new(label: impl Into<String>) -> ChartAxis {
         ChartAxis { label: label.into(), ..ChartAxis::default() }
     }
 
-    /// The same, logarithmic.
+    /// The same axis, logarithmic.
     pub fn log(self) -> ChartAxis {
         ChartAxis { log: true, ..self }
     }
 }
 
-/// A line through points; NaN interrupts it.
+/// Line through points; NaN interrupts it.
 #[derive(Clone, Debug)]
 pub struct ChartLine {
     /// Its name.
     pub name: String,
-    /// Its class in the style sheet, which gives the colour.
+    /// Class in the style sheet, which gives the colour.
     pub class: &'static str,
     /// Its points.
     pub points: Vec<(f64, f64)>,
 }
 
-/// The area between two curves.
+/// Area between two curves.
 #[derive(Clone, Debug)]
 pub struct ChartBand {
     /// Its name.
     pub name: String,
-    /// Abscissa, lower and upper end.
+    /// Abscissa, lower and upper ordinate.
     pub points: Vec<(f64, f64, f64)>,
 }
 
@@ -62,27 +62,27 @@ pub struct LineChart {
     pub title: String,
     /// Its caption.
     pub caption: String,
-    /// The horizontal axis.
+    /// Horizontal axis.
     pub x: ChartAxis,
-    /// The vertical axis.
+    /// Vertical axis.
     pub y: ChartAxis,
     /// Areas, below the lines.
     pub bands: Vec<ChartBand>,
-    /// The lines, the first at the bottom.
+    /// Lines, the first at the bottom.
     pub lines: Vec<ChartLine>,
     /// Reference values: name and value.
     pub levels: Vec<(String, f64)>,
-    /// An interval of the horizontal axis to mark.
+    /// Highlighted interval of the horizontal axis: name and ends.
     pub stretch: Option<(String, f64, f64)>,
-    /// Points to mark: name and coordinates.
+    /// Highlighted points: name and coordinates.
     pub marks: Vec<(String, f64, f64)>,
-    /// Height of the picture.
+    /// Height of the picture, px.
     pub height: f64,
-    /// Whether it is half as wide, for a row of two.
+    /// Whether the chart has half the width, for a row of two.
     pub half: bool,
 }
 
-/// An axis of the picture: data range and pixel range.
+/// Axis of the picture: data range and pixel range.
 struct PixelAxis {
     low: f64,
     high: f64,
@@ -108,7 +108,7 @@ impl PixelAxis {
 }
 
 impl LineChart {
-    /// The plot with title, legend and caption; `None` where there is nothing to draw.
+    /// Plot with title, legend and caption; `None` without data.
     pub fn draw(&self) -> Option<Markup> {
         let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
         Some(html! {
@@ -121,7 +121,7 @@ impl LineChart {
         })
     }
 
-    /// The plot as a part of a figure, with its title, legend and caption; `None` where there is nothing to draw.
+    /// Plot as a part of a figure, with its title, legend and caption; `None` without data.
     pub fn part(&self) -> Option<Markup> {
         let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
         Some(
@@ -129,7 +129,7 @@ impl LineChart {
         )
     }
 
-    /// The plot alone, as a file of its own with its style sheet; `None` where there is nothing to draw.
+    /// Plot as a separate file with its style sheet; `None` without data.
     pub fn file(&self, style: &str) -> Option<Markup> {
         let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
         Some(self.picture(&x, &y, Some(style)))
@@ -159,7 +159,7 @@ impl LineChart {
         let places = self.marks.iter().filter_map(|(name, at, value)| Some((name, spot(x, y, *at, *value)?)));
         html! {
             @for (name, (left, top)) in places {
-                // Next to the mark, on the side where there is room.
+                // The label is next to the mark, on the side with more space.
                 @let (by, anchor) = if left < 0.5 * self.width() { (12.0, "start") } else { (-12.0, "end") };
                 circle.mark cx=(px(left)) cy=(px(top)) r="5" {}
                 text.mark x=(px(left + by)) y=(px(top - 8.0)) text-anchor=(anchor) { (name) }
@@ -236,7 +236,7 @@ impl LineChart {
     }
 }
 
-/// The ends of an axis, with a margin, never equal.
+/// Ends of an axis with a margin, never equal.
 fn padded(low: f64, high: f64, log: bool, margin: f64) -> (f64, f64) {
     if log {
         let factor = (high / low).powf(margin).max(1.0 + 1e-6);
@@ -250,20 +250,20 @@ fn padded(low: f64, high: f64, log: bool, margin: f64) -> (f64, f64) {
     (low - margin * span, high + margin * span)
 }
 
-/// A position on the picture; `None` where it is undefined.
+/// Position in the picture; `None` if undefined.
 fn spot(x: &PixelAxis, y: &PixelAxis, at: f64, value: f64) -> Option<(f64, f64)> {
     let there = at.is_finite() && value.is_finite() && !(x.log && at <= 0.0) && !(y.log && value <= 0.0);
     there.then(|| (x.at(at), y.at(value)))
 }
 
-/// A length on the picture, to a tenth of its unit.
+/// Length in the picture, to a tenth of a px.
 pub fn px(value: f64) -> String {
     let text = format!("{value:.1}");
     let short = text.strip_suffix(".0").unwrap_or(&text);
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
-/// The path through `spots`, broken where one is missing.
+/// Path through `spots`, broken at missing ones.
 pub fn path(spots: impl Iterator<Item = Option<(f64, f64)>>) -> String {
     let mut out = String::new();
     let mut pen = 'M';
@@ -281,7 +281,7 @@ pub fn path(spots: impl Iterator<Item = Option<(f64, f64)>>) -> String {
     out
 }
 
-/// The outline of a band: one closed shape for each interval without a gap.
+/// Outline of a band: one closed shape for each interval without a gap.
 fn area(band: &ChartBand, x: &PixelAxis, y: &PixelAxis) -> String {
     let whole = |p: &(f64, f64, f64)| Some((spot(x, y, p.0, p.1)?, spot(x, y, p.0, p.2)?));
     let spots: Vec<Option<_>> = band.points.iter().map(whole).collect();
@@ -331,14 +331,14 @@ mod tests {
     }
 
     #[test]
-    fn unit_one_value_has_an_axis_around_it() {
+    fn unit_axis_surrounds_a_single_value() {
         assert_eq!(padded(5.0, 5.0, false, 0.05), (4.5, 5.5));
         assert_eq!(padded(0.0, 0.0, false, 0.05), (-1.0, 1.0));
         assert!(chart(vec![(0.0, 3.0), (1.0, 3.0)]).draw().is_some());
     }
 
     #[test]
-    fn unit_logarithms_are_even() {
+    fn unit_logarithmic_axis_spaces_decades_evenly() {
         let side = PixelAxis { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
         assert!((side.at(10.0) - 100.0).abs() < 1e-9);
         assert_eq!(px(-0.04), "0");
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_band_is_one_shape_a_stretch() {
+    fn unit_band_has_one_shape_per_interval() {
         let side = |to_px| PixelAxis { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
         let nan = f64::NAN;
         let points = vec![(0.0, 1.0, 2.0), (1.0, 1.0, 2.0), (2.0, nan, nan), (3.0, 0.0, 1.0), (4.0, 0.0, 1.0)];

@@ -1,4 +1,4 @@
-//! The map as coloured pixels.
+//! Map as coloured pixels.
 
 use super::{
     AxisQuantity, MapPicture, MapStyle,
@@ -8,10 +8,11 @@ use super::{
 };
 use schemas::Fault;
 
-/// Nodes, each way, of the reduced map whose values make the colour scale: the same for all sizes of a picture.
+/// Maximum number of nodes per axis of the reduced map from which the colour scale is made, independent of the size of
+/// a picture.
 const SCALE_NODES: usize = 1024;
 
-/// The colour scale of a map.
+/// Colour scale of a map.
 ///
 /// # Errors
 /// Fails as [`ColourScale::new`].
@@ -20,7 +21,7 @@ pub fn colour_scale(picture: &MapPicture, look: &MapStyle) -> Result<ColourScale
     ColourScale::new(&reduced.values, look.scale, look.palette)
 }
 
-/// The ratio on the ground of a step of the map's x to one of its y.
+/// Ratio of the ground length of a step along the map's x to that of one along y.
 pub fn shrink(picture: &MapPicture) -> f64 {
     match picture.plane {
         AxisQuantity::Metres => 1.0,
@@ -28,7 +29,7 @@ pub fn shrink(picture: &MapPicture) -> f64 {
     }
 }
 
-/// A map prepared for pictures of about one size.
+/// Map prepared for pictures of about one size.
 pub struct ColouredMap<'a> {
     sheet: DisplayGrid,
     lights: Option<Vec<f64>>,
@@ -38,7 +39,7 @@ pub struct ColouredMap<'a> {
 }
 
 impl<'a> ColouredMap<'a> {
-    /// The whole map for a picture of `size` pixels.
+    /// Prepares the whole map for a picture of `size` pixels.
     pub fn new(picture: &MapPicture, look: &MapStyle, scale: &'a ColourScale, size: (usize, usize)) -> ColouredMap<'a> {
         let sheet = sheet(picture, &MapWindow::from_picture(picture), size);
         let ground = shrink(picture) * sheet.x.step / sheet.y.step;
@@ -46,7 +47,8 @@ impl<'a> ColouredMap<'a> {
         ColouredMap { sheet, lights, lit: ShadedPalette::new(scale.palette()), scale, blend: look.blend }
     }
 
-    /// Red, green, blue and opacity of the pixels of a part of the map, rows from the north; unknown ones are clear.
+    /// Red, green, blue and opacity of the pixels of a part of the map, rows from the north; unknown pixels are
+    /// transparent.
     pub fn pixels(&self, window: &MapWindow, size: (usize, usize)) -> Vec<u8> {
         let enlarged = PixelInterpolator::new(&self.sheet, window, size, self.blend);
         let values = enlarged.interpolate(&self.sheet.values);

@@ -12,17 +12,17 @@ use super::{
 };
 use crate::ticks;
 
-/// The maximum number of lines of different values.
+/// Maximum number of contour levels.
 const MOST: f64 = 400.0;
-/// Every line of this multiple is heavier.
+/// Interval of heavier lines, in contour steps.
 const HEAVY: i64 = 5;
-/// Length on the paper of a cell on which lines are drawn; finer ones are averaged, so that noise gives no lines.
+/// Cell length on the paper for contouring; finer cells are averaged, so that noise gives no lines.
 const CELL: f64 = 2.5;
 
-/// The lines at multiples of `step`, and their entry in the legend.
+/// Lines at multiples of `step`, and their entry in the legend.
 ///
 /// # Errors
-/// Fails when `step` is not above zero or makes too many lines.
+/// Fails when `step` is not positive or gives too many lines.
 pub fn marks(frame: &MapFrame, step: f64) -> Result<(Vec<SceneMark>, LegendEntry), Fault> {
     if !(step > 0.0 && step.is_finite()) {
         return Err(Fault::new(format!("contour lines every {step} cannot be drawn")).help("give a step above zero"));
@@ -57,7 +57,7 @@ fn name(step: f64, unit: &str) -> String {
     format!("contours every {step} {unit}, heavy every {heavy}")
 }
 
-/// The lines of one value, in the map's coordinates: marching squares, a saddle cut by its mean.
+/// Lines of one value, in the map's coordinates, by marching squares; a saddle is resolved by its mean.
 fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
     let mut links: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for row in 0..sheet.y.len.saturating_sub(1) {
@@ -81,7 +81,7 @@ fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
     out
 }
 
-/// The edges from `start` on, removed from `links`.
+/// Edges from `start` on, removed from `links`.
 fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
     let mut line = vec![start];
     let mut at = start;
@@ -97,7 +97,7 @@ fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
     line
 }
 
-/// The pairs of edges of a cell that a line joins. Edge 2k runs east from node k, edge 2k + 1 north.
+/// Pairs of edges of a cell that a line joins. Edge 2k runs east from node k, edge 2k + 1 north.
 fn cuts(sheet: &DisplayGrid, row: usize, column: usize, level: f64) -> Vec<(usize, usize)> {
     let width = sheet.x.len;
     let node = row * width + column;
@@ -113,14 +113,14 @@ fn cuts(sheet: &DisplayGrid, row: usize, column: usize, level: f64) -> Vec<(usiz
         [a, b] => vec![(a, b)],
         [south, east, north, west] => {
             let mean_above = corners.iter().sum::<f64>() >= 4.0 * level;
-            // The south-west corner is cut off where it is not on the side of the middle.
+            // The south-west corner is cut off if it is not on the side of the middle.
             if above[0] == mean_above { vec![(south, east), (north, west)] } else { vec![(south, west), (east, north)] }
         }
         _ => vec![],
     }
 }
 
-/// The crossing of the level and an edge.
+/// Crossing of the level and an edge.
 fn crossing(sheet: &DisplayGrid, edge: usize, level: f64) -> PaperPoint {
     let (node, upward) = (edge / 2, edge % 2 == 1);
     let other = node + if upward { sheet.x.len } else { 1 };
@@ -146,7 +146,7 @@ mod tests {
         let circle = drawn(41, &cone, 12.5);
         assert_eq!(circle.len(), 1);
         assert_eq!(circle[0].first(), circle[0].last());
-        // The cone is curved between nodes: by 1/8 of its curvature 1/12.
+        // The cone is curved between nodes, with an error of 1/8 of its curvature 1/12.
         assert!(circle[0].iter().all(|(x, y)| ((x - 20.0).hypot(y - 20.0) - 12.5).abs() < 0.02));
         let plane: Vec<f64> = (0..30).map(|k| f64::from(k % 6) + 0.25).collect();
         let line = drawn(6, &plane, 2.0);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_saddle_is_cut_on_the_side_of_its_mean() {
+    fn unit_saddle_is_resolved_by_its_mean() {
         let saddle = [1.0, 0.0, 0.0, 1.0];
         let joined = |level: f64| {
             let mut ends: Vec<PaperPoint> = drawn(2, &saddle, level).into_iter().map(|l| l[0]).collect();
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_what_the_legend_says() {
+    fn gold_legend_of_contours() {
         assert_eq!(name(25.0, "nT"), "contours every 25 nT, heavy every 125");
         assert_eq!(name(0.1, "nT"), "contours every 0.1 nT, heavy every 0.5");
     }

@@ -1,18 +1,18 @@
-//! A curve over two logarithmic axes, such as the L-curve of a regularisation.
+//! Curve over two logarithmic axes, such as the L-curve of a regularisation.
 
 use super::svg::{XML, clean};
 use crate::chart::{ChartAxis, ChartLine, LineChart};
 
-/// The labels of a curve.
+/// Labels of a curve.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CurveLabels<'a> {
-    /// Its description, for screen readers.
+    /// Description, for screen readers.
     pub title: &'a str,
     /// Quantity and unit of the horizontal axis.
     pub x: &'a str,
     /// Quantity and unit of the vertical axis.
     pub y: &'a str,
-    /// The label of the marked point.
+    /// Label of the highlighted point.
     pub marked: &'a str,
 }
 
@@ -21,8 +21,8 @@ text{fill:#1a1a1a}.name{font-size:13px}.grid{stroke:#e3e6ea}.frame{fill:none;str
 .line{fill:none;stroke:#0072b2;stroke-width:2;stroke-linejoin:round}\
 circle.mark{fill:#fff;stroke:#d55e00;stroke-width:2.5}text.mark{font-size:13px;paint-order:stroke;stroke:#fff;stroke-width:4px}";
 
-/// The curve through `points`, both axes logarithmic, with `marked` (an index) ringed and named, as an SVG file. Points
-/// that are not finite and above zero break it; `None` where no point is left.
+/// Curve through `points`, both axes logarithmic, with the point of index `marked` ringed and labelled, as an SVG file.
+/// Points that are not finite and positive break it; `None` without valid points.
 pub fn curve_svg(points: &[(f64, f64)], marked: Option<usize>, labels: &CurveLabels) -> Option<String> {
     let mark = marked.and_then(|k| points.get(k)).map(|(x, y)| (clean(labels.marked), *x, *y));
     let chart = LineChart {

@@ -1,10 +1,10 @@
-//! Fewer points with the same appearance.
+//! Reduction of the number of points without a change in appearance.
 
-/// The maximum number of points of one drawn line.
+/// Maximum number of points of one drawn line.
 pub const MOST: usize = 2000;
 
-/// A line of at most `most` points: of each interval the smallest and the largest value, in their order, so that a
-/// single spike is kept. An interval without a finite value is a break, kept as a NaN.
+/// Line of at most `most` points: the smallest and the largest value of each interval, in their order, so that a single
+/// spike is kept. An interval without a finite value is a break, kept as a NaN.
 pub fn extremes(x: &[f64], y: &[f64], most: usize) -> Vec<(f64, f64)> {
     let all: Vec<(f64, f64)> = x.iter().copied().zip(y.iter().copied()).collect();
     if all.len() <= most {
@@ -25,7 +25,7 @@ pub fn extremes(x: &[f64], y: &[f64], most: usize) -> Vec<(f64, f64)> {
     out
 }
 
-/// A half-width of at most `most` points: of each interval the largest.
+/// Half-width of at most `most` points: the largest of each interval.
 pub fn envelope(x: &[f64], half: &[f64], most: usize) -> Vec<(f64, f64)> {
     let all: Vec<(f64, f64)> = x.iter().copied().zip(half.iter().copied()).collect();
     let largest = |part: &[(f64, f64)]| {
@@ -35,13 +35,13 @@ pub fn envelope(x: &[f64], half: &[f64], most: usize) -> Vec<(f64, f64)> {
     stretches(&all, most).filter_map(largest).collect()
 }
 
-/// `all` in at most `count` parts of nearly the same length.
+/// Divides `all` into at most `count` parts of nearly equal length.
 fn stretches<T>(all: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     let count = count.clamp(1, all.len().max(1));
     (0..count).filter_map(move |k| all.get(k * all.len() / count..(k + 1) * all.len() / count))
 }
 
-/// Every n-th of `points` and the last one, so that at most `most` + 1 are left.
+/// Every n-th of `points` and the last one, at most `most` + 1 in total.
 pub fn thinned<T: Clone>(points: &[T], most: usize) -> Vec<T> {
     let every = points.len().div_ceil(most.max(1)).max(1);
     let last = points.len().checked_sub(1).filter(|n| n % every != 0).and_then(|n| points.get(n));
@@ -53,10 +53,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_spike_stays() {
+    fn unit_spike_is_kept() {
         let x: Vec<f64> = (0..100_000).map(f64::from).collect();
         let mut y = vec![0.0; x.len()];
-        // One stretch has its largest value first, the other its smallest.
+        // One interval has its largest value first, the other its smallest.
         (y[54_321], y[54_330], y[7], y[9]) = (9.0, -9.0, -4.0, 4.0);
         let few = extremes(&x, &y, 2000);
         assert!(few.len() <= 2000);
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_gap_stays_a_gap() {
+    fn unit_gap_is_kept() {
         let x: Vec<f64> = (0..10_000).map(f64::from).collect();
         let y: Vec<f64> = x.iter().map(|x| if (4000.0..5000.0).contains(x) { f64::NAN } else { *x }).collect();
         let few = extremes(&x, &y, 1000);

@@ -1,4 +1,4 @@
-//! Geometry on the globe for KML: maps in parts that do not cross the date line, tracks thinned to the metre.
+//! Geometry on the globe for KML: maps in parts that do not cross the date line, tracks thinned to within a metre.
 
 use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;
@@ -8,17 +8,17 @@ use super::{
     thin::{kept, to_stretch},
 };
 
-/// A part of a map and its position on the globe.
+/// Part of a map and its position on the globe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GlobePatch {
-    /// In the map's own longitudes, which may run past a half turn.
+    /// Edges in the map's own longitudes, which may exceed a half turn.
     pub window: MapWindow,
-    /// West and east within -180 to 180 degrees.
+    /// West and east, within -180 to 180 degrees.
     pub lon: (f64, f64),
 }
 
-/// The parts of a map with these edges: one, or more where it crosses the date line. What goes beyond a pole or once
-/// round the earth is omitted.
+/// Parts of a map with these edges: one, or more if it crosses the date line. Areas beyond a pole or a full turn are
+/// omitted.
 pub fn patches(window: &MapWindow) -> Vec<GlobePatch> {
     let south_north = (window.y.0.max(-90.0), window.y.1.min(90.0));
     let (west, east) = (window.x.0, window.x.1.min(window.x.0 + 360.0));
@@ -37,7 +37,7 @@ pub fn patches(window: &MapWindow) -> Vec<GlobePatch> {
     out
 }
 
-/// A sample of a track: degrees, degrees, metres and, where it is known, seconds.
+/// Sample of a track: latitude, longitude, height and, if known, time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackFix {
     /// Latitude, degrees.
@@ -50,7 +50,7 @@ pub struct TrackFix {
     pub time_s: Option<f64>,
 }
 
-/// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees; at a crossing
+/// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees. At a crossing
 /// both parts include the position on the date line.
 pub fn parts(run: &[TrackFix]) -> Vec<Vec<TrackFix>> {
     let mut out: Vec<Vec<TrackFix>> = vec![vec![]];
@@ -74,7 +74,7 @@ pub fn parts(run: &[TrackFix]) -> Vec<Vec<TrackFix>> {
     out
 }
 
-/// The position where the straight line from `a` to `b` crosses the date line, from either side.
+/// Position where the straight line from `a` to `b` crosses the date line, from either side.
 fn crossing(a: &TrackFix, b: &TrackFix) -> (TrackFix, TrackFix) {
     let side = if a.lon > 0.0 { 180.0 } else { -180.0 };
     let beyond = b.lon + 2.0 * side;
@@ -89,8 +89,8 @@ fn crossing(a: &TrackFix, b: &TrackFix) -> (TrackFix, TrackFix) {
     (at(side), at(-side))
 }
 
-/// Fewer samples of an unbroken track: dropped ones are within `tolerance_m` of the straight line between their kept
-/// neighbours; where times are known, of the position on it at that time.
+/// Thins an unbroken track: dropped samples are within `tolerance_m` of the straight line between their kept
+/// neighbours. With known times, they are within it of the position on the line at that time.
 pub fn thinned(run: &[TrackFix], tolerance_m: f64) -> Vec<TrackFix> {
     let Some(first) = run.first() else { return vec![] };
     let earth = EarthModel::default();
@@ -115,7 +115,7 @@ pub fn thinned(run: &[TrackFix], tolerance_m: f64) -> Vec<TrackFix> {
     kept(run.len(), tolerance_m, distance).into_iter().filter_map(|k| run.get(k).copied()).collect()
 }
 
-/// The instant as XML writes it, to the millisecond.
+/// Instant in XML notation, to the millisecond.
 pub fn instant(unix_s: f64) -> String {
     let millis = (unix_s * 1000.0).round() as i64;
     let (days, of_day) = (millis.div_euclid(86_400_000), millis.rem_euclid(86_400_000));
@@ -127,7 +127,7 @@ pub fn instant(unix_s: f64) -> String {
 /// Year, month and day of a number of days since 1 January 1970. [H. Hinnant, chrono-compatible low-level date
 /// algorithms]
 fn civil(days: i64) -> (i64, i64, i64) {
-    // Years begin in March, so that the leap day is their last; eras have 400 years, 146,097 days.
+    // Years begin in March, so that the leap day is the last day; eras have 400 years, 146,097 days.
     let shifted = days + 719_468;
     let (era, of_era) = (shifted.div_euclid(146_097), shifted.rem_euclid(146_097));
     let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_tracks_are_cut_at_the_date_line_where_they_cross_it() {
+    fn unit_tracks_are_cut_at_date_line_crossings() {
         let cut = parts(&[fix(10.0, 179.0, Some(0.0)), fix(12.0, -179.0, Some(20.0)), fix(12.0, 181.5, Some(25.0))]);
         assert_eq!(cut.len(), 2);
         assert_eq!(cut[0], [fix(10.0, 179.0, Some(0.0)), fix(11.0, 180.0, Some(10.0))]);
@@ -176,13 +176,13 @@ mod tests {
         let circle = |k: i32| (f64::from(k) / 500.0).sin_cos();
         let run: Vec<TrackFix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
         let few = thinned(&run, 1.0);
-        // A chord of radius 2.2 km that is a metre off is 133 m long: a 10 km path needs 80 to 160 are needed.
+        // A chord of radius 2.2 km with an error of 1 m is 133 m long: a 10 km path needs 80 to 160 points.
         assert!((80..160).contains(&few.len()), "{}", few.len());
         assert_eq!((few[0], few[few.len() - 1]), (run[0], run[2999]));
     }
 
     #[test]
-    fn unit_a_stop_on_a_straight_way_is_kept_where_times_are_known() {
+    fn unit_stop_on_a_straight_line_is_kept_with_known_times() {
         let way = |timed: bool| -> Vec<TrackFix> {
             let lat = |k: i32| 0.001 * f64::from(k.min(50) + (k - 80).max(0));
             (0..150).map(|k| fix(lat(k), 0.0, timed.then(|| f64::from(k)))).collect()

@@ -1,24 +1,24 @@
-//! The error ellipse of a position.
+//! Error ellipse of a position.
 
 /// Region of a horizontal position, with a scale of `sigmas` standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
-    /// The longer semi-axis, m.
+    /// Semi-major axis, m.
     pub major_m: f64,
-    /// The shorter one, m.
+    /// Semi-minor axis, m.
     pub minor_m: f64,
-    /// Direction of the longer one, degrees east of north, 0 up to 180.
+    /// Direction of the major axis, degrees east of north, 0 up to 180.
     pub azimuth_deg: f64,
 }
 
 impl Ellipse {
-    /// Ellipse from the standard deviations north and east, m, and their covariance, m²: the offsets e with e' P⁻¹ e at
-    /// most the square of `sigmas`. `None` where one is unknown, or they are not a covariance.
+    /// Ellipse from the standard deviations north and east, m, and their covariance, m²: the offsets e with eᵀ P⁻¹ e at
+    /// most the square of `sigmas`. `None` if one is unknown, or they are not a covariance.
     pub fn new(sd_n: f64, sd_e: f64, cov_ne: f64, sigmas: f64) -> Option<Ellipse> {
         let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
         let root = (0.5 * (nn - ee)).hypot(cov_ne);
         let (large, small) = (0.5 * (nn + ee) + root, 0.5 * (nn + ee) - root);
-        // A correlation of one is kept despite rounding.
+        // A correlation of one is accepted despite rounding.
         let known = large.is_finite() && large > 0.0 && small >= -1e-9 * large;
         let azimuth_deg = (0.5 * (2.0 * cov_ne).atan2(nn - ee)).to_degrees().rem_euclid(180.0);
         known.then(|| Ellipse { major_m: sigmas * large.sqrt(), minor_m: sigmas * small.max(0.0).sqrt(), azimuth_deg })
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_every_point_of_the_outline_is_as_many_sigma_off() {
+    fn law_outline_has_constant_mahalanobis_distance() {
         for (n, e, rho) in [(10.0, 3.0, 0.0), (3.0, 10.0, 0.4), (5.0, 5.0, -0.9), (7.0, 7.0, 0.0)] {
             let cov = rho * n * e;
             let found = Ellipse::new(n, e, cov, 3.0).unwrap();
@@ -55,14 +55,14 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_long_axis_points_where_the_error_is_large() {
+    fn unit_major_axis_points_along_the_largest_error() {
         let of = |n, e, cov| Ellipse::new(n, e, cov, 1.0).map(|e| (e.major_m, e.minor_m, e.azimuth_deg));
         assert_eq!(of(10.0, 3.0, 0.0), Some((10.0, 3.0, 0.0)));
         assert_eq!(of(3.0, 10.0, 0.0), Some((10.0, 3.0, 90.0)));
         let (major, _, azimuth) = of(4.0, 4.0, 8.0).unwrap();
         assert!((azimuth - 45.0).abs() < 1e-12 && (major - 24f64.sqrt()).abs() < 1e-12, "to the north-east");
         assert!((of(4.0, 4.0, -8.0).unwrap().2 - 135.0).abs() < 1e-12);
-        // Fully correlated is a line; beyond that is no covariance.
+        // Full correlation gives a line; a larger covariance is invalid.
         assert!(of(4.0, 4.0, 16.0).unwrap().1 < 1e-6);
         assert_eq!((of(4.0, 4.0, 17.0), of(f64::NAN, 4.0, 0.0), of(0.0, 0.0, 0.0)), (None, None, None));
     }

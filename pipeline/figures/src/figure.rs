@@ -1,4 +1,4 @@
-//! The layout of a figure: title, map, colour bar, legend.
+//! Layout of a figure: title, map, colour bar, legend.
 
 use schemas::Fault;
 
@@ -16,24 +16,24 @@ use super::{
     tracks,
 };
 
-/// The widest paper; more pixels give a finer picture of the same paper.
+/// Maximum width of the paper; more pixels give a finer picture of the same paper.
 const WIDEST: f64 = 800.0;
-/// White around everything.
+/// White margin.
 const PAD: f64 = 14.0;
-/// Size of the title's letters, and from line to line.
+/// Letter size and line spacing of the title.
 const TITLE: (f64, f64) = (16.0, 21.0);
-/// The most lines of a title.
+/// Maximum number of lines of a title.
 const TITLE_LINES: usize = 4;
-/// From the frame to the colour bar.
+/// Gap between the frame and the colour bar.
 const TO_BAR: f64 = 18.0;
-/// A map lower than that has its colour bar below.
+/// Height of a map below which its colour bar is below it.
 const LOW: f64 = 150.0;
-/// The narrowest frame: maps that are longer than that are drawn out of proportion.
+/// Minimum width of the frame; longer maps are drawn out of proportion.
 const NARROWEST: f64 = 30.0;
-/// The highest frame, in widths of the paper.
+/// Maximum height of the frame, in widths of the paper.
 const HIGHEST: f64 = 1.3;
 
-/// The layout.
+/// Layout of a figure.
 struct FigureLayout {
     width: f64,
     frame: Rect,
@@ -43,7 +43,7 @@ struct FigureLayout {
     footer: f64,
 }
 
-/// The figure of a map.
+/// Figure of a map.
 ///
 /// # Errors
 /// Fails when there is nothing to draw, sizes disagree, or `look` cannot be satisfied.
@@ -73,7 +73,7 @@ pub fn scene(picture: &MapPicture, look: &MapStyle, lines: &[TrackLine]) -> Resu
     if holes {
         entries.push(LegendEntry::Unknown);
     }
-    // Below a narrow map the legend is centred, below others it begins where they do.
+    // The legend is centred below a narrow map, and aligned with the left edge of others.
     let narrow = layout.frame.w < 0.5 * width;
     let centre = narrow.then_some(layout.frame.x + 0.5 * layout.frame.w);
     let left = if narrow { PAD } else { layout.frame.x };
@@ -96,7 +96,7 @@ fn layout<'a>(
     let bar = |upward| ColourBar { scale, name: bar_name(picture), upward };
     let right = |beside: bool| if beside { TO_BAR + bar(true).breadth() + PAD } else { PAD + 24.0 };
     let (frame, beside) = match fit(picture, shape, width, right(look.colour_bar)) {
-        // Next to a low map a colour bar is too short to be read.
+        // A colour bar at the side of a low map would be too short to read.
         (_, size) if look.colour_bar && size.1 < LOW => (fit(picture, shape, width, right(false)), false),
         fits => (fits, look.colour_bar),
     };
@@ -119,7 +119,7 @@ fn layout<'a>(
     (FigureLayout { width, frame, bar: place, title, footer: under + 0.4 * ROW }, bar)
 }
 
-/// The left margin, and width and height of the frame of a map of that shape.
+/// Left margin, and width and height of the frame of a map of that shape.
 fn fit(picture: &MapPicture, shape: f64, width: f64, right: f64) -> (f64, (f64, f64)) {
     let window = MapWindow::from_picture(picture);
     let size = |left: f64| {
@@ -150,7 +150,7 @@ fn title(layout: &FigureLayout) -> Vec<SceneMark> {
     layout.title.iter().enumerate().map(line).collect()
 }
 
-/// The map itself over the hatching, and whether any hatching is visible.
+/// Map over the hatching, and whether any hatching is visible.
 fn map(frame: &MapFrame, look: &MapStyle, scale: &ColourScale, fine: f64) -> (Vec<SceneMark>, bool) {
     let size = ((frame.rect.w * fine).round() as usize, (frame.rect.h * fine).round() as usize);
     let pixels = ColouredMap::new(frame.picture, look, scale, size).pixels(&frame.window, size);

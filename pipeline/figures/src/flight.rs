@@ -1,5 +1,5 @@
-//! A flight and its parts: the track over the ground coloured by what each part is, and below it quantities over time
-//! with the cuts between the parts.
+//! Picture of a flight and its parts: the track over the ground, coloured by kind, and below it quantities over time
+//! with the limits of the parts.
 
 use schemas::Fault;
 
@@ -14,14 +14,14 @@ use super::{
     ticks,
 };
 
-/// A part of a flight that has a name.
+/// Part of a flight with a name.
 #[derive(Clone, Debug)]
 pub struct FlightPart {
     /// Its name.
     pub name: String,
-    /// Its kind, an index of [`FlightPicture::kinds`].
+    /// Kind, an index of [`FlightPicture::kinds`].
     pub kind: usize,
-    /// Its first and last time, in the unit of [`FlightPicture::time`].
+    /// First and last time, in the unit of [`FlightPicture::time`].
     pub time: (f64, f64),
 }
 
@@ -32,59 +32,59 @@ pub struct TimePanel<'a> {
     pub label: &'a str,
     /// Full turn of an angle: a line is broken where it steps by more than half of it.
     pub turn: Option<f64>,
-    /// Name, colour and values of each, as many as times; NaN breaks a line. One alone needs no name.
+    /// Name, colour and values of each line, one value per time; NaN breaks a line. A single line needs no name.
     pub lines: Vec<(&'a str, [u8; 3], &'a [f64])>,
 }
 
-/// A flight to draw.
+/// Flight to draw.
 #[derive(Clone, Debug)]
 pub struct FlightPicture<'a> {
     /// The title.
     pub title: &'a str,
     /// Ascending times of the samples.
     pub time: &'a [f64],
-    /// The name of the time axis.
+    /// Label of the time axis.
     pub time_label: &'a str,
-    /// Metres east of some place, as many as times; NaN breaks the track. Empty where there are no positions.
+    /// Position east of a reference point, m, one per time; NaN breaks the track. Empty without positions.
     pub east_m: &'a [f64],
-    /// Metres north, as many.
+    /// Position north of the reference point, m, one per time.
     pub north_m: &'a [f64],
-    /// The kind of each sample, an index of [`FlightPicture::kinds`].
+    /// Kind of each sample, an index of [`FlightPicture::kinds`].
     pub kind: &'a [usize],
-    /// Name and colour of each kind, the last ones uppermost.
+    /// Name and colour of each kind, the last ones on top.
     pub kinds: &'a [(&'a str, [u8; 3])],
-    /// The parts with names, in the order of time.
+    /// Parts with names, in the order of time.
     pub parts: &'a [FlightPart],
-    /// The panels, the uppermost first.
+    /// Panels, from top to bottom.
     pub panels: &'a [TimePanel<'a>],
 }
 
-/// Width of the paper, and white around everything.
+/// Width of the paper, and white margin.
 const WIDTH: f64 = 800.0;
 const PAD: f64 = 14.0;
-/// Left of the frames: coordinates and the name of the axis.
+/// Space to the left of the frames, for coordinates and the name of the axis.
 const LEFT: f64 = 78.0;
-/// The largest frame of the track.
+/// Maximum size of the frame of the track.
 const TRACK: (f64, f64) = (680.0, 520.0);
-/// Height of a panel, and between two.
+/// Height of a panel, and gap between two.
 const PANEL: f64 = 104.0;
 const BETWEEN: f64 = 12.0;
-/// The title's letters, and from line to line.
+/// Letter size and line spacing of the title.
 const TITLE: (f64, f64) = (16.0, 21.0);
-/// The letters of the names of parts.
+/// Letter size of the names of parts.
 const PART: f64 = 11.0;
-/// A part narrower than this has no name over the panels.
+/// Width of a part below which its name over the panels is omitted.
 const NARROW: f64 = 8.0;
 
-/// The picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
+/// Picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
 ///
 /// # Errors
-/// Fails where there are fewer than two times, lengths differ, or the width is out of range.
+/// Fails when there are fewer than two times, lengths differ, or the width is out of range.
 pub fn flight_png(picture: &FlightPicture, width_px: usize) -> Result<Vec<u8>, Fault> {
     pixels::png(&scene(picture, width_px)?)
 }
 
-/// The picture as an SVG file.
+/// Picture as an SVG file.
 ///
 /// # Errors
 /// Fails as [`flight_png`].
@@ -142,7 +142,7 @@ fn check(picture: &FlightPicture) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The kinds that occur.
+/// Kinds that occur.
 fn used<'a>(picture: &'a FlightPicture) -> impl Iterator<Item = &'a (&'a str, [u8; 3])> {
     let occurs = |k: usize| picture.kind.contains(&k) || picture.parts.iter().any(|p| p.kind == k);
     picture.kinds.iter().enumerate().filter(move |(k, _)| occurs(*k)).map(|(_, kind)| kind)
@@ -154,18 +154,18 @@ fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     (both.0 <= both.1).then_some(both)
 }
 
-/// A little more than a range, never empty.
+/// Range with a margin, never empty.
 fn around((low, high): (f64, f64), part: f64, least: f64) -> (f64, f64) {
     let by = (part * (high - low)).max(0.5 * (least - (high - low))).max(0.0);
     (low - by, high + by)
 }
 
-/// The track in its frame with coordinates and names, and where it ends below; `None` where there are no positions.
+/// Track in its frame with coordinates and names, and its lower edge; `None` without positions.
 fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
     let east = around(ends(picture.east_m.iter().copied())?, 0.04, 10.0);
     let north = around(ends(picture.north_m.iter().copied())?, 0.04, 10.0);
     let scale = (TRACK.0 / (east.1 - east.0)).min(TRACK.1 / (north.1 - north.0));
-    // A track along one line has a frame all the same.
+    // A track along one line also has a frame.
     let size = ((scale * (east.1 - east.0)).max(160.0), (scale * (north.1 - north.0)).max(120.0));
     let middle = (0.5 * (east.0 + east.1), 0.5 * (north.0 + north.1));
     let rect = Rect { x: LEFT + 0.5 * (TRACK.0 - size.0), y: top, w: size.0, h: size.1 };
@@ -203,7 +203,7 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
         let (at, width) = (spot(*e, *n), text_width(&part.name, PART));
         let x = (at.0 + 4.0).min(rect.right() - width - 3.0);
         let plate = Rect { x: x - 1.5, y: at.1 - PART - 1.0, w: width + 3.0, h: PART + 4.0 };
-        // Where there are too many for all to be read, the first ones are.
+        // If there is not enough space for all names, the first ones are drawn.
         let covers =
             |o: &Rect| o.x < plate.right() && plate.x < o.right() && o.y < plate.bottom() && plate.y < o.bottom();
         if names.iter().any(covers) {
@@ -216,7 +216,7 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
     Some((marks, rect.bottom() + TICK + 34.0))
 }
 
-/// Points that are not closer than a part of a pixel, with the first and the last.
+/// Points at least a fraction of a pixel apart, including the first and the last.
 fn spaced(run: &[PaperPoint]) -> Vec<PaperPoint> {
     const LEAST: f64 = 0.5;
     let mut out: Vec<PaperPoint> = vec![];
@@ -229,7 +229,7 @@ fn spaced(run: &[PaperPoint]) -> Vec<PaperPoint> {
     out
 }
 
-/// Frame, ticks and names of the two axes of the track, in km where it is larger than two.
+/// Frame, ticks and names of the two axes of the track; in km if it is larger than 2 km.
 fn coordinates(rect: &Rect, east: (f64, f64), north: (f64, f64)) -> Vec<SceneMark> {
     let km = (east.1 - east.0).max(north.1 - north.0) >= 2000.0;
     let (unit, factor) = if km { ("km", 1000.0) } else { ("m", 1.0) };
@@ -264,7 +264,7 @@ fn turned(at: PaperPoint, text: &str, size: f64, anchor: TextAnchor) -> SceneMar
     SceneMark::Text { at, text: text.to_owned(), size, anchor, turned: true }
 }
 
-/// The panels below each other, with the parts behind them, and where they end.
+/// Panels below each other, with the parts behind them, and their lower edge.
 fn panels(picture: &FlightPicture, top: f64) -> (Vec<SceneMark>, f64) {
     let mut marks = vec![];
     let time = (picture.time.first().copied().unwrap_or(0.0), picture.time.last().copied().unwrap_or(1.0));
@@ -304,7 +304,7 @@ fn panels(picture: &FlightPicture, top: f64) -> (Vec<SceneMark>, f64) {
     (marks, below + 4.0)
 }
 
-/// The lines of one panel, with its frame, ticks and names.
+/// Lines of one panel, with its frame, ticks and names.
 fn curves(panel: &TimePanel, time: &[f64], rect: &Rect, across: &dyn Fn(f64) -> f64) -> Vec<SceneMark> {
     let mut marks = vec![SceneMark::frame(rect, 1.0)];
     let label = shortened(panel.label, NAME, rect.h + 10.0);
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_part_is_named_on_the_track_and_over_the_panels() {
+    fn unit_parts_are_labelled_on_track_and_panels() {
         let east: Vec<f64> = (0..500).map(|k| f64::from(k) * 60.0).collect();
         let kind: Vec<usize> = (0..500).map(|k| usize::from((100..=300).contains(&k))).collect();
         let text = drawn(&east, &kind, "line <1>").unwrap();
@@ -391,8 +391,8 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_cannot_be_drawn_is_left_out_or_refused() {
-        // Standing still, and nowhere.
+    fn unit_undrawable_input_is_skipped_or_rejected() {
+        // The position is constant, then unknown.
         assert!(drawn(&[5.0; 400], &[1; 400], "a").is_ok());
         let nowhere = drawn(&[f64::NAN; 400], &[1; 400], "a").unwrap();
         assert!(nowhere.contains("not known") && !nowhere.contains("east ("));

@@ -9,18 +9,18 @@ use super::{
     svg::clean,
 };
 
-/// An area at one height, such as the error ellipse of a position.
+/// Area at one height, such as the error ellipse of a position.
 #[derive(Clone, Debug)]
 pub struct EarthArea {
     /// Its name.
     pub name: String,
     /// Text that a click shows.
     pub about: String,
-    /// Latitudes of its corners, degrees, counterclockwise; the first is not repeated.
+    /// Latitudes of the corners, degrees, counterclockwise; the first is not repeated.
     pub lat_deg: Vec<f64>,
-    /// Their longitudes, degrees.
+    /// Longitudes of the corners, degrees.
     pub lon_deg: Vec<f64>,
-    /// Its height, m, as that of [`EarthTrack`].
+    /// Height, m, as in [`EarthTrack`].
     pub alt_m: f64,
     /// Its colour.
     pub colour: [u8; 3],
@@ -35,12 +35,12 @@ pub struct EarthFolder<'a> {
     pub tracks: Vec<EarthTrack<'a>>,
     /// Its areas.
     pub areas: Vec<EarthArea>,
-    /// Folders in it.
+    /// Subfolders.
     pub folders: Vec<EarthFolder<'a>>,
 }
 
-/// Folders over maps, of which there may be none; a single one has its colour bar on the screen. Pictures are called as
-/// by [`crate::kml()`]; of several maps `<stem>_1_map.png` and so on.
+/// Folders over any number of maps; a single map has its colour bar on the screen. Pictures are named as in
+/// [`crate::kml()`]; pictures of several maps are named `<stem>_1_map.png` and so on.
 ///
 /// # Errors
 /// Fails when a map is not geographic or has nothing to draw, or columns of a track or an area have different lengths.
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_folders_hold_tracks_areas_and_folders() {
+    fn unit_folders_contain_tracks_areas_and_folders() {
         let track = EarthTrack {
             name: "truth",
             lat_deg: &[0.0, 1.0],
@@ -136,7 +136,7 @@ mod tests {
         let made = folders_kml("held", &[], &MapStyle::default(), &[line], "held").unwrap();
         well_formed(&made.document).unwrap();
         assert!(made.files.is_empty() && made.document.matches("<Folder>").count() == 2, "{}", made.document);
-        // The ring is closed, and its colour is blue, green, red behind the opacity.
+        // The ring is closed, and its colour has the order opacity, blue, green, red.
         for part in [
             "<coordinates>10,0,500 11,0,500 11,1,500 10,1,500 10,0,500</coordinates>",
             "<color>40d04fff</color>",

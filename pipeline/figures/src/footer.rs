@@ -1,4 +1,4 @@
-//! The legend below the map: scale bar, north arrow, lines and hatching.
+//! Legend below the map: scale bar, north arrow, lines and hatching.
 
 use super::{
     scene::{BLACK, Ink, PaperPoint, Rect, SceneMark, TextAnchor, shortened, text_width},
@@ -6,40 +6,40 @@ use super::{
 };
 use crate::ticks;
 
-/// Size of the letters.
+/// Letter size.
 const SIZE: f64 = 12.0;
 /// Height of a row.
 pub const ROW: f64 = 21.0;
-/// Between two entries.
+/// Gap between two entries.
 const BETWEEN: f64 = 22.0;
-/// The maximum number of tracks that are named.
+/// Maximum number of tracks listed by name.
 const NAMED: usize = 24;
 
-/// An entry of the legend.
+/// Entry of the legend.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LegendEntry {
-    /// A length on the paper and what it is on the ground, m.
+    /// Length on the paper and on the ground, m.
     Scale(f64, f64),
-    /// The arrow to the north.
+    /// North arrow.
     North,
-    /// The line of a track.
+    /// Line of a track.
     Track([u8; 3], String),
-    /// The number of further tracks.
+    /// Number of further tracks.
     More(usize),
-    /// Hatching.
+    /// Hatching of unknown areas.
     Unknown,
     /// Contour lines, with their description.
     Contours(String),
 }
 
 impl LegendEntry {
-    /// A round length of at most `most` on the paper.
+    /// Scale bar of a round length of at most `most` on the paper.
     pub fn scale(metres_per_unit: f64, most: f64) -> LegendEntry {
         let metres = ticks::round_below(most * metres_per_unit);
         LegendEntry::Scale(metres / metres_per_unit, metres)
     }
 
-    /// The tracks, the first ones by name.
+    /// Entries of the tracks, the first ones by name.
     pub fn tracks(drawn: &[tracks::TrackDrawing]) -> impl Iterator<Item = LegendEntry> + '_ {
         let named = if drawn.len() > NAMED { NAMED - 1 } else { drawn.len() };
         let more = (drawn.len() > named).then(|| LegendEntry::More(drawn.len() - named));
@@ -66,13 +66,13 @@ impl LegendEntry {
         }
     }
 
-    /// The width of the symbol before the text.
+    /// Width of the symbol before the text.
     fn before_text(&self) -> f64 {
         let key = self.key_width();
         if key > 0.0 { key + 7.0 } else { 0.0 }
     }
 
-    /// The symbol next to the text, on a row whose middle is at `y`.
+    /// Symbol next to the text, in a row with its middle at `y`.
     fn key(&self, (x, y): PaperPoint) -> Vec<SceneMark> {
         let line = |width: f64, ink: Ink| SceneMark::Stroke {
             lines: vec![vec![(x, y), (x + self.key_width(), y)]],
@@ -111,20 +111,20 @@ fn scale_bar(x: f64, y: f64, length: f64) -> Vec<SceneMark> {
     vec![SceneMark::Fill { points: half.corners(), ink: BLACK }, SceneMark::frame(&bar, 1.0)]
 }
 
-/// The position of the legend.
+/// Position of the legend.
 #[derive(Clone, Copy, Debug)]
 pub struct LegendPosition {
-    /// The left end of its rows.
+    /// Left end of its rows.
     pub left: f64,
-    /// Their right limit.
+    /// Right limit of its rows.
     pub right: f64,
-    /// Its upper edge.
+    /// Upper edge.
     pub top: f64,
-    /// The centre of its rows, where they do not begin at the left.
+    /// Centre of its rows, if they are centred.
     pub centre: Option<f64>,
 }
 
-/// The entries in rows, and how high they are.
+/// Entries in rows, and their total height.
 pub fn footer(entries: &[LegendEntry], place: &LegendPosition) -> (Vec<SceneMark>, f64) {
     let rows = rows(entries, place.right - place.left);
     let mut out = vec![];

@@ -1,4 +1,4 @@
-//! The position of the map on the paper, and the coordinates around it.
+//! Position of the map on the paper, and the coordinates around it.
 
 use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;
@@ -10,14 +10,14 @@ use super::{
 };
 use crate::ticks::{self, AxisTick};
 
-/// Size of the letters at ticks.
+/// Letter size at ticks.
 pub const TICK: f64 = 12.0;
-/// Size of the names of axes.
+/// Letter size of the names of axes.
 pub const NAME: f64 = 13.0;
 /// Length of a tick.
 const LENGTH: f64 = 5.0;
 
-/// One of the two axes.
+/// Axis of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MapAxis {
     /// West to east.
@@ -26,18 +26,18 @@ pub enum MapAxis {
     Up,
 }
 
-/// The frame of the map and its window.
+/// Frame of the map and its window.
 pub struct MapFrame<'a> {
     /// The map.
     pub picture: &'a MapPicture<'a>,
-    /// The part of it.
+    /// Part of the map in the frame.
     pub window: MapWindow,
-    /// The position on the paper.
+    /// Position on the paper.
     pub rect: Rect,
 }
 
 impl MapFrame<'_> {
-    /// The position of a point of the map on the paper; north is up.
+    /// Position of a point of the map on the paper; north is up.
     pub fn spot(&self, x: f64, y: f64) -> PaperPoint {
         let (across, up) = (self.window.x, self.window.y);
         (
@@ -46,8 +46,8 @@ impl MapFrame<'_> {
         )
     }
 
-    /// Metres of a unit of length of the paper, along x in the middle of the map; `None` where that is not defined,
-    /// because it differs by more than a tenth from south to north.
+    /// Metres per unit of length on the paper, along x in the middle of the map. `None` if it differs by more than a
+    /// tenth from south to north.
     pub fn metres_per_unit(&self) -> Option<f64> {
         let across = self.window.x.1 - self.window.x.0;
         if self.picture.plane == AxisQuantity::Metres {
@@ -91,20 +91,20 @@ impl MapFrame<'_> {
     }
 }
 
-/// The space of the coordinates and the names of the axes to the left of the frame.
+/// Space to the left of the frame for the coordinates and the names of the axes.
 pub fn left_margin(picture: &MapPicture, window: &MapWindow, height: f64) -> f64 {
     let widths = ticks(picture, window, MapAxis::Up, height).into_iter().map(|t| text_width(&t.label, TICK));
     let name = if labels(picture, height).1.is_some() { NAME + 8.0 } else { 0.0 };
     LENGTH + 4.0 + widths.fold(0.0, f64::max) + name
 }
 
-/// The space below it.
+/// Space below the frame for them.
 pub fn bottom_margin(picture: &MapPicture) -> f64 {
     LENGTH + TICK + 4.0 + if labels(picture, 0.0).0.is_some() { 20.0 } else { 0.0 }
 }
 
-/// Names of the axes: those given; for metres the quantity and unit; none for degrees, whose ticks include it. The
-/// vertical one is omitted next to a frame that is too low for it.
+/// Names of the axes: the given ones; for metres the quantity and unit; none for degrees, whose ticks include it. The
+/// vertical name is omitted if the frame is too low for it.
 fn labels(picture: &MapPicture, height: f64) -> (Option<String>, Option<String>) {
     let named = |given: Option<&str>, axis: &str, range: (f64, f64)| match (given, picture.plane) {
         (Some(given), _) => Some(given.to_owned()).filter(|g| !g.trim().is_empty()),
@@ -131,7 +131,7 @@ pub fn ticks(picture: &MapPicture, window: &MapWindow, side: MapAxis, length: f6
         }
         AxisQuantity::Metres => ticks::linear(range.0, range.1, most),
     };
-    // Room for a label, the widest one where they are side by side, and a gap.
+    // Space for a label, the widest one if they are in one row, and a gap.
     let label = match side {
         MapAxis::Up => TICK,
         MapAxis::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),

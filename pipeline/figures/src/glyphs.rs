@@ -7,18 +7,18 @@ use super::scene::{BLACK, PaperPoint, TextAnchor};
 
 /// Width and height of a letter's cell.
 const CELL: (usize, usize) = (7, 16);
-/// The row of the cell on which letters stand.
+/// Row of the cell with the base line.
 const BASE: f64 = 13.0;
-/// The size of letters whose cell is that high.
+/// Letter size at which the cell has its original height.
 const SIZE: f64 = 12.0;
 
-/// A line of text as coverages, 0 to 1, in rows of `width`.
+/// Line of text as coverages, 0 to 1, in rows of `width`.
 struct TextBitmap {
     width: usize,
     ink: Vec<f32>,
 }
 
-/// Draws a line of text. The letters are those of basic Latin, the degree sign, minus and dashes; accents of western
+/// Draws a line of text. The font has basic Latin letters, the degree sign, minus and dashes. Accents of western
 /// European letters are dropped, other characters are boxes.
 pub fn text(pixmap: &mut Pixmap, at_px: PaperPoint, text: &str, size_px: f64, anchor: TextAnchor, turned: bool) {
     let strip = strip(text);
@@ -55,7 +55,7 @@ impl TextBitmap {
         ink.copied().unwrap_or(0.0)
     }
 
-    /// The coverage between pixels by a cubic (Catmull and Rom 1974), with edges as steep as on the small letters.
+    /// Coverage between pixels by a cubic (Catmull and Rom 1974), with edges as steep as in the original size.
     fn smooth(&self, x: f64, y: f64, enlarge: f64) -> f32 {
         let (left, top) = (x.floor(), y.floor());
         let (across, down) = (cubic((x - left) as f32), cubic((y - top) as f32));
@@ -75,7 +75,7 @@ fn cubic(t: f32) -> [f32; 4] {
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
-/// Puts ink over a pixel, whose colours are stored multiplied by its opacity.
+/// Blends ink into a pixel, whose colours are premultiplied by its opacity.
 fn blend(pixmap: &mut Pixmap, x: i64, y: i64, cover: f32) {
     if x < 0 || y < 0 || x >= i64::from(pixmap.width()) || y >= i64::from(pixmap.height()) {
         return;
@@ -103,7 +103,7 @@ fn strip(text: &str) -> TextBitmap {
     TextBitmap { width, ink }
 }
 
-/// The substitute for a character that the font does not have.
+/// Substitute for a character that the font lacks.
 fn plain(letter: char) -> Vec<char> {
     const ACCENTED: [(&str, char); 16] = [
         ("àáâãäå", 'a'),
@@ -161,7 +161,7 @@ fn font(letter: char) -> Option<[[f32; CELL.0]; CELL.1]> {
     Some(out)
 }
 
-/// A plus without its upright.
+/// Plus sign without its vertical stroke.
 fn minus() -> [[f32; CELL.0]; CELL.1] {
     let mut out = font('+').unwrap_or_default();
     for row in &mut out {
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_letters_stand_on_their_place() {
+    fn unit_letters_are_drawn_at_their_anchor() {
         let mut p = paper();
         text(&mut p, (10.0, 30.0), "H", 12.0, TextAnchor::Start, false);
         let rows: Vec<usize> = (0..40).filter(|y| (0..80).any(|x| dark(&p, x, *y))).collect();
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_turned_text_is_the_same_text_turned() {
+    fn unit_turned_text_has_the_same_pixels_turned() {
         let (mut flat, mut turned) = (paper(), paper());
         text(&mut flat, (2.0, 20.0), "Fg7", 12.0, TextAnchor::Start, false);
         text(&mut turned, (20.0, 38.0), "Fg7", 12.0, TextAnchor::Start, true);

@@ -1,4 +1,4 @@
-//! A map and tracks for Google Earth.
+//! Map and tracks for Google Earth.
 
 use std::io::{Cursor, Write};
 
@@ -22,7 +22,7 @@ use super::{
 };
 use crate::png_file::{PixelFormat, encode};
 
-/// A track for Google Earth. NaN in any of its columns interrupts it.
+/// Track for Google Earth. NaN in any of its columns interrupts it.
 #[derive(Clone, Copy, Debug)]
 pub struct EarthTrack<'a> {
     /// Its name.
@@ -31,20 +31,21 @@ pub struct EarthTrack<'a> {
     pub lat_deg: &'a [f64],
     /// Longitudes, degrees, of any turn.
     pub lon_deg: &'a [f64],
-    /// Heights, m. KML takes them as above mean sea level; those above the ellipsoid are off by the geoid's height.
+    /// Heights, m. KML interprets them as above mean sea level; heights above the ellipsoid are off by the geoid's
+    /// height.
     pub alt_m: &'a [f64],
-    /// Seconds since 1970 UTC, where the date is known: the track can then be played.
+    /// Times, s since 1970 UTC, if the date is known: the track can then be played.
     pub time_unix_s: Option<&'a [f64]>,
-    /// Its colour; `None` for the next one of a fixed order.
+    /// Colour; `None` for the next one of a fixed order.
     pub colour: Option<[u8; 3]>,
 }
 
-/// A KML document and the pictures it names.
+/// KML document and the pictures it refers to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kml {
     /// The document.
     pub document: String,
-    /// Name and bytes of each picture; the files belong next to the document.
+    /// Name and bytes of each picture; the files belong in the folder of the document.
     pub files: Vec<(String, Vec<u8>)>,
 }
 
@@ -73,13 +74,13 @@ impl Kml {
     }
 }
 
-/// The most pixels of an overlay each way: the limit of common viewers.
+/// Maximum number of pixels per side of an overlay: the limit of common viewers.
 const MOST_PIXELS: f64 = 4096.0;
-/// The tolerance of a thinned track, m.
+/// Tolerance of a thinned track, m.
 const TOLERANCE_M: f64 = 1.0;
 
-/// The map as an overlay of the ground, its colour bar on the screen, and the tracks at their heights. The pictures are
-/// called `<stem>_map.png` (`_map_1`, `_map_2` where the map crosses the date line) and `<stem>_bar.png`.
+/// Map as a ground overlay, its colour bar on the screen, and the tracks at their heights. The pictures are named
+/// `<stem>_map.png` (`_map_1`, `_map_2` if the map crosses the date line) and `<stem>_bar.png`.
 ///
 /// # Errors
 /// Fails when the map is not geographic or has nothing to draw, or columns of a track have different lengths.
@@ -92,7 +93,7 @@ pub fn kml(picture: &MapPicture, look: &MapStyle, tracks: &[EarthTrack], stem: &
     Ok(Kml { document: document(picture.title, &features), files })
 }
 
-/// A map as an overlay of the ground, with its colour bar on the screen if `with_bar`.
+/// Map as a ground overlay, with its colour bar on the screen if `with_bar`.
 pub(super) fn map(
     picture: &MapPicture,
     look: &MapStyle,
@@ -115,7 +116,7 @@ pub(super) fn map(
     Ok(features)
 }
 
-/// A document of `features`.
+/// Document of `features`.
 pub(super) fn document(title: &str, features: &[Markup]) -> String {
     let document = html! {
         kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2" {
@@ -189,7 +190,7 @@ fn on_screen(file: &str) -> Markup {
     }
 }
 
-/// The colour bar on a plate that is partly transparent.
+/// Colour bar on a partly transparent plate.
 fn bar(picture: &MapPicture, scale: &ColourScale) -> Result<Vec<u8>, Fault> {
     const PAD: f64 = 10.0;
     let unit = picture.unit.trim();
@@ -239,7 +240,7 @@ pub(super) fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Faul
     })
 }
 
-/// A sample; `None` where it interrupts the track.
+/// Sample; `None` if it interrupts the track.
 fn fix(track: &EarthTrack, k: usize) -> Option<TrackFix> {
     let at = |column: &[f64]| column.get(k).copied().filter(|v| v.is_finite());
     let time_s = match track.time_unix_s {
@@ -265,7 +266,7 @@ fn timed(run: &[TrackFix]) -> Markup {
     }
 }
 
-/// Degrees to a centimetre.
+/// Degrees with a resolution of a centimetre.
 pub(super) fn degrees(value: f64) -> String {
     trimmed(format!("{value:.7}"))
 }

@@ -1,8 +1,8 @@
-//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), a flight and its parts, the
-//! charts of a report, and their shared parts. Nothing here depends on a plan or a store.
+//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), a flight and its parts, and the
+//! charts of a report. The crate is independent of plans and stores.
 //!
-//! A figure is laid out once, as marks on a sheet of paper; two painters draw the marks, one in pixels, one as SVG.
-//! Nothing in a picture depends on a clock, a font of the system or the number of threads.
+//! A figure is laid out once, as marks on a sheet of paper. Two painters draw the marks, one in pixels, one as SVG. A
+//! picture does not depend on a clock, a font of the system or the number of threads.
 
 mod bar;
 pub mod canvas;
@@ -44,7 +44,7 @@ pub use palette::Palette;
 pub use relief::HillShading;
 pub use scale::ColourMapping;
 
-/// The quantity of the axes of a map.
+/// Quantity of the axes of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AxisQuantity {
     /// Longitude and latitude, in degrees.
@@ -53,33 +53,33 @@ pub enum AxisQuantity {
     Metres,
 }
 
-/// A map to draw.
+/// Map to draw.
 #[derive(Clone, Copy, Debug)]
 pub struct MapPicture<'a> {
     /// Longitudes or eastings of the columns. A map over the date line continues past 180 degrees.
     pub x: EvenAxis,
     /// Latitudes or northings of the rows.
     pub y: EvenAxis,
-    /// Values by rows, the southernmost row first, each from west to east; NaN where unknown.
+    /// Values by rows, the southernmost row first, each from west to east; NaN if unknown.
     pub values: &'a [f64],
     /// The quantity of the axes.
     pub plane: AxisQuantity,
-    /// The title; long titles are broken into lines.
+    /// Title; long titles are broken into lines.
     pub title: &'a str,
-    /// The quantity, such as `Magnetic anomaly`, the label of the colour bar before the unit.
+    /// Quantity, such as `Magnetic anomaly`: the label of the colour bar before the unit.
     pub quantity: &'a str,
-    /// The unit of the values, such as `nT`.
+    /// Unit of the values, such as `nT`.
     pub unit: &'a str,
-    /// The label of the horizontal axis; `None` for longitudes (as shown by the ticks) and `Easting (km)`.
+    /// Label of the horizontal axis; `None` for longitudes (shown by the ticks) and `Easting (km)`.
     pub x_label: Option<&'a str>,
-    /// The label of the vertical axis; `None` for latitudes (as shown by the ticks) and `Northing (km)`.
+    /// Label of the vertical axis; `None` for latitudes (shown by the ticks) and `Northing (km)`.
     pub y_label: Option<&'a str>,
 }
 
 /// Style of a drawn map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapStyle {
-    /// Width of the picture in pixels, 200 to 10,000. The letters grow with it from 800 pixels on.
+    /// Width of the picture in pixels, 200 to 10,000. Above 800 pixels, the letters grow with it.
     pub width_px: usize,
     /// Its colours.
     pub palette: Palette,
@@ -87,7 +87,7 @@ pub struct MapStyle {
     pub scale: ColourMapping,
     /// Hill-shading; `None` for flat colours.
     pub shade: Option<HillShading>,
-    /// Draws a contour line at each multiple of this, in the map's unit.
+    /// Interval of contour lines, in the map's unit; `None` for no contours.
     pub contours: Option<f64>,
     /// Whether there is a colour bar.
     pub colour_bar: bool,
@@ -95,7 +95,7 @@ pub struct MapStyle {
     pub scale_bar: bool,
     /// Whether there is a north arrow.
     pub north: bool,
-    /// Whether cells larger than a pixel are blended (bilinearly) or kept as even patches.
+    /// Whether cells larger than a pixel are interpolated bilinearly or drawn uniformly.
     pub blend: bool,
 }
 
@@ -115,21 +115,21 @@ impl Default for MapStyle {
     }
 }
 
-/// A line flown over the map, in the map's coordinates. NaN breaks it.
+/// Flown line over the map, in the map's coordinates. NaN breaks it.
 #[derive(Clone, Copy, Debug)]
 pub struct TrackLine<'a> {
-    /// Its name in the legend.
+    /// Name in the legend.
     pub name: &'a str,
     /// Longitudes or eastings; a longitude may be a full turn away from the map's.
     pub x: &'a [f64],
-    /// Latitudes or northings, as many.
+    /// Latitudes or northings, one per x.
     pub y: &'a [f64],
-    /// Its colour; `None` for the next one of a fixed order.
+    /// Colour; `None` for the next one of a fixed order.
     pub colour: Option<[u8; 3]>,
 }
 
-/// Colours for tracks that have none: distinguishable without red-green vision, and on every palette, since each
-/// line has a white rim.
+/// Default colours of tracks: distinguishable without red-green vision, and on every palette, since each line has a
+/// white rim.
 const TRACK_COLOURS: [[u8; 3]; 6] =
     [[0, 0, 0], [214, 39, 160], [0, 114, 110], [110, 60, 230], [168, 84, 0], [0, 140, 210]];
 
@@ -137,16 +137,16 @@ fn track_colour(given: Option<[u8; 3]>, index: usize) -> [u8; 3] {
     given.unwrap_or(TRACK_COLOURS[index % TRACK_COLOURS.len()])
 }
 
-/// The map as a PNG file.
+/// Map as a PNG file.
 ///
 /// # Errors
-/// When the map has no known value or its sizes disagree, or `look` cannot be satisfied.
+/// Fails when the map has no known value or its sizes disagree, or `look` cannot be satisfied.
 pub fn png(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Result<Vec<u8>, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     pixels::png(&scene)
 }
 
-/// The map as an SVG file: real text and lines, the colours as an embedded picture.
+/// Map as an SVG file: real text and lines, the colours as an embedded picture.
 ///
 /// # Errors
 /// Fails as [`png()`].

@@ -37,7 +37,7 @@ const TURBO: [[u8; 3]; 16] = [
     [122, 4, 3],
 ];
 
-/// ColorBrewer's RdBu of eleven classes, turned round (C. Brewer, Apache-2.0).
+/// ColorBrewer's RdBu of eleven classes, reversed (C. Brewer, Apache-2.0).
 const DIVERGING: [[u8; 3]; 11] = [
     [0x05, 0x30, 0x61],
     [0x21, 0x66, 0xac],
@@ -52,15 +52,15 @@ const DIVERGING: [[u8; 3]; 11] = [
     [0x67, 0x00, 0x1f],
 ];
 
-/// A colour scale.
+/// Colour scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Palette {
-    /// Dark blue to yellow, lighter all the way, readable without red or green.
+    /// Dark blue to yellow with increasing lightness, readable without red or green.
     #[default]
     Viridis,
-    /// The rainbow of potential-field maps, without its false edges.
+    /// Rainbow of potential-field maps, without its false edges.
     Turbo,
-    /// Blue over white to red: white is zero, and blue and red of one strength are equally far from it.
+    /// Blue over white to red: white is zero, and equal magnitudes are equally far from it.
     Diverging,
 }
 
@@ -68,10 +68,10 @@ impl Palette {
     /// The names accepted by [`Palette::named`].
     pub const NAMES: [&str; 3] = ["viridis", "turbo", "diverging"];
 
-    /// The palette of a name.
+    /// Palette of a name.
     ///
     /// # Errors
-    /// Fails when there is none of that name.
+    /// Fails for an unknown name.
     pub fn named(name: &str) -> Result<Palette, Fault> {
         match name {
             "viridis" => Ok(Palette::Viridis),
@@ -81,7 +81,7 @@ impl Palette {
         }
     }
 
-    /// The colour at the fraction `part` of the scale, 0 to 1, as red, green and blue.
+    /// Colour at the fraction `part` of the scale, 0 to 1, as red, green and blue.
     pub fn colour(self, part: f64) -> [u8; 3] {
         match self {
             Palette::Viridis => between(&VIRIDIS, part),
@@ -100,12 +100,12 @@ fn between<const N: usize>(anchors: &[[u8; 3]; N], part: f64) -> [u8; 3] {
     [mix(0), mix(1), mix(2)]
 }
 
-/// A colour as style sheets spell it.
+/// Colour in CSS notation.
 pub fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Black or white, whichever is read more easily on `colour` (WCAG 2, relative luminance).
+/// Black or white, whichever has the higher contrast on `colour` (WCAG 2, relative luminance).
 pub fn ink_on(colour: [u8; 3]) -> &'static str {
     if luminance(colour) > 0.179 { "#000" } else { "#fff" }
 }
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn ref_turbo_between_its_anchors() {
-        // Three colours of the published table; the straight line between anchors is nowhere more than 8 levels off.
+        // Three colours of the published table; linear interpolation between anchors is off by at most 8 levels.
         for (index, published) in [(42, [70, 133, 250]), (110, [101, 253, 105]), (195, [249, 117, 29])] {
             let ours = Palette::Turbo.colour(f64::from(index) / 255.0);
             assert!(ours.iter().zip(published).all(|(a, b)| a.abs_diff(b) <= 8), "{index}: {ours:?}");
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_viridis_grows_lighter_all_the_way() {
+    fn unit_viridis_lightness_increases() {
         assert!(along(Palette::Viridis).windows(2).all(|w| w[1] > w[0]));
         assert_eq!((ink_on(VIRIDIS[0]), ink_on(VIRIDIS[10])), ("#fff", "#000"));
     }
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_every_name_is_a_palette_and_others_are_refused() {
+    fn unit_only_listed_palette_names_are_accepted() {
         assert!(Palette::NAMES.iter().all(|n| Palette::named(n).is_ok()));
         let fault = Palette::named("virdis").unwrap_err();
         assert!(fault.help.is_some_and(|h| h.contains("viridis")));

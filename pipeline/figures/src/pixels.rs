@@ -1,4 +1,4 @@
-//! The painter in pixels.
+//! Painter in pixels.
 
 use schemas::Fault;
 use tiny_skia::{
@@ -11,10 +11,10 @@ use super::{
 };
 use crate::png_file::{PixelFormat, encode};
 
-/// The maximum number of pixels of a picture.
+/// Maximum number of pixels of a picture.
 const MOST: f64 = 200e6;
 
-/// The scene as a PNG: opaque where there is paper.
+/// Scene as a PNG, opaque on paper.
 ///
 /// # Errors
 /// Fails when it has too many pixels.
@@ -94,7 +94,7 @@ impl Painter {
         self.line(outline(&free, false), width, ink, within);
     }
 
-    /// A line along the pixels covers whole ones.
+    /// A line along the pixels covers whole pixels.
     fn level(&mut self, line: &[PaperPoint], width: f64, ink: Ink) {
         let [a, b] = line else { return };
         let pen = (width * self.scale).round().max(1.0);
@@ -158,7 +158,7 @@ impl Painter {
     }
 }
 
-/// The colour at `along`, 0 to 1, of even stops.
+/// Colour at `along`, 0 to 1, between even stops.
 fn faded(colours: &[[u8; 3]], along: f64) -> [u8; 3] {
     let place = along.clamp(0.0, 1.0) * colours.len().saturating_sub(1) as f64;
     let at = |k: f64| colours.get(k as usize).copied().unwrap_or_default().map(f64::from);

@@ -2,20 +2,20 @@
 
 use schemas::Fault;
 
-/// The meaning of the bytes of a pixel.
+/// Meaning of the bytes of a pixel.
 pub enum PixelFormat {
     /// Red, green, blue.
     Rgb,
     /// Red, green, blue, opacity.
     Rgba,
-    /// An index to the colours, each with its opacity.
+    /// Index to the colours, each with its opacity.
     Indexed(Vec<[u8; 4]>),
 }
 
-/// A PNG of `size` (width, height) of the `pixels`, by rows from the top.
+/// PNG of `size` (width, height) of the `pixels`, by rows from the top.
 ///
 /// # Errors
-/// Fails when there is not one pixel for each place, or none at all.
+/// Fails when the number of pixels does not match the size, or is zero.
 pub fn encode(kind: &PixelFormat, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Fault> {
     write(kind, size, pixels).map_err(|e| Fault::machine(format!("cannot draw the map: {e}")))
 }
@@ -24,7 +24,7 @@ fn write(kind: &PixelFormat, size: (usize, usize), pixels: &[u8]) -> Result<Vec<
     let mut out = vec![];
     let mut encoder = png::Encoder::new(&mut out, u32::try_from(size.0)?, u32::try_from(size.1)?);
     encoder.set_depth(png::BitDepth::Eight);
-    // A figure has millions of pixels, of which a tenth less would take ten times as long.
+    // For the millions of pixels of a figure, a file smaller by a tenth would take ten times as long.
     let indexed = matches!(kind, PixelFormat::Indexed(_));
     encoder.set_compression(if indexed { png::Compression::High } else { png::Compression::Balanced });
     match kind {
@@ -42,7 +42,7 @@ fn write(kind: &PixelFormat, size: (usize, usize), pixels: &[u8]) -> Result<Vec<
     Ok(out)
 }
 
-/// A PNG as a data URL.
+/// PNG as a data URL.
 pub fn data_url(png: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut out = String::from("data:image/png;base64,");
@@ -56,7 +56,7 @@ pub fn data_url(png: &[u8]) -> String {
     out
 }
 
-/// The size and the pixels of a PNG, as they are stored.
+/// Size and stored pixels of a PNG.
 #[cfg(test)]
 pub fn decode(png: &[u8]) -> Option<((usize, usize), Vec<u8>)> {
     let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().ok()?;
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_pixels_come_back_and_a_wrong_number_of_them_is_a_fault() {
+    fn unit_pixels_round_trip_and_a_wrong_count_is_rejected() {
         let pixels: Vec<u8> = (0..24).collect();
         let png = encode(&PixelFormat::Rgba, (3, 2), &pixels).unwrap();
         assert_eq!(decode(&png), Some(((3, 2), pixels.clone())));

@@ -1,4 +1,4 @@
-//! A part of an anomaly map as a picture in relief: equal areas get equal parts of the colour scale.
+//! Part of an anomaly map as a shaded picture with an equalised colour scale.
 
 use numerics::maps::{map_surface::GeographicGrid, plane_grid::EvenAxis};
 use schemas::Fault;
@@ -10,17 +10,17 @@ use super::{
     sheet::DisplayGrid,
 };
 
-/// The maximum number of pixels of a picture in each direction.
+/// Maximum number of pixels per side of a picture.
 const MOST: usize = 720;
 
-/// Number of colours of the scale, and of light strengths for each. A picture has 256 colours, and one further colour
-/// marks unknown cells.
+/// Number of colours of the scale, and of light levels for each. A picture has 256 colours, including one for unknown
+/// cells.
 const COLOURS: usize = 42;
 const LIGHTS: usize = 6;
-/// The weakest and the strongest light, of which level ground has 1.
+/// Minimum and maximum light; level ground has 1.
 const LIGHT: (f64, f64) = (0.55, 1.2);
 
-/// A rectangle of latitudes and longitudes, in degrees.
+/// Rectangle of latitudes and longitudes, in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// South, north.
@@ -29,26 +29,26 @@ pub struct Bounds {
     pub lon: (f64, f64),
 }
 
-/// A picture of a map.
+/// Picture of a map.
 pub struct Raster {
-    /// The position of its edges.
+    /// Position of its edges.
     pub bounds: Bounds,
-    /// Its size in pixels.
+    /// Size in pixels.
     pub size: (usize, usize),
-    /// The picture as a PNG file.
+    /// Picture as a PNG file.
     pub png: Vec<u8>,
     /// Values at even steps of the colour scale, from first to last, nT.
     pub scale: Vec<f64>,
 }
 
-/// Values by rows from north to south, as many as pixels.
+/// Values by rows from north to south, one per pixel.
 struct PixelGrid {
     values: Vec<f64>,
     width: usize,
     bounds: Bounds,
 }
 
-/// The part of `grid` within `bounds`; `None` where they share no known cell.
+/// Part of `grid` within `bounds`; `None` if they share no known cell.
 ///
 /// # Errors
 /// Fails when the picture cannot be encoded.
@@ -76,7 +76,7 @@ pub fn raster(grid: &GeographicGrid, bounds: &Bounds) -> Result<Option<Raster>, 
 }
 
 impl PixelGrid {
-    /// The light on each, from the north-west.
+    /// Light on each pixel, from the north-west.
     fn lights(&self) -> Vec<f64> {
         let turned = |rows: &[f64]| -> Vec<f64> { rows.chunks(self.width).rev().flatten().copied().collect() };
         let axis = |ends: (f64, f64), len: usize| {
@@ -90,7 +90,7 @@ impl PixelGrid {
     }
 }
 
-/// The nodes of one axis that lie within `range`: first, past the last.
+/// Nodes of one axis within `range`: the first, and one past the last.
 fn within(first: f64, step: f64, len: usize, range: (f64, f64)) -> (usize, usize) {
     let place = |x: f64| (x - first) / step;
     let low = (place(range.0) - 0.5).ceil().clamp(0.0, len as f64) as usize;
@@ -124,7 +124,7 @@ fn cut(grid: &GeographicGrid, bounds: &Bounds) -> Option<PixelGrid> {
     Some(PixelGrid { values: values.map(|(r, c)| mean(r, c)).collect(), width, bounds })
 }
 
-/// The colours of the scale in each light, and a transparent one for unknown cells.
+/// Colours of the scale at each light level, and a transparent one for unknown cells.
 fn colours() -> PixelFormat {
     let lit = ShadedPalette::new(Palette::Viridis);
     let shade = |k: usize| {
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_part_holds_the_cells_it_touches() {
+    fn unit_part_includes_all_touched_cells() {
         let part = Bounds { lat: (0.9, 2.2), lon: (11.0, 12.9) };
         let pixels = cut(&grid(), &part).unwrap();
         assert_eq!(pixels.bounds, Bounds { lat: (0.5, 2.5), lon: (10.5, 13.5) });
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn unit_equal_areas_have_equal_shares_of_the_colours() {
         let lat: Vec<f64> = (0..16).map(f64::from).collect();
-        // A long tail, as anomalies have: without equalisation nearly all of it would be one colour.
+        // A long tail, as in anomalies: without equalisation most of the map would have one colour.
         let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();
         let grid = GeographicGrid::new(&lat, &lat, &values).unwrap();
         let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn unit_slopes_to_the_north_west_are_lighter() {
-        // A ridge from south-west to north-east on even ground, on the equator.
+        // A ridge from south-west to north-east on level ground, on the equator.
         let side: Vec<f64> = (0..21).map(f64::from).collect();
         let height = |k: i32| 10.0 - f64::from(k / 21 - k % 21).abs();
         let values: Vec<f64> = (0..441).map(height).collect();

@@ -3,31 +3,31 @@
 use super::sheet::DisplayGrid;
 use crate::palette::Palette;
 
-/// The direction and the strength of the light.
+/// Direction and strength of the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HillShading {
-    /// Direction of the light, degrees east of north.
+    /// Azimuth of the light, degrees east of north.
     pub azimuth_deg: f64,
-    /// Its height above the horizon, degrees, above 0 to 90.
+    /// Elevation of the light, degrees, above 0 to 90.
     pub elevation_deg: f64,
-    /// 0 for no shading, 1 for full shading, where unlit slopes are black.
+    /// Strength: 0 for no shading, 1 for full shading with black unlit slopes.
     pub strength: f64,
 }
 
 impl Default for HillShading {
-    /// Light from the north-west, as on maps of mountains, halfway up.
+    /// Light from the north-west at an elevation of 45 degrees, as on maps of mountains.
     fn default() -> Self {
         Self { azimuth_deg: 315.0, elevation_deg: 45.0, strength: 0.5 }
     }
 }
 
-/// Share of the slopes that are less steep than the one that is drawn as 45 degrees.
+/// Fraction of the slopes that are less steep than the slope drawn as 45 degrees.
 const GENTLE: f64 = 0.9;
 
-/// The light on each node of `sheet` against that on level ground, which has 1 (so have unknown nodes). `ground` is the
-/// ratio of a step along x to a step along y on the ground. Heights are scaled so that the tenth of the map that is
-/// steepest begins at 45 degrees; slopes are then flattened smoothly so that none is steeper than that, since the long
-/// tail of an anomaly's gradients would be black. [Horn, Hill shading and the reflectance map, Proc. IEEE 69, 1981]
+/// Light on each node of `sheet` relative to level ground, which has 1; unknown nodes also have 1. `ground` is the
+/// ratio of a step along x to a step along y on the ground. Heights are scaled so that the steepest tenth of the map
+/// begins at 45 degrees. Slopes are then flattened smoothly to at most 45 degrees, because the long tail of an
+/// anomaly's gradients would be black. [Horn, Hill shading and the reflectance map, Proc. IEEE 69, 1981]
 pub fn light(sheet: &DisplayGrid, ground: f64, shade: &HillShading) -> Vec<f64> {
     let slopes: Vec<(f64, f64)> = (0..sheet.values.len()).map(|k| slope(sheet, k, ground)).collect();
     let mut steep: Vec<f64> = slopes.iter().map(|(e, n)| e.hypot(*n)).filter(|s| *s > 0.0).collect();
@@ -48,7 +48,7 @@ pub fn light(sheet: &DisplayGrid, ground: f64, shade: &HillShading) -> Vec<f64> 
     slopes.iter().map(lit).collect()
 }
 
-/// The rise to the east and to the north, per step along y.
+/// Rise to the east and to the north, per step along y.
 fn slope(sheet: &DisplayGrid, node: usize, ground: f64) -> (f64, f64) {
     let (row, column) = (node / sheet.x.len, node % sheet.x.len);
     let at = |row: Option<usize>, column: Option<usize>| {
@@ -61,7 +61,7 @@ fn slope(sheet: &DisplayGrid, node: usize, ground: f64) -> (f64, f64) {
     (east / ground, north)
 }
 
-/// The rise a step, from both neighbours or the one that is known.
+/// Rise per step, from both neighbours or the known one.
 fn rise(before: Option<f64>, here: f64, after: Option<f64>) -> f64 {
     match (before, after) {
         (Some(a), Some(b)) => 0.5 * (b - a),
@@ -71,11 +71,11 @@ fn rise(before: Option<f64>, here: f64, after: Option<f64>) -> f64 {
     }
 }
 
-/// Steps of a palette that are prepared.
+/// Number of prepared steps of a palette.
 const STEPS: usize = 1024;
 
-/// The colours of a palette in light and shade: below 1 the light multiplies the lightness (of Oklab, with its chroma,
-/// so that the hue stays and shade looks like dimmer light), above 1 it moves towards white.
+/// Colours of a palette in light and shade. Below 1, the light multiplies the lightness in Oklab and its chroma, so
+/// that the hue stays and shade looks like dimmer light. Above 1, it shifts the colour towards white.
 pub struct ShadedPalette {
     palette: Palette,
     steps: Vec<[f64; 3]>,
@@ -88,9 +88,9 @@ impl ShadedPalette {
         ShadedPalette { palette, steps }
     }
 
-    /// The colour at `part` of the palette under `light`; 1 is the palette's own.
+    /// Colour at `part` of the palette under `light`; 1 gives the palette's own colour.
     pub fn colour(&self, part: f64, light: f64) -> [u8; 3] {
-        // Blended ones are not quite one.
+        // Interpolated light may differ slightly from 1.
         if (light - 1.0).abs() < 1e-9 || !light.is_finite() {
             return self.palette.colour(part);
         }
@@ -99,13 +99,13 @@ impl ShadedPalette {
         if light < 1.0 {
             return srgb([l * light, a * light, b * light]);
         }
-        // The brightest slopes, twice as light as level ground, are half way to white.
+        // The brightest slopes, twice as light as level ground, are halfway to white.
         let glare = (0.5 * (light - 1.0)).min(0.6);
         srgb([l + glare * (1.0 - l), a * (1.0 - glare), b * (1.0 - glare)])
     }
 }
 
-/// Lightness and two axes of colour. [B. Ottosson, A perceptual color space for image processing, 2020]
+/// Lightness and two colour axes of Oklab. [B. Ottosson, A perceptual color space for image processing, 2020]
 pub fn oklab(colour: [u8; 3]) -> [f64; 3] {
     let [r, g, b] = colour.map(|c| {
         let c = f64::from(c) / 255.0;
@@ -152,16 +152,16 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_plane_has_one_light_which_lambert_gives() {
+    fn unit_plane_has_uniform_lambertian_light() {
         let shade = HillShading { azimuth_deg: 90.0, elevation_deg: 30.0, strength: 1.0 };
-        // 45 degrees, flattened to a rise of 1 in the root of 2, down to the east where the light comes from: the
-        // cosine between the slope's upright and the light, against level ground's.
+        // 45 degrees, flattened to a rise of 1 in the square root of 2, down to the east towards the light. Expected:
+        // the cosine between the slope's normal and the light, relative to level ground.
         let steep = (0.5f64).sqrt().atan();
         let exact = (60f64.to_radians() - steep).cos() / 60f64.to_radians().cos();
         for light in lit(6, 5, |x, _| -7.0 * x, &shade) {
             assert!((light - exact).abs() < 1e-12, "{light} {exact}");
         }
-        // Away from the light, which stands lower than the slope: no light at all.
+        // The slope faces away from the light and is steeper than its elevation: no light.
         assert!(lit(6, 5, |x, _| 7.0 * x, &shade).iter().all(|l| *l == 0.0));
         assert!(lit(6, 5, |_, _| 7.0, &shade).iter().all(|l| *l == 1.0));
     }
@@ -174,13 +174,13 @@ mod tests {
     }
 
     #[test]
-    fn unit_unknown_nodes_and_their_neighbours_are_not_cliffs() {
+    fn unit_unknown_nodes_give_no_steep_slopes() {
         let hole = |x: f64, y: f64| if (x, y) == (2.0, 2.0) { f64::NAN } else { 5.0 };
         assert!(lit(5, 5, hole, &HillShading::default()).iter().all(|l| *l == 1.0));
     }
 
     #[test]
-    fn unit_colours_go_there_and_back() {
+    fn unit_oklab_round_trips() {
         for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
             for k in 0..=255 {
                 let colour = palette.colour(f64::from(k) / 255.0);
@@ -197,7 +197,7 @@ mod tests {
                 let part = k as f64 / STEPS as f64;
                 let own = oklab(lit.colour(part, 1.0));
                 let dim = oklab(lit.colour(part, 0.7));
-                // Colours are whole numbers of 255: half a step of the darkest is 0.02 in Oklab.
+                // Colours are multiples of 1/255: half a step of the darkest is 0.02 in Oklab.
                 assert!((dim[0] - 0.7 * own[0]).abs() < 0.02, "{palette:?} {part}");
                 assert!((dim[1] - 0.7 * own[1]).abs() < 0.02 && (dim[2] - 0.7 * own[2]).abs() < 0.02);
                 assert!(oklab(lit.colour(part, 1.3))[0] > own[0]);

@@ -1,4 +1,4 @@
-//! The mapping of values to the colours of a palette.
+//! Mapping of values to the colours of a palette.
 
 use numerics::regression::statistics::quantile;
 use schemas::Fault;
@@ -8,7 +8,7 @@ use crate::{
     ticks::{self, AxisTick},
 };
 
-/// The mapping of values to colours.
+/// Mapping of values to colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum ColourMapping {
     /// Linear from the smallest to the largest value.
@@ -22,13 +22,13 @@ pub enum ColourMapping {
     Range(f64, f64),
 }
 
-/// Parts into which an equalised scale is divided.
+/// Number of quantiles of an equalised scale.
 const QUANTILES: usize = 256;
 
 /// Colours of values.
 #[derive(Clone, Debug)]
 pub struct ColourScale {
-    /// Value and part of the palette, both ascending; straight in between. Two at least.
+    /// Value and fraction of the palette, both ascending, linear in between. At least two.
     knots: Vec<(f64, f64)>,
     palette: Palette,
     equalised: bool,
@@ -37,10 +37,10 @@ pub struct ColourScale {
 }
 
 impl ColourScale {
-    /// The scale for `values`, ignoring those that are not finite.
+    /// Colour scale for `values`, ignoring values that are not finite.
     ///
     /// # Errors
-    /// Fails when no value is known, or percentiles or range are not in order.
+    /// Fails when no value is known, or percentiles or range are not ascending.
     pub fn new(values: &[f64], scale: ColourMapping, palette: Palette) -> Result<ColourScale, Fault> {
         let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);
@@ -65,34 +65,34 @@ impl ColourScale {
         Ok(made)
     }
 
-    /// The value of the first colour.
+    /// Value of the first colour.
     pub fn low(&self) -> f64 {
         self.knots.first().map_or(f64::NAN, |k| k.0)
     }
 
-    /// The value of the last colour.
+    /// Value of the last colour.
     pub fn high(&self) -> f64 {
         self.knots.last().map_or(f64::NAN, |k| k.0)
     }
 
-    /// The part of the palette, 0 to 1, that a value has.
+    /// Fraction of the palette, 0 to 1, of a value.
     pub fn part(&self, value: f64) -> f64 {
         follow(&self.knots, value, |k| *k)
     }
 
-    /// The position of a value on the colour bar, from 0 to 1.
+    /// Position of a value on the colour bar, 0 to 1.
     pub fn along(&self, value: f64) -> f64 {
         let (first, last) = self.parts();
         (self.part(value) - first) / (last - first)
     }
 
-    /// The value at a position on the colour bar, 0 to 1.
+    /// Value at a position on the colour bar, 0 to 1.
     pub fn value_at(&self, along: f64) -> f64 {
         let (first, last) = self.parts();
         follow(&self.knots, first + along * (last - first), |k| (k.1, k.0))
     }
 
-    /// The colour at a position on the colour bar, 0 to 1.
+    /// Colour at a position on the colour bar, 0 to 1.
     pub fn colour_at(&self, along: f64) -> [u8; 3] {
         let (first, last) = self.parts();
         self.palette.colour(first + along * (last - first))
@@ -112,8 +112,8 @@ impl ColourScale {
         (self.knots.first().map_or(0.0, |k| k.1), self.knots.last().map_or(1.0, |k| k.1))
     }
 
-    /// At most `most` values to write at the colour bar: round ones of an even scale, those at even places of an
-    /// equalised one.
+    /// At most `most` values for labels of the colour bar: round ones of a linear scale, evenly spaced ones of an
+    /// equalised scale.
     pub fn ticks(&self, most: usize) -> Vec<AxisTick> {
         if !self.equalised {
             return ticks::linear(self.low(), self.high(), most);
@@ -135,7 +135,7 @@ fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), F
     Err(Fault::new(format!("{low} and {high} are not valid {what}")).help(help))
 }
 
-/// Evenly from `low` to `high`; symmetric about zero where the palette is.
+/// Linear from `low` to `high`; symmetric about zero if the palette is.
 fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     let largest = low.abs().max(high.abs());
     if palette == Palette::Diverging && largest > 0.0 {
@@ -144,12 +144,12 @@ fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     if high - low > 1e-12 * largest {
         return vec![(low, 0.0), (high, 1.0)];
     }
-    // A map of one value: a scale around it, so that it has a colour and a label.
+    // A map of one value gets a scale around it, so that it has a colour and a label.
     let around = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
     vec![(low - around, 0.0), (low + around, 1.0)]
 }
 
-/// Evenly between ends that were requested: a diverging palette keeps white at zero.
+/// Linear between requested ends: a diverging palette keeps white at zero.
 fn fixed(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     if palette != Palette::Diverging {
         return vec![(low, 0.0), (high, 1.0)];
@@ -158,7 +158,7 @@ fn fixed(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     [low, high].map(|v| (v, 0.5 + 0.5 * v / largest)).to_vec()
 }
 
-/// Equal areas for equal parts of the palette; of its two halves by magnitude where it is about zero.
+/// Equal areas for equal parts of the palette; for a palette about zero, each half by magnitude.
 fn equal_areas(mut sorted: Vec<f64>, palette: Palette) -> Vec<(f64, f64)> {
     if palette != Palette::Diverging {
         return ranks(&sorted);
@@ -171,7 +171,7 @@ fn equal_areas(mut sorted: Vec<f64>, palette: Palette) -> Vec<(f64, f64)> {
     mirrored.chain([(0.0, 0.5)]).chain(half.iter().map(|(v, p)| (*v, 0.5 + 0.5 * p))).collect()
 }
 
-/// Value and rank at even ranks, ties once at their middle.
+/// Value and rank at evenly spaced ranks; ties appear once, at their middle rank.
 fn ranks(sorted: &[f64]) -> Vec<(f64, f64)> {
     let mut knots: Vec<(f64, f64)> = vec![];
     let mut tied_from = 0.0;
@@ -189,7 +189,7 @@ fn ranks(sorted: &[f64]) -> Vec<(f64, f64)> {
     if let [(only, _)] = knots[..] { even(only, only, Palette::Viridis) } else { knots }
 }
 
-/// The second coordinate at the first one on the broken line through `knots`, held at its ends.
+/// Linear interpolation in `knots`, constant beyond its ends.
 fn follow(knots: &[(f64, f64)], at: f64, sides: impl Fn(&(f64, f64)) -> (f64, f64)) -> f64 {
     let next = knots.partition_point(|k| sides(k).0 <= at);
     let before = next.checked_sub(1).and_then(|k| knots.get(k)).map(&sides);
@@ -216,12 +216,12 @@ mod tests {
         let scale = ColourScale::new(&values, ColourMapping::Equalised, Palette::Turbo).unwrap();
         let mut counts = [0; 10];
         values.iter().filter(|v| v.is_finite()).for_each(|v| counts[((scale.part(*v) * 10.0) as usize).min(9)] += 1);
-        // 2000 values, ten parts: knots between values may move one or two over an edge.
+        // 2000 values, ten parts: knots between values may move one or two across an edge.
         assert!(counts.iter().all(|n| (197..=203).contains(n)), "{counts:?}");
     }
 
     #[test]
-    fn unit_the_bar_is_the_scale_turned_round() {
+    fn unit_bar_positions_invert_the_scale() {
         for (scale, palette) in [
             (ColourMapping::Linear, Palette::Viridis),
             (ColourMapping::Equalised, Palette::Diverging),
@@ -234,7 +234,7 @@ mod tests {
                 let along = f64::from(k) / 20.0;
                 let value = made.value_at(along);
                 assert!((made.along(value) - along).abs() < 1e-9, "{scale:?} {along}");
-                // Rounding may decide between two whole colours.
+                // Rounding may select either of two adjacent colours.
                 let (there, back) = (made.colour_at(along), palette.colour(made.part(value)));
                 assert!(there.iter().zip(back).all(|(a, b)| a.abs_diff(b) <= 1), "{scale:?} {along}");
             }
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_one_value_has_a_scale_around_it() {
+    fn unit_scale_surrounds_a_single_value() {
         for value in [0.0, -3.5, 48_000.0] {
             for scale in [ColourMapping::Linear, ColourMapping::Equalised, ColourMapping::Percentile(2.0, 98.0)] {
                 let made = ColourScale::new(&[value; 4], scale, Palette::Viridis).unwrap();
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_values_beyond_the_ends_are_known_to_be_there() {
+    fn unit_values_beyond_the_ends_are_detected() {
         let made = |scale| ColourScale::new(&[0.0, 1.0, 2.0, 10.0], scale, Palette::Viridis).unwrap().beyond;
         assert_eq!(made(ColourMapping::Linear), (false, false));
         assert_eq!(made(ColourMapping::Range(-1.0, 5.0)), (false, true));
@@ -277,8 +277,8 @@ mod tests {
     }
 
     #[test]
-    fn unit_plateaus_and_wrong_ends() {
-        // Nine tenths zeros: their colour is the middle of their range, and the scale still ascends.
+    fn unit_plateaus_are_mapped_and_wrong_ends_rejected() {
+        // Nine tenths are zeros: their colour is the middle of their range, and the scale still ascends.
         let values: Vec<f64> = (0..100).map(|k| if k < 90 { 0.0 } else { f64::from(k) }).collect();
         let made = ColourScale::new(&values, ColourMapping::Equalised, Palette::Viridis).unwrap();
         assert!(made.knots.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 < w[1].1));

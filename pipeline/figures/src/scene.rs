@@ -1,6 +1,6 @@
-//! A figure as marks on a sheet of paper: which both painters draw in the same order.
+//! Figure as marks on a sheet of paper, which both painters draw in the same order.
 
-/// A position on the paper, from its upper left corner.
+/// Position on the paper, from its upper left corner.
 pub type PaperPoint = (f64, f64);
 
 /// A rectangle.
@@ -27,7 +27,7 @@ impl Rect {
         self.y + self.h
     }
 
-    /// Its corners, round once.
+    /// Corners, in order, without repetition.
     pub fn corners(&self) -> Vec<PaperPoint> {
         vec![(self.x, self.y), (self.right(), self.y), (self.right(), self.bottom()), (self.x, self.bottom())]
     }
@@ -37,7 +37,7 @@ impl Rect {
         (self.x..=self.right()).contains(&x) && (self.y..=self.bottom()).contains(&y)
     }
 
-    /// The same with a rim of `by` around it.
+    /// Rectangle enlarged by `by` on all sides.
     pub fn grown(&self, by: f64) -> Rect {
         Rect { x: self.x - by, y: self.y - by, w: self.w + 2.0 * by, h: self.h + 2.0 * by }
     }
@@ -59,12 +59,12 @@ impl Ink {
     }
 }
 
-/// Letters, frames and ticks.
+/// Colour of letters, frames and ticks.
 pub const BLACK: Ink = Ink::full([26, 26, 26]);
-/// Paper.
+/// Colour of the paper.
 pub const WHITE: Ink = Ink::full([255, 255, 255]);
 
-/// The part of a text that is at its position.
+/// Part of a text at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextAnchor {
     /// Its beginning.
@@ -75,10 +75,10 @@ pub enum TextAnchor {
     End,
 }
 
-/// One mark.
+/// Mark of a figure.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneMark {
-    /// A filled outline.
+    /// Filled outline.
     Fill {
         /// Its corners.
         points: Vec<PaperPoint>,
@@ -87,7 +87,7 @@ pub enum SceneMark {
     },
     /// Lines of one pen.
     Stroke {
-        /// Each with at least two positions.
+        /// Lines, each with at least two positions.
         lines: Vec<Vec<PaperPoint>>,
         /// Width of the pen.
         width: f64,
@@ -96,44 +96,44 @@ pub enum SceneMark {
         /// The clipping rectangle.
         within: Option<Rect>,
     },
-    /// A circle with a rim.
+    /// Circle with a rim.
     Disc {
         /// Its centre.
         at: PaperPoint,
-        /// Its radius, to the middle of the rim.
+        /// Radius, to the middle of the rim.
         radius: f64,
-        /// Inside.
+        /// Colour inside.
         fill: Ink,
-        /// The rim, 1.5 wide.
+        /// Colour of the rim, which is 1.5 wide.
         rim: Ink,
     },
     /// A picture.
     Picture {
         /// Its position, on whole pixels.
         rect: Rect,
-        /// Its size in pixels.
+        /// Size in pixels.
         size: (usize, usize),
-        /// Red, green, blue and opacity (0 or 255) of each, rows from the top.
+        /// Red, green, blue and opacity (0 or 255) of each pixel, rows from the top.
         pixels: Vec<u8>,
     },
     /// A colour gradient.
     Fade {
         /// Its position.
         rect: Rect,
-        /// At even distances, from the bottom or the left.
+        /// Colours at even distances, from the bottom or the left.
         colours: Vec<[u8; 3]>,
-        /// From the bottom to the top, or from the left to the right.
+        /// Direction: bottom to top if true, otherwise left to right.
         upward: bool,
     },
     /// A line of text.
     Text {
-        /// The position of its anchor, on the base line.
+        /// Position of its anchor, on the base line.
         at: PaperPoint,
         /// Its text.
         text: String,
         /// Size of its letters.
         size: f64,
-        /// The part of the text at `at`.
+        /// Part of the text at `at`.
         anchor: TextAnchor,
         /// Whether it is rotated to read upwards.
         turned: bool,
@@ -153,7 +153,7 @@ impl SceneMark {
         SceneMark::Text { at, text: text.into(), size, anchor, turned: false }
     }
 
-    /// Light grey with slanted lines, for what is not known.
+    /// Light grey with slanted lines, for unknown areas.
     pub fn hatch(rect: Rect) -> [SceneMark; 2] {
         const EVERY: f64 = 7.0;
         let count = ((rect.w + rect.h) / EVERY) as usize;
@@ -176,25 +176,23 @@ pub struct FigureScene {
     pub width: f64,
     /// Its height.
     pub height: f64,
-    /// Pixels of a unit of length.
+    /// Pixels per unit of length.
     pub scale: f64,
-    /// Whether there is white paper under it.
+    /// Whether the background is white paper.
     pub paper: bool,
-    /// From the lowest to the uppermost.
+    /// Marks, from the lowest to the uppermost.
     pub marks: Vec<SceneMark>,
 }
 
-/// Width of a letter, of letters of size 1: that of the letters of the pixel painter, a little more than what most
-/// fonts of a viewer take.
+/// Width of a letter of size 1: that of the pixel painter, slightly more than that of most viewers' fonts.
 const LETTER: f64 = 7.0 / 12.0;
 
-/// The width of a line of text.
+/// Width of a line of text.
 pub fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * LETTER * size
 }
 
-/// `text` in at most `most` lines of at most `width`, broken at spaces where there are any; the rest is replaced by
-/// an ellipsis.
+/// Breaks `text` into at most `most` lines of at most `width`, at spaces if possible; an ellipsis replaces the rest.
 pub fn wrapped(text: &str, size: f64, width: f64, most: usize) -> Vec<String> {
     let letters = ((width / (LETTER * size)) as usize).max(4);
     let mut lines: Vec<String> = vec![];
@@ -219,7 +217,7 @@ pub fn wrapped(text: &str, size: f64, width: f64, most: usize) -> Vec<String> {
     lines
 }
 
-/// `text`, cut to `width` with an ellipsis where it is longer.
+/// Cuts `text` to `width`, with an ellipsis if it is longer.
 pub fn shortened(text: &str, size: f64, width: f64) -> String {
     let letters = ((width / (LETTER * size)) as usize).max(4);
     if text.chars().count() <= letters {
@@ -229,7 +227,7 @@ pub fn shortened(text: &str, size: f64, width: f64) -> String {
     format!("{}\u{2026}", kept.trim_end_matches([' ', '\u{2026}']))
 }
 
-/// The parts of a line within a rectangle. [Liang and Barsky 1984]
+/// Parts of a line within a rectangle. [Liang and Barsky 1984]
 pub fn clipped(line: &[PaperPoint], rect: &Rect) -> Vec<Vec<PaperPoint>> {
     let mut out: Vec<Vec<PaperPoint>> = vec![];
     let mut joined = false;

@@ -4,7 +4,7 @@ use numerics::maps::plane_grid::EvenAxis;
 
 use super::MapPicture;
 
-/// A part of a map, by its edges, in the map's coordinates.
+/// Part of a map, by its edges, in the map's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapWindow {
     /// West and east.
@@ -14,21 +14,21 @@ pub struct MapWindow {
 }
 
 impl MapWindow {
-    /// The whole map: half a step beyond its outermost nodes.
+    /// Whole map: half a step beyond its outermost nodes.
     pub fn from_picture(picture: &MapPicture) -> MapWindow {
         let edges = |a: &EvenAxis| (a.at(-0.5), a.at(a.len as f64 - 0.5));
         MapWindow { x: edges(&picture.x), y: edges(&picture.y) }
     }
 }
 
-/// Values on nodes that are no denser than the pixels they are for, rows from the south.
+/// Values on nodes that are no denser than the pixels, rows from the south.
 #[derive(Clone, Debug)]
 pub struct DisplayGrid {
     /// Coordinates of the columns.
     pub x: EvenAxis,
     /// Coordinates of the rows.
     pub y: EvenAxis,
-    /// By rows; NaN where unknown.
+    /// Values by rows; NaN if unknown.
     pub values: Vec<f64>,
 }
 
@@ -38,8 +38,8 @@ struct NodeWeights {
     weights: Vec<f64>,
 }
 
-/// The values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node a pixel
-/// the nodes are averaged, each by the area of its cell that the pixel covers; along other axes they are unchanged.
+/// Values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node per pixel
+/// the nodes are averaged, weighted by the area of their cells within the pixel. Along other axes they are unchanged.
 pub fn sheet(picture: &MapPicture, window: &MapWindow, size: (usize, usize)) -> DisplayGrid {
     let (x, across) = shares(&picture.x, window.x, size.0);
     let (y, up) = shares(&picture.y, window.y, size.1);
@@ -65,7 +65,7 @@ fn add(row: &[f64], across: &[NodeWeights], weight: f64, sums: &mut [(f64, f64)]
     }
 }
 
-/// The axis of a sheet, and the nodes that each of its nodes averages.
+/// Axis of a sheet, and the nodes that each of its nodes averages.
 fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<NodeWeights>) {
     let place = |x: f64| (axis.node(x) + 0.5).clamp(0.0, axis.len as f64);
     let (from, to) = (place(range.0), place(range.1));
@@ -76,14 +76,14 @@ fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<N
         let pixel = |k: usize| covered(from + per_pixel * k as f64, from + per_pixel * (k + 1) as f64, axis.len);
         return (sheet, (0..pixels).map(pixel).collect());
     }
-    // A node more on either side, to blend with.
+    // One extra node on either side, for interpolation.
     let first = (from.floor() as usize).saturating_sub(1).min(axis.len - 1);
     let last = (to.ceil() as usize).clamp(first, axis.len - 1);
     let sheet = EvenAxis { first: axis.at(first as f64), step: axis.step, len: last - first + 1 };
     (sheet, (first..=last).map(|first| NodeWeights { first, weights: vec![1.0] }).collect())
 }
 
-/// The cells from `from` to `to`, where cell k lies from k to k + 1.
+/// Cells from `from` to `to`; cell k spans k to k + 1.
 fn covered(from: f64, to: f64, len: usize) -> NodeWeights {
     let first = (from.floor() as usize).min(len - 1);
     let last = (to.ceil() as usize).clamp(first + 1, len);
@@ -108,7 +108,7 @@ pub struct PixelInterpolator<'a> {
 }
 
 impl<'a> PixelInterpolator<'a> {
-    /// A picture of `size` pixels of `window`, its cells interpolated or uniform.
+    /// Interpolator for a picture of `size` pixels of `window`, with interpolated or uniform cells.
     pub fn new(sheet: &'a DisplayGrid, window: &MapWindow, size: (usize, usize), blend: bool) -> PixelInterpolator<'a> {
         let centre = |ends: (f64, f64), k: usize, n: usize| ends.0 + (ends.1 - ends.0) * (k as f64 + 0.5) / n as f64;
         let across = (0..size.0).map(|k| between(&sheet.x, centre(window.x, k, size.0), blend)).collect();
@@ -117,8 +117,8 @@ impl<'a> PixelInterpolator<'a> {
         PixelInterpolator { sheet, across, down, known }
     }
 
-    /// At each pixel, rows from the north, `values` (one per node of the sheet) there: NaN where the nearest
-    /// part of the sheet is unknown, the known nodes alone where only some are.
+    /// Values at each pixel, rows from the north, from `values` (one per node of the sheet). NaN if the nearest part of
+    /// the sheet is unknown; if only some nodes are known, only these are used.
     pub fn interpolate(&self, values: &[f64]) -> Vec<f64> {
         let pixels = self.down.iter().flat_map(|down| self.across.iter().map(move |across| (down, across)));
         pixels.map(|(down, across)| self.blended(values, down, across)).collect()
@@ -139,7 +139,7 @@ impl<'a> PixelInterpolator<'a> {
                 weight += part;
             }
         }
-        // Half known is the edge of a cell. The rounding of a pixel's position must not matter.
+        // A weight of one half is the edge of a cell. The tolerance covers the rounding of a pixel's position.
         if weight > 0.5 - 1e-9 { sum / weight } else { f64::NAN }
     }
 }
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn unit_reduction_keeps_the_mean() {
-        // 7 x 5 cells on 3 x 2 pixels: no edge but the outer ones meets, and the mean of areas is the same.
+        // 7 x 5 cells on 3 x 2 pixels: only the outer edges coincide, and the area mean is unchanged.
         let values: Vec<f64> = (0..35).map(|k| f64::from(k * k % 17)).collect();
         let map = picture(7, 5, &values);
         let few = drawn(&map, (3, 2), true);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_reduction_skips_what_is_unknown_and_keeps_single_spikes() {
+    fn unit_reduction_skips_unknown_nodes_and_keeps_single_spikes() {
         let mut values = vec![f64::NAN; 10_000];
         values[5_050] = 12.0;
         let few = drawn(&picture(100, 100, &values), (10, 10), true);
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_north_is_up_and_corners_are_corners() {
+    fn unit_north_is_up_and_corners_match() {
         let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         let map = picture(3, 2, &values);
         assert_eq!(drawn(&map, (3, 2), true), [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
@@ -202,13 +202,13 @@ mod tests {
             let column = ((k % w) as f64 + 0.5) / 10.0 - 0.5;
             let row = ((h - 1 - k / w) as f64 + 0.5) / 10.0 - 0.5;
             let exact = column.clamp(0.0, 3.0) + 10.0 * row.clamp(0.0, 2.0);
-            // Some twenty roundings of numbers up to 23.
+            // Tolerance for some twenty roundings of numbers up to 23.
             assert!((value - exact).abs() < 1e-12, "{k}: {value} {exact}");
         }
     }
 
     #[test]
-    fn unit_an_unknown_cell_is_unknown_to_its_edges_and_no_further() {
+    fn unit_unknown_cell_ends_at_its_edges() {
         let mut values = [5.0; 9];
         values[4] = f64::NAN;
         for blend in [false, true] {
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_part_is_the_same_part_of_the_whole() {
+    fn unit_part_equals_the_same_part_of_the_whole() {
         let values: Vec<f64> = (0..24).map(|k| f64::from(k * 7 % 11)).collect();
         let map = picture(6, 4, &values);
         let all = MapWindow::from_picture(&map);
@@ -229,7 +229,7 @@ mod tests {
         let part = PixelInterpolator::new(&part, &half, (30, 40), true).interpolate(&part.values);
         let whole = drawn(&map, (60, 40), true);
         for (k, value) in part.iter().enumerate() {
-            // The same place computed from another edge.
+            // The same position computed from another edge.
             assert!((value - whole[k / 30 * 60 + k % 30]).abs() < 1e-10);
         }
     }

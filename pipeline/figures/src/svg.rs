@@ -1,4 +1,4 @@
-//! The painter in SVG.
+//! Painter in SVG.
 
 use maud::{Markup, html};
 use schemas::Fault;
@@ -10,7 +10,7 @@ use crate::{
     png_file::{PixelFormat, data_url, encode},
 };
 
-/// The scene as an SVG file.
+/// Scene as an SVG file.
 ///
 /// # Errors
 /// Fails when its picture cannot be encoded.
@@ -101,7 +101,7 @@ fn closed(points: &[PaperPoint]) -> String {
     format!("{}Z", chart::path(points.iter().copied().map(Some)))
 }
 
-/// A length, to a thousandth of its unit.
+/// Length, to a thousandth of its unit.
 fn px(value: f64) -> String {
     let text = format!("{value:.3}");
     let short = text.trim_end_matches('0').trim_end_matches('.');

@@ -3,7 +3,7 @@
 use super::*;
 use crate::png_file::decode;
 
-/// A map of `columns` by `rows` metres, a node at each whole one.
+/// Map of `columns` by `rows` metres, with a node at each integer.
 pub fn picture(columns: usize, rows: usize, values: &[f64]) -> MapPicture<'_> {
     let axis = |len| EvenAxis { first: 0.0, step: 1.0, len };
     MapPicture {
@@ -19,7 +19,7 @@ pub fn picture(columns: usize, rows: usize, values: &[f64]) -> MapPicture<'_> {
     }
 }
 
-/// Colours alone: no shading, nothing around it that could be left out.
+/// Style with colours only: no shading and no optional parts.
 pub fn bare() -> MapStyle {
     MapStyle {
         width_px: 400,
@@ -64,7 +64,8 @@ fn texts(marks: &[scene::SceneMark]) -> Vec<String> {
     marks.iter().filter_map(text).collect()
 }
 
-/// Says where a text is not well-formed XML: tags that do not close, an attribute without quotes, a stray `<` or `&`.
+/// Checks that a text is well-formed XML: fails for tags that do not close, an attribute without quotes, a stray `<` or
+/// `&`.
 pub(crate) fn well_formed(xml: &str) -> Result<usize, String> {
     let mut open: Vec<&str> = vec![];
     let mut elements = 0;
@@ -108,7 +109,7 @@ fn entities(text: &str) -> Result<(), String> {
 }
 
 #[test]
-fn unit_the_check_of_xml_refuses_what_is_not() {
+fn unit_xml_check_rejects_malformed_text() {
     let of = |body: &str| well_formed(&format!("{}{body}", svg::XML));
     assert_eq!(of("<a b=\"1\" c=\"&lt;\"><d></d>&amp;</a>\n"), Ok(2));
     for wrong in [
@@ -140,7 +141,7 @@ fn unit_every_known_cell_has_its_colour_and_north_is_up() {
             let colours = colours::colour_scale(&map, &look).unwrap();
             let (_, (w, h), pixels) = map_of(&marks(&map, &look, &[]));
             for (k, value) in values.iter().enumerate() {
-                // The middle of the cell, rows from the north.
+                // Middle of the cell, rows from the north.
                 let column = ((k % 40) as f64 + 0.5) / 40.0 * w as f64;
                 let row = (29.5 - (k / 40) as f64) / 30.0 * h as f64;
                 let at = 4 * (row as usize * w + column as usize);
@@ -157,7 +158,7 @@ fn unit_every_known_cell_has_its_colour_and_north_is_up() {
 }
 
 #[test]
-fn unit_the_png_holds_the_map_at_its_place() {
+fn unit_png_contains_the_map_in_its_frame() {
     let values = [-1.0, 0.0, 1.0, 2.0];
     let png = png(&picture(2, 2, &values), &bare(), &[]).unwrap();
     let ((w, _), pixels) = decode(&png).unwrap();
@@ -167,7 +168,7 @@ fn unit_the_png_holds_the_map_at_its_place() {
         let k = 3 * (y as usize * w + x as usize);
         [pixels[k], pixels[k + 1], pixels[k + 2]]
     };
-    // Two pixels inside of the frame's own line, the corners have the colours of the outer nodes.
+    // Two pixels inside the frame's line, the corners have the colours of the outer nodes.
     let corners = [
         (at(rect.x + 2.0, rect.bottom() - 3.0), 0.0),
         (at(rect.right() - 3.0, rect.bottom() - 3.0), 1.0 / 3.0),
@@ -223,7 +224,7 @@ fn unit_the_same_map_gives_the_same_bytes() {
 }
 
 #[test]
-fn unit_svg_is_well_formed_whatever_the_names() {
+fn unit_svg_is_well_formed_for_any_name() {
     let values = anomalies();
     let wild = "a <b> & \"c\" \u{0}\u{7} 'd' ]]> \u{fffe}";
     let map = MapPicture {
@@ -243,7 +244,7 @@ fn unit_svg_is_well_formed_whatever_the_names() {
 }
 
 #[test]
-fn unit_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
+fn unit_tracks_break_at_gaps_and_are_clipped_at_the_frame() {
     let values = vec![1.0; 100];
     let map = picture(10, 10, &values);
     let (x, y) = ([-50.0, 2.0, f64::NAN, 5.0, 60.0], [5.0; 5]);
@@ -258,13 +259,13 @@ fn unit_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
     let lines = own.unwrap();
     assert_eq!(lines.len(), 2);
     assert!(lines.iter().flatten().all(|s| rect.grown(4.01).holds(*s)));
-    // It begins off the map, so that no beginning is marked there: only in the legend.
+    // The track begins off the map, so its start is shown only in the legend.
     let discs = drawn.iter().filter(|m| matches!(m, scene::SceneMark::Disc { .. })).count();
     assert_eq!(discs, 1);
 }
 
 #[test]
-fn unit_a_longitude_of_another_turn_is_the_same_track() {
+fn unit_longitudes_a_turn_apart_give_the_same_track() {
     let values = vec![1.0; 100];
     let axis = |first| EvenAxis { first, step: 1.0, len: 10 };
     let map = MapPicture { x: axis(175.0), y: axis(-5.0), plane: AxisQuantity::Degrees, ..picture(10, 10, &values) };
@@ -301,7 +302,7 @@ fn unit_maps_of_all_shapes_stay_on_the_paper() {
     }
 }
 
-/// The rectangle around a mark, from its upper left to its lower right corner.
+/// Bounding rectangle of a mark, from its upper left to its lower right corner.
 fn extent(mark: &scene::SceneMark) -> (scene::PaperPoint, scene::PaperPoint) {
     let around = |spots: Vec<scene::PaperPoint>| {
         let fold =
@@ -330,7 +331,7 @@ fn extent(mark: &scene::SceneMark) -> (scene::PaperPoint, scene::PaperPoint) {
     }
 }
 
-/// Two texts that lie on each other, or a text on the map.
+/// Two texts that overlap, or a text that overlaps the map.
 fn overlap(marks: &[scene::SceneMark]) -> Option<(String, String)> {
     let solid = |m: &&scene::SceneMark| {
         matches!(m, scene::SceneMark::Text { .. } | scene::SceneMark::Picture { .. } | scene::SceneMark::Fade { .. })
@@ -347,7 +348,7 @@ fn overlap(marks: &[scene::SceneMark]) -> Option<(String, String)> {
 }
 
 #[test]
-fn unit_what_cannot_be_drawn_is_a_fault() {
+fn unit_undrawable_maps_are_rejected() {
     let nan = [f64::NAN; 4];
     let what = |map: &MapPicture, look: &MapStyle| png(map, look, &[]).unwrap_err().what;
     assert!(what(&picture(2, 2, &nan), &bare()).contains("no known value"));
@@ -377,12 +378,12 @@ fn unit_a_map_of_one_value_is_drawn() {
     let map = picture(4, 3, &values);
     let (_, _, pixels) = map_of(&marks(&map, &MapStyle { width_px: 300, ..MapStyle::default() }, &[]));
     let [r, g, b] = Palette::Turbo.colour(0.5);
-    // The middle of the scale lies between two whole colours, which rounding decides.
+    // The middle of the scale is between two adjacent colours; rounding selects one.
     assert!(pixels.chunks_exact(4).all(|p| p.iter().zip([r, g, b, 255]).all(|(a, b)| a.abs_diff(b) <= 1)));
 }
 
 #[test]
-fn unit_unknown_cells_are_hatched_and_named_only_where_there_are_any() {
+fn unit_hatching_and_its_legend_appear_only_with_unknown_cells() {
     let mut values = anomalies();
     let named = |values: &[f64]| texts(&marks(&picture(40, 30, values), &bare(), &[])).iter().any(|t| t == "no data");
     assert!(named(&values));
@@ -401,7 +402,7 @@ fn gold_a_small_svg() {
     assert_eq!([head, tail].concat(), include_str!("two_by_two.svg.txt"));
 }
 
-/// A map of 2 x 2 degrees that crosses the date line.
+/// Map of 2 x 2 degrees that crosses the date line.
 fn at_the_date_line(values: &[f64]) -> MapPicture<'_> {
     let axis = |first| EvenAxis { first, step: 0.1, len: 20 };
     MapPicture {
@@ -414,7 +415,7 @@ fn at_the_date_line(values: &[f64]) -> MapPicture<'_> {
 }
 
 #[test]
-fn unit_kml_lies_where_the_map_lies() {
+fn unit_kml_has_the_position_of_the_map() {
     let values: Vec<f64> = (0..400).map(|k| f64::from(k % 20)).collect();
     let made = kml(&at_the_date_line(&values), &MapStyle { width_px: 400, ..MapStyle::default() }, &[], "rio").unwrap();
     well_formed(&made.document).unwrap();
@@ -434,7 +435,7 @@ fn unit_kml_lies_where_the_map_lies() {
     let west = decode(&made.files[0].1).unwrap();
     let east = decode(&made.files[1].1).unwrap();
     assert_eq!((west.0, east.0.0), ((200, 400), 200));
-    // Values rise to the east: the two pictures meet without a step.
+    // Values rise to the east; the two pictures meet without a step.
     assert!(west.1.chunks_exact(4).chain(east.1.chunks_exact(4)).all(|p| p[3] == 255));
     let (last, first) = (&west.1[4 * 199..4 * 200], &east.1[..4]);
     assert!(last.iter().zip(first).all(|(a, b)| a.abs_diff(*b) < 12), "{last:?} {first:?}");
@@ -475,7 +476,7 @@ fn unit_kml_tracks_are_broken_wrapped_and_timed() {
 }
 
 #[test]
-fn unit_kmz_holds_the_document_and_its_pictures_and_no_clock() {
+fn unit_kmz_contains_document_and_pictures_without_times() {
     let values = vec![1.0; 400];
     let made = kml(&at_the_date_line(&values), &MapStyle { width_px: 200, ..MapStyle::default() }, &[], "m").unwrap();
     let zipped = made.kmz().unwrap();
@@ -490,7 +491,7 @@ fn unit_kmz_holds_the_document_and_its_pictures_and_no_clock() {
 }
 
 #[test]
-fn unit_a_curve_has_its_corner_marked() {
+fn unit_curve_highlights_its_corner() {
     let points: Vec<(f64, f64)> = (-6..=6).map(|k| (10f64.powi(k), 10f64.powi(-k) + 1.0)).collect();
     let labels = CurveLabels { title: "L-curve", x: "misfit (nT)", y: "norm (nT)", marked: "alpha = 1" };
     let drawn = curve_svg(&points, Some(6), &labels).unwrap();

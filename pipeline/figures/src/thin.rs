@@ -1,7 +1,7 @@
-//! Fewer points of a line within a tolerance of it.
+//! Reduction of the points of a line within a tolerance.
 
-/// Which of `count` points to keep so that `distance(from, to, point)`, of a dropped point to the segment between its
-/// kept neighbours, is nowhere above `tolerance`: ascending, with the first and the last. [Douglas and Peucker 1973]
+/// Indices of the points to keep of `count`, ascending, with the first and the last. `distance(from, to, point)`, of a
+/// dropped point to the segment between its kept neighbours, is at most `tolerance`. [Douglas and Peucker 1973]
 pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize) -> f64) -> Vec<usize> {
     let Some(last) = count.checked_sub(1) else { return vec![] };
     let mut keep = vec![false; count];
@@ -18,7 +18,7 @@ pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize)
     (0..count).filter(|k| keep[*k]).collect()
 }
 
-/// The distance of `point` to the segment from `a` to `b`.
+/// Distance of `point` to the segment from `a` to `b`.
 pub fn to_stretch<const N: usize>(a: &[f64; N], b: &[f64; N], point: &[f64; N]) -> f64 {
     let dot = |u: &[f64; N], v: &[f64; N]| u.iter().zip(v).map(|(p, q)| p * q).sum::<f64>();
     let minus = |u: &[f64; N], v: &[f64; N]| std::array::from_fn::<f64, N, _>(|k| u[k] - v[k]);
@@ -29,7 +29,7 @@ pub fn to_stretch<const N: usize>(a: &[f64; N], b: &[f64; N], point: &[f64; N]) 
     dot(&rest, &rest).sqrt()
 }
 
-/// The runs of `points` between those that are missing.
+/// Runs of `points` between missing ones.
 pub fn runs<T: Copy>(points: impl Iterator<Item = Option<T>>) -> Vec<Vec<T>> {
     let mut runs: Vec<Vec<T>> = vec![vec![]];
     for point in points {
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_straight_line_is_its_ends_and_a_corner_stays() {
+    fn unit_thinning_keeps_line_ends_and_corners() {
         let corner: Vec<[f64; 2]> =
             (0..100).map(|k| if k < 60 { [f64::from(k), 0.0] } else { [59.0, f64::from(k - 59)] }).collect();
         assert_eq!(thinned(&corner, 0.1), [0, 59, 99]);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_nothing_left_out_is_farther_off_than_the_tolerance() {
+    fn unit_dropped_points_are_within_the_tolerance() {
         let wave: Vec<[f64; 2]> = (0..5000).map(|k| f64::from(k) / 100.0).map(|x| [x, 3.0 * x.sin()]).collect();
         let few = thinned(&wave, 0.05);
         assert!(few.len() < 150, "{}", few.len());
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_turn_back_on_the_same_line_stays() {
+    fn unit_reversal_on_a_line_is_kept() {
         let there_and_back = [[0.0, 0.0], [5.0, 0.0], [10.0, 0.0], [4.0, 0.0]];
         assert_eq!(thinned(&there_and_back, 0.1), [0, 2, 3]);
         assert_eq!(to_stretch(&[1.0, 1.0], &[1.0, 1.0], &[4.0, 5.0]), 5.0);

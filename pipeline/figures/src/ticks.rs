@@ -1,6 +1,6 @@
 //! Round values on an axis, and their labels.
 
-/// A position on an axis and its label; minor ticks of a logarithmic axis have none.
+/// Position on an axis and its label; minor ticks of a logarithmic axis have none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisTick {
     /// The value.
@@ -9,7 +9,7 @@ pub struct AxisTick {
     pub label: String,
 }
 
-/// Steps of 1, 2 or 5 times a power of ten: at most `most` ticks within `low` to `high`.
+/// Ticks in steps of 1, 2 or 5 times a power of ten: at most `most` within `low` to `high`.
 pub fn linear(low: f64, high: f64, most: usize) -> Vec<AxisTick> {
     let span = high - low;
     if !(span > 0.0 && span.is_finite()) || most == 0 {
@@ -31,7 +31,7 @@ fn decimals_of(step: f64) -> usize {
     needed.clamp(0.0, 12.0) as usize
 }
 
-/// A number with this number of decimals, with a true minus sign and without a negative zero.
+/// Number with this number of decimals, with a true minus sign and without a negative zero.
 pub fn fixed(x: f64, decimals: usize) -> String {
     let text = format!("{x:.decimals$}");
     match text.strip_prefix('-') {
@@ -41,7 +41,7 @@ pub fn fixed(x: f64, decimals: usize) -> String {
     }
 }
 
-/// Powers of ten within `low` to `high`, both above zero; where there are fewer than three, their 2- and 5-folds too.
+/// Powers of ten within `low` to `high`, both positive; with fewer than three, also their multiples by 2 and 5.
 pub fn logarithmic(low: f64, high: f64) -> Vec<AxisTick> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return vec![];
@@ -62,7 +62,7 @@ pub fn logarithmic(low: f64, high: f64) -> Vec<AxisTick> {
         .collect()
 }
 
-/// 10 with its exponent, as all labels of an axis that goes beyond 0.001 to 10000.
+/// Power of ten with its exponent, the label format of an axis that extends beyond 0.001 to 10000.
 fn power_of_ten(k: i32) -> String {
     if k == 0 || k == 1 {
         return fixed(10f64.powi(k), 0);
@@ -78,7 +78,7 @@ fn power_of_ten(k: i32) -> String {
     format!("10{}", k.to_string().chars().map(raised).collect::<String>())
 }
 
-/// A length of 1, 2 or 5 times a power of ten, the largest that is not above `most`.
+/// Largest length of 1, 2 or 5 times a power of ten that is at most `most`.
 pub fn round_below(most: f64) -> f64 {
     let power = 10f64.powi(most.log10().floor() as i32);
     [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|x| *x <= most).unwrap_or(power)
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_no_range_no_ticks() {
+    fn unit_empty_range_has_no_ticks() {
         assert!(linear(1.0, 1.0, 5).is_empty() && linear(f64::NAN, 1.0, 5).is_empty());
         assert!(logarithmic(0.0, 1.0).is_empty() && logarithmic(2.0, 1.0).is_empty());
     }

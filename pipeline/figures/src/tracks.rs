@@ -13,22 +13,22 @@ use super::{
 
 /// Width of a line.
 pub const WIDTH: f64 = 1.8;
-/// Width of the rim that sets it off from the map, on both sides together.
+/// Total width of the rim on both sides, for contrast with the map.
 pub const RIM: f64 = 1.8;
 /// Radius of the mark at the start.
 pub const START: f64 = 4.2;
 
-/// A track drawn on the map.
+/// Track drawn on the map.
 pub struct TrackDrawing {
     /// Its marks.
     pub marks: Vec<SceneMark>,
     /// Its colour.
     pub colour: [u8; 3],
-    /// Its legend.
+    /// Text in the legend.
     pub name: String,
 }
 
-/// A track, thinned to within `tolerance` on the paper and clipped at the frame; its index gives the colour.
+/// Track, thinned to within `tolerance` on the paper and clipped at the frame; its index gives the colour.
 ///
 /// # Errors
 /// Fails when its coordinates have different lengths.
@@ -55,8 +55,8 @@ pub fn drawn(track: &TrackLine, index: usize, frame: &MapFrame, tolerance: f64) 
     Ok(TrackDrawing { marks, colour, name })
 }
 
-/// The positions of a track on the paper. A longitude is shifted by a full turn to the map; where it then jumps
-/// to the other side of the earth the line is broken.
+/// Positions of a track on the paper. A longitude is shifted by a full turn to the map; if it then jumps to the other
+/// side of the earth, the line is broken.
 fn spots(track: &TrackLine, frame: &MapFrame) -> Vec<Option<PaperPoint>> {
     let middle = 0.5 * (frame.window.x.0 + frame.window.x.1);
     let mut out = Vec::with_capacity(track.x.len());

@@ -1,4 +1,4 @@
-//! The flights of the benchmark: simulated from their spec, or read from files.
+//! Flights of the benchmark: simulated from their spec, or read from files.
 
 use std::{fs, path::Path};
 
@@ -26,10 +26,10 @@ pub struct BenchLine {
 }
 
 impl BenchLine {
-    /// A column of numbers.
+    /// Numeric column.
     ///
     /// # Errors
-    /// Where there is none, or a value is missing.
+    /// Fails when it is missing, or lacks a value.
     pub fn column(&self, name: &str) -> Result<&[f64], Fault> {
         let array = self.rows.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
         let array = array.filter(|a| a.null_count() == 0);
@@ -39,10 +39,10 @@ impl BenchLine {
     }
 }
 
-/// The lines of the flights in a file or of the spec of a simulation.
+/// Lines of the flights in a file or of the spec of a simulation.
 ///
 /// # Errors
-/// When they cannot be read.
+/// Fails when they cannot be read.
 pub fn open(path: &Path) -> Result<Vec<BenchLine>, Fault> {
     if !path.exists() {
         let fault = Fault::new(format!("there is no file {}", path.display()));
@@ -83,18 +83,18 @@ pub fn open(path: &Path) -> Result<Vec<BenchLine>, Fault> {
     parts.into_iter().map(whole).collect()
 }
 
-/// Whether an entrant may see a column of the test flight.
+/// Whether a participant may read a column of the test flight.
 fn is_open(field: &arrow_schema::Field) -> bool {
-    /// Columns that only the truth gives, for any role.
+    /// Columns derived from the truth, with any role.
     const HIDDEN: [&str; 4] = ["roll_rate", "pitch_rate", "yaw_rate", "igrf"];
     describe_field(field).role != Role::Truth && !HIDDEN.contains(&field.name().as_str())
 }
 
 /// Writes the data of the benchmark into the folder `to`: `train/<flight>.parquet` with all columns, and
-/// `test/<flight>.parquet` without the truth. The files.
+/// `test/<flight>.parquet` without the truth. Returns the files.
 ///
 /// # Errors
-/// When the folder is not empty, or the file system refuses.
+/// Fails when the folder is not empty, or the file system reports an error.
 pub fn data(flights: &[BenchLine], to: &Path) -> Result<Vec<String>, Fault> {
     let fail = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot write {}: {e}", to.display()));
     if fs::read_dir(to).is_ok_and(|mut entries| entries.next().is_some()) {

@@ -1,7 +1,8 @@
-//! magline-bench: predictions of any program, scored on the test flight of a simulated data set whose truth is known.
+//! Benchmark `magline-bench`: scores predictions of any program on the test flight of a simulated data set with known
+//! truth.
 //!
-//! The tasks are fixed: their columns, lines and measures are those of [`TASKS`]. A score is given where every sample
-//! of a line is predicted; a line that lacks samples has failed, and so has its task.
+//! The tasks are fixed: [`TASKS`] lists their columns, lines and metrics. A line has a score if all its samples are
+//! predicted. A line that lacks samples has failed, and so has its task.
 
 mod flights;
 mod predictions;
@@ -19,19 +20,19 @@ pub use flights::{BenchLine, data, open};
 pub use predictions::Predictions;
 pub use table::{as_json, as_text, write};
 
-/// The spec of the benchmark's flights.
+/// Spec of the benchmark's flights.
 pub const SPEC: &str = "datasets/examples/magline-bench.synth.toml";
-/// The flight that is scored.
+/// Flight that is scored.
 pub const TEST_FLIGHT: &str = "3";
-/// Its lines that are scored; its calibration box `3.01` is not.
+/// Scored lines of the test flight; its calibration box `3.01` is not scored.
 pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
 
 /// Error measure of a column of predictions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BenchMetric {
-    /// The standard deviation of prediction minus truth, in nT: a constant is left undetermined by compensation.
+    /// Standard deviation of prediction minus truth, nT: compensation does not determine a constant.
     StdError,
-    /// The distance root mean square of two columns, latitude and longitude, in m.
+    /// Distance root mean square of two columns, latitude and longitude, m.
     Drms,
 }
 
@@ -58,13 +59,13 @@ impl BenchMetric {
 pub struct BenchTask {
     /// The task.
     pub name: &'static str,
-    /// The columns of predictions that it needs.
+    /// Required columns of predictions.
     pub columns: &'static [&'static str],
-    /// The columns of the flight with the truth.
+    /// Columns of the flight with the truth.
     pub truth: &'static [&'static str],
-    /// The columns of the flight that are the naive baseline.
+    /// Columns of the flight that are the naive baseline.
     pub naive: &'static [&'static str],
-    /// How it is measured.
+    /// Metric of the task.
     pub measure: BenchMetric,
     /// Task and permitted inputs.
     pub about: &'static str,
@@ -96,7 +97,7 @@ macro_rules! navigate {
     };
 }
 
-/// The tasks, a row for each thing that is scored.
+/// Tasks, one row per scored quantity.
 pub const TASKS: [BenchTask; 8] = [
     compensate!("mag_1_comp", "mag_1_uc"),
     compensate!("mag_2_comp", "mag_2_uc"),
@@ -113,33 +114,32 @@ pub const TASKS: [BenchTask; 8] = [
     navigate!("map_free", "free_lat", "free_lon", "the position without the map"),
 ];
 
-/// The score of a prediction on one line, or on all.
+/// Score of a prediction on one line, or on all lines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BenchScore {
     /// The task.
     pub task: &'static str,
     /// Predicted columns, joined by `+`.
     pub column: String,
-    /// The line; `None` for all lines together.
+    /// Line; `None` for all lines together.
     pub line: Option<String>,
     /// The measure.
     pub measure: BenchMetric,
-    /// The score; `None` where it failed.
+    /// Score; `None` if it failed.
     pub value: Option<f64>,
-    /// The score of the naive baseline.
+    /// Score of the naive baseline.
     pub naive: f64,
-    /// Samples that are scored.
+    /// Number of scored samples.
     pub samples: usize,
-    /// Samples without a prediction.
+    /// Number of samples without a prediction.
     pub missing: usize,
 }
 
-/// Scores predictions on the test lines of `flights`. Tasks are those of `wanted`, or those that the predictions have
-/// columns for.
+/// Scores predictions on the test lines of `flights`. Scores the tasks in `wanted`, or all tasks for which the
+/// predictions have columns.
 ///
 /// # Errors
-/// Predictions that are no answer to the tasks: unknown or missing columns, samples that no line has, duplicates,
-/// missing values, and values that are in another unit.
+/// Fails for unknown or missing columns, unknown samples, duplicates, missing values, and values in another unit.
 pub fn score(flights: &[BenchLine], predictions: &Predictions, wanted: &[String]) -> Result<Vec<BenchScore>, Fault> {
     let tasks = chosen(predictions, wanted)?;
     let lines: Vec<&BenchLine> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
@@ -163,7 +163,7 @@ pub fn score(flights: &[BenchLine], predictions: &Predictions, wanted: &[String]
     Ok(found)
 }
 
-/// The tasks to be scored.
+/// Tasks to score.
 fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static BenchTask>, Fault> {
     let mut names: Vec<&str> = TASKS.iter().map(|t| t.name).collect();
     names.dedup();
@@ -190,7 +190,7 @@ fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static B
     Ok(tasks)
 }
 
-/// The score of a task on one line, whose samples have their predictions in `rows`.
+/// Score of a task on one line, whose samples have their predictions in `rows`.
 fn score_line(
     task: &BenchTask,
     line: &BenchLine,
@@ -222,7 +222,7 @@ fn score_line(
     })
 }
 
-/// The measure of predictions against the truth, over pairs of a sample and its row.
+/// Metric of predictions against the truth, over pairs of a sample and its row.
 fn measured(measure: BenchMetric, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(usize, usize)]) -> SampleStatistic {
     let at = |columns: &[&[f64]], column: usize, row: usize| {
         columns.get(column).and_then(|c| c.get(row)).copied().unwrap_or(f64::NAN)
@@ -244,8 +244,8 @@ fn measured(measure: BenchMetric, truth: &[&[f64]], predicted: &[&[f64]], pairs:
     }
 }
 
-/// Refuses a column that has one value on the whole line: its standard error is the spread of the truth, which may be
-/// less than that of an honest prediction.
+/// Rejects a column with one value on the whole line. Its standard error is the standard deviation of the truth, which
+/// may be less than that of a real prediction.
 fn constant(
     task: &BenchTask,
     line: &BenchLine,
@@ -253,7 +253,7 @@ fn constant(
     pairs: &[(usize, usize)],
     predictions: &Predictions,
 ) -> Result<(), Fault> {
-    /// Fewer samples may well be equal.
+    /// Fewer samples may be equal by chance.
     const LEAST: usize = 20;
     for (name, values) in task.columns.iter().zip(columns) {
         let mut there = pairs.iter().filter_map(|(_, row)| values.get(*row));
@@ -267,7 +267,7 @@ fn constant(
     Ok(())
 }
 
-/// Refuses positions that are right in radians.
+/// Rejects positions that match the truth if read as radians.
 fn in_radians(
     task: &BenchTask,
     line: &BenchLine,
@@ -276,7 +276,7 @@ fn in_radians(
     pairs: &[(usize, usize)],
     predictions: &Predictions,
 ) -> Result<(), Fault> {
-    /// Farther than any track of the benchmark.
+    /// Longer than any track of the benchmark, m.
     const FAR_M: f64 = 200_000.0;
     let degrees: Vec<Vec<f64>> = columns.iter().map(|c| c.iter().map(|x| x.to_degrees()).collect()).collect();
     let degrees: Vec<&[f64]> = degrees.iter().map(Vec::as_slice).collect();
@@ -291,7 +291,7 @@ fn in_radians(
     Ok(())
 }
 
-/// All lines together: the root mean square over their samples, which is that of all samples; failed where one is.
+/// Score of all lines together: the root mean square over all samples; failed if a line has failed.
 fn pooled(lines: &[BenchScore]) -> Option<BenchScore> {
     let first = lines.first()?;
     let samples: usize = lines.iter().map(|s| s.samples).sum();
@@ -309,7 +309,7 @@ fn pooled(lines: &[BenchScore]) -> Option<BenchScore> {
     })
 }
 
-/// The text of a path, for messages.
+/// Text of a path, for messages.
 fn shown(path: &Path) -> String {
     path.display().to_string()
 }
@@ -319,7 +319,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_line_that_failed_fails_its_task() {
+    fn unit_failed_line_fails_its_task() {
         let line = |value: Option<f64>, samples: usize, missing: usize| BenchScore {
             task: "compensate",
             column: "mag_4_comp".into(),

@@ -19,13 +19,13 @@ use super::{BenchLine, BenchMetric, BenchTask, TASKS, shown};
 /// Resolution of time stamps: one millisecond.
 const TICKS_PER_S: f64 = 1000.0;
 
-/// The samples of a line by their times, in ticks.
+/// Samples of a line by their times, in ticks.
 type TickIndex = HashMap<i64, usize>;
 
-/// Predictions, a row for each sample.
+/// Predictions, one row per sample.
 #[derive(Debug)]
 pub struct Predictions {
-    /// The file.
+    /// Name of the file.
     pub file: String,
     flight: Vec<String>,
     line: Vec<String>,
@@ -34,10 +34,10 @@ pub struct Predictions {
 }
 
 impl Predictions {
-    /// Reads a file: CSV by its ending, otherwise Parquet.
+    /// Reads a file: CSV by its extension, otherwise Parquet.
     ///
     /// # Errors
-    /// When it cannot be read, lacks a key, has a column that no task knows, or a value that is missing or impossible.
+    /// Fails when it cannot be read, lacks a key, has a column of no task, or has a missing or impossible value.
     pub fn open(path: &Path) -> Result<Predictions, Fault> {
         let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         let file = shown(path);
@@ -73,15 +73,15 @@ impl Predictions {
         Ok(Predictions { file: file.to_owned(), flight, line, tt_s, columns })
     }
 
-    /// Whether there is a column.
+    /// Whether a column exists.
     pub fn has(&self, column: &str) -> bool {
         self.columns.contains_key(column)
     }
 
-    /// The columns of a task.
+    /// Columns of a task.
     ///
     /// # Errors
-    /// When one of them is not there.
+    /// Fails when one of them is missing.
     pub fn columns(&self, task: &BenchTask) -> Result<Vec<&[f64]>, Fault> {
         let of = |name: &&str| {
             let missing = || {
@@ -93,13 +93,13 @@ impl Predictions {
         task.columns.iter().map(of).collect()
     }
 
-    /// For each line the row of each of its samples, where it is predicted.
+    /// Row of each sample of each line; `None` if it is not predicted.
     ///
     /// # Errors
-    /// Rows of a line that is not scored, of a time that no sample has, and duplicate rows.
+    /// Fails for rows of a line that is not scored, rows at an unknown time, and duplicate rows.
     pub fn places(&self, lines: &[&BenchLine]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
-        // By flight and line: the line, and its samples by time.
+        // Maps flight and line to the line and its samples by time.
         let mut at: HashMap<(&str, &str), (usize, TickIndex)> = HashMap::new();
         let mut places = vec![];
         for (i, line) in lines.iter().enumerate() {
@@ -137,7 +137,7 @@ fn unreadable(e: &dyn std::fmt::Display) -> Fault {
     Fault::data(format!("cannot read the predictions: {e}")).help("predictions must be Parquet, or CSV with a header")
 }
 
-/// A CSV file, its cells as text: identifiers such as 3.10 stay as they are written.
+/// CSV file with its cells as text: identifiers such as 3.10 stay unchanged.
 fn csv(path: &Path) -> Result<RecordBatch, Fault> {
     let open = || File::open(path).map_err(|e| unreadable(&e));
     let format = arrow_csv::reader::Format::default().with_header(true);
@@ -158,7 +158,7 @@ fn whole(path: &Path) -> Result<RecordBatch, Fault> {
     concat_batches(&schema, &batches).map_err(|e| unreadable(&e))
 }
 
-/// Identifiers, which must be text, or whole numbers.
+/// Identifiers, which must be text or integers.
 fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
     if array.data_type().is_floating() {
         let what = format!("`{name}` contains decimal numbers, which do not distinguish 3.1 from 3.10");
@@ -173,7 +173,7 @@ fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
     texts.iter().enumerate().map(text).collect()
 }
 
-/// Numbers, none of which may be missing.
+/// Numbers without missing values.
 fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
     let fault = |row: usize, what: String| Fault::data(what).in_column(name).in_row(row as u64);
     let found: Vec<f64> = match array.as_string_opt::<i32>() {
@@ -199,7 +199,7 @@ fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
     }
 }
 
-/// Refuses values that are in another unit.
+/// Rejects values in another unit.
 fn possible(name: &str, values: &[f64]) -> Result<(), Fault> {
     let Some(task) = TASKS.iter().find(|t| t.columns.contains(&name)) else { return Ok(()) };
     let (from, to, what) = match task.measure {

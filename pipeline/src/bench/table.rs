@@ -1,4 +1,4 @@
-//! The results as text, JSON, Markdown or Parquet.
+//! Results as text, JSON, Markdown or Parquet.
 
 use std::{fs, path::Path, sync::Arc};
 
@@ -11,7 +11,7 @@ use serde_json::json;
 use super::BenchScore;
 use crate::views::{report, text::columns};
 
-/// A figure with as many digits as can be trusted of it.
+/// Number with its significant digits.
 fn figure(x: Option<f64>) -> String {
     match x {
         None => "failed".to_owned(),
@@ -31,14 +31,14 @@ fn row(s: &BenchScore) -> Vec<String> {
         .to_vec()
 }
 
-/// The results for a terminal.
+/// Results for a terminal.
 pub fn as_text(scores: &[BenchScore]) -> String {
     let rows: Vec<Vec<String>> =
         std::iter::once(HEAD.map(str::to_owned).to_vec()).chain(scores.iter().map(row)).collect();
     columns(&rows, 4)
 }
 
-/// The results as JSON, one object a line.
+/// Results as JSON, one object per line.
 pub fn as_json(scores: &[BenchScore]) -> String {
     let one = |s: &BenchScore| {
         let value = json!({
@@ -56,10 +56,10 @@ fn as_markdown(scores: &[BenchScore]) -> String {
     line(&head) + "|:--|:--|:--|:--|--:|--:|:--|--:|\n" + &scores.iter().map(|s| line(&row(s))).collect::<String>()
 }
 
-/// Writes the results: Parquet where the name ends so, otherwise Markdown.
+/// Writes the results: Parquet if the name has that extension, otherwise Markdown.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Fails when the file cannot be written.
 pub fn write(path: &Path, scores: &[BenchScore]) -> Result<(), Fault> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
         return report::write(path, &parquet(scores)?);

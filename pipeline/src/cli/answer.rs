@@ -1,4 +1,4 @@
-//! The answer to a query, in the requested form, written as it is computed.
+//! Result of a query in the requested format, written while it is computed.
 
 use std::{
     fs::File,
@@ -34,7 +34,7 @@ pub enum AnswerFormat {
     Parquet,
 }
 
-/// The name of an answer to `path` while the process of the number `process` writes it.
+/// Temporary name of a result for `path`, written by the process with the id `process`.
 pub fn unfinished(path: &Path, process: u32) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     path.with_file_name(format!(".{name}.{process}"))
@@ -59,10 +59,10 @@ enum BatchWriter {
 }
 
 impl AnswerWriter {
-    /// An answer to `output`, or to standard output.
+    /// Creates a writer to `output`, or to standard output.
     ///
     /// # Errors
-    /// Fails when it cannot be written there in this form.
+    /// Fails when the output cannot be written in this format.
     pub fn new(format: AnswerFormat, output: Option<&Path>) -> Result<AnswerWriter, Fault> {
         if format == AnswerFormat::Parquet && output.is_none() {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");
@@ -119,7 +119,7 @@ impl AnswerWriter {
         Fault::machine(format!("cannot write the result{to}: {e}"))
     }
 
-    /// A failure of standard output shows in the exit status; that of a file is a fault.
+    /// Outcome of a write. A failure of standard output sets the exit status; a failure of a file is a fault.
     fn outcome(&self, written: Result<(), io::Error>) -> Result<bool, Fault> {
         match written {
             Ok(()) => Ok(true),
@@ -166,7 +166,7 @@ impl BatchSink for AnswerWriter {
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
-        /// Memory of a cell as text in a table of texts, in addition to its value.
+        /// Memory of a cell as text in the table format, in addition to its value, bytes.
         const CELL: usize = 160;
         let bytes =
             |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());
@@ -180,7 +180,7 @@ impl BatchSink for AnswerWriter {
 
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
         if self.writer.is_none() {
-            // An answer without rows still has its columns.
+            // A result without rows still has its columns.
             let written = self.writer(schema)?.write(RecordBatch::new_empty(schema.clone()));
             self.outcome(written)?;
         }
@@ -193,9 +193,9 @@ impl BatchSink for AnswerWriter {
     }
 }
 
-/// Standard output, whose failures are kept for the exit status. A file or a pipe gets the bytes as they are.
+/// Standard output. A failure sets the exit status. A file or a pipe receives the bytes unchanged.
 struct StandardOutput {
-    /// For a terminal, the bytes of a character that is not complete.
+    /// On a terminal: the bytes of an incomplete character.
     terminal: Option<Vec<u8>>,
 }
 

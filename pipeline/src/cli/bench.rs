@@ -57,7 +57,7 @@ fn simulated(flights: &std::path::Path) -> Result<Vec<bench::BenchLine>, ExitRea
 }
 
 fn score(args: &ScoreArgs) -> Result<(), ExitReason> {
-    // Predictions that are no answer are refused before anything is simulated.
+    // Invalid predictions are rejected before the simulation.
     let predictions = bench::Predictions::open(&args.predictions)?;
     let flights = simulated(&args.flights)?;
     let scores = bench::score(&flights, &predictions, &args.tasks)?;

@@ -19,10 +19,10 @@ use crate::{
     store::shown,
 };
 
-/// How long a worker that has lost its scheduler waits before it begins again.
+/// Delay before a worker that has lost its scheduler restarts.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 
-/// How the members of a cluster know each other.
+/// Options for the shared key of a cluster.
 #[derive(Args)]
 struct ClusterKeyArgs {
     /// The file with the key that scheduler, workers and runs of a cluster share. Connections are encrypted; a
@@ -108,7 +108,7 @@ fn log() {
     let mut log = env_logger::Builder::new();
     log.filter_level(LevelFilter::Warn).parse_env("RUST_LOG");
     log.format(|to, said| writeln!(to, "{}: {}: {}", said.level().as_str().to_lowercase(), said.target(), said.args()));
-    // One that is set already stays.
+    // An existing logger is kept.
     let _ = log.try_init();
 }
 
@@ -176,7 +176,7 @@ pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
         WorkerExit::Alone => {
             note(&format!("the connection to the scheduler at {at} is lost; restarting the worker"));
             sleep(AGAIN_AFTER);
-            // In place of this process, of which parts of Ballista cannot be started twice.
+            // Replaces this process, because parts of Ballista cannot be started twice in one process.
             let e = Command::new(&config.program).args(std::env::args_os().skip(1)).exec();
             Err(ExitReason::Failed(format!("error: cannot start {}: {e}", config.program.display())))
         }

@@ -1,4 +1,4 @@
-//! `--engine`: what computes a run.
+//! `--engine`: the engine of a run.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use url::Url;
 use super::{ExitReason, tend, threads};
 use crate::run;
 
-/// The port of a scheduler that is named without one.
+/// Default port of a scheduler.
 const PORT: u16 = 50050;
 
 /// Engine of a run, and its limits.
@@ -61,12 +61,12 @@ fn named(text: &str) -> Result<EngineName, String> {
     }
 }
 
-/// HOST:PORT.
+/// Formats HOST:PORT.
 pub fn at(host: &str, port: u16) -> String {
     format!("{host}:{port}")
 }
 
-/// The host and port of `ballista://HOST:PORT`; an address of IPv6 is in brackets.
+/// Host and port of `ballista://HOST:PORT`. An IPv6 address is in brackets.
 fn authority(text: &str) -> Result<(String, u16), String> {
     let wrong = || format!("`{text}` is not the address of a scheduler: write ballista://HOST:PORT");
     let url = Url::parse(text).map_err(|e| format!("{}: {e}", wrong()))?;
@@ -111,12 +111,12 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
     }
 }
 
-/// This program.
+/// Path of this program.
 pub fn program() -> Result<std::path::PathBuf, ExitReason> {
     std::env::current_exe().map_err(|e| ExitReason::Failed(format!("error: cannot find the magline executable: {e}")))
 }
 
-/// A program that cannot be part of a cluster.
+/// Error of a build without cluster support.
 #[cfg(not(feature = "cluster"))]
 pub fn without_cluster() -> ExitReason {
     ExitReason::Wrong(
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_engines_are_read_and_what_is_none_is_refused() {
+    fn unit_engines_are_parsed_and_invalid_engines_rejected() {
         let ballista = |text: &str| Ok(EngineName::Ballista(text.to_owned()));
         assert_eq!(named("local"), Ok(EngineName::Local));
         assert_eq!(named("processes"), Ok(EngineName::Processes));

@@ -22,7 +22,7 @@ pub struct JsonEvents {
 }
 
 impl JsonEvents {
-    /// Begins to count the time.
+    /// Creates the listener and starts its clock.
     pub fn new() -> JsonEvents {
         JsonEvents { begun: Instant::now() }
     }
@@ -30,9 +30,9 @@ impl JsonEvents {
 
 impl Listener for JsonEvents {
     fn hear(&self, event: &Event) {
-        // A reader that has gone away does not stop the run; a full disk shows in its exit status.
+        // A closed reader does not stop the run; a full disk sets its exit status.
         match event {
-            // One object for each.
+            // One object per trial.
             Event::Trials { search, scored, best } => {
                 scored.iter().for_each(|one| out!("{}\n", trial(search, one, *best)));
             }
@@ -133,7 +133,7 @@ pub(super) fn counts(c: &OutcomeCounts) -> Value {
     json!({ "computed": c.computed, "reused": c.reused, "failed": c.failed, "skipped": c.skipped })
 }
 
-/// An object with the keys of both.
+/// Merges two objects.
 pub(super) fn merged(mut base: Value, more: Value) -> Value {
     if let (Some(base), Value::Object(more)) = (base.as_object_mut(), more) {
         base.extend(more);
@@ -180,7 +180,7 @@ fn best_json(best: Option<&SearchTrialScore>) -> Value {
     best.map_or(Value::Null, |b| json!({ "trial": b.row.trial, "goal": b.goal }))
 }
 
-/// A failure, as events and summaries have it.
+/// A failure as JSON, for events and summaries.
 pub(super) fn failure(f: &Failure) -> Value {
     json!({
         "stage": f.table,
@@ -191,7 +191,7 @@ pub(super) fn failure(f: &Failure) -> Value {
     })
 }
 
-/// A warning, as events and summaries have it.
+/// A warning as JSON, for events and summaries.
 pub(super) fn warning(w: &Warning) -> Value {
     json!({
         "stage": w.stage,
@@ -207,8 +207,9 @@ pub(super) fn warning(w: &Warning) -> Value {
     })
 }
 
-/// One object a sweep point: its axes as text, the pooled value of each metric, how many lines are marked, and how many
-/// are in sample. `in_sample` is true where all lines are; `metrics_in_sample` has the values over those that are.
+/// One object per sweep point: axes as text, pooled value of each metric, number of flagged lines and number of
+/// in-sample lines. `in_sample` is true if all lines are in sample. `metrics_in_sample` has the values over the
+/// in-sample lines.
 fn scores(table: &str, scores: &Scores) -> Vec<Value> {
     let named = |values: &[Option<f64>]| -> Map<String, Value> {
         scores.metrics.iter().zip(values).map(|(metric, value)| (metric.name.to_owned(), json!(value))).collect()

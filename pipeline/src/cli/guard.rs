@@ -1,8 +1,8 @@
-//! The process of a query of `sql`, whose memory is watched by the process that starts it and limited by the kernel.
+//! Child process of a `sql` query. Its parent monitors its memory, and the kernel limits it.
 //!
-//! DataFusion accounts for the memory of sorts, joins and aggregates. Results of functions and windows are not
-//! accounted for, and an allocation that fails ends the process. So a query runs in a child process, and its end is
-//! reported in words.
+//! DataFusion accounts for the memory of sorts, joins and aggregates, but not for results of functions and windows. A
+//! failed allocation aborts the process. A query therefore runs in a child process, and the parent reports how it
+//! ended.
 
 use std::{
     env, fs, io,
@@ -22,46 +22,46 @@ use schemas::Fault;
 use super::ExitReason;
 use crate::{confine, views::sql::memory};
 
-/// The variable that names the folder for temporary files, and marks the child.
+/// Environment variable with the folder for temporary files. It is set only in the child.
 const CHILD: &str = "MAGLINE_QUERY_FOLDER";
-/// Memory of the program itself, and of what DataFusion does not account for, bytes.
+/// Memory of the program and of allocations that DataFusion does not account for, bytes.
 const OWN: usize = 256 << 20;
-/// Memory that is reserved and mostly not used: a deep stack, and arenas of the allocator.
+/// Reserved and mostly unused memory of the stack and the allocator's arenas, bytes.
 const RESERVED: usize = 4 << 30;
-/// The same of each thread: its stack and its arenas.
+/// Reserved memory of each thread's stack and arenas, bytes.
 const THREAD: usize = 128 << 20;
-/// The interval at which the memory of the child is looked at: at first, and at most.
+/// Initial and maximum interval between checks of the child's memory.
 const LOOK: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(8)];
 
-/// The number of the child, for the handler of interrupts; 0 without one.
+/// Process id of the child, for the interrupt handler; 0 without a child.
 static CHILD_PID: AtomicI32 = AtomicI32::new(0);
 
-/// The folder for temporary files, where this process is the child.
+/// Folder for temporary files; `None` if this process is not the child.
 pub fn folder() -> Option<PathBuf> {
     env::var_os(CHILD).map(PathBuf::from)
 }
 
-/// The bytes that a query with the limit `memory` may take in all.
+/// Maximum total memory of a query with the limit `memory`, bytes.
 fn most(memory: usize) -> usize {
     memory.saturating_add(OWN.max(memory / 2))
 }
 
-/// Limits this process, the child: it ends with its parent, an allocation far beyond its limit fails before the parent
-/// sees it, and panics are reported by the error of the query alone.
+/// Limits this child process. It ends with its parent, an allocation far beyond the limit fails immediately, and panics
+/// are reported only by the query's error.
 pub fn limit(memory: usize) {
     std::panic::set_hook(Box::new(|_| {}));
     confine::end_with_parent();
     let threads = available_parallelism().map_or(8, usize::from);
     let reserved = RESERVED.saturating_add(THREAD.saturating_mul(threads));
-    // Where the kernel has no such limit, the parent watches all the same.
+    // Without a kernel limit, the parent still monitors the memory.
     let _ = confine::limit_memory(most(memory).saturating_add(reserved));
 }
 
-/// Runs this command again as a child process, in which `folder` is for temporary files, and waits for its end.
-/// `unfinished` is the file that the child of a number leaves behind when it is killed.
+/// Runs this command again as a child process with `folder` for temporary files, and waits for its end. `unfinished`
+/// gives the file that a killed child leaves behind, by process id.
 ///
 /// # Errors
-/// The end of the child, where it is not that of success. Its own message is out already.
+/// Fails when the child fails. The child has already printed its message.
 pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<PathBuf>) -> Result<(), ExitReason> {
     let failed = |e: &io::Error| Fault::machine(format!("cannot start the process of the query: {e}"));
     let program = env::current_exe().map_err(|e| failed(&e))?;
@@ -69,7 +69,7 @@ pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<Path
     let mut child = started.map_err(|e| failed(&e))?;
     let number = i32::try_from(child.id()).unwrap_or(0);
     CHILD_PID.store(number, Ordering::SeqCst);
-    // Where no handler can be set, an interrupt ends both at once.
+    // If no handler can be set, an interrupt ends both processes at once.
     let _ = ctrlc::set_handler(|| {
         let number = CHILD_PID.load(Ordering::SeqCst);
         if number > 0 {
@@ -95,7 +95,7 @@ pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<Path
 /// The exit status of a panic.
 const PANICKED: i32 = 101;
 
-/// Waits for the end of the child, which is killed when it takes more than `most` bytes.
+/// Waits for the child, and kills it when it uses more than `most` bytes.
 fn watch(child: &mut Child, most: usize) -> io::Result<ExitStatus> {
     let [mut wait, longest] = LOOK;
     loop {

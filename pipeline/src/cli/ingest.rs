@@ -82,7 +82,7 @@ pub struct IngestArgs {
     quiet: bool,
 }
 
-/// One log and one table of it.
+/// A log and one of its tables.
 struct IngestItem {
     input: PathBuf,
     mapped: Option<MappingTable>,
@@ -150,12 +150,12 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     drop(progress);
     drop(lock);
     drop(unfinished);
-    // The folder stays where another process uses it.
+    // The folder is kept if another process uses it.
     let _ = fs::remove_dir(&hidden);
     told(args, &works, &results, &divided)
 }
 
-/// Makes a folder for unfinished files, with the lock that shows that this process uses it.
+/// Makes a folder for unfinished files, and locks it for this process.
 fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
     const TRIALS: usize = 100;
     let mut last = std::io::Error::other("no unused folder name");
@@ -171,7 +171,7 @@ fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
     Err(last)
 }
 
-/// The files and tables, in the order of the inputs; two of one name are refused before anything is read.
+/// Files and tables in the order of the inputs. Duplicate output names are rejected before any file is read.
 fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
     let mapping = args.mapping.as_ref().map(|name| Mapping::load(name, Path::new(".")).map(Arc::new)).transpose()?;
     let mut works: Vec<IngestItem> = vec![];
@@ -205,7 +205,7 @@ fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
     Ok(works)
 }
 
-/// The tables of a mapping that a file holds.
+/// Tables of a mapping that occur in a file.
 fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<Vec<MappingTable>, ExitReason> {
     let names: Vec<String> = match &args.table {
         Some(name) => vec![name.clone()],
@@ -226,7 +226,7 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
         ..FlightOptions::default()
     };
     let topics = datasets::topics_among(flight_formats(), path, &options).map_err(Fault::from)?;
-    // Without a number a topic is the first instance.
+    // A topic without a number is the first instance.
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
     let of = |topic: &str| topics.iter().find(|known| plain(&known.name) == plain(topic));
     let there = |t: &MappingTable| t.topic().is_none_or(|topic| of(topic).is_some_and(|known| known.note.is_empty()));
@@ -248,7 +248,7 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
     Ok(there)
 }
 
-/// Says what came of it.
+/// Prints the outcome.
 fn told(
     args: &IngestArgs,
     works: &[IngestItem],
@@ -298,7 +298,7 @@ fn told(
     if written > 0 && lost > 0 {
         text.push(format!("{} written, {} rejected", counted(written, "line"), counted(lost, "line")));
     }
-    // Where nothing was written, the input is wrong, unless the machine is.
+    // If nothing was written because of spec or data faults, the input is wrong.
     let ours = faults.iter().all(|f| f.owner == FaultOwner::Spec || f.owner == FaultOwner::Data);
     let text = text.join("\n");
     Err(if written == 0 && ours { ExitReason::Wrong(text) } else { ExitReason::Failed(text) })
@@ -316,7 +316,7 @@ fn value_of(line: &ExportLine, column: &str, check: QualityFigure) -> Option<f64
     line.measures.iter().find(|m| m.column == column && m.check == check).map(|m| m.value)
 }
 
-/// The lines of one table of one log.
+/// Lists the lines of one table of a log.
 fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
     let mut text = format!("\n{}", work.input.display());
     if !work.table().is_empty() {
@@ -329,7 +329,7 @@ fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
     text += &format!("  columns: {}\n", columns_of.join(", "));
     let words = |w: &[&str]| w.iter().map(|x| (*x).to_owned()).collect::<Vec<String>>();
     let mut rows = vec![words(&["  flight", "line", "date", "from", "to", "rows", "Hz"])];
-    /// Lines of one file that are listed.
+    /// Maximum number of lines listed per file.
     const SHOWN: usize = 40;
     for line in exported.lines.iter().take(SHOWN) {
         let date = line.date.map_or("-".to_owned(), |(year, day)| format!("{year}, day {day}"));
@@ -381,9 +381,9 @@ fn is_told(measure: &QualityMeasure) -> bool {
     }
 }
 
-/// The shown figures of all lines.
+/// Table of the shown figures of all lines.
 fn quality(works: &[IngestItem], results: &[Result<ExportOutcome, Fault>]) -> String {
-    /// Rows of the table on the terminal.
+    /// Maximum number of table rows on the terminal.
     const SHOWN: usize = 60;
     let words = |w: &[&str]| w.iter().map(|x| (*x).to_owned()).collect::<Vec<String>>();
     let mut rows = vec![words(&["  table", "flight", "line", "column", "check", "value", "unit", "count", "first at"])];
@@ -444,7 +444,7 @@ fn as_json(work: &IngestItem, exported: &ExportOutcome, line: &ExportLine) -> se
     })
 }
 
-/// Writes a mapping for a log.
+/// Writes a suggested mapping for a log.
 fn suggested(args: &IngestArgs) -> Result<(), ExitReason> {
     let [input] = args.inputs.as_slice() else {
         return Err(Fault::new("`--suggest` requires exactly one log").into());
@@ -457,7 +457,7 @@ fn suggested(args: &IngestArgs) -> Result<(), ExitReason> {
         return Ok(());
     };
     let failed = |e: std::io::Error| ExitReason::Failed(format!("error: cannot write {}: {e}", to.display()));
-    // An older mapping of that name is somebody's work.
+    // An existing mapping is never overwritten.
     let mut file = fs::File::create_new(to).map_err(failed)?;
     std::io::Write::write_all(&mut file, text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
 }

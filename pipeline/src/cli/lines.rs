@@ -1,4 +1,4 @@
-//! The lines of `magline ingest`: found in each flight, or those of a table; written as a table, and drawn.
+//! Lines of `magline ingest`: detected in each flight or read from a table, written as a table, and drawn.
 
 use std::{
     collections::BTreeSet,
@@ -24,7 +24,7 @@ use crate::{
     views::{report::write, text::columns},
 };
 
-/// Which lines the logs are divided into.
+/// Options for the division of logs into lines.
 #[derive(Args)]
 pub struct LineArgs {
     /// A table of lines (`flight`, `line`, `t_start`, `t_end` in s past midnight UTC) that replaces the lines in the
@@ -40,11 +40,11 @@ pub struct LineArgs {
     pub write_lines: Option<PathBuf>,
 }
 
-/// A log, or one table of it, with the mapping of its columns.
+/// A log or one of its tables, with the mapping of its columns.
 pub struct LogInput<'a> {
     /// The file.
     pub input: &'a Path,
-    /// Meaning of its columns.
+    /// Mapping of its columns.
     pub mapped: Option<&'a MappingTable>,
 }
 
@@ -58,7 +58,7 @@ pub struct LogLines {
 const WIDTH_PX: usize = 1600;
 
 impl LogLines {
-    /// The table, where they are not the logs' own.
+    /// Table of the lines; `None` if the logs' own lines are used.
     pub fn table(&self) -> Option<&LineTable> {
         self.table.as_ref()
     }
@@ -69,14 +69,13 @@ impl LogLines {
     }
 }
 
-/// How logs are read: a log that is divided needs no lines of its own.
+/// Options for reading the logs. Logs that are divided here need no line identifier.
 pub fn options(args: &LineArgs, options: FlightOptions) -> FlightOptions {
     let line = options.line.clone().or_else(|| args.lines.is_some().then(|| WHOLE.to_owned()));
     FlightOptions { line, ..options }
 }
 
-/// The lines of the logs, written and drawn where that is asked for. `to` is the folder of the tables, where there is
-/// one.
+/// Finds the lines of the logs, and writes and draws them if requested. `to` is the folder of the tables, if any.
 pub fn lines(
     args: &LineArgs,
     logs: &[LogInput],
@@ -132,7 +131,7 @@ pub fn lines(
     Ok(LogLines { table: Some(LineTable::new("the lines that were found", spans)) })
 }
 
-/// Writes the table of the lines that were found.
+/// Writes the table of the detected lines.
 fn written(
     args: &LineArgs,
     logs: &[LogInput],
@@ -145,7 +144,7 @@ fn written(
     let beside = || to.map(|to| to.join("_lines").join(format!("{stem}.csv")));
     let Some(path) = args.write_lines.clone().or_else(beside) else { return Ok(None) };
     let text = find_lines::csv(flights);
-    // It may have been edited.
+    // The existing table may have been edited.
     let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
     if other && !replace {
         let help = format!(
@@ -179,7 +178,7 @@ impl PictureFormat {
     }
 }
 
-/// Draws a picture of each flight; of several, each has the flight in its name.
+/// Draws a picture of each flight. With several flights, each file name contains its flight.
 fn drawn(args: &LineArgs, flights: &[(String, LineDetection)]) -> Result<Vec<PathBuf>, ExitReason> {
     let Some(path) = &args.picture else { return Ok(vec![]) };
     let form = PictureFormat::from_path(path)?;
@@ -201,19 +200,19 @@ fn drawn(args: &LineArgs, flights: &[(String, LineDetection)]) -> Result<Vec<Pat
     Ok(taken.into_iter().collect())
 }
 
-/// A flight as a part of the name of a file.
+/// Flight identifier as part of a file name.
 fn plain(flight: &str) -> String {
     flight.chars().map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect()
 }
 
-/// `lines.svg` as `lines-1003.svg`.
+/// Inserts the flight into a path: `lines.svg` becomes `lines-1003.svg`.
 fn beside(path: &Path, flight: &str) -> PathBuf {
     let (stem, ending) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
     path.with_file_name(format!("{}-{flight}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
 }
 
 fn summary<'a>(flights: &[(String, LineDetection)], files: impl Iterator<Item = &'a PathBuf>) -> String {
-    /// Lines that are listed.
+    /// Maximum number of listed lines.
     const SHOWN: usize = 60;
     let heads = ["  flight", "line", "kind", "t_start", "t_end", "course", "length m", "height m"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];

@@ -1,4 +1,4 @@
-//! `magline map`: works on anomaly maps. One file a command.
+//! `magline map`: processing of anomaly maps, with one file per command.
 
 mod continuation;
 mod convert;
@@ -36,7 +36,7 @@ pub enum MapCommand {
     Plot(plot::PlotArgs),
 }
 
-/// How a map's file is read.
+/// Options for reading a map file.
 #[derive(Args, Clone)]
 pub struct InputArgs {
     /// The format, if content and name of the file do not determine it.
@@ -55,7 +55,7 @@ pub struct InputArgs {
     doubtful: InvalidValueArgs,
 }
 
-/// Values that are missing or look impossible.
+/// Options for missing and impossible values.
 #[derive(Args, Clone, Default)]
 pub struct InvalidValueArgs {
     /// Numbers that represent missing values, in the unit of the file, separated by commas.
@@ -76,7 +76,7 @@ impl InvalidValueArgs {
     }
 }
 
-/// Where a map is written to.
+/// Options for the output of a map.
 #[derive(Args, Clone)]
 pub struct OutputArgs {
     /// The output file; its extension determines the format.
@@ -87,7 +87,7 @@ pub struct OutputArgs {
     output_format: Option<String>,
 }
 
-/// How many threads work.
+/// Option for the number of threads.
 #[derive(Args, Clone)]
 pub struct ThreadArgs {
     /// The number of threads; all cores by default. Results do not depend on it.
@@ -112,7 +112,7 @@ impl InputArgs {
 }
 
 impl OutputArgs {
-    /// Whether a map made of `inputs` can be written there, before it is made.
+    /// Checks before the computation that a map made from `inputs` can be written to the output.
     fn check<'a>(&self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ExitReason> {
         apart(&self.output, inputs)?;
         Ok(check_output(&self.output, self.output_format.as_deref()).map_err(Fault::from)?)
@@ -123,7 +123,7 @@ impl OutputArgs {
     }
 }
 
-/// Refuses an output that is one of the inputs: the map written may hold less than that.
+/// Rejects an output that is also an input, because the written map may contain less data.
 fn apart<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ExitReason> {
     let Ok(there) = output.canonicalize() else { return Ok(()) };
     if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|input| input == there)) {
@@ -149,7 +149,7 @@ fn wrong(path: &Path, e: &dyn std::fmt::Display) -> ExitReason {
     ExitReason::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
 }
 
-/// Fault of a stage in the data of a file that the user named.
+/// Fault of a stage in the data of an input file.
 fn of_file(path: &Path, fault: Fault) -> ExitReason {
     ExitReason::from(fault.in_file(&path.display().to_string()))
 }
@@ -158,7 +158,7 @@ fn warn(text: &str) {
     tell(&format!("warning: {text}"));
 }
 
-/// Runs the command; a quiet one says nothing but errors and warnings.
+/// Runs the command. With `quiet`, it prints only errors and warnings.
 pub fn run(command: &MapCommand, quiet: bool) -> Result<(), ExitReason> {
     super::QUIET.store(quiet, Ordering::Relaxed);
     match command {

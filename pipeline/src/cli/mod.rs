@@ -229,7 +229,7 @@ enum CostFormat {
     Json,
 }
 
-/// The folder of a store that is named by its path or address.
+/// Folder of the store at a path or address.
 fn located(text: &str) -> Result<PathBuf, String> {
     store::located(text).map_err(|fault| fault.to_string())
 }
@@ -242,11 +242,11 @@ enum ExitReason {
     Failed(String),
     /// Another run holds the lock of the pipeline; nothing was run.
     Locked(String),
-    /// The limit of time is over.
+    /// The time limit expired.
     OutOfTime,
     /// Interrupted.
     Interrupted,
-    /// Ended with this exit status; the message is out already.
+    /// Ended with this exit status; the message is already printed.
     Told(u8),
 }
 
@@ -266,7 +266,7 @@ impl From<Fault> for ExitReason {
 
 /// Runs the command with the stages of `catalogue`.
 pub fn main(catalogue: &[StageEntry]) -> ExitCode {
-    // A file that grows beyond a limit of the system is then an error of writing, and no silent end.
+    // A file beyond a size limit of the system then causes a write error instead of a silent end.
     let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     names.sort_unstable();
@@ -278,7 +278,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
         Ok(cli) => cli.command,
         Err(e) => {
             if e.use_stderr() {
-                // It repeats arguments.
+                // The message repeats arguments, so its control characters are made visible.
                 err!("{}", e.render().to_string().trim_end());
             } else {
                 say::note(e.print());
@@ -361,10 +361,10 @@ fn ended(status: u8) -> ExitCode {
     }
 }
 
-/// Prints to standard output; a reader that has gone away ends the command quietly.
+/// Prints to standard output. A closed reader ends the command quietly.
 fn say(text: String) -> Result<(), ExitReason> {
     say::out_text(text);
-    // A failure shows in the exit status, when the command ends.
+    // A failure sets the exit status when the command ends.
     Ok(())
 }
 
@@ -447,7 +447,7 @@ fn with_graph(
     with_plan(catalogue, args, known, |graph, store, ()| view(graph, store))
 }
 
-/// Shows the graph of a plan, with the trials of a search that `trials` says it has.
+/// Shows the graph of a plan with the trials of a search from `trials`.
 fn with_plan<T>(
     catalogue: &[StageEntry],
     args: &SpecArgs,
@@ -466,7 +466,7 @@ fn with_plan<T>(
 
 fn stages(all: &[StageEntry], name: Option<&str>, markdown: bool) -> Result<(), ExitReason> {
     match name {
-        // The simulator, mappings and searches are no stages, and have references of the same kind.
+        // The simulator, mappings and searches are not stages, but have the same kind of reference page.
         Some("synth") => say(simulate::reference()),
         Some("mapping") => say(sources::mapping::reference()),
         Some("search") => say(search_reference()),
@@ -476,7 +476,7 @@ fn stages(all: &[StageEntry], name: Option<&str>, markdown: bool) -> Result<(), 
     }
 }
 
-/// A folder is what it holds: a store, or else a published data set.
+/// Verifies a folder as a store if it is one, otherwise as a published set.
 fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), ExitReason> {
     match folder {
         Some(folder) if !tend::is_store(&folder) => publish::verify(&folder),

@@ -1,4 +1,4 @@
-//! The progress display: a bar on a terminal, otherwise a plain line every ten seconds.
+//! The progress display: a bar on a terminal, otherwise a line every 10 s.
 
 use std::{
     io::{IsTerminal, Write},
@@ -18,9 +18,9 @@ use crate::{
     views::text::number,
 };
 
-/// The interval of lines without a terminal.
+/// Interval of lines when output is not a terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
-/// The minimum time for an estimate.
+/// Minimum elapsed time for an estimate of the remaining time.
 const KNOWN_AFTER: Duration = Duration::from_secs(1);
 
 /// Progress on standard error, until it is dropped. All methods may be called from several threads concurrently.
@@ -39,7 +39,7 @@ struct ProgressShared {
 }
 
 impl ProgressDisplay {
-    /// Progress on standard error; none where `quiet`.
+    /// Creates a display on standard error; none if `quiet`.
     pub fn new(quiet: bool) -> ProgressDisplay {
         if quiet {
             return ProgressDisplay(None);
@@ -54,7 +54,7 @@ impl ProgressDisplay {
         ProgressDisplay::lines(INTERVAL, std::io::stderr())
     }
 
-    /// A line on `out` every `interval`, whether or not there is news.
+    /// Writes a line to `out` every `interval`, even without new progress.
     fn lines(interval: Duration, mut out: impl Write + Send + 'static) -> ProgressDisplay {
         let shared = ProgressShared::new(interval);
         let of_thread = shared.clone();
@@ -69,17 +69,17 @@ impl ProgressDisplay {
                 state = of_thread.over.wait_timeout(state, wait).unwrap_or_else(PoisonError::into_inner).0;
             }
         };
-        // Without a spare thread there is no progress display.
+        // If no thread can be started, no progress is displayed.
         let writer = std::thread::Builder::new().name("progress".to_owned()).spawn(write).ok();
         ProgressDisplay(Some(ProgressOutput { shared, bar: None, writer }))
     }
 
-    /// Starts another stage. The estimate of the time left restarts; repeating the current stage has no effect.
+    /// Starts another stage. The estimate of the remaining time restarts; repeating the current stage has no effect.
     pub fn stage(&self, what: &str) {
         self.change(|state, now| state.stage(now, what));
     }
 
-    /// `done` of `all` parts of the stage are done; an `all` of 0 is not known yet.
+    /// Sets the progress: `done` of `all` parts of the stage are finished. `all` is 0 while unknown.
     pub fn set(&self, done: usize, all: usize) {
         self.change(|state, _| (state.done, state.all) = (done, all));
     }
@@ -138,13 +138,13 @@ fn bar() -> ProgressBar {
     bar
 }
 
-/// A bar only where it is known how long it is.
+/// Style of the display: a bar if the number of parts is known.
 fn style(measured: bool) -> ProgressStyle {
     let template = if measured { "{elapsed_precise} {bar:24} {msg}" } else { "{elapsed_precise} {spinner} {msg}" };
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// The current stage and its start. It does not read a clock: the time since the beginning is an argument.
+/// Current stage and its start. Times since the start of the display are arguments; no clock is read.
 #[derive(Debug, Default)]
 struct ProgressState {
     /// Prefix of each stage.
@@ -155,7 +155,7 @@ struct ProgressState {
     at: String,
     done: usize,
     all: usize,
-    /// Whether the bar that is shown has a length.
+    /// Whether the displayed bar has a length.
     measured: bool,
     interval: Duration,
     next: Duration,
@@ -205,7 +205,7 @@ impl ProgressState {
         one_line(&text).into_owned()
     }
 
-    /// The time that is left of the stage, once there is a basis for an estimate.
+    /// Estimated remaining time of the stage; `None` without a basis for an estimate.
     fn left(&self, now: Duration) -> Option<Duration> {
         let passed = now.saturating_sub(self.begun);
         if self.done == 0 || self.done >= self.all || passed < KNOWN_AFTER {
@@ -215,7 +215,7 @@ impl ProgressState {
     }
 }
 
-/// Which trials of a search are at work, and the best so far.
+/// Running trials of a search, and the best trial so far.
 fn within(rows: &[SearchTrial], trials: usize, best: Option<&SearchTrialScore>) -> String {
     let ends = rows.first().zip(rows.last()).map(|(first, last)| match (first.rung, first.trial == last.trial) {
         (1, true) => format!("trial {} of {trials}", first.trial),
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_no_estimate_before_there_is_one() {
+    fn unit_no_estimate_is_shown_without_a_basis() {
         let mut state = ProgressState { interval: seconds(10), next: seconds(10), ..ProgressState::default() };
         state.stage(seconds(0), "simulating flights");
         assert_eq!(state.text(seconds(60)), "simulating flights");
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_line_is_due_every_ten_seconds() {
+    fn unit_a_line_is_due_every_ten_seconds() {
         let mut state = ProgressState { interval: seconds(10), next: seconds(10), ..ProgressState::default() };
         assert_eq!(state.due(seconds(10)), None, "there is nothing to say yet");
         state.stage(seconds(10), "gridding");
@@ -328,12 +328,12 @@ mod tests {
     }
 
     #[test]
-    fn r10_lines_come_by_themselves_and_are_plain() {
+    fn unit_lines_appear_without_events_and_are_plain_text() {
         let kept = Kept::default();
         let progress = ProgressDisplay::lines(Duration::from_millis(5), kept.clone());
         progress.stage("computing track");
         progress.set(1, 4);
-        // The thread gets no messages while it waits, as from a stage that works for minutes.
+        // The thread receives no messages while it waits, as during a stage of several minutes.
         let begun = Instant::now();
         while kept.0.lock().unwrap().is_empty() && begun.elapsed() < seconds(20) {
             std::thread::sleep(Duration::from_millis(2));
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_what_is_read_or_simulated_is_named() {
+    fn user_progress_names_the_file_that_is_read_or_simulated() {
         use crate::sources::ReadProgress;
         let progress = ProgressDisplay::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_search_names_its_trials_and_the_best() {
+    fn user_progress_shows_the_trials_of_a_search_and_the_best() {
         let progress = ProgressDisplay::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
         let row = |trial, rung| SearchTrial { trial, generation: 1, rung, values: vec![] };
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_quiet_says_nothing() {
+    fn user_quiet_prints_nothing() {
         let progress = ProgressDisplay::new(true);
         progress.stage("x");
         progress.set(1, 2);

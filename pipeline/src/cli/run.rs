@@ -76,10 +76,10 @@ an input is wrong, nothing was run; 3 another run of the pipeline holds the lock
 
 `run` is a hash of the spec and its inputs: the same for the same spec and inputs. `time` is UTC.";
 
-/// Runs a spec; with `compact` its tables become the files of a single run.
+/// Runs a spec. With `compact`, its tables become the files of a single run.
 ///
 /// # Errors
-/// Fails when something of it fails, and when it is stopped.
+/// Fails when part of the run fails, or when the run is stopped.
 pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<(), ExitReason> {
     let engine = engine::engine(&args.engine, args.threads)?;
     let watch = schedule::watch(&args.schedule, &args.spec)?;
@@ -94,7 +94,7 @@ pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<()
     done
 }
 
-/// The least number of bytes of unused results that a note is worth.
+/// Minimum size of unreferenced results for a note, bytes.
 const WORTH_A_NOTE: u64 = 1 << 20;
 
 /// The note on results that `gc` would remove.
@@ -104,7 +104,7 @@ fn unused(bytes: u64) -> Option<String> {
         .then(|| format!("{size} of stored results are unreferenced; `magline gc --yes` removes them"))
 }
 
-/// A finished run, and its messages for the user.
+/// Executes a run and prints its messages for the user.
 fn ran(
     catalogue: &[StageEntry],
     args: &RunArgs,

@@ -80,9 +80,9 @@ pub fn run(args: &ServeArgs) -> Result<(), ExitReason> {
         note("the token and all results are sent unencrypted; encrypt them with `--tls-cert` and `--tls-key`");
     }
     let (stop, stopped) = watch::channel(false);
-    // Where no handler can be set, an interrupt ends the process at once.
+    // If no handler can be set, an interrupt ends the process at once.
     let _ = ctrlc::set_handler(move || {
-        // A second one does not wait for open answers.
+        // A second interrupt does not wait for open queries.
         if stop.send_replace(true) {
             super::temporary::remove_all();
             std::process::exit(130);

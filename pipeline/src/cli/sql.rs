@@ -58,7 +58,7 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
         return guard::run(memory, folder.path(), unfinished);
     };
     guard::limit(memory);
-    // A query computes and writes on many threads, which are not waited for.
+    // A query runs on many threads, which are not waited for.
     let _ = ctrlc::set_handler(|| {
         temporary::remove_all();
         err!("interrupted");
@@ -84,7 +84,7 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
     Ok(())
 }
 
-/// Answers a question; a panic of DataFusion, such as one of a text that is too long for its offsets, is an error.
+/// Runs a query. A panic of DataFusion, such as for a text that is too long for its offsets, becomes an error.
 fn answered(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     let asked = catch_unwind(AssertUnwindSafe(|| sql(question, sink)));
     asked.unwrap_or_else(|_| Err(memory::fault(question.memory)))
@@ -113,7 +113,7 @@ fn query(args: &SqlArgs) -> Result<String, Fault> {
 struct RowLimiter {
     answer: answer::AnswerWriter,
     left: usize,
-    /// The schema, once there are rows.
+    /// Schema of the result; set once rows are truncated.
     cut: Option<SchemaRef>,
 }
 
@@ -137,7 +137,7 @@ impl BatchSink for RowLimiter {
     }
 }
 
-/// A result is not written into the store.
+/// Rejects an output file inside the store.
 fn outside(output: &Path, store: &Path) -> Result<(), Fault> {
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match (folder.canonicalize(), store.canonicalize()) {

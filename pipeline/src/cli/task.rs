@@ -1,4 +1,4 @@
-//! `tasks` and `task`: a run whose computing is done by processes that a scheduler starts.
+//! `tasks` and `task`: runs that are computed by processes of an external scheduler.
 
 use std::{
     io::{self, BufRead, Read},
@@ -24,7 +24,7 @@ use crate::{
     store::Store,
 };
 
-/// A line of standard input that is longer is no task.
+/// Maximum length of a task on standard input, bytes.
 const LONGEST: u64 = 64 << 20;
 
 /// The arguments of `tasks`.
@@ -142,7 +142,7 @@ pub fn tasks(catalogue: &[StageEntry], args: &TasksArgs) -> Result<(), ExitReaso
 /// Computes tasks, and prints a receipt of each.
 ///
 /// # Errors
-/// Fails when there is no store, a task is refused, or a unit has no answer.
+/// Fails when there is no store, a task is rejected, or a unit has no result.
 pub fn task(catalogue: &[StageEntry], args: &TaskArgs) -> Result<(), ExitReason> {
     interrupt::withdraw();
     args.parent.into_iter().for_each(interrupt::with_parent);
@@ -186,7 +186,7 @@ pub fn task(catalogue: &[StageEntry], args: &TaskArgs) -> Result<(), ExitReason>
     }
 }
 
-/// Prints a receipt, and what is wrong with it.
+/// Prints a receipt and its errors.
 pub fn print(receipt: &Receipt) {
     match serde_json::to_string(receipt) {
         Ok(text) => out!("{text}\n"),
@@ -204,7 +204,7 @@ pub fn print(receipt: &Receipt) {
     }
 }
 
-/// The lines that are tasks or should be.
+/// Input lines, one per task.
 fn lines(args: &TaskArgs) -> Box<dyn Iterator<Item = Result<String, Fault>> + Send> {
     if !args.tasks.is_empty() {
         return Box::new(args.tasks.clone().into_iter().map(Ok));

@@ -42,20 +42,20 @@ impl Drop for TemporaryFile {
     }
 }
 
-/// A private folder for temporary files, below the system's: others can neither read nor prepare it. It is removed when
-/// it goes out of scope, and after a kill by the next command of the same user.
+/// A private folder for temporary files, below the system's: other users can neither read nor create it. It is removed
+/// when it goes out of scope. After a kill, the next command of the same user removes it.
 pub struct TemporaryFolder {
     folder: TemporaryFile,
     base: PathBuf,
-    // Held as long as the folder is used, which says so to those that sweep.
+    // Locked while the folder is used, so that other commands keep it.
     _lock: File,
 }
 
 impl TemporaryFolder {
-    /// A new one.
+    /// Creates a folder.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails on errors of the file system.
     pub fn new() -> Result<TemporaryFolder, Fault> {
         let temporary = env::temp_dir();
         let make = || {
@@ -78,12 +78,12 @@ impl TemporaryFolder {
 impl Drop for TemporaryFolder {
     fn drop(&mut self) {
         remove(self.folder.path());
-        // Only the last one finds it empty.
+        // Fails unless the base folder is empty.
         let _ = fs::remove_dir(&self.base);
     }
 }
 
-/// The folder of this user's private folders in `temporary`: one that this user has made, for this user alone.
+/// Base of this user's private folders in `temporary`: owned by this user and not accessible to others.
 fn base(temporary: &Path) -> io::Result<PathBuf> {
     let user = getuid().as_raw();
     let ours =
@@ -98,7 +98,7 @@ fn base(temporary: &Path) -> io::Result<PathBuf> {
     if ours(&plain) {
         return Ok(plain);
     }
-    // Another user has prepared that name: one that nobody can guess, and those of earlier commands.
+    // Another user owns that name. Use this user's earlier folder, or a new one with an unpredictable name.
     let start = format!("{name}-");
     let mut found = fs::read_dir(temporary)?.flatten().filter(|e| e.file_name().to_string_lossy().starts_with(&start));
     if let Some(known) = found.find(|e| ours(&e.path())) {
@@ -113,7 +113,7 @@ fn remove(path: &Path) {
     let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
 }
 
-/// Removes all that are unfinished.
+/// Removes all unfinished files.
 pub fn remove_all() {
     if let Ok(list) = UNFINISHED.lock() {
         list.iter().for_each(|path| remove(path));
@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_the_common_folder_is_private_and_one_that_is_not_is_never_used() {
+    fn unit_the_base_folder_must_be_private() {
         let temporary = tempfile::tempdir().unwrap();
         let user = getuid().as_raw();
         let plain = temporary.path().join(format!("magline-{user}"));

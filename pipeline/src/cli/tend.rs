@@ -1,4 +1,4 @@
-//! `gc`, `ls`, `rm`, `runs` and `verify`: tending a store.
+//! `gc`, `ls`, `rm`, `runs` and `verify`: maintenance of a store.
 
 use std::{
     path::{Path, PathBuf},
@@ -22,7 +22,7 @@ pub struct StoreArgs {
     store: PathBuf,
 }
 
-/// Whether a folder is that of a store.
+/// Whether a folder holds a store.
 pub fn is_store(folder: &Path) -> bool {
     folder.join("STORE").is_file() || is_copy(folder)
 }
@@ -33,12 +33,12 @@ impl StoreArgs {
         StoreArgs { store }
     }
 
-    /// The store, which must be there.
+    /// Opens the store, which must exist.
     fn open(&self) -> Result<Store, Fault> {
         Store::open(self.root()?)
     }
 
-    /// The folder of the store, which must be there. It may be one that cannot be written.
+    /// Folder of the store, which must exist but may be read-only.
     fn root(&self) -> Result<&Path, Fault> {
         pulled(&self.store)?;
         if !self.store.join("STORE").is_file() {
@@ -68,7 +68,7 @@ pub struct GcArgs {
     yes: bool,
 }
 
-/// A length of time: a number and s, m, h, d or w.
+/// Parses a duration: a number and s, m, h, d or w.
 ///
 /// # Errors
 /// Fails for any other text.
@@ -151,7 +151,7 @@ pub fn rm(args: &StoreArgs, name: &str) -> Result<(), ExitReason> {
     say(format!("removed {name}; computed results stay until `magline gc --yes`\n"))
 }
 
-/// The history of runs, or what changed between two.
+/// Prints the history of runs, or the changes between two runs.
 pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)>) -> Result<(), ExitReason> {
     let root = args.root()?;
     say(match (pipeline, between) {
@@ -160,7 +160,7 @@ pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)
     })
 }
 
-/// Reads every byte.
+/// Verifies every byte of a store.
 pub fn verify(args: &StoreArgs) -> Result<(), ExitReason> {
     let root = args.root()?;
     let damaged_mark = scrub::mark_is_damaged(root);

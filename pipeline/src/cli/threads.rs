@@ -6,9 +6,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::ExitReason;
 
-/// This number of threads is accepted on any machine, so that a script for a larger one still runs.
+/// Number of threads accepted on every machine, so that scripts for larger machines run.
 const ALWAYS: usize = 64;
-/// More threads than this for each core only take memory.
+/// Maximum number of threads per core; more threads only use memory.
 const PER_CORE: usize = 4;
 
 /// The cores of this machine that this process may use.
@@ -37,7 +37,7 @@ pub fn count(text: &str) -> Result<usize, String> {
 /// A pool of `threads`, all cores by default.
 ///
 /// # Errors
-/// Fails when the system refuses the threads.
+/// Fails when the system cannot start the threads.
 pub fn pool(threads: Option<usize>) -> Result<ThreadPool, ExitReason> {
     let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_else(cores)).build();
     pool.map_err(|e| ExitReason::Failed(format!("error: cannot start threads: {e}")))

@@ -1,4 +1,4 @@
-//! Cost of a unit of work, from many observations: least squares with coefficients that are not negative.
+//! Prices of work from many observations, by non-negative least squares.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ pub struct CostSample {
     pub amounts: Vec<(String, f64)>,
     /// Measured value.
     pub total: f64,
-    /// How much it counts; the inverse of its own size makes relative errors equal.
+    /// Weight; the inverse of the value makes relative errors equal.
     pub weight: f64,
 }
 
@@ -20,7 +20,7 @@ pub struct UnitPrices {
     usual: fn(&str) -> f64,
 }
 
-/// Passes over all samples.
+/// Number of passes over all samples.
 const PASSES: usize = 3000;
 
 /// Weighted amounts of one kind of work in all samples, and its price.
@@ -28,19 +28,19 @@ struct PriceColumn<'a> {
     name: &'a str,
     /// Weighted amount in each sample that has some of it.
     rows: Vec<(usize, f64)>,
-    /// In parts of the usual one.
+    /// Price relative to the usual price.
     price: f64,
 }
 
 impl UnitPrices {
-    /// The prices, all of them `usual`.
+    /// The prices `usual` for all kinds of work.
     pub fn usual(usual: fn(&str) -> f64) -> UnitPrices {
         UnitPrices { found: BTreeMap::new(), usual }
     }
 
-    /// The prices that fit `samples` best: the least sum of squares of weight times error, none of them negative. They
-    /// begin as `usual`, which is positive, and each pass multiplies them by what the samples ask for over what they
-    /// give, so that prices which the samples do not tell apart keep their proportion. [Lee & Seung 2001, theorem 1]
+    /// Fits non-negative prices to `samples` with the least sum of squares of weight times error. Iteration starts from
+    /// the positive prices `usual`. Each pass multiplies a price by the ratio of observed to fitted cost, so prices
+    /// that the samples cannot separate keep their ratio. [Lee & Seung 2001, theorem 1]
     pub fn fit(samples: &[CostSample], usual: fn(&str) -> f64) -> UnitPrices {
         let mut columns: BTreeMap<&str, Vec<(usize, f64)>> = BTreeMap::new();
         for (row, sample) in samples.iter().enumerate() {
@@ -85,8 +85,8 @@ mod tests {
     }
 
     #[test]
-    fn law_prices_that_made_the_samples_come_back() {
-        // 3 a unit and 0.002 a row; what is mixed with it costs 5.
+    fn law_prices_are_recovered_from_exact_samples() {
+        // 3 per unit, 0.002 per row, and 5 for the work mixed with them.
         let total = |u: f64, r: f64, m: f64| 3.0 * u + 0.002 * r + 5.0 * m;
         let shapes = [(1.0, 10.0, 0.0), (2.0, 9000.0, 0.0), (50.0, 100.0, 1.0), (7.0, 70_000.0, 20.0), (4.0, 1.0, 3.0)];
         let samples: Vec<CostSample> = shapes
@@ -96,12 +96,12 @@ mod tests {
         let prices = UnitPrices::fit(&samples, |_| 0.1);
         let asked = [("unit".to_owned(), 11.0), ("row".to_owned(), 1e6), ("mixed".to_owned(), 2.0)];
         let answer = prices.total(&asked);
-        // Passes come near slowly where amounts are alike.
+        // Convergence is slow where amounts are similar.
         assert!((answer / total(11.0, 1e6, 2.0) - 1.0).abs() < 0.02, "{answer}");
     }
 
     #[test]
-    fn law_no_price_is_negative_and_what_is_not_known_is_as_usual() {
+    fn law_prices_are_non_negative_and_default_to_the_usual_ones() {
         let samples = [sample(&[("a", 1.0), ("b", 1.0)], 1.0), sample(&[("a", 1.0), ("b", 2.0)], 0.5)];
         let prices = UnitPrices::fit(&samples, |_| 0.25);
         for name in ["a", "b"] {
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn law_work_that_is_only_seen_together_is_split_and_adds_up() {
+    fn law_inseparable_work_is_split_and_adds_up() {
         let samples = [sample(&[("a", 10.0), ("b", 10.0)], 40.0)];
         let prices = UnitPrices::fit(&samples, |_| 1.0);
         let both = prices.total(&[("a".to_owned(), 10.0), ("b".to_owned(), 10.0)]);

@@ -5,7 +5,7 @@ use std::{fs, hint::black_box, io::Write, path::Path, time::Instant};
 use nix::time::{ClockId, clock_gettime};
 use numerics::signal::filter::band_pass;
 
-/// Reading of a system clock, s; 0 where the system lacks it.
+/// Reading of a system clock, s; 0 if the system lacks it.
 fn clock_s(id: ClockId) -> f64 {
     clock_gettime(id).map_or(0.0, |time| time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9)
 }
@@ -20,14 +20,14 @@ fn thread_s() -> f64 {
     clock_s(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
-/// Time of the calibration on the machine of the built-in figures, s: a virtual machine on an AMD EPYC.
+/// Time of the speed measurement on the reference machine, a virtual machine on an AMD EPYC, s.
 const REFERENCE_S: f64 = 0.000_031_1;
-/// Number of counts, of which the least is used.
+/// Number of time measurements; the shortest is used.
 const TRIES: usize = 15;
 const SAMPLES: usize = 4096;
 
-/// How fast a processor of this machine is, the one of the built-in figures being 1: a band-pass and a checksum, as
-/// short as they come. Takes some milliseconds.
+/// Speed of a processor of this machine relative to the reference machine, 1. It is measured by the shortest time of a
+/// band-pass and a checksum, in some milliseconds.
 pub fn speed() -> f64 {
     let x: Vec<f64> = (0..SAMPLES).map(|i| (i as f64 * 0.1).sin()).collect();
     let bytes: Vec<u8> = (0..SAMPLES * 32).map(|i| (i % 251) as u8).collect();
@@ -41,8 +41,7 @@ pub fn speed() -> f64 {
     if least > 0.0 && least.is_finite() { REFERENCE_S / least } else { 1.0 }
 }
 
-/// How long this file system takes to bring a small file to the disk, s; 0 where that cannot be tried. `path` is a name
-/// that is free.
+/// Time to sync a small file to the disk, s; 0 if it cannot be measured. `path` must be unused.
 pub fn sync_s(path: &Path) -> f64 {
     let mut least = f64::INFINITY;
     for _ in 0..3 {
@@ -52,17 +51,17 @@ pub fn sync_s(path: &Path) -> f64 {
             least = least.min(begun.elapsed().as_secs_f64());
         }
     }
-    // It is swept with the other temporary files, if it cannot be removed here.
+    // If it cannot be removed here, it is removed with the other temporary files.
     let _ = fs::remove_file(path);
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// Begins to look for the highest memory from now on; says whether the system can tell.
+/// Resets the peak memory. Returns whether the system supports this.
 pub fn forget_peak() -> bool {
     fs::write("/proc/self/clear_refs", "5").is_ok()
 }
 
-/// The highest memory of the process, bytes, where the system tells.
+/// Peak memory of the process, bytes; `None` if the system does not report it.
 pub fn peak_bytes() -> Option<u64> {
     peak(&fs::read_to_string("/proc/self/status").ok()?)
 }
@@ -83,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn law_processor_time_goes_on_with_work_and_speed_is_a_number() {
+    fn unit_processor_time_increases_and_speed_is_finite() {
         let before = processor_s();
         let speed = speed();
         assert!(speed.is_finite() && speed > 0.0, "{speed}");

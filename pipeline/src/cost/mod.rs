@@ -1,10 +1,9 @@
 //! Cost of a run before it starts: rows, bytes, processor time and memory of each table that it would compute.
 //!
-//! Runs measure their tables ([`CostMeter`]) and keep the figures in the store, where they are part of no key. An
-//! estimate adds up the amounts of work that a plan asks for (`work`) at the prices that fit these figures, and those
-//! that magline comes with, best (`fit`): a price for each unit, row and number that is read, by stage and by what the
-//! stage chooses by name. Processor time is that of a machine of speed 1, and is divided by the speed of the one at
-//! hand.
+//! Runs measure their tables ([`CostMeter`]) and keep the figures in the store. Keys do not depend on them. An estimate
+//! multiplies the amounts of work of a plan (`work`) by prices (`fit`). The prices are fitted to these figures and the
+//! built-in ones. There is a price for each unit, row and number read, by stage and by the stage's named choice.
+//! Processor time refers to a machine of speed 1, and is divided by the speed of this machine.
 
 mod fit;
 mod machine;
@@ -28,7 +27,7 @@ pub struct TableCost {
     pub table: String,
     /// Its stage.
     pub stage: String,
-    /// Whether its results are kept; otherwise its work is that of the tables that need it.
+    /// Whether its results are kept; otherwise its work is counted in the tables that need it.
     pub kept: bool,
     /// Units to compute.
     pub units: usize,
@@ -42,9 +41,9 @@ pub struct TableCost {
     pub bytes: f64,
     /// Processor time, s.
     pub seconds: f64,
-    /// Time on the clock, s.
+    /// Elapsed time, s.
     pub clock: f64,
-    /// Memory of the process at its highest, bytes; 0 where nothing is computed.
+    /// Peak memory of the process, bytes; 0 if nothing is computed.
     pub memory: f64,
 }
 
@@ -53,17 +52,17 @@ pub struct TableCost {
 pub struct RunCost {
     /// Its tables, in the order of the plan.
     pub tables: Vec<TableCost>,
-    /// Processor time of everything else: keys, scores, publishing, s.
+    /// Processor time outside the tables: keys, scores, publishing, s.
     pub beside: f64,
-    /// Time of that on the clock, s.
+    /// Elapsed time outside the tables, s.
     pub beside_clock: f64,
     /// The number of threads.
     pub threads: usize,
-    /// The speed of this machine, that of the built-in figures being 1.
+    /// Speed of this machine relative to the reference machine, 1.
     pub speed: f64,
     /// Tables that runs in this store have measured.
     pub measured: usize,
-    /// Trials of a search that are assumed, since they follow from scores that are not known yet.
+    /// Number of assumed trials of a search, which depend on unknown scores.
     pub assumed: usize,
 }
 
@@ -73,7 +72,7 @@ impl RunCost {
         self.tables.iter().map(|t| t.seconds).sum::<f64>() + self.beside
     }
 
-    /// Time on the clock, s.
+    /// Elapsed time, s.
     pub fn clock(&self) -> f64 {
         self.tables.iter().map(|t| t.clock).sum::<f64>() + self.beside_clock
     }
@@ -88,18 +87,18 @@ impl RunCost {
         self.tables.iter().map(|t| t.rows).sum()
     }
 
-    /// The highest memory, bytes.
+    /// Peak memory, bytes.
     pub fn memory(&self) -> f64 {
         self.tables.iter().map(|t| t.memory).fold(0.0, f64::max)
     }
 }
 
 /// Estimates a run of the plan of `graph` in `store` on `threads` threads. The estimate excludes reading the sources,
-/// which is complete when a graph exists. For a search it covers the trials of the plan, which [`crate::run::foreseen`]
-/// fills up.
+/// which is complete when a graph exists. For a search, it covers the trials of the plan; [`crate::run::foreseen`] adds
+/// the missing ones.
 ///
 /// # Errors
-/// Fails for a table that has no files, since a column has types that no file holds.
+/// Fails for a table whose columns have types that no file can hold.
 pub fn estimate(graph: &PlanGraph, store: &Store, threads: usize) -> Result<RunCost, Fault> {
     let known = CostModel::new(store.root());
     let threads = threads.max(1);
@@ -145,13 +144,12 @@ pub struct UnitTimeModel {
 }
 
 impl UnitTimeModel {
-    /// By what magline comes with and what `store` has measured.
+    /// Creates the model from the built-in records and the records of `store`.
     pub fn new(store: &Store) -> UnitTimeModel {
         UnitTimeModel { known: CostModel::new(store.root()), speed: machine::speed() }
     }
 
-    /// The processor time of a unit of the table `t` on this machine, s: the mean of those that are missing in `store`;
-    /// 0 where there is none.
+    /// Mean processor time of the missing units of the table `t` on this machine, s; 0 if none is missing.
     pub fn unit_s(&self, graph: &PlanGraph, store: &Store, t: usize) -> f64 {
         let asked = WorkEstimator::new(graph, store, &self.known.rows, 1).missing_work(t).unwrap_or_default();
         match asked.missing.len() {
@@ -161,9 +159,9 @@ impl UnitTimeModel {
     }
 }
 
-/// Time in which the program starts and reads its plan, s, on a machine of speed 1; used until it is measured.
+/// Time in which the program starts and reads its plan on a machine of speed 1, s; used until measured.
 const START_S: f64 = 0.03;
-/// A file is brought to the disk, and then its name.
+/// Disk syncs per file: of its content and of its name.
 const SYNCS_A_FILE: f64 = 2.0;
-/// The folders of a published table, and its list of units.
+/// Disk syncs per published table: of its folders and its list of units.
 const SYNCS_A_TABLE: f64 = 4.0;

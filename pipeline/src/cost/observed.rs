@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use super::fit::{CostSample, UnitPrices};
 use crate::{keys::HashKey, store::Store};
 
-/// The folder of a store that holds them.
+/// Folder of the records in a store.
 pub const FOLDER: &str = "costs";
-/// Records of a pipeline that are kept, the newest.
+/// Number of newest records kept per pipeline.
 const KEPT: usize = 200;
 /// Weight of a built-in record relative to one of this store.
 const BUILT_IN: f64 = 0.3;
@@ -27,11 +27,11 @@ const MEASURED: &str = include_str!("measured.json");
 pub struct WorkAmounts {
     /// Units.
     pub units: f64,
-    /// Rows of the lines of each unit, times the effort that the stage says a row is at its parameters.
+    /// Rows of the lines of each unit, times the stage's effort per row at its parameters.
     pub samples: f64,
-    /// Numbers that are read; the points of a sweep share the columns that are the same.
+    /// Numbers read; points of a sweep share equal columns.
     pub values: f64,
-    /// Rows times the square of the numbers of each, for stages of a survey; shared by points that read the same.
+    /// Rows times the squared count of numbers per row, for survey stages; shared by points that read the same columns.
     pub squares: f64,
 }
 
@@ -40,19 +40,19 @@ pub struct WorkAmounts {
 pub struct TableWork {
     /// Its stage.
     pub stage: String,
-    /// By kind.
+    /// Amounts by kind of unit.
     pub parts: BTreeMap<String, WorkAmounts>,
     /// Units.
     pub units: f64,
     /// Rows that reach these units.
     pub rows_in: f64,
-    /// Numbers of a row that reaches them, summed over the units.
+    /// Numbers per input row, summed over the units.
     pub reads: f64,
-    /// Files that they are written into.
+    /// Number of files written.
     pub packs: f64,
-    /// Numbers of a row that is written.
+    /// Numbers per written row.
     pub width: f64,
-    /// Bytes of what is in memory at once: the largest files of all threads.
+    /// Bytes in memory at once: the largest files of all threads.
     pub held: f64,
 }
 
@@ -61,21 +61,21 @@ pub struct TableWork {
 pub struct CostObservation {
     /// Its work.
     pub work: TableWork,
-    /// Rows that came of it.
+    /// Number of rows made.
     pub rows: f64,
-    /// Bytes of its files, where all of them are new.
+    /// Bytes of its files; `None` unless all of them are new.
     pub bytes: Option<f64>,
-    /// Processor time, s, of a machine whose speed is 1.
+    /// Processor time on a machine of speed 1, s.
     pub seconds: f64,
-    /// The highest memory of the process meanwhile, bytes, where the system tells.
+    /// Peak memory of the process during the computation, bytes; `None` if the system does not report it.
     pub memory: Option<f64>,
 }
 
-/// The name of the work of a run that no table has.
+/// Name of the work of a run outside its tables.
 pub const RUN: &str = "(run)";
 
 impl TableWork {
-    /// The work that takes time, `rows` of it written.
+    /// Predictors of the processor time, for `rows` written rows.
     pub fn time(&self, rows: f64) -> Vec<(String, f64)> {
         let mut found = vec![];
         for (kind, part) in &self.parts {
@@ -113,7 +113,7 @@ fn last(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or_default()
 }
 
-/// Seconds, before anything is known.
+/// Default price of processor time, s.
 pub fn usual_seconds(name: &str) -> f64 {
     match last(name) {
         "unit" => 1e-4,
@@ -126,7 +126,7 @@ pub fn usual_seconds(name: &str) -> f64 {
     }
 }
 
-/// Rows, before anything is known.
+/// Default price in rows.
 pub fn usual_rows(name: &str) -> f64 {
     match last(name) {
         "row" => 0.1,
@@ -135,7 +135,7 @@ pub fn usual_rows(name: &str) -> f64 {
     }
 }
 
-/// Bytes, before anything is known.
+/// Default price in bytes.
 pub fn usual_bytes(name: &str) -> f64 {
     match last(name) {
         "pack" => 5000.0,
@@ -144,7 +144,7 @@ pub fn usual_bytes(name: &str) -> f64 {
     }
 }
 
-/// Memory, before anything is known.
+/// Default price in memory, bytes.
 pub fn usual_memory(name: &str) -> f64 {
     match last(name) {
         "program" => 60e6,
@@ -155,7 +155,7 @@ pub fn usual_memory(name: &str) -> f64 {
 
 /// Cost of work, from all records.
 pub struct CostModel {
-    /// Processor time, s, of a machine whose speed is 1.
+    /// Processor time on a machine of speed 1, s.
     pub seconds: UnitPrices,
     /// Rows.
     pub rows: UnitPrices,
@@ -168,7 +168,7 @@ pub struct CostModel {
 }
 
 impl CostModel {
-    /// By what magline comes with and what the store at `root` has measured.
+    /// Fits the model to the built-in records and to the records of the store at `root`.
     pub fn new(root: &Path) -> CostModel {
         let own = of_store(root);
         let all = || own.iter().map(|o| (o, 1.0)).chain(built_in_ref().map(|o| (o, BUILT_IN)));
@@ -177,7 +177,7 @@ impl CostModel {
             total,
             weight: counts / (total + floor),
         };
-        // By the root, so that neither the long tables nor the many short ones have all the say.
+        // Weighted by the square root, so that neither long tables nor many short ones dominate.
         let time = |(o, w): (&CostObservation, f64)| {
             let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
             CostSample { amounts, total: o.seconds, weight }
@@ -203,7 +203,7 @@ fn built_in_ref() -> impl Iterator<Item = &'static CostObservation> {
     ALL.get_or_init(built_in).iter()
 }
 
-/// The records that magline comes with.
+/// The built-in records.
 fn built_in() -> Vec<CostObservation> {
     serde_json::from_str::<Vec<CostObservation>>(MEASURED).unwrap_or_default().into_iter().filter(is_sound).collect()
 }
@@ -218,7 +218,7 @@ fn spelt(records: &[CostObservation]) -> Option<String> {
     Some(format!("{}\n{text}\n", HashKey::from_parts([&text])))
 }
 
-/// The records in the text of a file, as they are written there; `None` where it is damaged.
+/// Records in the text of a file; `None` if it is damaged.
 fn whole(text: &str) -> Option<&str> {
     let (sum, records) = text.strip_suffix('\n')?.split_once('\n')?;
     (HashKey::from_parts([records]).to_string() == sum).then_some(records)
@@ -229,7 +229,7 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes).is_ok_and(|text| whole(text).is_some())
 }
 
-/// The records in a file; none where it is not there or damaged: they are only a guide.
+/// Records in a file; none if it is missing or damaged, because they only guide estimates.
 fn read(path: &Path) -> Vec<CostObservation> {
     let text = paths::read_regular(path).ok().and_then(|bytes| String::from_utf8(bytes).ok()).unwrap_or_default();
     let records = whole(&text);
@@ -237,7 +237,7 @@ fn read(path: &Path) -> Vec<CostObservation> {
     records.unwrap_or_default().into_iter().filter(is_sound).collect()
 }
 
-/// Whether all numbers can be computed with.
+/// Whether all numbers are finite and in a plausible range.
 fn is_sound(o: &CostObservation) -> bool {
     let TableWork { parts, units, rows_in, reads, packs, width, held, .. } = &o.work;
     let parts = parts.values().flat_map(|p| [p.units, p.samples, p.values, p.squares]);
@@ -254,9 +254,9 @@ pub fn of_store(root: &Path) -> Vec<CostObservation> {
     paths.iter().flat_map(|p| read(p)).collect()
 }
 
-/// Adds what a run of `pipeline`, which holds the lock of the pipeline, has measured. The same work replaces what was
-/// known of it. What cannot be written is lost: it is only a guide, and the disk's fault shows when results are
-/// written.
+/// Adds the measurements of a run of `pipeline`, which holds the lock of the pipeline. A record replaces an older one
+/// of the same work. A record that cannot be written is dropped: it only guides estimates, and the write of results
+/// reports the disk fault.
 pub fn keep(store: &Store, pipeline: &str, new: Vec<CostObservation>) {
     if new.is_empty() {
         return;
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_records_come_back_and_a_damaged_file_is_left_out() {
+    fn unit_records_are_kept_and_damaged_files_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         keep(&store, "a", vec![one("x", 1.0, 0.1), one("y", 2.0, 0.2)]);
@@ -300,7 +300,7 @@ mod tests {
         assert_eq!(of_store(folder.path()), [one("x", 9.0, 0.9)]);
         fs::write(&path, &text[..text.len() / 2]).unwrap();
         assert_eq!(of_store(folder.path()), [one("x", 9.0, 0.9)]);
-        // The next run begins anew.
+        // The next run starts a new file.
         keep(&store, "a", vec![one("x", 5.0, 0.5)]);
         assert_eq!(of_store(folder.path()).len(), 2);
     }
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_magline_comes_with_can_be_read() {
+    fn unit_built_in_records_are_readable() {
         let listed: Vec<serde_json::Value> = serde_json::from_str(MEASURED).unwrap();
         assert_eq!(built_in().len(), listed.len());
         assert!(built_in().iter().any(|o| o.work.stage == "navigate"), "measure with pipeline/benches/costs.py");

@@ -1,5 +1,4 @@
-//! A run that is watched: the processor time, memory, rows and bytes of each table, kept in the store for the next
-//! estimate.
+//! Measurement of a run: processor time, memory, rows and bytes of each table, kept in the store for the next estimate.
 
 use super::{
     fit::UnitPrices,
@@ -27,12 +26,12 @@ pub struct TableStart {
 }
 
 impl<'a> CostMeter<'a> {
-    /// From now on.
+    /// Starts the measurement.
     pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store) -> CostMeter<'a> {
         CostMeter { graph, store, seen: vec![], begun_s: machine::processor_s(), spent_s: 0.0 }
     }
 
-    /// Before the table `t`; `None` where nothing of it is to be computed.
+    /// Starts the measurement of the table `t`; `None` if nothing of it is to be computed.
     pub fn table(&self, t: usize) -> Option<TableStart> {
         let rows = UnitPrices::usual(usual_rows);
         let amounts = WorkEstimator::new(self.graph, self.store, &rows, rayon::current_num_threads());
@@ -41,7 +40,7 @@ impl<'a> CostMeter<'a> {
         Some(TableStart { asked, begun_s: machine::processor_s(), sees_memory })
     }
 
-    /// After it: its outcome, and its packs. A table that was not computed as a whole says nothing.
+    /// Ends the measurement of a table, with its outcome and packs. A partly computed table is not measured.
     pub fn done(&mut self, before: Option<TableStart>, count: OutcomeCounts, packs: &[HashKey]) {
         let Some(TableStart { asked, begun_s, sees_memory }) = before else { return };
         let seconds = machine::processor_s() - begun_s;

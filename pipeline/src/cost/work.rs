@@ -1,4 +1,4 @@
-//! The work that the tables of a plan ask for: what is missing of each, and its amounts.
+//! Amounts of work of a plan: the missing units of each table.
 
 use std::{
     cell::RefCell,
@@ -20,9 +20,9 @@ use crate::{
     store::{RowLocation, Store, row_bytes},
 };
 
-/// Points of one line that are computed together.
+/// Number of points of a line that are computed together.
 const TOGETHER: usize = 8;
-/// Lines that are looked at for the rate of a table of flights.
+/// Maximum number of lines that determine the sampling rate of a table of flights.
 const LOOKED_AT: usize = 16;
 
 /// Missing units of a table, and their work.
@@ -30,15 +30,15 @@ const LOOKED_AT: usize = 16;
 pub struct MissingWork {
     /// Its units.
     pub units: usize,
-    /// Those that are in the store already, have failed for good, or repeat another.
+    /// Units that are stored, have failed for good, or are duplicates.
     pub there: usize,
     /// Rows that are in the store already.
     pub rows_there: usize,
-    /// The work that is left.
+    /// The remaining work.
     pub work: TableWork,
-    /// Rows that it makes.
+    /// Number of rows to make.
     pub rows: f64,
-    /// Into how many parts that may run at once it can be divided.
+    /// Number of tasks that can be computed concurrently.
     pub tasks: usize,
     /// The units to compute, each key once.
     pub missing: Vec<PlanUnit>,
@@ -49,7 +49,7 @@ pub struct MissingWork {
 struct PointEffort {
     kind: String,
     effort: f64,
-    /// Numbers of a row that it reads.
+    /// Numbers read per row.
     width: f64,
 }
 
@@ -67,7 +67,7 @@ struct ColumnLists {
 }
 
 impl ColumnLists {
-    /// The number of a list of columns, by who made them and their names there, with the numbers of a row of each.
+    /// Number of a list of columns. Each column has its source table, its name there, and its numbers per row.
     fn list(&mut self, columns: impl Iterator<Item = (TableRef, String, f64)>) -> usize {
         let mut list = vec![];
         for (made_by, name, width) in columns {
@@ -95,7 +95,7 @@ struct SharedColumns {
 }
 
 impl SharedColumns {
-    /// Numbers that are read, each column once; and the squares of the numbers of a row, summed over the lists.
+    /// Numbers read, each column once; and the squared numbers per row, summed over the lists.
     fn amounts(&self, read: &ColumnLists) -> (f64, f64) {
         let columns: BTreeSet<usize> = self.lists.iter().flat_map(|list| read.by_list[*list].iter().copied()).collect();
         let width = |columns: &mut dyn Iterator<Item = &usize>| columns.map(|c| read.widths[*c]).sum::<f64>();
@@ -110,13 +110,13 @@ pub struct WorkEstimator<'a> {
     store: &'a Store,
     rows: &'a UnitPrices,
     threads: usize,
-    /// Samples per second of each table of flights, once they were looked at.
+    /// Cached samples per second of each table of flights.
     rates: RefCell<HashMap<usize, Option<f64>>>,
 }
 
 impl<'a> WorkEstimator<'a> {
-    /// Amounts for the tables of `graph` on `threads` threads. The prices `rows` give the numbers of rows that no plan
-    /// gives.
+    /// Creates an estimator for the tables of `graph` on `threads` threads. The prices `rows` predict numbers of rows
+    /// that the plan does not determine.
     pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store, rows: &'a UnitPrices, threads: usize) -> WorkEstimator<'a> {
         WorkEstimator { graph, store, rows, threads, rates: RefCell::default() }
     }
@@ -124,7 +124,7 @@ impl<'a> WorkEstimator<'a> {
     /// Missing units of the table `t`.
     ///
     /// # Errors
-    /// Fails for a table that has no files, since a column has types that no file holds.
+    /// Fails for a table whose columns have types that no file can hold.
     pub fn missing_work(&self, t: usize) -> Result<MissingWork, Fault> {
         let node = &self.graph.plan.tables[t];
         let mut asked = MissingWork::default();
@@ -176,7 +176,7 @@ impl<'a> WorkEstimator<'a> {
             ..TableWork::default()
         };
         let mut points: HashMap<(HashKey, usize), PointEffort> = HashMap::new();
-        // Columns that are read of a line or of a set of lines, by kind: each column once for all points.
+        // Columns read per line or set of lines, by kind: each column once for all points.
         let mut shared: HashMap<(String, Option<LineId>, u32), SharedColumns> = HashMap::new();
         let (mut read, mut lists) = (ColumnLists::default(), HashMap::new());
         let mut unkept: HashSet<PlanUnit> = HashSet::new();
@@ -202,7 +202,7 @@ impl<'a> WorkEstimator<'a> {
             self.unkept(*unit, &it, &mut unkept);
         }
         work.width = if asked.rows > 0.0 { numbers / asked.rows } else { 0.0 };
-        // In an order of its own, as sums follow it.
+        // Sorted, because sums depend on the order.
         for ((kind, ..), of_line) in shared.iter().collect::<BTreeMap<_, _>>() {
             let part = work.parts.entry(kind.clone()).or_default();
             let (values, squares) = of_line.amounts(&read);
@@ -227,7 +227,7 @@ impl<'a> WorkEstimator<'a> {
         Ok(())
     }
 
-    /// Work of a point of a table for each row.
+    /// Work per row of a point of a table.
     fn point(&self, it: &StageInstance) -> PointEffort {
         let entry = &it.node.entry;
         let (mut kind, mut effort) = (entry.name.to_owned(), 1.0);
@@ -236,7 +236,7 @@ impl<'a> WorkEstimator<'a> {
             if let Some(key) = entry.kinds.first().map(|k| k.key)
                 && let Some((_, chosen)) = stage.canonical().into_iter().find(|(name, _)| *name == key)
             {
-                // It is spelt in quotes, with its version behind it.
+                // The spelling is quoted and followed by the version.
                 kind = format!("{kind} {}", chosen.split('"').nth(1).unwrap_or(&chosen));
             }
             let manner = stage.manner();
@@ -290,7 +290,7 @@ impl<'a> WorkEstimator<'a> {
         }
     }
 
-    /// Rows of a line in the first input of lines, which the others are brought to.
+    /// Rows of a line in the first line input, to which the other inputs are aligned.
     fn rows_of_line(&self, it: &StageInstance, line: LineId) -> f64 {
         let first = it.node.inputs(it.index).find(|(kind, _)| kind.is_by_line());
         first.map_or(0.0, |(_, r)| self.rows_in(r, line))
@@ -306,7 +306,7 @@ impl<'a> WorkEstimator<'a> {
         self.rows_of(unit, &it, self.rows_of_line(&it, line), 0.0)
     }
 
-    /// Rows that a unit makes of `rows`, each with `reads` numbers.
+    /// Rows that a unit makes from `rows` input rows of `reads` numbers each.
     fn rows_of(&self, unit: PlanUnit, it: &StageInstance, rows: f64, reads: f64) -> f64 {
         if it.node.entry.grain == Grain::Line && it.yields.passes != PassThroughColumns::None {
             return rows;
@@ -346,7 +346,7 @@ impl<'a> WorkEstimator<'a> {
         }
     }
 
-    /// Samples per second of a table of lines: what a stage made of it, or what the flights below it have.
+    /// Samples per second of a table of lines, determined by a stage or by the flights below it.
     fn rate(&self, r: TableRef) -> Option<f64> {
         match r {
             TableRef::Map(_) => None,
@@ -366,7 +366,7 @@ impl<'a> WorkEstimator<'a> {
         }
     }
 
-    /// The median over some lines.
+    /// Median rate over some lines.
     fn rate_of_flights(&self, i: usize) -> Option<f64> {
         let records = self.graph.records.get(i)?;
         let step = (records.len() / LOOKED_AT).max(1);
@@ -383,7 +383,7 @@ impl<'a> WorkEstimator<'a> {
         rates.get(rates.len() / 2).copied()
     }
 
-    /// The units of tables that are not kept which `unit` is made from, and which are made again for it.
+    /// Finds the units of tables that are not kept and must be recomputed for `unit`.
     fn unkept(&self, unit: PlanUnit, it: &StageInstance, found: &mut HashSet<PlanUnit>) {
         if self.graph.plan.tables.iter().all(|node| node.keep) {
             return;
@@ -425,7 +425,7 @@ impl<'a> WorkEstimator<'a> {
     }
 }
 
-/// Numbers of a row that a unit writes; what is the same in all its rows takes no room.
+/// Numbers per row that a unit writes; constant columns take no space.
 fn width(it: &StageInstance, axes: usize, cut: &TableAssembler) -> f64 {
     let made: f64 = it.yields.columns.iter().map(|c| numbers(&c.column_type)).sum();
     let passed = cut.schema.fields().iter().skip(axes).filter(|f| it.makes(f.name()).is_none());
@@ -451,7 +451,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_column_is_read_once_and_points_that_read_the_same_have_their_products_once() {
+    fn unit_shared_columns_and_products_are_counted_once() {
         let mut read = ColumnLists::default();
         let column = |table: usize, name: &str, width: f64| (TableRef::Stage(table, 0), name.to_owned(), width);
         // Eighteen terms for two magnetometers, one of them by two points; then the terms of another vector
@@ -466,7 +466,7 @@ mod tests {
         assert_eq!(of(&[0]), (1900.0, product));
         assert_eq!(of(&[0, 1, 0]), (2000.0, 2.0 * product));
         assert_eq!(of(&lists), (3800.0, 3.0 * product));
-        // The order of columns is none of a list's.
+        // The order of columns does not distinguish lists.
         assert_eq!(read.list([column(0, "tl", 18.0), column(2, "mag_4", 1.0)].into_iter()), 0);
     }
 }

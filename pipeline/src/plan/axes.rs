@@ -5,7 +5,7 @@ use schemas::{Fault, Literal, SpecEntries, SpecEntry, SpecSection};
 use super::grid::SweepPoint;
 use crate::spec::{Spec, SpecSpan, StageDecl, TRIAL};
 
-/// The names after `$` in a text, with `$$` standing for the sign itself.
+/// The names after `$` in a text; `$$` is a literal `$`.
 fn mentions(text: &str) -> Vec<&str> {
     let mut found = vec![];
     let mut rest = text;
@@ -53,7 +53,7 @@ pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault
             None => faults.push(Fault::new(format!("there is no axis `{name}`")).nearest(name, &known).at(at)),
         }
     }
-    // A trial is a value of each axis that is searched: who depends on one depends on all.
+    // A trial sets all searched axes, so a stage that depends on one depends on all.
     if axes.iter().any(|i| spec.searched.contains(i)) {
         axes.extend(spec.searched.clone());
     }
@@ -73,14 +73,14 @@ pub fn unused(spec: &Spec) -> Vec<&str> {
     searched.filter(|name| *name != TRIAL && !names.contains(name)).collect()
 }
 
-/// The axes that a value mentions, as positions in the spec, as far as the spec has them.
+/// Axes of the spec that a value mentions, as positions.
 pub fn axes_of(value: &Literal, spec: &Spec) -> Vec<usize> {
     let mut names = vec![];
     mentions_in(value, &mut names);
     known(names, spec)
 }
 
-/// The axes that a text mentions, likewise.
+/// Axes of the spec that a text mentions, as positions.
 pub fn axes_in(text: &str, spec: &Spec) -> Vec<usize> {
     known(mentions(text), spec)
 }
@@ -92,7 +92,7 @@ fn known(names: Vec<&str>, spec: &Spec) -> Vec<usize> {
     axes
 }
 
-/// A value with the axes substituted: `"$axis"` gives the value with its type, a reference inside of a text its
+/// Substitutes the axes in a value. `"$axis"` gives the axis value with its type; a reference inside a text gives its
 /// spelling.
 pub fn put_in(value: &Literal, point: &SweepPoint) -> Literal {
     match value {
@@ -115,7 +115,7 @@ pub fn put_in(value: &Literal, point: &SweepPoint) -> Literal {
     }
 }
 
-/// The text with every mention spelt out.
+/// The text with every mention replaced by its value.
 pub fn spelt_in(text: &str, point: &SweepPoint) -> String {
     let mut out = String::new();
     let mut rest = text;
@@ -134,7 +134,7 @@ pub fn spelt_in(text: &str, point: &SweepPoint) -> String {
     out + rest
 }
 
-/// A value inside of a text; of a list the entries with commas between them.
+/// Spelling of a value inside a text; list entries are separated by commas.
 fn spelt(value: &Literal) -> String {
     match value {
         Literal::List(items) => items.iter().map(Literal::to_string).collect::<Vec<_>>().join(","),
@@ -152,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_mention_keeps_its_type_and_a_text_its_rest() {
+    fn unit_axis_references_are_replaced_by_their_values() {
         let point: SweepPoint =
             [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
         assert_eq!(put_in(&Literal::Text("$lambda".into()), &point), Literal::Float(0.5));

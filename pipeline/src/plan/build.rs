@@ -1,4 +1,4 @@
-//! From spec to plan.
+//! Building of a plan from a spec.
 
 use std::collections::HashSet;
 
@@ -10,7 +10,7 @@ use super::{
 };
 use crate::spec::{Spec, SpecFaults, StageDecl};
 
-/// More points than this are more likely a slip than a wish.
+/// Maximum number of points; more are probably a mistake.
 const MOST_POINTS: usize = 10_000_000;
 
 /// See [`Plan::new`]; with a record the inputs are not opened.
@@ -46,7 +46,7 @@ const BESIDE: [(&str, &str); 5] = [
 ];
 
 impl PlanBuilder<'_> {
-    /// Every table has one name.
+    /// Checks that table names are unique.
     fn names(&mut self) {
         let sources = self.spec.tables.iter().map(|t| (&t.name, &t.at));
         let mut seen: Vec<&str> = vec![];
@@ -63,7 +63,7 @@ impl PlanBuilder<'_> {
         }
     }
 
-    /// The stages, each after those it takes its inputs from.
+    /// Order of the stages, each after its inputs.
     fn order(&mut self) -> Vec<usize> {
         let names: Vec<Vec<String>> = self.spec.stages.iter().map(|s| self.inputs_of(s)).collect();
         let n = self.spec.stages.len();
@@ -96,7 +96,7 @@ impl PlanBuilder<'_> {
         order.push(i);
     }
 
-    /// Plans one stage, or says what is wrong with it.
+    /// Plans one stage, or reports its faults.
     fn stage(&mut self, position: usize) -> Option<()> {
         let spec = self.spec;
         let decl = &spec.stages[position];
@@ -128,7 +128,7 @@ impl PlanBuilder<'_> {
             return None;
         }
         if inputs.iter().any(|name| self.broken.contains(name)) {
-            // Its own parameters are still worth a look.
+            // Its own parameters are still checked.
             self.parameters(decl, entry);
             return None;
         }
@@ -180,7 +180,7 @@ impl PlanBuilder<'_> {
         Some(())
     }
 
-    /// The stage would be run at too many points of the sweep.
+    /// Fault of a stage with too many sweep points.
     fn too_many(&self, decl: &StageDecl, axes: &[usize]) -> Fault {
         // The axes that are searched together count once.
         let once = |i: &&usize| !self.spec.searched.contains(i) || **i == self.spec.searched.start;
@@ -194,14 +194,14 @@ impl PlanBuilder<'_> {
         Fault::new(what).at(decl.at.clone()).help(help)
     }
 
-    /// Whether a key column of a stage holds its parameter of the same name, which the axis of that name gives.
+    /// Whether a key column of a stage holds its parameter of the same name, which the axis of that name sets.
     fn is_own_value(&self, node: &TableNode, column: &Column) -> bool {
         let given = self.spec.stages.get(node.decl).and_then(|decl| decl.args.get(&column.name));
         let axis = given.and_then(|given| given.value.as_text()).and_then(|text| text.strip_prefix('$'));
         column.role == Role::Key && axis == Some(column.name.as_str())
     }
 
-    /// An axis column must not hide another column.
+    /// Checks that no axis column hides another column.
     fn axis_columns(&mut self, node: &TableNode) {
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
             if axis.name == IN_SAMPLE && node.in_sample_meaning().is_some() {
@@ -209,7 +209,7 @@ impl PlanBuilder<'_> {
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }
             let clash = node.columns().into_iter().find(|c| c.name == axis.name);
-            // A small table's `model` or `method` is the axis' own value where the sweep is over it.
+            // In a small table, `model` or `method` may be the value of the axis of that name.
             let own = axis.name == "model" || clash.as_ref().is_some_and(|column| self.is_own_value(node, column));
             if clash.is_some() && !(node.is_small() && own) {
                 let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);

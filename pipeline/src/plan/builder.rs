@@ -1,4 +1,4 @@
-//! A plan in the making.
+//! Plan under construction.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -36,25 +36,25 @@ pub struct PlanBuilder<'a> {
     pub recorded: Option<&'a RecordedPlan>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
-    /// The table that each of `flights` is to a stage.
+    /// Schema of each of `flights` as seen by stages.
     pub shapes: Vec<Arc<Table>>,
     pub maps: Vec<MapSource>,
-    /// The table of a map, and of one that gives the error of each node.
+    /// Schemas of a map without and with the error of each node.
     pub map_shapes: [Arc<Table>; 2],
-    /// The table that each of `maps` is to a stage.
+    /// Schema of each of `maps` as seen by stages.
     pub wholes: Vec<Arc<Table>>,
-    /// Tables of files already opened, by name and use; `None` where that failed.
+    /// Tables of files already opened, by name and use; `None` if that failed.
     pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,
     pub tables: Vec<TableNode>,
     /// Faulty stages; their dependents are not checked.
     pub broken: Vec<String>,
     pub notes: Vec<String>,
-    /// Predicates already read, by text and the columns they see: most points of a sweep share one.
+    /// Parsed predicates, by text and visible columns: most points of a sweep share one.
     pub predicates: HashMap<(String, Option<*const Table>), Arc<Predicate>>,
 }
 
 impl<'a> PlanBuilder<'a> {
-    /// Nothing planned yet.
+    /// Creates an empty plan.
     pub fn new(spec: &'a Spec, catalogue: &'a [StageEntry], recorded: Option<&'a RecordedPlan>) -> Self {
         PlanBuilder {
             spec,

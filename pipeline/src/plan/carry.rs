@@ -1,4 +1,4 @@
-//! `carry` and `keep`: the columns of a table of flight lines that are written in addition to those it computes.
+//! `carry` and `keep`: columns of a table of flight lines that are written in addition to the computed ones.
 
 use std::{collections::HashSet, sync::Arc};
 

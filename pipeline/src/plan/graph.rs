@@ -1,4 +1,4 @@
-//! The plan with its data: which lines each table has, what there is to compute, and which stage made a column.
+//! The plan with its data: the lines of each table, the units, and the stage that made each column.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
@@ -33,7 +33,7 @@ pub struct PlanGraph<'a> {
     pub records: Vec<BTreeMap<LineId, LineRecord>>,
     /// The files behind each table of flights, then behind each map.
     pub bytes: Vec<Vec<FileDigest>>,
-    /// The folders of the figures of the quality of each table of flights.
+    /// Folders with the quality figures of each table of flights.
     pub quality: Vec<Vec<PathBuf>>,
     /// The key of each map.
     pub maps: Vec<HashKey>,
@@ -43,11 +43,11 @@ pub struct PlanGraph<'a> {
     pub(super) names: ColumnNames,
     /// For each table of flights, the keys of each column that stages read, by line.
     pub(super) sources: Vec<HashMap<ColumnNumber, Vec<Option<HashKey>>>>,
-    /// The keys' part of each table.
+    /// Key data of each table.
     pub(super) nodes: Vec<NodeKeys>,
-    /// The keys that are known.
+    /// Cache of keys.
     pub(super) memo: KeyCache,
-    /// The lines in sample of each table of scores, when they are first asked for.
+    /// In-sample lines of each table of scores, computed at first use.
     pub(super) seen: Vec<OnceLock<Result<InSampleLines, Fault>>>,
 }
 
@@ -72,7 +72,7 @@ pub struct ColumnLocation {
 }
 
 impl<'a> PlanGraph<'a> {
-    /// Reads the sources of `plan` into `store`, where they are missing.
+    /// Reads missing sources of `plan` into `store`.
     ///
     /// # Errors
     /// Fails for files that cannot be read.
@@ -109,7 +109,7 @@ impl<'a> PlanGraph<'a> {
         Ok(PlanGraph { quality, ..graph })
     }
 
-    /// The graph of what was read: the lines of each table of flights, and the key of each map.
+    /// Creates the graph from records: the lines of each table of flights, and the key of each map.
     ///
     /// # Errors
     /// Fails for a `where` that selects nothing.
@@ -122,7 +122,7 @@ impl<'a> PlanGraph<'a> {
         let names: BTreeSet<(String, String)> =
             sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
         let lines: Vec<(String, String)> = names.into_iter().collect();
-        // Every record is among the lines, which are made of them.
+        // Every record is among the lines, which are made from the records.
         let known = |l: LineRecord| Some((lines.binary_search(&(l.flight.clone(), l.line.clone())).ok()?, l));
         let records: Vec<BTreeMap<LineId, LineRecord>> =
             sources.into_iter().map(|s| s.into_iter().filter_map(known).collect()).collect();
@@ -160,7 +160,7 @@ impl<'a> PlanGraph<'a> {
         inputs.filter(|(_, (kind, _))| kind.is_by_line()).map(|(i, (_, r))| (i, r)).collect()
     }
 
-    /// The lines of a record, those of a file that could not be read left out.
+    /// Lines of a record, without the lines of unreadable files.
     pub fn lines_in(&self, r: TableRef) -> Vec<LineId> {
         match r {
             TableRef::Flights(i) => {
@@ -193,7 +193,7 @@ impl<'a> PlanGraph<'a> {
         self.sets.each(table, 1).map(|(set, _)| set.len()).max().unwrap_or(0)
     }
 
-    /// Everything there is to compute of one table.
+    /// The units of one table.
     pub fn units(&self, table: usize) -> impl Iterator<Item = PlanUnit> + '_ {
         let node = &self.plan.tables[table];
         let grain = node.entry.grain;
@@ -252,10 +252,10 @@ impl<'a> PlanGraph<'a> {
         r
     }
 
-    /// The map `r`, on its own grid: that of a file, or what a stage made.
+    /// The map `r` on its native grid, from a file or a stage.
     ///
     /// # Errors
-    /// When it is not in the store, or is not a map.
+    /// Fails when it is not in the store, or is not a map.
     pub fn map(&self, store: &Store, r: TableRef) -> Result<RecordBatch, Fault> {
         let key = self.whole(r)?;
         match r {

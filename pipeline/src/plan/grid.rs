@@ -18,9 +18,9 @@ pub struct SweepGrid {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SweepGridSide {
-    /// The axis, as a position in the spec; of axes that are searched together the first.
+    /// The axis, as a position in the spec; the first one of axes that are searched together.
     axis: usize,
-    /// The number of axes that go together, from it on.
+    /// Number of axes that are searched together, starting with this one.
     together: usize,
     /// The number of its values.
     length: usize,
@@ -41,7 +41,8 @@ impl SweepGrid {
         SweepGrid::over(axes.into_iter().filter_map(side).collect())
     }
 
-    /// Over axes given by their first position, how many go together, and the number of their values.
+    /// Grid over axes, each given by its first position, the number of axes searched together, and the number of
+    /// values.
     fn over(axes: Vec<(usize, usize, usize)>) -> SweepGrid {
         let mut len = 1usize;
         let mut sides = vec![];
@@ -64,7 +65,7 @@ impl SweepGrid {
         self.sides().flatten()
     }
 
-    /// The axes, as ranges of positions in the spec: those that are searched together are one.
+    /// The axes, as ranges of positions in the spec; axes that are searched together form one range.
     pub fn sides(&self) -> impl Iterator<Item = Range<usize>> + '_ {
         self.sides.iter().map(|s| s.axis..s.axis + s.together)
     }
@@ -83,7 +84,7 @@ impl SweepGrid {
         self.place(i).filter_map(value).collect()
     }
 
-    /// The point whose values have these positions, in the order of the sides; `None` where there is no such value.
+    /// The point whose values have these positions, in the order of the sides; `None` if there is no such value.
     pub fn number(&self, place: &[usize]) -> Option<usize> {
         let fits = place.len() == self.sides.len() && place.iter().zip(&self.sides).all(|(at, s)| *at < s.length);
         fits.then(|| place.iter().zip(&self.sides).map(|(at, s)| at * s.stride).sum())
@@ -136,7 +137,7 @@ struct SweepStride {
 }
 
 impl SweepPointMap {
-    /// The point there of the point `i` here.
+    /// Point of the other grid for the point `i` of this grid.
     pub fn at(&self, i: usize) -> usize {
         self.steps.iter().map(|s| i / s.own % s.length * s.there).sum()
     }
@@ -151,13 +152,13 @@ pub struct SweepValues<T> {
 }
 
 impl<T: Clone + PartialEq> SweepValues<T> {
-    /// `values` for the points of `grid`, asked for by the points of `whole`. Axes without effect are dropped.
+    /// Values for the points of `grid`, looked up by the points of `whole`. Axes without effect are dropped.
     pub fn new(whole: &SweepGrid, grid: SweepGrid, values: Vec<T>) -> SweepValues<T> {
         let (grid, values) = reduced(grid, values);
         SweepValues { onto: whole.onto(&grid), grid, values }
     }
 
-    /// The axes it depends on.
+    /// Grid of the axes that the values depend on.
     pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_axes_that_change_nothing_are_let_go_of() {
+    fn unit_axes_without_effect_are_dropped() {
         let all = grid(&[0, 1, 2, 3]);
         let part = grid(&[0, 1, 2]);
         let values: Vec<usize> = (0..part.len()).map(|i| i % 3).collect();
@@ -240,7 +241,7 @@ mod tests {
 
     #[test]
     fn unit_axes_that_are_searched_together_are_one_side() {
-        // The axes 1 to 3 go together: two values of the axis 0, five trials.
+        // The axes 1 to 3 are searched together: two values of the axis 0, five trials.
         let all = SweepGrid::over(vec![(0, 1, 2), (1, 3, 5)]);
         assert_eq!((all.len(), all.axes().collect::<Vec<_>>()), (10, vec![0, 1, 2, 3]));
         assert_eq!(all.sides().collect::<Vec<_>>(), [0..1, 1..4]);
@@ -256,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_more_points_than_any_number_are_counted_as_the_largest() {
+    fn unit_the_number_of_points_saturates() {
         let wide = SweepGrid::over((0..40).map(|a| (a, 1, 1000)).collect());
         assert_eq!(wide.len(), usize::MAX);
     }

@@ -22,7 +22,7 @@ use crate::{
 const MOST_NAMES: usize = 1_000_000;
 
 impl PlanBuilder<'_> {
-    /// The names a stage takes its inputs from, at any point of the sweep.
+    /// Names of the inputs of a stage over all points of the sweep.
     pub fn inputs_of(&self, decl: &StageDecl) -> Vec<String> {
         let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0) else { return vec![] };
         let mut names = BTreeSet::new();
@@ -76,7 +76,7 @@ impl PlanBuilder<'_> {
         fine.then_some(slots)
     }
 
-    /// Whether an entry of an input refers to names everywhere; a list of names only where there may be several.
+    /// Whether an entry of an input contains only names. A list is permitted only for several tables.
     fn is_right(&self, item: &Literal, many: bool) -> bool {
         let Literal::Text(_) = item else { return false };
         let grid = SweepGrid::new(&axes_of(item, self.spec), self.spec);
@@ -208,10 +208,10 @@ impl PlanBuilder<'_> {
         found
     }
 
-    /// A map or a model, opened.
+    /// Opens a map or a model.
     fn whole(&mut self, mut source: MapSource) -> InputTarget {
         source.read_all = self.spec.verify_inputs;
-        // Maps are alike to a stage, so that points which differ in their map share what is planned.
+        // All maps have the same schema, so that points with different maps share one plan.
         let map = &self.map_shapes[usize::from(source.gives_error())];
         self.wholes.push(source.model().map_or_else(|| map.clone(), Arc::new));
         self.maps.push(source);
@@ -245,7 +245,7 @@ impl PlanBuilder<'_> {
     }
 }
 
-/// A map of something else than the anomaly, which no stage takes.
+/// Fault of a map of another quantity than the anomaly.
 fn derivative(name: &str, table: &Table) -> Option<Fault> {
     let Table::Map(shape) = table else { return None };
     let unit = &shape.get("anomaly")?.unit;

@@ -41,11 +41,11 @@ pub(super) struct NodeKeys {
     pub(super) variants: Vec<VariantKeys>,
     /// The columns that it makes at any point.
     pub(super) makes: Vec<ColumnNumber>,
-    /// From its points to those between which the data that are read differ.
+    /// Mapping from its points to the points at which its input data differ.
     to_data: SweepPointMap,
-    /// Lines of the point that has most; 1 for a survey stage.
+    /// Maximum number of lines of a point; 1 for a survey stage.
     width: u64,
-    /// Numbers for the memo: of units, of their data, of their columns.
+    /// First cache numbers of units, of their data and of their columns.
     units: u64,
     data_units: Option<u64>,
     columns: u64,
@@ -54,11 +54,11 @@ pub(super) struct NodeKeys {
 /// The properties of a variant that keys need.
 pub(super) struct VariantKeys {
     pub(super) made: Vec<ColumnNumber>,
-    /// The inputs of each of those.
+    /// The inputs of each of the columns in `made`.
     from: Vec<Vec<(usize, ColumnNumber)>>,
-    /// The columns that are read of each input.
+    /// Columns read from each input.
     reads: Vec<Vec<ColumnNumber>>,
-    /// The rows it is restricted to.
+    /// Key of the restriction of rows.
     rows: HashKey,
 }
 
@@ -74,7 +74,7 @@ impl VariantKeys {
     }
 }
 
-/// The columns handed over from input `i`, those of `where` among them.
+/// Columns passed from input `i`, including the columns of `where`.
 fn read(variant: &StageVariant, i: usize) -> Vec<String> {
     let mut columns = variant.yields.reads.get(i).cloned().unwrap_or_default();
     if i == 0
@@ -104,10 +104,10 @@ impl PlanGraph<'_> {
         Ok(HashKey::of_bytes(&text))
     }
 
-    /// The object that holds what `r` makes of `line`.
+    /// Key of the object with the result of `r` for `line`.
     ///
     /// # Errors
-    /// Fails when the line lacks a column that is needed for it.
+    /// Fails when the line lacks a required column.
     pub fn object(&self, r: TableRef, line: LineId) -> Result<HashKey, Fault> {
         match r {
             TableRef::Flights(i) => self.records[i].get(&line).map(|l| l.object).ok_or_else(|| self.no_line(line)),
@@ -119,7 +119,7 @@ impl PlanGraph<'_> {
         }
     }
 
-    /// The object that holds the model or map `r`, which has no lines.
+    /// Key of the object with the model or map `r`, which has no lines.
     ///
     /// # Errors
     /// Fails when one of its inputs is missing, or when `r` has lines.
@@ -161,7 +161,7 @@ impl PlanGraph<'_> {
         Ok(key)
     }
 
-    /// The key of a unit: stage, version, parameters and the keys of all it reads.
+    /// Key of a unit: stage, version, parameters and the keys of its inputs.
     ///
     /// # Errors
     /// Fails when a line lacks a column that is read.
@@ -182,7 +182,7 @@ impl PlanGraph<'_> {
         })
     }
 
-    /// The key of all that a unit reads.
+    /// Key of all inputs of a unit.
     fn data(&self, t: usize, i: usize, line: Option<LineId>) -> Result<HashKey, Fault> {
         let node = &self.plan.tables[t];
         let v = node.variant(i);
@@ -218,7 +218,7 @@ impl PlanGraph<'_> {
         Ok(HashKey::of_bytes(&text))
     }
 
-    /// Whether a line is in sample of the scores that are read, where the column that is read says so.
+    /// Whether a line is in sample of the input scores, if `column` is `IN_SAMPLE`.
     fn read_in_sample(
         &self,
         (kind, r): (InputKind, TableRef),
@@ -229,7 +229,7 @@ impl PlanGraph<'_> {
         if asked { self.in_sample(r, line) } else { Ok(None) }
     }
 
-    /// One column among what something is made from.
+    /// Appends the name and key of one input column.
     fn part(&self, text: &mut Vec<u8>, name: &str, key: Result<HashKey, Fault>, lenient: bool) -> Result<(), Fault> {
         match key {
             Ok(key) => {
@@ -246,7 +246,7 @@ impl PlanGraph<'_> {
         }
     }
 
-    /// The columns handed over from input `i`, those of `where` among them.
+    /// Columns passed from input `i`, including the columns of `where`.
     pub fn read(&self, it: &StageInstance, i: usize) -> Vec<String> {
         read(it.variant, i)
     }
@@ -326,7 +326,7 @@ impl PlanGraph<'_> {
 }
 
 impl NodeKeys {
-    /// Takes the numbers it needs from `numbers` on.
+    /// Creates the key data, with cache numbers from `numbers` on.
     pub(super) fn new(
         plan: &Plan,
         node: &TableNode,
@@ -387,7 +387,7 @@ fn lacks(record: &LineRecord, name: &str) -> Fault {
     Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line)
 }
 
-/// A part of the hashed bytes, prefixed by its length.
+/// Appends a part to the hashed bytes, prefixed by its length.
 fn word(text: &mut Vec<u8>, word: &str) {
     text.extend((word.len() as u32).to_le_bytes());
     text.extend(word.as_bytes());

@@ -1,4 +1,4 @@
-//! Which lines each point of each table has: a set of lines is stored once for all points that share it.
+//! Lines of each point of each table. A set of lines is stored once for all points that share it.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -47,7 +47,7 @@ impl LineSets {
         of.values().iter().map(move |set| (self.sets[*set as usize].as_slice(), times))
     }
 
-    /// Lines of each of the tables in turn, from those that each table of flights has.
+    /// Determines the lines of each table in turn, from the lines of the tables of flights.
     ///
     /// # Errors
     /// Fails for a `where` that selects nothing, with the table it belongs to.
@@ -135,7 +135,7 @@ impl LineSets {
     }
 }
 
-/// Those of `lines` that a `where` selects.
+/// Lines that a `where` selects.
 fn select(lines: Vec<LineId>, predicate: Option<&Predicate>, all: &[(String, String)]) -> Result<Vec<LineId>, Fault> {
     let Some(predicate) = predicate else { return Ok(lines) };
     let names: Vec<(String, String)> = lines.iter().map(|l| all[*l].clone()).collect();

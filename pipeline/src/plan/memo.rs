@@ -6,18 +6,18 @@ use crate::keys::HashKey;
 
 /// The maximum number of cached keys: 100 MB of them.
 const MOST: u64 = 1 << 22;
-/// Enough shards that threads rarely wait for each other.
+/// Number of shards, large enough that threads rarely wait for each other.
 const SHARDS: u64 = 64;
 
-/// Keys by a number. Where there are more numbers than room, a key replaces an older one, which is
-/// recomputed on demand.
+/// Cache of keys by number. If there are more numbers than slots, a key replaces an older one, which is recomputed on
+/// demand.
 pub struct KeyCache {
     shards: Vec<Mutex<Vec<[u64; 3]>>>,
     room: u64,
 }
 
 impl KeyCache {
-    /// For numbers below `numbers`.
+    /// Creates a cache for numbers below `numbers`.
     pub fn new(numbers: u64) -> KeyCache {
         KeyCache::with_room(numbers.min(MOST))
     }
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_memo_forgets_but_never_mistakes() {
+    fn unit_the_cache_drops_keys_but_never_confuses_them() {
         let memo = KeyCache::with_room(100);
         let key = |n: u64| HashKey::from_parts([n.to_string()]);
         assert_eq!(memo.get(3), None);

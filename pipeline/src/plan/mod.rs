@@ -84,7 +84,7 @@ impl Plan {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
     }
 
-    /// The most points that a table may have: of a search, those of all its trials at all their rungs.
+    /// Maximum number of points of a table; in a search, over all trials and rungs.
     pub fn most_points(&self, table: &TableNode) -> usize {
         let searched = &self.spec.searched;
         let depends = table.axes.iter().any(|a| searched.contains(a));
@@ -103,7 +103,7 @@ impl Plan {
     /// The position of the table `name`.
     ///
     /// # Errors
-    /// Fails when there is none; the fault suggests the nearest.
+    /// Fails when there is no such table; the fault suggests the nearest name.
     pub fn table(&self, name: &str) -> Result<usize, Fault> {
         let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
         let found = known.iter().position(|n| *n == name);
@@ -115,7 +115,7 @@ impl Plan {
         self.tables.iter().flat_map(|t| &t.entry.metrics).find(|m| m.name == name)
     }
 
-    /// The nearest table above `from`, or `from` itself, that `stage` made.
+    /// The nearest table upstream of `from`, or `from` itself, that `stage` made.
     pub fn upstream(&self, from: &[TableRef], stage: &str) -> Option<TableRef> {
         let mut queue: Vec<TableRef> = from.to_vec();
         let mut seen: BTreeSet<TableRef> = BTreeSet::new();
@@ -150,7 +150,7 @@ impl Plan {
         found.into_iter().collect()
     }
 
-    /// The name of the table at a position; empty where there is none.
+    /// The name of the table at a position; empty for an invalid position.
     pub fn table_name(&self, table: usize) -> &str {
         self.tables.get(table).map_or("", |t| t.name.as_str())
     }

@@ -29,9 +29,9 @@ pub struct TableNode {
     pub axes: Vec<usize>,
     /// Its inputs and outputs: one for all points at which they are equal, in order of first appearance.
     pub variants: Vec<StageVariant>,
-    /// The columns that pass through the stage and that its published table is to hold too.
+    /// Columns that pass through the stage and are also written to its published table.
     pub carry: Vec<String>,
-    /// Whether its results are kept; otherwise they are made again where they are needed.
+    /// Whether its results are stored; otherwise they are recomputed on demand.
     pub keep: bool,
     pub(super) grid: SweepGrid,
     pub(super) slots: Vec<InputSlot>,
@@ -39,9 +39,9 @@ pub struct TableNode {
     pub(super) variant: SweepValues<u32>,
     /// A position in `tables`.
     pub(super) table: SweepValues<u32>,
-    /// The different tables that it yields.
+    /// The distinct schemas of its table.
     pub(super) tables: Vec<Arc<Table>>,
-    /// The computation at a point: the stage, its version and its parameters.
+    /// Key of the computation at a point: stage, version and parameters.
     pub(super) questions: SweepValues<HashKey>,
 }
 
@@ -49,14 +49,14 @@ pub struct TableNode {
 pub struct StageVariant {
     /// Its inputs and outputs.
     pub yields: StageSchema,
-    /// Its table as later stages see it.
+    /// Schema of its table as seen by later stages.
     pub table: Arc<Table>,
-    /// The rows it is restricted to.
+    /// Its restriction of rows.
     pub predicate: Option<Arc<Predicate>>,
 }
 
 impl StageVariant {
-    /// The column `name` where this stage makes it.
+    /// The column `name` if this stage makes it.
     pub fn makes(&self, name: &str) -> Option<&Column> {
         self.yields.columns.iter().find(|c| c.name == name)
     }
@@ -95,7 +95,7 @@ impl TableNode {
         self.grid.len()
     }
 
-    /// Whether it has none; a table has at least one point.
+    /// Whether it has no points; a table has at least one.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -120,7 +120,7 @@ impl TableNode {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
 
-    /// The tables that it is made from at any point, each once, a stage's at its first point.
+    /// Its input tables over all points, each once; a stage's table at its first point.
     pub fn sources(&self) -> Vec<TableRef> {
         let mut found = vec![];
         for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
@@ -151,12 +151,12 @@ impl TableNode {
         all.filter(|c| seen.insert(c.name.as_str())).cloned().collect()
     }
 
-    /// A column as each of its points has it, each kind once.
+    /// The distinct definitions of a column over all points.
     pub fn columns_named(&self, name: &str) -> Vec<&Column> {
         self.tables.iter().filter_map(|t| t.shape().get(name)).collect()
     }
 
-    /// Points that show all that it is made from: one for each variant with each choice of names among its inputs.
+    /// Points that cover all inputs: one for each variant and each choice of input names.
     pub fn examples(&self, spec: &Spec) -> impl Iterator<Item = usize> + '_ {
         let names = self.slots.iter().flat_map(|s| s.targets.grid().axes());
         let axes: Vec<usize> = self.variant.grid().axes().chain(names).collect();
@@ -165,8 +165,8 @@ impl TableNode {
         (0..grid.len()).map(move |i| back.at(i))
     }
 
-    /// A point for each combination of the axes that its parameters depend on. Where there are more than `most`, a
-    /// point for each value of each of these axes.
+    /// One point for each combination of the axes that its parameters depend on. With more than `most` combinations,
+    /// one point for each value of each of these axes.
     pub fn parameter_points(&self, most: usize) -> Vec<usize> {
         let own = self.questions.grid();
         let back = own.onto(&self.grid);
@@ -230,12 +230,12 @@ impl<'p> StageInstance<'p> {
         made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a stage that is refused")))
     }
 
-    /// Its parameters in one spelling.
+    /// Its parameters in canonical spelling.
     pub fn params(&self) -> Vec<(&'static str, String)> {
         self.stage().map(|s| s.canonical()).unwrap_or_default()
     }
 
-    /// The computation here, without the data: equal for the same stage, version and parameters.
+    /// Key of the computation without the data: equal for the same stage, version and parameters.
     pub fn question(&self) -> HashKey {
         *self.node.questions.at(self.index)
     }

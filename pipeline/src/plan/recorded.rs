@@ -1,6 +1,6 @@
-//! A plan with its lines and keys as data, for a worker that never touches the inputs.
+//! A plan with its lines and keys as data, for a worker that does not read the inputs.
 //!
-//! From the text of the spec and what was read of its sources, the same plan and the same keys follow.
+//! The text of the spec and the recorded facts of its sources reproduce the plan and its keys.
 
 use arrow_ipc::convert::{IpcSchemaEncoder, fb_to_schema};
 use arrow_schema::{Schema, SchemaRef};
@@ -18,7 +18,7 @@ use crate::{
     store::{NoteFault, Store},
 };
 
-/// The form of the record.
+/// Version of the record's form.
 const FORM: u32 = 2;
 
 /// Record of all facts that determine a plan and its keys.
@@ -27,14 +27,14 @@ const FORM: u32 = 2;
 pub struct RecordedPlan {
     form: u32,
     magline: String,
-    /// The machine's, for people and to compare.
+    /// The machine's arithmetic in words, for messages and comparison.
     arithmetic: String,
     arithmetic_key: HashKey,
-    /// The name of the spec's file, which names a pipeline that has no name.
+    /// Name of the spec's file, which names a pipeline without a name.
     file: String,
     text: String,
     sets: Vec<String>,
-    /// The trials of a search that the plan has.
+    /// Trials of the plan's search.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     trials: Vec<RecordedTrial>,
     flights: Vec<RecordedFlights>,
@@ -54,7 +54,7 @@ struct RecordedTrial {
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum RecordedValue {
-    /// In the shortest spelling that reads back the same.
+    /// Shortest spelling that parses to the same value.
     Real(String),
     Whole(i64),
     Choice(usize),
@@ -88,7 +88,7 @@ struct RecordedLine {
 struct RecordedMap {
     name: String,
     key: HashKey,
-    /// The columns of a model, as those of flights; none of a map.
+    /// Columns of a model, in the same form as the columns of flights; `None` for a map.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     schema: Option<String>,
 }
@@ -205,7 +205,7 @@ impl RecordedPlan {
     /// The plan, with the stages of `catalogue`.
     ///
     /// # Errors
-    /// Fails when these are not the stages that it was made with.
+    /// Fails when `catalogue` differs from the stages of the record.
     pub fn plan(&self, catalogue: &[StageEntry]) -> Result<Plan, SpecFaults> {
         let spec = Spec::parse(&self.file, ".".into(), self.text.clone(), &self.sets)?;
         let rows: Option<Vec<SearchTrial>> = self.trials.iter().map(RecordedTrial::row).collect();
@@ -214,10 +214,10 @@ impl RecordedPlan {
         build::build(spec, catalogue, Some(self))
     }
 
-    /// The graph of `plan`, which is that of this record.
+    /// The graph of `plan`, which must be the plan of this record.
     ///
     /// # Errors
-    /// Fails for a record that is not of the plan.
+    /// Fails when the record does not belong to the plan.
     pub fn graph<'a>(&self, plan: &'a Plan) -> Result<PlanGraph<'a>, SpecFaults> {
         let unknown = |name: &str| plan.spec.faults(vec![lacking(name)]);
         let record = |l: &RecordedLine| LineRecord {
@@ -246,16 +246,16 @@ impl RecordedPlan {
     /// The columns of the table of flights `name`.
     ///
     /// # Errors
-    /// Fails when the record has none.
+    /// Fails when the record has no such table.
     pub(super) fn columns(&self, name: &str) -> Result<SchemaRef, Fault> {
         let found = self.flights.iter().find(|f| f.name == name).and_then(|f| schema_of(&f.schema));
         found.map(SchemaRef::new).ok_or_else(|| lacking(name))
     }
 
-    /// Whether the map `name` is in it.
+    /// Checks that the record has the map `name`.
     ///
     /// # Errors
-    /// Fails when it is not.
+    /// Fails when it has no such map.
     pub(super) fn has_map(&self, name: &str) -> Result<(), Fault> {
         self.maps.iter().any(|m| m.name == name && m.schema.is_none()).then_some(()).ok_or_else(|| lacking(name))
     }
@@ -263,7 +263,7 @@ impl RecordedPlan {
     /// The columns of the model `name`.
     ///
     /// # Errors
-    /// Fails when the record has none.
+    /// Fails when the record has no such model.
     pub(super) fn model(&self, name: &str) -> Result<SchemaRef, Fault> {
         let found = self.maps.iter().filter(|m| m.name == name).find_map(|m| schema_of(m.schema.as_deref()?));
         found.map(SchemaRef::new).ok_or_else(|| lacking(name))
@@ -280,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_the_plan_of_a_machine_with_other_last_bits_is_refused() {
+    fn unit_the_plan_of_a_machine_with_other_arithmetic_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         let of = |arithmetic_key| {

@@ -1,4 +1,4 @@
-//! The goal of a search: the table and the metric that it makes best.
+//! The goal of a search: the table and the metric that it optimises.
 
 use schemas::{
     Fault, Grain, Literal, TableKind,
@@ -17,21 +17,21 @@ pub struct SearchGoal {
     pub table: usize,
     /// Its metric.
     pub metric: Metric,
-    /// Which values are good.
+    /// Preferred values of the metric.
     better: MetricPreference,
-    /// The lines that it is of; all where there is none.
+    /// Lines over which the goal is pooled; `None` for all lines.
     pub lines: Option<Predicate>,
 }
 
 impl SearchGoal {
-    /// A cost that is smaller for the better of two values; `None` for one that is no number.
+    /// Cost of a value, smaller for better values; `None` if the value is not a number.
     pub fn cost(&self, value: f64) -> Option<f64> {
         self.better.cost(value)
     }
 }
 
 impl Plan {
-    /// The goal of the spec's search; `None` where it has none.
+    /// The goal of the spec's search; `None` without a search.
     ///
     /// # Errors
     /// Never fails for a checked plan.
@@ -53,7 +53,7 @@ impl Plan {
 }
 
 impl PlanBuilder<'_> {
-    /// Checks the search against the stages: what it searches is used, and its goal is there and depends on it.
+    /// Checks the search against the stages: the searched axes are used, and the goal exists and depends on them.
     pub fn search(&mut self, search: &SearchSpec) {
         for name in unused(self.spec) {
             let at =

@@ -1,4 +1,4 @@
-//! The lines that the models, noises, maps and choices behind a score saw.
+//! In-sample lines: the lines used by the models, noises, maps and choices behind a score.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, btree_map::Entry},
@@ -27,7 +27,7 @@ impl TableNode {
 }
 
 impl PlanGraph<'_> {
-    /// The lines that each point of the table of scores `t` used, found once.
+    /// The lines that each point of the table of scores `t` used, computed once.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
@@ -58,7 +58,7 @@ pub struct InSampleColumn<'a> {
 }
 
 impl<'a> InSampleColumn<'a> {
-    /// Creates the in-sample test of the table `t`; `None` where it has no such column.
+    /// Creates the in-sample test of the table `t`; `None` if it has no such column.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
@@ -76,7 +76,7 @@ impl<'a> InSampleColumn<'a> {
         Ok(Some(InSampleColumn { graph, seen }))
     }
 
-    /// The number of lines in sample behind the rows of a unit, and of all.
+    /// The number of in-sample lines behind the rows of a unit, and of all lines.
     pub fn lines(&self, unit: PlanUnit) -> (usize, usize) {
         let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
         let all: &[LineId] = match &unit.line {
@@ -88,7 +88,7 @@ impl<'a> InSampleColumn<'a> {
     }
 }
 
-/// The table of scores of a point, and the point there: the table itself, or what a pooling stage pools.
+/// The table of scores of a point, and the point there: the table itself, or the input of a pooling stage.
 fn scores_of(graph: &PlanGraph, t: usize, i: usize) -> Option<(usize, usize)> {
     let node = &graph.plan.tables[t];
     if node.entry.grain == Grain::Line {
@@ -104,8 +104,8 @@ fn scores_of(graph: &PlanGraph, t: usize, i: usize) -> Option<(usize, usize)> {
 pub struct InSampleLines(Vec<Arc<BTreeSet<LineId>>>);
 
 impl InSampleLines {
-    /// For the table `t`: the lines of every stage of a whole survey above a point, such as fits and noises, at any
-    /// distance; and of a table that depends on a search the lines of its goal.
+    /// Collects the lines of every survey stage upstream of each point of the table `t`, such as fits and noises. If
+    /// the table depends on a search, it includes the lines of the goal.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
@@ -134,7 +134,7 @@ impl InSampleLines {
         Ok(InSampleLines((0..node.len()).map(one).collect()))
     }
 
-    /// Whether the point `i` saw a line.
+    /// Whether the point `i` used a line.
     pub fn has(&self, i: usize, line: LineId) -> bool {
         self.0.get(i).is_some_and(|lines| lines.contains(&line))
     }

@@ -1,4 +1,4 @@
-//! The lazy plan against one that lists every point.
+//! The lazy plan compared with a plan that lists every point.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -88,7 +88,7 @@ input = 'scores'
 ";
 
 #[test]
-fn unit_every_point_is_as_if_it_were_planned_alone() {
+fn unit_points_equal_points_that_are_planned_alone() {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let store = Store::open(&folder.path().join("store")).unwrap();
@@ -107,7 +107,7 @@ fn unit_every_point_is_as_if_it_were_planned_alone() {
             let t = whole.table(&node.name).unwrap();
             let same = |i: &StageInstance| i.point().iter().all(|(axis, value)| point[axis] == *value);
             let there: Vec<StageInstance> = whole.instances(t).filter(same).collect();
-            // A name that is the same everywhere brings in fewer axes than one that is not.
+            // A name that is equal everywhere depends on fewer axes than others.
             let (here, there) = (alone.instance(s, 0), there[0]);
             assert_eq!(node.len(), 1);
             assert!(here.point().iter().all(|(axis, value)| there.point().get(axis) == Some(value)));
@@ -142,7 +142,7 @@ fn unit_every_point_is_as_if_it_were_planned_alone() {
             }
         }
     }
-    // Every unit of the whole was met, and those that differ have different keys.
+    // Every unit of the whole plan occurred, and different units have different keys.
     let units: HashSet<_> = (0..whole.tables.len())
         .flat_map(|t| graph.units(t))
         .map(|u| (u.table, u.line, graph.key(u).unwrap()))
@@ -154,7 +154,7 @@ fn unit_every_point_is_as_if_it_were_planned_alone() {
 }
 
 #[test]
-fn unit_what_is_the_same_is_held_once() {
+fn unit_equal_data_are_stored_once() {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let plan = planned(spec(&folder, MIXED));
@@ -196,7 +196,7 @@ fn cube(side: usize) -> String {
 }
 
 #[test]
-fn unit_a_million_points_are_counted_and_not_made() {
+fn unit_a_million_points_are_counted_without_being_listed() {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let plan = planned(spec(&folder, &cube(100)));
@@ -270,7 +270,7 @@ fn gold_carry_names_columns_that_pass_through() {
 }
 
 #[test]
-fn gold_keep_is_for_lines_that_are_not_written_out() {
+fn gold_keep_applies_only_to_unpublished_tables_of_lines() {
     assert_eq!(said("clean", "publish = false\nkeep = false"), "[]");
     assert_eq!(said("clean", "keep = true"), "[]");
     for (name, line, says) in [

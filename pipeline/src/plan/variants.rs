@@ -53,7 +53,7 @@ impl PlanBuilder<'_> {
         SweepGrid::new(&axes, self.spec)
     }
 
-    /// Checks the parameters where nothing else can be.
+    /// Checks only the parameters, when nothing else can be checked.
     pub fn parameters(&mut self, decl: &StageDecl, entry: &StageEntry) {
         let own = own_args(decl, entry);
         let grid = self.own_axes(&own);
@@ -84,7 +84,7 @@ impl PlanBuilder<'_> {
         made.map_err(|faults| self.faults.extend(faults.into_iter().map(|f| f.at(decl.at.clone())))).ok()
     }
 
-    /// The differences between the points of `whole`; `None` where there is a fault.
+    /// The differences between the points of `whole`; `None` if there is a fault.
     pub fn variants(
         &mut self,
         decl: &StageDecl,
@@ -144,7 +144,7 @@ impl PlanBuilder<'_> {
         })
     }
 
-    /// The tables and rows that reach a stage.
+    /// The input tables and rows of a stage.
     fn reach(&mut self, decl: &StageDecl, entry: &StageEntry, slots: &[InputSlot]) -> StageContexts {
         let spec = self.spec;
         let of_where = decl.predicate.as_ref().map(|(text, _)| axes_in(text, spec)).unwrap_or_default();
@@ -221,7 +221,7 @@ impl PlanBuilder<'_> {
         Ok(predicate)
     }
 
-    /// The inputs and outputs of a stage in one situation.
+    /// The inputs and outputs of a stage in one context.
     fn variant(
         &mut self,
         decl: &StageDecl,
@@ -243,8 +243,8 @@ impl PlanBuilder<'_> {
     }
 }
 
-/// Parameters that the spec gives outright and that have had no effect at any point so far. For the values of an axis
-/// that is not a fault: the axis serves other points, or another model.
+/// Parameters set directly in the spec without effect at any point so far. A value from an axis without effect is no
+/// fault: the axis may affect other points or another model.
 struct UnusedParameters<'a> {
     keys: Vec<(&'a str, &'a SpecEntry, Option<Fault>)>,
     /// Whether a point was rejected, so that the effect of its parameters is unknown.
@@ -257,7 +257,7 @@ impl<'a> UnusedParameters<'a> {
         UnusedParameters { keys: outright.map(|(key, given)| (key.as_str(), given, None)).collect(), refused: false }
     }
 
-    /// Parameters with an effect at another point are no longer without effect.
+    /// Removes the parameters that have an effect in `stage`.
     fn hear(&mut self, stage: Option<&AnyStage>) {
         let Some(stage) = stage else {
             self.refused = true;
@@ -283,12 +283,12 @@ impl<'a> UnusedParameters<'a> {
 #[derive(Default)]
 struct VariantCollector {
     variants: Vec<StageVariant>,
-    /// The first table that each of them sees.
+    /// First input table of each variant.
     first: Vec<Option<usize>>,
-    /// The position of the table of each of them.
+    /// Position of the table of each variant.
     table: Vec<u32>,
     tables: Vec<Arc<Table>>,
-    /// Those with the same fingerprint.
+    /// Variants by hash.
     alike: HashMap<u64, Vec<u32>>,
     tables_alike: HashMap<u64, Vec<u32>>,
 }
@@ -367,7 +367,7 @@ impl VariantCollector {
     }
 }
 
-/// A hash of a yield.
+/// Hash of a schema with its first input table and its restriction of rows.
 fn of_yield(yields: &StageSchema, first: Option<usize>, rows: Option<usize>) -> u64 {
     let mut hasher = DefaultHasher::new();
     (first, rows, &yields.reads, &yields.features).hash(&mut hasher);
@@ -386,7 +386,7 @@ fn same_table(one: &Table, other: &Table) -> bool {
     features && one.shape() == other.shape()
 }
 
-/// The computation on the data.
+/// Key of the computation without the data.
 fn question(entry: &StageEntry, stage: &AnyStage) -> HashKey {
     let params = stage.canonical();
     let version = entry.version.to_string();

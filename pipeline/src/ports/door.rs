@@ -1,5 +1,5 @@
-//! Connections to a port. A client that has not proven who it is has ten seconds, and gives way to the next one when
-//! there are too many: connections that say nothing cannot lock others out.
+//! Connections to a port. An unauthenticated client is disconnected after ten seconds, or earlier by the next one if
+//! there are too many. Idle connections thus cannot lock others out.
 
 use std::{
     collections::BTreeMap,
@@ -25,37 +25,37 @@ use tokio::{
 use tokio_rustls::{TlsAcceptor, rustls::ServerConfig, server::TlsStream};
 use tonic::transport::server::Connected;
 
-/// The time that a client has to prove who it is.
+/// Time that a client has for authentication.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// The interval of looking for those whose time is over.
+/// Interval of checks for expired clients.
 const LOOKS_EVERY: Duration = Duration::from_millis(500);
-/// The pause after a connection that could not be accepted, such as for want of file descriptors.
+/// Pause after a failed accept, for example for lack of file descriptors.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
-/// The most connections of strangers, and of clients that have proven who they are.
+/// Maximum number of unauthenticated connections, and of authenticated ones.
 const MOST_STRANGERS: usize = 128;
 const MOST_KNOWN: usize = 1024;
-/// Connections that wait for a server to take them.
+/// Maximum number of connections that wait for a server.
 const WAITING: usize = 16;
 
 /// Limits of a port.
 #[derive(Clone, Copy, Debug)]
 struct ConnectionLimits {
     strangers: usize,
-    /// Strangers of one address.
+    /// Unauthenticated clients of one address.
     of_address: usize,
     known: usize,
     patience: Duration,
 }
 
 impl ConnectionLimits {
-    /// Limits for a number of file descriptors: half of them are for connections.
+    /// Limits for a number of file descriptors, half of which are for connections.
     fn from_descriptors(descriptors: usize) -> ConnectionLimits {
         let strangers = (descriptors / 8).clamp(4, MOST_STRANGERS);
         let known = (descriptors * 3 / 8).clamp(4, MOST_KNOWN);
         ConnectionLimits { strangers, of_address: (strangers / 2).max(2), known, patience: PATIENCE }
     }
 
-    /// Those of this process, whose limit of file descriptors is raised as far as it may be.
+    /// Limits of this process, whose limit of file descriptors is raised to the maximum.
     fn of_process() -> ConnectionLimits {
         let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap_or((256, 256));
         let raised = setrlimit(Resource::RLIMIT_NOFILE, hard, hard).is_ok();
@@ -63,14 +63,14 @@ impl ConnectionLimits {
     }
 }
 
-/// A client without proof of identity: address, time of connection, and the signal that disconnects it.
+/// Unauthenticated client: address, time of connection, and the signal that disconnects it.
 struct UnverifiedClient {
     address: IpAddr,
     since: Instant,
     out: oneshot::Sender<()>,
 }
 
-/// The connected clients of a port and their limits.
+/// Connected clients of a port and their limits.
 struct ConnectionRegistry {
     limits: ConnectionLimits,
     entries: Mutex<RegistryEntries>,
@@ -88,7 +88,7 @@ impl ConnectionRegistry {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes in a stranger; the oldest of the address with the most of them gives way where there are too many.
+    /// Adds an unauthenticated client. If there are too many, disconnects the oldest one of the address with the most.
     fn enter(self: &Arc<ConnectionRegistry>, address: IpAddr) -> (PortClient, oneshot::Receiver<()>) {
         let (out, told) = oneshot::channel();
         let mut entries = self.entries();
@@ -114,7 +114,7 @@ impl ConnectionRegistry {
         (PortClient(Arc::new(about)), told)
     }
 
-    /// Shows out those whose time is over.
+    /// Disconnects expired clients.
     fn sweep(&self) {
         let mut entries = self.entries();
         let late = |s: &UnverifiedClient| s.since.elapsed() > self.limits.patience;
@@ -139,12 +139,12 @@ impl Drop for ClientRecord {
     }
 }
 
-/// The client of a connection, among the extensions of its requests.
+/// Client of a connection, among the extensions of its requests.
 #[derive(Clone)]
 pub struct PortClient(Arc<ClientRecord>);
 
 impl PortClient {
-    /// The client has proven who it is, and may stay connected. False where too many do.
+    /// Marks the client as authenticated, so that it stays connected. Returns `false` if there are too many.
     pub fn admit(&self) -> bool {
         if self.0.known.load(Ordering::Relaxed) {
             return true;
@@ -155,45 +155,45 @@ impl PortClient {
         }
         if !self.0.known.swap(true, Ordering::Relaxed) {
             entries.known += 1;
-            // Its sender is dropped: nobody shows it out any more.
+            // The sender is dropped, so the client is not disconnected any more.
             entries.strangers.remove(&self.0.number);
         }
         true
     }
 }
 
-/// A TCP listener with limits on clients, with optional TLS.
+/// TCP listener with limits on clients, with optional TLS.
 pub struct PortListener {
     listener: TcpListener,
     encryption: Option<Arc<ServerConfig>>,
-    /// Whether the handshake of the encryption proves who a client is.
+    /// Whether the TLS handshake authenticates a client.
     by_handshake: bool,
     limits: ConnectionLimits,
 }
 
 impl PortListener {
-    /// A port whose clients prove by their requests who they are: [`PortClient::admit`].
+    /// Port whose clients are authenticated by their requests: [`PortClient::admit`].
     #[cfg_attr(not(feature = "serve"), allow(dead_code))]
     pub fn new(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> PortListener {
         PortListener { listener, encryption, by_handshake: false, limits: ConnectionLimits::of_process() }
     }
 
-    /// A port whose clients prove by their certificate who they are; without encryption all are taken at their word.
+    /// Port whose clients are authenticated by their certificates. Without encryption all clients are accepted.
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub fn by_handshake(listener: TcpListener, encryption: Option<Arc<ServerConfig>>) -> PortListener {
         PortListener { by_handshake: true, ..PortListener::new(listener, encryption) }
     }
 
-    /// The address.
+    /// Address of the port.
     ///
     /// # Errors
-    /// Fails when the system does not tell.
+    /// Fails when the system does not report it.
     #[cfg_attr(not(feature = "serve"), allow(dead_code))]
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// The connections, as they come.
+    /// Stream of the connections.
     pub fn open(self) -> impl Stream<Item = io::Result<Connection>> {
         let (send, connections) = mpsc::channel(WAITING);
         tokio::spawn(self.accept(send));
@@ -225,7 +225,7 @@ impl PortListener {
             let (send, encryption, by_handshake) = (send.clone(), encryption.clone(), self.by_handshake);
             tokio::spawn(async move {
                 if let Some(connection) = received(plain, encryption, guest, out, by_handshake).await {
-                    // A server that has ended takes none.
+                    // A server that has ended accepts none.
                     let _ = send.send(connection).await;
                 }
             });
@@ -233,7 +233,7 @@ impl PortListener {
     }
 }
 
-/// A connection after its handshake; none where that fails or takes too long.
+/// Connection after its handshake; `None` if that fails or takes too long.
 async fn received(
     plain: TcpStream,
     encryption: Option<TlsAcceptor>,
@@ -256,7 +256,7 @@ enum TransportStream {
     Encrypted(Box<TlsStream<TcpStream>>),
 }
 
-/// A connection of a client; nothing can be read from it after a disconnection.
+/// Connection of a client; it returns no data after a disconnection.
 pub struct Connection {
     bytes: TransportStream,
     guest: PortClient,
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_strangers_give_way_to_the_next_one_and_known_clients_stay() {
+    fn unit_new_clients_displace_only_unauthenticated_ones() {
         let book = book(Duration::from_secs(3600));
         let is_out = |told: &mut oneshot::Receiver<()>| told.try_recv() == Ok(());
         let (known, mut known_told) = book.enter(address(1));
@@ -334,7 +334,7 @@ mod tests {
         let mut guests: Vec<_> = (0..3).map(|_| book.enter(address(1))).collect();
         let out: Vec<bool> = guests.iter_mut().map(|(_, told)| is_out(told)).collect();
         assert_eq!(out, [true, false, false], "the oldest of an address with too many gives way");
-        // Another address is not concerned, until there are too many of all.
+        // Clients of other addresses stay, unless there are too many in total.
         let mut others: Vec<_> = (2..5).map(|n| book.enter(address(n))).collect();
         assert!(is_out(&mut guests[1].1) && others.iter_mut().all(|(_, told)| !is_out(told)));
         assert!(!is_out(&mut known_told));
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_stranger_has_its_time() {
+    fn unit_unauthenticated_client_expires() {
         let book = book(Duration::ZERO);
         let (stranger, mut told) = book.enter(address(1));
         let (known, mut known_told) = book.enter(address(2));
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_connections_take_half_of_the_file_descriptors() {
+    fn unit_connections_use_half_of_the_file_descriptors() {
         for descriptors in [64, 256, 1024, 1 << 20] {
             let ConnectionLimits { strangers, known, of_address, .. } = ConnectionLimits::from_descriptors(descriptors);
             assert!(strangers + known <= descriptors / 2 && of_address <= strangers, "{descriptors}");

@@ -1,4 +1,4 @@
-//! Ports that this program listens on: encryption, and who may stay connected.
+//! Ports that this program listens on: encryption and authentication.
 
 mod door;
 
@@ -13,7 +13,7 @@ use tokio_rustls::rustls::{
 
 pub use door::{PortClient, PortListener};
 
-/// The cryptography of encrypted connections.
+/// Cryptography provider of encrypted connections.
 ///
 /// # Errors
 /// Fails when this processor lacks the instructions that it needs.
@@ -35,15 +35,15 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
         ));
     }
     let provider = rustls_graviola::default_provider();
-    // One that was installed before stays: it is of this program too.
+    // An earlier provider stays: it was installed by this program.
     let _ = provider.clone().install_default();
     Ok(Arc::new(provider))
 }
 
-/// The encryption of a server with a certificate chain and its key, PEM.
+/// TLS configuration of a server with a certificate chain and its key, PEM.
 ///
 /// # Errors
-/// Fails when one of them cannot be used.
+/// Fails when one of them is invalid.
 #[cfg_attr(not(feature = "serve"), allow(dead_code))]
 pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, Fault> {
     let wrong = |why: &dyn std::fmt::Display| {

@@ -1,9 +1,9 @@
-//! The rules by which scores and models of restricted columns are aggregates, which may be published.
+//! Rules by which scores and models of restricted columns are aggregates, which may be published.
 //!
 //! A table is an aggregate if four conditions hold. It is no learned model that can hold single samples. No expression
-//! of the spec selects or weights the samples. Each value is computed from `least_samples` samples or more. There are
-//! `least_ratio` samples or more for each number of a model or of a line's scores. Aggregates that are published
-//! together must not differ by a few samples.
+//! of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples. There are
+//! at least `least_ratio` samples per number of a model or of a line's scores. Aggregates that are published together
+//! must not differ by a few samples.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -18,20 +18,20 @@ use crate::{
     store::Store,
 };
 
-/// The points whose parameters are looked at, beyond which each value of an axis is.
+/// Maximum number of points whose parameters are checked; with more, each value of an axis is checked.
 const POINTS: usize = 1000;
 
-/// The figures of an aggregate.
+/// Numbers of samples of an aggregate.
 pub struct Aggregate {
-    /// The fewest samples behind a value.
+    /// Minimum number of samples behind a value.
     samples: i64,
-    /// The fewest samples for each number of a unit.
+    /// Minimum number of samples per number of a unit.
     ratio: f64,
     least_samples: i64,
     least_ratio: f64,
-    /// The numbers of samples of values that differ in nothing but their samples.
+    /// Numbers of samples of values that differ only in their samples.
     counts: BTreeMap<String, BTreeSet<i64>>,
-    /// The published numbers of each line or set of lines, and the most samples behind one.
+    /// Number of published numbers of each line or set of lines, and the maximum number of samples behind one.
     numbers: BTreeMap<String, (usize, i64)>,
 }
 
@@ -45,7 +45,7 @@ impl Aggregate {
     }
 }
 
-/// The figures of the small table `t`, which is made from `reached`; or why it is no aggregate.
+/// Figures of the small table `t`, which is made from `reached`; or the reason why it is no aggregate.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -99,7 +99,7 @@ pub fn judge(
             }
             found.samples = found.samples.min(n);
             found.ratio = found.ratio.min(n as f64 / rows.len() as f64);
-            // Filters use other samples each; their scores do not differ by these alone.
+            // Filters use different samples, so differences between their scores do not reveal single samples.
             if name.is_empty() || plan.metric(name).is_some_and(|m| m.unit == "nT") {
                 found.counts.entry(format!("{place} {name} {reads}")).or_default().insert(n);
             }
@@ -122,7 +122,7 @@ pub fn judge(
     Ok(own.map(|()| found))
 }
 
-/// Why values of the table `t` may be samples of the author's choice; `None` where they cannot.
+/// Reason why the author may have chosen the samples behind the values of the table `t`; `None` if not possible.
 fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Option<String> {
     let plan = graph.plan;
     let tables: HashSet<&str> = reached.iter().map(|(table, _)| table.as_str()).collect();
@@ -152,7 +152,7 @@ fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Opti
     None
 }
 
-/// The line of a unit, or its set of lines.
+/// Line of a unit, or its set of lines.
 fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
     let line = |id: usize| graph.lines.get(id).map(|(flight, line)| format!("{flight}/{line}")).unwrap_or_default();
     match unit.line {
@@ -168,7 +168,7 @@ fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
 /// Checks aggregates that are published together.
 ///
 /// # Errors
-/// Two values differ by fewer samples than one must have, or there are more numbers than samples.
+/// Fails when two values differ by fewer samples than the minimum, or there are more numbers than samples.
 pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     let least = all.iter().map(|(_, a)| a.least_samples).max().unwrap_or(0);
     let names = || all.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");

@@ -1,4 +1,4 @@
-//! SHA-256, and the file `SHA256SUMS` in the form of `sha256sum`.
+//! SHA-256, and the file `SHA256SUMS` in the format of `sha256sum`.
 
 use std::{
     collections::BTreeMap,
@@ -9,10 +9,10 @@ use std::{
 use schemas::paths;
 use sha2::{Digest, Sha256};
 
-/// The file.
+/// Name of the file.
 pub const NAME: &str = "SHA256SUMS";
 
-/// The SHA-256 of a text or bytes.
+/// SHA-256 of a text or bytes.
 pub fn of_bytes(bytes: &[u8]) -> String {
     spelt(Sha256::digest(bytes).as_slice())
 }
@@ -20,7 +20,7 @@ pub fn of_bytes(bytes: &[u8]) -> String {
 /// Returns the size of a file and its SHA-256. `each` receives its bytes.
 ///
 /// # Errors
-/// When it cannot be read.
+/// Fails when it cannot be read.
 pub fn of_file(path: &Path, mut each: impl FnMut(&[u8])) -> io::Result<(u64, String)> {
     let (mut file, mut hasher, mut buffer, mut size) = (paths::open_regular(path)?, Sha256::new(), vec![0; 1 << 16], 0);
     loop {
@@ -40,15 +40,15 @@ fn spelt(digest: &[u8]) -> String {
     digest.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The text of the file: for each path its sum.
+/// Text of the file: the checksum of each path.
 pub fn write(sums: &BTreeMap<String, String>) -> String {
     sums.iter().map(|(path, sum)| format!("{sum}  {path}\n")).collect()
 }
 
-/// The sum of each path; what is wrong with a line otherwise.
+/// Checksum of each path, or the fault of a line.
 ///
 /// # Errors
-/// A line that is not a sum and a path inside the folder, or a path that is listed twice.
+/// Fails for a line without a checksum and a path inside the folder, and for a duplicate path.
 pub fn read(text: &str) -> Result<BTreeMap<String, String>, String> {
     let mut sums = BTreeMap::new();
     for (number, line) in text.lines().enumerate() {
@@ -71,7 +71,7 @@ pub fn read(text: &str) -> Result<BTreeMap<String, String>, String> {
     Ok(sums)
 }
 
-/// Whether a path of a set's own documents stays in the set.
+/// Whether the path of a document stays in the set.
 pub fn is_inside(path: &str) -> bool {
     paths::check_path(path).is_ok()
 }
@@ -82,13 +82,13 @@ mod tests {
 
     #[test]
     fn ref_sums_of_the_standard() {
-        // FIPS 180-4, the examples of NIST: "abc", and nothing.
+        // FIPS 180-4, the examples of NIST: "abc", and the empty message.
         assert_eq!(of_bytes(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
         assert_eq!(of_bytes(b""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
     }
 
     #[test]
-    fn unit_sums_are_read_as_they_are_written_and_nothing_else_is() {
+    fn unit_checksum_file_round_trips_and_other_text_is_rejected() {
         let sums: BTreeMap<String, String> =
             [("a/b c.txt", of_bytes(b"x")), ("z", of_bytes(b"y"))].map(|(p, s)| (p.to_owned(), s)).into();
         let text = write(&sums);

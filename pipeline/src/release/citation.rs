@@ -4,8 +4,7 @@ use serde_json::Value;
 
 use super::set::ReleaseMetadata;
 
-/// A text as a scalar of YAML, of which every text of JSON is one. Control characters that YAML refuses in a document
-/// are escaped.
+/// Text as a YAML scalar, for which any JSON string is valid. Control characters that YAML rejects are escaped.
 fn scalar(text: &str) -> String {
     let quoted = Value::String(text.to_owned()).to_string();
     let escaped = |c: char| match c {
@@ -15,7 +14,7 @@ fn scalar(text: &str) -> String {
     quoted.chars().map(escaped).collect()
 }
 
-/// The file `CITATION.cff`.
+/// Text of `CITATION.cff`.
 pub fn write(about: &ReleaseMetadata) -> String {
     let mut text = "cff-version: 1.2.0\ntype: dataset\n".to_owned();
     let mut line = |key: &str, value: &str| text += &format!("{key}: {}\n", scalar(value));
@@ -43,7 +42,7 @@ pub fn write(about: &ReleaseMetadata) -> String {
         let is_person = names.len() > 1;
         let mut keys = names;
         keys.extend(author.orcid.as_deref().map(|o| ("orcid", o)));
-        // A body has no affiliation there.
+        // An organisation has no affiliation in this format.
         keys.extend(author.affiliation.as_deref().filter(|_| is_person).map(|a| ("affiliation", a)));
         for (i, (key, value)) in keys.iter().enumerate() {
             text += &format!("  {} {key}: {}\n", if i == 0 { "-" } else { " " }, scalar(value));
@@ -56,7 +55,7 @@ pub fn write(about: &ReleaseMetadata) -> String {
     text
 }
 
-/// The citation in one sentence.
+/// Citation in one sentence.
 pub fn sentence(about: &ReleaseMetadata) -> String {
     let names: Vec<&str> = about.authors.iter().map(|a| a.name.as_str()).collect();
     let year = about.date.get(..4).unwrap_or_default();
@@ -64,7 +63,7 @@ pub fn sentence(about: &ReleaseMetadata) -> String {
     format!("{} ({year}). {}, version {}.{address}", names.join(", "), about.title, about.version)
 }
 
-/// The citation as an entry of BibTeX.
+/// Citation as an entry of BibTeX.
 pub fn bibtex(about: &ReleaseMetadata) -> String {
     let braced =
         |text: &str| text.chars().map(|c| if matches!(c, '{' | '}' | '\\') { ' ' } else { c }).collect::<String>();

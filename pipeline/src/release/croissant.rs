@@ -8,10 +8,10 @@ use super::{
     words::address,
 };
 
-/// The type of Parquet files, as Croissant's readers know it.
+/// Media type of Parquet files in Croissant readers.
 const PARQUET: &str = "application/x-parquet";
 
-/// The context of the specification.
+/// Context of the specification.
 fn context() -> Value {
     let own = [
         "citeAs",
@@ -61,7 +61,7 @@ fn context() -> Value {
     Value::Object(terms)
 }
 
-/// The file `croissant.json`.
+/// Contents of `croissant.json`.
 pub fn write(set: &ReleaseSet) -> Value {
     let about = &set.dictionary.about;
     let mut out = json!({
@@ -106,7 +106,7 @@ pub fn conditions(set: &ReleaseSet) -> String {
     format!("Restricted columns are included. {}.", said.collect::<Vec<_>>().join("; "))
 }
 
-/// The files of a table, and the set of them where there are several.
+/// Files of a table, and the set of them if there are several.
 fn distribution(table: &ReleaseTable) -> Vec<Value> {
     let mut found: Vec<Value> = table
         .files
@@ -168,7 +168,7 @@ fn record_set(table: &ReleaseTable) -> Value {
     })
 }
 
-/// The meaning of a column with its unit and role, for which Croissant has no place of their own.
+/// Meaning of a column with its unit and role, for which Croissant has no separate fields.
 fn described(c: &ReleaseColumn) -> String {
     let unit = if c.unit.is_empty() { String::new() } else { format!(" Unit: {}.", c.unit) };
     let terms = if c.terms.is_empty() { String::new() } else { format!(" Entries: {}.", c.terms.join(", ")) };

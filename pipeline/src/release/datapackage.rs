@@ -1,11 +1,11 @@
-//! `datapackage.json`: the set as a Frictionless Data Package, a resource for each file. [Data Package 1.0; Table
-//! Schema 1.0]
+//! `datapackage.json`: the set as a Frictionless Data Package, one resource per file. [Data Package 1.0; Table Schema
+//! 1.0]
 
 use serde_json::{Map, Value, json};
 
 use super::set::{ColumnKind, DataFile, ReleaseColumn, ReleaseSet, ReleaseTable};
 
-/// A name of a resource or package: lower case, digits and `-_.`.
+/// Name of a resource or package: lower case, digits and `-_.`.
 fn slug(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_');
     let spelt: String = text.to_lowercase().chars().map(|c| if plain(c) { c } else { '-' }).collect();
@@ -13,12 +13,12 @@ fn slug(text: &str) -> String {
     words.join("-")
 }
 
-/// The file with the schema of a table.
+/// File with the schema of a table.
 pub fn schema_path(table: &str) -> String {
     format!("schemas/{table}.json")
 }
 
-/// The file `datapackage.json`.
+/// Contents of `datapackage.json`.
 pub fn write(set: &ReleaseSet) -> Value {
     let about = &set.dictionary.about;
     let contributor = |a: &super::set::Person| {
@@ -58,7 +58,7 @@ fn slug_of_licence(name: &str) -> String {
 
 fn resource(table: &ReleaseTable, file: &DataFile) -> Value {
     let mut words = vec![table.name.clone()];
-    // Two identifiers may have one slug; their spelling in the path has not.
+    // Two identifiers may have the same slug, but their spelling in the path differs.
     let middle = file.path.strip_prefix("data/").and_then(|p| p.strip_suffix("/part-0.parquet"));
     words.extend(middle.into_iter().flat_map(|p| p.split('/').skip(1)).map(|p| {
         let value = p.split_once('=').map_or(p, |(_, value)| value);
@@ -78,7 +78,7 @@ fn resource(table: &ReleaseTable, file: &DataFile) -> Value {
     })
 }
 
-/// The schema of a table.
+/// Schema of a table.
 pub fn schema(table: &ReleaseTable) -> Value {
     json!({ "fields": table.columns.iter().map(field).collect::<Vec<_>>(), "missingValues": ["", "NaN"] })
 }
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_names_of_resources_are_slugs_and_differ_where_the_files_do() {
+    fn unit_resource_names_are_slugs_and_unique_per_file() {
         let table = |paths: &[&str]| -> Vec<String> {
             let file = |p: &&str| DataFile {
                 path: (*p).to_owned(),

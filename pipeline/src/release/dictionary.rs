@@ -7,7 +7,7 @@ use super::{
     words::{cell, counted},
 };
 
-/// The file `DICTIONARY.md`.
+/// Text of `DICTIONARY.md`.
 pub fn write(set: &ReleaseSet) -> String {
     let mut text = format!("# Data dictionary of {}\n", cell(&set.dictionary.about.title));
     text += "\n`dictionary.json` is the machine-readable form. Roles: `key` identifies a flight, a line or a point \

@@ -1,5 +1,4 @@
-//! The documents of a set: each is made of what [`ReleaseSet`] holds and of nothing else, so that it can be made again
-//! to check it.
+//! Documents of a set: each is made from [`ReleaseSet`] alone, so that verification can make it again.
 
 use std::collections::BTreeMap;
 
@@ -12,10 +11,10 @@ use super::{
     words::{DICTIONARY, LICENCE, LOCK},
 };
 
-/// Every document of `set` by its path, but for a licence's own text.
+/// Every document of `set` by its path, except a licence's own text.
 ///
 /// # Errors
-/// Never for a set that can be spelt as JSON.
+/// Never fails for a set that can be serialised as JSON.
 pub fn all(set: &ReleaseSet) -> Result<BTreeMap<String, String>, Fault> {
     debug_assert!(LOCK.starts_with(inputs::FOLDER));
     let mut found: BTreeMap<String, String> = [

@@ -9,7 +9,7 @@ use schemas::Fault;
 
 use super::{checksums, set::FORMAT, words::DICTIONARY};
 
-/// A folder being written; it is removed unless it is settled.
+/// Folder in progress; removed unless it is settled.
 pub struct FolderDraft {
     path: PathBuf,
     to: PathBuf,
@@ -57,10 +57,10 @@ fn look(path: &Path) -> Result<DestinationContent, Fault> {
     }
 }
 
-/// The paths of all files below a folder, hidden ones and links among them, sorted; folders without files end in `/`.
+/// Paths of all files below a folder, including hidden ones and links, sorted; folders without files end in `/`.
 ///
 /// # Errors
-/// When a folder cannot be read.
+/// Fails when a folder cannot be read.
 pub fn files(folder: &Path) -> io::Result<Vec<String>> {
     let mut found = vec![];
     let mut waiting = vec![(folder.to_owned(), String::new())];
@@ -72,7 +72,7 @@ pub fn files(folder: &Path) -> io::Result<Vec<String>> {
         }
         for entry in entries {
             let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
-            // A link is a file here, wherever it leads.
+            // A link counts as a file, independent of its target.
             if entry.file_type()?.is_dir() {
                 waiting.push((entry.path(), format!("{name}/")));
             } else {
@@ -88,9 +88,9 @@ impl FolderDraft {
     /// Begins a folder that is to become `to`.
     ///
     /// # Errors
-    /// When `to` holds something that must not be lost, or the file system refuses.
+    /// Fails when `to` holds files that must be kept, or the file system reports an error.
     pub fn begin(to: &Path, replace: bool) -> Result<FolderDraft, Fault> {
-        // Whether a set that is there is the same is known when this one is whole.
+        // Equality with an existing set can be checked only when this one is complete.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
         let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid name of a folder", to.display())))?;
@@ -98,7 +98,7 @@ impl FolderDraft {
         fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
         let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
         match fs::create_dir(&path) {
-            // Left behind by a process of the same number that was killed.
+            // A killed process with the same number has left it behind.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_dir_all(&path)
                     .and_then(|()| fs::create_dir(&path))
@@ -109,15 +109,16 @@ impl FolderDraft {
         Ok(FolderDraft { path, to: to.to_owned(), replace })
     }
 
-    /// The folder.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Gives the folder its name. `false` where the same set is there already, which is then left as it is.
+    /// Renames the folder to its final name. Returns `false` if the same set already exists, which then stays
+    /// unchanged.
     ///
     /// # Errors
-    /// When something else has come there meanwhile, or the file system refuses; the set that was there stays then.
+    /// Fails when other files have appeared there, or the file system reports an error; the existing set then stays.
     pub fn settle(self) -> Result<bool, Fault> {
         let sums = |folder: &Path| fs::read(folder.join(checksums::NAME)).ok();
         let there = look(&self.to)?;
@@ -137,10 +138,10 @@ impl FolderDraft {
                 }
                 fs::remove_dir_all(&old).map_err(|e| cannot("remove", &old, &e))?;
             }
-            // An empty folder is replaced by the renaming itself.
+            // The renaming replaces an empty folder.
             DestinationContent::Nothing | DestinationContent::Other(_) => {
                 if let Err(e) = fs::rename(&self.path, &self.to) {
-                    // Another program may have put its set there since.
+                    // Another program may have put its set there in the meantime.
                     if sums(&self.to).is_some_and(|there| Some(there) == sums(&self.path)) {
                         return Ok(false);
                     }
@@ -155,7 +156,7 @@ impl FolderDraft {
     }
 }
 
-/// Whether a set may be put at `to`: a set that is there needs `--replace`, unless it turns out to be the same.
+/// Checks that a set may be put at `to`: an existing set needs `--replace`, unless it turns out to be equal.
 fn allowed(to: &Path, replace: bool) -> Result<(), Fault> {
     match look(to)? {
         DestinationContent::Nothing => Ok(()),
@@ -184,7 +185,7 @@ fn sync(folder: &Path) -> io::Result<()> {
 
 impl Drop for FolderDraft {
     fn drop(&mut self) {
-        // It is gone where it was settled; otherwise nothing of it has a name that anyone reads.
+        // A settled folder is gone; otherwise its files have only temporary names.
         let _ = fs::remove_dir_all(&self.path);
     }
 }

@@ -1,4 +1,4 @@
-//! The files that a run has read: named, hashed, and copied into the set where that is asked for.
+//! Files that a run has read: named, hashed, and copied into the set on request.
 
 use std::{
     fs, io,
@@ -15,22 +15,22 @@ use crate::{
     spec::{Spec, publish::ColumnRestriction},
 };
 
-/// The folder of the spec in a set.
+/// Folder of the spec in a set.
 pub const FOLDER: &str = "pipeline";
 
-/// A file that was read.
+/// File that was read.
 struct ReleaseSourceFile {
     table: String,
     path: PathBuf,
-    /// From the spec's folder; `None` for one that is given by an absolute path.
+    /// Path from the spec's folder; `None` for an absolute path.
     relative: Option<Vec<String>>,
 }
 
-/// The spec and the inputs of a set.
+/// Spec and inputs of a set.
 pub struct ReleaseInputs {
-    /// The path of the spec in the set.
+    /// Path of the spec in the set.
     pub spec: String,
-    /// The files that were read.
+    /// Files that were read.
     pub files: Vec<ReleaseInput>,
 }
 
@@ -38,9 +38,9 @@ fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
-/// The parts of a path from the spec's folder, with `..` only in front.
+/// Parts of a path from the spec's folder, with `..` only at the front.
 fn relative(folder: &Path, path: &Path) -> Option<Vec<String>> {
-    // `Path` leaves out the `.` within a path, but not one at its beginning.
+    // `Path` removes a `.` within a path, but not at its beginning.
     let plain = |p: &Path| p.components().filter(|c| *c != Component::CurDir).collect::<PathBuf>();
     let (folder, path) = (plain(folder), plain(path));
     let below = path.strip_prefix(&folder).ok()?;
@@ -61,7 +61,7 @@ fn relative(folder: &Path, path: &Path) -> Option<Vec<String>> {
     Some(parts)
 }
 
-/// All files that a run reads, with what simulations are made from.
+/// All files that a run reads, including those for simulations.
 fn all(graph: &PlanGraph) -> Result<Vec<ReleaseSourceFile>, Fault> {
     let plan = graph.plan;
     let mut found: Vec<ReleaseSourceFile> = vec![];
@@ -101,7 +101,7 @@ fn is_restricted(spec: &Spec, table: &str) -> bool {
 /// Copies the spec, and with `include` the inputs, below `root`, and describes the inputs.
 ///
 /// # Errors
-/// When an input has changed since it was read, must not be copied, or the file system refuses.
+/// Fails when an input has changed since it was read, must not be copied, or the file system reports an error.
 pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted: bool) -> Result<ReleaseInputs, Fault> {
     let spec = &graph.plan.spec;
     let files = all(graph)?;
@@ -114,7 +114,7 @@ pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted:
     for file in files {
         let shown = match &file.relative {
             Some(parts) => parts.join("/"),
-            // A path of this machine says nothing to others.
+            // An absolute path of this machine has no meaning elsewhere.
             None => file.path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
         };
         let included = if include { file.relative.as_ref().and_then(|parts| place.at(parts)) } else { None };
@@ -126,7 +126,7 @@ pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted:
             }
         }
         let mut hasher = blake3::Hasher::new();
-        // The copy is what is described, so that the two agree.
+        // The copy is described, so that copy and description agree.
         let from = included.as_ref().map_or(file.path.clone(), |to| root.join(to));
         let sum = checksums::of_file(&from, |read| {
             hasher.update(read);
@@ -152,7 +152,7 @@ fn write(to: &Path, bytes: &[u8]) -> Result<(), Fault> {
 /// Position of the spec's folder in a set, such that the relative paths in the spec are valid.
 #[derive(Default)]
 struct SpecFolder {
-    /// The folders from the outermost one that an input lies in to that of the spec.
+    /// Folders from the outermost one with an input to that of the spec.
     folders: Vec<String>,
 }
 
@@ -188,7 +188,7 @@ impl SpecFolder {
         }
     }
 
-    /// The path in the set of what lies at `parts` from the spec's folder.
+    /// Path in the set of the file at `parts` from the spec's folder.
     fn at(&self, parts: &[String]) -> Option<String> {
         let mut all = self.folders.clone();
         for part in parts {
@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_paths_are_taken_from_the_folder_of_the_spec() {
+    fn unit_paths_are_relative_to_the_spec_folder() {
         let parts = |folder: &str, path: &str| relative(Path::new(folder), Path::new(path)).map(|p| p.join("/"));
         assert_eq!(parts("a/b", "a/b/../../c/d.tif").as_deref(), Some("../../c/d.tif"));
         assert_eq!(parts("a/b", "a/b/./x/../d.tif").as_deref(), Some("d.tif"));

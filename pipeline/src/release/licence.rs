@@ -7,8 +7,7 @@ use schemas::{Fault, paths};
 use super::set::{Licence, ReleaseMetadata};
 use crate::{sources, spec::publish::PublishFacts};
 
-/// Identifier, name in full, and the address of the text, of licences in use for data and code. [SPDX License List
-/// 3.27]
+/// Identifier, full name, and address of the text, of licences in use for data and code. [SPDX License List 3.27]
 const KNOWN: [(&str, &str, &str); 24] = [
     ("0BSD", "BSD Zero Clause License", "https://opensource.org/license/0bsd"),
     ("Apache-2.0", "Apache License 2.0", "https://www.apache.org/licenses/LICENSE-2.0"),
@@ -64,10 +63,10 @@ const KNOWN: [(&str, &str, &str); 24] = [
     ("Unlicense", "The Unlicense", "https://unlicense.org/"),
 ];
 
-/// The licence of the facts.
+/// Licence of the facts.
 ///
 /// # Errors
-/// A name that is not known and has no address.
+/// Fails for an unknown name without an address.
 pub fn from_facts(facts: &PublishFacts) -> Result<Licence, Fault> {
     let text = facts.licence_file.is_some();
     let name = facts.licence.clone();
@@ -86,14 +85,14 @@ pub fn from_facts(facts: &PublishFacts) -> Result<Licence, Fault> {
     }
 }
 
-/// The most bytes of the text of a licence.
+/// Maximum size of the text of a licence, bytes.
 const LONGEST: u64 = 1 << 20;
 
-/// The text of the licence in `file`, from the spec's folder `folder`. It is published, so that nothing outside of that
-/// folder can be named, nor reached by a link.
+/// Text of the licence in `file`, from the spec's folder `folder`. Because the text is published, the file must be
+/// inside that folder and must not be reached by a link.
 ///
 /// # Errors
-/// Fails for a path that leads out of the folder, and for a file that is missing, too large, or no text.
+/// Fails for a path that leads out of the folder, and for a file that is missing, too large, or not text.
 pub fn text(file: &str, folder: &Path) -> Result<String, Fault> {
     let wrong = |why: &str| Fault::new(format!("`licence_file`: {file}: {why}"));
     let help = "copy the licence to the spec's folder, and give its path in that folder";
@@ -114,7 +113,7 @@ pub fn text(file: &str, folder: &Path) -> Result<String, Fault> {
     Ok(text)
 }
 
-/// The file `LICENSE` where there is no text of the licence: who, what, and where the text is.
+/// File `LICENSE` without the text of the licence: holder, title, and address of the text.
 pub fn write(about: &ReleaseMetadata) -> String {
     let names: Vec<&str> = about.authors.iter().map(|a| a.name.as_str()).collect();
     let year = about.date.get(..4).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! `magline publish` and `magline verify DIR`: results as a data set that others can cite, check and compute again.
+//! `magline publish` and `magline verify DIR`: results as a data set for citation, verification and recomputation.
 //!
 //! ```text
 //! README.md  LICENSE  CITATION.cff                what it is, for people
@@ -9,7 +9,7 @@
 //! SHA256SUMS                                      of every other file
 //! ```
 //!
-//! The same run gives the same bytes: nothing in it is of a clock, a host or a path of the machine.
+//! The same run gives the same bytes: the set does not depend on clock, host or paths of the machine.
 
 mod aggregate;
 mod checksums;
@@ -61,13 +61,13 @@ pub use verify::{ReleaseVerification, verify};
 
 /// Request for a published set.
 pub struct ReleaseRequest<'a> {
-    /// The tables, by their names in the spec.
+    /// Names of the tables in the spec.
     pub tables: &'a [String],
-    /// The folder of the set.
+    /// Folder of the set.
     pub to: &'a Path,
-    /// Whether a set that is there is replaced.
+    /// Whether an existing set is replaced.
     pub replace: bool,
-    /// Whether restricted columns may go out.
+    /// Whether restricted columns may be published.
     pub include_restricted: bool,
 }
 
@@ -76,36 +76,36 @@ pub struct ReleaseRequest<'a> {
 pub struct ReleaseSummary {
     /// Name, rows and files of each table.
     pub tables: Vec<(String, u64, usize)>,
-    /// The number of files.
+    /// Number of files.
     pub files: usize,
-    /// Whether anything was written: not where the same set was there already.
+    /// Whether anything was written; `false` if the same set already existed.
     pub written: bool,
     /// Number of units that are missing from the tables because they could not be computed.
     pub failures: usize,
-    /// The restricted columns that went out, each with where it comes from.
+    /// Restricted columns that were published, each with its origin.
     pub restricted: Vec<String>,
-    /// The rule by which each table could be published.
+    /// Rule that permitted each table.
     pub rules: Vec<(String, String)>,
-    /// The columns that an earlier run has recorded as restricted, and that the spec no longer restricts.
+    /// Columns that an earlier run has recorded as restricted, and that the spec no longer restricts.
     pub lifted: Vec<String>,
-    /// The run.
+    /// Identifier of the run.
     pub run: String,
 }
 
-/// A requested table.
+/// Requested table.
 #[derive(Clone, Copy)]
 enum TableSelection {
     Stage(usize),
     Flights(usize),
     Map(usize),
-    /// The pooled scores.
+    /// Pooled scores.
     Pooled,
 }
 
-/// The facts of the spec, or what to write.
+/// Facts of the spec.
 ///
 /// # Errors
-/// Where the spec has no `[publish]`, or something in it is wrong.
+/// Fails when the spec has no `[publish]` or an invalid one; without `[publish]`, the fault contains an example.
 pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
     let none = || Fault::new(format!("{} has no `[publish]`", spec.file)).help(EXAMPLE);
     match &spec.publish {
@@ -118,8 +118,8 @@ pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
 /// Publishes tables of the last run of a plan.
 ///
 /// # Errors
-/// When the facts are not right, a table does not exist or was not computed, restricted data would go out, the folder
-/// holds something else, or the file system refuses. Nothing is at the place of the folder then but what was there.
+/// Fails when the facts are invalid, a table does not exist or was not computed, or restricted data would be published.
+/// Fails when the folder holds other files, or the file system reports an error. The target then stays unchanged.
 pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Result<ReleaseSummary, Fault> {
     let plan = graph.plan;
     let spec = &plan.spec;
@@ -152,7 +152,7 @@ pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Re
         });
     }
     protect::describe(&lineage, &mut tables);
-    // Looked for again in what was written: no column goes out that the plan does not know.
+    // Checked again in the written files: a column that is missing from the plan is never published.
     let names = |t: &ReleaseTable| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
     let named: Vec<(String, Vec<String>)> = tables.iter().map(names).collect();
     let restricted = protect::find(&lineage, &named);
@@ -200,7 +200,7 @@ fn write(root: &Path, path: &str, bytes: &[u8]) -> Result<(), Fault> {
         .map_err(|e| Fault::machine(format!("cannot write {}: {e}", full.display())))
 }
 
-/// The first paragraph of a documentation.
+/// First paragraph of a documentation.
 fn first(doc: &str) -> String {
     doc.split("\n\n").next().unwrap_or_default().trim().to_owned()
 }
@@ -232,7 +232,7 @@ fn about(facts: &PublishFacts) -> Result<ReleaseMetadata, Fault> {
     })
 }
 
-/// The tables that are asked for, each once.
+/// Requested tables, each once.
 fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<TableSelection>, Fault> {
     let mut seen = BTreeSet::new();
     let mut found = vec![];
@@ -264,7 +264,7 @@ fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<TableSelection>, Fault> {
     Ok(found)
 }
 
-/// The columns that the plan knows of the tables that are asked for: those of their files are some of these.
+/// Planned columns of the requested tables. Their files contain a subset.
 fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<String>)> {
     let plan = graph.plan;
     let one = |chosen: &TableSelection| match *chosen {
@@ -289,7 +289,7 @@ fn columns(graph: &PlanGraph, chosen: &[TableSelection]) -> Vec<(String, Vec<Str
     chosen.iter().copied().chain(scores.map(TableSelection::Stage)).filter_map(|chosen| one(&chosen)).collect()
 }
 
-/// The tables of the last run, which must be of exactly this spec and data.
+/// Tables of the last run, which must match this spec and data exactly.
 fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     let spec = &graph.plan.spec;
     let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
@@ -300,7 +300,7 @@ fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     })
 }
 
-/// Failures in the tables and in those that they are made from.
+/// Failures in the tables and in their inputs.
 fn failures(graph: &PlanGraph, store: &Store, chosen: &[TableSelection]) -> Result<Vec<ReleaseFailure>, Fault> {
     let plan = graph.plan;
     let mut names: BTreeSet<&str> = BTreeSet::new();
@@ -337,9 +337,9 @@ fn failures(graph: &PlanGraph, store: &Store, chosen: &[TableSelection]) -> Resu
         .collect())
 }
 
-/// How the tables were made.
+/// Provenance of the tables.
 fn lock(graph: &PlanGraph, inputs: inputs::ReleaseInputs) -> Result<ReleaseLockfile, Fault> {
-    /// The points whose parameters are listed.
+    /// Maximum number of points whose parameters are listed.
     const POINTS: usize = 1000;
     let plan = graph.plan;
     let spec = &plan.spec;
@@ -382,13 +382,13 @@ fn lock(graph: &PlanGraph, inputs: inputs::ReleaseInputs) -> Result<ReleaseLockf
     })
 }
 
-/// The inputs of each table.
+/// Inputs of each table.
 fn described_briefly(graph: &PlanGraph) -> Vec<Vec<String>> {
     described(graph).into_iter().map(|t| t.inputs).collect()
 }
 
-/// Whether an assignment of `--set` has a part in what is computed: not where the store or the inputs lie, nor what is
-/// said of the data set.
+/// Whether an assignment of `--set` affects the results. Locations of the store and the inputs, and the description of
+/// the data set, do not.
 fn is_of_the_answer(set: &str) -> bool {
     let key = set.split('=').next().unwrap_or_default().trim();
     let path: Vec<&str> = key.split('.').map(str::trim).collect();
@@ -400,7 +400,7 @@ mod tests {
     use super::is_of_the_answer;
 
     #[test]
-    fn unit_where_things_lie_has_no_part_in_the_answer() {
+    fn unit_storage_locations_do_not_affect_results() {
         let kept = ["seed=7", "axes.lambda=[0.5]", "clean.detrend=true", "tables.flights.format=csv", "name=a"];
         assert!(kept.iter().all(|s| is_of_the_answer(s)));
         let left = ["store=/tmp/x", "tables.flights.path = logs", "publish.doi=10.1/x"];

@@ -1,5 +1,5 @@
-//! The Parquet files of a set: zstd, statistics of each page, and rows that ascend, in an encoding that the default
-//! readers of all engines take. The same rows give the same bytes.
+//! Parquet files of a set: zstd, statistics per page, and ascending rows, in an encoding that the default readers of
+//! all engines support. The same rows give the same bytes.
 
 use std::{fs::File, path::Path, sync::Arc};
 
@@ -26,14 +26,14 @@ use super::set::{ColumnKind, ColumnValueStatistics, ReleaseColumn};
 /// Rows of a row group.
 const GROUP_ROWS: usize = 100_000;
 
-/// Writer that Parquet files name, without a version, so that files differ only where their rows do.
+/// Writer name in Parquet files, without a version, so that files differ only in their rows.
 const WRITER: &str = "magline";
 
 fn cannot(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
-/// A file being written.
+/// File in progress.
 pub struct ReleaseFileWriter<'a> {
     path: &'a Path,
     schema: SchemaRef,
@@ -44,10 +44,10 @@ pub struct ReleaseFileWriter<'a> {
 }
 
 impl<'a> ReleaseFileWriter<'a> {
-    /// A file at `path` whose rows ascend by `sorted_by`.
+    /// Creates a file at `path` whose rows ascend by `sorted_by`.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn new(path: &'a Path, schema: &SchemaRef, sorted_by: &[String]) -> Result<ReleaseFileWriter<'a>, Fault> {
         let fail = |e: &dyn std::fmt::Display| cannot("write", path, e);
         if let Some(folder) = path.parent() {
@@ -62,7 +62,7 @@ impl<'a> ReleaseFileWriter<'a> {
     /// Adds rows, in the columns of the schema.
     ///
     /// # Errors
-    /// When they have other columns, or the file system refuses.
+    /// Fails when they have other columns, or the file system reports an error.
     pub fn add(&mut self, rows: RecordBatch) -> Result<(), Fault> {
         self.rows += rows.num_rows();
         self.waiting.push(rows);
@@ -72,7 +72,8 @@ impl<'a> ReleaseFileWriter<'a> {
         Ok(())
     }
 
-    /// Writes the first `rows` rows that wait as a row group: its bytes do not depend on how the rows came.
+    /// Writes the first `rows` waiting rows as a row group. Its bytes do not depend on the batches in which the rows
+    /// arrived.
     fn group(&mut self, rows: usize) -> Result<(), Fault> {
         let fail = |e: &dyn std::fmt::Display| cannot("write", self.path, e);
         let all = concat_batches(&self.schema, &self.waiting).map_err(|e| fail(&e))?;
@@ -84,10 +85,10 @@ impl<'a> ReleaseFileWriter<'a> {
         Ok(())
     }
 
-    /// Writes the rest; the file is on the disk when this returns. The rows that it holds.
+    /// Writes the remaining rows and returns the number of rows in the file. The file is on the disk on return.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn finish(mut self) -> Result<u64, Fault> {
         if self.rows > 0 {
             self.group(self.rows)?;
@@ -130,7 +131,7 @@ fn properties(schema: &Schema, sorted_by: &[String]) -> WriterProperties {
     properties.build()
 }
 
-/// The columns of Parquet that those of a table become: each has one.
+/// Parquet columns of a table, one per column.
 fn leaves(schema: &Schema) -> Vec<(&str, ColumnPath)> {
     let leaf = |field: &'_ Arc<Field>| match field.data_type() {
         DataType::FixedSizeList(item, _) | DataType::List(item) => {
@@ -145,10 +146,10 @@ fn is_list(kind: &DataType) -> bool {
     matches!(kind, DataType::FixedSizeList(..) | DataType::List(_))
 }
 
-/// Reads a file whole: its schema, and each batch in turn.
+/// Reads a whole file: its schema, and each batch in turn.
 ///
 /// # Errors
-/// When it is not Parquet, is damaged, or `each` fails.
+/// Fails when it is not Parquet, is damaged, or `each` fails.
 pub fn read(path: &Path, mut each: impl FnMut(&RecordBatch) -> Result<(), String>) -> Result<SchemaRef, String> {
     let file = paths::open_regular(path).map_err(|e| e.to_string())?;
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| e.to_string())?;
@@ -159,7 +160,7 @@ pub fn read(path: &Path, mut each: impl FnMut(&RecordBatch) -> Result<(), String
     Ok(Arc::new(Schema::new(schema.fields().clone())))
 }
 
-/// The columns of a schema as the dictionary has them, without their values.
+/// Columns of a schema as in the dictionary, without their values.
 pub fn columns(schema: &Schema) -> Vec<ReleaseColumn> {
     let column = |field: &Arc<Field>| {
         let about = |key: &str| field.metadata().get(key).cloned().unwrap_or_default();

@@ -1,9 +1,9 @@
-//! Restricted data in a published set: columns of tables of files that are restricted, and all that is made from them
-//! row by row.
+//! Restricted data in a published set: restricted columns of tables of files, and all columns made from them row by
+//! row.
 //!
-//! The lineage of columns is walked from each column that is to be published. It ends at tables of scores and models
-//! that are aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are no aggregates;
-//! nor are maps and flight lines, at any distance from the restricted column.
+//! The lineage of columns is followed from each column to be published. It ends at tables of scores and models that are
+//! aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are no aggregates. Maps and
+//! flight lines are never aggregates, at any distance from the restricted column.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
@@ -20,30 +20,30 @@ use crate::{
     views::{SnapshotTable, described},
 };
 
-/// The identifiers of a line, which every table and score names.
+/// Identifiers of a line, columns of every table and score.
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
-/// The remedy where restricted data would be published.
+/// Remedy when restricted data would be published.
 const HELP: &str = "publish tables that are not made from restricted columns row by row, such as scores and models; \
                     or use `--include-restricted` if you have the right to publish them, and the published set will \
                     state the restrictions";
 
-/// A column of a table: names of table and column.
+/// Column of a table: names of table and column.
 pub type LineageColumn = (String, String);
 
-/// The lineage of a plan's columns.
+/// Lineage of a plan's columns.
 pub struct Lineage<'a> {
-    /// The tables of the stages.
+    /// Tables of the stages.
     pub stages: HashMap<String, SnapshotTable>,
-    /// The columns that are handed to the stage of each table, which may be in anything it makes.
+    /// Columns that the stage of each table reads, which may affect all columns it makes.
     reads: HashMap<String, Vec<LineageColumn>>,
     sources: HashMap<&'a str, &'a ProtectionKeys>,
-    /// The small tables that restricted columns reach, each with its figures, or why it is no aggregate.
+    /// Small tables that depend on restricted columns, each with its figures, or the reason why it is no aggregate.
     aggregates: HashMap<String, Result<Aggregate, String>>,
 }
 
 impl<'a> Lineage<'a> {
-    /// The lineage of the columns of a plan, whose results are in `store`.
+    /// Lineage of the columns of a plan with results in `store`.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -75,7 +75,7 @@ impl<'a> Lineage<'a> {
         Ok(lineage)
     }
 
-    /// The columns that a table is made from at any distance, up to the aggregates among them.
+    /// Columns that a table is made from at any distance, up to the aggregates among them.
     fn reached(&self, table: &str) -> HashSet<LineageColumn> {
         let mut waiting = self.reads.get(table).cloned().unwrap_or_default();
         let mut seen = HashSet::new();
@@ -88,7 +88,7 @@ impl<'a> Lineage<'a> {
         seen
     }
 
-    /// The protection of a column of a table of files, where it is restricted today.
+    /// Protection of a column of a table of files, if it is restricted today.
     fn restricted(&self, (table, column): &LineageColumn) -> Option<&'a ProtectionKeys> {
         let protection = self.sources.get(table.as_str()).filter(|_| !self.stages.contains_key(table))?;
         let is = match protection.now() {
@@ -99,12 +99,12 @@ impl<'a> Lineage<'a> {
         is.then_some(*protection)
     }
 
-    /// The columns that a column is made from, row by row.
+    /// Columns that a column is made from, row by row.
     fn above(&self, (table, column): &LineageColumn) -> Vec<LineageColumn> {
         let Some(stage) = self.stages.get(table) else { return vec![] };
         let Some(own) = stage.columns.iter().find(|c| c.name == *column) else { return vec![] };
         if stage.tidy {
-            // A list in a small table holds samples one by one, such as those of an importance.
+            // A list in a small table holds single samples, such as those of an importance.
             let single = own.kind.starts_with("list") || matches!(self.aggregates.get(table), Some(Err(_)));
             if !single || IDENTIFIERS.contains(&column.as_str()) {
                 return vec![];
@@ -114,13 +114,13 @@ impl<'a> Lineage<'a> {
             }
         }
         if own.from.is_empty() && !IDENTIFIERS.contains(&column.as_str()) {
-            // A stage that does not say what it made a column of may have used all that it was handed.
+            // A stage without declared sources may have used all columns that it reads.
             return self.reads.get(table).cloned().unwrap_or_default();
         }
         own.from.clone()
     }
 
-    /// The columns from `start` to the first restricted one that it is made from.
+    /// Columns from `start` to the first restricted one that it is made from.
     fn find(&self, start: &LineageColumn) -> Option<(Vec<LineageColumn>, &'a ProtectionKeys)> {
         let mut queue = VecDeque::from([start.clone()]);
         let mut came_from: HashMap<LineageColumn, LineageColumn> = HashMap::new();
@@ -145,7 +145,7 @@ impl<'a> Lineage<'a> {
     }
 }
 
-/// Names the columns that each column of `tables` was made from.
+/// Records the columns that each column of `tables` was made from.
 pub fn describe(lineage: &Lineage, tables: &mut [ReleaseTable]) {
     for table in tables {
         let Some(stage) = lineage.stages.get(&table.name) else { continue };
@@ -156,7 +156,7 @@ pub fn describe(lineage: &Lineage, tables: &mut [ReleaseTable]) {
     }
 }
 
-/// The columns of `tables` that are restricted or made from restricted ones row by row.
+/// Columns of `tables` that are restricted or made from restricted ones row by row.
 pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<RestrictedReleaseColumn> {
     let mut found = vec![];
     for (table, columns) in tables {
@@ -180,14 +180,14 @@ pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<Restrict
 /// Checks the published aggregates of restricted columns together: differences between them must not be single samples.
 ///
 /// # Errors
-/// Names the tables, and the rule that they break.
+/// Fails with the tables, and the rule that they break.
 pub fn together(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Result<(), Fault> {
     let all = tables.iter().filter_map(|(t, _)| Some((t.as_str(), lineage.aggregates.get(t)?.as_ref().ok()?)));
     aggregate::together(&all.collect::<Vec<_>>())
         .map_err(|what| Fault::new(format!("this would publish restricted data\n  {what}")).help(HELP))
 }
 
-/// The rule by which each of `tables` can be published.
+/// Rule that permits the publication of each of `tables`.
 pub fn rules(
     lineage: &Lineage,
     tables: &[(String, Vec<String>)],
@@ -223,7 +223,7 @@ pub fn rules(
     tables.iter().map(rule).collect()
 }
 
-/// Why a restricted column is restricted.
+/// Reason of a restriction.
 pub fn why(held: &RestrictedReleaseColumn) -> String {
     let until = held.embargo.as_ref().map(|day| format!("until {day}"));
     let why: Vec<String> = until.into_iter().chain(held.reason.clone()).collect();
@@ -235,12 +235,12 @@ pub fn why(held: &RestrictedReleaseColumn) -> String {
     }
 }
 
-/// Where a held column comes from, in words.
+/// Origin of a restricted column, in words.
 pub fn chain(held: &RestrictedReleaseColumn) -> String {
     held.through.join(" <- ")
 }
 
-/// The fault of publishing what is restricted.
+/// Fault of publishing restricted columns.
 pub fn refused(held: &[RestrictedReleaseColumn]) -> Fault {
     const SHOWN: usize = 10;
     let mut what = "this would publish restricted data".to_owned();

@@ -1,5 +1,5 @@
-//! `README.md` of a set: what it is, how it is read, checked and computed again, and a datasheet.
-//! [Gebru et al. 2021, Datasheets for Datasets]
+//! `README.md` of a set: contents, reading, verification, recomputation, and a datasheet. [Gebru et al. 2021,
+//! Datasheets for Datasets]
 
 use std::fmt::Write;
 
@@ -9,7 +9,7 @@ use super::{
     words::{cell, counted},
 };
 
-/// The file `README.md`.
+/// Text of `README.md`.
 pub fn write(set: &ReleaseSet) -> String {
     let about = &set.dictionary.about;
     let mut text = format!("# {}\n\n{}\n\n", cell(&about.title), about.description.trim());

@@ -1,5 +1,5 @@
-//! `ro-crate-metadata.json`: the set as an RO-Crate 1.1, with how it was made: what was read, by which stages, to what.
-//! [RO-Crate Metadata Specification 1.1]
+//! `ro-crate-metadata.json`: the set as an RO-Crate 1.1, with its provenance: inputs, stages, results. [RO-Crate
+//! Metadata Specification 1.1]
 
 use serde_json::{Value, json};
 
@@ -10,7 +10,7 @@ use super::{
     words::{DICTIONARY, LICENCE, LOCK, address},
 };
 
-/// The documents that the crate lists, with what they are and their types.
+/// Documents that the crate lists, with their descriptions and types.
 const DOCUMENTS: [(&str, &str, &str); 7] = [
     ("README.md", "content and use of the data set", "text/markdown"),
     ("DICTIONARY.md", "every column with unit, role and meaning", "text/markdown"),
@@ -21,7 +21,7 @@ const DOCUMENTS: [(&str, &str, &str); 7] = [
     (LICENCE, "the licence", "text/plain"),
 ];
 
-/// The file `ro-crate-metadata.json`.
+/// Contents of `ro-crate-metadata.json`.
 pub fn write(set: &ReleaseSet) -> Value {
     let about = &set.dictionary.about;
     let authors: Vec<String> = about.authors.iter().enumerate().map(|(i, a)| author_id(i, a)).collect();
@@ -150,7 +150,7 @@ fn author_id(i: usize, author: &Person) -> String {
     author.orcid.clone().unwrap_or_else(|| format!("#author-{}", i + 1))
 }
 
-/// The bodies among the authors, or all where there is none.
+/// Organisations among the authors, or all authors if there is none.
 fn publishers(authors: &[Person], ids: &[String]) -> Vec<String> {
     let bodies: Vec<String> =
         authors.iter().zip(ids).filter(|(a, _)| a.family.is_none()).map(|(_, id)| id.clone()).collect();
@@ -188,7 +188,7 @@ fn input_id(input: &ReleaseInput) -> String {
     }
 }
 
-/// The media type of a file, by the end of its name.
+/// Media type of a file, by its extension.
 fn media_type(file: &str) -> &'static str {
     const KNOWN: [(&str, &str); 9] = [
         (".toml", "application/toml"),
@@ -222,7 +222,7 @@ fn program_id(stage: &ReleaseStage) -> String {
     format!("#stage-{}-{}", stage.stage, stage.version)
 }
 
-/// One action for each table that a stage made, from the inputs on.
+/// One action per table that a stage made, starting from the inputs.
 fn provenance(set: &ReleaseSet) -> Vec<Value> {
     let lock = &set.lock;
     let mut found = vec![json!({

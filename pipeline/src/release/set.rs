@@ -1,33 +1,33 @@
-//! Self-description of a published set, as data: all its documents are made of this, and checked against it.
+//! Self-description of a published set, as data: all documents are made from it, and verified against it.
 
 use std::{collections::BTreeMap, fmt};
 
 use serde::{Deserialize, Serialize};
 
-/// The layout of a published set and of its documents; raised when either changes.
+/// Format of a published set and of its documents; increased when either changes.
 pub const FORMAT: &str = "magline published set 1";
 
-/// A published set.
+/// Published set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReleaseSet {
-    /// Its tables and facts: the file `dictionary.json`.
+    /// Tables and facts: the file `dictionary.json`.
     pub dictionary: DataDictionary,
-    /// How it was made: the file `pipeline/lock.json`.
+    /// Provenance: the file `pipeline/lock.json`.
     pub lock: ReleaseLockfile,
 }
 
-/// The facts and tables of a set.
+/// Facts and tables of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DataDictionary {
-    /// [`FORMAT`].
+    /// Always [`FORMAT`].
     pub format: String,
     /// The facts that only its authors know.
     pub about: ReleaseMetadata,
-    /// Its tables, in the order in which they were asked for.
+    /// Tables, in the requested order.
     pub tables: Vec<ReleaseTable>,
     /// Restricted columns in the set.
     pub restricted: Vec<RestrictedReleaseColumn>,
-    /// Failures in the tables and in those that they are made from.
+    /// Failures in the tables and in their inputs.
     pub failures: Vec<ReleaseFailure>,
 }
 
@@ -48,15 +48,15 @@ pub struct ReleaseMetadata {
     pub contact: String,
     /// The version of the data set.
     pub version: String,
-    /// The DOI, without an address before it.
+    /// DOI, without an address prefix.
     pub doi: Option<String>,
-    /// The address of its page.
+    /// Address of its page.
     pub url: Option<String>,
-    /// Words to find it by.
+    /// Keywords for searches.
     pub keywords: Vec<String>,
-    /// Why the data were recorded.
+    /// Reason for recording the data.
     pub motivation: Option<String>,
-    /// How they were recorded.
+    /// Method of recording.
     pub collection: Option<String>,
     /// Possible uses.
     pub uses: Option<String>,
@@ -65,7 +65,7 @@ pub struct ReleaseMetadata {
 }
 
 impl ReleaseMetadata {
-    /// The address that the set is known by: that of its DOI, or of its page.
+    /// Address that identifies the set: its DOI, or its page.
     pub fn address(&self) -> Option<String> {
         self.doi.as_ref().map(|doi| format!("https://doi.org/{doi}")).or(self.url.clone())
     }
@@ -108,17 +108,17 @@ pub struct ReleaseTable {
     pub name: String,
     /// `flight lines`, `scores`, `model` or `map`.
     pub kind: String,
-    /// The stage that made it; `None` for what was read from files.
+    /// Stage that made it; `None` for a table from files.
     pub stage: Option<String>,
-    /// Description of that stage.
+    /// Description of the stage.
     pub description: String,
-    /// The axes of the sweep, which are columns.
+    /// Axes of the sweep, which are columns.
     pub axes: Vec<String>,
-    /// The columns by which the rows of each file ascend.
+    /// Columns by which the rows of each file ascend.
     pub sorted_by: Vec<String>,
-    /// The names of the folders' keys: columns that readers add which know hive partitions.
+    /// Names of the folders' keys: columns that readers of hive partitions add.
     pub partitions: Vec<String>,
-    /// Its rows.
+    /// Number of rows.
     pub rows: u64,
     /// Its columns.
     pub columns: Vec<ReleaseColumn>,
@@ -140,7 +140,7 @@ pub enum ColumnKind {
     Boolean,
     /// A list of Float64.
     Numbers,
-    /// Any other type, as Arrow spells it.
+    /// Any other type, in Arrow's notation.
     Other(String),
 }
 
@@ -187,7 +187,7 @@ pub struct ReleaseColumn {
     /// The names of a list's entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub terms: Vec<String>,
-    /// The columns it was made from, as `table.column`.
+    /// Columns it was made from, as `table.column`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub from: Vec<String>,
     /// Values of the column.
@@ -198,12 +198,12 @@ pub struct ReleaseColumn {
 /// Statistics of the values of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ColumnValueStatistics {
-    /// Rows without a value: null or NaN.
+    /// Number of rows without a value: null or NaN.
     pub missing: u64,
-    /// The least finite number.
+    /// Smallest finite number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The greatest finite number.
+    /// Largest finite number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
 }
@@ -213,15 +213,15 @@ pub struct ColumnValueStatistics {
 pub struct DataFile {
     /// Its path in the set.
     pub path: String,
-    /// The flight, where it holds one line.
+    /// Flight, if the file holds one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flight: Option<String>,
-    /// The line, where it holds one.
+    /// Line, if the file holds one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<String>,
-    /// Its rows.
+    /// Number of rows.
     pub rows: u64,
-    /// Its bytes.
+    /// Size, bytes.
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: String,
@@ -234,18 +234,18 @@ pub struct RestrictedReleaseColumn {
     pub table: String,
     /// Its column.
     pub column: String,
-    /// From this column to the restricted one, as `table.column`.
+    /// Columns from this one to the restricted one, as `table.column`.
     pub through: Vec<String>,
-    /// The rule by which a table among them is no aggregate.
+    /// Rule by which a table among them is no aggregate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule: Option<String>,
-    /// Why that is restricted.
+    /// Reason of the restriction.
     pub reason: Option<String>,
-    /// Until when.
+    /// End date of the restriction.
     pub embargo: Option<String>,
 }
 
-/// A result that could not be computed.
+/// Result that could not be computed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ReleaseFailure {
     /// The table.
@@ -254,18 +254,18 @@ pub struct ReleaseFailure {
     pub flight: Option<String>,
     /// The line.
     pub line: Option<String>,
-    /// At how many points of the sweep.
+    /// Number of points of the sweep.
     pub points: u64,
 }
 
 /// Provenance of a set: version, spec, inputs and stages.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReleaseLockfile {
-    /// [`FORMAT`].
+    /// Always [`FORMAT`].
     pub format: String,
     /// The version of magline.
     pub magline: String,
-    /// The processor and what its last bits are known by; empty in sets of versions that did not note it.
+    /// Processor and identifier of its floating-point results; empty in sets of versions that did not record it.
     #[serde(default)]
     pub arithmetic: String,
     /// The pipeline.
@@ -274,11 +274,11 @@ pub struct ReleaseLockfile {
     pub spec: String,
     /// The spec's SHA-256.
     pub spec_sha256: String,
-    /// The assignments of `--set` that it was run with.
+    /// Assignments of `--set` in the run.
     pub set: Vec<String>,
     /// The seed.
     pub seed: u64,
-    /// The hash of what was computed and of its data.
+    /// Hash of the computation and its data.
     pub run: String,
     /// Files that were read.
     pub inputs: Vec<ReleaseInput>,
@@ -291,15 +291,15 @@ pub struct ReleaseLockfile {
 pub struct ReleaseInput {
     /// The table of the spec.
     pub table: String,
-    /// The file: from the spec's folder, or its name alone where it is given by an absolute path.
+    /// Path from the spec's folder, or the file name of an absolute path.
     pub file: String,
-    /// Its bytes.
+    /// Size, bytes.
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: String,
-    /// The first 128 bits of its BLAKE3, by which magline knows it.
+    /// First 128 bits of its BLAKE3, which identify it in magline.
     pub blake3: String,
-    /// Its path in the set, where it is included.
+    /// Path in the set, if it is included.
     pub included: Option<String>,
 }
 
@@ -314,15 +314,15 @@ pub struct ReleaseStage {
     pub version: u32,
     /// The tables it reads.
     pub inputs: Vec<String>,
-    /// The rows it is restricted to.
+    /// Predicate that selects its rows.
     #[serde(rename = "where", default, skip_serializing_if = "Option::is_none")]
     pub predicate: Option<String>,
     /// The axes it depends on.
     pub axes: Vec<String>,
-    /// The number of its points of the sweep.
+    /// Number of its sweep points.
     pub points: usize,
-    /// Its parameters in one spelling, each with the values it has at the points of the sweep.
+    /// Parameters in canonical spelling, each with its values at the points of the sweep.
     pub parameters: BTreeMap<String, Vec<String>>,
-    /// The hash of the keys of all that it made.
+    /// Hash of the keys of all its results.
     pub key: String,
 }

@@ -1,8 +1,8 @@
-//! The rows of a published table, brought from the store into the order and the files of a set.
+//! Rows of a published table, copied from the store into the order and the files of a set.
 //!
-//! Flight lines become one file a line, in folders by flight and line; other tables become one file. The folders' keys
-//! are `flight_id` and `line_id`, with a word before each identifier: readers of hive partitions take `line=1003.10`
-//! for the number 1003.1, and refuse a column of another type under the same name in the file.
+//! Flight lines become one file per line, in folders by flight and line; other tables become one file. The folders'
+//! keys are `flight_id` and `line_id`, with a word before each identifier. Otherwise readers of hive partitions would
+//! read `line=1003.10` as the number 1003.1, and would reject a column of another type under the same name in the file.
 
 use std::{cmp::Ordering, collections::BTreeMap, path::Path, sync::Arc};
 
@@ -27,7 +27,7 @@ use crate::{
     views::pooled,
 };
 
-/// The keys of the folders of a table of flight lines.
+/// Keys of the folders of a table of flight lines.
 const PARTITIONS: [&str; 2] = ["flight_id", "line_id"];
 
 /// Position of rows that share a key: a part of a row group.
@@ -36,7 +36,7 @@ struct RowGroupSlice {
     group: usize,
     from: usize,
     rows: usize,
-    /// The values of the axes.
+    /// Values of the axes.
     axes: Vec<SortKeyValue>,
     flight: Option<String>,
     line: Option<String>,
@@ -70,7 +70,7 @@ impl SortKeyValue {
         }
     }
 
-    /// Whether it is the value of a row, without a copy of that.
+    /// Whether it equals the value of a row, without copying the value.
     fn is(&self, array: &ArrayRef, row: usize) -> bool {
         match self {
             SortKeyValue::Text(text) => {
@@ -80,7 +80,7 @@ impl SortKeyValue {
         }
     }
 
-    /// Missing values last.
+    /// Missing values are last.
     fn order(&self, other: &SortKeyValue) -> Ordering {
         match (self, other) {
             (SortKeyValue::Flag(a), SortKeyValue::Flag(b)) => a.cmp(b),
@@ -96,11 +96,11 @@ fn in_order(a: &[SortKeyValue], b: &[SortKeyValue]) -> Ordering {
     a.iter().zip(b).map(|(a, b)| a.order(b)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
 }
 
-/// The rows of some files of the store.
+/// Reader of the rows of some files of the store.
 struct StoreFileReader {
     files: Vec<SealedFile>,
     schema: SchemaRef,
-    /// The row group that was read last.
+    /// Last row group read.
     held: Option<(usize, usize, RecordBatch)>,
 }
 
@@ -123,7 +123,7 @@ impl StoreFileReader {
         Ok(StoreFileReader { files, schema, held: None })
     }
 
-    /// The rows of each key, in the order of the store.
+    /// Rows of each key, in the order of the store.
     fn pieces(&self, axes: &[String]) -> Result<Vec<RowGroupSlice>, Fault> {
         let mut pieces: Vec<RowGroupSlice> = vec![];
         for (at, file) in self.files.iter().enumerate() {
@@ -183,13 +183,13 @@ impl StoreFileReader {
     }
 }
 
-/// Folder name for an identifier: special bytes are spelt as `%` and two hexadecimal digits.
+/// Folder name for an identifier: special bytes are written as `%` and two hexadecimal digits.
 fn folder_name(identifier: &str) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'-' | b'_');
     identifier.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
 }
 
-/// The file of a line.
+/// File of a line.
 fn line_path(table: &str, flight: &str, line: &str) -> String {
     let [flight_key, line_key] = PARTITIONS;
     let (flight, line) = (folder_name(flight), folder_name(line));
@@ -250,10 +250,10 @@ impl<'a> TableFileWriter<'a> {
     }
 }
 
-/// Writes the table `t` of a plan, as its last run left it in `version`, below `root`.
+/// Writes the table `t` of a plan below `root`, from its last run in `version`.
 ///
 /// # Errors
-/// When the store is damaged, or the file system refuses.
+/// Fails when the store is damaged, or the file system reports an error.
 pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let plan = graph.plan;
     let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
@@ -294,10 +294,10 @@ pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> 
     Ok(files.table(&node.name, kind, &axes, by_line))
 }
 
-/// Writes the pooled scores of a plan, as its last run left them in `version`, below `root`.
+/// Writes the pooled scores of a plan below `root`, from its last run in `version`.
 ///
 /// # Errors
-/// When the store is damaged, or the file system refuses.
+/// Fails when the store is damaged, or the file system reports an error.
 pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<ReleaseTable, Fault> {
     let mut parts = StoreFileReader::open(version, pooled::TABLE)?;
     let axes = graph.plan.spec.axes.iter().map(|a| a.name.clone());
@@ -311,10 +311,10 @@ pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<Re
     Ok(ReleaseTable { description, ..files.table(pooled::TABLE, "scores", &axes, false) })
 }
 
-/// Writes the table of flights `i` of a plan, as it was read from files, below `root`.
+/// Writes the table of flights `i` of a plan below `root`, as read from files.
 ///
 /// # Errors
-/// When the store is damaged, or the file system refuses.
+/// Fails when the store is damaged, or the file system reports an error.
 pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let flights = graph.plan.flights.get(i).ok_or_else(|| Fault::bug("a table that is not planned"))?;
     let keys = [("flight", "flight identifier"), ("line", "line identifier")];
@@ -345,10 +345,10 @@ pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Re
     Ok(files.table(&flights.name, "flight lines", &[], true))
 }
 
-/// Writes the map `i` of a plan, as it was read from its file, below `root`.
+/// Writes the map `i` of a plan below `root`, as read from its file.
 ///
 /// # Errors
-/// When the store is damaged, or the file system refuses.
+/// Fails when the store is damaged, or the file system reports an error.
 pub fn of_map(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let (map, key) =
         graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;
@@ -363,7 +363,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_folder_is_named_so_that_it_can_be_read_back_and_is_no_number() {
+    fn unit_folder_names_round_trip_and_are_not_numeric() {
         assert_eq!(
             line_path("clean", "1003", "1003.10"),
             "data/clean/flight_id=flight-1003/line_id=line-1003.10/part-0.parquet"
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn law_cells_are_in_a_total_order_with_missing_ones_last() {
+    fn law_sort_keys_have_a_total_order_with_missing_values_last() {
         let cells =
             [SortKeyValue::Number(-1.0), SortKeyValue::Number(0.5), SortKeyValue::Number(10.0), SortKeyValue::Missing];
         for (i, a) in cells.iter().enumerate() {

@@ -1,7 +1,7 @@
-//! A set at an address of an object store: a copy of the folder that it is written to first.
+//! Set at an address of an object store: a copy of the folder that it is written to first.
 //!
-//! `SHA256SUMS` is written last, and removed before another set takes the place of the first, so that who verifies a
-//! set finds one that is whole, or none.
+//! `SHA256SUMS` is written last, and removed before another set replaces the first. Verification thus finds a complete
+//! set, or none.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -10,11 +10,11 @@ use schemas::Fault;
 use super::{checksums, folder::files, set::FORMAT, words::DICTIONARY};
 use crate::remote::{Bucket, ObjectAddress, connect, each};
 
-/// Copies the set in `folder` to `address`. `false` where the same set is there already, which is then left as it is.
+/// Copies the set in `folder` to `address`. Returns `false` if the same set already exists, which then stays unchanged.
 ///
 /// # Errors
-/// Fails when there is something else that must not be lost, the set cannot be read, or the server cannot be reached or
-/// refuses.
+/// Fails when there are other objects that must be kept, the set cannot be read, or the server cannot be reached or
+/// reports an error.
 pub fn upload(folder: &Path, address: &ObjectAddress, replace: bool) -> Result<bool, Fault> {
     copied(folder, &connect(address)?, replace)
 }
@@ -44,7 +44,7 @@ fn copied(folder: &Path, bucket: &Bucket, replace: bool) -> Result<bool, Fault> 
     Ok(true)
 }
 
-/// The files of the set that is there, by its own list.
+/// Files of the existing set, by its own list.
 fn set_at(bucket: &Bucket, there: &[String]) -> Result<BTreeMap<String, String>, Fault> {
     let text = |name: &str| -> Result<String, Fault> {
         Ok(bucket.get(name)?.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default())
@@ -59,7 +59,7 @@ fn set_at(bucket: &Bucket, there: &[String]) -> Result<BTreeMap<String, String>,
     if !is_set {
         return Err(other("contains objects that are not a published set".to_owned()));
     }
-    // One that was being replaced has none; what is in its place is written again.
+    // A set that was being replaced has none; its files are written again.
     let sums = checksums::read(&sums).unwrap_or_default();
     let foreign = there.iter().find(|name| *name != checksums::NAME && !sums.is_empty() && !sums.contains_key(*name));
     match foreign {
@@ -80,7 +80,7 @@ mod tests {
     use crate::remote::{StorageLocation, place};
 
     #[test]
-    fn unit_a_set_is_copied_once_and_replaces_only_a_set() {
+    fn unit_set_is_copied_once_and_replaces_only_another_set() {
         let Ok(StorageLocation::Object(address)) = place("s3://b/set") else { unreachable!("an address") };
         let bucket = Bucket::new(Arc::new(InMemory::new()), address);
         let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! `magline verify DIR`: whether a published set is as it was written, and whether what it says of itself is true.
+//! `magline verify DIR`: checks that a published set is unchanged, and that its description is correct.
 
 use std::{collections::BTreeMap, fs, io::Read, path::Path};
 
@@ -12,12 +12,12 @@ use super::{
     words::{DICTIONARY, LOCK},
 };
 
-/// The result of checking a set.
+/// Result of checking a set.
 #[derive(Debug, Default)]
 pub struct ReleaseVerification {
-    /// Files that were read.
+    /// Number of files read.
     pub files: usize,
-    /// Rows of all tables.
+    /// Number of rows of all tables.
     pub rows: u64,
     /// Faults: the file, and the reason.
     pub faults: Vec<(String, String)>,
@@ -29,10 +29,10 @@ impl ReleaseVerification {
     }
 }
 
-/// Checks the set in the folder `root`: sums, files, every value of every table, and the documents against these.
+/// Checks the set in the folder `root`: checksums, files, every value of every table, and the documents against these.
 ///
 /// # Errors
-/// When there is no published set, or the folder cannot be read.
+/// Fails when there is no published set, or the folder cannot be read.
 pub fn verify(root: &Path) -> Result<ReleaseVerification, Fault> {
     let read = |name: &str| text(root, name);
     if !root.join(checksums::NAME).exists() && !root.join(DICTIONARY).exists() {
@@ -77,10 +77,10 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_str(text).map_err(|e| format!("it is unreadable: {e}"))
 }
 
-/// The most bytes of a file whose size no document lists.
+/// Maximum size of a file whose size no document lists, bytes.
 const DOCUMENT: u64 = 256 << 20;
 
-/// The size that the documents list for each file.
+/// Size of each file in the documents, bytes.
 type DocumentedSizes = BTreeMap<String, u64>;
 
 fn sizes(dictionary: Option<&DataDictionary>, lock: Option<&ReleaseLockfile>) -> DocumentedSizes {
@@ -90,7 +90,7 @@ fn sizes(dictionary: Option<&DataDictionary>, lock: Option<&ReleaseLockfile>) ->
     files.map(|file| (file.path.clone(), file.bytes)).chain(inputs).collect()
 }
 
-/// The text of a document of a set.
+/// Text of a document of a set.
 fn text(root: &Path, name: &str) -> Result<String, String> {
     let file = paths::open_regular(&root.join(name)).map_err(|e| e.to_string())?;
     let mut text = String::new();
@@ -101,7 +101,7 @@ fn text(root: &Path, name: &str) -> Result<String, String> {
     }
 }
 
-/// The checksum of a file. A file of another size than it should have, such as a sparse one, is not read.
+/// Checksum of a file. A file of unexpected size, such as a sparse one, is not read.
 fn sum(root: &Path, path: &str, sizes: &DocumentedSizes) -> Result<String, String> {
     let full = root.join(path);
     let there = fs::symlink_metadata(&full).map_err(|e| match e.kind() {
@@ -118,7 +118,7 @@ fn sum(root: &Path, path: &str, sizes: &DocumentedSizes) -> Result<String, Strin
     }
 }
 
-/// Files against their sums.
+/// Checks files against their checksums.
 fn sums(root: &Path, there: &[String], sizes: &DocumentedSizes, found: &mut ReleaseVerification) {
     let sums = match text(root, checksums::NAME).and_then(|text| checksums::read(&text)) {
         Ok(sums) => sums,
@@ -144,7 +144,7 @@ fn sums(root: &Path, there: &[String], sizes: &DocumentedSizes, found: &mut Rele
     }
 }
 
-/// The spec and the inputs that are included against the lock.
+/// Checks the included spec and inputs against the lock.
 fn inputs(set: &ReleaseSet, root: &Path, sizes: &DocumentedSizes, found: &mut ReleaseVerification) {
     let mut check = |path: &str, sha256: &str| {
         if !checksums::is_inside(path) {
@@ -161,7 +161,7 @@ fn inputs(set: &ReleaseSet, root: &Path, sizes: &DocumentedSizes, found: &mut Re
     }
 }
 
-/// The files of `data/` against those that the dictionary lists.
+/// Checks the files of `data/` against those that the dictionary lists.
 fn listed(set: &ReleaseSet, there: &[String], found: &mut ReleaseVerification) {
     let listed: Vec<&String> = set.dictionary.tables.iter().flat_map(|t| t.files.iter().map(|f| &f.path)).collect();
     for path in there.iter().filter(|p| p.starts_with("data/") && !listed.contains(p)) {
@@ -196,7 +196,7 @@ fn check(root: &Path, table: &ReleaseTable) -> TableVerification {
     checked
 }
 
-/// Reads every value of a file; its rows.
+/// Reads every value of a file and returns its number of rows.
 fn check_file(
     root: &Path,
     table: &ReleaseTable,
@@ -245,10 +245,10 @@ fn check_file(
     Ok(rows)
 }
 
-/// The documents against those that the set, with the values of its files, gives.
+/// Checks the documents against those made from the set and the values of its files.
 fn agree(set: &ReleaseSet, root: &Path, found: &mut ReleaseVerification) -> Result<(), Fault> {
     for (path, wanted) in documents::all(set)? {
-        // The names of tables are parts of paths.
+        // Names of tables are parts of paths.
         if !checksums::is_inside(&path) {
             found.push(DICTIONARY, format!("the path `{path}` leads outside the folder"));
             continue;

@@ -1,24 +1,24 @@
-//! The names of documents, and words that several of them have.
+//! Names of documents, and phrases that several of them share.
 
-/// The file with the tables and facts.
+/// File with the tables and facts.
 pub const DICTIONARY: &str = "dictionary.json";
-/// The file that says how the set was made.
+/// File with the provenance of the set.
 pub const LOCK: &str = "pipeline/lock.json";
-/// The file with the licence.
+/// File with the licence.
 pub const LICENCE: &str = "LICENSE";
 
-/// A path in the set as a relative address: other bytes than those that stand for themselves are spelt by `%`.
+/// Path in the set as a relative address, with other bytes escaped by `%`.
 pub fn address(path: &str) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'-' | b'_' | b'~' | b'/' | b'=' | b'+');
     path.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
 }
 
-/// A text as a cell of a table of Markdown.
+/// Text as a cell of a Markdown table.
 pub fn cell(text: &str) -> String {
     text.replace('\\', "\\\\").replace('|', "\\|").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// A count with its noun.
+/// Count with its noun.
 pub fn counted(n: u64, thing: &str) -> String {
     format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
 }

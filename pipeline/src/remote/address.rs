@@ -1,10 +1,10 @@
-//! Where things are: a path, or an address in an object store.
+//! Locations: a path, or an address in an object store.
 
 use std::{fmt, path::PathBuf};
 
 use schemas::Fault;
 
-/// A kind of object store.
+/// Kind of object store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ObjectStoreScheme {
     /// Amazon S3, and servers with the same interface: MinIO, Ceph, Garage.
@@ -18,7 +18,7 @@ pub enum ObjectStoreScheme {
 impl ObjectStoreScheme {
     const ALL: [ObjectStoreScheme; 3] = [ObjectStoreScheme::S3, ObjectStoreScheme::Gs, ObjectStoreScheme::Az];
 
-    /// The scheme of an address, without `://`.
+    /// Scheme of an address, without `://`.
     pub fn as_str(self) -> &'static str {
         match self {
             ObjectStoreScheme::S3 => "s3",
@@ -28,14 +28,14 @@ impl ObjectStoreScheme {
     }
 }
 
-/// A place in an object store: a bucket, and the name of an object or the beginning of several.
+/// Location in an object store: a bucket, and the name of an object or a common prefix.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ObjectAddress {
-    /// The kind of store.
+    /// Kind of store.
     pub scheme: ObjectStoreScheme,
-    /// The bucket.
+    /// Name of the bucket.
     pub bucket: String,
-    /// The name of the object, or the beginning of several names, without slashes at its ends; may be empty.
+    /// Name of the object, or a common prefix, without slashes at its ends; may be empty.
     pub key: String,
 }
 
@@ -49,16 +49,16 @@ impl fmt::Display for ObjectAddress {
 /// Location of a file: a path or an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StorageLocation {
-    /// A path, which may be relative.
+    /// Path, which may be relative.
     Path(PathBuf),
-    /// In an object store.
+    /// Address in an object store.
     Object(ObjectAddress),
 }
 
-/// Reads a place: `s3://`, `gs://` or `az://` with a bucket, `file://` with an absolute path, or a path.
+/// Reads a location: `s3://`, `gs://` or `az://` with a bucket, `file://` with an absolute path, or a path.
 ///
 /// # Errors
-/// Fails for other addresses, and for a bucket that cannot be one.
+/// Fails for other addresses, and for an invalid bucket name.
 pub fn place(text: &str) -> Result<StorageLocation, Fault> {
     let Some((scheme, rest)) = text.split_once("://") else { return Ok(StorageLocation::Path(text.into())) };
     if scheme == "file" {
@@ -68,7 +68,7 @@ pub fn place(text: &str) -> Result<StorageLocation, Fault> {
         return Err(Fault::new("`file://` requires an absolute path, such as `file:///data/flights`"));
     }
     let Some(scheme) = ObjectStoreScheme::ALL.into_iter().find(|s| s.as_str() == scheme) else {
-        // The rest may hold a password, and is not shown.
+        // The rest may contain a password and is not shown.
         let fault = Fault::new(format!("addresses that begin with `{}://` are not supported", shown(scheme)));
         return Err(fault.help("use s3://, gs://, az:// or file://"));
     };
@@ -94,7 +94,7 @@ fn shown(scheme: &str) -> String {
 }
 
 impl ObjectAddress {
-    /// The one of `key` below this one.
+    /// Address of `key` below this one.
     pub fn below(&self, key: &str) -> ObjectAddress {
         let joined = [self.key.as_str(), key].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/");
         ObjectAddress { key: joined, ..self.clone() }
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_places_are_paths_or_addresses_and_show_no_secret() {
+    fn unit_locations_are_paths_or_addresses_without_secrets() {
         let object = |text: &str| match place(text).unwrap() {
             StorageLocation::Object(address) => (address.bucket.clone(), address.key.clone(), address.to_string()),
             StorageLocation::Path(path) => unreachable!("{}", path.display()),

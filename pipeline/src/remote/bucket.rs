@@ -1,4 +1,4 @@
-//! The objects below an address, with calls that block until the answer is there.
+//! Objects below an address, with blocking calls.
 
 use std::{
     fs::File,
@@ -25,43 +25,43 @@ use tokio::runtime::Runtime;
 
 use super::{address::ObjectAddress, redact::redacted};
 
-/// The bytes of a part: longer objects are read and written in parts.
+/// Size of a part, bytes: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
-/// The number of concurrent requests, where there are many to make.
+/// Maximum number of concurrent requests.
 const AT_ONCE: usize = 16;
-/// The number of attempts at a request whose answer was cut, or did not come.
+/// Maximum number of attempts at a request without a complete answer.
 const TRIALS: u32 = 4;
-/// The time since the first attempt after which no other one is made.
+/// Time since the first attempt after which a request is not retried.
 pub(super) const RETRY_TIMEOUT: Duration = Duration::from_secs(120);
-/// The threads that wait for answers.
+/// Number of threads that wait for answers.
 const THREADS: usize = 2;
 
-/// The version of an object, as the server names it.
+/// Version of an object, as assigned by the server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectVersion(UpdateVersion);
 
-/// An object in the listing of a bucket.
+/// Object in the listing of a bucket.
 #[derive(Clone, Debug)]
 pub struct ObjectEntry {
-    /// Its name below the address.
+    /// Name below the address.
     pub key: String,
-    /// Its bytes.
+    /// Size, bytes.
     pub size: u64,
-    /// Its version, where the server names it.
+    /// Version, if the server reports one.
     pub tag: Option<String>,
-    /// When it was written, by the server's clock.
+    /// Time of writing, by the server's clock.
     pub modified: SystemTime,
 }
 
-/// The objects below an address.
+/// Objects below an address.
 #[derive(Clone)]
 pub struct Bucket {
     objects: Arc<dyn ObjectStore>,
     address: ObjectAddress,
 }
 
-/// Runs requests on threads of their own and waits for the result: the caller's thread may belong to another runtime,
-/// which must not be blocked by one of its futures.
+/// Runs requests on separate threads and waits for the result. The caller's thread may belong to another runtime, which
+/// these futures must not block.
 fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Result<T, Fault> {
     static RUNTIME: OnceLock<Option<Runtime>> = OnceLock::new();
     let build = || tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().ok();
@@ -75,11 +75,11 @@ fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Re
     receive.recv().map_err(|_| Fault::bug("a request to an object store ended without a response"))
 }
 
-/// Calls `work` on every item, several at a time. The answers are in the order of the items; the first fault ends the
+/// Calls `work` on every item, several at a time. The results are in the order of the items; the first fault ends the
 /// work.
 ///
 /// # Errors
-/// Fails where `work` does.
+/// Fails when `work` fails.
 pub fn each<T: Sync, A: Send>(items: &[T], work: impl Fn(&T) -> Result<A, Fault> + Sync) -> Result<Vec<A>, Fault> {
     let next = AtomicUsize::new(0);
     let answers: Vec<Mutex<Option<Result<A, Fault>>>> = items.iter().map(|_| Mutex::new(None)).collect();
@@ -117,7 +117,7 @@ fn is_missing_bucket(error: &Error) -> bool {
     ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
 }
 
-/// Whether the connection ended, or the time was over, before the answer: the server may have done what was asked.
+/// Whether the connection ended, or timed out, before the answer. The server may have executed the request.
 #[cfg(feature = "object-stores")]
 fn is_unanswered(error: &Error) -> bool {
     use object_store::client::{HttpError, HttpErrorKind};
@@ -136,18 +136,18 @@ fn is_unanswered(_: &Error) -> bool {
     false
 }
 
-/// Whether an answer began and did not come to its end.
+/// Whether an answer was truncated.
 fn is_cut(error: &Error) -> bool {
     matches!(error, Error::Generic { .. }) && error.to_string().contains("response body")
 }
 
 fn is_forbidden(error: &Error, text: &str) -> bool {
-    // The error of a listing is of no kind.
+    // The error of a listing has no kind.
     let said = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
     said || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
 }
 
-/// Whether an object of that name is simply not there.
+/// Whether there is no object of that name.
 fn is_missing(error: &Error) -> bool {
     matches!(error, Error::NotFound { .. }) && !is_missing_bucket(error)
 }
@@ -159,13 +159,13 @@ fn listed(about: &ObjectMeta, prefix: &str) -> Option<ObjectEntry> {
 }
 
 impl Bucket {
-    /// The objects of `objects` below `address`, whose bucket they are.
+    /// Bucket of `objects` below `address`.
     #[cfg_attr(not(any(feature = "object-stores", test)), allow(dead_code))]
     pub fn new(objects: Arc<dyn ObjectStore>, address: ObjectAddress) -> Bucket {
         Bucket { objects, address }
     }
 
-    /// The address.
+    /// Address of the bucket.
     pub fn address(&self) -> &ObjectAddress {
         &self.address
     }
@@ -205,10 +205,10 @@ impl Bucket {
         }
     }
 
-    /// An object and its version; `None` where there is none.
+    /// Object and its version; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn get_tagged(&self, key: &str) -> Result<Option<(Vec<u8>, ObjectVersion)>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let read = move || async move {
@@ -236,18 +236,18 @@ impl Bucket {
         Fault::machine(what).help("run again; if the error persists, check proxies in the network")
     }
 
-    /// An object; `None` where there is none.
+    /// Object; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn get(&self, key: &str) -> Result<Option<Vec<u8>>, Fault> {
         Ok(self.get_tagged(key)?.map(|(bytes, _)| bytes))
     }
 
-    /// Size, version and time of an object; `None` where there is none.
+    /// Size, version and time of an object; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn about(&self, key: &str) -> Result<Option<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         match wait(async move { objects.head(&name).await })? {
@@ -257,10 +257,10 @@ impl Bucket {
         }
     }
 
-    /// Some bytes of an object; `None` where there is none.
+    /// Range of bytes of an object; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, and where the object is shorter.
+    /// Fails when the server cannot be reached or reports an error, and when the object is shorter.
     pub fn range(&self, key: &str, range: Range<u64>, tag: Option<&str>) -> Result<Option<Vec<u8>>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let want = range.end.saturating_sub(range.start);
@@ -283,17 +283,17 @@ impl Bucket {
         Err(self.cut(key))
     }
 
-    /// Writes an object to the file `to`, which is on the disk when this returns. Whether there is such an object.
+    /// Writes an object to the file `to`, which is on the disk on return. Returns whether the object exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, the object has not `size` bytes where that is known, or the
+    /// Fails when the server cannot be reached or reports an error, the object does not have the given `size`, or the
     /// file cannot be written.
     pub fn fetch(&self, key: &str, to: &Path, size: Option<u64>) -> Result<bool, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let first = move || async move {
             let found = objects.get_opts(&name, GetOptions::default()).await?;
             let about = found.meta.clone();
-            // A large one is read in parts, each within the time of a request.
+            // A large object is read in parts, each within the time limit of a request.
             let bytes = if about.size > PART { None } else { Some(found.bytes().await?) };
             Ok::<_, Error>((about, bytes))
         };
@@ -342,27 +342,27 @@ impl Bucket {
         Ok(done.map(|put| ObjectVersion(put.into())))
     }
 
-    /// Writes an object and replaces an earlier one.
+    /// Writes an object, replacing an existing one.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn put(&self, key: &str, bytes: Vec<u8>) -> Result<(), Fault> {
         self.put_as(key, bytes, PutMode::Overwrite)?.map(drop).map_err(|e| self.fault("write", key, &e))
     }
 
-    /// Writes an object that is not there yet; whether this has written it.
+    /// Creates an object. Returns `false` if it exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn create(&self, key: &str, bytes: &[u8]) -> Result<bool, Fault> {
         self.on_condition(key, bytes, PutMode::Create)
     }
 
-    /// Writes an object whose version is still `tag`, or that is not there yet where `tag` is `None`; whether this has
-    /// written it.
+    /// Writes an object if its version is still `tag`, or if it does not exist and `tag` is `None`. Returns whether it
+    /// was written.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn replace(&self, key: &str, bytes: &[u8], tag: Option<ObjectVersion>) -> Result<bool, Fault> {
         self.on_condition(key, bytes, tag.map_or(PutMode::Create, |tag| PutMode::Update(tag.0)))
     }
@@ -375,14 +375,14 @@ impl Bucket {
             match self.put_as(key, bytes.to_vec(), mode.clone())? {
                 Ok(_) => return Ok(true),
                 Err(e @ (Error::AlreadyExists { .. } | Error::Precondition { .. })) => match (self.get(key)?, &mode) {
-                    // The answer to an attempt before may have been lost, and the object be the one of this writer.
+                    // The answer to an earlier attempt may have been lost, and the object may be that of this writer.
                     (Some(there), _) => return Ok(there == bytes),
-                    // Another request was under way (status 409), or the object was removed since.
+                    // Another request was in progress (status 409), or the object has since been removed.
                     (None, PutMode::Create) if last => return Err(self.fault("write", key, &e)),
                     (None, PutMode::Create) => {}
                     (None, PutMode::Overwrite | PutMode::Update(_)) => return Ok(false),
                 },
-                // Such a request is not repeated by the client, which does not compare what is there.
+                // The client does not repeat such a request, because it does not compare the existing object.
                 Err(e) if last || !is_unanswered(&e) => return Err(self.fault("write", key, &e)),
                 Err(_) => {}
             }
@@ -390,10 +390,10 @@ impl Bucket {
         }
     }
 
-    /// Writes the file `from` as an object, which appears when it is whole.
+    /// Writes the file `from` as an object, which appears when it is complete.
     ///
     /// # Errors
-    /// Fails when the file cannot be read, or the server cannot be reached or refuses.
+    /// Fails when the file cannot be read, or the server cannot be reached or reports an error.
     pub fn put_file(&self, key: &str, from: &Path) -> Result<(), Fault> {
         let fail = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", from.display()));
         let mut file = File::open(from).map_err(fail)?;
@@ -414,7 +414,7 @@ impl Bucket {
                     Err(e) => Err(Error::Generic { store: "local file", source: Box::new(e) }),
                 };
                 if let Err(e) = sent {
-                    // The parts are not visible; a lifecycle rule of the bucket removes what an abort leaves.
+                    // The parts are invisible; a lifecycle rule of the bucket removes parts that the abort leaves.
                     let _ = upload.abort().await;
                     return Err(e);
                 }
@@ -425,20 +425,20 @@ impl Bucket {
         written.map_err(|e| self.fault("write", key, &e))
     }
 
-    /// All objects whose names begin with the folder `folder`; all where that is empty.
+    /// All objects whose names begin with the folder `folder`; all objects if it is empty.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn list(&self, folder: &str) -> Result<Vec<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
         let list = move || async move { objects.list(Some(&name)).try_collect::<Vec<_>>().await };
         self.of_listing(folder, list)
     }
 
-    /// The objects of the folder `folder`, not those of folders in it.
+    /// Objects directly in the folder `folder`.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn list_flat(&self, folder: &str) -> Result<Vec<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
         let list = move || async move { objects.list_with_delimiter(Some(&name)).await.map(|list| list.objects) };
@@ -466,10 +466,10 @@ impl Bucket {
         Err(self.cut(folder))
     }
 
-    /// Removes an object; one that is not there is removed already.
+    /// Removes an object; succeeds if it is missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn remove(&self, key: &str) -> Result<(), Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let delete = move || async move { objects.delete(&name).await };
@@ -487,10 +487,10 @@ impl Bucket {
         }
     }
 
-    /// Gives an object another name.
+    /// Renames an object.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn rename(&self, from: &str, to: &str) -> Result<(), Fault> {
         let (objects, old, new) = (self.objects.clone(), self.name(from)?, self.name(to)?);
         let done = wait(async move {
@@ -505,7 +505,7 @@ impl Bucket {
     }
 }
 
-/// Waits before a trial, but not before the first.
+/// Waits before each attempt except the first.
 fn pause(trial: u32) {
     if trial > 0 {
         thread::sleep(Duration::from_millis(100 << trial));

@@ -1,10 +1,10 @@
-//! The cache: the folder of this machine with copies of objects.
+//! Cache: the folder of this machine with copies of objects.
 //!
 //! ```text
 //! stores/<name>-<hash>/   a store, laid out as one in a folder is; the file REMOTE in it says of which address
 //! files/<place>/<bucket>/ inputs, under their own names, each with its version in the file `.<name>.etag`
 //! ```
-//! It is the folder `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home. All of it can be
+//! Its path is `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home. All of it can be
 //! removed while no program uses it.
 
 use std::{
@@ -17,10 +17,10 @@ use schemas::Fault;
 use super::{address::ObjectAddress, connect::endpoint};
 use crate::keys::HashKey;
 
-/// The cache's folder.
+/// Folder of the cache.
 ///
 /// # Errors
-/// Fails where the environment names none.
+/// Fails when the environment specifies none.
 fn folder() -> Result<PathBuf, Fault> {
     let set = |name: &str| env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let own = set("MAGLINE_CACHE");
@@ -37,10 +37,10 @@ fn hash(parts: &[&str], digits: usize) -> String {
     HashKey::from_parts(parts).to_string().chars().take(digits).collect()
 }
 
-/// The folder of the store at `address`.
+/// Folder of the store at `address`.
 ///
 /// # Errors
-/// Fails where the environment names no folder for the cache.
+/// Fails when the environment specifies no folder for the cache.
 pub fn of_store(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let text = address.to_string();
     let name: String = text.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(60).collect();
@@ -48,10 +48,10 @@ pub fn of_store(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder()?.join("stores").join(format!("{}-{hash}", name.replace("---", "-"))))
 }
 
-/// The folder of the objects of the bucket of `address`.
+/// Folder of the objects of the bucket of `address`.
 ///
 /// # Errors
-/// Fails where the environment names no folder for the cache.
+/// Fails when the environment specifies no folder for the cache.
 pub fn of_files(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let scheme = address.scheme.as_str();
     let place = match endpoint(address.scheme) {
@@ -61,7 +61,7 @@ pub fn of_files(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder()?.join("files").join(place).join(&address.bucket))
 }
 
-/// How a file is called: one of the cache by its address, any other by its path.
+/// Name of a file for display: the address of a file in the cache, the path of any other.
 pub fn shown(path: &Path) -> String {
     let address = || {
         let below = path.strip_prefix(folder().ok()?.join("files")).ok()?;

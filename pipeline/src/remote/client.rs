@@ -1,4 +1,4 @@
-//! The HTTP client of object stores. It follows no redirect to another server: the headers of a request hold
+//! HTTP client of object stores. It follows no redirect to another server, because the headers of a request contain
 //! credentials.
 
 use std::time::Duration;
@@ -9,10 +9,10 @@ use object_store::{
 };
 use reqwest::{Client, Proxy, redirect::Policy};
 
-/// The longest time of a request, and of its connection.
+/// Maximum time of a request, and of its connection.
 const LONGEST: Duration = Duration::from_secs(60);
 const CONNECTED: Duration = Duration::from_secs(5);
-/// Redirects within a server.
+/// Maximum number of redirects within a server.
 const MOST_REDIRECTS: usize = 5;
 
 /// Connector for HTTP clients that follow no redirect to another server.
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_times_are_read_as_they_are_written() {
+    fn unit_durations_are_parsed() {
         for (text, ms) in
             [("60 seconds", 60_000), ("1m", 60_000), ("1m 30s", 90_000), ("500ms", 500), ("2h", 7_200_000)]
         {

@@ -10,7 +10,7 @@ use super::{
 /// Whether this program can use object stores.
 ///
 /// # Errors
-/// Fails where it is built without them.
+/// Fails if it is built without them.
 pub fn supported() -> Result<(), Fault> {
     if cfg!(feature = "object-stores") {
         return Ok(());
@@ -19,8 +19,7 @@ pub fn supported() -> Result<(), Fault> {
     Err(fault.help("build it with `cargo build --features object-stores`, or use a folder"))
 }
 
-/// The endpoint of a kind of store, or for Azure its account, as the environment names it; empty for the provider's own
-/// endpoint.
+/// Endpoint of a kind of store, or for Azure its account, from the environment; empty for the provider's own endpoint.
 pub fn endpoint(scheme: ObjectStoreScheme) -> String {
     let set = |name: &&str| std::env::var(name).ok().filter(|v| !v.is_empty());
     let names: &[&str] = match scheme {
@@ -37,11 +36,11 @@ pub fn endpoint(scheme: ObjectStoreScheme) -> String {
     named.unwrap_or_default()
 }
 
-/// The objects below `address`.
+/// Objects below `address`.
 ///
 /// # Errors
-/// Fails where this program is built without object stores, and where the environment cannot be understood. Whether the
-/// bucket exists and may be used shows at the first request.
+/// Fails if this program is built without object stores, and when the environment is invalid. The first request checks
+/// that the bucket exists and is accessible.
 pub fn connect(address: &ObjectAddress) -> Result<Bucket, Fault> {
     supported()?;
     open(address)
@@ -65,12 +64,12 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
 
     use super::client::SameOriginConnector;
 
-    /// The longest time of a request, and of its connection, unless the environment says another.
+    /// Default maximum times of a request, and of its connection.
     const TIMES: [(ClientConfigKey, &str, &str); 2] = [
         (ClientConfigKey::Timeout, "TIMEOUT", "60 seconds"),
         (ClientConfigKey::ConnectTimeout, "CONNECT_TIMEOUT", "5 seconds"),
     ];
-    // Eight trials more within two minutes, after 0.2 s, 0.4 s, and so on up to 10 s.
+    // Up to eight retries within two minutes, after 0.2 s, 0.4 s, and so on up to 10 s.
     let retry = RetryConfig {
         backoff: BackoffConfig {
             init_backoff: Duration::from_millis(200),
@@ -97,7 +96,7 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
                 .with_retry(retry)
                 .with_http_connector(SameOriginConnector);
             builder = builder.with_checksum_algorithm(Checksum::SHA256);
-            // A variable that is empty is as good as none.
+            // An empty variable counts as unset.
             for (name, value) in std::env::vars_os() {
                 let (Some(name), Some(value)) = (name.to_str(), value.to_str().filter(|v| !v.is_empty())) else {
                     continue;
@@ -141,7 +140,7 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
     Ok(Bucket::new(objects, address.clone()))
 }
 
-/// Whether an endpoint of S3 is one: an address, with TLS unless the environment allows one without.
+/// Checks an S3 endpoint: an address, with TLS unless the environment permits one without.
 #[cfg(feature = "object-stores")]
 fn allowed(endpoint: &str) -> Result<(), Fault> {
     no_password(endpoint)?;
@@ -156,7 +155,7 @@ fn allowed(endpoint: &str) -> Result<(), Fault> {
     }
 }
 
-/// Refuses an endpoint with a user or a password: it would be seen wherever the endpoint is.
+/// Rejects an endpoint with a user or a password, which would be displayed with the endpoint.
 #[cfg(feature = "object-stores")]
 fn no_password(endpoint: &str) -> Result<(), Fault> {
     match url::Url::parse(endpoint) {

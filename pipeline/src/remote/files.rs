@@ -1,5 +1,5 @@
-//! Inputs in object stores: copied into the cache under their own names, and copied again when the server names another
-//! version. What is computed depends on their bytes alone, as with files.
+//! Inputs in object stores: copied into the cache under their own names, and copied again when the server reports
+//! another version. Results depend only on their bytes, as with files.
 
 use std::{
     collections::BTreeSet,
@@ -18,10 +18,10 @@ use super::{
     connect::connect,
 };
 
-/// The characters of a pattern.
+/// Special characters of a pattern.
 const WILD: [char; 3] = ['*', '?', '['];
 
-/// A bucket, and the folder of its copies.
+/// Bucket, and the folder of its copies.
 struct BucketCache {
     bucket: Bucket,
     folder: PathBuf,
@@ -31,12 +31,12 @@ fn trouble(doing: &str, path: &Path, e: &std::io::Error) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
-/// The folder and the name of an object.
+/// Folder and name of an object.
 fn parts(key: &str) -> (&str, &str) {
     key.rsplit_once('/').unwrap_or(("", key))
 }
 
-/// A name without its extension.
+/// Name without its extension.
 fn stem(key: &str) -> &str {
     let (folder, name) = parts(key);
     let cut = name.rfind('.').filter(|at| *at > 0).unwrap_or(name.len());
@@ -44,8 +44,8 @@ fn stem(key: &str) -> &str {
     key.get(..before + cut).unwrap_or(key)
 }
 
-/// Whether an object is a companion of `key`, such as the header of a grid: the same folder, and the same name up to a
-/// dot.
+/// Whether an object is a companion of `key`, such as the header of a grid: in the same folder, with the same name up
+/// to a dot.
 fn is_companion(key: &str, other: &str) -> bool {
     parts(key).0 == parts(other).0
         && other.strip_prefix(stem(key)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
@@ -58,7 +58,7 @@ impl BucketCache {
         Ok(BucketCache { bucket: connect(&root)?, folder })
     }
 
-    /// The file of an object.
+    /// File of an object.
     fn file(&self, key: &str) -> Result<PathBuf, Fault> {
         let relative = Path::new(key);
         let plain = relative.components().all(|c| matches!(c, Component::Normal(_)));
@@ -68,7 +68,7 @@ impl BucketCache {
         Ok(self.folder.join(relative))
     }
 
-    /// Copies an object, unless its copy is of the same version.
+    /// Copies an object, unless its copy has the same version.
     fn bring(&self, about: &ObjectEntry) -> Result<PathBuf, Fault> {
         static NEXT: AtomicUsize = AtomicUsize::new(0);
         let file = self.file(&about.key)?;
@@ -117,15 +117,15 @@ impl BucketCache {
         each(wanted, |about| self.bring(about))
     }
 
-    /// Removes the copies below `folder` that `are_of` an input and are not among the `known` ones: their objects are
-    /// gone.
+    /// Removes the copies below `folder` that `are_of` an input and are not among the `known` ones, because their
+    /// objects have been removed.
     fn forget(&self, folder: &Path, known: &BTreeSet<PathBuf>, are_of: &dyn Fn(&Path) -> bool) {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();
             if path.is_dir() {
                 self.forget(&path, known, are_of);
             } else if !known.contains(&path) && are_of(&path) && !entry.file_name().to_string_lossy().starts_with('.') {
-                // A copy that cannot be removed is out of date, and no input: inputs are named by the listing.
+                // A copy that cannot be removed is out of date but never used: the listing names the inputs.
                 let _ = fs::remove_file(&path);
             }
         }
@@ -138,11 +138,11 @@ fn is_hidden(key: &str, folder: &str) -> bool {
     below.split('/').any(|part| part.starts_with(['.', '_']))
 }
 
-/// The copies of the flights at an address: one object, those that match a pattern, or those of a folder whose names
+/// Copies of the flights at an address: one object, objects that match a pattern, or objects of a folder whose names
 /// `fit`. Companions of the same name are copied too.
 ///
 /// # Errors
-/// Fails when there is none, or the server cannot be reached or refuses.
+/// Fails when there is none, or the server cannot be reached or reports an error.
 pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf>, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -172,7 +172,7 @@ pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<P
         return Err(Fault::new(format!("there is no object or folder {address}")));
     }
     let stems: BTreeSet<&str> = wanted.iter().map(|key| stem(key)).collect();
-    // The stem of another may be longer by an extension: `a.tif` and `a.tif.aux.xml`.
+    // The stem of a companion may be longer by an extension: `a.tif` and `a.tif.aux.xml`.
     let is_wanted =
         |o: &&ObjectEntry| stems.contains(stem(&o.key)) || wanted.iter().any(|key| is_companion(key, &o.key));
     let brought: Vec<&ObjectEntry> = all.iter().filter(is_wanted).collect();
@@ -180,10 +180,10 @@ pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<P
     wanted.iter().map(|key| copies.file(key)).collect()
 }
 
-/// The copy of one object.
+/// Copy of one object.
 ///
 /// # Errors
-/// Fails when there is none, or the server cannot be reached or refuses.
+/// Fails when there is none, or the server cannot be reached or reports an error.
 pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     match copies.bucket.about(&address.key)? {
@@ -192,10 +192,10 @@ pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     }
 }
 
-/// The copy of an object with its companions of the same name, or of a folder.
+/// Copy of an object with its companions of the same name, or of a folder.
 ///
 /// # Errors
-/// Fails when there is none, or the server cannot be reached or refuses.
+/// Fails when there is none, or the server cannot be reached or reports an error.
 pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -221,10 +221,10 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder)
 }
 
-/// Copies the object of `path`, a file of the cache that another one there names; nothing for any other path.
+/// Copies the object of `path`, a file of the cache that another one there refers to; ignores other paths.
 ///
 /// # Errors
-/// Fails when the server cannot be reached or refuses.
+/// Fails when the server cannot be reached or reports an error.
 pub fn beside(path: &Path) -> Result<(), Fault> {
     match place(&cache::shown(path))? {
         StorageLocation::Object(address) => {
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_copy_is_made_again_for_another_version_only() {
+    fn unit_copy_is_replaced_only_for_another_version() {
         let folder = tempfile::tempdir().unwrap();
         let copies = copies(folder.path());
         let listed = || copies.bucket.list("").unwrap();
@@ -262,7 +262,7 @@ mod tests {
             (fs::read(&file).unwrap(), file.strip_prefix(folder.path()).unwrap()),
             (b"one".to_vec(), Path::new("f/a.csv"))
         );
-        // A copy of the right size is left alone; a cut one is not.
+        // A copy of the correct size is kept, a truncated one is not.
         fs::write(&file, "ONE").unwrap();
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"ONE");
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_no_name_of_an_object_leads_out_of_the_cache() {
+    fn unit_object_names_stay_inside_the_cache() {
         let folder = tempfile::tempdir().unwrap();
         let copies = copies(folder.path());
         for wrong in ["../x", "a/../../x", "/x", "", "a\\..\\x"] {
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_companions_have_the_name_of_their_file() {
+    fn unit_companions_share_the_name_of_their_file() {
         assert!(
             is_companion("m/a.ers", "m/a")
                 && is_companion("m/a.tif", "m/a.tif.aux.xml")

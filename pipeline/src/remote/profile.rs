@@ -1,15 +1,15 @@
 //! Profiles of the AWS command line: `AWS_PROFILE` in `~/.aws/credentials` and `~/.aws/config`.
 //!
-//! Access keys in these files are read, with the region and the endpoint. Credentials that a program has to ask for
-//! (single sign-on, roles, `credential_process`) are not: `aws configure export-credentials --format env` turns them
-//! into variables.
+//! Reads access keys from these files, with the region and the endpoint. Credentials that a program must request
+//! (single sign-on, roles, `credential_process`) are not read: `aws configure export-credentials --format env` turns
+//! them into variables.
 
 use std::{collections::HashMap, env, fs, io, path::PathBuf};
 
 use object_store::aws::AmazonS3Builder;
 use schemas::Fault;
 
-/// The settings of a profile. It holds secrets, and cannot be printed.
+/// Settings of a profile. They include secrets, and cannot be printed.
 #[derive(Clone, Default)]
 pub struct AwsProfile {
     name: String,
@@ -17,9 +17,9 @@ pub struct AwsProfile {
     secret_access_key: Option<String>,
     session_token: Option<String>,
     region: Option<String>,
-    /// The address of the server.
+    /// Address of the server.
     pub endpoint_url: Option<String>,
-    /// Whether it names credentials that are not read here.
+    /// Whether the profile refers to credentials that are not read here.
     other: bool,
 }
 
@@ -27,12 +27,12 @@ fn set(name: &str) -> Option<String> {
     env::var(name).ok().filter(|v| !v.is_empty())
 }
 
-/// The keys of the section `name` of a file in the form of the AWS command line.
+/// Keys of the section `name` of a file in the format of the AWS command line.
 fn section(text: &str, name: &str) -> Option<HashMap<String, String>> {
     let mut found: Option<HashMap<String, String>> = None;
     let mut inside = false;
     for line in text.lines() {
-        // An indented line belongs to a key with several.
+        // An indented line belongs to a key with several values.
         if line.starts_with([' ', '\t', '#', ';']) {
             continue;
         }
@@ -51,10 +51,10 @@ fn section(text: &str, name: &str) -> Option<HashMap<String, String>> {
 }
 
 impl AwsProfile {
-    /// The profile that the environment names, or `default` where there is one.
+    /// Profile that the environment names, or `default` if it exists.
     ///
     /// # Errors
-    /// Fails for a profile that is named and not there, and for a file that cannot be read.
+    /// Fails for a named profile that is missing, and for an unreadable file.
     pub fn chosen() -> Result<Option<AwsProfile>, Fault> {
         let named = set("AWS_PROFILE").or_else(|| set("AWS_DEFAULT_PROFILE"));
         let name = named.clone().unwrap_or_else(|| "default".to_owned());
@@ -76,7 +76,7 @@ impl AwsProfile {
         }
     }
 
-    /// The profile `name` in these texts, the later ones before the earlier.
+    /// Profile `name` in these texts; later ones take precedence over earlier ones.
     fn from_texts(texts: &[String], name: &str) -> Option<AwsProfile> {
         let mut all: Option<HashMap<String, String>> = None;
         for keys in texts.iter().filter_map(|text| section(text, name)) {
@@ -95,7 +95,7 @@ impl AwsProfile {
         })
     }
 
-    /// Sets what the environment leaves out.
+    /// Sets the values that the environment does not set.
     pub(super) fn into_builder(self, mut builder: AmazonS3Builder) -> Result<AmazonS3Builder, Fault> {
         if let (None, Some(id), Some(secret)) = (set("AWS_ACCESS_KEY_ID"), &self.access_key_id, &self.secret_access_key)
         {
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_profiles_are_read_as_the_command_line_reads_them() {
+    fn unit_profiles_are_parsed_like_the_aws_command_line() {
         let config = "[default]\nregion = eu-central-1\n\n[profile lab]\nregion=us-west-2\ns3 =\n  max_concurrent_requests = 5\nendpoint_url = http://x:1\n[profile sso]\nsso_session = a\n";
         let credentials = "# a remark\n[lab]\naws_access_key_id = ID\naws_secret_access_key = a=b/c\n[other]\naws_access_key_id = NO\n";
         let texts = [config.to_owned(), credentials.to_owned()];

@@ -1,18 +1,18 @@
-//! Texts without secrets: what a server answers, addresses with passwords, credentials of the environment.
+//! Removal of secrets from texts: answers of a server, addresses with passwords, credentials of the environment.
 
-/// The longest text.
+/// Maximum length of a text.
 const LONGEST: usize = 400;
-/// The text in place of a secret.
+/// Replacement of a secret.
 const HIDDEN: &str = "***";
-/// Shorter values are not looked for: they would be found in ordinary words.
+/// Minimum length of a secret: shorter values would occur in ordinary words.
 const SHORTEST: usize = 6;
-/// The words in the names of variables that hold secrets, and how the names of such variables begin.
+/// Words in the names of variables that hold secrets, and prefixes of the names of such variables.
 const SECRETS: [&str; 8] = ["SECRET", "TOKEN", "KEY", "PASSWORD", "SAS", "CREDENTIAL", "SIGNATURE", "AUTHORIZATION"];
 const PROVIDERS: [&str; 6] = ["AWS_", "AZURE_", "GOOGLE_", "GCP_", "OPENLINEAGE_", "MAGLINE_"];
-/// After these a server's own words follow, which may repeat what it was sent.
+/// Phrases before a server's own text, which may repeat parts of the request.
 const ANSWERS: [&str; 2] = ["status code: ", "error response: "];
 
-/// An error without secrets. Of a server's answer the status and the code of the error are kept: all else may repeat
+/// Removes secrets from an error. Keeps only status and error code of a server's answer, because its text may repeat
 /// the headers of the request.
 pub fn redacted(text: &str) -> String {
     let text = without_secrets(&without_answer(text));
@@ -20,7 +20,7 @@ pub fn redacted(text: &str) -> String {
     words.chars().filter(|c| !c.is_control()).take(LONGEST).collect()
 }
 
-/// An address without user, password and query; any other word as it is.
+/// Removes user, password and query from an address; keeps any other word.
 pub fn address(word: &str) -> String {
     let Some((scheme, rest)) = word.split_once("://") else { return word.to_owned() };
     let (whole, tail) = match rest.find(['?', '#']) {
@@ -29,7 +29,7 @@ pub fn address(word: &str) -> String {
     };
     let (authority, path) = whole.split_once('/').map_or((whole, None), |(a, p)| (a, Some(p)));
     let host = authority.rsplit_once('@').map_or(authority, |(_, host)| host);
-    // Brackets and the like that an address ends with are not part of it.
+    // Trailing brackets and punctuation are not part of an address.
     let end: String = if tail.is_empty() { String::new() } else { ending(tail) };
     format!("{scheme}://{host}{}{end}", path.map(|p| format!("/{p}")).unwrap_or_default())
 }
@@ -41,7 +41,7 @@ fn ending(tail: &str) -> String {
 
 fn without_answer(text: &str) -> String {
     let Some((at, mark)) = ANSWERS.iter().filter_map(|mark| text.find(mark).map(|at| (at, *mark))).min() else {
-        // A document all the same.
+        // This is still a document.
         return text.split('<').next().unwrap_or_default().to_owned();
     };
     let (said, answer) = text.split_at(at + mark.len());
@@ -51,7 +51,7 @@ fn without_answer(text: &str) -> String {
     format!("{said}{status}{}", code(body).map(|code| format!(" {code}")).unwrap_or_default())
 }
 
-/// The code of the error in an answer, which is one plain word.
+/// Code of the error in an answer, which is one plain word.
 fn code(body: &str) -> Option<&str> {
     let (_, rest) = body.split_once("<Code>")?;
     let (code, _) = rest.split_once("</Code>")?;
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_of_a_servers_answer_status_and_code_are_shown() {
+    fn unit_only_status_and_code_of_a_server_answer_are_shown() {
         let echo = "<Error><Code>AccessDenied</Code><Message>You sent {'authorization': 'geheim'}</Message></Error>";
         let text = format!("Generic S3 error: Server returned non-2xx status code: 403 Forbidden: {echo}");
         assert_eq!(

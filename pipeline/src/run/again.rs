@@ -1,7 +1,7 @@
-//! Computing again what is there, to see whether it comes to the same.
+//! Recomputation of stored results, to compare them bit by bit.
 //!
-//! An ordinary run recomputes them from the same inputs, in a copy of the store that lacks those results. The store
-//! itself does not change.
+//! An ordinary run recomputes the results from the same inputs, in a copy of the store without them. The store itself
+//! does not change.
 
 use std::collections::HashSet;
 
@@ -20,16 +20,16 @@ use crate::{
 /// Outcome of the recomputation of a table.
 #[derive(Clone, Debug)]
 pub struct TableComparison {
-    /// The table.
+    /// Name of the table.
     pub table: String,
-    /// Its units that were compared: computed before and now.
+    /// Number of units that were compared.
     pub units: usize,
-    /// Those that differ, and where.
+    /// Units that differ, with the first difference.
     pub differ: Vec<Failure>,
 }
 
-/// Computes the table at position `table` of the plan again, or all tables, and compares them bit by bit with what the
-/// store holds. Of a search these are the trials of the plan. `None` where it was interrupted.
+/// Recomputes the table at position `table` of the plan, or all tables, and compares them bit by bit with the store.
+/// For a search, the trials of the plan are compared. `None` after an interrupt.
 ///
 /// # Errors
 /// Fails when a source cannot be read, or the store cannot be read or written.
@@ -72,7 +72,7 @@ fn compared(
     let mut found = TableComparison { table: table.clone(), units: 0, differ: vec![] };
     let mut seen: HashSet<HashKey> = HashSet::new();
     for unit in graph.units(t) {
-        // Points that ask the same are one result.
+        // Points with equal settings share one result.
         let Some(key) = graph.key(unit).ok().filter(|key| keys.contains(key) && seen.insert(*key)) else { continue };
         found.units += 1;
         if let Some(what) = difference(graph, unit, key, one, other)? {
@@ -86,7 +86,7 @@ fn compared(
     Ok(found)
 }
 
-/// Where two results of a unit differ.
+/// First difference between two results of a unit.
 fn difference(
     graph: &PlanGraph,
     unit: PlanUnit,
@@ -105,7 +105,7 @@ fn difference(
     Ok(first(&one.get(key, &names)?, &other.get(key, &names)?))
 }
 
-/// The first value in which two batches differ, in any bit.
+/// First value in which two batches differ, in any bit.
 fn first(a: &RecordBatch, b: &RecordBatch) -> Option<String> {
     if a.num_rows() != b.num_rows() {
         return Some(format!("{} rows before, {} now", a.num_rows(), b.num_rows()));
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_every_bit_counts_and_nan_is_itself() {
+    fn unit_comparison_is_bitwise_and_nan_equals_itself() {
         let of = |values: Vec<f64>| {
             let schema = Schema::new(vec![Field::new("x", DataType::Float64, true)]);
             RecordBatch::try_new(Arc::new(schema), vec![Arc::new(Float64Array::from(values))]).unwrap()

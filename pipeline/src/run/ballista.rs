@@ -1,9 +1,9 @@
-//! The engine `ballista`: tasks go to the workers of a cluster, through Ballista's scheduler.
+//! Engine `ballista`: tasks run on the workers of a cluster, through Ballista's scheduler.
 //!
-//! Ballista places tasks, notices workers that are lost, and gives what they had to others. All else is done here:
-//! nothing is handed out while there is no worker; a job is some tasks of one wave, so that receipts come all the time
-//! and what goes wrong with a job costs no other; what came to nothing is handed out again; and the store says what is
-//! done where an answer is lost. `pipeline/CLUSTER.md` says what happens when.
+//! Ballista places tasks, detects lost workers and reassigns their tasks. This module does the rest. It dispatches
+//! nothing while there is no worker. A job has a few tasks of one wave, so that receipts arrive continuously and a
+//! failed job does not affect others. Failed tasks are dispatched again. Results of lost answers are found in the
+//! store. `pipeline/CLUSTER.md` lists all cases.
 
 mod client;
 mod closed;
@@ -40,11 +40,11 @@ use super::{
 /// Overhead of a task in a worker, s, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
-/// The cluster of a scheduler.
+/// Cluster of a scheduler.
 pub struct BallistaEngine {
     scheduler: SchedulerClient,
     runtime: Runtime,
-    /// This driver, as the scheduler knows it.
+    /// Identifier of this driver at the scheduler.
     session: String,
     seen: ClusterSnapshot,
     limits: DispatchLimits,
@@ -55,17 +55,17 @@ pub struct BallistaEngine {
 pub struct DispatchLimits {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
-    /// The longest time of a unit.
+    /// Maximum time of a unit.
     pub unit_timeout: Option<Duration>,
-    /// How long to wait for a worker, or for a scheduler that is gone.
+    /// Maximum waiting time for a worker, or for a lost scheduler.
     pub patience: Duration,
 }
 
 impl BallistaEngine {
-    /// The cluster of the scheduler at HOST:PORT.
+    /// Connects to the scheduler at HOST:PORT.
     ///
     /// # Errors
-    /// Fails when the scheduler does not answer, or is another version.
+    /// Fails when the scheduler does not answer, or has another version.
     pub fn connect(authority: &str, trust: &ClusterTrust, limits: DispatchLimits) -> Result<BallistaEngine, Fault> {
         let scheduler = SchedulerClient::at(authority, trust)?;
         let seen = scheduler.look().map_err(|why| why.fault(authority))?;
@@ -87,10 +87,10 @@ impl TaskEngine for BallistaEngine {
     }
 }
 
-/// Waits until a scheduler answers that is of this version; `waits` is called once, if there is none yet.
+/// Waits until a scheduler of this version answers. Calls `waits` once if none answers at first.
 ///
 /// # Errors
-/// Fails when it is another version, or has another key.
+/// Fails when it has another version or another key.
 pub fn await_scheduler(authority: &str, trust: &ClusterTrust, waits: impl FnOnce(&str)) -> Result<(), Fault> {
     const AGAIN_AFTER: Duration = Duration::from_millis(500);
     let scheduler = SchedulerClient::at(authority, trust)?;
@@ -118,7 +118,7 @@ async fn told_to_stop() {
     let told = |kind: SignalKind| async move {
         match signal(kind) {
             Ok(mut told) => told.recv().await,
-            // It ends by the signal then.
+            // The process is then ended by the signal.
             Err(_) => std::future::pending().await,
         }
     };

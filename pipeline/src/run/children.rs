@@ -1,5 +1,5 @@
-//! Worker processes that this process starts: `magline task`, with tasks in and receipts out. A unit that kills its
-//! worker, or takes too long, takes nothing else with it.
+//! Worker processes that this process starts: `magline task`, with tasks as input and receipts as output. A unit that
+//! kills its worker, or takes too long, affects no other unit.
 
 use std::{
     fmt::Display,
@@ -26,13 +26,13 @@ use crate::store::Store;
 /// Command line and limits of worker processes.
 #[derive(Clone, Debug)]
 pub struct WorkerCommand {
-    /// This program.
+    /// Path of this program.
     pub program: PathBuf,
-    /// The store.
+    /// Folder of the store.
     pub store: PathBuf,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
-    /// The longest time of a unit.
+    /// Maximum time of a unit.
     pub unit_timeout: Option<Duration>,
 }
 
@@ -43,7 +43,7 @@ pub struct ProcessStopHandle(Arc<Mutex<ProcessStopState>>);
 #[derive(Debug, Default)]
 struct ProcessStopState {
     stopped: bool,
-    /// The process at work; none before it is started, and when it is waited for.
+    /// Running process; `None` before its start and after its end.
     process: Option<Pid>,
 }
 
@@ -53,11 +53,11 @@ impl ProcessStopHandle {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Asks the process to end after the units that it computes; no other is started.
+    /// Ends the process after its current units, and starts no other.
     pub fn stop(&self) {
         let mut held = self.held();
         held.stopped = true;
-        // A process that has ended already needs no signal.
+        // A process that has ended needs no signal.
         let _ = held.process.map(|process| kill(process, Signal::SIGTERM));
     }
 
@@ -77,7 +77,7 @@ impl ProcessStopHandle {
     }
 }
 
-/// A worker process.
+/// Worker process.
 pub struct WorkerProcess {
     child: Child,
     tasks: Option<ChildStdin>,
@@ -85,7 +85,7 @@ pub struct WorkerProcess {
 }
 
 impl WorkerProcess {
-    /// Hands a task to the worker, and waits for the receipt; none where the worker is lost.
+    /// Sends a task to the worker and waits for the receipt; `None` if the worker is lost.
     fn ask(&mut self, task: &str, leash: &ProcessStopHandle) -> Option<Receipt> {
         leash.holds(i32::try_from(self.child.id()).ok().map(Pid::from_raw));
         let answer = self.asked(task);
@@ -104,16 +104,16 @@ impl WorkerProcess {
 
 impl Drop for WorkerProcess {
     fn drop(&mut self) {
-        // A worker whose tasks have come to their end ends too; one that is lost has ended.
+        // A worker ends when its input is closed; a lost worker has ended already.
         self.tasks.take();
         let _ = self.child.wait();
     }
 }
 
 impl WorkerCommand {
-    /// Has a task computed by `worker` or, where it is `None`, by a new worker. A lost worker is replaced by another
-    /// one; the last one is in `worker` on return. The receipt is partial or `None` when this process receives a stop
-    /// signal. A task that the workers reject has a receipt with the reason.
+    /// Computes a task in `worker` or, if it is `None`, in a new worker. Replaces a lost worker; `worker` holds the
+    /// last one on return. The receipt is partial or `None` when this process receives a stop signal. A task that the
+    /// workers reject has a receipt with the reason.
     pub fn receipt(
         &self,
         worker: &mut Option<WorkerProcess>,
@@ -125,7 +125,7 @@ impl WorkerCommand {
             Err(e) => return Some(failed(task, &Fault::machine(e.to_string()))),
         };
         let wanted = task.units.iter().filter(|u| !u.have).count();
-        // Each loss is an attempt at one unit at least, after the first ones.
+        // After the first losses, each loss is an attempt at one unit at least.
         let most = task.units.len().saturating_mul(self.retries + 1) + self.retries + 2;
         for loss in 0..most {
             if leash.is_stopped() {
@@ -136,7 +136,7 @@ impl WorkerCommand {
                 Err(fault) => return Some(failed(task, &fault)),
             };
             let answer = worker.insert(running).ask(&text, leash);
-            // One that was told to stop leaves units out.
+            // A stopped worker skips units.
             let whole = |r: &Receipt| r.refused.is_some() || !r.ended && r.units.len() >= wanted;
             match answer {
                 Some(mut receipt) if whole(&receipt) || !receipt.ended && leash.is_stopped() => {
@@ -173,7 +173,7 @@ impl WorkerCommand {
     }
 }
 
-/// A receipt all of whose units failed for the same reason.
+/// Receipt in which all units failed with the same fault.
 pub fn failed(task: &Task, fault: &Fault) -> Receipt {
     let wanted = task.units.iter().filter(|u| !u.have);
     task.receipt(wanted.map(|u| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()))).collect())

@@ -1,5 +1,5 @@
-//! The one function of all engines: a task is computed, its results are written into one pack, and a receipt says what
-//! became of each unit. Points of a sweep with the same computation and data are computed once.
+//! Computation of a task, common to all engines: computes the units, writes their results into one pack, and returns
+//! the outcome of each unit. Points of a sweep with the same computation and data are computed once.
 
 use std::collections::{HashMap, HashSet};
 
@@ -21,11 +21,11 @@ use crate::{
     store::{NewUnit, PackedUnit, Remarks},
 };
 
-/// Units that are to be computed. Points of a sweep that are equal in all inputs of their stage have one key: the first
-/// of them is computed, and its result is shared by the others.
+/// Units to compute. Points of a sweep that are equal in all inputs of their stage have one key. The first of them is
+/// computed, and the others share its result.
 struct PendingUnits {
     units: Vec<(PlanUnit, HashKey)>,
-    /// The first unit of each key, in their order.
+    /// First unit of each key, in order.
     first: Vec<PlanUnit>,
     of_key: HashMap<HashKey, PlanUnit>,
 }
@@ -38,12 +38,12 @@ impl PendingUnits {
         PendingUnits { units, first, of_key }
     }
 
-    /// The units whose result is shared.
+    /// Units that share the result of another.
     fn repeats(&self) -> HashSet<PlanUnit> {
         self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
     }
 
-    /// The results of the first units, for all units.
+    /// Results of the first units, copied to all units.
     fn spread(&self, made: Vec<UnitResult>) -> Vec<UnitResult> {
         if self.first.len() == self.units.len() {
             return made;
@@ -56,7 +56,7 @@ impl PendingUnits {
     }
 }
 
-/// Computes a task of the table `table`, and writes its pack. Units that an interrupt leaves out have no answer.
+/// Computes a task of the table `table`, and writes its pack. Units that an interrupt skips have no answer.
 pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCallback) -> Receipt {
     let pending: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
     let cut = match worker.cut(table) {
@@ -78,7 +78,7 @@ pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCal
     let mut made = all.spread(worker.compute(&all.first, &usable, &done));
     let repeats = all.repeats();
     made.iter().filter(|m| repeats.contains(&m.unit)).for_each(|m| say(m.unit, m, UnitOutcome::Reused));
-    // A later run computes the units that an interrupt skips, and then writes the whole.
+    // A later run computes the units that an interrupt skips, and then writes the whole pack.
     let part = task.part || made.len() < pending.len();
     let lost = write(worker, cut, table, task, part, &mut made).err();
     let mut made = made.into_iter().peekable();
@@ -94,7 +94,7 @@ pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCal
     task.receipt(pending.iter().filter_map(answer).collect())
 }
 
-/// The pack of a task all of whose units have results or lasting failures.
+/// Pack of a task whose units all have results or lasting failures.
 pub fn pack_of(cut: &TableAssembler, table: usize, part: bool, units: &[&TaskUnit]) -> HashKey {
     let packed = |u: &&TaskUnit| PackedUnit { key: u.key, dress: cut.dress(u.unit(table)), rows: 0 };
     name_of(cut, part, &units.iter().map(packed).collect::<Vec<_>>())
@@ -105,7 +105,7 @@ fn name_of(cut: &TableAssembler, part: bool, units: &[PackedUnit]) -> HashKey {
     if part { HashKey::from_parts([b"part", id.as_ref()]) } else { id }
 }
 
-/// Writes the pack of a task: the new results, and those that the store has. The rows in `made` are moved out.
+/// Writes the pack of a task: the new results and the stored ones. The rows in `made` are moved out.
 fn write(
     worker: &UnitWorker,
     cut: &TableAssembler,
@@ -142,7 +142,7 @@ fn write(
             match &mut own.rows {
                 Ok(rows) => {
                     let whole = cut.rows(unit, rows, &mut held)?;
-                    // The pack has them now; a schema for each unit would be a large part of the memory of a sweep.
+                    // The pack holds the rows now; one schema per unit would use much of the memory of a sweep.
                     *rows = nothing.clone();
                     NewUnit { key, dress, rows: Ok(whole), remarks }
                 }

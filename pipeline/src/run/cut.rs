@@ -1,5 +1,5 @@
-//! The contents of a table's files: the keys (axes, flight, line, tt), the columns of the stage, and those it carries
-//! along. Columns that pass through stay in the table that made them.
+//! Contents of a table's files: the keys (axes, flight, line, tt), the columns of the stage, and the carried columns.
+//! Columns that pass through stay in the table that made them.
 
 use std::sync::Arc;
 
@@ -15,18 +15,18 @@ use crate::{
     store::{PackedUnit, row_bytes},
 };
 
-/// The identifiers and the time, which every table of flight lines holds.
+/// Identifiers and time, columns of every table of flight lines.
 const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
 /// Schema and assembly of the files of one table from the results of its units.
 pub struct TableAssembler<'a> {
     graph: &'a PlanGraph<'a>,
     table: usize,
-    /// The columns of its files.
+    /// Columns of its files.
     pub schema: SchemaRef,
-    /// The hash of these columns.
+    /// Hash of these columns.
     pub kind: HashKey,
-    /// Columns that are not made at every point: `tt` and what is carried.
+    /// Columns that are not made at every point: `tt` and the carried columns.
     passed: Vec<String>,
     /// The column [`IN_SAMPLE`], in a table of scores or of pooled scores.
     in_sample: Option<InSampleColumn<'a>>,
@@ -36,7 +36,7 @@ impl<'a> TableAssembler<'a> {
     /// Schema of the table `table`.
     ///
     /// # Errors
-    /// Fails when a column has types at different points of the sweep that one file cannot hold.
+    /// Fails when a column has types at different points of the sweep that do not fit one file.
     pub fn new(graph: &'a PlanGraph<'a>, table: usize) -> Result<TableAssembler<'a>, Fault> {
         let plan = graph.plan;
         let node = &plan.tables[table];
@@ -65,7 +65,7 @@ impl<'a> TableAssembler<'a> {
             if makers.len() < yields.len() && column.name != "flight" && column.name != "line" {
                 passed.push(column.name.clone());
             }
-            // A passthrough column has the types of the tables that it comes from.
+            // A passthrough column has the types of its source tables.
             let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
             fields.push(one_type(&column, &types)?);
         }
@@ -84,11 +84,11 @@ impl<'a> TableAssembler<'a> {
         Ok(TableAssembler { graph, table, schema, kind, passed, in_sample })
     }
 
-    /// The estimated memory of a unit, in bytes, before it is computed.
+    /// Estimated memory of a unit before its computation, bytes.
     pub fn bytes(&self, unit: PlanUnit) -> usize {
-        /// Rows of a model or of the scores of a line.
+        /// Assumed rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
-        /// Rows of a map, which is as large as its data make it: enough for a chunk of its own.
+        /// Assumed rows of a map, whose size depends on its data: large enough for a separate chunk.
         const MAP_ROWS: usize = 1 << 20;
         let node = &self.graph.plan.tables[self.table];
         let rows = match unit.line.filter(|_| !node.is_small()) {
@@ -109,7 +109,7 @@ impl<'a> TableAssembler<'a> {
         self.in_sample.as_ref().map(|column| column.lines(unit).0 > 0)
     }
 
-    /// A hash of the columns of a unit's rows that its stage did not make.
+    /// Hash of the columns of a unit's rows that its stage did not make.
     pub fn dress(&self, unit: PlanUnit) -> u64 {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
@@ -131,7 +131,7 @@ impl<'a> TableAssembler<'a> {
         u64::from_le_bytes(bytes)
     }
 
-    /// The rows of a unit as in a file, from `made`, the columns that its stage made.
+    /// Rows of a unit as in a file, from `made`, the columns that its stage made.
     ///
     /// # Errors
     /// Fails when the carried columns cannot be read.
@@ -176,13 +176,13 @@ impl<'a> TableAssembler<'a> {
         RecordBatch::try_new(self.schema.clone(), columns).map_err(|e| Fault::machine(e.to_string()))
     }
 
-    /// The name of a pack of these units.
+    /// Name of a pack of these units.
     pub fn id(&self, units: &[PackedUnit]) -> HashKey {
         let spelt = units.iter().flat_map(|u| [u.key.to_string(), format!("{:x}", u.dress)]);
         HashKey::from_parts([self.kind.to_string()].into_iter().chain(spelt))
     }
 
-    /// The metadata of a pack of these units, which describe the file on its own.
+    /// Metadata of a pack of these units, which describe the file completely.
     pub fn about(&self, id: HashKey, units: &[PlanUnit]) -> Vec<(String, String)> {
         let node = &self.graph.plan.tables[self.table];
         let mut questions: Vec<HashKey> = vec![];
@@ -211,7 +211,7 @@ impl<'a> TableAssembler<'a> {
     }
 }
 
-/// The field of a column that may have several types at the points of a sweep: lists of different lengths.
+/// Field of a column that may have several types at the points of a sweep: lists of different lengths.
 ///
 /// # Errors
 /// Fails when the types are of different kinds.
@@ -238,7 +238,7 @@ pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
     }
 }
 
-/// The Arrow type of an axis column.
+/// Arrow type of an axis column.
 pub fn axis_type(value: &Literal) -> DataType {
     match value {
         Literal::Bool(_) => DataType::Boolean,
@@ -248,7 +248,7 @@ pub fn axis_type(value: &Literal) -> DataType {
     }
 }
 
-/// An axis value, once for each row.
+/// Axis value, repeated for each row.
 pub fn axis_values(value: &Literal, rows: usize) -> ArrayRef {
     match value {
         Literal::Bool(x) => Arc::new(BooleanArray::from(vec![*x; rows])),

@@ -1,4 +1,4 @@
-//! Engines: what computes the tasks that a driver hands out.
+//! Engines, which compute the tasks that a driver dispatches.
 
 use rayon::prelude::*;
 use schemas::{Fault, Grain};
@@ -14,23 +14,23 @@ use crate::plan::PlanUnit;
 /// Callback for the outcome of each unit, called from any thread.
 pub type OutcomeCallback<'a> = dyn Fn(PlanUnit, UnitOutcome, Option<&Fault>) + Sync + 'a;
 
-/// The tasks of one table, none of which needs the result of another.
+/// Tasks of one table, independent of each other's results.
 pub struct TaskWave<'a> {
-    /// The plan, the store and the stages, in this process.
+    /// Plan, store and stages in this process.
     pub worker: &'a UnitWorker<'a>,
-    /// The table.
+    /// Position of the table.
     pub table: usize,
-    /// The tasks.
+    /// Tasks of the wave.
     pub tasks: &'a [Task],
-    /// Expected time of a unit, s; 0 where it is unknown.
+    /// Expected time of a unit, s; 0 if unknown.
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub unit_s: f64,
-    /// Hears of each unit.
+    /// Callback for the outcome of each unit.
     pub told: &'a OutcomeCallback<'a>,
 }
 
 impl TaskWave<'_> {
-    /// Tells the outcomes of a task.
+    /// Reports the outcomes of a task.
     pub fn tell(&self, task: &Task, receipt: &Receipt) {
         for answer in &receipt.units {
             let unit = task.units.iter().find(|u| (u.point, u.line) == (answer.point, answer.line));
@@ -40,24 +40,24 @@ impl TaskWave<'_> {
     }
 }
 
-/// Task sizes that suit an engine.
+/// Capacity of an engine, for the choice of task sizes.
 #[derive(Clone, Copy, Debug)]
 pub struct EngineCapacity {
     /// Overhead of a task, s.
     pub task_s: f64,
-    /// How many tasks are computed at once; 0 where that is not known.
+    /// Number of simultaneous tasks; 0 if unknown.
     pub at_once: usize,
 }
 
-/// The part of the work that its division into tasks may cost.
+/// Maximum overhead of the division into tasks, as a fraction of the work.
 const MOST_BESIDE: f64 = 0.05;
-/// The most units of a task, however quick they are: a worker that is lost takes that many with it.
+/// Maximum number of units of a task, all of which are lost with their worker.
 const MOST_UNITS: usize = 4096;
 
 impl EngineCapacity {
     /// Number of units of a task, for a wave of `units` units of `unit_s` seconds each. The overhead of the task is
-    /// then 5 % of its time. With less work, there is one task for each of those that are computed at once, unless its
-    /// overhead exceeds its work.
+    /// then 5 % of its time. With less work, there is one task per simultaneous task of the engine, unless its overhead
+    /// exceeds its work.
     pub fn units(self, units: usize, unit_s: f64) -> usize {
         let of = |task_s: f64| (task_s / unit_s.max(1e-9)).ceil().clamp(1.0, MOST_UNITS as f64) as usize;
         let enough = of(self.task_s / MOST_BESIDE);
@@ -71,19 +71,19 @@ impl EngineCapacity {
 /// Component that computes tasks. For every engine, the driver plans, searches the store, lays out and publishes in the
 /// same way.
 pub trait TaskEngine: Sync {
-    /// Whether tasks are computed in this process: they need no plan in the store, and their results are in the
+    /// Whether tasks are computed in this process. They then need no plan in the store, and their results are in the
     /// catalogue.
     fn is_local(&self) -> bool;
 
-    /// Task sizes that suit this engine.
+    /// Capacity of this engine.
     fn pace(&self) -> EngineCapacity;
 
-    /// Computes the tasks of a wave; the answers of each, in their order. None for a task that an interrupt left out. A
-    /// unit that was lost has an answer too: a fault of the machine.
+    /// Computes the tasks of a wave and returns their receipts in the same order; `None` for a task that an interrupt
+    /// skips. A lost unit also has an answer: a fault of the machine.
     fn run(&self, wave: &TaskWave) -> Vec<Option<Receipt>>;
 }
 
-/// The threads of this process: rayon's current pool.
+/// Engine with the threads of this process: rayon's current pool.
 pub struct LocalEngine;
 
 impl TaskEngine for LocalEngine {
@@ -105,7 +105,7 @@ impl TaskEngine for LocalEngine {
     }
 }
 
-/// Builds what all lines of these tasks share, each once.
+/// Builds the data that all lines of these tasks share, each once.
 pub fn prepare(worker: &UnitWorker, table: usize, tasks: &[Task]) {
     if worker.grain(table) != Grain::Map {
         let to_do = tasks.iter().flat_map(|task| task.units.iter().filter(|u| !u.have));
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_tasks_cost_five_percent_of_their_work_beside_it_or_less_unless_there_is_too_little_for_all() {
+    fn unit_task_overhead_is_at_most_five_percent_given_enough_work() {
         for (task_s, unit_s) in [(0.012, 0.3e-3), (0.012, 0.02), (0.1, 0.3e-3), (0.1, 7.0), (0.02, 0.1)] {
             for at_once in [0, 1, 2, 64] {
                 for units in [1usize, 10, 1000, 1_000_000] {
@@ -129,7 +129,7 @@ mod tests {
                         beside(n) <= MOST_BESIDE || few || n == MOST_UNITS,
                         "{task_s} {unit_s} {at_once} {units}: {n}"
                     );
-                    // Not larger than needed.
+                    // The task is not larger than needed.
                     assert!(n == 1 || beside(n - 1) > MOST_BESIDE, "{task_s} {unit_s} {at_once} {units}: {n}");
                 }
             }

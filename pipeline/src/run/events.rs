@@ -1,4 +1,4 @@
-//! The events of a run.
+//! Events of a run.
 
 use std::ops::Add;
 
@@ -12,7 +12,7 @@ use crate::{
     spec::{SearchSpec, SearchTrial, SearchTrialScore},
 };
 
-/// The number of units of a table by outcome.
+/// Numbers of units of a table by outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OutcomeCounts {
     /// Computed now.
@@ -38,7 +38,7 @@ impl Add for OutcomeCounts {
     }
 }
 
-/// The outcome of one unit.
+/// Outcome of one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum UnitOutcome {
@@ -53,7 +53,7 @@ pub enum UnitOutcome {
 }
 
 impl UnitOutcome {
-    /// The word for it.
+    /// Name of the outcome.
     pub fn as_str(self) -> &'static str {
         match self {
             UnitOutcome::Computed => "computed",
@@ -64,108 +64,108 @@ impl UnitOutcome {
     }
 }
 
-/// An event of a run.
+/// Event of a run.
 pub enum Event<'a> {
     /// A file of a source is being read, or a line of it is complete.
     Reading {
-        /// The source.
+        /// Name of the source.
         table: &'a str,
-        /// Its progress.
+        /// Progress of the reading.
         step: &'a ReadProgress<'a>,
     },
-    /// The run begins.
+    /// Start of the run.
     Started {
-        /// The pipeline.
+        /// Name of the pipeline.
         pipeline: &'a str,
-        /// The number of units.
+        /// Number of units.
         units: usize,
-        /// The hash of the computation and its data: equal for the same spec and inputs.
+        /// Hash of the computation and its data: equal for the same spec and inputs.
         run: &'a str,
         /// Choices made automatically.
         notes: &'a [String],
         /// Graph of the run.
         graph: &'a PlanGraph<'a>,
     },
-    /// The missing part of a table is computed now.
+    /// Start of the computation of the missing units of a table.
     Computing {
-        /// The table.
+        /// Name of the table.
         table: &'a str,
-        /// Units that are missing and can be computed.
+        /// Number of missing units that can be computed.
         units: usize,
     },
-    /// A unit that takes minutes says how far it is.
+    /// Progress of a unit that takes minutes.
     Working {
-        /// The table.
+        /// Name of the table.
         table: &'a str,
-        /// The sweep point.
+        /// Sweep point.
         point: &'a SweepPoint,
-        /// How far, in a few words.
+        /// Progress in a few words.
         progress: &'a str,
     },
-    /// Nothing can be computed before something else is there; or that has come.
+    /// Start or end of a wait for a component.
     Waiting {
-        /// Reason for waiting, in a few words; none when the run resumes.
+        /// Reason for waiting, in a few words; `None` when the run resumes.
         what: Option<&'a str>,
     },
-    /// A unit is finished.
+    /// End of a unit.
     Unit {
-        /// The table.
+        /// Name of the table.
         table: &'a str,
-        /// The sweep point.
+        /// Sweep point.
         point: &'a SweepPoint,
-        /// The line; `None` for a survey stage.
+        /// Line; `None` for a survey stage.
         line: Option<&'a (String, String)>,
-        /// Its outcome.
+        /// Outcome of the unit.
         outcome: UnitOutcome,
-        /// Why it failed.
+        /// Fault of a failed unit.
         fault: Option<&'a Fault>,
     },
-    /// Trials of a search are computed next.
+    /// Start of trials of a search.
     Searching {
-        /// The trials of this generation at this rung.
+        /// Trials of this generation at this rung.
         rows: &'a [SearchTrial],
-        /// The number of trials of the whole search.
+        /// Number of trials of the whole search.
         trials: usize,
-        /// The best so far.
+        /// Best trial so far.
         best: Option<&'a SearchTrialScore>,
     },
-    /// Trials of a search have their goals.
+    /// Goals of computed trials of a search.
     Trials {
-        /// The search.
+        /// Search of the spec.
         search: &'a SearchSpec,
-        /// These trials.
+        /// Computed trials.
         scored: &'a [SearchTrialScore],
-        /// The best so far.
+        /// Best trial so far.
         best: Option<&'a SearchTrialScore>,
     },
-    /// A table is written as a data set.
+    /// Start of writing a table as a data set.
     Publishing {
-        /// The table.
+        /// Name of the table.
         table: &'a str,
     },
-    /// A table is complete and published.
+    /// End of a table: it is complete and published.
     Table {
-        /// The table.
+        /// Name of the table.
         table: &'a str,
-        /// The outcome of its units.
+        /// Outcomes of its units.
         count: OutcomeCounts,
-        /// Its duration.
+        /// Duration, s.
         seconds: f64,
     },
-    /// The run is over.
+    /// End of the run.
     Finished {
-        /// Its summary.
+        /// Summary of the run.
         summary: &'a RunSummary,
     },
 }
 
-/// An observer of events.
+/// Observer of events.
 pub trait Listener: Sync {
     /// Receives an event, on the thread where it occurred.
     fn hear(&self, event: &Event);
 }
 
-/// No observer.
+/// Listener that ignores all events.
 pub struct SilentListener;
 
 impl Listener for SilentListener {

@@ -9,21 +9,21 @@ use crate::{
     views::warnings::{Warning, WarningKind},
 };
 
-/// A unit that could not be computed.
+/// Unit that could not be computed.
 #[derive(Clone, Debug)]
 pub struct Failure {
-    /// The table, or the source.
+    /// Table, or source.
     pub table: String,
-    /// The sweep point.
+    /// Sweep point.
     pub point: crate::plan::SweepPoint,
-    /// The line; `None` for a survey stage.
+    /// Line; `None` for a survey stage.
     pub line: Option<(String, String)>,
-    /// Why.
+    /// Reason.
     pub fault: Fault,
 }
 
-/// Metrics that could not be computed, of tables whose `metrics` name them, as failures; and all other warnings. A
-/// metric that is only a default is left out with a warning.
+/// Metrics that could not be computed, as failures if the `metrics` of their tables list them; and all other warnings.
+/// A default metric is skipped with a warning.
 pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<Warning>) {
     let named = |w: &Warning| {
         let table = plan.table(&w.stage).ok().and_then(|t| plan.decl(t));
@@ -34,7 +34,7 @@ pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<War
     (failed.into_iter().map(failure).collect(), others)
 }
 
-/// The failures as reported: one message for a mistake that several lines of a file have, with the number of lines.
+/// Failures as reported: one message for a mistake in several lines of a file, with the number of lines.
 pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
     let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
     let mistake = |f: &Failure| -> Option<(String, String, String)> {

@@ -1,4 +1,4 @@
-//! Columns of lines, read once for all points that need them.
+//! Cache of line columns, read once for all points that need them.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -13,7 +13,7 @@ use crate::{
     plan::{LineId, PlanGraph, PlanUnit, TableRef},
 };
 
-/// The limit of cached columns of a group, in bytes.
+/// Maximum size of the cached columns of a group, bytes.
 const HELD_BYTES: usize = 256 << 20;
 
 /// Cache of columns that the points of a line share.
@@ -25,13 +25,13 @@ pub struct LineColumnCache<'a> {
 }
 
 impl<'a> LineColumnCache<'a> {
-    /// An empty cache.
+    /// Empty cache.
     pub fn new(worker: &'a UnitWorker<'a>) -> LineColumnCache<'a> {
         LineColumnCache { worker, graph: worker.graph(), columns: HashMap::new(), bytes: 0 }
     }
 
-    /// The columns `names` of one line of `r`, each from the object that holds it. A column that the line lacks is
-    /// left out.
+    /// Reads the columns `names` of one line of `r`, each from the object that holds it. Skips columns that the line
+    /// lacks.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
@@ -59,7 +59,7 @@ impl<'a> LineColumnCache<'a> {
             let Some(array) = self.columns.get(&(object, name.clone())) else { continue };
             let field = described(&name).map(schemas::Column::field);
             let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
-            // A file holds lists of several lengths where the points of a sweep have them.
+            // A file contains lists of several lengths if the points of a sweep have them.
             arrays.push(match (array.data_type(), field.data_type()) {
                 (DataType::List(_), fixed @ DataType::FixedSizeList(..)) => {
                     cast(array, fixed).map_err(|f| f.in_column(&name))?
@@ -74,7 +74,7 @@ impl<'a> LineColumnCache<'a> {
             .map_err(|e| Fault::machine(e.to_string()))
     }
 
-    /// The columns of `r`; none of a map.
+    /// Columns of `r`; `None` for a map.
     pub fn shape(&self, r: TableRef) -> Option<TableShape> {
         match r {
             TableRef::Flights(i) => Some(self.graph.plan.flights[i].shape.clone()),
@@ -83,7 +83,7 @@ impl<'a> LineColumnCache<'a> {
         }
     }
 
-    /// Reads what is not cached yet, each object once; results that are not kept are recomputed.
+    /// Reads the columns that are not cached yet, each object once. Results that are not kept are recomputed.
     fn fetch(&mut self, wanted: &[ColumnRequest], line: LineId) -> Result<(), Fault> {
         if self.bytes > HELD_BYTES {
             self.columns.clear();
@@ -120,17 +120,17 @@ impl<'a> LineColumnCache<'a> {
     }
 }
 
-/// A column to read.
+/// Request for a column.
 struct ColumnRequest {
     made_by: TableRef,
     object: HashKey,
     column: String,
 }
 
-/// The batch with NaN or null for each of `columns` that it lacks, in their order.
+/// Adds NaN or null columns for each of `columns` that the batch lacks, in their order.
 ///
 /// # Errors
-/// Fails when Arrow refuses the columns.
+/// Fails when Arrow rejects the columns.
 pub fn filled(batch: RecordBatch, columns: &[String], shape: Option<TableShape>) -> Result<RecordBatch, Fault> {
     let rows = batch.num_rows();
     let (mut fields, mut arrays) = (vec![], vec![]);

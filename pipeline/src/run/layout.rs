@@ -1,9 +1,9 @@
-//! How the units of a table are put into packs.
+//! Layout of the units of a table in packs.
 //!
-//! The units stand in one order, which the plan and the lines give, and are cut into chunks of about as many bytes. A
-//! chunk is computed together and becomes one pack, so that the packs of a run do not depend on threads, on time or on
-//! where an earlier run was killed. A sweep that grows writes packs for what is new; when these become many they are
-//! put together, as `compact` does at once.
+//! The units have one order, given by the plan and the lines, and are divided into chunks of similar size. A chunk is
+//! computed together and becomes one pack. The packs of a run thus do not depend on threads, on time or on the place
+//! where an earlier run was killed. A growing sweep writes packs for the new units. When these become many, they are
+//! merged, as by `compact`.
 
 use std::{collections::HashMap, ops::Range};
 
@@ -16,16 +16,17 @@ use crate::{
     store::{PackCatalogue, PackedUnit},
 };
 
-/// The bytes of a chunk in memory.
+/// Size of a chunk in memory, bytes.
 const CHUNK_BYTES: usize = 8 << 20;
-/// The points of one line that a chunk holds all the same, so that they share what is computed of the line.
+/// Number of points of one line up to which a chunk may exceed its size, so that they share the computations of the
+/// line.
 const POINTS_TOGETHER: usize = 8;
 
-/// The units of a table in the order of its rows, in chunks.
+/// Units of a table in the order of its rows, in chunks.
 pub struct TableLayout {
-    /// The units.
+    /// Units, in order.
     pub units: Vec<PlanUnit>,
-    /// The chunks.
+    /// Ranges of the chunks.
     pub chunks: Vec<Range<usize>>,
 }
 
@@ -35,7 +36,7 @@ impl TableLayout {
         let node = &graph.plan.tables[table];
         let mut units: Vec<PlanUnit> = graph.units(table).collect();
         if node.entry.grain == Grain::Line && !node.is_small() {
-            // Line by line: the points of a sweep share the reading of a line.
+            // The units are sorted by line, because the points of a sweep share the reading of a line.
             units.sort_by_key(|u| (u.line, u.instance));
         }
         let (mut chunks, mut start, mut bytes) = (vec![], 0, 0);
@@ -55,17 +56,16 @@ impl TableLayout {
     }
 }
 
-/// The packs of the store that contain rows of a table exactly as needed.
+/// Packs of the store that contain rows of a table exactly as needed.
 pub struct PackCover {
-    /// The packs, in the order of the rows.
+    /// Packs, in the order of the rows.
     pub packs: Vec<HashKey>,
-    /// Whether each unit is in one of them.
+    /// Whether each unit is in one of the packs.
     pub covered: Vec<bool>,
 }
 
-/// Finds packs of units that are all needed, without duplicates. `wanted` has, for each unit of `layout`, its entry in
-/// its pack, where it was computed or has failed; `rows` is ignored. With `strict` only packs that are whole chunks
-/// count.
+/// Finds packs whose units are all needed, without duplicates. `wanted` holds, for each unit of `layout`, its pack
+/// entry if it was computed or has failed; `rows` is ignored. With `strict`, only packs that are whole chunks count.
 pub fn cover(
     catalogue: &PackCatalogue,
     kind: HashKey,
@@ -75,7 +75,7 @@ pub fn cover(
 ) -> PackCover {
     let at: HashMap<(HashKey, u64), usize> =
         wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
-    // A single chunk is small. It is always one pack, so that small tables have the same bytes for any history.
+    // A single chunk is always one pack, so that small tables have the same bytes for any history.
     let strict = strict || layout.chunks.len() <= 1;
     let mut found: Vec<(bool, usize, usize, HashKey, Vec<usize>)> = vec![];
     for pack in catalogue.packs().filter(|p| p.kind == kind) {
@@ -83,7 +83,7 @@ pub fn cover(
         let Some(places) = places.filter(|p| !p.is_empty()) else { continue };
         let (first, last) = (places[0], places[places.len() - 1]);
         let chunk = layout.chunks.get(layout.chunks.partition_point(|c| c.end <= first));
-        // A chunk without the units that have no rows.
+        // Units without rows are excluded from the chunk.
         let exact = chunk.is_some_and(|c| {
             c.contains(&last) && c.clone().filter(|i| wanted[*i].is_some()).eq(places.iter().copied())
         });
@@ -129,7 +129,7 @@ mod tests {
         catalogue
     }
 
-    /// The first units of the packs that cover six units in chunks of three, and how many units are covered.
+    /// First units of the packs that cover six units in chunks of three, and the number of covered units.
     fn covered(packs: &[&[usize]], strict: bool) -> (Vec<usize>, usize) {
         let unit = |instance| PlanUnit { table: 0, instance, line: None };
         let layout = TableLayout { units: (0..6).map(unit).collect(), chunks: vec![0..3, 3..6] };
@@ -144,12 +144,12 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_pack_counts_if_all_of_it_is_wanted_and_no_unit_counts_twice() {
+    fn unit_cover_uses_only_fully_needed_packs_without_duplicate_units() {
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5]], true), (vec![0, 3], 6));
         // Whole chunks come first; packs that overlap them are skipped.
         assert_eq!(covered(&[&[0, 1, 2, 3], &[0, 1, 2], &[3, 4], &[5]], false), (vec![0, 3, 5], 6));
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4], &[5]], true), (vec![0], 3));
-        // A pack with a unit that is no longer needed is not a pack of this table.
+        // A pack with a unit that is no longer needed does not belong to this table.
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5, 7]], false), (vec![0], 3));
         assert_eq!(covered(&[], false), (vec![], 0));
         let other = catalogue(&[&[0, 1, 2]]);

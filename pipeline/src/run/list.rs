@@ -1,4 +1,4 @@
-//! Lists the next tasks for workers of other processes.
+//! Listing of the next tasks for worker processes.
 
 use schemas::{Fault, FaultOwner};
 
@@ -13,27 +13,27 @@ use crate::{
     store::Store,
 };
 
-/// The tasks of the next wave, with counts of omitted units.
+/// Tasks of the next wave, with counts of skipped units.
 pub struct TaskList {
-    /// The tasks, in the plan's order.
+    /// Tasks, in the plan's order.
     pub tasks: Vec<Task>,
-    /// The units of each table that has any in them.
+    /// Number of units in these tasks, for each table with any.
     pub units: Vec<(String, usize)>,
-    /// Units that wait for others, or cannot be computed.
+    /// Number of units that wait for others, or cannot be computed.
     pub skipped: usize,
-    /// Units that the machine has failed on too often.
+    /// Number of units with too many attempts that failed because of the machine.
     pub given_up: usize,
 }
 
 /// Overhead of a task in a process that computes only this task, s, as measured in `pipeline/benches/README.md`.
 const TASK_S: f64 = 0.1;
 
-/// Lists what can be computed with what is in `store`, in tasks of at most `most` units, or of as many as a process of
-/// its own is worth; with `only` that of one table. The
-/// plan and the index are in the store when this returns. Nothing is computed, but sources that are new are read.
+/// Lists the units that can be computed from the results in `store`, in tasks of at most `most` units. The default size
+/// gives a separate process an acceptable overhead. With `only`, lists one table. The plan and the index are in the
+/// store on return. Computes nothing, but reads new sources.
 ///
 /// # Errors
-/// Fails when a source cannot be read, there is no table `only`, or the store cannot be written.
+/// Fails when a source cannot be read, the table `only` is unknown, or the store cannot be written.
 pub fn list(
     plan: &Plan,
     store: &Store,

@@ -1,9 +1,9 @@
-//! The origin of each row of a table's full, logical form: the units that contain its columns.
+//! Origin of each row of a table's full, logical form: the units that contain its columns.
 //!
-//! A published table holds the keys and what its stage made. A column that passes through lies in the unit of a table
-//! further up, row by row: the stage that made it is some steps up the chain of first inputs. This file has a row for
-//! each unit, with the keys of the units on its chain; the steps up to each column are in its metadata, once for
-//! each pattern that occurs.
+//! A published table holds the keys and the columns that its stage made. A column that passes through is in the unit of
+//! an ancestor table, with the same rows. The ancestor is some steps up the chain of first inputs. This file has a row
+//! per unit, with the keys of the units on its chain. Its metadata hold the steps up to each column, once for each
+//! pattern that occurs.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -25,15 +25,15 @@ use crate::{
     store::Store,
 };
 
-/// The schema of the logical table, in hexadecimal digits of an Arrow message.
+/// Metadata key of the schema of the logical table, an Arrow message in hexadecimal digits.
 pub const SCHEMA: &str = "magline.logical_schema";
-/// For each pattern the steps up to each column.
+/// Metadata key of the steps up to each column, per pattern.
 pub const PATTERNS: &str = "magline.patterns";
 
-/// The columns of a logical table: axes, then all that the stages above hand on.
+/// Columns of a logical table: axes, then all columns that the ancestor stages pass through.
 ///
 /// # Errors
-/// Fails when a column has types at different points of the sweep that one table cannot have.
+/// Fails when a column has types at different points of the sweep that do not fit one table.
 pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     let spec = &graph.plan.spec;
     let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
@@ -49,7 +49,7 @@ pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     Ok(Arc::new(Schema::new(fields)))
 }
 
-/// A point of a table and its ancestors through first inputs, itself first.
+/// Point of a table and its ancestors through first inputs, itself first.
 fn chain(graph: &PlanGraph, t: usize, instance: usize) -> Vec<TableRef> {
     let mut chain = vec![TableRef::Stage(t, instance)];
     while let Some(TableRef::Stage(t, i)) = chain.last().copied() {
@@ -61,7 +61,7 @@ fn chain(graph: &PlanGraph, t: usize, instance: usize) -> Vec<TableRef> {
     chain
 }
 
-/// The steps up to each column of a point.
+/// Steps up to each column of a point.
 fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<String, usize> {
     let Some(TableRef::Stage(t, i)) = chain.first().copied() else { return BTreeMap::new() };
     let own = graph.plan.instance(t, i);
@@ -76,7 +76,7 @@ fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<
     names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
 }
 
-/// Writes the file for the table of `cut`; none where the published table is complete.
+/// Writes the file for the table of `cut`; `None` if the published table is complete.
 ///
 /// # Errors
 /// Fails when the store cannot be written.

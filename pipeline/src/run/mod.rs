@@ -1,4 +1,4 @@
-//! Running a plan: missing results are computed, the rest is reused, and failures are isolated.
+//! Execution of a plan: missing results are computed, stored ones are reused, and failures are isolated.
 
 mod again;
 #[cfg(feature = "cluster")]
@@ -67,51 +67,51 @@ use crate::{
     },
 };
 
-/// The summary of a run.
+/// Summary of a run.
 pub struct RunSummary {
-    /// The outcome of each table, in the plan's order.
+    /// Outcomes of each table, in the plan's order.
     pub tables: Vec<(String, OutcomeCounts)>,
-    /// The failures, in a fixed order.
+    /// Failures, in a fixed order.
     pub failures: Vec<Failure>,
-    /// Findings in the data: rows of the table `quality`.
+    /// Number of findings in the data: rows of the table `quality`.
     pub quality: usize,
-    /// Lines with findings.
+    /// Number of lines with findings.
     pub quality_lines: usize,
     /// Warnings about results; none for an interrupted run.
     pub warnings: Vec<Warning>,
-    /// The pooled scores of each table of scores.
+    /// Pooled scores of each table of scores.
     pub scores: Vec<(String, Scores)>,
-    /// The trials of a search, by trial and rung.
+    /// Trials of a search, by trial and rung.
     pub trials: Vec<SearchTrialScore>,
     /// Choices made automatically.
     pub notes: Vec<String>,
-    /// The duration of each table, s, in the order of `tables`.
+    /// Duration of each table, s, in the order of `tables`.
     pub seconds: Vec<f64>,
-    /// The hash of the computation and its data: equal for the same spec and inputs.
+    /// Hash of the computation and its data: equal for the same spec and inputs.
     pub run: String,
     /// Whether it was interrupted.
     pub interrupted: bool,
-    /// The folder of the tables.
+    /// Folder of the tables.
     pub folder: std::path::PathBuf,
-    /// Tables that were not asked for, and are as they were before.
+    /// Tables that were not requested and are unchanged.
     pub left: Vec<String>,
     /// Outcomes of the recomputation of stored tables.
     pub compared: Vec<TableComparison>,
-    /// The bytes of earlier results that `gc` would remove.
+    /// Size of the earlier results that `gc` would remove, bytes.
     pub unused: u64,
 }
 
 impl RunSummary {
-    /// All tables together.
+    /// Sum over all tables.
     pub fn total(&self) -> OutcomeCounts {
         self.tables.iter().fold(OutcomeCounts::default(), |sum, (_, c)| sum + *c)
     }
 }
 
-/// The options of a run.
+/// Options of a run.
 #[derive(Clone, Copy)]
 pub struct RunOptions<'a> {
-    /// Wait for another run of the pipeline, where there is one.
+    /// Wait for another run of the pipeline.
     pub wait: bool,
     /// Merge the packs of a sweep that has grown, as if it had been run at once.
     pub compact: bool,
@@ -119,7 +119,7 @@ pub struct RunOptions<'a> {
     pub retries: usize,
     /// Engine that computes the tasks.
     pub engine: &'a dyn TaskEngine,
-    /// Compute only the table at this position of the plan, and what it is made from. Not for a search.
+    /// Compute only the table at this position of the plan, and its inputs. Not for a search.
     pub until: Option<usize>,
 }
 
@@ -135,8 +135,8 @@ impl Default for RunOptions<'_> {
 /// Maximum number of restarts of a run after it finds damage in the store.
 const HEALINGS: usize = 5;
 
-/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. Of a search
-/// only the trials of the plan are run: [`search()`] runs it to its end.
+/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. For a search,
+/// runs only the trials of the plan; [`search()`] runs it to its end.
 ///
 /// # Errors
 /// Fails when a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
@@ -151,7 +151,7 @@ pub fn run(
     run_locked(plan, store, &publisher, options, listener)
 }
 
-/// [`run`], by whoever has the lock of the pipeline.
+/// [`run`] by a process that has the lock of the pipeline.
 fn run_locked(
     plan: &Plan,
     store: &Store,
@@ -179,17 +179,17 @@ fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn L
 
 /// Purpose of a pass over a plan.
 struct PlanPass<'a> {
-    /// Whether its tables are published.
+    /// Whether the tables of this pass are published.
     last: bool,
-    /// The trials of the plan.
+    /// Trials of the plan.
     rows: &'a [SearchTrial],
-    /// Their goals, where they are known already.
+    /// Goals of the trials, if already known.
     known: Option<&'a [SearchTrialScore]>,
-    /// The passes before it.
+    /// Events of the previous passes.
     relay: Option<&'a search::EventRelay<'a>>,
 }
 
-/// A pass, repeated while it finds parts of the store damaged.
+/// Pass, repeated while it finds damaged parts of the store.
 fn healed(
     plan: &Plan,
     store: &Store,
@@ -222,7 +222,7 @@ fn unpublished(fault: Fault) -> Failure {
     Failure { table: "publish".into(), point: Default::default(), line: None, fault }
 }
 
-/// One pass, while the store is intact.
+/// Single pass over an intact store.
 fn once(
     plan: &Plan,
     store: &Store,
@@ -299,7 +299,7 @@ fn once(
             if store.damaged().len() > damaged {
                 return Ok(());
             }
-            // Tables that were not asked for stay as they are, and so do their pooled scores.
+            // Tables that were not requested and their pooled scores stay unchanged.
             let before = if asked.left.is_empty() { None } else { pooled::written(plan, store)? };
             let left = before.into_iter().flatten().filter(|p| asked.left.contains(&p.table));
             let published: Vec<PooledMetric> = pooled.iter().cloned().chain(left).collect();
@@ -358,14 +358,14 @@ fn once(
     })
 }
 
-/// Writes what workers of other processes need of a plan, and the index that they open the store by.
+/// Writes the plan for worker processes, and the index from which they open the store.
 fn recorded(graph: &PlanGraph, store: &Store) -> Result<HashKey, SpecFaults> {
     let written = RecordedPlan::keep(graph, store).and_then(|key| store.write_index().map(|()| key));
     written.map_err(|fault| graph.plan.spec.faults(vec![fault]))
 }
 
-/// The hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of
-/// every table. A comment in the spec, the number of threads and what the store already holds do not change it.
+/// Hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every
+/// table. It is independent of comments in the spec, the number of threads and the contents of the store.
 pub fn run_id(graph: &PlanGraph) -> String {
     let spec = &graph.plan.spec;
     let mut parts = vec!["run".to_owned(), spec.name.clone(), spec.seed.to_string()];

@@ -1,4 +1,4 @@
-//! The engine `processes`: workers are processes of this program, on this machine.
+//! Engine `processes`: workers are processes of this program, on this machine.
 
 use std::{
     path::PathBuf,
@@ -22,15 +22,15 @@ use super::{
 /// Overhead of a task in a running process, s, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
-/// Worker processes, which live as long as a wave.
+/// Worker processes, which live for one wave.
 pub struct ProcessEngine {
-    /// This program.
+    /// Path of this program.
     pub program: PathBuf,
-    /// The number of processes; each has one thread.
+    /// Number of processes; each has one thread.
     pub count: usize,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
-    /// The longest time of a unit.
+    /// Maximum time of a unit.
     pub unit_timeout: Option<Duration>,
 }
 

@@ -1,5 +1,5 @@
-//! The tables as anyone can read them: plain Parquet data sets with the axes as ordinary columns, all of one run, put
-//! in place of those before in one step.
+//! Published tables: plain Parquet data sets of one run, with the axes as ordinary columns. They replace the previous
+//! ones in one step.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -23,17 +23,17 @@ use crate::{
     },
 };
 
-/// The inputs of publishing.
+/// Inputs of publishing.
 pub struct Publication<'a> {
-    /// The plan with its data.
+    /// Plan with its data.
     pub graph: &'a PlanGraph<'a>,
     /// The store.
     pub store: &'a Store,
-    /// The run.
+    /// Identifier of the run.
     pub run: &'a str,
-    /// The packs of each table.
+    /// Packs of each table.
     pub packs: &'a [Vec<HashKey>],
-    /// Tables that stay as the version before has them.
+    /// Tables that stay as in the previous version.
     pub left: &'a [usize],
     /// Whether a unit is available.
     pub there: &'a (dyn Fn(PlanUnit) -> bool + Sync),
@@ -43,7 +43,7 @@ impl Publication<'_> {
     /// Publishes all tables of the pipeline together.
     ///
     /// # Errors
-    /// Fails when the store cannot be read or written; the tables before stay as they are then.
+    /// Fails when the store cannot be read or written; the previous tables then stay.
     pub fn publish(
         &self,
         publisher: &PipelineLock,
@@ -84,7 +84,7 @@ impl Publication<'_> {
         store.publish(publisher, self.run, &tables, &beside, &self.rests_on(), &kept).map(|_| ())
     }
 
-    /// All packs that the tables reference: their own, and those of the sources.
+    /// All packs that the tables reference, including those of the sources.
     fn rests_on(&self) -> Vec<HashKey> {
         let graph = self.graph;
         let catalogue = self.store.catalogue();
@@ -100,7 +100,7 @@ fn has_rows(store: &Store, id: HashKey) -> bool {
     store.catalogue().by_id(id).is_some_and(|p| p.units.iter().any(|u| u.count().is_some_and(|n| n > 0)))
 }
 
-/// Writes the failures, also when there are none.
+/// Writes the failures, even if there are none.
 fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<ExtraTable, Fault> {
     let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
         Arc::new(failures.iter().map(f).collect::<StringArray>())
@@ -115,7 +115,7 @@ fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<ExtraTab
     beside(plan, store, "failures", &points, columns)
 }
 
-/// Writes the warnings, also when there are none.
+/// Writes the warnings, even if there are none.
 fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<ExtraTable, Fault> {
     let text = |f: &dyn Fn(&Warning) -> Option<String>| -> ArrayRef {
         Arc::new(warnings.iter().map(f).collect::<StringArray>())
@@ -137,7 +137,7 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<ExtraTab
     beside(plan, store, "warnings", &points, columns)
 }
 
-/// Writes the pooled scores, also when there are none; nothing where the plan has no table of scores.
+/// Writes the pooled scores, even if there are none. Writes nothing for a plan without a table of scores.
 fn pooled(plan: &Plan, store: &Store, pooled: &[PooledMetric]) -> Result<Option<ExtraTable>, Fault> {
     if pooled::tables(plan).next().is_none() {
         return Ok(None);
@@ -173,7 +173,7 @@ fn pooled(plan: &Plan, store: &Store, pooled: &[PooledMetric]) -> Result<Option<
     beside(plan, store, pooled::TABLE, &points.iter().collect::<Vec<_>>(), columns).map(Some)
 }
 
-/// Writes the trials of a search, one row for each at each of its rungs; nothing where the spec has no search.
+/// Writes the trials of a search, one row per trial and rung. Writes nothing for a spec without a search.
 fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Option<ExtraTable>, Fault> {
     let (Some(search), Some(goal)) = (&plan.spec.search, plan.goal()?) else { return Ok(None) };
     let whole = |f: &dyn Fn(&SearchTrialScore) -> usize| -> ArrayRef {
@@ -217,7 +217,7 @@ fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Opt
     Ok(Some(ExtraTable { name: "trials".to_owned(), file }))
 }
 
-/// One array of cells of the type `kind`.
+/// Concatenates cells into one array of the type `kind`.
 fn one_array(cells: &[ArrayRef], kind: &DataType) -> Result<ArrayRef, Fault> {
     if cells.is_empty() {
         return Ok(new_null_array(kind, 0));
@@ -226,8 +226,8 @@ fn one_array(cells: &[ArrayRef], kind: &DataType) -> Result<ArrayRef, Fault> {
     arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))
 }
 
-/// A table in addition to those of the stages: the axes of the whole sweep (null where a row has no value of one), then
-/// `columns` of name, values and meaning. An axis has its name before a column.
+/// Writes a reserved table: the axes of the whole sweep (null where a row has no value of one), then `columns` of name,
+/// values and meaning. An axis takes precedence over a column of the same name.
 fn beside(
     plan: &Plan,
     store: &Store,

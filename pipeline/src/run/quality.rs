@@ -1,4 +1,4 @@
-//! The table of the quality of the data: the findings in the columns of each line when it was read.
+//! Table of the data quality: the findings in the columns of each line when it was read.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::{
     store::{ExtraTable, Store},
 };
 
-/// One row: the table of flights, the line, and the finding.
+/// Row: the table of flights, the line, and the finding.
 type QualityFindingRow<'a> = (&'a str, &'a LineRecord, &'a Finding);
 
 fn rows<'a>(graph: &'a PlanGraph) -> Vec<QualityFindingRow<'a>> {
@@ -21,14 +21,14 @@ fn rows<'a>(graph: &'a PlanGraph) -> Vec<QualityFindingRow<'a>> {
     lines.flat_map(|(table, record)| record.findings.iter().map(move |f| (table, record, f))).collect()
 }
 
-/// The number of findings, and of the lines that have any.
+/// Number of findings, and of the lines with findings.
 pub fn count(graph: &PlanGraph) -> (usize, usize) {
     let records = graph.records.iter().flat_map(|r| r.values());
     let of_lines: Vec<usize> = records.map(|r| r.findings.len()).filter(|n| *n > 0).collect();
     (of_lines.iter().sum(), of_lines.len())
 }
 
-/// Writes all findings, also when there are none.
+/// Writes all findings, even if there are none.
 ///
 /// # Errors
 /// Fails when the store cannot be written.

@@ -1,5 +1,5 @@
-//! A worker of another process than the driver's: it plans from the store, refuses what it cannot answer for, finds
-//! what is done, and counts attempts, so that a unit that kills its workers is given up and its neighbours are not.
+//! Worker process: plans from the store, rejects tasks that do not match the plan, finds finished units, and counts
+//! attempts. A unit that kills its workers is thus given up, and its neighbours are computed.
 
 use std::{
     collections::HashMap,
@@ -28,21 +28,21 @@ use crate::{
     store::{Store, attempts::UnitAttempts, kernel},
 };
 
-/// The limits of a worker.
+/// Limits of a worker.
 #[derive(Clone, Copy, Debug)]
 pub struct WorkerLimits {
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
-    /// The longest time of a unit. Units that are computed together have together what each has.
+    /// Maximum time of a unit. The limit of a group of units is the sum of their limits.
     pub unit_timeout: Option<Duration>,
 }
 
 /// Counts of failed work of a worker.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WorkerTally {
-    /// Tasks that it refused.
+    /// Number of rejected tasks.
     pub refused: usize,
-    /// Units without an answer, or whose answer is a fault that need not last.
+    /// Number of units without an answer or with a fault that may be temporary.
     pub unanswered: usize,
 }
 
@@ -50,7 +50,8 @@ pub struct WorkerTally {
 pub type ReceiptCallback<'a> = dyn Fn(&Receipt) + Sync + 'a;
 
 /// Computes `tasks` one after another, on rayon's current thread pool. `answered` receives each receipt. `overdue`
-/// receives the receipt of a task whose time is over; it should end the process, since a thread cannot be stopped.
+/// receives the receipt of a task that exceeds its time limit. It should end the process, since a thread cannot be
+/// stopped.
 pub fn serve(
     store: &Store,
     catalogue: &[StageEntry],
@@ -86,7 +87,7 @@ pub fn serve(
     served
 }
 
-/// The plan of a task.
+/// Plan of a task.
 fn opened(store: &Store, catalogue: &[StageEntry], task: &Task) -> Result<(RecordedPlan, Plan), Fault> {
     if task.magline != VERSION {
         let what = format!("the task is of magline {}; this is magline {VERSION}", task.magline);
@@ -101,7 +102,7 @@ fn opened(store: &Store, catalogue: &[StageEntry], task: &Task) -> Result<(Recor
     Ok((recorded, plan))
 }
 
-/// The fault of a unit after too many attempts.
+/// Fault of a unit after too many attempts.
 pub fn given_up(tries: &UnitAttempts) -> Fault {
     let times = |n: usize| if n == 1 { "once".to_owned() } else { format!("{n} times") };
     let lost = "its worker was lost";
@@ -136,7 +137,7 @@ struct PlanSession<'a> {
 }
 
 impl PlanSession<'_> {
-    /// Computes `first` and what follows it of the same plan; returns the first task of another one.
+    /// Computes `first` and the following tasks of the same plan; returns the first task of another one.
     fn serve(
         &self,
         first: Task,
@@ -173,7 +174,7 @@ impl PlanSession<'_> {
         None
     }
 
-    /// The receipt of a task, its answers in the order of its units.
+    /// Receipt of a task, with its answers in the order of its units.
     fn receipt(&self, table: usize, task: &Task, mut answers: Vec<UnitAnswer>, begun: Instant) -> Receipt {
         let places = task.units.iter().enumerate().map(|(i, u)| ((u.point, u.line), i));
         let places: HashMap<(usize, Option<LineId>), usize> = places.collect();
@@ -196,7 +197,7 @@ impl PlanSession<'_> {
         }
         let tries = store.attempts_at(&wanted.iter().map(|u| u.key).collect::<Vec<_>>());
         if tries.iter().any(|t| t.all() > 0) {
-            // A worker that was lost may have written some of them, under names that depend on what it found.
+            // A lost worker may have written some results, under names that depend on its earlier progress.
             store.refresh();
         }
         let (mut answers, mut fresh, mut tried) = (vec![], vec![], vec![]);
@@ -212,7 +213,7 @@ impl PlanSession<'_> {
             let together = if whole { task.clone() } else { task.part_of(fresh) };
             answers.extend(self.attempt(table, task, &together, &answers, begun));
         }
-        // Those that were lost least come first: the one that kills its workers must not take the others with it.
+        // Units with the fewest losses come first, so that a unit that kills its workers does not affect the others.
         tried.sort_by_key(|(tries, _)| tries.all());
         for (tries, unit) in tried {
             if INTERRUPTED.load(Ordering::Relaxed) {
@@ -237,7 +238,7 @@ impl PlanSession<'_> {
         }
     }
 
-    /// Computes `together`, some units of `task`, within its time.
+    /// Computes `together`, some units of `task`, within their time limit.
     fn attempt(
         &self,
         table: usize,
@@ -287,7 +288,7 @@ fn overdue(limit: Duration, units: usize) -> Fault {
     fault.help(if units == 1 { "increase `--unit-timeout`" } else { "the next run retries each unit separately" })
 }
 
-/// Does some work, and calls `late` from another thread when that takes longer than `limit`.
+/// Runs `work`, and calls `late` from another thread when it takes longer than `limit`.
 fn in_time<T>(limit: Option<Duration>, work: impl FnOnce() -> T, late: impl FnOnce() + Send) -> T {
     let Some(limit) = limit else { return work() };
     let (done, wait) = channel::<()>();
@@ -303,7 +304,7 @@ fn in_time<T>(limit: Option<Duration>, work: impl FnOnce() -> T, late: impl FnOn
     })
 }
 
-/// The table of a task, all of whose units are those of the plan.
+/// Table of a task whose units all match the plan.
 fn checked(graph: &PlanGraph, task: &Task) -> Result<usize, Fault> {
     let table = graph.plan.table(&task.table)?;
     let node = &graph.plan.tables[table];
@@ -339,7 +340,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_work_that_is_late_is_told_once_and_work_in_time_is_not() {
+    fn unit_only_late_work_is_reported_and_only_once() {
         let told = std::sync::Mutex::new(0);
         let late = || *told.lock().unwrap() += 1;
         assert_eq!(in_time(None, || 1, late), 1);

@@ -1,4 +1,4 @@
-//! The state of a run: which units are there, which must be computed, and what failed.
+//! State of a run: available units, units to compute, and failures.
 
 use std::{cell::OnceCell, collections::HashMap};
 
@@ -16,38 +16,38 @@ use crate::{
     store::{Store, attempts::UnitAttempts},
 };
 
-/// A run over the tables of a plan, with the states and failures of its units.
+/// Run over the tables of a plan, with the states and failures of its units.
 pub(super) struct PlanRunner<'a> {
-    /// The plan with its data.
+    /// Plan with its data.
     pub(super) graph: &'a PlanGraph<'a>,
     /// The store.
     pub(super) store: &'a Store,
-    /// Hears of each outcome.
+    /// Receives each outcome.
     pub(super) listener: &'a dyn Listener,
-    /// The options of the run.
+    /// Options of the run.
     pub(super) options: RunOptions<'a>,
     /// The engine.
     pub(super) engine: &'a dyn TaskEngine,
-    /// Computes in this process.
+    /// Worker in this process.
     pub(super) worker: &'a UnitWorker<'a>,
-    /// The plan in the store, where the engine needs one.
+    /// Plan in the store, if the engine needs one.
     pub(super) recorded: Option<HashKey>,
-    /// Whether units are computed by other processes.
+    /// Whether other processes compute units.
     pub(super) abroad: bool,
-    /// The attempts at units that have no answer.
+    /// Attempts at units without an answer.
     pub(super) attempts: HashMap<HashKey, UnitAttempts>,
     /// Expected times of units, loaded on first use.
     pub(super) rates: OnceCell<UnitTimeModel>,
-    /// The state of each unit.
+    /// State of each unit.
     pub(super) states: UnitStates<'a>,
-    /// The failures, each with its unit.
+    /// Failures, each with its unit.
     pub(super) failures: Vec<(Option<PlanUnit>, Failure)>,
-    /// The number of computed units of each table, and the duration, s.
+    /// Number of computed units of each table, and the duration, s.
     pub(super) seconds: Vec<(usize, f64)>,
 }
 
 impl<'a> PlanRunner<'a> {
-    /// For the tables of the worker's plan.
+    /// Runner for the tables of the worker's plan.
     pub(super) fn new(
         worker: &'a UnitWorker<'a>,
         listener: &'a dyn Listener,
@@ -72,7 +72,7 @@ impl<'a> PlanRunner<'a> {
         }
     }
 
-    /// Lines that cannot be used.
+    /// Records the unusable lines.
     pub(super) fn sources(&mut self) {
         for (flights, records) in self.graph.plan.flights.iter().zip(&self.graph.records) {
             for record in records.values() {
@@ -107,7 +107,7 @@ impl<'a> PlanRunner<'a> {
         }));
     }
 
-    /// The same for a reused result.
+    /// Lists the lines that a reused result skipped.
     pub(super) fn went_on_without(&mut self, unit: PlanUnit, key: HashKey) {
         if unit.line.is_some() {
             return;
@@ -128,20 +128,20 @@ impl<'a> PlanRunner<'a> {
         self.failures.push((Some(unit), Failure { table: node.name.clone(), point, line, fault }));
     }
 
-    /// Whether a unit is not tried again. In this process one is that did not kill its workers.
+    /// Whether a unit is not retried. In this process, a unit is retried unless it killed its workers.
     pub(super) fn is_given_up(&self, tries: &UnitAttempts) -> bool {
         let counted = if self.abroad { tries.all() } else { tries.lost };
         counted > self.options.retries
     }
 
-    /// The first of what a unit is made from that is not there.
+    /// First missing input of a unit.
     pub(super) fn missing_input(&self, unit: PlanUnit) -> Option<TableRef> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let missing = |(kind, r): &(InputKind, TableRef)| {
             let there = match (kind.is_by_line(), unit.line) {
                 _ if kind.is_record() => self.record_state(*r),
-                // A fit examines its lines one by one and skips those that failed.
+                // A fit checks its lines one by one and skips failed ones.
                 (true, None) => self.survey_state(unit),
                 (true, line) => self.state(*r, line),
                 (false, _) => self.state(*r, None),
@@ -151,7 +151,7 @@ impl<'a> PlanRunner<'a> {
         it.kinds().into_iter().zip(it.inputs()).find(missing).map(|(_, r)| r)
     }
 
-    /// A record is there when all its lines are, and has one at least.
+    /// A record is available when it has at least one line and all its lines are available.
     fn record_state(&self, r: TableRef) -> UnitState {
         let lines = self.graph.lines_in(r);
         let states: Vec<UnitState> = lines.iter().map(|line| self.root_state(r, *line)).collect();
@@ -161,7 +161,7 @@ impl<'a> PlanRunner<'a> {
         *states.iter().find(|state| **state != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
-    /// Whether a unit must be computed, is available, or cannot be computed.
+    /// Looks up whether a unit must be computed, is available, or cannot be computed.
     pub(super) fn look(&self, unit: PlanUnit) -> UnitLookup {
         if let Some(r) = self.missing_input(unit) {
             return UnitLookup::Skip(r);
@@ -183,7 +183,7 @@ impl<'a> PlanRunner<'a> {
         }
     }
 
-    /// A survey stage waits for lines that the machine failed on, and needs at least one that is available.
+    /// A survey stage waits for lines that failed because of the machine, and needs at least one available line.
     fn survey_state(&self, unit: PlanUnit) -> UnitState {
         let lines = self.graph.lines_of(unit.table, unit.instance);
         let states: Vec<UnitState> = lines.iter().map(|l| self.line_is_there(*l, unit)).collect();
@@ -193,7 +193,7 @@ impl<'a> PlanRunner<'a> {
         if states.contains(&UnitState::Done) { UnitState::Done } else { UnitState::Missing }
     }
 
-    /// The state of `line` in all line inputs of `unit`.
+    /// State of `line` in all line inputs of `unit`.
     pub(super) fn line_is_there(&self, line: LineId, unit: PlanUnit) -> UnitState {
         let it = self.graph.plan.instance(unit.table, unit.instance);
         let inputs = self.graph.line_inputs(&it);
@@ -201,7 +201,7 @@ impl<'a> PlanRunner<'a> {
         *states.iter().find(|s| **s != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
-    /// The state of a line, with a failure further up counted as a failure, not as a gap.
+    /// State of a line; a failure in an ancestor counts as a failure, not as a gap.
     fn root_state(&self, r: TableRef, line: LineId) -> UnitState {
         let own = self.state(r, Some(line));
         if own != UnitState::Missing {
@@ -229,17 +229,17 @@ impl<'a> PlanRunner<'a> {
     }
 }
 
-/// The outcome of the lookup of a unit.
+/// Outcome of the lookup of a unit.
 pub(super) enum UnitLookup {
-    /// It is in the store.
+    /// The unit is in the store.
     Have(HashKey),
-    /// It failed before, because of the data.
+    /// The unit failed earlier, because of the data.
     Failed(HashKey, Fault),
-    /// It must be computed.
+    /// The unit must be computed.
     Need(HashKey),
-    /// It is made from something that is not there.
+    /// An input of the unit is missing.
     Skip(TableRef),
-    /// The machine refused.
+    /// The machine failed.
     Fault(Fault),
 }
 

@@ -1,8 +1,8 @@
-//! A search that goes by generations: each is planned from the scores of those before, and run.
+//! Search by generations: each is planned from the scores of the previous ones, and run.
 //!
-//! The store holds only the results of a search, which are addressed by their inputs. A search that was killed plans
-//! its generations again and finds the finished results in the store. After the last generation all trials are
-//! published together, as in a sweep.
+//! The store holds only the results of a search, which are addressed by their inputs. A killed search plans its
+//! generations again and finds the finished results in the store. After the last generation all trials are published
+//! together, as in a sweep.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -22,11 +22,11 @@ use crate::{
     store::{PipelineLock, Store},
 };
 
-/// Runs `plan` by whoever has the lock of its pipeline; that of a search with all trials that follow from the scores.
-/// Returns the plan of all that was run.
+/// Runs `plan` in a process that has the lock of its pipeline; a search is run with all trials that follow from the
+/// scores. Returns the plan of all computed trials.
 ///
 /// # Errors
-/// The same as [`super::run`].
+/// Same as [`super::run`].
 pub fn search(
     plan: Plan,
     catalogue: &[StageEntry],
@@ -46,7 +46,7 @@ pub fn search(
     while !course.next().is_empty() {
         let rows = course.next().to_vec();
         let plan = Plan::new(spec.with_trials(&rows), catalogue)?;
-        // The bytes of the inputs are read once, however often the search asks for them.
+        // The bytes of the inputs are read only once per search.
         spec.verify_inputs = false;
         listener.hear(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
         let pass = PlanPass { last: false, rows: &rows, known: None, relay: Some(&relay) };
@@ -74,7 +74,7 @@ pub fn search(
     Ok((plan, summary))
 }
 
-/// Faults of the machine can disappear on a later run, and the next trials would then differ.
+/// Faults of the machine may not recur in a later run, and the next trials would then differ.
 fn stopped(done: usize) -> Failure {
     let what = format!("the search stopped after {done} trials, because the machine failed during the next trials");
     let fault = Fault::machine(what).help("run the spec again to resume; finished results are stored");
@@ -111,12 +111,12 @@ impl<'a> EventRelay<'a> {
         self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next pass is the last one.
+    /// Marks the next pass as the last one.
     fn last(&self) {
         self.told().last = true;
     }
 
-    /// The outcome of each of these tables over all passes, and the seconds that took.
+    /// Outcomes of each of these tables over all passes, and their time, s.
     pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
         let told = self.told();
         let spent = |name: &str| told.tables.get(name).copied().unwrap_or_default();

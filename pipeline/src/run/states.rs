@@ -4,28 +4,28 @@ use schemas::Grain;
 
 use crate::plan::{PlanGraph, PlanUnit, TableNode};
 
-/// The state of a unit.
+/// State of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnitState {
-    /// Its result is in the store.
+    /// The result is in the store.
     Done,
-    /// It cannot be computed from the data; the same on every run.
+    /// The unit cannot be computed from the data, in any run.
     Failed,
-    /// The machine failed, or one of its inputs is missing.
+    /// The machine failed, or an input is missing.
     Missing,
 }
 
-/// The state of every unit.
+/// States of all units.
 pub struct UnitStates<'a> {
     graph: &'a PlanGraph<'a>,
-    /// By table; the lines of a point one after another, then those of the next.
+    /// States by table; the lines of a point one after another, then those of the next.
     of: Vec<Vec<UnitState>>,
-    /// Room for the lines of a point, by table.
+    /// Number of entries per point, by table.
     width: Vec<usize>,
 }
 
 impl<'a> UnitStates<'a> {
-    /// All are missing.
+    /// States in which all units are missing.
     pub fn new(graph: &'a PlanGraph<'a>) -> UnitStates<'a> {
         let tables = &graph.plan.tables;
         let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
@@ -45,13 +45,13 @@ impl<'a> UnitStates<'a> {
         Some(unit.instance * self.width.get(unit.table)? + own)
     }
 
-    /// That of a unit.
+    /// State of a unit.
     pub fn get(&self, unit: PlanUnit) -> UnitState {
         let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(i));
         found.copied().unwrap_or(UnitState::Missing)
     }
 
-    /// Takes note of that of a unit.
+    /// Records the state of a unit.
     pub fn set(&mut self, unit: PlanUnit, state: UnitState) {
         let found = self.place(unit).and_then(|i| self.of.get_mut(unit.table)?.get_mut(i));
         found.into_iter().for_each(|s| *s = state);

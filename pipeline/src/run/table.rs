@@ -1,5 +1,4 @@
-//! One table of a run: existing results are found, missing ones are handed out as tasks, and both are laid out in
-//! packs.
+//! Table of a run: existing results are found, missing ones are dispatched as tasks, and both are laid out in packs.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -25,29 +24,29 @@ use crate::{
     store::{FAILED, PackedUnit},
 };
 
-/// A unit of a table and its state.
+/// Unit of a table and its state.
 #[derive(Clone, Copy)]
 enum LayoutUnit {
-    /// No rows: one of its inputs is missing, or it cannot be computed.
+    /// No rows: an input is missing, or the unit cannot be computed.
     Nothing,
-    /// It is in the store.
+    /// Stored unit.
     There(PackedUnit),
-    /// It is to be computed.
+    /// Unit to compute.
     Pending(HashKey),
 }
 
-/// A table in progress: its layout and the state of each unit.
+/// Table in progress: its layout and the state of each unit.
 pub struct TableProgress<'a> {
     table: usize,
     cut: &'a TableAssembler<'a>,
     layout: TableLayout,
-    /// The state of each unit of the layout.
+    /// State of each unit of the layout.
     known: Vec<LayoutUnit>,
 }
 
-/// A task, and the positions of its units in the layout.
+/// Task, and the positions of its units in the layout.
 pub struct LayoutTask {
-    /// The task.
+    /// Units to compute or write.
     pub task: Task,
     at: Vec<usize>,
 }
@@ -70,20 +69,20 @@ impl TableProgress<'_> {
         cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, LayoutUnit::There(_)))
     }
 
-    /// Whether packs hold all of a chunk. A table of one chunk is always one pack.
+    /// Whether chunks must be single packs. A table of one chunk is always one pack.
     fn whole(&self, compact: bool) -> bool {
         self.layout.chunks.len() <= 1 || compact
     }
 
-    /// Whether a result is to be written again: where `whole`, with the others of its chunk; otherwise because no pack
-    /// has it in the needed form.
+    /// Whether a result must be written again. With `whole`, it is rewritten with the others of its chunk; otherwise
+    /// only if no pack has it in the needed form.
     fn is_stale(&self, i: usize, cover: &PackCover, whole: bool) -> bool {
         matches!(self.known[i], LayoutUnit::There(_)) && (whole || !cover.covered[i])
     }
 }
 
 impl<'a> PlanRunner<'a> {
-    /// Computes what is missing of the table `t`, and returns the packs that contain it.
+    /// Computes the missing units of the table `t`, and returns the packs that contain it.
     pub(super) fn table(&mut self, t: usize) -> (OutcomeCounts, Vec<HashKey>) {
         let (mut count, first) = (OutcomeCounts::default(), self.failures.len());
         let Some(mut sheet) = self.sheet(t, &mut count) else { return (count, vec![]) };
@@ -92,7 +91,7 @@ impl<'a> PlanRunner<'a> {
         (count, packs)
     }
 
-    /// Computes what is missing of a table, lays it out, and returns the packs that contain the table.
+    /// Computes the missing units of a table, lays it out, and returns the packs that contain the table.
     fn work(&mut self, sheet: &mut TableProgress<'a>, count: &mut OutcomeCounts) -> Vec<HashKey> {
         let t = sheet.table;
         let mut before = self.cover(sheet);
@@ -127,7 +126,7 @@ impl<'a> PlanRunner<'a> {
         new.sort_by_key(|(unit, _)| unit.and_then(|unit| at.get(&unit).copied()));
     }
 
-    /// The table `t` with the state of its units; none where it has no files, or none can be made.
+    /// The table `t` with the state of its units; `None` for a table without files, or if none can be made.
     pub(super) fn sheet(&mut self, t: usize, count: &mut OutcomeCounts) -> Option<TableProgress<'a>> {
         if !self.graph.plan.tables[t].keep {
             self.passed_over(t);
@@ -151,14 +150,14 @@ impl<'a> PlanRunner<'a> {
         cover(&self.store.catalogue(), sheet.cut.kind, &sheet.layout, &sheet.wanted(), strict)
     }
 
-    /// The packs that hold what is there.
+    /// Packs that contain the stored units.
     pub(super) fn cover(&self, sheet: &TableProgress) -> PackCover {
         let found = self.covering(sheet, self.options.compact);
         if scattered(found.packs.len(), sheet.layout.chunks.len()) { self.covering(sheet, true) } else { found }
     }
 
-    /// A task a chunk: what is to be written of it, and with `compute` what is to be computed of it. Without, a chunk
-    /// of which an interrupt has left units out stays in parts, until another run makes it whole.
+    /// One task per chunk: the units to write and, with `compute`, the units to compute. Without `compute`, a chunk in
+    /// which an interrupt skipped units stays in parts until another run completes it.
     fn tasks_here(&self, sheet: &TableProgress, cover: &PackCover, compute: bool) -> Vec<LayoutTask> {
         let whole = sheet.whole(self.options.compact);
         let pending = |i: usize| matches!(sheet.known[i], LayoutUnit::Pending(_));
@@ -207,8 +206,8 @@ impl<'a> PlanRunner<'a> {
         tasks
     }
 
-    /// Units of a chunk, one of each key, in groups that share work: those of a survey that see the same lines, and the
-    /// points of one line after those of another.
+    /// Units of a chunk, one per key, in groups that share work. Survey units of a group see the same lines; other
+    /// units are ordered line by line.
     fn together(&self, sheet: &TableProgress, pending: &[usize]) -> Vec<Vec<usize>> {
         let mut seen = HashSet::new();
         let is_first = |i: &usize| matches!(sheet.known[*i], LayoutUnit::Pending(key) if seen.insert(key));
@@ -255,13 +254,13 @@ impl<'a> PlanRunner<'a> {
         LayoutTask { task: Task::new(plan, &self.graph.plan.tables[sheet.table].name, part, units), at }
     }
 
-    /// The lines of a survey unit that cannot be used.
+    /// Unusable lines of a survey unit.
     fn failed_lines(&self, unit: PlanUnit) -> Vec<LineId> {
         let lines = self.graph.lines_of(unit.table, unit.instance).iter().copied();
         lines.filter(|line| self.line_is_there(*line, unit) == UnitState::Failed).collect()
     }
 
-    /// Has an engine compute some tasks, and takes note of what became of their units.
+    /// Computes some tasks in an engine, and records the outcomes of their units.
     fn wave(
         &mut self,
         engine: &dyn TaskEngine,
@@ -280,7 +279,7 @@ impl<'a> PlanRunner<'a> {
         let wave = TaskWave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, told: &told };
         let receipts = engine.run(&wave);
         if !engine.is_local() {
-            // The results are in packs that others wrote.
+            // The results are in packs that other processes wrote.
             self.store.refresh();
         }
         let mut of_key: HashMap<HashKey, (UnitOutcome, Option<Fault>)> = HashMap::new();
@@ -306,7 +305,7 @@ impl<'a> PlanRunner<'a> {
         }
     }
 
-    /// Takes note of what became of a unit.
+    /// Records the outcome of a unit.
     fn answered(
         &mut self,
         sheet: &mut TableProgress,
@@ -339,7 +338,7 @@ impl<'a> PlanRunner<'a> {
         self.record(unit, fault);
     }
 
-    /// A table whose results are not kept: each unit is made where it is needed, if its inputs are available.
+    /// Table whose results are not kept: each unit is computed on demand, if its inputs are available.
     fn passed_over(&mut self, t: usize) {
         let units: Vec<PlanUnit> = self.graph.units(t).collect();
         for unit in units {

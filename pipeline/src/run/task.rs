@@ -1,5 +1,4 @@
-//! Tasks and receipts: what goes to a worker and what comes back, as plain data. `pipeline/TASKS.md` describes their
-//! form.
+//! Tasks and receipts: requests to and answers from a worker, as plain data. `pipeline/TASKS.md` describes their form.
 
 use std::collections::BTreeMap;
 
@@ -12,43 +11,43 @@ use crate::{
     plan::{LineId, PlanGraph, PlanUnit},
 };
 
-/// The form of tasks and receipts.
+/// Format number of tasks and receipts.
 const FORM: u64 = 1;
 
-/// The version of this program.
+/// Version of this program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Some units of one table that are computed together and written into one file.
+/// Units of one table that are computed together and written into one file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Task {
-    /// The form of this object.
+    /// Format number of this object.
     task: u64,
-    /// The version that made it.
+    /// Version of the program that made it.
     pub magline: String,
-    /// The plan, a file of the store; none for a task that does not leave the process.
+    /// Plan, a file of the store; `None` for a task within this process.
     pub plan: Option<HashKey>,
-    /// The table.
+    /// Name of the table.
     pub table: String,
-    /// Whether its result is a part of a file of the table, and not a whole one.
+    /// Whether the result is a part of a file of the table, and not a whole one.
     #[serde(default, skip_serializing_if = "is_false")]
     pub part: bool,
-    /// The units, in the order of the table's rows.
+    /// Units, in the order of the table's rows.
     pub units: Vec<TaskUnit>,
 }
 
-/// A unit of a task.
+/// Unit of a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskUnit {
-    /// The sweep point.
+    /// Position of the sweep point.
     pub point: usize,
-    /// The line, as a position among those of the plan; none for a survey stage.
+    /// Position of the line among those of the plan; `None` for a survey stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<LineId>,
-    /// The key of its result.
+    /// Key of the result.
     pub key: HashKey,
-    /// Whether it is in the store, and is only written into the same file.
+    /// Whether the result is in the store, and is only written into the same file.
     #[serde(default, skip_serializing_if = "is_false")]
     pub have: bool,
     /// Unusable lines of a survey stage, sorted.
@@ -57,7 +56,7 @@ pub struct TaskUnit {
 }
 
 impl TaskUnit {
-    /// The unit, of the table `table`.
+    /// Unit of the plan, in the table `table`.
     pub fn unit(&self, table: usize) -> PlanUnit {
         PlanUnit { table, instance: self.point, line: self.line }
     }
@@ -67,27 +66,27 @@ impl TaskUnit {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Receipt {
-    /// The form of this object.
+    /// Format number of this object.
     receipt: u64,
-    /// The version that made it.
+    /// Version of the program that made it.
     pub magline: String,
-    /// The plan, as in the task.
+    /// Plan, as in the task.
     pub plan: Option<HashKey>,
-    /// The table.
+    /// Name of the table.
     pub table: String,
-    /// The hash of plan, table and keys.
+    /// Hash of plan, table and keys.
     pub task: HashKey,
-    /// The units that have an answer, in the order of the task.
+    /// Units with an answer, in the order of the task.
     pub units: Vec<UnitAnswer>,
-    /// Why the task was not looked at.
+    /// Reason why the task was rejected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
-    /// Whether the worker ended after it, because the time of a unit was over.
+    /// Whether the worker ended after it, because a unit exceeded its time limit.
     #[serde(default, skip_serializing_if = "is_false")]
     pub ended: bool,
-    /// Wall time.
+    /// Wall time, s.
     pub seconds: f64,
-    /// Host and process.
+    /// Host and process of the worker.
     pub worker: String,
 }
 
@@ -95,44 +94,44 @@ pub struct Receipt {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnitAnswer {
-    /// The sweep point.
+    /// Position of the sweep point.
     pub point: usize,
-    /// The line, as a position among those of the plan.
+    /// Position of the line among those of the plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<LineId>,
-    /// The key of its result.
+    /// Key of the result.
     pub key: HashKey,
-    /// The values of the sweep point, for people.
+    /// Values of the sweep point, for display.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub axes: BTreeMap<String, String>,
-    /// Flight and line, for people.
+    /// Flight and line, for display.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<(String, String)>,
-    /// Its outcome.
+    /// Outcome of the unit.
     pub outcome: UnitOutcome,
-    /// Why it failed.
+    /// Fault of a failed unit.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "told")]
     pub fault: Option<Fault>,
 }
 
-// The signature that serde asks for.
+// The signature is required by serde.
 #[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_false(it: &bool) -> bool {
     !it
 }
 
 impl Task {
-    /// A task of this version.
+    /// Task of this version.
     pub fn new(plan: Option<HashKey>, table: &str, part: bool, units: Vec<TaskUnit>) -> Task {
         Task { task: FORM, magline: VERSION.to_owned(), plan, table: table.to_owned(), part, units }
     }
 
-    /// The same with other units, as a part of a file.
+    /// Task with other units, as a part of a file.
     pub fn part_of(&self, units: Vec<TaskUnit>) -> Task {
         Task { part: true, units, ..Task::new(self.plan, &self.table, true, vec![]) }
     }
 
-    /// The task in one line of text.
+    /// Parses a task from one line of text.
     ///
     /// # Errors
     /// Fails for a text that is not JSON, not a task, or of another form.
@@ -140,14 +139,14 @@ impl Task {
         parsed(text, "task")
     }
 
-    /// The hash of plan, table and keys.
+    /// Hash of plan, table and keys.
     pub fn id(&self) -> HashKey {
         let plan = self.plan.map(|key| key.to_string()).unwrap_or_default();
         let keys = self.units.iter().map(|u| u.key.to_string());
         HashKey::from_parts(["task".to_owned(), plan, self.table.clone()].into_iter().chain(keys))
     }
 
-    /// A receipt of it.
+    /// Receipt of the task.
     pub fn receipt(&self, units: Vec<UnitAnswer>) -> Receipt {
         Receipt {
             receipt: FORM,
@@ -163,7 +162,7 @@ impl Task {
         }
     }
 
-    /// A receipt that says why it was not looked at.
+    /// Receipt of a rejected task, with the reason.
     pub fn refusal(&self, why: &Fault) -> Receipt {
         let help = why.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
         Receipt { refused: Some(format!("{why}{help}")), ..self.receipt(vec![]) }
@@ -171,15 +170,15 @@ impl Task {
 }
 
 impl Receipt {
-    /// The receipt in one line of text.
+    /// Parses a receipt from one line of text.
     ///
     /// # Errors
-    /// The same as [`Task::parse`].
+    /// Same as [`Task::parse`].
     pub fn parse(text: &str) -> Result<Receipt, Fault> {
         parsed(text, "receipt")
     }
 
-    /// Adds what people want to know: the values of the sweep points, flights and lines.
+    /// Adds data for display: the values of the sweep points, flights and lines.
     pub fn name(&mut self, graph: &PlanGraph, table: usize) {
         for answer in &mut self.units {
             let point = graph.plan.instance(table, answer.point).point();
@@ -197,7 +196,7 @@ impl UnitAnswer {
     }
 }
 
-/// An object of one line whose entry `word` is its form.
+/// Parses an object of one line whose entry `word` is its format number.
 fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
     let help = "`magline tasks` writes one task per line";
     let cut = |e: serde_json::Error| {
@@ -218,7 +217,7 @@ fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
     }
 }
 
-/// A fault as an object.
+/// Serialisation of a fault as an object.
 mod told {
     use serde::{Deserializer, Serializer};
 
@@ -292,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_tasks_and_receipts_are_read_as_they_are_written() {
+    fn unit_tasks_and_receipts_round_trip() {
         let task = task();
         let text = serde_json::to_string(&task).unwrap();
         assert_eq!(Task::parse(&text).unwrap(), task);
@@ -310,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_line_that_is_cut_foreign_or_of_another_form_is_refused_in_words() {
+    fn unit_truncated_foreign_or_unknown_lines_are_rejected_with_the_reason() {
         let text = serde_json::to_string(&task()).unwrap();
         for at in 1..text.len() {
             let fault = Task::parse(&text[..at]).unwrap_err();

@@ -1,4 +1,4 @@
-//! The goal of each trial of a search, from the scores in the store; and the trials that follow from them.
+//! Goal of each trial of a search, from the scores in the store, and the trials that follow from the goals.
 
 use arrow_array::{
     Array,
@@ -23,19 +23,19 @@ pub type SourceReadCallback<'a> = dyn Fn(&str, &ReadProgress) + Sync + 'a;
 
 /// Stored state of a unit.
 enum StoredUnitState {
-    /// Its rows.
+    /// Stored rows.
     There,
-    /// It cannot be computed from the data, or one of its inputs cannot.
+    /// Failure caused by the data of the unit or of an input.
     Failed(Option<Box<Fault>>),
-    /// Nothing: it was not computed yet.
+    /// Not computed yet.
     Unknown,
 }
 
-/// The goals of `rows`, which are the trials of the plan of `graph`. `None` where a score of one of them is not
-/// computed yet; with `all` that counts as a failure.
+/// Goals of `rows`, which are the trials of the plan of `graph`. `None` if a score of one of them is not computed yet;
+/// with `all` that counts as a failure.
 ///
-/// A trial that lacks the scores of a line has no goal: a mean over fewer lines is not to be compared. Lines that
-/// cannot be read are left out of all trials.
+/// A trial that lacks the scores of a line has no goal, because means over different lines are not comparable.
+/// Unreadable lines are excluded from all trials.
 ///
 /// # Errors
 /// Fails when `where` selects no line, or the store cannot be read.
@@ -70,15 +70,15 @@ pub fn scored(
     Ok(Some(found))
 }
 
-/// Checks that the goal of a search is of some line.
+/// Checks that the goal of a search covers at least one line.
 ///
 /// # Errors
-/// Fails when it is of none.
+/// Fails when it covers none.
 pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
     graph.plan.goal()?.map_or(Ok(()), |goal| wanted(graph, &goal).map(drop))
 }
 
-/// The failure of a search of which no trial has a goal.
+/// Failure of a search in which no trial has a goal.
 pub fn vain(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
     let search = plan.spec.search.as_ref()?;
     let why = trials.first()?.error.clone().unwrap_or_default();
@@ -91,7 +91,7 @@ pub fn vain(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
     })
 }
 
-/// Whether each line counts: `where` selects it, and it can be read.
+/// Whether each line counts: `where` selects it, and it is readable.
 fn wanted(graph: &PlanGraph, goal: &SearchGoal) -> Result<Vec<bool>, Fault> {
     let selected = match &goal.lines {
         Some(predicate) => predicate.lines(&graph.lines)?,
@@ -149,7 +149,7 @@ fn one(
     Ok(Some(SearchTrialScore { row: row.clone(), goal, cost, lines: units.len(), error, promoted: false }))
 }
 
-/// The value of the metric, its weight and its spread, where it has one.
+/// Value of the metric, its weight and its spread, if available.
 fn values(
     graph: &PlanGraph,
     store: &Store,
@@ -203,7 +203,7 @@ fn fate(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitSt
                 TableRef::Map(_) | TableRef::Flights(_) => StoredUnitState::There,
             },
             (true, None) => {
-                // A fit skips the lines that failed, unless all did.
+                // A fit skips failed lines, unless all failed.
                 let lines = graph.lines_of(unit.table, unit.instance);
                 let mut fates = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
                 let failed = !fates.is_empty() && fates.iter().all(|f| matches!(f, StoredUnitState::Failed(_)));
@@ -217,8 +217,8 @@ fn fate(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitSt
     Ok(StoredUnitState::Unknown)
 }
 
-/// The plan with all trials that follow from the scores in `store`; the plan itself where it has no search, or where
-/// all trials are known beforehand.
+/// Plan with all trials that follow from the scores in `store`. Without a search, or if all trials are known in
+/// advance, the plan itself.
 ///
 /// # Errors
 /// Fails when a plan of these trials, its sources or the store cannot be read.
@@ -235,12 +235,11 @@ pub fn settled(
     }
 }
 
-/// The plan with as many trials as a search may come to, and the number of those that are assumed: trials that do not
-/// follow from the scores in `store` yet follow from scores that are made up here. It says what the search costs, not
-/// what it finds.
+/// Plan with the maximum number of trials of a search, and the number of assumed trials. Assumed trials do not follow
+/// from the scores in `store` yet, but from invented scores. The plan gives the cost of the search, not its result.
 ///
 /// # Errors
-/// The same as [`settled`].
+/// Same as [`settled`].
 pub fn foreseen(
     plan: Plan,
     catalogue: &[StageEntry],
@@ -259,14 +258,14 @@ pub fn foreseen(
     Ok((Plan::new(plan.spec.with_trials(&rows), catalogue)?, assumed))
 }
 
-/// A row with a score that prefers no value of an axis: multiples of the golden ratio are spread evenly.
+/// Row with an invented score that favours no value of an axis: multiples of the golden ratio are spread evenly.
 fn made_up(row: &SearchTrial) -> SearchTrialScore {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let cost = Some((row.trial as f64 * GOLDEN).fract());
     SearchTrialScore { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
 }
 
-/// The course of a search as far as the scores in `store` take it; none where all trials are known beforehand.
+/// Course of a search up to the last score in `store`; `None` if all trials are known in advance.
 fn followed<'a>(
     search: &'a SearchSpec,
     plan: &Plan,

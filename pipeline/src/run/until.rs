@@ -1,4 +1,4 @@
-//! A run of some tables only: what the others have already, and what stays as it was.
+//! Run of selected tables: the current results of the other tables, and the tables that stay unchanged.
 
 use schemas::Grain;
 
@@ -7,14 +7,14 @@ use crate::plan::{Plan, PlanUnit, TableRef};
 
 /// The target tables of a run up to one table.
 pub struct TargetTables {
-    /// Their positions; `None` for all.
+    /// Positions; `None` for all tables.
     tables: Option<Vec<usize>>,
-    /// Those that are not up to date and were not asked for.
+    /// Tables that are out of date and were not requested.
     pub left: Vec<usize>,
 }
 
 impl TargetTables {
-    /// Up to the table at position `until`, or all.
+    /// Targets up to the table at position `until`, or all tables.
     pub fn new(plan: &Plan, until: Option<usize>) -> TargetTables {
         TargetTables { tables: until.map(|t| plan.rests_on(t)), left: vec![] }
     }
@@ -33,7 +33,7 @@ impl TargetTables {
         })
     }
 
-    /// The names of the tables that were left, of those that are published.
+    /// Names of the published tables that stay unchanged.
     pub fn names<'p>(&self, plan: &'p Plan) -> impl Iterator<Item = &'p str> {
         let published = |t: &usize| plan.decl(*t).is_some_and(|d| d.publish);
         self.left.iter().copied().filter(published).filter_map(|t| plan.tables.get(t)).map(|node| node.name.as_str())
@@ -41,7 +41,7 @@ impl TargetTables {
 }
 
 impl PlanRunner<'_> {
-    /// Whether the table `t`, which is not asked for, is left as it is: something of it would be computed.
+    /// Whether the table `t`, which is not requested, stays unchanged because some of its units would be computed.
     pub(super) fn is_left(&self, t: usize, left: &[usize]) -> bool {
         let node = &self.graph.plan.tables[t];
         let on_left = |r: TableRef| matches!(r, TableRef::Stage(up, _) if left.contains(&up));
@@ -49,7 +49,7 @@ impl PlanRunner<'_> {
             return true;
         }
         let unit_needs = |unit: PlanUnit| matches!(self.look(unit), UnitLookup::Need(_));
-        // Results that are not kept cost nothing until they are needed.
+        // Results that are not kept need no computation until they are used.
         let kept = node.keep || node.entry.grain != Grain::Line;
         kept && self.graph.units(t).any(unit_needs)
     }

@@ -1,4 +1,4 @@
-//! The work itself: the inputs of some units are read, and their stage is run.
+//! Computation of units: reads the inputs of some units, and runs their stage.
 
 use std::{
     collections::HashMap,
@@ -22,12 +22,12 @@ use crate::{
 mod inputs;
 mod survey;
 
-/// The result of a computed unit.
+/// Result of a computed unit.
 #[derive(Clone)]
 pub struct UnitResult {
-    /// The unit.
+    /// Unit of the plan.
     pub unit: PlanUnit,
-    /// The columns that its stage made, or why it could not.
+    /// Columns that the stage made, or its fault.
     pub rows: Result<RecordBatch, Fault>,
     /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
@@ -39,7 +39,7 @@ impl UnitResult {
     }
 }
 
-/// Points of a sweep that are computed together on one line, as wide as the widest vectors of numbers.
+/// Number of points of a sweep that are computed together on one line; equals the widest SIMD vectors.
 const POINTS_A_GROUP: usize = 8;
 
 /// Dependencies of a stage's preparation: its table, and the parameters, models and maps that it uses.
@@ -71,13 +71,13 @@ pub struct UnitWorker<'a> {
 }
 
 impl<'a> UnitWorker<'a> {
-    /// For all tables of a run.
+    /// Worker for all tables of a run.
     pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store, listener: &'a dyn Listener) -> UnitWorker<'a> {
         let cuts = (0..graph.plan.tables.len()).map(|t| TableAssembler::new(graph, t)).collect();
         UnitWorker { graph, store, listener, prepared: Mutex::default(), cuts }
     }
 
-    /// The plan with its data.
+    /// Plan with its data.
     pub fn graph(&self) -> &'a PlanGraph<'a> {
         self.graph
     }
@@ -98,10 +98,10 @@ impl<'a> UnitWorker<'a> {
         self.graph.plan.tables[table].entry.grain
     }
 
-    /// The contents of the files of a table.
+    /// Contents of the files of a table.
     ///
     /// # Errors
-    /// The same as [`TableAssembler::new`].
+    /// Same as [`TableAssembler::new`].
     pub fn cut(&self, table: usize) -> Result<&TableAssembler<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),
@@ -116,8 +116,8 @@ impl<'a> UnitWorker<'a> {
         }
     }
 
-    /// Computes `units` of one table, in their order, in parallel; `done` is called with each finished group. Units
-    /// that an interrupt leaves out are not among the results.
+    /// Computes `units` of one table, in their order, in parallel. Calls `done` with each finished group. The results
+    /// lack units that an interrupt skips.
     pub fn compute(
         &self,
         units: &[PlanUnit],
@@ -148,12 +148,12 @@ impl<'a> UnitWorker<'a> {
         units.iter().filter_map(|u| of.remove(u)).collect()
     }
 
-    /// The stage of a unit at its point.
+    /// Stage of a unit at its point.
     pub fn instance(&self, unit: PlanUnit) -> StageInstance<'a> {
         self.graph.plan.instance(unit.table, unit.instance)
     }
 
-    /// Some points of one line, run together.
+    /// Computes some points of one line together.
     fn lines(&self, units: &[PlanUnit]) -> Vec<UnitResult> {
         let mut held = LineColumnCache::new(self);
         let mut input = |unit: &PlanUnit| -> Result<LineUnitInput, Fault> {
@@ -186,10 +186,10 @@ impl<'a> UnitWorker<'a> {
         units.iter().zip(&points).map(one).collect()
     }
 
-    /// The columns that one unit of a line stage makes.
+    /// Columns that one unit of a line stage makes.
     ///
     /// # Errors
-    /// Fails when its inputs cannot be read, and where its stage does.
+    /// Fails when its inputs cannot be read, or its stage fails.
     pub fn alone(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let input = self.input(unit, line, held)?;
         let arrays = guarded(|| input.stage.of_lines()?.run(&input.line, &input.prepared));
@@ -197,14 +197,14 @@ impl<'a> UnitWorker<'a> {
         self.batch(&self.instance(unit), arrays)
     }
 
-    /// A unit of a line stage, ready to run.
+    /// Unit of a line stage with its inputs.
     fn input(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<LineUnitInput, Fault> {
         let stage = self.instance(unit).stage()?;
         let prepared = self.prepare(unit, &stage)?;
         Ok(LineUnitInput { line: self.line_in(unit, line, held)?, stage, prepared })
     }
 
-    /// One point of a stage that works on maps.
+    /// Computes one point of a stage that works on maps.
     fn map(&self, unit: PlanUnit) -> UnitResult {
         let made = || {
             let it = self.instance(unit);
@@ -222,7 +222,7 @@ impl<'a> UnitWorker<'a> {
         }
     }
 
-    /// The stage's arrays as a batch, checked against its declaration.
+    /// Batch of the stage's arrays, checked against its declaration.
     fn batch(&self, it: &StageInstance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
         let fields: Vec<Field> = it.yields.columns.iter().map(schemas::Column::field).collect();
         let fits =
@@ -239,7 +239,7 @@ fn empty() -> RecordBatch {
     RecordBatch::new_empty(Arc::new(Schema::empty()))
 }
 
-/// Runs a stage; a panic in it is an error of that stage, not the end of the run.
+/// Runs a stage. A panic is an error of that stage and does not end the run.
 fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|cause| {
         let text = cause.downcast_ref::<String>().map(String::as_str).or_else(|| cause.downcast_ref::<&str>().copied());
@@ -247,7 +247,7 @@ fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     })
 }
 
-/// Some points of one line each, in the order of the units.
+/// Groups of units by line, in the order of the units.
 fn by_line(units: &[PlanUnit]) -> Vec<Vec<PlanUnit>> {
     let mut lines: Vec<Vec<PlanUnit>> = vec![];
     let mut at: HashMap<Option<LineId>, usize> = HashMap::new();

@@ -1,4 +1,4 @@
-//! Who may ask: whoever knows the token, as `Bearer TOKEN`, or as the password of any user.
+//! Authentication of clients by the token, as `Bearer TOKEN`, or as the password of any user.
 
 use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
 use schemas::Fault;
@@ -6,13 +6,13 @@ use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
 
 use crate::ports::PortClient;
 
-/// The least number of characters of a token.
+/// Minimum number of characters of a token.
 const SHORTEST: usize = 16;
 
 const WRONG: &str =
     "the token is missing or wrong; send it as `authorization: Bearer TOKEN`, or as the password of any user";
 
-/// A secret that clients must know. It is compared by its hash, in a time that does not depend on it.
+/// Secret that clients must present. It is compared by its hash, in constant time.
 #[derive(Clone)]
 pub struct Token {
     text: String,
@@ -23,7 +23,7 @@ impl Token {
     /// Reads the text of a token file: one word of at least 16 visible ASCII characters.
     ///
     /// # Errors
-    /// Fails for anything else.
+    /// Fails for any other text.
     pub fn read(text: &str) -> Result<Token, Fault> {
         let text = text.trim();
         let fault = |what: String| Fault::new(what).help("create one with `openssl rand -hex 32`");
@@ -42,18 +42,18 @@ impl Token {
     }
 
     fn is(&self, text: &[u8]) -> bool {
-        // The comparison of two hashes takes the same time for all.
+        // The comparison of two hashes takes constant time.
         blake3::hash(text) == self.hash
     }
 
-    /// Whether the headers of a request hold it.
+    /// Whether the headers of a request contain the token.
     pub fn admits(&self, headers: &MetadataMap) -> bool {
         let Some(header) = headers.get("authorization").and_then(|h| h.to_str().ok()) else { return false };
         let Some((scheme, rest)) = header.split_once(' ') else { return false };
         if scheme.eq_ignore_ascii_case("bearer") {
             return self.is(rest.trim().as_bytes());
         }
-        // Some clients pad, some do not.
+        // Padding is optional, because clients differ.
         let pair = || BASE64_STANDARD_NO_PAD.decode(rest.trim().trim_end_matches('=')).ok();
         let known = scheme.eq_ignore_ascii_case("basic").then(pair).flatten();
         known.is_some_and(|pair| pair.splitn(2, |b| *b == b':').nth(1).is_some_and(|password| self.is(password)))
@@ -65,7 +65,7 @@ impl Token {
 pub struct TokenInterceptor(Option<Token>);
 
 impl TokenInterceptor {
-    /// Check of `token`; without a token all requests pass.
+    /// Interceptor for `token`; without a token all requests pass.
     pub fn new(token: Option<Token>) -> TokenInterceptor {
         TokenInterceptor(token)
     }
@@ -76,7 +76,7 @@ impl Interceptor for TokenInterceptor {
         if self.0.as_ref().is_some_and(|token| !token.admits(request.metadata())) {
             return Err(Status::unauthenticated(WRONG));
         }
-        // From now on the connection is one of a client, and no longer one of a stranger.
+        // The connection now counts as authenticated.
         if request.extensions().get::<PortClient>().is_some_and(|guest| !guest.admit()) {
             return Err(Status::resource_exhausted("too many clients are connected; try again later"));
         }
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_token_that_can_be_guessed_is_refused() {
+    fn unit_short_or_invalid_tokens_are_rejected() {
         for wrong in ["", "  \n", "short", "0123456789 abcdef", "0123456789abcd\u{e9}f"] {
             assert!(Token::read(wrong).is_err(), "{wrong:?}");
         }

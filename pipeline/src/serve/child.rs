@@ -1,5 +1,5 @@
-//! The process of one query: it plans and computes, and is ended when it takes too long or too much memory. The
-//! question comes by standard input, the answer goes by standard output, in pieces.
+//! Process of one query: plans and computes it, and is ended when it exceeds its time or memory. It reads the request
+//! from standard input and writes the answer in chunks to standard output.
 
 use std::{
     fs::File,
@@ -28,62 +28,62 @@ use crate::{
     views::sql::{SqlSession, VersionPins, WORKER_STACK, memory},
 };
 
-/// The most threads that compute a query, and that wait for its files.
+/// Maximum number of threads that compute a query, and of threads that wait for its files.
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
 /// Memory of a query that its operators do not count, such as batches in transit.
 pub const BESIDE: usize = 96 << 20;
 
-/// A request to a process.
+/// Request to a process.
 #[derive(Serialize, Deserialize)]
 pub struct QueryRequest {
-    /// The store's folder.
+    /// Folder of the store.
     pub store: PathBuf,
-    /// The folder to spill to.
+    /// Folder for spilled data.
     pub spill: PathBuf,
-    /// The memory for its operators.
+    /// Memory for its operators, bytes.
     pub memory: usize,
-    /// The memory that the kernel allows it.
+    /// Memory limit set by the kernel, bytes.
     pub most: usize,
-    /// The query.
+    /// Text of the query.
     pub query: String,
-    /// The values of its parameters: one batch, as an IPC stream in base64.
+    /// Values of its parameters: one batch, as an IPC stream in base64.
     pub parameters: Option<String>,
-    /// The versions of the tables; those of now where there are none.
+    /// Versions of the tables; `None` for the current ones.
     pub pins: Option<VersionPins>,
-    /// Whether rows are wanted, and not only columns.
+    /// Whether rows are requested, and not only columns.
     pub rows: bool,
 }
 
-/// The schema and notes of a query, before its rows.
+/// Schema and notes of a query, before its rows.
 #[derive(Serialize, Deserialize)]
 pub struct QueryHeader {
     /// Its columns: an IPC stream in base64.
     pub columns: String,
-    /// Its open parameters: the same.
+    /// Its open parameters, in the same form.
     pub parameters: String,
-    /// The versions of the tables.
+    /// Versions of the tables.
     pub pins: VersionPins,
 }
 
-/// The error of a query.
+/// Error of a query.
 #[derive(Serialize, Deserialize)]
 pub struct QueryFailure {
     /// The message.
     pub text: String,
-    /// Whether the query is wrong, and not the machine.
+    /// Whether the query is invalid, as opposed to a fault of the machine.
     pub lasting: bool,
 }
 
-/// A message of a query process: header, rows, end or failure.
+/// Message of a query process: header, rows, end or failure.
 pub enum QueryChunk {
-    /// The schema and notes, before the rows.
+    /// Schema and notes, before the rows.
     Head(QueryHeader),
     /// Rows, as an IPC stream.
     Rows(Vec<u8>),
-    /// All rows were sent.
+    /// End after all rows.
     End,
-    /// It failed.
+    /// Failure.
     Failed(QueryFailure),
 }
 
@@ -92,11 +92,11 @@ const ROWS: u8 = b'r';
 const END: u8 = b'e';
 const FAILED: u8 = b'f';
 
-/// The longest piece.
+/// Maximum size of a message, bytes.
 const LONGEST: usize = 1 << 31;
 
 impl QueryChunk {
-    /// Writes it.
+    /// Writes the message.
     fn write(&self, to: &mut impl Write) -> std::io::Result<()> {
         let (kind, bytes) = match self {
             QueryChunk::Head(head) => (HEAD, serde_json::to_vec(head)?.into()),
@@ -110,7 +110,7 @@ impl QueryChunk {
         to.flush()
     }
 
-    /// Reads the next one; none where the process has ended.
+    /// Reads the next message; `None` after the process has ended.
     pub fn read(from: &mut impl Read) -> Option<QueryChunk> {
         let (mut kind, mut length) = ([0], [0; 8]);
         from.read_exact(&mut kind).ok()?;
@@ -128,7 +128,7 @@ impl QueryChunk {
     }
 }
 
-/// A schema, or a batch with its schema, as an IPC stream.
+/// Schema, or a batch with its schema, as an IPC stream.
 ///
 /// # Errors
 /// Fails when Arrow cannot write it.
@@ -141,19 +141,19 @@ pub fn packed(schema: &Schema, batch: Option<&RecordBatch>) -> Result<Vec<u8>, A
     Ok(bytes)
 }
 
-/// The schema and the batches of an IPC stream.
+/// Schema and batches of an IPC stream.
 ///
 /// # Errors
-/// Fails when it is none.
+/// Fails when it is not an IPC stream.
 pub fn unpacked(bytes: &[u8]) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowError> {
     let reader = StreamReader::try_new(bytes, None)?;
     Ok((reader.schema(), reader.collect::<Result<_, _>>()?))
 }
 
-/// The same in text.
+/// [`packed`] as text.
 ///
 /// # Errors
-/// The same as [`packed`].
+/// Same as [`packed`].
 pub fn spelt(schema: &Schema, batch: Option<&RecordBatch>) -> Result<String, ArrowError> {
     Ok(BASE64_STANDARD.encode(packed(schema, batch)?))
 }
@@ -161,13 +161,13 @@ pub fn spelt(schema: &Schema, batch: Option<&RecordBatch>) -> Result<String, Arr
 /// Reads the text of [`spelt`].
 ///
 /// # Errors
-/// Fails when it is none.
+/// Fails for any other text.
 pub fn read(text: &str) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowError> {
     let bytes = BASE64_STANDARD.decode(text).map_err(|e| ArrowError::ParseError(e.to_string()))?;
     unpacked(&bytes)
 }
 
-/// The columns as they are sent: no dictionaries.
+/// Columns as they are sent: without dictionaries.
 fn plain(schema: &Schema) -> Schema {
     let one = |field: &arrow_schema::FieldRef| match field.data_type() {
         DataType::Dictionary(_, values) => {
@@ -178,20 +178,20 @@ fn plain(schema: &Schema) -> Schema {
     Schema::new_with_metadata(schema.fields().iter().map(one).collect::<Vec<_>>(), schema.metadata().clone())
 }
 
-/// Answers the question of standard input; what is wrong with it is a piece of the answer.
+/// Answers the request on standard input; an invalid request is reported in the answer.
 ///
 /// # Errors
-/// Fails when nobody listens.
+/// Fails when the answer has no reader.
 pub fn answer() -> Result<(), Fault> {
     let lost = |e: std::io::Error| Fault::machine(format!("the server has ended: {e}"));
     confine::end_with_parent();
     let mut text = String::new();
     stdin().read_to_string(&mut text).map_err(lost)?;
     let question: QueryRequest = serde_json::from_str(&text).map_err(|e| Fault::bug(format!("no question: {e}")))?;
-    // Not line by line.
+    // The output is not line-buffered.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
     let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
-    // A text that is longer than its offsets can count ends DataFusion with a panic.
+    // A text whose length exceeds its offsets causes a panic of DataFusion.
     let too_long = |_| {
         let what = format!("{}, or its texts exceed 2 GiB", memory::exceeded(question.memory));
         Err(Fault::new(what).help("select fewer rows or shorter texts"))

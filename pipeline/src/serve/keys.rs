@@ -5,8 +5,8 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Int32Array, RecordBatch, StringArray};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 
-/// The columns that tell the rows of a table of flight lines apart: axes, flight, line and time. Other tables have no
-/// key that is promised.
+/// Columns that identify the rows of a table of flight lines: axes, flight, line and time. Other tables have no
+/// guaranteed key.
 pub fn primary(schema: &Schema) -> Vec<&str> {
     let role = |f: &Field| f.metadata().get("role").cloned().unwrap_or_default();
     let is_key = |f: &&Arc<Field>| role(f) == "key" || f.name() == "tt";
@@ -18,7 +18,7 @@ fn text(name: &str, nullable: bool) -> Field {
     Field::new(name, DataType::Utf8, nullable)
 }
 
-/// The columns of an answer about primary keys.
+/// Columns of an answer about primary keys.
 pub fn primary_schema() -> SchemaRef {
     Arc::new(Schema::new(vec![
         text("catalog_name", true),
@@ -30,10 +30,10 @@ pub fn primary_schema() -> SchemaRef {
     ]))
 }
 
-/// The primary key of one table.
+/// Primary key of one table.
 ///
 /// # Errors
-/// Never: its columns fit.
+/// Never fails: its columns match the schema.
 pub fn primary_batch(catalog: &str, pipeline: &str, table: &str, columns: &[&str]) -> Result<RecordBatch, ArrowError> {
     let n = columns.len();
     let same = |x: &str| -> ArrayRef { Arc::new(StringArray::from(vec![x; n])) };
@@ -43,7 +43,7 @@ pub fn primary_batch(catalog: &str, pipeline: &str, table: &str, columns: &[&str
     RecordBatch::try_new(primary_schema(), vec![same(catalog), same(pipeline), same(table), names, numbers, none])
 }
 
-/// The columns of an answer about foreign keys, of which a store has none.
+/// Columns of an answer about foreign keys, which a store does not have.
 pub fn foreign_schema() -> SchemaRef {
     let mut fields = vec![];
     for side in ["pk", "fk"] {

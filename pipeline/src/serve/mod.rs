@@ -1,7 +1,7 @@
 //! `magline serve`: the tables of a store over Arrow Flight SQL, read-only.
 //!
-//! A query sees the tables as they are when it is planned, by the session of `magline sql` with the same rules; what a
-//! run publishes meanwhile is seen by later ones. Answers are streamed as they are computed.
+//! A query reads the tables in their state at planning, through the session of `magline sql` with the same rules.
+//! Results published later are visible to later queries. Answers are streamed during computation.
 
 mod auth;
 mod child;
@@ -33,47 +33,47 @@ use service::StoreQueryService;
 
 /// Settings of the query server of a store.
 pub struct ServerSettings {
-    /// This program: each query is computed by a process of it.
+    /// Path of this program, which computes each query in a separate process.
     pub program: PathBuf,
-    /// The store's folder.
+    /// Folder of the store.
     pub store: PathBuf,
-    /// Where to listen; port 0 takes a free one.
+    /// Address to listen on; port 0 selects a free one.
     pub bind: SocketAddr,
     /// Token that a client must send.
     pub token: Option<Token>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(Vec<u8>, Vec<u8>)>,
-    /// The bytes that all queries together may take.
+    /// Maximum memory of all queries together, bytes.
     pub memory: usize,
-    /// Where they spill to.
+    /// Folder for spilled data.
     pub spill: PathBuf,
-    /// Queries at once; others wait.
+    /// Maximum number of simultaneous queries; others wait.
     pub queries: usize,
-    /// The longest time for a query, from its request to its last row.
+    /// Maximum time of a query, from its request to its last row.
     pub timeout: Duration,
 }
 
-/// Threads for connections; queries have their own.
+/// Threads for connections; queries have separate ones.
 const CONNECTION_THREADS: usize = 2;
-/// The time that open answers have to end after a stop.
+/// Time that open answers have to end after a stop.
 const GRACE: Duration = Duration::from_secs(3);
-/// A client that does not answer for so long is gone.
+/// Time after which a silent client counts as disconnected.
 const ALIVE: Duration = Duration::from_secs(30);
-/// The longest message of a client: a query, or the values of its parameters. Answers are sent in messages of about 2
-/// MB.
+/// Maximum size of a message from a client: a query, or the values of its parameters, bytes. Answers are sent in
+/// messages of about 2 MB.
 const MESSAGE: usize = 4 << 20;
-/// Requests at once on one connection; others wait.
+/// Simultaneous requests on one connection; others wait.
 const STREAMS: u32 = 64;
 
 fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("{what}: {e}"))
 }
 
-/// Serves until `stop` is true, or its sender is gone. `started` receives the address.
+/// Serves until `stop` is true, or its sender is dropped. `started` receives the address.
 ///
 /// # Errors
-/// Fails when the address cannot be listened at beyond this machine without a token, is taken, or the certificate or
-/// key cannot be used.
+/// Fails when the address is in use or is reachable from other hosts without a token, or the certificate or key is
+/// invalid.
 pub fn serve(
     settings: ServerSettings,
     started: impl FnOnce(SocketAddr),
@@ -90,14 +90,14 @@ pub fn serve(
     };
     let connections = threads("connections").worker_threads(CONNECTION_THREADS).build();
     let connections: Runtime = connections.map_err(|e| machine("cannot start threads", &e))?;
-    // Each query has a thread that reads what its process computes.
+    // Each query has a thread that reads the output of its process.
     let computing = threads("queries").worker_threads(CONNECTION_THREADS).build();
     let computing: Runtime = computing.map_err(|e| machine("cannot start threads", &e))?;
     let queries = QueryRegistry::new(&settings, computing.handle().clone());
     let processes = queries.processes();
     let done = connections.block_on(listen(settings, queries, started, stop));
     processes.end();
-    // The clients of running queries are gone.
+    // The clients of running queries have disconnected.
     computing.shutdown_background();
     connections.shutdown_background();
     done
@@ -121,7 +121,7 @@ async fn listen(
     let door = PortListener::new(listener, encryption);
     started(door.address().map_err(|e| taken(&e))?);
     let stopped = |mut stop: watch::Receiver<bool>| async move {
-        // A sender that is gone will not stop it any more.
+        // A dropped sender cannot stop it any more.
         let _ = stop.wait_for(|stop| *stop).await;
     };
     let (first, later) = (stopped(stop.clone()), stopped(stop));

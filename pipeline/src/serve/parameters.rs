@@ -17,7 +17,7 @@ use schemas::Fault;
 /// Returns `query` with `$1`, `$2`, ... for each parameter `?`, in the order of the text.
 ///
 /// # Errors
-/// Fails where both are used.
+/// Fails when both forms are used.
 pub fn numbered(query: &str) -> Result<String, Fault> {
     if !query.contains('?') {
         return Ok(query.to_owned());
@@ -67,18 +67,18 @@ fn listed(names: &[&str]) -> String {
     names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
 }
 
-/// Fails for a plan that cannot be computed because parameters have no value.
+/// Checks that all parameters of a plan have values.
 ///
 /// # Errors
-/// Names the parameters.
+/// Fails with the names of the parameters.
 pub fn bound(plan: &LogicalPlan) -> Result<(), Fault> {
     valued(&open(plan))
 }
 
-/// Fails for open parameters.
+/// Checks that there are no open parameters.
 ///
 /// # Errors
-/// Names them.
+/// Fails with their names.
 pub fn valued(open: &Schema) -> Result<(), Fault> {
     let names: Vec<&str> = open.fields().iter().map(|f| f.name().as_str()).collect();
     if names.is_empty() {
@@ -88,10 +88,10 @@ pub fn valued(open: &Schema) -> Result<(), Fault> {
     Err(fault.help("prepare the query and bind one row of values"))
 }
 
-/// The values of the one row of `values` for the open parameters of `plan`: numbered ones by position, others by name.
+/// Values of the one row of `values` for the open parameters of `plan`: numbered ones by position, others by name.
 ///
 /// # Errors
-/// Fails when there are not exactly those that the plan needs.
+/// Fails when they differ from the parameters of the plan.
 pub fn values(plan: &LogicalPlan, values: &RecordBatch) -> Result<ParamValues, Fault> {
     let open = open(plan);
     let names: Vec<&str> = open.fields().iter().map(|f| f.name().as_str()).collect();

@@ -1,5 +1,4 @@
-//! Queries as processes: a query that takes too long or too much memory is ended by the kernel, and takes nothing else
-//! with it.
+//! Queries as processes: a query that exceeds its time or memory is ended by the kernel without effect on others.
 
 use std::{
     collections::BTreeMap,
@@ -34,21 +33,21 @@ use crate::{
     views::sql::{VersionPins, memory},
 };
 
-/// The interval of looking at the memory of a query.
+/// Interval of checks of the memory of a query.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
-/// Memory of a process without queries: its program, its threads.
+/// Memory of a process without a query: its program and threads, bytes.
 const OWN: usize = 64 << 20;
-/// Queries that wait for their turn; more are refused at once.
+/// Maximum number of waiting queries; further ones are rejected at once.
 const MOST_WAITING: usize = 256;
 
 /// Input of a query: text, values of parameters, versions of the tables.
 #[derive(Clone)]
 pub struct QueryInput {
-    /// The query.
+    /// Text of the query.
     pub query: String,
-    /// One batch, as an IPC stream in base64.
+    /// Values of the parameters: one batch, as an IPC stream in base64.
     pub parameters: Option<String>,
-    /// The versions of the tables; those of now where there are none.
+    /// Versions of the tables; `None` for the current ones.
     pub pins: Option<VersionPins>,
 }
 
@@ -70,11 +69,11 @@ struct QueryProcessPoolState {
     runtime: Handle,
 }
 
-/// A process that runs.
+/// Running process.
 struct QueryProcess {
     process: u32,
     bytes: usize,
-    /// Why it was ended.
+    /// Reason for its end.
     ended: Option<Status>,
 }
 
@@ -88,7 +87,7 @@ impl Drop for QueueGuard<'_> {
 }
 
 impl QueryProcessPool {
-    /// None yet.
+    /// Pool without processes.
     pub fn new(settings: &ServerSettings, runtime: Handle) -> QueryProcessPool {
         QueryProcessPool(Arc::new(QueryProcessPoolState {
             program: settings.program.clone(),
@@ -120,23 +119,23 @@ impl QueryProcessPool {
         ))
     }
 
-    /// The columns of a query.
+    /// Columns of a query.
     ///
     /// # Errors
-    /// Fails when the query is wrong, does anything but ask, or takes too long or too much.
+    /// Fails when the query is invalid, is not read-only, or exceeds its time or memory.
     pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
-        // Its place and its part of the memory are free when it has ended.
+        // Its place and its share of the memory are free when it has ended.
         while let Some(piece) = reader.next().await {
             piece?;
         }
         Ok(head)
     }
 
-    /// The columns of a query, and its rows as they come.
+    /// Columns of a query, and the stream of its rows.
     ///
     /// # Errors
-    /// The same as [`QueryProcessPool::plan`].
+    /// Same as [`QueryProcessPool::plan`].
     pub async fn answer(&self, asked: QueryInput) -> Result<(QueryHeader, SpoolReader), Status> {
         self.begin(asked, true).await
     }
@@ -151,14 +150,14 @@ impl QueryProcessPool {
         let (own, question) = (spool.clone(), self.question(asked, rows));
         self.0.runtime.spawn_blocking(move || {
             let end = this.computed(number, &question, &own, tell);
-            // Others may compute while a slow client reads.
+            // Other queries may run while a slow client reads.
             drop(permit);
             own.end(end);
         });
         self.0.runtime.spawn(self.clone().watch(number, spool, deadline));
         match head.await {
             Ok(head) => Ok((head, reader)),
-            // It ended before: its end says why.
+            // The process ended earlier: its end holds the reason.
             Err(_) => match reader.next().await {
                 Some(Err(why)) => Err(why),
                 Some(Ok(_)) | None => Err(Status::internal("the query ended without a result")),
@@ -166,7 +165,7 @@ impl QueryProcessPool {
         }
     }
 
-    /// A place among the queries that are computed at once.
+    /// Takes a place among the simultaneous queries.
     async fn place(&self, deadline: Instant) -> Result<OwnedSemaphorePermit, Status> {
         let busy = || Status::resource_exhausted("too many queries are running; repeat the query later");
         let before = self.0.waiting.fetch_add(1, Ordering::Relaxed);
@@ -193,7 +192,7 @@ impl QueryProcessPool {
         }
     }
 
-    /// Runs the process of a question to its end.
+    /// Runs the process of a request to its end.
     fn computed(
         &self,
         number: u64,
@@ -207,7 +206,7 @@ impl QueryProcessPool {
         let mut child = command.spawn().map_err(machine)?;
         self.running().insert(number, QueryProcess { process: child.id(), bytes: 0, ended: None });
         let read = self.read(&mut child, question, spool, tell);
-        // From here on nobody sends it a signal: its number may be another's once it was waited for.
+        // From here on no signal is sent to it: its number may belong to another process after the wait.
         let ended = self.running().remove(&number).and_then(|running| running.ended);
         let _ = child.kill();
         let status = child.wait();
@@ -219,7 +218,7 @@ impl QueryProcessPool {
         }
     }
 
-    /// Reads the answer of a process; none where it stops before its end.
+    /// Reads the answer of a process; `None` if it stops before its end.
     fn read(
         &self,
         child: &mut Child,
@@ -248,8 +247,8 @@ impl QueryProcessPool {
         }
     }
 
-    /// Ends a query whose time is over, whose client has gone away, or which takes too much memory; and the answer of
-    /// one whose client is too slow.
+    /// Ends a query that exceeds its time or memory, or whose client has disconnected. Ends the answer of a client that
+    /// is too slow.
     async fn watch(self, number: u64, spool: SpoolWriter, deadline: Instant) {
         let looked = async {
             let mut looks = interval(LOOKS_EVERY);
@@ -289,7 +288,7 @@ impl QueryProcessPool {
         }
     }
 
-    /// Ends all.
+    /// Ends all processes.
     pub fn end(&self) {
         self.0.at_once.close();
         for running in self.running().values_mut() {
@@ -300,9 +299,9 @@ impl QueryProcessPool {
 }
 
 fn stop(process: u32) {
-    // One that has ended needs no signal.
+    // A process that has ended needs no signal.
     let _ = i32::try_from(process).map(|process| kill(Pid::from_raw(process), Signal::SIGKILL));
 }
 
-/// The command of this program that answers one query.
+/// Subcommand of this program that answers one query.
 pub const COMMAND: &str = "answer-query";

@@ -1,4 +1,5 @@
-//! Queries under way: planned over one state of the store, limited in number, memory and time, answered piece by piece.
+//! Queries in progress: planned over one state of the store, limited in number, memory and time, and answered in
+//! chunks.
 
 use std::{
     collections::BTreeMap,
@@ -26,13 +27,13 @@ use super::{
 };
 use crate::{store::pulled, views::sql::SqlSession};
 
-/// Plans that wait to be asked for, and prepared statements: more than these, and the oldest are forgotten.
+/// Maximum number of unused plans, and of prepared statements; beyond it, the oldest are dropped.
 const WAITING: u64 = 1024;
 const PREPARED: u64 = 4096;
-/// A plan that was not asked for is forgotten after this time.
+/// Time after which an unused plan is dropped.
 const FORGOTTEN: Duration = Duration::from_secs(600);
 
-/// A query over one state of the store.
+/// Query over one state of the store.
 pub struct PlannedQuery {
     asked: QueryInput,
     /// Its columns.
@@ -41,23 +42,23 @@ pub struct PlannedQuery {
     pub parameters: SchemaRef,
 }
 
-/// A prepared statement.
+/// Prepared statement.
 #[derive(Clone)]
 struct PreparedStatement {
     query: String,
     parameters: Option<RecordBatch>,
 }
 
-/// A pipeline, the version that its link refers to, and the time and size of that version.
+/// Pipeline, the version that its link refers to, and the time and size of that version.
 type PipelineLink = (String, PathBuf, Option<(SystemTime, u64)>);
 
-/// The tables of a store at one time, shared by queries until the next publication.
+/// Tables of a store at one time, shared by queries until the next publication.
 struct StoreTablesSnapshot {
     links: Vec<PipelineLink>,
     session: Arc<SqlSession>,
 }
 
-/// The tables of a store, reopened after each publication.
+/// Tables of a store, reopened after each publication.
 struct ServedTables {
     store: PathBuf,
     memory: usize,
@@ -66,7 +67,7 @@ struct ServedTables {
 }
 
 impl ServedTables {
-    /// The versions that the pipelines' links point at. A pipeline that was removed and run again begins with the same
+    /// Versions that the pipelines' links point at. A pipeline that was removed and run again starts with the same
     /// number.
     fn links(&self) -> Vec<PipelineLink> {
         let tables = self.store.join("tables");
@@ -82,20 +83,20 @@ impl ServedTables {
         links
     }
 
-    /// The tables as they are now.
+    /// Current tables.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
     fn session(&self) -> Result<Arc<SqlSession>, Fault> {
         pulled(&self.store)?;
         let links = self.links();
-        // One query opens them; those that come meanwhile wait for it.
+        // One query opens them; concurrent queries wait for it.
         let mut seen = locked(&self.seen);
         if let Some(seen) = seen.as_ref().filter(|seen| seen.links == links) {
             return Ok(seen.session.clone());
         }
         let session = Arc::new(SqlSession::new(&self.store, self.memory, &self.spill)?);
-        // Something may be published while it is opened: it is then opened again for the next query.
+        // A run may publish while they are opened; the next query then opens them again.
         *seen = Some(StoreTablesSnapshot { links, session: session.clone() });
         Ok(session)
     }
@@ -128,7 +129,7 @@ fn gone(what: &str) -> Status {
 }
 
 impl QueryRegistry {
-    /// None yet; they are computed on `runtime`.
+    /// Registry without queries; they are computed on `runtime`.
     pub fn new(settings: &ServerSettings, runtime: Handle) -> QueryRegistry {
         let tables = ServedTables {
             store: settings.store.clone(),
@@ -147,12 +148,12 @@ impl QueryRegistry {
         }
     }
 
-    /// The processes of the queries.
+    /// Processes of the queries.
     pub fn processes(&self) -> QueryProcessPool {
         self.processes.clone()
     }
 
-    /// The tables as they are now.
+    /// Current tables.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
@@ -165,7 +166,7 @@ impl QueryRegistry {
     /// Plans `query` with its parameters, if it has any.
     ///
     /// # Errors
-    /// Fails when the query is wrong, does anything but ask, or takes too long or too much to plan.
+    /// Fails when the query is invalid, is not read-only, or its planning exceeds the time or memory.
     pub async fn plan(&self, query: String, parameters: Option<RecordBatch>) -> Result<Arc<PlannedQuery>, Status> {
         let parameters = parameters.map(|row| child::spelt(&row.schema(), Some(&row))).transpose();
         let parameters = parameters.map_err(|e| broken(&e))?;
@@ -191,7 +192,7 @@ impl QueryRegistry {
         self.next.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Keeps a plan until it is asked for; returns its handle.
+    /// Stores a plan until it is used; returns its handle.
     pub fn keep(&self, plan: Arc<PlannedQuery>) -> Vec<u8> {
         let (number, now) = (self.number(), Instant::now());
         let mut planned = locked(&self.planned);
@@ -200,16 +201,16 @@ impl QueryRegistry {
         self.spelt(number)
     }
 
-    /// The plan of a handle. It may be asked for more than once, and gives the same rows.
+    /// Plan of a handle. It may be requested repeatedly and gives the same rows.
     ///
     /// # Errors
-    /// Fails when it was forgotten.
+    /// Fails when it was dropped.
     pub fn planned(&self, handle: &[u8]) -> Result<Arc<PlannedQuery>, Status> {
         let found = self.read(handle).and_then(|number| locked(&self.planned).get(&number).map(|(_, p)| p.clone()));
         found.ok_or_else(|| gone("the result"))
     }
 
-    /// Keeps a statement; returns its handle.
+    /// Stores a statement; returns its handle.
     pub fn prepare(&self, query: String) -> Vec<u8> {
         let number = self.number();
         let mut prepared = locked(&self.prepared);
@@ -218,19 +219,19 @@ impl QueryRegistry {
         self.spelt(number)
     }
 
-    /// The statement of a handle, and its parameters.
+    /// Statement of a handle, and its parameters.
     ///
     /// # Errors
-    /// Fails when it was closed or forgotten.
+    /// Fails when it was closed or dropped.
     pub fn prepared(&self, handle: &[u8]) -> Result<(String, Option<RecordBatch>), Status> {
         let found = self.read(handle).and_then(|number| locked(&self.prepared).get(&number).cloned());
         found.map(|p| (p.query, p.parameters)).ok_or_else(|| gone("the prepared statement"))
     }
 
-    /// Gives a prepared statement its parameters.
+    /// Sets the parameters of a prepared statement.
     ///
     /// # Errors
-    /// Fails when it was closed or forgotten.
+    /// Fails when it was closed or dropped.
     pub fn bind(&self, handle: &[u8], parameters: RecordBatch) -> Result<(), Status> {
         let mut prepared = locked(&self.prepared);
         let found = self.read(handle).and_then(|number| prepared.get_mut(&number));
@@ -238,25 +239,25 @@ impl QueryRegistry {
         Ok(())
     }
 
-    /// Forgets a prepared statement.
+    /// Drops a prepared statement.
     pub fn close(&self, handle: &[u8]) {
         if let Some(number) = self.read(handle) {
             locked(&self.prepared).remove(&number);
         }
     }
 
-    /// Fails for a plan of which parameters have no value.
+    /// Checks that all parameters of a plan have values.
     ///
     /// # Errors
-    /// Names the parameters.
+    /// Fails with the names of the parameters.
     pub fn bound(&self, planned: &PlannedQuery) -> Result<(), Status> {
         parameters::valued(&planned.parameters).map_err(|fault| told(&fault))
     }
 
-    /// Answers a plan: the pieces as they are computed, then their end; an answer that stops before that is an error.
+    /// Answers a plan: the chunks as they are computed, then their end. An answer that stops earlier is an error.
     ///
     /// # Errors
-    /// Fails when too many queries are under way for too long, or the query cannot be begun.
+    /// Fails when too many queries are in progress for too long, or the query cannot be started.
     pub async fn answer(&self, planned: Arc<PlannedQuery>) -> Result<QueryBatchStream, Status> {
         self.bound(&planned)?;
         let (_, reader) = self.processes.answer(planned.asked.clone()).await?;
@@ -265,7 +266,7 @@ impl QueryRegistry {
     }
 }
 
-/// The rows of a piece.
+/// Rows of a chunk.
 fn rows(piece: Result<Vec<u8>, Status>) -> Vec<Result<RecordBatch, FlightError>> {
     match piece.map(|bytes| child::unpacked(&bytes)) {
         Ok(Ok((_, batches))) => batches.into_iter().map(Ok).collect(),

@@ -33,13 +33,13 @@ use super::{
     queries::{PlannedQuery, QueryRegistry, told},
 };
 
-/// The catalogue that holds all pipelines, as the queries know it: `datafusion.PIPELINE.TABLE`.
+/// Catalogue of all pipelines in queries: `datafusion.PIPELINE.TABLE`.
 const CATALOG: &str = "datafusion";
 const TABLE: &str = "TABLE";
 
 type FlightDataResponse = Response<Pin<Box<dyn Stream<Item = Result<FlightData, Status>> + Send>>>;
 
-/// The Flight SQL service of a store.
+/// Flight SQL service of a store.
 pub struct StoreQueryService {
     queries: QueryRegistry,
     token: Option<Token>,
@@ -68,7 +68,7 @@ fn encoded(
     Response::new(Box::pin(data.map_err(Status::from)))
 }
 
-/// An answer that is one batch.
+/// Answer of one batch.
 fn one(batch: Result<RecordBatch, ArrowError>) -> Result<FlightDataResponse, Status> {
     let batch = batch.map_err(|e| broken(&e))?;
     Ok(encoded(batch.schema(), stream::iter([Ok(batch)])))
@@ -93,14 +93,14 @@ fn sql_info() -> Result<SqlInfoData, Status> {
     about.append(SqlInfo::FlightSqlServerReadOnly, true);
     about.append(SqlInfo::FlightSqlServerSql, true);
     about.append(SqlInfo::FlightSqlServerSubstrait, false);
-    // None: see SqlSupportedTransaction.
+    // No transactions: see SqlSupportedTransaction.
     about.append(SqlInfo::FlightSqlServerTransaction, 0_i32);
     about.append(SqlInfo::FlightSqlServerCancel, false);
     about.append(SqlInfo::SqlIdentifierQuoteChar, "\"");
     about.build().map_err(|e| broken(&e))
 }
 
-/// The types that columns have.
+/// Types of columns.
 fn types() -> Result<XdbcTypeInfoData, Status> {
     let mut all = XdbcTypeInfoDataBuilder::new();
     let kinds = [
@@ -142,7 +142,7 @@ impl StoreQueryService {
         StoreQueryService { queries, token }
     }
 
-    /// Pipeline, table and columns of the tables that are asked for.
+    /// Pipeline, table and columns of the requested tables.
     async fn tables(
         &self,
         with_columns: bool,
@@ -198,7 +198,7 @@ impl FlightSqlService for StoreQueryService {
         &self,
         _: Request<Streaming<HandshakeRequest>>,
     ) -> Result<Response<Pin<Box<dyn Stream<Item = Result<HandshakeResponse, Status>> + Send>>>, Status> {
-        // Without the right token a request does not come here.
+        // Requests without the correct token are rejected earlier.
         let answer = HandshakeResponse { protocol_version: 0, payload: Default::default() };
         let mut response: Response<Pin<Box<dyn Stream<Item = _> + Send>>> =
             Response::new(Box::pin(stream::iter([Ok(answer)])));
@@ -274,7 +274,7 @@ impl FlightSqlService for StoreQueryService {
         query: CommandPreparedStatementQuery,
         request: Request<PeekableFlightDataStream>,
     ) -> Result<DoPutPreparedStatementResult, Status> {
-        /// More rows than are taken need not be read.
+        /// More rows than used need not be read.
         const ROWS: usize = 2;
         let data = request.into_inner().map_err(FlightError::from);
         let mut rows = FlightRecordBatchStream::new_from_flight_data(data);

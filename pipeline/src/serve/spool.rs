@@ -1,5 +1,5 @@
-//! Pieces of an answer between the process that computes them and the client that takes them: a few in memory, more in
-//! a file without a name. So a client that reads slowly does not keep the place of the query that it asked.
+//! Queue of chunks of an answer from the process to the client: a few in memory, more in an unnamed file. A slow client
+//! thus does not block the place of its query.
 
 use std::{
     collections::VecDeque,
@@ -13,12 +13,12 @@ use std::{
 use tokio::sync::Notify;
 use tonic::Status;
 
-/// Pieces that are kept in memory.
+/// Number of chunks in memory.
 const READY: usize = 2;
-/// The most bytes of an answer that wait in its file; beyond, the query waits for its client.
+/// Maximum size of the waiting chunks in the file, bytes; beyond it, the query waits for its client.
 const MOST: u64 = 256 << 20;
 
-/// A queued piece, in memory or in the file.
+/// Queued chunk, in memory or in the file.
 enum SpoolPiece {
     Memory(Vec<u8>),
     File { at: u64, length: usize },
@@ -28,10 +28,10 @@ enum SpoolPiece {
 struct SpoolState {
     pieces: VecDeque<SpoolPiece>,
     file: Option<File>,
-    /// The end of the file.
+    /// Write position in the file, bytes.
     written: u64,
     end: Option<Result<(), Status>>,
-    /// The client has gone away.
+    /// Whether the client has disconnected.
     gone: bool,
 }
 
@@ -57,12 +57,12 @@ impl SpoolShared {
 }
 
 impl SpoolWriter {
-    /// The side of the client.
+    /// Read side for the client.
     pub fn reader(&self) -> SpoolReader {
         SpoolReader(self.0.clone())
     }
 
-    /// Takes a piece, and waits while too much waits for the client. False when nobody wants more.
+    /// Queues a chunk; waits while the queue is full. Returns `false` if there is no reader any more.
     ///
     /// # Errors
     /// Fails when the file cannot be written.
@@ -101,10 +101,10 @@ impl SpoolWriter {
         self.0.news.notify_one();
     }
 
-    /// Ends the answer at once, without the pieces that wait.
+    /// Ends the answer at once, without the waiting chunks.
     pub fn cut(&self, why: Status) {
         let mut state = self.0.state();
-        // A client that has everything but its end has it.
+        // A client that has received all chunks gets the original end.
         if !state.pieces.is_empty() || state.end.is_none() {
             *state = SpoolState { end: Some(Err(why)), gone: state.gone, ..SpoolState::default() };
         }
@@ -113,7 +113,7 @@ impl SpoolWriter {
         self.0.news.notify_one();
     }
 
-    /// Comes to its end when the client has gone away.
+    /// Completes when the client has disconnected.
     pub async fn left(&self) {
         loop {
             let left = self.0.left.notified();
@@ -125,7 +125,7 @@ impl SpoolWriter {
     }
 }
 
-/// A file in `folder` that only this process knows.
+/// Creates an unnamed file in `folder`.
 fn nameless(folder: &Path) -> io::Result<File> {
     let path = folder.join(format!("answer-{}", uuid::Uuid::new_v4().simple()));
     let file = File::options().read(true).write(true).create_new(true).open(&path)?;
@@ -134,7 +134,7 @@ fn nameless(folder: &Path) -> io::Result<File> {
 }
 
 impl SpoolReader {
-    /// The next piece; none after the last one.
+    /// Next chunk; `None` after the last one.
     ///
     /// # Errors
     /// Fails when the answer stopped before its end.
@@ -189,12 +189,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_pieces_come_in_their_order_and_a_slow_client_keeps_nobody() {
+    fn unit_chunks_arrive_in_order_and_a_slow_client_blocks_no_query() {
         let folder = tempfile::tempdir().unwrap();
         let spool = SpoolWriter::default();
         let reader = spool.reader();
         let piece = |n: usize| vec![n as u8; 1000 + n];
-        // Nobody reads, and nothing waits.
+        // There is no reader, and nothing waits.
         (0..20).for_each(|n| assert!(spool.put(piece(n), folder.path()).unwrap()));
         spool.end(Ok(()));
         assert_eq!(folder.path().read_dir().unwrap().count(), 0, "the file has no name");
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_an_answer_that_is_cut_is_an_error_and_its_file_is_given_back() {
+    fn unit_truncated_answer_is_an_error_and_frees_its_file() {
         let folder = tempfile::tempdir().unwrap();
         let spool = SpoolWriter::default();
         let reader = spool.reader();

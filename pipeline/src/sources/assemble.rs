@@ -7,7 +7,7 @@ use schemas::Fault;
 /// The identifier of rows that have none.
 pub(super) const MISSING: &str = "(missing)";
 
-/// A line with all its rows, or rows that belong to none (without parts, then).
+/// A line with all its rows; or rows without a line, which have no parts.
 pub(super) struct LineBatches {
     pub(super) flight: String,
     pub(super) line: String,
@@ -87,7 +87,7 @@ impl<'a> LineAssembly<'a> {
             let (flight, line) = (flight.to_owned(), line.to_owned());
             done = self.open.replace(LineBatches { flight, line, parts: vec![], rows: 0, fault: None });
         } else if let (Some(open), Some(gap)) = (&mut self.open, gap) {
-            // Rows of the same line on both sides: the line is incomplete without those between.
+            // Rows of the same line on both sides: the line is incomplete without the rows between.
             let row = open.rows as u64;
             let fault = gap_fault(self.options, &gap).in_row(row);
             open.fault.get_or_insert(fault);

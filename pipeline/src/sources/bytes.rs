@@ -1,4 +1,4 @@
-//! The hash of the bytes of a file, and when it can be reused.
+//! The hash of the bytes of a file, and the conditions for its reuse.
 
 use std::{
     fs,
@@ -25,9 +25,9 @@ pub struct FileDigest {
 /// Policy for reusing recorded facts of unchanged files.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ReusePolicy<'a> {
-    /// The store that may know the files.
+    /// Store with cached facts of the files.
     pub store: Option<&'a Path>,
-    /// Whether the bytes of every file are read, even where it looks unchanged.
+    /// Whether the bytes of every file are read, even if it appears unchanged.
     pub read_all: bool,
     /// Minimum time since the last change of a file. Newer files are skipped, because another program may still write
     /// them.
@@ -39,7 +39,7 @@ pub struct ReusePolicy<'a> {
 pub(super) struct FileStamp {
     size: u64,
     modified_ns: i64,
-    /// Fails when the file system last wrote the file or what it says of it, which no program can set.
+    /// Time at which the file system last wrote the file or its metadata; no program can set it.
     changed_ns: i64,
     inode: u64,
 }
@@ -54,8 +54,8 @@ pub(super) struct FileFact {
     pub(super) found: String,
 }
 
-/// A file changed so short a time before it was read may have been changed after that with the same time of change: the
-/// clocks of file systems stand for up to two seconds.
+/// Minimum time between change and reading of a trusted file, ns. File-system clocks may stand still for up to 2 s, so
+/// a later change could have the same change time.
 const RACY_NS: i64 = 2_000_000_000;
 
 impl FileStamp {
@@ -85,7 +85,7 @@ fn ns_of(time: SystemTime) -> i64 {
 }
 
 impl FileFact {
-    /// The result of `find` on a file; it is not cached where the file changes meanwhile.
+    /// The result of `find` on a file; it is not cached if the file changes meanwhile.
     pub(super) fn by<T, E>(
         path: &Path,
         find: impl FnOnce() -> Result<T, E>,
@@ -103,7 +103,7 @@ impl FileFact {
         FileStamp::from_path(path).is_ok_and(|now| now == self.stamp)
     }
 
-    /// The same of a note that an earlier process left.
+    /// The same for a note of an earlier process, which must also exceed `RACY_NS`.
     fn still_is_of(&self, path: &Path) -> bool {
         self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
     }
@@ -121,7 +121,7 @@ impl FileFact {
         self
     }
 
-    /// Keeps it under `key`. It only saves reading the file again, so a failure to write it only costs time.
+    /// Caches it under `key`. A failed write only costs time, because the file is then read again.
     pub(super) fn keep(&self, store: &Store, key: HashKey) {
         if let Ok(text) = record::sealed(self) {
             let _ = store.write(&note(store.root(), key), &text);
@@ -172,7 +172,7 @@ fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<HashKey> {
 /// The key of the bytes of a file.
 ///
 /// # Errors
-/// When it cannot be read.
+/// Fails when it cannot be read.
 pub(super) fn hash_file(path: &Path) -> io::Result<HashKey> {
     let mut hasher = blake3::Hasher::new();
     let mut file = fs::File::open(path)?;
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     fn aged(path: &Path) {
-        // Not to wait for two seconds, the note is made to say that the file was read later.
+        // Simulates a later reading instead of waiting for 2 s.
         for entry in fs::read_dir(path.join("sources")).unwrap().flatten() {
             let seen: FileFact = record::unsealed(&fs::read(entry.path()).unwrap()).unwrap();
             fs::write(entry.path(), record::sealed(&seen.older()).unwrap()).unwrap();
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_file_of_the_same_size_and_time_is_not_taken_for_the_old_one() {
+    fn unit_a_changed_file_of_equal_size_and_time_is_recognised() {
         let folder = TempDir::new().unwrap();
         let store = Store::open(&folder.path().join("store")).unwrap();
         let path = folder.path().join("a.csv");
@@ -218,7 +218,7 @@ mod tests {
             let time = fs::metadata(&path).unwrap().modified().unwrap();
             let old = hash(false);
             if trial % 2 == 0 {
-                // Long after it was written: the time of change tells them apart.
+                // Long after the write, the change time distinguishes the files.
                 aged(store.root());
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_an_unchanged_file_is_read_again_only_when_it_is_young_or_that_is_asked_for() {
+    fn unit_an_unchanged_file_is_read_again_only_when_young_or_on_request() {
         let folder = TempDir::new().unwrap();
         let store = Store::open(&folder.path().join("store")).unwrap();
         let path = folder.path().join("a.csv");
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_damaged_note_is_as_good_as_none() {
+    fn unit_damaged_notes_are_ignored() {
         let folder = TempDir::new().unwrap();
         let store = Store::open(&folder.path().join("store")).unwrap();
         let path = folder.path().join("a.csv");

@@ -3,15 +3,15 @@
 use numerics::regression::statistics;
 
 const DAY_S: f64 = 86_400.0;
-/// Steps of the clock that agree with its usual one within this fraction are usual.
+/// Maximum deviation of a usual clock step, relative to the usual step.
 const USUAL: f64 = 0.25;
-/// The least number that digits skip at the end of a minute, less the step itself.
+/// Minimum number that digits skip at the end of a minute, minus the step.
 const SKIPPED: f64 = 30.0;
 
-/// The first row after a minute or an hour, where the numbers are times of a day in digits; `None` for seconds.
+/// The first row after a minute or an hour, if the numbers are times of a day in digits; `None` for seconds.
 ///
-/// All last and second last pairs of digits are below 60, and the numbers jump by 40 or more, to the next minute or
-/// hour, where the clock itself keeps its usual step. Numbers that are missing (NaN) are ignored.
+/// All last and second last pairs of digits are below 60. The numbers jump by 40 or more to the next minute or hour,
+/// while the clock keeps its usual step. Missing numbers (NaN) are ignored.
 pub fn minute_after(numbers: &[f64]) -> Option<usize> {
     let mut known: Vec<(usize, f64, f64)> = vec![];
     for (row, x) in numbers.iter().enumerate().filter(|(_, x)| x.is_finite()) {
@@ -33,7 +33,7 @@ pub fn minute_after(numbers: &[f64]) -> Option<usize> {
     known.get(at + 1).map(|(row, ..)| *row)
 }
 
-/// The seconds of a day that a number in digits means; `None` where it is no such number.
+/// Seconds of the day of a number in digits; `None` if it is not a time.
 fn seconds(x: f64) -> Option<f64> {
     let whole = x.floor();
     let (hours, minutes, s) = ((whole / 1e4).floor(), (whole / 100.0).floor() % 100.0, whole % 100.0);
@@ -41,7 +41,7 @@ fn seconds(x: f64) -> Option<f64> {
     fits.then_some(3600.0 * hours + 60.0 * minutes + s + (x - whole))
 }
 
-/// The `format` with which a mapping reads the numbers: of hours and minutes where they could be such.
+/// The `format` with which a mapping reads the numbers: hours and minutes if the numbers permit it.
 pub fn formats(numbers: &[f64]) -> &'static str {
     let minutes = numbers.iter().filter(|x| x.is_finite()).all(|x| *x < 2400.0 && x.fract() == 0.0);
     if minutes { "`%H%M` for hhmm, `%H%M%S` for hhmmss" } else { "`%H%M%S%.f`" }
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_seconds_are_not_taken_for_digits() {
+    fn unit_seconds_are_not_recognised_as_digits() {
         for (from, step, n) in [
             (36_000.0, 0.1, 1_800),
             (100_000.0, 0.1, 500),

@@ -1,7 +1,7 @@
 //! Columns that contradict each other: an INS far from the truth, positions that do not move with the velocities,
 //! heights that agree only in other units.
 //!
-//! Only impossible values are reported: a limit is crossed by far, or another unit makes columns agree that do not.
+//! Only impossible values are reported: a limit is far exceeded, or columns agree only in another unit.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use numerics::angle::wrap_deg;
@@ -20,15 +20,15 @@ mod tests;
 
 /// The largest plausible error of an INS.
 const INS_KM: f64 = 500.0;
-/// A jump of a position from one sample to the next that no receiver makes, and the speed that no aircraft has.
+/// Impossible jump of a position from one sample to the next, and impossible speed of an aircraft.
 const JUMP_KM: f64 = 100.0;
 const JUMP_MPS: f64 = 1_000.0;
 /// Below this mean speed the noise of positions gives no information on velocities.
 const MOVING_MPS: f64 = 3.0;
-/// Rows of which medians are taken.
+/// Maximum number of rows for a median.
 const SOME_ROWS: usize = 2_000;
 
-/// All contradictions of a line, one for each mistake; `faulty` columns are left out.
+/// All contradictions of a line, one for each mistake; `faulty` columns are skipped.
 pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &FileColumns) -> Vec<(Fault, Finding)> {
     let line = ConsistencyLine { batch, faulty, origins };
     let positions = ins_distance(&line)
@@ -112,7 +112,7 @@ fn both_could_be_radians(lat: &[f64], lon: &[f64]) -> bool {
     could_be_radians(lat, FRAC_PI_2) && could_be_radians(lon, TAU)
 }
 
-/// Along the great circle, on a sphere.
+/// Great-circle distance on a sphere.
 fn distance_km(a: (f64, f64), b: (f64, f64)) -> f64 {
     let (lat1, lat2) = (a.0.to_radians(), b.0.to_radians());
     let half = |d: f64| (d / 2.0).sin().powi(2);
@@ -132,7 +132,7 @@ fn clock(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     Some(line.contradiction(("tt", row, tt[row], "s"), tt.len(), clock_digits::WHAT.to_owned(), &help))
 }
 
-/// An INS further from the truth than any can be.
+/// Fault of an INS that is impossibly far from the truth.
 fn ins_distance(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (lat, lon) = (line.get("lat")?, line.get("lon")?);
     let (ins_lat, ins_lon) = (line.get("ins_lat")?, line.get("ins_lon")?);
@@ -177,7 +177,7 @@ fn round(x: f64) -> f64 {
     (x * 100.0).round() / 100.0
 }
 
-/// Positions within a few degrees of 0, 0 that creep: radians. That is open ocean, where nothing flies so slowly.
+/// Slow positions within a few degrees of 0, 0: they are in radians. That is open ocean, where nothing flies so slowly.
 fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     if !both_could_be_radians(lat, lon) {
@@ -203,7 +203,7 @@ fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<
     Some(line.contradiction((set.lat, row, lat[row], "deg"), lat.len(), what, &line.in_radians(set)))
 }
 
-/// A position that jumps further than any aircraft flies.
+/// Fault of a position that jumps further than any aircraft flies.
 fn jump(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get("lat")?, line.get("lon")?);
     let mut before: Option<usize> = None;
@@ -256,7 +256,7 @@ fn heights(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     None
 }
 
-/// Whether two heights rise by the same, so that they are in one unit and differ in where they begin, as a barometer
+/// Whether two heights change equally, so that they have one unit and differ by a constant, such as for a barometer
 /// that is set to 0 on the ground.
 fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
     let column = |x: &[f64]| rows.iter().map(|i| x[*i]).collect::<Vec<f64>>();
@@ -291,7 +291,7 @@ fn attitude(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Findin
     Some(line.contradiction((set.yaw, row, yaw[row], "deg"), yaw.len(), what, &help))
 }
 
-/// A specific force that does not carry the aircraft.
+/// Fault of a specific force that differs far from gravity.
 fn specific_force(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (n, e, d) = (line.get("ins_fn")?, line.get("ins_fe")?, line.get("ins_fd")?);
     let step = n.len() / SOME_ROWS + 1;

@@ -1,8 +1,8 @@
 //! A log as flight Parquet: its lines in the columns of the flight table, in row groups that end with a line, and
 //! figures of their quality.
 //!
-//! A file gets its name when it is whole and on the disk, and never takes the place of another one's data: its metadata
-//! hold the key of what it was made from.
+//! A file gets its name when it is complete and on the disk. It never replaces other data: its metadata hold the key of
+//! its inputs.
 
 use std::{
     collections::BTreeMap,
@@ -48,18 +48,18 @@ use crate::{
 
 /// Raised when the files that are written change.
 const VERSION: &str = "export 2";
-/// The key of the metadata that says what a file was made from.
+/// Metadata key for the key of a file's inputs.
 const FROM: &str = "magline.from";
 
 /// Export of one log: its input, options and output file.
 pub struct LogExport<'a> {
     /// The log.
     pub input: &'a Path,
-    /// How it is read.
+    /// Options for reading it.
     pub options: FlightOptions,
-    /// Meaning of its columns.
+    /// Mapping of its columns.
     pub mapped: Option<MappingTable>,
-    /// Its lines, where they are not the log's own.
+    /// Its lines, if they are not the log's own.
     pub lines: Option<&'a LineTable>,
     /// The folder of the table.
     pub folder: PathBuf,
@@ -71,7 +71,7 @@ pub struct LogExport<'a> {
     pub replace: bool,
     /// A folder of this process for unfinished files, on the same file system.
     pub unfinished: &'a Path,
-    /// A number that no other export of this process has.
+    /// Number that is unique among the exports of this process.
     pub number: usize,
 }
 
@@ -86,7 +86,7 @@ pub struct ExportLine {
     pub rows: usize,
     /// Its first and last time, s.
     pub tt: (f64, f64),
-    /// The year and day of the year of its first sample, where they are known.
+    /// The year and day of the year of its first sample, if known.
     pub date: Option<(i64, i64)>,
     /// Faults that make it unusable; it is then not written.
     pub faults: Vec<Fault>,
@@ -101,9 +101,9 @@ pub struct ExportOutcome {
     pub format: &'static str,
     /// The files with its lines.
     pub files: Vec<PathBuf>,
-    /// Whether they were there already, from the same data.
+    /// Whether they already existed, from the same data.
     pub unchanged: bool,
-    /// The file with the figures; none where no line could be used.
+    /// The file with the figures; `None` if no line is usable.
     pub quality: Option<PathBuf>,
     /// Its lines, in the file's order.
     pub lines: Vec<ExportLine>,
@@ -124,8 +124,8 @@ impl LogExport<'_> {
     /// Reads the log and writes it.
     ///
     /// # Errors
-    /// Fails for a log that cannot be read, a mapping that does not fit, files of other data in the way, and when the
-    /// file system refuses. What is wrong with single lines stands in [`ExportLine::faults`].
+    /// Fails for a log that cannot be read, a mapping that does not fit, existing files of other data, and errors of
+    /// the file system. Faults of single lines are in [`ExportLine::faults`].
     pub fn run(&self) -> Result<ExportOutcome, Fault> {
         let place = |f: Fault| if is_shown(&f) { f } else { f.in_file(&self.input.display().to_string()) };
         self.read().map_err(place)
@@ -180,14 +180,14 @@ impl LogExport<'_> {
         Ok(ExportOutcome { format: log.format, files, unchanged, quality, lines, notes: log.notes, columns })
     }
 
-    /// The key of what the files are made from.
+    /// Key of the inputs of the files.
     fn key(&self, made_from: Option<FlightInputLister>) -> Result<HashKey, Fault> {
         let failed = |path: &Path, e: &io::Error| match e.kind() {
             io::ErrorKind::NotFound => Fault::new(format!("there is no file {}", path.display())),
             _ => Fault::machine(format!("cannot read {}: {e}", path.display())),
         };
         let bytes = |path: &Path| {
-            // A format may be a folder; its reader says what it makes of it.
+            // A format may be a folder, which its reader handles.
             if path.is_dir() {
                 return Ok("folder".to_owned());
             }
@@ -207,7 +207,7 @@ impl LogExport<'_> {
         }
         if let Some(mapped) = &self.mapped {
             parts.push(mapped.key().to_string());
-            // That it is missing is said where it is read.
+            // A missing file is reported when it is read.
             if let Some(other) = mapped.beside(self.input).filter(|p| p.exists()) {
                 parts.push(bytes(&other)?);
             }
@@ -215,7 +215,7 @@ impl LogExport<'_> {
         Ok(HashKey::from_parts(parts))
     }
 
-    /// A line with what is wrong with it and its figures, and its rows.
+    /// A line with its faults, its figures and its rows.
     fn line(&self, whole: LineBatches, origins: &FileColumns) -> Result<(ExportLine, Option<RecordBatch>), Fault> {
         let LineBatches { flight, line, parts, rows, fault } = whole;
         let file = self.input.display().to_string();
@@ -288,7 +288,7 @@ impl LogExport<'_> {
         Ok(())
     }
 
-    /// Gives the files their names; also says whether all were there already.
+    /// Gives the files their names. Also returns whether all already existed.
     fn publish(&self, open: BTreeMap<String, ExportFile>, from: HashKey) -> Result<(Vec<PathBuf>, bool), Fault> {
         let (mut files, mut unchanged) = (vec![], !open.is_empty());
         let mut whole = vec![];
@@ -332,7 +332,7 @@ fn cannot_write(path: &Path, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("cannot write {}: {e}", path.display()))
 }
 
-/// Gives a whole file its name. `true` where a file of the same data was there.
+/// Gives a complete file its name. Returns `true` if a file of the same data existed.
 fn settle(path: &Path, target: &Path, replace: bool, from: HashKey) -> Result<bool, Fault> {
     let failed = |e: io::Error| cannot_write(target, &e);
     let folder = target.parent().unwrap_or(Path::new("."));
@@ -342,7 +342,7 @@ fn settle(path: &Path, target: &Path, replace: bool, from: HashKey) -> Result<bo
         sync_folder(folder).map_err(failed)?;
         return Ok(false);
     }
-    // A link, unlike a rename, does not take the place of a file that another process has made meanwhile.
+    // A link, unlike a rename, does not replace a file that another process has made meanwhile.
     match fs::hard_link(path, target) {
         Ok(()) => {}
         Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
@@ -378,7 +378,7 @@ fn properties(schema: &SchemaRef, from: HashKey) -> WriterProperties {
     numbers.fold(builder, |b, f| b.set_column_dictionary_enabled(f.name().as_str().into(), false)).build()
 }
 
-/// A line that stands in a file twice cannot be put in order.
+/// Rejects duplicate lines of a file, which cannot be put in order.
 fn once_each(lines: &[ExportLine]) -> Result<(), Fault> {
     let mut seen: BTreeMap<(String, String), usize> = BTreeMap::new();
     for (i, line) in lines.iter().enumerate() {

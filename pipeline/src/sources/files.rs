@@ -12,10 +12,10 @@ use schemas::Fault;
 use super::flight_formats;
 use crate::remote::{self, ObjectAddress, StorageLocation, place};
 
-/// The files that `path` means: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
+/// The files of `path`: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
 ///
 /// # Errors
-/// Fails when there are none.
+/// Fails when there are no files.
 pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     let path = match place(path)? {
         StorageLocation::Object(address) => return objects(&address, any_name),
@@ -55,7 +55,7 @@ fn none(place: &dyn std::fmt::Display) -> Fault {
     fault.help(format!("supported extensions: {}", known.join(", ")))
 }
 
-/// The copies of the objects that `address` means.
+/// The local copies of the objects at `address`.
 fn objects(address: &ObjectAddress, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     let found = remote::find(address, &|name| any_name || is_flight(Path::new(name)))?;
     if found.is_empty() { Err(none(address)) } else { Ok(found) }
@@ -64,7 +64,7 @@ fn objects(address: &ObjectAddress, any_name: bool) -> Result<Vec<PathBuf>, Faul
 /// The file that a spec names: one in `folder`, or the copy of an object.
 ///
 /// # Errors
-/// Fails for an address that is not known, an object that is not there, and a server that cannot be reached or refuses.
+/// Fails for an unknown address, a missing object, and a server that cannot be reached or rejects the request.
 pub fn file(path: &str, folder: &Path) -> Result<PathBuf, Fault> {
     match place(path)? {
         StorageLocation::Path(path) => Ok(folder.join(path)),
@@ -72,8 +72,7 @@ pub fn file(path: &str, folder: &Path) -> Result<PathBuf, Fault> {
     }
 }
 
-/// Removes the files that were written to less than `settle` ago, and says which; for a clock that is behind, all that
-/// were written later.
+/// Removes the files that were modified less than `settle` ago or in the future, and returns a note with their names.
 pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
     const SHOWN: usize = 5;
     let now = SystemTime::now();
@@ -95,7 +94,7 @@ pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
     })
 }
 
-/// The pattern for the files that `path` means from `folder`, whose own name is no pattern.
+/// The pattern for the files of `path` in `folder`, whose own name is not a pattern.
 fn pattern(path: &str, folder: &Path) -> String {
     if Path::new(path).is_absolute() {
         return path.to_owned();
@@ -131,7 +130,7 @@ pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The options for one file: `flight=...` and `line=...` in its folders stand for columns.
+/// The options for one file: `flight=...` and `line=...` in its folders replace columns.
 pub fn hive(path: &Path, options: &FlightOptions) -> FlightOptions {
     let mut options = options.clone();
     for part in path.components() {

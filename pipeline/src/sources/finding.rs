@@ -27,7 +27,7 @@ pub enum FindingKind {
 }
 
 impl FindingKind {
-    /// The word for it.
+    /// The kind as text.
     pub const fn as_str(self) -> &'static str {
         match self {
             FindingKind::Missing => "missing",
@@ -44,7 +44,7 @@ impl FindingKind {
 /// One finding in one column of one line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// The column; of a vector magnetometer's magnitude the vector.
+    /// The column; for the magnitude of a vector magnetometer, the vector.
     pub column: String,
     /// The kind.
     pub check: FindingKind,
@@ -52,7 +52,7 @@ pub struct Finding {
     pub n: u64,
     /// The first of them, as a row of the line, from 0.
     pub first_row: u64,
-    /// The value there, in the shortest spelling that reads back the same; none where it is missing or infinite.
+    /// The value there, in the shortest spelling that parses to the same value; `None` if it is missing or infinite.
     value: Option<String>,
     /// Its unit.
     pub unit: String,
@@ -74,12 +74,12 @@ impl Finding {
 #[derive(Clone, Debug, Default)]
 pub struct FileColumns {
     columns: BTreeMap<String, (String, String)>,
-    /// Whether a mapping says what the columns are.
+    /// Whether a mapping defines the columns.
     mapping: bool,
 }
 
 impl FileColumns {
-    /// From the schema that the reader gave and the table's `rename`.
+    /// Creates the names from the reader's schema and the table's `rename`.
     pub fn new(schema: &Schema, rename: &BTreeMap<String, String>) -> FileColumns {
         let theirs = |ours: &str| rename.iter().find(|(_, to)| *to == ours).map_or(ours, |(from, _)| from).to_owned();
         let unit = |f: &arrow_schema::Field| f.metadata().get("unit").cloned().unwrap_or_default();
@@ -87,7 +87,7 @@ impl FileColumns {
         FileColumns { columns, mapping: false }
     }
 
-    /// Whether a mapping says what the columns are.
+    /// Sets whether a mapping defines the columns.
     pub(super) fn of_mapping(self, mapping: bool) -> FileColumns {
         FileColumns { mapping, ..self }
     }
@@ -97,7 +97,7 @@ impl FileColumns {
         self.columns.get(ours).map_or(ours, |(name, _)| name)
     }
 
-    /// The unit that the file or the spec gives; empty where neither does.
+    /// The unit that the file or the spec gives; empty if neither gives one.
     pub(super) fn unit(&self, ours: &str) -> &str {
         self.columns.get(ours).map_or("", |(_, unit)| unit)
     }

@@ -16,13 +16,13 @@ use crate::{keys::HashKey, store::Store};
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
-    /// Meaning of its columns, where it differs from their names.
+    /// Mapping of its columns, if any.
     pub(super) mapped: Option<MappingTable>,
-    /// Returns its inputs, where its values are computed from others.
+    /// Lists its inputs, if its values are computed from others.
     pub(super) made_from: Option<FlightInputLister>,
     /// The result of scanning it, such as the types of columns; valid while the file is unchanged.
     found: Option<FileFact>,
-    /// Whether that came from a store.
+    /// Whether `found` came from a store.
     kept: bool,
 }
 

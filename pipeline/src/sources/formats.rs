@@ -1,4 +1,4 @@
-//! The flight formats that are read: those of files, and synth specs.
+//! The supported flight formats: file formats and synth specs.
 
 use std::{path::Path, sync::LazyLock};
 
@@ -25,7 +25,7 @@ pub fn open_flight(path: &Path, options: &FlightOptions, reading: &ReadHints) ->
     open_flight_among(flight_formats(), path, options, reading)
 }
 
-/// Opens a log, through `mapped` where there is a mapping.
+/// Opens a log, through the mapping `mapped` if any.
 ///
 /// # Errors
 /// Fails as [`open_flight`], and for a mapping that does not fit the file.

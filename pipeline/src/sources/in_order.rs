@@ -12,12 +12,12 @@ struct InOrderState<O, E> {
     failed: bool,
 }
 
-/// Does `work` with each item that `next` gives, with up to `most` of them at once on the threads of the pool. `next`
-/// is called on this thread, and has given no more than `most` items that are not done. `done` is called after each
-/// item with the number of finished items.
+/// Applies `work` to each item of `next`, to up to `most` of them at once on the threads of the pool. `next` is called
+/// on this thread, with at most `most` unfinished items. `done` is called after each item with the number of finished
+/// items.
 ///
 /// # Errors
-/// Fails for the first in the order of the items, whichever came first in time.
+/// Fails with the first error in the order of the items, not in time.
 pub(super) fn in_order<I: Send, O: Send, E: Send>(
     most: usize,
     mut next: impl FnMut() -> Option<Result<I, E>>,
@@ -88,7 +88,7 @@ pub(super) fn in_order<I: Send, O: Send, E: Send>(
 }
 
 fn locked<T>(state: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Nothing is half done under the lock.
+    // The state is consistent even after a panic.
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_results_and_the_first_error_are_those_of_the_order_whatever_the_threads() {
+    fn unit_results_and_errors_do_not_depend_on_the_threads() {
         for threads in [1, 2, 5] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             for most in [1, 2, 3, 8] {
@@ -129,7 +129,7 @@ mod tests {
                 let squares: Vec<usize> = (0..40).map(|i| i * i).collect();
                 let (all, told) = run(vec![], None);
                 assert_eq!((all, told), (Ok(squares), (1..=40).collect()), "outside of a pool");
-                // Errors in the pool, where this thread is one of those that work.
+                // Errors in the pool, with this thread as one of its workers.
                 let told = pool.install(|| [run(vec![], None).1.len(), run(vec![7, 8], None).0.unwrap_err()]);
                 assert_eq!(told, [40, 7]);
                 assert_eq!(run(vec![9], Some(12)).0, Err(9));

@@ -1,4 +1,4 @@
-//! From flight files to one object per line, with the hash of every column.
+//! Conversion of flight files to one object per line, with the hash of every column.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -55,7 +55,7 @@ pub struct LineRecord {
     pub columns: BTreeMap<String, HashKey>,
     /// The fault that makes it unusable.
     pub fault: Option<Fault>,
-    /// Its further faults, where it cannot be used.
+    /// Its further faults, if it is unusable.
     pub more_faults: Vec<Fault>,
     /// The findings in its columns.
     pub findings: Vec<Finding>,
@@ -90,8 +90,7 @@ struct IndexFault {
 }
 
 impl IndexLine {
-    /// The fault of a clock in digits, which is that of all lines of the file: a line of less than a minute does not
-    /// show it.
+    /// The fault of a clock in digits, for all lines of the file: a line of less than a minute does not show it.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
         let IndexFault { what, help, column, row } = faults.find(|f| f.what == clock_digits::WHAT)?;
@@ -154,7 +153,7 @@ pub fn lines(flights: &Flights, store: &Store, tick: ReadCallback) -> Result<Fli
     Ok(FlightLines { lines: once_each(lines, &files), files, quality })
 }
 
-/// A duplicate line cannot be put in order, so neither part is used.
+/// Rejects duplicate lines: they cannot be put in order, so neither part is used.
 fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
     let mut kept: Vec<LineRecord> = vec![];
     for line in lines {
@@ -163,7 +162,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
                 let name =
                     |i: usize| files.get(i).map(|f: &FileDigest| f.path.display().to_string()).unwrap_or_default();
                 if line.flight == MISSING || line.line == MISSING {
-                    // Rows of no line in several files: all of them are named.
+                    // Rows without a line in several files: all files are named.
                     last.fault.get_or_insert_default().what += &format!("; more such rows are in {}", name(line.file));
                     continue;
                 }
@@ -219,11 +218,11 @@ struct IngestOptions<'a> {
     threads: usize,
     /// Whether the bytes of each file are read even if they are cached.
     read_all: bool,
-    /// How flights are divided, in place of the lines of the file.
+    /// Division of flights that replaces the lines of the file.
     division: Option<&'a FlightDivision>,
 }
 
-/// The contents of the file, from the store where it was read before, and the folder of the figures of its quality.
+/// The contents of the file, from the store if it was read before, and the folder of its quality figures.
 fn index(
     store: &Store,
     file: &FlightFile,
@@ -275,7 +274,7 @@ fn index(
     Ok((bytes, index, quality))
 }
 
-/// The rows of a batch in the lines of a table of lines, where there is one.
+/// The rows of a batch in the lines of a table of lines, if any.
 pub(super) fn divided(
     divider: Option<&mut LineDivider>,
     batch: RecordBatch,
@@ -287,8 +286,8 @@ pub(super) fn divided(
     }
 }
 
-/// Reads a file once, with as many lines in memory as are worked on; twice where its lines are to be found. Also
-/// returns the figures of its quality.
+/// Reads a file once, with only the lines in progress in memory; twice if its lines are to be detected. Also returns
+/// its quality figures.
 fn ingest(
     store: &Store,
     file: &FlightFile,
@@ -344,8 +343,8 @@ fn ingest(
     Ok((FileIndex { lines: lines.into_iter().map(|(line, _)| line).collect() }, figures))
 }
 
-/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. Also returns
-/// the figures of its quality. Faults that the reader found in a row come first.
+/// Unwraps a line's time at midnight, checks the line, hashes its columns, and stores it. Also returns its quality
+/// figures. Faults that the reader found in a row come first.
 fn put(
     packer: &LinePacker,
     whole: LineBatches,
@@ -354,7 +353,7 @@ fn put(
 ) -> Result<(IndexLine, Vec<QualityMeasure>), Fault> {
     let LineBatches { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
-        // Rows of no line: only their existence is recorded.
+        // Rows without a line: only their existence is recorded.
         let object = HashKey::from_parts(["no line", &flight, &line]).to_string();
         let fault = fault.map(IndexFault::from_fault);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);

@@ -18,7 +18,7 @@ const COLUMNS: [&str; 4] = ["flight", "line", "t_start", "t_end"];
 /// Maximum number of lines listed by name.
 const NAMED: usize = 5;
 
-/// A line: from its first to its last time, both of them its own.
+/// A line from its first to its last time, both included.
 #[derive(Clone, Debug, PartialEq)]
 struct LineTimes {
     line: String,
@@ -26,12 +26,12 @@ struct LineTimes {
     end_s: f64,
 }
 
-/// Division of flights into lines, in place of the lines of the files.
+/// Division of flights into lines that replaces the lines of the files.
 #[derive(Clone, Debug)]
 pub enum FlightDivision {
-    /// By a table of times.
+    /// A table of times.
     Table(LineTable),
-    /// Into the lines that are found in each flight.
+    /// Detection of lines in each flight.
     Found,
 }
 
@@ -44,7 +44,7 @@ impl FlightDivision {
         }
     }
 
-    /// The table, where there is one.
+    /// The table, if any.
     pub fn table(&self) -> Option<&LineTable> {
         match self {
             FlightDivision::Table(table) => Some(table),
@@ -66,8 +66,8 @@ impl LineTable {
     /// Reads the table: any file that a table of flights may be.
     ///
     /// # Errors
-    /// Fails for a file that cannot be read or lacks one of the four columns, times that are missing or go back, a line
-    /// that stands twice, and lines of a flight whose times overlap.
+    /// Fails for a file that cannot be read or lacks one of the four columns, missing or decreasing times, duplicate
+    /// lines, and lines of a flight whose times overlap.
     pub fn read(path: &Path) -> Result<LineTable, Fault> {
         let label = path.display().to_string();
         let wrong = |e: ReadError| Fault::from(e);
@@ -113,7 +113,8 @@ impl LineTable {
         Ok(LineTable { label, spans })
     }
 
-    /// The lines of flights: name, first and last time (s past midnight UTC), in the order of their times.
+    /// Creates the table from the lines of flights: name, first and last time (s past midnight UTC), in the order of
+    /// their times.
     pub fn new(label: &str, flights: impl IntoIterator<Item = (String, Vec<(String, f64, f64)>)>) -> LineTable {
         let span = |(line, start_s, end_s): (String, f64, f64)| LineTimes { line, start_s, end_s };
         let spans = flights.into_iter().map(|(flight, lines)| {
@@ -137,22 +138,22 @@ impl LineTable {
         spans.map(|span| (span.line.clone(), span.start_s, span.end_s)).collect()
     }
 
-    /// The line of a time.
+    /// The line at a time.
     fn at(&self, flight: &str, tt_s: f64) -> Option<&str> {
         let spans = self.spans.get(plain(flight))?;
         let after = spans.partition_point(|span| span.end_s < tt_s);
         spans.get(after).filter(|span| span.start_s <= tt_s).map(|span| span.line.as_str())
     }
 
-    /// For the batches of a file, in their order.
+    /// Creates a divider for the batches of a file, in their order.
     pub fn divider(&self) -> LineDivider<'_> {
         LineDivider { table: self, flight: String::new(), rise: MidnightUnwrapper::default() }
     }
 
-    /// The lines of the table without a sample, of flights that have some.
+    /// Checks that every line of the table has a sample, for flights with samples.
     ///
     /// # Errors
-    /// Fails where there are any.
+    /// Fails for lines without a sample.
     pub fn check<'a>(&self, found: impl Iterator<Item = (&'a str, &'a str)>) -> Result<(), Fault> {
         let mut known: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         found.for_each(|(flight, line)| known.entry(plain(flight)).or_default().push(line));
@@ -178,7 +179,7 @@ impl LineTable {
     }
 }
 
-/// Divides the batches of a file, in their order. Times go on past midnight, whether those of the file do or not.
+/// Divides the batches of a file, in their order. Times continue past midnight, even if the file's times do not.
 pub struct LineDivider<'a> {
     table: &'a LineTable,
     flight: String,
@@ -186,8 +187,7 @@ pub struct LineDivider<'a> {
 }
 
 impl LineDivider<'_> {
-    /// The rows of a batch (`flight`, `line`, `tt` in s) that are within a line of the table, under its name; and their
-    /// faults.
+    /// The rows of a batch (`flight`, `line`, `tt` in s) within a line of the table, under its name, and their faults.
     ///
     /// # Errors
     /// Fails for a batch without these columns, which is an error in the program.
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn law_each_sample_is_in_the_line_of_its_time_or_in_none() {
+    fn unit_each_sample_is_in_the_line_of_its_time_or_in_none() {
         let table = table("flight,line,t_start,t_end\nFlt1003,1003.10,20.2,30\nFlt1003,1003.02,10,20\n").unwrap();
         let fault = |row: usize| RowFault { row, fault: ReadError::data(Path::new("x"), "bad") };
         let (kept, faults) = table.divider().divide(&batch(), &[fault(0), fault(3)]).unwrap();
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_lines_go_on_past_midnight() {
+    fn unit_lines_continue_past_midnight() {
         let table = table("flight,line,t_start,t_end\n1,late,86398,86402\n").unwrap();
         let rows = |tt: Vec<f64>| {
             let text = |value: &str| Arc::new(StringArray::from(vec![value; 3])) as ArrayRef;
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_table_that_is_wrong_is_refused_with_the_reason() {
+    fn unit_invalid_tables_are_rejected_with_the_reason() {
         let said = |rows: &str| table(&format!("flight,line,t_start,t_end\n{rows}")).unwrap_err().to_string();
         assert!(said("1,1.01,10,20\n1,1.02,19,30\n").contains("overlap"));
         assert!(said("1,1.01,10,20\n1,1.01,29,30\n").contains("duplicate"));

@@ -6,7 +6,7 @@ use datasets::{
     formats::{FlightBatches, FlightInputLister},
 };
 
-/// An open log with the names of the flight table: as its format gives them, or through a mapping.
+/// An open log with the column names of the flight table, from its format or through a mapping.
 pub struct LogReader {
     /// The name of its format.
     pub format: &'static str,
@@ -16,7 +16,7 @@ pub struct LogReader {
     pub notes: Vec<String>,
     /// The result of scanning the whole file, for `Reading::found`.
     pub found: Option<String>,
-    /// Sets the inputs of the flight, where they are not its file alone.
+    /// Lists the inputs of the flight, if its file is not the only one.
     pub made_from: Option<FlightInputLister>,
     /// The rows.
     pub parts: FlightBatches,

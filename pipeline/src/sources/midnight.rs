@@ -1,4 +1,4 @@
-//! Lines over midnight UTC: time continues past 86,400 s, and the date moves on.
+//! Lines over midnight UTC: time continues past 86,400 s, and the date advances.
 
 use std::sync::Arc;
 
@@ -16,12 +16,12 @@ const DAY_S: f64 = 86_400.0;
 /// stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
-/// A line of the flight table whose time falls from the end of the day to its start: `tt` keeps rising, and the
-/// columns `year` and `doy` name the day of each sample, whether or not the log moved them on itself. `None` where
-/// the line needs no change.
+/// A line of the flight table whose time falls from the end of the day to its start: `tt` keeps rising, and the columns
+/// `year` and `doy` hold the day of each sample, even if the log did not advance them. `None` if the line needs no
+/// change.
 ///
 /// # Errors
-/// Fails for a date that is not that of the first sample moved on by the midnights since.
+/// Fails for a date that differs from the date of the first sample plus the midnights since.
 pub(super) fn unwrapped(batch: &RecordBatch) -> Result<Option<RecordBatch>, Fault> {
     let Some(raw) = batch.column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>()) else {
         return Ok(None);
@@ -89,7 +89,7 @@ fn days(tt: &[f64]) -> Vec<i64> {
     tt.iter().map(|t| if t.is_finite() { (day(*t) - first) as i64 } else { 0 }).collect()
 }
 
-/// Year and day of each sample. A log may move its date on late, early or not at all; a missing one stays missing.
+/// Year and day of each sample. A log may advance its date late, early or not at all; a missing date stays missing.
 fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>, Vec<f64>), Fault> {
     let year_of = |i: usize| year.and_then(|y| y.get(i)).copied();
     let known = |i: usize| doy[i].is_finite() && year_of(i).is_none_or(f64::is_finite);
@@ -114,7 +114,7 @@ fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>
     Ok((years, doys))
 }
 
-/// Date some days later, or earlier. Without a year, the year has 365 days.
+/// Date `days` later, or earlier if negative. Without a year, the year has 365 days.
 fn after((mut year, mut doy): (Option<f64>, f64), days: i64) -> (Option<f64>, f64) {
     let length = |year: Option<f64>| year.map_or(365.0, |y| f64::from(days_in_year(y as i32)));
     doy += days as f64;
@@ -129,7 +129,7 @@ fn after((mut year, mut doy): (Option<f64>, f64), days: i64) -> (Option<f64>, f6
     (year, doy)
 }
 
-/// The numbers of a column, whole ones or not; NaN where there is none.
+/// Values of a column of any numeric type; a missing value is NaN.
 fn numbers(batch: &RecordBatch, name: &str) -> Option<Vec<f64>> {
     let column = batch.column_by_name(name)?;
     if let Some(whole) = column.as_primitive_opt::<Int64Type>() {
@@ -138,7 +138,7 @@ fn numbers(batch: &RecordBatch, name: &str) -> Option<Vec<f64>> {
     column.as_primitive_opt::<Float64Type>().map(|x| x.iter().map(|x| x.unwrap_or(f64::NAN)).collect())
 }
 
-/// The numbers as the column `name` has them.
+/// The numbers in the type of the column `name`.
 fn like(batch: &RecordBatch, name: &str, numbers: Vec<f64>) -> ArrayRef {
     let whole = batch.column_by_name(name).is_some_and(|c| c.as_primitive_opt::<Int64Type>().is_some());
     if whole {
@@ -175,8 +175,8 @@ mod tests {
     const OVER: [f64; 4] = [86_399.8, 86_399.9, 0.0, 0.1];
 
     #[test]
-    fn r10_midnight_is_unwrapped_and_the_date_moves_on() {
-        // The log leaves its date, moves it on at midnight, late, or early.
+    fn unit_midnight_is_unwrapped_and_the_date_advances() {
+        // The log keeps its date, or advances it at midnight, late, or early.
         for doy in [[100, 100, 100, 100], [100, 100, 101, 101], [100, 100, 100, 101], [100, 101, 101, 101]] {
             let [tt, year, doy] = time_columns(&unwrapped(&line(&OVER, &[2023; 4], &doy)).unwrap().unwrap());
             assert!(check_time(&tt).is_ok() && (tt[3] - 86_400.1).abs() < 1e-9, "{tt:?}");
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_the_year_ends_at_its_own_length() {
+    fn unit_the_year_ends_after_365_or_366_days() {
         for (year, last) in [(2023, 365), (2024, 366)] {
             let moved = [
                 line(&OVER, &[year; 4], &[last; 4]),

@@ -51,7 +51,7 @@ use crate::{
     store::Store,
 };
 
-/// Raised when what ingest writes changes.
+/// Raised when the output of ingest changes.
 const VERSION: &str = "ingest 3";
 
 /// Raised when the stored form of a map changes.
@@ -70,9 +70,9 @@ pub struct Flights {
     pub schema: SchemaRef,
     /// Notes on its files for the user.
     pub notes: Vec<String>,
-    /// Whether the bytes of its files are read even where they look like those read last.
+    /// Whether the bytes of its files are read even if they appear unchanged.
     pub read_all: bool,
-    /// How flights are divided, in place of the lines of the files.
+    /// Division of flights that replaces the lines of the files.
     division: Option<FlightDivision>,
     files: Vec<FlightFile>,
 }
@@ -83,7 +83,7 @@ pub struct FlightLines {
     pub lines: Vec<LineRecord>,
     /// The files they came from, and their keys.
     pub files: Vec<FileDigest>,
-    /// The folders of the figures of their quality: tables as [`checks::table`] has them.
+    /// The folders of their quality figures: tables in the form of [`checks::table`].
     pub quality: Vec<PathBuf>,
 }
 
@@ -94,18 +94,18 @@ pub struct ReadProgress<'a> {
     pub file: &'a std::path::Path,
     /// Whether it is the spec of a simulation, whose lines are simulated.
     pub simulated: bool,
-    /// The number of lines of the file that are done.
+    /// Number of finished lines of the file.
     pub lines: usize,
-    /// Lines that the file has, where that is known before it is read.
+    /// Number of lines of the file, if known before it is read.
     pub of_lines: Option<usize>,
-    /// Files of the table that are done.
+    /// Number of finished files of the table.
     pub done: usize,
-    /// Files that the table has.
+    /// Number of files of the table.
     pub all: usize,
 }
 
 impl<'a> ReadProgress<'a> {
-    /// A file that is begun or done.
+    /// Progress at the start or end of a file.
     pub fn of_file(file: &'a std::path::Path, done: usize, all: usize) -> ReadProgress<'a> {
         ReadProgress { file, simulated: false, lines: 0, of_lines: None, done, all }
     }
@@ -120,7 +120,7 @@ impl Flights {
         Flights::open_trusting(decl, folder, ReusePolicy::default())
     }
 
-    /// [`Flights::open`], without scanning files that a store knows and that are unchanged.
+    /// [`Flights::open`], without scanning unchanged files that have facts in a store.
     ///
     /// # Errors
     /// Fails as [`Flights::open`].
@@ -155,7 +155,7 @@ impl Flights {
         let (mut files, mut notes) = (vec![], Vec::from_iter(young.map(|what| format!("`{}`: {what}", decl.name))));
         let threads = threads_in_each(found.len());
         for path in found {
-            // A second file that it names is an object too.
+            // A second file that it names may also be an object.
             if let Some(other) = mapped.as_ref().and_then(|m| m.beside(&path)) {
                 remote::beside(&other).map_err(|fault| vec![placed(fault)])?;
             }
@@ -179,14 +179,14 @@ impl Flights {
         Ok(Flights { notes, read_all: trust.read_all, division: lines, files, ..known })
     }
 
-    /// A table of the columns `schema` whose lines are known: it has no files to read.
+    /// A table with the columns `schema` whose lines are known, without files to read.
     pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let shape = TableShape { columns, rate_hz: None };
         Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
-    /// Its files, and those that its simulations are made from.
+    /// Its files, and the inputs of its simulations.
     ///
     /// # Errors
     /// Fails when the spec of a simulation cannot be read.
@@ -200,11 +200,11 @@ impl Flights {
         Ok(found)
     }
 
-    /// Stores every line that is not in the store yet. `tick` is called when a file is begun, after each of its
-    /// lines, and when it is done; from several threads.
+    /// Stores every missing line. `tick` is called from several threads: at the start of a file, after each of its
+    /// lines, and at its end.
     ///
     /// # Errors
-    /// Fails for a file that cannot be read. What is wrong with single lines stands in their records.
+    /// Fails for a file that cannot be read. Faults of single lines are in their records.
     pub fn lines(&self, store: &Store, tick: &(dyn Fn(&ReadProgress) + Sync)) -> Result<FlightLines, Vec<Fault>> {
         ingest::lines(self, store, tick)
     }
@@ -255,16 +255,16 @@ pub struct MapSource {
     pub name: String,
     /// Its file or folder.
     pub path: PathBuf,
-    /// Whether its bytes are read even where they look like those read last.
+    /// Whether its bytes are read even if they appear unchanged.
     pub read_all: bool,
     content: MapSourceContent,
 }
 
 impl MapSource {
-    /// A map: checks the options and that the file is there.
+    /// A map: checks the options and that the file exists.
     ///
     /// # Errors
-    /// Fails for options that a map does not have, and for a file that does not exist.
+    /// Fails for unknown options, and for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
         let options = map_options(decl)?;
@@ -276,30 +276,30 @@ impl MapSource {
         MapSource { name: decl.name.clone(), path, read_all: false, content: MapSourceContent::Map { options, error } }
     }
 
-    /// A map whose key is known: it has no file to read.
+    /// A map whose key is known, without a file to read.
     ///
     /// # Errors
-    /// Fails for options that a map does not have.
+    /// Fails for unknown options.
     pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
-        // Planned before, with the file: a stage that asks for the error has been given it.
+        // The plan was made with the file, so a stage that needs the error has it.
         Ok(MapSource::of_map(decl, PathBuf::new(), map_options(decl)?, true))
     }
 
     /// A model: checks that the files hold one.
     ///
     /// # Errors
-    /// Fails for options that a model does not have, for a file that does not exist, and for one that is no table of a
-    /// fit or holds several models.
+    /// Fails for unknown options, for a file that does not exist, and for a file that is not the table of a fit or
+    /// holds several models.
     pub fn open_model(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
         let content = MapSourceContent::Model(ModelTable::open(decl, &path)?);
         Ok(MapSource { name: decl.name.clone(), path, read_all: false, content })
     }
 
-    /// A model of these columns whose key is known: it has no file to read.
+    /// A model with these columns whose key is known, without a file to read.
     ///
     /// # Errors
-    /// Fails for options that a model does not have.
+    /// Fails for unknown options.
     pub fn recorded_model(decl: &SourceDecl, schema: SchemaRef) -> Result<MapSource, Vec<Fault>> {
         let content = MapSourceContent::Model(ModelTable::recorded(decl, schema)?);
         Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
@@ -318,7 +318,7 @@ impl MapSource {
         matches!(self.content, MapSourceContent::Map { error: true, .. })
     }
 
-    /// Model for a stage; `None` for a map. All contents that give an error are equal, and all others are.
+    /// The table of a model as seen by stages; `None` for a map.
     pub fn model(&self) -> Option<Table> {
         match &self.content {
             MapSourceContent::Map { .. } => None,
@@ -326,7 +326,7 @@ impl MapSource {
         }
     }
 
-    /// The columns of a model; `None` of a map.
+    /// The columns of a model; `None` for a map.
     pub fn schema(&self) -> Option<&SchemaRef> {
         match &self.content {
             MapSourceContent::Map { .. } => None,
@@ -397,7 +397,7 @@ fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<
     Err(vec![Fault::new(format!("there is no file {}", path.display())).at(decl.path.1.clone())])
 }
 
-/// The whole map `key`, on its own grid.
+/// The whole map `key`, on its native grid.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
@@ -405,10 +405,10 @@ pub fn map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     store.whole(key)
 }
 
-/// The whole map `key` that a stage made, on its own grid.
+/// The whole map `key` that a stage made, on its native grid.
 ///
 /// # Errors
-/// When the store cannot be read.
+/// Fails when the store cannot be read.
 pub fn made_map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     let error = store.columns(key)?.field_with_name(schemas::map::ERROR).is_ok().then_some(schemas::map::ERROR);
     let columns: Vec<&str> = schemas::map::MADE_COLUMNS.into_iter().chain(error).collect();

@@ -1,4 +1,4 @@
-//! A model that was fitted elsewhere: the table of a `fit`, as a run publishes it.
+//! A model that was fitted elsewhere: the published table of a `fit`.
 
 use std::{fs::File, path::Path, sync::Arc};
 
@@ -25,7 +25,7 @@ const VALUE: &str = "value";
 
 /// The table of one model.
 pub struct ModelTable {
-    /// The condition that selects it, in one spelling; empty without.
+    /// The condition that selects it, in canonical spelling; empty without a condition.
     pub condition: String,
     /// Its columns.
     pub schema: SchemaRef,
@@ -33,20 +33,20 @@ pub struct ModelTable {
 }
 
 impl ModelTable {
-    /// Reads the table once to see whether it holds one model.
+    /// Reads the table once to check that it holds one model.
     ///
     /// # Errors
-    /// For options that it does not have, files that are no table of a `fit`, and several models in one table.
+    /// Fails for unknown options, files that are not the table of a `fit`, and several models in one table.
     pub fn open(decl: &SourceDecl, path: &Path) -> Result<ModelTable, Vec<Fault>> {
         let (condition, at, features) = options(decl)?;
         let rows = read(path, &condition).map_err(|fault| vec![fault.at(at)])?;
         Ok(ModelTable { condition, features, schema: rows.schema() })
     }
 
-    /// One whose rows are in the store.
+    /// A model whose rows are in the store.
     ///
     /// # Errors
-    /// For options that it does not have.
+    /// Fails for unknown options.
     pub fn recorded(decl: &SourceDecl, schema: SchemaRef) -> Result<ModelTable, Vec<Fault>> {
         let (condition, _, features) = options(decl)?;
         Ok(ModelTable { condition, features, schema })
@@ -72,12 +72,11 @@ fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fau
     Ok((condition, at, features))
 }
 
-/// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers, of which a missing one is
-/// NaN.
+/// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers. A missing number is NaN.
 ///
 /// # Errors
-/// When a file is no Parquet, the columns of a fit are missing, the condition cannot be evaluated, or what it selects
-/// is not one model.
+/// Fails when a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the
+/// selected rows are not one model.
 pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     let mut files = vec![];
     if path.is_dir() {
@@ -151,7 +150,7 @@ fn selected(batch: &RecordBatch, condition: &str) -> Result<RecordBatch, Fault> 
     }
 }
 
-/// Refuses what is no model, and what is several.
+/// Rejects rows that are not exactly one model.
 fn one_model(rows: &RecordBatch, path: &Path) -> Result<(), Fault> {
     let terms: Option<&StringArray> = rows.column_by_name(TERM).and_then(|terms| terms.as_string_opt());
     let terms = terms.ok_or_else(|| Fault::bug("a model without terms"))?;
@@ -193,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_one_model_is_read_and_anything_else_is_refused() {
+    fn unit_only_a_single_model_is_accepted() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.parquet");
         write(

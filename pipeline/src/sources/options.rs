@@ -39,16 +39,16 @@ params! {
 pub struct FileOptions {
     /// Names, units, keys.
     pub options: FlightOptions,
-    /// Meaning of the columns.
+    /// Mapping of the columns.
     pub mapped: Option<MappingTable>,
-    /// How they are divided, where not into their own lines.
+    /// Division of the flights, if not by their own lines.
     pub lines: Option<FlightDivision>,
 }
 
-/// Instead of a table of lines: they are found.
+/// Value of `lines` that selects detection.
 pub const AUTO: &str = "auto";
 
-/// The table of lines `name`, or that lines are found.
+/// Division by the table of lines `name`, or by detection.
 ///
 /// # Errors
 /// Fails as [`LineTable::read`].
@@ -60,13 +60,13 @@ pub fn division(name: &str, folder: &Path) -> Result<FlightDivision, Fault> {
     }
 }
 
-/// The line of a file that is divided.
+/// Line identifier of a file that will be divided.
 pub const WHOLE: &str = "0";
 
-/// The options of a table of flights, with the table of its mapping and that of its lines. Paths start from `folder`.
+/// The options of a table of flights, with its mapping table and its table of lines. Paths start from `folder`.
 ///
 /// # Errors
-/// Fails for unknown options, wrong types, and all that is wrong with the mapping.
+/// Fails for unknown options, wrong types, and all faults of the mapping.
 pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, Vec<Fault>> {
     let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
     let said = |key: &str| decl.options.get(key);
@@ -78,7 +78,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, V
     let lines = lines.map(|name| division(&name, folder)).transpose();
     let lines = lines.map_err(|fault| vec![at(fault, "lines")])?;
     if lines.is_some() {
-        // Files that have no lines need none.
+        // Files that will be divided need no line identifier.
         options.line.get_or_insert_with(|| WHOLE.to_owned());
     }
     let Some(name) = mapping else {
@@ -128,7 +128,7 @@ params! {
     struct NoKeys, all default;
 }
 
-/// All options in one spelling, for keys.
+/// All options in canonical spelling, for keys.
 pub fn spelt<T: Params>(options: &T) -> String {
     let mut pairs = vec![];
     options.spell(&mut pairs);

@@ -1,4 +1,4 @@
-//! Lines on their way into the store: several short ones into one pack.
+//! Writing of lines into the store, several short lines per pack.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -7,7 +7,7 @@ use schemas::Fault;
 
 use crate::{keys::HashKey, store::Store};
 
-/// The bytes of a pack in memory.
+/// Size of a pack in memory, bytes.
 const PACK_BYTES: usize = 4 << 20;
 
 /// Lines that are not written yet.
@@ -24,7 +24,7 @@ pub(super) struct LinePacker<'a> {
 }
 
 impl<'a> LinePacker<'a> {
-    /// Into `store`.
+    /// Creates a packer for `store`.
     pub fn new(store: &'a Store) -> LinePacker<'a> {
         LinePacker { store, waiting: Mutex::default() }
     }

@@ -1,5 +1,5 @@
-//! The quality of a line's data: what is missing, infinite, impossible or constant in each column, and the findings
-//! that make the line unusable.
+//! The quality of a line's data: missing, infinite, impossible and constant values of each column, and the faults that
+//! make the line unusable.
 //!
 //! Infinities, readings of exactly 0 of a scalar magnetometer, and a few impossible values of a sensor become missing
 //! values; each kind is a finding. An impossible position, attitude or date, and a sensor that is impossible for more
@@ -23,7 +23,7 @@ use schemas::{
     },
 };
 
-/// The largest part of a sensor's samples that can be impossible and still count as spikes.
+/// The largest share of impossible samples of a sensor that still count as spikes.
 const SPIKES: f64 = 0.1;
 
 /// A line shorter than this is not reported as constant.
@@ -31,7 +31,7 @@ const CONSTANT_ROWS: usize = 10;
 
 /// Result of the examination of a line.
 pub struct LineExamination {
-    /// Its samples, with NaN for what is taken as missing.
+    /// Its samples, with NaN for values that count as missing.
     pub batch: RecordBatch,
     /// The findings, in the order of the columns.
     pub findings: Vec<Finding>,
@@ -101,13 +101,13 @@ struct SampleCounts {
     infinite: RowTally,
     zero: RowTally,
     outside: RowTally,
-    /// Neither missing nor taken as missing.
+    /// Number of samples that neither are missing nor count as missing.
     known: usize,
     constant: bool,
 }
 
 impl SampleCounts {
-    /// `zeros` says whether a 0 is a dropout.
+    /// Counts the samples. `zeros`: whether a 0 is a dropout.
     fn from_values(values: &[f64], limits: Option<&PlausibleRange>, zeros: bool) -> SampleCounts {
         let [mut missing, mut infinite, mut zero, mut outside] = [RowTally::default(); 4];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -142,7 +142,7 @@ impl QualityLine<'_> {
         let counts = SampleCounts::from_values(values, limits.as_ref(), zeros);
         let kept = |x: f64| x.is_finite() && !(zeros && x == 0.0);
         let first = values.iter().position(|x| kept(*x)).unwrap_or(0);
-        // A height may well be kept.
+        // A height may be constant.
         let dead =
             counts.constant && about.role == Role::Sensor && limits.is_none_or(|l| l.kind != PhysicalQuantity::Height);
         let unusual = |yes: bool| RowTally { n: if yes { counts.known } else { 0 }, first };
@@ -223,7 +223,7 @@ impl QualityLine<'_> {
                 continue;
             }
             if outside.n as f64 > SPIKES * finite as f64 {
-                // The magnitude says more than a component that is out of range for the same reason.
+                // The fault of a magnitude replaces the fault of a component with the same cause.
                 self.faults.retain(|f| !faulty(f));
                 let column = format!("{vector}_x");
                 let fault = impossible(&column, &VECTOR, value, "nT", (outside, finite), self.origins);

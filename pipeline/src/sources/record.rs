@@ -1,5 +1,5 @@
-//! Small notes in the store that say themselves whether they are whole: JSON whose first entry is a checksum of the
-//! rest. A note that does not verify is ignored, since all of them can be recomputed.
+//! Notes in the store that can be verified: JSON whose first entry is a checksum of the rest. An invalid note is
+//! ignored, because all notes can be recomputed.
 
 use schemas::Fault;
 use serde::{Serialize, de::DeserializeOwned};
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_note_with_any_bit_flipped_or_any_part_missing_is_none() {
+    fn unit_damaged_notes_are_rejected() {
         let note = Note { size: 7, text: "Übung\n\"{\n".to_owned(), list: vec![Some(0.1), None] };
         let whole = sealed(&note).unwrap();
         assert_eq!(unsealed::<Note>(&whole), Some(note));

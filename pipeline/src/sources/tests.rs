@@ -1,4 +1,4 @@
-//! Files read into a store: once for any number of threads, and again when the store's notes of them are damaged.
+//! Files read into a store: once for any number of threads, and again after damage to the store's notes.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -79,7 +79,7 @@ fn unit_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
 }
 
 #[test]
-fn unit_a_damaged_note_of_what_a_file_holds_is_made_again() {
+fn unit_damaged_notes_of_files_are_recomputed() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 5);
     let store = Store::open(&folder.path().join("store")).unwrap();
@@ -103,7 +103,7 @@ fn unit_a_damaged_note_of_what_a_file_holds_is_made_again() {
 }
 
 #[test]
-fn unit_damaged_figures_of_quality_are_made_again() {
+fn unit_damaged_quality_figures_are_recomputed() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 5);
     let store = Store::open(&folder.path().join("store")).unwrap();
@@ -124,7 +124,7 @@ fn unit_damaged_figures_of_quality_are_made_again() {
 }
 
 #[test]
-fn unit_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_same() {
+fn unit_scan_results_are_cached_while_the_file_is_unchanged() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 2);
     let store = Store::open(&folder.path().join("store")).unwrap();
@@ -134,7 +134,7 @@ fn unit_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_sam
         let flights = Flights::open_trusting(&decl(), folder.path(), trust).unwrap();
         flights.schema.field_with_name("note").unwrap().data_type().clone()
     };
-    // A note that says otherwise shows whether the file was gone through.
+    // A modified note reveals whether the file was scanned.
     for entry in fs::read_dir(store.root().join("sources")).unwrap().flatten() {
         let text = fs::read_to_string(entry.path()).unwrap();
         if let Some(mut seen) =

@@ -8,7 +8,7 @@ use toml::{
 
 use super::literal;
 
-/// More values than this are more likely a slip than a wish.
+/// Maximum number of values; more are probably a mistake.
 const MOST_VALUES: u128 = 100_000;
 /// Maximum total number of entries over all subsets of an axis.
 const MOST_ENTRIES: u128 = 5_000_000;
@@ -22,7 +22,7 @@ const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 /// and each in the given order. An entry that is a list is included or omitted as a whole.
 ///
 /// # Errors
-/// Faults of the values, each at the value it concerns.
+/// Fails with the faults of the values, each at its value.
 pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<Fault>> {
     let (values, places) = match value.get_ref() {
         DeValue::Table(table) => {
@@ -57,7 +57,7 @@ pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<
     }
 }
 
-/// One value: a list only of what is no list.
+/// One value; a list must not contain lists.
 fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let found = literal(value)?;
     let Some(items) = value.get_ref().as_array() else { return Ok(found) };
@@ -68,7 +68,7 @@ fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     }
 }
 
-/// The first value of another type than the first one's, and what to say of it.
+/// The first value of another type than the first one's, and the message.
 fn mixed(values: &[Literal]) -> Option<(usize, String)> {
     let number = |v: &Literal| matches!(v, Literal::Int(_) | Literal::Float(_));
     let same = |v: &Literal| v.type_name() == values[0].type_name() || number(v) && number(&values[0]);
@@ -146,12 +146,12 @@ fn flat(entry: &Literal) -> Vec<Literal> {
     }
 }
 
-/// A number that is worth counting on from.
+/// `n`, or `None` above 10^30, where counting stops.
 fn below(n: u128) -> Option<u128> {
     (n <= 10u128.pow(30)).then_some(n)
 }
 
-/// How many subsets of `k` of `n` there are; where it is more than 10^30, some number above that.
+/// Number of subsets of `k` of `n`; above 10^30, any larger number.
 fn binomial(n: u128, k: u128) -> u128 {
     let step = |b: u128, i: u128| below(b).map(|b| b * (n - i) / (i + 1));
     (0..k.min(n - k)).try_fold(1, step).unwrap_or(u128::MAX / 2)
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_subsets_are_counted_before_they_are_made() {
+    fn unit_subsets_are_counted_before_they_are_made() {
         let names = |n: usize| (0..n).map(|i| format!("'x{i}'")).collect::<Vec<_>>().join(", ");
         for (n, rest, says) in [
             (30, "", "1073741823 values"),
@@ -211,7 +211,7 @@ mod tests {
             let fault = values("mags", &value).unwrap_err().remove(0);
             assert!(fault.what.contains(says) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
         }
-        // Few in the end, but half of them would be hundreds of millions.
+        // Few subsets, although all subsets of half the entries would be hundreds of millions.
         assert_eq!(texts(&format!("{{ subsets_of = [{}], at_least = 28 }}", names(30))).len(), 435 + 30 + 1);
     }
 
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_faults_stand_at_the_value() {
+    fn gold_faults_have_the_position_of_the_value() {
         let says = |toml, what: &str, at: &str| assert_eq!(fault(toml), (what.to_owned(), at.to_owned()));
         says("['tl', ['tl', 'x']]", "the axis `mags` mixes a text with a list", "['tl', 'x']");
         says("[['a', 'b'], ['a+b']]", "the axis `mags` has the value `a+b` twice", "['a+b']");

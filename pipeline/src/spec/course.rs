@@ -1,4 +1,4 @@
-//! The course of a search: which trials come next, from the scores of those before.
+//! The course of a search: the next trials from the scores of earlier ones.
 
 use learning::search::{TrialOutcome, TrialValue, kept, propose};
 use schemas::Literal;
@@ -33,15 +33,15 @@ impl SearchTrial {
 pub struct SearchTrialScore {
     /// The row.
     pub row: SearchTrial,
-    /// The goal; `None` where it has no value.
+    /// The goal; `None` if it has no value.
     pub goal: Option<f64>,
-    /// The goal as a cost, which is to be small.
+    /// The goal as a cost; smaller is better.
     pub cost: Option<f64>,
-    /// The lines that went into the goal.
+    /// Number of lines that the goal is pooled over.
     pub lines: usize,
-    /// Why there is no goal.
+    /// Reason for a missing goal.
     pub error: Option<String>,
-    /// Whether successive halving took it to the next rung.
+    /// Whether successive halving promoted it to the next rung.
     pub promoted: bool,
 }
 
@@ -50,16 +50,16 @@ pub struct SearchTrialScore {
 pub enum RungOutcome {
     /// It has a goal, and there is no further rung.
     Done,
-    /// It went on to the next rung.
+    /// Promoted to the next rung.
     Promoted,
-    /// It has a goal, and others were better.
+    /// It has a goal, but others were better.
     Pruned,
     /// It has no goal.
     Failed,
 }
 
 impl RungOutcome {
-    /// The word for it.
+    /// The outcome as text.
     pub fn as_str(self) -> &'static str {
         match self {
             RungOutcome::Done => "done",
@@ -86,7 +86,7 @@ impl SearchTrialScore {
 #[derive(Clone, Debug)]
 pub struct SearchState<'a> {
     search: &'a SearchSpec,
-    /// Computed trials, in that order.
+    /// Computed trials, in the order of computation.
     done: Vec<SearchTrialScore>,
     /// The next rows.
     next: Vec<SearchTrial>,
@@ -95,14 +95,14 @@ pub struct SearchState<'a> {
 }
 
 impl<'a> SearchState<'a> {
-    /// The search, at its beginning.
+    /// Creates the state before the first trial.
     pub fn new(search: &'a SearchSpec) -> SearchState<'a> {
         let mut course = SearchState { search, done: vec![], next: vec![], proposed: 0 };
         course.propose();
         course
     }
 
-    /// The rows that come next, which need no scores of each other; none where the search is over.
+    /// The next rows, which do not need each other's scores; empty if the search is over.
     pub fn next(&self) -> &[SearchTrial] {
         &self.next
     }
@@ -122,7 +122,7 @@ impl<'a> SearchState<'a> {
         !self.done.is_empty() && self.done.iter().all(|s| s.cost.is_none())
     }
 
-    /// The scores of [`SearchState::next`], in its order.
+    /// Records the scores of [`SearchState::next`], in its order.
     pub fn tell(&mut self, scored: Vec<SearchTrialScore>) {
         let first = self.done.len();
         let rung = scored.first().map_or(1, |s| s.row.rung);
@@ -137,7 +137,7 @@ impl<'a> SearchState<'a> {
                 }
             }
         }
-        // Where no trial has a goal, another one is not worth its time.
+        // If no trial has a goal, no further trials are proposed.
         if self.next.is_empty() && !self.is_vain() {
             self.propose();
         }
@@ -149,7 +149,7 @@ impl<'a> SearchState<'a> {
         if count == 0 {
             return;
         }
-        // A trial is known by the highest rung that it got to.
+        // A trial is represented by its highest rung.
         let last = self.done.iter().filter(|s| !s.promoted);
         let outcomes: Vec<TrialOutcome> =
             last.map(|s| TrialOutcome { values: s.row.values.clone(), rung: s.row.rung, cost: s.cost }).collect();
@@ -161,7 +161,7 @@ impl<'a> SearchState<'a> {
         self.proposed += count;
     }
 
-    /// All rows that are known, those to come too, by trial and rung.
+    /// All known rows, computed or not, by trial and rung.
     pub fn rows(&self) -> Vec<SearchTrial> {
         let mut rows: Vec<SearchTrial> =
             self.done.iter().map(|s| s.row.clone()).chain(self.next.iter().cloned()).collect();
@@ -169,8 +169,8 @@ impl<'a> SearchState<'a> {
         rows
     }
 
-    /// The best of what was computed: of the trials that got to the highest rung the one of least cost, the first of
-    /// equal ones.
+    /// The best computed trial: the trial with the least cost among the trials at the highest rung, the first of equal
+    /// ones.
     pub fn best(&self) -> Option<&SearchTrialScore> {
         best(&self.done)
     }
@@ -185,7 +185,7 @@ pub fn best(done: &[SearchTrialScore]) -> Option<&SearchTrialScore> {
     done.iter().filter(|s| s.cost.is_some()).min_by(better)
 }
 
-/// The axes of these rows: the trial, what a rung costs, and those that are searched.
+/// The axes of these rows: the trial, the cost axis of the rungs, and the searched axes.
 pub fn axes(search: &SearchSpec, rows: &[SearchTrial]) -> Vec<SweepAxis> {
     let literals: Vec<Vec<Literal>> = rows.iter().map(|r| r.literals(search)).collect();
     let axis = |(k, (name, at)): (usize, (&str, &super::SpecSpan))| SweepAxis {
@@ -243,7 +243,7 @@ mod tests {
                 && SearchState::new(&search("trials = 9\nmethod = 'random'")).is_known()
         );
         let halved = search("trials = 20\ngeneration = 8\nhalving = { axis = 'n', values = [1, 2, 4], eta = 2 }");
-        // The best are other ones at the last rung.
+        // The best trials differ at the last rung.
         let (course, sizes) = run(&halved, |row| Some(if row.rung < 3 { x(row) } else { -x(row) }));
         assert_eq!((sizes, halved.most_rows()), (vec![8, 4, 2, 8, 4, 2, 4, 2, 1], 35));
         let best = course.best().unwrap();
@@ -264,7 +264,7 @@ mod tests {
         let some = search("trials = 40\ngeneration = 4\nhalving = { axis = 'n', values = [1, 2], eta = 2 }");
         let (course, sizes) = run(&some, |_| None);
         assert!(course.is_vain() && course.best().is_none() && sizes == [4]);
-        // One goal is enough to go on.
+        // One goal is enough to continue.
         let (course, sizes) = run(&some, |row| (row.trial == 3).then_some(1.0));
         assert!(!course.is_vain() && sizes.len() > 10, "{sizes:?}");
         assert_eq!(course.best().map(|b| (b.row.trial, b.row.rung)), Some((3, 2)));

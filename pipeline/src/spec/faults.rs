@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn r10_a_position_behind_the_text_is_on_the_command_line() {
+    fn unit_positions_after_the_text_are_on_the_command_line() {
         let faults = SpecFaults {
             file: "a.toml".into(),
             text: "seed = 1".into(),

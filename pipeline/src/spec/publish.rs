@@ -74,7 +74,7 @@ params! {
     limits: Option<String>, unit "", default None, absent "not provided";
 }
 
-/// Text to write where the table is missing.
+/// Template for a missing table.
 pub const EXAMPLE: &str = "write\n\
     [publish]\n\
     title       = \"...\"\n\
@@ -89,7 +89,7 @@ pub const EXAMPLE: &str = "write\n\
 /// The facts of `[publish]`.
 ///
 /// # Errors
-/// Everything that is wrong with them, each with its position.
+/// Fails with all faults, each with its position.
 pub fn read_facts(section: &SpecSection) -> Result<PublishFacts, Vec<Fault>> {
     let lists = ChoiceRegistry::default();
     let reader = ParamReader::new("publish", &section.keys, Some(section.at.clone()), &lists);
@@ -268,10 +268,10 @@ params! {
 pub const PROTECTION_KEYS: [&str; 5] = ["restricted", "embargo", "reason", "least_samples", "least_ratio"];
 
 impl ProtectionKeys {
-    /// Reads the keys among those of a table, which lie at the bytes `at`, and takes them out.
+    /// Takes the keys of the restrictions out of the keys of a table, which is at the bytes `at`.
     ///
     /// # Errors
-    /// Everything that is wrong with them, each with its position.
+    /// Fails with all faults, each with its position.
     pub fn take(table: &str, options: &mut SpecEntries, at: Range<usize>) -> Result<ProtectionKeys, Vec<Fault>> {
         let own: SpecEntries = PROTECTION_KEYS.iter().filter_map(|k| options.remove_entry(*k)).collect();
         let lists = ChoiceRegistry::default();
@@ -308,8 +308,7 @@ impl ProtectionKeys {
         }
     }
 
-    /// The faults of columns that are restricted and that the table does not have: a misspelt name would protect
-    /// nothing.
+    /// Faults of restricted columns that the table does not have: a misspelt name would protect nothing.
     pub fn unknown(&self, table: &str, known: &[&str]) -> Vec<Fault> {
         let ColumnRestriction::Columns(names) = &self.restricted else { return vec![] };
         let unknown = names.iter().filter(|n| !known.contains(&n.as_str()));
@@ -330,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_facts_are_read_and_each_slip_is_named() {
+    fn unit_facts_are_read_and_each_fault_is_reported() {
         assert_eq!(facts(FULL).unwrap().authors.0[0].full_name(), "A B");
         let slips = [
             ("2026-02-28", "2026-02-29", "`2026-02-29` is not a date"),

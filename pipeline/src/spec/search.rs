@@ -1,9 +1,8 @@
 //! `[search]`: axes whose values are searched rather than listed.
 //!
-//! A trial is one value of each of these axes, so that together they are one side of the grid of a sweep: the column
-//! `trial` and one for each axis. The trials of `random` and `sobol` are known beforehand; those of `tpe`, and the
-//! rungs of `halving`, follow from the scores of those before. A [`SearchState`](super::SearchState) says which ones
-//! are next.
+//! A trial has one value of each searched axis, so these axes together form one side of the sweep's grid: the column
+//! `trial` and a column for each axis. The trials of `random` and `sobol` are known beforehand; the trials of `tpe` and
+//! the rungs of `halving` depend on earlier scores. A [`SearchState`](super::SearchState) gives the next ones.
 
 use learning::search::{MOST_DIMENSIONS, ProposalMethod, SearchDimension, TrialValue};
 use schemas::{ChoiceRegistry, Fault, Literal, ParamReader, Params, Rule, SpecSection, choice, params};
@@ -16,11 +15,11 @@ use super::{SpecSpan, SweepAxis, axis};
 
 /// The column of a trial's number.
 pub const TRIAL: &str = "trial";
-/// More trials than this are more likely a slip than a wish.
+/// Maximum number of trials; more are probably a mistake.
 const MOST_TRIALS: f64 = 100_000.0;
-/// Beyond it not every whole number is a number of 64 bits.
+/// Above this number, not every whole number is a 64-bit float.
 const MOST_WHOLE: f64 = (1_u64 << 53) as f64;
-/// The keys that are read by hand.
+/// Keys that are parsed separately.
 const OWN_KEYS: [&str; 3] = ["axes", "where", "halving"];
 /// The columns of the table of trials that an axis must not hide.
 const TAKEN: [&str; 7] = [TRIAL, "generation", "rung", "goal", "state", "error", "lines"];
@@ -96,13 +95,13 @@ params! {
 pub struct SearchSpec {
     /// Its position.
     pub at: SpecSpan,
-    /// How trials are proposed.
+    /// The method that proposes trials.
     pub method: ProposalMethod,
-    /// The word for it.
+    /// Name of the method.
     pub named: SearchMethodName,
     /// The number of trials.
     pub trials: usize,
-    /// How many of them are proposed together.
+    /// Number of trials that are proposed together.
     pub generation: usize,
     /// The seed of all random draws.
     pub seed: u64,
@@ -110,11 +109,11 @@ pub struct SearchSpec {
     pub table: String,
     /// The metric.
     pub metric: String,
-    /// Where the goal stands.
+    /// Position of the goal.
     pub goal_at: SpecSpan,
-    /// Which values of the goal are good; `None` for what the metric says.
+    /// Direction of improvement of the goal; `None` for the metric's own direction.
     pub direction: Option<GoalDirection>,
-    /// The lines that the goal is of, and where that stands; all where there is none.
+    /// Condition on the lines of the goal, with position; `None` for all lines.
     pub predicate: Option<(String, SpecSpan)>,
     /// Successive halving.
     pub halving: Option<SuccessiveHalving>,
@@ -138,18 +137,18 @@ pub struct SuccessiveHalving {
 /// An axis of a search.
 #[derive(Clone, Debug)]
 pub struct SearchAxis {
-    /// Its name, which is that of its column.
+    /// Its name, which is also the name of its column.
     pub name: String,
     /// Its position.
     pub at: SpecSpan,
     /// Its values.
     pub dimension: SearchDimension,
-    /// Those of a choice.
+    /// Values of a choice.
     pub choices: Vec<Literal>,
 }
 
 impl SearchAxis {
-    /// A value as it stands in a column.
+    /// A value as stored in its column.
     pub fn literal(&self, value: TrialValue) -> Option<Literal> {
         match value {
             TrialValue::Real(x) => Some(Literal::Float(x)),
@@ -178,7 +177,7 @@ impl SearchSpec {
         self.halving.as_ref().map_or(1, |h| h.values.len())
     }
 
-    /// The most rows that the table of trials can have: one for each trial at each of its rungs.
+    /// Maximum number of rows of the table of trials: one for each trial at each of its rungs.
     pub fn most_rows(&self) -> usize {
         let eta = self.halving.as_ref().map_or(1, |h| h.eta.max(1));
         let of = |generation: usize| -> usize {
@@ -190,7 +189,7 @@ impl SearchSpec {
         (self.trials / size).saturating_mul(of(size)) + if last > 0 { of(last) } else { 0 }
     }
 
-    /// Names of its columns with their positions in the spec: the trial, what a rung costs, and the axes.
+    /// Names of its columns with their positions in the spec: the trial, the cost axis of the rungs, and the axes.
     pub fn columns(&self) -> Vec<(&str, &SpecSpan)> {
         let rung = self.halving.iter().map(|h| (h.axis.as_str(), &h.at));
         let axes = self.axes.iter().map(|a| (a.name.as_str(), &a.at));
@@ -224,7 +223,7 @@ pub fn reference() -> String {
 /// Reads `[search]` of a spec whose seed is `seed` and whose listed axes are `listed`.
 ///
 /// # Errors
-/// Everything that is wrong with it, each with its position.
+/// Fails with all faults, each with its position.
 pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[SweepAxis]) -> Result<SearchSpec, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table() else {
         return Err(vec![Fault::new("`search` must be a table: `[search]`").at(value.span())]);
@@ -301,7 +300,7 @@ pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[SweepAxis]) -> Result
     if faults.is_empty() { Ok(search) } else { Err(faults) }
 }
 
-/// An axis has one name, and is searched or listed.
+/// Faults of axes with duplicate names, and of axes that are both searched and listed.
 fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
     let mut faults = vec![];
     let mut push = |what: String, at: &SpecSpan, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
@@ -381,7 +380,7 @@ fn axes(table: &DeTable, at: SpecSpan) -> Result<Vec<SearchAxis>, Vec<Fault>> {
     if faults.is_empty() { Ok(found) } else { Err(faults) }
 }
 
-/// A list of choices, or a table of two ends.
+/// Reads a searched axis: a list of choices, or a table of two ends.
 fn searched(name: &str, at: SpecSpan, value: &Spanned<DeValue>) -> Result<SearchAxis, Vec<Fault>> {
     let Some(table) = value.get_ref().as_table().filter(|t| !t.contains_key("subsets_of")) else {
         let choices = axis::values(name, value)?;

@@ -13,15 +13,15 @@ use super::{SpecSpan, TOP, publish::PROTECTION_KEYS};
 /// Keys whose value is a text, so that it needs no quotes.
 const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
 
-/// One assignment, as two documents of TOML in which everything stands at the bytes it has behind the spec's text.
+/// One assignment as two TOML documents, padded so that positions follow the spec's text.
 pub struct SetAssignment {
-    /// The whole, where it is TOML.
+    /// The whole assignment, if it is TOML.
     whole: String,
-    /// The key, with a value that is TOML in any case.
+    /// The key, with a valid TOML value.
     key: String,
     /// The bytes of the value.
     value: SpecSpan,
-    /// The bytes of the whole.
+    /// The bytes of the assignment.
     at: SpecSpan,
 }
 
@@ -40,7 +40,7 @@ impl SetAssignment {
         Ok(SetAssignment { whole: format!("{room}{text}"), key: format!("{room}{}=0", &text[..equals]), value, at })
     }
 
-    /// Puts the value into the document `root`.
+    /// Sets the value in the document `root`.
     ///
     /// # Errors
     /// Fails when the key does not exist in the spec, or the value is not TOML where TOML is required.
@@ -173,7 +173,7 @@ fn unknown(kind: &str, key: &Spanned<DeString>, known: &[&str]) -> Fault {
     Fault::new(format!("there is no {kind} `{name}`")).nearest(name, known).at(key.span())
 }
 
-/// Sets what `path` names below an entry that is there.
+/// Sets the value at `path` below an existing entry.
 fn inside<'i>(
     of: &mut DeTable<'i>,
     path: &[Spanned<DeString<'i>>],

@@ -1,13 +1,13 @@
-//! The workers that are computing a unit, or were lost while they did.
+//! Records of workers that compute a unit or were lost during its computation.
 //!
-//! An attempt at some units, which a worker computes together, is a file `attempts/<name>`. It gives host and time, and
-//! then the keys of the units, one a line. The worker removes it when the units have their answers, and on a stop
-//! signal. A file that remains thus belongs to a killed worker; one of its units or another cause killed it. If the
-//! worker survives and a unit has no answer, as after a panic, the file stays with this unit alone and the reason. The
-//! files are not synced to the disk, because a loss of power is not the fault of a unit.
+//! An attempt is one execution of some units by one worker, recorded in a file `attempts/<name>`. The file lists host
+//! and time, then the keys of the units, one per line. The worker removes it when all units have answers, and on a stop
+//! signal. A remaining file thus belongs to a killed worker; one of its units or another cause killed it. If the worker
+//! survives and a unit has no answer, for example after a panic, the file keeps only this unit and the reason. The
+//! files are not synced to the disk, because a power loss is not the fault of a unit.
 //!
-//! In an object store it is an object for every 24 units, `attempts/<name>-<marks>`. The marks are the first digits of
-//! the keys, so that one listing tells a worker which objects may be about its units, and it reads no others.
+//! In an object store, an attempt has one object `attempts/<name>-<marks>` per 24 units. The marks are the first digits
+//! of the keys. A worker thus finds the objects that may concern its units by one listing, and reads only those.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -28,10 +28,10 @@ use super::{
 };
 use crate::{clock, keys::HashKey, remote::each};
 
-/// The folder of a store that holds them.
+/// Folder of the attempts in a store.
 pub const FOLDER: &str = "attempts";
-/// The digits of a key that are its mark, those of the name before them, and the most units of an object: some servers
-/// store objects as files, whose names are made of those of the objects and have at most 255 bytes.
+/// Digits of a key in its mark, digits of the name, and maximum number of units per object. Some servers store objects
+/// as files, whose names have at most 255 bytes.
 const MARK: usize = 4;
 const NAME: usize = 16;
 const MOST: usize = 24;
@@ -40,7 +40,7 @@ const MOST: usize = 24;
 #[derive(Clone)]
 enum AttemptMarker {
     File(PathBuf),
-    /// The name of an object.
+    /// Name of an object.
     Object(Arc<RemoteStore>, String),
 }
 
@@ -62,9 +62,9 @@ impl AttemptMarker {
         }
     }
 
-    /// Says something else.
+    /// Replaces the text of the record.
     fn rewrite(&self, text: String, store: &Store) {
-        // Without it the worker counts as lost.
+        // If the write fails, the worker counts as lost.
         match self {
             AttemptMarker::File(file) => {
                 let new = store.temporary();
@@ -75,32 +75,32 @@ impl AttemptMarker {
     }
 }
 
-/// Those of this process.
+/// Attempts of this process in progress.
 static UNDER_WAY: Mutex<Vec<AttemptMarker>> = Mutex::new(vec![]);
 
 fn under_way() -> MutexGuard<'static, Vec<AttemptMarker>> {
     UNDER_WAY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Takes back the attempts that this process has begun: it was told to stop, which is not the fault of a unit.
+/// Removes the running attempts of this process after a stop signal, which is not the fault of a unit.
 pub fn withdraw() {
     let all = std::mem::take(&mut *under_way());
     all.iter().for_each(AttemptMarker::remove);
 }
 
-/// Prefix of the reason why a unit has no answer.
+/// Prefix of the reason for a missing answer.
 const WHY: &str = "failed: ";
 
-/// An attempt to compute some units.
+/// Attempt to compute some units.
 #[must_use]
 pub struct Attempt {
-    /// Where it is written down, with the units that are.
+    /// Records of the attempt, each with its units.
     markers: Vec<(AttemptMarker, Vec<HashKey>)>,
     who: String,
 }
 
 impl Attempt {
-    /// The units have their answers, or the worker stops; but for those that failed while the worker lives.
+    /// Ends the attempt when the units have answers or the worker stops. Units in `failed` keep their record.
     pub fn end(self, store: &Store, failed: &HashMap<HashKey, &Fault>) {
         for (marker, keys) in &self.markers {
             under_way().retain(|other| !other.is(marker));
@@ -118,19 +118,19 @@ impl Attempt {
     }
 }
 
-/// Counts of attempts at a unit that have no answer, with a reason.
+/// Numbers of attempts at a unit without an answer, with a reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct UnitAttempts {
-    /// Workers that were lost, or are at work.
+    /// Attempts whose worker was lost or is still running.
     pub lost: usize,
-    /// Workers that lived.
+    /// Attempts whose worker survived.
     pub failed: usize,
-    /// Reason of one of those.
+    /// Reason of one of the failed attempts.
     pub why: Option<String>,
 }
 
 impl UnitAttempts {
-    /// Adds one, with what is said of the unit.
+    /// Adds one attempt with the text recorded for the unit.
     fn add(&mut self, said: &str) {
         match said.strip_prefix(WHY) {
             Some(why) => {
@@ -141,24 +141,24 @@ impl UnitAttempts {
         }
     }
 
-    /// All of them.
+    /// Number of all attempts.
     pub fn all(&self) -> usize {
         self.lost + self.failed
     }
 }
 
-/// The units of the text of an attempt, each with what is said of it.
+/// Units in the text of an attempt, each with its recorded reason.
 fn units(text: &str) -> impl Iterator<Item = (HashKey, &str)> {
     text.lines().skip(1).filter_map(unit)
 }
 
-/// The unit of a line, with what is said of it; none of a line that was cut.
+/// Unit of a line with its recorded reason; `None` for a truncated line.
 fn unit(line: &str) -> Option<(HashKey, &str)> {
     let (key, said) = line.split_once(' ').unwrap_or((line, ""));
     Some((HashKey::parse(key)?, said))
 }
 
-/// The attempts at each unit, by their texts.
+/// Attempts at each unit, from the texts of the records.
 fn counted(texts: &[String]) -> HashMap<HashKey, UnitAttempts> {
     let mut found: HashMap<HashKey, UnitAttempts> = HashMap::new();
     for (key, said) in texts.iter().flat_map(|text| units(text)) {
@@ -171,22 +171,22 @@ fn mark(key: HashKey) -> String {
     key.to_string().chars().take(MARK).collect()
 }
 
-/// Whether the object of this name may be about a unit with one of these marks.
+/// Whether the object `name` may concern a unit with one of these marks.
 fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
     let own = name.rsplit_once('-').map_or("", |(_, own)| own);
     own.as_bytes().chunks(MARK).any(|one| std::str::from_utf8(one).is_ok_and(|one| marks.contains(one)))
 }
 
-/// The texts of the attempts in an object store, of those whose names are `wanted`.
+/// Texts of the attempts in an object store whose names are `wanted`.
 fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String> {
-    // Unreadable attempts are read when the next units begin; the others count.
+    // Unreadable attempts are read when the next units begin; the others are counted.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
     let names: Vec<String> = all.into_iter().map(|object| object.key).filter(|name| wanted(name)).collect();
     let found = each(&names, |name| Ok(remote.bucket().get(name).ok().flatten())).unwrap_or_default();
     found.into_iter().flatten().map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).collect()
 }
 
-/// Text of an attempt without the units that are `done`; empty where it is `old`.
+/// Text of an attempt without the units that are `done`; empty if it is `old`.
 fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
     let is_left = |line: &&str| unit(line).is_some_and(|(key, _)| !old && !done(key));
     let left: Vec<&str> = text.lines().skip(1).filter(is_left).collect();
@@ -197,14 +197,14 @@ fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
 }
 
 impl Store {
-    /// The texts of all attempts in the folder, with their files.
+    /// Texts of all attempts in the folder, with their files.
     fn attempts_in_folder(&self) -> impl Iterator<Item = (PathBuf, String)> {
         let files = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
-        // One that ends meanwhile is none.
+        // An attempt that ends in the meantime is skipped.
         files.filter_map(|file| Some((file.path(), String::from_utf8(paths::read_regular(&file.path()).ok()?).ok()?)))
     }
 
-    /// The attempts at some units.
+    /// Attempts at some units, in the order of `keys`.
     pub fn attempts_at(&self, keys: &[HashKey]) -> Vec<UnitAttempts> {
         let all = match self.remote() {
             Some(remote) => {
@@ -216,7 +216,7 @@ impl Store {
         keys.iter().map(|key| all.get(key).cloned().unwrap_or_default()).collect()
     }
 
-    /// The attempts at all units that have any.
+    /// Attempts at all units that have any.
     pub fn attempts(&self) -> HashMap<HashKey, UnitAttempts> {
         match self.remote() {
             Some(remote) => counted(&in_objects(remote, |_| true)),
@@ -227,9 +227,9 @@ impl Store {
     /// Begins an attempt at some units.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn attempt(&self, keys: &[HashKey]) -> Result<Attempt, Fault> {
-        // Each process and thread creates another text.
+        // Each process and thread creates a different text.
         let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());
         let who = format!("{kernel} process {process} {} {unique}\n", clock::now());
         let mut attempt = Attempt { markers: vec![], who };
@@ -264,10 +264,10 @@ impl Store {
         }
     }
 
-    /// Removes the attempts at units that are `done`, and those as old as `older_than`.
+    /// Removes the attempts at units that are `done`, and attempts as old as `older_than`.
     pub fn drop_attempts(&self, done: impl Fn(HashKey) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
-            // Remaining files are removed later.
+            // Remaining objects are removed later.
             let _ = drop_objects(remote, &done, older_than);
             return;
         }
@@ -303,7 +303,7 @@ fn drop_objects(
         if left.is_empty() {
             remote.bucket().remove(&object.key)?;
         } else if left != text {
-            // Where its worker has changed it since, that stands.
+            // A newer text of the worker is kept.
             remote.bucket().replace(&object.key, left.as_bytes(), Some(tag))?;
         }
     }
@@ -334,7 +334,7 @@ mod tests {
         let tries = store.attempts_at(&[two, one]);
         assert_eq!((tries[0].all(), tries[1].lost, tries[1].failed), (0, 0, 1));
         assert!(tries[1].why.as_ref().unwrap().starts_with("a panic: an error"), "{:?}", tries[1].why);
-        // A worker that was lost, one of whose units another one has computed.
+        // The worker of this attempt was lost, and another worker has computed one of its units.
         std::mem::forget(store.attempt(&[one, two]).unwrap());
         assert_eq!((count(one), count(two)), (2, 1));
         store.drop_attempts(|key| key == one, None);
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_text_that_is_cut_anywhere_names_no_other_unit() {
+    fn unit_truncated_attempt_text_lists_no_foreign_unit() {
         let (one, two) = (HashKey::from_parts(["one"]), HashKey::from_parts(["two"]));
         let text = format!("here process 1\n{one}\n{two} failed: a panic\n");
         for end in 0..text.len() {

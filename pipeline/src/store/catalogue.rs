@@ -1,7 +1,8 @@
-//! The packs of a store, and the units in each.
+//! Catalogue of the packs of a store and their units.
 //!
-//! The footer of a pack lists its contents; the file `index` only avoids reading all footers again. The index is
-//! checked as a whole, and against size and time of each pack. Entries that disagree are read from the packs.
+//! The footer of a pack lists its contents; the file `index` only avoids reading all footers again. The whole index is
+//! verified, and each entry is compared with the size and time of its pack. Entries that disagree are read from the
+//! packs.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -19,78 +20,78 @@ use super::{
     sealed::{SealedFile, StoreFileFault, verify},
 };
 
-/// The first bytes of the index.
+/// First bytes of the index.
 const MARK: &[u8; 16] = b"magline index 2\n";
 
-/// The units of a pack, in its footer: the kind of pack, then a line of key, dress and rows for each.
+/// Metadata key of the units in a pack's footer: the kind of pack, then one line of key, hash and rows per unit.
 pub const UNITS: &str = "magline.units";
 
-/// Instead of the rows of a unit that could not be computed.
+/// Row count of a unit that could not be computed.
 pub const FAILED: u32 = u32::MAX;
 
-/// A unit in a pack.
+/// Unit in a pack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PackedUnit {
-    /// The key of the result.
+    /// Key of the result.
     pub key: HashKey,
-    /// The hash of its other columns in the pack: the values of the axes, the identifiers, the columns carried along.
+    /// Hash of the unit's other columns in the pack: axis values, identifiers, passed-through columns.
     pub dress: u64,
-    /// Its rows, or [`FAILED`].
+    /// Number of rows, or [`FAILED`].
     pub rows: u32,
 }
 
-/// A pack: a file of the store that holds the rows of some units, one after another.
+/// Pack: file of the store with the rows of some units, one after another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StorePack {
-    /// Its name.
+    /// Name of the pack.
     pub id: HashKey,
-    /// Its bytes.
+    /// Size, bytes.
     pub size: u64,
-    /// Fails when it was written, ns since 1970; a pack is never written again.
+    /// Time of writing, ns since 1970. Packs are immutable.
     pub modified_ns: u64,
-    /// The columns that it has.
+    /// Hash of the columns of the pack.
     pub kind: HashKey,
-    /// Its units, in the order of their rows.
+    /// Units, in the order of their rows.
     pub units: Vec<PackedUnit>,
 }
 
-/// The location of the rows of a unit.
+/// Location of the rows of a unit.
 #[derive(Clone, Copy, Debug)]
 pub struct RowLocation {
-    /// The pack, as a position in the catalogue.
+    /// Position of the pack in the catalogue.
     pub pack: usize,
-    /// The unit in it.
+    /// Position of the unit in the pack.
     pub unit: usize,
-    /// Its first row.
+    /// First row of the unit in the pack.
     pub first: usize,
-    /// The number of rows; `None` where it could not be computed.
+    /// Number of rows; `None` if the unit could not be computed.
     pub rows: Option<usize>,
 }
 
-/// All packs of a store.
+/// Catalogue of all packs of a store.
 #[derive(Default)]
 pub struct PackCatalogue {
     packs: Vec<Option<StorePack>>,
     by_id: HashMap<HashKey, usize>,
     units: HashMap<HashKey, RowLocation>,
-    /// Whether it differs from the index on the disk.
+    /// Whether the catalogue differs from the index on the disk.
     changed: bool,
 }
 
-/// The path of the pack `id` below the store's folder.
+/// Path of the pack `id` below the store's folder.
 pub fn path(root: &Path, id: HashKey) -> PathBuf {
     let name = id.to_string();
     root.join("objects").join(&name[..2]).join(format!("{name}.parquet"))
 }
 
-/// Size and time of change, as the catalogue keeps them.
+/// Size and modification time, in the form of the catalogue.
 pub fn stamp(about: &fs::Metadata) -> (u64, u64) {
     let since = about.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
     (about.len(), since.and_then(|d| u64::try_from(d.as_nanos()).ok()).unwrap_or(0))
 }
 
 impl PackCatalogue {
-    /// The packs in the store at `root`, and the damaged ones.
+    /// Opens the packs in the store at `root`. Also returns the damaged ones.
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
@@ -108,7 +109,7 @@ impl PackCatalogue {
                     let name = file.file_name();
                     let id = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(HashKey::parse);
                     let own = |id: &HashKey| file.path() == path(root, *id);
-                    // A link may lead out of the store, and the reading of a pipe may never end.
+                    // A link may lead out of the store, and reading a pipe may block forever.
                     if let Some(id) = id.filter(own).filter(|_| file.file_type().is_ok_and(|kind| kind.is_file())) {
                         found.push((id, stamp(&file.metadata()?)));
                     }
@@ -120,7 +121,7 @@ impl PackCatalogue {
             match known.remove(&id).filter(|p| (p.size, p.modified_ns) == (size, modified_ns)) {
                 Some(pack) => all.insert(pack),
                 None => {
-                    // Packs that were modified since, or by others, are verified completely.
+                    // Packs that were modified later or by other programs are verified completely.
                     fresh += 1;
                     match read(root, id, (size, modified_ns)) {
                         Ok(pack) => all.insert(pack),
@@ -135,11 +136,11 @@ impl PackCatalogue {
         Ok((all, damaged))
     }
 
-    /// The packs of a store in an object store, whose cache is the folder `root`, and the damaged ones. Of those that
-    /// no index knows the footers are read.
+    /// Opens the packs of an object store with the cache `root`. Also returns the damaged ones. Reads the footers of
+    /// packs that are missing from all indexes.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn of_remote(root: &Path, remote: &RemoteStore) -> Result<(PackCatalogue, Vec<(HashKey, String)>), Fault> {
         let by_id =
             |packs: Vec<StorePack>| packs.into_iter().map(|p| (p.id, p)).collect::<HashMap<HashKey, StorePack>>();
@@ -175,7 +176,7 @@ impl PackCatalogue {
         Ok((all, damaged))
     }
 
-    /// A catalogue of these packs.
+    /// Catalogue of the given packs.
     pub fn of_packs(packs: Vec<StorePack>) -> PackCatalogue {
         let mut all = PackCatalogue::default();
         packs.into_iter().for_each(|pack| all.insert(StorePack { modified_ns: 0, ..pack }));
@@ -183,7 +184,7 @@ impl PackCatalogue {
         all
     }
 
-    /// The packs of the index of the store at `root`, as it is; `None` where it is missing or damaged.
+    /// Packs in the index of the store at `root`, without a check of the packs; `None` if it is missing or damaged.
     pub fn indexed(root: &Path) -> Option<PackCatalogue> {
         let mut all = PackCatalogue::default();
         load(root)?.into_iter().for_each(|pack| all.insert(pack));
@@ -227,17 +228,17 @@ impl PackCatalogue {
         }
     }
 
-    /// The location of a unit.
+    /// Location of a unit.
     pub fn find(&self, key: HashKey) -> Option<RowLocation> {
         self.units.get(&key).copied()
     }
 
-    /// A pack by its index.
+    /// Pack at a position in the catalogue.
     pub fn pack(&self, at: usize) -> Option<&StorePack> {
         self.packs.get(at).and_then(Option::as_ref)
     }
 
-    /// A pack by its name.
+    /// Pack by name.
     pub fn by_id(&self, id: HashKey) -> Option<&StorePack> {
         self.by_id.get(&id).and_then(|at| self.pack(*at))
     }
@@ -247,7 +248,7 @@ impl PackCatalogue {
         self.packs.iter().flatten()
     }
 
-    /// The bytes of the index, where it is not the one on the disk.
+    /// Bytes of the index, if it differs from the one on the disk.
     pub fn to_write(&mut self) -> Option<Vec<u8>> {
         if !std::mem::take(&mut self.changed) {
             return None;
@@ -273,22 +274,22 @@ impl PackCatalogue {
     }
 }
 
-/// The pack `id` from its file, all of which is verified.
+/// Pack `id` from its file; verifies all bytes.
 ///
 /// # Errors
-/// Fails when it is damaged, gone or cannot be read.
+/// Fails when the file is damaged, missing or unreadable.
 pub fn read(root: &Path, id: HashKey, (size, modified_ns): (u64, u64)) -> Result<StorePack, StoreFileFault> {
     let file = path(root, id);
     let (kind, units) = verify(&file).and_then(|()| SealedFile::open(&file)).and_then(|s| units_of(s.text(UNITS)))?;
     Ok(StorePack { id, size, modified_ns, kind, units })
 }
 
-/// The contents of the index, if it is intact.
+/// Contents of the index, if it is intact.
 fn load(root: &Path) -> Option<Vec<StorePack>> {
     parse(&paths::read_regular(&root.join("index")).ok()?)
 }
 
-/// The packs that the bytes of an index list, if they are intact.
+/// Packs in the bytes of an index, if they are intact.
 pub fn parse(bytes: &[u8]) -> Option<Vec<StorePack>> {
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(blake3::OUT_LEN)?)?;
     if blake3::hash(body).as_bytes() != sum {
@@ -321,10 +322,10 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     Some(*head)
 }
 
-/// The kind and the units of a file, from what its footer says of them.
+/// Kind and units of a file, from the text in its footer.
 ///
 /// # Errors
-/// Fails where that is missing, or cannot be read.
+/// Fails when the text is missing or unreadable.
 pub fn units_of(text: Option<&str>) -> Result<(HashKey, Vec<PackedUnit>), StoreFileFault> {
     let text = text.ok_or_else(|| StoreFileFault::Damaged("its list of units is missing".to_owned()))?;
     let read = || {
@@ -340,7 +341,7 @@ pub fn units_of(text: Option<&str>) -> Result<(HashKey, Vec<PackedUnit>), StoreF
     read().ok_or_else(|| StoreFileFault::Damaged("its list of units is unreadable".to_owned()))
 }
 
-/// The units in a pack's footer.
+/// Text of the units in a pack's footer.
 pub fn spell(kind: HashKey, units: &[PackedUnit]) -> String {
     let line = |PackedUnit { key, dress, rows }: &PackedUnit| match *rows {
         FAILED => format!("{key} {dress:016x} failed\n"),
@@ -350,7 +351,7 @@ pub fn spell(kind: HashKey, units: &[PackedUnit]) -> String {
 }
 
 impl PackedUnit {
-    /// Its rows; `None` where it could not be computed.
+    /// Number of rows; `None` if the unit could not be computed.
     pub fn count(&self) -> Option<usize> {
         (self.rows != FAILED).then_some(self.rows as usize)
     }

@@ -1,7 +1,7 @@
-//! State of units that take minutes, so that a killed run resumes.
+//! State of units that take minutes. A killed run resumes from it.
 //!
-//! Each is a file of its own, named by the key of its unit: the hash of the state, then the state. One that does not
-//! verify is ignored, since it only saves time.
+//! Each state is a file named by the key of its unit. It holds the hash of the state, then the state. A file that does
+//! not verify is ignored, since it only saves time.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ use schemas::{Fault, paths};
 use super::{Store, tend::is_old};
 use crate::keys::HashKey;
 
-/// The folder of a store that holds them.
+/// Folder of the states in a store.
 pub const FOLDER: &str = "checkpoints";
 
 fn path(root: &Path, key: HashKey) -> PathBuf {
@@ -31,10 +31,10 @@ pub(super) fn is_whole(bytes: &[u8]) -> bool {
 }
 
 impl Store {
-    /// The state of a unit that an earlier run has not finished.
+    /// State of a unit that an earlier run has not finished.
     pub fn checkpoint(&self, key: HashKey) -> Option<Vec<u8>> {
         let bytes = match self.remote() {
-            // Another machine may have come further.
+            // Another machine may have a later state.
             Some(remote) => remote.bucket().get(&format!("{FOLDER}/{key}")).ok()??,
             None => paths::read_regular(&path(self.root(), key)).ok()?,
         };
@@ -42,16 +42,15 @@ impl Store {
         (hash(state).as_bytes() == sum).then(|| state.to_vec())
     }
 
-    /// Keeps the state of a unit, in place of the one before.
+    /// Stores the state of a unit, in place of the previous one.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn set_checkpoint(&self, key: HashKey, state: &[u8]) -> Result<(), Fault> {
         self.write(&path(self.root(), key), &[hash(state).as_bytes(), state].concat())
     }
 
-    /// Removes the states of the units that are `done`, and those that have not been written to for as long as
-    /// `older_than`.
+    /// Removes the states of units that are `done`, and states last written at least `older_than` ago.
     pub fn drop_checkpoints(&self, done: impl Fn(&str) -> bool, older_than: Option<Duration>) {
         if let Some(remote) = self.remote() {
             // Remaining objects are removed later.
@@ -74,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_state_comes_back_until_its_unit_is_done_and_a_damaged_one_does_not() {
+    fn unit_checkpoint_is_readable_until_its_unit_is_done_and_damage_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         let (one, two) = (HashKey::from_parts(["one"]), HashKey::from_parts(["two"]));

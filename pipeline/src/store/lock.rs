@@ -1,11 +1,11 @@
-//! The lock of a pipeline: one run of it at a time in a store, whichever host it is on.
+//! Lock of a pipeline: one run of it at a time in a store, on any host.
 //!
-//! On one host a lock of the operating system says so, which ends with the process that holds it. Of other hosts, whose
-//! locks a file system may not show, a lease does: the file `locks/<pipeline>.lease-<n>` with the highest number names
-//! the holder, and is written to every [`BEAT`]. A lease is over when its holder has released it, when it ran on this
-//! host and the lock is free, or when it was not written to for [`GONE_AFTER`], by the clock of the file system.
-//! Whoever takes it over makes the file of the next number, which only one can do; a number is not used twice, so that
-//! a process that was stopped in between cannot take the lease of another for the one it saw.
+//! On one host, a lock of the operating system excludes other runs; it ends with the process that holds it. A file
+//! system may not show the locks of other hosts. For them, the lease `locks/<pipeline>.lease-<n>` with the highest
+//! number names the holder, who writes to it every [`BEAT`]. A lease is over when its holder has released it, or when
+//! it was made on this host and the lock is free. It is also over when it was not written for [`GONE_AFTER`], by the
+//! clock of the file system. The next holder creates the file of the next number, which only one process can do. A
+//! number is not used twice. A process that was paused in between thus cannot take the lease of another.
 
 use std::{
     fmt,
@@ -32,30 +32,30 @@ use super::{
 };
 use crate::{clock, keys::HashKey};
 
-/// The interval of the signs of life.
+/// Interval between renewals of a lease.
 const BEAT: Duration = Duration::from_secs(10);
-/// Leases are counted one by one, so that no number reaches this; a file of a higher one is no lease.
+/// Upper limit of lease numbers, which increase by one; a file with a higher number is ignored.
 const MOST: u64 = 1 << 53;
-/// A holder on another host without a sign for so long is gone.
+/// Age of the last renewal at which a holder on another host is assumed dead.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
-/// The interval of looking again while waiting, at a lock of this machine and at one in an object store.
+/// Polling intervals while waiting: for a lock of this machine, and for one in an object store.
 const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(3)];
 
-/// The process that holds a lock.
+/// Process that holds a lock.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockHolder {
-    /// The name of its host.
+    /// Name of its host.
     pub host: String,
-    /// The boot of its host: the same only for processes under one kernel. Empty where that is not known.
+    /// Identifier of its host's boot, equal only for processes under one kernel. Empty if unknown.
     pub boot: String,
-    /// Its number.
+    /// Process identifier.
     pub pid: u32,
-    /// When it took the lock, UTC.
+    /// Time of acquisition, UTC.
     pub since: String,
-    /// A checksum of what is above.
+    /// Checksum of the fields above.
     #[serde(default)]
     sum: String,
-    /// Whether it has released it.
+    /// Whether the holder has released the lock.
     free: bool,
 }
 
@@ -66,7 +66,7 @@ impl LockHolder {
         LockHolder { host, boot, pid, since, sum: String::new(), free: false }.signed()
     }
 
-    /// The same with its checksum.
+    /// Returns the holder with its checksum.
     fn signed(mut self) -> LockHolder {
         self.sum = self.sum_of();
         self
@@ -76,27 +76,27 @@ impl LockHolder {
         HashKey::from_parts([&self.host, &self.boot, &self.pid.to_string(), &self.since]).to_string()
     }
 
-    /// Its checksum.
+    /// Checksum of the holder.
     pub(super) fn sum(&self) -> &str {
         &self.sum
     }
 
-    /// Whether its checksum is right.
+    /// Whether the checksum is correct.
     pub(super) fn is_whole(&self) -> bool {
         self.sum == self.sum_of()
     }
 
-    /// The holder in the text of a lease. Its checksum is for `verify` alone: a lease counts whoever wrote it.
+    /// Reads the holder from the text of a lease. Only `verify` checks the checksum: a lease is valid with any content.
     fn read(bytes: &[u8]) -> Option<LockHolder> {
         serde_json::from_slice(bytes).ok()
     }
 
-    /// Whether it has released the lock.
+    /// Whether the holder has released the lock.
     pub(super) fn is_free(&self) -> bool {
         self.free
     }
 
-    /// Says that it has.
+    /// Records the release.
     pub(super) fn release(&mut self) {
         self.free = true;
     }
@@ -108,7 +108,7 @@ impl fmt::Display for LockHolder {
     }
 }
 
-/// The name of this host.
+/// Name of this host.
 pub fn host() -> String {
     let named = fs::read_to_string("/proc/sys/kernel/hostname").ok();
     let asked = || Command::new("uname").arg("-n").output().ok().and_then(|o| String::from_utf8(o.stdout).ok());
@@ -116,17 +116,17 @@ pub fn host() -> String {
     name.unwrap_or_else(|| "localhost".to_owned())
 }
 
-/// The identifier of this host's boot; empty where that is not known.
+/// Identifier of this host's boot; empty if unknown.
 pub fn boot() -> String {
     fs::read_to_string("/proc/sys/kernel/random/boot_id").map(|t| t.trim().to_owned()).unwrap_or_default()
 }
 
-/// A lock that another process holds.
+/// Lock that another process holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ForeignLock {
-    /// The process; `None` where it does not say.
+    /// Process; `None` if the lease does not name it.
     pub holder: Option<LockHolder>,
-    /// The time since its last sign.
+    /// Time since the last renewal.
     pub silent: Option<Duration>,
 }
 
@@ -139,27 +139,27 @@ impl ForeignLock {
     }
 }
 
-/// The outcome of a lock request.
+/// Outcome of a lock request.
 pub enum LockOutcome {
-    /// It is this process'.
+    /// This process holds the lock.
     Mine(PipelineLock),
-    /// It is another's.
+    /// Another process holds the lock.
     Held(ForeignLock),
 }
 
-/// The lock of one pipeline, for computing and publishing its tables; one process holds it at a time.
+/// Lock of one pipeline, for computing and publishing its tables; one process holds it at a time.
 pub struct PipelineLock {
     pipeline: String,
     folder: PathBuf,
     number: u64,
     text: String,
     heart: LeaseHeartbeat,
-    /// That of the object store, where the folder is a copy of one.
+    /// Lease in the object store, if the folder is a copy of one.
     lease: Option<Box<RemoteLease>>,
     _lock: File,
 }
 
-/// The thread that renews a lease.
+/// Thread that renews a lease.
 struct LeaseHeartbeat {
     shared: Arc<LeaseHeartbeatState>,
     file: File,
@@ -173,7 +173,7 @@ struct LeaseHeartbeatState {
     lost: AtomicBool,
 }
 
-/// A lease in the folder of locks.
+/// Lease in the folder of locks.
 struct LeaseFile {
     number: u64,
     holder: Option<LockHolder>,
@@ -189,7 +189,7 @@ pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
     if name.contains(".lease-") { LockHolder::read(bytes).is_some_and(|h| h.is_whole()) } else { bytes.is_empty() }
 }
 
-/// The numbers of the leases of a pipeline, sorted.
+/// Numbers of the leases of a pipeline, sorted.
 fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
     let start = prefix(pipeline);
     let number = |e: fs::DirEntry| e.file_name().to_str()?.strip_prefix(&start)?.parse().ok().filter(|n| *n < MOST);
@@ -198,7 +198,7 @@ fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
     Ok(found)
 }
 
-/// The number of the last lease of `pipeline` in the store at `root`, 0 before the first; `None` while it is held.
+/// Number of the last lease of `pipeline` in the store at `root`, 0 before the first; `None` while it is held.
 pub fn generation(root: &Path, pipeline: &str) -> Option<u64> {
     match RemoteStore::from_cache(root) {
         Ok(Some(remote)) => return remote.generation(pipeline).ok().flatten(),
@@ -221,13 +221,13 @@ impl LeaseFile {
         Ok(Some(LeaseFile { number, holder: LockHolder::read(&paths::read_regular(&path)?), written }))
     }
 
-    /// Whether its holder is gone, seen by a process that has the lock of the operating system.
+    /// Whether the holder is dead, as seen by a process that has the lock of the operating system.
     fn is_over(&self, boot: &str, now: SystemTime) -> bool {
         match &self.holder {
             Some(holder) if holder.free => true,
-            // Its process would hold the lock.
+            // A live process would hold the lock.
             Some(holder) if !boot.is_empty() && holder.boot == boot => true,
-            // A sign of life has the time of the file system, so that one from the future is none.
+            // Renewals carry the time of the file system, so a time in the future is not a renewal.
             Some(_) | None => match now.duration_since(self.written) {
                 Ok(silent) => silent >= GONE_AFTER,
                 Err(ahead) => ahead.duration() >= GONE_AFTER,
@@ -237,7 +237,7 @@ impl LeaseFile {
 
     fn held(self, now: Option<SystemTime>) -> ForeignLock {
         let silent = now.and_then(|now| now.duration_since(self.written).ok());
-        // A lease that was released says nothing of who has the lock of the operating system now.
+        // A released lease does not show who holds the lock of the operating system now.
         match self.holder {
             Some(holder) if holder.free => ForeignLock::default(),
             holder => ForeignLock { holder, silent },
@@ -260,8 +260,8 @@ impl LeaseHeartbeat {
                         of_thread.lost.store(true, Ordering::SeqCst);
                         return;
                     }
-                    // The file system sets the time of the file by its own clock. A sign that is not written is one
-                    // that others do not see.
+                    // The file system sets the time of the file by its own clock. If the write fails, other processes
+                    // do not see this renewal.
                     let _ = writer.write_all_at(b"\n", end);
                 }
             }
@@ -272,21 +272,21 @@ impl LeaseHeartbeat {
 }
 
 impl PipelineLock {
-    /// The pipeline.
+    /// Name of the pipeline.
     pub fn pipeline(&self) -> &str {
         &self.pipeline
     }
 
-    /// Whether no other process had the lock when its [`generation`] was `seen`, nor since.
+    /// Whether no other process has held the lock since its [`generation`] was `seen`.
     pub fn follows(&self, seen: Option<u64>) -> bool {
         let number = self.lease.as_ref().map_or(self.number, |lease| lease.number());
         seen.is_some_and(|n| number == n.saturating_add(1))
     }
 
-    /// Whether the lock is still this process'.
+    /// Checks that this process still holds the lock.
     ///
     /// # Errors
-    /// Fails when another has taken it over.
+    /// Fails when another process has taken it.
     pub fn check(&self) -> Result<(), Fault> {
         let newest = numbers(&self.folder, &self.pipeline).ok().and_then(|n| n.last().copied());
         let by = if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
@@ -310,20 +310,19 @@ impl PipelineLock {
 
 impl Drop for PipelineLock {
     fn drop(&mut self) {
-        // Whoever has the lock of this cache next finds the lease free.
+        // The next holder of this cache's lock finds the lease free.
         self.lease.take();
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
-        // The text has the same length, so that one write is enough. If the write fails, the lease ends when it
-        // expires.
+        // The text keeps its length, so one write is enough. If the write fails, the lease ends when it expires.
         let free = self.text.replace("\"free\":false", "\"free\":true ");
         let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
     }
 }
 
 impl Store {
-    /// The time by the clock of the store's file system.
+    /// Time by the clock of the store's file system.
     fn time_there(&self) -> io::Result<SystemTime> {
         let probe = self.temporary();
         let time = File::create(&probe).and_then(|mut f| f.write_all(b"\n").and_then(|()| f.metadata()?.modified()));
@@ -331,10 +330,10 @@ impl Store {
         time
     }
 
-    /// Takes the lock of `pipeline`, or says who holds it.
+    /// Takes the lock of `pipeline`, or returns its holder.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn lock(&self, pipeline: &str) -> Result<LockOutcome, Fault> {
         let mut publisher = match self.lock_here(pipeline)? {
             LockOutcome::Mine(publisher) => publisher,
@@ -349,13 +348,13 @@ impl Store {
         Ok(LockOutcome::Mine(publisher))
     }
 
-    /// Takes the lock of `pipeline` in the store's folder, or says who holds it.
+    /// Takes the lock of `pipeline` in the store's folder, or returns its holder.
     fn lock_here(&self, pipeline: &str) -> Result<LockOutcome, Fault> {
         pipeline_name(pipeline)?;
         let folder = self.root().join("locks");
         let path = folder.join(format!("{pipeline}.lock"));
         let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
-        // The file is not truncated: only the lock counts.
+        // The file is not truncated, because only the lock matters.
         let options = File::options().write(true).create(true).truncate(false).clone();
         let lock = own_file(self.root(), &path, &options).map_err(|e| fail(&e))?;
         match lock.try_lock() {
@@ -364,7 +363,7 @@ impl Store {
             Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
         }
         let newest = match LeaseFile::newest(&folder, pipeline) {
-            // Its holder has just gone on to another number.
+            // The holder has just moved to another number.
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(LockOutcome::Held(ForeignLock::default())),
             newest => newest.map_err(|e| fail(&e))?,
         };
@@ -406,13 +405,13 @@ impl Store {
         }))
     }
 
-    /// Makes the file of a lease, whole; `false` where it exists.
+    /// Creates the complete file of a lease; `false` if it exists.
     fn lease(&self, to: &Path, text: &[u8]) -> io::Result<bool> {
         let tmp = self.temporary();
         File::create(&tmp).and_then(|mut f| f.write_all(text).and_then(|()| f.sync_all()))?;
         let made = match fs::hard_link(&tmp, to) {
             Err(e) if e.kind() != io::ErrorKind::AlreadyExists => {
-                // A file system without links.
+                // Fallback for a file system without links.
                 File::options().create_new(true).write(true).open(to).and_then(|mut f| f.write_all(text))
             }
             made => made,
@@ -430,16 +429,16 @@ impl Store {
         lease.map(|l| l.held(self.time_there().ok())).unwrap_or_default()
     }
 
-    /// How long to wait before asking for a lock again.
+    /// Polling interval for a lock.
     pub fn look_again(&self) -> Duration {
         let [here, there] = LOOK_AGAIN;
         if self.is_copy() { there } else { here }
     }
 
-    /// Takes the lock of `pipeline`; where another process holds it, waits for it or fails.
+    /// Takes the lock of `pipeline`. If another process holds it, waits or fails.
     ///
     /// # Errors
-    /// Fails when another process holds it, or the file system refuses.
+    /// Fails when another process holds it, or the file system reports an error.
     pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<PipelineLock, Fault> {
         loop {
             match self.lock(pipeline)? {
@@ -474,7 +473,7 @@ mod tests {
         }
     }
 
-    /// A lease of a process on another host, silent for so long.
+    /// Lease of a process on another host, last renewed `silent` ago.
     fn foreign(root: &Path, number: u64, silent: Duration) -> PathBuf {
         let holder =
             LockHolder { host: "elsewhere".to_owned(), boot: "other".to_owned(), ..LockHolder::this() }.signed();
@@ -485,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_lock_is_held_named_and_released() {
+    fn unit_lock_is_held_reported_and_released() {
         let folder = tempfile::tempdir().unwrap();
         let (one, two) = (Store::open(folder.path()).unwrap(), Store::open(folder.path()).unwrap());
         let before = generation(folder.path(), "p");
@@ -495,7 +494,7 @@ mod tests {
         assert_eq!((seen.pid, seen.host), (std::process::id(), host()));
         // A reading that was made under the lock can be outdated when the lock is free.
         assert_eq!(generation(folder.path(), "p"), None);
-        // Another pipeline is another lock.
+        // Locks of different pipelines are independent.
         mine(two.lock("q").unwrap());
         drop(first);
         let second = mine(two.lock("p").unwrap());
@@ -504,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_holder_of_another_host_counts_until_it_is_silent() {
+    fn unit_foreign_holder_expires_when_silent() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         foreign(folder.path(), 7, Duration::from_secs(60));
@@ -515,18 +514,18 @@ mod tests {
         foreign(folder.path(), 7, GONE_AFTER + Duration::from_secs(1));
         let taken = mine(store.lock("p").unwrap());
         assert_eq!(taken.number, 8);
-        // The holder that seemed dead returns and takes the next number, so this one must not publish.
+        // The apparently dead holder returns and takes the next number, so this one must not publish.
         foreign(folder.path(), 9, Duration::ZERO);
         let fault = taken.check().unwrap_err();
         assert!(fault.what.contains("now held by") && fault.what.contains("elsewhere"), "{}", fault.what);
     }
 
     #[test]
-    fn unit_one_of_many_takes_a_lease_over() {
+    fn unit_one_of_many_processes_takes_an_expired_lease() {
         let folder = tempfile::tempdir().unwrap();
         let stores: Vec<Store> = (0..8).map(|_| Store::open(folder.path()).unwrap()).collect();
         let to = folder.path().join("locks").join("p.lease-3");
-        // Without the lock of the operating system, as on hosts that do not see each other's.
+        // Simulates hosts that do not see each other's locks of the operating system.
         let made = |store: &Store| store.lease(&to, store.temporary().display().to_string().as_bytes()).unwrap();
         let won: Vec<bool> = std::thread::scope(|scope| {
             let all: Vec<_> = stores.iter().map(|s| scope.spawn(|| made(s))).collect();
@@ -537,7 +536,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_lease_that_says_nothing_is_over_when_it_is_old() {
+    fn unit_unreadable_lease_expires_with_age() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         let path = foreign(folder.path(), 1, Duration::ZERO);

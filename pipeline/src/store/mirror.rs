@@ -1,4 +1,4 @@
-//! A copy of a store that shares its files, for computing again what it holds.
+//! Copy of a store that shares its files, for recomputation of its results.
 
 use std::{
     collections::HashSet,
@@ -15,10 +15,10 @@ use crate::keys::HashKey;
 const SHARED: [&str; 2] = ["sources", "quality"];
 
 impl Store {
-    /// Makes a store in the folder `to` that has all results of this one but the units `but`. Its files are links.
+    /// Creates a store in the folder `to` with all results of this one except the units `but`. Its files are links.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn mirror(&self, to: &Path, but: &HashSet<HashKey>) -> Result<Store, Fault> {
         let ids: Vec<HashKey> = {
             let catalogue = self.catalogue();

@@ -1,4 +1,4 @@
-//! The store: results, addressed by their inputs, and the tables built from them.
+//! Store: results, addressed by their inputs, and the tables built from them.
 //!
 //! ```text
 //! objects/ab/<id>.parquet     packs: the rows of several units of one table, ordinary Parquet with checksums
@@ -18,11 +18,11 @@
 //! tmp/                        files being written; renamed when complete
 //! ```
 //!
-//! A file appears under its final name only when it is complete and on the disk, so that neither a run killed at any
-//! moment nor a loss of power leaves anything half-written to be read. Nothing but `tables/<pipeline>` is ever replaced
-//! by something else under the same name, so that a reader keeps the version it opened.
+//! A file appears under its final name only when it is complete and on the disk. Neither a killed run nor a power loss
+//! thus leaves a partial file that is read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader
+//! keeps the version it opened.
 //!
-//! A store in an object store is the same below an address; its folder is then a copy: see `store/remote`.
+//! A store in an object store has the same layout below an address. Its folder is then a copy: see `store/remote`.
 
 pub mod attempts;
 mod catalogue;
@@ -70,10 +70,10 @@ pub use unfinished::kernel;
 pub(crate) use unfinished::{own_folder, sweep};
 pub use version::{ExtraTable, Manifest, ManifestTable, TableFiles, Version, current, parts, published, versions};
 
-/// The layout of the store; a store of another layout is rejected.
+/// Layout of the store; a store of another layout is rejected.
 const LAYOUT: &str = "magline store 3\n";
 
-/// The folders of a store.
+/// Folders of a store.
 const PARTS: [&str; 13] = [
     "objects",
     "sources",
@@ -90,20 +90,20 @@ const PARTS: [&str; 13] = [
     "tmp",
 ];
 
-/// Rows of a row group, unless a single unit or wide rows ask for less.
+/// Rows of a row group, unless one unit or wide rows require fewer.
 pub const GROUP_ROWS: usize = 100_000;
-/// Bytes of a row group in memory.
+/// Size of a row group in memory, bytes.
 const GROUP_BYTES: usize = 32 << 20;
 
-/// A store that this process may write to.
+/// Store that this process may write to.
 pub struct Store {
     root: PathBuf,
     objects: PackReader,
     tmp: PathBuf,
     next: AtomicU64,
-    // Held together with all other processes that work in the store.
+    // Shared lock of all processes that use the store.
     shared: File,
-    // Held as long as the process lives; another process may then remove the folder.
+    // Lock held for the life of the process; another process may then remove the folder.
     _lock: File,
 }
 
@@ -114,32 +114,32 @@ impl Deref for Store {
     }
 }
 
-/// A unit to write into a pack.
+/// Unit to write into a pack.
 pub struct NewUnit {
     /// Its key.
     pub key: HashKey,
-    /// The hash of its other columns: see [`PackedUnit`].
+    /// Hash of the other columns: see [`PackedUnit`].
     pub dress: u64,
-    /// Its rows, in the schema of the pack; or why it cannot be computed.
+    /// Rows in the schema of the pack, or the fault of the computation.
     pub rows: Result<RecordBatch, Fault>,
     /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
 }
 
-/// The exclusive lock of one process on a store.
+/// Exclusive lock of one process on a store.
 pub struct ExclusiveStoreLock<'a>(&'a File);
 
 impl Drop for ExclusiveStoreLock<'_> {
     fn drop(&mut self) {
-        // At worst it stays exclusive until the process ends.
+        // If this fails, the lock stays exclusive until the process ends.
         let _ = self.0.lock_shared();
     }
 }
 
-/// Checks the name of a pipeline, which becomes part of paths in the store.
+/// Checks the name of a pipeline, which is used in paths of the store.
 ///
 /// # Errors
-/// Fails for a name that no spec can have.
+/// Fails for a name that is invalid in a spec.
 pub fn pipeline_name(name: &str) -> Result<(), Fault> {
     paths::check_name(name).map_err(|why| Fault::new(format!("`{name}` is not a valid name of a pipeline")).help(why))
 }
@@ -149,10 +149,10 @@ fn trouble(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
 }
 
 impl Store {
-    /// Opens the store at `root`, creating it where there is none.
+    /// Opens the store at `root`; creates it if absent.
     ///
     /// # Errors
-    /// Fails when the folder cannot be written or holds something else.
+    /// Fails when the folder cannot be written or is not a store.
     pub fn open(root: &Path) -> Result<Store, Fault> {
         if let Some(remote) = RemoteStore::from_cache(root)?
             && !remote.pull()?
@@ -162,13 +162,13 @@ impl Store {
         Store::opened(root, PackReader::open)
     }
 
-    /// Opens the store at `root` for a worker: with the packs of its index, which the driver has written, without a
-    /// look at all packs that there are. Others are found by [`PackReader::adopt`].
+    /// Opens the store at `root` for a worker with the packs of the index, which the driver has written. It does not
+    /// list all packs. [`PackReader::adopt`] adds others.
     ///
     /// # Errors
     /// Fails when there is no store, or the folder cannot be written.
     pub fn join(root: &Path) -> Result<Store, Fault> {
-        // A worker needs nothing of what changes.
+        // A worker does not use the changing files.
         let there = match RemoteStore::from_cache(root)? {
             Some(remote) => remote.is_there()?,
             None => root.join("STORE").is_file(),
@@ -190,13 +190,13 @@ impl Store {
                 let fault = Fault::new(format!("{} is a store of another version of magline", root.display()));
                 return Err(fault.help("use another folder as `store`"));
             }
-            // A damaged mark is rewritten, if everything else looks like a store.
+            // A damaged mark is rewritten if everything else matches a store.
             Ok(_) => false,
             Err(e) if e.kind() == io::ErrorKind::NotFound => false,
             Err(e) => return Err(fail(e)),
         };
         if !marked {
-            // A run killed while it made the store leaves some of these folders and no mark.
+            // A run killed while creating the store leaves some of these folders and no mark.
             let ours = |name: &str| PARTS.contains(&name) || ["STORE", "index", remote::MARK].contains(&name);
             let entries = fs::read_dir(root).map_err(fail)?.flatten();
             let strange = entries.into_iter().any(|e| !e.file_name().to_str().is_some_and(ours));
@@ -205,7 +205,7 @@ impl Store {
                 return Err(fault.help("use a new or empty folder as `store`"));
             }
         }
-        // A link may lead to a folder in which nothing is to be written or removed.
+        // A link may lead to a folder that must not be written to.
         for part in PARTS {
             let folder = root.join(part);
             paths::check_no_link(root, &folder).and_then(|()| fs::create_dir_all(&folder)).map_err(fail)?;
@@ -223,12 +223,12 @@ impl Store {
         Ok(store)
     }
 
-    /// The exclusive lock on the store, until the result is dropped; `None` where another process uses the store.
+    /// Takes the exclusive lock on the store until the result is dropped; `None` if another process uses the store.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn alone(&self) -> Result<Option<ExclusiveStoreLock<'_>>, Fault> {
-        // A lock that is held becomes an exclusive one, or is lost and taken back.
+        // A held lock becomes exclusive, or is lost and taken again.
         match self.shared.try_lock() {
             Ok(()) => Ok(Some(ExclusiveStoreLock(&self.shared))),
             Err(fs::TryLockError::WouldBlock) => {
@@ -241,44 +241,44 @@ impl Store {
         }
     }
 
-    /// The folder.
+    /// Folder of the store.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The folder of one published table.
+    /// Folder of one published table.
     pub fn table(&self, pipeline: &str, table: &str) -> PathBuf {
         self.root.join("tables").join(pipeline).join(table)
     }
 
-    /// A name for a file being written.
+    /// Name for a temporary file.
     pub fn temporary(&self) -> PathBuf {
         self.tmp.join(self.next.fetch_add(1, Ordering::Relaxed).to_string())
     }
 
-    /// The object store that this is the copy of, where it is one.
+    /// Object store of this copy; `None` for a store in a folder.
     fn remote(&self) -> Option<&Arc<RemoteStore>> {
         self.objects.remote()
     }
 
-    /// Whether its folder is the copy of a store in an object store.
+    /// Whether the folder is the copy of an object store.
     pub fn is_copy(&self) -> bool {
         self.remote().is_some()
     }
 
-    /// Sees to it that a file of the store is in its folder, if there is one.
+    /// Copies a file of the store into its folder, if it exists.
     ///
     /// # Errors
-    /// Fails when an object store cannot be reached or refuses.
+    /// Fails when an object store cannot be reached or reports an error.
     pub fn bring(&self, file: &Path) -> Result<(), Fault> {
         let key = file.strip_prefix(&self.root).ok().and_then(RemoteStore::key);
         self.remote().zip(key).map_or(Ok(()), |(remote, key)| remote.bring_file(&key).map(drop))
     }
 
-    /// Renames a complete file to its final name, which is on the disk when this returns.
+    /// Renames a complete file to its final name. The name is on the disk on return.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let fail = |e: io::Error| trouble("write", to, &e);
         if let (Some(remote), Some(key)) = (self.remote(), to.strip_prefix(&self.root).ok().and_then(RemoteStore::key))
@@ -299,7 +299,7 @@ impl Store {
     /// Writes a small file atomically.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn write(&self, to: &Path, bytes: &[u8]) -> Result<(), Fault> {
         let tmp = self.temporary();
         let written = File::create(&tmp).and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
@@ -307,28 +307,28 @@ impl Store {
         self.settle(&tmp, to)
     }
 
-    /// Writes one batch as a Parquet file at `to`, one row group for each [`GROUP_ROWS`].
+    /// Writes one batch as a Parquet file at `to`, one row group per [`GROUP_ROWS`].
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn write_table(&self, to: &Path, batch: &RecordBatch, about: &[(String, String)]) -> Result<(), Fault> {
         let step = GROUP_ROWS;
         let groups = (0..batch.num_rows()).step_by(step).map(|i| Ok(batch.slice(i, step.min(batch.num_rows() - i))));
         sealed::write(to, &batch.schema(), about, groups)
     }
 
-    /// Writes one batch as the unit `key`, in a pack of its own.
+    /// Writes one batch as the unit `key`, in a separate pack.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn put(&self, key: HashKey, batch: &RecordBatch) -> Result<(), Fault> {
         self.put_all(&[(key, batch.clone())])
     }
 
-    /// Writes some batches of one schema as units, in one pack of their own.
+    /// Writes some batches of one schema as units, in one separate pack.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn put_all(&self, batches: &[(HashKey, RecordBatch)]) -> Result<(), Fault> {
         let Some((_, first)) = batches.first() else { return Ok(()) };
         let unit = |(key, batch): &(HashKey, RecordBatch)| NewUnit {
@@ -343,10 +343,10 @@ impl Store {
         self.pack(id, HashKey::from_parts(["source"]), &first.schema(), &[], batches.iter().map(unit).collect())
     }
 
-    /// Writes a pack: the rows of its units one after another, in row groups that end with a unit where they can.
+    /// Writes a pack: the rows of its units one after another, in row groups that end with a unit if possible.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn pack(
         &self,
         id: HashKey,
@@ -384,31 +384,31 @@ impl Store {
         self.settle(&tmp, &to)?;
         let about = fs::metadata(&to).map_err(|e| trouble("read", &to, &e))?;
         let (size, modified_ns) = stamp(&about);
-        // The modification time of a copy is meaningless.
+        // The modification time of a copy has no meaning.
         let modified_ns = if self.remote().is_some() { 0 } else { modified_ns };
         self.objects.add(StorePack { id, size, modified_ns, kind, units: listed });
         Ok(())
     }
 
-    /// Writes the index, where packs were added or removed.
+    /// Writes the index if packs were added or removed.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn write_index(&self) -> Result<(), Fault> {
         let bytes = self.objects.catalogue_mut().to_write();
         bytes.map_or(Ok(()), |bytes| self.write(&self.root.join("index"), &bytes))
     }
 }
 
-/// Brings the copy of a store in an object store up to date, for who reads its folder; any other is so already.
+/// Updates the copy of an object store for readers of its folder. Does nothing for other stores.
 ///
 /// # Errors
-/// Fails when the object store cannot be reached or refuses.
+/// Fails when the object store cannot be reached or reports an error.
 pub fn pulled(root: &Path) -> Result<(), Fault> {
     RemoteStore::from_cache(root)?.map_or(Ok(()), |remote| remote.pull().map(drop))
 }
 
-/// Whether a mark is that of another layout, and not this one's with a flipped bit.
+/// Whether a mark belongs to another layout, and is not this layout's mark with a flipped bit.
 fn is_other_layout(bytes: &[u8]) -> bool {
     let differ = bytes.iter().zip(LAYOUT.as_bytes()).map(|(a, b)| (a ^ b).count_ones()).sum::<u32>();
     let number = bytes.strip_prefix(b"magline store ").and_then(|n| n.strip_suffix(b"\n"));
@@ -423,7 +423,7 @@ fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
     any.then_some(UnitNote { unit, failed, left_out, warnings })
 }
 
-/// The bytes of a row in memory, roughly.
+/// Approximate size of a row in memory, bytes.
 pub fn row_bytes(schema: &SchemaRef) -> usize {
     let one = |kind: &DataType| match kind {
         DataType::FixedSizeList(_, n) => 8 * usize::try_from(*n).unwrap_or(0),
@@ -434,7 +434,7 @@ pub fn row_bytes(schema: &SchemaRef) -> usize {
     schema.fields().iter().map(|f| one(f.data_type())).sum::<usize>().max(1)
 }
 
-/// The batches, merged or split into row groups.
+/// Batches merged or split into row groups.
 fn grouped(schema: &SchemaRef, batches: Vec<RecordBatch>) -> impl Iterator<Item = Result<RecordBatch, Fault>> {
     let most = (GROUP_BYTES / row_bytes(schema)).clamp(1, GROUP_ROWS);
     let mut groups: Vec<Vec<RecordBatch>> = vec![];
@@ -458,7 +458,7 @@ fn grouped(schema: &SchemaRef, batches: Vec<RecordBatch>) -> impl Iterator<Item 
     })
 }
 
-/// Makes a folder and those above it; each is on the disk when this returns.
+/// Creates a folder and its parents; each is on the disk on return.
 pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
@@ -476,7 +476,8 @@ pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
 /// Opens a file of the store at `root` for writing.
 ///
 /// # Errors
-/// Fails for a link, which may lead out of the store, for a pipe or a device, and where the file system refuses.
+/// Fails for a link, which may lead out of the store, for a pipe or a device, and when the file system reports an
+/// error.
 pub(crate) fn own_file(root: &Path, path: &Path, options: &fs::OpenOptions) -> io::Result<File> {
     paths::check_no_link(root, path)?;
     match fs::symlink_metadata(path) {
@@ -494,7 +495,7 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 
 impl Drop for Store {
     fn drop(&mut self) {
-        // Files left there never got a final name; the next process would remove them too.
+        // Remaining files never got a final name; the next process would remove them too.
         unfinished::remove(&self.tmp);
     }
 }

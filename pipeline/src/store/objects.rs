@@ -1,7 +1,7 @@
-//! Reading results back: columns of units, from the packs that hold them.
+//! Reading of results: columns of units, from the packs that hold them.
 //!
-//! Every byte that is decoded is verified with its checksum. A pack that does not verify is moved to the folder
-//! `damaged` and removed from the catalogue; its units are recomputed.
+//! Every decoded byte is verified with its checksum. A pack that does not verify is moved to the folder `damaged` and
+//! removed from the catalogue; its units are recomputed.
 
 use std::{
     collections::HashMap,
@@ -22,19 +22,19 @@ use super::{
 };
 use crate::{keys::HashKey, remote::each};
 
-/// The size of the cache of decoded columns, in bytes.
+/// Size of the cache of decoded columns, bytes.
 const HELD_BYTES: usize = 16 << 20;
-/// The number of cached footers.
+/// Number of cached footers.
 const HELD_FOOTERS: usize = 64;
-/// The notes on units in a pack's footer, in addition to their rows.
+/// Metadata key of the notes on units in a pack's footer.
 pub const NOTES: &str = "magline.notes";
 
-/// The note on a unit, in the footer of its pack.
+/// Note on a unit, in the footer of its pack.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct UnitNote {
-    /// The unit, as a position in the pack.
+    /// Position of the unit in the pack.
     pub unit: usize,
-    /// Why it could not be computed.
+    /// Fault of a unit that could not be computed.
     pub failed: Option<NoteFault>,
     /// Lines that a survey stage skipped, with the reasons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -53,7 +53,7 @@ pub struct Remarks {
     pub warnings: Vec<String>,
 }
 
-/// A fault of the data.
+/// Fault of the data.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct NoteFault {
     what: String,
@@ -93,16 +93,16 @@ struct PackColumnCache {
     bytes: usize,
 }
 
-/// A verified footer, and its notes on units.
+/// Verified footer with its notes on units.
 struct PackFooter {
     sealed: SealedFile,
     notes: HashMap<usize, UnitNote>,
 }
 
-/// The packs of a store, for reading.
+/// Reader of the packs of a store.
 pub struct PackReader {
     root: PathBuf,
-    /// The object store that the folder is a copy of.
+    /// Object store that the folder is a copy of.
     remote: Option<Arc<RemoteStore>>,
     catalogue: RwLock<PackCatalogue>,
     footers: Mutex<HashMap<HashKey, Arc<PackFooter>>>,
@@ -115,7 +115,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl PackReader {
-    /// The packs of the store at `root`.
+    /// Opens the packs of the store at `root`.
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
@@ -131,7 +131,7 @@ impl PackReader {
         Ok(objects)
     }
 
-    /// The packs in the index of the store at `root`; all packs where it has none.
+    /// Opens the packs in the index of the store at `root`, or all packs if it has no index.
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
@@ -155,20 +155,20 @@ impl PackReader {
         }
     }
 
-    /// The object store that the folder is a copy of, where it is one.
+    /// Object store that the folder is a copy of, if any.
     pub(super) fn remote(&self) -> Option<&Arc<RemoteStore>> {
         self.remote.as_ref()
     }
 
-    /// Sees to it that the file of a pack is there.
+    /// Copies the file of a pack into the folder if it is missing.
     ///
     /// # Errors
-    /// Fails when an object store cannot be reached or refuses, or does not have it as it was written.
+    /// Fails when an object store cannot be reached or reports an error, or holds different bytes.
     pub(super) fn at_hand(&self, id: HashKey) -> Result<(), Fault> {
         self.reading(id, || Ok(()))
     }
 
-    /// Reads from the file of a pack. Of an object store the copy is made first, and made again where it is damaged.
+    /// Reads from the file of a pack. For an object store, copies the file first, and again if the copy is damaged.
     fn reading<T>(&self, id: HashKey, read: impl Fn() -> Result<T, StoreFileFault>) -> Result<T, Fault> {
         let Some(remote) = &self.remote else { return read().map_err(|e| self.fault(id, &e)) };
         let size = self.catalogue().by_id(id).map(|pack| pack.size);
@@ -180,7 +180,7 @@ impl PackReader {
         done.map_err(|e| self.fault(id, &e))
     }
 
-    /// Takes the pack `id` into the catalogue where another process has written it. Whether it is there and intact.
+    /// Adds the pack `id` of another process to the catalogue. Returns whether it exists and is intact.
     pub fn adopt(&self, id: HashKey) -> bool {
         if self.catalogue().by_id(id).is_some() {
             return true;
@@ -205,12 +205,12 @@ impl PackReader {
         }
     }
 
-    /// Takes all packs into the catalogue that other processes have written.
+    /// Adds all packs of other processes to the catalogue.
     pub fn refresh(&self) {
         if let Some(remote) = &self.remote {
             let mut unknown: Vec<HashKey> = remote.packs().unwrap_or_default().into_iter().map(|(id, _)| id).collect();
             unknown.retain(|id| self.catalogue().by_id(*id).is_none());
-            // Unreadable packs stay unknown.
+            // Unreadable packs are not added.
             let _ = each(&unknown, |id| Ok(self.adopt(*id)));
             return;
         }
@@ -223,17 +223,17 @@ impl PackReader {
         }
     }
 
-    /// The catalogue, to be read.
+    /// Catalogue, for reading.
     pub fn catalogue(&self) -> RwLockReadGuard<'_, PackCatalogue> {
         self.catalogue.read().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The catalogue, to be changed.
+    /// Catalogue, for changes.
     pub(super) fn catalogue_mut(&self) -> RwLockWriteGuard<'_, PackCatalogue> {
         self.catalogue.write().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The file of a pack.
+    /// File of a pack.
     pub fn file(&self, id: HashKey) -> PathBuf {
         catalogue::path(&self.root, id)
     }
@@ -243,17 +243,17 @@ impl PackReader {
         self.find(key).is_some_and(|p| p.rows.is_some())
     }
 
-    /// The location of the unit `key`.
+    /// Location of the unit `key`.
     pub fn find(&self, key: HashKey) -> Option<RowLocation> {
         self.catalogue().find(key)
     }
 
-    /// The packs that did not verify since the store was opened.
+    /// Packs that did not verify since the store was opened.
     pub fn damaged(&self) -> Vec<String> {
         locked(&self.damaged).clone()
     }
 
-    /// Quarantines a pack, and removes it from the catalogue.
+    /// Quarantines a pack and removes it from the catalogue.
     pub fn set_aside(&self, id: HashKey, why: &str) {
         let from = self.file(id);
         let aside = self.root.join("damaged");
@@ -264,7 +264,7 @@ impl PackReader {
         }
         locked(&self.footers).remove(&id);
         locked(&self.held).columns.retain(|(pack, ..), _| *pack != id);
-        // Another thread may have found the same.
+        // Another thread may have found the same damage.
         if moved.is_ok() || from.exists() || self.remote.is_some() {
             let text = format!("{}: {why}", from.display());
             let mut damaged = locked(&self.damaged);
@@ -274,7 +274,7 @@ impl PackReader {
         }
     }
 
-    /// The fault for a pack that cannot be read; a damaged or missing one is removed from the catalogue.
+    /// Fault for an unreadable pack; a damaged or missing one is removed from the catalogue.
     fn fault(&self, id: HashKey, trouble: &StoreFileFault) -> Fault {
         let path = self.file(id);
         match trouble {
@@ -289,7 +289,7 @@ impl PackReader {
             .help("run the spec again to recompute damaged results")
     }
 
-    /// The footer of a pack.
+    /// Footer of a pack.
     fn footer(&self, id: HashKey) -> Result<Arc<PackFooter>, Fault> {
         if let Some(known) = locked(&self.footers).get(&id) {
             return Ok(known.clone());
@@ -308,14 +308,14 @@ impl PackReader {
         Ok(opened)
     }
 
-    /// The pack and location of a unit.
+    /// Pack and location of a unit.
     fn place(&self, key: HashKey) -> Result<(HashKey, RowLocation), Fault> {
         let look = || {
             let catalogue = self.catalogue();
             catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)))
         };
         let found = look().or_else(|| {
-            // The index of an object store is that of whoever wrote it last.
+            // The index in an object store is that of the last writer.
             self.remote.is_some().then(|| self.refresh()).and_then(|()| look())
         });
         found.ok_or_else(|| {
@@ -346,7 +346,7 @@ impl PackReader {
         }
     }
 
-    /// `rows` rows of a column of a pack, from `first` on.
+    /// Reads `rows` rows of a column of a pack, from row `first`.
     fn rows(
         &self,
         id: HashKey,
@@ -376,7 +376,7 @@ impl PackReader {
         }
     }
 
-    /// The columns `columns` of the unit `key`, each as one array.
+    /// Columns `columns` of the unit `key`, each as one array.
     ///
     /// # Errors
     /// Fails when the unit does not exist, is damaged or lacks a column.
@@ -391,7 +391,7 @@ impl PackReader {
         self.batch(id, sealed, place, &names.collect::<Result<Vec<_>, _>>()?)
     }
 
-    /// The columns of the pack that holds the unit `key`.
+    /// Columns of the pack that holds the unit `key`.
     ///
     /// # Errors
     /// Fails when the unit does not exist or is damaged.
@@ -432,7 +432,7 @@ impl PackReader {
         Ok(self.footer(id)?.notes.get(&place.unit).cloned())
     }
 
-    /// Why the unit `key` cannot be computed, where that is known.
+    /// Fault of the unit `key` that prevents its computation, if known.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -455,7 +455,7 @@ impl PackReader {
         Ok(self.note(key)?.map(of).unwrap_or_default())
     }
 
-    /// A pack that was just written.
+    /// Adds a pack that was just written.
     pub(super) fn add(&self, pack: StorePack) {
         locked(&self.footers).remove(&pack.id);
         self.catalogue_mut().insert(pack);

@@ -1,4 +1,4 @@
-//! Plans for workers of other processes, each named by the hash of its content.
+//! Plans for worker processes, each named by the hash of its content.
 
 use std::{fs, io, path::PathBuf, time::Duration};
 
@@ -7,14 +7,14 @@ use schemas::{Fault, paths};
 use super::{Store, shown, tend::is_old, trouble};
 use crate::keys::HashKey;
 
-/// The folder of a store that holds them.
+/// Folder of the plans in a store.
 const FOLDER: &str = "plans";
 
 fn name_of(bytes: &[u8]) -> HashKey {
     HashKey::from_parts([b"plan", bytes])
 }
 
-/// Whether the file `name` is the plan that its name is the hash of.
+/// Whether the hash of the plan in the file `name` equals its name.
 pub(super) fn is_whole(name: &str, bytes: &[u8]) -> bool {
     HashKey::parse(name) == Some(name_of(bytes))
 }
@@ -24,10 +24,10 @@ impl Store {
         self.root().join(FOLDER).join(key.to_string())
     }
 
-    /// Writes a plan, and returns its name.
+    /// Writes a plan and returns its name.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub fn keep_plan(&self, bytes: &[u8]) -> Result<HashKey, Fault> {
         let key = name_of(bytes);
         let file = self.plan_at(key);
@@ -37,10 +37,10 @@ impl Store {
         self.write(&file, bytes).map(|()| key)
     }
 
-    /// The plan `key`.
+    /// Plan with the name `key`.
     ///
     /// # Errors
-    /// Fails when it is not there, damaged, or cannot be read.
+    /// Fails when it is missing, damaged or unreadable.
     pub fn plan(&self, key: HashKey) -> Result<Vec<u8>, Fault> {
         const HELP: &str = "write the plan and the tasks again with `magline tasks`";
         let file = self.plan_at(key);
@@ -58,7 +58,7 @@ impl Store {
         Ok(bytes)
     }
 
-    /// Removes the plans as old as `older_than`; those of the last computation of the tables stay.
+    /// Removes plans as old as `older_than`, except those of the last computation of the tables.
     pub fn drop_plans(&self, older_than: Duration) {
         if let Some(remote) = self.remote() {
             let _ = remote.drop_objects(FOLDER, &|name, age| HashKey::parse(name).is_some() && age >= older_than);

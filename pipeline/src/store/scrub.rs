@@ -1,4 +1,4 @@
-//! The verification of a store: every byte that a run has written, against its checksum.
+//! Verification of a store: every byte that a run has written, against its checksum.
 
 use std::{
     collections::BTreeMap,
@@ -17,26 +17,26 @@ use super::{
 };
 use crate::{cost, keys::HashKey, sources, views};
 
-/// The note on a damaged file that a run does not repair.
+/// Note on a damaged file that a run does not repair.
 const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` removes";
 
-/// The result of verifying a store.
+/// Result of the verification of a store.
 #[derive(Debug, Default)]
 pub struct ScrubReport {
-    /// Files that were read.
+    /// Number of files read.
     pub files: usize,
-    /// Their bytes.
+    /// Bytes read.
     pub bytes: u64,
-    /// Damaged files, and why.
+    /// Damaged files, with the reason.
     pub damaged: BTreeMap<PathBuf, String>,
 }
 
-/// Whether the mark of the store at `root` is damaged: opening a store for writing writes it anew.
+/// Whether the mark of the store at `root` is damaged; opening a store for writing rewrites it.
 pub fn mark_is_damaged(root: &Path) -> bool {
     paths::read_regular(&root.join("STORE")).is_ok_and(|bytes| bytes != LAYOUT.as_bytes())
 }
 
-/// Reads every byte of a store. Packs that do not verify are quarantined; the next run recomputes them, and republishes
+/// Reads every byte of a store. Quarantines packs that do not verify. The next run recomputes them, and republishes
 /// damaged tables.
 ///
 /// # Errors
@@ -50,7 +50,7 @@ pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scru
     Ok(found)
 }
 
-/// Reads every byte of the store at `root`, and changes nothing: for a store that cannot be written.
+/// Reads every byte of the store at `root` and changes nothing, for a read-only store.
 ///
 /// # Errors
 /// Fails when a file cannot be read.
@@ -66,7 +66,7 @@ fn read(root: &Path, objects: &PackReader, tick: &(dyn Fn(usize, usize) + Sync))
     }
     small(root, &mut found)?;
     let packs: Vec<HashKey> = objects.catalogue().packs().map(|p| p.id).collect();
-    // Each file, the pack that it is, and a note.
+    // Each file with its pack, if any, and a note.
     let mut files: Vec<(PathBuf, Option<HashKey>, &str)> =
         packs.iter().map(|id| (objects.file(*id), Some(*id), "")).collect();
     for pipeline in folders_of(&root.join("versions")) {
@@ -74,14 +74,14 @@ fn read(root: &Path, objects: &PackReader, tick: &(dyn Fn(usize, usize) + Sync))
         let Some(name) = name.to_str() else { continue };
         let now = newest(root, name);
         for (_, folder) in versions(root, name) {
-            // No run publishes an older version again.
+            // No run republishes an older version.
             let more = if now.as_ref() == Some(&folder) { "" } else { OLDER };
             let Some(version) = Version::open(&folder) else {
                 let why = format!("its checksum is wrong, or it is a link to a place outside the store{more}");
                 found.damaged.insert(folder.join("version.json"), why);
                 continue;
             };
-            // Files that are packs are checked as such, unless they are copies.
+            // Packs among the files are checked as packs, unless they are copies.
             let own = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
             let is_link = |pack: &Option<String>, file: &Path| {
                 let id = pack.as_deref().and_then(HashKey::parse);
@@ -113,7 +113,7 @@ fn read(root: &Path, objects: &PackReader, tick: &(dyn Fn(usize, usize) + Sync))
     Ok(found)
 }
 
-/// The small files of a store, each of which is read whole and verifies itself.
+/// Checks the small files of a store, each of which is read whole and verifies itself.
 fn small(root: &Path, found: &mut ScrubReport) -> Result<(), Fault> {
     let mut check = |file: PathBuf, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
         let bytes = match paths::read_regular(&file) {
@@ -145,10 +145,10 @@ fn small(root: &Path, found: &mut ScrubReport) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The folders of small files that verify themselves, in a folder and in an object store alike.
+/// Folders of small files that verify themselves, in a folder and in an object store alike.
 pub(super) const SMALL: [&str; 5] = ["sources", "plans", "runs", cost::FOLDER, checkpoints::FOLDER];
 
-/// Whether the file `name` of one of the folders [`SMALL`] is as it was written.
+/// Whether the file `name` of one of the folders [`SMALL`] is intact.
 pub(super) fn is_whole(folder: &str, name: &str, bytes: &[u8]) -> bool {
     match folder {
         "sources" => sources::is_whole(bytes),
@@ -166,7 +166,7 @@ pub(super) fn is_whole(folder: &str, name: &str, bytes: &[u8]) -> bool {
     }
 }
 
-/// The entries of a folder, sorted.
+/// Entries of a folder, sorted.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let mut found: Vec<PathBuf> = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
     found.sort();

@@ -1,8 +1,8 @@
-//! One file of the store: ordinary Parquet, with checksums that its reader verifies.
+//! Sealed file of the store: ordinary Parquet, with checksums that its reader verifies.
 //!
-//! The footer's metadata contain a CRC-32 of every column chunk (`magline.crc`). Between the last row group and the
-//! footer, in bytes that Parquet does not use, is the seal: a mark, a CRC-32 of all bytes before it and one of the
-//! footer. Reading a column verifies the footer and the decoded chunks, and no other byte.
+//! The footer's metadata contain a CRC-32 of every column chunk (`magline.crc`). The seal is between the last row group
+//! and the footer, in bytes that Parquet does not use. It consists of a mark, a CRC-32 of all bytes before it and one
+//! of the footer. Reading a column verifies only the footer and the decoded chunks.
 
 use std::{
     fmt::Display,
@@ -32,23 +32,23 @@ use parquet::{
 };
 use schemas::{Fault, paths};
 
-/// The mark of a seal.
+/// Mark of a seal.
 const MARK: &[u8; 8] = b"MAGLSEAL";
-/// Mark, checksum of the data, checksum of the footer.
+/// Size of a seal, bytes: mark, checksum of the data, checksum of the footer.
 const SEAL: usize = 16;
-/// The length of the footer and Parquet's own mark.
+/// Size of the footer length and Parquet's own mark, bytes.
 const TAIL: usize = 8;
-/// The checksums of the column chunks.
+/// Metadata key of the checksums of the column chunks.
 const CRC: &str = "magline.crc";
 
 /// Reason why a file of the store is unreadable.
 #[derive(Debug)]
 pub enum StoreFileFault {
-    /// Its bytes are not those that were written.
+    /// Bytes that differ from the written ones.
     Damaged(String),
-    /// It exists, but cannot be read.
+    /// Existing file that cannot be read.
     Machine(String),
-    /// It does not exist.
+    /// Missing file.
     Gone,
 }
 
@@ -68,11 +68,11 @@ impl StoreFileFault {
     }
 }
 
-/// The fault of a file. A damaged one looks modified from now on: a reader that checks size and time, as a run does,
-/// reads all of it then and finds the same.
+/// Fault of a file. Changes the time of a damaged file, so that a reader that checks size and time, such as a run,
+/// verifies the whole file.
 fn doubted(path: &Path, trouble: StoreFileFault) -> StoreFileFault {
     if matches!(trouble, StoreFileFault::Damaged(_)) {
-        // A read-only store stays unchanged, and so does the target of a link.
+        // A read-only store and the target of a link stay unchanged.
         let is_link = fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
         if !is_link {
             let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
@@ -90,8 +90,8 @@ impl Display for StoreFileFault {
     }
 }
 
-/// The encoding of all files in the store, which the default readers of all engines support: repeated values
-/// (identifiers, axes, times that the points of a sweep share) by dictionary, measured numbers plain.
+/// Encoding of all files in the store, which the default readers of all engines support. Repeated values (identifiers,
+/// axes, times that the points of a sweep share) are dictionary-encoded, measured numbers are plain.
 fn properties(schema: &Schema) -> WriterProperties {
     let mut properties = WriterProperties::builder()
         .set_created_by("magline".to_owned())
@@ -115,17 +115,17 @@ fn properties(schema: &Schema) -> WriterProperties {
     properties.build()
 }
 
-/// Whether the values of a column of numbers recur: axes and times.
+/// Whether the values of a numeric column recur, as in axes and times.
 fn repeats(field: &arrow_schema::Field) -> bool {
     let role = field.metadata().get("role").map(String::as_str);
     matches!(role, Some("key" | "time"))
 }
 
-/// Writes `groups`, each as one row group, and the metadata `about`, as a Parquet file; the same groups give the same
-/// bytes. The file is on the disk when this returns.
+/// Writes `groups`, each as one row group, and the metadata `about`, as a Parquet file. The same groups give the same
+/// bytes. The file is on the disk on return.
 ///
 /// # Errors
-/// Fails when a group cannot be made, or the file system refuses.
+/// Fails when a group cannot be created, or the file system reports an error.
 pub fn write(
     path: &Path,
     schema: &SchemaRef,
@@ -171,7 +171,7 @@ pub fn write(
     file.sync_all().map_err(|e| fail(&e))
 }
 
-/// The target of a Parquet writer: row groups to the file, the footer to memory.
+/// Target of a Parquet writer: row groups to the file, the footer to memory.
 enum ParquetTarget<'a> {
     File(&'a File),
     Memory(Vec<u8>),
@@ -190,7 +190,7 @@ impl Write for ParquetTarget<'_> {
     }
 }
 
-/// The checksum of a part of a file.
+/// Checksum of a part of a file.
 fn sum_of(file: &File, start: u64, length: u64) -> io::Result<u32> {
     let (mut hasher, mut at, mut buffer) = (crc32fast::Hasher::new(), start, vec![0; 1 << 16]);
     while at < start + length {
@@ -206,14 +206,14 @@ fn sum_of(file: &File, start: u64, length: u64) -> io::Result<u32> {
     Ok(hasher.finalize())
 }
 
-/// A file with a verified footer.
+/// File with a verified footer.
 pub struct SealedFile {
     path: PathBuf,
     metadata: ArrowReaderMetadata,
     schema: SchemaRef,
-    /// The checksum of each leaf of each row group.
+    /// Checksum of each leaf of each row group.
     crcs: Vec<u32>,
-    /// The first row of each row group, and the end.
+    /// First row of each row group, and the end.
     starts: Vec<usize>,
 }
 
@@ -221,7 +221,7 @@ impl SealedFile {
     /// Reads and verifies the footer.
     ///
     /// # Errors
-    /// Fails when the file does not exist, cannot be read, or is damaged.
+    /// Fails when the file is missing, unreadable or damaged.
     pub fn open(path: &Path) -> Result<SealedFile, StoreFileFault> {
         SealedFile::opened(path).map_err(|e| doubted(path, e))
     }
@@ -243,45 +243,45 @@ impl SealedFile {
             let rows = usize::try_from(group.num_rows()).map_err(StoreFileFault::damaged)?;
             starts.push(starts.last().copied().unwrap_or(0) + rows);
         }
-        // The other metadata of the footer do not concern the columns.
+        // The other metadata of the footer are independent of the columns.
         let schema = Schema::new(metadata.schema().fields().clone()).into();
         Ok(SealedFile { path: path.to_owned(), metadata, schema, crcs, starts })
     }
 
-    /// The Arrow schema.
+    /// Arrow schema.
     pub fn schema(&self) -> &SchemaRef {
         &self.schema
     }
 
-    /// The metadata `key` of the footer.
+    /// Metadata `key` of the footer.
     pub fn text(&self, key: &str) -> Option<&str> {
         text_of(&self.metadata, key)
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The metadata of each row group.
+    /// Metadata of each row group.
     pub fn row_groups(&self) -> &[RowGroupMetaData] {
         self.metadata.metadata().row_groups()
     }
 
-    /// The Parquet schema.
+    /// Parquet schema.
     pub fn parquet_schema(&self) -> &SchemaDescriptor {
         self.metadata.metadata().file_metadata().schema_descr()
     }
 
-    /// The first row of each row group, and the end.
+    /// First row of each row group, and the end.
     pub fn starts(&self) -> &[usize] {
         &self.starts
     }
 
-    /// The values of one column of one row group, verified.
+    /// Values of one column of one row group, verified.
     ///
     /// # Errors
-    /// Fails when the file cannot be read, or is damaged.
+    /// Fails when the file is unreadable or damaged.
     pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, StoreFileFault> {
         self.values(group, column).map_err(|e| doubted(&self.path, e))
     }
@@ -329,8 +329,7 @@ impl SealedFile {
     }
 }
 
-/// The metadata `key` of a file of `size` bytes that ends in `tail`, verified; or how many bytes of its end are needed
-/// for that.
+/// Verified metadata `key` of a file of `size` bytes that ends in `tail`; or the number of bytes required from its end.
 ///
 /// # Errors
 /// Fails when the file is damaged.
@@ -360,7 +359,7 @@ fn text_of<'a>(metadata: &'a ArrowReaderMetadata, key: &str) -> Option<&'a str> 
     pairs.iter().find(|kv| kv.key == key)?.value.as_deref()
 }
 
-/// Verifies the footer, and returns the number of bytes before the seal and their checksum.
+/// Verifies the footer. Returns the number of bytes before the seal and their checksum.
 fn footer(file: &mut File) -> Result<(u64, u32), StoreFileFault> {
     let io = |e: io::Error| StoreFileFault::io(&e);
     let size = file.metadata().map_err(io)?.len();
@@ -391,7 +390,7 @@ fn footer(file: &mut File) -> Result<(u64, u32), StoreFileFault> {
 /// Verifies every byte of a file.
 ///
 /// # Errors
-/// Fails when it does not exist, cannot be read, or is damaged.
+/// Fails when the file is missing, unreadable or damaged.
 pub fn verify(path: &Path) -> Result<(), StoreFileFault> {
     verified(path).map_err(|e| doubted(path, e))
 }
@@ -407,7 +406,7 @@ fn verified(path: &Path) -> Result<(), StoreFileFault> {
     }
 }
 
-/// Parts of a file that are in memory.
+/// Parts of a file in memory.
 struct FileWindows {
     windows: Vec<(u64, Bytes)>,
     size: u64,

@@ -1,4 +1,4 @@
-//! Maintenance of a store: its contents, its unreferenced results, and their verification.
+//! Maintenance of a store: listing, garbage collection and removal.
 
 use std::{
     collections::HashSet,
@@ -15,23 +15,23 @@ use super::{
 };
 use crate::keys::HashKey;
 
-/// A published table in the listing of a store.
+/// Published table in the listing of a store.
 pub struct StoreTableEntry {
-    /// The pipeline.
+    /// Name of the pipeline.
     pub pipeline: String,
-    /// The table.
+    /// Name of the table.
     pub table: String,
-    /// Its rows.
+    /// Number of rows.
     pub rows: u64,
-    /// Its files.
+    /// Number of files.
     pub files: usize,
-    /// Their bytes.
+    /// Size, bytes.
     pub bytes: u64,
-    /// The version that holds it.
+    /// Number of its version.
     pub version: u64,
 }
 
-/// The names of the pipelines that are published in the store at `root`.
+/// Names of the pipelines that are published in the store at `root`.
 pub fn pipelines(root: &Path) -> Vec<String> {
     let entries = fs::read_dir(root.join("tables")).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
@@ -72,24 +72,24 @@ pub fn list(root: &Path) -> Result<Vec<StoreTableEntry>, Fault> {
 /// Options of garbage collection.
 #[derive(Clone, Copy, Debug)]
 pub struct GcOptions {
-    /// Versions of each pipeline that are kept, the newest among them.
+    /// Number of versions to keep per pipeline, including the newest.
     pub keep: usize,
-    /// Newer results are kept.
+    /// Minimum age of removed results.
     pub older_than: Duration,
-    /// Only report.
+    /// Report without removal.
     pub dry: bool,
 }
 
 /// Result or preview of garbage collection.
 #[derive(Debug, Default)]
 pub struct GcReport {
-    /// Packs.
+    /// Number of packs.
     pub packs: usize,
-    /// Their bytes.
+    /// Their size, bytes.
     pub bytes: u64,
     /// Versions, as `pipeline/number`.
     pub versions: Vec<String>,
-    /// Files that did not verify.
+    /// Number of files that did not verify.
     pub damaged: usize,
     /// Folders that are kept because they contain files that magline did not write.
     pub foreign: Vec<PathBuf>,
@@ -102,7 +102,7 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
 
-/// Error of `gc` where the list of a newest version is damaged: any pack may belong to that version.
+/// Error of `gc` when the manifest of a newest version is damaged: any pack may belong to that version.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
     let help = format!("{remedy}: its tables are published again, then run `magline gc`");
     Fault::machine(format!("{list} is damaged, so its packs are unknown")).help(help)
@@ -113,7 +113,7 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
 /// A concurrent run may reference any pack, so packs are kept then.
 ///
 /// # Errors
-/// Fails when the file system refuses, and where the list of a newest version is damaged.
+/// Fails when the file system reports an error, and when the manifest of a newest version is damaged.
 pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.collect(store, what);
@@ -141,7 +141,7 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
                         let list = folder.join("version.json");
                         return Err(packs_unknown(&list.display(), "run the spec again"));
                     }
-                    // No table is read from it.
+                    // No table is read from this version.
                     None => {}
                 }
                 continue;
@@ -191,26 +191,26 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     Ok(done)
 }
 
-/// The bytes of results that `gc` would remove now; 0 while another run may use them, and for a copy of an object
-/// store, where the answer takes many requests.
+/// Size of the results that `gc` would remove now, bytes. 0 while another run may use them, and for a copy of an object
+/// store, which would require many requests.
 pub fn unused(store: &Store) -> u64 {
     if store.is_copy() {
         return 0;
     }
-    // Errors of this look-up are reported by `gc`.
+    // `gc` reports the errors of this look-up.
     collect(store, GcOptions { keep: 1, older_than: Duration::ZERO, dry: true }).map_or(0, |found| found.bytes)
 }
 
-/// The folders in a folder; links to others are none of its own.
+/// Subfolders of a folder, without links.
 pub(super) fn folders_of(folder: &Path) -> impl Iterator<Item = fs::DirEntry> + use<> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
 }
 
-/// Removes the files that a version lists, and its folders if nothing else is in them.
+/// Removes the files that a version lists, and its folders if they are then empty.
 fn drop_version(folder: &Path) -> io::Result<bool> {
     let Some(version) = Version::open(folder) else {
-        // Its contents are unknown; it was never complete.
+        // Its contents are unknown; the version was never complete.
         return fs::remove_dir_all(folder).map(|()| true);
     };
     let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
@@ -234,15 +234,15 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
     Ok(empty)
 }
 
-/// Removes a published pipeline, or one table of it; computed results stay until `gc`.
+/// Removes a published pipeline, or one table of it. Computed results stay until `gc`.
 ///
 /// # Errors
-/// Fails when it does not exist, a run holds the lock of the pipeline, or the file system refuses.
+/// Fails when it does not exist, a run holds the lock of the pipeline, or the file system reports an error.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
     let names = pipelines(root);
     let unknown = || Fault::new(format!("there is no pipeline `{pipeline}` in the store")).nearest(pipeline, &names);
-    // Nothing is locked for a name that is none.
+    // Nothing is locked for an unknown name.
     if pipeline_name(pipeline).is_err() || !names.iter().any(|name| name == pipeline) {
         return Err(unknown());
     }

@@ -40,7 +40,7 @@ fn all(file: &Path) -> Result<Vec<RecordBatch>, StoreFileFault> {
 }
 
 #[test]
-fn unit_no_flipped_bit_is_served_and_verify_finds_every_one() {
+fn unit_reads_reject_and_verify_reports_every_flipped_bit() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("a.parquet");
     let (one, other) = (batch(50, 0.0), batch(30, 9.5));
@@ -65,7 +65,7 @@ fn unit_no_flipped_bit_is_served_and_verify_finds_every_one() {
 }
 
 #[test]
-fn unit_units_come_back_from_packs_with_their_faults() {
+fn unit_packs_return_units_with_their_faults() {
     let folder = TempDir::new().unwrap();
     let left = vec![Fault::data("short").in_line("1", "1.02")];
     let long = batch(super::GROUP_ROWS + 10, 100.0);
@@ -83,7 +83,7 @@ fn unit_units_come_back_from_packs_with_their_faults() {
             .unwrap();
         store.write_index().unwrap();
     }
-    // With the index, without it, and with one that is damaged at any place.
+    // Reads with the index, without it, and with an index that is damaged at any place.
     let index = fs::read(folder.path().join("index")).unwrap();
     for wrong in (0..index.len()).step_by(7).map(Some).chain([None]) {
         match wrong {
@@ -112,7 +112,7 @@ fn unit_units_come_back_from_packs_with_their_faults() {
 }
 
 #[test]
-fn unit_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
+fn unit_damaged_pack_is_quarantined_and_replaced_by_another_with_its_units() {
     let folder = TempDir::new().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let schema = batch(0, 0.0).schema();
@@ -135,7 +135,7 @@ fn unit_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
 }
 
 #[test]
-fn unit_lists_and_texts_survive_and_a_row_group_ends_with_a_unit() {
+fn unit_lists_and_texts_round_trip_and_row_groups_end_with_a_unit() {
     let folder = TempDir::new().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let item = Arc::new(Field::new("item", DataType::Float64, false));

@@ -1,8 +1,9 @@
-//! Folders for files being written, one a process.
+//! Folders for temporary files, one per process.
 //!
-//! The name of a folder consists of its kernel (host and boot), its process and a number. The folder holds a lock that
-//! the process keeps. All processes of one kernel see the locks on any file system; hosts that share a folder often do
-//! not. A free lock thus shows that a process of this kernel has ended, and gives no information about other kernels.
+//! The name of a folder consists of its kernel (host and boot), its process and a number. The folder contains a lock
+//! that the process keeps. All processes of one kernel see the locks on any file system; hosts that share a folder
+//! often do not. A free lock thus shows that a process of this kernel has ended, and gives no information about other
+//! kernels.
 
 use std::{
     fs::{self, File, TryLockError},
@@ -22,10 +23,10 @@ use super::{
 
 /// Age at which the folder of another kernel is assumed to be abandoned.
 const ABANDONED: Duration = Duration::from_secs(30 * 86_400);
-/// The most characters of a host's name that are used.
+/// Maximum number of characters of a host's name.
 const LONGEST: usize = 40;
 
-/// The kernel that this process runs on: the host's name, and a part of the identifier of its boot where there is one.
+/// Kernel of this process: the host's name, and a part of the identifier of its boot if available.
 pub fn kernel() -> &'static str {
     static KERNEL: OnceLock<String> = OnceLock::new();
     KERNEL.get_or_init(|| {
@@ -35,10 +36,10 @@ pub fn kernel() -> &'static str {
     })
 }
 
-/// A lock that this process keeps; a file system without locks does without.
+/// Takes a lock that this process keeps; ignores a file system without locks.
 ///
 /// # Errors
-/// Fails when the file system refuses.
+/// Fails when the file system reports an error.
 pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
     match if shared { lock.lock_shared() } else { lock.lock() } {
         Err(e) if e.kind() == io::ErrorKind::Unsupported => Ok(()),
@@ -46,19 +47,19 @@ pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
     }
 }
 
-/// A folder for this process' unfinished files, marked by a lock it holds.
+/// Creates a folder for the temporary files of this process, with a lock.
 ///
 /// # Errors
-/// Fails when the file system refuses.
+/// Fails when the file system reports an error.
 pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
-    // No name is used twice: who sweeps the folder that had it would take the next one for it.
+    // No name is used twice: a process that removes the previous folder would remove the next one too.
     static NEXT: AtomicU32 = AtomicU32::new(0);
     for _ in 0..1000 {
         let n = NEXT.fetch_add(1, Ordering::Relaxed);
         let folder = tmp.join(format!("{}-{}-{n}", kernel(), std::process::id()));
         match fs::create_dir(&folder) {
             Ok(()) => {
-                // Another process may sweep the folder away until the lock is held; then the next name is tried.
+                // Another process may remove the folder until the lock is held; then the next name is tried.
                 let Ok(lock) = File::create(folder.join("lock")) else { continue };
                 keep_lock(&lock, false)?;
                 if folder.join("lock").exists() {
@@ -72,8 +73,8 @@ pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
     Err(io::Error::other("no unused folder name"))
 }
 
-/// Removes the folders of processes of this kernel that were killed, whose locks are free, and those of another kernel
-/// that were abandoned.
+/// Removes the folders of killed processes of this kernel, whose locks are free, and abandoned folders of other
+/// kernels.
 pub fn sweep(tmp: &Path) {
     for folder in folders_of(tmp) {
         let path = folder.path();
@@ -83,7 +84,7 @@ pub fn sweep(tmp: &Path) {
             Ok(Ok(())) => own,
             Ok(Err(TryLockError::WouldBlock)) => continue,
             Ok(Err(TryLockError::Error(_))) => false,
-            // Killed before it made the lock: the folder is removed only if empty.
+            // The process was killed before it created the lock; the folder is removed only if empty.
             Err(_) if own => {
                 let _ = fs::remove_dir(&path);
                 continue;
@@ -93,13 +94,13 @@ pub fn sweep(tmp: &Path) {
         if ended || is_old(&path, ABANDONED) {
             remove(&path);
         }
-        // Held until here: a process that has just made this folder, and waits for its lock, must not find it before it
-        // is gone.
+        // Held until here: a process that has just created this folder and waits for its lock must not find it before
+        // its removal.
         drop(lock);
     }
 }
 
-/// Removes a folder of unfinished files, the lock last: of one that is half removed it is still known whose it was.
+/// Removes a folder of temporary files, the lock last. The owner of a partly removed folder is thus still known.
 pub fn remove(folder: &Path) {
     let lock = folder.join("lock");
     for file in
@@ -111,7 +112,7 @@ pub fn remove(folder: &Path) {
     let _ = fs::remove_dir(folder);
 }
 
-/// Whether a folder is that of a process of `kernel`.
+/// Whether a folder belongs to a process of `kernel`.
 fn is_of(name: &str, kernel: &str) -> bool {
     let rest = name.strip_prefix(kernel).and_then(|rest| rest.strip_prefix('-'));
     let is_number = |text: &str| !text.is_empty() && text.chars().all(|c| c.is_ascii_digit());
@@ -127,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_folder_that_was_handed_out_is_never_swept() {
+    fn unit_folder_in_use_is_never_removed() {
         let tmp = tempfile::tempdir().unwrap();
         let ended = AtomicBool::new(false);
         thread::scope(|scope| {
@@ -154,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_only_folders_of_ended_processes_of_this_kernel_and_abandoned_ones_are_swept() {
+    fn unit_sweep_removes_only_folders_of_ended_processes_and_abandoned_ones() {
         let tmp = tempfile::tempdir().unwrap();
         let (alive, _lock) = own_folder(tmp.path()).unwrap();
         assert!(is_of(alive.file_name().unwrap().to_str().unwrap(), kernel()));

@@ -1,9 +1,9 @@
 //! Published results: versions of a pipeline's tables, one of which is the newest.
 //!
-//! A version is written under another name, and appears atomically when its folder is renamed; it is the newest when
-//! the link `tables/<pipeline>` points at it. Files that did not change are linked from the packs, so that they cost
-//! nothing. A reader that has resolved the link keeps its version until `gc` drops it. Where there are no links, as in
-//! an object store, the same works with a prefix per version and a pointer that is written conditionally.
+//! A version is written under another name, and appears atomically when its folder is renamed. It is the newest when
+//! the link `tables/<pipeline>` points at it. Unchanged files are linked from the packs and use no space. A reader that
+//! has resolved the link keeps its version until `gc` drops it. Without links, as in an object store, a version has a
+//! prefix, and a pointer is written conditionally.
 
 use std::{
     collections::HashSet,
@@ -29,91 +29,91 @@ use super::{
 };
 use crate::keys::HashKey;
 
-/// The files of a table: packs, in the order of its rows.
+/// Files of a table: packs, in the order of its rows.
 pub struct TableFiles {
-    /// The table.
+    /// Name of the table.
     pub name: String,
-    /// Its packs.
+    /// Packs of the table.
     pub packs: Vec<HashKey>,
-    /// The file with the origin of each row of the table; see `logical`.
+    /// File with the origin of each row of the table; see `logical`.
     pub units: Option<PathBuf>,
 }
 
-/// A table that no stage makes, such as the failures.
+/// Table that no stage makes, such as the failures.
 pub struct ExtraTable {
-    /// The table.
+    /// Name of the table.
     pub name: String,
-    /// Its file, under a temporary name.
+    /// File of the table, under a temporary name.
     pub file: PathBuf,
 }
 
-/// The manifest of a version.
+/// Manifest of a version.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// The pipeline.
+    /// Name of the pipeline.
     pub pipeline: String,
-    /// The run that made it.
+    /// Run that made the version.
     pub run: String,
-    /// Its tables.
+    /// Tables of the version.
     pub tables: Vec<ManifestTable>,
-    /// All packs that it references, published or not.
+    /// All packs that the version references, published or not.
     pub packs: Vec<String>,
-    /// A checksum of all this.
+    /// Checksum of the fields above.
     sum: String,
 }
 
-/// A table of a version.
+/// Table of a version.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ManifestTable {
-    /// Its name.
+    /// Name of the table.
     pub name: String,
-    /// Its files, in the order of its rows.
+    /// Files, in the order of the rows.
     pub files: Vec<ManifestFile>,
-    /// The file with the origin of each row.
+    /// File with the origin of each row.
     pub units: Option<ManifestFile>,
 }
 
-/// A file of a version.
+/// File of a version.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ManifestFile {
-    /// Its name, below the folder of the version.
+    /// Name, below the folder of the version.
     pub name: String,
-    /// The pack that it is, if it is one.
+    /// Name of its pack, if it is one.
     pub pack: Option<String>,
-    /// The hash of its bytes, if it is not a pack.
+    /// Hash of its bytes, if it is not a pack.
     pub hash: Option<String>,
-    /// Its bytes.
+    /// Size, bytes.
     pub size: u64,
-    /// Fails when it was written, ns since 1970.
+    /// Time of writing, ns since 1970.
     modified_ns: u64,
 }
 
 impl ManifestFile {
-    /// Equal except for the time.
+    /// Whether both are equal except for the time.
     fn same(&self, other: &ManifestFile) -> bool {
         (&self.name, &self.pack, &self.hash, self.size) == (&other.name, &other.pack, &other.hash, other.size)
     }
 }
 
-/// A version that was published.
+/// Published version.
 pub struct Version {
-    /// Its folder.
+    /// Folder of the version.
     pub folder: PathBuf,
-    /// Its number, from 1.
+    /// Number, from 1.
     pub number: u64,
-    /// Its manifest.
+    /// Manifest of the version.
     pub manifest: Manifest,
 }
 
 impl Manifest {
-    /// The manifest of these bytes, if they are intact.
+    /// Manifest in these bytes, if they are intact.
     pub(super) fn read(bytes: &[u8]) -> Option<Manifest> {
         let manifest: Manifest = serde_json::from_slice(bytes).ok()?;
         (sum_of(&manifest)? == manifest.sum && manifest.is_inside()).then_some(manifest)
     }
 
-    /// Whether all its names are names, and all its files lie where a run puts them. A checksum only shows that nothing
-    /// was changed by accident.
+    /// Whether all names are valid, and all files are in the folders that a run uses. The checksum only detects
+    /// accidental changes.
     fn is_inside(&self) -> bool {
         let is_key = |text: &String| HashKey::parse(text).is_some_and(|key| key.to_string() == *text);
         let is_file = |file: &ManifestFile, folder: &str| {
@@ -129,36 +129,36 @@ impl Manifest {
         paths::check_name(&self.pipeline).is_ok() && self.tables.iter().all(is_table) && self.packs.iter().all(is_key)
     }
 
-    /// Its checksum.
+    /// Checksum of the manifest.
     pub(crate) fn sum(&self) -> &str {
         &self.sum
     }
 }
 
 impl Version {
-    /// Sees to it that the files of a table of this version are in its folder.
+    /// Copies the files of a table of this version into its folder if they are missing.
     ///
     /// # Errors
-    /// Fails when an object store cannot be reached or refuses, or does not have them as they were written.
+    /// Fails when an object store cannot be reached or reports an error, or holds different bytes.
     pub fn at_hand(&self, table: &ManifestTable) -> Result<(), Fault> {
         let root = self.folder.ancestors().nth(3);
         let remote = root.map_or(Ok(None), RemoteStore::from_cache)?;
         remote.map_or(Ok(()), |remote| remote.at_hand(self, table))
     }
 
-    /// The version in `folder`, whose name is its number.
+    /// Version in `folder`, named by its number.
     pub fn open(folder: &Path) -> Option<Version> {
         Version::with_links(folder).filter(Version::has_no_link)
     }
 
-    /// The same, where a folder or file may be a link.
+    /// Version in `folder`, whose folders and files may be links.
     fn with_links(folder: &Path) -> Option<Version> {
         let number = folder.file_name()?.to_str()?.parse().ok()?;
         let manifest = Manifest::read(&paths::read_regular(&folder.join("version.json")).ok()?)?;
         Some(Version { folder: folder.to_owned(), number, manifest })
     }
 
-    /// Whether its folders and files are no links: those may lead out of the store.
+    /// Whether its folders and files are no links, which may lead out of the store.
     fn has_no_link(&self) -> bool {
         let is_link = |path: &Path| fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
         let tables = self.manifest.tables.iter().map(|t| self.folder.join("tables").join(&t.name));
@@ -176,7 +176,7 @@ fn sum_of(manifest: &Manifest) -> Option<String> {
     serde_json::to_vec(&plain).ok().map(|bytes| HashKey::from_parts([bytes]).to_string())
 }
 
-/// The folder of the newest version of `pipeline` in the store at `root`.
+/// Folder of the newest version of `pipeline` in the store at `root`.
 pub fn newest(root: &Path, pipeline: &str) -> Option<PathBuf> {
     let link = fs::read_link(root.join("tables").join(pipeline)).ok()?;
     let parts: Vec<&str> = link.components().filter_map(|c| c.as_os_str().to_str()).collect();
@@ -188,15 +188,15 @@ pub fn newest(root: &Path, pipeline: &str) -> Option<PathBuf> {
     }
 }
 
-/// The newest version of `pipeline` in the store at `root`, if it is intact.
+/// Newest version of `pipeline` in the store at `root`, if it is intact.
 pub fn current(root: &Path, pipeline: &str) -> Option<Version> {
     Version::open(&newest(root, pipeline)?)
 }
 
-/// The files of a published table, in the order of its rows: those in its folder that a run wrote.
+/// Files of a published table, in the order of its rows. Foreign files in its folder are ignored.
 ///
 /// # Errors
-/// Fails when the folder is a copy, and the object store cannot be reached or refuses.
+/// Fails when the folder is a copy, and the object store cannot be reached or reports an error.
 pub fn parts(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
     bring(folder)?;
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path());
@@ -209,7 +209,7 @@ pub fn parts(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
     Ok(found)
 }
 
-/// Sees to it that the files of a folder of a store are there: `tables/<pipeline>/<table>` or `quality/<key>`.
+/// Copies the missing files of a folder of a store: `tables/<pipeline>/<table>` or `quality/<key>`.
 fn bring(folder: &Path) -> Result<(), Fault> {
     let above: Vec<&str> = folder.ancestors().take(3).filter_map(|p| p.file_name()?.to_str()).collect();
     let root = |n: usize| folder.ancestors().nth(n).map_or(Ok(None), RemoteStore::from_cache);
@@ -228,7 +228,7 @@ fn bring(folder: &Path) -> Result<(), Fault> {
     }
 }
 
-/// The columns `columns` of a small published table, verified; `None` where it does not exist.
+/// Columns `columns` of a small published table, verified; `None` if it does not exist.
 ///
 /// # Errors
 /// Fails when it cannot be read.
@@ -266,11 +266,11 @@ pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
 }
 
 impl Store {
-    /// Publishes `tables` and the reserved tables as the newest version, unless the newest version is equal. Returns
-    /// whether there is a new one. The tables `kept` stay as in the version before.
+    /// Publishes `tables` and the reserved tables as the newest version, unless the newest version is equal. The tables
+    /// `kept` stay as in the previous version. Returns whether there is a new version.
     ///
     /// # Errors
-    /// Fails when the file system refuses; the version before stays the newest then.
+    /// Fails when the file system reports an error; the previous version then stays the newest.
     pub fn publish(
         &self,
         publisher: &PipelineLock,
@@ -333,10 +333,10 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes what `version` holds except one table.
+    /// Publishes `version` without one table.
     ///
     /// # Errors
-    /// Fails when the file system refuses.
+    /// Fails when the file system reports an error.
     pub(super) fn publish_without(
         &self,
         publisher: &PipelineLock,
@@ -354,7 +354,7 @@ impl Store {
         self.switch(publisher, &manifest, &from, Some(version))
     }
 
-    /// The entry of a pack, which in an object store need not be at hand.
+    /// Entry of a pack, whose file may be missing from the copy of an object store.
     fn pack_entry(&self, id: HashKey, file: &Path, name: &str) -> Result<ManifestFile, Fault> {
         if self.remote().is_none() {
             return described(file, name, Some(id.to_string()));
@@ -364,7 +364,7 @@ impl Store {
         Ok(ManifestFile { name: name.to_owned(), pack: Some(id.to_string()), hash: None, size, modified_ns: 0 })
     }
 
-    /// Makes a version and points the pipeline's link to it.
+    /// Creates a version and points the pipeline's link to it.
     fn switch(
         &self,
         publisher: &PipelineLock,
@@ -389,7 +389,7 @@ impl Store {
         self.settle(&link, &tables.join(pipeline))
     }
 
-    /// Makes the folder of a version, under a temporary name.
+    /// Creates the folder of a version, under a temporary name.
     fn build(
         &self,
         folder: &Path,
@@ -426,7 +426,7 @@ fn is_pack(manifest: &Manifest, name: &str) -> bool {
     manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units)).any(|f| f.name == name && f.pack.is_some())
 }
 
-/// One more name for the bytes of a file; a copy where the file system has no hard links.
+/// Creates one more name for the bytes of a file; copies on a file system without hard links.
 pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
     match fs::hard_link(from, to) {
         Ok(()) => Ok(()),
@@ -440,7 +440,7 @@ pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
     }
 }
 
-/// The entry of a file.
+/// Entry of a file.
 fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFile, Fault> {
     let fail = |e: io::Error| trouble("read", file, &e);
     let (size, modified_ns) = stamp(&fs::metadata(file).map_err(fail)?);
@@ -451,7 +451,7 @@ fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFi
     Ok(ManifestFile { name: name.to_owned(), pack, hash, size, modified_ns })
 }
 
-/// Whether a version contains exactly what `manifest` lists, in intact files.
+/// Whether a version contains exactly the files in `manifest`, all intact.
 fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
     let old = &version.manifest;
     let pairs = || old.tables.iter().zip(&manifest.tables);
@@ -465,7 +465,7 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
     let whole = |file: &ManifestFile| {
         let path = version.folder.join(&file.name);
         if store.remote().is_some() {
-            // The packs that there are were listed; a file of its own is read whole when it is copied.
+            // All packs were listed; other files are read whole when copied.
             return match file.pack.as_deref().and_then(HashKey::parse) {
                 Some(id) => store.catalogue().by_id(id).is_some_and(|pack| pack.size == file.size),
                 None => true,
@@ -481,7 +481,7 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
     same && old.tables.iter().flat_map(files).all(|f| whole(&f))
 }
 
-/// Takes the tables `names` over from the version before, with what they rest on.
+/// Copies the tables `names` from the previous version, with the packs that they reference.
 fn keep(before: &Version, names: &[String], manifest: &mut Manifest, from: &mut Vec<(PathBuf, String)>) {
     for table in before.manifest.tables.iter().filter(|t| names.contains(&t.name)) {
         let files = table.files.iter().chain(&table.units);
@@ -517,7 +517,7 @@ fn carry(before: &Version, folder: &Path, manifest: &Manifest) -> io::Result<()>
     Ok(())
 }
 
-/// The name of a pipeline must be a link into the store, or not exist.
+/// Checks that the name of a pipeline is a link into the store, or does not exist.
 fn inside(root: &Path, pipeline: &str) -> Result<(), Fault> {
     let path = root.join("tables").join(pipeline);
     let parts: Vec<Component> = Path::new(pipeline).components().collect();

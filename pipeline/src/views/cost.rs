@@ -1,11 +1,11 @@
-//! `magline explain --cost`: what a run costs, as a table or as JSON.
+//! `magline explain --cost`: the cost of a run, as a table or as JSON.
 
 use serde_json::{Value, json};
 
 use super::text;
 use crate::cost::{RunCost, TableCost};
 
-/// The cost as people read it.
+/// The cost as a table.
 pub fn table(cost: &RunCost) -> String {
     let head = ["table", "stage", "stored", "to compute", "rows", "bytes", "processor", "memory"];
     let mut rows = vec![head.map(str::to_owned).to_vec()];
@@ -75,7 +75,7 @@ pub fn json(cost: &RunCost) -> Value {
     })
 }
 
-/// Two digits are more than an estimate has.
+/// Rounds to two significant digits, because an estimate is not more precise.
 fn rounded(x: f64) -> f64 {
     if x <= 0.0 || !x.is_finite() {
         return 0.0;

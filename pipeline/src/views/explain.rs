@@ -86,7 +86,7 @@ fn searched(spec: &Spec, search: &SearchSpec) -> String {
     out
 }
 
-/// The values of an axis; of very many the first ones and the last.
+/// The values of an axis; of a long list, the first ones and the last.
 fn listed(values: &[Literal]) -> String {
     const SHOWN: usize = 40;
     let words: Vec<String> = values.iter().take(SHOWN).map(ToString::to_string).collect();
@@ -142,10 +142,10 @@ fn table(graph: &PlanGraph, store: &Store, t: usize, node: &TableNode, cost: Opt
     out
 }
 
-/// The number of combinations of parameters that are compared one by one.
+/// Maximum number of combinations of parameters that are compared one by one.
 const LOOKED_AT: usize = 10_000;
 
-/// Parameters of any point, with a word in place of a value that is not the same at all points that have it.
+/// Parameters over all points. A word replaces values that differ between points.
 fn parameters(graph: &PlanGraph, t: usize) -> String {
     let mut all: Vec<(&str, Option<String>)> = vec![];
     for i in graph.plan.tables[t].parameter_points(LOOKED_AT) {

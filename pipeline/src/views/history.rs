@@ -21,13 +21,13 @@ use crate::{
 pub struct RunRecord {
     /// Its number, from 1.
     pub number: u64,
-    /// Fails when it ended, UTC.
+    /// End time, UTC.
     pub time: String,
     /// The hash of the computation and its data.
     pub run: String,
     /// The program's version.
     pub version: String,
-    /// The version of the tables that it left.
+    /// Version of the tables that it published.
     pub tables: u64,
     /// Units computed, reused, failed, skipped.
     pub units: [usize; 4],
@@ -35,7 +35,7 @@ pub struct RunRecord {
     pub seconds: f64,
     /// The file in `runs/` with the inputs of the tables.
     pub snapshot: String,
-    /// A checksum of all this.
+    /// Checksum of the other fields.
     #[serde(default)]
     pub sum: String,
 }
@@ -59,9 +59,9 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
     lines.filter(|p| p.sum == sum_of(p)).collect()
 }
 
-/// Whether each line of a history verifies, but for one that a power loss truncated.
+/// Whether each line of a history verifies, except a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
-    /// The last key of a line, and the length of its value with what follows it.
+    /// The last key of a line, and the length of its value with the rest of the line.
     const LAST: &str = "\"sum\":\"";
     const ENDS: usize = 34;
     let fine = |line: &[u8]| {
@@ -101,7 +101,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
         // The target of a link is neither written nor copied.
         own_file(root, &path, &options).map_err(refused)?;
     } else {
-        // Its name has to come to the disk as well as its lines.
+        // The name must be synced to the disk as well as the lines.
         store.write(&path, &[])?;
     }
     heal(store, pipeline, &path)?;
@@ -118,7 +118,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
     written.map_err(refused)
 }
 
-/// Writes a history anew without its damaged lines, which nothing reads; the file as it was is set aside.
+/// Rewrites a history without its damaged lines, which are never read. The damaged file is set aside.
 fn heal(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
     let before = paths::read_regular(path).unwrap_or_default();
     if is_whole(&before) {
@@ -166,7 +166,7 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
 /// Differences between two runs of a pipeline.
 ///
 /// # Errors
-/// Fails when a run does not exist, or its inputs are no longer known.
+/// Fails when a run does not exist, or its inputs are no longer stored.
 pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fault> {
     let all = past(root, pipeline);
     let open = |number: u64| -> Result<Snapshot, Fault> {

@@ -23,7 +23,7 @@ pub enum LineageFormat {
     Openlineage,
 }
 
-/// The lineage of `table` (`<pipeline>.<table>`, or the table's name where it is the only one) in the store at `root`.
+/// The lineage of `table` (`<pipeline>.<table>`, or the table's name if it is unique) in the store at `root`.
 ///
 /// # Errors
 /// Fails when there is no such table.
@@ -142,7 +142,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         format!("{:?}", table.points).as_bytes(),
     ])
     .to_string();
-    // An UUID's shape, as the specification asks; the same tables give the same run.
+    // In the form of a UUID, as the specification requires; the same tables give the same run.
     let id = format!("{}-{}-{}-{}-{}", &run[..8], &run[8..12], &run[12..16], &run[16..20], &run[20..32]);
     json!({
         "eventType": "COMPLETE",
@@ -156,7 +156,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
     })
 }
 
-/// Fails when a file was last written, in UTC.
+/// Time at which a file was last written, UTC.
 fn written(path: &Path) -> String {
     let since =
         fs::metadata(path).and_then(|m| m.modified()).ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
@@ -188,7 +188,7 @@ mod tests {
     use super::civil;
 
     #[test]
-    fn unit_calendar_knows_leap_days() {
+    fn unit_the_calendar_includes_leap_days() {
         assert_eq!(civil(0), (1970, 1, 1));
         assert_eq!(civil(11_016), (2000, 2, 29));
         assert_eq!(civil(20_778), (2026, 11, 21));

@@ -1,7 +1,7 @@
 //! Events of the OpenLineage specification 2-0-2 for a run: one run of the pipeline, and below it one of a job for each
 //! table of a stage. Datasets are files: `file://<host>` and the path, in the store for tables.
 //!
-//! Everything but the identifiers of runs and the times of events follows from the spec and its inputs.
+//! The spec and its inputs determine everything except the identifiers of runs and the times of events.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -18,7 +18,7 @@ use crate::{
     store::host,
 };
 
-/// Who makes the events.
+/// Producer of the events.
 pub const PRODUCER: &str = concat!("urn:magline:", env!("CARGO_PKG_VERSION"));
 /// The schema of an event of a run.
 pub const EVENT: &str = "https://openlineage.io/spec/2-0-2/OpenLineage.json#/$defs/RunEvent";
@@ -26,11 +26,11 @@ pub const EVENT: &str = "https://openlineage.io/spec/2-0-2/OpenLineage.json#/$de
 /// Type of an OpenLineage run event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineageEventType {
-    /// It begins.
+    /// The run starts.
     Start,
-    /// All of it is there.
+    /// Everything was computed.
     Complete,
-    /// A part of it is not.
+    /// A part failed.
     Fail,
     /// It was interrupted.
     Abort,
@@ -47,7 +47,7 @@ impl LineageEventType {
     }
 }
 
-/// A facet of the specification: its schema's version and name, and what it says.
+/// A facet of the specification, from the version and name of its schema and its content.
 pub fn facet(version: &str, name: &str, body: Value) -> Value {
     let url = format!("https://openlineage.io/spec/facets/{version}/{name}.json#/$defs/{name}");
     let mut whole = json!({ "_producer": PRODUCER, "_schemaURL": url });
@@ -66,7 +66,7 @@ pub struct ParentRun {
 }
 
 impl ParentRun {
-    /// From `<namespace>/<job>/<run>`, as schedulers hand it on in `OPENLINEAGE_PARENT_ID`.
+    /// Parses `<namespace>/<job>/<run>`, as schedulers pass it in `OPENLINEAGE_PARENT_ID`.
     pub fn parse(text: &str) -> Option<ParentRun> {
         let (rest, run) = text.rsplit_once('/')?;
         let (namespace, job) = rest.rsplit_once('/')?;
@@ -248,7 +248,7 @@ fn plain(path: &Path) -> PathBuf {
     })
 }
 
-/// A folder that exists, from the root.
+/// Absolute path of an existing folder.
 fn whole(folder: &Path) -> PathBuf {
     folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.to_owned())
 }
@@ -313,7 +313,7 @@ pub fn lineage(graph: &PlanGraph) -> Vec<TableLineage> {
         let named = |name: &str| sources.iter().find(|r| plan.name_of(**r) == name).and_then(|r| of(*r));
         let mut fields = Map::new();
         for c in columns.get(t)? {
-            // A stage may make a column anew from the one of the same name.
+            // A stage may recompute a column from the column of the same name.
             let made = node.variants.iter().any(|v| v.makes(&c.name).is_some());
             let subtype = if made { "TRANSFORMATION" } else { "IDENTITY" };
             let from = c.from.iter().filter_map(|(table, column)| Some(named(table)?.field(column, "DIRECT", subtype)));
@@ -351,7 +351,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_the_run_of_a_scheduler_is_named_in_three_parts() {
+    fn unit_the_parent_run_has_three_parts() {
         let run = "0190b2a5-2b3c-7def-8a01-23456789abcd";
         let parent = ParentRun::parse(&format!("airflow://host/etl.nightly/{run}")).unwrap();
         assert_eq!((parent.namespace.as_str(), parent.job.as_str()), ("airflow://host", "etl.nightly"));

@@ -34,20 +34,20 @@ pub struct PooledMetric {
     pub instance: usize,
     /// The metric.
     pub metric: Metric,
-    /// Over the lines that are not in sample.
+    /// Value over the lines that are not in sample.
     pub held_out: PooledValue,
-    /// Over the lines that are in sample.
+    /// Value over the lines that are in sample.
     pub in_sample: PooledValue,
 }
 
 /// A metric pooled over some lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PooledValue {
-    /// The value, in the metric's unit; `None` where no line has one.
+    /// The value, in the metric's unit; `None` if no line has one.
     pub value: Option<f64>,
-    /// The samples or pairs behind it.
+    /// Number of samples or pairs behind it.
     pub n: i64,
-    /// The lines with a value.
+    /// Number of lines with a value.
     pub lines: usize,
 }
 
@@ -57,7 +57,7 @@ impl PooledMetric {
         is_pooled_in_sample(self.held_out.lines, self.in_sample.lines)
     }
 
-    /// The lines that count: those that are not in sample, or all where there are no others.
+    /// The displayed value: over the held-out lines, or over the in-sample lines if only they have a value.
     pub fn shown(&self) -> PooledValue {
         if self.is_in_sample() { self.in_sample } else { self.held_out }
     }
@@ -90,7 +90,7 @@ pub fn find(
     Ok(all)
 }
 
-/// The pooled scores of what is in the store now.
+/// The pooled scores of the results in the store.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
@@ -102,7 +102,7 @@ pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<PooledMetric>, Fa
 struct LineMetricScore {
     metric: usize,
     in_sample: bool,
-    /// Value and weight; `None` where there is no value.
+    /// Value and weight; `None` without a value.
     score: Option<(f64, i64)>,
     spread: Vec<f64>,
 }
@@ -194,11 +194,11 @@ pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
     }
 }
 
-/// The pooled scores that the last run of `plan` published; `None` where there are none, or where an axis has the name
-/// of one of their columns. Points that the spec no longer has are left out.
+/// The pooled scores that the last run of `plan` published. `None` if there are none, or if an axis has the name of one
+/// of their columns. Points that the spec no longer has are skipped.
 ///
 /// # Errors
-/// Fails when they are there and cannot be read.
+/// Fails when they exist but cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<PooledMetric>>, Fault> {
     let axes = &plan.spec.axes;
     let columns = || COLUMNS.iter().map(|(name, _)| *name);
@@ -207,7 +207,7 @@ pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<PooledMetric>>, 
     }
     let folder = store.table(&plan.spec.name, TABLE);
     let names: Vec<&str> = axes.iter().map(|a| a.name.as_str()).chain(columns()).collect();
-    // The spec may have other axes now than when it was run.
+    // The axes of the spec may have changed since the run.
     let Ok(Some(batch)) = published(&folder, &names) else { return Ok(None) };
     let cell = |row: usize, name: &str| -> Option<String> {
         let array = batch.column_by_name(name).filter(|a| a.is_valid(row))?;
@@ -256,7 +256,7 @@ impl SweepPointIndex {
 /// Index of the values of an axis, or of axes that are searched together.
 struct AxisValueIndex {
     axes: Vec<AxisValues>,
-    /// Several axes: the position of each combination of positions.
+    /// For several axes: the position of each combination of positions.
     together: HashMap<Vec<usize>, usize>,
 }
 
@@ -274,7 +274,7 @@ impl AxisValueIndex {
         AxisValueIndex { axes: known, together }
     }
 
-    /// The position of the values that `words` begin with; these are taken off.
+    /// The position of the values at the start of `words`, which are removed.
     fn position(&self, words: &mut &[String]) -> Option<usize> {
         let (own, rest) = words.split_at_checked(self.axes.len())?;
         *words = rest;

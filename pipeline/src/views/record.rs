@@ -68,7 +68,7 @@ pub struct SnapshotTable {
     pub axes: Vec<String>,
     /// Its input tables.
     pub inputs: Vec<String>,
-    /// The rows it is restricted to.
+    /// Its restriction of rows.
     pub predicate: Option<String>,
     /// The parameters at each point: the point's values, then the parameters.
     pub points: Vec<(BTreeMap<String, String>, BTreeMap<String, String>)>,
@@ -76,7 +76,7 @@ pub struct SnapshotTable {
     pub columns: Vec<SnapshotColumn>,
     /// The lines it has.
     pub lines: usize,
-    /// Units computed when time was last taken, and the seconds that took.
+    /// Number of units computed when the time was last measured, and the time, s.
     pub cost: Option<(usize, f64)>,
 }
 
@@ -91,11 +91,11 @@ pub struct SnapshotColumn {
     pub unit: String,
     /// Its description.
     pub doc: String,
-    /// (table, column) of each column it was made from; one of the same name where it passed through.
+    /// (table, column) of each column it was made from; the column of the same name if it passed through.
     pub from: Vec<(String, String)>,
 }
 
-/// Stores the inputs of a run's tables; the tables `left` are as the run before has described them.
+/// Stores the inputs of a run's tables. The tables in `left` keep the description of the previous run.
 ///
 /// # Errors
 /// Fails when the store cannot be written.
@@ -137,7 +137,7 @@ pub fn record(graph: &PlanGraph, store: &Store, costs: &[(usize, f64)], left: &[
     Ok(snapshot)
 }
 
-/// The tables of a plan with their columns and what these are made from.
+/// The tables of a plan with their columns, and the inputs of these.
 pub fn described(graph: &PlanGraph) -> Vec<SnapshotTable> {
     graph
         .plan
@@ -148,7 +148,7 @@ pub fn described(graph: &PlanGraph) -> Vec<SnapshotTable> {
         .collect()
 }
 
-/// The table of pooled scores, where the plan has scores.
+/// The table of pooled scores, if the plan has scores.
 fn pooled_scores(plan: &Plan) -> Option<SnapshotTable> {
     let scores: Vec<&TableNode> = pooled::tables(plan).map(|t| &plan.tables[t]).collect();
     let inputs: Vec<String> = scores.iter().map(|node| node.name.clone()).collect();
@@ -200,7 +200,7 @@ fn table(plan: &Plan, t: usize, node: &TableNode, cost: Option<(usize, f64)>, li
     }
 }
 
-/// The columns of a table of a plan, and what each is made from.
+/// The columns of a table of a plan, with their inputs.
 pub fn columns(plan: &Plan, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
     let examples: Vec<StageInstance> = node.examples(&plan.spec).map(|i| plan.instance(t, i)).collect();
     let described = node.columns().into_iter().map(|c| {
@@ -247,8 +247,8 @@ fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     }
 }
 
-/// The columns of files of this plan that an earlier run of the store has recorded as restricted, and that no longer
-/// are.
+/// Columns of files of this plan that an earlier run of the store recorded as restricted and that are no longer
+/// restricted.
 pub fn lifted(graph: &PlanGraph, store: &Store) -> Vec<String> {
     let plan = graph.plan;
     let names = plan.flights.iter().map(|f| &f.name).chain(plan.maps.iter().map(|m| &m.name));
@@ -273,15 +273,14 @@ pub fn lifted(graph: &PlanGraph, store: &Store) -> Vec<String> {
     found
 }
 
-/// The full path of a spec, and the hash of its text; `None` where it is no file.
+/// The full path of a spec, and the hash of its text; `None` if it is not a file.
 fn made_by(spec: &Spec) -> Option<(String, String)> {
     let path = fs::canonicalize(&spec.file).ok()?;
     Some((path.to_string_lossy().into_owned(), HashKey::from_parts([&spec.text]).to_string()))
 }
 
-/// The spec that made the pipeline of `spec` in its store, where that is another one and the store lies outside of the
-/// folder of `spec`: a spec from elsewhere must not replace tables that its user did not mean. A store that the user
-/// names by `--set` is meant.
+/// The spec that made the pipeline of `spec` in its store, if it is another spec and the store is outside of the folder
+/// of `spec`. Such a spec must not replace these tables by accident. A store that `--set` names is accepted.
 pub fn made_by_another(spec: &Spec) -> Option<String> {
     let named = spec.sets.iter().any(|set| set.trim_start().starts_with("store"));
     let inside = match (fs::canonicalize(&spec.folder), fs::canonicalize(&spec.store)) {

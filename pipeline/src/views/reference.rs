@@ -12,17 +12,17 @@ use crate::{
     spec::STAGE_KEYS,
 };
 
-/// One line a stage.
+/// One line per stage.
 pub fn overview(catalogue: &[StageEntry]) -> String {
     let wide = catalogue.iter().map(|e| e.name.len()).max().unwrap_or(0);
     let first = |e: &StageEntry| e.doc.split("\n\n").next().unwrap_or_default().to_owned();
     catalogue.iter().map(|e| format!("{:<wide$}  v{}  {}\n", e.name, e.version, first(e))).collect()
 }
 
-/// All that is known of the stage `name`.
+/// Description of the stage `name`.
 ///
 /// # Errors
-/// When there is none.
+/// Fails when there is no such stage.
 pub fn one(catalogue: &[StageEntry], name: &str) -> Result<String, Fault> {
     let names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     let entry = catalogue.iter().find(|e| e.name == name);

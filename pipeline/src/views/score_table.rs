@@ -7,17 +7,16 @@ use super::{
     text::{columns, number},
 };
 
-/// The width of a table where there is no terminal.
+/// Width of a table without a terminal.
 pub const WIDTH: usize = 120;
-/// No table is made narrower than this.
+/// Minimum width of a table.
 const NARROWEST: usize = 80;
-/// The most characters of an axis value where the table would be too wide otherwise.
+/// Maximum number of characters of an axis value in a table that would otherwise be too wide.
 const AXIS_WIDTH: usize = 12;
 
-/// The scores as text: at most `most` rows of at most `width` characters (80 at least). The columns before the axes
-/// mark the best row of the leading metric with `*`, the rows that are not to be trusted with `!` (the last column has
-/// the number of such lines), and the rows in sample with `~`, as are single values in sample. A legend below explains
-/// them.
+/// The scores as text: at most `most` rows of at most `width` characters (at least 80). The columns before the axes
+/// have the signs: `*` for the best row of the leading metric, `!` for flagged rows, `~` for in-sample rows. The last
+/// column has the number of flagged lines. Single in-sample values also have `~`. A legend below explains the signs.
 pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let width = width.max(NARROWEST);
     let best = scores.headline().filter(|_| scores.rows.len() > 1).and_then(|m| scores.best(m));
@@ -82,7 +81,7 @@ impl ScoreTableView<'_> {
         mark.to_owned() + if scores.is_all_in_sample(row) { "~" } else { "" }
     }
 
-    /// A value. An in-sample value in a row with other values is marked separately.
+    /// A value. An in-sample value in a row with other values has a separate sign.
     fn cell(&self, row: usize, metric: usize) -> String {
         let scores = self.scores;
         let alone = scores.is_in_sample(row, metric) && !scores.is_all_in_sample(row);
@@ -96,11 +95,11 @@ impl ScoreTableView<'_> {
         word.chars().take(self.axis_width.saturating_sub(2)).chain("..".chars()).collect()
     }
 
-    /// The place of the metric that gives way next; the leading one stays.
+    /// The position of the metric that is omitted next; the leading one is never omitted.
     fn least(&self) -> Option<usize> {
         let lead = self.scores.headline();
         let free = (0..self.metrics.len()).filter(|i| Some(self.metrics[*i]) != lead);
-        // For equal weights, the one further right goes first.
+        // Of equal weights, the rightmost metric is omitted first.
         free.min_by_key(|i| (self.scores.metrics[self.metrics[*i]].shown.weight, std::cmp::Reverse(*i)))
     }
 }
@@ -139,7 +138,7 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     out
 }
 
-/// The meaning of `~`, and why no point is the best.
+/// The meaning of `~`, and the reason if no point is the best.
 fn in_sample_legend(scores: &Scores) -> String {
     let mut out =
         "~ in sample: the lines were used by a model, noise or map, or to choose a parameter; never best\n".to_owned();
@@ -187,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_values_in_sample_are_marked_and_never_starred() {
+    fn unit_values_in_sample_have_a_sign_and_are_never_the_best() {
         let mut some = scores(3);
         let of = |lines, held_out, metrics: Vec<bool>| InSampleScores {
             lines,
@@ -215,12 +214,12 @@ mod tests {
     }
 
     #[test]
-    fn r10_the_table_fits_whatever_the_terminal() {
+    fn user_the_table_fits_the_width_of_the_terminal() {
         for width in [80, 100, 120, 200] {
             let text = render(&scores(3), width, 100);
             let table = text.lines().take_while(|l| !l.starts_with('*'));
             assert!(table.clone().all(|l| l.chars().count() <= width), "{width}\n{text}");
-            // The figures that say whether the track is any good stay.
+            // The figures that show the quality of the track are never omitted.
             for metric in ["drms [m]", "ins_drms [m]", "nees", "nis"] {
                 assert!(table.clone().next().is_some_and(|l| l.contains(metric)), "{width}: no {metric}\n{text}");
             }
@@ -231,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_wide_sweep_is_cut_in_its_axes_last() {
+    fn unit_axis_values_are_shortened_last() {
         let mut wide = scores(2);
         wide.axes.extend(["features".to_owned(), "calibration".to_owned(), "window".to_owned()]);
         for (key, _) in &mut wide.rows {
@@ -242,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_the_best_row_and_the_marked_ones_are_told_apart() {
+    fn user_the_best_row_and_flagged_rows_are_distinguished() {
         let mut some = scores(3);
         some.marks = vec![2, 0, 0];
         let text = render(&some, 120, 100);

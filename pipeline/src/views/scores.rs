@@ -1,4 +1,4 @@
-//! The table of scores as a person reads it: one row a sweep point, one column a metric, lines pooled.
+//! The table of scores for display: one row per sweep point, one column per metric, lines pooled.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -16,15 +16,15 @@ pub struct Scores {
     pub axes: Vec<String>,
     /// The metric of each column.
     pub metrics: Vec<Metric>,
-    /// One row a sweep point: the axis values as text, then a value for each metric.
+    /// One row per sweep point: the axis values as text, then a value for each metric.
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
     /// The largest number of lines of a row, in sample or not.
     pub lines: usize,
-    /// How many lines of each row are marked: their filter diverged, or its covariance is wrong.
+    /// Number of flagged lines of each row: their filter diverged, or its covariance is wrong.
     pub marks: Vec<usize>,
-    /// The marked rows whose filter is only cautious: its errors are smaller than it states.
+    /// The flagged rows whose filter is only cautious: its errors are smaller than its covariance.
     pub cautious: Vec<usize>,
-    /// The lines of each row that are in sample; empty where no row has any.
+    /// The in-sample lines of each row; empty if no row has any.
     pub in_sample: Vec<InSampleScores>,
 }
 
@@ -33,7 +33,8 @@ pub struct Scores {
 pub struct InSampleScores {
     /// Their number.
     pub lines: usize,
-    /// The number of all others, which the values of the row are pooled over; where it is 0, over these.
+    /// Number of the other lines, over which the values of the row are pooled; if it is 0, they are pooled over the
+    /// in-sample lines.
     pub held_out: usize,
     /// Whether the value of each metric is of lines in sample only.
     pub metrics: Vec<bool>,
@@ -42,8 +43,8 @@ pub struct InSampleScores {
 }
 
 impl Scores {
-    /// The scores of the table `t` of `plan` among `pooled`, and the point of each row. Columns are the metrics that
-    /// are to be shown and have a value.
+    /// The scores of the table `t` of `plan` among `pooled`, and the point of each row. Columns are the shown metrics
+    /// that have a value.
     pub fn new(plan: &Plan, t: usize, pooled: &[PooledMetric]) -> (Scores, Vec<usize>) {
         let node = &plan.tables[t];
         let own: Vec<&PooledMetric> = pooled.iter().filter(|p| p.table == t).collect();
@@ -77,14 +78,14 @@ impl Scores {
         (Scores { axes, metrics, rows, lines: most, marks, cautious: vec![], in_sample }, instances)
     }
 
-    /// Marks the rows of the table `name` that `warnings` speaks of.
+    /// Flags the rows of the table `name` that have `warnings`.
     pub fn mark(&mut self, name: &str, warnings: &[Warning]) {
         self.marks = self.marked_lines(name, warnings).iter().map(BTreeSet::len).collect();
         let wrong = self.lines_with(name, warnings, |kind| kind.spoils() && !kind.is_cautious());
         self.cautious = (0..self.marks.len()).filter(|r| self.marks[*r] > 0 && wrong[*r].is_empty()).collect();
     }
 
-    /// The lines of each row, as flight and line, that `warnings` of the table `name` marks.
+    /// The lines of each row, as flight and line, that are flagged by `warnings` of the table `name`.
     pub fn marked_lines<'w>(&self, name: &str, warnings: &'w [Warning]) -> Vec<BTreeSet<&'w (String, String)>> {
         self.lines_with(name, warnings, WarningKind::spoils)
     }
@@ -126,7 +127,8 @@ impl Scores {
         self.rows.get(row).and_then(|(_, values)| values.get(metric).copied().flatten())
     }
 
-    /// The metric that ranks the points: the most telling one that has a value out of sample or, without any, a value.
+    /// The metric that ranks the points: the most significant one with a value out of sample or, without any, with a
+    /// value.
     pub fn headline(&self) -> Option<usize> {
         let has = |m: &usize, fit: bool| {
             (0..self.rows.len()).any(|r| self.value(r, *m).is_some() && (fit || !self.is_in_sample(r, *m)))
@@ -136,17 +138,17 @@ impl Scores {
         ranking(false).or_else(|| ranking(true)).map(|(_, m)| m)
     }
 
-    /// Whether a row is marked.
+    /// Whether a row is flagged.
     pub fn is_marked(&self, row: usize) -> bool {
         self.marks.get(row).is_some_and(|n| *n > 0)
     }
 
-    /// Whether a row is marked only because its filter is cautious.
+    /// Whether a row is flagged only because its filter is cautious.
     pub fn is_cautious(&self, row: usize) -> bool {
         self.cautious.contains(&row)
     }
 
-    /// Whether a row is a Cramér-Rao bound, which is no result.
+    /// Whether a row is a Cramér-Rao bound, which is not a result.
     pub fn is_bound(&self, row: usize) -> bool {
         self.metric("drms_bound").is_some_and(|m| self.value(row, m).is_some())
     }
@@ -161,13 +163,13 @@ impl Scores {
         self.in_sample.get(row).is_some_and(|lines| lines.held_out == 0 && lines.lines > 0)
     }
 
-    /// Whether a row cannot be the best by a metric: it is marked, a bound, or in sample.
+    /// Whether a row cannot be the best by a metric: it is flagged, a bound, or in sample.
     fn is_excluded(&self, row: usize, metric: usize) -> bool {
         self.is_marked(row) || self.is_bound(row) || self.is_in_sample(row, metric)
     }
 
-    /// The rows by a metric, best first; marked ones, bounds and those in sample after all others. Rows without a value
-    /// are left out.
+    /// The rows by a metric, best first; flagged rows, bounds and in-sample rows last. Rows without a value are
+    /// omitted.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
         let Some(Metric { better, .. }) = self.metrics.get(metric) else { return vec![] };
         let cost = |r: usize| {
@@ -179,7 +181,7 @@ impl Scores {
         all.into_iter().map(|(_, _, r)| r).collect()
     }
 
-    /// The best row by a metric; never a marked one, a bound, or one in sample.
+    /// The best row by a metric; never a flagged row, a bound, or an in-sample row.
     pub fn best(&self, metric: usize) -> Option<usize> {
         self.ranked(metric).first().copied().filter(|r| !self.is_excluded(*r, metric))
     }
@@ -206,7 +208,7 @@ impl Scores {
         format!("{held_out}; {in_sample} in sample are separate")
     }
 
-    /// A remark for each axis of numbers where the best point of the leading metric has the first or the last value.
+    /// A remark for each numeric axis whose first or last value is the best for the leading metric.
     pub fn at_edges(&self) -> Vec<String> {
         let Some((metric, best)) = self.headline().and_then(|m| Some((m, self.best(m)?))) else { return vec![] };
         (0..self.axes.len()).filter_map(|axis| self.at_edge(axis, metric, best)).collect()
@@ -244,7 +246,7 @@ impl AxisWord {
     /// A value of an axis as another program writes it; of numbers or not.
     fn from_text(text: &str, number: bool) -> AxisWord {
         match text.parse::<f64>() {
-            // Minus nought is nought.
+            // -0 equals 0.
             Ok(x) if number => AxisWord::Number((x + 0.0).to_bits()),
             _ => AxisWord::Text(text.to_owned()),
         }
@@ -262,19 +264,19 @@ pub struct AxisValues {
 }
 
 impl AxisValues {
-    /// For the values of one axis.
+    /// Creates the index of the values of one axis.
     pub fn new(values: &[Literal]) -> AxisValues {
         let number = values.iter().all(|v| matches!(v, Literal::Int(_) | Literal::Float(_)));
         AxisValues { number, known: values.iter().enumerate().map(|(i, v)| (AxisWord::of_value(v), i)).collect() }
     }
 
-    /// The position of the value that `text` means.
+    /// The position of the value with the spelling `text`.
     pub fn position(&self, text: &str) -> Option<usize> {
         self.known.get(&AxisWord::from_text(text, self.number)).copied()
     }
 }
 
-/// The scores of all tables of scores of `plan` that have a row, with the rows marked that `warnings` speaks of.
+/// The scores of all tables of scores of `plan` that have a row, with the flags of `warnings`.
 pub fn all(plan: &Plan, pooled: &[PooledMetric], warnings: &[Warning]) -> Vec<(String, Scores)> {
     let one = |t: usize| {
         let (mut found, _) = Scores::new(plan, t, pooled);
@@ -297,7 +299,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_number_is_known_in_every_spelling() {
+    fn unit_a_number_is_recognised_in_every_spelling() {
         let numbers = AxisValues::new(&[Literal::Float(0.0), Literal::Float(0.001), Literal::Float(0.025)]);
         let found = ["0", "-0.0", "1e-3", "0.0250", "0.02", "none"].map(|text| numbers.position(text));
         assert_eq!(found, [Some(0), Some(0), Some(1), Some(2), None, None]);

@@ -1,8 +1,8 @@
 //! `magline sql`: DataFusion over every table of a store, as `<pipeline>.<table>`.
 //!
-//! A question reads the published tables of one store and nothing else, and writes nothing: statements that do anything
-//! but ask are refused by their kind, by their plan, and by tables that cannot be written. Its memory is limited, and
-//! it spills to a temporary folder.
+//! A query reads only the published tables of one store, and writes nothing. Statements that change anything are
+//! rejected by their kind, by their plan, and by read-only tables. The memory of a query is limited, and it spills to a
+//! temporary folder.
 
 mod explain;
 mod functions;
@@ -27,7 +27,7 @@ use crate::deep;
 pub use session::SqlSession;
 pub use tables::VersionPins;
 
-/// Operators are evaluated on these threads, by recursion over expressions that may be nested deep.
+/// Stack size of the worker threads, bytes. They evaluate operators by recursion over deeply nested expressions.
 pub const WORKER_STACK: usize = 64 << 20;
 
 /// Query of a store, with its memory limit.
@@ -36,35 +36,34 @@ pub struct StoreQuery<'a> {
     pub store: &'a Path,
     /// The query.
     pub query: &'a str,
-    /// How many bytes it may take.
+    /// Memory limit, bytes.
     pub memory: usize,
-    /// A folder of its own for what does not fit.
+    /// Private folder for spilled data.
     pub spill: PathBuf,
 }
 
 /// Receiver of a query result, batch by batch.
 pub trait BatchSink: Send {
-    /// Takes one piece more; all have this schema. Says whether more are wanted.
+    /// Receives the next batch; all batches have the same schema. Returns whether more are wanted.
     ///
     /// # Errors
     /// Fails when it cannot be written.
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
 
-    /// The bytes that it will keep of this piece.
+    /// Number of bytes of this batch that it will keep.
     fn keeps(&self, batch: &RecordBatch) -> usize;
 
-    /// All pieces were taken; there may have been none.
+    /// Ends the result, which may have no batches.
     ///
     /// # Errors
     /// Fails when it cannot be written.
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault>;
 }
 
-/// Answers a question.
+/// Runs a query.
 ///
 /// # Errors
-/// Fails when the query is wrong, asks for a table that the store does not have, does anything but ask, or needs more
-/// memory than it may take.
+/// Fails when the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
 pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     deep::over(question.query, || ())?;
     deep::deep(|| {

@@ -4,7 +4,7 @@ use schemas::one_line;
 
 use crate::plan::SweepPoint;
 
-/// A number as it is read: four significant digits.
+/// A number with four significant digits.
 pub fn number(x: Option<f64>) -> String {
     match x {
         None => "-".to_owned(),

@@ -1,4 +1,4 @@
-//! `magline why`: what changed since a table was last computed.
+//! `magline why`: changes since a table was last computed.
 
 use std::collections::BTreeMap;
 
@@ -76,7 +76,7 @@ pub fn why(graph: &PlanGraph, store: &Store, table: &str) -> Result<String, Faul
     Ok(out)
 }
 
-/// Lines and maps whose bytes are others than before.
+/// Lines and maps whose bytes have changed.
 fn sources(graph: &PlanGraph, t: usize, before: &super::Snapshot) -> Vec<String> {
     let plan = graph.plan;
     let mut used: Vec<TableRef> = plan.rests_on(t).into_iter().flat_map(|n| plan.tables[n].sources()).collect();

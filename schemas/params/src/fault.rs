@@ -7,19 +7,19 @@ use crate::one_line;
 /// Party responsible for correcting a fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FaultOwner {
-    /// The spec or an argument: the user mends it.
+    /// The spec or an argument: the user corrects it.
     #[default]
     Spec,
     /// The data: a file, flight, line, column or row.
     Data,
-    /// The machine: a disk, a permission, memory. Trying again may help, so nothing is concluded from it.
+    /// The machine: a disk, a permission, memory. A retry may help, so the fault is not cached.
     Machine,
-    /// magline or a stage: its author corrects it. Another version may do better, so nothing is concluded from it.
+    /// magline or a stage: its author corrects it. Another version may not have the fault, so it is not cached.
     Bug,
 }
 
 impl FaultOwner {
-    /// Whether the same work ends in the same fault again, on any machine and in any version.
+    /// Whether the same work fails with the same fault on every machine and in every version.
     pub fn is_lasting(self) -> bool {
         match self {
             FaultOwner::Spec | FaultOwner::Data => true,
@@ -39,7 +39,7 @@ pub struct DataLocation {
     pub line: Option<String>,
     /// The column.
     pub column: Option<String>,
-    /// The row within the line (or the file, when no line is known), from 0.
+    /// The row within the line (or within the file if the line is unknown), from 0.
     pub row: Option<u64>,
 }
 
@@ -50,13 +50,13 @@ pub struct Fault {
     pub what: String,
     /// Remedy.
     pub help: Option<String>,
-    /// Bytes of the spec it concerns.
+    /// Bytes of the spec that contain the fault.
     pub at: Option<Range<usize>>,
-    /// The parameter of the stage it concerns, which the planner turns into bytes of the spec.
+    /// The parameter of the stage that contains the fault. The planner converts it to bytes of the spec.
     pub param: Option<String>,
-    /// Where in the data.
+    /// Location in the data.
     pub place: DataLocation,
-    /// Who has to act.
+    /// Party that has to act.
     pub owner: FaultOwner,
 }
 
@@ -76,56 +76,56 @@ impl Fault {
         Self { what: what.into(), owner: FaultOwner::Machine, ..Self::default() }
     }
 
-    /// An error in the program: what cannot be if it is right.
+    /// An error in the program: a state that correct code cannot reach.
     pub fn bug(what: impl Into<String>) -> Self {
         let what = format!("{}: an error in magline", what.into());
         Self { what, owner: FaultOwner::Bug, ..Self::default() }.help("please report it, with the spec")
     }
 
-    /// Says what to do next.
+    /// Sets the remedy.
     pub fn help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
         self
     }
 
-    /// Points at bytes of the spec, unless it already points somewhere.
+    /// Sets the bytes of the spec, unless they are already set.
     pub fn at(mut self, at: Range<usize>) -> Self {
         self.at.get_or_insert(at);
         self
     }
 
-    /// Points at a parameter of the stage.
+    /// Sets the parameter of the stage.
     pub fn of_param(mut self, param: &str) -> Self {
         self.param.get_or_insert_with(|| param.to_owned());
         self
     }
 
-    /// Names the column.
+    /// Sets the column.
     pub fn in_column(mut self, column: &str) -> Self {
         self.place.column.get_or_insert_with(|| column.to_owned());
         self
     }
 
-    /// Names the row, from 0.
+    /// Sets the row, from 0.
     pub fn in_row(mut self, row: u64) -> Self {
         self.place.row.get_or_insert(row);
         self
     }
 
-    /// Names the flight and line.
+    /// Sets the flight and line.
     pub fn in_line(mut self, flight: &str, line: &str) -> Self {
         self.place.flight.get_or_insert_with(|| flight.to_owned());
         self.place.line.get_or_insert_with(|| line.to_owned());
         self
     }
 
-    /// Names the file.
+    /// Sets the file.
     pub fn in_file(mut self, file: &str) -> Self {
         self.place.file.get_or_insert_with(|| file.to_owned());
         self
     }
 
-    /// Suggests the nearest of `known` to `given`, or lists what there is.
+    /// Suggests the element of `known` that is nearest to `given`, or lists all of `known`.
     pub fn nearest<S: AsRef<str>>(mut self, given: &str, known: &[S]) -> Self {
         self.help = Some(match nearest(given, known) {
             Some(name) => format!("did you mean `{name}`?"),
@@ -167,7 +167,7 @@ impl fmt::Display for Fault {
 
 impl std::error::Error for Fault {}
 
-/// The one of `known` that `given` was probably meant to be.
+/// The element of `known` that was probably meant by `given`.
 pub fn nearest<'a, S: AsRef<str>>(given: &str, known: &'a [S]) -> Option<&'a str> {
     let best = known.iter().map(|k| (distance(given, k.as_ref()), k.as_ref())).min()?;
     (best.0 <= 1 + given.len() / 3).then_some(best.1)
@@ -194,7 +194,7 @@ fn distance(a: &str, b: &str) -> usize {
     rows[a.len()][b.len()]
 }
 
-/// A fault as the user sees it, with the line of the spec it points at.
+/// The text of a fault for the user, with the line of the spec that contains it.
 pub fn render(fault: &Fault, file: &str, text: &str) -> String {
     let bare = Fault { help: None, ..fault.clone() };
     let help = fault.help.as_deref();
@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gold_fault_points_at_the_word_and_suggests() {
+    fn gold_a_fault_shows_the_word_and_a_suggestion() {
         let text = "a = 1\nlamda = 0.025\n";
         let fault = Fault::new("`fit` has no parameter `lamda`").at(6..11).nearest("lamda", &["lambda", "low_hz"]);
         let shown = render(&fault, "cabin.toml", text);

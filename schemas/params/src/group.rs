@@ -1,4 +1,4 @@
-//! Groups of parameters, and how they are read.
+//! Groups of parameters, and their reader.
 
 use std::ops::Range;
 
@@ -9,27 +9,27 @@ use crate::{ChoiceRegistry, Fault, Literal, ParamValue, Rule, SpecEntries, SpecE
 pub struct ParamDoc {
     /// The key in the spec.
     pub name: &'static str,
-    /// The type in a word.
+    /// The name of the type.
     pub type_name: &'static str,
     /// The unit; empty for none.
     pub unit: &'static str,
-    /// The default in its canonical spelling; `None` where it must be given or may be left out.
+    /// The default in canonical spelling; `None` for a parameter that is required or optional.
     pub default: Option<String>,
-    /// Behaviour of an unset parameter without a default; `None` where it is required.
+    /// Behaviour of an unset parameter without a default; `None` if it is required.
     pub absent: Option<&'static str>,
     /// Permitted values, in words.
     pub rule: String,
     /// Effect of the parameter.
     pub doc: String,
-    /// The [kinds](crate::ChoiceKind) whose key it is; empty for a key of all.
+    /// The [kinds](crate::ChoiceKind) that own the key; empty for a key of all kinds.
     pub owners: Vec<&'static str>,
-    /// The keys inside it, for a table or a list of tables.
+    /// The keys inside a table or a list of tables.
     pub keys: Vec<ParamDoc>,
 }
 
 impl ParamDoc {
-    /// Its row in a table of the reference: key, type, unit, default, allowed values and meaning. `within` stands
-    /// before the key.
+    /// Its row in a table of the reference: key, type, unit, default, allowed values and meaning. `within` precedes the
+    /// key.
     pub fn row(&self, within: &str) -> String {
         let default = match (self.default.as_deref(), self.absent) {
             (Some(default), _) => format!("`{default}`"),
@@ -42,34 +42,34 @@ impl ParamDoc {
     }
 }
 
-/// One parameter of a group, as its value is read.
+/// A parameter of a group while it is read.
 pub struct Param<'a, T> {
     /// The key.
     pub name: &'static str,
     /// Condition on its value.
     pub rule: Rule,
-    /// Its documentation, which helps where it is missing.
+    /// Its documentation, shown as the remedy if the key is missing.
     pub doc: &'a [&'a str],
-    /// The value where it is left out; `None` where it must be given.
+    /// The value if unset; `None` if required.
     pub absent: Option<T>,
 }
 
 /// A group of parameters, as [`params!`](crate::params!) declares it.
 pub trait Params: Sized {
-    /// Reads the group, with the values of `base` as defaults where one is given. `None` where something is wrong,
-    /// which is then among the reader's faults.
+    /// Reads the group. The values of `base`, if any, replace the defaults. `None` if there are faults, which are then
+    /// in the reader.
     fn read(reader: &mut ParamReader, base: Option<&Self>) -> Option<Self>;
 
     /// Its parameters, for the reference.
     fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc>;
 
-    /// Adds every parameter in its one spelling.
+    /// Adds every parameter in canonical spelling.
     fn spell(&self, out: &mut Vec<(&'static str, String)>);
 
-    /// Whether every value obeys its rule, for a group that was not read.
+    /// Checks that every value of a group that was not read obeys its rule.
     ///
     /// # Errors
-    /// The first one that does not.
+    /// The first violation.
     fn check(&self) -> Result<(), Fault>;
 }
 
@@ -77,7 +77,7 @@ pub trait Params: Sized {
 pub struct ParamReader<'a> {
     /// Owner of the keys in messages: a stage, or a table.
     pub owner: &'a str,
-    /// The lists of [kinds](crate::ChoiceKind) that values are chosen from.
+    /// The lists of [kinds](crate::ChoiceKind) that values are selected from.
     pub lists: &'a ChoiceRegistry,
     args: &'a SpecEntries,
     at: Option<Range<usize>>,
@@ -95,27 +95,27 @@ impl<'a> ParamReader<'a> {
         ParamReader { owner, lists, args, at, faults: vec![] }
     }
 
-    /// The key as it is given.
+    /// The given entry of a key.
     pub fn given(&self, name: &str) -> Option<&'a SpecEntry> {
         self.args.get(name)
     }
 
-    /// Notes a fault about the whole table.
+    /// Adds a fault of the whole table.
     pub fn push(&mut self, fault: Fault) {
         self.faults.push(self.at.iter().cloned().fold(fault, Fault::at));
     }
 
-    /// All that is wrong.
+    /// All faults.
     pub fn into_faults(self) -> Vec<Fault> {
         self.faults
     }
 
-    /// The fault of a key that must be given.
+    /// Adds the fault of a missing required key.
     pub fn missing(&mut self, name: &str, doc: &[&str]) {
         self.push(Fault::new(format!("`{}` needs `{name}`", self.owner)).help(collect_doc(doc)));
     }
 
-    /// The fault of a value of another type.
+    /// Adds the fault of a value of another type.
     pub fn wrong_type(&mut self, name: &str, wanted: &str, given: &SpecEntry) {
         let article = if wanted.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
         let found = match &given.value {
@@ -126,12 +126,12 @@ impl<'a> ParamReader<'a> {
         self.faults.push(Fault::new(what).at(given.at.clone()));
     }
 
-    /// The fault of a word that is not among `known`.
+    /// Adds the fault of a word that is not in `known`.
     pub fn wrong_word(&mut self, name: &str, word: &str, known: &[&str], given: &SpecEntry) {
         self.faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, known).at(given.at.clone()));
     }
 
-    /// Reads a value that brings no keys of its own.
+    /// Reads a value without keys of its own.
     pub fn plain<T: ParamValue>(&mut self, param: Param<T>) -> Option<T> {
         let Param { name, rule, doc, absent } = param;
         let Some(given) = self.given(name) else {
@@ -161,7 +161,7 @@ impl<'a> ParamReader<'a> {
         }
     }
 
-    /// Notes the keys that are not among `known`; `more` are keys of others that are suggested as well.
+    /// Adds a fault for each key that is not in `known`. `more` are keys of other owners that may be suggested.
     pub fn unknown_keys(&mut self, known: &[&str], more: &[&str]) {
         for (name, given) in self.args.iter().filter(|(name, _)| !known.contains(&name.as_str())) {
             let all: Vec<&str> = known.iter().chain(more).copied().collect();
@@ -170,8 +170,8 @@ impl<'a> ParamReader<'a> {
         }
     }
 
-    /// Reads all keys of the table as a group, with the values of `base` as defaults where one is given: the group,
-    /// where its own keys are right, and all that is wrong, unknown keys too.
+    /// Reads all keys of the table as a group. The values of `base`, if any, replace the defaults. Returns the group,
+    /// if its own keys are valid, and all faults, including unknown keys.
     pub fn group<T: Params>(mut self, base: Option<&T>) -> (Option<T>, Vec<Fault>) {
         let group = T::read(&mut self, base);
         let known: Vec<&str> = T::docs(self.lists).iter().map(|doc| doc.name).collect();
@@ -189,7 +189,7 @@ impl<'a> ParamReader<'a> {
     }
 }
 
-/// Group of parameters in a nested table; an absent table equals a table without keys.
+/// Group of parameters in a nested table. An absent table equals a table without keys.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NestedParams<T>(pub T);
 
@@ -294,7 +294,7 @@ impl<T: Params> ParamValue for ParamsList<T> {
     }
 }
 
-/// Joins `///` lines the way rustdoc does, keeping paragraphs and the rows of tables.
+/// Joins `///` lines as rustdoc does. Keeps paragraphs and the rows of tables.
 pub fn collect_doc(lines: &[&str]) -> String {
     let mut text = String::new();
     for line in lines.iter().map(|l| l.trim()) {
@@ -310,13 +310,13 @@ pub fn collect_doc(lines: &[&str]) -> String {
     text
 }
 
-/// Words that a type permits without a rule.
+/// Description of the values that a type permits without a rule.
 #[doc(hidden)]
 pub fn words_rule<T: ParamValue>() -> Rule {
     if T::WORDS.is_empty() { Rule::Any } else { Rule::OneOf(T::WORDS) }
 }
 
-/// Whether the value of the parameter `name` obeys its rule.
+/// Checks that the value of the parameter `name` obeys its rule.
 #[doc(hidden)]
 pub fn obeys<T: ParamValue>(value: &T, name: &str, rule: Rule) -> Result<(), Fault> {
     value.check(&rule).map_err(|fault| Fault { what: format!("`{name}` {}", fault.what), ..fault }.of_param(name))
@@ -328,15 +328,15 @@ pub fn first<T, const N: usize>(list: [T; N]) -> Option<T> {
     list.into_iter().next()
 }
 
-/// Text for an unset parameter that has the default `_default`: none.
+/// Text for an unset parameter with the default `_default`: none.
 #[doc(hidden)]
 pub const fn no_text(_default: &str) -> Option<&'static str> {
     None
 }
 
-/// Declares a group of parameters: a struct whose fields say unit, default, rule and documentation. `groups` are other
-/// groups whose keys stand among its own. A parameter of a type `Option` says what happens where it is left out
-/// (`absent`). With `all default;` every parameter has a default, and the group is [`Default`].
+/// Declares a group of parameters: a struct whose fields have a unit, default, rule and documentation. `groups` lists
+/// other groups whose keys are in the same table. A parameter of type `Option` documents its behaviour when unset
+/// (`absent`). With `all default;` every parameter has a default, and the group implements [`Default`].
 ///
 /// ```
 /// use params::{SpecEntries, ChoiceRegistry, Params, ParamReader, Rule, params};
@@ -512,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_every_fault_is_said_at_once_with_its_position() {
+    fn unit_all_faults_are_reported_with_positions() {
         let text = "[ins]\ngrad = 1\nbias_m = -1\n[[lines]]\nbias_m = \"x\"\n";
         let faults = read(text).unwrap_err();
         let said: Vec<&str> = faults.iter().map(|f| f.what.as_str()).collect();
@@ -529,7 +529,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_base_takes_the_place_of_the_defaults() {
+    fn unit_base_values_replace_the_defaults() {
         let (args, lists) = (SpecEntries::new(), ChoiceRegistry::default());
         let base = Errors { bias_m: 7.0, heading_deg: Some(1.0) };
         let read = Errors::read(&mut ParamReader::new("ins", &args, None, &lists), Some(&base));
@@ -537,7 +537,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_reference_shows_defaults_once_and_groups_in_place() {
+    fn unit_reference_rows_show_defaults_and_nested_groups() {
         let docs = Ins::docs(&ChoiceRegistry::default());
         assert_eq!(docs.iter().map(|d| d.name).collect::<Vec<_>>(), ["grade", "bias_m", "heading_deg"]);
         assert_eq!(docs[1].default.as_deref(), Some("3.0"));

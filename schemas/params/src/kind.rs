@@ -1,22 +1,22 @@
-//! Choices among things that have a name and keys of their own, such as the models of a fit.
+//! Choices among named alternatives with keys of their own, such as the models of a fit.
 
 use std::{any::Any, fmt, sync::Arc};
 
 use crate::{Fault, Literal, Param, ParamDoc, ParamReader, ParamValue, Params, Rule};
 
-/// One of several choices that a key selects by name, with keys that belong to it. These keys are in the same table as
-/// the key that selects it. A key of another choice is rejected, or has no effect where the choice comes from an axis.
+/// One of several choices that a key selects by name, with its own keys. They are in the same table as the selecting
+/// key. A key of another choice is rejected. If the choice comes from an axis, such a key has no effect.
 pub trait ChoiceKind: Send + Sync + 'static {
     /// The selected choice, with its keys.
     type Keys: ?Sized + Send + Sync + 'static;
 
-    /// The one that is meant where the key is left out; `None` where it must be given.
+    /// The default choice; `None` if the key is required.
     const DEFAULT: Option<&'static str>;
 
     /// Its name in a spec.
     fn name(&self) -> &'static str;
 
-    /// Raised whenever its answer changes.
+    /// Version, raised when the results change.
     fn version(&self) -> u32;
 
     /// Its own keys, for the reference.
@@ -24,16 +24,16 @@ pub trait ChoiceKind: Send + Sync + 'static {
         vec![]
     }
 
-    /// Keys of the table at hand that it takes and others do not.
+    /// Keys of the surrounding table that only some choices use, including this one.
     fn takes(&self) -> &'static [&'static str] {
         &[]
     }
 
-    /// Reads its own keys. `None` where one is wrong, which is then among the reader's faults.
+    /// Reads its own keys. `None` if there are faults, which are then in the reader.
     fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<Self::Keys>>;
 }
 
-/// A kind in a key: its name, and its version beyond the first.
+/// The spelling of a choice in a key: its name, and its version if above 1.
 fn spelt<K: ChoiceKind>(kind: &K) -> String {
     match kind.version() {
         1 => format!("{:?}", kind.name()),
@@ -45,12 +45,12 @@ fn spelt<K: ChoiceKind>(kind: &K) -> String {
 pub struct ChoiceKeys<T: ?Sized> {
     /// Keys in the form that the choice uses.
     pub keys: Arc<T>,
-    /// In their one spelling.
+    /// Keys in canonical spelling.
     pub spelt: Vec<(&'static str, String)>,
 }
 
 impl<T: ?Sized> ChoiceKeys<T> {
-    /// Reads the group `P` of keys, which `keys` makes a `T` of.
+    /// Reads the group `P`, which `keys` converts to `T`.
     pub fn read<P: Params>(reader: &mut ParamReader, keys: fn(P) -> Arc<T>) -> Option<ChoiceKeys<T>> {
         let (group, mut spelt) = (P::read(reader, None)?, vec![]);
         group.spell(&mut spelt);
@@ -66,14 +66,14 @@ pub struct ChoiceList<K: 'static> {
 }
 
 impl<K: ChoiceKind> ChoiceList<K> {
-    /// Kinds from a list.
+    /// A list of choices.
     pub fn new(all: Vec<&'static K>) -> ChoiceList<K> {
         let names = all.iter().map(|kind| kind.name()).collect();
         let own = |kind: &&K| kind.docs().iter().map(|d| d.name).chain(kind.takes().iter().copied()).collect();
         ChoiceList { names, keys: all.iter().map(own).collect(), all }
     }
 
-    /// The list that the key `name` chooses from.
+    /// The list that the key `name` selects from.
     fn from_reader(reader: &mut ParamReader, name: &str) -> Option<Arc<ChoiceList<K>>> {
         let kinds = reader.lists.get();
         if kinds.is_none() {
@@ -82,27 +82,27 @@ impl<K: ChoiceKind> ChoiceList<K> {
         kinds
     }
 
-    /// Possible choices, in words.
+    /// Names of all choices, for a message.
     fn words(&self) -> String {
         self.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
     }
 
-    /// In the order of the reference.
+    /// All choices in the order of the reference.
     pub fn all(&self) -> &[&'static K] {
         &self.all
     }
 
-    /// The one of this name.
+    /// The choice with this name.
     pub fn find(&self, name: &str) -> Option<&'static K> {
         self.all.iter().copied().find(|kind| kind.name() == name)
     }
 
-    /// Names of those whose key it is.
+    /// Names of the choices that own the key.
     pub fn owners(&self, key: &str) -> Vec<&'static str> {
         self.names.iter().zip(&self.keys).filter(|(_, keys)| keys.contains(&key)).map(|(name, _)| *name).collect()
     }
 
-    /// Why `key` has no say with `kind`; `None` where it has.
+    /// Reason why `key` has no effect with `kind`; `None` if it has an effect.
     fn foreign(&self, kind: &K, key: &str) -> Option<Fault> {
         let takes = self.names.iter().position(|name| *name == kind.name()).map(|i| &self.keys[i]);
         if takes.is_some_and(|keys| keys.contains(&key)) || !self.keys.iter().any(|keys| keys.contains(&key)) {
@@ -123,7 +123,7 @@ impl<K: ChoiceKind> ChoiceList<K> {
 pub struct ChoiceRegistry(Vec<Arc<dyn Any + Send + Sync>>);
 
 impl ChoiceRegistry {
-    /// With a list more.
+    /// Adds a list.
     pub fn with<K: ChoiceKind>(mut self, all: Vec<&'static K>) -> ChoiceRegistry {
         self.0.push(Arc::new(ChoiceList::new(all)));
         self
@@ -146,12 +146,12 @@ pub struct ChoiceSelection<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSelection<K> {
-    /// Why `key` has no say with the one that was chosen: it belongs to others. `None` where it has.
+    /// Reason why `key` has no effect with the selected choice: other choices own it. `None` if it has an effect.
     pub fn foreign(&self, key: &str) -> Option<Fault> {
         self.kinds.foreign(self.kind, key)
     }
 
-    /// Whether it takes `key`, or all do.
+    /// Whether the selected choice, or every choice, uses `key`.
     pub fn takes(&self, key: &str) -> bool {
         self.foreign(key).is_none()
     }
@@ -244,12 +244,12 @@ pub struct ChoiceSubset<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSubset<K> {
-    /// Selection from a list: all, or those that are `named`.
+    /// Selection from a list: all choices, or the `named` ones.
     pub fn new(kinds: Arc<ChoiceList<K>>, named: Option<Vec<&'static K>>) -> ChoiceSubset<K> {
         ChoiceSubset { named, kinds }
     }
 
-    /// Those that are wanted, in the order of the list.
+    /// The selected choices, in the order of the list.
     pub fn wanted(&self) -> impl Iterator<Item = &'static K> + '_ {
         let is_wanted = |kind: &&'static K| {
             self.named.as_ref().is_none_or(|named| named.iter().any(|named| named.name() == kind.name()))
@@ -257,12 +257,12 @@ impl<K: ChoiceKind> ChoiceSubset<K> {
         self.kinds.all.iter().copied().filter(is_wanted)
     }
 
-    /// Those that are named, as they are named; none where they are left out.
+    /// The named choices, in the given order; empty if unset.
     pub fn named(&self) -> &[&'static K] {
         self.named.as_deref().unwrap_or_default()
     }
 
-    /// All that there are.
+    /// All choices of the list.
     pub fn all(&self) -> &[&'static K] {
         &self.kinds.all
     }
@@ -298,7 +298,7 @@ impl<K: ChoiceKind> ParamValue for ChoiceSubset<K> {
     }
 
     fn canonical(&self) -> String {
-        // All are spelt as well, so that one more in the list is another question.
+        // All choices are spelt, so that an addition to the list changes the key.
         let all = self.named.as_ref().unwrap_or(&self.kinds.all);
         format!("[{}]", all.iter().map(|kind| spelt(*kind)).collect::<Vec<_>>().join(","))
     }
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_chosen_one_owns_its_keys_and_the_key_of_another_has_no_say() {
+    fn unit_a_key_of_another_choice_has_no_effect() {
         let stage = read(&[("curve", text("flat")), ("degree", Literal::Int(3))]).unwrap();
         let mut spelt = vec![];
         stage.spell(&mut spelt);
@@ -406,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_names_that_are_not_in_the_list_are_said_with_the_nearest() {
+    fn unit_unknown_names_are_reported_with_the_nearest_name() {
         let faults = read(&[("curve", text("flut")), ("curves", text("straigth"))]).unwrap_err();
         assert_eq!(
             faults.iter().map(|f| f.what.as_str()).collect::<Vec<_>>(),

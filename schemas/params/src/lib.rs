@@ -1,10 +1,10 @@
-//! Typed parameters: declared once by [`params!`], read from TOML with the position of every key, checked, documented
-//! and spelt for a key.
+//! Typed parameters: declared once by [`params!`], read from TOML with the position of every key, checked, documented,
+//! and spelt canonically for the keys of results.
 //!
-//! A group of parameters is a struct whose fields say unit, default, rule and documentation. Groups nest
-//! ([`NestedParams`], [`ParamsList`]), are shared (`groups`), and hold choices among words ([`choice!`]) or among
-//! [kinds](ChoiceKind) with keys of their own ([`ChoiceSelection`]), such as the models of a fit. Everything that a
-//! user can get wrong becomes a [`Fault`] with its position and a way out.
+//! A group of parameters is a struct whose fields have a unit, default, rule and documentation. Groups nest
+//! ([`NestedParams`], [`ParamsList`]) and can be shared (`groups`). They hold choices among words ([`choice!`]) or
+//! among [kinds](ChoiceKind) with their own keys ([`ChoiceSelection`]), such as the models of a fit. Every user error
+//! becomes a [`Fault`] with its position and a remedy.
 
 mod fault;
 mod group;

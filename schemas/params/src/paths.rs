@@ -1,4 +1,4 @@
-//! Names and paths that come from outside: a command line, a spec, a manifest, a receipt, a plan or a published set.
+//! Checks of external names and paths: from a command line, spec, manifest, receipt, plan or published set.
 
 use std::{
     fs::{self, File},
@@ -6,19 +6,20 @@ use std::{
     path::Path,
 };
 
-/// The longest name of a pipeline, table, axis or stage, bytes: it becomes a folder, and a file name with a suffix.
+/// Maximum length of the name of a pipeline, table, axis or stage, bytes. The name becomes a folder, and a file name
+/// with a suffix.
 pub const LONGEST_NAME: usize = 100;
-/// The longest name of a file or folder, bytes, that file systems take.
+/// Maximum length of a file or folder name in common file systems, bytes.
 pub const LONGEST_PART: usize = 255;
-/// The longest path, bytes, that operating systems take.
+/// Maximum length of a path in common operating systems, bytes.
 pub const LONGEST_PATH: usize = 4096;
 
-/// Names that are devices on Windows, with any suffix and in any case.
+/// Reserved device names on Windows, with any suffix and in any case.
 const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
-/// Names that are devices with a digit from 1 to 9.
+/// Reserved device names with a digit from 1 to 9.
 const NUMBERED: [&str; 2] = ["com", "lpt"];
 
-/// Whether a name is a device on Windows, where a set or store may be copied to.
+/// Whether a name is reserved on Windows. A set or store may be copied there.
 fn is_device(name: &str) -> bool {
     let stem = name.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
     let numbered = |start: &&str| {
@@ -27,10 +28,10 @@ fn is_device(name: &str) -> bool {
     DEVICES.contains(&stem.as_str()) || NUMBERED.iter().any(numbered)
 }
 
-/// Checks the name of a pipeline, table, axis or stage, which becomes a folder and an identifier of SQL.
+/// Checks the name of a pipeline, table, axis or stage. The name becomes a folder and an SQL identifier.
 ///
 /// # Errors
-/// Says what a name is made of.
+/// The rule that the name violates.
 pub fn check_name(name: &str) -> Result<(), String> {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if !name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') || !name.chars().all(plain) {
@@ -45,10 +46,10 @@ pub fn check_name(name: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks a path below a folder, with `/` between its parts: it must stay in the folder on every operating system.
+/// Checks a path below a folder, with `/` between its parts. It must stay in the folder on every operating system.
 ///
 /// # Errors
-/// Says why it does not.
+/// The reason why it does not.
 pub fn check_path(path: &str) -> Result<(), String> {
     if path.is_empty() {
         return Err("the path is empty".to_owned());
@@ -83,11 +84,10 @@ pub fn check_path(path: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks that a path below `root` has no link in it, so that what it names lies in `root`. Parts that do not exist
-/// pass.
+/// Checks that a path below `root` contains no link, so that its target is in `root`. Parts that do not exist pass.
 ///
 /// # Errors
-/// Fails for a path that is not below `root`, for a link, and where the file system refuses.
+/// Fails for a path outside `root`, for a link, and on an error of the file system.
 pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
     let below = path.strip_prefix(root).map_err(|_| io::Error::other("it lies outside of the folder"))?;
     let mut at = root.to_owned();
@@ -104,13 +104,13 @@ pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Opens a regular file. Pipes, sockets and devices, whose reading may never end, are refused.
+/// Opens a regular file. Rejects pipes, sockets and devices, because reading them may never end.
 ///
 /// # Errors
-/// Fails for anything but a regular file, and where the file system refuses.
+/// Fails for anything but a regular file, and on an error of the file system.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     let refused = || io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file");
-    // Opening a pipe waits for its other end, so that the kind is looked at first.
+    // Opening a pipe waits for its other end, so the file type is checked first.
     if !fs::metadata(path)?.is_file() {
         return Err(refused());
     }
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_names_and_paths_are_judged() {
+    fn unit_invalid_names_and_paths_are_rejected() {
         for name in ["clean", "_a", "a-1", "Big-one", "console", "com10", "nulls"] {
             assert_eq!(check_name(name), Ok(()), "{name}");
         }
@@ -160,7 +160,7 @@ mod tests {
         assert!(check_path(&"a".repeat(256)).is_err() && check_path(&"a/".repeat(3000)).is_err());
     }
 
-    /// A deterministic generator of hostile texts: pieces that mean something to a file system, in any order.
+    /// Deterministic generator of hostile texts from pieces that file systems interpret.
     fn hostile(seed: u64) -> String {
         const PIECES: [&str; 28] = [
             "..",
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_accepted_name_stays_in_its_folder() {
+    fn unit_an_accepted_name_stays_in_its_folder() {
         let root = Path::new("/store/versions");
         let (mut names, mut paths) = (0, 0);
         for seed in 0..200_000 {
@@ -229,7 +229,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn unit_only_regular_files_are_opened_and_links_are_found() {
+    fn unit_only_regular_files_are_opened_and_links_are_rejected() {
         let folder = std::env::temp_dir().join(format!("magline-paths-{}", std::process::id()));
         fs::create_dir_all(folder.join("in")).unwrap();
         fs::write(folder.join("in/a"), "x").unwrap();

@@ -1,4 +1,4 @@
-//! Keys and values as a TOML document gives them, with their positions.
+//! Keys and values of a TOML document, with their positions.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -33,10 +33,10 @@ pub struct SpecSection {
 }
 
 impl SpecSection {
-    /// A whole document.
+    /// Parses a whole document.
     ///
     /// # Errors
-    /// Text that is not TOML, and values that cannot stand in a spec, each with its position.
+    /// Invalid TOML, and values that a spec does not permit, each with its position.
     pub fn document(text: &str) -> Result<SpecSection, Vec<Fault>> {
         let root = DeTable::parse(text).map_err(|e| {
             let fault = Fault::new(e.message());
@@ -45,10 +45,10 @@ impl SpecSection {
         SpecSection::from_table(root.get_ref(), root.span())
     }
 
-    /// A parsed table.
+    /// Converts a parsed table.
     ///
     /// # Errors
-    /// Values that cannot stand in a spec, each with its position.
+    /// Values that a spec does not permit, each with its position.
     pub fn from_table(table: &DeTable, at: Range<usize>) -> Result<SpecSection, Vec<Fault>> {
         let (mut keys, mut faults) = (SpecEntries::new(), vec![]);
         for (key, value) in table {
@@ -64,10 +64,10 @@ impl SpecSection {
     }
 }
 
-/// A parsed value.
+/// Converts a parsed value.
 ///
 /// # Errors
-/// Dates, NaN, integers beyond 64 bits: what cannot stand in a spec.
+/// Values that a spec does not permit: dates, NaN, integers beyond 64 bits.
 pub fn literal(value: &Spanned<DeValue>) -> Result<Literal, Vec<Fault>> {
     let wrong = |what: String| vec![Fault::new(what).at(value.span())];
     match value.get_ref() {
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_all_that_cannot_stand_is_said_at_once() {
+    fn unit_all_invalid_values_are_reported() {
         let faults = SpecSection::document("a = nan\nb = [1, 99999999999999999999]\nc = 2020-01-01\n").unwrap_err();
         assert_eq!(faults.len(), 3, "{faults:?}");
         assert!(faults.iter().all(|f| f.at.is_some()));

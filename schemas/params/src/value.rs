@@ -1,10 +1,10 @@
-//! Values of parameters and axes: how they are read, checked and spelt in a key.
+//! Values of parameters and axes: reading, checks, and canonical spelling.
 
 use std::{collections::BTreeMap, fmt};
 
 use crate::{ChoiceRegistry, Fault, Param, ParamDoc, ParamReader, SpecSection};
 
-/// A value as the spec gives it, with its type.
+/// A value in the spec, with its type.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Literal {
     /// `true` or `false`.
@@ -22,7 +22,7 @@ pub enum Literal {
 }
 
 impl Literal {
-    /// The word for its type.
+    /// The name of its type.
     pub fn type_name(&self) -> &'static str {
         match self {
             Literal::Bool(_) => "boolean",
@@ -34,7 +34,7 @@ impl Literal {
         }
     }
 
-    /// The text, where it is text.
+    /// The text, if the value is text.
     pub fn as_text(&self) -> Option<&str> {
         if let Literal::Text(s) = self { Some(s) } else { None }
     }
@@ -70,7 +70,7 @@ pub enum Rule {
     Positive,
     /// Finite and not below zero.
     NotNegative,
-    /// Within the two, both included.
+    /// Within the two limits, both included.
     Between(f64, f64),
     /// One of these words (each of them, for a list).
     OneOf(&'static [&'static str]),
@@ -111,18 +111,18 @@ impl Rule {
 
 /// Permitted type of a parameter.
 pub trait ParamValue: Sized {
-    /// The word for the type, as the reference shows it.
+    /// The name of the type in the reference.
     const TYPE: &'static str;
 
-    /// The type in words, with what is inside it.
+    /// The type in words, with the types of its elements.
     fn type_words() -> String {
         Self::TYPE.to_owned()
     }
 
-    /// The words that it can be, of a [`choice!`](crate::choice!); empty for other types.
+    /// The permitted words of a [`choice!`](crate::choice!); empty for other types.
     const WORDS: &'static [&'static str] = &[];
 
-    /// The value of a literal, or `None` where the type does not fit.
+    /// The value of a literal; `None` if the type does not fit.
     fn read(literal: &Literal) -> Option<Self>;
 
     /// Value of an unset parameter without a default.
@@ -130,17 +130,17 @@ pub trait ParamValue: Sized {
         None
     }
 
-    /// Whether it obeys the rule.
+    /// Checks that the value obeys the rule.
     ///
     /// # Errors
-    /// When it does not; the fault says what is allowed.
+    /// Fails if it does not; the fault lists the permitted values.
     fn check(&self, rule: &Rule) -> Result<(), Fault>;
 
-    /// The one spelling that goes into the key, so `0.10` and `0.1` are one, `1` and `"1"` are two.
+    /// Canonical spelling for the key of a result: `0.10` and `0.1` are equal, `1` and `"1"` differ.
     fn canonical(&self) -> String;
 
-    /// Reads the parameter `param` of the group at hand. `None` where it is wrong or missing, which is then among the
-    /// reader's faults.
+    /// Reads the parameter `param` of the current group. `None` if it is invalid or missing; the fault is then in the
+    /// reader.
     fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         reader.plain(param)
     }
@@ -150,7 +150,7 @@ pub trait ParamValue: Sized {
         vec![doc]
     }
 
-    /// Its spelling in a key: one pair, unless the value brings keys of its own.
+    /// Adds its canonical spelling: one pair, unless the value has keys of its own.
     fn spell(&self, name: &'static str, out: &mut Vec<(&'static str, String)>) {
         out.push((name, self.canonical()));
     }
@@ -162,7 +162,7 @@ impl ParamValue for f64 {
     fn read(literal: &Literal) -> Option<f64> {
         match literal {
             Literal::Float(x) => Some(*x),
-            // Beyond 2^53 a whole number would be changed silently.
+            // Above 2^53, conversion would change a whole number silently.
             Literal::Int(x) if x.unsigned_abs() <= 1 << 53 => Some(*x as f64),
             _ => None,
         }
@@ -173,7 +173,7 @@ impl ParamValue for f64 {
     }
 
     fn canonical(&self) -> String {
-        // -0.0 and 0.0 are the same question.
+        // -0.0 and 0.0 are equal.
         format!("{:?}", self + 0.0)
     }
 }
@@ -181,14 +181,14 @@ impl ParamValue for f64 {
 /// Number, or `"auto"` for an estimate from the data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NumberOrAuto {
-    /// Found from the data.
+    /// Estimated from the data.
     Auto,
     /// This number.
     Given(f64),
 }
 
 impl NumberOrAuto {
-    /// The number, where one is given.
+    /// The number, if one is given.
     pub fn given(self) -> Option<f64> {
         match self {
             NumberOrAuto::Auto => None,
@@ -408,7 +408,7 @@ impl<T: ParamValue, const N: usize> ParamValue for [T; N] {
     }
 }
 
-/// The plural of a type in words.
+/// The plural of the name of a type.
 fn several(words: &str) -> String {
     match words.split_once(' ') {
         Some((first, rest)) => format!("{first}s {rest}"),
@@ -416,7 +416,7 @@ fn several(words: &str) -> String {
     }
 }
 
-/// Values by names that are not known beforehand, such as currents.
+/// Values by names that are not known in advance, such as currents.
 impl<T: ParamValue> ParamValue for BTreeMap<String, T> {
     const TYPE: &'static str = "table";
 
@@ -444,8 +444,8 @@ impl<T: ParamValue> ParamValue for BTreeMap<String, T> {
     }
 }
 
-/// Declares a choice among words: an `enum` that is read from its word in the spec, so that no text is left to compare
-/// later.
+/// Declares a choice among words: an `enum` that is read from its word in the spec, so that later code compares no
+/// text.
 ///
 /// ```
 /// use params::{Literal, ParamValue, choice};
@@ -472,7 +472,7 @@ macro_rules! choice {
         $v enum $Ty { $( $(#[$vd])* $V, )+ }
 
         impl $Ty {
-            /// The word in a spec.
+            /// The word in the spec.
             pub const fn word(self) -> &'static str {
                 match self { $( $Ty::$V => $word, )+ }
             }
@@ -503,7 +503,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_spellings_of_one_value_are_one_key() {
+    fn unit_equal_values_have_one_canonical_spelling() {
         let canonical = |l: Literal| f64::read(&l).map(|x| x.canonical());
         assert_eq!(canonical(Literal::Float(0.1)), canonical(Literal::Float(1.0e-1)));
         assert_eq!(canonical(Literal::Int(1)), canonical(Literal::Float(1.0)));
@@ -512,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_auto_is_a_word_and_a_number_keeps_its_spelling() {
+    fn unit_auto_is_read_and_numbers_keep_their_spelling() {
         let read = |l: Literal| NumberOrAuto::read(&l);
         assert_eq!(read(Literal::Text("auto".into())), Some(NumberOrAuto::Auto));
         assert_eq!(read(Literal::Text("atuo".into())), None);
@@ -525,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_rules_refuse_what_they_say() {
+    fn unit_rules_reject_values_outside_their_limits() {
         assert!(f64::NAN.check(&Rule::Any).is_err());
         assert!(0.0.check(&Rule::Positive).is_err());
         assert!(f64::INFINITY.check(&Rule::NotNegative).is_err());

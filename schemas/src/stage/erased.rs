@@ -104,7 +104,7 @@ pub trait StageDyn: Send + Sync {
     /// # Errors
     /// Fails in the same cases.
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
-    /// For the way back to the type.
+    /// Itself as `Any`, for downcasts.
     fn as_any(&self) -> &dyn Any;
 }
 

@@ -56,14 +56,14 @@ impl LineStage for Other {
 }
 
 #[test]
-fn unit_what_has_no_say_is_not_in_the_key() {
+fn unit_parameters_without_effect_are_not_in_the_key() {
     let canonical = |columns| StageDyn::canonical(&Other { columns });
     assert_eq!(canonical(0), []);
     assert_eq!(canonical(2), [("columns", "2".to_owned())]);
 }
 
 #[test]
-fn unit_points_are_run_each_by_itself_unless_the_stage_knows_better() {
+fn unit_points_run_one_at_a_time_by_default() {
     let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None };
     let stages: [&dyn LineStageDyn; 4] =
         [&Number { value: 1.0 }, &Number { value: -1.0 }, &Other { columns: 0 }, &Number { value: 2.0 }];

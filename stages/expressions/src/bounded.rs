@@ -1,5 +1,5 @@
-//! Expressions whose values are not much larger than what they are computed from, so that an expression in the spec of
-//! a stranger cannot take all memory.
+//! Bounds on the size of values: rejects expressions whose values may be much larger than their inputs, so that a
+//! foreign spec cannot exhaust memory.
 
 use arrow_schema::DataType;
 use datafusion::{
@@ -11,14 +11,14 @@ use datafusion::{
 };
 use schemas::Fault;
 
-/// Rows that are evaluated at once, where values are texts.
+/// Rows that are evaluated together if values are texts.
 pub const ROWS: usize = 4096;
-/// The longest text in an expression, bytes.
+/// Maximum length of a text in an expression, bytes.
 const LONGEST: usize = 1000;
-/// The most concatenations in an expression.
+/// Maximum number of concatenations in an expression.
 const JOINED: usize = 20;
 
-/// Functions of texts and of choices whose value is at most as long as their arguments together.
+/// Functions and choices of texts whose value is at most as long as all arguments together.
 const BOUNDED: [&str; 26] = [
     "btrim",
     "chr",
@@ -51,7 +51,7 @@ const BOUNDED: [&str; 26] = [
 /// Rejects expressions whose values may be much larger than their columns.
 ///
 /// # Errors
-/// Names the function, text or number of concatenations.
+/// Reports the function, text or number of concatenations.
 pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault> {
     let (mut found, mut joined) = (None, 0);
     let visited = expr.apply(|e| {
@@ -119,7 +119,7 @@ mod tests {
     use crate::Expression;
 
     #[test]
-    fn unit_values_that_may_be_too_large_are_refused_before_they_are_computed() {
+    fn unit_potentially_large_values_are_rejected_before_evaluation() {
         let shape = TableShape { columns: vec![Column::text("line", ""), Column::float("a", "nT", "")], rate_hz: None };
         let read = |sql: &str| Expression::new(sql, &shape, "`x`").map_err(|fault| fault.to_string());
         for sql in [

@@ -1,15 +1,15 @@
-//! Work that recurses as deep as its input is nested, on a stack that is large enough for it.
+//! Recursive work on nested input, on a sufficiently large stack.
 
 use std::{ops::ControlFlow, panic::resume_unwind, thread};
 
 use datafusion::sql::sqlparser::ast::{Expr, Select, TableFactor, Visit, Visitor};
 use schemas::Fault;
 
-/// Address space, not memory: a page is taken when it is first touched.
+/// Size of the large stack, bytes. It is address space: a page uses memory only after its first access.
 pub const STACK: usize = 1 << 30;
-/// A text of SQL longer than this is rejected. Together with [`STACK`] it bounds every recursion over it.
+/// Maximum length of an SQL text, bytes. Together with [`STACK`] it bounds every recursion over the text.
 const LONGEST: usize = 1 << 20;
-/// A text of SQL up to this length is nested too little to need more than an ordinary stack.
+/// Length of an SQL text below which an ordinary stack suffices, bytes.
 const SHORT: usize = 2_000;
 /// Number of brackets up to which an ordinary stack suffices. Thirty nested functions exceed a thread's stack of 2 MB.
 const BRACKETS: usize = 8;
@@ -17,7 +17,7 @@ const BRACKETS: usize = 8;
 /// Runs `work`, which recurses over `sql`.
 ///
 /// # Errors
-/// Fails when the text is too long, or there is no memory for the stack.
+/// Fails if the text is too long or memory for the stack is missing.
 pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     if sql.len() > LONGEST {
         let what = format!("the SQL is {} bytes long; the limit is {LONGEST} bytes", sql.len());
@@ -30,7 +30,7 @@ pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fa
 /// Runs `work` on a thread with a large stack.
 ///
 /// # Errors
-/// Fails when there is no memory for it.
+/// Fails if memory for the stack is missing.
 pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     thread::scope(|scope| {
         let thread = thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work);
@@ -42,23 +42,23 @@ pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     })
 }
 
-/// A query may be nested this deep; the time to plan it grows with the square and more.
+/// Maximum nesting depth of a query. Planning time grows at least with its square.
 pub const QUERY: usize = 1_000;
-/// The same for an expression, before its chains of `and` and `or` are balanced.
+/// Maximum nesting depth of an expression, before its chains of `and` and `or` are balanced.
 pub const PREDICATE: usize = 5_000;
-/// More tables and queries than this in one text are rejected too: each is a level of the plan.
+/// Maximum number of tables and queries in one text; each is a level of the plan.
 const MOST_PARTS: usize = 1_000;
 
-/// The fault of SQL that is nested too deep.
+/// The fault of SQL that is nested too deeply.
 pub fn too_deep() -> Fault {
     Fault::new("the SQL is nested too deep")
         .help("write `x in (1, 2, 3)` for a chain of comparisons, and shorter sums and fewer brackets")
 }
 
-/// Rejects parsed SQL that is nested deeper than `deepest`; a chain `a or b or c` is a level for each of its terms.
+/// Rejects parsed SQL that is nested more deeply than `deepest`. A chain `a or b or c` has one level per term.
 ///
 /// # Errors
-/// Fails when it is nested deeper.
+/// Fails if it is nested more deeply.
 pub fn check(tree: &impl Visit, deepest: usize) -> Result<(), Fault> {
     let mut depth = DepthLimiter { deepest, now: 0, parts: 0 };
     match tree.visit(&mut depth) {

@@ -1,7 +1,7 @@
-//! SQL expressions over the columns of one row, read and evaluated by DataFusion.
+//! SQL expressions over the columns of one row, parsed and evaluated by DataFusion.
 //!
-//! An expression is a function of one row and of nothing else: neither the clock nor chance, no other rows and no other
-//! tables. Its unit follows from those of its columns where that is plain.
+//! An expression is a function of one row only. It uses no clock, random numbers, other rows or other tables. Its unit
+//! is inferred from those of its columns where possible.
 //!
 //! ```
 //! use expressions::{Expression, ExpressionUnit};
@@ -45,7 +45,7 @@ pub use unit::ExpressionUnit;
 /// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one expression per point.
 pub(crate) static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
 
-/// The Arrow schema that the columns of a table have in expressions.
+/// The Arrow schema of a table's columns in expressions.
 pub fn schema_of(shape: &TableShape) -> Schema {
     Schema::new(fields(shape.columns.iter()))
 }
@@ -54,11 +54,11 @@ fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> 
     columns.map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect()
 }
 
-/// The expression that `sql` is over the columns of `shape`. Call it by [`deep::over`]: it recurses as deep as the text
-/// is nested. `subject` is what faults call it.
+/// Parses `sql` as an expression over the columns of `shape`. Call it through [`deep::over`], because it recurses over
+/// the nested text. `subject` is the name of the expression in faults.
 ///
 /// # Errors
-/// Fails for what is not an expression in SQL, names a column that does not exist, is nested too deep, or is more than
+/// Fails for invalid SQL, unknown columns, excessive nesting, and anything but a function of one row.
 /// a function of one row.
 pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
@@ -72,10 +72,10 @@ pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault
     Ok(expr)
 }
 
-/// The expression ready to be evaluated on batches of `schema`.
+/// Prepares the expression for evaluation on batches of `schema`.
 ///
 /// # Errors
-/// Fails for functions and operators that do not take values of these types, and for what is nested too deep.
+/// Fails for functions and operators that reject values of these types, and for excessive nesting.
 pub fn physical(
     expr: Expr,
     schema: &Schema,
@@ -94,7 +94,7 @@ fn calls_a_function(expr: &Expr) -> Result<bool, DataFusionError> {
     expr.exists(|e| Ok(matches!(e, Expr::ScalarFunction(_))))
 }
 
-/// The same in the functions that can be evaluated: `coalesce`, for one, is rewritten as a `case`.
+/// The expression with functions that can be evaluated: `coalesce`, for example, becomes a `case`.
 fn simplified(expr: Expr, schema: &DFSchema) -> Result<Expr, DataFusionError> {
     let context = SimplifyContext::builder().with_schema(Arc::new(schema.clone())).build();
     let simplifier = ExprSimplifier::new(context);
@@ -109,7 +109,7 @@ fn wrong(e: &DataFusionError, shape: &TableShape, subject: &str) -> Fault {
             SchemaError::FieldNotFound { field, .. } => {
                 let fault = Fault::new(format!("there is no column `{}`", field.name()));
                 match have.iter().find(|name| **name != field.name() && name.to_lowercase() == field.name()) {
-                    // SQL folds names without quotes to small letters.
+                    // SQL converts names without quotes to lower case.
                     Some(name) => fault.help(format!("put the name in double quotes: `\"{name}\"`")),
                     None => fault.nearest(field.name(), &have),
                 }
@@ -123,11 +123,11 @@ fn wrong(e: &DataFusionError, shape: &TableShape, subject: &str) -> Fault {
     }
 }
 
-/// An expression that has been checked against the columns it sees.
+/// An expression that has been checked against its columns.
 ///
-/// NaN is a missing value, as everywhere in flight lines, and SQL's NULL in the expression: what is made of it is
-/// missing, also by `greatest` and `least`, a comparison with it is unknown, and `coalesce` and `is null` see it. A
-/// division is one of real numbers, also between whole ones.
+/// NaN in a flight line is a missing value and becomes SQL's NULL. Functions of a missing value, including `greatest`
+/// and `least`, are missing. Comparisons with it are unknown. `coalesce` and `is null` detect it. Division is real
+/// division, also of whole numbers.
 #[derive(Clone, Debug)]
 pub struct Expression {
     physical: Arc<dyn PhysicalExpr>,
@@ -139,23 +139,22 @@ pub struct Expression {
     pub data_type: DataType,
     /// The unit of its values.
     pub unit: ExpressionUnit,
-    /// The columns whose values it holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in
-    /// another way.
+    /// The columns in the expression's sum: with 1 if added, -1 if subtracted, 0 for any other use.
     pub terms: Vec<(i8, String)>,
 }
 
 impl Expression {
-    /// Reads `sql` against the columns of `shape`. `subject` is what faults call it.
+    /// Parses `sql` against the columns of `shape`. `subject` is the name of the expression in faults.
     ///
     /// # Errors
-    /// Fails as [`parse`] and [`physical`], and where values of different units are added or compared.
+    /// Fails in the cases of [`parse`] and [`physical`], and if values of different units are added or compared.
     pub fn new(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         deep::over(sql, || Self::read(sql, shape, subject))?
     }
 
     fn read(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         let expr = parse(sql, shape, subject)?;
-        // The checks below recurse without a bound of their own.
+        // The checks below recurse without a limit.
         row::shallow(&expr, subject)?;
         let (unit, terms) = (unit::infer_unit(&expr, shape)?, sum::signed_terms(&expr));
         if extremes_deep(&expr) > MOST_EXTREMES {
@@ -173,10 +172,10 @@ impl Expression {
         Ok(Expression { physical, schema, subject: subject.to_owned(), columns, data_type, unit, terms })
     }
 
-    /// Its values, one for each row of `batch`, which holds [`Expression::columns`] among others.
+    /// Its values, one for each row of `batch`, which must contain [`Expression::columns`].
     ///
     /// # Errors
-    /// Fails for a column that is missing or of another type, and where it cannot be evaluated on these values.
+    /// Fails for a column that is missing or of another type, and for values that it cannot be evaluated on.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         let rows = batch.num_rows();
         let column = |field: &Arc<Field>| {
@@ -192,10 +191,10 @@ impl Expression {
             .map_err(|e| Fault::data(format!("{} cannot be evaluated: {}", self.subject, e.find_root())))
     }
 
-    /// Its values as numbers, NaN where one is missing or infinite.
+    /// Its values as numbers; NaN for missing and infinite values.
     ///
     /// # Errors
-    /// Fails as [`Expression::evaluate`], and where its values are no numbers.
+    /// Fails in the cases of [`Expression::evaluate`], and for values that are not numbers.
     pub fn numbers(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         let array = arrow_cast::cast(&self.evaluate(batch)?, &DataType::Float64);
         let array = array.map_err(|e| Fault::data(format!("{} does not give numbers: {e}", self.subject)))?;
@@ -206,7 +205,7 @@ impl Expression {
     /// Rows for which the expression is true. An unknown value counts as false.
     ///
     /// # Errors
-    /// Fails as [`Expression::evaluate`], and where its values are not true or false.
+    /// Fails in the cases of [`Expression::evaluate`], and for values that are not Boolean.
     pub fn mask(&self, batch: &RecordBatch) -> Result<Vec<bool>, Fault> {
         let array = self.evaluate(batch)?;
         let gives = || Fault::data(format!("{} gives {}, not true or false", self.subject, array.data_type()));
@@ -214,11 +213,11 @@ impl Expression {
     }
 }
 
-/// The values of an expression, one for each row of `batch`. Some rows at a time where there are texts, whose
-/// intermediate values may be large.
+/// The values of an expression, one for each row of `batch`. Expressions with texts are evaluated a few rows at a time,
+/// because intermediate values may be large.
 ///
 /// # Errors
-/// Fails where it cannot be evaluated on these values.
+/// Fails for values that it cannot be evaluated on.
 pub fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<ArrayRef, DataFusionError> {
     let rows = batch.num_rows();
     let texts = batch.schema_ref().fields().iter().any(|f| !f.data_type().is_numeric());
@@ -234,7 +233,7 @@ pub fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Arr
     Ok(arrow_select::concat::concat(&parts)?)
 }
 
-/// Whether texts are made on the way.
+/// Whether any intermediate value is text.
 fn has_text(expr: &Arc<dyn PhysicalExpr>, schema: &Schema) -> bool {
     let is_text = |kind: DataType| matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View);
     expr.data_type(schema).is_ok_and(is_text) || expr.children().into_iter().any(|child| has_text(child, schema))
@@ -250,7 +249,7 @@ fn known(array: &ArrayRef) -> ArrayRef {
     }
 }
 
-/// The same with each dividend as a real number: SQL divides whole numbers to whole ones, so that `1/3` were 0.
+/// The expression with real dividends: SQL divides whole numbers to whole numbers, so that `1/3` would be 0.
 fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| match e {
         Expr::BinaryExpr(BinaryExpr { left, op: Operator::Divide, right }) => {
@@ -272,7 +271,7 @@ fn is_extreme(expr: &Expr) -> bool {
 /// Nesting depth of `greatest` and `least`. The expression itself has a limited depth.
 fn extremes_deep(expr: &Expr) -> usize {
     let mut inside = 0;
-    // The visit itself cannot fail.
+    // The visit cannot fail.
     let _ = expr.apply_children(|child| {
         inside = inside.max(extremes_deep(child));
         Ok(TreeNodeRecursion::Continue)
@@ -280,8 +279,8 @@ fn extremes_deep(expr: &Expr) -> usize {
     inside + usize::from(is_extreme(expr))
 }
 
-/// The same with each `greatest` and `least` missing where one of its values is: SQL's leave missing values out, so
-/// that a missing value clipped to 1 were 1.
+/// The expression with `greatest` and `least` missing if an argument is missing. SQL ignores missing arguments, so that
+/// a missing value clipped to 1 would be 1.
 fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| {
         let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };
@@ -332,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn law_numbers_are_those_of_arithmetic_and_nan_is_missing() {
+    fn unit_arithmetic_is_exact_and_nan_is_missing() {
         let same = |sql: &str, expected: [f64; 3]| {
             let found = numbers(sql);
             let fits = found.iter().zip(expected).all(|(x, y)| *x == y || x.is_nan() && y.is_nan());
@@ -353,14 +352,14 @@ mod tests {
         assert!(root.numbers(&batch()).unwrap_err().what.contains("square root of a negative number"));
         same("3", [3.0; 3]);
         let mask = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap().mask(&batch()).unwrap();
-        // In Arrow's order NaN is above all numbers.
+        // In Arrow's order NaN is greater than all numbers.
         assert_eq!(mask("a > 0"), [true, false, false]);
         assert_eq!(mask("a is null or b > 1"), [false, true, true]);
         assert_eq!(mask("line like '1.%' and tt between 1 and 2"), [false, true, true]);
     }
 
     #[test]
-    fn unit_the_unit_follows_where_it_is_plain() {
+    fn unit_units_are_inferred_from_columns() {
         let unit = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap().unit;
         let nt = || ExpressionUnit::Of("nT".to_owned());
         for sql in [
@@ -389,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_no_function_of_the_row_is_refused_by_its_name() {
+    fn unit_functions_of_more_than_one_row_are_rejected_by_name() {
         let said = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap_err().to_string();
         assert!(said("a * random()").contains("`random()` gives a different value each time"));
         assert!(said("a - avg(a)").contains("`x` is evaluated row by row"));

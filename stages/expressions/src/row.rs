@@ -1,6 +1,6 @@
 //! The allowed parts of an expression, and a form of it without deep nesting.
 //!
-//! `subject` is what a fault calls the expression, such as `` `where` ``.
+//! `subject` is the name of the expression in faults, such as `` `where` ``.
 
 use datafusion::{
     common::tree_node::{Transformed, TreeNode, TreeNodeRecursion},
@@ -11,13 +11,14 @@ use schemas::Fault;
 
 use crate::deep;
 
-/// An expression is evaluated on the ordinary stacks of the threads that work, which have room for many times this.
+/// Maximum nesting depth of an expression. Worker threads evaluate it on ordinary stacks, which suffice for many times
+/// this depth.
 const DEEPEST: usize = 500;
 
 /// Rejects expressions that are not a function of one row.
 ///
 /// # Errors
-/// Fails for clocks and chance, for what sees several rows or tables, and for variables.
+/// Fails for clocks, random numbers, functions of several rows or tables, and variables.
 pub fn check(expr: &Expr, subject: &str) -> Result<(), Fault> {
     let mut found = None;
     let visited = expr.apply(|e| {
@@ -84,10 +85,10 @@ fn objection(expr: &Expr, subject: &str) -> Option<Fault> {
     }
 }
 
-/// The same expression with long chains of `and` and of `or` as balanced trees: SQL reads them as nested to the left.
+/// The expression with long chains of `and` and `or` as balanced trees. SQL parses them as nested to the left.
 ///
 /// # Errors
-/// Fails only where the rewriting of the expression fails.
+/// Fails only if DataFusion cannot rewrite the expression.
 pub fn balanced(expr: Expr) -> Result<Expr, DataFusionError> {
     /// Shorter chains are unchanged.
     const LONG: usize = 64;
@@ -143,12 +144,12 @@ fn tree(mut terms: Vec<Expr>, op: Operator) -> Expr {
     terms.pop().unwrap_or_default()
 }
 
-/// Rejects expressions that are nested too deep to be evaluated.
+/// Rejects expressions that are nested too deeply to be evaluated.
 ///
 /// # Errors
-/// Fails for more than 500 levels.
+/// Fails above 500 levels.
 pub fn shallow(expr: &Expr, subject: &str) -> Result<(), Fault> {
-    // Level by level, so that a large tree is not walked by recursion.
+    // Traversal level by level, because recursion over a large tree may overflow the stack.
     let mut level = vec![expr];
     for _ in 0..DEEPEST {
         let mut next = vec![];

@@ -5,8 +5,8 @@ use datafusion::{
     logical_expr::{BinaryExpr, Expr, Operator},
 };
 
-/// The columns whose values `expr` holds: with 1 where one is added, -1 where it is subtracted, 0 where it is used in
-/// another way. What only decides in a `case` is no value. The expression is not nested deep.
+/// The columns in the sum of `expr`: with 1 if added, -1 if subtracted, 0 for any other use. Conditions of a `case` do
+/// not count. The expression must not be nested deeply.
 pub fn signed_terms(expr: &Expr) -> Vec<(i8, String)> {
     let mut terms = vec![];
     gather(expr, 1, &mut terms);
@@ -36,7 +36,7 @@ fn gather(expr: &Expr, sign: i8, terms: &mut Vec<(i8, String)>) {
             values.for_each(|value| gather(value, sign, terms));
         }
         Expr::ScalarFunction(function) => {
-            // These give back one of their values, all others something else.
+            // These return one of their arguments unchanged, all others a new value.
             let keeps = matches!(function.name(), "coalesce" | "nvl" | "greatest" | "least" | "nullif");
             function.args.iter().for_each(|value| gather(value, if keeps { sign } else { 0 }, terms));
         }
@@ -48,7 +48,7 @@ fn signed(sign: i8, factor: f64) -> i8 {
     if factor < 0.0 { -sign } else { sign }
 }
 
-/// The number that an expression is.
+/// The value of a constant expression.
 fn number(expr: &Expr) -> Option<f64> {
     match expr {
         Expr::Literal(ScalarValue::Float64(Some(x)), _) => Some(*x),

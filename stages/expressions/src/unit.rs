@@ -6,13 +6,13 @@ use schemas::{Fault, TableShape};
 /// Unit of an expression, as far as it can be inferred.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ExpressionUnit {
-    /// Numbers alone, which have any.
+    /// Numbers without columns, which fit any unit.
     Any,
-    /// This one; empty for columns that have none.
+    /// This unit; empty for columns without one.
     Of(String),
-    /// This one, times a number that may have been meant to convert it.
+    /// This unit, times a number that may be a conversion factor.
     Scaled(String),
-    /// It does not follow.
+    /// Unknown.
     Unknown,
 }
 
@@ -23,7 +23,7 @@ const KEEPING: [&str; 10] =
 /// The unit of `expr` over the columns of `shape`.
 ///
 /// # Errors
-/// Fails where values of different units are added, compared or chosen from.
+/// Fails if values of different units are added, compared or selected from.
 pub fn infer_unit(expr: &Expr, shape: &TableShape) -> Result<ExpressionUnit, Fault> {
     let unit_of = |e: &Expr| infer_unit(e, shape);
     let same = |each: &mut dyn Iterator<Item = &Expr>| -> Result<ExpressionUnit, Fault> {
@@ -33,7 +33,7 @@ pub fn infer_unit(expr: &Expr, shape: &TableShape) -> Result<ExpressionUnit, Fau
         }
         Ok(unit)
     };
-    // The operands have units to check; the answer has none.
+    // The operands have units to check; a Boolean has none.
     let truth = |each: &mut dyn Iterator<Item = &Expr>| same(each).map(|_| ExpressionUnit::Unknown);
     match expr {
         Expr::Literal(..) => Ok(ExpressionUnit::Any),

@@ -1,8 +1,8 @@
-//! An epoch of a network: 400,000 samples, batches of 2048, Adam, shuffled anew; on one and on two threads.
+//! An epoch of a network: 400,000 samples, batches of 2048, Adam, reshuffled each epoch; on one and on two threads.
 //!
-//! `cargo bench -p magline-learning --bench networks --profile dev` prints time on the clock and on the processors (of
-//! all threads together) of the fastest of several epochs, and checks that both give the same bits and that the loss
-//! has fallen. `networks.py` runs PyTorch on the same shapes, then this.
+//! `cargo bench -p magline-learning --bench networks --profile dev` prints the time of the fastest of several epochs on
+//! the clock and on the processors (all threads together). It checks that both thread counts give the same bits and
+//! that the loss has fallen. `networks.py` runs PyTorch on the same shapes, then this bench.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -64,7 +64,7 @@ fn timed(shape: &NetworkShape, samples: &NetworkSamples<'_>, threads: usize) -> 
     let trained = pool.install(|| {
         train(shape, start, &training, samples, None, &mut |_, _| {
             let now = (Instant::now(), processors());
-            // The first epoch makes the buffers, and the samples are checked before it.
+            // The first epoch allocates the buffers and includes the check of the samples.
             if let Some((clock, processors)) = before.replace(now) {
                 clock_s = clock_s.min(now.0.duration_since(clock).as_secs_f64());
                 processors_s = processors_s.min(now.1 - processors);
@@ -79,7 +79,7 @@ fn timed(shape: &NetworkShape, samples: &NetworkSamples<'_>, threads: usize) -> 
     Ok(trained.parameters)
 }
 
-/// The seconds that all threads have had a processor; NaN where the system does not tell.
+/// Processor time of all threads, s; NaN if the system does not report it.
 fn processors() -> f64 {
     let of = |task: std::fs::DirEntry| -> Option<f64> {
         let told = std::fs::read_to_string(task.path().join("schedstat")).ok()?;

@@ -1,7 +1,7 @@
 //! Boosted trees: 200 of up to 31 leaves on 200,000 samples of 77 columns, and their prediction.
 //!
 //! `cargo bench -p magline-learning --bench trees --profile dev` prints the times on one and on two threads and checks
-//! the errors against those that scikit-learn has for the same input; `trees.py` prints its times and errors.
+//! the errors against those of scikit-learn for the same input. `trees.py` prints the times and errors of scikit-learn.
 //!
 //! Two cores of an AMD EPYC shared with other work, scikit-learn 1.9.1:
 //!
@@ -20,7 +20,7 @@ const ROWS: usize = 200_000;
 const AHEAD: usize = 20_000;
 const WIDTH: usize = 77;
 
-/// Mean square errors of `trees.py`, scikit-learn 1.9.1: of the rows that are trained on, and of those that follow.
+/// Mean square errors of `trees.py`, scikit-learn 1.9.1: of the training rows, and of the rows that follow.
 const THEIRS: [f64; 2] = [0.222_15, 0.237_81];
 
 /// The same rows as in `trees.py`.
@@ -63,7 +63,7 @@ fn main() -> Result<(), Failure> {
         );
     }
     println!("mean square errors {errors:.4?}, scikit-learn {THEIRS:.4?}");
-    // Bins differ by one and by where they lie.
+    // The bins of the two programs differ in number by one and in position.
     if errors.iter().zip(THEIRS).all(|(a, b)| (a / b - 1.0).abs() < 0.05) {
         Ok(())
     } else {

@@ -7,12 +7,12 @@ pub(crate) fn uniform(bits: &mut SplitMix64) -> f64 {
     (bits.draw() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Uniform among `0..bound`; 0 for a bound of 0. The product is larger by at most `bound`/2⁶⁴ for some of them.
+/// Uniform in `0..bound`; 0 for a bound of 0. The probability of a number is too large by at most `bound`/2⁶⁴.
 pub(crate) fn below(bits: &mut SplitMix64, bound: usize) -> usize {
     ((u128::from(bits.draw()) * bound as u128) >> 64) as usize
 }
 
-/// `0..count` in random order, each order as likely as any other [Fisher and Yates].
+/// `0..count` in random order, with equal probability of each order [Fisher and Yates].
 pub(crate) fn shuffled(bits: &mut SplitMix64, count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
     for last in (1..count).rev() {
@@ -21,7 +21,7 @@ pub(crate) fn shuffled(bits: &mut SplitMix64, count: usize) -> Vec<usize> {
     order
 }
 
-/// `0..count` in one of the orders that are a single cycle, so that nothing stays in its place [Sattolo 1986].
+/// `0..count` in the order of a random single cycle, so that no element keeps its position [Sattolo 1986].
 pub(crate) fn cycle(bits: &mut SplitMix64, count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
     for last in (1..count).rev() {
@@ -30,7 +30,7 @@ pub(crate) fn cycle(bits: &mut SplitMix64, count: usize) -> Vec<usize> {
     order
 }
 
-/// `keep` of `0..count`, ascending, each set as likely as any other [Knuth, algorithm S].
+/// `keep` numbers of `0..count`, ascending, with equal probability of each set [Knuth, algorithm S].
 pub(crate) fn chosen(bits: &mut SplitMix64, count: usize, keep: usize) -> Vec<u32> {
     let mut kept = Vec::with_capacity(keep);
     for i in 0..count {
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_cycle_moves_everything_and_a_choice_is_ascending_and_uniform() {
+    fn unit_cycles_move_all_elements_and_choices_are_uniform() {
         let mut bits = SplitMix64::new(3);
         for count in [2, 3, 10] {
             let order = cycle(&mut bits, count);

@@ -2,21 +2,20 @@
 //!
 //! | Item | Result for a group of columns |
 //! |:--|:--|
-//! | [`permutation()`] | the growth of the error when the group's blocks of time are exchanged |
-//! | [`shapley_sampled`] | its part of each prediction, by sampled orders of the groups |
+//! | [`permutation()`] | increase of the error when the group's blocks of time are permuted |
+//! | [`shapley_sampled`] | contribution to each prediction, by sampled orders of the groups |
 //! | [`shapley_linear`] | the same for a linear model, exact |
 //! | [`shapley_trees()`] | the same for a forest, exact |
-//! | [`expected_gradients()`] | its part of each prediction, along straight ways from background rows |
-//! | [`pearson()`], [`spearman`] | the correlation of a column with the target, for any model |
-//! | [`iterative_hard_thresholding`] | whether it is among the few columns of a sparse linear model |
+//! | [`expected_gradients()`] | contribution to each prediction, along straight paths from background rows |
+//! | [`pearson()`], [`spearman`] | correlation of a column with the target, for any model |
+//! | [`iterative_hard_thresholding`] | membership in the few columns of a sparse linear model |
 //!
-//! A part of a prediction is relative to background rows, which stand for not knowing a group: its columns are then
-//! those of each background row in turn, those of other groups as they are. Groups that move together
-//! make rows that never occur; models answer for them too. Compare groups, of which each has all that comes from one
-//! sensor, rather than columns.
+//! A contribution is relative to background rows, which represent an unknown group: its columns take the values of each
+//! background row in turn, and other groups keep theirs. Correlated groups give rows that never occur in the data, and
+//! models extrapolate to them. Compare groups that each hold all columns of one sensor, rather than single columns.
 //!
-//! A model is a function from rows to predictions (or derivatives) in which each row's answer depends on that row
-//! alone: it is called with some thousand rows at a time, from several threads.
+//! A model is a function from rows to predictions (or derivatives). The result of each row depends on that row only. It
+//! is called with some thousand rows at a time, from several threads.
 
 mod correlation;
 mod expected_gradients;
@@ -38,10 +37,11 @@ use std::convert::Infallible;
 
 use crate::rows::{RowsError, entries};
 
-/// Rows that a model is called with at a time.
+/// Rows per call of a model.
 const TOGETHER: usize = 4096;
 
-/// Function from rows of `width` columns to predictions, or to their derivatives by the columns, row by row.
+/// Function from rows of `width` columns to predictions, or to their derivatives with respect to the columns, row by
+/// row.
 pub type PredictionFunction<'a, E> = dyn Fn(&[f64]) -> Result<Vec<f64>, E> + Sync + 'a;
 
 /// Sample size and seed of a sampled attribution.
@@ -57,36 +57,36 @@ pub struct AttributionSampling {
 /// Attributions of predictions to groups of columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributions {
-    /// The mean prediction of the background rows, to which the values of a row are added to give its prediction. NaN
-    /// of [`expected_gradients()`], which see no predictions; without the intercept of [`shapley_linear`].
+    /// Mean prediction of the background rows; a row's prediction is this plus its values. NaN for
+    /// [`expected_gradients()`], which uses no predictions. For [`shapley_linear`], without the intercept.
     pub base: f64,
     /// Row-major, one column per group, in the unit of the prediction.
     pub values: Vec<f64>,
-    /// The standard error of each value that is due to sampling; 0 where values are exact.
+    /// Standard error of each value due to sampling; 0 for exact values.
     pub errors: Vec<f64>,
 }
 
 /// Error of the computation of feature importance.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ImportanceError<E = Infallible> {
-    /// Rows or settings are not usable.
+    /// Rows or settings are invalid.
     #[error(transparent)]
     Rows(#[from] RowsError),
     /// The model fails.
     #[error("{0}")]
     Model(E),
-    /// The model does not return what it should for the rows that it is given.
+    /// The model returns the wrong number of values for the given rows.
     #[error("the model returns {given} numbers, but {expected} are required")]
     Answer {
-        /// The number of numbers.
+        /// Returned number of values.
         given: usize,
-        /// The number that is needed.
+        /// Required number of values.
         expected: usize,
     },
-    /// The model returns NaN or an infinite number for rows that are finite.
+    /// The model returns NaN or an infinite number for finite rows.
     #[error("the model returns a number that is not finite")]
     NotFinite,
-    /// There is nothing that a block can be exchanged with.
+    /// There are fewer than two blocks, so none can be exchanged.
     #[error("{rows} rows are fewer than two blocks of {block}: take shorter blocks")]
     OneBlock {
         /// The number of rows.
@@ -94,7 +94,7 @@ pub enum ImportanceError<E = Infallible> {
         /// The rows of a block.
         block: usize,
     },
-    /// A group cannot be.
+    /// A group is invalid.
     #[error("group {group} {what}")]
     Group {
         /// The group, from 0.
@@ -129,7 +129,7 @@ fn answers<E>(
     if out.iter().all(|y| y.is_finite()) { Ok(out) } else { Err(ImportanceError::NotFinite) }
 }
 
-/// Fails for a group without columns, or with one that does not exist or is named twice.
+/// Checks the groups. Fails for a group without columns, an unknown column, or a repeated column.
 fn check_groups<E>(width: usize, groups: &[Vec<usize>]) -> Result<(), ImportanceError<E>> {
     let wrong = |columns: &Vec<usize>| {
         let mut sorted = columns.clone();
@@ -151,7 +151,7 @@ fn check_groups<E>(width: usize, groups: &[Vec<usize>]) -> Result<(), Importance
     }
 }
 
-/// The group of each column, of which each must be in one group.
+/// The group of each column; each column must be in exactly one group.
 fn group_of<E>(width: usize, groups: &[Vec<usize>]) -> Result<Vec<usize>, ImportanceError<E>> {
     check_groups(width, groups)?;
     let mut of = vec![None; width];
@@ -165,7 +165,7 @@ fn group_of<E>(width: usize, groups: &[Vec<usize>]) -> Result<Vec<usize>, Import
     of.iter().enumerate().map(|(column, g)| g.ok_or(ImportanceError::Ungrouped { column })).collect()
 }
 
-/// The numbers of finite rows that are explained and of those of the background.
+/// The numbers of explained rows and of background rows. Fails for rows that are not finite.
 fn both_rows<E>(rows: &[f64], background: &[f64], width: usize) -> Result<(usize, usize), ImportanceError<E>> {
     let explained = crate::rows::finite_rows("the matrix of rows to explain", rows, width)?;
     Ok((explained, crate::rows::finite_rows("the background", background, width)?))
@@ -174,7 +174,7 @@ fn both_rows<E>(rows: &[f64], background: &[f64], width: usize) -> Result<(usize
 /// Attributions of one row to the groups and their standard errors.
 type RowAttributions<E> = Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>;
 
-/// Puts the rows' values and errors together.
+/// Combines the values and errors of the rows.
 fn attributions<E>(base: f64, rows: Vec<RowAttributions<E>>) -> Result<Attributions, ImportanceError<E>> {
     let mut all = Attributions { base, values: vec![], errors: vec![] };
     for row in rows {

@@ -1,28 +1,28 @@
-//! Scaling of a model's inputs: minus the mean, over the deviation, with whitened principal components on request.
-//! [Gnadt 2022, section 4.9]
+//! Scaling of a model's inputs: subtraction of the mean, division by the standard deviation, and optional whitened
+//! principal components. [Gnadt 2022, section 4.9]
 
 use numerics::regression::least_squares::{ColumnScaling, LeastSquaresError, RegressionMoments};
 use numerics::regression::principal_components::{ComponentCount, PrincipalComponents};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Rows that are summed by themselves, fixed so that the sums do not depend on the number of threads.
+/// Rows per partial sum; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
-/// A column whose deviation is below this part of its mean holds nothing but the rounding of its mean.
+/// Ratio of standard deviation to mean below which a column contains only the rounding of its mean.
 pub(crate) const LEAST_DEVIATION: f64 = 1e-12;
-/// A component whose deviation is below this part of the largest holds nothing but rounding.
+/// Ratio to the largest standard deviation below which a component contains only rounding.
 pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
 /// Error of columns that cannot be inputs.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InputScalingError {
-    /// There are too few rows for a deviation.
+    /// There are too few rows for a standard deviation.
     #[error("standardising the inputs requires at least two rows, but there are {rows}")]
     TooFewRows {
         /// The number of rows.
         rows: usize,
     },
-    /// The values are no whole number of rows.
+    /// The number of values is not a multiple of the number of columns.
     #[error("{given} values cannot be rows of {width} columns")]
     Shape {
         /// The number of values.
@@ -38,13 +38,13 @@ pub enum InputScalingError {
         /// The column, from 0.
         column: usize,
     },
-    /// Columns are the same in every row.
+    /// Columns are constant.
     #[error("input columns {columns:?} (from 0) are constant; remove them")]
     Constant {
         /// The columns, from 0.
         columns: Vec<usize>,
     },
-    /// The number of components, or the part of the variance, is out of range.
+    /// The number of components, or the fraction of the variance, is out of range.
     #[error(
         "the number of components must be 1 to {width}, or a fraction of the variance between 0 and 1, but is {given}"
     )]
@@ -65,9 +65,9 @@ pub struct WhitenedComponents {
     /// The number of components.
     pub count: usize,
     /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: over the
-    /// rows that they are made of, each component has a variance of 1.
+    /// rows that they are computed from, each component has a variance of 1.
     pub weights: Vec<f64>,
-    /// The part of the variance of the standardised columns that they hold.
+    /// Fraction of the variance of the standardised columns that the components contain.
     pub explained: f64,
 }
 
@@ -78,16 +78,15 @@ pub struct InputScaling {
     pub mean: Vec<f64>,
     /// The standard deviation of each column (n − 1), in its unit.
     pub scale: Vec<f64>,
-    /// The components, if these are the inputs.
+    /// The components, if they are the inputs.
     pub components: Option<WhitenedComponents>,
 }
 
 impl InputScaling {
-    /// The scaling by mean and deviation (n − 1) of rows of `width` columns, row-major.
+    /// Scaling by mean and standard deviation (n − 1) of rows of `width` columns, row-major.
     ///
     /// # Errors
-    /// Fails for values that are no rows of `width` columns, fewer than two rows, values that are not finite, and
-    /// columns that are constant.
+    /// Fails for an incomplete row, fewer than two rows, values that are not finite, and constant columns.
     pub fn standardised(x: &[f64], width: usize) -> Result<Self, InputScalingError> {
         if width == 0 || !x.len().is_multiple_of(width) {
             return Err(InputScalingError::Shape { given: x.len(), width });
@@ -99,7 +98,7 @@ impl InputScaling {
         if let Some(place) = x.par_iter().position_first(|x| !x.is_finite()) {
             return Err(InputScalingError::NotFinite { row: place / width, column: place % width });
         }
-        // About the first row, so that a large mean costs no digits.
+        // Sums are relative to the first row, so that a large mean costs no precision.
         let first = &x[..width];
         let offset = column_sums(x, width, |x, j| x - first[j]);
         let mean: Vec<f64> = offset.iter().zip(first).map(|(sum, first)| first + sum / rows as f64).collect();
@@ -114,12 +113,12 @@ impl InputScaling {
         }
     }
 
-    /// The same scaling, followed by whitened principal components of `x`, the rows that the scaling is made of. A
-    /// `keep` of at least 1 is their number, below 1 the part of the variance that they hold at least. Components of
-    /// less than 1e-7 of the largest deviation are never kept: they are rounding.
+    /// The same scaling, followed by whitened principal components of `x`, the rows that the scaling is computed from.
+    /// A `keep` of at least 1 is the number of components; below 1 it is the minimum fraction of the variance.
+    /// Components below 1e-7 of the largest standard deviation are rounding and are always omitted.
     ///
     /// # Errors
-    /// Fails for a `keep` that is neither, for more components than columns, and without convergence.
+    /// Fails for an invalid `keep`, for more components than columns, and without convergence.
     pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputScalingError> {
         let width = self.mean.len();
         let counted = keep >= 1.0 && keep <= width as f64 && keep.fract() == 0.0;
@@ -143,18 +142,18 @@ impl InputScaling {
         Ok(Self { components: Some(WhitenedComponents { count, weights, explained: found.explained }), ..self })
     }
 
-    /// The number of inputs that a row has after [`apply`](Self::apply).
+    /// The number of inputs of a row after [`apply`](Self::apply).
     pub fn width(&self) -> usize {
         self.components.as_ref().map_or(self.mean.len(), |components| components.count)
     }
 
-    /// The inputs of rows of columns, row-major. A value that is not finite makes those inputs of its row NaN that it
-    /// takes part in; values after the last whole row are left out.
+    /// The inputs of rows of columns, row-major. A value that is not finite makes the dependent inputs of its row NaN.
+    /// Values after the last whole row are ignored.
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
         let (columns, width) = (self.mean.len().max(1), self.width().max(1));
         let rows = x.len() / columns;
         let mut out = vec![0.0; rows * width];
-        // By columns, so that a column of weights lies along the vector and each sum is over columns in their order.
+        // By columns, so that a column of weights lies along the vector and sums are over columns in order.
         let weights: Option<Vec<f64>> = self.components.as_ref().map(|components| {
             (0..columns * width).map(|k| components.weights[k % width * columns + k / width]).collect()
         });
@@ -182,7 +181,7 @@ struct InputScalingKernel<'a> {
     out: &'a mut [f64],
 }
 
-// A struct, since a closure as large as this is called in place of being compiled for the wider vectors.
+// A struct: a closure of this size would not be inlined and compiled for the wider vectors.
 impl WithSimd for InputScalingKernel<'_> {
     type Output = ();
 
@@ -200,7 +199,7 @@ impl WithSimd for InputScalingKernel<'_> {
                 out.copy_from_slice(&scaled);
                 continue;
             };
-            // A sum that begins with -0 is that of its terms to the last bit.
+            // A sum that starts from -0 is bit-identical to the sum of its terms.
             out.fill(-0.0);
             for (x, weights) in scaled.iter().zip(weights.chunks_exact(width.max(1))) {
                 for (out, w) in out.iter_mut().zip(weights) {
@@ -211,7 +210,7 @@ impl WithSimd for InputScalingKernel<'_> {
     }
 }
 
-/// Sums over the rows of something of each value and its column.
+/// Sums over the rows of a function of each value and its column.
 fn column_sums(x: &[f64], width: usize, of: impl Fn(f64, usize) -> f64 + Sync) -> Vec<f64> {
     let part = |rows: &[f64]| {
         let mut sums = vec![0.0; width];
@@ -230,8 +229,7 @@ fn column_sums(x: &[f64], width: usize, of: impl Fn(f64, usize) -> f64 + Sync) -
 mod tests {
     use super::*;
 
-    /// Rows of three columns of unequal size, of which the third is the sum of the others up to a small part of its
-    /// own.
+    /// Rows of three columns of unequal size. The third is the sum of the others plus a small independent part.
     fn rows(count: usize, own: f64) -> Vec<f64> {
         let row = |i: usize| {
             let t = i as f64;
@@ -249,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn law_standardised_columns_have_mean_0_and_variance_1_and_whitened_ones_no_covariance() {
+    fn law_standardised_columns_have_unit_variance_and_whitened_ones_no_covariance() {
         let x = rows(10_000, 0.1);
         let inputs = InputScaling::standardised(&x, 3).unwrap();
         let z = inputs.apply(&x);
@@ -268,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_components_kept_are_a_number_or_a_part_of_the_variance_and_never_rounding() {
+    fn unit_kept_components_are_a_number_or_a_fraction_of_the_variance() {
         let x = rows(5_000, 0.1);
         let inputs = InputScaling::standardised(&x, 3).unwrap();
         assert_eq!(inputs.clone().whitened(&x, 2.0).unwrap().width(), 2);
@@ -284,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_columns_that_tell_nothing_are_named() {
+    fn unit_constant_columns_are_reported() {
         let mut x = rows(100, 0.1);
         x.chunks_exact_mut(3).for_each(|row| (row[0], row[2]) = (51_234.567, 0.0));
         assert_eq!(InputScaling::standardised(&x, 3), Err(InputScalingError::Constant { columns: vec![0, 2] }));
@@ -297,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_same_bits_on_one_and_on_three_threads() {
+    fn unit_results_are_bit_identical_on_one_and_three_threads() {
         let x = rows(20_000, 0.1);
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -1,7 +1,7 @@
-//! Models of an aircraft's field that are trained on samples, and which of their inputs matter.
+//! Models of the aircraft field that are trained on samples, and the importance of their inputs.
 //!
-//! Slices in, vectors out, as in [`numerics`], which this crate uses. Sums over samples are made block by block in one
-//! fixed order. The same seed therefore gives the same bits on any number of threads.
+//! Functions take slices and return vectors, as in [`numerics`], which this crate uses. Sums over samples are made
+//! block by block in a fixed order. The same seed therefore gives the same bits on any number of threads.
 
 pub mod importance;
 pub mod inputs;

@@ -1,8 +1,8 @@
 //! Small dense networks with linear terms: the models m1 to m2d of Gnadt 2022, chapter 4, and the networks of van der
 //! Meer 2025.
 //!
-//! A [`NetworkShape`] says what is computed from one vector of parameters; [`train`] finds the parameters. Inputs,
-//! linear terms and target are scaled by the caller, inputs by [`InputScaling`](crate::inputs::InputScaling).
+//! A [`NetworkShape`] defines the function of one vector of parameters; [`train`] finds the parameters. The caller
+//! scales inputs, linear terms and target; inputs by [`InputScaling`](crate::inputs::InputScaling).
 //!
 //! ```
 //! use learning::network::{
@@ -23,19 +23,19 @@
 //! # Ok::<(), learning::network::TrainingError>(())
 //! ```
 
-//! # What computes
+//! # Implementation
 //!
-//! Products of 256 rows with the weights of a layer, written with the vectors of AVX2 where the processor has them. For
-//! 77 inputs and 8 units, 400,000 rows forwards and backwards take 19 ms of a processor; faer's matrix product took 12
-//! ms on the same machine, with vectors twice as wide, which is a tenth of an epoch. Ours sums in one order and by
-//! fused multiply-add on every machine, so that the bits of a model do not depend on the processor that trained it.
-//! PyTorch takes 3.5 times as long an epoch of `m1` in single precision, and 3.9 times in double, on two cores; candle
-//! 5 times in double precision and 1.2 times in single on one (`stages/learning/benches`). Models are in double
-//! precision, so that no framework is within twice of ours.
+//! The cost is in products of 256 rows with the weights of a layer, vectorised for AVX2 if available. For 77 inputs and
+//! 8 units, 400,000 rows forwards and backwards take 19 ms of a processor. faer's matrix product took 12 ms on the same
+//! machine, with vectors twice as wide; the difference is a tenth of an epoch. The kernels sum in one order and by
+//! fused multiply-add on every machine, so the bits of a model do not depend on the training processor. On two cores,
+//! an epoch of `m1` takes PyTorch 3.5 times as long in single precision and 3.9 times in double. On one core, it takes
+//! candle 5 times as long in double precision and 1.2 times in single (`stages/learning/benches`). Models are in double
+//! precision, where every framework takes at least twice as long.
 //!
-//! Batches are cut into blocks of 256 rows, whose gradients are added in their order, on any number of threads.
+//! Batches are cut into blocks of 256 rows, whose gradients are added in order, on any number of threads.
 //!
-//! # The parameters by hand
+//! # Use of the parameters without magline
 //!
 //! For one hidden layer of `h` units with swish and `p` inputs, with numpy and parameters `w` in the order of
 //! [`NetworkShape::names`]:

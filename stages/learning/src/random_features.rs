@@ -1,15 +1,15 @@
-//! Random Fourier features of a Gaussian kernel with ridge regression on them: a Gaussian process of reduced rank, the
-//! strong classical rival of a network.
+//! Random Fourier features of a Gaussian kernel with ridge regression: a Gaussian process of reduced rank, and a strong
+//! classical baseline for networks.
 //!
-//! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, the features cos(w·x)/√k
-//! and sin(w·x)/√k of k frequencies have the kernel exp(−|x − x'|²/(2 length²)) as the mean of their product [Rahimi
-//! and Recht 2007; the pair instead of one cosine with a random phase: Sutherland and Schneider 2015]. Frequencies are
-//! orthogonal in blocks of as many as there are columns, which makes the error of the kernel smaller [Yu et al. 2016].
-//! Columns themselves stand with the features where `linear` is above 0: the kernel has then `linear`² x·x' added, a
-//! linear model with the Gaussian process on top.
+//! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, consider the features
+//! cos(w·x)/√k and sin(w·x)/√k of k frequencies. The mean of their product is the kernel exp(−|x − x'|²/(2 length²))
+//! [Rahimi and Recht 2007; the pair instead of one cosine with a random phase: Sutherland and Schneider 2015].
+//! Frequencies are orthogonal in blocks of as many as there are columns, which reduces the error of the kernel [Yu et
+//! al. 2016]. If `linear` is above 0, the columns are features too: this adds `linear`² x·x' to the kernel, a linear
+//! model plus the Gaussian process.
 //!
 //! The model is y = c + φ(x)·w + e, with independent weights of variance s², errors of variance σ², and a flat prior on
-//! the constant c. With Φ and y about their means, Φᵀ Φ = V D Vᵀ and λ = σ²/s²,
+//! the constant c. With centred Φ and y, Φᵀ Φ = V D Vᵀ and λ = σ²/s²,
 //!
 //! ```text
 //! w = (ΦᵀΦ + λ I)⁻¹ Φᵀ y        σ² = (yᵀy - yᵀΦ w)/(n - 1)
@@ -17,12 +17,12 @@
 //! var f(x) = σ² (1/n + φ(x)ᵀ (ΦᵀΦ + λ I)⁻¹ φ(x))
 //! ```
 //!
-//! σ² and the constant are integrated out or at their most likely values for each λ [Rasmussen and Williams 2006,
-//! (2.11), (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Errors that are correlated
-//! from sample to sample make both standard deviations too small.
+//! The constant is integrated out, and σ² takes its most likely value for each λ [Rasmussen and Williams 2006, (2.11),
+//! (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Correlated errors of successive
+//! samples make both standard deviations too small.
 //!
 //! Between training rows and near their limits, the standard deviation grows to that of the prior. Far beyond them the
-//! features repeat themselves and the mean does not return to the constant.
+//! features are periodic, and the mean does not return to the constant.
 
 #[cfg(test)]
 mod tests;
@@ -47,31 +47,31 @@ use crate::{
     rows::{RowsError, entries, finite_rows, setting, sum_of},
 };
 
-/// Rows of a product at a time.
+/// Rows per product.
 const BLOCK: usize = 512;
 
-/// Ranges of rows whose sums are made by themselves: a fixed number, so that sums do not depend on the threads.
+/// Number of row ranges with separate sums; fixed, so that sums do not depend on the number of threads.
 const LANES: usize = 4;
 
-/// Rows that lengths are compared on at most.
+/// Maximum number of rows for the comparison of lengths.
 const COMPARED: usize = 4000;
 
-/// Pairs of rows whose median distance is the middle of the lengths that are tried.
+/// Number of row pairs whose median distance is the middle of the candidate lengths.
 const PAIRS: usize = 2000;
 
-/// Lengths that are tried, in median distances.
+/// Candidate lengths, in median distances.
 const LENGTHS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
 /// Settings of a random-feature fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RandomFeatureSettings {
-    /// The number of random features: a cosine and a sine of each frequency, an odd number is raised by one.
+    /// Number of random features: a cosine and a sine per frequency. An odd number is increased by one.
     pub features: usize,
     /// The length scale, in the unit of the columns. `None`: the most likely of 1/4, 1/2, 1, 2 and 4 times the median
     /// distance between rows, on up to 4000 rows.
     pub length: Option<f64>,
     /// The prior standard deviation of the coefficient of each column, in that of the Gaussian process per unit of the
-    /// columns; 0 leaves the columns out.
+    /// columns; 0 omits the columns.
     pub linear: f64,
     /// The ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely one.
     pub lambda: Option<f64>,
@@ -80,7 +80,7 @@ pub struct RandomFeatureSettings {
 }
 
 impl Default for RandomFeatureSettings {
-    /// 500 features and the columns themselves, length and λ the most likely ones.
+    /// 500 features and the columns themselves, with the most likely length and λ.
     fn default() -> Self {
         Self { features: 500, length: None, linear: 1.0, lambda: None, seed: 0 }
     }
@@ -93,15 +93,15 @@ pub struct RandomFeatures {
     pub width: usize,
     /// Row-major, one row per frequency, in radians per unit of each column.
     pub frequencies: Vec<f64>,
-    /// The factor of the columns among the features; 0 where they are left out.
+    /// The factor of the columns among the features; 0 if they are omitted.
     pub linear: f64,
     /// The mean of each feature over the training rows: cosines, sines, columns.
     pub means: Vec<f64>,
-    /// The weight of each feature less its mean, in the unit of the target.
+    /// The weight of each centred feature, in the unit of the target.
     pub weights: Vec<f64>,
     /// The mean of the target.
     pub intercept: f64,
-    /// Row-major F, as wide as there are features: (ΦᵀΦ + λ I)⁻¹ = Fᵀ F.
+    /// F, square of the number of features, row-major: (ΦᵀΦ + λ I)⁻¹ = Fᵀ F.
     pub factor: Vec<f64>,
     /// σ², the variance of the errors, in the square of the target's unit.
     pub noise_variance: f64,
@@ -111,20 +111,20 @@ pub struct RandomFeatures {
     pub length: f64,
     /// The λ that was used.
     pub lambda: f64,
-    /// ln p(y), up to a constant that depends on the number of rows alone.
+    /// ln p(y), up to a constant that depends only on the number of rows.
     pub log_likelihood: f64,
 }
 
 /// Error of a random-feature fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RandomFeatureError {
-    /// Rows or settings are not usable.
+    /// Rows or settings are invalid.
     #[error(transparent)]
     Rows(#[from] RowsError),
     /// There are fewer than three rows.
     #[error("{rows} rows are too few: the variance of the errors takes three")]
     TooFewRows {
-        /// Their number.
+        /// Number of rows.
         rows: usize,
     },
     /// The target does not vary.
@@ -133,18 +133,18 @@ pub enum RandomFeatureError {
     /// All columns are constant.
     #[error("all rows are equal: no length scale can be found")]
     ConstantRows,
-    /// The eigenvalues of the features' products did not converge.
+    /// The eigendecomposition of the products of features did not converge.
     #[error("the decomposition of the features' products did not converge")]
     NotConverged,
 }
 
 /// Fits rows `x` of `width` columns each, standardised or otherwise of one scale, to their targets `y`.
 ///
-/// It takes 2 n m² operations for n rows and m features (with the columns), and m² numbers of memory a few times.
+/// Cost for n rows and m features (with the columns): 2 n m² operations, and memory of a few times m² numbers.
 ///
 /// # Errors
-/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, rows that are
-/// all equal where the length is to be found, and without convergence.
+/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, equal rows if
+/// the length is estimated, and without convergence.
 pub fn fit(
     x: &[f64],
     width: usize,
@@ -208,12 +208,11 @@ impl RandomFeatureSettings {
 }
 
 impl RandomFeatures {
-    /// The predictions of rows of `width` columns each, and the standard deviations of the function's values there,
-    /// both in the unit of the target. The variance of a new reading is `noise_variance` more. NaN for rows that are
-    /// not finite.
+    /// Predictions of rows of `width` columns each, and the standard deviations of the function there, both in the unit
+    /// of the target. The variance of a new reading adds `noise_variance`. NaN for rows that are not finite.
     ///
     /// # Errors
-    /// Fails when `x` is not whole rows, or the model's parts do not fit each other.
+    /// Fails for an incomplete row, and if the sizes of the model's parts do not match.
     pub fn predict(&self, x: &[f64]) -> Result<(Vec<f64>, Vec<f64>), RowsError> {
         let m = self.check(x)?;
         entries("the covariance factor", self.factor.len(), m * m)?;
@@ -238,7 +237,7 @@ impl RandomFeatures {
         Ok((means.concat(), deviations.concat()))
     }
 
-    /// The predictions alone, which take less time.
+    /// The predictions only, which take less time.
     ///
     /// # Errors
     /// The same as for [`RandomFeatures::predict`].
@@ -247,7 +246,8 @@ impl RandomFeatures {
         Ok(self.blocks(x, |features, _| self.means_of(features)).concat())
     }
 
-    /// The derivatives of the predictions by the columns, row by row, in the unit of the target per that of the column.
+    /// The derivatives of the predictions with respect to the columns, row by row, in the unit of the target per unit
+    /// of the column.
     ///
     /// # Errors
     /// The same as for [`RandomFeatures::predict`].
@@ -278,7 +278,7 @@ impl RandomFeatures {
         Ok(made.concat())
     }
 
-    /// The number of features.
+    /// Checks the sizes and returns the number of features.
     fn check(&self, x: &[f64]) -> Result<usize, RowsError> {
         let width = self.width.max(1);
         entries("the matrix", x.len(), x.len() / width * width)?;
@@ -350,7 +350,8 @@ impl RandomFeatureMap {
     }
 }
 
-/// Frequencies of a kernel of length 1, row by row: orthogonal in blocks of `width`, as long as normal vectors are.
+/// Frequencies of a kernel of length 1, row by row: orthogonal in blocks of `width`, with the lengths of normal
+/// vectors.
 fn directions(width: usize, count: usize, seed: u64) -> Vec<f64> {
     let mut normals = NormalGenerator::new(seed_of(seed, &["frequencies"]));
     let mut out = Vec::with_capacity(count * width);
@@ -471,13 +472,13 @@ impl FeatureSpectrum {
         let found = about.self_adjoint_eigen(Side::Lower).map_err(|_| RandomFeatureError::NotConverged)?;
         let values: Vec<f64> = found.S().column_vector().iter().map(|d| d.max(0.0)).collect();
         let vectors = found.U().to_owned();
-        // The target is about its mean, so that the features need not be.
+        // The target is centred, so the features need not be.
         let along =
             (0..means.len()).map(|j| vectors.col(j).iter().zip(&sums.along).map(|(v, a)| v * a).sum()).collect();
         Ok(Self { rows: sums.rows, means, vectors, values, along, squares: sums.squares })
     }
 
-    /// yᵀy − yᵀΦ w over n − 1, at least what rounding leaves.
+    /// yᵀy − yᵀΦ w over n − 1, at least at the level of rounding.
     fn noise(&self, lambda: f64) -> f64 {
         let explained: f64 = self.along.iter().zip(&self.values).map(|(c, d)| c * c / (d + lambda)).sum();
         (self.squares - explained).max(f64::EPSILON * self.squares) / (self.rows as f64 - 1.0)
@@ -488,7 +489,7 @@ impl FeatureSpectrum {
         -0.5 * ((self.rows as f64 - 1.0) * self.noise(lambda).ln() + volume)
     }
 
-    /// The most likely λ between 1e-12 and 1e3 of the largest eigenvalue: the best of a grid, refined.
+    /// The most likely λ between 1e-12 and 1e3 of the largest eigenvalue: the best point of a grid, refined.
     fn most_likely(&self) -> f64 {
         let largest = self.values.iter().copied().fold(f64::MIN_POSITIVE.sqrt(), f64::max);
         let (low, high) = ((1e-12 * largest).ln(), (1e3 * largest).ln());

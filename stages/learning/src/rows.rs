@@ -3,14 +3,14 @@
 /// Error of rows or of a setting.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RowsError {
-    /// A slice has not as many entries as its rows and columns say.
+    /// A slice has the wrong length for its rows and columns.
     #[error("{what} has {given} entries, but {expected} are required")]
     Shape {
         /// Name of the argument.
         what: &'static str,
-        /// The number of its entries.
+        /// Given number of entries.
         given: usize,
-        /// The number of entries needed.
+        /// Required number of entries.
         expected: usize,
     },
     /// A value is NaN or infinite.
@@ -41,7 +41,7 @@ pub enum RowsError {
     },
 }
 
-/// The number of rows of `x`, of `width` columns each.
+/// The number of rows of `x`, of `width` columns each. Fails for values that are not finite.
 pub(crate) fn finite_rows(what: &'static str, x: &[f64], width: usize) -> Result<usize, RowsError> {
     if x.is_empty() || width == 0 {
         return Err(RowsError::Empty { what });
@@ -56,17 +56,17 @@ pub(crate) fn finite_rows(what: &'static str, x: &[f64], width: usize) -> Result
     }
 }
 
-/// Fails unless `values` has `expected` entries.
+/// Checks that `values` has `expected` entries.
 pub(crate) fn entries(what: &'static str, values: usize, expected: usize) -> Result<(), RowsError> {
     if values == expected { Ok(()) } else { Err(RowsError::Shape { what, given: values, expected }) }
 }
 
-/// Fails unless the setting `fits`.
+/// Checks a setting: fails unless it `fits`.
 pub(crate) fn setting(what: &'static str, given: f64, wanted: &'static str, fits: bool) -> Result<(), RowsError> {
     if fits { Ok(()) } else { Err(RowsError::Setting { what, wanted, given }) }
 }
 
-/// The sum of f(i) over `0..count`: within blocks of rows in their order, and over the blocks in theirs.
+/// The sum of f(i) over `0..count`: in order within blocks of rows, then in order over the blocks.
 pub(crate) fn sum_of(count: usize, value: impl Fn(usize) -> f64) -> f64 {
     const BLOCK: usize = 1024;
     let block = |k: usize| (k * BLOCK..count.min((k + 1) * BLOCK)).map(&value).sum::<f64>();

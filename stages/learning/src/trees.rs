@@ -1,24 +1,23 @@
-//! Gradient-boosted regression trees on histograms: the rival that every practitioner names.
+//! Gradient-boosted regression trees on histograms: a common baseline.
 //!
-//! Each tree is fitted to the residuals of those before it and added with a factor, the learning rate [Friedman 2001,
-//! "Greedy function approximation: a gradient boosting machine"]. With the residuals r of a squared loss, the value of
-//! a leaf of n rows and the gain of dividing it are [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
+//! Each tree is fitted to the residuals of the trees before it and added with a factor, the learning rate [Friedman
+//! 2001, "Greedy function approximation: a gradient boosting machine"]. With the residuals r of a squared loss, a leaf
+//! of n rows has the value and the gain of a split [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
 //!
 //! ```text
 //! value = rate Σr/(n + l2)        gain = (Σr)²/(n + l2) of the left + the same of the right - the same of both
 //! ```
 //!
-//! Columns are divided into at most 256 bins by their quantiles, once. A leaf is divided at the edge of the bins where
-//! the gain is largest, found from the sums of each bin; the leaf with the largest gain comes first, up to a number of
-//! leaves [Ke et al. 2017, "LightGBM"]. The sums of the larger of two leaves are those of both less those of the
-//! smaller. It is what scikit-learn's `HistGradientBoostingRegressor` does for a squared error; a case of up to 256
-//! distinct values a column has the same trees there.
+//! Columns are divided once into at most 256 bins by their quantiles. A leaf is split at the bin edge with the largest
+//! gain, which follows from the sums of each bin. The leaf with the largest gain is split first, up to a number of
+//! leaves [Ke et al. 2017, "LightGBM"]. The sums of the larger of two leaves are those of the parent minus those of the
+//! smaller. scikit-learn's `HistGradientBoostingRegressor` uses the same method for a squared error; with up to 256
+//! distinct values per column the trees are identical.
 //!
-//! A row goes left where its value is at most the threshold. Trees are constant beyond the values that they were
-//! trained on: a drift out of that range is not followed.
+//! A row goes left if its value is at most the threshold. Trees are constant beyond the range of the training values,
+//! so they do not follow a drift out of that range.
 //!
-//! Sums are made column by column in the order of the rows, so that the same seed gives the same bits on any number of
-//! threads.
+//! Sums are made column by column in row order, so the same seed gives the same bits on any number of threads.
 
 mod bins;
 mod grow;
@@ -39,10 +38,10 @@ use bins::ColumnBins;
 use grow::TreeGrower;
 pub use state::{trees_from_bytes, trees_to_bytes};
 
-/// Rows that a task predicts.
+/// Rows per prediction task.
 const BLOCK: usize = 512;
 
-/// The settings of a boosted forest.
+/// Settings of a boosted forest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoostingSettings {
     /// The maximum number of trees.
@@ -51,22 +50,23 @@ pub struct BoostingSettings {
     pub learning_rate: f64,
     /// The maximum number of leaves of a tree, at least 2.
     pub leaves: usize,
-    /// The maximum number of splits on the way to a leaf; `None` for no limit.
+    /// Maximum depth of a leaf, in splits; `None` for no limit.
     pub depth: Option<usize>,
-    /// The least number of rows of a leaf.
+    /// Minimum number of rows of a leaf.
     pub least_rows: usize,
     /// Constant added to the number of rows of a leaf. It shrinks the values of small leaves.
     pub l2: f64,
-    /// The part of the rows, above 0 and at most 1, that each tree sees, drawn anew for each.
+    /// Fraction of the rows that each tree uses, above 0 and at most 1, drawn anew for each tree.
     pub subsample: f64,
-    /// The seed of these draws.
+    /// The seed of the draws.
     pub seed: u64,
     /// Number of trees without a smaller validation loss after which training ends.
     pub patience: Option<usize>,
 }
 
 impl Default for BoostingSettings {
-    /// 200 trees of up to 31 leaves of at least 20 rows, rate 0.1, all rows, neither depth limit nor early stop.
+    /// 200 trees of up to 31 leaves of at least 20 rows, learning rate 0.1, all rows, no depth limit, no early
+    /// stopping.
     fn default() -> Self {
         Self {
             trees: 200,
@@ -103,7 +103,7 @@ impl BoostingSettings {
         if seen < needed { Err(BoostingError::TooFewRows { rows: seen, needed }) } else { Ok(()) }
     }
 
-    /// The number of rows that a tree sees.
+    /// The number of rows that a tree uses.
     fn seen(&self, rows: usize) -> usize {
         if self.subsample >= 1.0 { rows } else { (self.subsample * rows as f64).floor() as usize }
     }
@@ -114,21 +114,21 @@ impl BoostingSettings {
 pub struct Forest {
     /// The mean of the target.
     pub base: f64,
-    /// The trees, whose values have the learning rate in them.
+    /// The trees; their values include the learning rate.
     pub trees: Vec<RegressionTree>,
 }
 
 /// Regression tree. Its root is node 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegressionTree {
-    /// The nodes; those below a node come after it.
+    /// The nodes; children come after their parent.
     pub nodes: Vec<RegressionTreeNode>,
 }
 
 /// A node of a tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RegressionTreeNode {
-    /// Rows whose `feature` is at most `threshold` go on at node `left`, all others at node `right`.
+    /// Rows with `feature` at most `threshold` continue at node `left`, all others at node `right`.
     Split {
         /// The column, from 0.
         feature: usize,
@@ -139,7 +139,7 @@ pub enum RegressionTreeNode {
         /// A node after this one.
         right: usize,
     },
-    /// The end of the way.
+    /// The end of the path.
     Leaf {
         /// Value that the tree adds, in the unit of the target.
         value: f64,
@@ -151,27 +151,27 @@ pub enum RegressionTreeNode {
 pub struct BoostingResult {
     /// The first `best` trees.
     pub forest: Forest,
-    /// After each tree, the mean square error of the training rows and of the validation rows (NaN without).
+    /// Mean square errors of the training rows and of the validation rows (NaN without) after each tree.
     pub losses: Vec<(f64, f64)>,
-    /// The number of trees that has the smallest validation loss, the first of equals; of all trees without validation.
+    /// The number of trees with the smallest validation loss, the smallest of equals; all trees without validation.
     pub best: usize,
 }
 
 /// Error of the training of a boosted forest.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BoostingError {
-    /// Rows or settings are not usable.
+    /// Rows or settings are invalid.
     #[error(transparent)]
     Rows(#[from] RowsError),
-    /// A leaf cannot have its least number of rows.
+    /// There are too few rows for two leaves.
     #[error("a tree sees {rows} rows, but dividing them into two leaves takes {needed}")]
     TooFewRows {
-        /// The rows that a tree sees.
+        /// The rows that a tree uses.
         rows: usize,
-        /// Twice the least number of rows of a leaf.
+        /// Twice the minimum number of rows of a leaf.
         needed: usize,
     },
-    /// Early stopping was requested without rows to decide it.
+    /// Early stopping requires validation rows.
     #[error("training cannot end early without validation rows")]
     NoValidation,
     /// The first tree is a single leaf.
@@ -187,7 +187,7 @@ pub enum BoostingError {
         /// The number of trees; 0 for the mean alone.
         tree: usize,
     },
-    /// A forest that was not made here is not one.
+    /// A forest from elsewhere is malformed.
     #[error("node {node} of tree {tree} {what}")]
     Malformed {
         /// The tree, from 0.
@@ -200,7 +200,7 @@ pub enum BoostingError {
 }
 
 impl RegressionTree {
-    /// Value that the tree adds for a row; NaN where a node names a column or a node that does not exist.
+    /// Value that the tree adds for a row; NaN if a node refers to a missing column or node.
     pub fn value(&self, row: &[f64]) -> f64 {
         let mut at = 0;
         loop {
@@ -220,7 +220,7 @@ impl RegressionTree {
         }
     }
 
-    /// Takes what it predicts off the residuals of all rows.
+    /// Subtracts its predictions from the residuals of all rows.
     fn take_off(&self, x: &[f64], width: usize, residuals: &mut [f64]) {
         let rows = x.par_chunks_exact(width);
         residuals.par_iter_mut().zip(rows).with_min_len(BLOCK).for_each(|(r, row)| *r -= self.value(row));
@@ -246,8 +246,8 @@ impl RegressionTree {
 }
 
 impl Forest {
-    /// The predictions of rows of `width` columns each, in the unit of the target; NaN for a row with a NaN in it,
-    /// since none of the two sides of a split is right for it.
+    /// Predictions of rows of `width` columns each, in the unit of the target. NaN for a row that contains NaN, because
+    /// neither side of a split is right for it.
     pub fn predict(&self, x: &[f64], width: usize) -> Vec<f64> {
         let rows = x.par_chunks_exact(width.max(1));
         let mut out = vec![0.0; rows.len()];
@@ -265,11 +265,10 @@ impl Forest {
         if row.iter().any(|x| x.is_nan()) { f64::NAN } else { self.base }
     }
 
-    /// Fails for a forest that was read and is not one: a column from `width` on, a node that leads back, a number that
-    /// is not finite.
+    /// Checks a forest from elsewhere: columns below `width`, no node that leads back, and finite numbers.
     ///
     /// # Errors
-    /// With [`BoostingError::Malformed`] for the first node that is wrong.
+    /// Fails with [`BoostingError::Malformed`] for the first invalid node.
     pub fn check(&self, width: usize) -> Result<(), BoostingError> {
         let of = |(tree, t): (usize, &RegressionTree)| t.fault(width).map(|(node, what)| (tree, node, what));
         match self.trees.iter().enumerate().find_map(of) {
@@ -280,17 +279,16 @@ impl Forest {
     }
 }
 
-/// Trains a forest on rows `x` of `width` columns each and their targets `y`, in units of the caller's choice: neither
-/// scaling nor any other monotonous function of a column changes the trees. `validation` has other rows and
-/// their targets, of other lines or flights. `each` is handed the number of trees so far (from 1), the mean square
-/// error of the training rows and that of the validation rows (NaN without), and ends training with `Break`: what was
-/// trained until then is returned.
+/// Trains a forest on rows `x` of `width` columns each and their targets `y`, in any units: monotonic functions of a
+/// column do not change the trees. `validation` has rows and targets of other lines or flights. `each` receives the
+/// number of trees so far (from 1) and the mean square errors of the training rows and of the validation rows (NaN
+/// without). It ends training with `Break`; the trees so far are returned.
 ///
-/// A column that is constant is never divided. Training ends before the last tree where no split has a gain.
+/// A constant column is never split. Training ends early if no split has a gain.
 ///
 /// # Errors
 /// Fails for values that are not finite, settings out of range, patience without validation, fewer rows than two leaves
-/// need, when the first tree finds no split, and where the loss overflows.
+/// need, a first tree without a split, and a loss that overflows.
 pub fn boost(
     x: &[f64],
     width: usize,
@@ -349,7 +347,7 @@ pub fn boost_on(
                     if number == 1 {
                         return Err(BoostingError::NoSplit);
                     }
-                    // Another draw of rows may have a split; the same rows have not.
+                    // Another draw of rows may have a split; the same rows do not.
                     if how.subsample >= 1.0 {
                         break;
                     }
@@ -377,7 +375,7 @@ pub fn boost_on(
     Ok(boosted)
 }
 
-/// The rows that tree `number` sees, ascending; `None` for all.
+/// The rows that tree `number` uses, ascending; `None` for all.
 fn drawn(how: &BoostingSettings, number: usize, rows: usize) -> Option<Vec<u32>> {
     let seen = how.seen(rows);
     let bits = || SplitMix64::new(seed_of(how.seed, &["tree", &number.to_string()]));
@@ -399,7 +397,7 @@ impl<'a> ValidationResiduals<'a> {
         Ok(Self { x, width, residuals: y.iter().map(|y| y - base).collect() })
     }
 
-    /// The mean square error with one more tree.
+    /// Adds a tree and returns the mean square error.
     fn add(&mut self, tree: &RegressionTree) -> f64 {
         let rows = self.x.par_chunks(BLOCK * self.width);
         self.residuals.par_chunks_mut(BLOCK).zip(rows).for_each(|(residuals, x)| {
@@ -414,7 +412,7 @@ fn mean_square(x: &[f64]) -> f64 {
     sum_of(x.len(), |i| x[i] * x[i]) / x.len() as f64
 }
 
-/// The mean; the second pass corrects the rounding of the first.
+/// The mean, with a second pass that corrects the rounding of the first.
 pub(crate) fn mean(x: &[f64]) -> f64 {
     let rough = sum_of(x.len(), |i| x[i]) / x.len() as f64;
     rough + sum_of(x.len(), |i| x[i] - rough) / x.len() as f64

@@ -1,9 +1,9 @@
-//! Tolles-Lawson matrix, band-pass and ridge fit of 144,668 samples x 18 terms for 5 magnetometers
-//! and 20 lambdas: as many samples as the compensated flights of Gnadt 2022 hold.
+//! Bench of the Tolles-Lawson matrix, band-pass and ridge fit of 144,668 samples x 18 terms for 5 magnetometers and 20
+//! lambdas. The number of samples is that of the compensated flights of Gnadt 2022.
 //!
-//! `cargo bench -p magline-numerics --bench compensation --profile dev` prints the fastest of several runs on
-//! one and on two threads, and checks the coefficients against those that `compensation_numpy.py`
-//! found for the same input. `compensation_numpy.py` prints its own times and the ratio.
+//! `cargo bench -p magline-numerics --bench compensation --profile dev` prints the fastest of several runs on one and
+//! on two threads. It checks the coefficients against those of `compensation_numpy.py` for the same input. That script
+//! prints its own times and the ratio.
 
 use std::time::Instant;
 
@@ -18,11 +18,10 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const SAMPLES: usize = 144_668;
 const RATE_HZ: f64 = 10.0;
 const TRIM: usize = 20;
-/// The number of repeats equals that of the numpy script. The fastest run counts on both sides, being the least
-/// disturbed.
+/// Number of repetitions, as in the numpy script. Both report the fastest run, which is the least disturbed.
 const REPEATS: usize = 9;
 
-/// Coefficients of both ends of the ridge path, made by `compensation_numpy.py --write`.
+/// Coefficients at both ends of the ridge path, written by `compensation_numpy.py --write`.
 const REFERENCE: &str = include_str!("../reference/signal/compensation_numpy.csv");
 
 struct Flight {
@@ -30,8 +29,8 @@ struct Flight {
     scalars: Vec<Vec<f64>>,
 }
 
-/// The same flight as in `compensation_numpy.py`: turns and rolls in a field of 54,000 nT, and five
-/// magnetometers that see the aircraft with different strength over a slow anomaly.
+/// The flight of `compensation_numpy.py`: turns and rolls in a field of 54,000 nT, and five magnetometers with
+/// different sensitivities to the aircraft over a slow anomaly.
 fn flight() -> Flight {
     let wave = |k: usize, step: f64, phase: f64| (step * k as f64 + phase).sin();
     let series = |f: &dyn Fn(usize) -> f64| (0..SAMPLES).map(f).collect::<Vec<f64>>();
@@ -54,12 +53,12 @@ fn flight() -> Flight {
     Flight { vector: [x, y, z], scalars }
 }
 
-/// 10⁻³ to 10^1.75 in quarter decades.
+/// Ridge parameters from 10⁻³ to 10^1.75 in quarter decades.
 fn lambdas() -> Vec<f64> {
     (0..20).map(|k| 10f64.powf(-3.0 + 0.25 * f64::from(k))).collect()
 }
 
-/// The work that is timed.
+/// Timed work: matrix, band-pass and fit.
 fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failure> {
     let clock = Instant::now();
     let terms = TermSelection::default();
@@ -87,8 +86,8 @@ fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failur
 
 /// The largest difference from the reference, relative to the largest coefficient of its fit.
 ///
-/// The condition number of the filtered matrix, 2e2, times the rounding of the filters, some 1e-12
-/// of the signal, lets coefficients differ by 1e-9; the rest is room for other versions of numpy.
+/// The condition number of the filtered matrix is 2e2, and the filters round at some 1e-12 of the signal. Coefficients
+/// may therefore differ by 1e-9. The remaining tolerance allows for other versions of numpy.
 fn check(path: &RidgePath) -> Result<f64, Failure> {
     let mut worst = 0.0f64;
     let mut fits = 0;

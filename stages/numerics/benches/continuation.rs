@@ -1,9 +1,9 @@
 //! Upward continuation of a map of 3195 x 7279 nodes, padded to 3840 x 8748.
 //!
 //! `cargo bench -p magline-numerics --bench continuation --profile dev` prints the fastest of several runs on one and
-//! on two threads and the most memory that the process ever held, and checks the answer against the closed form of the
-//! field and against the nodes that `continuation_harmonica.py` found for the same padded map.
-//! `continuation_harmonica.py` prints its own times and the ratio.
+//! on two threads, and the peak memory of the process. It checks the result against the closed form of the field and
+//! against the nodes of `continuation_harmonica.py` for the same padded map. That script prints its own times and the
+//! ratio.
 
 use std::time::Instant;
 
@@ -20,15 +20,14 @@ const COLUMNS: usize = 7279;
 const PADDED: [usize; 2] = [3840, 8748];
 const STEP_M: f64 = 50.0;
 const UP_M: f64 = 300.0;
-/// The number of repeats equals that of the Python script. The fastest run counts on both sides, being the least
-/// disturbed.
+/// Number of repetitions, as in the Python script. Both report the fastest run, which is the least disturbed.
 const REPEATS: usize = 7;
 
-/// Nodes that harmonica found, made by `continuation_harmonica.py --write`.
+/// Nodes computed by harmonica, written by `continuation_harmonica.py --write`.
 const REFERENCE: &str = include_str!("../reference/maps/continuation/harmonica_bench.csv");
 
-/// East, north, depth in metres and strength in nT of the same sources as in `continuation_harmonica.py`: each
-/// makes `strength (depth/r)³` at `r` metres, z/r³ being the field of a pole and harmonic.
+/// Sources of `continuation_harmonica.py`: east, north, depth in metres and strength in nT. Each makes `strength
+/// (depth/r)³` at `r` metres; z/r³ is the field of a pole, a harmonic function.
 const SOURCES: [[f64; 4]; 6] = [
     [60_000.0, 40_000.0, 700.0, 300.0],
     [150_000.0, 90_000.0, 1500.0, -200.0],
@@ -61,7 +60,7 @@ fn map() -> PlaneGrid {
     PlaneGrid { east_m: axis(COLUMNS), north_m: axis(ROWS), values }
 }
 
-/// The most memory that the process has held, in bytes; none where the system does not say.
+/// Peak memory of the process, in bytes; `None` if the system does not report it.
 fn most_memory() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
@@ -81,7 +80,7 @@ fn from_harmonica(answer: &PlaneGrid) -> Result<f64, Failure> {
     if nodes < 50 { Err(format!("only {nodes} nodes in the reference").into()) } else { Ok(worst) }
 }
 
-/// The largest difference from the closed form, relative to its largest value, two kilometres and more inside.
+/// Largest difference from the closed form, relative to its largest value, at least 2 km from the edges.
 fn from_closed_form(answer: &PlaneGrid) -> f64 {
     let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
     for row in (40..ROWS - 40).step_by(3) {
@@ -94,7 +93,7 @@ fn from_closed_form(answer: &PlaneGrid) -> f64 {
     worst / largest
 }
 
-/// The fastest of some runs in seconds, and the last answer.
+/// Time of the fastest of several runs in seconds, and the last result.
 fn timed<T>(run: impl Fn() -> Result<T, Failure>) -> Result<(f64, T), Failure> {
     let mut fastest = f64::INFINITY;
     let mut answer = None;
@@ -137,7 +136,7 @@ fn main() -> Result<(), Failure> {
         "largest difference from harmonica {apart:.1e} nT, from the closed form {:.1e} of the largest value",
         from_closed_form(&first)
     );
-    // Sums of 3e7 terms in double precision; and the aim of 1 % away from the edges.
+    // 1e-9: sums of 3e7 terms in double precision. 0.01: required accuracy away from the edges.
     if apart > 1e-9 || from_closed_form(&first) > 0.01 {
         return Err("the answer is wrong".into());
     }

@@ -1,7 +1,7 @@
 //! Every navigation filter on one line of 63 minutes at 10 Hz, and SLAM on lines of up to ten hours at 1 Hz.
 //!
 //! `cargo bench -p magline-numerics --bench filters --profile dev` prints the processor time of a step and the position
-//! error. The time is the median of three, on one thread. The bench checks that no filter lost its way.
+//! error. The time is the median of three, on one thread. The bench rejects any filter that diverges.
 
 #[path = "../tests/osborne/mod.rs"]
 mod osborne;
@@ -45,7 +45,7 @@ const DT_S: f64 = 0.1;
 const SIGMA_NT: f64 = 5.0;
 const REPEATS: usize = 3;
 
-/// The median time on the processor in seconds, and the last answer.
+/// Median processor time in seconds, and the last result.
 fn median_s<T, E>(mut work: impl FnMut() -> Result<T, E>) -> Result<(f64, T), E> {
     let (first_s, first) = processor_s(&mut work);
     let (mut times, mut answer) = (vec![first_s], first?);
@@ -68,7 +68,7 @@ fn drms_m(truth: &Line, lat_deg: &[f64], lon_deg: &[f64]) -> f64 {
     (places.map(square).sum::<f64>() / lat_deg.len() as f64).sqrt()
 }
 
-/// Prints a filter's time and error, and refuses an error above a limit.
+/// Prints a filter's time and error, and rejects an error above a limit.
 fn tell(name: &str, time_s: f64, error_m: f64, most_m: f64) -> Result<(), Failure> {
     println!(
         "{name}: {:.2} us a step, {time_s:.2} s for the line, {error_m:.1} m DRMS",
@@ -77,7 +77,7 @@ fn tell(name: &str, time_s: f64, error_m: f64, most_m: f64) -> Result<(), Failur
     if error_m < most_m { Ok(()) } else { Err(format!("{name} lost its way: {error_m} m").into()) }
 }
 
-/// A flight with manoeuvres, and what an aircraft of 18 Tolles-Lawson terms adds.
+/// A flight with manoeuvres, and the field of an aircraft of 18 Tolles-Lawson terms.
 struct Flight {
     truth: Line,
     ins: Line,
@@ -193,7 +193,7 @@ fn unknown_aircraft(flight: &Flight, line: &NavigationLine) -> Result<(), Failur
     tell("fixed_lag, 18 terms, cold", time_s, error_m, 80.0)
 }
 
-/// A loiter of `seconds` seconds without a map: a circle of 1.2 km that drifts slowly.
+/// SLAM on a loiter of `seconds` seconds without a map: a circle of 1.2 km that drifts slowly.
 fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Failure> {
     let mut truth = Line::flown(seconds, 1.0, 0.0)?;
     let (lat, lon) = (-21.96, 140.66);

@@ -1,8 +1,8 @@
-//! Real surveys gridded: the differences at left-out lines, and the time that fit and grid take.
+//! Gridding of real surveys: the differences at omitted lines, and the times of fit and grid.
 //!
-//! Without `MAGLINE_GRIDDING_POINTS` it grids a synthetic survey, whose field it knows. With it, the folder that
-//! `gridding_harmonica.py` has written, it grids the samples, prints one JSON line a figure, and asserts that left-out
-//! lines are predicted at least as well as is said in README.md.
+//! Without `MAGLINE_GRIDDING_POINTS` the bench grids a synthetic survey of known field. The variable may name the
+//! folder written by `gridding_harmonica.py`. The bench then grids its samples, prints one JSON line per figure, and
+//! asserts the accuracy at omitted lines that README.md states.
 
 #![allow(clippy::unwrap_used)]
 
@@ -14,9 +14,9 @@ struct Survey {
     name: &'static str,
     node_m: f64,
     level_m: f64,
-    /// Median and root mean square that may not be exceeded at left-out lines, nT.
+    /// Maximum median and root mean square at omitted lines, nT.
     most_nt: [f64; 2],
-    /// How far apart two points of a line may be for a crossing between them to count, metres.
+    /// Maximum distance between two points of a line for a crossing between them to count, metres.
     gap_m: Option<f64>,
 }
 

@@ -3,8 +3,8 @@
 //! map.
 //!
 //! `cargo bench -p magline-numerics --bench interpolation --profile dev` prints the fastest of several runs on one
-//! thread and checks each against a formula; `interpolation_scipy.py` times scipy on the same work, runs this, and
-//! prints the ratios.
+//! thread and checks each against a formula. `interpolation_scipy.py` times scipy on the same work, runs this bench,
+//! and prints the ratios.
 
 use std::{hint::black_box, sync::OnceLock, time::Instant};
 
@@ -23,17 +23,17 @@ use numerics::{
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 const LOOK_UPS: usize = 2_000_000;
-/// The fastest counts on both sides, being the least disturbed.
+/// Number of repetitions. The fastest counts on both sides, as the least disturbed.
 const REPEATS: usize = 7;
 const SOUTH_DEG: f64 = -22.0;
 const WEST_DEG: f64 = 140.0;
 const STEP_DEG: f64 = 0.001;
 
-/// Name, rows and columns of the maps; the large one has as many nodes as that of Gnadt 2022.
+/// Name, rows and columns of the maps; the large one has as many nodes as the map of Gnadt 2022.
 const MAPS: [(&str, usize, usize); 2] = [("small", 400, 330), ("large", 3195, 7279)];
 
-/// The seconds that this thread has been on a processor, or where the system does not tell, that have passed: other
-/// work on the machine takes less from the first.
+/// Processor time of this thread in seconds, or elapsed time if the system does not report it. Other work on the
+/// machine affects the processor time less.
 fn seconds_now() -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
@@ -51,7 +51,7 @@ fn fastest_s(mut work: impl FnMut()) -> f64 {
     (0..REPEATS).map(time).fold(f64::INFINITY, f64::min)
 }
 
-/// The same waves as in the script, some 25 nodes long.
+/// Waves of the script, some 25 nodes long.
 fn field(row: f64, column: f64) -> f64 {
     100.0 * (0.23 * row).sin() * (0.19 * column).cos() + 0.02 * row - 0.01 * column
 }
@@ -66,7 +66,7 @@ fn map(rows: usize, columns: usize, scale: f64) -> Result<GeographicGrid, Failur
     Ok(GeographicGrid::new(&axis(SOUTH_DEG, rows), &axis(WEST_DEG, columns), &values)?)
 }
 
-/// Places of a flight with steps of some 7 m, back and forth over the map, and the same number all over it.
+/// Positions of a flight with steps of some 7 m, back and forth over the map, or as many scattered over it.
 fn places(rows: usize, columns: usize, along_track: bool) -> (Vec<f64>, Vec<f64>) {
     let (height, width) = (STEP_DEG * (rows - 3) as f64, STEP_DEG * (columns - 3) as f64);
     let place = |k: usize| {
@@ -151,8 +151,8 @@ fn stacks() -> Result<(), Failure> {
     Ok(())
 }
 
-/// The small map in UTM zone 54 south, looked up between its own nodes; and what the projection alone takes, by the
-/// polynomials and by the projection itself.
+/// Look-ups of the small map in UTM zone 54 south on its native grid, and the time of the projection alone, by the
+/// polynomials and by the exact formulas.
 fn projected() -> Result<(), Failure> {
     let (_, rows, columns) = MAPS[0];
     let (lat, lon) = places(rows, columns, true);
@@ -206,7 +206,7 @@ fn gappy() -> PlaneGrid {
     PlaneGrid { east_m: axis(columns), north_m: axis(rows), values }
 }
 
-/// The time of one thread, or with more of them the time that has passed, and the answer.
+/// Processor time of one thread, or elapsed time with several, and the result.
 fn timed<T>(threads: usize, work: impl FnOnce() -> T) -> (f64, T) {
     let (start, clock) = (seconds_now(), Instant::now());
     let answer = work();

@@ -1,9 +1,8 @@
 //! Linear models of 432,000 samples (12 hours at 10 Hz in 24 lines) x 60 terms: the factor of each line, a path of 100
 //! elastic nets, its cross-validation by line, 100 ridges, all numbers of components of partial least squares.
 //!
-//! `cargo bench -p magline-numerics --bench models --profile dev` prints the fastest of several runs and checks the
-//! coefficients against those that `models_sklearn.py --write` found for the same input. `models_sklearn.py` prints its
-//! own times.
+//! `cargo bench -p magline-numerics --bench models --profile dev` prints the fastest of several runs. It checks the
+//! coefficients against those of `models_sklearn.py --write` for the same input. That script prints its own times.
 
 use std::time::Instant;
 
@@ -23,7 +22,7 @@ const TERMS: usize = 60;
 const REPEATS: usize = 5;
 const REFERENCE: &str = include_str!("../reference/models/bench.csv");
 
-/// The same line as in `models_sklearn.py`: terms that share six waves, and a target of every seventh.
+/// The line of `models_sklearn.py`: terms that share six waves, and a target of every seventh term.
 fn line(number: usize) -> (Vec<f64>, Vec<f64>) {
     let wave = |k: usize, j: usize| (k as f64 * (0.013 + 0.0171 * (j % 6) as f64) + 0.37 * (j % 6) as f64).sin();
     let own = |k: usize, j: usize| (k as f64 * (0.05 + 0.0237 * j as f64) + 1.3 * j as f64).sin();
@@ -93,7 +92,8 @@ fn run(lines: &[(Vec<f64>, Vec<f64>)]) -> Result<(), Failure> {
     check(&path.iter().map(|fit| fit.fit.coefficients.clone()).collect::<Vec<_>>(), &alphas)
 }
 
-/// Both ends at a duality gap of 1e-10 of the target's square: coefficients of standardised terms to some 1e-5.
+/// Checks both ends of the path. A duality gap of 1e-10 of the target's square determines coefficients of standardised
+/// terms to some 1e-5.
 fn check(path: &[Vec<f64>], alphas: &[f64]) -> Result<(), Failure> {
     let mut worst = 0.0f64;
     for text in REFERENCE.lines().filter(|text| !text.starts_with('#')) {

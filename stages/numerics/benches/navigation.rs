@@ -1,8 +1,8 @@
-//! The navigation filter on 144,668 samples, as many as the flights of Gnadt 2022 hold, with map
-//! look-up and core field, and its parts by themselves.
+//! The navigation filter on 144,668 samples, the number of the flights of Gnadt 2022, with map look-up and core field,
+//! and each part separately.
 //!
-//! `cargo bench -p magline-numerics --bench navigation --profile dev` prints medians on one thread, and
-//! checks that the filter found its way.
+//! `cargo bench -p magline-numerics --bench navigation --profile dev` prints medians on one thread, and checks the
+//! position error of the filter.
 
 #[path = "../tests/osborne/flight.rs"]
 mod flight;
@@ -36,7 +36,7 @@ const SAMPLES: u32 = 144_668;
 const REPEATS: usize = 7;
 const LOOK_UPS: usize = 2_000_000;
 
-/// The median time on the processor, in seconds, of several runs of `work`, and the last answer.
+/// Median processor time, in seconds, of several runs of `work`, and the last result.
 fn median_s<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     let mut answer = work();
     let mut times: Vec<f64> = (0..REPEATS)
@@ -80,14 +80,14 @@ fn filter(
          (INS {ins:.0} m, filter {drms:.1} m DRMS)",
         map.interpolation()
     );
-    // A filter this good by chance is out of the question; a broken one is hundreds of metres off.
+    // Chance cannot make a filter this accurate; a broken one is hundreds of metres off.
     if !(drms < 30.0 && ins > 300.0 && output.report.updates == SAMPLES as usize) {
         return Err(format!("the filter lost its way: {drms} m, {:?}", output.report).into());
     }
     Ok(output)
 }
 
-/// Places along a track, again and again.
+/// Positions along a track, repeated cyclically.
 fn places(line: &Line) -> impl Iterator<Item = (f64, f64)> {
     let track = line.columns[1].iter().copied().zip(line.columns[2].iter().copied());
     track.cycle().take(LOOK_UPS)

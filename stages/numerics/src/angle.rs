@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-/// An angle in degrees brought into -180 (included) to 180 (excluded). An angle already in the range keeps its bits.
+/// Angle in degrees wrapped to -180 (included) to 180 (excluded). An angle already in the range is bit-identical.
 pub fn wrap_deg(angle_deg: f64) -> f64 {
     if (-180.0..180.0).contains(&angle_deg) {
         return angle_deg;
@@ -12,7 +12,7 @@ pub fn wrap_deg(angle_deg: f64) -> f64 {
     if wrapped >= 180.0 { -180.0 } else { wrapped }
 }
 
-/// An angle in radians brought within half a turn of 0.
+/// Angle in radians wrapped to within half a turn of 0.
 pub fn wrap_rad(angle_rad: f64) -> f64 {
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * (angle_rad / TAU).round() }
 }

@@ -1,9 +1,9 @@
 //! Properties of the processor, other than the inputs, that change the last bits of a result.
 //!
 //! IEEE 754 fixes the four operations and the square root. It does not fix sines, exponentials and powers, which come
-//! from the system's mathematical library, nor the order of the sums in a matrix product or a Fourier transform, which
-//! are written for the vector unit and the caches of the processor they run on. Two machines on which [`probe`] is the
-//! same bits give the same results as far as the probe reaches; where it differs, results differ by rounding.
+//! from the system's mathematical library. Nor does it fix the order of the sums in a matrix product or a Fourier
+//! transform, which depends on the vector unit and the caches of the processor. Two machines with bit-identical
+//! [`probe`] give the same results for the functions that it covers; otherwise results differ by rounding.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ use rustfft::{FftPlanner, num_complex::Complex64};
 
 use crate::random::SplitMix64;
 
-/// Values of each elementary function that are compared.
+/// Number of compared values per elementary function.
 const VALUES: usize = 256;
 
 /// An elementary function.
@@ -26,7 +26,7 @@ const POSITIVE: [ElementaryFunction; 4] = [f64::ln, f64::ln_1p, f64::log10, f64:
 const EXPONENTIAL: [ElementaryFunction; 3] = [f64::exp, f64::exp2, f64::exp_m1];
 
 /// Results whose last bits depend on the machine: elementary functions of the system's library, matrix products and
-/// Fourier transforms, all of numbers that are the same everywhere.
+/// Fourier transforms of fixed inputs.
 pub fn probe() -> Vec<f64> {
     let mut words = SplitMix64::new(1);
     let mut uniform = || (words.draw() >> 11) as f64 / (1u64 << 53) as f64;
@@ -69,7 +69,7 @@ pub fn probe() -> Vec<f64> {
     found
 }
 
-/// The processor, in words for people: architecture and vector extensions.
+/// Architecture and vector extensions of the processor, as text.
 pub fn processor() -> String {
     let mut words = vec![std::env::consts::ARCH];
     #[cfg(target_arch = "x86_64")]
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_probe_is_finite_and_the_same_each_time_and_on_each_thread() {
+    fn unit_probe_is_finite_and_repeatable_on_each_thread() {
         let bits = || probe().into_iter().map(f64::to_bits).collect::<Vec<_>>();
         assert!(probe().iter().all(|x| x.is_finite()));
         assert_eq!(std::thread::spawn(bits).join().ok(), Some(bits()));

@@ -1,7 +1,7 @@
 //! Numerics of aeromagnetic compensation and magnetic navigation.
 //!
-//! A magnetometer on an aircraft measures the field of the earth together with that of the aircraft. This crate has
-//! what is needed to separate the two and to find a position by what is left: models of the earth's core field,
+//! A magnetometer on an aircraft measures the field of the earth together with that of the aircraft. This crate
+//! separates the two and finds a position from the remaining anomaly. It contains models of the earth's core field,
 //! filters, linear regression, maps of the magnetic anomaly, the model of Tolles and Lawson, and an inertial error
 //! model with an extended Kalman filter. It takes slices and matrices and returns vectors; it reads no files.
 //!
@@ -25,8 +25,8 @@
 //!
 //! # Example
 //!
-//! A calibration: the aircraft's permanent and induced fields are found from the readings on a circle flown with
-//! rolls and pitches. The coefficients come back within four of their own standard deviations.
+//! A calibration: the aircraft's permanent and induced fields are estimated from the readings on a circle flown with
+//! rolls and pitches. The coefficients are recovered within four standard deviations.
 //!
 //! ```
 //! use nalgebra::Vector3;
@@ -76,23 +76,23 @@
 //! - **Attitude**: roll is positive right wing down, pitch nose up, yaw clockwise from true north; yaw is applied
 //!   first, then pitch, then roll.
 //! - **Errors** of an inertial navigation system are truth minus INS. The specific force at rest is (0, 0, −g).
-//! - **Missing values** are NaN. A routine leaves such samples out and counts them, returns NaN there, or refuses
-//!   them: its documentation says which. Zero is a value.
+//! - **Missing values** are NaN. A routine excludes and counts such samples, returns NaN there, or rejects them, as
+//!   documented. Zero is a value.
 //! - **Matrices** are slices in row-major order, one row per sample; small fixed ones are nalgebra's or arrays of
 //!   arrays. Rows of a grid go north and columns east, both ascending.
-//! - **Statistics**: variances divide by n − 1 unless the item says otherwise. A ridge parameter λ is absolute, not
+//! - **Statistics**: variances divide by n − 1 unless the item states otherwise. A ridge parameter λ is absolute, not
 //!   divided by the number of rows. Differences are per sample, not per second.
 //! - **Failure**: a fallible function returns `Result` with a typed error, nearly always an enum whose variants hold
 //!   the offending values, and lists the cases under "Errors". The library does not call `unwrap`, `expect` or
 //!   `panic!`.
 //! - **Determinism**: results are bit-identical for any number of threads (rayon's). Random draws take a seed, or a
-//!   source of normals from the caller. From one kind of processor to another the last bits may differ, except where
-//!   a module says otherwise; [`arithmetic`] tells such machines apart.
+//!   source of normals from the caller. The last bits may differ between kinds of processors, unless a module states
+//!   otherwise; [`arithmetic`] distinguishes such machines.
 //!
 //! # Sources
 //!
-//! The documentation of each routine cites where its formula is printed, and says where the printed formula is
-//! wrong. The most frequent:
+//! The documentation of each routine cites the source of its formula and notes errors of the printed formula. The most
+//! frequent sources:
 //!
 //! - W. E. Tolles and J. D. Lawson 1950, *Magnetic compensation of MAD equipped aircraft*, Airborne Instruments
 //!   Laboratory, report 201-1.
@@ -118,7 +118,7 @@
 //! - van der Meer 2025: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic
 //!   Aided Navigation*, MS, Delft University of Technology.
 
-// The flights that tests share name the crate as a user does.
+// Shared test flights refer to the crate by its external name.
 #[cfg(test)]
 extern crate self as numerics;
 

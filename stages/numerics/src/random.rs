@@ -53,7 +53,7 @@ impl NormalGenerator {
 /// others and of the order of drawing.
 pub fn seed_of(seed: u64, names: &[&str]) -> u64 {
     names.iter().fold(mixed(seed ^ 0x2545_f491_4f6c_dd1d), |state, name| {
-        // The length keeps ("ab", "c") from ("a", "bc").
+        // The length distinguishes ("ab", "c") from ("a", "bc").
         let state = mixed(state ^ name.len() as u64);
         name.bytes().fold(state, |state, byte| mixed(state.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ u64::from(byte)))
     })
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_names_that_differ_have_seeds_that_differ() {
+    fn unit_different_names_have_different_seeds() {
         let all = [
             seed_of(0, &["1", "1.01"]),
             seed_of(0, &["1", "1.02"]),

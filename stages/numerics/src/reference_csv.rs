@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// The columns of a table of numbers by name; lines that begin with `#` say where it is from.
+/// The columns of a table of numbers by name; lines that begin with `#` give its source.
 pub(crate) fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

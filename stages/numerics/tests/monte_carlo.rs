@@ -1,5 +1,5 @@
-//! Monte Carlo of the filter on simulated flights over the real Osborne map: is it as good as it
-//! says, and does it hold an INS that drifts by hundreds of metres to tens of metres?
+//! Monte Carlo of the filter on simulated flights over the real Osborne map: consistency, and reduction of an INS drift
+//! of hundreds of metres to tens of metres.
 #![allow(clippy::unwrap_used)]
 
 mod osborne;
@@ -30,12 +30,12 @@ use osborne::{Line, core_field, grid, temporal_nt};
 const RUNS: u64 = 100;
 const SAMPLES: u32 = 3600;
 const DT_S: f64 = 1.0;
-/// Samples at which consistency is judged: far enough apart to be nearly independent.
+/// Samples at which consistency is tested: far enough apart to be nearly independent.
 const EPOCHS: [usize; 11] = [120, 450, 780, 1110, 1440, 1770, 2100, 2430, 2760, 3090, 3599];
 
 struct Run {
     output: NavigationOutput,
-    /// The covariance at the epochs; all of them would take a gigabyte.
+    /// Covariance at the epochs; all samples would take a gigabyte.
     p_at_epochs: Vec<StateMatrix>,
     errors: Vec<[f64; STATES]>,
 }
@@ -65,7 +65,7 @@ fn fly(seed: u64, map: &MapSurface, noise: NoiseDiscretisation) -> Run {
     Run { output, p_at_epochs, errors }
 }
 
-/// The flights that three of the tests look at.
+/// Flights shared by three of the tests.
 fn runs() -> &'static [Run] {
     static RUNS_FLOWN: OnceLock<Vec<Run>> = OnceLock::new();
     RUNS_FLOWN.get_or_init(|| {
@@ -113,7 +113,7 @@ fn mean(runs: &[Run], of: impl Fn(&Run) -> f64) -> f64 {
 }
 
 #[test]
-fn law_the_filter_is_as_good_as_it_says() {
+fn law_the_filter_is_consistent() {
     let runs = runs();
     let n = runs.len() as f64;
     let (low, high) = (chi_square(2.0 * n, -1.96) / n, chi_square(2.0 * n, 1.96) / n);
@@ -132,7 +132,7 @@ fn law_the_filter_is_as_good_as_it_says() {
     // The temporal variation alone: chi-square of 1 degree.
     for (epoch, row) in EPOCHS.into_iter().enumerate() {
         let s = mean(runs, |run| run.remaining(row)[S].powi(2) / run.p_at_epochs[epoch][S][S]);
-        // 99.9 % band: 11 epochs are looked at.
+        // 99.9 % band, for tests at 11 epochs.
         assert!((chi_square(n, -3.29)..=chi_square(n, 3.29)).contains(&(s * n)), "{row} {s:.2}");
     }
 }
@@ -161,7 +161,7 @@ fn law_innovations_are_white_and_of_the_predicted_size() {
 }
 
 #[test]
-fn law_the_map_holds_a_drifting_ins() {
+fn law_the_map_bounds_a_drifting_ins() {
     let runs = runs();
     let filter = mean(runs, |run| run.drms_m(|row| run.remaining(row)).powi(2)).sqrt();
     let ins = mean(runs, |run| run.drms_m(|row| run.errors[row]).powi(2)).sqrt();
@@ -173,8 +173,8 @@ fn law_the_map_holds_a_drifting_ins() {
 }
 
 #[test]
-fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
-    // Some of the flights, each filtered thrice with the same draws.
+fn law_the_discretisation_of_the_noise_has_no_effect_at_one_second() {
+    // Some of the flights, each filtered three times with the same draws.
     let map = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
     let mean_nees = |noise: NoiseDiscretisation| {
         let nees = |run: &Run| (0..EPOCHS.len()).map(|epoch| run.position_nees(epoch)).sum::<f64>();
@@ -184,7 +184,7 @@ fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
     for noise in [NoiseDiscretisation::Trapezoidal, NoiseDiscretisation::Rectangular] {
         let ours = mean_nees(noise);
         println!("NEES per degree of freedom: {noise:?} {ours:.5}, Van Loan {exact:.5}");
-        // Within 1 % of the exact noise's, a fifth of what 440 values can tell apart.
+        // Within 1 % of the exact noise's, a fifth of the resolution of 440 values.
         assert!((ours / exact - 1.0).abs() < 0.01, "{noise:?} {ours} {exact}");
     }
 }
@@ -198,7 +198,7 @@ fn left_by_compensation(samples: u32, normals: &mut NormalGenerator) -> Vec<f64>
 }
 
 #[test]
-fn law_noise_found_on_other_lines_makes_an_honest_filter() {
+fn law_noise_estimated_on_other_lines_makes_a_consistent_filter() {
     let map = MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic);
     let core = core_field().unwrap();
     let flights = 30_u64;
@@ -241,13 +241,14 @@ fn law_noise_found_on_other_lines_makes_an_honest_filter() {
         let run = filtered(found.white_nt, found.lasting);
         nees += of(&run) / flights as f64;
         nis += run.output.nis.iter().sum::<f64>() / f64::from(SAMPLES) / flights as f64;
-        // The defaults of MagNav.jl, which know nothing of the half minute.
+        // Defaults of MagNav.jl, which ignore the process of half a minute.
         naive += of(&filtered(1.5, GaussMarkov { sigma: 3.0, tau_s: 600.0 })) / flights as f64;
     }
     println!(
         "NEES {nees:.2} and NIS {nis:.2} with the noise that was found; NEES {naive:.1} with that of the defaults"
     );
-    // A bound is on the cautious side: half of the law's 2 and 1, and by chance of thirty flights a fourth above it.
+    // A bound is cautious: down to half of the expected values 2 and 1, and by chance of thirty flights a fourth above
+    // them.
     assert!((0.8..2.5).contains(&nees), "{nees}");
     assert!((0.4..1.2).contains(&nis), "{nis}");
     assert!(naive > 2.0 * nees, "{naive}");

@@ -1,5 +1,5 @@
-//! Monte Carlo of the online filters on simulated flights over the real Osborne map: are they as good as they say, of
-//! the position and of the aircraft's field, and do they follow an aircraft that changes?
+//! Monte Carlo of the online filters on simulated flights over the real Osborne map: consistency of the position and of
+//! the aircraft field, and tracking of an aircraft that changes.
 #![allow(clippy::unwrap_used)]
 
 use std::f64::consts::TAU;
@@ -32,7 +32,7 @@ const SAMPLES: u32 = 2400;
 const DT_S: f64 = 1.0;
 /// White noise, nT.
 const SIGMA_NT: f64 = 2.0;
-/// Samples at which consistency is judged: far enough apart to be nearly independent.
+/// Samples at which consistency is tested: far enough apart to be nearly independent.
 const EPOCHS: [usize; 7] = [120, 500, 880, 1260, 1640, 2020, 2399];
 const RUNS: u64 = 60;
 
@@ -46,7 +46,7 @@ fn core() -> &'static Arc<CoreField> {
     CORE.get_or_init(|| Arc::new(core_field().unwrap()))
 }
 
-/// A manoeuvring flight: its truth, its INS, and what its magnetometer sees.
+/// A manoeuvring flight: its truth, its INS, and the inputs of its magnetometer.
 struct Flight {
     ins: Line,
     errors: Vec<[f64; 18]>,
@@ -57,8 +57,8 @@ struct Flight {
 }
 
 impl Flight {
-    /// Rolls by 15 degrees, pitches by 8 and yaws by 5, each with a period of its own, for the first `manoeuvring_s`
-    /// of every ten minutes.
+    /// Rolls by 15 degrees, pitches by 8 and yaws by 5, each with its own period, for the first `manoeuvring_s` of
+    /// every ten minutes.
     fn flown(seed: u64, groups: &[&str], manoeuvring_s: f64) -> Self {
         let mut truth = Line::flown(SAMPLES, DT_S, 0.1 * seed as f64).unwrap();
         let mut normals = NormalGenerator::new(seed);
@@ -162,7 +162,7 @@ fn within(mean: f64, freedom: f64, count: f64, z: f64) -> bool {
 }
 
 #[test]
-fn law_the_online_filter_is_as_good_as_it_says() {
+fn law_the_online_filter_is_consistent() {
     // Coefficients of an aircraft as calibrated to some tens of nT, walking by 3 nT in an hour.
     let prior_sigma: Vec<f64> = [[40.0; 3].as_slice(), &[40.0; 6], &[60.0; 9]].concat();
     let walk = vec![9.0 / 3600.0; 18];
@@ -220,8 +220,8 @@ fn law_the_online_filter_is_as_good_as_it_says() {
 }
 
 #[test]
-fn law_it_follows_an_aircraft_that_changes() {
-    // The permanent field is another by 100 nT from half-time on: at once, or within 400 s.
+fn law_the_filter_follows_an_aircraft_that_changes() {
+    // The permanent field changes by 100 nT at half-time: at once, or within 400 s.
     for (name, lasting_s, per_s, most) in [("jump", 1.0, 6.0, 0.5), ("drift", 400.0, 1.0, 0.5)] {
         let (half, all) = (SAMPLES as usize / 2, SAMPLES as usize);
         let prior = CoefficientPrior::independent(&[0.0; 18], &[5.0; 18]);
@@ -264,8 +264,8 @@ fn law_it_follows_an_aircraft_that_changes() {
 }
 
 #[test]
-fn law_a_cold_start_in_the_cabin_is_calibrated_on_the_way() {
-    // Nothing is known of an aircraft of hundreds of nT. Its sum with the position is known from the first sample.
+fn law_a_cold_start_in_the_cabin_is_calibrated_in_flight() {
+    // The field of an aircraft of hundreds of nT is unknown. Only its sum with the field at the position is observed.
     let sigma: Vec<f64> = [[1000.0; 3].as_slice(), &[1000.0; 6], &[100.0; 9], &[500.0]].concat();
     let prior = CoefficientPrior::independent(&[0.0; 19], &sigma);
     let (runs, all) = (12_u64, SAMPLES as usize);
@@ -296,7 +296,7 @@ fn law_a_cold_start_in_the_cabin_is_calibrated_on_the_way() {
     assert!(left < 3.0, "{left}");
 }
 
-/// A current of the aircraft between 0 and 1, and its square wave's smooth kind.
+/// Aircraft current between 0 and 1: two sinusoids with periods of 71 and 43 samples.
 fn current(seed: u64, row: usize) -> f64 {
     let (t, phase) = (row as f64, seed as f64);
     0.5 + 0.3 * (TAU * t / 71.0 + phase).sin() + 0.2 * (TAU * t / 43.0 + 2.0 * phase).sin()
@@ -304,7 +304,8 @@ fn current(seed: u64, row: usize) -> f64 {
 
 #[test]
 fn law_an_online_network_follows_an_aircraft_that_changes() {
-    // The field of a current saturates, in addition to a permanent field. At half-time the current's grows by half.
+    // The field of a current saturates, in addition to a permanent field. At half-time the current's field grows by
+    // half.
     let (half, all) = (SAMPLES as usize / 2, SAMPLES as usize);
     let field = |terms: &[f64], current: f64, gain: f64| {
         60.0 * terms[0] - 40.0 * terms[1] + gain * 90.0 * (3.0 * (current - 0.5)).tanh() * terms[2]

@@ -56,7 +56,7 @@ const COLUMNS: [&str; 34] = [
     "cur_outpwr",
 ];
 
-/// 60 samples at 10 Hz; every column is a parabola of its own.
+/// 60 samples at 10 Hz; every column is a different parabola.
 fn line() -> LineInput {
     let one = |(k, name): (usize, &&str)| {
         let k = k as f64;
@@ -97,14 +97,14 @@ fn entry(stage: &Features, name: &str, row: usize) -> f64 {
 }
 
 #[test]
-fn ref_the_sets_of_the_thesis_have_their_sizes() {
+fn ref_the_feature_sets_have_the_sizes_of_the_thesis() {
     for (set, size) in [("down_selected", 77), ("small_1", 26), ("small_2", 15)] {
         assert_eq!(made(&features(&[set])).0.len(), size, "{set}");
     }
 }
 
 #[test]
-fn law_differences_lags_and_gradients_are_those_of_a_parabola() {
+fn law_differences_lags_and_gradients_of_a_parabola_are_exact() {
     let stage = features(&["mag_3_uc_dot", "mag_3_uc_dot4", "mag_3_uc_lag_2", "mag_2_4_uc", "lpf_cur_strb"]);
     // mag_3_uc is the column 3: 30 + 4 t + 0.1 t².
     assert!((entry(&stage, "mag_3_uc_dot", 10) - (4.0 + 0.2 * 10.0)).abs() < 1e-12);
@@ -116,7 +116,7 @@ fn law_differences_lags_and_gradients_are_those_of_a_parabola() {
 }
 
 #[test]
-fn law_inputs_are_projected_on_the_vectors_direction() {
+fn law_inputs_are_projected_on_the_direction_of_the_vector() {
     let stage = features(&["ETL_cur_strb"]);
     let (names, _) = made(&stage);
     assert_eq!(names, (1..=7).map(|k| format!("cur_strb_{k}")).collect::<Vec<_>>());
@@ -131,7 +131,7 @@ fn law_inputs_are_projected_on_the_vectors_direction() {
 }
 
 #[test]
-fn law_terms_are_those_of_the_matrix() {
+fn unit_terms_equal_those_of_a_matrix() {
     let (names, values) = made(&features(&["TL_A_flux_a", "core_flux_d", "slope"]));
     assert_eq!(names.len(), 18 + 21 + 2);
     assert_eq!(
@@ -143,7 +143,7 @@ fn law_terms_are_those_of_the_matrix() {
 }
 
 #[test]
-fn gold_what_cannot_be_made_is_told_with_its_parameter() {
+fn gold_invalid_features_are_reported_with_their_parameter() {
     let said = |stage: &Features| {
         let faults = stage.yields(&[&table()]).unwrap_err();
         faults.iter().map(|f| format!("{f} [{}]", f.param.clone().unwrap_or_default())).collect::<Vec<_>>().join("\n")

@@ -157,7 +157,7 @@ mod tests {
     use crate::fit::testing::{FitOutput, InterruptMonitor, bent, fitted_to, number, stage, whole, words, worked};
 
     #[test]
-    fn law_a_training_that_is_stopped_goes_on_to_the_same_table() {
+    fn unit_a_resumed_training_gives_the_same_table() {
         let keys =
             [words("validation", &["1.1"]), whole("leaf_samples", 2), whole("trees", 30), number("subsample", 0.7)];
         let table = |found: &FitOutput| -> Vec<(String, u64)> {
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn law_they_explain_a_target_that_bends() {
+    fn unit_trees_fit_a_nonlinear_target() {
         let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
         let found = fitted_to(&bent(), "boosted_trees", &[whole("leaf_samples", 2)]);
         assert!(found.residual_std < 0.1 * straight, "{} {straight}", found.residual_std);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_validation_takes_the_best_number_of_trees_and_warns_of_what_overfits() {
+    fn unit_validation_selects_the_number_of_trees_and_warns_of_overfitting() {
         let keys = [words("validation", &["1.1"]), whole("leaf_samples", 2), whole("patience", 5)];
         let found = fitted_to(&bent(), "boosted_trees", &keys);
         let count = found.term.iter().filter(|t| t.starts_with("nodes[")).count();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_cannot_be_trained_is_told_with_its_parameter() {
+    fn unit_invalid_settings_are_reported_with_their_parameter() {
         let told = |keys: &[_]| match stage("boosted_trees", keys) {
             Ok(_) => worked(&bent(), "boosted_trees", keys, &NullMonitor).err().unwrap(),
             Err(mut faults) => faults.remove(0),

@@ -82,7 +82,7 @@ mod tests {
     use crate::fit::testing::{COEFFICIENTS, fitted, number};
 
     #[test]
-    fn law_a_small_penalty_leaves_the_truth_and_a_large_one_exactly_nothing() {
+    fn law_a_small_penalty_recovers_the_truth_and_a_large_one_gives_zero() {
         let found = fitted("elastic_net", &[number("lambda", 1e-9)]).value;
         // The path ends at a gap of the objective, so coefficients have half its digits.
         assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{found:?}");
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn law_without_absolute_values_it_is_a_ridge_of_n_times_the_penalty() {
+    fn law_without_the_l1_penalty_it_is_a_ridge() {
         let net = fitted("elastic_net", &[number("lambda", 0.01), number("l1_ratio", 0.0)]);
         let ridge = fitted("ridge", &[number("lambda", 0.01 * net.rows)]).value;
         assert!(net.value.iter().zip(&ridge).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{:?} {ridge:?}", net.value);

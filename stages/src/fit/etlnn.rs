@@ -31,7 +31,7 @@ mod tests {
     use crate::fit::testing::{bent, fitted_to, whole, words};
 
     #[test]
-    fn law_all_features_are_linear_terms() {
+    fn unit_all_features_are_linear_terms() {
         let one = fitted_to(&bent(), "etlnn", &[whole("epochs", 3)]);
         let other = fitted_to(&bent(), "tlnn", &[whole("epochs", 3), words("linear", &["a", "b", "c"])]);
         assert_eq!((one.value, one.term), (other.value, other.term));

@@ -25,7 +25,7 @@ mod tests {
     use crate::fit::testing::{fitted, number};
 
     #[test]
-    fn law_it_is_the_ridge() {
+    fn unit_the_fit_equals_the_ridge() {
         let [one, other] = ["extended_tolles_lawson", "ridge"].map(|model| fitted(model, &[number("lambda", 0.3)]));
         assert_eq!(one.value, other.value);
     }

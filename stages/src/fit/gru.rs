@@ -30,7 +30,7 @@ mod tests {
     use crate::fit::testing::{delayed, fitted_to, number, whole};
 
     #[test]
-    fn law_it_explains_what_came_before() {
+    fn unit_a_gru_fits_a_delayed_target() {
         let keys = [number("learning_rate", 0.01), whole("epochs", 150), whole("batch", 64)];
         let alone = fitted_to(&delayed(), "m1", &keys).residual_std;
         let found = fitted_to(&delayed(), "gru", &[&keys[..], &[whole("window", 8)]].concat()).residual_std;

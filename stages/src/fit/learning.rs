@@ -69,7 +69,7 @@ impl FitAggregator {
         }
     }
 
-    /// The same for points at the rate of the problem.
+    /// [`learnt`](Self::learnt) for points at the rate of the problem.
     fn learnt_at(
         &self,
         problem: &FitProblem,

@@ -27,7 +27,7 @@ mod tests {
     use crate::fit::testing::{bent, fitted_to, number, whole};
 
     #[test]
-    fn law_it_explains_a_target_that_bends() {
+    fn unit_m1_fits_a_nonlinear_target() {
         let keys = [number("learning_rate", 0.01), whole("epochs", 100), whole("lbfgs_epochs", 400)];
         let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
         let found = fitted_to(&bent(), "m1", &keys).residual_std;

@@ -35,7 +35,7 @@ mod tests {
     use crate::fit::testing::{bent, fitted_to, number, whole, words};
 
     #[test]
-    fn law_it_explains_a_target_that_bends() {
+    fn unit_m2a_fits_a_nonlinear_target() {
         let keys = [
             words("linear", &["a", "b", "c"]),
             number("learning_rate", 0.01),

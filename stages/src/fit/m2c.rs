@@ -42,7 +42,7 @@ mod tests {
     use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, bent, fitted_to, number, plain, whole, words};
 
     #[test]
-    fn law_it_explains_a_target_that_bends() {
+    fn unit_m2c_fits_a_nonlinear_target() {
         let keys = [
             words("linear", &["a", "b", "c"]),
             number("learning_rate", 0.01),
@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_unit_of_a_linear_term_does_not_matter() {
+    fn unit_the_unit_of_a_linear_term_does_not_matter() {
         let scaled_by = |factor: f64| {
             let mut lines = bent();
             for line in &mut lines {
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn law_of_a_linear_target_the_coefficients_stay() {
+    fn unit_coefficients_of_a_linear_target_are_kept() {
         let keys = [words("linear", &["a", "b", "c"]), number("lambda", 0.0), whole("epochs", 20)];
         let unfiltered = [number("linear_low_hz", 0.0), number("linear_high_hz", 0.0)];
         let found = fitted_to(&plain(INTERCEPT_NT), "m2c", &[&keys[..], &unfiltered].concat());

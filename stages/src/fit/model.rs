@@ -261,7 +261,7 @@ macro_rules! model {
             /// The declaration.
             pub const MODEL: $crate::fit::FitModelDecl = {
                 fn docs() -> Vec<schemas::ParamDoc> {
-                    // A name in `takes` that is no key of the stage does not compile.
+                    // A name in `takes` that is not a key of the stage does not compile.
                     let _ = |fit: &$crate::fit::Fit| { let _ = fit; $( let _ = &fit.$setting; )* };
                     <$Ty as schemas::Params>::docs(&schemas::ChoiceRegistry::default())
                 }
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn law_every_model_is_read_by_its_name_and_declares_keys_of_the_stage() {
+    fn unit_every_model_is_read_by_name() {
         let entry = crate::fit::entry(MODELS.to_vec());
         let params: Vec<&str> = entry.params.iter().map(|p| p.name).collect();
         for model in MODELS {
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_key_holds_what_the_model_takes_and_no_more() {
+    fn unit_the_key_holds_only_parameters_that_the_model_uses() {
         let pls = keys("pls", &[]);
         assert!(["model", "target", "components", "scaling", "low_hz"].iter().all(|k| pls.contains(k)), "{pls:?}");
         assert!(!["lambda", "l1_ratio", "loss", "forgetting", "lambdas"].iter().any(|k| pls.contains(k)), "{pls:?}");
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_a_key_of_another_model_names_its_owners() {
+    fn gold_a_key_of_another_model_is_rejected_with_its_owners() {
         let why = |model: &str, key: &str| stage(model, &[]).unwrap().idle(key).map(|f| f.what).unwrap_or_default();
         assert_eq!(why("tolles_lawson", "l1_ratio"), "`l1_ratio` belongs to `elastic_net`");
         assert_eq!(why("ridge", "components"), "`components` belongs to `pls` and `truncated_svd`");
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_key_of_another_model_changes_nothing() {
+    fn unit_a_key_of_another_model_changes_nothing() {
         let others =
             [number("lambda", 0.0), number("l1_ratio", 0.1), number("forgetting", 0.95), number("whiten", 2.0)];
         let [plain, more] = [&others[..0], &others[..3]].map(|keys| fitted("pls", keys).value);

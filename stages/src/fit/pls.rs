@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn law_more_components_leave_less() {
+    fn law_more_components_reduce_the_residual() {
         let one = fitted("pls", &[whole("components", 1)]);
         let fewer = fitted("pls", &[whole("components", 2)]);
         assert!(one.residual_std > fewer.residual_std && fewer.residual_std > 0.0);

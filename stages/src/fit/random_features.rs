@@ -80,7 +80,7 @@ mod tests {
     use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, bent, fitted_to, flag, number, plain, whole, worked};
 
     #[test]
-    fn law_they_explain_a_target_that_bends() {
+    fn unit_random_features_fit_a_nonlinear_target() {
         let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
         let found = fitted_to(&bent(), "random_features", &[whole("random_features", 100)]);
         assert!(found.residual_std < 0.02 * straight, "{} {straight}", found.residual_std);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_linear_target_is_left_to_the_linear_model() {
+    fn unit_the_linear_part_fits_a_linear_target() {
         let found = fitted_to(&plain(INTERCEPT_NT), "random_features", &[whole("random_features", 20)]);
         let of = |name: &str| found.value[found.term.iter().position(|t| t == name).unwrap()];
         for (j, truth) in COEFFICIENTS.into_iter().enumerate() {
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_constant_target_is_refused() {
+    fn unit_a_constant_target_is_rejected() {
         let lines: Vec<_> = plain(0.0)
             .into_iter()
             .map(|line| {

@@ -78,7 +78,7 @@ mod tests {
     use crate::fit::testing::{COEFFICIENTS, fitted_to, number, plain, word};
 
     #[test]
-    fn law_the_truth_is_recovered_from_a_weak_beginning_with_and_without_forgetting() {
+    fn law_the_truth_is_recovered_with_and_without_forgetting() {
         for forgetting in [1.0, 0.99] {
             let keys = [number("lambda", 1e-6), number("forgetting", forgetting), word("scaling", "none")];
             let found = fitted_to(&plain(0.0), "recursive_least_squares", &keys).value;

@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// Normal numbers of a generator that has nothing in common with the one of the numerics.
+    /// Normal numbers of a generator that is independent of the one in `numerics`.
     struct Noise(u64);
 
     impl Noise {
@@ -186,9 +186,9 @@ mod tests {
         }
     }
 
-    /// The scatter of the coefficients of many calibrations over the one sigma that they claim: the root of the ratio
-    /// of mean squares, since the mean of squared ratios is that of Student's distribution. The noise of a sample is
-    /// `memory` times the one before and a new number.
+    /// Ratio of the scatter of the coefficients of many calibrations to their computed standard deviation: the root of
+    /// the ratio of mean squares, because the mean of squared ratios follows Student's distribution. The noise of a
+    /// sample is `memory` times that of the sample before, plus a new number.
     fn scatter_over_claimed(memory: f64, keys: &[(String, schemas::Literal)]) -> f64 {
         let (calibrations, rows) = (120, 3000);
         let wave = |f: f64| sampled(0.0, 10.0, rows, move |t| (std::f64::consts::TAU * f * t).sin());
@@ -215,17 +215,17 @@ mod tests {
     }
 
     #[test]
-    fn law_coefficients_scatter_as_they_claim_with_and_without_a_filter_and_in_coloured_noise() {
+    fn law_coefficient_scatter_equals_the_computed_standard_deviation() {
         let band = [number("low_hz", 0.1), number("high_hz", 0.9)];
         for (memory, keys) in [(0.0, &band[..]), (0.0, &[]), (0.95, &band[..]), (0.95, &[])] {
             let found = scatter_over_claimed(memory, keys);
-            // With independent samples assumed: 2.5 behind the filter, 6 in the coloured noise.
+            // Under the assumption of independent samples: 2.5 after the filter, 6 in coloured noise.
             assert!((0.9..1.1).contains(&found), "{memory} {}: {found}", keys.len());
         }
     }
 
     #[test]
-    fn unit_a_fit_that_is_too_wide_for_errors_is_noted() {
+    fn unit_a_note_reports_too_many_columns_for_errors() {
         let notes = |model: &str, wide: usize| {
             let names = (0..wide).map(|k| format!("a{k}")).collect();
             let columns = vec![
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_strong_penalty_leaves_the_mean_alone() {
+    fn law_a_strong_penalty_leaves_only_the_mean() {
         let found = fitted("ridge", &[number("lambda", 1e15)]);
         assert!(found.value[..3].iter().all(|b| b.abs() < 1e-6), "{:?}", found.value);
         assert_eq!(found.chosen, 1e15);

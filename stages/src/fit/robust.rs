@@ -1,4 +1,4 @@
-//! Regression that spikes do not spoil.
+//! Regression that is insensitive to spikes.
 
 use numerics::regression::{
     least_squares::{ColumnScaling, ScaledFactor},
@@ -106,7 +106,7 @@ mod tests {
     use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, fitted_to, number, spiked, word};
 
     #[test]
-    fn law_spikes_do_not_move_it_as_they_move_least_squares() {
+    fn unit_spikes_affect_it_less_than_least_squares() {
         let truth = || COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
         let off = |found: &[f64]| found.iter().zip(truth()).map(|(a, b)| ((a - b) / b).abs()).fold(0.0, f64::max);
         let squares = fitted_to(&spiked(), "ridge", &[number("lambda", 0.0)]).value;

@@ -1,4 +1,4 @@
-//! A small fit for the tests of models: two lines of three features whose coefficients are known.
+//! A small fit for the tests of models: two lines of three features with known coefficients.
 
 use std::{
     ops::ControlFlow,
@@ -21,15 +21,15 @@ const ROWS: usize = 200;
 pub struct FitOutput {
     /// The terms.
     pub term: Vec<String>,
-    /// Reasons to distrust it.
+    /// Warning about the fit.
     pub warning: String,
-    /// The coefficients, the intercept last where there is one.
+    /// The coefficients; an intercept is last.
     pub value: Vec<f64>,
-    /// One sigma of each.
+    /// Standard deviation of each coefficient.
     pub std: Vec<f64>,
     pub residual_std: f64,
     pub chosen: f64,
-    /// How many rows were used.
+    /// Number of rows used.
     pub rows: f64,
 }
 
@@ -58,22 +58,22 @@ pub fn plain(constant_nt: f64) -> Vec<RecordBatch> {
     lines(&|_, exact| exact + constant_nt)
 }
 
-/// The same with a spike of 500 nT in every twentieth row.
+/// [`plain`] lines with a spike of 500 nT in every twentieth row.
 pub fn spiked() -> Vec<RecordBatch> {
     lines(&|row, exact| exact + INTERCEPT_NT + if row % 20 == 7 { 500.0 } else { 0.0 })
 }
 
-/// The same, of a target that bends: no linear model explains it.
+/// [`plain`] lines with a nonlinear target, which no linear model fits.
 pub fn bent() -> Vec<RecordBatch> {
     lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
 
-/// The first of the bent lines as another aircraft has it: its fields are larger, and it has another constant.
+/// The first of the bent lines on another aircraft, with larger fields and another constant.
 pub fn another() -> Vec<RecordBatch> {
     lines(&|_, exact| 1.1 * exact + 700.0 + 17.0 * (exact / 8.0).tanh())[..1].to_vec()
 }
 
-/// The same, of a target that lags the features by half a second.
+/// [`plain`] lines with a target that lags the features by half a second.
 pub fn delayed() -> Vec<RecordBatch> {
     let late = |line: RecordBatch| {
         let y = line.column(1).as_primitive::<Float64Type>().values().to_vec();
@@ -107,7 +107,7 @@ fn line(phase: f64, target: &dyn Fn(usize, f64) -> f64) -> RecordBatch {
     .unwrap()
 }
 
-/// The stage `fit` with `model` and `keys`, of the features `a`, `b` and `c`, without a filter.
+/// The stage `fit` with `model` and `keys`, for the features `a`, `b` and `c`, without a filter.
 pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fault>> {
     let features = Literal::List(["a", "b", "c"].map(|name| Literal::Text(name.to_owned())).to_vec());
     let usual = [word("model", model), word("target", "y"), ("features".to_owned(), features)];
@@ -125,12 +125,12 @@ pub struct InterruptMonitor {
 }
 
 impl InterruptMonitor {
-    /// Stops after `after` reports, and begins with a stored state.
+    /// Monitor that stops after `after` reports and starts from a stored state.
     pub fn after(after: usize, kept: Option<Vec<u8>>) -> Self {
         Self { after, kept: Mutex::new(kept), told: Mutex::default() }
     }
 
-    /// The state that was kept last.
+    /// The last saved state.
     pub fn state(&self) -> Option<Vec<u8>> {
         self.kept.lock().unwrap().clone()
     }
@@ -167,7 +167,7 @@ pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)])
     worked(lines, model, keys, &NullMonitor).unwrap()
 }
 
-/// A fit to these lines that keeps and says what it does.
+/// A fit to these lines with a monitor of its state and progress.
 pub fn worked(
     lines: &[RecordBatch],
     model: &str,
@@ -177,7 +177,7 @@ pub fn worked(
     begun(lines, model, keys, &[], work)
 }
 
-/// A fit that begins with the model of another.
+/// A fit with a warm start from another model.
 pub fn begun_with(
     first: &FitOutput,
     lines: &[RecordBatch],

@@ -32,7 +32,7 @@ mod tests {
     use schemas::NullMonitor;
 
     #[test]
-    fn law_it_is_m2b_with_eleven_units() {
+    fn unit_tlnn_equals_m2b_with_eleven_units() {
         let keys = [words("linear", &["a", "b"]), whole("epochs", 3)];
         let eleven = ("hidden".to_owned(), schemas::Literal::List(vec![schemas::Literal::Int(11)]));
         let one = fitted_to(&bent(), "tlnn", &keys);
@@ -41,7 +41,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_without_terms_of_tolles_and_lawson_it_asks_for_them() {
+    fn unit_missing_tolles_lawson_terms_are_requested() {
         let fault = worked(&bent(), "tlnn", &[], &NullMonitor).err().unwrap();
         assert_eq!(fault.param.as_deref(), Some("linear"), "{fault}");
     }

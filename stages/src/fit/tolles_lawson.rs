@@ -25,14 +25,14 @@ mod tests {
     use crate::fit::testing::{COEFFICIENTS, fitted, flag, number, word};
 
     #[test]
-    fn law_the_truth_is_recovered_with_a_constant_which_is_left_out_unless_asked_for() {
+    fn unit_the_truth_is_recovered_with_an_optional_constant() {
         let found = fitted("tolles_lawson", &[number("lambda", 0.0), flag("intercept", true)]).value;
         assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-9 * b.abs()), "{found:?}");
         assert_eq!(fitted("tolles_lawson", &[number("lambda", 0.0)]).value.len(), 3);
     }
 
     #[test]
-    fn law_it_is_the_ridge_of_columns_as_they_are() {
+    fn unit_the_fit_equals_the_ridge_of_unscaled_columns() {
         let one = fitted("tolles_lawson", &[number("lambda", 0.3)]);
         let other = fitted("ridge", &[number("lambda", 0.3), word("scaling", "none"), flag("intercept", false)]);
         assert_eq!(one.value, other.value);

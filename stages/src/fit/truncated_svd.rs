@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn law_more_components_than_features_are_all_of_them() {
+    fn unit_more_components_than_features_use_all_components() {
         let [all, more] = [3, 50].map(|n| fitted("truncated_svd", &[whole("components", n)]));
         assert_eq!((all.value, more.chosen), (more.value, 3.0));
     }

@@ -53,7 +53,7 @@ fn near(found: &[f64], truth: &[f64], part: f64) {
 }
 
 #[test]
-fn law_a_linear_model_of_sines_has_the_importance_worked_out_by_hand() {
+fn law_importance_of_a_linear_model_of_sines_is_exact() {
     // Twice the variance, 25/2 and 4/2; the mean absolute sine is 2/π.
     near(&run(&importance(ImportanceMethod::Permutation), &TERMS).unwrap().1, &[25.0, 4.0, 0.0], 0.08);
     let mean = 2.0 / std::f64::consts::PI;
@@ -67,7 +67,7 @@ fn law_a_linear_model_of_sines_has_the_importance_worked_out_by_hand() {
 }
 
 #[test]
-fn unit_a_group_holds_all_entries_that_its_name_begins() {
+fn unit_a_group_holds_all_entries_with_its_prefix() {
     let grouped = Importance { groups: vec!["cur".into()], ..importance(ImportanceMethod::Permutation) };
     let (names, values) = run(&grouped, &TERMS).unwrap();
     assert_eq!(names, ["cur", "vol"]);
@@ -101,7 +101,7 @@ fn unit_trees_are_explained_exactly_and_have_no_gradient() {
 }
 
 #[test]
-fn unit_what_cannot_be_explained_is_told_with_its_parameter() {
+fn unit_invalid_inputs_are_reported_with_their_parameter() {
     let long = Importance { block_s: 400.0, ..importance(ImportanceMethod::Permutation) };
     let fault = run(&long, &TERMS).err().unwrap();
     assert!(fault.what.contains("fewer than two blocks") && fault.param.as_deref() == Some("block_s"), "{fault}");
@@ -117,7 +117,7 @@ fn unit_what_cannot_be_explained_is_told_with_its_parameter() {
     assert!(stage.idle("block_s").is_some() && stage.idle("groups").is_none());
 }
 
-/// The lists of a method that explains samples: values, inputs, by group.
+/// The lists of a method that explains samples: values and inputs, by group.
 fn samples(stage: &Importance, terms: &[(&str, f64)]) -> [Vec<Vec<f64>>; 2] {
     let fitted = stage.prepare(&[line().inputs[0].slice(0, 0), model(terms)]).unwrap();
     let made = stage.run(&line(), &fitted).unwrap();
@@ -129,12 +129,12 @@ fn samples(stage: &Importance, terms: &[(&str, f64)]) -> [Vec<Vec<f64>>; 2] {
 }
 
 #[test]
-fn law_the_kept_samples_of_a_linear_model_are_its_terms_about_their_means() {
+fn law_shapley_values_of_a_linear_model_are_its_centred_terms() {
     let [values, inputs] = samples(&importance(ImportanceMethod::Shapley), &TERMS);
     assert_eq!((values.len(), values[0].len()), (3, 20));
     for (slope, (values, inputs)) in [5.0, -2.0, 0.0].into_iter().zip(values.iter().zip(&inputs)) {
-        // A Shapley value of a linear model is slope times (input - mean of the background), so that values differ as
-        // inputs.
+        // A Shapley value of a linear model is slope times (input - mean of the background), so differences of values
+        // are slope times differences of inputs.
         for pair in 1..20 {
             let (dv, dx) = (values[pair] - values[0], inputs[pair] - inputs[0]);
             assert!((dv - slope * dx).abs() < 1e-9, "{dv} {dx}");
@@ -145,7 +145,7 @@ fn law_the_kept_samples_of_a_linear_model_are_its_terms_about_their_means() {
     let [values, inputs] = samples(&grouped, &TERMS);
     assert!(values[0].iter().all(|v| v.is_finite()) && inputs[0].iter().all(|x| x.is_nan()));
     assert!(inputs[1].iter().all(|x| x.is_finite()));
-    // Fewer samples than are to be kept.
+    // Fewer samples than `kept_samples`.
     let few = Importance { samples: 5, kept_samples: 3, ..importance(ImportanceMethod::Shapley) };
     assert_eq!(samples(&few, &TERMS)[0][0].len(), 3);
     let none = Importance { kept_samples: 0, ..importance(ImportanceMethod::Shapley) };
@@ -153,7 +153,7 @@ fn law_the_kept_samples_of_a_linear_model_are_its_terms_about_their_means() {
 }
 
 #[test]
-fn law_the_best_sparse_linear_model_has_the_larger_parts() {
+fn law_the_best_sparse_linear_model_keeps_the_larger_terms() {
     // Sines of amplitudes 5 and 2 have deviations of 5/√2 and 2/√2.
     let deviation = std::f64::consts::FRAC_1_SQRT_2;
     near(&run(&importance(ImportanceMethod::HardThresholding), &TERMS).unwrap().1, &[5.0 * deviation, 0.0, 0.0], 0.05);
@@ -164,7 +164,7 @@ fn law_the_best_sparse_linear_model_has_the_larger_parts() {
 }
 
 #[test]
-fn law_the_first_layer_of_a_network_by_hand() {
+fn law_first_layer_weights_agree_with_a_manual_calculation() {
     let network = [
         ("family network", 1.0),
         ("form m1", 1.0),

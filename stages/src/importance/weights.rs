@@ -181,7 +181,7 @@ impl Importance {
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
         let block = (self.block_s * rows.rate_hz).round().max(1.0) as usize;
         let blocks = PermutationBlocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
-        // As in the cross-validation of `fit`, the mean of the model's error is ignored.
+        // Ignores the mean of the model's error, as the cross-validation of `fit` does.
         let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)).map(|(y, f)| y - f).collect();
         let mean = statistics::mean(&missed).value;
         let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();

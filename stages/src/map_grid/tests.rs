@@ -8,7 +8,7 @@ use schemas::{LineInput, Literal, SpecEntries, SpecEntry, SurveyAggregator};
 
 use super::*;
 
-/// The stage with parameters as a spec gives them.
+/// The stage with parameters as in a spec.
 fn stage(args: &[(&str, Literal)]) -> MapGrid {
     let given = |(name, value): &(&str, Literal)| {
         ((*name).to_owned(), SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 })
@@ -63,7 +63,7 @@ fn grid(answer: Result<Vec<ArrayRef>, Fault>) -> AnomalyGrid {
 }
 
 #[test]
-fn law_points_of_a_field_become_its_map() {
+fn law_gridded_points_reproduce_the_field() {
     let level = stage(&[("spacing_m", Literal::Float(100.0)), ("level_m", Literal::Float(100.0))]);
     let surface = stage(&[("spacing_m", Literal::Float(100.0)), ("method", Literal::Text("minimum_curvature".into()))]);
     let mut answers = yielded(&[&level, &surface], &survey()).into_iter().map(grid);
@@ -80,13 +80,13 @@ fn law_points_of_a_field_become_its_map() {
                 sum = (sum.0 + (value - field_nt(east, north)).powi(2), sum.1 + 1.0);
             }
         }
-        // Lines are 200 m apart over waves of 4 km and more; the field is no potential field to the last digit.
+        // Lines are 200 m apart over waves of 4 km and more. The field is not exactly a potential field.
         assert!(sum.1 > 300.0 && (sum.0 / sum.1).sqrt() < 2.0, "{sum:?}");
     }
 }
 
 #[test]
-fn law_ties_show_which_lines_are_off() {
+fn law_tie_lines_reveal_biased_lines() {
     let mut lines: Vec<LineInput> =
         (0..15).map(|k| line(k, 200.0 * k as f64, if k == 7 { 30.0 } else { 0.0 })).collect();
     for tie in 0..4 {
@@ -124,7 +124,7 @@ fn law_ties_show_which_lines_are_off() {
 }
 
 #[test]
-fn law_the_error_to_be_expected_is_a_column() {
+fn unit_the_expected_error_is_a_column() {
     let stage = stage(&[("cross_validate", Literal::Int(3)), ("spacing_m", Literal::Float(200.0))]);
     let columns = yielded(&[&stage], &survey()).remove(0).unwrap();
     assert_eq!(columns.len(), 8);
@@ -142,7 +142,7 @@ fn law_the_error_to_be_expected_is_a_column() {
 }
 
 #[test]
-fn gold_what_cannot_be_gridded_says_why() {
+fn gold_invalid_surveys_are_rejected_with_the_reason() {
     let refused = |args: &[(&str, Literal)], lines: &[LineInput]| {
         let fault = yielded(&[&stage(args)], lines).remove(0).err();
         fault.map(|f| format!("{f} {}", f.help.clone().unwrap_or_default())).unwrap_or_default()

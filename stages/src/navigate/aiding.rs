@@ -129,7 +129,7 @@ impl Aiding {
         let (mut due_s, mut expected, mut found) = (0.0, 0_usize, 0_usize);
         for (row, tt_s) in flown.ins.tt_s.iter().enumerate() {
             let at_s = tt_s - first_s;
-            // Half a microsecond takes up the rounding of time stamps.
+            // Half a microsecond allows for the rounding of time stamps.
             if at_s < due_s - 5e-7 || (lost_s..found_s).contains(&at_s) {
                 continue;
             }
@@ -179,7 +179,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_every_filter_that_gnss_aids_holds_the_position_until_it_is_lost() {
+    fn unit_gnss_bounds_the_error_of_every_aided_filter_until_its_loss() {
         let keys = "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 2.0\ngnss_interval_s = 5.0";
         for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf", "fixed_lag", "ekf_online_tl"] {
             let own = match filter {
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn law_gnss_comes_at_its_own_rate() {
+    fn unit_gnss_has_its_own_rate() {
         let fixes = |interval: &str| {
             let keys = format!("gnss_lost_s = [100.0, 200.0]\ngnss_interval_s = {interval}\nmag = 'mag_1_c'");
             run("ins_only", &keys).numbers("sd_n")
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_drift_of_gnss_is_rejected_in_every_filter_that_it_aids() {
+    fn unit_drifting_gnss_is_rejected_in_every_aided_filter() {
         let drawn = with(&flight(), "lat", |row, lat| lat + (row as f64 - 300.0).max(0.0) / 111_130.0);
         let keys = "mag = 'mag_1_c'\ngnss_lost_s = [1e6, 1e6]\ngnss_sigma_m = 2.0";
         for filter in ["ekf", "ins_only", "ukf", "ekf_adaptive", "fixed_lag"] {
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_noise_is_added_where_it_is_asked_for() {
+    fn unit_requested_noise_is_added() {
         let keys = "mag = 'mag_1_c'\ngnss_lost_s = [1e6, 1e6]\ngnss_sigma_m = 2.0";
         let of = |more: &str| run("ins_only", &format!("{keys}{more}")).numbers("lat");
         let (none, some) = (of(""), of("\ngnss_noise = true"));
@@ -243,12 +243,12 @@ mod tests {
         let blind = with(&flight(), "lat", |_, _| f64::NAN);
         let fault = flown("ekf", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]", &blind).unwrap_err();
         assert!(fault.what.contains("none of the 300 samples has a position"), "{fault:?}");
-        // Lost from the first sample on there is nothing to expect.
+        // After a loss at the first sample no fixes are expected.
         assert!(flown("ekf", "mag = 'mag_1_c'\ngnss_lost_s = [0.0, 1e6]", &blind).is_ok());
     }
 
     #[test]
-    fn unit_two_lists_are_one_and_all_faults_are_told() {
+    fn unit_lists_are_merged_and_all_faults_are_reported() {
         let of = |names: &[&str]| Ok(names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
         assert_eq!(both(of(&["a", "b"]), of(&["b", "c"])).unwrap(), ["a", "b", "c"]);
         let fault = |what: &str| Err(vec![Fault::new(what)]);

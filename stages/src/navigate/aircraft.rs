@@ -105,7 +105,7 @@ impl AircraftModelKeys {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
         let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
-        // The coefficients that every calibration has.
+        // The coefficients that all calibrations contain.
         let known: Vec<usize> = (0..names.len())
             .filter(|i| !models.is_empty() && models.iter().all(|m| m.term(&names[*i]).is_some()))
             .collect();
@@ -167,7 +167,7 @@ impl AircraftModelKeys {
     }
 }
 
-/// Rejects models with several magnetometers: it is unknown which of them a model belongs to.
+/// Rejects models with several magnetometers, because a model does not identify its magnetometer.
 pub(super) fn one_with_models(flown: &FilterInput) -> Result<(), Fault> {
     if flown.magnetometers.len() > 1 && !flown.models.is_empty() {
         let what = "`model` requires a single magnetometer, but `mag` names several";
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_without_a_calibration_each_family_has_its_sigma() {
+    fn unit_uncalibrated_terms_have_the_sigma_of_their_family() {
         let prior = model().prior(&terms(&NAMES, 10.0), &[]).unwrap();
         assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 20.0]);
         assert_eq!(prior.mean, [0.0; 5]);
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_calibration_tells_its_terms_and_the_others_stay_cold() {
+    fn unit_a_calibration_sets_the_prior_of_its_terms_only() {
         let prior = model().prior(&terms(&NAMES, 10.0), &[calibration([30.0, 40.0])]).unwrap();
         assert_eq!(prior.mean, [40.0, 30.0, 0.0, 0.0, 0.0]);
         assert_eq!(prior.sigma(), [8.0, 6.0, 5000.0, 500.0, 20.0]);
@@ -241,12 +241,12 @@ mod tests {
     }
 
     #[test]
-    fn law_a_calibration_of_another_rate_is_converted_or_refused() {
+    fn unit_a_calibration_of_another_rate_is_converted_or_rejected() {
         let of = |rate_hz: Option<f64>| {
             let terms = ["zz_dot", "x"].map(str::to_owned).to_vec();
             CalibrationPrior { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
         };
-        // A difference at 1 Hz is ten times that at 10 Hz, so that its coefficient is a tenth.
+        // A difference at 1 Hz is ten times that at 10 Hz, so its coefficient is a tenth.
         let prior = model().prior(&terms(&NAMES, 1.0), &[of(Some(10.0))]).unwrap();
         assert_eq!((prior.mean[2], prior.mean[0]), (30.0, 40.0));
         let sigma = prior.sigma();
@@ -254,18 +254,18 @@ mod tests {
         let fault = model().prior(&terms(&NAMES, 1.0), &[of(None)]).unwrap_err();
         assert!(fault.what.contains("no `rate_hz`"), "{fault}");
         assert_eq!(fault.param.as_deref(), Some("model"));
-        // Terms that do not depend on the rate need none.
+        // Terms that do not depend on the rate require none.
         assert!(model().prior(&terms(&["x"], 1.0), &[of(None)]).is_ok());
         let per_second = AircraftTerms { sampling: RateDependence::default(), ..terms(&["zz_dot"], 1.0) };
         assert_eq!(model().prior(&per_second, &[]).unwrap().sigma(), [500.0], "a change per second has no rate");
     }
 
     #[test]
-    fn law_several_calibrations_tell_by_their_scatter() {
+    fn law_the_scatter_of_calibrations_gives_the_prior() {
         let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
         let prior = model().prior(&terms(&NAMES, 10.0), &several).unwrap();
         assert_eq!(prior.mean[..2], [42.0, 32.0]);
-        // Variances of 12 and 4 nT², widened by 4/3 for the mean and by 3 for being estimates, and by the factor.
+        // Variances of 12 and 4 nT², times 4/3 for the mean, times 3 because they are estimates, and times the factor.
         for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {
             assert!((sigma.powi(2) / (variance * 4.0 * 4.0) - 1.0).abs() < 1e-12, "{sigma}");
         }

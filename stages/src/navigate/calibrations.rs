@@ -32,7 +32,7 @@ impl CalibrationPrior {
         Ok(Self { terms, values_nt, sigmas_nt: floats(table, STD)?.to_vec(), rate_hz: rate_of(table) })
     }
 
-    /// Coefficient of a term and its standard deviation; `None` where the fit lacks the term.
+    /// Coefficient of a term and its standard deviation; `None` if the fit lacks the term.
     pub fn term(&self, name: &str) -> Option<(f64, f64)> {
         let at = self.terms.iter().position(|known| known == name)?;
         Some((self.values_nt[at], self.sigmas_nt[at]))

@@ -109,20 +109,21 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_the_bound_is_at_the_truth_and_below_a_filter() {
+    fn law_the_bound_is_at_the_truth_and_below_the_filter() {
         let (bound, ekf) = (run("crlb", "mag = 'mag_1_c'\nsave_state = true"), run("ekf", "mag = 'mag_1_c'"));
         assert!((0..ROWS).all(|row| bound.error_m(row) < 1e-6));
         assert!(!bound.has("x") && bound.numbers("p").len() == 324 * ROWS);
         let (north, east, both) = (bound.numbers("sd_n"), bound.numbers("sd_e"), bound.numbers("drms_bound"));
         assert!((0..ROWS).all(|row| both[row] == north[row].hypot(east[row])));
-        // The map is linearised somewhere else than at the truth, by some of the filter's error.
+        // The filter linearises the map at its estimate instead of the truth, which changes the standard deviation
+        // slightly.
         let (sd, ekf) = (bound.numbers("sd_n"), ekf.numbers("sd_n"));
         let (first, last, of_ekf) = (sd[0], sd[ROWS - 1], ekf[ROWS - 1]);
         assert!((last / of_ekf - 1.0).abs() < 0.5 && last < 0.5 * first, "{first} {last} {of_ekf}");
     }
 
     #[test]
-    fn law_positions_by_gnss_lower_the_bound() {
+    fn law_gnss_positions_lower_the_bound() {
         let free = run("crlb", "mag = 'mag_1_c'").numbers("sd_e");
         let aided = run("crlb", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 1.0").numbers("sd_e");
         assert!(aided[299] < 0.5 && aided[299] < free[299] && aided[ROWS - 1] > 2.0 * aided[299]);

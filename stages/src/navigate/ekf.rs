@@ -65,7 +65,7 @@ impl NavigationFilter for Ekf {
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
-        // One point has one answer.
+        // One point gives one result.
         Self::navigate_points(&[(self, flown)]).pop().unwrap_or_else(|| Err(Fault::bug("a point was lost")))
     }
 

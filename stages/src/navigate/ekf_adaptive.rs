@@ -182,7 +182,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_a_wrong_noise_is_learnt() {
+    fn unit_a_wrong_noise_is_corrected() {
         let noisy = with(&flight(), "mag_1_c", |row, nt| nt + 6.0 * (5.7 * row as f64).sin());
         for told in ["0.45", "45.0"] {
             let keys =
@@ -190,14 +190,15 @@ mod tests {
             let found = flown("ekf_adaptive", &keys, &noisy).unwrap();
             let late: Vec<f64> = found.numbers("sigma_adapted")[300..].to_vec();
             let mean = late.iter().sum::<f64>() / late.len() as f64;
-            // A wave of 6 nT and one of 1.4 nT: 4.4 nT together, and a learnt variance of 50 samples varies by a fifth.
+            // Amplitudes of 6 nT and 1.4 nT: 4.4 nT rms together. A variance estimated from 50 samples varies by a
+            // fifth.
             assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
         }
     }
 
     #[test]
-    fn law_a_noise_of_each_sample_adds_to_that_of_all() {
-        // 1.5 and 2 make 2.5; a sample without one has no measurement.
+    fn law_sample_noise_adds_to_the_common_noise() {
+        // 1.5 and 2 combine to 2.5; a sample without its noise has no measurement.
         let two = with(&flight(), "mag_2_c", |_, _| 2.0);
         for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "crlb"] {
             let one = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &two).unwrap();
@@ -213,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn law_each_magnetometer_has_its_own_noise() {
+    fn unit_each_magnetometer_has_its_own_noise() {
         let noisy = with(&flight(), "mag_2_c", |row, nt| nt + 20.0 * (5.7 * row as f64).sin());
         let found = flown("ekf_adaptive", "mag = ['mag_1_c', 'mag_2_c']", &noisy).unwrap();
         let of = |mag: &str| found.numbers(&format!("sigma_adapted_{mag}"))[500];
@@ -222,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_bounds_belong_to_the_measurement_noise() {
+    fn unit_bounds_are_relative_to_the_measurement_noise() {
         assert_refused("ekf_adaptive", "adapt = 'q'\nsigma_min_nt = 1.0", "no effect with");
         let fault = flown("ekf_adaptive", "sigma_min_nt = 5.0\nsigma_max_nt = 1.0\nmag = 'mag_1_c'", &flight());
         assert!(fault.unwrap_err().what.contains("sigma_max_nt"));

@@ -144,7 +144,7 @@ impl NavigationFilter for EkfOnlineNn {
         let sigma_nt: Vec<f64> = flown
             .sigma_nt
             .iter()
-            // `max` takes the other number for NaN, which is a missing measurement.
+            // `max` ignores NaN, which denotes a missing measurement.
             .map(|sigma| if sigma.is_nan() { *sigma } else { sigma.max(prior.misfit_nt) })
             .collect();
         // The bias of the network holds the offset.
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_trained_network_predicts_the_same_within_the_filter() {
+    fn unit_a_trained_network_predicts_the_same_within_the_filter() {
         let (made, table) = model(1);
         let (network, weights) =
             from_model(&table, &named(&["a", "constant", "b"]), 3, OnlineActivation::Swish).unwrap();
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_model_that_is_no_such_network_is_refused() {
+    fn unit_a_model_of_another_kind_is_rejected() {
         let (_, table) = model(1);
         let why = |table: &Fitted, names: &[&str], hidden: usize, activation: OnlineActivation| {
             from_model(table, &named(names), hidden, activation).unwrap_err().what
@@ -361,12 +361,12 @@ mod tests {
     }
 
     #[test]
-    fn law_the_network_learns_the_aircraft_and_the_filter_navigates() {
+    fn unit_the_network_learns_the_aircraft_field_and_bounds_the_error() {
         let keys = "mag = 'mag_1_uc'\nfeatures = 'attitude'\ngnss_lost_s = [300.0, 1e6]";
         let found = flown("ekf_online_nn", keys, &flight()).unwrap();
         assert_eq!((found.updates("missing"), found.updates("used")), (300, 300));
         assert!(found.error_m(299) < 5.0 && found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
-        // The same seed, the same weights; another seed, others.
+        // The same seed gives the same weights, another seed different ones.
         let again = flown("ekf_online_nn", keys, &flight()).unwrap();
         assert_eq!(found.numbers("lat"), again.numbers("lat"));
         let other = flown("ekf_online_nn", &format!("{keys}\nseed = 5\nsave_weights = true"), &flight()).unwrap();
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_missing_is_told() {
+    fn unit_missing_inputs_are_reported() {
         assert_refused("ekf_online_nn", "features = 'tl'", "`gnss_lost_s` is unset");
         assert_refused("ekf_online_nn", "features = 'tl'\ngnss_lost_s = [0.0, 100.0]", "`gnss_lost_s` is unset");
         assert_refused("ekf_online_nn", "features = 'tt'\ngnss_lost_s = [100.0, 1e6]", "not a list of features");

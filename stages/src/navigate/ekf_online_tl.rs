@@ -169,7 +169,7 @@ impl VectorMagnetometerBias<'_> {
 }
 
 impl EkfOnlineTl {
-    /// The bias to estimate, where it is asked for.
+    /// The bias to estimate, if requested.
     fn bias<'a>(&self, flown: &'a FilterInput, names: &[String]) -> Result<Option<VectorMagnetometerBias<'a>>, Fault> {
         let (Some(sigma_nt), Some([x, y, z])) = (self.flux_bias_sigma_nt, flown.field_nt) else { return Ok(None) };
         let terms = TermSelection::leading(names).map_err(|_| {
@@ -188,7 +188,7 @@ mod tests {
     use crate::{columns::floats, navigate::testing::*};
 
     #[test]
-    fn law_the_aircraft_is_found_from_nothing() {
+    fn unit_the_aircraft_field_is_found_without_a_calibration() {
         let found = run("ekf_online_tl", "mag = 'mag_1_uc'\nwalk_per_hour = 0.0");
         assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
         let flight = flight();
@@ -197,7 +197,7 @@ mod tests {
             40.0 * of("flux_d_x") - 25.0 * of("flux_d_y") + 30.0 * of("flux_d_z")
         };
         let field = found.numbers("aircraft");
-        // Up to a constant, which the temporal variation holds too.
+        // Up to a constant, which is not separable from the temporal variation.
         let change = |of: &dyn Fn(usize) -> f64| (400..ROWS).map(of).collect::<Vec<f64>>();
         let (found, truth) = (change(&|row| field[row]), change(&own));
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
@@ -207,22 +207,22 @@ mod tests {
     }
 
     #[test]
-    fn law_a_bias_of_the_vector_magnetometer_is_taken_off() {
-        // 400 nT along the nose turn the direction by half a degree, and the terms with it: 0.3 nT of 40.
+    fn unit_a_bias_of_the_vector_magnetometer_is_removed() {
+        // 400 nT along the nose turn the direction by half a degree and change the terms: 0.3 nT of 40.
         let keys = "mag = 'mag_1_uc'\nvector = 'flux_d'\nflux_bias_sigma_nt = 300.0\nwalk_per_hour = 0.0";
         let found = run("ekf_online_tl", keys);
         assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
         let plain = run("ekf_online_tl", "mag = 'mag_1_uc'\nwalk_per_hour = 0.0");
         let apart =
             found.numbers("lat").iter().zip(plain.numbers("lat")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        // The vector is exact, so that the bias is found to be none, and moves the position little.
+        // The vector is exact, so the estimated bias is near zero and hardly changes the position.
         assert!(apart > 0.0 && apart * 111_130.0 < 10.0, "{}", apart * 111_130.0);
         let wrong = flown("ekf_online_tl", &format!("{keys}\nbt_scale_nt = 1000.0"), &flight());
         assert!(wrong.is_ok(), "terms without products have no scale");
     }
 
     #[test]
-    fn unit_what_is_missing_is_told() {
+    fn unit_missing_inputs_are_reported() {
         assert_refused("ekf_online_tl", "terms = 'tt'", "not a list of terms");
         assert_refused("ekf_online_tl", "flux_bias_sigma_nt = 10.0", "requires `vector`");
         assert_refused("ekf_online_tl", "heading_error_sigma_nt = 10.0", "requires the direction");

@@ -34,8 +34,8 @@ use crate::columns::list;
 pub struct FilterInput<'a> {
     /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
-    /// Measured field in nT at each sample, minus the diurnal variation where it is removed; NaN where missing. It
-    /// contains the core field if and only if `core` is given. With several magnetometers, their mean.
+    /// Measured field in nT at each sample, minus the diurnal variation if it is removed; NaN if missing. It contains
+    /// the core field if and only if `core` is given. With several magnetometers, their mean.
     pub measured_nt: Vec<f64>,
     /// Standard deviation of the white noise of each of `measured_nt`, in nT.
     pub sigma_nt: Vec<f64>,
@@ -59,7 +59,7 @@ pub struct FilterInput<'a> {
     pub models: &'a [CalibrationPrior],
     /// The vector magnetometer under `vector`, in nT along nose, right and down.
     pub field_nt: Option<[&'a [f64]; 3]>,
-    /// The cosine of the angle between the scalar sensor's axis and that field; NaN where it is unknown.
+    /// The cosine of the angle between the scalar sensor's axis and that field; NaN if unknown.
     pub cosines: Option<Vec<f64>>,
     /// Factor on the standard deviation of each measurement for the attitude; NaN makes the measurement missing.
     pub noise_factors: Option<Vec<f64>>,
@@ -73,7 +73,7 @@ pub struct FilterInput<'a> {
     pub second_order: bool,
     /// The number of magnetometers in each of `measured_nt`.
     pub(super) counts: Vec<f64>,
-    /// Outcome of measurements that are withheld from the filter; empty where none is.
+    /// Outcome of measurements that are withheld from the filter; empty if there are none.
     pub(super) left_out: Vec<Option<UpdateOutcome>>,
     /// Estimated noise.
     pub(super) tuned: Option<LineNoiseEstimate>,
@@ -206,9 +206,9 @@ pub struct FilterTrack {
     pub sd_e_m: Vec<f64>,
     /// Covariance of the position errors north and east, in m².
     pub cov_ne_m2: Vec<f64>,
-    /// Innovation, in nT; NaN where no measurement was used.
+    /// Innovation, in nT; NaN if no measurement was used.
     pub residual_nt: Vec<f64>,
-    /// Normalised innovation squared; NaN where `residual_nt` is.
+    /// Normalised innovation squared; NaN if `residual_nt` is NaN.
     pub nis: Vec<f64>,
     /// Outcome of the measurement.
     pub update: Vec<UpdateOutcome>,
@@ -217,7 +217,7 @@ pub struct FilterTrack {
 }
 
 impl FilterTrack {
-    /// Track of a filter's output. The filter takes the states itself. `gate_nis` is its innovation gate.
+    /// Track of a filter's output. The filter adds the states itself. `gate_nis` is its innovation gate.
     ///
     /// # Errors
     /// When no measurement was used, or the offset is unknown.
@@ -298,21 +298,21 @@ pub fn state_columns() -> Vec<Column> {
 /// Arrays of [`state_columns`], taken from a filter's output.
 ///
 /// # Errors
-/// When they do not make a list column.
+/// If they do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
-    // The filter's own memory: a long flight's covariances take half a gigabyte.
+    // Moved out of the filter output, because the covariances of a long flight take half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));
     Ok(vec![list(x.into_flattened(), STATES)?, list(p.into_flattened().into_flattened(), STATES * STATES)?])
 }
 
 /// A filter with its keys.
 pub trait NavigationFilter: Any + Send + Sync {
-    /// Columns besides the track.
+    /// Columns in addition to the track.
     fn columns(&self, _flight: &FilterFlight) -> Vec<Column> {
         vec![]
     }
 
-    /// Columns that it reads besides the INS and `mag`.
+    /// Columns that it reads in addition to the INS and `mag`.
     ///
     /// # Errors
     /// When the flight lacks one or has it in another unit.
@@ -365,7 +365,7 @@ pub trait NavigationFilter: Any + Send + Sync {
         false
     }
 
-    /// Fault of a key that has no effect with the other keys; `None` where it has one.
+    /// Fault of a key that has no effect with the other keys; `None` if it has one.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -376,11 +376,11 @@ pub trait NavigationFilter: Any + Send + Sync {
     /// When the line cannot be filtered. The other lines are not affected.
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault>;
 
-    /// Filters one line at several points of a sweep that share the INS. Returns one answer per point, in order,
+    /// Filters one line at several points of a sweep that share the INS. Returns one result per point, in order,
     /// bit-identical to [`NavigationFilter::navigate`].
     ///
     /// # Errors
-    /// Each answer fails as [`NavigationFilter::navigate`].
+    /// Each result fails in the cases of [`NavigationFilter::navigate`].
     fn navigate_points(points: &[(&Self, &FilterInput)]) -> Vec<Result<FilterTrack, Fault>>
     where
         Self: Sized,
@@ -443,7 +443,7 @@ impl ChoiceKind for FilterDecl {
 /// [`NavigationFilter::navigate_points`] of the filters of type `F` among `points`.
 ///
 /// # Errors
-/// Each answer fails as [`NavigationFilter::navigate`].
+/// Each result fails in the cases of [`NavigationFilter::navigate`].
 #[doc(hidden)]
 pub fn navigate_points<F: NavigationFilter>(points: &[FilterPoint]) -> Vec<Result<FilterTrack, Fault>> {
     let mut ours: Vec<Option<(&F, &FilterInput)>> = vec![];

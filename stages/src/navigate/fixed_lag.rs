@@ -162,7 +162,7 @@ impl FixedLag {
         });
         let update: Vec<UpdateOutcome> = update.collect();
         let mut track = FilterTrack::from_output(flown, output.navigation, None)?;
-        // The residual stands at the first sample of an interval; the others are used all the same.
+        // The residual is at the first sample of an interval; the other samples are also used.
         track.update = update;
         let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
         track.more = (0..magnetometers).map(|mag| array(of(mag))).collect();
@@ -176,7 +176,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_the_aircraft_is_found_from_nothing() {
+    fn unit_the_aircraft_field_is_found_without_a_calibration() {
         let keys = "mag = 'mag_1_uc'\naircraft_sigma_nt = 0.0\nwindow_s = 200.0";
         let (now, later) = (run("fixed_lag", keys), run("fixed_lag", &format!("{keys}\nlag_s = 60.0")));
         for found in [&now, &later] {
@@ -188,8 +188,8 @@ mod tests {
     }
 
     #[test]
-    fn law_the_heading_error_of_the_sensor_is_found() {
-        // 30 nT times the cosine of the angle between the field and the nose, besides the aircraft's field.
+    fn unit_the_heading_error_of_the_sensor_is_found() {
+        // 30 nT times the cosine of the angle between the field and the nose, in addition to the aircraft field.
         let turned = with(&flight(), "mag_1_uc", |row, nt| nt + 30.0 * (0.2 + 0.25 * (row as f64 / 2.3).cos()));
         let keys = "mag = 'mag_1_uc'\naircraft_sigma_nt = 0.0\nwindow_s = 200.0\nvector = 'flux_d'\n\
                     heading_error_sigma_nt = 50.0";
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_keys_without_a_say_are_told() {
+    fn unit_keys_without_effect_are_reported() {
         assert_refused("fixed_lag", "loss_scale = 2.0", "no effect with `loss");
         assert_refused("fixed_lag", "aircraft_sigma_nt = 0.0\naircraft_tau_s = 9.0", "no effect");
         assert_refused("fixed_lag", "overlap = 1.0", "overlap");

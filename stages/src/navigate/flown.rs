@@ -42,7 +42,7 @@ impl CoreFieldCache {
     }
 }
 
-/// Filters the points. Returns one answer per point, in order.
+/// Filters the points. Returns one result per point, in order.
 pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
     let mut answers: Vec<Option<LineOutput>> = vec![];
     let mut flights: Vec<FilterPointGroup> = vec![];
@@ -104,11 +104,11 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
             }
         }
     }
-    // Every point has a fault or is of a flight.
+    // Every point has a fault or belongs to a group.
     answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
 }
 
-/// INS of a line, corrected where a filter starts from a fix.
+/// INS of a line, corrected if a filter starts from a fix.
 fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColumns<'a>, Fault> {
     let ins = InsColumns::from_batch(batch)?;
     ins.series().check().map_err(data)?;
@@ -195,8 +195,8 @@ fn flown<'a>(
 }
 
 impl FilterInput<'_> {
-    /// Averages the magnetometers at each sample where they have readings. Their predictions are equal, so the mean
-    /// loses no information on the position. The offset of each is subtracted before.
+    /// Averages the magnetometers at each sample with readings. Their predictions are equal, so the mean loses no
+    /// information on the position. The offset of each is subtracted before.
     fn combine(&mut self) -> Result<(), Fault> {
         let mut magnetometers = std::mem::take(&mut self.magnetometers);
         if magnetometers.len() > 1 && self.offset_window_s > 0.0 && self.map.is_some() {

@@ -1,5 +1,5 @@
-//! Measurements besides the scalar field: the difference of two magnetometers, the field vector, a height. Also the map
-//! error as a state, and samples where the map is too flat.
+//! Measurements in addition to the scalar field: the difference of two magnetometers, the field vector, a height. Also
+//! the map error as a state, and samples at which the map is too flat.
 
 use arrow_array::ArrayRef;
 use numerics::{
@@ -173,7 +173,7 @@ impl AuxiliaryMeasurements {
         Some(Fault::new(format!("`{key}` has no effect without `{owner}`")).of_param(key))
     }
 
-    /// Columns besides those of the filter.
+    /// Columns in addition to those of the filter.
     pub(super) fn columns(&self) -> Vec<Column> {
         let mut columns = vec![];
         if self.gradient.is_some() {
@@ -314,8 +314,8 @@ impl AuxiliaryMeasurements {
         more
     }
 
-    /// Track of the output of [`AuxiliaryMeasurements::filter`]. Its columns are: the nonlinearity of the map (where
-    /// `bend`), the states (where `states`), and those of [`AuxiliaryMeasurements::columns`].
+    /// Track of the output of [`AuxiliaryMeasurements::filter`]. Its columns are: the nonlinearity of the map (if
+    /// `bend`), the states (if `states`), and those of [`AuxiliaryMeasurements::columns`].
     pub(super) fn track(
         &self,
         flown: &FilterInput,

@@ -74,7 +74,7 @@ impl SensorGeometry {
         Ok(Some([x?, y?, z?]))
     }
 
-    /// The cosine of the angle between the sensor's axis and the field; NaN where the vector is unknown or zero.
+    /// The cosine of the angle between the sensor's axis and the field; NaN if the vector is unknown or zero.
     pub(super) fn cosines(&self, [x, y, z]: [&[f64]; 3]) -> Vec<f64> {
         let [a, b, c] = self.sensor_axis;
         let size = a.hypot(b).hypot(c);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_angle_is_that_of_two_vectors() {
+    fn law_the_angle_between_two_vectors_is_correct() {
         let (x, y, z) = ([3.0, 0.0, 0.0, 0.0, 1.0], [4.0, -7.0, 0.0, f64::NAN, 0.0], [0.0, 0.0, 0.0, 1.0, 1.0]);
         let cosines = geometry(DeadZones::None).cosines([&x, &y, &z]);
         assert_eq!((cosines[0], cosines[1], cosines[4]), (0.8, -1.0, 0.0));
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn law_noise_is_least_where_the_signal_is_largest() {
+    fn law_noise_is_smallest_at_the_largest_signal() {
         let of = |zones, deg: f64| geometry(zones).noise_factor(deg.to_radians().cos());
         for deg in [0.0_f64, 3.0, 45.0, 90.0] {
             assert_eq!(of(DeadZones::None, deg), 1.0);
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_missing_is_told() {
+    fn unit_missing_inputs_are_reported() {
         let axes = ["flux_a_x", "flux_a_y"].map(|name| schemas::Column::float(name, "nT", "")).to_vec();
         let shape = TableShape { columns: axes, rate_hz: None };
         let faults = geometry(DeadZones::Polar).faults(&shape, false);

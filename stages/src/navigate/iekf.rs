@@ -100,7 +100,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_with_one_iteration_it_is_the_ekf() {
+    fn law_one_iteration_equals_the_ekf() {
         let (one, ekf) = (run("iekf", "iterations = 1\nmag = 'mag_2_c'"), run("ekf", "mag = 'mag_2_c'"));
         for (column, unit) in [("lat", 1e-5), ("lon", 1e-5), ("sd_n", 1.0), ("residual", 1.0), ("nis", 1.0)] {
             for (row, (a, b)) in one.numbers(column).iter().zip(ekf.numbers(column)).enumerate() {
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn law_it_corrects_the_ins_and_hands_out_its_state() {
+    fn unit_it_corrects_the_ins_and_returns_its_state() {
         let found = run("iekf", "save_state = true\nmag = 'mag_1_c'");
         assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
         assert_eq!((found.numbers("x").len(), found.numbers("p").len()), (18 * ROWS, 324 * ROWS));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_keys_without_a_say_are_told() {
+    fn unit_keys_without_effect_are_reported() {
         assert_refused("iekf", "iterations = 1\ntolerance_m = 1.0", "no effect with `iterations = 1`");
         assert_refused("iekf", "iterations = 0", "iterations");
         assert_refused("iekf", "gnss_sigma_m = 1.0", "no effect without `gnss_lost_s`");

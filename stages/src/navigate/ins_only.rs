@@ -51,7 +51,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_the_track_is_the_ins_and_the_covariance_grows() {
+    fn unit_the_track_equals_the_ins_and_the_covariance_grows() {
         let found = run("ins_only", "");
         assert!(planned("ins_only", "mag = 'nowhere'").is_ok() && planned("ekf", "mag = 'nowhere'").is_err());
         // 10 m and 0.15 m/s north, 0.2 m/s east, after 599 s.
@@ -64,10 +64,10 @@ mod tests {
     }
 
     #[test]
-    fn law_gnss_holds_it_until_it_is_lost() {
+    fn unit_gnss_bounds_the_error_until_its_loss() {
         let found = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0");
         assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
-        // The drift is known by then, to a few millimetres a second.
+        // The drift is known at the loss, to a few millimetres a second.
         assert!(found.error_m(ROWS - 1) < 20.0, "{}", found.error_m(ROWS - 1));
         assert!(found.numbers("sd_n")[ROWS - 1] > found.numbers("sd_n")[399]);
         assert_refused("ins_only", "gnss_lost_s = [400.0, 300.0]", "recovered earlier");

@@ -162,7 +162,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_it_corrects_the_ins_and_tells_its_modes() {
+    fn unit_it_corrects_the_ins_and_returns_its_modes() {
         let found = run("mpf", "mag = 'mag_1_c'\nparticles = 500\nsave_modes = true");
         assert!(found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
         let effective = found.numbers("n_eff");
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_lost_aircraft_is_an_error() {
+    fn unit_a_lost_aircraft_is_an_error() {
         let elsewhere = with(&flight(), "mag_1_c", |row, nt| nt + 400.0 * (row as f64 / 9.0).sin());
         let fault = flown("mpf", "mag = 'mag_1_c'\nparticles = 200", &elsewhere).unwrap_err();
         assert!(fault.what.contains("the aircraft is lost") && fault.help.is_some(), "{fault:?}");

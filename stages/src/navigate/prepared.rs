@@ -56,8 +56,7 @@ const MOST_KEPT: usize = 8;
 const MOST_LEVELS: f64 = 24.0;
 
 impl MapHeightLevels {
-    /// Levels for a line between two heights, in m: none where the map's own height is close enough, one for level
-    /// flight.
+    /// Levels for a line between two heights, in m: none if the map's own height is close enough, one for level flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
         let Self { own_m, cell_m } = *self;
         let near = SAME_HEIGHT * cell_m;
@@ -66,7 +65,7 @@ impl MapHeightLevels {
             return None;
         }
         if high_m - low_m <= 2.0 * near {
-            // Lines of one height share a level.
+            // Lines of similar height share a level.
             return Some(vec![own_m + ((0.5 * (low_m + high_m) - own_m) / near).round() * near]);
         }
         let spacing_m = (SPACING * cell_m).max((high_m - low_m) / (MOST_LEVELS - 2.0));
@@ -76,10 +75,10 @@ impl MapHeightLevels {
 }
 
 impl NavigationMaps {
-    /// The map of a table for a navigation.
+    /// Prepares the map of a table for a navigation.
     ///
     /// # Errors
-    /// Fails as [`field_map`] and [`MapErrors::new`].
+    /// Fails in the cases of [`field_map`] and [`MapErrors::new`].
     pub(super) fn new(table: &RecordBatch, stage: &Navigate) -> Result<Self, Fault> {
         let has_own_error = stage.takes_map_error(table);
         let mut maps = Self {
@@ -101,7 +100,7 @@ impl NavigationMaps {
     /// Map for a line at these heights, in m above the ellipsoid.
     ///
     /// # Errors
-    /// Fails as [`field_map`].
+    /// Fails in the cases of [`field_map`].
     pub(super) fn for_heights(&self, alt_m: &[f64]) -> Result<Arc<NavigationMap>, Fault> {
         let finite = || alt_m.iter().copied().filter(|alt| alt.is_finite());
         let (low_m, high_m) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
@@ -147,7 +146,7 @@ mod tests {
         assert!(levels[0] <= 590.0 && *levels.last().unwrap() >= 701.0, "{levels:?}");
         assert!(levels.windows(2).all(|pair| (pair[1] - pair[0] - 25.0).abs() < 1e-9), "{levels:?}");
         assert!(MAP.levels_m(600.0, 6000.0).unwrap().len() <= 25);
-        // Downward by more than a cell would be noise.
+        // Downward continuation by more than a cell would amplify noise.
         assert_eq!(MAP.levels_m(390.0, 420.0), None);
         assert!(MAP.levels_m(420.0, 440.0).is_some());
         assert_eq!(MAP.levels_m(f64::INFINITY, f64::NEG_INFINITY), None);

@@ -134,7 +134,7 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_a_smoother_knows_more_than_a_filter_but_at_the_end() {
+    fn law_a_smoother_is_more_accurate_than_a_filter_except_at_the_end() {
         let (smoothed, filtered) = (run("rts", "mag = 'mag_1_c'"), run("ekf", "mag = 'mag_1_c'"));
         let sum = |of: &NavigateOutput| (0..ROWS).map(|row| of.error_m(row).powi(2)).sum::<f64>();
         assert!(sum(&smoothed) < 0.5 * sum(&filtered), "{} {}", sum(&smoothed), sum(&filtered));
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_outlier_draws_little_with_a_robust_loss() {
+    fn unit_an_outlier_has_little_effect_with_a_robust_loss() {
         let spiked = with(&flight(), "mag_1_c", |row, nt| if row % 20 == 7 { nt + 80.0 } else { nt });
         let error = |loss: &str| {
             let found = flown("rts", &format!("loss = '{loss}'\nmag = 'mag_1_c'"), &spiked).unwrap();
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_keys_without_a_say_are_told() {
+    fn unit_keys_without_effect_are_reported() {
         assert_refused("rts", "loss_scale = 2.0", "no effect with `loss = \"none\"`");
         assert_refused("rts", "iterations = 1\ntolerance_m = 1.0", "no effect with `iterations = 1`");
         assert_refused("rts", "loss = 'tukey'", "tukey");

@@ -165,7 +165,7 @@ impl NavigationFilter for Slam {
             "fit_window_s" if self.hyperparameters == HyperparameterSource::Fixed => {
                 belongs("`hyperparameters = \"fitted\"`")
             }
-            // `length_m` and `sigma_n_nt` are where the search starts.
+            // `length_m` and `sigma_n_nt` are the start of the search.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
                 belongs("`hyperparameters = \"fixed\"`")
             }
@@ -197,7 +197,7 @@ impl NavigationFilter for Slam {
             return Err(Fault::data(what).help(help));
         }
         let mut track = FilterTrack::with_any(flown, output.navigation, self.gate_nis);
-        // There is no map to be off.
+        // Without a map, no position is off the map.
         track
             .update
             .iter_mut()
@@ -227,7 +227,7 @@ fn smoothing(report: &SlamReport) -> &'static str {
 
 impl Slam {
     /// # Errors
-    /// When `smooth_sigma_nt` is set and the filter assumes no white noise.
+    /// If `smooth_sigma_nt` is set and the filter assumes no white noise.
     fn parameters(&self, flown: &FilterInput) -> Result<SlamParameters, Fault> {
         let noise_factor = match self.smooth_sigma_nt {
             Some(sigma_nt) if flown.measurement_sigma_nt > 0.0 => sigma_nt / flown.measurement_sigma_nt,
@@ -273,9 +273,9 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_without_a_revisit_the_track_is_the_ins() {
+    fn unit_without_a_revisit_the_track_equals_the_ins() {
         let (found, ins) = (run("slam", "mag = 'mag_1_c'\nparticles = 20"), run("ins_only", "mag = 'mag_1_c'"));
-        // The mean of the particles' paths: a few of the standard deviations of their mean.
+        // The mean of the particles' paths: within a few standard errors.
         let apart = (found.error_m(ROWS - 1) - ins.error_m(ROWS - 1)).abs();
         assert!(apart < 5.0 * ins.numbers("sd_n")[ROWS - 1] / 20_f64.sqrt(), "{apart}");
         assert_eq!(found.updates("used"), 0);
@@ -283,11 +283,11 @@ mod tests {
     }
 
     #[test]
-    fn law_gnss_holds_it_until_it_is_lost() {
+    fn unit_gnss_bounds_the_error_until_its_loss() {
         let keys = "mag = 'mag_1_c'\nparticles = 300\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0";
         let (found, aided) = (run("slam", keys), run("ins_only", &keys.replace("particles = 300\n", "")));
         assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
-        // Nothing revisits, so that it is the Kalman filter of the INS and GNSS.
+        // Without revisits the filter equals the Kalman filter of INS and GNSS.
         let (ours, exact) = (found.numbers("sd_n"), aided.numbers("sd_n"));
         for row in [100, 399, 500, ROWS - 1] {
             assert!((ours[row] / exact[row] - 1.0).abs() < 1e-6, "{row} {} {}", ours[row], exact[row]);
@@ -298,13 +298,13 @@ mod tests {
     }
 
     #[test]
-    fn law_smoothed_and_without_a_revisit_the_track_is_the_ins_with_gnss() {
+    fn unit_smoothed_and_without_a_revisit_the_track_equals_the_aided_ins() {
         let keys = "mag = 'mag_1_c'\nparticles = 20\nsmooth = true\nsmooth_measurements = 60\nmeasurement_sigma_nt = 1e5\n\
                     hyperparameters = 'fixed'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 3.0";
         let found = run("slam", keys);
         let aided = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 3.0");
         assert!(found.words("smoothing").iter().all(|word| word == "converged"));
-        // The last sample, where a smoother knows what a filter does.
+        // The last sample, where smoother and filter have the same information.
         let (ours, exact) = (found.numbers("sd_n")[ROWS - 1], aided.numbers("sd_n")[ROWS - 1]);
         assert!((ours / exact - 1.0).abs() < 0.02, "{ours} {exact}");
         assert!((found.error_m(ROWS - 1) - aided.error_m(ROWS - 1)).abs() < 0.3);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_keys_without_a_say_are_told() {
+    fn unit_keys_without_effect_are_reported() {
         assert_refused("slam", "smooth_measurements = 300", "smooth = true");
         assert_refused("slam", "smooth_sigma_nt = 1.0", "smooth = true");
         assert_refused("slam", "trigger_points = 3", "regression");

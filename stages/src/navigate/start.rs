@@ -168,7 +168,7 @@ impl Navigate {
             StartSource::Alignment => {
                 let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
                 let age_s = first_s - aligned;
-                // Half a millisecond takes up the rounding of time stamps.
+                // Half a millisecond allows for the rounding of time stamps.
                 if !(-5e-4..=LONGEST_AGE_S).contains(&age_s) {
                     let what = format!("the INS was aligned at {aligned} s, but the line begins at {first_s} s");
                     let help = "give both in seconds past midnight UTC of the day of take-off";

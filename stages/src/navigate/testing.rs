@@ -49,10 +49,10 @@ pub(super) fn map() -> RecordBatch {
     RecordBatch::try_from_iter(columns.collect::<Vec<_>>()).unwrap()
 }
 
-/// Ten minutes northward at 55 m/s, a sample a second. The INS is off by 10 m and 0.15 m/s north, and by 0.2 m/s east.
-/// `mag_1_c` and `mag_2_c` are the field and noise of 1 nT, of which the second has a gap; `mag_1_uc` has the
-/// aircraft's field too, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down,
-/// and 12 nT. `tl` are its terms, `attitude` two features that tell the direction.
+/// Ten minutes northward at 55 m/s, one sample per second. The INS has errors of 10 m and 0.15 m/s north, and of 0.2
+/// m/s east. `mag_1_c` and `mag_2_c` are the field and noise of 1 nT; the second has a gap. `mag_1_uc` also contains
+/// the aircraft field, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down, and
+/// 12 nT. `tl` holds its terms, `attitude` two features of the direction.
 pub(super) fn flight() -> RecordBatch {
     let t: Vec<f64> = (0..ROWS).map(|k| k as f64).collect();
     let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { t.iter().map(|t| f(*t)).collect() };
@@ -128,7 +128,7 @@ impl NavigateOutput {
         self.column(name).as_string::<i32>().iter().map(|word| word.unwrap().to_owned()).collect()
     }
 
-    /// How many samples have this word in `update`.
+    /// Number of samples with this word in `update`.
     pub(super) fn updates(&self, word: &str) -> usize {
         self.words("update").iter().filter(|update| *update == word).count()
     }
@@ -149,7 +149,7 @@ impl NavigateOutput {
 
 /// The stage with a filter, its keys written as in a spec.
 fn args(filter: &str, keys: &str) -> SpecEntries {
-    // Properties of the flight: an INS with larger errors than a good one's, and a field without the core field.
+    // Properties of the flight: an INS with large errors, and a field without the core field.
     let usual = format!(
         "filter = '{filter}'\ntuning = 'magnav'\ncore_field = false\nmeasurement_sigma_nt = 1.5\nfogm_sigma_nt = 1.0\n\
          init_position_sigma_m = 20.0\ninit_velocity_sigma_mps = 0.3\n"
@@ -195,12 +195,12 @@ pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<Na
     Ok(NavigateOutput(names.into_iter().zip(arrays).collect()))
 }
 
-/// A filter on the flight, which has to do.
+/// A filter on the flight, which must succeed.
 pub(super) fn run(filter: &str, keys: &str) -> NavigateOutput {
     flown(filter, keys, &flight()).unwrap()
 }
 
-/// Asserts that keys are refused, with these words.
+/// Asserts that keys are rejected with these words.
 pub(super) fn assert_refused(filter: &str, keys: &str, words: &str) {
     let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys));
     let faults = match stage {

@@ -21,7 +21,7 @@ fn text(word: &str) -> Literal {
     Literal::Text(word.to_owned())
 }
 
-/// The stage with these keys, which may choose between two filters.
+/// The stage with these keys, with a choice of two filters.
 fn navigate(given: &[(&str, Literal)]) -> Navigate {
     let filters = FILTERS.iter().copied().chain([&Still::FILTER]).collect();
     let lists = ChoiceRegistry::default().with::<FilterDecl>(filters);
@@ -54,7 +54,7 @@ fn batch(columns: &[(&str, &[f64])]) -> RecordBatch {
 }
 
 #[test]
-fn unit_all_that_is_missing_is_told_at_once_with_its_parameter() {
+fn unit_all_missing_inputs_are_reported_with_their_parameters() {
     let bare = Table::Lines(TableShape { columns: vec![Column::float("ins_alt", "ft", "")], rate_hz: None });
     let levels = Literal::List(vec![Literal::Float(400.0), Literal::Float(300.0)]);
     let wanting = navigate(&[
@@ -82,7 +82,7 @@ fn unit_all_that_is_missing_is_told_at_once_with_its_parameter() {
 }
 
 #[test]
-fn unit_a_core_field_without_a_date_is_a_fault_with_the_ways_out() {
+fn unit_a_core_field_without_a_date_is_rejected_with_remedies() {
     let [undated, dated] = [flight(&[]), flight(&[("year", ""), ("doy", "")])];
     let faults = navigate(&[]).yields(&[&undated, &map()]).unwrap_err();
     assert_eq!(faults.len(), 1, "{faults:?}");
@@ -98,7 +98,7 @@ fn unit_a_core_field_without_a_date_is_a_fault_with_the_ways_out() {
     };
     assert!(!reads_date(&of_spec, &undated) && !reads_date(&without, &undated));
     assert!(reads_date(&of_flight, &dated) && !reads_date(&of_spec, &dated) && !reads_date(&without, &dated));
-    // Day 184 of a leap year begins in its middle; the first sample has no day.
+    // Day 184 of a leap year begins at mid-year; the first sample has no day.
     let line = batch(&[("tt", &[0.0, 0.0]), ("year", &[2020.0, 2020.0]), ("doy", &[f64::NAN, 184.0])]);
     assert_eq!(of_flight.core_year(&line).unwrap(), Some(2020.5));
     assert_eq!(of_spec.core_year(&line).unwrap(), Some(2021.25));
@@ -108,7 +108,7 @@ fn unit_a_core_field_without_a_date_is_a_fault_with_the_ways_out() {
 }
 
 #[test]
-fn unit_a_key_of_another_filter_is_idle() {
+fn unit_a_key_of_another_filter_has_no_effect() {
     let why = |filter: &str, key: &str| navigate(&[("filter", text(filter))]).idle(key).map(|fault| fault.what);
     assert_eq!(why("ekf", "hold_s").as_deref(), Some("`hold_s` belongs to `still`"));
     assert!(why("still", "gate_nis").is_some_and(|what| what.starts_with("`gate_nis` belongs to `ekf`, `iekf`")));
@@ -119,7 +119,7 @@ fn unit_a_key_of_another_filter_is_idle() {
 }
 
 #[test]
-fn unit_a_grade_says_what_the_errors_of_the_ins_are_where_they_are_left_out() {
+fn unit_a_grade_sets_the_unset_errors_of_the_ins() {
     use numerics::navigation::ins_error::{InsErrors, InsGrade};
     assert_eq!(navigate(&[]).ins.sources, InsErrors::default());
     let graded = navigate(&[("ins_grade", text("tactical")), ("init_position_sigma_m", Literal::Float(20.0))]);
@@ -130,7 +130,7 @@ fn unit_a_grade_says_what_the_errors_of_the_ins_are_where_they_are_left_out() {
 }
 
 #[test]
-fn unit_what_is_derived_or_taken_off_unasked_is_noted() {
+fn unit_automatic_derivations_and_corrections_are_noted() {
     let without = |more: &[(&str, Literal)]| {
         let no_core = [("core_field", Literal::Bool(false))];
         navigate(&no_core.into_iter().chain(more.iter().cloned()).collect::<Vec<_>>())
@@ -155,7 +155,7 @@ fn unit_what_is_derived_or_taken_off_unasked_is_noted() {
 }
 
 #[test]
-fn law_an_offset_from_the_noise_itself_doubles_its_variance_and_time() {
+fn law_an_offset_estimated_from_noise_doubles_its_variance_and_time() {
     let auto = ["measurement_sigma_nt", "fogm_sigma_nt", "fogm_tau_s"].map(|key| (key, text("auto")));
     let found: [(&str, &[f64]); 3] =
         [("mag_sigma", &[f64::NAN, 2.0]), ("mag_fogm_sigma", &[3.0, 3.0]), ("mag_fogm_tau", &[50.0, 50.0])];
@@ -176,7 +176,7 @@ fn law_an_offset_from_the_noise_itself_doubles_its_variance_and_time() {
 }
 
 #[test]
-fn unit_the_column_of_the_noise_is_checked_before_and_in_the_line() {
+fn unit_the_noise_column_is_checked_in_the_plan_and_in_the_line() {
     let noisy = flight(&[("noise", "nT"), ("current", "A")]);
     let with = |column: &str, more: &[(&str, Literal)]| {
         let keys = [("core_field", Literal::Bool(false)), ("noise_column", text(column))];

@@ -59,7 +59,7 @@ pub(super) struct AssumedNoise {
 /// MagNav.jl's white noise (nT), standard deviation of the process (nT) and time constant (s).
 const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
 
-/// Time between two measurements used to estimate the noise, in s. Errors that last for less are white.
+/// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
 const INTERVAL_S: f64 = 5.0;
 
 /// Columns of the estimated noise: name, unit and meaning.
@@ -143,7 +143,7 @@ impl Navigate {
         faults
     }
 
-    /// Standard deviation of each sample's additional error, in nT; NaN where it is unknown.
+    /// Standard deviation of each sample's additional error, in nT; NaN if unknown.
     pub(super) fn sample_sigma_nt(&self, batch: &RecordBatch) -> Result<Option<Vec<f64>>, Fault> {
         let Some(column) = self.noise_column() else { return Ok(None) };
         let values = floats(batch, column)?;
@@ -273,7 +273,7 @@ impl LineNoiseInputs {
 /// Estimated noise of a line.
 #[derive(Clone)]
 pub(super) struct LineNoiseEstimate {
-    /// Noise; `None` where the line is too short.
+    /// Noise; `None` if the line is too short.
     noise: Option<LineNoise>,
     /// Rows whose measurements are used; `None` for all.
     rows: Option<Vec<usize>>,
@@ -346,10 +346,10 @@ impl FilterInput<'_> {
         }
     }
 
-    /// Removes the outliers: of each magnetometer where the filter uses each, else of their mean.
+    /// Removes the outliers: of each magnetometer if the filter uses each, else of their mean.
     ///
     /// # Errors
-    /// Fails as [`likelihood::outliers`].
+    /// Fails in the cases of [`likelihood::outliers`].
     pub(super) fn reject_outliers(&mut self) -> Result<(), Fault> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
         let rejected = likelihood::outliers(&line).map_err(data)?;

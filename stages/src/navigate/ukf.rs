@@ -114,11 +114,11 @@ mod tests {
     use crate::navigate::testing::*;
 
     #[test]
-    fn law_it_corrects_the_ins_and_says_how_bent_the_map_is() {
+    fn unit_it_corrects_the_ins_and_reports_the_nonlinearity_of_the_map() {
         let found = run("ukf", "mag = 'mag_1_c'\nmap_interpolation = 'cubic'");
         assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
         let bend = found.numbers("sd_nonlinear");
-        // The bend of the map over a spread σ goes with σ².
+        // The effect of curvature over a spread σ is proportional to σ².
         let wide = run("ukf", "mag = 'mag_1_c'\nmap_interpolation = 'cubic'\ninit_position_sigma_m = 40.0");
         let wide = wide.numbers("sd_nonlinear")[0];
         assert!((wide / bend[0] - 4.0).abs() < 0.4, "{wide} {}", bend[0]);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_points_that_are_none_are_refused() {
+    fn unit_invalid_sigma_points_are_rejected() {
         assert_refused("ukf", "alpha = 0.0", "alpha");
         let fault = flown("ukf", "kappa = -3.0\nmag = 'mag_1_c'", &flight()).unwrap_err();
         assert!(fault.what.contains("kappa"), "{fault:?}");

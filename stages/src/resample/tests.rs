@@ -38,7 +38,7 @@ fn straight(t: f64) -> f64 {
     3.0 + 2.0 * (t - 100.0)
 }
 
-/// Turns through north: 340 degrees at 100 s, eight degrees a second.
+/// A turn through north: 340 degrees at 100 s, eight degrees a second.
 fn heading(t: f64) -> f64 {
     (340.0 + 8.0 * (t - 100.0)).rem_euclid(360.0)
 }
@@ -76,7 +76,7 @@ fn numbers(array: &ArrayRef) -> &[f64] {
 }
 
 #[test]
-fn law_a_straight_line_is_the_same_on_any_grid() {
+fn law_a_straight_line_is_interpolated_exactly() {
     let made = resample().run(&with_a_gap(), &()).unwrap();
     let tt = numbers(&made[2]);
     // Tenths of a second from 100.1 s to 110.0 s.
@@ -88,10 +88,10 @@ fn law_a_straight_line_is_the_same_on_any_grid() {
             assert!(row.iter().all(|x| x.is_nan()), "{t}: {row:?}");
             continue;
         }
-        // Times of 100 s are rounded to 1.4e-14.
+        // Times of about 100 s are rounded to 1.4e-14.
         for (found, expected) in row.iter().zip([straight(*t), heading(*t), straight(*t), -straight(*t)]) {
             let off = (found - expected).abs();
-            // North is 0 as well as 360.
+            // North is both 0 and 360.
             assert!(off.min((off - 360.0).abs()) < 1e-9, "{t}: {found} {expected}");
         }
     }
@@ -101,7 +101,7 @@ fn law_a_straight_line_is_the_same_on_any_grid() {
 }
 
 #[test]
-fn unit_what_is_no_number_takes_the_nearest_sample_and_the_keys_stay() {
+fn unit_other_types_take_the_nearest_sample_and_keys_stay() {
     let made = resample().run(&with_a_gap(), &()).unwrap();
     let tt = numbers(&made[2]);
     for (key, word) in made[..2].iter().zip(["1", "1.01"]) {
@@ -120,7 +120,7 @@ fn unit_what_is_no_number_takes_the_nearest_sample_and_the_keys_stay() {
 }
 
 #[test]
-fn unit_a_line_without_a_time_of_the_grid_and_time_that_goes_back_are_faults() {
+fn unit_lines_between_grid_times_and_decreasing_times_are_rejected() {
     let fault = resample().run(&line(vec![100.01, 100.09]), &()).unwrap_err();
     assert_eq!(fault.what, "the line is too short to hold a sample at 10 Hz");
     let fault = resample().run(&line(vec![100.0, 100.2, 100.1]), &()).unwrap_err();
@@ -128,7 +128,7 @@ fn unit_a_line_without_a_time_of_the_grid_and_time_that_goes_back_are_faults() {
 }
 
 #[test]
-fn unit_every_column_goes_on_at_the_new_rate() {
+fn unit_every_column_has_the_new_rate() {
     let table = Table::Lines(TableShape { columns: columns(), rate_hz: None });
     let made = resample().yields(&[&table]).unwrap();
     assert_eq!((made.rate_hz, made.passes, made.lenient), (Some(10.0), PassThroughColumns::None, true));
@@ -138,7 +138,7 @@ fn unit_every_column_goes_on_at_the_new_rate() {
     assert_eq!((of(2), of(3)), (vec!["tt"], vec!["tt", "x"]));
 }
 
-/// A table of one sensor: its times and the columns that it measures, as floats of a unit.
+/// A table of one sensor: its times and measured columns, as floats with a unit.
 fn sensor(tt: Vec<f64>, columns: Vec<(&str, &str, Vec<f64>)>) -> RecordBatch {
     let columns = [("tt", "s", tt)].into_iter().chain(columns);
     let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) =
@@ -160,7 +160,7 @@ fn together(stage: &Resample, inputs: Vec<RecordBatch>) -> Result<Vec<Vec<f64>>,
 }
 
 #[test]
-fn law_sensors_of_their_own_rates_meet_on_one_grid_over_the_time_of_all() {
+fn unit_sensors_of_different_rates_share_one_grid_over_their_common_time() {
     let (mag, gps) = (times(100.03, 40.0, 400), times(101.2, 1.0, 8));
     let inputs = || {
         vec![
@@ -177,17 +177,17 @@ fn law_sensors_of_their_own_rates_meet_on_one_grid_over_the_time_of_all() {
         assert!(off.min((off - 360.0).abs()) < 1e-9, "{t}");
     }
     let first = together(&Resample { span: GridSpan::First, ..resample() }, inputs()).unwrap();
-    // The last sample of the first is at 110.005 s.
+    // The last sample of the first sensor is at 110.005 s.
     assert_eq!((first[0][0], first[0].last().copied()), (100.1, Some(110.0)));
     let known = |k: usize| (101.2..=108.2).contains(&first[0][k]);
     assert!((0..first[0].len()).all(|k| first[1][k].is_finite() && first[2][k].is_finite() == known(k)));
 }
 
 #[test]
-fn law_a_late_sensor_is_set_back_by_its_lag() {
+fn law_a_lag_is_removed_from_a_late_sensor() {
     let tt = times(100.0, 50.0, 500);
     let wave = |t: f64| (3.0 * t).sin();
-    // What is stamped t was so 0.06 s before.
+    // The value stamped t was measured 0.06 s before.
     let batch = sensor(
         tt.clone(),
         vec![
@@ -202,11 +202,11 @@ fn law_a_late_sensor_is_set_back_by_its_lag() {
     let inside = 2..made[0].len() - 2;
     for k in inside {
         for column in &made[1..] {
-            // Straight lines between samples of 50 Hz: 9/8 of 4e-4.
+            // Linear interpolation between samples of 50 Hz: 9/8 of 4e-4.
             assert!((column[k] - wave(made[0][k])).abs() < 5e-4, "{k}");
         }
     }
-    // The same as the lag of the whole table, but for the grid, which ends with the samples.
+    // The same as a lag of the whole table, except for the grid, which ends with the samples.
     let late = sensor(tt.clone(), vec![("flux_b_x", "nT", of(&tt, |t| wave(t - 0.06)))]);
     let stage = Resample { input_lag_s: Some(vec![0.0, 0.06]), ..resample() };
     let made = together(&stage, vec![batch, late]).unwrap();
@@ -214,7 +214,7 @@ fn law_a_late_sensor_is_set_back_by_its_lag() {
 }
 
 #[test]
-fn law_tables_on_both_sides_of_midnight_meet_by_their_dates() {
+fn unit_tables_across_midnight_are_aligned_by_their_dates() {
     let dated = |tt: Vec<f64>, doy: f64, name: &str, from_s: f64| {
         let rows = tt.len();
         let values = of(&tt, |t| t + from_s);
@@ -232,7 +232,7 @@ fn law_tables_on_both_sides_of_midnight_meet_by_their_dates() {
 }
 
 #[test]
-fn unit_what_two_tables_contradict_each_other_in_is_told_before_anything_runs() {
+fn unit_contradictions_between_tables_are_reported_before_the_run() {
     let table = |names: &[&str]| {
         let columns = names.iter().map(|name| Column::float(*name, "", "")).collect();
         Table::Lines(TableShape { columns, rate_hz: None })

@@ -58,7 +58,7 @@ impl<'a> ScoreLine<'a> {
     /// Times of the samples, in s.
     ///
     /// # Errors
-    /// When the line has no numeric column `tt`.
+    /// If the line has no numeric column `tt`.
     pub fn tt(&self) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[0], "tt")
     }
@@ -66,7 +66,7 @@ impl<'a> ScoreLine<'a> {
     /// Columns of a source, in its order.
     ///
     /// # Errors
-    /// When the line lacks the source, or one of its columns does not hold numbers.
+    /// If the line lacks the source, or one of its columns does not hold numbers.
     pub fn columns(&self, source: ScoreSource) -> Result<Vec<&[f64]>, Fault> {
         let ScoreSourceColumns { table, columns } = self.place(source)?;
         columns.iter().map(|name| floats(&self.line.inputs[*table], name)).collect()
@@ -75,7 +75,7 @@ impl<'a> ScoreLine<'a> {
     /// A source of one column.
     ///
     /// # Errors
-    /// When the line lacks the source, or its column does not hold numbers.
+    /// If the line lacks the source, or its column does not hold numbers.
     pub fn column(&self, source: ScoreSource) -> Result<&[f64], Fault> {
         let place = self.place(source)?;
         let name = place.columns.first().ok_or_else(|| self.without(source))?;
@@ -85,7 +85,7 @@ impl<'a> ScoreLine<'a> {
     /// [`ScoreLine::column`] of a source that may be absent.
     ///
     /// # Errors
-    /// When its column does not hold numbers.
+    /// If its column does not hold numbers.
     pub fn optional(&self, source: ScoreSource) -> Result<Option<&[f64]>, Fault> {
         self.places.get(source).map(|_| self.column(source)).transpose()
     }
@@ -93,7 +93,7 @@ impl<'a> ScoreLine<'a> {
     /// One of the columns of a source.
     ///
     /// # Errors
-    /// When the line lacks the source or this column, or the column does not hold numbers.
+    /// If the line lacks the source or this column, or the column does not hold numbers.
     pub fn named(&self, source: ScoreSource, name: &str) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[self.place(source)?.table], name)
     }
@@ -101,7 +101,7 @@ impl<'a> ScoreLine<'a> {
     /// Outcomes of the measurements of the track.
     ///
     /// # Errors
-    /// When the line lacks a track, or the track has no text in `update`.
+    /// If the line lacks a track, or the track has no text in `update`.
     pub fn updates(&self) -> Result<&StringArray, Fault> {
         let place = self.places.get(ScoreSource::Track).map_or_else(|| self.place(ScoreSource::Innovations), Ok)?;
         let track = &self.line.inputs[place.table];
@@ -112,7 +112,7 @@ impl<'a> ScoreLine<'a> {
     /// A source of one column of text.
     ///
     /// # Errors
-    /// When the line lacks the source, or its column does not hold text.
+    /// If the line lacks the source, or its column does not hold text.
     pub fn texts(&self, source: ScoreSource) -> Result<&StringArray, Fault> {
         let ScoreSourceColumns { table, columns } = self.place(source)?;
         let name = columns.first().ok_or_else(|| self.without(source))?;
@@ -131,7 +131,7 @@ impl<'a> ScoreLine<'a> {
     /// Compensated minus truth.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::column`] for the signal and the truth.
+    /// Fails in the cases of [`ScoreLine::column`] for the signal and the truth.
     pub fn error(&self) -> Result<&SeriesMoments, Fault> {
         known(&self.error, || {
             Ok(statistics::error_summary(self.column(ScoreSource::Signal)?, self.column(ScoreSource::Truth)?))
@@ -141,8 +141,8 @@ impl<'a> ScoreLine<'a> {
     /// Signal before and after compensation, minus the truth if there is one.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::column`] for the signal and the aircraft field, and as [`ScoreLine::optional`] for the
-    /// truth.
+    /// Fails in the cases of [`ScoreLine::column`] for the signal and the aircraft field, and of
+    /// [`ScoreLine::optional`] for the truth.
     pub fn signals(&self) -> Result<&CompensationSignals, Fault> {
         known(&self.signals, || {
             let (mag, aircraft) = (self.column(ScoreSource::Signal)?, self.column(ScoreSource::Aircraft)?);
@@ -157,18 +157,18 @@ impl<'a> ScoreLine<'a> {
     /// Compensated signal minus core field and, if available, diurnal variation, in nT.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::column`] for the signal and the core field, and as [`ScoreLine::optional`] for the diurnal
-    /// variation.
+    /// Fails in the cases of [`ScoreLine::column`] for the signal and the core field, and of [`ScoreLine::optional`]
+    /// for the diurnal variation.
     pub fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
         self.anomaly_of(ScoreSource::Signal)
     }
 
-    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus its straight line over
+    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus its linear trend over
     /// time.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::column`] for the truth; with a core field as [`ScoreLine::optional`] for it and the
-    /// diurnal variation, without one as [`ScoreLine::tt`].
+    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, also of [`ScoreLine::optional`]
+    /// for it and the diurnal variation; without one, of [`ScoreLine::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
         match self.places.get(ScoreSource::Core) {
             Some(_) => self.anomaly_of(ScoreSource::Truth),
@@ -191,17 +191,17 @@ impl<'a> ScoreLine<'a> {
     /// The measured anomaly minus the map.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::measured_anomaly`], and as [`ScoreLine::named`] for the map.
+    /// Fails in the cases of [`ScoreLine::measured_anomaly`], and of [`ScoreLine::named`] for the map.
     pub fn map_error(&self) -> Result<&SeriesMoments, Fault> {
         known(&self.map_error, || {
             Ok(statistics::error_summary(&self.measured_anomaly()?, self.named(ScoreSource::Map, "map_anomaly")?))
         })
     }
 
-    /// Track minus true positions; NaN for the track of a bound, which is the truth itself.
+    /// Track minus true positions; NaN for the track of a bound, which equals the truth.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::named`] for the track, and as [`ScoreLine::position`].
+    /// Fails in the cases of [`ScoreLine::named`] for the track, and of [`ScoreLine::position`].
     pub fn track_error(&self) -> Result<&HorizontalErrors, Fault> {
         known(&self.track_error, || {
             let HorizontalErrors { north_m, east_m } =
@@ -218,7 +218,7 @@ impl<'a> ScoreLine<'a> {
     /// Horizontal distances of the track from the truth, in m, sorted, without unknown ones.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::track_error`].
+    /// Fails in the cases of [`ScoreLine::track_error`].
     pub fn radii(&self) -> Result<&[f64], Fault> {
         let radii = known(&self.radii, || {
             let HorizontalErrors { north_m, east_m } = self.track_error()?;
@@ -233,7 +233,7 @@ impl<'a> ScoreLine<'a> {
     /// Positions minus the true positions.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::position`].
+    /// Fails in the cases of [`ScoreLine::position`].
     pub fn offsets(&self, lat: &[f64], lon: &[f64]) -> Result<HorizontalErrors, Fault> {
         let (true_lat, true_lon) = self.position()?;
         let offset = |i: usize| EarthModel::default().offset_ne_m((true_lat[i], true_lon[i]), (lat[i], lon[i]), 0.0);
@@ -244,7 +244,7 @@ impl<'a> ScoreLine<'a> {
     /// True latitudes and longitudes, in degrees.
     ///
     /// # Errors
-    /// Fails as [`ScoreLine::named`] for the true positions.
+    /// Fails in the cases of [`ScoreLine::named`] for the true positions.
     pub fn position(&self) -> Result<(&[f64], &[f64]), Fault> {
         Ok((self.named(ScoreSource::Position, "lat")?, self.named(ScoreSource::Position, "lon")?))
     }

@@ -68,7 +68,7 @@ mod tests {
     use crate::score::testing::{FLOWN, seconds, value};
 
     #[test]
-    fn law_a_map_that_slopes_north_is_level_for_who_flies_east() {
+    fn law_a_northward_slope_has_no_gradient_along_an_eastward_track() {
         let (still, along) = (|| seconds(10, |_| 50.0), || seconds(10, |t| 50.0 + 0.001 * t));
         let table = |lat, lon| {
             let slope = [("map_grad_n", seconds(10, |_| 0.03)), ("map_grad_e", seconds(10, |_| 0.0))];
@@ -76,14 +76,14 @@ mod tests {
         };
         let (north, east) = (table(along(), still()), table(still(), along()));
         assert!((value(&MAP_GRADIENT_ALONG_TRACK, &north).value - 0.03).abs() < 1e-15);
-        // A parallel is no straight line: from sample to sample it turns by a part of its 70 m.
+        // A parallel is not straight: from sample to sample it turns by a small part of its 70 m.
         assert!(value(&MAP_GRADIENT_ALONG_TRACK, &east).value < 1e-6);
-        // Nowhere along a slope that does not change can a constant offset be told from a constant of the map.
+        // On a constant slope, a constant offset is not separable from a position offset.
         assert!(value(&MAP_POSITION_BOUND, &north).value.is_nan());
     }
 
     #[test]
-    fn law_what_is_left_of_core_field_and_map_is_the_error_of_the_map() {
+    fn law_signal_minus_core_field_and_map_is_the_map_error() {
         let map = seconds(10, |t| 5.0 * t);
         let core = seconds(10, |t| 52_000.0 + t);
         let mag = map.iter().zip(&core).map(|(m, c)| m + c - 7.0).collect();

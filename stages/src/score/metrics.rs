@@ -67,7 +67,7 @@ mod tests {
     };
 
     #[test]
-    fn law_every_metric_has_its_own_name_a_known_unit_and_a_meaning() {
+    fn unit_every_metric_has_a_unique_name_a_known_unit_and_a_meaning() {
         let names: BTreeSet<&str> = SCORERS.iter().map(|s| s.metric.name).collect();
         assert_eq!(names.len(), SCORERS.len());
         for Metric { name, unit, meaning, .. } in SCORERS.iter().map(|s| s.metric) {
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn law_every_place_is_taken_once_and_what_ranks_has_a_column() {
+    fn unit_display_positions_are_unique_and_ranking_metrics_have_a_column() {
         for place in [|m: &Metric| m.shown.column, |m: &Metric| m.shown.rank] {
             let taken: Vec<u16> = SCORERS.iter().map(|s| &s.metric).filter_map(place).collect();
             assert_eq!(taken.iter().collect::<BTreeSet<_>>().len(), taken.len(), "{taken:?}");
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn law_errors_in_a_unit_pool_by_squares_radii_by_their_samples_and_signed_errors_by_means() {
+    fn unit_pooling_rules_match_the_kinds_of_errors() {
         for (m, spread) in SCORERS.iter().map(|s| (&s.metric, s.spread)) {
             let pool = match m.name {
                 "cep" => PoolingRule::Quantile(50),
@@ -104,7 +104,7 @@ mod tests {
         }
     }
 
-    /// A box on four headings and a track of it, with everything that a metric reads.
+    /// A calibration box on four headings and its track, with all columns that metrics read.
     fn everything() -> LineInput {
         let angle = |at: usize| seconds(400, move |t| (t as usize / 10 % 3 == at) as u8 as f64 * 5.0 * (0.9 * t).sin());
         let heading = seconds(400, |t| 90.0 * (t / 100.0).floor());
@@ -141,7 +141,7 @@ mod tests {
         line(&[flown, track])
     }
 
-    /// The figures of `stage`, which is handed what it declares to read and nothing else.
+    /// The scores of `stage`, which receives only the columns that it declares.
     fn scored(stage: &Score, line: &LineInput) -> Vec<(&'static str, SampleStatistic)> {
         let tables: Vec<Table> = shapes(line).into_iter().map(Table::Lines).collect();
         let reads = stage.yields(&tables.iter().collect::<Vec<_>>()).unwrap().reads;
@@ -157,24 +157,24 @@ mod tests {
     }
 
     #[test]
-    fn law_a_metric_is_the_same_alone_and_in_company() {
+    fn unit_a_metric_does_not_depend_on_the_other_metrics() {
         let line = everything();
         let all = scored(&score(), &line);
-        // A track has errors or is a bound.
+        // A track has errors or is a bound, not both.
         let names: Vec<&str> = SCORERS.iter().map(|s| s.metric.name).filter(|name| *name != "drms_bound").collect();
         assert_eq!(all.iter().map(|(name, _)| *name).collect::<Vec<_>>(), names);
         for (name, figure) in all {
             let alone = scored(&Score { metrics: only(name), ..score() }, &line);
-            // A retention is not read without its standard error.
+            // A retention is always scored with its standard error.
             assert_eq!(alone.len(), if name == "anomaly_retention" { 2 } else { 1 }, "{name}");
             let own = alone.iter().find(|(of, _)| *of == name).unwrap().1;
             assert_eq!((own.value.to_bits(), own.n), (figure.value.to_bits(), figure.n), "{name}");
         }
     }
 
-    /// The value of every metric to seven digits: one that moves needs a new version of `score`.
+    /// The value of every metric to seven digits. A changed value needs a new version of `score`.
     #[test]
-    fn gold_a_metric_that_moves_needs_a_new_version() {
+    fn gold_metric_values_are_unchanged() {
         let mut now = format!("version {}\n", Score::entry().version);
         for (name, SampleStatistic { value, n }) in scored(&score(), &everything()) {
             now += &format!("{name} {value:.6e} {n}\n");

@@ -122,7 +122,7 @@ fn improvement_ratio_band(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
 /// Retention and its standard error, weighted by the energy of the anomaly.
 fn retention(line: &ScoreLine) -> Result<(SampleStatistic, SampleStatistic), Fault> {
     let anomaly = line.column(ScoreSource::Anomaly)?;
-    // Less core field and diurnal variation the true reading is the anomaly itself.
+    // The true reading minus core field and diurnal variation is the anomaly.
     let found = match anomaly_retention(&line.measured_anomaly()?, anomaly, anomaly) {
         Ok(found) if found.standard_error.is_finite() => found,
         Ok(_) | Err(RetentionError::TooFew { .. } | RetentionError::NoAnomaly { .. }) => {
@@ -169,7 +169,7 @@ mod tests {
     const TURN: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 
     #[test]
-    fn law_a_constant_error_is_bias_and_no_deviation() {
+    fn law_a_constant_error_has_a_bias_and_no_standard_deviation() {
         let truth = seconds(40, |t| 52_000.0 + t);
         let mag = seconds(40, |t| 52_003.0 + t);
         let tables = [vec![("mag_c", mag), ("mag_1_c", truth)]];
@@ -179,20 +179,20 @@ mod tests {
     }
 
     #[test]
-    fn law_a_signal_with_a_fifth_of_its_error_left_is_five_times_better() {
-        // The error has no mean and no slope over four samples, so none of it counts as truth.
+    fn law_an_error_reduced_to_a_fifth_has_an_improvement_ratio_of_five() {
+        // The error has no mean and no slope over four samples, so it does not affect the estimated truth.
         let error = |scale: f64| seconds(40, move |t| scale * TURN[t as usize % 4]);
         let truth = seconds(40, |t| 52_000.0 + 10.0 * TURN[t as usize / 10]);
         let mag = truth.iter().zip(error(1.0)).map(|(t, e)| t + e).collect();
         let tables = [vec![("mag_c", mag), ("mag_1_c", truth), ("mag_aircraft", error(4.0))]];
         assert!((value(&IMPROVEMENT_RATIO, &tables).value - 5.0).abs() < 1e-12);
         assert!((value(&STD_UNCOMPENSATED, &tables).value / value(&STD_ERROR, &tables).value - 5.0).abs() < 1e-12);
-        // Ten of anomaly over one of error; the straight line of the truth is level.
+        // Amplitude ten of the anomaly over one of the error; the truth has no linear trend.
         assert!((value(&SNR, &tables).value - 10.0).abs() < 1e-12);
     }
 
     #[test]
-    fn law_half_of_the_geology_is_a_retention_of_one_half() {
+    fn law_half_of_the_anomaly_is_a_retention_of_one_half() {
         let anomaly = seconds(200, |t| 30.0 * (0.2 * t).sin());
         let core = seconds(200, |t| 52_000.0 + 0.1 * t);
         let mag = anomaly.iter().zip(&core).map(|(a, c)| c + 0.5 * a).collect();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_line_that_is_flown_twice_differs_by_what_its_signal_does() {
+    fn law_the_crossing_error_is_the_difference_of_repeated_signals() {
         let there = seconds(40, |t| 0.0001 * (t % 20.0));
         let mag = seconds(40, |t| if t < 20.0 { 52_000.0 } else { 52_004.0 });
         let tables = [vec![("mag_c", mag), (FLOWN[0], there), (FLOWN[1], seconds(40, |_| 8.0))]];
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn law_without_all_manoeuvres_there_is_no_figure_of_merit() {
+    fn unit_without_all_manoeuvres_there_is_no_figure_of_merit() {
         let level = || seconds(40, |_| 0.0);
         let tables = [vec![("mag_c", level()), ("roll", level()), ("pitch", level()), ("yaw", level())]];
         assert!(value(&FIGURE_OF_MERIT, &tables).value.is_nan());

@@ -12,10 +12,10 @@ use super::{Score, line::ScoreLine, metric::Scorer, metrics::SCORERS, source::Sc
 /// The columns of a table.
 pub type ScoreTestColumns = Vec<(&'static str, Vec<f64>)>;
 
-/// True latitude and longitude: in the table without the prefix, and with the role of a truth.
+/// True latitude and longitude: without the prefix in the table, with the role truth.
 pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
 
-/// Every metric, of `mag_c` against `mag_1_c`.
+/// Every metric, for `mag_c` against `mag_1_c`.
 pub fn score() -> Score {
     Score {
         truth: Some("mag_1_c".into()),
@@ -32,7 +32,7 @@ fn kinds() -> Arc<ChoiceList<Scorer>> {
     Arc::new(ChoiceList::new(SCORERS.to_vec()))
 }
 
-/// The metric of this name alone.
+/// The metric with this name only.
 pub fn only(name: &str) -> ChoiceSubset<Scorer> {
     ChoiceSubset::new(kinds(), Some(vec![kinds().find(name).unwrap()]))
 }
@@ -42,8 +42,8 @@ pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(|k| f(f64::from(k))).collect()
 }
 
-/// A track of these positions: ten metres of sigma in each direction, and updates that repeat every ten samples; of
-/// five samples one has a position by GNSS, and one a rejected one.
+/// A track of these positions, with a standard deviation of 10 m in each direction and updates that repeat every ten
+/// samples. Of five samples, one has a GNSS position and one a rejected GNSS position.
 pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> ScoreTestColumns {
     let all = |value: f64| vec![value; lat.len()];
     let rest = [("alt", 300.0), ("sd_n", 10.0), ("sd_e", 10.0), ("cov_ne", 0.0), ("nis", 0.5)];
@@ -51,7 +51,7 @@ pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> ScoreTestColumns {
     [("lat", lat.clone()), ("lon", lon)].into_iter().chain(rest).collect()
 }
 
-/// The line of these tables, each with its times, and a track with what became of its measurements.
+/// The line of these tables, each with its times, and a track with the outcomes of its measurements.
 pub fn line(tables: &[ScoreTestColumns]) -> LineInput {
     let inputs = tables.iter().map(batch).collect();
     LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
@@ -82,7 +82,7 @@ pub fn shapes(line: &LineInput) -> Vec<TableShape> {
     line.inputs.iter().map(|b| TableShape::from_schema(&b.schema())).collect()
 }
 
-/// One metric of these tables.
+/// One metric for these tables.
 pub fn value(scorer: &Scorer, tables: &[ScoreTestColumns]) -> SampleStatistic {
     let (stage, line) = (score(), line(tables));
     let shapes = shapes(&line);

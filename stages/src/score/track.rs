@@ -280,7 +280,7 @@ mod tests {
     use super::*;
     use crate::score::testing::{FLOWN, ScoreTestColumns, seconds, track, value};
 
-    /// Flown along the equator, the INS half as far away as the track: 0.001 deg north and 0.002 deg east.
+    /// A flight along the equator. The INS error is half that of the track: 0.001 deg north and 0.002 deg east.
     fn tables() -> [ScoreTestColumns; 2] {
         let truth = vec![
             (FLOWN[0], seconds(10, |_| 0.0)),
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_constant_offset_is_its_own_drms() {
+    fn law_the_drms_of_a_constant_offset_is_its_length() {
         let tables = tables();
         let [north, east, both, ins] = [RMS_NORTH, RMS_EAST, DRMS, INS_DRMS].map(|m| value(&m, &tables));
         // On the equator of WGS 84 a degree is 110.574 km north and 111.320 km east.
@@ -302,21 +302,21 @@ mod tests {
     }
 
     #[test]
-    fn law_vertical_spherical_and_velocity_errors_of_constant_offsets() {
+    fn law_constant_offsets_give_vertical_spherical_and_velocity_errors() {
         let mut tables = tables();
         tables[0].push(("true alt", seconds(10, |_| 260.0)));
         tables[0].extend([("true vn", 30.0), ("true ve", 40.0), ("true vd", 1.0)].map(|(n, v)| (n, vec![v; 10])));
         tables[1].extend([("vn", 33.0), ("ve", 44.0), ("vd", -1.0)].map(|(n, v)| (n, vec![v; 10])));
         let all = [RMS_DOWN, MRSE, RMS_VN, RMS_VE, RMS_VD, RMS_SPEED].map(|m| value(&m, &tables));
         assert!(all.iter().all(|f| f.n == 10), "{all:?}");
-        // The track is 40 m too high; 33 and 44 m/s are 55 m/s over ground where 50 m/s are flown.
+        // The track is 40 m too high. Its speed over ground is 55 m/s (33 and 44 m/s); the true speed is 50 m/s.
         let horizontal = value(&DRMS, &tables).value;
         let law = [40.0, horizontal.hypot(40.0), 3.0, 4.0, 2.0, 5.0];
         assert!(all.iter().zip(law).all(|(f, law)| (f.value - law).abs() < 1e-9), "{all:?}");
     }
 
     #[test]
-    fn law_what_the_gate_rejects_is_not_in_the_nis() {
+    fn unit_gated_measurements_are_not_in_the_nis() {
         let mut tables = tables();
         // The updates repeat: every fourth of ten is gated, and is an outlier.
         let nis = seconds(10, |t| if [3.0, 7.0].contains(&t) { 900.0 } else { 0.5 });
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_bound_has_no_error() {
+    fn unit_a_bound_has_no_error() {
         let mut tables = tables();
         tables[1].push(("drms_bound", vec![7.0; 10]));
         assert_eq!(value(&DRMS_BOUND, &tables), SampleStatistic { value: 7.0, n: 10 });
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_error_of_one_sigma_in_each_direction_is_a_nees_of_two() {
+    fn law_one_standard_deviation_in_each_direction_is_a_nees_of_two() {
         let mut tables = tables();
         let (north, east) = (value(&RMS_NORTH, &tables).value, value(&RMS_EAST, &tables).value);
         for (name, column) in &mut tables[1] {
@@ -352,15 +352,15 @@ mod tests {
         assert_eq!(value(&NIS, &tables), SampleStatistic { value: 0.5, n: 8 });
     }
 
-    /// A track of `n` samples along the equator that errs by these metres north, with a sigma of 10 m each way.
+    /// A track of `n` samples along the equator with these errors north in m and a standard deviation of 10 m each way.
     fn erring(n: u32, north_m: impl Fn(f64) -> f64) -> [ScoreTestColumns; 2] {
         let truth = vec![(FLOWN[0], seconds(n, |_| 0.0)), (FLOWN[1], seconds(n, |t| 1e-5 * t))];
         [truth, track(seconds(n, |t| north_m(t) / 110_574.3), seconds(n, |t| 1e-5 * t))]
     }
 
     #[test]
-    fn law_radii_and_shares_are_those_of_the_errors() {
-        // 0, 1, ... 100 m: half within 50, 95 % within 95, 31 within three sigma, 50 beyond five.
+    fn law_radii_and_shares_of_a_ramp_are_exact() {
+        // 0, 1, ... 100 m: half within 50, 95 % within 95, 31 within three standard deviations, 50 beyond five.
         let ramp = erring(101, |t| t);
         assert!((value(&CEP, &ramp).value - 50.0).abs() < 1e-3 && (value(&R95, &ramp).value - 95.0).abs() < 1e-3);
         let (within, lost) = (value(&ERROR_WITHIN_3SIGMA, &ramp), value(&DIVERGENCE, &ramp));
@@ -371,9 +371,9 @@ mod tests {
         assert_eq!([CEP, R95, ERROR_WITHIN_3SIGMA, DIVERGENCE].map(|m| value(&m, &gap).n), [100; 4]);
     }
 
-    /// Consistency of the position and of the innovations, whiteness, shares within three and beyond five sigma, and
-    /// `correlated_nis`: the mean of twenty tracks whose errors are `scale` times their covariance, with correlated or
-    /// white innovations.
+    /// Consistency of the position and of the innovations, whiteness, shares within three and beyond five standard
+    /// deviations, and `correlated_nis`: the mean of twenty tracks. Their errors are `scale` times their covariance,
+    /// with correlated or white innovations.
     fn of_tracks(scale: f64, correlated: bool) -> [f64; 6] {
         let mut sums = [0.0; 6];
         for seed in 0..20 {
@@ -400,11 +400,11 @@ mod tests {
     }
 
     #[test]
-    fn law_a_consistent_track_is_called_so_and_one_that_trusts_itself_too_much_is_not() {
+    fn law_consistency_separates_consistent_and_overconfident_tracks() {
         let [nees, nis, white, within, lost, of_averages] = of_tracks(1.0, false);
         // At 95 %, one of twenty tests fails on average, and five fail once in two thousand times.
         assert!(nees >= 0.75 && nis >= 0.75, "{nees} {nis}");
-        // 400 lags: 1.1 % a sigma; 20,000 samples within 0.989: 0.07 %.
+        // 400 lags: a standard deviation of 1.1 %. 20,000 samples within 0.989: 0.07 %.
         assert!(
             (white - 0.95).abs() < 0.05 && (within - 0.989).abs() < 0.004 && lost < 1e-3,
             "{white} {within} {lost}"
@@ -414,9 +414,9 @@ mod tests {
         assert_eq!([nees, nis], [0.0, 0.0]);
         assert!((of_averages - 9.0).abs() < 0.9, "{of_averages}");
         assert!((white - 0.95).abs() < 0.05, "whiteness is of the order, not of the size: {white}");
-        // exp(-9/18) are outside three sigma of a third, exp(-25/18) outside five.
+        // exp(-9/18) are outside three standard deviations of a third, exp(-25/18) outside five.
         assert!((1.0 - within - (-0.5f64).exp()).abs() < 0.02 && (lost - (-25.0f64 / 18.0).exp()).abs() < 0.02);
-        // A decay of 0.9 in each sample: (1 + 0.9)/(1 - 0.9) = 19. The same innovations, small enough, are consistent.
+        // A decay of 0.9 per sample: (1 + 0.9)/(1 - 0.9) = 19. The same innovations are consistent if small enough.
         let [.., white, _, _, of_averages] = of_tracks(1.0, true);
         assert!(white < 0.5 && (of_averages / 19.0 - 1.0).abs() < 0.2, "{white} {of_averages}");
         let [.., white, _, _, of_averages] = of_tracks(19f64.sqrt().recip(), true);
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn law_every_sample_has_one_fate() {
+    fn unit_every_sample_has_one_outcome() {
         let counted = [SAMPLES_USED, SAMPLES_MISSING, SAMPLES_OFF_MAP, SAMPLES_GATED, SAMPLES_FLAT];
         let mut tables = tables();
         tables[1].push(("map_slope", vec![0.1; 10]));

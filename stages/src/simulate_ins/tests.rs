@@ -22,8 +22,7 @@ fn stage(grade: InsGrade) -> SimulateIns {
 
 type Columns = Vec<(&'static str, Vec<f64>)>;
 
-/// A flight of 70 m/s from 45 degrees north, 10 degrees west that turns by a degree in `turn_s` seconds, at these
-/// times.
+/// A flight at these times at 70 m/s from 45 degrees north, 10 degrees west. It turns by a degree in `turn_s` seconds.
 fn flown(tt: &[f64], turn_s: f64) -> Columns {
     let (earth, mut lat, mut lon) = (EarthModel::Wgs84, 45.0_f64, -10.0_f64);
     let mut place = [(); 2].map(|()| Vec::with_capacity(tt.len()));
@@ -63,7 +62,7 @@ fn band_95(freedom: f64) -> std::ops::Range<f64> {
 }
 
 #[test]
-fn law_the_drift_over_seeds_is_that_of_the_propagated_covariance() {
+fn law_the_drift_over_seeds_agrees_with_the_propagated_covariance() {
     const SEEDS: usize = 1600;
     for grade in [InsGrade::Magnav, InsGrade::Navigation, InsGrade::Tactical] {
         let stage = stage(grade);
@@ -100,14 +99,14 @@ fn law_the_drift_over_seeds_is_that_of_the_propagated_covariance() {
         let nees: f64 = ends.iter().map(|end| scaled(end).dot(&(inverse * scaled(end)))).sum();
         let drms = (ends.iter().map(|e| scaled(e)[0].powi(2)).sum::<f64>() / SEEDS as f64).sqrt();
         println!("{}: NEES/4 {:.3}, north {drms:.3} sigma", grade.word(), nees / (4 * SEEDS) as f64);
-        // The sum over the seeds is chi-square of four degrees each.
+        // The sum over the seeds is chi-square with four degrees of freedom per seed.
         assert!(band_95(4.0 * SEEDS as f64).contains(&nees), "{}: {nees}", grade.word());
         assert_eq!(p[S][S], 0.0, "the temporal variation is no part of an INS");
     }
 }
 
 #[test]
-fn law_one_seed_gives_one_ins_and_each_line_has_its_own() {
+fn unit_a_seed_determines_the_ins_and_lines_differ() {
     let (stage, columns) = (stage(InsGrade::Tactical), flown(&at_hz(10.0, 30.0), 10.0));
     let of = |stage: &SimulateIns, name| run(stage, &line(name, &columns)).unwrap();
     let (first, again) = (of(&stage, "1003.02"), of(&stage, "1003.02"));
@@ -119,7 +118,7 @@ fn law_one_seed_gives_one_ins_and_each_line_has_its_own() {
 }
 
 #[test]
-fn law_an_ins_without_error_sources_is_the_truth_at_uneven_times() {
+fn law_an_ins_without_error_sources_equals_the_truth() {
     let tt: Vec<f64> = (0..300).map(|k| 5.0 + 0.2 * f64::from(k) + 0.05 * (1.3 * f64::from(k)).sin()).collect();
     let columns = flown(&tt, 2.0);
     let none = InsErrors {
@@ -142,26 +141,26 @@ fn law_an_ins_without_error_sources_is_the_truth_at_uneven_times() {
         let speed = |k: usize| said[3][k].hypot(said[4][k]);
         (1..299).for_each(|k| {
             for axis in 0..3 {
-                // The mechanisation's own height is rounded to 1e-10 m, a degree of 45 to 1e-14.
+                // The height of the mechanisation is rounded to 1e-10 m, a degree of 45 to 1e-14.
                 assert!((said[axis][k] - columns[axis + 1].1[k]).abs() < 1e-9, "{axis} {k}");
             }
-            // Steps are flown along chords of a turn of half a degree a second, whose heading is that of their middle.
+            // Steps are chords of a turn of half a degree a second, with the heading at their middle.
             assert!((speed(k) - 70.0).abs() < 0.01, "{k}: {}", speed(k));
             let course = said[4][k].atan2(said[3][k]).to_degrees();
             assert!((said[11][k] - course).abs() < 1e-9 && said[9][k].abs() < 1e-9, "level along the course");
             assert!((said[8][k] + 9.8).abs() < 0.05, "{k}: {} m/s2 down", said[8][k]);
         });
-        // A turn of ω takes ω v to the side: across the course, away from the ends.
+        // A turn of rate ω requires the acceleration ω v to the side; ends excluded.
         let omega = 0.5f64.to_radians();
         let across = |k: usize| (said[7][k] * said[3][k] - said[6][k] * said[4][k]) / speed(k);
         let mean = (20..280).map(across).sum::<f64>() / 260.0;
-        // Coriolis adds 2 Ω sin φ v = 0.0072 m/s², against the turn.
+        // Coriolis adds 2 Ω sin φ v = 0.0072 m/s², opposite to the turn.
         assert!((mean - omega * 70.0 + 0.0072).abs() < 0.02, "{mean}");
     }
 }
 
 #[test]
-fn law_smoothing_keeps_the_noise_of_the_receiver_out_of_the_specific_force() {
+fn unit_smoothing_reduces_receiver_noise_in_the_specific_force() {
     let tt = at_hz(10.0, 120.0);
     let mut noisy = flown(&tt, 10.0);
     let clean = run(&stage(InsGrade::Navigation), &line("1", &noisy)).unwrap();
@@ -177,14 +176,14 @@ fn law_smoothing_keeps_the_noise_of_the_receiver_out_of_the_specific_force() {
         assert!(position < 0.1, "{position} m off: the realisation is the same but for centimetres");
         ((50..1150).map(square).sum::<f64>() / 1100.0).sqrt()
     };
-    // Twice the central difference, of 2 cm: 0.02 m √6/(4 · 0.01 s²) = 1.2 m/s².
+    // Twice the central difference, with an error of 2 cm: 0.02 m √6/(4 · 0.01 s²) = 1.2 m/s².
     let (raw, smooth) = (rms(0.0), rms(5.0));
     assert!((0.9..1.6).contains(&raw), "{raw} m/s2");
     assert!(smooth < 0.03, "{smooth} m/s2");
 }
 
 #[test]
-fn law_what_the_flight_has_is_taken_and_not_derived() {
+fn unit_existing_columns_are_used_instead_of_derived_ones() {
     let tt = at_hz(10.0, 20.0);
     let mut columns = flown(&tt, 1e9);
     let n = tt.len();
@@ -199,7 +198,7 @@ fn law_what_the_flight_has_is_taken_and_not_derived() {
 }
 
 #[test]
-fn unit_lines_of_few_samples_and_lines_that_cannot_be_flown() {
+fn unit_short_and_impossible_lines_are_handled() {
     let fine = stage(InsGrade::Navigation);
     for n in 2..6 {
         let said =
@@ -223,7 +222,7 @@ fn unit_lines_of_few_samples_and_lines_that_cannot_be_flown() {
 }
 
 #[test]
-fn unit_an_ins_is_not_replaced_unasked_and_wrong_units_are_told() {
+fn unit_an_existing_ins_is_kept_and_wrong_units_are_reported() {
     let table = |columns: &[(&str, &str)]| {
         let columns = columns.iter().map(|(name, unit)| Column::float(*name, *unit, "")).collect();
         Table::Lines(TableShape { columns, rate_hz: None })

@@ -9,7 +9,7 @@ use schemas::{LineInput, Literal, SpecEntries, SpecEntry, SurveyAggregator};
 
 use super::*;
 
-/// The stage with parameters as a spec gives them.
+/// The stage with parameters as in a spec.
 fn stage(args: &[(&str, Literal)]) -> TrackMap {
     let given = |(name, value): &(&str, Literal)| {
         ((*name).to_owned(), SpecEntry { value: value.clone(), key_at: 0..0, at: 0..0 })
@@ -51,7 +51,7 @@ fn batch(columns: Vec<(&str, Vec<f64>)>) -> RecordBatch {
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }
 
-/// An eastward line of 3 km with a sample every 50 m and second; its track is `off_m` east of it.
+/// An eastward line of 3 km with a sample every 50 m and every second; its track is `off_m` east of it.
 fn line(number: usize, north_m: f64, off_m: f64) -> LineInput {
     let east: Vec<f64> = (0..60).map(|k| 50.0 * f64::from(k)).collect();
     let all = |x: f64| vec![x; 60];
@@ -121,7 +121,7 @@ fn rms(errors: impl Iterator<Item = f64>) -> f64 {
 }
 
 #[test]
-fn law_measurements_at_known_places_become_their_map() {
+fn law_measurements_at_known_positions_reproduce_the_field() {
     let product = yielded(&plain(&[("spacing_m", Literal::Float(100.0))]), &survey(0.0, false)).unwrap();
     let (map, _) = grid(&product);
     assert_eq!((map.crs.code(), map.height_at(5), map.x.step), (32632, 100.0, 100.0));
@@ -129,26 +129,26 @@ fn law_measurements_at_known_places_become_their_map() {
     let (error, sd) =
         (rms(nodes.iter().map(|[e, n, value, _]| value - field_nt(*e, *n))), rms(nodes.iter().map(|node| node[3])));
     println!("error {error:.2} nT, sd {sd:.2} nT");
-    // The field is smoother than the kernel, so that the error is below what is expected of it.
+    // The field is smoother than the kernel, so the error is below its expected value.
     assert!(nodes.len() > 500 && error < sd && error < 1.5, "{error} {sd}");
     assert!(product.warnings.is_empty(), "{:?}", product.warnings);
 }
 
 #[test]
-fn law_the_map_is_where_the_track_is() {
+fn unit_the_map_follows_the_track() {
     let product = yielded(&plain(&[("spacing_m", Literal::Float(100.0))]), &survey(25.0, true)).unwrap();
     let nodes = nodes(&product);
     let moved = rms(nodes.iter().map(|[e, n, value, _]| value - field_nt(e - 25.0, *n)));
     let error = rms(nodes.iter().map(|[e, n, value, _]| value - field_nt(*e, *n)));
     let sd = rms(nodes.iter().map(|node| node[3]));
     println!("{moved:.2} nT where the track is, {error:.2} nT where the lines are, sd {sd:.2} nT");
-    // 25 m of the 30 m that the track says of itself, at slopes of up to 0.29 nT/m; and the field is smoother than the
+    // 25 m of the standard deviation of 30 m of the track, at slopes of up to 0.29 nT/m. The field is smoother than the
     // kernel.
     assert!(moved < 1.5 && error > 2.0 && (0.3..1.5).contains(&(error / sd)), "{moved} {error} {sd}");
 }
 
 #[test]
-fn law_nodes_that_are_not_known_are_nan_and_bounds_hold() {
+fn unit_unknown_nodes_are_nan_and_bounds_are_respected() {
     let known = |args: &[(&str, Literal)]| {
         let product = yielded(&plain(args), &survey(0.0, false)).unwrap();
         let (map, sd) = grid(&product);
@@ -166,7 +166,7 @@ fn law_nodes_that_are_not_known_are_nan_and_bounds_hold() {
 }
 
 #[test]
-fn law_a_mean_over_an_interval_is_one_measurement() {
+fn unit_a_mean_over_an_interval_is_one_measurement() {
     let stage = plain(&[("interval_s", Literal::Float(2.0))]);
     let line = line(3, 0.0, 0.0);
     let gather = TrackMap::gather(vec![crate::testing::point(&stage)]);
@@ -182,7 +182,7 @@ fn law_a_mean_over_an_interval_is_one_measurement() {
 }
 
 #[test]
-fn gold_what_makes_no_map_says_why() {
+fn gold_unusable_lines_are_rejected_with_the_reason() {
     let plainly = plain(&[]);
     let two = line(1, 0.0, 0.0);
     let later = batch(

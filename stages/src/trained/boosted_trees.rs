@@ -1,8 +1,8 @@
-//! A forest of boosted trees as its table holds it.
+//! A forest of boosted trees and its table.
 //!
-//! The field is `base` plus one value of each tree. A tree begins at its node 1; at `split[t,k] NAME` a row goes to
-//! node `left[t,k]` where its `NAME` is at most the value of the split, and else to the node after that, until it is at
-//! a `leaf[t,k]`, whose value is the tree's. `nodes[t]` is the number of nodes of tree t.
+//! The field is `base` plus one value of each tree. A tree begins at its node 1. At `split[t,k] NAME`, a row continues
+//! at node `left[t,k]` if its `NAME` is at most the value of the split, and otherwise at the node after that. It ends
+//! at a `leaf[t,k]`, whose value is that of the tree. `nodes[t]` is the number of nodes of tree t.
 
 use learning::trees::{BoostingError, Forest, RegressionTree, RegressionTreeNode};
 use schemas::Fault;
@@ -12,7 +12,7 @@ use super::{
     terms::{TermLookup, TermValue, broken, list, named_list, term},
 };
 
-/// A forest and the columns that it divides.
+/// A forest and its columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoostedTrees {
     inputs: Vec<String>,
@@ -23,7 +23,7 @@ impl BoostedTrees {
     /// Creates the model from its parts.
     ///
     /// # Errors
-    /// When the forest divides columns that do not exist, or its nodes are not in the order of the layout.
+    /// If the forest refers to missing columns, or its nodes are not in the order of the layout.
     pub fn new(inputs: Vec<String>, forest: Forest) -> Result<Self, Fault> {
         forest.check(inputs.len()).map_err(|e: BoostingError| broken(e.to_string()))?;
         let together = |node: &RegressionTreeNode| match node {
@@ -73,10 +73,10 @@ impl BoostedTrees {
         out
     }
 
-    /// The forest of a table.
+    /// Reads the forest of a table.
     ///
     /// # Errors
-    /// When the table is not whole.
+    /// If the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (inputs, _) = terms.list("input")?;
         let base = terms.value("base")?;
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_forest_comes_back_from_its_table_in_any_order_and_not_from_a_part_of_it() {
+    fn unit_a_forest_is_read_from_complete_tables_in_any_order() {
         let x: Vec<f64> = (0..120).map(|k| f64::from(k * 37 % 61)).collect();
         let y: Vec<f64> = x.chunks(2).map(|x| (0.1 * x[0]).sin() + 0.02 * x[1]).collect();
         let how = BoostingSettings { trees: 3, leaves: 4, least_rows: 4, ..BoostingSettings::default() };

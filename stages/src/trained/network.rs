@@ -1,17 +1,17 @@
-//! A network as its table holds it: its layout, and what it predicts.
+//! A network in a model table: its layout and its prediction.
 //!
-//! With x the inputs, z = (x - `input_mean`) / `input_scale`, or `component` times that where there are components, N
-//! the network of z and a the linear terms as they are, the field is `target_mean` + `target_scale` times
+//! With x the inputs, z = (x - `input_mean`) / `input_scale`, or `component` times that if there are components, N the
+//! network of z and a the unscaled linear terms, the field is `target_mean` + `target_scale` times
 //!
 //! | `form` | |
 //! |---|---|
 //! | `m1` | N(z) |
-//! | `m2a` | a . N(z), N of as many outputs as there are linear terms |
+//! | `m2a` | a . N(z), with one output of N per linear term |
 //! | `m2b`, `m2c` | N(z) + a . `linear` |
 //! | `m2d` | a . (N(z) + `linear`) |
 //!
-//! N is layer by layer the activation of `w` z + `b`, the last layer without it. `w1[3,17]` is the weight of the unit 3
-//! of the first layer for its input 17, `b1[3]` the bias. Several members are averaged.
+//! N applies, layer by layer, the activation to `w` z + `b`; the last layer has no activation. `w1[3,17]` is the weight
+//! of unit 3 of the first layer for its input 17, `b1[3]` the bias. Several members are averaged.
 
 use learning::{
     inputs::{InputScaling, WhitenedComponents},
@@ -25,10 +25,10 @@ use super::{
     terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
-/// Rows that are predicted at a time.
+/// Rows per prediction.
 const ROWS: usize = 4096;
 
-/// The parts of a network of one hidden layer.
+/// The parts of a network with one hidden layer.
 pub struct OneLayerNetwork<'a> {
     /// The names of the inputs.
     pub names: &'a [String],
@@ -60,7 +60,7 @@ pub struct NetworkEnsemble {
     members: Vec<Vec<f64>>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
-    /// Inputs and further linear terms, and where the linear terms are among them.
+    /// Inputs and further linear terms, and the positions of the linear terms among them.
     columns: Vec<String>,
     linear_at: Vec<usize>,
 }
@@ -69,7 +69,7 @@ impl NetworkEnsemble {
     /// Creates the model from its parts. The parameters of each member are in the order of [`NetworkShape::names`].
     ///
     /// # Errors
-    /// When the parts do not fit together.
+    /// If the parts do not match.
     pub fn new(
         inputs: Vec<String>,
         scaling: InputScaling,
@@ -125,11 +125,11 @@ impl NetworkEnsemble {
         }
     }
 
-    /// The bytes of an ONNX file of it. The input `x` takes rows of [`NetworkEnsemble::inputs`], `a` rows of
-    /// [`NetworkEnsemble::linear`] where there are any, both as they are; the output `y` is the field, nT.
+    /// The network as the bytes of an ONNX file. The input `x` has rows of [`NetworkEnsemble::inputs`]; `a`, if there
+    /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, nT.
     ///
     /// # Errors
-    /// When it is the mean of several networks.
+    /// If it is the mean of several networks.
     pub fn to_onnx(&self) -> Result<Vec<u8>, Fault> {
         let [member] = &self.members[..] else {
             let what = format!("the model is the mean of {} networks, but an ONNX file holds one", self.members.len());
@@ -167,10 +167,10 @@ impl NetworkEnsemble {
         FieldPrediction { field_nt, sigma_nt }
     }
 
-    /// Its parts, where it is one network of one hidden layer alone.
+    /// Its parts, if it is a single network with one hidden layer.
     ///
     /// # Errors
-    /// When it is something else.
+    /// If it is any other network.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer and without `whiten` and `members`";
@@ -200,8 +200,8 @@ impl NetworkEnsemble {
         })
     }
 
-    /// See [`LearnedModel::gradient`](super::LearnedModel::gradient). A column that is an input and a linear term has
-    /// both parts.
+    /// See [`LearnedModel::gradient`](super::LearnedModel::gradient). A column that is both an input and a linear term
+    /// has the sum of both derivatives.
     pub fn gradient(&self, x: &[f64]) -> Vec<f64> {
         let (z, a) = self.split(x);
         let (width, own) = (self.columns.len(), self.inputs.len());
@@ -219,7 +219,7 @@ impl NetworkEnsemble {
                     *by_x += share * by_z / self.scaling.scale[i];
                 }
             }
-            // Every form is a straight line in each linear term.
+            // Every form is linear in each linear term.
             let without = self.shape.predict(member, &z, &vec![0.0; a.len()]);
             for (term, &at) in self.linear_at.iter().enumerate() {
                 let unit: Vec<f64> = (0..a.len()).map(|i| f64::from(u8::from(i % self.linear.len() == term))).collect();
@@ -261,10 +261,10 @@ impl NetworkEnsemble {
         out
     }
 
-    /// The network of a table.
+    /// Reads the network of a table.
     ///
     /// # Errors
-    /// When the table is not whole.
+    /// If the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (form, activation) = (terms.choice("form")?, terms.choice("activation")?);
         let (_, hidden) = terms.list("hidden")?;
@@ -328,7 +328,7 @@ mod tests {
     const ROWS: [f64; 9] = [0.3, -1.0, 1.0, 4.0, 0.5, 1.0, -2.0, 3.0, 1.0];
 
     #[test]
-    fn law_a_network_comes_back_from_its_table_in_any_order() {
+    fn unit_a_network_is_read_from_its_table_in_any_order() {
         for form in FORMS {
             for members in [1, 3] {
                 let network = network(form, members);
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_gradient_is_that_of_the_prediction() {
+    fn law_the_gradient_agrees_with_differences_of_the_prediction() {
         for form in FORMS {
             let network = network(form, 2);
             let width = network.columns().len();
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_members_are_averaged_and_their_spread_is_told() {
+    fn unit_members_are_averaged_and_their_spread_is_returned() {
         let rows = &ROWS[..6];
         let rows: Vec<f64> = rows.chunks(3).flat_map(|r| r[..2].to_vec()).collect();
         let network = network(NetworkForm::Plain, 2);

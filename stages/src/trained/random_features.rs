@@ -1,8 +1,8 @@
-//! Random Fourier features as their table holds them.
+//! Random Fourier features in a model table.
 //!
 //! With x the inputs and z = (x - `input_mean`) / `input_scale`, the features are cos(w z)/√k for the k rows w of
-//! `frequency`, then sin(w z)/√k, then `linear` z where that is not 0. With f the features less `feature_mean`, the
-//! field is `intercept` + f . `weight`, and the variance of that `noise_variance` (1/`rows` + |`factor` f|^2).
+//! `frequency`, then sin(w z)/√k, then `linear` z if `linear` is not 0. With f the features minus `feature_mean`, the
+//! field is `intercept` + f . `weight`, and its variance is `noise_variance` (1/`rows` + |`factor` f|^2).
 
 use learning::{inputs::InputScaling, random_features::RandomFeatures};
 use schemas::Fault;
@@ -24,7 +24,7 @@ impl RandomFourierModel {
     /// Creates the model from its parts. `scaling` has no components.
     ///
     /// # Errors
-    /// When the parts do not fit together.
+    /// If the parts do not match.
     pub fn new(inputs: Vec<String>, scaling: InputScaling, model: RandomFeatures) -> Result<Self, Fault> {
         let width = inputs.len();
         let scaled = scaling.mean.len() == width && scaling.scale.len() == width && scaling.components.is_none();
@@ -92,10 +92,10 @@ impl RandomFourierModel {
         out
     }
 
-    /// The model of a table.
+    /// Reads the model of a table.
     ///
     /// # Errors
-    /// When the table is not whole.
+    /// If the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let matrix = |key: &str, rows: usize, width: usize| {
             let at = (1..=rows).flat_map(|i| (1..=width).map(move |j| (i, j)));
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn law_random_features_come_back_from_their_table_in_any_order_and_not_from_a_part_of_it() {
+    fn unit_random_features_are_read_from_complete_tables_in_any_order() {
         for sigma in [true, false] {
             let learned = LearnedModel::RandomFeatures(kernel(sigma));
             let mut terms = learned.terms();
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn jac_the_gradient_is_that_of_the_prediction() {
+    fn jac_the_gradient_agrees_with_differences_of_the_prediction() {
         let kernel = kernel(true);
         let at = [0.4, 1.2];
         let gradient = kernel.gradient(&at);

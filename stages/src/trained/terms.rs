@@ -1,7 +1,7 @@
-//! The layout of a model that is not linear: numbers by name.
+//! The layout of nonlinear models: numbers by name.
 //!
-//! A term is `KEY`, `KEY[i]` or `KEY[i,j]`, counted from 1, and may be followed by a space and a word: the name of an
-//! input, an activation. Each key is there once, so that a table may be sorted in any way.
+//! A term is `KEY`, `KEY[i]` or `KEY[i,j]`, counted from 1. A space and a word may follow, such as the name of an input
+//! or an activation. Each key occurs once, so a table may be sorted in any way.
 
 use std::collections::HashMap;
 
@@ -26,7 +26,7 @@ pub fn list<'a>(key: &'a str, values: &'a [f64]) -> impl Iterator<Item = TermVal
     values.iter().enumerate().map(move |(i, value)| term(format!("{key}[{}]", i + 1), *value))
 }
 
-/// The same, each with a word.
+/// [`list`] with a word for each term.
 pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> impl Iterator<Item = TermValue> + 'a {
     let all = words.iter().zip(values).enumerate();
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
@@ -46,7 +46,7 @@ impl<'a> TermLookup<'a> {
     /// Reads the terms of a table.
     ///
     /// # Errors
-    /// When a key is duplicate.
+    /// If a key is duplicate.
     pub fn new(names: &'a [String], values: &[f64]) -> Result<Self, Fault> {
         let mut found = HashMap::new();
         for (name, value) in names.iter().zip(values) {
@@ -61,7 +61,7 @@ impl<'a> TermLookup<'a> {
     /// The value of a key.
     ///
     /// # Errors
-    /// When it is missing or not finite.
+    /// If it is missing or not finite.
     pub fn value(&self, key: &str) -> Result<f64, Fault> {
         let (_, value) = self.found.get(key).ok_or_else(|| missing(key))?;
         if value.is_finite() { Ok(*value) } else { Err(broken(format!("the term `{key}` is {value}"))) }
@@ -70,15 +70,15 @@ impl<'a> TermLookup<'a> {
     /// The word of a key.
     ///
     /// # Errors
-    /// When it is missing.
+    /// If it is missing.
     pub fn word(&self, key: &str) -> Result<&'a str, Fault> {
         self.found.get(key).map(|(word, _)| *word).ok_or_else(|| missing(key))
     }
 
-    /// The choice that the word of a key says.
+    /// The choice that the word of a key selects.
     ///
     /// # Errors
-    /// When it is missing, or not among the choices.
+    /// If it is missing, or not among the choices.
     pub fn choice<T: ParamValue>(&self, key: &str) -> Result<T, Fault> {
         let word = self.word(key)?;
         let read = T::read(&Literal::Text(word.to_owned()));
@@ -88,7 +88,7 @@ impl<'a> TermLookup<'a> {
     /// A whole number.
     ///
     /// # Errors
-    /// When it is missing, or something else.
+    /// If it is missing, or not a whole number.
     pub fn count(&self, key: &str) -> Result<usize, Fault> {
         let value = self.value(key)?;
         let whole = value.fract() == 0.0 && (0.0..=1e7).contains(&value);
@@ -102,7 +102,7 @@ impl<'a> TermLookup<'a> {
     /// The values of `KEY[1]`, `KEY[2]`... with their words.
     ///
     /// # Errors
-    /// When one in between is missing.
+    /// If one in between is missing.
     pub fn list(&self, key: &str) -> Result<(Vec<String>, Vec<f64>), Fault> {
         let of = |name: &&&str| name.strip_prefix(key).is_some_and(|rest| rest.starts_with('[') && !rest.contains(','));
         let count = self.found.keys().filter(of).count();
@@ -118,7 +118,7 @@ fn missing(key: &str) -> Fault {
     broken(format!("the term `{key}` is missing"))
 }
 
-/// A table that is not whole.
+/// Fault of an incomplete table.
 pub fn broken(what: String) -> Fault {
     Fault::data(format!("the model cannot be used: {what}")).help("fit the model again")
 }

@@ -1,10 +1,10 @@
-//! A network over a window of samples as its table holds it.
+//! A network over a window of samples in a model table.
 //!
 //! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
-//! features of the last `window` samples at `rate_hz`; the last of these is the predicted sample. A dense network of
-//! `hidden` layers computes the field from them: `target_mean` + `target_scale` N. Where a run of samples is shorter
-//! than the window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch
-//! layout: [`learning::network::WindowedNetworkShape`].
+//! features of the last `window` samples at `rate_hz`; the last of these is the predicted sample. A dense network with
+//! `hidden` layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than
+//! the window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch layout:
+//! [`learning::network::WindowedNetworkShape`].
 
 use learning::{
     inputs::InputScaling,
@@ -30,7 +30,7 @@ pub struct WindowedNetwork {
     members: Vec<Vec<f64>>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
-    /// Samples a second.
+    /// Sample rate, Hz.
     rate_hz: f64,
 }
 
@@ -39,7 +39,7 @@ impl WindowedNetwork {
     /// [`WindowedNetworkShape::names`].
     ///
     /// # Errors
-    /// When the parts do not fit together.
+    /// If the parts do not match.
     pub fn new(
         inputs: Vec<String>,
         scaling: InputScaling,
@@ -79,10 +79,10 @@ impl WindowedNetwork {
         }
     }
 
-    /// Whether samples at a rate can be its input.
+    /// Checks that samples at a rate can be its input.
     ///
     /// # Errors
-    /// When it was trained at another rate.
+    /// If it was trained at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
@@ -127,10 +127,10 @@ impl WindowedNetwork {
         out
     }
 
-    /// The network of a table.
+    /// Reads the network of a table.
     ///
     /// # Errors
-    /// When the table is not whole.
+    /// If the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let memory: MemoryLayers = terms.choice("memory")?;
         let activation = terms.choice("activation")?;
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn law_it_comes_back_from_its_table_and_a_table_that_is_cut_does_not() {
+    fn unit_it_is_read_from_complete_tables_only() {
         for memory in [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn] {
             let learned = LearnedModel::Windowed(network(memory));
             let (names, values): (Vec<String>, Vec<f64>) =
@@ -195,22 +195,22 @@ mod tests {
     }
 
     #[test]
-    fn law_it_sees_its_window_and_no_more() {
+    fn unit_a_prediction_depends_only_on_the_window() {
         for memory in [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn] {
             let network = network(memory);
             let rows: Vec<f64> = (0..20).map(|i| f64::from(i * i % 7)).collect();
             let whole = network.predict(&rows, &[10]).field_nt;
-            // The last four rows alone predict the last.
+            // The last four rows determine the last prediction.
             let last = network.predict(&rows[12..], &[4]).field_nt;
             assert_eq!(whole[9], last[3], "{memory:?}");
-            // Later samples change nothing, and a run is independent of the one before.
+            // Later samples have no effect, and runs are independent.
             assert_eq!(whole[..7], network.predict(&rows[..14], &[7]).field_nt, "{memory:?}");
             assert_eq!(network.predict(&rows, &[4, 6]).field_nt[4], network.predict(&rows[8..], &[6]).field_nt[0]);
         }
     }
 
     #[test]
-    fn unit_another_rate_is_refused() {
+    fn unit_another_rate_is_rejected() {
         let network = network(MemoryLayers::Gru);
         assert!(network.check_rate(5.001).is_ok());
         assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line has 10 Hz"));

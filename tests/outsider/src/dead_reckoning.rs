@@ -1,13 +1,13 @@
-//! A filter of one's own: the INS as it is, with an error that grows with time.
+//! Example of a custom filter: the uncorrected INS with an error that grows with time.
 
 use schemas::{Fault, Rule};
 use stages::navigate::{FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
 
 filter! {
-    /// The INS without any measurement. One sigma of the position begins with `init_position_sigma_m` and grows by
-    /// `drift_mps` each second.
+    /// The INS without measurement updates. The standard deviation of the position starts at `init_position_sigma_m`
+    /// and grows by `drift_mps` each second.
     DeadReckoning = "dead_reckoning", version 1, example "drift_mps = 0.5";
-    /// By how much the error of the position grows.
+    /// Growth rate of the position error.
     drift_mps: f64, unit "m/s", default 0.5, rule Rule::NotNegative;
 }
 

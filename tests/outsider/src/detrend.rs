@@ -1,4 +1,4 @@
-//! Takes the straight line over time off a column.
+//! Removes the straight line over time from a column.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, stage};
 
 stage! {
-    /// Takes the straight line over time that fits a column best off it, line by line, as `COLUMN_detrended`.
+    /// Subtracts the best-fitting straight line over time from a column, line by line, as `COLUMN_detrended`.
     ///
     /// Source: ordinary least squares.
     Detrend = "detrend", version 1, grain Line, inputs [input: Lines],
@@ -17,7 +17,7 @@ stage  = "detrend"
 input  = "resample"
 column = "mag_1_c"
 "#;
-    /// The column.
+    /// Column to detrend.
     column: String, unit "nT", default "mag_1_c";
 }
 
@@ -51,7 +51,7 @@ fn numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
     column.map(|c| c.values().to_vec()).ok_or_else(|| Fault::data("not a column of numbers").in_column(name))
 }
 
-/// `values` less the straight line over `time` that fits its finite samples best.
+/// Residual of `values` after the least-squares straight line over `time` of its finite samples.
 fn detrended(time: &[f64], values: &[f64]) -> Vec<f64> {
     let finite = || time.iter().zip(values).filter(|(_, y)| y.is_finite());
     let n = finite().count() as f64;
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_straight_line_leaves_nothing() {
+    fn law_a_straight_line_has_a_zero_residual() {
         let time: Vec<f64> = (0..50).map(f64::from).collect();
         let mut values: Vec<f64> = time.iter().map(|t| 3.0 - 0.25 * t).collect();
         values[7] = f64::NAN;

@@ -1,10 +1,10 @@
-//! A metric of one's own: how far off a track ends.
+//! Example of a custom metric: position error at the end of a track.
 
 use schemas::{Fault, metric::MetricDisplay};
 use stages::score::{SampleStatistic, metric};
 
 metric! {
-    /// horizontal error of the track at the last sample that has one
+    /// horizontal error of the track at the last sample with a finite error
     FINAL_ERROR = "final_error", version 1, unit "m", pool Rms, better Lower,
     shown MetricDisplay::column(105, 50), needs [Track, Position];
     |line| {

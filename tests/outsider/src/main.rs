@@ -1,4 +1,4 @@
-//! magline with a stage, a model, a filter and a metric more.
+//! magline with an additional stage, model, filter and metric.
 
 mod dead_reckoning;
 mod detrend;

@@ -1,4 +1,4 @@
-//! A model of one's own: least squares, and all coefficients made smaller by one factor.
+//! Example of a custom model: least squares with all coefficients multiplied by one factor.
 
 use schemas::{Fault, Rule};
 use stages::fit::{FitModel, FitProblem, FitSettings, LinearFitResult, ScaledFactor, model, ridge};

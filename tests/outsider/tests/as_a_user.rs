@@ -1,4 +1,4 @@
-//! A stage, a model, a filter and a metric that are not magline's own, as a user of its binary sees them.
+//! Custom stage, model, filter and metric in a binary.
 #![allow(clippy::unwrap_used)]
 
 use std::{
@@ -34,7 +34,7 @@ input  = "resample"
 column = "$mag"
 "#;
 
-/// A minute of a drift of 0.3 nT a second with a wave on it, in two magnetometers.
+/// One minute of a drift of 0.3 nT/s plus a wave, in two magnetometers.
 fn flight(path: &Path) {
     let time: Vec<f64> = (0..600).map(|i| 40_000.0 + 0.1 * f64::from(i)).collect();
     let field = |scale: f64| time.iter().map(|t| 120.0 + 0.3 * (t - 40_000.0) + scale * (0.7 * t).sin()).collect();
@@ -82,7 +82,7 @@ fn numbers(folder: &Path, column: &str) -> Vec<f64> {
 }
 
 #[test]
-fn a_stage_of_ones_own_is_run_explained_keyed_and_reported() {
+fn user_a_custom_stage_is_run_explained_keyed_and_reported() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     flight(&folder.join("flight.parquet"));
@@ -93,7 +93,7 @@ fn a_stage_of_ones_own_is_run_explained_keyed_and_reported() {
     for (mag, amplitude) in [("mag_1_c", 2.0), ("mag_2_c", 5.0)] {
         let values = detrended(folder, mag);
         assert_eq!(values.len(), 600);
-        // The line that is fitted takes little of seven waves with it.
+        // The fitted line removes little of the seven waves.
         let rms = (values.iter().map(|x| x * x).sum::<f64>() / 600.0).sqrt();
         assert!((rms / (amplitude / 2.0_f64.sqrt()) - 1.0).abs() < 0.03, "{rms}");
     }
@@ -115,7 +115,7 @@ fn a_stage_of_ones_own_is_run_explained_keyed_and_reported() {
     assert!(text.contains("mag_9_c"), "{text}");
 }
 
-/// Real samples of the repository: a calibration, and a flight over a map.
+/// Real samples of the repository: a calibration and a flight over a map.
 const CHOSEN: &str = r#"
 name  = "chosen"
 store = "store"
@@ -176,7 +176,7 @@ metrics = ["drms", "ins_drms", "final_error"]
 "#;
 
 #[test]
-fn a_model_a_filter_and_a_metric_of_ones_own_are_chosen_keyed_documented_and_reported() {
+fn user_a_custom_model_filter_and_metric_are_chosen_keyed_documented_and_reported() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let samples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/samples");
@@ -215,7 +215,7 @@ fn a_model_a_filter_and_a_metric_of_ones_own_are_chosen_keyed_documented_and_rep
     assert!(report.status.success(), "{text}");
     assert!(fs::read_to_string(folder.join("report.html")).unwrap().contains("final_error"));
 
-    // A key of another model or filter, or a metric that there is not, is refused before anything runs.
+    // A key of another model or filter, or an unknown metric, is rejected before the run.
     for (set, said) in [
         ("shrunk.lambda=0.1", "`lambda` belongs to `tolles_lawson`"),
         ("squares.shrinkage=0.1", "`shrinkage` belongs to `boosted_trees` and `uniform_shrinkage`"),

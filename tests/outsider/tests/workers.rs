@@ -1,4 +1,4 @@
-//! A unit that fails, panics, kills its worker or hangs costs itself alone, by tasks and by the engine of processes.
+//! A unit that fails, panics, kills its worker or hangs affects no other unit: with tasks, processes and a cluster.
 #![allow(clippy::unwrap_used)]
 
 use std::{
@@ -18,7 +18,7 @@ use parquet::arrow::ArrowWriter;
 #[path = "../../cluster_support.rs"]
 mod cluster_support;
 
-/// Three lines at two points: one unit of six makes trouble.
+/// Three lines at two points: one unit of six fails.
 const SPEC: &str = r#"
 name  = "troubled"
 store = "store"
@@ -66,14 +66,14 @@ fn troubled(folder: &Path, args: &[&str], input: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_troubled"))
         .args(args)
         .current_dir(folder)
-        // The names of a large program take seconds.
+        // Symbols of a large program take seconds to resolve.
         .env("RUST_BACKTRACE", "0")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A worker that was lost does not read.
+    // A lost worker does not read its input.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     child.wait_with_output().unwrap()
 }
@@ -103,7 +103,7 @@ const TROUBLES: [(&str, &str); 4] = [
 
 #[cfg(feature = "cluster")]
 #[test]
-fn user_a_cluster_outlives_any_unit() {
+fn user_a_cluster_survives_any_failing_unit() {
     for (trouble, said) in TROUBLES {
         let folder = scene(trouble);
         let cluster = cluster_support::Cluster::new(env!("CARGO_BIN_EXE_troubled"), folder.path(), 2);
@@ -116,14 +116,14 @@ fn user_a_cluster_outlives_any_unit() {
         assert_eq!(run.status.code(), Some(1), "{trouble}: {}", text(&run));
         assert!(text(&run).contains(said), "{trouble}: {} {}", text(&run), cluster.said());
         assert_eq!(counts(&run), [8, 0, 1, 0], "{trouble}: {}", text(&run));
-        // The workers live, and take up the next run, which tries no more than is worth it.
+        // The workers survive and compute the next run, which limits its attempts.
         let again = troubled(folder.path(), &args, "");
         assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{trouble}: {}", text(&again));
     }
 }
 
 #[test]
-fn user_the_engine_of_processes_outlives_any_unit() {
+fn user_the_engine_of_processes_survives_any_failing_unit() {
     for (trouble, said) in TROUBLES {
         let folder = scene(trouble);
         let mut args = vec!["run", "spec.toml", "--engine", "processes", "--threads", "2", "--json"];
@@ -133,16 +133,16 @@ fn user_the_engine_of_processes_outlives_any_unit() {
         let run = troubled(folder.path(), &args, "");
         assert_eq!(run.status.code(), Some(1), "{trouble}: {}", text(&run));
         assert!(text(&run).contains(said), "{trouble}: {}", text(&run));
-        // Three lines of the first table; of the second all but one.
+        // Three lines at two points of the first table, and all but one of the second.
         assert_eq!(counts(&run), [8, 0, 1, 0], "{trouble}: {}", text(&run));
-        // The rest is published, and found again.
+        // All other units are published and reused.
         let again = troubled(folder.path(), &args, "");
         assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{trouble}: {}", text(&again));
     }
 }
 
 #[test]
-fn user_a_unit_that_kills_its_workers_is_given_up_and_the_rest_is_done() {
+fn user_a_unit_that_kills_its_workers_fails_and_the_others_are_computed() {
     for trouble in ["panic", "abort", "hang"] {
         let folder = scene(trouble);
         let (mut waves, mut deaths, mut computed) = (0, 0, 0);
@@ -164,7 +164,8 @@ fn user_a_unit_that_kills_its_workers_is_given_up_and_the_rest_is_done() {
             computed += receipts.matches("\"outcome\":\"computed\"").count();
             assert_eq!(receipts.contains("\"ended\":true"), trouble == "hang" && status == 1, "{receipts}");
         }
-        // One wave for the first table; three attempts at the unit. A busy machine may be late with others too.
+        // One wave for the first table and three attempts of the unit. On a busy machine other units may also exceed
+        // the limit.
         assert!(waves == 4 || trouble == "hang" && waves > 4, "{trouble}: {waves} waves");
         assert_eq!(deaths, if trouble == "abort" { 3 } else { 0 }, "{trouble}");
         let run = troubled(folder.path(), &["run", "spec.toml", "--json"], "");
@@ -172,7 +173,7 @@ fn user_a_unit_that_kills_its_workers_is_given_up_and_the_rest_is_done() {
         assert!(run.status.code() == Some(1) && text(&run).contains(said), "{trouble}: {}", text(&run));
         assert_eq!(counts(&run), [0, 8, 1, 0], "{trouble}: {}", text(&run));
         assert!(trouble == "abort" || computed <= 8, "{computed}");
-        // Those who know better may try again.
+        // A larger `--retries` permits further attempts.
         let tasks = troubled(folder.path(), &["tasks", "spec.toml", "--quiet", "--retries", "3"], "");
         assert_eq!(String::from_utf8(tasks.stdout).unwrap().lines().count(), 1);
     }

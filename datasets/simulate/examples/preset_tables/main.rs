@@ -45,7 +45,7 @@ fn spread(mut x: Vec<f64>) -> [f64; 3] {
     [x[0], x[x.len() / 2], x[x.len() - 1]]
 }
 
-/// The lines that are evaluated, and what Gnadt 2022, Table 3.3 has for magnetometer 4 with fluxgate A.
+/// Evaluated lines, with the values of Gnadt 2022, Table 3.3, for magnetometer 4 with fluxgate A.
 const SURVEYS: [(&str, Option<f64>); 8] = [
     ("1007.02", None),
     ("1003.10", Some(125.0)),

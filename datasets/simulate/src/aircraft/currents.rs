@@ -21,7 +21,7 @@ impl Current {
     ) -> Vec<f64> {
         let (off_a, on_a) = self.off_on_a;
         let levels = self.levels(motion, temperature, random);
-        // Constant currents take their values exactly.
+        // Constant currents have exactly their specified value.
         levels
             .iter()
             .map(|level| match *level {

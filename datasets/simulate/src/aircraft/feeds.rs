@@ -45,8 +45,8 @@ impl EffectiveCurrents {
     }
 }
 
-/// The current and the iron near its wires, whose irreversible part keeps `remanence` of the field of the full current
-/// after that is switched off. The iron has carried the full current before the line begins.
+/// The current and the iron near its wires, whose irreversible part keeps the fraction `remanence` of the full
+/// current's field after the current is switched off. The iron has carried the full current before the line begins.
 fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     let full_a = current.off_on_a.0.abs().max(current.off_on_a.1.abs());
     if remanence == 0.0 || full_a == 0.0 {
@@ -58,7 +58,8 @@ fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     true_a.iter().map(|a| a + remanence * full_a * iron.follow(*a)).collect()
 }
 
-/// The current as seen outside conductors, whose eddy currents delay `share` of each change with time constant `tau_s`.
+/// The effective current outside conductors whose eddy currents delay `share` of each change with the time constant
+/// `tau_s`.
 fn lagging(feed_a: Vec<f64>, rate_hz: f64, share: f64, tau_s: f64) -> Vec<f64> {
     if share == 0.0 {
         return feed_a;
@@ -77,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_way_that_opens_takes_half_at_its_onset_and_all_of_a_large_current() {
+    fn law_a_parallel_path_carries_half_at_its_onset_and_nearly_all_of_a_large_current() {
         assert_eq!(carried(0.0, 3.0), 0.0);
         assert_eq!((carried(3.0, 3.0), carried(-3.0, 3.0)), (1.5, -1.5));
         assert!((carried(3e6, 3.0) / 3e6 - 1.0).abs() < 2e-6);

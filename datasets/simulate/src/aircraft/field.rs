@@ -48,9 +48,9 @@ pub(super) struct AircraftFieldInput<'a> {
     pub(super) row: usize,
     /// Seconds after the flight's start.
     pub(super) since_s: f64,
-    /// Upward specific force beyond that of level flight, in m/s².
+    /// Upward specific force in excess of level flight, in m/s².
     pub(super) lift_mps2: f64,
-    /// The irreversible magnetisation of the airframe's iron along each axis, of that of the reference loop.
+    /// The irreversible magnetisation of the airframe's iron along each axis, as a fraction of the reference loop's.
     pub(super) iron: Vector3<f64>,
 }
 

@@ -64,7 +64,8 @@ struct SensorEnvironment<'a> {
     amperes: Vec<Vec<f64>>,
     /// Effective currents, to which the fields are proportional.
     feeds: EffectiveCurrents,
-    /// The irreversible magnetisation of the airframe's iron, of that of the reference loop; empty where there is none.
+    /// The irreversible magnetisation of the airframe's iron, as a fraction of the reference loop's; empty without
+    /// iron.
     iron: Vec<Vector3<f64>>,
     /// The duration of the flight up to the line's end, in seconds.
     until_s: f64,
@@ -122,9 +123,9 @@ fn in_body(truth: &TrueTrajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthFiel
     ned_nt.map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect())
 }
 
-/// The irreversible magnetisation of the airframe's iron along each axis of the body, of that of the reference loop,
-/// where a sensor has it. Before the line begins the aircraft has turned level through a full circle, to the right or
-/// to the left.
+/// The irreversible magnetisation of the airframe's iron along each axis of the body, as a fraction of the reference
+/// loop's. It is empty if no sensor has hysteresis. Before the line begins, the aircraft has turned level through a
+/// full circle, to the right or to the left.
 fn iron(scene: &SynthLineContext, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let aircraft = &scene.spec.aircraft;
     let sources = aircraft.scalars.iter().map(|s| &s.source).chain(aircraft.vectors.iter().map(|v| &v.source));

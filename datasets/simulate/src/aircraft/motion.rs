@@ -17,7 +17,7 @@ pub(super) struct AircraftMotion {
     pub(super) speed_mps: Vec<f64>,
     /// Climb, in m/s.
     pub(super) climb_mps: Vec<f64>,
-    /// Upward specific force in the body less that of level flight, in m/s².
+    /// Upward specific force in the body, in excess of level flight, in m/s².
     pub(super) lift_mps2: Vec<f64>,
     /// Magnitude of the specific force over gravity.
     pub(super) load: Vec<f64>,
@@ -48,8 +48,9 @@ impl Temperature {
         self.settled_degc + settling + self.swing_degc * (TAU * since_s / self.swing_s).sin()
     }
 
-    /// The temperature of something that follows the one on board with the time constant `tau_s`, from the same at the
-    /// flight's start on: the solution of tau dT/dt + T = [`Temperature::at`]. At once where `tau_s` is 0.
+    /// The temperature of a body that follows the temperature on board with the time constant `tau_s`, in degrees
+    /// Celsius. It solves tau dT/dt + T = [`Temperature::at`] with equal temperatures at the flight's start. With
+    /// `tau_s` = 0 it equals the temperature on board.
     pub(super) fn followed_at(&self, since_s: f64, tau_s: f64) -> f64 {
         if tau_s <= 0.0 {
             return self.at(since_s);
@@ -57,7 +58,7 @@ impl Temperature {
         let (own, own_left) = ((-since_s / self.tau_s).exp(), (-since_s / tau_s).exp());
         let ratio = tau_s / self.tau_s;
         let settling = if (1.0 - ratio).abs() < 1e-6 {
-            // Both are one.
+            // The limit of equal time constants.
             own * (1.0 + since_s / self.tau_s)
         } else {
             (own - ratio * own_left) / (1.0 - ratio)
@@ -75,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_temperature_that_follows_solves_its_equation() {
+    fn law_a_lagging_temperature_solves_its_differential_equation() {
         let on_board = Temperature {
             start_degc: 15.0,
             settled_degc: 23.0,
@@ -90,7 +91,8 @@ mod tests {
                 let h = 0.1;
                 let rate = (on_board.followed_at(t + h, tau_s) - on_board.followed_at(t - h, tau_s)) / (2.0 * h);
                 let rest = tau_s * rate + on_board.followed_at(t, tau_s) - on_board.at(t);
-                // Near equal time constants 1e-13 is divided by 5e-6; differences to the third derivative, 1e-9.
+                // Rounding of 1e-13 divided by 5e-6 near equal time constants, and 1e-9 from the third derivative in
+                // the differences.
                 assert!(rest.abs() < 1e-4, "{tau_s} {t}: {rest}");
             }
         }

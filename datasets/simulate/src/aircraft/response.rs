@@ -11,7 +11,7 @@ pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     let mut last: Option<(f64, f64)> = None;
     for &new in x {
         let y = last.map_or(new, |(old, y)| {
-            // Behind a straight line of slope s it stays by s tau.
+            // The response to a line of slope s lags it by s tau.
             let behind = (new - old) * rate_hz * tau_s;
             new - behind + (y - old + behind) * kept
         });
@@ -61,7 +61,7 @@ impl RayleighHysteresis {
         RayleighHysteresis { reference, plays: [0.0; PLAYS] }
     }
 
-    /// Follows the field to `x`, in the unit of the reference; gives the magnetisation there.
+    /// Moves the field to `x`, in units of the reference amplitude; returns the magnetisation there.
     pub(super) fn follow(&mut self, x: f64) -> f64 {
         let step = LARGEST / PLAYS as f64;
         let u = x / self.reference;
@@ -82,7 +82,7 @@ mod tests {
     const RATE_HZ: f64 = 10.0;
 
     #[test]
-    fn law_first_order_answers_a_ramp_and_a_decay_as_the_equation_does() {
+    fn law_the_first_order_response_to_a_ramp_and_a_step_is_exact() {
         let tau_s = 0.7;
         let ramp: Vec<f64> = (0..100).map(|i| 2.0 * f64::from(i) / RATE_HZ).collect();
         for (i, y) in first_order(&ramp, RATE_HZ, tau_s).iter().enumerate() {
@@ -130,13 +130,13 @@ mod tests {
     }
 
     #[test]
-    fn law_the_loop_is_rayleighs_and_closes() {
+    fn law_the_hysteresis_loop_is_rayleighs_and_closes() {
         for amplitude in [0.4_f64, 1.0, 1.3] {
             let reference = 50_000.0;
             let mut iron = RayleighHysteresis::demagnetised(reference);
             let tip = |u: f64| 2.0 * u * u;
             let first = sweep(&mut iron, 0.0, amplitude * reference);
-            // Thresholds in steps of 0.025 leave half the square of that, doubled, and less at the tip.
+            // Discretisation error of thresholds in steps of 0.025: at most four times the squared step.
             let near = 4.0 * 0.025_f64.powi(2);
             for (i, m) in first.iter().enumerate() {
                 assert!((m - tip(amplitude * i as f64 / 2000.0)).abs() < near, "first loading, {i}");
@@ -145,12 +145,12 @@ mod tests {
                 let branch = sweep(&mut iron, -direction * amplitude * reference, direction * amplitude * reference);
                 for (i, m) in branch.iter().enumerate() {
                     let u = direction * amplitude * (i as f64 / 1000.0 - 1.0);
-                    // In the unit of the remanence of the reference loop: 2 a = 4.
+                    // In units of the remanence of the reference loop: 2 a = 4.
                     let expected = 2.0 * (amplitude * u - direction * (amplitude.powi(2) - u * u) / 2.0);
                     assert!((m - expected).abs() < near, "{amplitude} {u}: {m} {expected}");
                 }
             }
-            // Round again: the same loop, to rounding.
+            // A second cycle repeats the loop to rounding.
             let before = iron.follow(amplitude * reference);
             sweep(&mut iron, amplitude * reference, -amplitude * reference);
             let after = *sweep(&mut iron, -amplitude * reference, amplitude * reference).last().unwrap_or(&f64::NAN);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_minor_loop_is_wiped_out_and_the_rate_does_not_matter() {
+    fn law_a_larger_excursion_erases_a_minor_loop_at_any_rate() {
         let (mut detour, mut straight) = (RayleighHysteresis::demagnetised(1.0), RayleighHysteresis::demagnetised(1.0));
         for x in [0.8, 0.3, 0.6, 0.1, 0.9] {
             detour.follow(x);

@@ -5,7 +5,7 @@ use super::spec::SensorSampling;
 /// Timing of a sensor's readings relative to the rows of a table.
 pub(super) struct SensorClock {
     rows: usize,
-    /// Rows from one reading of the sensor to the next; `None` where it is as fast as the table.
+    /// Rows from one reading of the sensor to the next; `None` if it is as fast as the table.
     rows_per_reading: Option<f64>,
     lag_rows: f64,
     hold: bool,
@@ -37,7 +37,7 @@ impl SensorClock {
         let readings = (self.rows as f64 / step).ceil() as usize + 2;
         let y: Vec<f64> = (0..readings).map(|k| sample(k as f64 * step)).collect();
         let at = |i: usize| {
-            // A row that is a reading's own must not precede it by rounding.
+            // Rounding must not place a row before its own reading.
             let place = i as f64 / step + 1e-9;
             let (k, share) = (place.floor() as usize, place.fract());
             if self.hold || share < 1e-8 { y[k] } else { y[k] + (y[k + 1] - y[k]) * share }
@@ -87,13 +87,13 @@ mod tests {
     }
 
     #[test]
-    fn law_a_slow_sensor_is_held_or_drawn_out() {
+    fn law_a_slow_sensor_is_held_or_interpolated() {
         let x: Vec<f64> = (0..201).map(f64::from).collect();
         let held = clock(Some(2.0), 0.0, true).read(&x);
         let between = clock(Some(2.0), 0.0, false).read(&x);
         for i in 0..201 {
             assert_eq!(held[i], f64::from(u32::try_from(i / 5 * 5).unwrap_or(0)), "{i}");
-            // A straight line is its own interpolation, except at the end, where the last reading is repeated.
+            // A straight line is interpolated exactly, except at the end, where the last reading is repeated.
             assert!(i > 195 || (between[i] - x[i]).abs() < 1e-6, "{i}");
         }
         // One draw per reading, none between.

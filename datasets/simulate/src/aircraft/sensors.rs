@@ -217,7 +217,7 @@ impl MagnetometerSimulation<'_> {
             reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
             self.linearity(reading, made.linearity[axis], sensor.full_scale_nt);
             self.core_hysteresis(reading, sensor.core_hysteresis_nt);
-            // The reading whose scale changes with the temperature.
+            // The reading before the change of its scale with temperature.
             let felt_nt = reading.values_nt.clone();
             reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
             let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };
@@ -258,8 +258,7 @@ impl MagnetometerSimulation<'_> {
         added_nt
     }
 
-    /// The departure from the best straight line: the third Chebyshev polynomial, whose largest values within the full
-    /// scale are those of `linearity`.
+    /// The nonlinearity: the third Chebyshev polynomial, with the maximum `linearity` within the full scale.
     fn linearity(&self, reading: &mut MagnetometerColumn, linearity: f64, full_scale_nt: f64) {
         let size_nt = if self.on("linearity") { linearity * full_scale_nt } else { 0.0 };
         let off = |x: &f64| {
@@ -269,7 +268,7 @@ impl MagnetometerSimulation<'_> {
         reading.add(self.wanted, reading.values_nt.iter().map(off).collect());
     }
 
-    /// The hysteresis of the core, which has been through the loop of its first reading before the line begins.
+    /// The hysteresis of the core. Before the line begins, the core has completed the loop of its first reading.
     fn core_hysteresis(&self, reading: &mut MagnetometerColumn, remanent_nt: f64) {
         let part = if remanent_nt == 0.0 || !self.on("core_hysteresis") {
             vec![0.0; self.tt_s.len()]
@@ -283,7 +282,8 @@ impl MagnetometerSimulation<'_> {
     }
 }
 
-/// Whether the field is in a dead zone of the sensor; `cosine` is that of its angle to the optical axis.
+/// Whether the field is in a dead zone of the sensor; `cosine` is the cosine of the angle between the field and the
+/// optical axis.
 fn is_dead(sensor: &ScalarMagnetometer, cosine: f64) -> bool {
     let from_axis_deg = cosine.abs().min(1.0).acos().to_degrees();
     from_axis_deg < sensor.dead_polar_deg || 90.0 - from_axis_deg < sensor.dead_equatorial_deg
@@ -297,13 +297,13 @@ struct VectorMagnetometerErrors {
     nt_per_degc: Vector3<f64>,
     /// Change of the scale, per degree.
     scale_per_degc: Vector3<f64>,
-    /// Largest departure from the best straight line, of the full scale.
+    /// Maximum deviation from the best straight line, as a fraction of the full scale.
     linearity: Vector3<f64>,
 }
 
 impl VectorMagnetometerErrors {
-    /// Draws it: the same on all flights. Its axes are rows: x along its own, y turned in the plane of both, z by two
-    /// angles; then all are turned and scaled.
+    /// Draws the errors, the same on all flights. The rows of the matrix are the axes: x unchanged, y turned in the xy
+    /// plane, z turned by two angles. All are then turned and scaled.
     fn draw(seed: u64, sensor: &VectorMagnetometer) -> VectorMagnetometerErrors {
         let mut random = RandomStream::new(seed, &["calibration", &sensor.name]);
         let mut three = |size: f64| Vector3::from_fn(|_, _| size * random.normal());

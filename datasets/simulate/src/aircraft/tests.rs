@@ -60,7 +60,7 @@ fn sd(x: &[f64]) -> f64 {
     (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt()
 }
 
-/// Sensors with everything that they can have.
+/// Sensors with every optional key.
 const EVERYTHING: &str = "
 [diurnal]
 sigma_nt = 5.0
@@ -204,7 +204,7 @@ fn part_of(component: &str) -> Option<&str> {
 fn law_a_component_that_is_off_is_exactly_zero() {
     let all = &lines_of("component_columns = true", EVERYTHING, SURVEY)[0];
     for component in COMPONENTS {
-        // The map takes its time, and no other part depends on it.
+        // The anomaly is off, because the map is slow and no other part depends on it.
         let quiet = if *component == "anomaly" { "" } else { "anomaly = false\n" };
         let off = format!("{EVERYTHING}\n[components]\n{quiet}{component} = false\n");
         let line = &lines_of("component_columns = true", &off, SURVEY)[0];
@@ -255,14 +255,15 @@ fn law_exact_sources_give_the_field_of_tolles_and_lawson() {
         let induced = Vector3::new(0.002 * b.x + 0.001 * b.y, -0.004 * b.x + 0.003 * b.y, 0.001 * b.z);
         let eddy = Vector3::new(0.01 * rate.x, 0.02 * rate.z, 0.0);
         let expected = b + Vector3::new(100.0, -50.0, 20.0) + induced + eddy;
-        // Rounding of 5e4 nT over a millisecond, 1e-8 nT/s, of which 2 % are felt; the fourth power of the step.
+        // Rounding of 5e4 nT over a millisecond is 1e-8 nT/s, of which 2 % enter the field; the error of the
+        // differences is of fourth order in the step.
         assert!((at("flux_b", i) - expected).norm() < 1e-7, "{i}: {}", at("flux_b", i) - expected);
     }
 }
 
-/// A signal current of which one flight has a walk: two flights of two lines.
+/// Shifts and walks of 100 vector magnetometers on two flights, the first of two lines.
 #[test]
-fn law_landing_shifts_each_flight_and_the_walk_goes_on_through_it() {
+fn law_landing_shifts_are_constant_in_a_flight_and_the_walk_grows_with_time() {
     let flight = |name: &str| SURVEY.replace("'A'", &format!("'{name}'")).replace("A.1", &format!("{name}.1"));
     let second = "[[flights.lines]]\nname = 'A.2'\nalt_m = 500.0\nduration_s = 60.0\nstart_tt_s = 39600.0\n\
                   waypoints = [[-22.05, 140.6], [-21.9, 140.65]]\n";
@@ -290,7 +291,7 @@ fn law_landing_shifts_each_flight_and_the_walk_goes_on_through_it() {
         }
     }
     assert_eq!(apart, 300);
-    // 300 draws: standard error 4 %; four of them.
+    // Four standard errors of 4 % for 300 draws.
     assert!((sd(&shifts) / 10.0 - 1.0).abs() < 0.16, "{}", sd(&shifts));
     assert!((sd(&walks) / 8.0 - 1.0).abs() < 0.16, "{}", sd(&walks));
 }
@@ -356,8 +357,8 @@ fn law_induced_tensors_have_their_size_and_symmetry() {
         squares += free.norm_squared() / 900.0;
         apart += (free - free.transpose()).norm_squared() / 600.0;
     }
-    // 900 elements of 100 nT; differences of two that are independent have twice the variance. Standard errors 2.4 %
-    // and 6 %; four of each.
+    // 900 elements of 100 nT; the difference of two independent elements has twice the variance. Four standard errors
+    // of 2.4 % and 6 %.
     assert!((f64::sqrt(squares) / 100.0 - 1.0).abs() < 0.1, "{squares}");
     assert!((apart / 20_000.0 - 1.0_f64).abs() < 0.25, "{apart}");
 }

@@ -22,8 +22,8 @@ impl Wire {
     }
 }
 
-/// The field of one ampere from `a_m` to `b_m` along a straight line, in nT: with r the vectors from its ends,
-/// μ0/4π (r1 × r2) (|r1| + |r2|) / (|r1| |r2| (|r1| |r2| + r1·r2)). On the line itself, where it has no value, zero.
+/// The field of one ampere from `a_m` to `b_m` along a straight line, in nT: with r the vectors from its ends, μ0/4π
+/// (r1 × r2) (|r1| + |r2|) / (|r1| |r2| (|r1| |r2| + r1·r2)). On the line itself, where it is undefined, it is zero.
 /// [Hanson & Hirshman 2002, eq. 8]
 pub(super) fn segment_nt_per_a(a_m: &Vector3<f64>, b_m: &Vector3<f64>, at_m: &Vector3<f64>) -> Vector3<f64> {
     let (r1, r2) = (at_m - a_m, at_m - b_m);
@@ -61,7 +61,7 @@ mod tests {
     fn law_a_long_wire_has_the_field_of_an_infinite_one() {
         // Along x, seen from 2 m to the right (y): B = μ0 I / 2 π r = 100 nT, and by the right hand it points down (z).
         let b = wire(&[[-1e4, 0.0, 0.0], [1e4, 0.0, 0.0]], false).nt_per_a(&Vector3::new(3.0, 2.0, 0.0));
-        // A finite wire lacks r²/2l² of it: 2e-8.
+        // A finite wire has a smaller field by the fraction r²/2l² = 2e-8.
         assert!((b - Vector3::new(0.0, 0.0, 100.0)).norm() < 1e-5, "{b}");
     }
 
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_axis_of_a_square_and_of_a_circle() {
+    fn law_the_field_on_the_axis_of_a_square_and_a_circle_is_exact() {
         let square = wire(&[[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]], true);
         let circle: Vec<[f64; 3]> = (0..20_000)
             .map(|k| (f64::from(k) / 20_000.0 * std::f64::consts::TAU).sin_cos())
@@ -84,20 +84,21 @@ mod tests {
             // Half side a: B = 2 μ0 I a² / (π (a² + z²) sqrt(2 a² + z²)); μ0 = 400 π nT m/A.
             let expected = 800.0 / ((1.0 + z * z) * (2.0 + z * z).sqrt());
             assert!((square.nt_per_a(&at) - Vector3::new(0.0, 0.0, expected)).norm() < 1e-9, "{z}");
-            // Radius a: B = μ0 I a² / 2 (a² + z²)^1.5; the polygon lacks π²/3n² of it and less, 1e-8.
+            // Radius a: B = μ0 I a² / 2 (a² + z²)^1.5; the field of the polygon is smaller by a fraction of at most
+            // π²/3n² = 1e-8.
             let expected = 200.0 * std::f64::consts::PI / (1.0 + z * z).powf(1.5);
             assert!((circle.nt_per_a(&at) - Vector3::new(0.0, 0.0, expected)).norm() < 1e-4, "{z}");
         }
     }
 
     #[test]
-    fn law_a_small_loop_is_a_dipole_from_afar() {
+    fn law_a_small_loop_is_a_dipole_at_a_distance() {
         let h = 0.005;
         let loop_ = wire(&[[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0]], true);
         let moment = Vector3::new(0.0, 0.0, 4.0 * h * h);
         let coil = Wire { dipole: Some((Vector3::zeros(), moment)), path_m: vec![], ..loop_.clone() };
         let at = Vector3::new(0.7, -0.5, 0.9);
-        // Terms of higher order: (h/r)² = 2e-5.
+        // Higher-order terms: (h/r)² = 2e-5.
         assert!((loop_.nt_per_a(&at) - coil.nt_per_a(&at)).norm() < 1e-4 * coil.nt_per_a(&at).norm());
         let twice = Wire { turns: 2.0, ..loop_.clone() };
         assert!((twice.nt_per_a(&at) - 2.0 * loop_.nt_per_a(&at)).norm() < 1e-12);
@@ -111,7 +112,7 @@ mod tests {
             let step = Vector3::ith(axis, h);
             (bent.nt_per_a(&(at + step))[axis] - bent.nt_per_a(&(at - step))[axis]) / (2.0 * h)
         };
-        // Differences: rounding 1e-13 of 100 nT over 1e-4 m.
+        // Rounding of the differences: 1e-13 of 100 nT over 1e-4 m.
         assert!((d(0) + d(1) + d(2)).abs() < 1e-5);
         assert!(d(0).abs() > 1.0);
         assert_eq!(wire(&[[0.0; 3], [1.0, 0.0, 0.0]], false).nt_per_a(&Vector3::new(0.5, 0.0, 0.0)), Vector3::zeros());

@@ -55,7 +55,7 @@ impl CrustalMapAxis {
         CrustalMapAxis { first_deg, step_deg: (last_deg - first_deg) / (axis.len().max(2) - 1) as f64, len: axis.len() }
     }
 
-    /// The cell and the fraction within it; a position past an end by rounding only is on the end.
+    /// The cell and the fraction within it; a position past an end by rounding is moved to the end.
     fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
         let steps = (deg - self.first_deg) / self.step_deg;
@@ -87,7 +87,7 @@ pub(super) struct CrustalMap {
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
     direction: [f64; 3],
-    /// The map whose components, taken in the mean direction, are the required field.
+    /// The map whose components in the mean direction are the required field.
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,
@@ -100,9 +100,9 @@ pub(super) struct CrustalMap {
 /// Reason why the map gives no field at a sample, with the index of the sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CrustalCoverageError {
-    /// It lies off the map or at an unknown node.
+    /// The sample is off the map or at an unknown node.
     Off(usize),
-    /// It is below the map.
+    /// The sample is below the map.
     Below(usize),
 }
 
@@ -152,8 +152,8 @@ impl CrustalMap {
     }
 
     /// The crustal field (north, east, down; nT) at positions in degrees and metres where the core field is
-    /// `core_ned_nt`. Each is `moved` by at most a few decimetres (degrees of latitude and longitude, metres up). This
-    /// may lead past the edge of the map, where the splines at the position are extrapolated.
+    /// `core_ned_nt`. `moved` shifts each position by at most a few decimetres (degrees of latitude and longitude,
+    /// metres up). A shift may lead past the edge of the map, where the splines at the position are extrapolated.
     ///
     /// Positions at one height share a level. Otherwise the field is a cubic of height between levels. Levels are half
     /// a spacing apart near the map, and a quarter of their height above it farther up. The slopes are those of a field
@@ -221,7 +221,7 @@ impl CrustalMap {
         if let Some(level) = known {
             return Ok(level);
         }
-        // Computed without the lock: a thread that waits for its own transform may take up another flight meanwhile.
+        // Computed without the lock: a thread that waits for its own transform may start another flight meanwhile.
         let wrong = |e: numerics::maps::continuation::ContinuationError| ReadError::data(&self.path, e.to_string());
         let spectrum = MapSpectrum::new(&self.corrected, up_m, &Padding::default()).map_err(wrong)?;
         let field = spectrum.components(self.direction, up_m, 0.0).map_err(wrong)?;

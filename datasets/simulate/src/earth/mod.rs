@@ -1,7 +1,7 @@
 //! The earth's field along a track: core field, crustal field and temporal variation, each a vector.
 //!
-//! The core field is a model's at the date of every sample. The crustal field is that of a map, of sources in the
-//! ground, or of both; see [`crustal`] and [`buried`]. The temporal variation is in [`variation`].
+//! A core model gives the core field at the date of every sample. A map, sources in the ground, or both give the
+//! crustal field; see [`crustal`] and [`buried`]. The temporal variation is in [`variation`].
 
 use buried::{LocalFrameSource, field_ned_nt};
 use crustal::{CrustalCoverageError, CrustalMap, change_of_magnitude};
@@ -78,11 +78,11 @@ pub(super) struct LineEarthField {
     pub(super) anomaly_nt: Vec<f64>,
     /// The whole field in the body frame.
     pub(super) body_nt: Vec<Vector3<f64>>,
-    /// Its rate of change in the body frame, in nT/s.
+    /// The rate of change of the whole field in the body frame, in nT/s.
     pub(super) body_rate_ntps: Vec<Vector3<f64>>,
 }
 
-/// Half the time over which the change of the field along the track is taken, in seconds.
+/// Half of the time step for differences of the field along the track, in seconds.
 const STEP_S: f64 = 1e-3;
 
 /// The earth's field along a line: the exact sum of its three vectors, and its rate.
@@ -145,7 +145,7 @@ fn rates(
     Ok(ahead.iter().zip(behind).map(|(ahead, behind)| (ahead - behind) / (2.0 * STEP_S)).collect())
 }
 
-/// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` farther on the tangent of the
+/// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` seconds ahead on the tangent of the
 /// track.
 fn parts(
     scene: &SynthLineContext,

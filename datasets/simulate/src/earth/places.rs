@@ -4,7 +4,7 @@ use numerics::earth::geodesy::EarthModel;
 
 use crate::trajectory::TrueTrajectory;
 
-/// Times and positions, one per sample, offset from those of a true trajectory.
+/// Times and positions, one per sample, offset from a true trajectory.
 pub(super) struct OffsetTrack<'a> {
     /// The positions of the samples.
     pub(super) own: &'a TrueTrajectory,
@@ -17,7 +17,7 @@ pub(super) struct OffsetTrack<'a> {
 }
 
 impl OffsetTrack<'_> {
-    /// The positions `by_s` seconds farther on the tangent of a track at each of its samples.
+    /// The positions `by_s` seconds ahead on the tangent of a track at each of its samples.
     pub(super) fn from_truth(truth: &TrueTrajectory, by_s: f64) -> OffsetTrack<'_> {
         let earth = EarthModel::Wgs84;
         let step = |i: usize| {

@@ -15,7 +15,7 @@ use crate::reading::{ComponentSwitches, SynthSection};
 pub struct SynthEarth {
     /// The model of the core field.
     pub core: CoreFieldModel,
-    /// The anomaly map and how to read it.
+    /// The anomaly map and its reading options.
     pub map: Option<(PathBuf, MapOptions)>,
     /// Sources in the ground.
     pub sources: Vec<BuriedSource>,

@@ -35,7 +35,7 @@ fn prism(lat_deg: f64, lon_deg: f64, depth_m: f64, magnetisation_apm: f64) -> Bu
     BuriedSource { lat_deg, lon_deg, alt_m: -depth_m, inclination_declination_deg: Some((20.0, 40.0)), body }
 }
 
-/// Sources below a map of 201 x 201 nodes about 150 m apart, and the map of what they add along the core field.
+/// Sources below a map of 201 x 201 nodes about 150 m apart, and the map of their total field anomaly.
 fn known(lat_deg: f64) -> (Vec<LocalFrameSource>, MapTable) {
     let core = CoreField::at(2020.5).unwrap();
     let buried = [
@@ -62,7 +62,7 @@ fn crustal(map: &MapTable) -> CrustalMap {
     CrustalMap::new(Path::new(""), map, &CoreFieldTrack::new(CoreFieldModel::Igrf14), 2020.5).unwrap()
 }
 
-/// The field of a crustal map at places.
+/// The field of a crustal map at positions.
 fn fields(map: &CrustalMap, places: &[(f64, f64, f64)]) -> Vec<Vector3<f64>> {
     let core: Vec<_> =
         places.iter().map(|(lat, lon, alt)| field_at(CoreFieldModel::Igrf14, 2020.5, *lat, *lon, *alt)).collect();
@@ -82,7 +82,7 @@ fn inner_places(lat_deg: f64, alt_m: f64) -> Vec<(f64, f64, f64)> {
 }
 
 #[test]
-fn law_the_maps_field_is_that_of_the_sources_below_it() {
+fn law_the_field_of_a_map_equals_the_field_of_its_sources() {
     let (sources, map) = known(-22.0);
     let map = crustal(&map);
     for (alt_m, most) in [(300.0, 0.02), (450.0, 0.02), (1000.0, 0.03), (2000.0, 0.06)] {
@@ -97,7 +97,7 @@ fn law_the_maps_field_is_that_of_the_sources_below_it() {
 }
 
 #[test]
-fn law_a_climb_is_continuous_and_meets_the_exact_levels() {
+fn law_the_field_along_a_climb_is_smooth_and_equals_the_exact_levels() {
     let (_, map) = known(-22.0);
     let map = crustal(&map);
     let climb: Vec<_> = (0..=3000).map(|k| (-21.98, 140.51, 297.0 + 0.5 * f64::from(k))).collect();
@@ -105,12 +105,12 @@ fn law_a_climb_is_continuous_and_meets_the_exact_levels() {
     let bends: Vec<_> = found.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).collect();
     let most = bends.iter().map(|v| v.norm()).fold(0.0, f64::max);
     let steps = found.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, f64::max);
-    // A jump would be a bend of its own size, a jump of the slope one of half a metre of it. The field of 200 nT falls
-    // over a kilometre: its bends are 200 (0.5/1000)² = 5e-5 nT.
+    // Second differences of a smooth field that falls by 200 nT over a kilometre are 200 (0.5/1000)² = 5e-5 nT. A jump
+    // of the field or its slope would exceed this.
     assert!(steps > 0.05 && most < 2e-4, "{steps} {most}");
     for k in [6, 107, 406, 1506, 2906] {
         let exact = fields(&map, &[climb[k]])[0];
-        // The cubic's 6e-5 of a wave of eight spacings.
+        // The relative error of the cubic is 6e-5 for a wavelength of eight spacings.
         assert!((found[k] - exact).norm() < 1e-3 * exact.norm(), "{k}: {} {}", found[k], exact);
     }
 }
@@ -128,7 +128,7 @@ fn law_the_field_is_a_gradient_without_sources() {
         let (dn, de) =
             (earth.north_m_to_lat_rad(H, rad, alt).to_degrees(), earth.east_m_to_lon_rad(H, rad, alt).to_degrees());
         let moved = [(dn, 0.0, 0.0), (0.0, de, 0.0), (0.0, 0.0, -H)];
-        // Rows are components, columns directions: north, east, down. One climbing line asks for all of them.
+        // Rows are components, columns directions: north, east, down. One climbing line computes all of them.
         let places: Vec<_> =
             moved.iter().flat_map(|(a, b, c)| [1.0, -1.0].map(|s| (lat + s * a, lon + s * b, alt + s * c))).collect();
         let at = fields(&map, &places);
@@ -138,14 +138,14 @@ fn law_the_field_is_a_gradient_without_sources() {
         worst[1] = worst[1].max((slope[0].x + slope[1].y + slope[2].z).abs());
         gradients = gradients.max(rms(slope.iter()));
     }
-    // The plane of the transform is as wide as the middle latitude (0.1 % over the map), and differences over h = 60 m
-    // err by (k h)²/6 of a wave of wavenumber k: by 4e-3 at 1/400 m.
+    // The transform uses the width at the middle latitude (0.1 % error over the map). Differences over h = 60 m have
+    // the relative error (k h)²/6, which is 4e-3 at the wavenumber k = 1/400 m.
     assert!(gradients > 0.1, "{gradients}");
     assert!(worst[0] < 8e-3 * gradients && worst[1] < 8e-3 * gradients, "{worst:?} {gradients}");
 }
 
 #[test]
-fn law_near_the_magnetic_equator_the_field_is_finite_and_its_change_of_magnitude_the_map() {
+fn law_near_the_magnetic_equator_the_field_is_finite_and_its_scalar_anomaly_is_the_map() {
     // The dip is 0 to 1 degrees at 7.5 north, 140.5 east.
     let (_, map) = known(7.5);
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
@@ -157,7 +157,7 @@ fn law_near_the_magnetic_equator_the_field_is_finite_and_its_change_of_magnitude
         let core = field_at(CoreFieldModel::Igrf14, 2020.5, place.0, place.1, place.2);
         let t = lookup.at(place.0, place.1).unwrap().value_nt;
         assert!(b.norm() < 3000.0, "{b}");
-        // Splines of the vector and of the magnitude differ between nodes in the second order, which is 0.04 nT here.
+        // Between nodes, splines of the vector and of the magnitude differ in the second order, which is 0.04 nT here.
         let shown = crustal::change_of_magnitude(&core, &b);
         assert!((shown - t).abs() < 5e-3, "{shown} {t}");
     }
@@ -183,7 +183,7 @@ fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() 
     assert!(east.x.abs() < 1e-6 && (east.y + 100.0).abs() < 1e-6, "{east}");
     let f = field_at(CoreFieldModel::Igrf14, 2020.0, 50.0, 9.0, -500.0).normalize();
     assert!((induced - Vector3::new(-100.0 * f.x, -100.0 * f.y, 200.0 * f.z)).norm() < 1e-6);
-    // Round a circle of 2 km about the prism, tilted: the work is none.
+    // The work along a tilted circle of 2 km radius about the prism is zero.
     let prism =
         [LocalFrameSource::new(&BuriedSource { lat_deg: 50.0, lon_deg: 9.0, ..prism(50.0, 9.0, 300.0, 2.0) }, &core)];
     let earth = numerics::earth::geodesy::EarthModel::Wgs84;
@@ -202,7 +202,7 @@ fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() 
         work += b.dot(&along);
         length += b.norm() * along.norm();
     }
-    // The circle is laid out with the radii of one latitude: metres go wrong by 3e-4 of them.
+    // The circle is computed with the radii of one latitude, a relative error of 3e-4.
     assert!(work.abs() < 1e-3 * length, "{work} of {length}");
 }
 
@@ -250,7 +250,7 @@ fn law_with_all_off_the_field_is_the_core_field() {
 }
 
 #[test]
-fn law_the_scalar_anomaly_is_the_maps() {
+fn law_the_scalar_anomaly_equals_the_map() {
     let line = &flown(&format!("year = 2020\ndoy = 185\n{}{BARE}{LINE}", osborne()))[0];
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
@@ -261,8 +261,8 @@ fn law_the_scalar_anomaly_is_the_maps() {
         let (truth, core) = (column(line, "anomaly_truth")[i], column(line, "igrf")[i]);
         let measured = column(line, "mag_1_c")[i] - core;
         assert!((measured - truth).abs() < 1e-8, "what the magnetometer shows is the column");
-        // At the nodes the magnitude is the map's; between them the spline of a magnitude is not that of the vector, by
-        // a fourth of the change of b²/2B from node to node or less.
+        // At the nodes the magnitude equals the map. Between nodes, splines of the magnitude and of the vector differ
+        // by at most a quarter of the change of b²/2B from node to node.
         let beyond = (truth - t).abs();
         assert!(beyond < 0.05, "{i}: {truth} {t}");
         most = most.max(beyond);
@@ -271,12 +271,13 @@ fn law_the_scalar_anomaly_is_the_maps() {
 }
 
 #[test]
-fn law_the_projection_differs_from_the_map_by_less_than_the_square() {
+fn law_the_projected_field_differs_from_the_map_by_less_than_the_second_order() {
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
     let lookup = MapSurface::new(&grid, MapInterpolation::Cubic);
     let map = crustal(&map);
-    // All of the map is a gradient's change of magnitude; without the corrections 3 nT and more would not be.
+    // The map is the change of magnitude by a gradient field; without the corrections the residual would be 3 nT or
+    // more.
     assert!(map.most_rest_nt() < 1e-4, "{}", map.most_rest_nt());
     let places: Vec<_> =
         (0..500).map(|k| (-22.1 + 0.00055 * f64::from(k), 140.57 + 0.0004 * f64::from(k), 500.0)).collect();
@@ -285,7 +286,8 @@ fn law_the_projection_differs_from_the_map_by_less_than_the_square() {
         let along = b.dot(&core) / core.norm();
         let t = lookup.at(place.0, place.1).unwrap().value_nt;
         let square = b.norm_squared() / (2.0 * core.norm());
-        // The part across makes the magnitude larger than the projection; splines as in the test above.
+        // The component across the core field makes the magnitude larger than the projection; the splines are as in the
+        // test above.
         assert!((-0.05..square + 0.05).contains(&(t - along)), "{place:?}: {along} {t} {square}");
     }
 }
@@ -304,8 +306,8 @@ fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
         let core = field_at(CoreFieldModel::Igrf14, 2020.0, lat, lon, 500.0);
         let expected = (core + change).norm() - core.norm();
         let found = column(&after, "igrf")[i] - column(&before, "igrf")[i];
-        // The field is linear in time between the epochs; ten hours of 2025 have the change of the years after it,
-        // which differs by up to 20 nT a year: 0.02 nT.
+        // The field is linear in time between the epochs. The first ten hours of 2025 use the rate of the following
+        // years, which differs by up to 20 nT a year: 0.02 nT.
         assert!((found - expected).abs() < 0.02 && found.abs() > 10.0, "{found} {expected}");
     }
     let wmm =
@@ -318,7 +320,7 @@ fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
 }
 
 #[test]
-fn law_the_lines_of_a_flight_and_the_flights_of_a_day_see_one_variation() {
+fn law_flights_of_a_day_share_all_but_the_irregular_variation() {
     let diurnal = Diurnal {
         irregular: Some(GaussMarkov { sigma: 3.0, tau_s: 600.0 }),
         quiet_nt: 30.0,
@@ -337,8 +339,8 @@ fn law_the_lines_of_a_flight_and_the_flights_of_a_day_see_one_variation() {
     let whole = see("1", &diurnal, &tt);
     assert_eq!(see("1", &diurnal, &tt[7003..]), whole[7003..], "a line that begins later");
     let steps = whole.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, f64::max);
-    // A knot's step of 3 nT √(2/600) = 0.17 nT a second, five of them in a tenth; pulsations 0.1 nT/s; the storm's
-    // commencement 25 nT in 90 s.
+    // The steps are at most 0.085 nT by the knots (five standard deviations of 3 nT √(2/600) = 0.17 nT/s), 0.01 nT by
+    // the pulsations (0.1 nT/s), and 0.03 nT by the storm's commencement (25 nT in 90 s).
     assert!(steps < 0.15, "{steps}");
     let other = see("2", &diurnal, &tt);
     assert!((0..tt.len()).any(|i| (other[i] - whole[i]).norm() > 1.0), "the irregular part is of the flight");
@@ -347,15 +349,15 @@ fn law_the_lines_of_a_flight_and_the_flights_of_a_day_see_one_variation() {
 }
 
 #[test]
-fn law_the_quiet_day_is_large_by_day_and_even_at_night() {
+fn law_the_quiet_day_is_large_by_day_and_small_at_night() {
     let quiet = QuietDay::new(40.0);
     let at = |hour: f64, lat: f64| quiet.at(3600.0 * hour, lat, 0.0);
     let sizes: Vec<f64> = (0..240).map(|k| at(0.1 * f64::from(k), 35.0).norm()).collect();
     let most = sizes.iter().copied().fold(0.0, f64::max);
     assert!((most - 40.0).abs() < 0.05, "{most}");
     assert!(at(0.0, 35.0).norm() < 1e-12 && (20..24).chain(0..4).all(|h| at(f64::from(h), 35.0).norm() < 8.0));
-    // Sq as observatories see it: east in the morning and west in the afternoon of the northern hemisphere, turned
-    // round in the southern one; less down at noon in the north; more north at noon at the equator, less at 60.
+    // Sq at observatories: in the northern hemisphere east in the morning, west in the afternoon and less down at noon,
+    // with reversed signs in the southern one. At noon it is more north at the equator and less at 60 degrees.
     assert!(at(9.0, 40.0).y > 10.0 && at(15.0, 40.0).y < -10.0 && at(9.0, -40.0).y < -10.0);
     assert!(at(12.0, 40.0).z < -5.0 && at(12.0, -40.0).z > 5.0);
     assert!(at(12.0, 0.0).x > 20.0 && at(12.0, 60.0).x < -5.0);
@@ -369,8 +371,8 @@ fn law_the_quiet_day_has_no_curl_over_the_ground() {
     let (lat, h) = (33.0_f64, 1e-3_f64);
     for hour in [6.0, 9.5, 13.0] {
         let at = |lat: f64, lon: f64| quiet.at(3600.0 * hour, lat, lon);
-        // Less the value of midnight, which is another place's with the longitude the same: only northward, so that it
-        // has no part in what changes with longitude and none in the east.
+        // The value of midnight is subtracted. It is northward only and independent of longitude, so it does not affect
+        // the curl.
         let d_east = (at(lat + h, 10.0).y * (lat + h).to_radians().cos()
             - at(lat - h, 10.0).y * (lat - h).to_radians().cos())
             / (2.0 * h);
@@ -380,7 +382,7 @@ fn law_the_quiet_day_has_no_curl_over_the_ground() {
 }
 
 #[test]
-fn law_pulsations_have_their_band_and_their_size() {
+fn law_pulsations_have_the_declared_band_and_amplitude() {
     for (period_s, width) in [(20.0, 0.1), (100.0, 0.05)] {
         let pulsations = Pulsations { sigma_nt: 2.0, period_s, width };
         let waves = PulsationWaves::draw(&pulsations, &mut RandomStream::new(4, &["test"]));
@@ -388,7 +390,7 @@ fn law_pulsations_have_their_band_and_their_size() {
         let north: Vec<f64> = x.iter().map(|v| v.x).collect();
         let spectrum = welch(&north, 1.0, 4096, SpectralTaper::Hann).unwrap();
         let peak = spectrum.density.iter().zip(&spectrum.frequency_hz).max_by(|a, b| a.0.total_cmp(b.0)).unwrap();
-        // The highest of 32 waves drawn about the middle.
+        // The largest of 32 waves with frequencies drawn about the centre.
         assert!((peak.1 * period_s - 1.0).abs() < 3.0 * width, "{peak:?}");
         let within = |f: f64| (f * period_s - 1.0).abs() < 4.0 * width + 0.02;
         let (band, all) = spectrum
@@ -398,7 +400,8 @@ fn law_pulsations_have_their_band_and_their_size() {
             .fold((0.0, 0.0), |(band, all), (d, f)| (if within(*f) { band + d } else { band }, all + d));
         assert!(band / all > 0.99, "{}", band / all);
         let std = rms(x.iter().map(|v| Vector3::new(v.x, 0.0, 0.0)).collect::<Vec<_>>().iter());
-        // Waves of one size: their mean square is exact but for beats that 60,000 s do not average: a few percent.
+        // Waves of equal amplitude have an exact mean square, except for beats that 60,000 s do not average: a few
+        // percent.
         assert!((std / 2.0 - 1.0).abs() < 0.1, "{std}");
         let envelope: Vec<f64> = x.iter().map(|v| v.x.hypot(v.y / 0.4)).collect();
         let (least, most) = envelope.iter().fold((f64::MAX, 0.0_f64), |(a, b), e| (a.min(*e), b.max(*e)));
@@ -414,7 +417,7 @@ fn law_a_storm_begins_suddenly_and_recovers_slowly() {
     let samples: Vec<f64> = (0..2000).map(|k| storm.at(100.0 * f64::from(k))).collect();
     let deepest = (0..2000).min_by(|a, b| samples[*a].total_cmp(&samples[*b])).unwrap();
     assert!((f64::from(deepest as u32) * 100.0 - 21_000.0).abs() < 500.0);
-    // The last of the commencement is 0.25 e^-6 of it.
+    // The remainder of the commencement is 0.25 e^-6 of the depth.
     assert!((samples[deepest] + 200.0).abs() < 0.3, "{}", samples[deepest]);
     assert!((storm.at(71_000.0) + 200.0 / 1f64.exp()).abs() < 1e-4);
     assert!(samples.windows(2).skip(30).all(|w| (w[1] - w[0]).abs() < 3.0), "smooth but for the commencement");
@@ -425,7 +428,7 @@ fn law_a_storm_begins_suddenly_and_recovers_slowly() {
 }
 
 #[test]
-fn law_an_observatorys_record_is_seen_at_its_own_minutes() {
+fn unit_the_variation_equals_the_record_at_its_samples() {
     let path = samples::path("boulder/bou20141104vmin.min");
     let record = read_iaga2002(&path).unwrap();
     let seen = ObservatoryVariation::read(&path, false).unwrap();
@@ -460,7 +463,7 @@ fn law_an_observatorys_record_is_seen_at_its_own_minutes() {
 }
 
 #[test]
-fn law_a_flight_sees_the_record_along_the_core_field() {
+fn law_a_flight_has_the_record_along_the_core_field() {
     let path = samples::path("boulder/bou20141104vmin.min");
     let text = format!(
         "year = 2014\ndoy = 308\n[components]\nanomaly = false\n[diurnal]\nobservatory = '{}'\n{BARE}{LINE}",
@@ -512,7 +515,7 @@ fn gold_faults_of_the_earths_field() {
 }
 
 #[test]
-fn law_the_field_is_the_same_whoever_asks_first() {
+fn unit_the_field_does_not_depend_on_the_order_of_requests() {
     fn shared<T: Send + Sync>(_: &T) {}
     let (_, map) = known(-22.0);
     let (one, other) = (crustal(&map), crustal(&map));
@@ -525,7 +528,7 @@ fn law_the_field_is_the_same_whoever_asks_first() {
 }
 
 #[test]
-fn law_twenty_hours_take_seconds() {
+fn unit_the_field_of_twenty_hours_takes_less_than_20_s() {
     const SAMPLES: usize = 720_000;
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
     let track = CoreFieldTrack::new(CoreFieldModel::Igrf14);
@@ -542,6 +545,6 @@ fn law_twenty_hours_take_seconds() {
     let field = map.along([&lat, &lon, &alt], &vec![[0.0; 3]; lat.len()], &core).unwrap().unwrap();
     println!("map {prepared:?}, core field {:?}, crustal field {:?}", cored - prepared, start.elapsed() - cored);
     assert!(field.iter().all(|b| b.norm() < 1e4));
-    // Ten times what it takes here, for a machine that is busy.
+    // Ten times the usual duration, for a busy machine.
     assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
 }

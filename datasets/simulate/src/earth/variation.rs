@@ -94,7 +94,7 @@ pub(super) struct QuietDay {
 }
 
 impl QuietDay {
-    /// Sizes of the orders 1 to 4, which make a bump of 5 hours about noon and an even night.
+    /// Amplitudes of the orders 1 to 4, which give a peak of 5 hours about noon and a flat night.
     const SIZES: [f64; 4] = [1.0, 0.5, 0.15, 0.03];
     /// The internal part relative to the external one.
     const INDUCED: f64 = 0.4;
@@ -107,7 +107,7 @@ impl QuietDay {
         QuietDay { scale_nt: most_nt / minutes.fold(0.0, f64::max) }
     }
 
-    /// North, east and down in nT, counted from local midnight.
+    /// North, east and down in nT, relative to local midnight.
     pub(super) fn at(&self, tt_s: f64, lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
         let hour_angle = TAU * (tt_s / DAY_S - 0.5) + lon_deg.to_radians();
         let (sin_lat, cos_lat) = lat_deg.to_radians().sin_cos();
@@ -137,12 +137,13 @@ impl QuietDay {
     }
 }
 
-/// North, east and down of a far ring current's field that is one at the geomagnetic equator, northward there.
+/// North, east and down of the field of a distant ring current that is northward and of magnitude 1 at the geomagnetic
+/// equator.
 pub(super) fn ring_current(lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
     /// The northern pole of the earth's dipole axis. [IGRF-14, 2020]
     const POLE_DEG: (f64, f64) = (80.65, -72.68);
-    /// The internal part relative to the external one, which adds to the horizontal component and subtracts twice that
-    /// from the vertical one.
+    /// The internal part relative to the external one. It adds to the horizontal component, and subtracts twice its
+    /// amount from the vertical one.
     const INDUCED: f64 = 0.27;
     let unit = |lat_deg: f64, lon_deg: f64| {
         let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (lat_deg.to_radians().sin_cos(), lon_deg.to_radians().sin_cos());
@@ -160,7 +161,7 @@ impl Storm {
     pub(super) fn at(&self, tt_s: f64) -> f64 {
         /// The sudden commencement as a fraction of the depth, and its rise time.
         const SUDDEN: (f64, f64) = (0.25, 90.0);
-        /// (1 + y) e^(−y) is 1/e here.
+        /// Solution y of (1 + y) e^(−y) = 1/e.
         const RECOVERED: f64 = 2.146_193_220_620_58;
         let since = tt_s - self.start_tt_s;
         if since <= 0.0 {
@@ -218,7 +219,7 @@ impl IrregularVariationKnots {
     /// Knots from the start of the flight to the end of `tt_s`: the same ones at every call.
     fn new(process: GaussMarkov, start_tt_s: f64, tt_s: &[f64], random: &mut RandomStream) -> IrregularVariationKnots {
         let step_s = (process.tau_s / 20.0).clamp(0.01, 1.0);
-        // Moments just before the first sample must not move the knots.
+        // Times just before the first sample must not move the knots.
         let start_s = start_tt_s.min(tt_s.first().map_or(start_tt_s, |tt| tt + SLACK_S)).floor();
         let end_s = tt_s.last().copied().unwrap_or(start_s);
         let count = ((end_s - start_s) / step_s).ceil().max(0.0) as usize + 2;

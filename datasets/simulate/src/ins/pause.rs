@@ -1,4 +1,4 @@
-//! The flight between two lines, which is not recorded while the errors of the INS continue.
+//! The unrecorded flight between two lines, during which the errors of the INS continue.
 
 use numerics::angle::wrap_deg;
 use numerics::earth::geodesy::EarthModel;
@@ -34,12 +34,12 @@ impl PauseEndpoint {
     }
 }
 
-/// Fastest flight between lines, in m/s: lines further apart than the pause allows are not reached at
-/// the speed that this needs, which would change the errors unrealistically.
+/// Maximum speed between lines, m/s. If the lines are too far apart for the pause, the velocity is limited to it, as a
+/// higher one would change the errors unrealistically.
 const FASTEST_MPS: f64 = 300.0;
 
-/// Straight and level flight in steps of a second or slightly less, the nose along the course; no steps
-/// where no time passes.
+/// Straight and level flight in steps of a second or slightly less, with the nose along the course. Without time
+/// between the lines there are no steps.
 pub(super) fn between(from: &PauseEndpoint, to: &PauseEndpoint) -> Option<TrueTrajectory> {
     let pause_s = to.tt_s - from.tt_s;
     if pause_s <= 0.0 {

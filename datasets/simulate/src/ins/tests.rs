@@ -16,7 +16,7 @@ use super::{
     *,
 };
 
-/// Two lines of a minute and a half, a minute apart.
+/// Two lines of 90 s, separated by a minute.
 const FLIGHT: &str = "
 [map]
 path = 'none.tif'
@@ -34,7 +34,7 @@ duration_s = 90.0
 waypoints = [[-21.9, 140.6], [-22.0, 140.65]]
 ";
 
-/// A spec: `before` stands before its tables, `ins` in the table of the INS.
+/// A spec with `before` before its tables and `ins` in the table of the INS.
 fn read(before: &str, ins: &str) -> Result<SynthSpec, ReadError> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
@@ -82,7 +82,7 @@ fn drms_m(lines: &[Said]) -> f64 {
 }
 
 #[test]
-fn law_an_ins_that_is_off_is_the_truth_bit_by_bit() {
+fn unit_an_ins_that_is_off_is_bit_identical_to_the_truth() {
     let spec = read("gusts_deg = [1.0, 1.0, 1.0]\n[components]\nins = false", "grade = 'commercial'").unwrap();
     for Said { truth, ins } in flown(&spec).unwrap() {
         let exact = [&truth.lat_deg, &truth.lon_deg, &truth.alt_m].into_iter().chain(&truth.velocity_mps);
@@ -93,7 +93,7 @@ fn law_an_ins_that_is_off_is_the_truth_bit_by_bit() {
 }
 
 #[test]
-fn law_the_grade_sets_what_the_keys_do_not() {
+fn unit_the_grade_sets_the_keys_that_are_unset() {
     let spec = read("", "grade = 'tactical'\ngyro_sigma_radps = 1e-7\nbaro_tau_s = 100.0").unwrap();
     let expected = InsErrorModel {
         sources: InsErrors { gyro_sigma_radps: 1e-7, baro_tau_s: 100.0, ..InsGrade::Tactical.model().sources },
@@ -111,7 +111,7 @@ fn law_the_grade_sets_what_the_keys_do_not() {
 }
 
 #[test]
-fn law_initial_errors_that_are_given_are_ins_minus_truth() {
+fn law_given_initial_errors_are_ins_minus_truth() {
     let given = "align = 'line'\ninit_position_error_m = [100.0, -50.0]\ninit_altitude_error_m = 7.0\n\
                  init_velocity_error_mps = [0.1, 0.2, -0.3]\ninit_tilt_error_deg = [0.0, 0.0, 0.5]\n\
                  init_acc_bias_mps2 = [0.0, 0.0, 0.25]\ninit_gyro_bias_radps = [0.0, 0.0, 1e-3]\n\
@@ -119,7 +119,7 @@ fn law_initial_errors_that_are_given_are_ins_minus_truth() {
     for method in ["error_model", "mechanisation"] {
         for line in of(&format!("{given}\nmethod = '{method}'")) {
             let (north, east) = line.off_m(0);
-            // The radii halfway and at the place: 100 m of 6400 km.
+            // The radii at the midpoint and at the position differ: 100 m of 6400 km.
             assert!((north - 100.0).abs() < 1e-2 && (east + 50.0).abs() < 1e-2, "{north} {east}");
             let off = |column: usize, truth: &[f64], row: usize| line.ins[column][row] - truth[row];
             assert!((off(2, &line.truth.alt_m, 0) - 7.0).abs() < 1e-9);
@@ -128,9 +128,9 @@ fn law_initial_errors_that_are_given_are_ins_minus_truth() {
             }
             let yaw_off = |row: usize| wrap_deg(off(8, &line.truth.attitude_deg[2], row));
             assert!((yaw_off(0) - 0.5).abs() < 1e-9, "{}", yaw_off(0));
-            // 2 degrees of pitch and the tilt: the z accelerometer is nearly the vertical.
+            // With 2 degrees of pitch and the tilt, the z axis is nearly vertical.
             assert!((off(11, &line.truth.force_mps2[2], 0) - 0.25).abs() < 1e-3);
-            // A z gyroscope that reads too much turns the INS to the right: 1e-3 rad/s for 10 s, decaying by 10/3600.
+            // A positive bias of the z gyroscope turns the INS to the right: 1e-3 rad/s for 10 s, decaying by 10/3600.
             let turned = yaw_off(100) - 0.5;
             assert!((turned / 0.01_f64.to_degrees() - 1.0).abs() < 0.02, "{method}: {turned}");
         }
@@ -138,16 +138,16 @@ fn law_initial_errors_that_are_given_are_ins_minus_truth() {
 }
 
 #[test]
-fn law_errors_run_on_over_the_lines_of_a_flight() {
+fn law_errors_continue_over_the_lines_of_a_flight() {
     let given =
         "grade = 'navigation'\ninit_position_error_m = [1000.0, 0.0]\ninit_velocity_error_mps = [0.0, 2.0, 0.0]";
     for method in ["error_model", "mechanisation"] {
         let lines = of(&format!("{given}\nmethod = '{method}'"));
         let ends = [lines[0].off_m(0), lines[0].off_m(lines[0].last()), lines[1].off_m(0)];
-        // 2 m/s for 90 s, and for a pause of a minute; a Schuler swing takes (ωs t)²/6 of it: 0.6 % at 150 s.
+        // 2 m/s for 90 s and a pause of a minute; the Schuler oscillation reduces this by (ωs t)²/6, 0.6 % at 150 s.
         for ((north, east), seconds) in ends.into_iter().zip([0.0, 90.0, 150.0]) {
             let expected = 2.0 * seconds;
-            // Grade and earth's rate: 2 Ω v t²/2 is 3.3 m; tilts of 1e-8 rad do nothing.
+            // Effects of the grade and of the earth's rate: 2 Ω v t²/2 is 3.3 m; tilts of 1e-8 rad are negligible.
             assert!(
                 (north - 1000.0).abs() < 6.0 && (east - expected).abs() < 6.0,
                 "{method}: {seconds} {north} {east}"
@@ -162,21 +162,21 @@ fn law_errors_run_on_over_the_lines_of_a_flight() {
 }
 
 #[test]
-fn law_both_methods_fly_the_same_realisation() {
+fn law_both_methods_give_the_same_realisation() {
     for grade in ["magnav", "navigation", "tactical"] {
         let [linear, mechanised] =
             ["error_model", "mechanisation"].map(|method| of(&format!("grade = '{grade}'\nmethod = '{method}'")));
         for (a, b) in linear.iter().zip(&mechanised) {
             let ((north, east), (n, e)) = (a.off_m(a.last()), b.off_m(b.last()));
             let apart = (north - n).hypot(east - e) / north.hypot(east);
-            // The sphere of the error model is off by 0.6 % in its radius and by 0.2 % in its gravity.
+            // The spherical error model differs by 0.6 % in radius and 0.2 % in gravity.
             assert!(apart < 0.02, "{grade}: {north} {east}, {n} {e}");
         }
     }
 }
 
 #[test]
-fn law_the_rate_of_the_table_changes_no_realisation() {
+fn law_the_realisation_does_not_depend_on_the_sample_rate() {
     let [slow, fast] = ["rate_hz = 2.0", "rate_hz = 20.0"].map(|rate| {
         let spec = read(rate, "grade = 'tactical'").unwrap();
         flown(&spec).unwrap()
@@ -189,7 +189,7 @@ fn law_the_rate_of_the_table_changes_no_realisation() {
 }
 
 #[test]
-fn law_the_realisation_taken_has_its_rank() {
+fn unit_the_chosen_realisation_has_the_requested_rank() {
     for align in ["flight", "line"] {
         let ranks = [1, 2, 5, 10, 19, 20];
         let drms = ranks
@@ -202,7 +202,7 @@ fn law_the_realisation_taken_has_its_rank() {
 }
 
 #[test]
-fn law_an_ins_that_runs_away_is_refused_or_stays_on_the_globe() {
+fn unit_a_diverging_ins_is_rejected_or_has_valid_positions() {
     let far = |method: &str, limit: &str| {
         let text = format!("grade = 'commercial'\ngyro_sigma_radps = 0.2\nmethod = '{method}'\n{limit}");
         flown(&read("", &text).unwrap())
@@ -223,11 +223,12 @@ fn law_an_ins_that_runs_away_is_refused_or_stays_on_the_globe() {
 }
 
 #[test]
-fn law_scale_errors_show_in_what_is_measured() {
+fn law_scale_errors_change_the_measured_force() {
     let quiet = "grade = 'navigation'\ninit_altitude_sigma_m = 0.0\nacc_sigma_mps2 = 0.0\nmethod = 'mechanisation'";
     let line = &of(&format!("{quiet}\nacc_scale_ppm = 1000.0"))[0];
     let ratio = line.ins[11][0] / line.truth.force_mps2[2][0] - 1.0;
-    // A draw of 1000 parts in a million; the same for every sample but for the part of the x axis.
+    // A draw with a standard deviation of 1000 ppm. It is equal for every sample except for the contribution of the x
+    // axis.
     assert!(ratio.abs() > 1e-6 && ratio.abs() < 4e-3, "{ratio}");
     let last = line.ins[11][line.last()] / line.truth.force_mps2[2][line.last()] - 1.0;
     assert!((last / ratio - 1.0).abs() < 0.05, "{last} {ratio}");
@@ -237,7 +238,7 @@ fn law_scale_errors_show_in_what_is_measured() {
 }
 
 #[test]
-fn gold_faults_of_the_ins_are_told_with_their_place() {
+fn gold_faults_of_the_ins_are_reported_with_their_place() {
     let among = read("", "ensemble = 10\ntake = 11\ngyro_scale_ppm = 5.0").unwrap_err().to_string();
     let said = read("", "grade = 'navigatoin'\ninit_tilt_error_deg = [1.0]\nalgin = 'line'").unwrap_err().to_string();
     let said = among + &said;

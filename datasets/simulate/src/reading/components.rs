@@ -1,4 +1,4 @@
-//! The components of the simulation that are switched on.
+//! Switches for the components of the simulation.
 
 use super::section::SynthSection;
 

@@ -19,7 +19,7 @@ const CESSNA: &str = include_str!("../../presets/cessna.toml");
 const DRONE: &str = include_str!("../../presets/drone.toml");
 
 /// The presets by name, each of one or more TOML files of a spec without map and flights. A later file overrides the
-/// earlier ones, as a spec overrides its preset; but lists without names, such as wires, are appended.
+/// earlier ones, as a spec overrides its preset. Lists without names, such as wires, are appended.
 pub const PRESETS: &[(&str, &[&str])] = &[
     ("cessna", &[CESSNA]),
     ("cessna_real", &[CESSNA, include_str!("../../presets/cessna_real.toml")]),
@@ -36,7 +36,7 @@ const EITHER: [[&str; 2]; 5] = [
     ["hysteresis", "hysteresis_nt"],
 ];
 
-/// Merging of lists without names that both tables have.
+/// Merging of lists without names that occur in both tables.
 #[derive(Clone, Copy)]
 enum PresetListMerge {
     /// The upper list replaces the lower one.
@@ -130,7 +130,7 @@ fn leave_out(table: &mut DeTable, name: &str) -> bool {
     found
 }
 
-/// The same values, all at one place.
+/// The same values, all with one position in the spec.
 fn placed<'a>(table: DeTable<'a>, at: &Range<usize>) -> DeTable<'a> {
     let one = |(key, value): (Spanned<std::borrow::Cow<'a, str>>, Spanned<DeValue<'a>>)| {
         (Spanned::new(at.clone(), key.into_inner()), placed_value(value, at))
@@ -184,7 +184,7 @@ fn merged_value<'a>(
     Spanned::new(at, value)
 }
 
-/// Entries of the same name are merged in the order of `below`; those of `over` alone follow.
+/// Entries of the same name are merged in the order of `below`. New entries of `over` follow.
 fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>, unnamed: PresetListMerge) -> DeArray<'a> {
     let mut over: Vec<Option<Spanned<DeValue<'a>>>> = over.into_iter().map(Some).collect();
     let mut out = vec![];
@@ -200,7 +200,7 @@ fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>, unnamed: PresetList
 }
 
 impl PresetListMerge {
-    /// Whether the entries of `over` are added: those of a list of tables, not of a vector.
+    /// Whether the entries of `over` are appended: for a list of tables, but not for a vector.
     fn appends(self, over: &DeArray) -> bool {
         matches!(self, PresetListMerge::Append)
             && !over.is_empty()

@@ -31,7 +31,7 @@ impl<'a> SynthSection<'a> {
         self.group_of(base, &ChoiceRegistry::default())
     }
 
-    /// The same, with the lists that keys choose kinds from.
+    /// [`SynthSection::group`] with the lists that keys choose kinds from.
     pub(crate) fn group_of<T: Params>(&self, base: Option<&T>, lists: &ChoiceRegistry) -> Option<T> {
         let section = match schemas::SpecSection::from_table(self.table, self.span.clone()) {
             Ok(section) => section,
@@ -45,7 +45,7 @@ impl<'a> SynthSection<'a> {
         group
     }
 
-    /// Reads a group whose keys stand among those of others, which are read after it.
+    /// Reads a group from a table that also has other keys, which are read later.
     pub(crate) fn some_keys<T: Params>(&self) -> Option<T> {
         let lists = ChoiceRegistry::default();
         let names: Vec<&'static str> = T::docs(&lists).iter().map(|doc| doc.name).collect();
@@ -102,7 +102,7 @@ impl<'a> SynthSection<'a> {
         })
     }
 
-    /// The number of faults of the spec found before.
+    /// The number of faults of the spec so far.
     pub(crate) fn faults(&self) -> usize {
         self.faults.borrow().len()
     }

@@ -44,7 +44,7 @@ impl<T: SynthVariantValue> ChoiceKind for SynthVariant<T> {
 }
 
 /// Declares a [`SynthVariant`]: its documentation, its name, the struct of its own keys as in `params!`, and the value
-/// made of them.
+/// constructed from them.
 macro_rules! variant {
     (
         $(#[doc = $d:literal])*

@@ -105,8 +105,8 @@ impl Turbulence {
     }
 }
 
-/// The standard deviation well above the ground of turbulence with this wind at 20 feet, in ft/s: between the
-/// three curves in proportion to the wind, as between calm and the first.
+/// The standard deviation of turbulence well above the ground for a wind at 20 feet, in ft/s. It is linear in the wind
+/// between the three curves, and between calm and the first curve.
 fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     let above = HIGH.iter().position(|(h, _)| *h >= h_ft).unwrap_or(HIGH.len() - 1).max(1);
     let ((h0, low), (h1, high)) = (HIGH[above - 1], HIGH[above]);
@@ -121,7 +121,8 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind at 20 feet of light turbulence, 15 knots, in m/s; twice that for moderate, three times for severe.
+/// Wind at 20 feet of light turbulence, 15 knots, in m/s. It is twice as much for moderate and three times for severe
+/// turbulence.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {
@@ -160,8 +161,8 @@ impl Dynamics {
         speed_mps * speed_mps / (GRAVITY_MPS2 * self.bank_deg.to_radians().tan())
     }
 
-    /// The distance flown while rolling into a turn, in metres: the roll rate of the smooth
-    /// step in between is 15/8 of the mean.
+    /// The distance flown while rolling into a turn, in metres: the maximum roll rate of the smooth step is 15/8 of the
+    /// mean.
     pub(super) fn ramp_m(&self, radius_m: f64, speed_mps: f64) -> f64 {
         let roll_s = 1.875 * Self::bank_rad(radius_m, speed_mps) / self.roll_rate_degps.to_radians();
         speed_mps * roll_s.max(1.0)

@@ -53,7 +53,7 @@ mod tests {
         let curve = QuinticSpline { nodes: (0..20).map(|k| quartic(time(k))).collect() };
         let t = time(8) + 0.37 * h;
         let [value, first, second] = curve.at(8, 0.37, h);
-        // Exact for the fourth degree but for rounding, 1e-16 over h².
+        // Exact for the fourth degree except for rounding, 1e-16 over h².
         assert!((value - quartic(t)).abs() < 1e-14);
         assert!((first - (2.0 - t - 0.75 * t * t + 0.4 * t.powi(3))).abs() < 1e-12);
         assert!((second - (-1.0 - 1.5 * t + 1.2 * t * t)).abs() < 1e-11);

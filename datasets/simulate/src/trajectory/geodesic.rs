@@ -87,8 +87,8 @@ pub(super) struct Geodesic {
 }
 
 impl Geodesic {
-    /// The geodesic between two positions in degrees; `None` where the iteration does not converge, which is
-    /// between positions almost opposite on the earth. [Vincenty 1975, Survey Review 23(176)]
+    /// The geodesic between two positions in degrees; `None` where the iteration does not converge, for nearly
+    /// antipodal positions. [Vincenty 1975, Survey Review 23(176)]
     pub(super) fn between(from_deg: (f64, f64), to_deg: (f64, f64)) -> Option<Self> {
         let reduced = |lat_deg: f64| ((1.0 - FLATTENING) * lat_deg.to_radians().tan()).atan().sin_cos();
         let ((sin1, cos1), (sin2, cos2)) = (reduced(from_deg.0), reduced(to_deg.0));
@@ -165,7 +165,7 @@ mod tests {
             let end = RoutePosition::new(from, way.leaves_rad).along(way.length_m, 1000.0, |_| 0.0);
             let (lat, lon) = end.degrees();
             let lon_error = (lon - to.1 + 180.0).rem_euclid(360.0) - 180.0;
-            // Vincenty's series is good to 1e-4 m, 1e-9 degrees; the integration to less.
+            // The error of Vincenty's series is 1e-4 m or 1e-9 degrees; the integration is more accurate.
             assert!((lat - to.0).abs() < 2e-9 && lon_error.abs() < 4e-9, "{lat} {lon}");
             assert!((end.course_rad - way.arrives_rad).abs() < 1e-9);
         }

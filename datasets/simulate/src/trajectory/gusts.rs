@@ -115,7 +115,7 @@ impl SecondOrderGustFilter {
     fn decay(&mut self, steps: f64) {
         self.keep = (-steps).exp();
         self.pass = steps;
-        // The stationary covariance less its remainder.
+        // The stationary covariance minus the part kept over a step.
         let (k2, p) = (self.keep * self.keep, self.pass);
         let q11 = 1.0 - k2;
         let q12 = 0.5 - k2 * (p + 0.5);
@@ -137,9 +137,9 @@ impl SecondOrderGustFilter {
     }
 }
 
-/// The response of one axis of the aircraft to its gust: displacement d and velocity v with
-/// v' = (gust - v) / lag - hold² d, and an angle a that weathercocks into the gust as felt,
-/// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled exactly for gusts that change linearly in a step.
+/// The response of one axis of the aircraft to its gust: displacement d and velocity v with v' = (gust - v) / lag -
+/// hold² d, and an angle a that weathercocks into the relative gust, a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled
+/// exactly for gusts that change linearly in a step.
 #[derive(Clone, Debug)]
 struct GustResponse {
     x: Vector4<f64>,

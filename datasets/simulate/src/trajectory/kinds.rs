@@ -188,8 +188,8 @@ pub(super) struct GroundRoute {
 /// begin before it and end on the next leg.
 const FLY_OVER_RAD: f64 = 2.0;
 
-/// Flies waypoints: once, or repeatedly until the route is `until_m` long. `swing` is the angle (rad) and the period
-/// (m) of a weave.
+/// A route along waypoints: once, or repeated until it is `until_m` long. `swing` is the angle (rad) and the period (m)
+/// of a weave.
 ///
 /// # Errors
 /// Fails for legs too short for the turns at their ends.
@@ -255,7 +255,7 @@ fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, RouteError> {
     })
 }
 
-/// Turns by about `angle` until the course is that to a position; otherwise returns the required distance.
+/// Turns by about `angle` until the course points to a position; returns the required distance if there is no room.
 fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(), f64> {
     let least_m = 2.5 * (2.0 * route.radius_m + route.ramp_m);
     for _ in 0..50 {
@@ -323,9 +323,9 @@ pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) 
     GroundRoute { route, marks_m }
 }
 
-/// Crossings of one centre a right angle apart, joined by loops; `right` gives the direction of each loop. The
-/// marks are the crossings. The route begins before the first by the length of [`lead_m`], and ends where
-/// the last loop does, or once `again` over the centre.
+/// Crossings of one centre a right angle apart, joined by loops; `right` gives the direction of each loop. The marks
+/// are the crossings. The route begins before the first by the length of [`lead_m`], and ends at the end of the last
+/// loop or, with `again`, after another crossing of the centre.
 pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> GroundRoute {
     let lead_m = lead_m(&route);
     let mut marks_m = vec![lead_m];

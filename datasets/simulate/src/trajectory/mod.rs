@@ -1,12 +1,11 @@
 //! True trajectories: a planned route over the ellipsoid, flown at an airspeed through a wind, with the attitude
 //! of such flight, with gusts and manoeuvres.
 //!
-//! Position and attitude are smooth curves through nodes 0.05 s apart, for every rate of
-//! the samples: the same flight at 10 Hz as at 250 Hz. Velocity, specific force and angular rates are
-//! the exact derivatives of these curves.
+//! Position and attitude are smooth curves through nodes 0.05 s apart, at any sample rate: the flight is the same at 10
+//! Hz and at 250 Hz. Velocity, specific force and angular rates are the exact derivatives of these curves.
 //!
-//! The manoeuvres of a box and the motions of `gusts_deg` move the attitude alone: they are short compared with the
-//! time in which they would move the aircraft. Turbulence moves both.
+//! The manoeuvres of a box and the motions of `gusts_deg` move the attitude alone: they are too short to move the
+//! aircraft. Turbulence moves both.
 
 use nalgebra::{Matrix3, Vector3};
 use numerics::angle::wrap_deg;
@@ -39,7 +38,7 @@ mod tests;
 
 /// Seconds between nodes.
 const NODE_S: f64 = 0.05;
-/// Nodes of the position beyond those of the attitude, at each end.
+/// Number of additional nodes of the position, relative to the attitude, at each end.
 const LEAD: usize = 2;
 
 /// A true trajectory, one value per sample in each column.
@@ -68,7 +67,7 @@ impl TrueTrajectory {
         body_to_ned(roll, pitch, yaw)
     }
 
-    /// The same with the positions of a place of the body `arm_m` (nose, right, down) from its own.
+    /// The trajectory of a point of the body, `arm_m` (nose, right, down; m) from the reference.
     pub(super) fn at_arm(&self, arm_m: &Vector3<f64>) -> Self {
         let mut moved = self.clone();
         for i in 0..self.tt_s.len() {
@@ -259,7 +258,7 @@ impl TrajectoryCurves {
 fn motion(lat: [f64; 3], lon: [f64; 3], alt: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let (sin, cos) = lat[0].sin_cos();
     let (meridian, transverse) = (meridian_radius_m(lat[0]), transverse_radius_m(lat[0]));
-    // How the radii change with latitude: M' = 3 M e² sin cos / W², N' = N e² sin cos / W².
+    // The change of the radii with latitude: M' = 3 M e² sin cos / W², N' = N e² sin cos / W².
     let bulge = ECCENTRICITY_SQUARED * sin * cos / (1.0 - ECCENTRICITY_SQUARED * sin * sin);
     let (north_m, east_m) = (meridian + alt[0], (transverse + alt[0]) * cos);
     let north_rate = 3.0 * meridian * bulge * lat[1] + alt[1];

@@ -56,7 +56,7 @@ struct AttitudeManoeuvre {
 }
 
 impl AttitudeManoeuvre {
-    /// The angle, in degrees, at a time after its start. Within a quarter of a period it reaches its amplitude, and its
+    /// The angle, in degrees, at a time after its start. It reaches its amplitude within a quarter of a period, and its
     /// rate is continuous.
     fn at(&self, since_s: f64) -> f64 {
         let edge = since_s.min(self.length_s - since_s) / (0.25 * self.period_s);
@@ -310,7 +310,7 @@ fn round(orbit: &kinds::Orbit, route: &RouteFactory) -> Result<Route, RouteError
     route(RoutePosition { course_rad: edge.course_rad + quarter, ..edge })
 }
 
-/// A route that begins at such a distance before a centre that the loops lead back over it.
+/// A route that begins before a centre, at the distance from which the loops lead back over it.
 fn before(center: (f64, f64), heading_deg: f64, route: &RouteFactory) -> Result<Route, RouteError> {
     let centre = RoutePosition::new(center, heading_deg.to_radians());
     let lead_m = kinds::lead_m(&route(centre)?);

@@ -71,8 +71,8 @@ impl RouteHeightProfile {
         (b.1 - a.1) / (b.0 - a.0)
     }
 
-    /// Height (m) and slope at a distance (m): the climbs averaged with the weight 15/16 (1 - u²)², so that
-    /// the slope is nowhere steeper than they are, and has a continuous second derivative.
+    /// Height (m) and slope at a distance (m): the climbs averaged with the weight 15/16 (1 - u²)², so that the slope
+    /// never exceeds the slope of the climbs and has a continuous second derivative.
     pub(super) fn at(&self, s: f64) -> (f64, f64) {
         let (mut alt, mut slope) = self.corners(s);
         let n = self.knots.len();
@@ -131,7 +131,8 @@ mod tests {
             let s = 10.0 * f64::from(i);
             let (alt, slope) = drape.at(s);
             assert!(slope.abs() <= steepest + 1e-12, "{s}: {slope}");
-            // Rounding off a crest takes 5/32 of its change of slope times the half length, and less elsewhere.
+            // Rounding off a crest lowers it by 5/32 of its change of slope times the half length; elsewhere the change
+            // is smaller.
             assert!(alt > given.corners(s).0 - 0.15625 * 2.0 * steepest * rounding - 0.5, "{s}: {alt}");
         }
         assert!((drape.at(2500.0).0 - 150.0).abs() < 1.0, "the climb begins 3000 m before the crest");

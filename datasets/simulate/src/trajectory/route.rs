@@ -134,7 +134,7 @@ pub(super) struct Route {
     pub(super) end: RoutePosition,
     pub(super) pieces: Vec<RouteSegment>,
     pub(super) length_m: f64,
-    /// The furthest from the equator of the middle or the end of a segment.
+    /// Largest absolute latitude at the middles and ends of the segments, in radians.
     pub(super) highest_lat_rad: f64,
     /// Radius and ramp of its turns.
     pub(super) radius_m: f64,
@@ -204,8 +204,8 @@ impl Route {
         self.push(shape.length_m, shape.bend);
     }
 
-    /// A straight segment along which the course swings by an angle, in whole periods of about
-    /// `period_m`; straight where there is no room for one.
+    /// A straight segment along which the course swings by an angle, in whole periods of about `period_m`; straight if
+    /// a period does not fit.
     pub(super) fn swing(&mut self, ahead_m: f64, angle_rad: f64, period_m: f64) {
         let periods = (ahead_m / period_m).round();
         if angle_rad == 0.0 || periods < 1.0 {
@@ -264,7 +264,7 @@ fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64,
             (across, along, a, b, turns_m)
         };
         let step = TAU / DIRECTIONS as f64;
-        // Not at exact multiples, where a zero turn and a full turn coincide.
+        // The samples avoid exact multiples, where a zero turn and a full turn coincide.
         let at = |i: usize| -PI + 0.123_456 * step + i as f64 * step;
         for i in 0..DIRECTIONS {
             let (mut low, mut high) = (at(i), at(i + 1));

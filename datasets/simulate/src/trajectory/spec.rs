@@ -481,7 +481,7 @@ fn grid(
     lines
 }
 
-/// A position in degrees, which must not be at a pole.
+/// A position in degrees; a pole is rejected.
 fn position(s: &SynthSection, key: &'static str, [lat, lon]: [f64; 2]) -> (f64, f64) {
     if lat.abs() >= 89.0 {
         s.fault_at(

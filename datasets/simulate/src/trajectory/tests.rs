@@ -12,7 +12,7 @@ use super::{
     *,
 };
 
-/// The lines of a spec with one flight: `tables` before it, `lines` its lines.
+/// The lines of a spec with one flight. `tables` precede the flight, `lines` are its lines.
 fn lines(tables: &str, lines: &str) -> Result<Vec<SynthLine>, String> {
     let folder = tempfile::TempDir::new().unwrap();
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
@@ -54,7 +54,7 @@ fn ned_m(flown: &TrueTrajectory, i: usize, from: (f64, f64)) -> (f64, f64) {
 }
 
 #[test]
-fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
+fn law_velocity_force_and_rates_are_the_derivatives_of_position_and_attitude() {
     let tables = format!("{WIND}[turbulence]\nlevel = 'moderate'\n");
     for keys in EACH.iter().chain([&CLOVERLEAF]) {
         let line = line(&tables, keys);
@@ -77,8 +77,8 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
             ];
             let f = specific_force_mps2(lat, alt, v, [dv[0][i], dv[1][i], dv[2][i]]);
             for axis in 0..3 {
-                // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 100 m/s³ as the gusts'
-                // slope does: dt²/6 of it for the velocity, a quarter of dt for the force.
+                // Errors of central differences over 8 ms: the jerk jumps at the nodes by up to 100 m/s³, as does the
+                // gusts' slope. The error is dt²/6 of the jump for the velocity and dt/4 for the force.
                 assert!((differenced[axis] - v[axis]).abs() < 3e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
                 let error = f[axis] - flown.force_mps2[axis][i];
                 assert!(error.abs() < 0.1, "{keys} {i} {axis}: {error}");
@@ -90,19 +90,19 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
                 let rates = [skew[(2, 1)], skew[(0, 2)], skew[(1, 0)]].map(f64::to_degrees);
                 for axis in 0..3 {
                     let error = rates[axis] - flown.rates_degps[axis][i];
-                    // A quarter of dt of what the angular acceleration's rate jumps by, below 50 deg/s³.
+                    // The error is dt/4 times the jump of the rate of the angular acceleration, below 50 deg/s³.
                     assert!(error.abs() < 5e-2, "{keys} {i} {axis}: {error} of {}", rates[axis]);
                 }
             }
         }
-        // Coriolis alone would be 9e-3 m/s².
+        // A missing Coriolis term would be 9e-3 m/s².
         let rms = (sum / (3 * rows) as f64).sqrt();
         assert!(rms < 4e-3, "{keys}: {rms}");
     }
 }
 
 #[test]
-fn law_the_same_flight_at_any_rate() {
+fn law_the_flight_does_not_depend_on_the_sample_rate() {
     let tables = format!("{WIND}[turbulence]\nlevel = 'light'\n");
     let line = line(&tables, EACH[2]);
     let fly = |rate| line.fly_on(true, rate, [1.0, 0.5, 0.5], &mut RandomStream::new(1, &["test"]));
@@ -124,7 +124,7 @@ fn law_the_same_flight_at_any_rate() {
 }
 
 #[test]
-fn law_the_wind_triangle_closes_and_nothing_pulls_sideways() {
+fn law_the_wind_triangle_closes_without_sideslip_or_lateral_force() {
     for (tables, wind) in [("", 0.0), (WIND, 12.0)] {
         for keys in EACH.iter().chain([&CLOVERLEAF]).filter(|k| !k.contains("box")) {
             let flown = fly(&line(tables, keys), 10.0);
@@ -132,14 +132,13 @@ fn law_the_wind_triangle_closes_and_nothing_pulls_sideways() {
             for i in 0..flown.tt_s.len() {
                 let v = Vector3::from_fn(|a, _| flown.velocity_mps[a][i]);
                 let air = v + Vector3::new(from.cos(), from.sin(), 0.0) * wind;
-                // The surface's two radii share one scale of height: 3e-7 at 500 m; the curve through the nodes to
-                // 1e-5.
+                // Both radii have one scale with height: 3e-7 at 500 m; the curve through the nodes has errors of 1e-5.
                 assert!((air.norm() - 60.0).abs() < 2e-3, "{keys} {i}: {}", air.norm());
                 let body = flown.attitude(i).transpose();
                 let through = body * air;
                 assert!(through.y.abs() < 0.02, "{keys} {i}: sideslip {}", through.y);
                 let f = body * Vector3::from_fn(|a, _| flown.force_mps2[a][i]);
-                // Attitude from derivatives of fourth order at 0.05 s.
+                // The attitude uses derivatives of fourth order at 0.05 s.
                 assert!(f.y.abs() < 5e-3, "{keys} {i}: sideways {}", f.y);
                 let (attack, load) = (through.z.atan2(through.x).to_degrees(), f.norm() / 9.79);
                 assert!((attack - 2.0 * load).abs() < 0.02, "{keys} {i}: {attack} {load}");
@@ -149,10 +148,11 @@ fn law_the_wind_triangle_closes_and_nothing_pulls_sideways() {
 }
 
 #[test]
-fn law_bank_is_that_of_a_coordinated_turn_and_rolled_no_faster_than_asked() {
+fn law_bank_is_that_of_a_coordinated_turn_within_the_roll_rate() {
     let flown = fly(&line("", EACH[4]), 10.0);
     let expected = (60f64 * 60.0 / (1500.0 * 9.79)).atan().to_degrees();
-    // Coriolis, 2 Ω v sin(lat) = 0.0033 m/s² of 9.8: 0.02 degrees; the earth's and the trim's share 0.1 %.
+    // The Coriolis term 2 Ω v sin(lat) = 0.0033 m/s² of 9.8: 0.02 degrees; the earth's curvature and the trim
+    // contribute 0.1 %.
     assert!(flown.attitude_deg[0].iter().all(|bank| (bank - expected).abs() < 0.05));
     let tables = format!("{WIND}[dynamics]\nbank_deg = 20.0\nroll_rate_degps = 6.0\n");
     for keys in EACH {
@@ -161,7 +161,8 @@ fn law_bank_is_that_of_a_coordinated_turn_and_rolled_no_faster_than_asked() {
         if keys.contains("box") {
             continue;
         }
-        // Bank follows the atan of the curvature, steeper than the chord by 3 %; the wind's share of the turn 5 %.
+        // The bank is the arc tangent of the curvature, 3 % steeper than the chord; the wind contributes 5 % to the
+        // turn.
         assert!(most(&flown.attitude_deg[0]) < 20.0 * 1.02, "{keys}: {}", most(&flown.attitude_deg[0]));
         assert!(most(&flown.rates_degps[0]) < 6.0 * 1.1, "{keys}: {}", most(&flown.rates_degps[0]));
         assert!(most(&flown.attitude_deg[0]) > 10.0);
@@ -169,7 +170,7 @@ fn law_bank_is_that_of_a_coordinated_turn_and_rolled_no_faster_than_asked() {
 }
 
 #[test]
-fn law_lines_of_a_grid_are_straight_parallel_and_where_they_should_be() {
+fn law_lines_of_a_grid_are_straight_parallel_and_evenly_spaced() {
     let keys = EACH[3].replace("split = false", "").replace("400.0", "300.0");
     let text = format!("[[flights.lines]]\nname = 'G'\nalt_m = 500.0\n{keys}");
     let lines = lines(WIND, &text).unwrap();
@@ -186,7 +187,7 @@ fn law_lines_of_a_grid_are_straight_parallel_and_where_they_should_be() {
             let (north, east) = ned_m(&flown, i, (-22.0, 140.5));
             let (ahead, right) = (north * axis.cos() + east * axis.sin(), east * axis.cos() - north * axis.sin());
             let (ahead, right) = (ahead / scale, right / scale);
-            // `offset_ne_m` takes mean radii: 4e-8 of 4 km and the meridians' convergence over 1 km, 0.1 m.
+            // `offset_ne_m` uses mean radii: 4e-8 of 4 km, and 0.1 m for the convergence of the meridians over 1 km.
             match k {
                 0..=3 => assert!((right - 300.0 * k as f64).abs() < 0.3 && (-1.0..=4001.0).contains(&ahead), "{k} {i}"),
                 _ => {
@@ -199,7 +200,7 @@ fn law_lines_of_a_grid_are_straight_parallel_and_where_they_should_be() {
             assert_eq!(north > 0.0, k % 2 == 0, "every other line runs back");
         }
     }
-    // In one: the same places at the same times, the turns between them.
+    // As one line: the same positions at the same times, with the turns between them.
     let whole = fly(&line(WIND, &keys.replace("spacing_m = 300", "split = false\nspacing_m = 300")), 10.0);
     let third = fly(&lines[2], 10.0);
     let at = ((lines[2].start_tt_s - lines[0].start_tt_s) * 10.0).ceil() as usize;
@@ -209,7 +210,7 @@ fn law_lines_of_a_grid_are_straight_parallel_and_where_they_should_be() {
 }
 
 #[test]
-fn law_closed_patterns_come_back_and_cross_where_they_should() {
+fn law_closed_patterns_return_to_their_start_and_cross_at_their_centre() {
     for tables in ["", WIND] {
         for k in [4, 5, 6, 7] {
             let line = line(tables, EACH[k]);
@@ -234,7 +235,7 @@ fn law_closed_patterns_come_back_and_cross_where_they_should() {
 }
 
 #[test]
-fn law_waypoints_are_met_and_legs_are_geodesics() {
+fn law_waypoints_are_reached_and_legs_are_geodesics() {
     let nearest = |flown: &TrueTrajectory, place: (f64, f64)| {
         let away = |i: usize| {
             let (n, e) = ned_m(flown, i, place);
@@ -242,7 +243,7 @@ fn law_waypoints_are_met_and_legs_are_geodesics() {
         };
         (0..flown.tt_s.len()).map(away).fold(f64::INFINITY, f64::min)
     };
-    // There and back: a turn by more than a right angle begins over its waypoint. A sample's way is 7 m.
+    // There and back: a turn by more than a right angle begins over its waypoint. Samples are 7 m apart.
     let back = "kind = 'survey'\nduration_s = 800.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]";
     let flown = fly(&line(WIND, back), 10.0);
     let later = TrueTrajectory { lat_deg: flown.lat_deg[3000..].to_vec(), ..TrueTrajectory::default() };
@@ -255,11 +256,11 @@ fn law_waypoints_are_met_and_legs_are_geodesics() {
     for leg in places.windows(2) {
         let way = geodesic::Geodesic::between(leg[0], leg[1]).unwrap();
         let middle = geodesic::RoutePosition::new(leg[0], way.leaves_rad).along(0.5 * way.length_m, 1000.0, |_| 0.0);
-        // Half a sample's way along the track: 0.8 m.
+        // Half of the distance between samples along the track: 0.8 m.
         assert!(nearest(&flown, middle.degrees()) < 0.8, "{leg:?}");
     }
     let corner = nearest(&flown, places[1]);
-    // R = (72 m/s)² / (g tan 25°) = 1134 m: 0.41 R inside the corner, and more for rolling in and out.
+    // R = (72 m/s)² / (g tan 25°) = 1134 m: the track is 0.41 R inside the corner, plus the roll-in and roll-out.
     assert!((470.0..650.0).contains(&corner), "{corner}");
     assert!(nearest(&flown, places[3]) < 1.5);
 }
@@ -277,12 +278,12 @@ fn law_manoeuvres_of_a_box_in_wind_are_flown_between_its_turns() {
         turning += usize::from(roll > 5.0);
         assert!(!swings || roll.abs() < 0.5, "{i}: {roll} {pitch}");
     }
-    // Four legs of 30 s, of which 6 % is within half a degree; three turns by a right angle.
+    // Four legs of 30 s, of which 6 % is within half a degree; three right-angled turns.
     assert!((1000..1200).contains(&swinging) && turning > 300, "{swinging} {turning}");
 }
 
 #[test]
-fn law_heights_are_those_asked_and_climbs_within_the_limit() {
+fn law_heights_are_as_requested_and_climbs_within_the_limit() {
     let flown = fly(&line("", EACH[1]), 10.0);
     let climb = flown.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
     assert!(climb < 5.0 && climb > 0.5, "{climb}");
@@ -293,7 +294,7 @@ fn law_heights_are_those_asked_and_climbs_within_the_limit() {
     let flown = fly(&line("", &format!("{steep}\ndrape = true")), 10.0);
     let most = flown.alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
     let climb = flown.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-    // Rounding off the crest takes 5/32 of the change of slope, 2 x 5 / 60, times 300 m: 8 m.
+    // Rounding off the crest lowers it by 5/32 of the change of slope, 2 x 5 / 60, times 300 m: 8 m.
     assert!((1891.0..1901.0).contains(&most) && climb < 5.01, "{most} {climb}");
     let top = fly(&line("", EACH[5]), 10.0).alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
     assert!((695.0..700.5).contains(&top), "{top}");
@@ -334,7 +335,8 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
             let trim = if axis == 1 { 2.0 } else { 0.0 };
             let angle: Vec<f64> = flown.attitude_deg[axis][..straight].iter().map(|a| a - trim).collect();
             let most = angle.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-            // Coriolis banks the aircraft by 0.02 degrees, and the samples miss a crest by 0.05 s of 6: 0.2 %.
+            // The Coriolis term banks the aircraft by 0.02 degrees; samples deviate from a crest by up to 0.05 s of 6
+            // s: 0.2 %.
             assert!((most - asked).abs() < 0.003 * asked + 0.04, "set {}: axis {axis} {most} of {asked}", k + 1);
             if asked > 0.0 {
                 let crests: Vec<usize> = (1..straight - 1)
@@ -363,7 +365,7 @@ fn ref_gusts_at_the_heights_of_the_standard() {
         assert!((ft(edge.length_m[axis]) - 1000.0).abs() < 0.5);
         assert!((edge.sigma_mps[axis] - 0.1 * moderate.wind_20ft_mps).abs() < 1e-3);
         assert!((ft(high.length_m[axis]) - 1750.0).abs() < 1e-9);
-        // Figure 7: 10.6 ft/s at 3750 ft with a probability of 1e-3.
+        // Figure 7: 10.6 ft/s at 3750 ft, exceeded with a probability of 1e-3.
         assert!((ft(high.sigma_mps[axis]) - 10.6).abs() < 0.1);
     }
     assert!((ft(low.length_m[2]) - 20.0).abs() < 1e-9);
@@ -403,8 +405,8 @@ fn law_gusts_have_drydens_spectra() {
             let folded = (1..50).flat_map(|k| [f64::from(k) * rate_hz - f, f64::from(k) * rate_hz + f]);
             std::iter::once(f).chain(folded).map(|f| dryden_density(&turbulence, alt_m, f, v)[axis]).sum::<f64>()
         };
-        // Bands of bins from 0.02 Hz up: each bin of 127 segments that overlap by half is chi-square with
-        // 2 x 127 / (1 + 2/36) degrees of freedom, neighbours correlated by 4/9: 2.2 bins are one.
+        // Bands of bins from 0.02 Hz up. Each bin of 127 half-overlapping segments is chi-square with 2 x 127 / (1 +
+        // 2/36) degrees of freedom. Neighbours are correlated by 4/9, so 2.2 bins count as one.
         let mut low = 4;
         while 2 * low < SEGMENT / 2 {
             let band = low..2 * low;
@@ -417,13 +419,14 @@ fn law_gusts_have_drydens_spectra() {
         }
         let variance = gust.iter().map(|x| x * x).sum::<f64>() / gust.len() as f64;
         let sigma = turbulence.at(alt_m).sigma_mps[axis];
-        // 13100 s of gusts whose scale is 6 to 10 s: 650 independent, 5 % of the variance; four of them.
+        // 13100 s of gusts with a scale of 6 to 10 s are 650 independent values: four standard errors of 5 % of the
+        // variance.
         assert!((variance / (sigma * sigma) - 1.0).abs() < 0.22, "axis {axis}: {variance}");
     }
 }
 
 #[test]
-fn law_turbulence_shakes_in_proportion_and_leaves_the_line_in_place() {
+fn law_the_motion_grows_with_turbulence_and_the_height_is_held() {
     let straight = "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.5, 140.5]]";
     let still = fly(&line("", straight), 10.0);
     let mut shaken = vec![];
@@ -445,7 +448,7 @@ fn law_turbulence_shakes_in_proportion_and_leaves_the_line_in_place() {
 }
 
 #[test]
-fn law_shear_is_the_wind_of_each_height() {
+fn law_wind_changes_with_height_by_shear_and_veer() {
     let wind = Wind { speed_mps: 5.0, from_deg: 270.0, at_alt_m: 100.0, shear_mps_per_km: 10.0, veer_deg_per_km: 90.0 };
     let (north, east) = wind.at(100.0);
     assert!(north.abs() < 1e-12 && (east - 5.0).abs() < 1e-12);
@@ -455,7 +458,7 @@ fn law_shear_is_the_wind_of_each_height() {
 }
 
 #[test]
-fn gold_what_cannot_be_flown_is_said_where_it_is_asked() {
+fn gold_lines_that_cannot_be_flown_are_reported_at_their_key() {
     let said = |tables: &str, keys: &str| {
         lines(tables, &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{keys}")).unwrap_err()
     };

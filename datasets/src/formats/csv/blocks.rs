@@ -7,27 +7,27 @@ use super::{
     cells::{CsvCells, ends_record, last_end},
 };
 
-/// The bytes of a block, more or less.
+/// Approximate size of a block, bytes.
 pub(super) const BLOCK: usize = 1 << 21;
 
-/// A longer record is an error: a quote is open, or the file is not a table.
+/// Maximum length of a record, bytes; a longer one has an open quote or is not part of a table.
 const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Whole records of a text, followed by newlines, with their place in the block.
+/// Whole records of a text, followed by newlines, with their position in the block.
 pub(super) struct CsvBlock {
     /// The records, then newlines.
     text: Vec<u8>,
     len: usize,
-    /// Where the first record begins, and the newlines before it.
+    /// Start of the first record, and the number of newlines before it.
     pub(super) start: usize,
     /// Whether it is the last of a file that does not end with a newline.
     pub(super) cut: bool,
 }
 
 impl CsvBlock {
-    /// The records, each with its end, and some more newlines.
+    /// The records with their terminators, and some more newlines.
     pub(super) fn text(&self) -> &[u8] {
         &self.text
     }
@@ -59,7 +59,7 @@ impl<R: Read> CsvBlockReader<R> {
         CsvBlockReader { input, size, rest: vec![], begun: false, done: false }
     }
 
-    /// Up to `most` blocks, and the error that ends them, if any.
+    /// Up to `most` blocks, and the error after them, if any.
     pub(super) fn some(&mut self, most: usize) -> (Vec<CsvBlock>, Option<io::Error>) {
         let mut some = vec![];
         while some.len() < most.max(1) {

@@ -1,5 +1,5 @@
-//! Where the records of a text end, and the cells of one of them: comma between cells, quotes around those that contain
-//! commas, newlines or (doubled) quotes, a carriage return or a newline after each record.
+//! The ends of the records of a text, and the cells of one of them: comma between cells, quotes around those that
+//! contain commas, newlines or (doubled) quotes, a carriage return or a newline after each record.
 
 /// Whether a byte ends a record.
 pub(super) fn ends_record(byte: u8) -> bool {
@@ -15,8 +15,8 @@ pub(super) struct CsvCells {
 }
 
 impl CsvCells {
-    /// Reads the cells of the record at `start`, and returns the position of the next one. A quote that is never
-    /// closed, and a record that no newline ends, extend to the end of the text.
+    /// Reads the cells of the record at `start`, and returns the position of the next one. An unclosed quote, and a
+    /// record without a newline, extend to the end of the text.
     pub(super) fn take(&mut self, text: &[u8], start: usize) -> usize {
         self.bytes.clear();
         self.ends.clear();
@@ -35,7 +35,7 @@ impl CsvCells {
         self.ends.len()
     }
 
-    /// A cell without the blanks around it.
+    /// A cell without surrounding blanks.
     pub(super) fn get(&self, i: usize) -> &[u8] {
         let start = i.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
         let end = self.ends.get(i).copied().unwrap_or(start);
@@ -67,7 +67,7 @@ fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
             at += 1;
         }
     }
-    // Behind a closing quote, as without quotes, a quote is an ordinary character.
+    // After a closing quote, as without quotes, a quote is an ordinary character.
     let rest = text.get(at..).unwrap_or_default();
     let length = rest.iter().position(|b| *b == b',' || ends_record(*b)).unwrap_or(rest.len());
     put(&rest[..length]);
@@ -78,7 +78,7 @@ fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
 pub(super) fn last_end(text: &[u8]) -> Option<usize> {
     if !text.contains(&b'"') {
         let last = |end: u8| text.iter().rposition(|b| *b == end).map(|at| at + 1);
-        // A file has carriage returns alone, or before each newline.
+        // The carriage returns of a file are either alone or each followed by a newline.
         return last(b'\n').or_else(|| last(b'\r'));
     }
     let (mut at, mut whole) = (0, None);

@@ -1,9 +1,9 @@
-//! Comma-separated text with a header row. The file is read twice: once to settle the type of each
-//! column, once for the values, so that memory does not grow with it.
+//! Comma-separated text with a header row. The file is read twice: once for the type of each column, once for the
+//! values. Memory does not grow with the file.
 //!
-//! A cell that is not a number in a column of numbers, and a row with more or fewer values than the
-//! header, are faults of their row. A row that repeats the header, as in files put one after another, is
-//! skipped and noted; a row that is another header is an error, since the columns after it differ.
+//! A cell that is not a number in a column of numbers, and a row with more or fewer values than the header, are faults
+//! of their row. A row that repeats the header, as in concatenated files, is skipped and noted. A row that is another
+//! header is an error, since its columns differ.
 
 use std::{
     collections::{HashSet, VecDeque},
@@ -48,7 +48,7 @@ enum CsvColumnKind {
     Number,
     Whole,
     Text,
-    /// `flight` or `line`: text, which a row that cannot be read takes from the row before.
+    /// `flight` or `line`: text. An unreadable row has the text of the row before it.
     Key,
 }
 
@@ -102,7 +102,7 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usi
     Ok(RawFlight { notes, found: Some(scan.spelt()), ..RawFlight::new(schema, Box::new(parts)) })
 }
 
-/// The names in the header, each once and none empty.
+/// The names in the header, distinct and not empty.
 pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
     let head = FileHead::read(path)?;
     if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
@@ -178,7 +178,7 @@ struct CsvBatchReader {
     /// Rows before the next block, and the line on which it begins.
     row: u64,
     line: u64,
-    /// The last value of each key before it.
+    /// The last value of each key before the next block.
     keys: Vec<String>,
     done: bool,
 }

@@ -1,4 +1,4 @@
-//! From the text of some rows to columns of values.
+//! Conversion of the text of rows to columns of values.
 
 use std::{path::Path, sync::Arc};
 
@@ -20,7 +20,7 @@ pub(super) struct CsvLayout {
     pub(super) missing: MissingMarkers,
     /// The largest number that can mark a missing value.
     pub(super) fillers_to: f64,
-    /// Whether the row where the file ends is left out.
+    /// Whether the last row, which the end of the file truncates, is dropped.
     pub(super) drops_last: bool,
 }
 
@@ -35,7 +35,7 @@ enum CsvColumn {
 #[derive(Default)]
 struct TextBuffer {
     all: String,
-    /// Where each ends.
+    /// End of each text in the buffer.
     ends: Vec<usize>,
 }
 
@@ -70,23 +70,23 @@ impl CsvColumn {
 pub(super) struct CsvRowFault {
     /// Row within the block, from 0.
     pub(super) row: usize,
-    /// Newlines of the block before it.
+    /// Number of newlines of the block before the row.
     pub(super) newlines: u64,
     what: CsvFaultKind,
 }
 
 enum CsvFaultKind {
-    /// The number of values.
+    /// A wrong number of values.
     Ragged(usize),
-    /// The row where the file ends.
+    /// The row that the end of the file truncates.
     Cut(usize),
     OtherHeader,
-    /// The column and its text.
+    /// A text that is not a number, with its column.
     NoNumber(usize, Vec<u8>),
 }
 
 impl CsvRowFault {
-    /// Whether nothing after it can be read.
+    /// Whether reading cannot continue after it.
     pub(super) fn is_fatal(&self) -> bool {
         matches!(self.what, CsvFaultKind::OtherHeader)
     }
@@ -129,14 +129,14 @@ pub(super) struct CsvRows<'a> {
     cells: CsvCells,
     pub(super) rows: usize,
     pub(super) wrong: Vec<CsvRowFault>,
-    /// Rows at the start whose flight and line are those of the row before the block.
+    /// Rows at the start with the flight and line of the row before the block.
     orphans: usize,
     /// Newlines of the block.
     pub(super) newlines: u64,
 }
 
 impl<'a> CsvRows<'a> {
-    /// Reads the rows of a block, up to one after which nothing can be read.
+    /// Reads the rows of a block, up to a fatal fault.
     pub(super) fn parse(layout: &'a CsvLayout, block: &CsvBlock) -> CsvRows<'a> {
         let text = block.text();
         let room = room(text, block).min(block.end() / layout.kinds.len().max(1) + 8);
@@ -188,7 +188,7 @@ impl<'a> CsvRows<'a> {
     }
 
     /// Appends the row at `start` and returns its end, if it has a value for each column, no quotes and no fault;
-    /// otherwise some of its values stay appended.
+    /// otherwise some of its values remain appended.
     #[inline]
     fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
         let last = self.columns.len().checked_sub(1)?;
@@ -277,7 +277,8 @@ impl<'a> CsvRows<'a> {
         words > 1 && words == numbers
     }
 
-    /// All of them. `keys` has the last flight and line before the block, and those after it then.
+    /// The rows as a batch. `keys` holds the last flight and line before the block, and on return those of its last
+    /// row.
     pub(super) fn into_batch(
         self,
         path: &Path,
@@ -307,14 +308,14 @@ impl<'a> CsvRows<'a> {
     }
 }
 
-/// A guess at the rows of a block, by its first row.
+/// Estimated number of rows of a block, from its first row.
 fn room(text: &[u8], block: &CsvBlock) -> usize {
     let first = text.get(block.start..block.end()).unwrap_or_default();
     let length = first.iter().position(|b| *b == b'\n').unwrap_or(first.len()).max(1);
     first.len() / length + first.len() / length / 8 + 8
 }
 
-/// Whether the row at `start` may be the header again, which its first cell decides for nearly every row.
+/// Whether the row at `start` may repeat the header. The first cell decides this for nearly every row.
 pub(super) fn may_repeat(text: &[u8], start: usize, names: &[String]) -> bool {
     let row = text.get(start..).unwrap_or_default();
     let blank = row.iter().take_while(|b| matches!(b, b' ' | b'\t' | b'\x0C')).count();
@@ -346,14 +347,14 @@ fn plain_number(text: &[u8], start: usize, layout: &CsvLayout) -> Option<(f64, u
     other_number(text, start, layout)
 }
 
-/// A number of many digits, or a word or an empty cell for a missing one.
+/// A number of many digits, or a missing value as a word or an empty cell.
 #[inline(never)]
 fn other_number(text: &[u8], start: usize, layout: &CsvLayout) -> Option<(f64, usize)> {
     let (cell, end) = plain_cell(text, start)?;
     Some((layout.missing.number(cell)?, end))
 }
 
-/// The cell at `start` without the blanks around it and the position after it; nothing for one with quotes.
+/// The cell at `start` without surrounding blanks, and the position after it; `None` for a cell with quotes.
 #[inline]
 pub(super) fn plain_cell(text: &[u8], start: usize) -> Option<(&str, usize)> {
     let rest = text.get(start..)?;

@@ -28,12 +28,12 @@ pub(super) struct CsvScan {
     cut: Option<CsvTruncation>,
 }
 
-/// Last value of a file that does not end with a newline, so that it may be truncated.
+/// Last value of a file without a final newline, which may be truncated.
 #[derive(Clone, Debug, PartialEq)]
 struct CsvTruncation {
     value: String,
     line: u64,
-    /// Whether it is shorter than all others of its column.
+    /// Whether it is shorter than all other values of its column.
     short: bool,
 }
 
@@ -41,7 +41,7 @@ struct CsvTruncation {
 struct CsvScanColumns<'a> {
     names: &'a [String],
     missing: &'a MissingMarkers,
-    /// Columns that have only numbers so far, and may have other values.
+    /// Columns of undetermined type that have only numbers so far.
     open: Vec<bool>,
     /// Whether the lengths of the last values matter.
     widths: bool,
@@ -54,14 +54,14 @@ struct CsvBlockSummary {
     /// Rows that repeat the header, and newlines of the block before the first.
     repeated: (u64, u64),
     newlines: u64,
-    /// The shortest last value, except that of a row where the file ends.
+    /// Length of the shortest last value of a row, except a row that the end of the file truncates.
     shortest: usize,
-    /// The last value of a row where the file ends, and newlines before it.
+    /// The last value of a row that the end of the file truncates, and the newlines before it.
     last: Option<(Vec<u8>, u64)>,
 }
 
 impl CsvScan {
-    /// Reads a file for it, some blocks at once.
+    /// Scans a file, several blocks in parallel.
     ///
     /// # Errors
     /// Fails when the file cannot be read.
@@ -111,12 +111,12 @@ impl CsvScan {
         Ok(CsvScan { kinds, repeated, cut })
     }
 
-    /// Whether the last row is left out, since its last number is cut.
+    /// Whether the last row is dropped, since its last number is truncated.
     pub(super) fn drops_last(&self) -> bool {
         self.cut.as_ref().is_some_and(|c| c.short)
     }
 
-    /// In one spelling, for [`CsvScan::parse`].
+    /// The scan as text, for [`CsvScan::parse`].
     pub(super) fn spelt(&self) -> String {
         let kinds: String = self.kinds.iter().map(|k| k.letter()).collect();
         let (count, line) = self.repeated;
@@ -172,7 +172,7 @@ impl CsvScan {
 /// One result for each of some blocks, computed in parallel.
 pub(super) fn at_once<T: Send>(blocks: &[CsvBlock], one: impl Fn(&CsvBlock) -> T + Send + Sync) -> Vec<T> {
     match blocks {
-        // A pool would give this thread only unrelated work.
+        // A pool would only give this thread unrelated work.
         [block] => vec![one(block)],
         blocks => blocks.par_iter().map(one).collect(),
     }
@@ -197,7 +197,7 @@ struct CsvBlockScanner<'a> {
     cells: CsvCells,
     /// Columns of the current row that have words.
     doubts: Vec<usize>,
-    /// The start and the end of the last value of that row.
+    /// The start and the end of the last value of the current row.
     last: (usize, usize),
     answer: CsvBlockSummary,
 }
@@ -227,7 +227,7 @@ impl CsvBlockScanner<'_> {
             if plain.is_some() && question.widths {
                 let (from, to) = look.last;
                 let value = text.get(from..to).unwrap_or_default().trim_ascii();
-                // The record's end is not behind it yet.
+                // The end of the record follows.
                 look.answer.width(value, (block, start), at + 1);
             }
         }

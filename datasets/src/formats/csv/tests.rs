@@ -1,4 +1,4 @@
-//! The reader against a slow one that is plainly right, over files with everything odd and blocks of every size.
+//! Comparison of the reader with a slow and simple one, for files with every oddity and blocks of any size.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -45,7 +45,7 @@ fn told(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> T
             }
             Err(error) => {
                 told.error = Some(error.to_string());
-                // How many rows come before it is the block's affair.
+                // The number of rows before the error depends on the blocks.
                 (told.rows, told.faults) = (vec![], vec![]);
                 return told;
             }
@@ -65,7 +65,7 @@ fn told(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> T
     told
 }
 
-/// The same in the plainest way: all records by the `csv` crate, all numbers by `str::parse`.
+/// The result of a simple reader: all records by the `csv` crate, all numbers by `str::parse`.
 fn plainly(path: &Path, options: &FlightOptions) -> Told {
     let bytes = fs::read(path).unwrap();
     let names = header(path).unwrap();
@@ -74,7 +74,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(bytes.as_slice());
     for record in reader.byte_records() {
         let record = record.unwrap();
-        // The position is where the record before ends; empty lines and the rest of a line end may come between.
+        // The position is the end of the record before; empty lines and the rest of a line end may follow it.
         let at = record.position().unwrap().byte() as usize;
         let blank = bytes[at..].iter().take_while(|b| matches!(b, b'\n' | b'\r')).count();
         let line = 1 + bytes[..at + blank].iter().filter(|b| **b == b'\n').count();
@@ -194,7 +194,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
     told
 }
 
-/// Numbers that seem to be drawn.
+/// Pseudo-random numbers.
 struct Draw(u64);
 
 impl Draw {
@@ -299,7 +299,7 @@ fn drawn(draw: &mut Draw) -> Vec<u8> {
 }
 
 #[test]
-fn unit_the_reader_makes_of_any_file_what_a_plain_one_makes_in_blocks_of_any_size() {
+fn unit_the_reader_agrees_with_a_simple_one_for_any_block_size() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("f.csv");
     let given = FlightOptions { missing: vec!["dropout".into(), "-7777".into()], ..FlightOptions::default() };
@@ -323,7 +323,7 @@ fn unit_the_reader_makes_of_any_file_what_a_plain_one_makes_in_blocks_of_any_siz
 }
 
 #[test]
-fn unit_every_spelling_of_a_number_is_the_standard_librarys_to_the_last_bit() {
+fn unit_every_number_is_bit_identical_to_the_standard_librarys() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("f.csv");
     let mut draw = Draw(5);
@@ -348,7 +348,7 @@ fn unit_every_spelling_of_a_number_is_the_standard_librarys_to_the_last_bit() {
 }
 
 #[test]
-fn unit_what_was_found_is_read_back_and_nothing_else() {
+fn unit_a_stored_scan_is_read_back_and_a_damaged_one_is_ignored() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("f.csv");
     fs::write(&path, "flight,line,tt,a,b\n1,1,0.5,1,x\nflight,line,tt,a,b\n1,1,0.5,1,2").unwrap();
@@ -359,11 +359,11 @@ fn unit_what_was_found_is_read_back_and_nothing_else() {
     assert_eq!(CsvScan::parse(&found, 4), None);
     for cut in 0..found.len() {
         if let Some(scan) = CsvScan::parse(&found[..cut], 5) {
-            // The truncation removes the last value, which the records of the pipeline guard.
+            // The truncation may shorten the last value; the pipeline's records protect it.
             assert!(found.starts_with(&scan.spelt()) && scan.kinds.len() == 5, "{cut}");
         }
     }
-    // A damaged or foreign text is as good as none.
+    // A damaged or foreign text is ignored.
     for text in ["", "csv 1", "csv 2\nkknnt\n1 3\n", "csv 1\nkkn\n0 0\n", "csv 1\nkkxnt\n0 0\n", "csv 1\nkknnt\nx y\n"]
     {
         let reading = ReadHints { found: Some(text.to_owned()), threads: 1 };

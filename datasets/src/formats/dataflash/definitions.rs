@@ -14,7 +14,7 @@ pub(super) const FMT_LENGTH: u8 = 89;
 pub(super) struct MessageDefinition {
     pub(super) name: String,
     pub(super) length: u8,
-    /// The columns of the message; an array is several.
+    /// The columns of the message, one for each element of an array.
     pub(super) columns: Vec<RecordColumn>,
     /// The field of each column, for units.
     pub(super) fields: Vec<usize>,
@@ -36,7 +36,7 @@ impl MessageDefinition {
         if name.is_empty() || !printable(&name) || !labels.iter().all(|l| printable(l)) {
             return None;
         }
-        // Formats and labels longer than their fields are cut, so the fields cannot be identified.
+        // Formats and labels longer than their fields are truncated, so the fields cannot be identified.
         if labels.len() != format.chars().count() {
             return None;
         }
@@ -133,7 +133,7 @@ impl FormatCharacter {
             'n' => (RecordFieldType::Text(4), 1.0),
             'N' => (RecordFieldType::Text(16), 1.0),
             'Z' => (RecordFieldType::Text(64), 1.0),
-            // Hundredths; division gives the nearest number to the decimal one.
+            // Hundredths; division gives the number nearest to the decimal one.
             'c' => (RecordFieldType::I16, 1e2),
             'C' => (RecordFieldType::U16, 1e2),
             'e' => (RecordFieldType::I32, 1e2),
@@ -148,7 +148,7 @@ impl FormatCharacter {
     }
 }
 
-/// The unit of the time columns, which every log has.
+/// The unit of the time columns, which exist in every log.
 fn unit_of(label: &str) -> &'static str {
     match label {
         "TimeUS" | "SampleUS" => "us",
@@ -169,7 +169,7 @@ pub(super) struct DataflashUnits {
 }
 
 impl DataflashUnits {
-    /// Takes the body of a UNIT, MULT or FMTU message.
+    /// Adds the body of a UNIT, MULT or FMTU message.
     pub(super) fn add(&mut self, definition: &MessageDefinition, body: &[u8]) {
         let byte = |label: &str| definition.find(label).and_then(|c| body.get(c.offset)).copied();
         let bytes = |label: &str| {
@@ -207,7 +207,7 @@ impl DataflashUnits {
         self.of.iter().find(|(known, ..)| *known == of)?.1.iter().position(|u| *u == b'#')
     }
 
-    /// Gives the columns of a type their units.
+    /// Sets the units of the columns of a type.
     pub(super) fn apply(&self, of: u8, definition: &mut MessageDefinition) {
         let Some((_, units, factors)) = self.of.iter().find(|(known, ..)| *known == of) else { return };
         for i in 0..definition.formats.len() {
@@ -224,7 +224,7 @@ impl DataflashUnits {
     }
 }
 
-/// A unit in the converter's spelling.
+/// The converter's spelling of a unit.
 fn usual(name: &str) -> &str {
     match name {
         "deglatitude" | "deglongitude" | "degheading" => "deg",
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn ref_every_format_character_has_its_length() {
-        // struct.calcsize of the characters that pymavlink gives them.
+        // Results of struct.calcsize for the characters of pymavlink.
         let sizes = [
             ("a", 64),
             ("b", 1),
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_definitions_that_contradict_themselves() {
+    fn unit_inconsistent_definitions_are_rejected() {
         for body in [
             fmt(7, 5, "X", "BB", "A"),
             fmt(7, 5, "X", "BB", "A,A"),
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_units_of_fmtu_with_their_multipliers() {
+    fn unit_fmtu_sets_units_with_multipliers() {
         let (_, unit) = MessageDefinition::parse(&fmt(1, 76, "UNIT", "QbZ", "TimeUS,Id,Label")).unwrap();
         let (_, mult) = MessageDefinition::parse(&fmt(2, 20, "MULT", "Qbd", "TimeUS,Id,Mult")).unwrap();
         let (_, fmtu) =

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::ReadError;
 
-/// The first bytes of every message; its type follows.
+/// The first bytes of every message, followed by its type.
 pub(super) const MARKS: &[u8] = &[0xa3, 0x95];
 /// Size of the window in bytes: a message and the marks of the next.
 const AHEAD: usize = 1 << 10;
@@ -80,7 +80,7 @@ struct DataflashMessageType {
     length: u8,
     /// Its definition; `None` if it is invalid.
     layout: Option<usize>,
-    /// Whether the definition of the type equals that of the name.
+    /// Whether the definition of the type equals the definition of the name.
     same: bool,
     /// Offset and length of the instance.
     instance: Option<(usize, RecordFieldType)>,
@@ -168,7 +168,7 @@ impl DataflashScanner {
         DataflashScanner::with(&self.path, self.state.units)
     }
 
-    /// Takes the next message and shows it to `visit` (topic, whether it is new, definition and body). Returns whether
+    /// Reads the next message and passes it to `visit` (topic, whether it is new, definition and body). Returns whether
     /// there was one.
     ///
     /// # Errors
@@ -222,7 +222,7 @@ fn leads(bytes: &[u8]) -> bool {
 }
 
 impl DataflashScanState {
-    /// Classification of the first bytes; they are at least [`AHEAD`], or end with the file.
+    /// Classification of the first bytes. `bytes` has at least [`AHEAD`] bytes or extends to the end of the file.
     #[inline]
     fn found(&self, bytes: &[u8]) -> DataflashMatch {
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
@@ -291,7 +291,7 @@ impl DataflashScanState {
             _ => return,
         }
         let definition = MessageDefinition::parse(body).map(|(_, definition)| definition);
-        // Without a definition, the length still separates its messages from others.
+        // The length of the message is used even without a definition.
         if definition.is_none() {
             self.unreadable += 1;
             let name = text(body.get(2..6).unwrap_or_default());
@@ -302,7 +302,7 @@ impl DataflashScanState {
 
     /// Defines a type.
     fn define(&mut self, of: u8, definition: Option<MessageDefinition>, length: u8) {
-        // FMT messages are always those of the format, and a header is the least that a message has.
+        // FMT messages have a fixed definition, and a message is at least as long as its header.
         if (of == FMT && length != FMT_LENGTH) || usize::from(length) < HEADER {
             self.unreadable += u64::from(definition.is_some());
             return;
@@ -327,7 +327,7 @@ impl DataflashScanState {
         }
     }
 
-    /// The names without a message that can be read, each with the reason.
+    /// The names without a readable message, each with the reason.
     pub(super) fn lost(&self) -> Vec<(String, String)> {
         let named = |(name, _): &&(String, u64)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
         let unread = self.unnamed.values().filter(named).filter(|(name, n)| *n > 0 && !self.names.contains_key(name));

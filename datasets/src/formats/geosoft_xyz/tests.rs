@@ -62,7 +62,7 @@ fn lines_of(text: &str) -> Lines {
 }
 
 #[test]
-fn ref_every_type_of_a_line_begins_a_line() {
+fn ref_a_record_of_every_line_type_begins_a_line() {
     let words = ["Line", "BASE", "tie", "Test", "Trend", "special", "Random"];
     let text: String = words.iter().zip(10..).map(|(word, i)| format!("{word} {i}\n1 2 3\n4 5 *\n")).collect();
     let (lines, faults, notes) = lines_of(&format!("/ x y z\n{text}\x1a"));
@@ -74,7 +74,7 @@ fn ref_every_type_of_a_line_begins_a_line() {
 }
 
 #[test]
-fn bug_an_unknown_record_does_not_damage_the_line_before_it() {
+fn unit_an_unknown_record_does_not_damage_the_line_before_it() {
     for first in ["Line 10\n1 2 3\n4 5 6\n", ""] {
         let (lines, faults, notes) = lines_of(&format!("/ x y z\n{first}Foo 1\n1 2 3\n4 5 6\nLine 20\n7 8 9\n"));
         let expected = [("10", 2), ("Foo 1", 2), ("20", 1)].map(|(name, n)| (name.to_owned(), n));
@@ -83,7 +83,7 @@ fn bug_an_unknown_record_does_not_damage_the_line_before_it() {
         assert!(faults[0].1.contains("`Foo 1` is not a line record"), "{faults:?}");
         assert!(notes.iter().any(|note| note.contains("`Foo 1` is not a line record")), "{notes:?}");
     }
-    // A short row of a table that begins with words.
+    // A row with too few values, in a table whose rows begin with words.
     let (lines, faults, _) = lines_of("/ name y z\nLine 10\nab 1 2\ncd 3\nef 4 5\n");
     assert_eq!((lines, faults.len()), (vec![("10".to_owned(), 3)], 1));
     // A word and a number in every row are two columns.
@@ -92,7 +92,7 @@ fn bug_an_unknown_record_does_not_damage_the_line_before_it() {
 }
 
 #[test]
-fn unit_what_is_wrong_is_said_with_its_line() {
+fn unit_faults_are_reported_with_their_line() {
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("a.xyz");
     fs::write(&path, "//Date 29 June\nLine 10\n1,2,3\n1,2\nL20\n4,5,6").unwrap();

@@ -28,7 +28,7 @@ fn user_a_labelled_matrix_becomes_a_flight() {
 }
 
 #[test]
-fn unit_vectors_of_another_length_are_a_topic_of_their_own() {
+fn unit_vectors_of_another_length_are_a_separate_topic() {
     let listed = |path: std::path::PathBuf| {
         let all = topics(&path, &FlightOptions::default()).unwrap();
         all.into_iter().map(|t| (t.name, t.rows, t.columns.len())).collect::<Vec<_>>()
@@ -41,7 +41,7 @@ fn unit_vectors_of_another_length_are_a_topic_of_their_own() {
 }
 
 #[test]
-fn unit_what_is_not_read_is_noted() {
+fn unit_skipped_variables_are_noted() {
     let said = notes(&reference("made.mat"), &topic("log"));
     assert!(
         said[0].ends_with("ignored: `complex` (complex numbers), `log.cells` (a cell array)") && said.len() == 1,
@@ -69,14 +69,14 @@ fn ref_damaged_files_of_scipy() {
     let said = notes(&path, &FlightOptions::default());
     assert!(said[0].contains("the variable at byte 128 is damaged and is skipped") && said.len() == 1, "{said:?}");
     assert_eq!(numbers(&read(&path, &FlightOptions::default()).unwrap(), "datagrid"), [f64::from(0.035f32)]);
-    // SciPy reads the shapes of this one, and fails at the numbers of `datagrid`.
+    // SciPy reads the shapes of this file, and fails at the numbers of `datagrid`.
     let said = read(&log("matlab/corrupted_zlib_data.mat"), &FlightOptions::default()).unwrap_err().to_string();
     assert!(said.contains("is damaged and is skipped"), "{said}");
     assert!(read(&log("matlab/malformed1.mat"), &FlightOptions::default()).is_err());
 }
 
 #[test]
-fn unit_a_file_that_is_cut_keeps_the_variables_before_the_cut() {
+fn unit_a_truncated_file_keeps_its_complete_variables() {
     let folder = tempfile::TempDir::new().unwrap();
     let (path, bytes) = (folder.path().join("a.mat"), fs::read(log("TestLog2_cut.mat")).unwrap());
     fs::write(&path, &bytes[..bytes.len() - 200]).unwrap();

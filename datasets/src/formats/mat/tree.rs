@@ -56,7 +56,7 @@ pub(super) struct MatColumn {
 
 /// The table of the vectors at the root.
 pub(super) const ROOT: &str = ".";
-/// A matrix with more columns is a row of samples.
+/// Number of columns above which a matrix has one channel per row.
 const MOST_COLUMNS: u64 = 1000;
 /// Maximum number of rows of a matrix with one channel per row.
 const MOST_CHANNELS: u64 = 100;
@@ -155,7 +155,7 @@ fn strided(values: &ColumnValues, start: usize, step: usize, count: usize) -> Co
     }
 }
 
-/// The columns of a structure, those of structures within as `a.b`.
+/// The columns of a structure; those of nested structures are named `a.b`.
 fn flatten(variable: &str, prefix: &str, fields: Vec<MatVariable>, to: &mut Vec<MatColumn>) {
     for MatVariable { name, content } in fields {
         let name = format!("{prefix}{name}");

@@ -23,7 +23,7 @@ const LONGEST: u64 = 1 << 20;
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
 
-/// Reads the variables of a file: the numbers of those that `keep` names, and only the shapes of others.
+/// Reads the variables of a file: the numbers of the variables that `keep` selects, and only the shapes of the others.
 ///
 /// # Errors
 /// Fails for a file that is not of this format. A damaged variable is skipped and noted.
@@ -80,7 +80,7 @@ fn deflated(input: impl Read, big: bool, limit: &DecodeLimit, keep: &dyn Fn(&str
     }
     let bytes = u64::from(word(&tag, 4, big));
     let node = MatByteReader::new(&mut inflated, big, limit).matrix(bytes, DEPTH, keep, true)?;
-    // The checksum is compared at the end of the stream; unused numbers are not read that far.
+    // The checksum is compared at the end of the stream, which is not reached if numbers are skipped.
     if !matches!(node.content, MatValue::Array { values: None, .. }) {
         io::copy(&mut inflated, &mut io::sink())?;
     }
@@ -252,7 +252,7 @@ impl<'a> MatByteReader<'a> {
         self.done(name, content, end, outermost && !kept)
     }
 
-    /// Moves to the end of the array.
+    /// Moves to the end of the array, unless `stop` is set, and returns its variable.
     fn done(&mut self, name: String, content: MatValue, end: u64, stop: bool) -> io::Result<MatVariable> {
         if !stop {
             self.skip(end.checked_sub(self.at).ok_or_else(|| broken("its parts are longer than the array"))?)?;
@@ -304,7 +304,7 @@ impl<'a> MatByteReader<'a> {
     }
 }
 
-/// The numbers of an element of a type, which may be smaller than that of the array.
+/// The numbers of an element, whose type may be smaller than the array's.
 fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<ColumnValues> {
     macro_rules! of {
         ($t:ty, $n:literal) => {
@@ -338,7 +338,7 @@ fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<ColumnVa
     }
 }
 
-/// Integers as floats if these are exact, otherwise with all their digits.
+/// Integers as floats if these are exact, otherwise as integers or text.
 fn exact(numbers: impl Iterator<Item = i128> + Clone) -> ColumnValues {
     const EXACT: u128 = 1 << 53;
     let most = numbers.clone().map(i128::unsigned_abs).max().unwrap_or(0);

@@ -12,7 +12,7 @@ use crate::{ReadError, table::ColumnValues};
 /// Maximum nesting of structures.
 const DEPTH: usize = 16;
 
-/// Reads the variables of a file: the numbers of those that `keep` names, and only the shapes of others.
+/// Reads the variables of a file: the numbers of the variables that `keep` selects, and only the shapes of the others.
 ///
 /// # Errors
 /// Fails for an incomplete file.
@@ -71,7 +71,7 @@ fn content(file: &Hdf5Source, name: &str, kept: bool) -> Result<MatValue, ReadEr
                 [columns, rows, ..] => (*rows, *columns),
             };
             let values = if kept { Some(set.all()?) } else { None };
-            // 2^53: beyond it not every whole number is a Float64.
+            // Beyond 2^53, integers may not be exact as Float64.
             if set.is_wide() && values.iter().flatten().any(|x| x.abs() >= 9_007_199_254_740_992.0) {
                 return Ok(MatValue::Skipped("whole numbers beyond 2^53"));
             }

@@ -12,11 +12,11 @@ fn read(name: &str, options: &PointOptions) -> SurveyPointSet {
 }
 
 #[test]
-fn val_osborne_comes_on_the_zone_that_its_makers_chose() {
+fn val_osborne_is_projected_to_the_zone_of_its_survey() {
     let points = read("osborne/osborne_survey_points.parquet", &PointOptions::default());
     assert_eq!(points.crs.code(), 32754, "the zone of the middle");
     assert_eq!(points.len(), 973_416);
-    // The first point of the file, its UTM coordinates by pyproj to the centimetre.
+    // The first point of the file, with UTM coordinates by pyproj, rounded to a centimetre.
     assert!((points.easting_m[0] - 465_297.09).abs() < 0.02 && (points.northing_m[0] - 7_581_709.06).abs() < 0.02);
     assert_eq!((points.value_nt[0], points.height_m[0]), (-124.0, 367.0));
     assert_eq!((points.lines[0].as_str(), points.line[0]), ("5576", 0));
@@ -37,7 +37,7 @@ fn val_britain_has_named_lines_years_and_another_grid() {
     assert_eq!(points.extra.year.as_ref().unwrap()[0], 1957.0);
     let to = PointOptions { to_epsg: Some(27700), ..PointOptions::default() };
     let grid = read("britain/britain_sw_survey_points.parquet", &to);
-    // The file has the national grid by the grid-shift file; the seven parameters are within 5 m of it.
+    // The file's national grid uses the grid-shift file; the seven parameters agree within 5 m.
     assert!((grid.easting_m[0] - 299_027.9).abs() < 5.0 && (grid.northing_m[0] - 133_360.7).abs() < 5.0);
 }
 
@@ -52,7 +52,7 @@ fn unit_a_flight_log_is_a_table_of_points() {
 }
 
 #[test]
-fn unit_text_with_line_records_is_the_table_with_a_column_of_lines() {
+fn unit_text_with_line_records_equals_a_table_with_a_line_column() {
     let folder = TempDir::new().unwrap();
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -84,7 +84,7 @@ fn unit_text_with_line_records_is_the_table_with_a_column_of_lines() {
 }
 
 #[test]
-fn unit_points_in_another_unit_and_points_of_one_value_are_doubted() {
+fn unit_wrong_units_and_constant_values_of_points_give_warnings() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("p.csv");
     let of = |scale: f64, places: f64, same: bool| {

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn ref_coordinates_come_in_metres() {
+fn ref_coordinates_are_converted_to_metres() {
     for (name, west, step) in [
         ("km.gxf", 500_000.0, 200.0),
         ("usft.nc", 500_000.0, 200.0),
@@ -47,7 +47,7 @@ fn unit_units_of_coordinates_in_every_format() {
     let fault = west(&grid(["m"; 2], 50.0, 0.2), "m.nc", &degrees).unwrap_err();
     assert!(fault.contains("the coordinates are in m, but EPSG:4326") && fault.contains("in degrees"), "{fault}");
 
-    // GeoTIFF: ProjLinearUnits, and a unit of the file's own.
+    // GeoTIFF: ProjLinearUnits, and a user-defined unit.
     let keys = |unit: u16| vec![1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32767, 3076, 0, 1, unit];
     let image = |keys: &[u16]| TiffImageFixture::band(2, 2, 8, 1, vec![1, 2, 3, 4]).with(34735, keys);
     let corner = 500_000.0 + 100.0;
@@ -65,7 +65,7 @@ fn unit_units_of_coordinates_in_every_format() {
     assert!(fault.contains("user-defined, but its size is missing"), "{fault}");
     let fault = west(&tiff(&[image(&keys(9999))]), "m.tif", &utm()).unwrap_err();
     assert!(fault.contains("the unit EPSG:9999 of the coordinates is unknown"), "{fault}");
-    // The file's own system and unit contradict each other; naming the system settles it.
+    // The system and the unit in the file contradict each other; an `epsg` in the options resolves this.
     let mut both = keys(9003);
     both[15] = 32754;
     let fault = west(&tiff(&[image(&both)]), "m.tif", &MapOptions::default()).unwrap_err();

@@ -1,9 +1,9 @@
-//! Values that no map and no survey point has.
+//! Impossible values of maps and survey points.
 
 use super::*;
 
 #[test]
-fn r10_values_that_no_rock_makes() {
+fn unit_impossible_values_of_maps_are_rejected() {
     let fault = read_grid(&case("emag2.nc"), &MapOptions::default()).unwrap_err().to_string();
     for part in [
         "emag2.nc, column `anomaly`: in row ",
@@ -28,7 +28,7 @@ fn r10_values_that_no_rock_makes() {
     let unknown = MapOptions { missing: vec!["1e308".into()], ..MapOptions::default() };
     assert!(same(&bytes("m.tif", &huge, &unknown).unwrap(), (5.0, 7.0, 1)));
 
-    // Siblings, in every format: one value among three of an anomaly, in the unit of the file.
+    // Variants: one impossible value among three of an anomaly, in the unit of the file.
     let text = |value: &str| format!("lon,lat,anomaly\n1,1,5\n2,1,6\n1,2,7\n2,2,{value}\n");
     let read = |value: &str, options: &MapOptions| bytes("m.csv", text(value).as_bytes(), options);
     for value in ["99999", "1e20", "-1e34", "32767", "-1e308", "54321", "9999", "-65536"] {
@@ -48,7 +48,7 @@ fn r10_values_that_no_rock_makes() {
     let tesla = MapOptions { unit: Some("T".into()), ..MapOptions::default() };
     let fault = read("1e300", &tesla).unwrap_err();
     assert!(fault.contains(" T ("), "{fault}");
-    // A total field is one, and says so; a derivative has the same bound.
+    // A total field is accepted with a note; a derivative has the same bound.
     let total = "lon,lat,anomaly\n1,1,54000\n2,1,54100\n1,2,54200\n2,2,54300\n";
     let map = bytes("m.csv", total.as_bytes(), &MapOptions::default()).unwrap();
     assert!(map.notes.iter().any(|n| n.contains("are a total field")), "{:?}", map.notes);
@@ -66,7 +66,7 @@ fn r10_values_that_no_rock_makes() {
 }
 
 #[test]
-fn r10_values_of_survey_points() {
+fn unit_impossible_values_of_survey_points_are_rejected() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("p.csv");
     let read = |rows: &str, options: &PointOptions| {

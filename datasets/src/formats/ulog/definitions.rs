@@ -19,9 +19,9 @@ struct UlogFieldDeclaration {
 pub(super) struct UlogMessageLayout {
     /// The columns, without padding.
     pub(super) columns: Vec<RecordColumn>,
-    /// The bytes of a message without the padding at its end, which may be missing completely or in part.
+    /// The bytes of a message without the padding at its end, which may be missing partly or completely.
     pub(super) least: usize,
-    /// The bytes of a message with it.
+    /// The bytes of a message with the padding at its end.
     pub(super) most: usize,
 }
 
@@ -40,7 +40,7 @@ const LONGEST: usize = u16::MAX as usize;
 
 impl UlogFormats {
     /// Adds the format of a message `name:type field;type[n] field;`; `None` if it is invalid. A later definition of
-    /// the same name replaces the earlier one from there on.
+    /// the same name replaces the earlier one for subsequent messages.
     pub(super) fn add(&mut self, body: &[u8]) -> Option<()> {
         let (name, fields) = split(body)?;
         if let Some(known) = self.known.insert(name.clone(), fields.clone())
@@ -130,7 +130,7 @@ impl UlogColumnBuilder {
     fn push(&mut self, name: String, kind: RecordFieldType, padding: bool) -> Option<()> {
         let offset = self.size;
         self.size = self.size.checked_add(kind.bytes()).filter(|size| *size <= LONGEST)?;
-        // Loggers omit the padding at the end, including that of the last nested format.
+        // Loggers omit the padding at the end, including the padding of the last nested format.
         self.padding = if padding { self.padding + kind.bytes() } else { 0 };
         if !padding {
             self.most = self.most.checked_sub(1)?;
@@ -176,7 +176,7 @@ fn declared(field: &str) -> Option<UlogFieldDeclaration> {
     let (of, name) = field.split_once(' ')?;
     let (of, length) = match of.split_once('[') {
         None => (of, None),
-        // A length of more than a message would not fit one.
+        // An array longer than a message is invalid.
         Some((of, length)) => (of, Some(length.strip_suffix(']')?.parse().ok().filter(|n| *n <= LONGEST)?)),
     };
     (is_name(of) && is_name(name)).then(|| UlogFieldDeclaration { of: of.to_owned(), length, name: name.to_owned() })
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn ref_fields_of_nested_formats_stand_in_place() {
+    fn ref_fields_of_nested_formats_are_expanded_in_place() {
         let formats = formats(&[
             "esc_report:uint64_t timestamp;int32_t rpm;uint8_t[4] _padding0;",
             "esc_status:uint64_t timestamp;esc_report[2] esc;char[8] name;bool on;uint8_t[7] _padding0;",
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_formats_that_cannot_be_laid_out() {
+    fn unit_invalid_formats_have_no_layout() {
         let none = |all: &[&str], name: &str| assert!(formats(all).layout(name, 1 << 20).is_none(), "{all:?}");
         none(&["a:b x;", "b:a y;"], "a");
         none(&["a:b x;"], "a");

@@ -1,8 +1,8 @@
 //! ULog, the self-describing log of PX4 autopilots. Each message with an instance is a topic: `vehicle_attitude`, and
 //! `sensor_mag:1` for the second of several. [docs.px4.io, ULog File Format]
 //!
-//! The file is read twice: once to list and count its topics, once for the values of one. The log has no units. Time
-//! stamps are microseconds since the start of the autopilot, and some names end in a unit.
+//! The file is read twice: once to list and count its topics, and once for the values of one topic. The log has no
+//! units. Time stamps are microseconds since the start of the autopilot, and some names end in a unit.
 
 use std::path::Path;
 

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::ReadError;
 
-/// The first bytes of every file; a byte with the version and the time follow.
+/// The first bytes of every file, followed by the version and the time.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const HEADER: usize = 16;
 const SYNC: &[u8] = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12";
@@ -92,7 +92,7 @@ struct Subscription {
     topic: usize,
     least: usize,
     most: usize,
-    /// Whether its layout is that of the topic.
+    /// Whether its layout equals the layout of the topic.
     same: bool,
 }
 
@@ -100,15 +100,15 @@ struct Subscription {
 pub(super) struct UlogScanState {
     formats: UlogFormats,
     pub(super) topics: Vec<UlogTopic>,
-    /// The position of each among them.
+    /// The position of each topic in `topics`.
     numbers: HashMap<(String, u8), usize>,
-    /// Columns of all of them together.
+    /// Number of columns of all topics.
     columns: usize,
     subscriptions: Vec<Subscription>,
     /// The subscription of each id.
     ids: Vec<u32>,
     pub(super) version: u8,
-    /// Positions of appended data, the next one last; a message is cut there.
+    /// Positions of appended data, in descending order; a message before each may be truncated.
     pub(super) appended: Vec<u64>,
     pub(super) dropouts: u64,
     pub(super) dropouts_ms: u64,
@@ -175,8 +175,8 @@ impl UlogScanner {
         Ok(UlogScanner { path: path.to_path_buf(), forward, state })
     }
 
-    /// Takes the next message and shows it to `visit` (topic and record) if it is one of data. Returns whether there
-    /// was one.
+    /// Reads the next message and, if it is a data message, passes its topic and record to `visit`. Returns whether
+    /// there was one.
     ///
     /// # Errors
     /// Fails for a file that cannot be read or has unsupported features.
@@ -184,7 +184,7 @@ impl UlogScanner {
     pub(super) fn step(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<bool, ReadError> {
         let UlogScanner { path, forward, state } = self;
         let position = forward.position();
-        // A position that is already passed is not one of a file that was written so.
+        // Positions of appended data before the current position are invalid.
         while state.appended.last().is_some_and(|end| *end < position) {
             state.appended.pop();
         }
@@ -297,7 +297,7 @@ impl UlogScanState {
         }
     }
 
-    /// Whether a message of a known type is followed by another, or ends the file.
+    /// Whether another message or the end of the file follows a message of a known type.
     #[inline]
     fn stands(&self, bytes: &[u8], length: usize) -> bool {
         let (head, rest) = (bytes.get(..length).unwrap_or_default(), bytes.get(length..).unwrap_or_default());
@@ -317,7 +317,7 @@ impl UlogScanState {
             UlogMatch::Unsure(length) => {
                 depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }
-            // Each has a known type and id, so several in a row are not accidental.
+            // Each has a known type and id, so several consecutive ones are not accidental.
             UlogMatch::Misfit(length) => {
                 depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }
@@ -330,7 +330,7 @@ impl UlogScanState {
         match self.found(bytes) {
             _ if messages == 0 => true,
             UlogMatch::Sure(length) => self.chain(bytes.get(length..).unwrap_or_default(), messages - 1),
-            // At the start, the end of the file would count as a message.
+            // A truncated message at the start does not count.
             UlogMatch::Cut => messages < 3,
             UlogMatch::Nothing => bytes.is_empty(),
             UlogMatch::Unsure(_) | UlogMatch::Misfit(_) => false,
@@ -339,7 +339,7 @@ impl UlogScanState {
 
     /// The offset of the next valid message; without one, the number of bytes examined.
     fn next_sure(&self, bytes: &[u8]) -> usize {
-        // Beyond this offset a message and the next one may not be in view.
+        // Beyond this offset a message and its successor may exceed the window.
         let judged = if bytes.len() > AHEAD { bytes.len() - AHEAD } else { bytes.len() };
         let stands = |at: &usize| self.chain(bytes.get(*at..).unwrap_or_default(), 3);
         (1..judged).find(stands).unwrap_or(judged.max(1))
@@ -419,7 +419,7 @@ impl UlogScanState {
                 (self.topics.len() - 1, true)
             }
         };
-        // An id that is subscribed again is that of the new subscription from here on.
+        // A repeated subscription of an id replaces the earlier one for subsequent messages.
         let number = self.subscriptions.len();
         self.subscriptions.push(Subscription { topic: at, least, most, same });
         if let (Some(of), Ok(number)) = (self.ids.get_mut(usize::from(id)), u32::try_from(number)) {
@@ -456,7 +456,7 @@ impl UlogScanState {
 /// Whether the length, and the body if complete, are possible for a message of this type other than data.
 fn plausible(kind: u8, size: usize, body: Option<&[u8]>) -> bool {
     let check = |test: &dyn Fn(&[u8]) -> bool| body.is_none_or(test);
-    // Log levels are those of syslog, as digits or numbers.
+    // Log levels are syslog levels, as digits or numbers.
     let level = |b: &[u8]| b.first().is_some_and(|l| (b'0'..=b'7').contains(l) || *l <= 7);
     match kind {
         b'S' => size == SYNC.len() && check(&|b| b == SYNC),

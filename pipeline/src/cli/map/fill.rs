@@ -36,7 +36,7 @@ pub fn run(args: &FillArgs) -> Result<(), ExitReason> {
     args.output.check(args.with.iter().chain([&args.map]))?;
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
-        // The others' heights and units are their files'.
+        // The other maps have the heights and units of their files.
         let input = InputArgs { format: None, epsg: None, alt: None, unit: None, ..args.input.clone() };
         let other = |path: &PathBuf| Ok((path.display().to_string(), input.read(path)?));
         let others: Vec<(String, AnomalyGrid)> = args.with.iter().map(other).collect::<Result<_, ExitReason>>()?;

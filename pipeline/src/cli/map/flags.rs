@@ -1,4 +1,4 @@
-//! The parameters of a stage as flags of a command: names, defaults and texts are those of the stage's declaration.
+//! Stage parameters as command-line flags. Names, defaults and texts come from the stage's declaration.
 
 use std::marker::PhantomData;
 
@@ -12,9 +12,9 @@ use super::ExitReason;
 pub trait FlagStage: Stage + Clone {
     /// Its declaration.
     fn declared() -> StageEntry;
-    /// Flags that have other spellings too, or stand for a value by themselves.
+    /// Flags with other spellings, or with a value that may be omitted.
     const SPELLINGS: &'static [FlagSpelling] = &[];
-    /// Parameters that the command asks for in its own way.
+    /// Parameters that the command declares separately.
     const OWN: &'static [&'static str] = &[];
 }
 
@@ -24,7 +24,7 @@ pub struct FlagSpelling {
     param: &'static str,
     /// Other names of the flag.
     names: &'static [&'static str],
-    /// The value of the flag without one.
+    /// Value of the flag when given without one.
     bare: Option<&'static str>,
 }
 
@@ -45,7 +45,7 @@ impl FlagStage for MapGrid {
         also("crossing_height_m", &["crossing-height"]),
         FlagSpelling { param: "level_order", names: &["level-lines"], bare: Some("0") },
     ];
-    // The file's own name of the column.
+    // The flag names a column of the file.
     const OWN: &'static [&'static str] = &["value"];
 }
 
@@ -62,7 +62,7 @@ impl FlagStage for MapContinue {
         MapContinue::entry()
     }
     const SPELLINGS: &'static [FlagSpelling] = &[also("alpha_m2", &["alpha"])];
-    // Keys that may occur several times.
+    // The flag accepts several values.
     const OWN: &'static [&'static str] = &["to_m"];
 }
 
@@ -84,12 +84,12 @@ fn params<S: FlagStage>() -> impl Iterator<Item = ParamDoc> {
     S::declared().params.into_iter().filter(|p| !S::OWN.contains(&p.name))
 }
 
-/// The flag of a parameter, without its dashes.
+/// Flag of a parameter, without its dashes.
 fn flag(param: &str) -> String {
     param.replace('_', "-")
 }
 
-/// The words that a parameter can be.
+/// Permitted words of a parameter.
 fn words(param: &ParamDoc) -> Vec<&str> {
     if param.type_name == "text" { param.rule.split('`').skip(1).step_by(2).collect() } else { vec![] }
 }
@@ -126,7 +126,7 @@ fn arg<S: FlagStage>(param: &ParamDoc) -> Arg {
     }
 }
 
-/// A value as a spec would give it. What is of another type than the parameter is refused by the stage.
+/// Parses a value as in a spec. The stage rejects a value of another type.
 fn literal(text: &str, param: &ParamDoc) -> Literal {
     let number = |text: &str| {
         let whole = text.parse().map(Literal::Int);
@@ -175,10 +175,10 @@ impl<S: FlagStage> FromArgMatches for StageFlags<S> {
 }
 
 impl<S: FlagStage> StageFlags<S> {
-    /// The stage with these parameters.
+    /// Creates the stage with these parameters.
     ///
     /// # Errors
-    /// Fails for values that the stage rejects, in the words of the command.
+    /// Fails for values that the stage rejects. The message names the flag.
     pub fn stage(&self) -> Result<S, ExitReason> {
         let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
         let built = (S::declared().build)(&self.given).map_err(first)?;
@@ -198,7 +198,7 @@ const TERMS: [(&str, &str); 6] = [
     ("\"", ""),
 ];
 
-/// A fault of the stage `S` with flags in the place of parameters.
+/// Replaces parameter names by flags in a fault of the stage `S`.
 pub fn in_flags<S: FlagStage>(fault: Fault) -> Fault {
     let said = |text: &str| {
         let mut text = text.to_owned();
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_flags_are_the_parameters_of_the_stage() {
+    fn unit_flags_match_the_parameters_of_the_stage() {
         let plain = parsed(&[]).unwrap();
         assert_eq!((plain.crossing_height_m, plain.damping, plain.keep_outliers), (50.0, 1.0, false));
         let grid = parsed(&["--spacing-m", "250", "--level=-20", "--keep-outliers", "--bounds", "-1,-2,3,4"]).unwrap();

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::cli::{is_quiet, note, progress::ProgressDisplay};
 
-/// Points far from all others that are named one by one.
+/// Maximum number of isolated points listed by name.
 const NAMED: usize = 5;
 
 #[derive(Args)]
@@ -40,7 +40,7 @@ pub struct GridArgs {
     threads: ThreadArgs,
 }
 
-/// Where the columns are. Those that are not named are found by the usual names.
+/// Options for the columns of survey points. Unset columns are found by their usual names.
 #[derive(Args)]
 struct ColumnArgs {
     /// A flight format, `parquet` or `text`, if content and name of the file do not determine it.
@@ -99,7 +99,7 @@ pub fn run(args: &GridArgs) -> Result<(), ExitReason> {
     })
 }
 
-/// All points, on the plane of the first file, and how many of them are far from all others.
+/// All points in the projection of the first file, and the number of isolated points.
 fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPointSet, usize), ExitReason> {
     let c = &args.columns;
     let mut options = PointOptions {
@@ -136,8 +136,8 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
     Ok((all, far.len()))
 }
 
-/// Adds the points of another file. A line of one name is one line, unless the files give it two types: the second
-/// then gets the letter of its type in front.
+/// Adds the points of another file. Lines with equal names are merged. If their types differ, the name of the second
+/// line gets the letter of its type as a prefix.
 fn append(all: &mut SurveyPointSet, more: SurveyPointSet) {
     let places: Vec<u32> =
         more.lines.iter().zip(&more.types).map(|(name, kind)| place(all, name.clone(), *kind) as u32).collect();
@@ -161,7 +161,7 @@ fn append(all: &mut SurveyPointSet, more: SurveyPointSet) {
     both(&mut all.extra.doy, more.extra.doy);
 }
 
-/// The place of a line of this name and type, which is added where there is none.
+/// Index of the line with this name and type, which is added if absent.
 fn place(all: &mut SurveyPointSet, mut name: String, kind: Option<LineType>) -> usize {
     loop {
         match (all.lines.iter().position(|known| *known == name), kind) {
@@ -186,7 +186,7 @@ fn place(all: &mut SurveyPointSet, mut name: String, kind: Option<LineType>) -> 
     }
 }
 
-/// Names points that are far from all others; the points of each file begin at its entry of `starts`.
+/// Lists isolated points by name. `starts` holds the index of the first point of each file.
 fn name_far(far: &[usize], points: &SurveyPointSet, files: &[PathBuf], starts: &[usize]) {
     if far.is_empty() {
         return;

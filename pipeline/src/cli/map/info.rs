@@ -1,4 +1,4 @@
-//! `magline map info`: what is in a map.
+//! `magline map info`: extent, spacing, height, gaps and statistics of a map.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub struct InfoArgs {
 pub fn run(args: &InfoArgs) -> Result<(), ExitReason> {
     let mut last = Ok(());
     for path in &args.maps {
-        // The other maps are still told about.
+        // The other maps are still reported.
         match args.input.read(path) {
             Ok(map) => {
                 let summary = map.summary().map_err(Fault::from)?;
@@ -59,13 +59,13 @@ pub fn run(args: &InfoArgs) -> Result<(), ExitReason> {
     last
 }
 
-/// A line a figure: its name, its value, its unit.
+/// Formats one line per figure: name, value, unit.
 fn table(path: &Path, figures: &[(String, SummaryValue, &'static str)]) -> String {
     let widest = figures.iter().map(|(name, _, _)| name.chars().count()).max().unwrap_or(0);
     let mut text = format!("{}\n", path.display());
     for (name, value, unit) in figures {
         let value = match value {
-            // Ten digits are a millimetre of a northing and a nanotesla of anything.
+            // Six decimals: 1 µm for coordinates and 1e-6 nT for anomalies.
             SummaryValue::Number(number) => format!("{}", (number * 1e6).round() / 1e6),
             SummaryValue::Text(text) => text.clone(),
         };

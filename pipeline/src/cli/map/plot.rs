@@ -133,7 +133,7 @@ fn quantity(map: &AnomalyGrid) -> &'static str {
     if map.value_unit == "nT" { "Magnetic anomaly" } else { "Derivative of the anomaly" }
 }
 
-/// A picture on the map's own plane.
+/// A picture in the map's projection.
 fn flat<T>(
     args: &PlotArgs,
     map: &AnomalyGrid,
@@ -210,7 +210,7 @@ fn earth(args: &PlotArgs, map: &AnomalyGrid, tracks: &[PlotTrack], zipped: bool)
     write(&args.output, made.document.as_bytes())
 }
 
-/// The lines of a flight file that are to be drawn.
+/// Lines of a flight file to draw.
 fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<PlotTrack>, ExitReason> {
     let in_file = |fault: Fault| ExitReason::from(fault.in_file(&path.display().to_string()));
     let reader = open_flight(path, &FlightOptions::default(), &ReadHints::default()).map_err(Fault::from)?;

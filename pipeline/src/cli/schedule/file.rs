@@ -1,4 +1,4 @@
-//! Files that others read while they are written: whole, or as they were.
+//! Atomic writes of files that other programs read meanwhile.
 
 use std::{
     fs::{self, File},
@@ -13,10 +13,10 @@ fn folder(path: &Path) -> PathBuf {
     path.parent().filter(|p| !p.as_os_str().is_empty()).map_or_else(|| PathBuf::from("."), Path::to_owned)
 }
 
-/// Checks that a file can be put there, before anything is run.
+/// Checks before the run that a file can be written to `path`.
 ///
 /// # Errors
-/// Fails when its folder is not there, or it is a folder.
+/// Fails when the folder of `path` does not exist, or `path` is a folder.
 pub fn check(flag: &str, path: &Path) -> Result<(), Fault> {
     if path.is_dir() {
         return Err(Fault::new(format!("`{flag}` requires a file, but {} is a folder", path.display()))
@@ -29,11 +29,11 @@ pub fn check(flag: &str, path: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Writes a file in one step: whoever reads it sees what was there before, or all of it. What is not a regular file,
-/// such as a pipe, is written to as it is.
+/// Writes a file in one step: readers see either the old or the new content. Other kinds of files, such as pipes, are
+/// written directly.
 ///
 /// # Errors
-/// Fails when the file system refuses; what was there before stays.
+/// Fails on errors of the file system; the old content is then kept.
 pub fn write(path: &Path, text: &str) -> io::Result<()> {
     if fs::metadata(path).is_ok_and(|about| !about.is_file()) {
         return File::options().write(true).open(path)?.write_all(text.as_bytes());
@@ -43,7 +43,7 @@ pub fn write(path: &Path, text: &str) -> io::Result<()> {
     let written = File::create(&tmp).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
     let written = written.and_then(|()| fs::rename(&tmp, path));
     if written.is_err() {
-        // It may not have been made.
+        // The file may not exist.
         let _ = fs::remove_file(&tmp);
     }
     written
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_file_is_whole_and_nothing_else_is_left() {
+    fn unit_a_write_is_atomic_and_leaves_no_temporary_file() {
         let made = tempfile::tempdir().unwrap();
         let path = made.path().join("a.prom");
         write(&path, "one\n").unwrap();

@@ -1,4 +1,4 @@
-//! `--openlineage`: where the events go. They never make a run fail: what cannot be delivered is a warning.
+//! `--openlineage`: delivery of events. A failed delivery causes a warning and never fails a run.
 
 use std::{
     fs::File,
@@ -19,15 +19,15 @@ use crate::{
     remote::{redacted, without_password},
 };
 
-/// The longest that one request may take.
+/// Time limit of a request.
 const REQUEST: Duration = Duration::from_secs(5);
-/// The time between two tries.
+/// Delay between two attempts.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Number of consecutive unsent events after which sending ends.
 const ENOUGH: usize = 3;
-/// The longest that the end of a run waits for events that are still to be sent.
+/// Maximum time that the end of a run waits for unsent events.
 const FLUSH: Duration = Duration::from_secs(15);
-/// Where the events are taken, below the address of a server.
+/// Path of the events below the address of a server.
 const ENDPOINT: &str = "/api/v1/lineage";
 
 /// Destination of OpenLineage events.
@@ -43,31 +43,31 @@ pub struct LineageSink {
 }
 
 impl LineageSink {
-    /// To a file, or an address.
+    /// Opens a file or an address.
     ///
     /// # Errors
-    /// Fails for a folder that is not there, and for an address that cannot be sent to.
+    /// Fails for a missing folder, and for an unsupported address.
     pub fn open(to: &str) -> Result<LineageSink, Fault> {
         let target = target(to)?;
         let (sender, events) = mpsc::channel();
         let (done, over) = mpsc::channel();
         std::thread::spawn(move || {
             deliver(&target, &events);
-            // Whoever waited may have gone.
+            // The waiting thread may have ended.
             let _ = done.send(());
         });
         Ok(LineageSink { sender: Mutex::new(Some(sender)), done: Mutex::new(over) })
     }
 
-    /// Hands an event over.
+    /// Queues an event.
     pub fn send(&self, event: Value) {
         if let Some(sender) = self.sender.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
-            // The thread has given up, and has said so.
+            // If the thread has ended, it has reported the reason.
             let _ = sender.send(event);
         }
     }
 
-    /// Waits until all are delivered, but not for ever.
+    /// Waits until all events are delivered, at most `FLUSH`.
     pub fn flush(&self) {
         self.sender.lock().unwrap_or_else(PoisonError::into_inner).take();
         let done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
@@ -108,7 +108,7 @@ fn target(to: &str) -> Result<LineageTarget, Fault> {
     Ok(LineageTarget::Http { url, agent: Box::new(agent), key })
 }
 
-/// Delivers events until there are no more, or it is of no use.
+/// Delivers events until the channel closes. After `ENOUGH` consecutive failures, events are dropped.
 fn deliver(target: &LineageTarget, events: &mpsc::Receiver<Value>) {
     let (mut lost, mut in_a_row) = (0, 0);
     let mut why = String::new();
@@ -135,7 +135,7 @@ fn one(target: &LineageTarget, event: &Value) -> Result<(), String> {
     match target {
         LineageTarget::File(path) => {
             let line = format!("{text}\n");
-            // One write for each, so that lines of several runs do not mix.
+            // One write per event, so that lines of several runs do not mix.
             let file = File::options().create(true).append(true).open(path);
             file.and_then(|mut f| f.write_all(line.as_bytes())).map_err(|e| format!("{}: {e}", path.display()))
         }
@@ -161,7 +161,7 @@ fn post(agent: &ureq::Agent, url: &Url, key: Option<&str>, text: &str) -> Result
     if let Some(key) = key {
         request = request.header("Authorization", format!("Bearer {key}"));
     }
-    // A redirect is not followed: the key is for this server alone.
+    // A redirect is not followed, because the key is for this server only.
     match request.send(text)?.status() {
         status if status.is_success() => Ok(()),
         status => Err(ureq::Error::StatusCode(status.as_u16())),

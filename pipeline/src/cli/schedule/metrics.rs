@@ -5,7 +5,7 @@ use std::{fmt::Write, fs, path::Path};
 use super::watch::{RunEnd, RunStatus, RunWatchState};
 use crate::clock;
 
-/// The time of the last run that did all it was asked.
+/// Metric with the time of the last successful run.
 const SUCCESS: &str = "magline_last_success_timestamp_seconds";
 
 /// The value of a label, in quotes.
@@ -13,7 +13,7 @@ fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }
 
-/// One family: what it is, and its samples of labels and value.
+/// Appends a metric family: its help text and its samples of labels and value.
 fn family(out: &mut String, name: &str, help: &str, samples: impl IntoIterator<Item = (String, f64)>) {
     // Writing into a String cannot fail.
     let _ = writeln!(out, "# HELP {name} {help}\n# TYPE {name} gauge");
@@ -22,14 +22,14 @@ fn family(out: &mut String, name: &str, help: &str, samples: impl IntoIterator<I
     }
 }
 
-/// The time of the last success of a pipeline in what was written there before.
+/// Time of the last success of a pipeline in the existing file.
 fn before(path: &Path, labels: &str) -> Option<f64> {
     let text = fs::read_to_string(path).ok()?;
     let start = format!("{SUCCESS}{{{labels}}} ");
     text.lines().find_map(|line| line.strip_prefix(&start)?.trim().parse().ok())
 }
 
-/// The metrics of a run, in place of those at `path`.
+/// Metrics of a run, which replace the metrics at `path`.
 pub fn text(state: &RunWatchState, end: &RunEnd, path: &Path) -> String {
     let pipeline = format!("pipeline={}", quoted(state.pipeline.as_deref().unwrap_or_default()));
     let of = |table: &str| format!("{pipeline},table={}", quoted(table));
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_labels_are_quoted_as_the_format_asks() {
+    fn unit_labels_are_quoted_as_the_format_requires() {
         assert_eq!(quoted("a\\b\"c\nd"), "\"a\\\\b\\\"c\\nd\"");
     }
 }

@@ -30,7 +30,7 @@ use crate::{
 pub use summary::compared;
 pub use watch::RunWatch;
 
-/// The exit status where another run has the lock.
+/// Exit status if another run holds the lock.
 pub const LOCKED: u8 = 3;
 /// The exit status of a run that its time limit stopped.
 pub const OUT_OF_TIME: u8 = 4;
@@ -68,22 +68,22 @@ pub struct ScheduleArgs {
 /// Tables of `--until` and `--force`, as positions in the plan.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ScheduleTables {
-    /// That of `--until`.
+    /// Table of `--until`.
     pub until: Option<usize>,
-    /// That of `--force`: all where it names none.
+    /// Table of `--force`; `Some(None)` for all tables.
     pub force: Option<Option<usize>>,
 }
 
 impl ScheduleArgs {
-    /// The least age of a file.
+    /// Minimum age of a file.
     pub fn settle(&self) -> Option<Duration> {
         self.settle
     }
 
-    /// The tables that are named, in `plan`.
+    /// Positions in `plan` of the tables of `--until` and `--force`.
     ///
     /// # Errors
-    /// Fails for a table that is not there, and for a part of a search, whose trials follow from its scores.
+    /// Fails for an unknown table, for `--until` with a search, and for `--force` of a table that is not kept.
     pub fn named(&self, plan: &Plan) -> Result<ScheduleTables, Fault> {
         if let Some(search) = plan.spec.search.as_ref().filter(|_| self.until.is_some()) {
             let fault = Fault::new("`--until` cannot be combined with a `[search]`");
@@ -104,11 +104,11 @@ impl ScheduleArgs {
         }
     }
 
-    /// Takes the lock of a pipeline, and opens its store after that: what another run has computed meanwhile is in it,
-    /// and files that have come meanwhile are in the plan.
+    /// Takes the lock of a pipeline, then opens its store. The store thus holds results that another run has computed
+    /// meanwhile, and the plan includes new files.
     ///
     /// # Errors
-    /// Fails when the spec is wrong, the store cannot be opened, or the lock is not to be had.
+    /// Fails when the spec is wrong, the store cannot be opened, or another run holds the lock.
     pub fn enter(
         &self,
         read: &dyn Fn() -> Result<Plan, SpecFaults>,
@@ -166,7 +166,7 @@ impl ScheduleArgs {
         }
     }
 
-    /// Begins to count the time of a run.
+    /// Starts the time limit of a run.
     pub fn limit(&self) -> RunTimeLimit {
         let (sender, receiver) = mpsc::channel();
         if let Some(most) = self.max_time {
@@ -181,7 +181,7 @@ impl ScheduleArgs {
     }
 }
 
-/// Whether the limit of time is over.
+/// Whether the time limit has expired.
 static OVER: AtomicBool = AtomicBool::new(false);
 
 /// The message of a run that its time limit stopped.
@@ -192,7 +192,7 @@ pub struct RunTimeLimit {
     _running: mpsc::Sender<()>,
 }
 
-/// Whether a run that was interrupted was out of time.
+/// Whether the time limit interrupted a run.
 pub fn is_out_of_time() -> bool {
     OVER.load(Ordering::SeqCst)
 }
@@ -244,7 +244,7 @@ impl Listener for ProgressFilter<'_> {
     }
 }
 
-/// Adds what came of computing again to the summary of a run.
+/// Adds the results of a recomputation to the summary of a run.
 pub fn told_again(summary: &mut RunSummary, compared: Vec<crate::run::TableComparison>) {
     for one in &compared {
         let units = super::counted(one.units, "unit");
@@ -258,10 +258,10 @@ pub fn told_again(summary: &mut RunSummary, compared: Vec<crate::run::TableCompa
     summary.compared = compared;
 }
 
-/// Watches a run, for any kind of end.
+/// Observes a run until its end, whether it succeeds or fails.
 ///
 /// # Errors
-/// Fails for a file that cannot be written, or an address that cannot be sent to; nothing is run then.
+/// Fails for a file or an address that cannot be written to; nothing is run then.
 pub fn watch(args: &ScheduleArgs, spec: &super::SpecArgs) -> Result<Arc<RunWatch>, ExitReason> {
     let watch = Arc::new(RunWatch::new(args, spec)?);
     let last = watch.clone();

@@ -1,4 +1,4 @@
-//! `--summary`: what came of a run, as JSON. `datasets/examples/schedule/run_summary.schema.json` describes it.
+//! `--summary`: outcome of a run as JSON. `datasets/examples/schedule/run_summary.schema.json` describes it.
 
 use serde_json::{Value, json};
 
@@ -64,7 +64,7 @@ fn holder(held: &ForeignLock) -> Option<Value> {
 }
 
 impl RunWatchState {
-    /// The version of the tables that a run left, where it came so far.
+    /// Version of the tables that the run published, if any.
     pub fn published(&self, end: &RunEnd) -> Option<crate::store::Version> {
         end.summary.filter(|s| !s.interrupted)?;
         current(self.root.as_ref()?, self.pipeline.as_ref()?)

@@ -1,4 +1,4 @@
-//! A run as it is seen from outside, from its first moment to its end.
+//! Observation of a run from its start to its end.
 
 use std::{
     collections::BTreeSet,
@@ -24,7 +24,7 @@ use crate::{
 /// Final status of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunStatus {
-    /// All is there.
+    /// Everything was computed.
     Done,
     /// Something failed.
     Failed,
@@ -32,14 +32,14 @@ pub enum RunStatus {
     Wrong,
     /// Another run has the lock.
     Locked,
-    /// The limit of time is over.
+    /// The time limit expired.
     OutOfTime,
     /// Interrupted.
     Interrupted,
 }
 
 impl RunStatus {
-    /// The word for it.
+    /// The status as text.
     pub fn as_str(self) -> &'static str {
         match self {
             RunStatus::Done => "done",
@@ -66,21 +66,21 @@ impl RunStatus {
 
 /// The end of a run.
 pub struct RunEnd<'a> {
-    /// How it ended.
+    /// Final status.
     pub status: RunStatus,
     /// Message for the user.
     pub error: Option<String>,
-    /// Its summary, where it came so far.
+    /// Its summary, if the run came that far.
     pub summary: Option<&'a RunSummary>,
 }
 
 /// State of a run.
 pub struct RunWatchState {
-    /// Its identifier, another for each.
+    /// Unique identifier of the run.
     pub id: Uuid,
-    /// When it began, UTC.
+    /// Start time, UTC.
     pub started: String,
-    /// The same, to count from.
+    /// Start time, for durations.
     pub begun: Instant,
     /// The spec, as the user named it.
     pub spec: String,
@@ -92,13 +92,13 @@ pub struct RunWatchState {
     pub pipeline: Option<String>,
     /// The folder of the store.
     pub root: Option<PathBuf>,
-    /// The same for people, from the root.
+    /// Absolute path of the store, for messages.
     pub store: Option<String>,
-    /// The hash of what is asked and of the data.
+    /// Hash of the request and the data.
     pub run: Option<String>,
     /// The outcome and the seconds of each table that is done.
     pub tables: Vec<(String, OutcomeCounts, f64)>,
-    /// Who has the lock, where it is not this run.
+    /// Holder of the lock, if it is another run.
     pub held: Option<ForeignLock>,
     of: Option<LineageRun>,
     lineage: Vec<TableLineage>,
@@ -116,7 +116,7 @@ pub struct RunWatch {
 }
 
 impl RunWatch {
-    /// For a run of a spec.
+    /// Creates the listener for a run of a spec.
     ///
     /// # Errors
     /// Fails for a file or an address that cannot be written to.
@@ -167,12 +167,12 @@ impl RunWatch {
         state.store = Some(store.display().to_string());
     }
 
-    /// Another run has the lock.
+    /// Records that another run holds the lock.
     pub fn refused(&self, held: ForeignLock) {
         self.state().held = Some(held);
     }
 
-    /// The run has its lock, and begins.
+    /// Records the start of the run after it has taken the lock.
     pub fn begin(&self, plan: &Plan) {
         if self.sink.is_none() {
             return;
@@ -190,7 +190,7 @@ impl RunWatch {
         state.of = Some(run);
     }
 
-    /// The run is over; writes what came of it, once.
+    /// Records the end of the run, and writes its outcome once.
     pub fn end(&self, done: &Result<(), ExitReason>, summary: Option<&RunSummary>) {
         let (status, error) = match done {
             Ok(()) => match say::lost() {
@@ -207,7 +207,7 @@ impl RunWatch {
         self.over(&RunEnd { status, error, summary });
     }
 
-    /// The process ends with `status`, before the run has.
+    /// Records that the process ends with `status` before the run does.
     pub fn cut(&self, status: u8) {
         let (status, error) = if status == OUT_OF_TIME {
             (RunStatus::OutOfTime, super::STOPPED)
@@ -232,7 +232,7 @@ impl RunWatch {
             let text = serde_json::to_string_pretty(&summary::json(&state, end)).unwrap_or_default() + "\n";
             saved(path, &text);
         }
-        // The run that has the lock writes its own.
+        // The run that holds the lock writes its own metrics.
         if let Some(path) = metrics.as_ref().filter(|_| end.status != RunStatus::Locked) {
             saved(path, &metrics::text(&state, end, path));
         }
@@ -242,7 +242,7 @@ impl RunWatch {
         }
     }
 
-    /// The last events: of tables that were begun and not ended, and of the run.
+    /// Sends the last events: for unfinished tables and for the run.
     fn last(&self, state: &RunWatchState, end: &RunEnd) {
         use openlineage::LineageEventType as Told;
         let Some(run) = &state.of else { return };
@@ -274,7 +274,7 @@ impl RunWatch {
         if !state.ended_tables.insert(name.to_owned()) {
             return;
         }
-        // An interrupt leaves units out that are not counted.
+        // An interrupt skips units without counting them.
         let aborted = crate::run::INTERRUPTED.load(std::sync::atomic::Ordering::Relaxed);
         let bad = count.failed + count.skipped;
         let all = bad + count.computed + count.reused;

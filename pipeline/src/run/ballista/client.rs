@@ -1,4 +1,4 @@
-//! A driver's and a worker's view of a scheduler: its state and its jobs by HTTP, and jobs that are handed to it.
+//! Client of a scheduler: its state and its jobs by HTTP, and submission of jobs.
 
 use std::{error::Error, future::poll_fn, io, pin::Pin, sync::Arc, time::Duration};
 
@@ -30,25 +30,25 @@ use super::{
 };
 use crate::run::task::VERSION;
 
-/// The longest that a question may take.
+/// Maximum time of a request.
 const ANSWER: Duration = Duration::from_secs(5);
-/// The longest answer.
+/// Maximum size of an answer, bytes.
 const MOST_BYTES: usize = 64 << 20;
 
 /// Prefix of the name of each scheduler and worker, followed by its version.
 const NAMED: &str = "magline-";
 
-/// The name of a scheduler or a worker, which says its version.
+/// Name of a scheduler or a worker, with its version.
 pub fn named(rest: &str) -> String {
     format!("{NAMED}{VERSION}-{rest}")
 }
 
-/// Whether a scheduler or a worker is of this version.
+/// Whether a scheduler or a worker has this version.
 fn is_ours(name: &str) -> bool {
     name.strip_prefix(NAMED).and_then(|rest| rest.strip_prefix(VERSION)).is_some_and(|rest| rest.starts_with('-'))
 }
 
-/// The version in the name of a scheduler or a worker.
+/// Version in the name of a scheduler or a worker.
 fn version_of(name: &str) -> Option<&str> {
     name.strip_prefix(NAMED)?.split('-').next()
 }
@@ -56,34 +56,34 @@ fn version_of(name: &str) -> Option<&str> {
 /// Client of a scheduler.
 #[derive(Clone, Debug)]
 pub struct SchedulerClient {
-    /// HOST:PORT.
+    /// Address, HOST:PORT.
     pub authority: String,
-    /// How it and this program know each other.
+    /// Authentication of both sides.
     trust: ClusterTrust,
     channel: Channel,
-    /// The runtime of the connection.
+    /// Runtime of the connection.
     runtime: Arc<Runtime>,
 }
 
 /// Reason why a scheduler is unusable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SchedulerFault {
-    /// It does not answer.
+    /// No answer.
     Silent(String),
-    /// It has another key, or none.
+    /// Another key, or none.
     Stranger,
-    /// It is another version, or none of magline's.
+    /// Another version, or not a scheduler of magline.
     Other(String),
 }
 
 /// Name, cores and workers of a scheduler at the last observation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ClusterSnapshot {
-    /// The scheduler's name, another one each time it is started.
+    /// Name of the scheduler, different after each start.
     pub scheduler: String,
-    /// The cores of the workers of this version.
+    /// Cores of the workers of this version.
     pub cores: usize,
-    /// Workers that are another version.
+    /// Workers of another version.
     pub others: Vec<String>,
 }
 
@@ -110,15 +110,15 @@ impl SchedulerFault {
 }
 
 impl SchedulerClient {
-    /// The place to hand jobs to, and how it is known.
+    /// Address for the submission of jobs, and its authentication.
     pub fn place(&self) -> (String, ClusterTrust) {
         (self.authority.clone(), self.trust.clone())
     }
 
-    /// At HOST:PORT.
+    /// Client of the scheduler at HOST:PORT.
     ///
     /// # Errors
-    /// Fails when that names no place, or there are no threads for a connection.
+    /// Fails when the address is invalid, or there are no threads for a connection.
     pub fn at(authority: &str, trust: &ClusterTrust) -> Result<SchedulerClient, Fault> {
         let runtime = Arc::new(runtime()?);
         let channel = {
@@ -129,12 +129,12 @@ impl SchedulerClient {
         Ok(SchedulerClient { authority: authority.to_owned(), trust: trust.clone(), channel, runtime })
     }
 
-    /// Where it is asked.
+    /// URL of the scheduler's interface.
     fn url(&self) -> String {
         self.trust.url(&self.authority)
     }
 
-    /// Asks it for something, and reads the whole answer.
+    /// Sends a request and reads the whole answer.
     fn request(&self, method: http::Method, path: &str) -> Result<Vec<u8>, SchedulerFault> {
         let request = http::Request::builder().method(method).uri(format!("{}/api/{path}", self.url()));
         let request = request.body(Body::empty()).map_err(|e| SchedulerFault::Silent(e.to_string()))?;
@@ -162,10 +162,10 @@ impl SchedulerClient {
         serde_json::from_slice(&bytes).map_err(wrong)
     }
 
-    /// The scheduler's name, when it is of this version.
+    /// Name of the scheduler, if it has this version.
     ///
     /// # Errors
-    /// Fails when it does not answer, or is another version.
+    /// Fails when it does not answer, or has another version.
     pub fn name(&self) -> Result<String, SchedulerFault> {
         let state = self.ask("state")?;
         let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();
@@ -176,10 +176,10 @@ impl SchedulerClient {
         }
     }
 
-    /// The scheduler and its workers.
+    /// State of the scheduler and its workers.
     ///
     /// # Errors
-    /// The same as [`SchedulerClient::name`].
+    /// Same as [`SchedulerClient::name`].
     pub fn look(&self) -> Result<ClusterSnapshot, SchedulerFault> {
         let mut seen = ClusterSnapshot { scheduler: self.name()?, ..ClusterSnapshot::default() };
         let workers = self.ask("executors")?;
@@ -195,7 +195,7 @@ impl SchedulerClient {
         Ok(seen)
     }
 
-    /// The identifiers of the jobs that are called so and are not over, with their names.
+    /// Identifiers and names of the unfinished jobs whose names are wanted.
     pub fn jobs(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<(String, String)> {
         let jobs = self.ask("jobs").unwrap_or_default();
         let text = |job: &Value, key: &str| job.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
@@ -204,7 +204,7 @@ impl SchedulerClient {
         going.map(|job| (text(job, "job_id"), text(job, "job_name"))).filter(|(_, name)| is_wanted(name)).collect()
     }
 
-    /// Whether a worker computes something of a job, as far as the scheduler knows.
+    /// Whether a worker computes a part of a job, as reported by the scheduler.
     pub fn is_at_work(&self, job: &str) -> bool {
         let Ok(stages) = self.ask(&format!("job/{job}/stages")) else { return false };
         let stages = stages.get("stages").and_then(Value::as_array).into_iter().flatten();
@@ -218,7 +218,7 @@ impl SchedulerClient {
     }
 }
 
-/// The text of an error, with its causes.
+/// Text of an error, with its causes.
 fn said(e: &dyn Error) -> String {
     let causes = std::iter::successors(e.source(), |&e| e.source()).map(ToString::to_string);
     let mut all: Vec<String> = std::iter::once(e.to_string()).chain(causes).collect();
@@ -226,7 +226,7 @@ fn said(e: &dyn Error) -> String {
     all.join(": ")
 }
 
-/// Why there is no answer: a scheduler that does not hold our key, or one that is not there.
+/// Cause of a missing answer: a scheduler without our key, or an unreachable one.
 fn trouble(e: &(dyn Error + 'static)) -> SchedulerFault {
     let of_key = |e: &(dyn Error + 'static)| {
         let inner = e.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
@@ -236,7 +236,7 @@ fn trouble(e: &(dyn Error + 'static)) -> SchedulerFault {
     if causes.any(of_key) { SchedulerFault::Stranger } else { SchedulerFault::Silent(said(e)) }
 }
 
-/// Has tasks computed as the job `name`, one task of Ballista for each partition of `parts`.
+/// Submits tasks as the job `name`, with one task of Ballista per partition of `parts`, and collects the answers.
 ///
 /// # Errors
 /// Fails when the scheduler cannot be reached, and when the job fails or is cancelled.
@@ -268,7 +268,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_names_say_the_version() {
+    fn unit_names_contain_the_version() {
         let own = named("node7-4711");
         assert!(is_ours(&own) && version_of(&own) == Some(VERSION));
         for other in

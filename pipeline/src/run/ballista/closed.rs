@@ -1,7 +1,7 @@
-//! The plans that a cluster takes: tasks of magline as rows in memory, the node that computes them, and the writer of
-//! its answers. Nothing else is made into a plan: no file is read or written, no function is called.
+//! Plans that a cluster accepts: tasks of magline as rows in memory, the node that computes them, and the writer of its
+//! answers. All other plans are rejected, so no other file is read or written and no function is called.
 //!
-//! The check is on the message of a plan, before any node of it is made.
+//! The message of a plan is checked before any node is created.
 
 use std::sync::Arc;
 
@@ -26,10 +26,10 @@ use prost::{Message, bytes::BufMut};
 
 use super::units::MARK;
 
-/// The longest name of a job.
+/// Maximum length of a job's name.
 const LONGEST_NAME: usize = 64;
 
-/// The physical plan of a job, or of a task of it.
+/// Physical plan of a job, or of a task of it.
 #[derive(Clone, Debug)]
 pub struct JobPlan(PhysicalPlanNode);
 
@@ -37,7 +37,7 @@ pub struct JobPlan(PhysicalPlanNode);
 #[derive(Clone, Debug)]
 pub struct LogicalPlanStub;
 
-/// Whether this is the name of a job, of which the name of a folder is made.
+/// Whether this is the name of a job, which is used as a folder name.
 pub fn names_a_job(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     !name.is_empty() && name.len() <= LONGEST_NAME && name.chars().all(plain)

@@ -1,6 +1,6 @@
-//! The executor of a worker: it registers at the scheduler, takes tasks, and serves their answers. Ballista's own
-//! process of this kind listens without encryption and takes any plan of DataFusion; this one asks each connection for
-//! the key of the cluster, and takes the plans of `closed.rs` alone.
+//! Executor of a worker: registers at the scheduler, runs tasks, and serves their answers. Ballista's own executor
+//! listens without encryption and accepts any plan of DataFusion. This one requires the key of the cluster for each
+//! connection, and accepts only the plans of `closed.rs`.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -62,43 +62,43 @@ use super::{
 };
 use crate::ports::PortListener;
 
-/// The longest message.
+/// Maximum size of a message, bytes.
 pub const MESSAGE: usize = 16 << 20;
-/// How long a scheduler is waited for at the beginning.
+/// Maximum waiting time for a scheduler at the start.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// The time between two tries to reach it.
+/// Interval between attempts to connect.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// The longest that a request to the scheduler may take.
+/// Maximum time of a request to the scheduler.
 const ANSWER: Duration = Duration::from_secs(20);
-/// Reports in a row that do not arrive, after which the scheduler is given up.
+/// Number of failed reports in a row after which the scheduler counts as lost.
 const MOST_LOST: usize = 5;
-/// Tries to send the end of a task.
+/// Maximum number of attempts to report the end of a task.
 const TRIES: usize = 3;
-/// The age at which answers that nobody fetched are removed, and the interval of looking for them.
+/// Age at which unfetched answers are removed, and interval of the removal.
 const KEPT: Duration = Duration::from_secs(3600);
 const CLEANS_EVERY: Duration = Duration::from_secs(600);
 
 /// Settings of an executor.
 pub struct ExecutorSettings {
-    /// Its name.
+    /// Name of the executor.
     pub id: String,
-    /// HOST:PORT of the scheduler.
+    /// Address of the scheduler, HOST:PORT.
     pub scheduler: String,
-    /// How scheduler and executor know each other.
+    /// Authentication of scheduler and executor.
     pub trust: ClusterTrust,
-    /// The name by which the scheduler reaches it.
+    /// Host name at which the scheduler reaches the executor.
     pub host: String,
-    /// The ports for answers and for tasks.
+    /// Ports for answers and for tasks.
     pub listeners: (TcpListener, TcpListener),
-    /// Tasks at once.
+    /// Number of simultaneous tasks.
     pub cores: usize,
-    /// The folder for answers.
+    /// Folder for answers.
     pub work: PathBuf,
-    /// The time between two reports to the scheduler.
+    /// Interval between reports to the scheduler.
     pub heartbeat: Duration,
 }
 
-/// A task that runs: job, stage and number.
+/// Running task: job, stage and number.
 type TaskKey = (String, usize, usize);
 
 struct ExecutorState {
@@ -109,7 +109,7 @@ struct ExecutorState {
     runtime: RuntimeProducer,
     work: PathBuf,
     running: Mutex<BTreeMap<TaskKey, AbortHandle>>,
-    /// Whether it was told to stop.
+    /// Whether a stop was requested.
     ends: AtomicBool,
     stop: Notify,
 }
@@ -127,10 +127,10 @@ fn general(what: String) -> BallistaError {
 }
 
 impl ExecutorSettings {
-    /// Computes until a signal or the scheduler stops it, or the scheduler is gone.
+    /// Runs until a signal or the scheduler stops it, or the scheduler is lost.
     ///
     /// # Errors
-    /// Fails when the scheduler cannot be reached or does not take this executor, or a port cannot be served.
+    /// Fails when the scheduler cannot be reached or rejects this executor, or a port cannot be served.
     pub async fn run(self) -> Result<(), BallistaError> {
         let encryption = self.trust.server().map_err(|fault| general(fault.to_string()))?;
         let local = |l: &TcpListener| l.local_addr().map(|a| u32::from(a.port()));
@@ -198,7 +198,7 @@ impl ExecutorService {
         self.0.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers, reports, and ends in order.
+    /// Registers, reports, and shuts down in order.
     async fn work(&self, heartbeat: Duration) -> Result<(), BallistaError> {
         let mut scheduler = self.0.scheduler.clone();
         let metadata = Some(self.0.me.clone());
@@ -214,7 +214,7 @@ impl ExecutorService {
         };
         self.0.ends.store(true, Ordering::Release);
         if told {
-            // The scheduler gives nothing more to it.
+            // The scheduler then dispatches nothing more to this executor.
             let _ = timeout(ANSWER, self.beat()).await;
             let (executor_id, reason) = (self.0.me.id.clone(), "told to stop".to_owned());
             let stopped = scheduler.executor_stopped(ExecutorStoppedParams { executor_id, reason });
@@ -246,7 +246,7 @@ impl ExecutorService {
         }
     }
 
-    /// Reports to the scheduler, until it has not answered too often.
+    /// Reports to the scheduler until too many reports have failed.
     async fn report(&self, every: Duration) {
         let mut lost = 0;
         while lost < MOST_LOST {
@@ -256,7 +256,7 @@ impl ExecutorService {
         error!("the connection to the scheduler is lost");
     }
 
-    /// Removes old answers from time to time.
+    /// Removes old answers periodically.
     async fn clean(&self) {
         loop {
             sleep(CLEANS_EVERY).await;
@@ -269,7 +269,7 @@ impl ExecutorService {
         }
     }
 
-    /// Computes a task, and tells the scheduler of its end.
+    /// Computes a task and reports its end to the scheduler.
     async fn compute(self, task: TaskDefinition) {
         let begun = now_ms();
         let key: TaskKey = (task.job_id.to_string(), task.stage_id, task.task_id);
@@ -284,7 +284,7 @@ impl ExecutorService {
         };
         let (work, handle) = abortable(self.written(task));
         self.running().insert(key.clone(), handle);
-        // The runtime catches a panic of a task, and its end is reported all the same.
+        // The runtime catches a panic of a task, and the end of the task is still reported.
         let done = match tokio::spawn(work).await {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => Err(BallistaError::Cancelled),
@@ -341,7 +341,7 @@ impl ExecutorService {
     }
 }
 
-/// The files of a task's answers, and the metrics of its plan nodes.
+/// Files of a task's answers, and the metrics of its plan nodes.
 type ExecutorTaskOutput = (
     Vec<ballista_core::serde::protobuf::ShuffleWritePartition>,
     Vec<ballista_core::serde::protobuf::OperatorMetricsSet>,

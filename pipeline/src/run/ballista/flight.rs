@@ -1,5 +1,4 @@
-//! The answers of a worker, which the scheduler fetches for a run: Ballista's service of files, limited to files of
-//! jobs.
+//! Answers of a worker, which the scheduler fetches for a run: Ballista's file service, limited to files of jobs.
 
 use std::path::Path;
 
@@ -19,7 +18,7 @@ pub struct AnswerFileService(BallistaFlightService);
 
 type ArrowFlightResult<T> = Result<Response<T>, Status>;
 
-/// Refuses to fetch anything but the answers of a job.
+/// Rejects requests for anything but the answers of a job.
 fn check(bytes: &[u8]) -> Result<(), Status> {
     match decode_protobuf(bytes) {
         Ok(Fetch::FetchPartition { job_id, .. }) if names_a_job(job_id.as_str()) => Ok(()),

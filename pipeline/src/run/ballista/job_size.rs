@@ -1,22 +1,22 @@
-//! The number of tasks of a job.
+//! Number of tasks of a job.
 
-/// Overhead of a job at its worker and the scheduler, s: `pipeline/CLUSTER.md`.
+/// Overhead of a job at its worker and the scheduler, s. Source: `pipeline/CLUSTER.md`.
 const JOB_S: f64 = 0.06;
-/// The largest overhead as a part of the work, and the same at the end of a wave, where jobs are smaller so that all
+/// Maximum overhead as a fraction of the work, and the same at the end of a wave. Jobs are smaller there, so that all
 /// cores end together.
 const MOST_BESIDE: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
-/// Time of the scheduler for a job, s; it handles one after another.
+/// Time of the scheduler for a job, s; it handles jobs one after another.
 const SCHEDULING_S: f64 = 0.02;
 /// Jobs for each core: one running, one waiting.
 pub const JOBS_A_CORE: usize = 2;
-/// The most tasks of a job.
+/// Maximum number of tasks of a job.
 const MOST_TASKS: usize = 256;
 
-/// The number of tasks of the next job of a wave of `all` tasks, of which some are `waiting` and each takes `task_s`
-/// seconds. A job has enough work that its overhead is a small share and that the scheduler keeps up with all cores.
-/// Towards the end of a wave jobs become smaller, down to the size at which the overhead remains a small share. A wave
-/// with less work than that for each core is divided evenly.
+/// Number of tasks of the next job of a wave of `all` tasks, of which some are `waiting`; each takes `task_s` seconds.
+/// A job has enough work that its overhead is a small share and that the scheduler keeps up with all cores. Towards the
+/// end of a wave jobs become smaller, down to the size at which the overhead remains a small share. A wave with less
+/// work per core is divided evenly.
 pub fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
     let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
     let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));
@@ -31,7 +31,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_jobs_are_worth_their_cost_and_leave_no_core_without_work() {
+    fn unit_jobs_keep_their_overhead_small_and_all_cores_busy() {
         for (task_s, all) in [(0.036, 111), (0.25, 400), (0.01, 20_000), (5.0, 60), (60.0, 3)] {
             for cores in [1, 2, 64] {
                 let (mut waiting, mut jobs, mut first) = (all, 0, 0);
@@ -44,7 +44,7 @@ mod tests {
                 }
                 let work_s = task_s * all as f64;
                 let cost = JOB_S * f64::from(jobs) / work_s;
-                // A job for each core is worth more than its cost where there is too little work for all.
+                // With too little work for all cores, one job per core is better than a smaller overhead.
                 let few = usize::try_from(jobs).unwrap() <= 2 * cores;
                 let largest = MOST_TASKS as f64 * task_s < JOB_S / MOST_AT_THE_END;
                 assert!(cost < 0.062 || few || largest, "{task_s} {all} {cores}: {jobs} jobs cost {cost}");

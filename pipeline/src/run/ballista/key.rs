@@ -1,7 +1,7 @@
-//! The key of a cluster: a secret that scheduler, workers and runs share. Each of their connections is encrypted by
-//! TLS, and both sides prove in its handshake that they hold the key. The key itself is never sent.
+//! Key of a cluster: a secret that scheduler, workers and runs share. Each of their connections is encrypted by TLS,
+//! and both sides prove in its handshake that they hold the key. The key itself is never sent.
 //!
-//! A signing key is derived from the secret, and a certificate is made of it that both sides show and trust alone.
+//! A signing key is derived from the secret. Both sides show the certificate made from it, and trust no other.
 
 use std::{net::IpAddr, path::Path, sync::Arc, time::Duration};
 
@@ -18,31 +18,31 @@ use tonic::transport::{Certificate, ClientTlsConfig, Endpoint, Identity};
 
 use crate::ports::cryptography;
 
-/// The least number of characters of a key: who is not in the cluster may guess as often as they like.
+/// Minimum number of characters of a key, because an attacker may make any number of guesses.
 const SHORTEST: usize = 32;
-/// The environment variable that may hold the key.
+/// Environment variable that may hold the key.
 pub const VARIABLE: &str = "MAGLINE_CLUSTER_KEY";
-/// The name in the certificate.
+/// Name in the certificate.
 const NAME: &str = "cluster.magline.invalid";
-/// The longest that a connection, and the head of an answer, may take.
+/// Maximum time of a connection attempt, and of the head of an answer.
 const LONGEST: Duration = Duration::from_secs(20);
-/// The interval of asking whether the other side is still there.
+/// Interval of keep-alive checks of the other side.
 const ALIVE: Duration = Duration::from_secs(30);
 
 /// Mutual authentication of the members of a cluster.
 #[derive(Clone)]
 pub enum ClusterTrust {
-    /// By the key of the cluster.
+    /// Authentication by the key of the cluster.
     Key(Arc<ClusterIdentity>),
-    /// Not at all, for tests: on the loopback alone.
+    /// No authentication, for tests on the loopback only.
     Loopback,
 }
 
 /// Identity of a member of a cluster: certificate and private key.
 pub struct ClusterIdentity {
-    /// The certificate, DER.
+    /// Certificate, DER.
     certificate: Vec<u8>,
-    /// Its key, PKCS #8.
+    /// Private key, PKCS #8.
     key: Vec<u8>,
 }
 
@@ -56,10 +56,10 @@ impl std::fmt::Debug for ClusterTrust {
 }
 
 impl ClusterTrust {
-    /// By the key in a file, or else in the environment variable; `insecure` does without.
+    /// Reads the key from a file, or else from the environment variable; `insecure` uses no key.
     ///
     /// # Errors
-    /// Fails where there is no key, or one that others can read or guess.
+    /// Fails when there is no key, or when others can read or guess it.
     pub fn read(file: Option<&Path>, insecure: bool) -> Result<ClusterTrust, Fault> {
         let secret =
             match (file, insecure) {
@@ -76,10 +76,10 @@ impl ClusterTrust {
         ClusterIdentity::derive(&secret).map(|key| ClusterTrust::Key(Arc::new(key)))
     }
 
-    /// Refuses an address that others reach, where nobody is asked for a key.
+    /// Rejects an address that others can reach if no key is used.
     ///
     /// # Errors
-    /// Names the address.
+    /// Fails with the address.
     pub fn admits(&self, address: IpAddr) -> Result<(), Fault> {
         match self {
             ClusterTrust::Loopback if !address.is_loopback() => {
@@ -91,7 +91,7 @@ impl ClusterTrust {
         }
     }
 
-    /// The encryption of a server, if there is any.
+    /// TLS configuration of a server; `None` without encryption.
     ///
     /// # Errors
     /// Fails when this processor cannot encrypt.
@@ -111,7 +111,7 @@ impl ClusterTrust {
         Ok(Some(Arc::new(config)))
     }
 
-    /// `https://HOST:PORT`, or `http://` without a key.
+    /// URL `https://HOST:PORT`, or `http://` without a key.
     pub fn url(&self, authority: &str) -> String {
         let scheme = if self.encrypts() { "https" } else { "http" };
         format!("{scheme}://{authority}")
@@ -122,10 +122,10 @@ impl ClusterTrust {
         matches!(self, ClusterTrust::Key(_))
     }
 
-    /// A place to connect to, at HOST:PORT.
+    /// Endpoint for a connection to HOST:PORT.
     ///
     /// # Errors
-    /// Fails when it is none.
+    /// Fails when the address is invalid.
     pub fn endpoint(&self, authority: &str) -> Result<Endpoint, tonic::transport::Error> {
         let endpoint = Endpoint::from_shared(self.url(authority))?
             .connect_timeout(LONGEST)
@@ -142,7 +142,7 @@ impl ClusterTrust {
         endpoint.tls_config(tls)
     }
 
-    /// The same for the places that Ballista connects to.
+    /// Configuration of the endpoints that Ballista connects to.
     pub fn endpoints(&self) -> EndpointOverrideFn {
         let trust = self.clone();
         Arc::new(move |endpoint| {
@@ -152,7 +152,7 @@ impl ClusterTrust {
     }
 }
 
-/// The secret in a file that nobody else may read.
+/// Secret in a file that no other user may read.
 fn secret_of(file: &Path) -> Result<String, Fault> {
     use std::os::unix::fs::PermissionsExt;
 
@@ -167,10 +167,10 @@ fn secret_of(file: &Path) -> Result<String, Fault> {
 }
 
 impl ClusterIdentity {
-    /// Derives it from a secret.
+    /// Derives the identity from a secret.
     ///
     /// # Errors
-    /// Fails when it is too short, or no word.
+    /// Fails when the secret is too short, or contains invalid characters.
     fn derive(secret: &str) -> Result<ClusterIdentity, Fault> {
         let secret = secret.trim();
         let fault = |what: String| Fault::new(what).help("create one with `openssl rand -hex 32`");
@@ -192,7 +192,7 @@ impl ClusterIdentity {
     }
 }
 
-/// A value in DER.
+/// DER encoding of a value.
 fn der(tag: u8, parts: &[&[u8]]) -> Vec<u8> {
     let content = parts.concat();
     let length = content.len();
@@ -206,7 +206,7 @@ fn der(tag: u8, parts: &[&[u8]]) -> Vec<u8> {
     value
 }
 
-/// The name of the algorithm Ed25519.
+/// DER name of the algorithm Ed25519.
 fn ed25519() -> Vec<u8> {
     der(0x30, &[&der(0x06, &[&[0x2b, 0x65, 0x70]])])
 }
@@ -242,12 +242,12 @@ mod tests {
     const SECRET: &str = "0123456789abcdef0123456789abcdef";
 
     #[test]
-    fn unit_a_secret_gives_one_key_and_another_one_another() {
+    fn unit_key_depends_only_on_the_secret() {
         let one = ClusterIdentity::derive(SECRET).unwrap();
         let same = ClusterIdentity::derive(&format!(" {SECRET}\n")).unwrap();
         let other = ClusterIdentity::derive("0123456789abcdef0123456789abcdeg").unwrap();
         assert!(one.certificate == same.certificate && one.certificate != other.certificate);
-        // The secret is in nothing that is sent.
+        // The certificate does not contain the secret.
         assert!(!one.certificate.windows(16).any(|w| SECRET.as_bytes().windows(16).any(|s| s == w)));
         for wrong in
             ["", "0123456789abcdef", "0123456789abcdef 0123456789abcdef", "\u{e9}123456789abcdef0123456789abcdef"]
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_key_that_others_can_read_is_refused() {
+    fn unit_key_file_readable_by_others_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("cluster.key");
         std::fs::write(&file, SECRET).unwrap();
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_without_a_key_only_the_loopback_is_served() {
+    fn unit_only_the_loopback_is_served_without_a_key() {
         let insecure = ClusterTrust::read(None, true).unwrap();
         assert!(insecure.admits("127.0.0.1".parse().unwrap()).is_ok() && insecure.server().unwrap().is_none());
         for wide in ["0.0.0.0", "10.0.0.1", "::", "fe80::1"] {

@@ -1,4 +1,4 @@
-//! The scheduler: Ballista's, with our node among those that it knows.
+//! Scheduler: Ballista's, extended by our plan node.
 
 use std::{
     net::{SocketAddr, TcpListener},
@@ -37,12 +37,12 @@ use crate::{ports::PortListener, store::host};
 
 /// Interval of the checks for silent workers.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
-/// The age at which what is kept of a job that is over is dropped.
+/// Age at which the data of a finished job are dropped.
 const KEPT: Duration = Duration::from_secs(60);
-/// The interval of asking whether a client is still there.
+/// Interval of keep-alive checks of a client.
 const ALIVE: Duration = Duration::from_secs(30);
 
-/// A scheduler with a bound port that does not serve yet.
+/// Scheduler with a bound port that does not serve yet.
 pub struct BoundScheduler {
     listener: TcpListener,
     address: SocketAddr,
@@ -51,12 +51,12 @@ pub struct BoundScheduler {
     encryption: Option<Arc<ServerConfig>>,
 }
 
-/// Listens on `address`, with port 0 on a free one. Workers report to it by the name `advertise`; by default the
-/// address, or this host's name where that is all addresses. A worker that is silent for `worker_timeout` is given up.
-/// Workers and runs are known by `trust`.
+/// Listens on `address`; port 0 selects a free one. Workers report to it by the name `advertise`. The default is the
+/// address, or this host's name if that is the unspecified address. A worker that is silent for `worker_timeout` counts
+/// as lost. `trust` authenticates workers and runs.
 ///
 /// # Errors
-/// Fails when the address is taken or not this host's, or is reached by others while nobody is asked for a key.
+/// Fails when the address is in use or not this host's, or others can reach it without a key.
 pub fn listen(
     address: SocketAddr,
     advertise: Option<&str>,
@@ -75,7 +75,7 @@ pub fn listen(
         scheduler_id: named(&Uuid::new_v4().simple().to_string()),
         bind_host: address.ip().to_string(),
         bind_port: address.port(),
-        // No page of another host may ask for anything.
+        // Pages of other hosts are rejected.
         cors_allowed_origins: format!("http://{advertised}:{}", address.port()),
         external_host: advertised,
         override_physical_codec: Some(Arc::new(TaskPlanCodec::default())),
@@ -93,7 +93,7 @@ pub fn listen(
     Ok(BoundScheduler { listener, address, config, trust, encryption })
 }
 
-/// The name by which others find an address of this host.
+/// Name by which others reach an address of this host.
 pub fn name_of(address: SocketAddr) -> String {
     match address {
         _ if address.ip().is_unspecified() => host(),
@@ -103,12 +103,12 @@ pub fn name_of(address: SocketAddr) -> String {
 }
 
 impl BoundScheduler {
-    /// The address, with the port that was free.
+    /// Address, with the port that was selected.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The name that workers report to, with the port.
+    /// Name that workers report to, with the port.
     pub fn advertised(&self) -> String {
         self.config.scheduler_endpoint()
     }
@@ -116,7 +116,7 @@ impl BoundScheduler {
     /// Serves requests until the process receives a stop signal.
     ///
     /// # Errors
-    /// Fails when Ballista does.
+    /// Fails when Ballista fails.
     pub fn serve(self) -> Result<(), Fault> {
         let BoundScheduler { listener, config, trust, encryption, .. } = self;
         let served = async move {

@@ -1,8 +1,8 @@
-//! Messages that travel through Ballista: tasks, receipts, and the node of a plan that carries them.
+//! Messages in Ballista plans: tasks, receipts, and the plan node that carries them.
 //!
-//! The leaf of a plan is a source in memory with tasks as rows, since Ballista cuts only leaves that it knows into the
-//! partitions of its tasks; the node above it has the same partitions. The scheduler decodes and encodes the node
-//! without computing anything. A worker never fails a partition, which would fail the job: what goes wrong is a row.
+//! The leaf of a plan is a source in memory with tasks as rows, because Ballista only partitions leaves of known types.
+//! The node above it has the same partitions. The scheduler decodes and encodes the node without computing anything. A
+//! worker never fails a partition, which would fail the job; it returns failures as rows.
 
 use std::{
     fmt,
@@ -36,28 +36,28 @@ const GRACE: Duration = Duration::from_secs(10);
 /// Wire form of a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TaskMessage {
-    /// Its hash.
+    /// Hash of the task.
     pub id: String,
-    /// The wave: the tasks of a table in a run.
+    /// Wave: the tasks of a table in a run.
     pub wave: String,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: u64,
-    /// The longest time of a unit, s; 0 where there is none.
+    /// Maximum time of a unit, s; 0 for no limit.
     pub unit_timeout_s: u64,
-    /// The task, in JSON.
+    /// Task, in JSON.
     pub task: String,
 }
 
 /// Wire form of the answer to a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AnswerMessage {
-    /// The hash of the task.
+    /// Hash of the task.
     pub id: String,
-    /// The worker.
+    /// Name of the worker.
     pub worker: String,
-    /// The receipt, in JSON; none where it was refused.
+    /// Receipt, in JSON; `None` for a rejected task.
     pub receipt: Option<String>,
-    /// Why the worker did not look at it.
+    /// Reason why the worker rejected the task.
     pub refused: Option<String>,
 }
 
@@ -65,7 +65,7 @@ fn schema(fields: &[(&str, DataType)]) -> SchemaRef {
     Arc::new(Schema::new(fields.iter().map(|(name, kind)| Field::new(*name, kind.clone(), true)).collect::<Vec<_>>()))
 }
 
-/// The columns of tasks.
+/// Columns of tasks.
 pub fn handed_schema() -> SchemaRef {
     use DataType::{UInt64, Utf8};
     schema(&[("id", Utf8), ("wave", Utf8), ("retries", UInt64), ("unit_timeout_s", UInt64), ("task", Utf8)])
@@ -94,7 +94,7 @@ impl TaskMessage {
     /// Tasks as rows.
     ///
     /// # Errors
-    /// Fails when Arrow refuses the columns.
+    /// Fails when Arrow rejects the columns.
     pub fn rows(all: &[TaskMessage]) -> Result<RecordBatch> {
         let numbers = |of: fn(&TaskMessage) -> u64| Arc::new(all.iter().map(of).collect::<UInt64Array>()) as ArrayRef;
         let columns = vec![
@@ -107,7 +107,7 @@ impl TaskMessage {
         Ok(RecordBatch::try_new(handed_schema(), columns)?)
     }
 
-    /// The tasks of some rows.
+    /// Tasks in some rows.
     fn read(rows: &RecordBatch) -> Option<Vec<TaskMessage>> {
         let one = |i: usize| {
             Some(TaskMessage {
@@ -133,7 +133,7 @@ impl AnswerMessage {
         Ok(RecordBatch::try_new(answered_schema(), columns)?)
     }
 
-    /// The answers of some rows; none where they are not answers.
+    /// Answers in some rows; `None` for rows of another kind.
     pub fn read(rows: &RecordBatch) -> Option<Vec<AnswerMessage>> {
         let one = |i: usize| {
             Some(AnswerMessage {
@@ -150,7 +150,7 @@ impl AnswerMessage {
 /// Component that computes tasks in a worker.
 pub trait TaskComputer: Send + Sync {
     /// Computes tasks that a program of the version `version` has dispatched. Returns one answer for each task, or none
-    /// for those that a stop signal prevents.
+    /// for tasks that a stop signal prevents.
     fn answers(&self, tasks: Vec<TaskMessage>, version: &str, leash: &ProcessStopHandle) -> Vec<AnswerMessage>;
 }
 
@@ -188,19 +188,19 @@ async fn computed(rows: RecordBatch, version: String) -> Result<RecordBatch> {
 #[derive(Debug)]
 pub struct TaskComputeExec {
     input: Arc<dyn ExecutionPlan>,
-    /// The version of the program that made the plan.
+    /// Version of the program that made the plan.
     version: String,
     properties: Arc<PlanProperties>,
 }
 
 impl TaskComputeExec {
-    /// Above a source of tasks, by this version.
+    /// Node above a source of tasks, by this version.
     pub fn new(input: Arc<dyn ExecutionPlan>) -> TaskComputeExec {
         TaskComputeExec::with_version(input, VERSION.to_owned())
     }
 
     fn with_version(input: Arc<dyn ExecutionPlan>, version: String) -> TaskComputeExec {
-        // The scheduler cuts the input, so that its partitions are found anew each time.
+        // The scheduler divides the input, so the partitions are read from it each time.
         let partitions = input.properties().output_partitioning().clone();
         let equal = EquivalenceProperties::new(answered_schema());
         let properties = PlanProperties::new(equal, partitions, EmissionType::Incremental, Boundedness::Bounded);
@@ -257,10 +257,10 @@ impl ExecutionPlan for TaskComputeExec {
 /// Prefix of our node among the messages of a plan. No message of Ballista begins with a zero byte.
 pub const MARK: &str = "\0magline ";
 
-/// Node of magline in a plan of Ballista.
+/// Codec of magline's node in a plan of Ballista.
 ///
-/// A scheduler and a driver refuse a node of another version. A worker reads it: it says in its answers that it refuses
-/// the tasks, where a failure would be one of the whole job.
+/// A scheduler and a driver reject a node of another version. A worker reads it and rejects the tasks in its answers,
+/// because a failure would fail the whole job.
 #[derive(Debug, Default)]
 pub struct TaskPlanCodec {
     ballista: BallistaPhysicalExtensionCodec,
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_tasks_and_answers_are_read_as_they_are_written() {
+    fn unit_tasks_and_answers_round_trip() {
         let tasks = [task("a"), TaskMessage { unit_timeout_s: 7, ..task("b\n\"") }];
         let rows = TaskMessage::rows(&tasks).unwrap();
         assert_eq!(TaskMessage::read(&rows).unwrap(), tasks);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_node_of_another_version_is_refused_by_a_scheduler_and_read_by_a_worker() {
+    fn unit_scheduler_rejects_and_worker_reads_a_node_of_another_version() {
         let parts =
             vec![vec![TaskMessage::rows(&[task("a")]).unwrap()], vec![TaskMessage::rows(&[task("b")]).unwrap()]];
         let leaf = MemorySourceConfig::try_new(&parts, handed_schema(), None).unwrap();
@@ -358,7 +358,7 @@ mod tests {
             strict.try_decode(&bytes, std::slice::from_ref(&leaf), &context, &converter).unwrap_err().to_string();
         assert!(refused.contains("9.9.9") && refused.contains(VERSION) && !refused.contains("bug"), "{refused}");
         let read = worker.try_decode(&bytes, std::slice::from_ref(&leaf), &context, &converter).unwrap();
-        // It is handed on as what it is.
+        // The node is encoded unchanged.
         let mut again = vec![];
         worker.try_encode(read, &mut again, &converter).unwrap();
         assert_eq!(again, bytes);

@@ -1,44 +1,43 @@
-//! Jobs of a wave that take long: whether they are waited for, taken from the store, or begun again.
+//! Decisions on long jobs of a wave: wait, take the results from the store, or restart.
 
 use std::time::Duration;
 
-/// The longest time of a job without a worker at it.
+/// Maximum time of a job without a worker.
 pub const STALL: Duration = Duration::from_secs(600);
 
-/// The observed state of a long job.
+/// Observed state of a long job.
 #[derive(Clone, Copy, Debug)]
 pub struct JobObservation {
-    /// All its results are in the store.
+    /// Whether all its results are in the store.
     pub there: bool,
-    /// They were there when it was looked at before.
+    /// Whether they were in the store at the previous check.
     pub were_there: bool,
-    /// The scheduler reports that a worker has a part of it.
+    /// Whether the scheduler reports that a worker has a part of it.
     pub is_handed: bool,
-    /// A worker is at a unit of it.
+    /// Whether a worker computes a unit of it.
     pub is_at_work: bool,
-    /// The time without a worker at it.
+    /// Time without a worker.
     pub idle: Option<Duration>,
 }
 
-/// The action on a long job.
+/// Action on a long job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JobAction {
-    /// It is being computed, or waits for its turn.
+    /// Wait: the job is running or queued.
     Wait,
-    /// Its answer was lost, and its results are there.
+    /// Take the results from the store: the answer was lost.
     Take,
-    /// It was lost.
+    /// Restart: the job was lost.
     Again,
 }
 
 impl JobObservation {
-    /// Whether the scheduler reports it as running and no worker computes it. A job that waits for its turn is not
-    /// idle.
+    /// Whether the scheduler reports it as running and no worker computes it. A queued job is not idle.
     pub fn is_idle(&self) -> bool {
         self.is_handed && !self.is_at_work
     }
 
-    /// The action on it.
+    /// Action on the job.
     pub fn verdict(&self) -> JobAction {
         match (self.there && self.were_there, self.is_idle() && self.idle.is_some_and(|idle| idle > STALL)) {
             (true, _) => JobAction::Take,
@@ -53,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_an_answer_that_was_lost_is_taken_from_the_store_and_a_job_that_was_lost_begins_again() {
+    fn unit_lost_answer_is_read_from_the_store_and_lost_job_restarts() {
         let work = JobObservation { there: false, were_there: false, is_handed: true, is_at_work: true, idle: None };
         let late = Some(STALL + Duration::from_secs(1));
         assert_eq!(work.verdict(), JobAction::Wait, "a unit may take hours");

@@ -1,4 +1,4 @@
-//! The tasks of a wave, handed to a cluster until all have their answers.
+//! Dispatch of the tasks of a wave to a cluster until all have answers.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -31,32 +31,32 @@ use crate::{
     store::shown,
 };
 
-/// The most tasks of a job before any was answered, and the most of the text of a job's tasks.
+/// Maximum number of tasks of a job before the first answer, and maximum size of the text of a job's tasks.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// Maximum number of failed attempts per task.
 const MOST_TRIES: usize = 4;
 /// Maximum number of restarts of the scheduler during a wave.
 const MOST_RESTARTS: usize = 20;
-/// The interval of looking at the cluster.
+/// Interval of checks of the cluster.
 const LOOKS_EVERY: Duration = Duration::from_secs(2);
-/// The interval of looking after jobs that take long, and the age at which they do.
+/// Interval of checks of long jobs, and age at which a job is long.
 const LONG: Duration = Duration::from_secs(15);
-/// The time between a job that failed and the next one.
+/// Delay between a failed job and the next one.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// How long nothing is said of workers that are missing.
+/// Delay before missing workers are reported.
 const SAID_AFTER: Duration = Duration::from_secs(3);
-/// The interval of looking whether there is anything new.
+/// Polling interval for events.
 const TICK: Duration = Duration::from_millis(100);
 
-/// A job in progress.
+/// Job in progress.
 struct WaveJob {
     tasks: Vec<usize>,
     begun: Instant,
     looked: Instant,
-    /// All results were in the store when it was looked at last.
+    /// Whether all results were in the store at the last check.
     there: bool,
-    /// Since when no worker is at it.
+    /// Time since which no worker computes the job.
     idle: Option<Instant>,
 }
 
@@ -75,14 +75,14 @@ pub struct WaveDispatcher<'a> {
     /// Number of failed attempts of each task.
     tries: Vec<usize>,
     number: usize,
-    /// Tasks that were answered, and their seconds.
+    /// Number of answered tasks, and their total time, s.
     answered: (usize, f64),
-    /// Tasks that were refused since one was answered.
+    /// Number of tasks rejected since the last answer.
     refused: usize,
     restarts: usize,
     seen: ClusterSnapshot,
     looked: Option<Instant>,
-    /// Since the scheduler answered, since there was a worker, since a job failed.
+    /// Times since the last answer of the scheduler, the last worker, and the last failed job.
     reached: ObservationTimer,
     manned: ObservationTimer,
     troubled: Option<ObservationTimer>,
@@ -91,7 +91,7 @@ pub struct WaveDispatcher<'a> {
 }
 
 impl<'a> WaveDispatcher<'a> {
-    /// Nothing is handed out yet.
+    /// Dispatcher without any dispatched job.
     pub fn new(engine: &'a BallistaEngine, wave: &'a TaskWave<'a>) -> WaveDispatcher<'a> {
         let count = wave.tasks.len();
         WaveDispatcher {
@@ -117,7 +117,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Hands out and hears until each task has its receipt, or the run is interrupted.
+    /// Dispatches tasks and collects receipts until each task has one, or the run is interrupted.
     pub fn run(mut self) -> Vec<Option<Receipt>> {
         let (tell, hear) = channel();
         while !(self.waiting.is_empty() && self.jobs.is_empty()) {
@@ -142,7 +142,7 @@ impl<'a> WaveDispatcher<'a> {
         self.receipts
     }
 
-    /// Hears what came of a job, if there is any news.
+    /// Receives the results of a job, if there are any.
     fn listen(&mut self, hear: &Receiver<WaveJobResult>) {
         match hear.recv_timeout(TICK) {
             Ok((number, told)) => {
@@ -156,7 +156,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Looks at scheduler and workers from time to time. A fault where there is no use in going on.
+    /// Checks scheduler and workers periodically. Returns a fault that ends the wave.
     fn look(&mut self) -> Option<Fault> {
         if self.looked.is_some_and(|at| at.elapsed() < LOOKS_EVERY) {
             return None;
@@ -190,7 +190,7 @@ impl<'a> WaveDispatcher<'a> {
         None
     }
 
-    /// Why there is no use in going on.
+    /// Reason to end the wave.
     fn hopeless(&self) -> Option<Fault> {
         let (authority, patience) = (&self.engine.scheduler.authority, self.engine.limits.patience);
         let seconds = patience.as_secs();
@@ -223,7 +223,7 @@ impl<'a> WaveDispatcher<'a> {
         (self.refused >= most).then(|| self.refusal())
     }
 
-    /// Hands out as many jobs as the cluster is to have.
+    /// Dispatches jobs up to the capacity of the cluster.
     fn hand_out(&mut self, tell: &Sender<WaveJobResult>) {
         if self.troubled.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
             return;
@@ -240,7 +240,7 @@ impl<'a> WaveDispatcher<'a> {
             self.jobs.insert(number, WaveJob { tasks, begun: now, looked: now, there: false, idle: None });
             let made = job(self.engine.scheduler.place(), self.engine.session.clone(), self.name(number), vec![handed]);
             self.engine.runtime.spawn(async move {
-                // Nobody listens after an interrupt.
+                // There is no receiver after an interrupt.
                 let _ = tell.send((number, made.await.map_err(|e| e.to_string())));
             });
         }
@@ -250,7 +250,7 @@ impl<'a> WaveDispatcher<'a> {
         format!("magline {} {number}", self.id)
     }
 
-    /// How many tasks the next job has.
+    /// Number of tasks of the next job.
     fn most(&self) -> usize {
         let (all, waiting, cores) = (self.receipts.len(), self.waiting.len(), self.seen.cores.max(1));
         match self.answered {
@@ -263,13 +263,13 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// The next tasks that are handed out together.
+    /// Next tasks to dispatch together.
     fn bundle(&mut self) -> (Vec<usize>, Vec<TaskMessage>) {
         let most = self.most();
         let (mut tasks, mut handed, mut bytes) = (vec![], vec![], 0);
         while tasks.len() < most && bytes < MOST_BYTES {
             let Some(i) = self.waiting.pop_front() else { break };
-            // One that came to nothing must not take others with it.
+            // A task that has failed is dispatched alone, so that it does not affect others.
             if self.tries[i] > 0 && !tasks.is_empty() {
                 self.waiting.push_front(i);
                 break;
@@ -301,13 +301,13 @@ impl<'a> WaveDispatcher<'a> {
         })
     }
 
-    /// Takes the receipt of a task.
+    /// Records the receipt of a task.
     fn settle(&mut self, i: usize, receipt: Receipt) {
         self.wave.tell(&self.wave.tasks[i], &receipt);
         self.receipts[i] = Some(receipt);
     }
 
-    /// A task came to nothing: it is handed out again, unless it has come to nothing too often.
+    /// Dispatches a failed task again, up to the maximum number of attempts.
     fn again(&mut self, i: usize, why: Fault) {
         self.tries[i] += 1;
         if self.tries[i] >= MOST_TRIES {
@@ -323,12 +323,12 @@ impl<'a> WaveDispatcher<'a> {
             .help(format!("the `--store` of each worker must be the store of this run, {store}"))
     }
 
-    /// The answers of a job.
+    /// Processes the answers of a job.
     fn hear(&mut self, tasks: &[usize], answers: Vec<AnswerMessage>) {
         let mut left: Vec<usize> = tasks.to_vec();
         for AnswerMessage { id, worker, receipt, refused: why } in answers {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
-                // Computed twice, or not ours: what came back is not what was handed out.
+                // Duplicate or foreign answer: it does not match a dispatched task.
                 let fault = Fault::bug(format!(
                     "the worker {worker} returned a receipt of a task that it does not have, or a duplicate"
                 ));
@@ -346,7 +346,7 @@ impl<'a> WaveDispatcher<'a> {
                 }
             }
         }
-        // Those that a worker left out because it was told to stop.
+        // Tasks that a worker skipped after a stop signal.
         self.waiting.extend(left);
     }
 
@@ -364,14 +364,14 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// A job that failed: its scheduler or its worker was lost, or it was cancelled.
+    /// Processes a failed job: its scheduler or worker was lost, or it was cancelled.
     fn came_to_nothing(&mut self, tasks: &[usize], why: &str) {
         let before = self.seen.scheduler.clone();
         self.looked = None;
         let lost = self.look().is_some() || self.seen.cores == 0 || self.seen.scheduler != before;
         self.troubled = Some(ObservationTimer::now());
         if lost {
-            // Not the fault of what was computed.
+            // The tasks did not cause this failure.
             self.waiting.extend(tasks);
         } else {
             let fault = Fault::machine(format!("the cluster could not compute it: {why}"));
@@ -379,7 +379,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Cancels jobs: the one, or all.
+    /// Cancels one job, or all jobs.
     fn cancel(&mut self, number: Option<usize>) {
         let name = number.map(|number| self.name(number));
         let begins = format!("magline {} ", self.id);
@@ -392,7 +392,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Looks after jobs that take long: an answer may have been lost, which neither scheduler nor worker know.
+    /// Checks long jobs: an answer may have been lost, which neither scheduler nor worker detect.
     fn look_after(&mut self) {
         let long = |job: &WaveJob| job.begun.elapsed() > LONG && job.looked.elapsed() > LONG;
         let due: Vec<usize> = self.jobs.iter().filter(|(_, job)| long(job)).map(|(n, _)| *n).collect();
@@ -434,7 +434,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// The receipts of tasks all of whose units have a result in the store; none where one lacks it.
+    /// Receipts of tasks whose units all have a result in the store; `None` if one lacks it.
     fn found(&self, tasks: &[usize]) -> Option<Vec<Receipt>> {
         let store = self.wave.worker.store();
         let cut = self.wave.worker.cut(self.wave.table).ok()?;
@@ -452,7 +452,7 @@ impl<'a> WaveDispatcher<'a> {
         tasks.iter().map(one).collect()
     }
 
-    /// Whether a worker is at a unit of these tasks, as far as the store knows.
+    /// Whether a worker computes a unit of these tasks, by the attempts in the store.
     fn is_at_work(&self, tasks: &[usize]) -> bool {
         let store = self.wave.worker.store();
         let units = tasks.iter().flat_map(|i| self.wave.tasks[*i].units.iter().filter(|u| !u.have));

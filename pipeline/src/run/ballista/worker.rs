@@ -1,4 +1,4 @@
-//! A worker: Ballista's executor, which takes tasks from the scheduler, and a process of this program for each core,
+//! Worker: Ballista's executor, which receives tasks from the scheduler, and one process of this program per core,
 //! which computes them. A crash, a hang or excessive memory use affects only the process of the unit. The executor then
 //! continues to report to the scheduler.
 
@@ -37,63 +37,63 @@ use crate::{
     store::{kernel, shown},
 };
 
-/// How long a process without a task is kept: while it lives, the store counts as in use.
+/// Lifetime of a process without a task. While it lives, the store counts as in use.
 const RESTS: Duration = Duration::from_secs(5);
-/// How long a task that is refused is tried again, since a shared folder may show what is new late.
+/// Time during which a rejected task is retried, because a shared folder may show new files late.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// The time between two looks at the scheduler.
+/// Interval of checks of the scheduler.
 const LOOKS_EVERY: Duration = Duration::from_secs(5);
-/// How long a run may take to fetch an answer.
+/// Maximum time that a run takes to fetch an answer.
 const FETCHED_AFTER: Duration = Duration::from_secs(2);
 
 /// Configuration of a worker.
 #[derive(Clone, Debug)]
 pub struct WorkerConfig {
-    /// The host of the scheduler.
+    /// Host of the scheduler.
     pub host: String,
-    /// Its port.
+    /// Port of the scheduler.
     pub port: u16,
     /// This program.
     pub program: PathBuf,
     /// The store.
     pub store: PathBuf,
-    /// Tasks at once.
+    /// Number of simultaneous tasks.
     pub cores: usize,
-    /// The folder in which a folder of its own is made.
+    /// Parent of the worker's folder.
     pub work: PathBuf,
-    /// The address to listen on.
+    /// Address to listen on.
     pub bind: IpAddr,
-    /// The first of two ports to listen on; 0 for two that are free.
+    /// First of two ports to listen on; 0 for two free ports.
     pub ports: u16,
-    /// The name by which the scheduler reaches this worker.
+    /// Name by which the scheduler reaches this worker.
     pub advertise: Option<String>,
-    /// The time between two reports to the scheduler.
+    /// Interval between reports to the scheduler.
     pub heartbeat: Duration,
-    /// How scheduler and worker know each other.
+    /// Authentication of scheduler and worker.
     pub trust: ClusterTrust,
 }
 
 /// Reason for the end of a worker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WorkerExit {
-    /// It was told to.
+    /// Stop request.
     Told,
-    /// The scheduler no longer answers, or does not know it: it may begin again.
+    /// Scheduler that does not answer or has lost this worker; the worker may restart.
     Alone,
 }
 
 /// Callback for receipts.
 pub type ReceiptHandler = Box<dyn Fn(&Receipt) + Send + Sync>;
 
-/// Why this worker must end: the scheduler is another version, or its store is not that of the runs.
+/// Fault that ends this worker: the scheduler has another version, or the runs use another store.
 static AT_ODDS: OnceLock<Fault> = OnceLock::new();
 
-/// Ends this worker after a while: what it has answered, and the run has not fetched, goes with it.
+/// Ends this worker after a delay. Answers that the run has not fetched by then are lost.
 fn leave(why: Fault, after: Duration) {
     if AT_ODDS.set(why).is_ok() {
         thread::spawn(move || {
             sleep(after);
-            // The executor hears of it as of any other request to end, and finishes what it computes.
+            // The executor receives it like any other stop request, and finishes its current tasks.
             raise(Signal::SIGTERM)
         });
     }
@@ -102,7 +102,7 @@ fn leave(why: Fault, after: Duration) {
 /// Computes dispatched tasks until a stop signal arrives or the scheduler is lost.
 ///
 /// # Errors
-/// Fails when the scheduler is another version, cannot reach this worker, or a port or folder is not to be had.
+/// Fails when the scheduler has another version or cannot reach this worker, or a port or folder is unavailable.
 pub fn work(config: &WorkerConfig, hear: ReceiptHandler) -> Result<WorkerExit, Fault> {
     config.trust.admits(config.bind)?;
     let scheduler = SchedulerClient::at(&format!("{}:{}", config.host, config.port), &config.trust)?;
@@ -118,7 +118,7 @@ pub fn work(config: &WorkerConfig, hear: ReceiptHandler) -> Result<WorkerExit, F
         .create(&own)
         .map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
     let ended = crew.attended(&scheduler, || executed(config, name, &own));
-    // Receipts that were fetched; what stays is in a folder for such things.
+    // The receipts were fetched; remaining files are in a temporary folder.
     let _ = fs::remove_dir_all(&own);
     match (AT_ODDS.get(), ended) {
         (Some(why), _) => Err(why.clone()),
@@ -166,7 +166,7 @@ fn executed(config: &WorkerConfig, name: String, folder: &Path) -> Result<Worker
     }
 }
 
-/// Two ports: those that were asked for, or two that are free.
+/// Binds the two requested ports, or two free ones.
 fn listeners(config: &WorkerConfig) -> Result<(TcpListener, TcpListener), Fault> {
     let next = match config.ports {
         0 => 0,
@@ -183,15 +183,15 @@ fn listeners(config: &WorkerConfig) -> Result<(TcpListener, TcpListener), Fault>
     Ok((listen(config.ports).map_err(fail)?, listen(next).map_err(fail)?))
 }
 
-/// Worker processes, at most one for each core.
+/// Worker processes, at most one per core.
 #[derive(Clone)]
 struct WorkerPool(Arc<WorkerPoolState>);
 
 struct WorkerPoolState {
     name: String,
-    /// The scheduler.
+    /// Address of the scheduler.
     authority: String,
-    /// Whether it has computed something: its store is that of the runs.
+    /// Whether it has computed a unit, which shows that the runs use its store.
     proven: AtomicBool,
     program: PathBuf,
     store: PathBuf,
@@ -224,7 +224,7 @@ impl WorkerPool {
         self.0.places.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does something while processes that rest too long are ended, and the scheduler is watched.
+    /// Runs `work` while idle processes are ended and the scheduler is checked.
     fn attended<T>(&self, scheduler: &SchedulerClient, work: impl FnOnce() -> T) -> T {
         let over = AtomicBool::new(false);
         thread::scope(|scope| {
@@ -236,7 +236,7 @@ impl WorkerPool {
                     drop(old);
                     if looked.elapsed() >= LOOKS_EVERY {
                         looked = Instant::now();
-                        // One that does not answer may come back.
+                        // A scheduler that does not answer may return.
                         if let Err(why @ SchedulerFault::Other(_)) = scheduler.name() {
                             leave(why.fault(&self.0.authority), Duration::ZERO);
                         }
@@ -251,7 +251,7 @@ impl WorkerPool {
         })
     }
 
-    /// Processes that rest too long.
+    /// Processes that have been idle too long.
     fn old(&self) -> Vec<IdleProcess> {
         let mut places = self.places();
         let (old, young) = std::mem::take(&mut places.resting).into_iter().partition(|r| r.since.elapsed() > RESTS);
@@ -259,8 +259,8 @@ impl WorkerPool {
         old
     }
 
-    /// A place, and the process of the wave that rests there. Waits until one is free: a task that was cancelled has
-    /// its place until its process has ended.
+    /// Takes a place, with the idle process of the wave if there is one. Waits until one is free: a cancelled task
+    /// keeps its place until its process has ended.
     fn enter(&self, wave: &str) -> Option<WorkerProcess> {
         let mut places = self.places();
         while places.free == 0 {
@@ -269,7 +269,7 @@ impl WorkerPool {
         places.free -= 1;
         let own = places.resting.iter().position(|r| r.wave == wave);
         let found = own.map(|i| places.resting.swap_remove(i).process);
-        // Those of other waves give way, so that there are no more processes than places.
+        // Processes of other waves are ended, so that there are at most as many processes as places.
         let most = places.free;
         let surplus = places.resting.len().saturating_sub(most);
         let gone: Vec<IdleProcess> = places.resting.drain(..surplus).collect();
@@ -317,7 +317,7 @@ impl WorkerPool {
                 Some(why) => {
                     (self.0.hear)(&receipt);
                     let why = format!("{why} (its store is {})", shown(&self.0.store));
-                    // It would take one task after another from those that can do them.
+                    // Otherwise it would take tasks from workers that can compute them.
                     if !self.0.proven.load(Ordering::Relaxed) {
                         let fault = Fault::machine(format!("this worker rejects its first task: {why}"));
                         leave(fault.help("`--store` must be the `store` of the runs"), FETCHED_AFTER);

@@ -1,4 +1,4 @@
-//! The inputs of a stage: its columns on a line, and the models, maps and records that all lines share.
+//! Inputs of a stage: its columns on a line, and the models, maps and records that all lines share.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -18,7 +18,7 @@ use super::{
 use crate::plan::{IN_SAMPLE, LineId, PlanUnit, StageInstance, TableRef};
 
 impl UnitWorker<'_> {
-    /// The inputs of the stage on one line.
+    /// Inputs of the stage on one line.
     pub(super) fn line_in(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<LineInput, Fault> {
         let it = self.instance(unit);
         let (flight, name) = self.graph.lines[line].clone();
@@ -45,7 +45,7 @@ impl UnitWorker<'_> {
         Ok(LineInput { flight, line: name, inputs, keep })
     }
 
-    /// The columns of the scores of a line, [`IN_SAMPLE`] among them where it is asked for.
+    /// Columns of the scores of a line, including [`IN_SAMPLE`] if requested.
     pub(super) fn scores(
         &self,
         r: TableRef,
@@ -66,8 +66,8 @@ impl UnitWorker<'_> {
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
     }
 
-    /// Builds what the stages of `units`, all of one table, need from their models and maps, each once. It is then
-    /// shared by every line.
+    /// Prepares the stages of `units`, all of one table, from their models and maps, each once. Every line shares the
+    /// result.
     pub fn prepare_all(&self, units: impl Iterator<Item = PlanUnit>) {
         let mut seen = HashSet::new();
         let mut bases: BTreeMap<PreparationKey, (PlanUnit, AnyStage)> = BTreeMap::new();
@@ -92,7 +92,7 @@ impl UnitWorker<'_> {
             waiting.extend(made_again);
         }
         bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|(unit, stage)| {
-            // Its faults are reported by each unit that needs it.
+            // Each unit that needs it reports its faults.
             let _ = self.prepare(*unit, stage);
         });
     }
@@ -114,8 +114,8 @@ impl UnitWorker<'_> {
         Ok((unit.table, name))
     }
 
-    /// The preparations for all lines of a table. It is built without a lock: a thread that waits for its own parallel
-    /// work takes up other lines meanwhile, which may come to the same place.
+    /// Preparation for all lines of a table. It is built without a lock: a thread that waits for its own parallel work
+    /// processes other lines in the meantime, which may need the same preparation.
     pub(super) fn prepare(&self, unit: PlanUnit, stage: &AnyStage) -> Result<AnySharedData, Fault> {
         let basis = self.basis(unit, stage)?;
         let failed = || Fault::bug("another thread failed while preparing the stage");
@@ -130,7 +130,7 @@ impl UnitWorker<'_> {
         self.prepared.lock().map_err(|_| failed())?.entry(basis).or_insert(built).clone()
     }
 
-    /// The inputs that are the same for all lines; those by line are empty.
+    /// Inputs that are the same for all lines; inputs by line are empty.
     pub(super) fn whole_inputs(&self, it: &StageInstance) -> Result<Vec<RecordBatch>, Fault> {
         let one = |(i, (kind, r)): (usize, (InputKind, TableRef))| match kind {
             InputKind::Record | InputKind::ManyRecords => self.record(r, &self.graph.read(it, i)),
@@ -141,7 +141,7 @@ impl UnitWorker<'_> {
         it.kinds().into_iter().zip(it.inputs()).enumerate().map(one).collect()
     }
 
-    /// The columns `columns` of all lines of a record, one line after another.
+    /// Columns `columns` of all lines of a record, one line after another.
     fn record(&self, r: TableRef, columns: &[String]) -> Result<RecordBatch, Fault> {
         let mut held = LineColumnCache::new(self);
         let shape = held.shape(r);

@@ -1,4 +1,4 @@
-//! The survey stages: the lines of a unit are gathered, then concluded.
+//! Survey stages: the lines of a unit are gathered, then concluded.
 
 use std::{
     collections::HashMap,
@@ -20,22 +20,22 @@ use crate::{
     store::Remarks,
 };
 
-/// The least time between two reports of the progress of a unit.
+/// Minimum interval between progress reports of a unit.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 
-/// The result of a survey stage for a point: the faults of skipped lines, and its table.
+/// Result of a survey stage for a point: the faults of skipped lines, and its table.
 type SurveyUnitResult = (Vec<Fault>, Result<StageOutput, Fault>);
 
 /// Inputs of a survey stage for its units, one per point.
 struct SurveyUnitInputs<'a> {
     worker: &'a UnitWorker<'a>,
     units: &'a [PlanUnit],
-    /// When progress was told last.
+    /// Time of the last progress report.
     told: Mutex<Option<Instant>>,
 }
 
 impl SurveyUnitInputs<'_> {
-    /// Whether it is time to tell progress.
+    /// Whether the next progress report is due.
     fn is_due(&self) -> bool {
         let Ok(mut told) = self.told.lock() else { return false };
         let due = told.is_none_or(|last| last.elapsed() >= TOLD_EVERY);
@@ -56,8 +56,7 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
     }
 
     fn keep(&self, point: usize, state: &[u8]) {
-        // A state that is not kept costs the time to compute it again, and the disk's fault shows when results are
-        // written.
+        // A lost checkpoint only costs its recomputation, and a disk fault is reported when results are written.
         let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
     }
 
@@ -72,7 +71,7 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
 }
 
 impl UnitWorker<'_> {
-    /// All points that see the same lines of the same tables.
+    /// Groups of points that see the same lines of the same tables.
     pub(super) fn by_lines_seen(&self, units: &[PlanUnit]) -> Vec<Vec<PlanUnit>> {
         let mut groups: Vec<Vec<PlanUnit>> = vec![];
         let mut at: HashMap<String, usize> = HashMap::new();
@@ -86,14 +85,14 @@ impl UnitWorker<'_> {
         groups
     }
 
-    /// The lines, tables and rows that a survey stage sees.
+    /// Lines, tables and rows that a survey stage sees.
     pub fn seen(&self, unit: PlanUnit) -> String {
         let it = self.instance(unit);
         let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
         format!("{:?} {rows:?} {:?}", self.graph.line_inputs(&it), self.graph.line_set(unit.table, unit.instance))
     }
 
-    /// A line that cannot be used is left out and named; the others are gathered.
+    /// An unusable line is skipped and reported; the others are gathered.
     pub(super) fn survey(&self, units: &[PlanUnit], usable: &LineUsability) -> Vec<UnitResult> {
         let all = |fault: Fault| units.iter().map(|u| UnitResult::failed(*u, fault.clone())).collect();
         let stages = match units.iter().map(|u| self.instance(*u).stage()).collect::<Result<Vec<_>, Fault>>() {
@@ -171,7 +170,7 @@ impl UnitWorker<'_> {
         made.filter(|m| !stopped(m)).collect()
     }
 
-    /// One line as all points of a survey task see it: the columns of all of them.
+    /// Gathers one line for all points of a survey task, with the columns of all of them.
     fn gathered(&self, units: &[PlanUnit], line: LineId, held: &mut LineColumnCache) -> Result<LineInput, Fault> {
         let first = units[0];
         let mut input = self.line_in(first, line, held)?;

@@ -1,9 +1,9 @@
 //! Directions of the field in which an optically pumped magnetometer gives no reading.
 //!
-//! Its signal vanishes where the field lies along the optical axis (a polar dead zone) or across it (an equatorial
-//! one), so that what is lost depends on the attitude: the directions of the field in the aircraft, by a vector
-//! magnetometer, at the lost samples are a cone or a belt, in which next to nothing else is. [Geometrics: G-823A and
-//! MFAM manuals, which state zones of 10 and 35 degrees]
+//! The signal vanishes where the field is along the optical axis (polar dead zone) or across it (equatorial dead zone),
+//! so losses depend on the attitude. A vector magnetometer gives the directions of the field in the aircraft. At lost
+//! samples they form a cone or a belt that contains hardly any other samples. [Geometrics: G-823A and MFAM manuals,
+//! which state zones of 10 and 35 degrees]
 
 /// The shape of a dead zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,11 +33,11 @@ const OCCASIONS: usize = 3;
 /// Minimum share of lost samples inside the zone, and maximum share outside relative to it.
 const INSIDE: f64 = 0.5;
 const OUTSIDE: f64 = 0.1;
-/// Wider zones are none of an instrument that is sold, degrees: polar and equatorial.
+/// Maximum half widths, polar and equatorial, degrees; no commercial instrument has wider zones.
 const WIDEST_DEG: [f64; 2] = [60.0, 30.0];
 
-/// The dead zone of a magnetometer that has `lost` samples, by the components of the field in the frame of the aircraft
-/// (any unit). `None` where what is lost does not depend on the direction, or nearly all or nothing is lost.
+/// The dead zone of a magnetometer with the lost samples `lost`, from the components of the field in the body frame
+/// (any unit). `None` if losses do not depend on the direction, or nearly all or no samples are lost.
 pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
     let [x, y, z] = field;
     let rows = lost.iter().zip(x).zip(y).zip(z).enumerate();
@@ -59,7 +59,7 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
             row.iter_mut().zip(u).for_each(|(sum, b)| *sum += a * b / gone.len() as f64);
         }
     }
-    // Its trace is 1, so that the axis of least scatter is that of the most in what is left of 1.
+    // The trace of `scatter` is 1. The axis of least scatter is the principal axis of the identity minus `scatter`.
     let mut across = scatter.map(|row| row.map(|x| -x));
     across.iter_mut().enumerate().for_each(|(i, row)| row[i] += 1.0);
     let [polar, equatorial] = [(DeadZoneShape::Polar, &scatter), (DeadZoneShape::Equatorial, &across)]
@@ -73,8 +73,8 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
 /// A row, whether its sample is lost, and the direction of the field.
 type FieldDirection = (usize, bool, [f64; 3]);
 
-/// The zone about an axis that parts the lost samples from the others best, and how well: the part of the lost samples
-/// in it less that of the others, 1 at the best.
+/// The zone about an axis that best separates the lost samples from the others, and its quality: the share of the lost
+/// samples in it minus the share of the others, at most 1.
 fn zone(shape: DeadZoneShape, axis: [f64; 3], known: &[FieldDirection]) -> Option<(f64, DeadZone)> {
     let angle_deg = |u: &[f64; 3]| {
         let along = u.iter().zip(axis).map(|(a, b)| a * b).sum::<f64>().abs().min(1.0);
@@ -107,7 +107,7 @@ fn zone(shape: DeadZoneShape, axis: [f64; 3], known: &[FieldDirection]) -> Optio
     Some((parted, DeadZone { shape, half_width_deg: edge_deg, samples: gone_in as usize, first }))
 }
 
-/// The axis of the largest eigenvalue of a symmetric matrix that has none below 0, by repeated squaring.
+/// The axis of the largest eigenvalue of a symmetric positive semidefinite matrix, by repeated squaring.
 fn principal_axis(matrix: &[[f64; 3]; 3]) -> [f64; 3] {
     let mut power = *matrix;
     for _ in 0..40 {
@@ -130,7 +130,7 @@ mod tests {
 
     use super::*;
 
-    /// Directions all over the sphere, which pass slowly from one to another.
+    /// Directions over the whole sphere that change slowly.
     fn tumbling(rows: usize) -> [Vec<f64>; 3] {
         let at = |hz: [f64; 2], k: usize| {
             let t = k as f64 * 0.1;
@@ -150,14 +150,14 @@ mod tests {
     }
 
     #[test]
-    fn law_a_cone_and_a_belt_have_the_width_they_were_made_with() {
+    fn unit_dead_zones_are_found_with_their_width() {
         let field = tumbling(30_000);
         let axis = [0.6, 0.0, 0.8];
         // The dead zones of two instruments: 35 degrees along the axis; 10 degrees across it.
         let polar: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) > 35.0_f64.to_radians().cos()).collect();
         let found = detect(&polar, &field).unwrap();
         assert_eq!(found.shape, DeadZoneShape::Polar);
-        // The directions that were met are not even about the axis, so that its estimate is off by some degrees.
+        // The sampled directions are uneven about the axis, so its estimate is off by some degrees.
         assert!((found.half_width_deg - 35.0).abs() < 3.0, "{found:?}");
         assert_eq!(found.first, polar.iter().position(|lost| *lost).unwrap());
         let belt: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) < 10.0_f64.to_radians().sin()).collect();
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn law_dropouts_at_random_and_of_one_turn_are_none() {
+    fn unit_random_and_single_dropouts_are_no_dead_zone() {
         let field = tumbling(30_000);
         let mut normals = NormalGenerator::new(7);
         let random: Vec<bool> = (0..30_000).map(|_| normals.draw() > 1.6).collect();

@@ -5,7 +5,7 @@ use std::ops::Range;
 /// The missing samples of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dropouts {
-    /// How many samples are missing.
+    /// Number of missing samples.
     pub samples: usize,
     /// The row of the first.
     pub first: usize,
@@ -13,7 +13,7 @@ pub struct Dropouts {
     pub longest_s: f64,
 }
 
-/// The missing samples; `None` where all are there.
+/// The missing samples; `None` if no sample is missing.
 pub fn dropouts(values: &[f64], tt: &[f64]) -> Option<Dropouts> {
     let first = values.iter().position(|x| !x.is_finite())?;
     let samples = values.iter().filter(|x| !x.is_finite()).count();
@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_runs_of_missing_values_are_as_long_as_the_time_without_one() {
+    fn unit_dropouts_last_from_the_value_before_to_the_value_after() {
         let tt: Vec<f64> = (0..10).map(f64::from).collect();
         let mut x = vec![1.0; 10];
         assert_eq!(dropouts(&x, &tt), None);

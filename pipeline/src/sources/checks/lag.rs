@@ -1,4 +1,4 @@
-//! How much later one magnetometer reports than another of the aircraft.
+//! Lag of one magnetometer of an aircraft against another.
 
 use numerics::signal::lag::{SignalLag, lag_of};
 
@@ -9,17 +9,17 @@ const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
 /// Maximum number of samples, from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
-/// The two must see the same: magnetometers at different places of an aircraft share only part of its field, and what
-/// they do not share moves the peak.
+/// Minimum correlation. Magnetometers at different places share only part of the aircraft field, and the rest shifts
+/// the peak.
 const LEAST_CORRELATION: f64 = 0.9;
-/// Another peak of such a part of the height makes the lag ambiguous, as that of mains hum is.
+/// Minimum height of another peak, relative to the highest, that makes the lag ambiguous, as for mains hum.
 const NEXT_PEAK: f64 = 0.8;
-/// The standard error is below this part of a sample.
+/// Maximum standard error of the lag, samples.
 const KNOWN: f64 = 0.1;
 
-/// The lag of `signal` against `reference`, both at the times `tt`, by the cross-correlation of their differences from
-/// sample to sample, which take off what is slow and has a flat peak. `turned` says that one may have the opposite
-/// sign. `None` where they do not share enough, or the lag is ambiguous.
+/// The lag of `signal` against `reference`, both at the times `tt`, from the cross-correlation of their differences
+/// from sample to sample. The differences remove slow changes, which have a flat peak. `turned` permits an opposite
+/// sign. `None` if the signals share too little, or the lag is ambiguous.
 pub fn lag(reference: &[f64], signal: &[f64], tt: &[f64], turned: bool) -> Option<SignalLag> {
     let rate_hz = sampling::sampling(tt)?.rate_hz;
     let breaks = sampling::breaks(tt);
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_lag_that_was_made_is_found_beside_a_gap() {
+    fn unit_the_lag_is_found_next_to_a_gap() {
         let tt: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.1 + if k >= 500 { 30.0 } else { 0.0 }).collect();
         let mut normals = NormalGenerator::new(3);
         for late_s in [0.0, 0.07, -0.23, 0.4] {
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_not_shared_has_none() {
+    fn unit_unrelated_signals_have_no_lag() {
         let tt: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.1).collect();
         let mut normals = NormalGenerator::new(5);
         let noise: Vec<f64> = tt.iter().map(|_| normals.draw()).collect();

@@ -1,4 +1,4 @@
-//! Which figures need a look.
+//! Limits beyond which a figure needs attention.
 
 use schemas::{Role, flight};
 
@@ -7,13 +7,13 @@ use super::{QualityFigure, QualityMeasure};
 /// Context for judging a figure.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FigureContext {
-    /// The samples of the lines that it is about.
+    /// Number of samples of its lines.
     pub samples: u64,
     /// The rate of the samples, Hz.
     pub rate_hz: f64,
     /// The least noise of a scalar magnetometer of the flight, nT; NaN without one.
     pub quietest_nt: f64,
-    /// The noise of the column; NaN where it has none.
+    /// The noise of the column; NaN if unknown.
     pub noise: f64,
 }
 
@@ -21,7 +21,7 @@ pub struct FigureContext {
 const GAP_S: f64 = 1.0;
 /// Maximum share of all samples.
 const MISSING: f64 = 0.01;
-/// Steps are uneven beyond this part of the step: interpolation between them is no longer exact to the noise.
+/// Maximum jitter relative to the step; beyond it, interpolation is no longer exact to the noise.
 const JITTER: f64 = 0.1;
 /// Maximum quantisation step in standard deviations of the noise; a larger step dominates the noise.
 const COARSE: f64 = 2.0;
@@ -33,7 +33,7 @@ const PREFERRED: f64 = 0.1;
 /// Maximum lag in samples; `resample` should remove a larger one.
 const LATE: f64 = 0.5;
 
-/// Whether a figure is one that people would look at before they use the column.
+/// Whether a figure should be checked before the column is used.
 pub fn needs_a_look(measure: &QualityMeasure, around: &FigureContext) -> bool {
     let is_magnetometer = flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some();
     let share = measure.count as f64 / (around.samples.max(1)) as f64;
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_figure_is_judged_by_what_is_around_it() {
+    fn unit_a_figure_is_judged_in_its_context() {
         let around = FigureContext { samples: 10_000, rate_hz: 10.0, quietest_nt: 0.01, noise: 0.02 };
         let of = |column: &str, check, value, count| {
             let measure =

@@ -31,19 +31,19 @@ pub const VERSION: &str = "checks 2";
 /// Kind of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum QualityFigure {
-    /// One over the median step of the time.
+    /// Reciprocal of the median time step.
     Rate,
     /// The robust standard deviation of the steps.
     Jitter,
-    /// The time that steps are too long by, all together.
+    /// Total time missing in gaps.
     Gaps,
-    /// The longest of those.
+    /// Longest gap.
     LongestGap,
     /// Rows with the time of the row before.
     RepeatedTime,
     /// Rows with an earlier time.
     BackwardTime,
-    /// Midnights that the line runs over.
+    /// Midnights within the line.
     Midnight,
     /// Missing values: the longest time without one.
     Dropouts,
@@ -51,28 +51,28 @@ pub enum QualityFigure {
     Stuck,
     /// The value at the end of a range.
     Saturation,
-    /// The step of which values are multiples.
+    /// Quantisation step of the values.
     Quantisation,
     /// The standard deviation of white noise.
     Noise,
     /// The height of the largest spike.
     Spikes,
-    /// The spacing of values that a scalar magnetometer prefers.
+    /// Spacing of the over-represented values of a scalar magnetometer.
     Preferred,
-    /// The longest time that a scalar magnetometer says it is in its dead zone.
+    /// Longest time for which a scalar magnetometer reports its dead zone.
     DeadZone,
-    /// The half width of the cone of directions of the field in which it gives no reading.
+    /// Half width of the cone of field directions without readings.
     PolarDeadZone,
-    /// The half width of the belt of them.
+    /// Half width of the belt of field directions without readings.
     EquatorialDeadZone,
-    /// How much later it reports than the first magnetometer of its kind.
+    /// Lag against the first magnetometer of its kind.
     Lag,
     /// A finding of the examination.
     Found(FindingKind),
 }
 
 impl QualityFigure {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [QualityFigure; 25] = [
         QualityFigure::Rate,
         QualityFigure::Jitter,
@@ -101,7 +101,7 @@ impl QualityFigure {
         QualityFigure::Found(FindingKind::Constant),
     ];
 
-    /// The word for it.
+    /// The kind as text.
     pub const fn as_str(self) -> &'static str {
         match self {
             QualityFigure::Rate => "rate",
@@ -126,7 +126,7 @@ impl QualityFigure {
         }
     }
 
-    /// The figure of a word.
+    /// The kind with the text `word`.
     pub fn from_word(word: &str) -> Option<QualityFigure> {
         QualityFigure::ALL.into_iter().find(|figure| figure.as_str() == word)
     }
@@ -143,9 +143,9 @@ pub struct QualityMeasure {
     pub value: f64,
     /// Its unit.
     pub unit: String,
-    /// The number of samples that it is about.
+    /// Number of affected samples.
     pub count: u64,
-    /// The time of the first of them; NaN where it is about all.
+    /// Time of the first affected sample, s; NaN if all are affected.
     pub first_tt: f64,
 }
 
@@ -236,7 +236,7 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
     let continuous = if wraps(about) { unwrapped(values) } else { values.to_vec() };
     let fourth = noise::fourth_differences(&continuous, gaps);
     let resolution = quantisation::ValueResolution::new(&continuous, step);
-    // A value that is held for more than half of the time has differences of 0, and steps that are no spikes.
+    // A column that is constant for more than half of the time has differences of 0, and its steps are not spikes.
     let Some(sigma) = noise::noise(&fourth, &resolution) else { return };
     push(QualityFigure::Noise, sigma, &about.unit, fourth.iter().filter(|d| d.is_finite()).count(), None);
     if let Some(found) = spikes::spikes(&fourth, &resolution) {
@@ -244,7 +244,7 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
     }
 }
 
-/// The figures of what an examination of a line found in it.
+/// Figures of the findings in a line.
 pub fn of_findings(findings: &[Finding], tt: &[f64]) -> Vec<QualityMeasure> {
     let at = |row: u64| usize::try_from(row).ok().and_then(|row| tt.get(row)).copied().unwrap_or(f64::NAN);
     let one = |f: &Finding| QualityMeasure {
@@ -324,18 +324,18 @@ mod tests {
         assert_eq!(of("mag_1_uc", "quantisation").unwrap().value, 1.0);
         let spikes = of("mag_1_uc", "spikes").unwrap();
         assert_eq!((spikes.count, spikes.first_tt), (1, 20.0), "{spikes:?}");
-        // The jump of the yaw from 360 to 0 is none of the aircraft's.
+        // The wrap of the yaw from 360 to 0 is not a spike.
         assert_eq!(of("yaw", "spikes"), None);
         assert_eq!(of("yaw", "noise"), None, "there is nothing but rounding");
     }
 
     #[test]
-    fn unit_magnetometers_are_held_against_each_other() {
+    fn unit_magnetometers_are_compared_with_each_other() {
         let rows = 3000;
         let at = |t: f64| 50_000.0 + 40.0 * (0.9 * t).sin() + 30.0 * (2.3 * t + 1.0).sin() + 25.0 * (4.1 * t).cos();
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..rows).map(|k| f(f64::from(k) * 0.1)).collect() };
-        // Reading 2 is late, and missing where the field is along the body's x axis; the logger says so of a part of
-        // it.
+        // Reading 2 is late, and missing where the field is along the body's x axis. The logger reports part of these
+        // losses.
         let x = of(&|t| 50_000.0 * (0.4 * t).cos());
         let y = of(&|t| 50_000.0 * (0.4 * t).sin());
         let lost = |k: usize| x[k].abs() > 45_000.0;

@@ -1,8 +1,8 @@
 //! The noise floor of a column, from its fourth differences.
 //!
-//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0, and that of white noise has
-//! the variance 1 + 16 + 36 + 16 + 1 = 70 times its own. It is what surveyors judge a magnetometer by, divided by 16.
-//! [Reeves 2005, Aeromagnetic Surveys, section 3; Coyle et al. 2014, GSC Open File 7617]
+//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0. For white noise, its
+//! variance is 1 + 16 + 36 + 16 + 1 = 70 times the variance of the noise. Surveyors judge a magnetometer by this
+//! difference divided by 16. [Reeves 2005, Aeromagnetic Surveys, section 3; Coyle et al. 2014, GSC Open File 7617]
 
 use numerics::regression::statistics::median;
 
@@ -25,12 +25,12 @@ pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
     (0..x.len()).map(one).collect()
 }
 
-/// The least number of fourth differences that give an estimate.
+/// Minimum number of fourth differences for an estimate.
 const LEAST: usize = 20;
 
-/// The standard deviation of the white noise of a column whose fourth differences these are, robust against spikes and
-/// short manoeuvres. `None` where there are too few, or where most are 0 but for rounding: a value that is held or
-/// interpolated, or too coarse to show its noise.
+/// Standard deviation of the white noise of a column from its fourth differences, robust against spikes and short
+/// manoeuvres. `None` if there are too few, or most are 0 within rounding: the values are held, interpolated, or too
+/// coarse to show their noise.
 pub fn noise(fourth: &[f64], resolution: &ValueResolution) -> Option<f64> {
     let mut sizes: Vec<f64> = fourth.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
     if sizes.len() < LEAST {
@@ -46,7 +46,7 @@ mod tests {
 
     use super::*;
 
-    /// A normal deviate: the sum of twelve even ones.
+    /// A normal deviate: the sum of twelve uniform ones.
     fn normal(state: &mut u64) -> f64 {
         let mut even = || {
             *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn law_white_noise_on_a_cubic_is_found_whatever_the_spikes() {
+    fn law_white_noise_on_a_cubic_is_found_despite_spikes() {
         let mut state = 1;
         let mut x: Vec<f64> = (0..20_000)
             .map(|i| {
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_held_or_interpolated_has_none() {
+    fn unit_held_and_interpolated_values_have_no_noise() {
         let hundredths = |x: f64| (2000.0 * x.sin()).round() / 100.0;
         let held: Vec<f64> = (0..36_000).map(|i| hundredths(f64::from(i) / 70_000.0)).collect();
         let between = |i: i32| {
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_cubic_has_none_and_gaps_are_not_crossed() {
+    fn law_a_cubic_has_no_noise_and_gaps_are_not_crossed() {
         let x: Vec<f64> = (0..40).map(|i| f64::from(i * i * i)).collect();
         let mut breaks = vec![false; 40];
         assert_eq!(noise(&fourth_differences(&x, &breaks), &ValueResolution::new(&x, None)), None);

@@ -1,9 +1,9 @@
-//! Evenly spaced values that a sensor prefers, although it gives others too.
+//! Evenly spaced over-represented values of a sensor.
 //!
 //! The scalar magnetometers of a real drone give a third of their samples near evenly spaced values, on all flights,
 //! with a narrow distribution about each: a histogram with sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7
-//! to 3.9]. That is no quantisation step, since the other samples lie between. What is there is one peak of the
-//! histogram after another, at one spacing.
+//! to 3.9]. This is not quantisation, because the other samples lie between these values. The check looks for evenly
+//! spaced peaks of the histogram.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use numerics::regression::statistics::median;
 pub struct PreferredValues {
     /// The spacing of the values.
     pub step: f64,
-    /// Samples at them, less those that would be there anyway.
+    /// Number of samples at them, minus the number expected without over-representation.
     pub samples: usize,
 }
 
@@ -27,7 +27,7 @@ const LEAST_A_BIN: f64 = 4.0;
 const HIGHER: f64 = 4.0;
 const AROUND: usize = 12;
 const LEAST: f64 = 8.0;
-/// The peak is not wider, in bins, and peaks are not closer.
+/// Maximum width of a peak, and minimum distance between peaks, bins.
 const WIDEST: usize = 3;
 const CLOSEST: f64 = 4.0;
 /// Minimum number of peaks. Minimum share of occupied multiples of the spacing between the first and the last peak.
@@ -35,10 +35,10 @@ const CLOSEST: f64 = 4.0;
 const PEAKS: usize = 10;
 const FILLED: f64 = 0.5;
 const OFF: f64 = 0.08;
-/// At least such a part of the samples.
+/// Minimum share of the samples.
 const SHARE: f64 = 0.05;
 
-/// The evenly spaced values that a column prefers; `None` where there are none. `values` are finite.
+/// The evenly spaced over-represented values of a column; `None` if there are none. `values` must be finite.
 pub fn preferred(values: &[f64]) -> Option<PreferredValues> {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     if high <= low {
@@ -97,7 +97,7 @@ fn spacing(centres: &[f64]) -> Option<f64> {
     candidates.into_iter().flatten().find_map(|guess| {
         let mut step = guess;
         for _ in 0..3 {
-            // The number of each centre, counted from its neighbour's so that a wrong guess does not add up.
+            // The number of each centre, counted from its neighbour's, so that errors do not accumulate.
             let mut number = 0.0;
             let numbers: Vec<f64> = std::iter::once(0.0)
                 .chain(centres.windows(2).map(|w| {
@@ -115,7 +115,7 @@ fn spacing(centres: &[f64]) -> Option<f64> {
     })
 }
 
-/// The slope of the line through points, and the root mean square of what is left.
+/// The slope of the line through points, and the root mean square of the residual.
 fn line_through(x: &[f64], y: &[f64]) -> (f64, f64) {
     let n = x.len() as f64;
     let (mx, my) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_third_of_the_samples_near_evenly_spaced_values_is_found() {
+    fn unit_evenly_spaced_values_of_a_third_of_the_samples_are_found() {
         let mut normals = NormalGenerator::new(11);
         for step in [2.0, 3.7] {
             // Near a preferred value the sensor stays at it: a third of all samples, and some noise after.
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_sensor_that_gives_all_values_prefers_none() {
+    fn unit_a_sensor_without_preferred_values_has_none() {
         let mut normals = NormalGenerator::new(13);
         let values: Vec<f64> = (0..60_000).map(|k| field(&mut normals, k)).collect();
         assert_eq!(preferred(&values), None);

@@ -1,19 +1,19 @@
 //! The step of a column whose values lie on a grid.
 
-/// Distinct values are compared up to this number: more do not say more.
+/// Maximum number of compared values; more add no information.
 const MOST: usize = 20_000;
 /// Minimum number of steps between distinct values.
 const LEAST: usize = 8;
-/// A value may be so far from the grid, in steps: rounding to decimals and single precision.
+/// Maximum distance of a value from the grid, in steps. It permits rounding to decimals and to single precision.
 const TOLERANCE: f64 = 0.05;
 
-/// The quantisation step: the largest step of which nearly all differences between neighbouring distinct values are
-/// whole multiples. `None` where the values lie on no grid.
+/// The quantisation step: the largest step that divides nearly all differences between neighbouring distinct values.
+/// `None` if the values are not on a grid.
 pub fn step(values: &[f64]) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).take(MOST).collect();
     sorted.sort_by(f64::total_cmp);
     let size = sorted.iter().fold(0.0_f64, |a, x| a.max(x.abs()));
-    // Closer than rounding in double precision are the same value.
+    // Values closer than rounding in double precision are equal.
     let same = 8.0 * f64::EPSILON * size;
     let steps: Vec<f64> = sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > same).collect();
     if steps.len() < LEAST {
@@ -22,12 +22,12 @@ pub fn step(values: &[f64]) -> Option<f64> {
     let mut ordered = steps.clone();
     ordered.sort_by(f64::total_cmp);
     let least = *ordered.first()?;
-    // The least step has its own rounding: the mean over all that are about as small is better.
+    // The smallest step has a rounding error; the mean over all similar steps is more accurate.
     let like: Vec<f64> = ordered.iter().copied().take_while(|d| *d < least * 1.2).collect();
     let step = like.iter().sum::<f64>() / like.len() as f64;
     let on_grid = |d: &&f64| {
         let n = (**d / step).round();
-        // Beyond a thousand steps anything is near a multiple.
+        // Beyond a thousand steps, any value is near a multiple.
         n < 1000.0 && (**d / step - n).abs() < TOLERANCE
     };
     let on = steps.iter().filter(on_grid).count();
@@ -38,9 +38,9 @@ pub fn step(values: &[f64]) -> Option<f64> {
 /// Resolution of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueResolution {
-    /// The quantisation step; 0 where the values lie on no grid.
+    /// The quantisation step; 0 if the values are not on a grid.
     step: f64,
-    /// The fourth difference that rounding to double precision makes of values of this size, at most.
+    /// Maximum fourth difference caused by rounding values of this size to double precision.
     rounding: f64,
 }
 
@@ -52,13 +52,13 @@ impl ValueResolution {
         Self { step: step.unwrap_or(0.0), rounding: 16.0 * f64::EPSILON * size }
     }
 
-    /// The fourth difference below which there is nothing but rounding.
+    /// Fourth difference below which there is only rounding.
     pub fn rounding(&self) -> f64 {
         self.rounding
     }
 
-    /// The standard deviation of the fourth difference that the step alone makes: errors even within a step have the
-    /// variance step²/12, and the difference has 70 times theirs.
+    /// Standard deviation of the fourth difference due to the step alone: errors uniform within a step have the
+    /// variance step²/12, and the difference has 70 times this variance.
     pub fn fourth_difference_sigma(&self) -> f64 {
         self.step * (70.0_f64 / 12.0).sqrt()
     }
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_rounded_signal_has_the_step_it_was_rounded_to() {
+    fn unit_a_rounded_signal_has_the_step_of_its_rounding() {
         for step in [1.0, 0.25, 7.5, 100.0 / 3.0] {
             let x: Vec<f64> = (0..3000).map(|i| (signal(i) / step).round() * step).collect();
             let found = super::step(&x).unwrap_or_else(|| panic!("no step at {step}"));
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn law_single_precision_and_unit_conversions_keep_the_step() {
+    fn unit_single_precision_and_unit_conversions_keep_the_step() {
         // Whole milligauss as gauss in single precision, converted to nT: a step of 100 nT.
         let x: Vec<f64> = (0..3000).map(|i| f64::from((signal(i) / 100.0).round() as f32 / 1000.0) * 1e5).collect();
         let found = super::step(&x).unwrap();
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_signal_of_full_precision_has_none() {
+    fn unit_a_signal_of_full_precision_has_no_step() {
         assert_eq!(step(&(0..3000).map(signal).collect::<Vec<_>>()), None);
         assert_eq!(step(&[1.0, 2.0, 3.0]), None);
         assert_eq!(step(&[]), None);

@@ -1,4 +1,4 @@
-//! The rate of a line's samples, and where time does not run evenly.
+//! The sampling rate of a line, and irregularities of its time stamps.
 
 use numerics::regression::statistics::median;
 
@@ -7,15 +7,15 @@ use super::SampleTally;
 /// Sampling of a line's time stamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeStampFigures {
-    /// One over the median step.
+    /// Reciprocal of the median step.
     pub rate_hz: f64,
     /// The robust standard deviation of the steps: 1.4826 times the median distance from their median.
     pub jitter_s: f64,
     /// Steps longer than [`GAP`] medians; the row after each.
     pub gaps: SampleTally,
-    /// The time of the samples that the gaps lack.
+    /// Total time missing in the gaps.
     pub missing_s: f64,
-    /// The longest gap, of the samples it lacks.
+    /// Time missing in the longest gap.
     pub longest_gap_s: f64,
     /// Rows with the time of the row before.
     pub repeated: SampleTally,
@@ -23,7 +23,7 @@ pub struct TimeStampFigures {
     pub backward: SampleTally,
     /// The largest step back.
     pub worst_step_back_s: f64,
-    /// Midnights that the line runs over.
+    /// Midnights within the line.
     pub midnights: SampleTally,
 }
 
@@ -68,7 +68,7 @@ pub fn sampling(tt: &[f64]) -> Option<TimeStampFigures> {
     Some(out)
 }
 
-/// For each row, whether there is a gap or a jump of the clock before it.
+/// Whether each row follows a gap or a jump of the clock.
 pub fn breaks(tt: &[f64]) -> Vec<bool> {
     let mut forward: Vec<f64> = tt.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
     let step = if forward.is_empty() { f64::INFINITY } else { median(&mut forward) };
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_even_samples_have_no_jitter_and_no_gaps() {
+    fn unit_even_samples_have_no_jitter_and_no_gaps() {
         let tt: Vec<f64> = (0..1000).map(|i| 40_000.0 + f64::from(i) / 8.0).collect();
         let found = sampling(&tt).unwrap();
         assert_eq!((found.rate_hz, found.jitter_s, found.gaps.n, found.midnights.n), (8.0, 0.0, 0, 0));
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_was_taken_out_is_found() {
+    fn unit_gaps_and_jumps_are_found() {
         // 100 Hz over midnight, 3 samples lost at one place and 50 at another, one stamp twice, the clock set back
         // once.
         let all: Vec<f64> = (0..1000).map(|i| 86_399.0 + f64::from(i) / 100.0).collect();
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_jitter_is_that_of_the_steps() {
+    fn law_the_jitter_is_the_deviation_of_the_steps() {
         // Steps of 1 s plus and minus 2 ms in turn: their distance from the median is 2 ms.
         let mut t = 0.0;
         let tt: Vec<f64> = (0..2001)

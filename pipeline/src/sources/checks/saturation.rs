@@ -5,7 +5,7 @@ use std::ops::Range;
 /// Samples at the largest or the least value of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Saturation {
-    /// How many.
+    /// Number of samples.
     pub samples: usize,
     /// The row of the first.
     pub first: usize,
@@ -17,11 +17,11 @@ pub struct Saturation {
 const RUN: usize = 4;
 /// Minimum ratio of the samples at the end to those at the values next to it.
 const EXCESS: usize = 5;
-/// Values next to the end.
+/// Number of values next to the end.
 const NEXT: usize = 3;
 
-/// The samples at the end of the range where there are far more of them than of the values next to it, and in runs.
-/// `None` where there is no sign of it.
+/// The samples at the end of the range, if they are far more frequent than the values next to it and form runs. `None`
+/// without a sign of saturation.
 pub fn saturation(values: &[f64]) -> Option<Saturation> {
     let mut counts: Vec<(f64, usize)> = vec![];
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
@@ -32,7 +32,7 @@ pub fn saturation(values: &[f64]) -> Option<Saturation> {
             _ => counts.push((x, 1)),
         }
     }
-    // With few values, such as those of a switch, an end says nothing.
+    // With few distinct values, such as those of a switch, an end is no sign of saturation.
     if counts.len() < 2 * NEXT + 2 {
         return None;
     }
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_clipped_wave_is_saturated_and_a_free_one_is_not() {
+    fn unit_only_a_clipped_wave_is_saturated() {
         let wave: Vec<f64> = (0..2000).map(|i| (70.0 * (f64::from(i) * 0.013).sin()).round()).collect();
         assert_eq!(saturation(&wave.iter().map(|x| x + 0.001 * x * x).collect::<Vec<_>>()), None);
         let clipped: Vec<f64> = wave.iter().map(|x| x.min(40.0)).collect();

@@ -1,4 +1,4 @@
-//! Single samples that stand out, by their fourth differences.
+//! Isolated outliers of single samples, by their fourth differences.
 
 use numerics::regression::statistics::median;
 
@@ -7,7 +7,7 @@ use super::quantisation::ValueResolution;
 /// The spikes of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spikes {
-    /// How many.
+    /// Number of spikes.
     pub samples: usize,
     /// The row of the first.
     pub first: usize,
@@ -20,15 +20,15 @@ const SIGMAS: f64 = 8.0;
 /// Number of surrounding samples that determine the scale, so that a manoeuvre is not a spike.
 const BLOCK: usize = 64;
 
-/// The spikes of a column whose fourth differences these are; `None` where there are none. A deviation below that of
-/// the quantisation is none.
+/// The spikes of a column from its fourth differences; `None` if there are none. A deviation below the quantisation
+/// step is not a spike.
 pub fn spikes(fourth: &[f64], resolution: &ValueResolution) -> Option<Spikes> {
     let found = peaks(fourth, resolution);
     let largest = found.iter().map(|(_, height)| *height).fold(0.0, f64::max);
     found.first().map(|(first, _)| Spikes { samples: found.len(), first: *first, largest })
 }
 
-/// The row and the height of each.
+/// Row and height of each spike.
 pub fn peaks(fourth: &[f64], resolution: &ValueResolution) -> Vec<(usize, f64)> {
     let scale = |part: &[f64]| {
         let mut sizes: Vec<f64> = part.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn law_each_spike_is_found_once_with_its_height() {
+    fn unit_each_spike_is_found_once_with_its_height() {
         let mut x: Vec<f64> = (0..2000).map(wave).collect();
         assert_eq!(detect(&x), None);
         x[500] += 400.0;
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_steps_of_a_smooth_column_are_no_spikes() {
+    fn unit_the_steps_of_a_smooth_column_are_no_spikes() {
         // The variation of the earth's field at 10 Hz in hundredths of a nanotesla, slow, and fast enough that most
         // samples differ.
         for period_s in [43_200.0, 7200.0, 600.0, 60.0] {
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_manoeuvre_is_no_spike() {
+    fn unit_a_manoeuvre_is_no_spike() {
         let x: Vec<f64> = (0..2000).map(|i| wave(i) * if (900..1100).contains(&i) { 60.0 } else { 1.0 }).collect();
         let found = detect(&x);
         assert!(found.is_none(), "{found:?}");

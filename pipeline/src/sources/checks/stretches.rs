@@ -1,9 +1,9 @@
-//! Where in a line the figures of a column come from.
+//! Parts of a line that the figures of a column concern.
 
 use super::{QualityFigure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
 
-/// The times, first and last, of the parts of a column that a figure is about, s; empty for a figure of the whole
-/// column. Taken as missing are infinities, readings of 0 and impossible values too.
+/// First and last times of the parts of a column that a figure concerns, s; empty for a figure of the whole column.
+/// Infinities, readings of 0 and impossible values count as missing.
 pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
     let rows = match figure {
         QualityFigure::Dropouts => dropouts::stretches(values),
@@ -34,7 +34,7 @@ pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64,
     rows.into_iter().filter_map(|run| Some((*tt.get(run.start)?, *tt.get(run.end.checked_sub(1)?)?))).collect()
 }
 
-/// The gaps of the times: from the sample before to that after.
+/// The gaps of the times: from the sample before to the sample after.
 pub fn gaps(tt: &[f64]) -> Vec<(f64, f64)> {
     let breaks = sampling::breaks(tt);
     let before = |i: usize| Some((*tt.get(i.checked_sub(1)?)?, *tt.get(i)?));
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_each_part_is_where_it_was_put() {
+    fn unit_each_part_has_its_times() {
         let tt: Vec<f64> = (0..2000).map(|i| f64::from(i) * 0.1 + if i >= 1000 { 7.0 } else { 0.0 }).collect();
         let wave = |i: usize| (i as f64 * 1.7).sin() + (i as f64 * 2.9 + 0.3).cos() * 0.7;
         let mut x: Vec<f64> = (0..2000).map(wave).collect();

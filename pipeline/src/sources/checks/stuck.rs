@@ -9,7 +9,7 @@ pub struct ConstantRun {
     pub samples: usize,
     /// Its first row.
     pub first: usize,
-    /// How long it takes.
+    /// Its duration.
     pub longest_s: f64,
 }
 
@@ -17,8 +17,8 @@ pub struct ConstantRun {
 const LEAST: usize = 20;
 const LONGER: usize = 10;
 
-/// The longest run of equal values, where it is far longer than the others: a value that is always held, or coarse, is
-/// not stuck. `None` where there is none.
+/// The longest run of equal values, if it is far longer than the others. Values that are always held, or coarse, are
+/// not stuck. `None` without such a run.
 pub fn stuck(values: &[f64], tt: &[f64]) -> Option<ConstantRun> {
     let longest = stretches(values).into_iter().max_by_key(|run| (run.len(), std::cmp::Reverse(run.start)))?;
     let longest_s = tt.get(longest.end.checked_sub(1)?)? - tt.get(longest.start)?;
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_sensor_that_stops_is_found_and_one_that_is_held_is_not() {
+    fn unit_stopped_sensors_are_found_and_held_values_are_not() {
         let tt: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.1).collect();
         let mut x: Vec<f64> = (0..1000).map(|i| (f64::from(i) * 0.37).sin()).collect();
         assert_eq!(stuck(&x, &tt), None);
@@ -59,7 +59,7 @@ mod tests {
         let held: Vec<f64> = (0..1000).map(|i| f64::from(i / 50)).collect();
         assert_eq!(stuck(&held, &tt), None);
         assert_eq!(stuck(&[], &[]), None);
-        // Missing values are no equal values.
+        // Missing values are not equal values.
         assert_eq!(stuck(&[f64::NAN; 100], &tt), None);
     }
 }

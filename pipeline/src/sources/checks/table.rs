@@ -29,7 +29,7 @@ pub const COLUMNS: [&str; 8] = ["flight", "line", "column", "check", "value", "u
 /// The figures: flight, line and figure.
 ///
 /// # Errors
-/// Fails only where the columns have different lengths, which is an error in the program.
+/// Fails only if the columns have different lengths, which is an error in the program.
 pub fn table(rows: &[(&str, &str, &QualityMeasure)]) -> Result<RecordBatch, Fault> {
     let text = |f: &dyn Fn(&(&str, &str, &QualityMeasure)) -> String| -> ArrayRef {
         Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
@@ -64,7 +64,7 @@ pub fn table(rows: &[(&str, &str, &QualityMeasure)]) -> Result<RecordBatch, Faul
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::bug(e.to_string()))
 }
 
-/// The figures of a table; what another version of magline has written and this one does not know is left out.
+/// The figures of a table. Figures of other versions of magline that this version does not support are skipped.
 pub fn figures(table: &RecordBatch) -> Vec<LineMeasure> {
     let [flight, line, column, check, value, unit, count, first_tt] = COLUMNS;
     let text = |name: &str| table.column_by_name(name).and_then(|c| c.as_string_opt::<i32>());
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_table_gives_back_the_figures_it_was_made_of() {
+    fn unit_a_table_restores_its_figures() {
         let all: Vec<LineMeasure> = QualityFigure::ALL
             .into_iter()
             .enumerate()

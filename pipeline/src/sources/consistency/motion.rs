@@ -18,12 +18,12 @@ const PAUSE_S: f64 = 5.0;
 /// unit.
 const DISAGREE: f64 = 0.4;
 const AGREE: f64 = 0.15;
-/// Where nothing explains the disagreement, this ratio of the distances is still impossible.
+/// Ratio of the distances that is impossible even without an explanation.
 const RATIO: f64 = 5.0;
 /// A chord with a smaller change of height gives no information on the vertical velocity.
 const CLIMB_M: f64 = 15.0;
 
-/// Usual names of the speed over ground. A wind or an airspeed is none.
+/// Usual names of the speed over ground. Wind and airspeed are not included.
 const GROUND_SPEEDS: [&str; 5] = ["speed_over_ground", "ground_speed", "groundspeed", "gnd_speed", "sog"];
 
 /// Units of a velocity over ground, and of a vertical one.
@@ -72,7 +72,7 @@ pub fn mean_speed(chords: &[MotionChord], displacement: fn(&MotionChord) -> [f64
     chords.iter().map(|c| length(displacement(c))).sum::<f64>() / seconds
 }
 
-/// The part of the distance by which positions and velocities disagree; `turn` changes the velocities.
+/// Disagreement of positions and velocities as a share of the distance; `turn` changes the velocities.
 fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
     for chord in chords {
@@ -84,8 +84,8 @@ fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> 
     apart / f64::max(moved, flown)
 }
 
-/// Positions that do not move with the velocities: those of the truth, those of the INS, or of both where each lacks
-/// one.
+/// Fault of positions that do not move with the velocities: of the truth, of the INS, or of both where each lacks one
+/// of them.
 pub fn horizontal(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let own = [TRUTH, INS].into_iter().find_map(|set| motion(line, set));
     let mixed = || match (line.get(TRUTH.lat), line.get(INS.lat)) {
@@ -96,7 +96,7 @@ pub fn horizontal(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     own.or_else(mixed)
 }
 
-/// A unit that velocities may be in, and its factor to the unit that they are said to be in.
+/// Other possible units of velocities, with their factors to the given unit.
 fn other_units<'a>(line: &ConsistencyLine, column: &str, units: &'a [&'a str]) -> Vec<(&'a str, f64)> {
     let declared = match line.origins.unit(column) {
         "" => "m/s",
@@ -106,7 +106,7 @@ fn other_units<'a>(line: &ConsistencyLine, column: &str, units: &'a [&'a str]) -
     units.iter().filter_map(factor).filter(|(_, factor)| (factor - 1.0).abs() > 0.01).collect()
 }
 
-/// Positions that do not move with the velocities.
+/// Fault of positions that do not move with the velocities.
 fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     let (vn, ve) = (line.get(set.vn)?, line.get(set.ve)?);
@@ -149,7 +149,7 @@ fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)
     Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
 }
 
-/// The disagreement that is left in each other unit of both velocities, or of one of them, and what to do about it.
+/// Remaining disagreement in each other unit of both velocities, or of one of them, and the remedy.
 fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> Vec<(f64, String)> {
     let mut causes = vec![];
     for columns in [vec![set.vn, set.ve], vec![set.vn], vec![set.ve]] {
@@ -164,7 +164,7 @@ fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord
     causes
 }
 
-/// The same for axes that are swapped or turned.
+/// The same for swapped or reversed axes.
 fn otherwise(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> [(f64, String); 2] {
     let (n, e) = (line.origins.name(set.vn), line.origins.name(set.ve));
     let signs = format!("longitude and `{e}` have opposite signs; both must be positive to the east");
@@ -174,7 +174,7 @@ fn otherwise(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) ->
     ]
 }
 
-/// A speed over ground, in the unit that the file or the spec gives, that fits the positions in another unit only.
+/// Fault of a speed over ground that fits the positions only in another unit than the file or the spec gives.
 pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(TRUTH.lat)?, line.get(TRUTH.lon)?);
     GROUND_SPEEDS.into_iter().find_map(|name| {
@@ -199,7 +199,7 @@ pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     })
 }
 
-/// Heights that change with the vertical velocity in another unit only.
+/// Fault of heights that change with the vertical velocity only in another unit.
 pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, alt, vd) = (line.get("tt")?, line.get(set.alt)?, line.get(set.vd)?);
     let climbs = climbs(tt, alt, vd);

@@ -73,7 +73,7 @@ fn unit_a_speed_over_ground_is_compared_in_its_own_unit() {
 }
 
 #[test]
-fn r10_noise_and_short_lines_are_no_contradiction() {
+fn unit_noise_and_short_lines_are_no_contradiction() {
     for (rows, noise_m) in [(900, 5.0), (200, 3.0), (60, 0.5), (20, 3.0), (2, 0.0)] {
         assert_eq!(said(&flown(rows, [1.0; 3], noise_m)), Vec::<String>::new(), "{rows} rows, {noise_m} m");
     }

@@ -8,13 +8,13 @@ use schemas::{Fault, canonical::FlightConversion};
 use super::{AttitudeChannel, FlightChannels, LineDetection, PositionChannel};
 use crate::sources::{line_table::LineTable, log_reader::LogReader, midnight::MidnightUnwrapper};
 
-/// Samples closer than this to the one before are left out, s: lines are found at a few samples a second.
+/// Minimum time between used samples, s: lines are found at a few samples per second.
 const STEP_S: f64 = 0.095;
-/// The columns of positions, those to be preferred first.
+/// Columns of positions, in order of preference.
 const POSITIONS: [[&str; 3]; 2] = [["lat", "lon", "alt"], ["ins_lat", "ins_lon", "ins_alt"]];
-/// The height where there is no other.
+/// Column of the height if there is no other.
 const OTHER_HEIGHT: &str = "msl";
-/// And of attitudes.
+/// Columns of attitudes, in order of preference.
 const ATTITUDES: [[&str; 3]; 2] = [["ins_roll", "ins_pitch", "ins_yaw"], ["roll", "pitch", "yaw"]];
 
 /// Three columns of a flight in one table.
@@ -24,7 +24,7 @@ struct TimedTriples {
 }
 
 impl TimedTriples {
-    /// Rows at which the first two are known.
+    /// Number of rows with the first two values.
     fn known(&self) -> usize {
         self.rows.iter().filter(|[_, a, b, _]| a.is_finite() && b.is_finite()).count()
     }
@@ -55,7 +55,7 @@ pub struct ChannelCollector {
 }
 
 impl ChannelCollector {
-    /// Reads a table of a log; tables of one name go on from each other.
+    /// Reads a table of a log; tables of one name are concatenated.
     ///
     /// # Errors
     /// Fails for a log that cannot be read.
@@ -144,10 +144,10 @@ impl ChannelCollector {
     }
 }
 
-/// The lines that are found in the flights of a file.
+/// The lines detected in the flights of a file.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, and for a flight in which there are none.
+/// Fails for a file that cannot be read, and for a flight without lines.
 pub fn table(log: LogReader, path: &Path) -> Result<LineTable, Fault> {
     let mut collector = ChannelCollector::default();
     collector.read(log, "")?;

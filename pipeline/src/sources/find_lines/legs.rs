@@ -6,25 +6,24 @@ use numerics::regression::statistics::{mean, quantile};
 
 use super::motion::{FlightMotion, RATE_HZ, runs};
 
-/// A turn is faster than this part of the rate at which the flight usually turns, within these limits, degrees per
-/// second.
+/// Minimum rate of a turn: a share of the flight's usual turn rate, within limits in degrees per second.
 const PART: f64 = 0.25;
 const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
-/// It changes the course by so much, degrees: the yaws of a calibration do not.
+/// Minimum change of the course by a turn, degrees; the yaw manoeuvres of a calibration stay below it.
 const LEAST_DEG: f64 = 20.0;
-/// A slower moment within a turn, s.
+/// Maximum duration of a slower moment within a turn, s.
 const LULL_S: f64 = 3.0;
 /// Minimum length of a leg, s; shorter ones belong to the adjacent turns. It is the second value or, where no leg is
 /// long, a share `LEG_OF_SHORT` of the longest. The sides of a small square are thus legs in every lap or in none. The
 /// first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
-/// The course of a leg is within this of its mean, degrees, but for a tenth of its samples.
+/// Maximum deviation of the course of a leg from its mean, degrees, except for a tenth of its samples.
 const STRAIGHT_DEG: f64 = 15.0;
-/// Angles are taken without what is slower than this, and their power is over so much time, s.
+/// Period above which changes of the angles are removed, and window of their power, s.
 const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
-/// The aircraft levels out at the ends of a leg, s.
+/// Time in which the aircraft levels out at the ends of a leg, s.
 const SETTLE_S: f64 = 3.0;
 /// Minimum root mean square of a manoeuvre, degrees, and minimum ratio to that of the quiet moments.
 const LEAST_RMS_DEG: f64 = 0.8;
@@ -52,7 +51,7 @@ pub struct StraightLeg {
     pub run: usize,
     /// The mean course, unwrapped within its run, degrees.
     pub course_deg: f64,
-    /// Which of roll, pitch and yaw have a manoeuvre on it.
+    /// Whether roll, pitch and yaw have a manoeuvre on it.
     pub manoeuvres: [bool; 3],
 }
 
@@ -79,7 +78,7 @@ pub struct FlightSegments {
 }
 
 impl FlightSegments {
-    /// The parts of a flight.
+    /// Divides a flight into segments.
     pub fn from_motion(motion: &FlightMotion) -> FlightSegments {
         let rows = motion.tt_s.len();
         let none = vec![f64::NAN; rows];
@@ -108,7 +107,7 @@ impl FlightSegments {
         found
     }
 
-    /// Whether each sample of a run is in a turn; the turns are kept.
+    /// Whether each sample of a run is in a turn. The turns are stored.
     fn turning(&mut self, motion: &FlightMotion, run: &Range<usize>, least_dps: f64) -> Vec<bool> {
         let rates = &motion.turn_dps[run.clone()];
         let mut sides: Vec<i8> = rates.iter().map(|r| if r.abs() < least_dps { 0 } else { r.signum() as i8 }).collect();
@@ -134,7 +133,7 @@ impl FlightSegments {
         turning
     }
 
-    /// The power of the angles on a leg, and which of them have a manoeuvre.
+    /// Computes the power of the angles on a leg, and detects their manoeuvres.
     fn manoeuvres(&mut self, motion: &FlightMotion, leg: &mut StraightLeg) {
         let settle = (SETTLE_S * RATE_HZ) as usize;
         let inner = leg.rows.start + settle..leg.rows.end.saturating_sub(settle);
@@ -165,16 +164,16 @@ impl FlightSegments {
         }
     }
 
-    /// The change of the course from the end of one leg to the start of the next, degrees; `None` where there is a gap
-    /// between.
+    /// The change of the course from the end of one leg to the start of the next, degrees; `None` if there is a gap
+    /// between them.
     pub fn turned_deg(&self, motion: &FlightMotion, from: &StraightLeg, to: &StraightLeg) -> Option<f64> {
         let course = |row: usize| motion.course_deg.get(row).copied();
         (from.run == to.run).then(|| Some(course(to.rows.start)? - course(from.rows.end.checked_sub(1)?)?))?
     }
 }
 
-/// The rate above which it is a turn: a part of that at which half of all that is turned is turned. Long straight
-/// flight does not count, and neither does a sharp corner.
+/// Rate above which the flight turns: a share of the rate at which half of the total turning is accumulated. Long
+/// straight flight and sharp corners have little effect on it.
 fn threshold_dps(motion: &FlightMotion) -> f64 {
     let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();
     rates.sort_by(f64::total_cmp);
@@ -213,7 +212,7 @@ fn equal_runs<T: PartialEq>(entries: &[T]) -> Vec<Range<usize>> {
     found
 }
 
-/// Without the mean of the samples around.
+/// Values minus the mean of the surrounding samples.
 fn less_slow(x: &[f64]) -> Vec<f64> {
     let slow = moving_mean(x, (SLOW_S * RATE_HZ) as usize);
     x.iter().zip(slow).map(|(x, slow)| x - slow).collect()

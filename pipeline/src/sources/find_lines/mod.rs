@@ -1,9 +1,9 @@
-//! Lines of a flight that has none, found from where it went and how it moved: survey lines and tie lines, calibration
-//! boxes, cloverleafs, figures of eight, and circles.
+//! Detection of lines from the motion of a flight: survey lines and tie lines, calibration boxes, cloverleafs, figures
+//! of eight, and circles.
 //!
-//! A turn is where the course changes, to one side and by more than a calibration's yaws; the legs between are
-//! straight. Manoeuvres are where the power of roll, pitch or yaw on a leg is far above that of its quiet moments.
-//! Nothing is tuned to an aircraft: limits are parts of what is usual in the flight.
+//! A turn is a change of the course to one side by more than a calibration's yaw manoeuvres; the legs between turns are
+//! straight. A manoeuvre is a part of a leg where the power of roll, pitch or yaw is far above that of its quiet
+//! moments. All limits are relative to usual values of the flight, not tuned to an aircraft.
 
 mod collect;
 mod legs;
@@ -23,15 +23,15 @@ pub use motion::{AttitudeChannel, FlightChannels, FlightMotion, PositionChannel}
 pub use patterns::{DetectedLine, LinePattern};
 pub use picture::{png, svg};
 
-/// Raised when other lines are found.
+/// Raised when other lines are detected.
 pub const VERSION: &str = "found lines 2";
 
 /// Lines detected in a flight, with its motion and segments.
 #[derive(Clone, Debug)]
 pub struct LineDetection {
-    /// The flight on even times.
+    /// Motion of the flight at even times.
     pub motion: FlightMotion,
-    /// Its parts.
+    /// Its segments.
     pub parts: FlightSegments,
     /// Its lines, in the order of their times.
     pub lines: Vec<DetectedLine>,
@@ -46,7 +46,7 @@ impl LineDetection {
         LineDetection { motion, parts, lines }
     }
 
-    /// The first and last time of a line, s past midnight UTC: tenths, so that they are the same as text.
+    /// First and last time of a line, s past midnight UTC, rounded to 0.1 s so that text holds them exactly.
     pub fn times_s(&self, line: &DetectedLine) -> (f64, f64) {
         let at = |row: usize| self.motion.tt_s.get(row).map_or(f64::NAN, |t| (10.0 * t).round() / 10.0);
         (at(line.rows.start), at(line.rows.end.saturating_sub(1)))
@@ -61,8 +61,8 @@ impl LineDetection {
         self.lines.iter().map(one).collect()
     }
 
-    /// Takes other lines for those that were found: name, first and last time, s past midnight UTC. Their kinds are
-    /// what their names begin with.
+    /// Replaces the detected lines by `lines`: name, first and last time, s past midnight UTC. The name determines the
+    /// kind by its first letters.
     pub fn divide(&mut self, lines: &[(String, f64, f64)]) {
         let tt = &self.motion.tt_s;
         let one = |(name, from, to): &(String, f64, f64)| {
@@ -74,7 +74,7 @@ impl LineDetection {
         self.lines = lines.iter().map(one).filter(|line| !line.rows.is_empty()).collect();
     }
 
-    /// Why there are no lines; `None` where there are some.
+    /// Fault of a flight without lines; `None` if it has lines.
     pub fn missing(&self, flight: &str) -> Option<Fault> {
         if !self.lines.is_empty() {
             return None;
@@ -93,7 +93,7 @@ impl LineDetection {
     }
 }
 
-/// The lines of flights as a table of lines, in CSV; columns beyond the first four are for people.
+/// The lines of flights as a table of lines, in CSV. Columns after the first four are informative.
 pub fn csv(flights: &[(String, LineDetection)]) -> String {
     let mut text = "flight,line,t_start,t_end,kind,heading_deg,length_m,alt_m,manoeuvres\n".to_owned();
     for (flight, found) in flights {
@@ -125,7 +125,7 @@ fn quoted(text: &str) -> String {
 }
 
 impl LineDetection {
-    /// The way along a line, m; `None` without positions.
+    /// Length of the track along a line, m; `None` without positions.
     pub fn length_m(&self, line: &DetectedLine) -> Option<f64> {
         let north = self.motion.north_m.get(line.rows.clone())?;
         let east = self.motion.east_m.get(line.rows.clone())?;

@@ -1,4 +1,4 @@
-//! A flight on even times: where it is, how fast and on which course, and its attitude.
+//! A flight at even times: position, speed, course and attitude.
 
 use numerics::{
     angle::{unwrapped_deg, wrap_deg},
@@ -10,32 +10,32 @@ use std::ops::Range;
 
 /// The rate of the even times.
 pub const RATE_HZ: f64 = 5.0;
-/// The polynomials whose slopes are the velocity and the rate of turn: samples.
+/// Number of samples of the polynomials whose slopes are the velocity and the turn rate.
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
 /// Limits of the speed on the ground or in hover: a share of the flight's usual speed, and a minimum speed.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
-/// Its usual speed is this quantile: most of a log may be on the ground.
+/// Quantile that gives the usual speed; most of a log may be on the ground.
 const USUAL: f64 = 0.95;
 
 /// Positions of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
 pub struct PositionChannel {
-    /// s past midnight UTC.
+    /// Times, s past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// Degrees.
+    /// Latitudes, degrees.
     pub lat_deg: Vec<f64>,
-    /// Degrees.
+    /// Longitudes, degrees.
     pub lon_deg: Vec<f64>,
-    /// Height, m; NaN where it is not known.
+    /// Heights, m; NaN if unknown.
     pub alt_m: Vec<f64>,
 }
 
 /// Attitudes of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
 pub struct AttitudeChannel {
-    /// s past midnight UTC.
+    /// Times, s past midnight UTC.
     pub tt_s: Vec<f64>,
     /// Roll, pitch and yaw, degrees.
     pub angles_deg: [Vec<f64>; 3],
@@ -44,37 +44,37 @@ pub struct AttitudeChannel {
 /// Position and attitude of a flight, the inputs of line detection.
 #[derive(Clone, Debug, Default)]
 pub struct FlightChannels {
-    /// Empty where there is none.
+    /// Positions; may be empty.
     pub position: PositionChannel,
-    /// Empty where there is none.
+    /// Attitudes; may be empty.
     pub attitude: AttitudeChannel,
 }
 
 /// Motion of a flight at 5 Hz; NaN where unknown.
 #[derive(Clone, Debug, Default)]
 pub struct FlightMotion {
-    /// Multiples of the step, s past midnight UTC.
+    /// Times, multiples of the step, s past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// From the first position, m.
+    /// North of the first position, m.
     pub north_m: Vec<f64>,
-    /// From the first position, m.
+    /// East of the first position, m.
     pub east_m: Vec<f64>,
     /// Height, m.
     pub alt_m: Vec<f64>,
-    /// Over ground, m/s.
+    /// Speed over ground, m/s.
     pub speed_mps: Vec<f64>,
     /// Course, or heading without positions, degrees, unwrapped within a run.
     pub course_deg: Vec<f64>,
-    /// Its rate of change, degrees per second.
+    /// Rate of change of the course, degrees per second.
     pub turn_dps: Vec<f64>,
     /// Roll, pitch and yaw, degrees, unwrapped.
     pub angles_deg: [Vec<f64>; 3],
-    /// The stretches in which it moves, without a gap.
+    /// Stretches of motion without a gap.
     pub runs: Vec<Range<usize>>,
 }
 
 impl FlightMotion {
-    /// The motion of a flight; empty where it has neither positions nor headings.
+    /// The motion of a flight; empty without positions and headings.
     pub fn from_channels(channels: &FlightChannels) -> FlightMotion {
         let FlightChannels { position, attitude } = channels;
         let Some(tt_s) = even_times(&[&position.tt_s, &attitude.tt_s]) else { return FlightMotion::default() };
@@ -92,7 +92,7 @@ impl FlightMotion {
         motion
     }
 
-    /// Speed and course from the positions; whether it moves.
+    /// Computes speed and course from the positions. Returns whether the aircraft moves at each time.
     fn of_positions(&mut self) -> Vec<bool> {
         let Ok(slope) = SavitzkyGolay::new(VELOCITY_WINDOW, 2, 1) else { return vec![] };
         for run in runs(self.north_m.iter().map(|x| x.is_finite())) {
@@ -113,14 +113,14 @@ impl FlightMotion {
         self.speed_mps.iter().map(|v| *v > slow).collect()
     }
 
-    /// The heading for a course.
+    /// Uses the heading as the course. Returns whether the aircraft moves at each time.
     fn of_headings(&mut self) -> Vec<bool> {
         let [_, _, yaw] = &self.angles_deg;
         self.course_deg.clone_from(yaw);
         yaw.iter().map(|x| x.is_finite()).collect()
     }
 
-    /// The rate of turn in each stretch in which it moves.
+    /// Computes the turn rate in each stretch of motion.
     fn turns(&mut self, moving: &[bool]) {
         let Ok(slope) = SavitzkyGolay::new(TURN_WINDOW, 2, 1) else { return };
         for run in runs(moving.iter().copied()) {
@@ -138,7 +138,7 @@ impl FlightMotion {
     }
 }
 
-/// The runs of rows for which something holds.
+/// The runs of rows for which `holds` is true.
 pub fn runs(holds: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
     let mut found: Vec<Range<usize>> = vec![];
     for (row, _) in holds.enumerate().filter(|(_, holds)| *holds) {
@@ -152,7 +152,7 @@ pub fn runs(holds: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
 
 /// Multiples of the step from the first to the last of all times.
 fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
-    /// A flight of more than ten days is none.
+    /// Maximum number of samples, for ten days.
     const MOST: f64 = 10.0 * 86_400.0 * RATE_HZ;
     let ends = all.iter().filter_map(|tt| Some((*tt.first()?, *tt.last()?)));
     let (first, last) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
@@ -163,8 +163,8 @@ fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
     Some((0..=(to - from) as usize).map(|k| (from + k as f64) / RATE_HZ).collect())
 }
 
-/// Times, north, east (from the first position) and height, m, of the positions that are new: a receiver's are repeated
-/// until its next fix.
+/// Times, north and east of the first position and height, m, without positions that a receiver repeats until its next
+/// fix.
 fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut tt, mut north, mut east, mut alt) = (vec![], vec![], vec![], vec![]);
     let mut last: Option<(f64, f64)> = None;
@@ -175,7 +175,7 @@ fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Ve
             continue;
         }
         if let Some(before) = last {
-            // Step by step, so that it holds anywhere and over the date line.
+            // Step by step, which is valid anywhere, including across the date line.
             let to = (*lat, before.1 + wrap_deg(lon - before.1));
             let (dn, de) = EarthModel::default().offset_ne_m(before, to, 0.0);
             (n, e) = (n + dn, e + de);

@@ -12,7 +12,7 @@ use super::{
 /// Flight pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum LinePattern {
-    /// Straight on.
+    /// A straight line.
     Line,
     /// A line across two or more of the survey's lines.
     Tie,
@@ -20,14 +20,14 @@ pub enum LinePattern {
     Box,
     /// Over one place on several courses, by loops to one side.
     Cloverleaf,
-    /// The same by loops to either side in turn.
+    /// The same by loops to alternate sides.
     FigureEight,
     /// A full turn or more.
     Circle,
 }
 
 impl LinePattern {
-    /// All of them.
+    /// All patterns.
     pub const ALL: [LinePattern; 6] = [
         LinePattern::Line,
         LinePattern::Tie,
@@ -37,7 +37,7 @@ impl LinePattern {
         LinePattern::Circle,
     ];
 
-    /// The word for it, with which names of lines begin.
+    /// The pattern as text, with which names of lines begin.
     pub const fn word(self) -> &'static str {
         match self {
             LinePattern::Line => "line",
@@ -53,50 +53,48 @@ impl LinePattern {
 /// A detected line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DetectedLine {
-    /// Its kind and its number among those, such as `box1`; numbers of one kind have as many digits.
+    /// Its kind and number, such as `box1`. The numbers of one kind have equally many digits.
     pub name: String,
     /// Kind of the line.
     pub kind: LinePattern,
-    /// Its rows of the even times.
+    /// Its rows at even times.
     pub rows: Range<usize>,
     /// The course of a straight line, 0 to 360 degrees.
     pub heading_deg: Option<f64>,
-    /// Which of roll, pitch and yaw have a manoeuvre on a leg of it.
+    /// Whether roll, pitch and yaw have a manoeuvre on any of its legs.
     pub manoeuvres: [bool; 3],
 }
 
-/// Legs that are a right angle apart, degrees.
+/// Angle between legs at a right angle, degrees.
 const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
 /// Minimum number of legs of a box, and minimum share of them with manoeuvres of the same angle.
 const BOX_LEGS: usize = 4;
 const BOX_PART: f64 = 0.75;
-/// A loop that leads back over the place it came from, degrees.
+/// Turn of a loop that leads back over its start, degrees.
 const LOOP_DEG: (f64, f64) = (180.0, 340.0);
 /// Maximum distance of a crossing beyond the end of a leg, in legs.
 const BEYOND: f64 = 0.1;
 /// Maximum distance between crossings at one place: share of the way from the place to the loop, and m.
 const SAME_PART: f64 = 0.35;
 const SAME_M: f64 = 10.0;
-/// The way to the first loop, and from the last, is taken to be as long as this many times that from the place to the
-/// loop.
+/// Assumed length of the way to the first loop and from the last, relative to the way from the place to the loop.
 const LEAD: f64 = 1.5;
-/// Loops to either side that make a figure of eight, and loops to one side that make a cloverleaf: two of these also
-/// lead from a survey line to the next one, where that is near.
+/// Minimum number of loops of a figure of eight, and of a cloverleaf. Two loops to one side may also lead from a survey
+/// line to the next one, if that is near.
 const EIGHT: usize = 2;
 const CLOVER: usize = 3;
-/// A circle, degrees: nearly, since a turn begins and ends slowly.
+/// Minimum turn of a circle, degrees; a turn begins and ends slowly.
 const CIRCLE_DEG: f64 = 340.0;
-/// The shortest line: a part of the longest leg, within these limits, s; where no leg is long, this part of the
-/// longest.
+/// Minimum duration of a line: a share of the longest leg, within limits, s; if no leg is long, another share of the
+/// longest leg.
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
 const SHORTEST_OF_SHORT: f64 = 0.35;
-/// A leg across two that are parallel, from the one to the other, is no line where it is shorter than this part of
-/// both.
+/// Maximum length of a leg that only connects two parallel legs, relative to both.
 const CONNECTS: f64 = 0.6;
-/// Lines of a survey are within this of its axis, and tie lines of the perpendicular, degrees.
+/// Maximum deviation of survey lines from the survey's axis, and of tie lines from its perpendicular, degrees.
 const ALONG_DEG: f64 = 25.0;
-/// How even the lines' axis is, 0 to 1, where the survey has one.
+/// Minimum concentration of the lines about one axis, 0 to 1.
 const ONE_AXIS: f64 = 0.2;
 
 type NorthEast = (f64, f64);
@@ -111,14 +109,14 @@ struct SegmentedFlight<'a> {
 struct TurnLoop {
     /// The leg before.
     leg: usize,
-    /// The leg after; none where the flight ends with the loop.
+    /// The leg after; `None` if the flight ends with the loop.
     next: Option<usize>,
     right: bool,
-    /// Where they cross: north and east, m.
+    /// Crossing of the legs: north and east, m.
     place: NorthEast,
-    /// From there to the loop, m.
+    /// Distance from the crossing to the loop, m.
     lead_m: f64,
-    /// The rows where the place is passed before and after.
+    /// Rows at which the crossing is passed before and after the loop.
     passes: (usize, usize),
 }
 
@@ -185,7 +183,7 @@ impl SegmentedFlight<'_> {
         (self.at(rows.start), self.at(rows.end.saturating_sub(1)))
     }
 
-    /// The least rows of a line.
+    /// Minimum number of rows of a line.
     fn shortest(&self) -> usize {
         let longest = self.parts.legs.iter().map(|l| l.rows.len()).max().unwrap_or(0) as f64;
         let least = (SHORTEST_S.0 * RATE_HZ).min(SHORTEST_OF_SHORT * longest);
@@ -248,7 +246,7 @@ impl SegmentedFlight<'_> {
         let after = legs.get(number + 1).filter(|next| next.run == leg.run);
         let (turned_deg, rows) = match after {
             Some(next) => (self.parts.turned_deg(self.motion, leg, next)?, next.rows.clone()),
-            // The flight ends with the loop: its last second says where it leads.
+            // The flight ends with the loop: its last second gives the direction.
             None => {
                 let course = |row: usize| self.motion.course_deg.get(row).copied();
                 let last = run.end.checked_sub(1)?;
@@ -339,11 +337,11 @@ impl SegmentedFlight<'_> {
         groups.into_iter().filter_map(trimmed).collect()
     }
 
-    /// Tells tie lines from the lines that they cross.
+    /// Distinguishes tie lines from the lines that they cross.
     fn tie(&self, lines: &mut [DetectedLine]) {
         let sides: Vec<(NorthEast, NorthEast)> = lines.iter().map(|l| self.ends(&l.rows)).collect();
         let vector = |(a, b): &(NorthEast, NorthEast)| (b.0 - a.0, b.1 - a.1);
-        // Twice the angle, so that to and fro are one axis.
+        // Twice the angle, so that opposite directions are one axis.
         let (mut cos, mut sin, mut all_m) = (0.0, 0.0, 0.0);
         for side in &sides {
             let (n, e) = vector(side);
@@ -364,7 +362,7 @@ impl SegmentedFlight<'_> {
             off.min(180.0 - off)
         };
         let survey: Vec<&(NorthEast, NorthEast)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
-        // A tie line may begin and end on lines; what crosses beyond their ends leads from one to another.
+        // A tie line may begin and end on lines. A leg that crosses beyond their ends connects two lines.
         let on = |(_, tie, line): (NorthEast, f64, f64)| {
             (-BEYOND..1.0 + BEYOND).contains(&tie) && (0.0..=1.0).contains(&line)
         };
@@ -377,15 +375,15 @@ impl SegmentedFlight<'_> {
     }
 }
 
-/// Whether loops are to one side and the other in turn.
+/// Whether loops are to alternate sides.
 fn to_each_side(group: &[TurnLoop]) -> bool {
     group.windows(2).all(|w| w[0].right != w[1].right)
 }
 
-/// Where two straight lines cross, and how far along each of them, in its lengths; `None` where they are nearly
+/// Crossing of two straight lines, and its distance along each in lengths of the line; `None` if they are nearly
 /// parallel.
 fn crossing(a: (NorthEast, NorthEast), b: (NorthEast, NorthEast)) -> Option<(NorthEast, f64, f64)> {
-    /// The sine of the least angle.
+    /// Minimum sine of the angle.
     const LEAST: f64 = 0.5;
     let (u, v) = ((a.1.0 - a.0.0, a.1.1 - a.0.1), (b.1.0 - b.0.0, b.1.1 - b.0.1));
     let across = u.0 * v.1 - u.1 * v.0;

@@ -1,4 +1,4 @@
-//! The picture to check the lines of a flight by.
+//! Picture for checking the lines of a flight.
 
 use figures::{FlightPart, FlightPicture, TimePanel, flight_png, flight_svg};
 use schemas::Fault;
@@ -10,8 +10,8 @@ const SLOW: usize = 0;
 const BETWEEN: usize = 1;
 const MANOEUVRE: usize = 2 + LinePattern::ALL.len();
 
-/// Names and colours: first what is between the lines, then the lines, then manoeuvres upon them. Distinguishable
-/// without red-green vision [Wong 2011, Nature Methods 8, 441].
+/// Names and colours: first between the lines, then the lines, then manoeuvres on them. Distinguishable without
+/// red-green vision [Wong 2011, Nature Methods 8, 441].
 const KINDS: [(&str, [u8; 3]); 9] = [
     ("on the ground, or slow", [205, 205, 205]),
     ("turn, or too short", [140, 140, 140]),

@@ -53,7 +53,7 @@ fn kinds(found: &LineDetection) -> Vec<LinePattern> {
     found.lines.iter().map(|l| l.kind).collect()
 }
 
-/// The times of each line differ by less than so much, s.
+/// Maximum error of the times of a line, s.
 const SHARP_S: f64 = 4.0;
 
 fn close(found: (f64, f64), known: (f64, f64)) -> bool {
@@ -61,7 +61,7 @@ fn close(found: (f64, f64), known: (f64, f64)) -> bool {
 }
 
 #[test]
-fn law_calibrations_are_found_where_the_simulator_flew_them() {
+fn unit_simulated_calibrations_are_found_at_their_times() {
     let spec = [
         line("1", "kind = 'box'\nstart = [-22.0, 140.6]\nheading_deg = 30.0"),
         line("2", "kind = 'cloverleaf'\ncenter = [-22.0, 140.6]\nheading_deg = 15.0"),
@@ -94,7 +94,7 @@ fn law_calibrations_are_found_where_the_simulator_flew_them() {
 }
 
 #[test]
-fn law_a_grid_flown_at_once_has_the_lines_that_it_has_one_by_one() {
+fn unit_a_grid_has_the_same_lines_whole_and_split() {
     let grid = |split: bool| {
         let keys = format!(
             "kind = 'grid'\nsplit = {split}\norigin = [-22.0, 140.6]\nheading_deg = 20.0\nline_m = 9000.0\nspacing_m = 800.0\n\
@@ -102,7 +102,7 @@ fn law_a_grid_flown_at_once_has_the_lines_that_it_has_one_by_one() {
         );
         flown(&line("G", &keys))
     };
-    // The simulator's lines of the split grid are at the times at which the whole one is flown, the turns left out.
+    // The simulator's lines of the split grid are at the times of the whole grid, without the turns.
     let ((found, whole), (_, known)) = (grid(false), grid(true));
     assert_eq!((whole.len(), known.len()), (1, 8));
     for (name, times) in &known {
@@ -120,7 +120,7 @@ fn law_a_grid_flown_at_once_has_the_lines_that_it_has_one_by_one() {
 }
 
 #[test]
-fn law_survey_legs_are_lines_and_a_square_without_manoeuvres_is_no_box() {
+fn unit_survey_legs_are_lines_and_plain_squares_are_no_boxes() {
     let square =
         "kind = 'free'\nwaypoints = [[-22.0, 140.6], [-21.9, 140.6], [-21.9, 140.7], [-22.0, 140.7], [-22.0, 140.58]]";
     let narrow = "kind = 'grid'\nsplit = false\norigin = [-22.0, 140.6]\nline_m = 3000.0\nspacing_m = 50.0\ncount = 6\nspeed_mps = 28.0";
@@ -152,8 +152,7 @@ fn through(mapping: &str, files: &[(&str, &str)]) -> LineDetection {
 
 #[test]
 fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
-    // Its log says: in the air from 211 to 579 s, squares of 150 m from 235 to 533 s. Its clock was 0 at 16:45:31.259
-    // UTC.
+    // Its log: in the air from 211 to 579 s, squares of 150 m from 235 to 533 s. Its clock was 0 at 16:45:31.259 UTC.
     let found = through("thor75_parquet", &[("thor75/flight.parquet", "flight")]);
     let start_s = 16.0 * 3600.0 + 45.0 * 60.0 + 31.259;
     let on_squares = |line: &&DetectedLine| {
@@ -170,7 +169,7 @@ fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
     }
     assert_eq!(sides.len(), 21, "{:?}", found.spans());
     for side in sides {
-        // The autopilot's squares are 5 degrees off the compass, and wind and 1 Hz of GNSS take some more.
+        // The autopilot's squares are 5 degrees off the compass; wind and GNSS at 1 Hz cause further deviation.
         let off = (side.heading_deg.unwrap() + 5.0).rem_euclid(90.0);
         let length_m = found.length_m(side).unwrap();
         assert!(off.min(90.0 - off) < 22.0 && length_m < 150.0, "{side:?} {length_m}");
@@ -182,7 +181,7 @@ fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
 
 #[test]
 fn ref_an_aerobatic_flight_has_circles_and_none_on_the_ground() {
-    // Its log says: on the ground until 262 s, flight 262 to 580 s, in three tables with a clock of their own each.
+    // Its log: on the ground until 262 s, in flight from 262 to 580 s, in three tables with separate clocks.
     let tables = [("skywalker_x8/gps.parquet", "gps"), ("skywalker_x8/attitude.parquet", "attitude")];
     let found = through("skywalker_x8_parquet", &tables);
     let start_s = 21.0 * 3600.0 + 59.0 * 60.0 + 47.52;
@@ -191,7 +190,7 @@ fn ref_an_aerobatic_flight_has_circles_and_none_on_the_ground() {
         let (from, to) = found.times_s(line);
         assert!(from > start_s + 260.0 && to < start_s + 582.0, "{} {from} {to}", line.name);
     }
-    // From the table of attitudes.
+    // Columns of the table of attitudes.
     let known = |x: &[f64]| x.iter().filter(|x| x.is_finite()).count();
     assert!(known(&found.motion.angles_deg[0]) > 2000 && known(&found.motion.alt_m) > 1000);
 }
@@ -226,7 +225,7 @@ fn along(legs: &[(f64, f64)], from: (f64, f64)) -> FlightChannels {
 }
 
 #[test]
-fn law_the_same_lines_are_found_anywhere_and_from_headings_alone() {
+fn unit_the_same_lines_are_found_anywhere_and_from_headings_alone() {
     let legs = [(350.0, 120.0), (440.0, 90.0), (530.0, 120.0)];
     let spans = |channels: &FlightChannels| LineDetection::from_channels(channels).spans();
     let here = spans(&along(&legs, (-33.0, 20.0)));
@@ -244,7 +243,7 @@ fn law_the_same_lines_are_found_anywhere_and_from_headings_alone() {
 }
 
 #[test]
-fn unit_what_has_no_lines_says_why() {
+fn unit_a_flight_without_lines_has_a_reason() {
     let said = |channels: &FlightChannels| LineDetection::from_channels(channels).missing("7").unwrap().to_string();
     assert!(said(&FlightChannels::default()).contains("neither positions nor headings"));
     let mut still = along(&[(0.0, 60.0)], (10.0, 10.0));
@@ -265,7 +264,7 @@ fn unit_what_has_no_lines_says_why() {
 }
 
 #[test]
-fn unit_the_table_of_lines_reads_back_as_it_was_found() {
+fn unit_the_table_of_lines_is_restored() {
     let found = LineDetection::from_channels(&along(&[(350.0, 120.0), (440.0, 90.0)], (-33.0, 20.0)));
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("lines.csv");
@@ -273,7 +272,7 @@ fn unit_the_table_of_lines_reads_back_as_it_was_found() {
     fs::write(&path, csv(&[("7, \"a\"".to_owned(), found.clone())])).unwrap();
     let table = crate::sources::LineTable::read(&path).unwrap();
     assert_eq!(table.lines_of("7, \"a\""), spans);
-    // And lines that were given are shown as those that were found.
+    // Given lines are drawn like detected lines.
     let mut given = found.clone();
     given.divide(&spans);
     let rows = |f: &LineDetection| f.lines.iter().map(|l| (l.name.clone(), l.kind, l.rows.clone())).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! A table of a mapping against the columns of one file: every name, unit and expression is checked before a row is
+//! A table of a mapping bound to the columns of one file. Every name, unit and expression is checked before a row is
 //! read.
 
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use super::{
 /// Source of the flight or line identifier.
 #[derive(Clone, Debug)]
 pub enum KeySource {
-    /// One for all rows.
+    /// One text for all rows.
     Constant(String),
     /// A column.
     Column(usize),
@@ -31,7 +31,7 @@ pub enum KeySource {
 /// Mapping table bound to the columns of a file.
 #[derive(Clone, Debug)]
 pub struct MappingBinding {
-    /// The fields of what it yields: flight, line, tt, the date where it is known, and the other columns.
+    /// Fields of the output: flight, line, tt, the date if known, and the other columns.
     pub schema: SchemaRef,
     /// The flight and the line.
     pub keys: [KeySource; 2],
@@ -56,7 +56,7 @@ pub struct GivenKeys<'a> {
 }
 
 impl MappingBinding {
-    /// The table `decl` on the columns of a file. Faults are left in `columns`.
+    /// Binds the table `decl` to the columns of a file. Faults are added to `columns`.
     pub fn new(
         decl: &TableDecl,
         columns: &mut MappingColumns,
@@ -118,7 +118,7 @@ impl MappingBinding {
     /// Columns of some rows of the file, except keys, time and date.
     ///
     /// # Errors
-    /// Fails where an expression cannot be evaluated.
+    /// Fails when an expression cannot be evaluated.
     pub fn columns(&self, batch: &RecordBatch) -> Result<Vec<ArrayRef>, Fault> {
         let mut out: Vec<ArrayRef> = vec![];
         for output in &self.outputs {
@@ -159,10 +159,10 @@ impl MappingBinding {
         Ok(out)
     }
 
-    /// For each row of the file, whether the condition on rows holds; `None` where there is none.
+    /// Whether the condition on rows holds for each row of the file; `None` without a condition.
     ///
     /// # Errors
-    /// Fails where it cannot be evaluated.
+    /// Fails when it cannot be evaluated.
     pub fn kept(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         let Some(sql) = &self.rows else { return Ok(None) };
         let mask = sql.evaluate(batch)?;
@@ -175,10 +175,10 @@ fn axes_of(rows: &[[f64; 3]]) -> [ArrayRef; 3] {
     [0, 1, 2].map(|k| Arc::new(rows.iter().map(|v| v[k]).collect::<Float64Array>()) as ArrayRef)
 }
 
-/// The texts of a key: those of [`identifier`] for numbers.
+/// The texts of a key; numbers are formatted by [`identifier`].
 ///
 /// # Errors
-/// Fails where an expression cannot be evaluated.
+/// Fails when an expression cannot be evaluated.
 pub fn key_texts(source: &KeySource, batch: &RecordBatch) -> Result<StringArray, Fault> {
     let array = match source {
         KeySource::Constant(text) => return Ok(StringArray::from(vec![text.as_str(); batch.num_rows()])),

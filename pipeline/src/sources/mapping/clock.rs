@@ -1,4 +1,4 @@
-//! Time as logs have it: days and seconds of UTC from Unix time, GPS weeks, times of the day and text.
+//! Log times as days and seconds of UTC, from Unix time, GPS weeks, times of the day and text.
 
 use chrono::{DateTime, Datelike, NaiveDate, NaiveDateTime, NaiveTime, Timelike};
 
@@ -10,7 +10,7 @@ pub const DAY_S: f64 = 86_400.0;
 pub struct UtcInstant {
     /// Days since 1970-01-01.
     pub day: i64,
-    /// Seconds past the midnight that the day begins with, 0 to 86400.
+    /// Seconds past the midnight at the start of the day, 0 to 86400.
     pub s: f64,
 }
 
@@ -19,8 +19,7 @@ const UNIX_DAY: i64 = 719_163;
 /// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
 const GPS_DAY: i64 = 3_657;
 
-/// From when on GPS time is how many seconds ahead of UTC: days since 1970-01-01 (IERS bulletin C). The first day of
-/// each difference.
+/// GPS time minus UTC, s, and the first day of each value, in days since 1970-01-01 (IERS bulletin C).
 const LEAP_S: &[(i64, f64)] = &[
     (GPS_DAY, 0.0),
     (4_199, 1.0),   // 1981-07-01
@@ -44,7 +43,7 @@ const LEAP_S: &[(i64, f64)] = &[
 ];
 
 impl UtcInstant {
-    /// The instant some seconds after the midnight of a day; the seconds may be outside of the day.
+    /// The instant `s` seconds after the midnight of `day`; `s` may be outside of the day.
     pub fn new(day: i64, s: f64) -> UtcInstant {
         let days = (s / DAY_S).floor();
         let within = s - days * DAY_S;
@@ -62,8 +61,8 @@ impl UtcInstant {
         UtcInstant { day: ns.div_euclid(DAY_NS) as i64, s: ns.rem_euclid(DAY_NS) as f64 / 1e9 }
     }
 
-    /// The instant of a GPS week and seconds of it. `leap_s` is GPS time less UTC; that of the date where it is `None`.
-    /// `None` before 1980.
+    /// The instant of a GPS week and seconds of it. `leap_s` is GPS time minus UTC; by default the value of the date.
+    /// Returns `None` before 1980.
     pub fn of_gps(week: i64, s: f64, leap_s: Option<f64>) -> Option<UtcInstant> {
         let gps = UtcInstant::new(GPS_DAY.checked_add(week.checked_mul(7)?)?, s);
         if gps.day < GPS_DAY {
@@ -82,7 +81,7 @@ impl UtcInstant {
         (self.day - day) as f64 * DAY_S + self.s
     }
 
-    /// Some seconds later.
+    /// The instant `s` seconds later.
     pub fn plus(self, s: f64) -> UtcInstant {
         UtcInstant::new(self.day, self.s + s)
     }
@@ -133,14 +132,14 @@ pub fn read_zone(text: &str) -> Option<f64> {
     (hours <= 14 && minutes < 60).then(|| sign * (f64::from(hours) * 3600.0 + f64::from(minutes) * 60.0))
 }
 
-/// A time stamp in text: with its date, or of a day.
+/// A time stamp in text, with or without a date.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TimeText {
-    /// An instant, of UTC where the text says its offset.
+    /// An instant; UTC if the text has an offset.
     At {
         /// The instant.
         instant: UtcInstant,
-        /// Whether the text says its own offset from UTC, which was taken off.
+        /// Whether the text has an offset from UTC, which was subtracted.
         zoned: bool,
     },
     /// Seconds past midnight.
@@ -152,14 +151,14 @@ pub enum TimeText {
 pub enum TimeTextFormat {
     /// ISO 8601.
     Iso,
-    /// In the letters of `strftime`, with a date.
+    /// A format of `strftime`, with a date.
     Dated(String, bool),
-    /// In the letters of `strftime`, without a date.
+    /// A format of `strftime`, without a date.
     OfDay(String),
 }
 
 impl TimeTextFormat {
-    /// Reads a form; `None` where it has letters that `strftime` does not have, or no time.
+    /// Parses a format; `None` if `strftime` does not support it, or it has no time.
     pub fn new(format: Option<&str>) -> Option<TimeTextFormat> {
         use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
         let Some(format) = format else { return Some(TimeTextFormat::Iso) };
@@ -193,12 +192,12 @@ impl TimeTextFormat {
         !matches!(self, TimeTextFormat::OfDay(_))
     }
 
-    /// Whether its text holds an offset from UTC. That of ISO 8601 may or may not.
+    /// Whether its text always holds an offset from UTC; in ISO 8601 it is optional.
     pub fn is_zoned(&self) -> bool {
         matches!(self, TimeTextFormat::Dated(_, true))
     }
 
-    /// The time that a text says.
+    /// Parses the time in a text.
     pub fn read(&self, text: &str) -> Option<TimeText> {
         let text = text.trim();
         match self {
@@ -221,8 +220,8 @@ impl TimeTextFormat {
     }
 }
 
-/// The digits before the decimal point of a number in a form: 6 of `%H%M%S%.f`. `None` where the form holds anything
-/// but digits and a fraction at its end.
+/// Digits before the decimal point of a number in a format: 6 for `%H%M%S%.f`. `None` if the format holds anything but
+/// digits and a fraction at its end.
 pub fn digits_of(format: &str) -> Option<usize> {
     use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
     let (mut digits, mut fraction) = (0, false);
@@ -245,14 +244,14 @@ pub fn digits_of(format: &str) -> Option<usize> {
     Some(digits)
 }
 
-/// A number with zeros in front, up to this many digits before the decimal point: 641.5 is `000641.5`.
+/// A number padded with zeros to this many digits before the decimal point: 641.5 becomes `000641.5`.
 pub fn padded(x: f64, digits: usize) -> String {
     let text = schemas::canonical::identifier(x);
     let whole = text.split_once('.').map_or(text.len(), |(whole, _)| whole.len());
     if x < 0.0 { text } else { "0".repeat(digits.saturating_sub(whole)) + &text }
 }
 
-/// ISO 8601 with a `T` or a space; without an offset as it stands.
+/// Parses ISO 8601 with a `T` or a space. A time without an offset is not shifted.
 fn iso(text: &str) -> Option<UtcInstant> {
     let text = text.trim();
     if let Ok(at) = DateTime::parse_from_rfc3339(text) {
@@ -278,7 +277,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_gps_weeks_are_the_dates_that_receivers_print() {
+    fn ref_gps_weeks_have_the_dates_of_receivers() {
         // The logs of this project: log171.bin of ArduPilot (21 Nov 2015, 23:44 UTC), the Skywalker (29 Nov 2013).
         let at = UtcInstant::of_gps(1871, 603_882.4, None).unwrap();
         assert_eq!(date_text(at.day), "2015-11-21");

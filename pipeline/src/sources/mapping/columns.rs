@@ -1,4 +1,4 @@
-//! The columns of one file as a mapping names them, and how the columns that it makes come about.
+//! The columns of one file as named by a mapping, and the recipes of the output columns.
 
 use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
@@ -19,7 +19,7 @@ pub struct MappingColumns<'a> {
     pub source: &'a Schema,
     /// The file and its topic, for messages.
     pub place: String,
-    /// All that is wrong.
+    /// All faults.
     pub faults: Vec<Fault>,
 }
 
@@ -29,7 +29,7 @@ impl<'a> MappingColumns<'a> {
         MappingColumns { source, place, faults: vec![] }
     }
 
-    /// Notes a fault.
+    /// Adds a fault.
     pub fn push(&mut self, fault: Fault) {
         self.faults.push(fault);
     }
@@ -90,7 +90,7 @@ impl SqlExpression {
     /// Its values.
     ///
     /// # Errors
-    /// Fails where it cannot be evaluated, at its place in the mapping.
+    /// Fails when it cannot be evaluated, with its position in the mapping.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         self.value.evaluate(batch).map_err(|f| f.at(self.at.clone()))
     }
@@ -151,7 +151,7 @@ pub fn numbers(batch: &RecordBatch, at: usize) -> Result<Vec<f64>, Fault> {
 /// The texts of a column.
 ///
 /// # Errors
-/// Fails for a column that is not there, which is an error in the program.
+/// Fails for a missing column, which is an error in the program.
 pub fn texts(batch: &RecordBatch, at: usize) -> Result<Vec<Option<String>>, Fault> {
     let text = cast(column(batch, at)?, &DataType::Utf8).map_err(|e| Fault::data(e.to_string()))?;
     Ok(text.as_string::<i32>().iter().map(|t| t.map(str::to_owned)).collect())

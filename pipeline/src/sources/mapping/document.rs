@@ -17,14 +17,14 @@ pub type MappingSpan = Range<usize>;
 pub struct SpannedValue<T> {
     /// Value.
     pub value: T,
-    /// Its keys as they are given.
+    /// Its keys as given.
     pub args: SpecEntries,
-    /// Where it stands.
+    /// Its position.
     pub at: MappingSpan,
 }
 
 impl<T> SpannedValue<T> {
-    /// Where the value of a key stands; where the whole stands if the key is left out.
+    /// Position of the value of a key; position of the whole if the key is unset.
     pub fn at(&self, key: &str) -> MappingSpan {
         self.args.get(key).map_or(self.at.clone(), |given| given.at.clone())
     }
@@ -33,9 +33,9 @@ impl<T> SpannedValue<T> {
 /// Source of the flight or line identifier of a row.
 #[derive(Clone, Debug)]
 pub enum KeyDecl {
-    /// One for all rows.
+    /// One text for all rows.
     Constant(String),
-    /// Otherwise.
+    /// One identifier per row.
     Of(SpannedValue<RowIdentifierKeys>),
 }
 
@@ -46,17 +46,17 @@ pub struct TableDecl {
     pub name: String,
     /// Input that it reads.
     pub head: SpannedValue<MappingTableKeys>,
-    /// The flight, if the mapping says it.
+    /// The flight, if set.
     pub flight: Option<KeyDecl>,
-    /// The line, if the mapping says it.
+    /// The line, if set.
     pub line: Option<KeyDecl>,
     /// The time of each row.
     pub time: SpannedValue<TimeStampKeys>,
-    /// When the log's own clock was 0.
+    /// Time at which the log's own clock was 0.
     pub epoch: Option<SpannedValue<LogEpochKeys>>,
     /// The columns by their names in the flight table, in the order of the text.
     pub columns: Vec<(String, SpannedValue<MappingColumnKeys>)>,
-    /// The vector sensors by theirs.
+    /// The vector sensors by their names.
     pub vectors: Vec<(String, SpannedValue<VectorSensorKeys>)>,
     /// The attitudes that are quaternions.
     pub quaternions: Vec<SpannedValue<QuaternionKeys>>,
@@ -77,7 +77,7 @@ const TABLE: [&str; 6] = ["flight", "line", "time", "epoch", "columns", "vectors
 /// Reads the text of a mapping.
 ///
 /// # Errors
-/// All that is wrong with its form, each with its position.
+/// Fails with all faults of its form, each with its position.
 pub fn read(text: &str) -> Result<MappingDocument, Vec<Fault>> {
     let root = SpecSection::document(text)?;
     let mut reading = MappingParser { faults: vec![], lists: ChoiceRegistry::default() };
@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gold_all_that_is_wrong_is_said_at_once_with_its_position() {
+    fn gold_all_faults_are_reported_with_their_positions() {
         let text = "aboot = 'x'\n[tables.mag]\ntopik = 'MAG'\ntime = { from = 'TimeUS', clock = 'bot' }\n\
                     [tables.mag.columns]\nlat = { from = 'Lat', unti = 'deg' }\nlon = 3\n[tables.mag.vectors]\n\
                     flux_a = { from = ['a', 'b', 'c'], scale = 'x' }\n";
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_stands_above_the_tables_is_for_all_of_them() {
+    fn unit_top_level_keys_apply_to_all_tables() {
         let text = "flight = 171\nline = { of_file = true }\nepoch = { utc = '2012-10-10' }\n\
                     [tables.a]\ntime = { from = 't', clock = 'boot' }\n\
                     [tables.b]\nline = '2'\nepoch = { unknown = true }\ntime = { from = ['d', 't'], clock = 'boot' }\n";

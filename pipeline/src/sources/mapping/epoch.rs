@@ -1,4 +1,4 @@
-//! When the clock of a log was 0: as the mapping says, or from a topic that holds both clocks, such as the fixes of
+//! Time at which the clock of a log was 0, from the mapping or from a topic with both clocks, such as the fixes of
 //! GNSS.
 
 use std::path::{Path, PathBuf};
@@ -19,24 +19,25 @@ use super::{
 
 /// Instant at which a log's clock was 0, and a note on it.
 pub struct LogEpoch {
-    /// The instant; `None` where nobody knows.
+    /// The instant; `None` if unknown.
     pub instant: Option<UtcInstant>,
     /// Note for the user.
     pub note: String,
 }
 
-/// Two clocks that differ by more than this from one row to another were set meanwhile.
+/// Maximum change of the difference of two clocks from one row to another, s. A larger change means that a clock was
+/// set.
 const SET_S: f64 = 5.0;
 
-/// Path of the file next to `log` that holds both clocks, where the epoch names one.
+/// Path of the file next to `log` that holds both clocks, if the epoch names one.
 pub fn other_file(epoch: &LogEpochKeys, log: &Path) -> Option<PathBuf> {
     epoch.file.as_ref().map(|name| log.with_file_name(name))
 }
 
-/// When the clock of `log` was 0.
+/// Instant at which the clock of `log` was 0.
 ///
 /// # Errors
-/// Fails for an epoch that the mapping does not say, and a topic without a valid time.
+/// Fails for an epoch that the mapping lacks, and a topic without a valid time.
 pub fn find(
     mapping: &Mapping,
     decl: &TableDecl,
@@ -133,7 +134,7 @@ fn time_text(s: f64) -> String {
     format!("{h:02}:{m:02}:{:06.3}", (ms % 60_000) as f64 / 1e3)
 }
 
-/// The rows of an epoch as those of a table: their times and condition, and one column that nobody reads.
+/// The rows of an epoch as a table: their times and condition, and one unused column.
 fn as_table(decl: &TableDecl, epoch: &SpannedValue<LogEpochKeys>) -> TableDecl {
     let head = MappingTableKeys { rows: epoch.value.rows.clone(), ..MappingTableKeys::default() };
     let nothing =

@@ -1,4 +1,4 @@
-//! The columns that a table of a mapping makes: how each comes about, in which unit, and with which role.
+//! The output columns of a table of a mapping: recipe, unit and role.
 
 use arrow_schema::{DataType, Field};
 use schemas::{Fault, Role, convert, convertible_to, field, flight};
@@ -13,15 +13,15 @@ use super::{
 /// Output columns of a mapping table, with their recipes.
 #[derive(Default)]
 pub(super) struct ColumnRecipes {
-    /// Their fields, each with where the mapping has it.
+    /// Their fields, each with its position in the mapping.
     pub fields: Vec<(Field, MappingSpan)>,
-    /// How they come about.
+    /// Their recipes.
     pub outputs: Vec<ColumnRecipe>,
     /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// The unit that the values of the column `name` have: that of the mapping, otherwise that of the file.
+/// Unit of the values of the column `name`, from the mapping, otherwise from the file.
 fn unit_of(
     name: &str,
     unit: Option<&str>,
@@ -49,7 +49,7 @@ fn unit_of(
     Some(own.to_owned())
 }
 
-/// The role of the column `name`: that of its name, where the name has one.
+/// Role of the column `name`, which its name determines if it has a role.
 fn role_of(name: &str, given: Option<ColumnRole>, at: MappingSpan, columns: &mut MappingColumns) -> Role {
     let known = flight::describe(name);
     let given = given.map(|role| match role {
@@ -287,7 +287,7 @@ pub(super) fn one_quaternion(
     made.outputs.push(ColumnRecipe::Quaternion { at, order: *order, frames: *frames });
 }
 
-/// The columns that nothing of the mapping names, under their own names.
+/// The columns that the mapping does not name, under their own names.
 pub(super) fn others(decl: &TableDecl, columns: &mut MappingColumns, made: &mut ColumnRecipes) {
     let named = |name: &String| {
         decl.columns.iter().any(|(_, c)| c.value.from.as_ref() == Some(name))

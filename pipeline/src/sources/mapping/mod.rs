@@ -1,7 +1,7 @@
 //! Meaning of a foreign log: a TOML file that assigns its columns, units, axes and clocks.
 //!
 //! A mapping has one or several tables, each of which reads one topic of a log. A table is checked against the columns
-//! of a file before any row is read (`bind`); then the rows come through it batch by batch (`rows`). The format is
+//! of a file before any row is read (`bind`). It then converts the rows batch by batch (`rows`). The format is
 //! described in `datasets/mappings/README.md`.
 
 mod bind;
@@ -38,13 +38,13 @@ use document::{MappingDocument, TableDecl};
 use super::{files::file, log_reader::LogReader};
 use crate::keys::HashKey;
 
-/// Raised when the same mapping makes other values of the same file.
+/// Raised when the same mapping makes other values from the same file.
 const VERSION: &str = "mapping 2";
 
 /// A mapping.
 #[derive(Clone, Debug)]
 pub struct Mapping {
-    /// Its file, or the name of a ready one with `.toml`.
+    /// Its file, or the name of a built-in mapping with `.toml`.
     pub label: String,
     text: String,
     document: MappingDocument,
@@ -58,10 +58,10 @@ pub struct MappingTable {
 }
 
 impl Mapping {
-    /// Reads a mapping: the file `name`, relative to `folder`, or the ready one of that name.
+    /// Reads a mapping: the file `name`, relative to `folder`, or the built-in mapping of that name.
     ///
     /// # Errors
-    /// Fails for one that does not exist, and for all that is wrong with its form.
+    /// Fails for a missing mapping, and for all faults of its form.
     pub fn load(name: &str, folder: &Path) -> Result<Mapping, Fault> {
         if let Some(ready) = READY.iter().find(|r| r.name == name) {
             return Mapping::of_text(format!("{name}.toml"), ready.text.to_owned());
@@ -80,10 +80,10 @@ impl Mapping {
         Mapping::of_text(path.display().to_string(), text)
     }
 
-    /// A mapping in `text`; messages call it `label`.
+    /// Parses the mapping `text`; messages call it `label`.
     ///
     /// # Errors
-    /// All that is wrong with its form.
+    /// Fails with all faults of its form.
     pub fn of_text(label: String, text: String) -> Result<Mapping, Fault> {
         match document::read(&text) {
             Ok(document) => Ok(Mapping { label, text, document }),
@@ -101,10 +101,10 @@ impl Mapping {
         self.document.tables.iter().map(|t| t.name.as_str()).collect()
     }
 
-    /// Its table `name`; the only one where that is `None`.
+    /// Its table `name`; by default the only table.
     ///
     /// # Errors
-    /// Fails for a table that it does not have, and for several where none is named.
+    /// Fails for an unknown table, and for several tables without `name`.
     pub fn table(self: &Arc<Self>, name: Option<&str>) -> Result<MappingTable, Fault> {
         let tables = self.tables();
         let table = match (name, tables.as_slice()) {
@@ -156,7 +156,7 @@ impl MappingTable {
         self.decl().map_or("", |d| &d.name)
     }
 
-    /// The mapping it is of.
+    /// Its mapping.
     pub fn mapping(&self) -> &Arc<Mapping> {
         &self.mapping
     }
@@ -166,7 +166,7 @@ impl MappingTable {
         self.decl()?.head.value.topic.as_deref()
     }
 
-    /// The format that it says its files have.
+    /// The format of its files, if given.
     pub fn format(&self) -> Option<String> {
         self.decl()?.head.value.format.clone()
     }
@@ -178,12 +178,12 @@ impl MappingTable {
         glob::Pattern::new(pattern).is_ok_and(|p| p.matches(&name))
     }
 
-    /// The key of what it says: another one for another text.
+    /// Key of its text.
     pub fn key(&self) -> HashKey {
         HashKey::from_parts([VERSION, &self.mapping.text, self.name()])
     }
 
-    /// Path of the file next to `log` that its values depend on as well.
+    /// Path of another file next to `log` that its values depend on.
     pub fn beside(&self, log: &Path) -> Option<PathBuf> {
         epoch::other_file(&self.decl()?.epoch.as_ref()?.value, log)
     }
@@ -199,10 +199,10 @@ impl MappingTable {
         }
     }
 
-    /// Opens a file through it.
+    /// Opens a file through the table.
     ///
     /// # Errors
-    /// Fails as reading the file does, and for all in which mapping and file do not fit.
+    /// Fails when the file cannot be read, and for all mismatches of mapping and file.
     pub fn open(
         &self,
         path: &Path,
@@ -214,7 +214,7 @@ impl MappingTable {
         let raw = self.raw_options(options);
         let mut log = self.once(path, (options, &raw), reading, formats)?;
         if decl.head.value.drop_repeated {
-            // How many rows are left out is known when all are read, and is said before.
+            // The number of dropped rows is known after all rows are read, but is reported before.
             let (_, rows) = self.rows(path, (options, &raw), reading, formats)?;
             let count = rows.repeated();
             for part in rows {
@@ -243,7 +243,7 @@ impl MappingTable {
         Ok(LogReader { parts: Box::new(rows), ..log })
     }
 
-    /// The rows of a file, and what is known of them beforehand.
+    /// The rows of a file, and facts about them that are known in advance.
     fn rows(
         &self,
         path: &Path,

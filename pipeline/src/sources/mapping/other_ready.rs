@@ -1,14 +1,14 @@
-//! Another ready mapping that fits a table: autopilots rename their columns from version to version.
+//! Another built-in mapping that fits a table: autopilots rename their columns from version to version.
 
 use arrow_schema::Schema;
 use toml::{Table, Value};
 
 use super::READY;
 
-/// Columns of a table that make it recognisable.
+/// Minimum number of columns that identify a table.
 const RECOGNISABLE: usize = 3;
 
-/// The ready mapping with a table all of whose columns a file has.
+/// The built-in mapping with a table whose columns are all in a file.
 pub(super) fn fitting(source: &Schema) -> Option<&'static str> {
     let fits = |table: &Value| {
         let columns = columns_of(table);
@@ -21,7 +21,7 @@ pub(super) fn fitting(source: &Schema) -> Option<&'static str> {
     READY.iter().find(|ready| has(ready.text)).map(|ready| ready.name)
 }
 
-/// The columns of the file that a table of a mapping names, less those of the time.
+/// The columns of the file that a table of a mapping names, without time columns.
 fn columns_of(table: &Value) -> Vec<&str> {
     let groups = ["columns", "vectors"].into_iter().filter_map(|group| table.get(group)?.as_table());
     let sources = groups.flat_map(Table::values).filter_map(|made| made.get("from"));

@@ -13,7 +13,7 @@ const SUBJECT: &str = "`sql`";
 #[derive(Clone, Debug)]
 pub struct RowExpression {
     expression: Expression,
-    /// The columns it reads: their positions in the file's batches, and their fields as it sees them.
+    /// The columns it reads: their positions in the file's batches, and their fields as seen by the expression.
     reads: Vec<(usize, Field)>,
 }
 
@@ -55,7 +55,7 @@ impl RowExpression {
     }
 }
 
-/// A column as expressions see it; `None` for one of lists and the like.
+/// A column as seen by expressions; `None` for lists and other unsupported types.
 fn seen(field: &Field) -> Option<Column> {
     let kind = match field.data_type() {
         DataType::Dictionary(_, value) => value.as_ref(),
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn law_whole_numbers_keep_their_fraction_and_nan_is_missing() {
+    fn unit_whole_numbers_keep_their_fraction_and_nan_is_missing() {
         assert_eq!(evaluate_sql("\"Raw\" / 100").unwrap(), [Some(0.03), Some(0.5), None]);
         assert_eq!(evaluate_sql("\"Raw\" * 0.05 + x").unwrap(), [Some(1.15), Some(4.5), None]);
         assert_eq!(
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_no_function_of_one_row_is_refused() {
+    fn unit_only_functions_of_one_row_are_accepted() {
         for (sql, says) in [
             ("random()", "a different value each time"),
             ("avg(x)", "requires several rows"),

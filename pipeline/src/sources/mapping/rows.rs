@@ -26,20 +26,20 @@ pub struct MappingReader {
     drop_repeated: bool,
     /// Rows of the file before the next batch.
     row: u64,
-    /// The line at hand, and the day of its first sample.
+    /// The current line, and the day of its first sample.
     line: Option<(String, String)>,
     day: i64,
     /// Its last time.
     last_tt: f64,
-    /// The faults of rows that were left out, for the next row that is there.
+    /// Faults of dropped rows, reported at the next kept row.
     waiting: Vec<ReadError>,
-    /// Rows that were left out, since they repeat the time of the row before.
+    /// Number of dropped rows, which repeat the time of the previous row.
     repeated: Arc<Mutex<u64>>,
     done: bool,
 }
 
 impl MappingReader {
-    /// From the start of a file.
+    /// Creates a reader at the start of a file.
     pub fn new(
         reader: FlightReader,
         bound: MappingBinding,
@@ -63,7 +63,7 @@ impl MappingReader {
         }
     }
 
-    /// The number of rows that were left out so far, since they repeat the time of the row before.
+    /// Number of rows dropped so far because they repeat the time of the previous row.
     pub fn repeated(&self) -> Arc<Mutex<u64>> {
         self.repeated.clone()
     }
@@ -116,7 +116,7 @@ impl MappingReader {
         Ok((mapped.num_rows() > 0).then_some(FlightBatch { batch: mapped, faults }))
     }
 
-    /// The faults of rows at the rows that are left: that of a row that was left out is at the next one.
+    /// Moves faults to kept rows: a fault of a dropped row is reported at the next kept row.
     fn placed(&mut self, faults: Vec<RowFault>, rows: Option<&[usize]>, left: usize) -> Vec<RowFault> {
         let mut placed: Vec<RowFault> = vec![];
         if left > 0 {
@@ -129,8 +129,8 @@ impl MappingReader {
         placed
     }
 
-    /// Seconds past the midnight of the first sample of each line, the date of each sample, and which rows repeat the
-    /// time of the row before.
+    /// Seconds past the midnight of the first sample of each line, the date of each sample, and the rows that repeat
+    /// the time of the previous row.
     fn times(
         &mut self,
         times: &RowTimes,
@@ -141,7 +141,7 @@ impl MappingReader {
         let mut tt = vec![];
         let mut repeated = vec![];
         let (mut years, mut days) = (vec![], vec![]);
-        // Consecutive samples are of one day.
+        // Cached, because consecutive samples share a day.
         let mut date: (i64, Option<(i64, i64)>) = (i64::MIN, None);
         for row in 0..flights.len() {
             let same = self.line.as_ref().is_some_and(|(flight, line)| {
@@ -191,7 +191,7 @@ impl Iterator for MappingReader {
         while !self.done {
             let Some(part) = self.reader.next_part() else {
                 self.done = true;
-                // Faults after the last row that was kept.
+                // Faults after the last kept row.
                 return self.waiting.drain(..).next().map(Err);
             };
             match part.and_then(|part| self.mapped(part)) {

@@ -1,4 +1,4 @@
-//! Mappings on small files: units, axes, clocks and what is wrong with them.
+//! Mappings of small files: units, axes, clocks and faults.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -58,7 +58,7 @@ fn table(time: &str, rest: &str) -> String {
 }
 
 #[test]
-fn law_units_signs_and_axes_come_out_in_the_body_frame() {
+fn law_units_signs_and_axes_are_converted_to_the_body_frame() {
     let csv = "ms,a,b,c,lat,raw\n0,500,-20,300,0.5,4\n100,510,-21,301,0.5,8\n";
     let mapping = table(
         "{ from = 'ms', unit = 'ms', clock = 'boot' }",
@@ -81,7 +81,7 @@ fn law_units_signs_and_axes_come_out_in_the_body_frame() {
 }
 
 #[test]
-fn law_every_clock_says_the_same_instant() {
+fn law_all_clocks_give_the_same_instant() {
     // 2021-04-21T23:59:59.5Z and a second later, in the clocks of logs.
     let columns = "columns = { x = { from = 'x' } }";
     for (csv, time) in [
@@ -117,13 +117,13 @@ fn law_every_clock_says_the_same_instant() {
         assert!((tt[0] - 86_399.5).abs() < 3e-7 && (tt[1] - 86_400.5).abs() < 3e-7, "{time}: {tt:?}");
         assert_eq!((numbers(&out, "year"), numbers(&out, "doy")), (vec![2021.0; 2], vec![111.0, 112.0]), "{time}");
     }
-    // A time of the day without a date has none.
+    // A time of the day without a date gives no date.
     let out = rows("t,x\n1,1\n", &table("{ from = 't', unit = 's', clock = 'day' }", columns)).unwrap();
     assert!(out.column_by_name("year").is_none() && numbers(&out, "tt") == [1.0]);
 }
 
 #[test]
-fn law_each_line_counts_from_the_midnight_of_its_own_first_sample() {
+fn unit_each_line_counts_from_the_midnight_of_its_first_sample() {
     let csv = "t,l,x\n1619049599,a,1\n1619049601,a,1\n1619049602,b,1\n";
     let mapping = "flight = 'f'\nline = { from = 'l' }\n[tables.t]\ntime = { from = 't', unit = 's', clock = 'unix' }\n\
                    columns = { x = { from = 'x' } }\n";
@@ -133,7 +133,7 @@ fn law_each_line_counts_from_the_midnight_of_its_own_first_sample() {
 }
 
 #[test]
-fn law_the_epoch_is_the_median_over_new_fixes() {
+fn unit_the_epoch_is_the_median_over_new_fixes() {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("log.csv"), "ms,x\n1000,1\n2000,2\n").unwrap();
     // Held for two rows each; the second fix is logged late; the first row has no fix.
@@ -166,7 +166,7 @@ fn law_the_epoch_is_the_median_over_new_fixes() {
 }
 
 #[test]
-fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
+fn gold_mismatches_are_reported_with_their_position_in_the_mapping() {
     let csv = "ms,MagX,mode\n0,500,a\n";
     let of = |rest: &str| rows(csv, &table("{ from = 'ms', unit = 'ms', clock = 'boot' }", rest));
     says(
@@ -231,7 +231,7 @@ fn gold_what_does_not_fit_is_shown_at_its_place_in_the_mapping() {
 }
 
 #[test]
-fn unit_rows_are_left_out_where_the_condition_does_not_hold_and_repeats_are_counted() {
+fn unit_rows_are_dropped_by_condition_and_repeats_counted() {
     let csv = "t,ok,x\n0,1,10\n1,1,11\n1,1,12\n2,0,13\n3,,14\n4,1,15\n";
     let time = "{ from = 't', unit = 's', clock = 'boot' }";
     let columns = "columns = { x = { from = 'x' } }";
@@ -251,7 +251,7 @@ fn unit_rows_are_left_out_where_the_condition_does_not_hold_and_repeats_are_coun
 }
 
 #[test]
-fn unit_the_ready_mappings_are_in_order() {
+fn unit_the_built_in_mappings_are_valid() {
     for ready in READY {
         let mapping = Mapping::load(ready.name, Path::new(".")).unwrap_or_else(|f| panic!("{}: {f}", ready.name));
         assert!(!mapping.about().is_empty() && !mapping.tables().is_empty(), "{}", ready.name);
@@ -261,7 +261,7 @@ fn unit_the_ready_mappings_are_in_order() {
 }
 
 #[test]
-fn unit_another_text_is_another_key() {
+fn unit_the_key_depends_on_the_text() {
     let key = |text: &str| {
         let mapping = Arc::new(Mapping::of_text("m.toml".into(), text.into()).unwrap());
         mapping.table(None).unwrap().key()

@@ -1,4 +1,4 @@
-//! The time of each row of a file, by what the mapping says of its clock.
+//! The time of each row of a file, from the clock of the mapping.
 
 use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
 use arrow_cast::cast;
@@ -15,7 +15,7 @@ use crate::sources::clock_digits;
 
 /// The times of the rows of a batch.
 pub enum RowTimes {
-    /// Seconds past some midnight whose date is not known, or of the log's own clock; NaN is missing.
+    /// Seconds past a midnight of unknown date, or of the log's own clock; NaN if missing.
     Undated(Vec<f64>),
     /// Instants of UTC.
     Dated(Vec<Option<UtcInstant>>),
@@ -33,9 +33,9 @@ pub struct TimeParseError {
 #[derive(Clone, Debug)]
 struct CounterColumn {
     at: usize,
-    /// Nanoseconds to a count, for whole numbers.
+    /// Nanoseconds per count, for whole numbers.
     ns: Option<i128>,
-    /// Counts to a second, where that is a whole number; otherwise seconds to a count.
+    /// Counts per second if that is a whole number; otherwise seconds per count.
     rate: Result<f64, f64>,
 }
 
@@ -74,7 +74,7 @@ enum GpsWeek {
     Number(i64),
 }
 
-/// The clock of a table, checked against the columns of a file. It is fed batch by batch, in order.
+/// The clock of a table, checked against the columns of a file. It must read all batches in order.
 #[derive(Clone, Debug)]
 pub struct TableClock {
     source: ClockSource,
@@ -87,7 +87,7 @@ pub struct TableClock {
 }
 
 impl TableClock {
-    /// A clock; `epoch` is when that of the log was 0, `None` where nobody knows.
+    /// Creates a clock. `epoch` is the instant at which the log's clock was 0; `None` if unknown.
     pub fn new(
         stamp: &SpannedValue<TimeStampKeys>,
         columns: &mut MappingColumns,
@@ -142,7 +142,7 @@ impl TableClock {
         matches!(self.source, ClockSource::Boot { .. })
     }
 
-    /// The times of the next rows, and the rows whose text is no time.
+    /// The times of the next rows, and the rows whose text is not a time.
     pub fn read(&mut self, batch: &RecordBatch) -> Result<(RowTimes, Vec<TimeParseError>), Fault> {
         let mut wrong = vec![];
         let zone_s = self.zone_s.unwrap_or(0.0);
@@ -173,7 +173,7 @@ impl TableClock {
                     GpsWeek::Column(at) => numbers(batch, at)?,
                 };
                 let one = |(s, week): (&f64, &f64)| {
-                    // A receiver without a fix says week 0 or -1.
+                    // A receiver without a fix reports week 0 or -1.
                     let known = s.is_finite() && *week >= 0.0 && week.fract() == 0.0 && *week < 1e6;
                     known.then(|| UtcInstant::of_gps(*week as i64 + 1024 * rollovers, *s, leap_s)).flatten()
                 };
@@ -215,9 +215,9 @@ impl TableClock {
         Ok((times, wrong))
     }
 
-    /// Times of a day; after midnight, a date moves on.
+    /// Times of a day; the date advances at midnight.
     fn of_day(&mut self, seconds: &[f64]) -> RowTimes {
-        /// How far from midnight a fall of the time may begin and end.
+        /// Maximum distance from midnight at which a fall of the time may begin and end, s.
         const NEAR_S: f64 = 3_600.0;
         let zone_s = self.zone_s;
         let Some(mut day) = self.day else {
@@ -250,7 +250,7 @@ fn at(time: TimeText, zone_s: f64) -> UtcInstant {
     }
 }
 
-/// Keys that say nothing with this clock.
+/// Rejects keys without effect for this clock.
 fn foreign_keys(stamp: &SpannedValue<TimeStampKeys>, clock: ClockZero, columns: &mut MappingColumns) {
     let owners: [(&str, &[ClockZero]); 7] = [
         ("week", &[ClockZero::Gps]),
@@ -314,13 +314,13 @@ fn in_digits(numbers: &[f64], row: usize) -> Fault {
     Fault::data(format!("{}, such as to {at}", clock_digits::WHAT)).help(help)
 }
 
-/// The column that counts, and what it counts.
+/// The column of a counting clock.
 fn ticks(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<CounterColumn> {
     let name = stamp.value.from.first()?;
     of_column(name, stamp.value.unit.as_deref(), (stamp.at("from"), stamp.at("unit")), columns)
 }
 
-/// A column that counts time, in a unit that the mapping or the file says.
+/// A column that counts time, in a unit that the mapping or the file gives.
 fn of_column(
     name: &str,
     unit: Option<&str>,
@@ -366,7 +366,7 @@ fn of_column(
 pub struct BootColumn(CounterColumn);
 
 impl BootColumn {
-    /// A column in a unit that the mapping or the file says.
+    /// A column in a unit that the mapping or the file gives.
     pub fn new(
         name: &str,
         unit: Option<&str>,
@@ -391,7 +391,7 @@ impl CounterColumn {
         cast(column, &DataType::Int64).map(Some).map_err(|e| Fault::data(e.to_string()))
     }
 
-    /// Seconds; NaN where the time is missing.
+    /// Seconds; NaN if the time is missing.
     fn seconds(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         let one = |x: f64| match self.rate {
             Ok(per_second) => x / per_second,
@@ -400,7 +400,7 @@ impl CounterColumn {
         Ok(numbers(batch, self.at)?.into_iter().map(one).collect())
     }
 
-    /// Instants counted from 1970; whole numbers lose nothing.
+    /// Instants counted from 1970; whole numbers are exact.
     fn instants(&self, batch: &RecordBatch) -> Result<Vec<Option<UtcInstant>>, Fault> {
         if let (Some(ns), Some(whole)) = (self.ns, self.whole(batch)?) {
             let whole = whole.as_primitive::<Int64Type>();
@@ -436,7 +436,7 @@ fn gps(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Opt
 fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {
     let names = &stamp.value.from;
     let format = stamp.value.format.as_deref();
-    // A form of several columns has a blank between their parts.
+    // The format of several columns has a space between their parts.
     let parts: Vec<&str> = format.unwrap_or_default().split(' ').collect();
     let mut found = vec![];
     for (i, name) in names.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The axes of sensors against those of the body, and quaternions as roll, pitch and yaw.
+//! Sensor axes relative to body axes, and quaternions as roll, pitch and yaw.
 
 use numerics::earth::attitude::body_to_ned;
 
@@ -8,7 +8,7 @@ use super::declare::{QuaternionFrames, QuaternionOrder};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorMounting(pub [[f64; 3]; 3]);
 
-/// Reads `+x -y -z`: which axis of the sensor lies along the nose, the right wing and down.
+/// Parses `+x -y -z`: the sensor axes along the nose, the right wing and down.
 pub fn read_axes(text: &str) -> Option<[[f64; 3]; 3]> {
     let mut rows = [[0.0; 3]; 3];
     let words: Vec<&str> = text.split([' ', ',']).filter(|w| !w.is_empty()).collect();
@@ -32,7 +32,7 @@ pub fn read_axes(text: &str) -> Option<[[f64; 3]; 3]> {
 }
 
 impl SensorMounting {
-    /// A sensor whose axes are permuted first, and then turned by roll, pitch and yaw, degrees.
+    /// Mounting of a sensor whose axes are first permuted, then rotated by roll, pitch and yaw, degrees.
     pub fn new(axes: [[f64; 3]; 3], [roll, pitch, yaw]: [f64; 3]) -> SensorMounting {
         if [roll, pitch, yaw] == [0.0; 3] {
             return SensorMounting(axes);
@@ -47,13 +47,13 @@ impl SensorMounting {
         SensorMounting(out)
     }
 
-    /// Whether it is a mirror, which no mounting of a right-handed sensor is.
+    /// Whether it is a reflection, which is impossible for a right-handed sensor.
     pub fn is_mirror(&self) -> bool {
         let [[a, b, c], [d, e, f], [g, h, i]] = self.0;
         a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
     }
 
-    /// The body's components of a sensor's. An axis that has no part in a component does not make it NaN.
+    /// Body components of a sensor vector. A NaN affects only the components that depend on its axis.
     pub fn apply(&self, v: [f64; 3]) -> [f64; 3] {
         self.0.map(|row| {
             let parts = row.iter().zip(v).filter(|(m, _)| **m != 0.0);
@@ -65,7 +65,7 @@ impl SensorMounting {
     }
 }
 
-/// Roll, pitch and yaw, in degrees, of a quaternion; NaN where it is none. Yaw is from 0 to 360.
+/// Roll, pitch and yaw of a quaternion, degrees; NaN for an invalid quaternion. Yaw is from 0 to 360.
 ///
 /// It turns a vector's components in the body frame into those in the navigation frame. Its length does not matter.
 pub fn roll_pitch_yaw_deg(q: [f64; 4], order: QuaternionOrder, frames: QuaternionFrames) -> [f64; 3] {
@@ -112,12 +112,12 @@ mod tests {
     }
 
     #[test]
-    fn law_axes_say_what_lies_along_the_nose_the_right_wing_and_down() {
+    fn law_axes_map_to_the_nose_the_right_wing_and_down() {
         let body = |axes: &str, v| SensorMounting::new(read_axes(axes).unwrap(), [0.0; 3]).apply(v);
         assert_eq!(body("+x +y +z", [1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
         assert_eq!(body("x -y -z", [1.0, 2.0, 3.0]), [1.0, -2.0, -3.0]);
         assert_eq!(body("-y, +x, +z", [1.0, 2.0, 3.0]), [-2.0, 1.0, 3.0]);
-        // A broken axis leaves the others.
+        // A broken axis does not affect the others.
         let [x, y, z] = body("+x -y -z", [1.0, f64::NAN, 3.0]);
         assert!(x == 1.0 && y.is_nan() && z == -3.0);
         for wrong in ["+x +x +z", "+x +y", "+x +y +z +x", "a b c", "", "+x +y +", "é"] {
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_rotation_is_that_of_attitude_angles() {
+    fn law_mounting_rotations_equal_rotations_of_attitude_angles() {
         let identity = read_axes("+x +y +z").unwrap();
         // A sensor turned by 90 degrees of yaw has its x axis along the right wing.
         assert!(close(SensorMounting::new(identity, [0.0, 0.0, 90.0]).apply([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));

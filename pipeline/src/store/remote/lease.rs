@@ -1,4 +1,4 @@
-//! The lock of a pipeline in an object store: the lease of `store/lock.rs`, as objects that only one can create.
+//! Lock of a pipeline in an object store: the lease of `store/lock.rs`, as objects that only one process can create.
 
 use std::{
     sync::{
@@ -19,19 +19,18 @@ use super::{
 };
 use crate::{keys::HashKey, remote::ObjectEntry};
 
-/// The interval at which the holder writes its lease again.
+/// Interval between renewals of a lease.
 const BEAT: Duration = Duration::from_secs(15);
 
-/// The content of a lease.
+/// Content of a lease.
 #[derive(Clone, Serialize, Deserialize)]
 struct LeaseContent {
     holder: LockHolder,
-    /// The cache of the holder. Processes of one boot that have the same one see each other's locks of the operating
-    /// system.
+    /// Cache of the holder. Processes of one boot with the same cache see each other's locks of the operating system.
     cache: String,
     /// Identifier of this lease.
     once: String,
-    /// A checksum of what does not change while it is held.
+    /// Checksum of the fields that do not change while the lease is held.
     #[serde(default)]
     sum: String,
 }
@@ -48,20 +47,20 @@ impl LeaseContent {
     }
 }
 
-/// Whether the object of a lease is as it was written.
+/// Whether the object of a lease is intact.
 pub(super) fn is_lease_whole(bytes: &[u8]) -> bool {
     let whole = |said: LeaseContent| said.holder.is_whole() && said.sum == said.sum_of();
     serde_json::from_slice(bytes).is_ok_and(whole)
 }
 
-/// A lease in the store.
+/// Lease in the store.
 struct LeaseObject {
     number: u64,
     key: String,
     written: SystemTime,
 }
 
-/// The lease of this process.
+/// Lease of this process.
 pub struct RemoteLease {
     remote: Arc<RemoteStore>,
     pipeline: String,
@@ -87,7 +86,7 @@ fn text(said: &LeaseContent) -> Result<Vec<u8>, Fault> {
 }
 
 impl RemoteStore {
-    /// The leases of a pipeline, sorted.
+    /// Leases of a pipeline, sorted.
     fn leases(&self, pipeline: &str) -> Result<Vec<LeaseObject>, Fault> {
         let start = start(pipeline);
         let one = |o: ObjectEntry| {
@@ -102,10 +101,10 @@ impl RemoteStore {
         Ok(self.bucket.get(&lease.key)?.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
     }
 
-    /// The time by the server's clock.
+    /// Time by the server's clock.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn time(&self) -> Result<SystemTime, Fault> {
         let probe = format!("tmp/{}", Uuid::new_v4());
         self.bucket.put(&probe, b"\n".to_vec())?;
@@ -114,10 +113,10 @@ impl RemoteStore {
         about?.map(|o| o.modified).ok_or_else(|| Fault::machine("an object that was just written does not exist"))
     }
 
-    /// The number of the last lease of `pipeline`, 0 before the first; `None` while it is held.
+    /// Number of the last lease of `pipeline`, 0 before the first; `None` while it is held.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn generation(&self, pipeline: &str) -> Result<Option<u64>, Fault> {
         let Some(last) = self.leases(pipeline)?.pop() else { return Ok(Some(0)) };
         Ok(self.said(&last)?.filter(|said| said.holder.is_free()).map(|_| last.number))
@@ -142,10 +141,10 @@ impl RemoteStore {
         said.holder.is_free() || (said.cache == self.cache && !boot.is_empty() && said.holder.boot == boot)
     }
 
-    /// Takes the lease of `pipeline`, by a process that has the lock of the cache; or says who has it.
+    /// Takes the lease of `pipeline` for a process that has the lock of the cache, or returns the holder.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn lease(self: &Arc<RemoteStore>, pipeline: &str) -> Result<Result<RemoteLease, ForeignLock>, Fault> {
         let last = self.leases(pipeline)?.pop();
         let number = last.as_ref().map_or(1, |lease| lease.number.saturating_add(1));
@@ -171,7 +170,7 @@ impl RemoteStore {
             return Ok(Err(ForeignLock { holder, silent: None }));
         }
         for older in known.iter().filter(|lease| lease.number < number) {
-            // The highest number counts; others are removed by the next holder.
+            // The highest number counts; the next holder removes the others.
             let _ = self.bucket.remove(&older.key);
         }
         Ok(Ok(RemoteLease::start(self.clone(), pipeline, number, said)?))
@@ -194,8 +193,7 @@ impl RemoteLease {
                 if *over || !waited.1.timed_out() {
                     continue;
                 }
-                // The time of the object is that of the server's clock. A failed write is repeated at the next
-                // interval.
+                // The time of the object follows the server's clock. A failed write is repeated at the next interval.
                 match store.leases(&name).map(|all| all.last().map(|lease| lease.number)) {
                     Ok(last) if last != Some(number) => {
                         of_thread.lost.store(true, Ordering::SeqCst);
@@ -211,15 +209,15 @@ impl RemoteLease {
         Ok(RemoteLease { remote, pipeline: pipeline.to_owned(), number, said, shared, heart: Some(thread) })
     }
 
-    /// Its number.
+    /// Number of the lease.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// Whether it is still this process'; otherwise who has it now.
+    /// Current holder of the lease; `None` if this process still holds it.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn taken_by(&self) -> Result<Option<String>, Fault> {
         let last = self.remote.leases(&self.pipeline)?.pop();
         let own = last.as_ref().is_some_and(|lease| lease.number == self.number);
@@ -240,7 +238,7 @@ impl Drop for RemoteLease {
             return;
         }
         self.said.holder.release();
-        // Where it fails the lease is over when it is old.
+        // If the write fails, the lease expires by its age.
         if let Ok(bytes) = text(&self.said) {
             let _ = self.remote.bucket.put(&format!("{}{}", start(&self.pipeline), self.number), bytes);
         }

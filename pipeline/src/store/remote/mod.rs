@@ -1,15 +1,14 @@
-//! A store in an object store, and its copy in a folder of this machine: the cache.
+//! Store in an object store, and its copy in a folder of this machine: the cache.
 //!
-//! The objects are the store; the cache has the layout of a store in a folder, with the files that this machine has
-//! written or read. Files that never change under their names (packs, sources, plans, the files of a version) are
-//! written to the object store first and then to the cache, and copied when they are first read, with their checksums.
-//! The others are small, and copied when the store is opened: the plans, runs and costs of pipelines, and
-//! `tables/<pipeline>`, which names the newest version and is replaced on the condition that it is still the object
-//! that was read. The files of a version that are packs are not written again: `versions/<pipeline>/<n>/version.json`
-//! lists them by name.
+//! The objects are the store. The cache has the layout of a store in a folder, with the files that this machine has
+//! written or read. Immutable files (packs, sources, plans, the files of a version) are written to the object store
+//! first and then to the cache. They are copied when first read, and their checksums are verified. The other files are
+//! small and are copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`. That
+//! object names the newest version and is replaced on the condition that it is unchanged since it was read. Packs of a
+//! version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
 //!
-//! Locks are leases, as between hosts that share a folder: objects that only one can create, written to again and
-//! again.
+//! Locks are leases, as between hosts that share a folder: objects that only one process can create, and that it
+//! renews.
 
 mod lease;
 mod pull;
@@ -49,14 +48,14 @@ use crate::{
 pub use lease::RemoteLease;
 pub use tend::is_object_old;
 
-/// The file of a cache that says of which store it is.
+/// File of a cache with the address of its store.
 pub const MARK: &str = "REMOTE";
 /// Maximum number of reads of a pack whose bytes differ from the written ones.
 const TRIALS: usize = 3;
-/// The end of a pack that is read at first: most footers are shorter.
+/// Bytes at the end of a pack that are read first; most footers are shorter.
 const TAIL: u64 = 64 << 10;
 
-/// The content of the file [`MARK`].
+/// Content of the file [`MARK`].
 #[derive(Serialize, Deserialize)]
 struct CacheMarker {
     address: String,
@@ -64,7 +63,7 @@ struct CacheMarker {
     cache: String,
 }
 
-/// A store in an object store.
+/// Store in an object store.
 pub struct RemoteStore {
     bucket: Bucket,
     root: PathBuf,
@@ -73,17 +72,17 @@ pub struct RemoteStore {
     next: AtomicU64,
 }
 
-/// Those that this process uses, by the folder of their cache.
+/// Stores that this process uses, by the folder of their cache.
 static OPEN: Mutex<BTreeMap<PathBuf, Arc<RemoteStore>>> = Mutex::new(BTreeMap::new());
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The folder of the store that `text` names: a path, or an address, whose cache is made.
+/// Folder of the store that `text` names: a path, or an address. Creates the cache of an address.
 ///
 /// # Errors
-/// Fails for other addresses, where this program is built without object stores, and when the cache cannot be made.
+/// Fails for other addresses, if this program is built without object stores, and when the cache cannot be created.
 pub fn located(text: &str) -> Result<PathBuf, Fault> {
     match place(text)? {
         StorageLocation::Path(path) => Ok(path),
@@ -91,10 +90,10 @@ pub fn located(text: &str) -> Result<PathBuf, Fault> {
     }
 }
 
-/// The cache of the store at `address`, which is made where there is none.
+/// Cache of the store at `address`; creates it if absent.
 ///
 /// # Errors
-/// Fails where this program is built without object stores, and when the cache cannot be made.
+/// Fails if this program is built without object stores, and when the cache cannot be created.
 pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     supported()?;
     let root = cache::of_store(address)?;
@@ -108,7 +107,7 @@ pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
             .and_then(|()| File::create(&unfinished))
             .and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()))
             .and_then(|()| match fs::hard_link(&unfinished, &mark) {
-                // Another process has made it.
+                // Another process has created it.
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Ok(()),
                 Err(_) => fs::copy(&unfinished, &mark).map(drop),
                 Ok(()) => Ok(()),
@@ -119,7 +118,7 @@ pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(root)
 }
 
-/// Name of the store in the folder `root`: its address, where it is in an object store.
+/// Name of the store in the folder `root`; the address, if it is an object store.
 pub fn shown(root: &Path) -> String {
     match RemoteStore::from_cache(root) {
         Ok(Some(remote)) => remote.bucket.address().to_string(),
@@ -127,23 +126,23 @@ pub fn shown(root: &Path) -> String {
     }
 }
 
-/// The same of a folder of tables, `tables/<pipeline>` of a store.
+/// Name of a folder of tables, `tables/<pipeline>` of a store, as in [`shown`].
 pub fn shown_below(folder: &Path) -> String {
     let root = folder.ancestors().nth(2).filter(|root| is_copy(root));
     let below = |root: &Path| folder.strip_prefix(root).ok().map(|p| format!("{}/{}", shown(root), p.display()));
     root.and_then(below).unwrap_or_else(|| folder.display().to_string())
 }
 
-/// Whether a folder is the copy of a store in an object store.
+/// Whether a folder is the copy of an object store.
 pub fn is_copy(root: &Path) -> bool {
     root.join(MARK).is_file()
 }
 
 impl RemoteStore {
-    /// The store whose cache is the folder `root`; `None` where that is a store itself, or nothing.
+    /// Store with the cache `root`; `None` if `root` is a store itself, or does not exist.
     ///
     /// # Errors
-    /// Fails when the cache cannot be read, and where the environment does not say how to reach the store.
+    /// Fails when the cache cannot be read, and when the environment lacks the settings of the store.
     pub fn from_cache(root: &Path) -> Result<Option<Arc<RemoteStore>>, Fault> {
         let Ok(root) = root.canonicalize() else { return Ok(None) };
         if let Some(known) = locked(&OPEN).get(&root) {
@@ -164,18 +163,18 @@ impl RemoteStore {
         Ok(Some(RemoteStore::over(&root, connect(&address)?, mark.cache)))
     }
 
-    /// The store in `bucket` whose cache is the folder `root`.
+    /// Store in `bucket` with the cache `root`.
     fn over(root: &Path, bucket: Bucket, cache: String) -> Arc<RemoteStore> {
         let new = RemoteStore { bucket, root: root.to_owned(), cache, tmp: Mutex::default(), next: AtomicU64::new(0) };
         locked(&OPEN).entry(root.to_owned()).or_insert_with(|| Arc::new(new)).clone()
     }
 
-    /// Its objects.
+    /// Objects of the store.
     pub fn bucket(&self) -> &Bucket {
         &self.bucket
     }
 
-    /// The name of an object for the file `relative` of the cache, where it is one that all share.
+    /// Name of the object for the file `relative` of the cache, if it is a shared one.
     pub fn key(relative: &Path) -> Option<String> {
         let parts: Vec<&str> = relative.components().filter_map(|c| c.as_os_str().to_str()).collect();
         let shared = match parts.as_slice() {
@@ -187,10 +186,10 @@ impl RemoteStore {
         shared.then(|| parts.join("/"))
     }
 
-    /// Whether the objects are those of a store, or there are none.
+    /// Checks that all objects, if any, belong to a store.
     ///
     /// # Errors
-    /// Fails where there are others, and when the server cannot be reached or refuses.
+    /// Fails when there are other objects, and when the server cannot be reached or reports an error.
     pub fn only_ours(&self) -> Result<(), Fault> {
         let ours = |key: &str| {
             let first = key.split('/').next().unwrap_or_default();
@@ -205,10 +204,10 @@ impl RemoteStore {
         }
     }
 
-    /// Whether there is a store, of this version of magline; the cache then says so too.
+    /// Whether there is a store of this version of magline; if so, writes the mark of the cache.
     ///
     /// # Errors
-    /// Fails where there is one of another version, and when the server cannot be reached or refuses.
+    /// Fails for a store of another version, and when the server cannot be reached or reports an error.
     pub fn is_there(&self) -> Result<bool, Fault> {
         let mark = self.bucket.get("STORE")?;
         if let Some(bytes) = mark.as_ref().filter(|bytes| is_other_layout(bytes)) {
@@ -223,11 +222,11 @@ impl RemoteStore {
         Ok(mark.is_some())
     }
 
-    /// Removes the objects of a folder for which `gone` is true. It is given the first part of their names below the
-    /// folder, and their age by the server's clock.
+    /// Removes the objects of a folder for which `gone` is true. Its arguments are the first part of their names below
+    /// the folder, and their age by the server's clock.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn drop_objects(&self, folder: &str, gone: &dyn Fn(&str, Duration) -> bool) -> Result<(), Fault> {
         let name = |key: &str| key.split('/').nth(1).unwrap_or_default().to_owned();
         let all = self.bucket.list(folder)?;
@@ -240,7 +239,7 @@ impl RemoteStore {
         each(&wanted, |key| self.bucket.remove(key)).map(drop)
     }
 
-    /// A name for a file being copied.
+    /// Name for a temporary copy of a file.
     fn temporary(&self) -> Result<PathBuf, Fault> {
         let mut tmp = locked(&self.tmp);
         if tmp.is_none() {
@@ -252,23 +251,23 @@ impl RemoteStore {
         Ok(folder.join(self.next.fetch_add(1, Ordering::Relaxed).to_string()))
     }
 
-    /// Puts a file into its place in the cache.
+    /// Moves a file to its place in the cache.
     fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let moved = to.parent().map_or(Ok(()), make_folder).and_then(|()| fs::rename(from, to));
         moved.map_err(|e| trouble("write", to, &e))
     }
 
-    /// Puts `bytes` into the cache.
+    /// Writes `bytes` to the cache.
     fn keep(&self, to: &Path, bytes: &[u8]) -> Result<(), Fault> {
         let tmp = self.temporary()?;
         fs::write(&tmp, bytes).map_err(|e| trouble("write", &tmp, &e))?;
         self.settle(&tmp, to)
     }
 
-    /// Copies the object `key` into the cache, where it is not there yet; whether there is one.
+    /// Copies the object `key` into the cache unless it is there. Returns whether the object exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, or the file cannot be written.
+    /// Fails when the server cannot be reached or reports an error, or the file cannot be written.
     pub fn bring_file(&self, key: &str) -> Result<bool, Fault> {
         let file = self.path(key)?;
         if file.is_file() {
@@ -282,7 +281,7 @@ impl RemoteStore {
         Ok(there)
     }
 
-    /// The file of an object in the cache.
+    /// File of an object in the cache.
     fn path(&self, key: &str) -> Result<PathBuf, Fault> {
         let relative = Path::new(key);
         if key.is_empty() || !relative.components().all(|c| matches!(c, Component::Normal(_))) {
@@ -291,16 +290,16 @@ impl RemoteStore {
         Ok(self.root.join(relative))
     }
 
-    /// The name of the object of a pack.
+    /// Name of the object of a pack.
     fn pack_key(id: HashKey) -> String {
         let name = id.to_string();
         format!("objects/{}/{name}.parquet", name.get(..2).unwrap_or_default())
     }
 
-    /// Copies the pack `id`, of `size` bytes where that is known, into the cache, where it is not there yet.
+    /// Copies the pack `id` into the cache unless it is there. `size` is its size in bytes, if known.
     ///
     /// # Errors
-    /// Fails when it is not there, cannot be read, or its bytes are not those that were written.
+    /// Fails when it is missing or unreadable, or its bytes differ from the written ones.
     pub fn bring(&self, id: HashKey, size: Option<u64>) -> Result<(), StoreFileFault> {
         let file = catalogue::path(&self.root, id);
         if fs::metadata(&file).is_ok_and(|about| size.is_none_or(|size| size == about.len())) {
@@ -323,20 +322,20 @@ impl RemoteStore {
         Err(StoreFileFault::Damaged(why))
     }
 
-    /// Copies the pack `id` into the cache in place of the copy there, which is damaged or was removed.
+    /// Copies the pack `id` into the cache in place of a damaged or removed copy.
     ///
     /// # Errors
-    /// The same as [`RemoteStore::bring`].
+    /// Same as [`RemoteStore::bring`].
     pub fn bring_again(&self, id: HashKey) -> Result<(), StoreFileFault> {
-        // Where it cannot be removed it is replaced.
+        // A copy that cannot be removed is replaced.
         let _ = fs::remove_file(catalogue::path(&self.root, id));
         self.bring(id, None)
     }
 
-    /// The packs that there are, each with its bytes.
+    /// All packs, each with its size in bytes.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn packs(&self) -> Result<Vec<(HashKey, u64)>, Fault> {
         let id = |key: &str| {
             let id = key.rsplit('/').next()?.strip_suffix(".parquet").and_then(HashKey::parse)?;
@@ -346,19 +345,19 @@ impl RemoteStore {
         Ok(all.iter().filter_map(|o| Some((id(&o.key)?, o.size))).collect())
     }
 
-    /// The packs of the index; none where it is missing or damaged.
+    /// Packs in the index; `None` if it is missing or damaged.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn index(&self) -> Result<Option<Vec<StorePack>>, Fault> {
         let bytes = self.bucket.get("index")?;
         Ok(bytes.and_then(|bytes| catalogue::parse(&bytes)))
     }
 
-    /// The pack `id`, from its footer alone.
+    /// Pack `id`, from its footer alone.
     ///
     /// # Errors
-    /// Fails when it is not there, cannot be read, or its footer is damaged.
+    /// Fails when it is missing or unreadable, or its footer is damaged.
     pub fn pack(&self, id: HashKey, size: Option<u64>) -> Result<StorePack, StoreFileFault> {
         let machine = |fault: Fault| StoreFileFault::Machine(fault.to_string());
         let key = RemoteStore::pack_key(id);
@@ -387,9 +386,9 @@ impl RemoteStore {
         Err(why)
     }
 
-    /// Sets a damaged pack aside.
+    /// Quarantines a damaged pack.
     pub fn set_aside(&self, id: HashKey) {
-        // Without the permission to write it stays, and is found damaged again.
+        // Without write permission, the pack stays and is reported again.
         let _ = self.bucket.rename(&RemoteStore::pack_key(id), &format!("damaged/{id}.parquet"));
     }
 }

@@ -1,4 +1,4 @@
-//! Objects that change under their names, copied into the cache; versions of published tables, written and copied.
+//! Copies of changing objects in the cache, and versions of published tables.
 
 use std::{
     collections::BTreeSet,
@@ -18,10 +18,10 @@ use super::{
 };
 use crate::{keys::HashKey, remote::each};
 
-/// The folders whose files of these endings change.
+/// Folders with changing files, and the endings of these files.
 const CHANGING: [(&str, &str); 3] = [("plans", ".json"), ("runs", ".jsonl"), (crate::cost::FOLDER, ".json")];
 
-/// The content of `tables/<pipeline>`: the newest version, as the link of a store in a folder does, and its checksum.
+/// Content of `tables/<pipeline>`: the newest version, in the form of the link in a folder store, and its checksum.
 fn pointer(pipeline: &str, number: u64, sum: &str) -> String {
     format!("../versions/{pipeline}/{number}/tables\n{sum}\n")
 }
@@ -37,18 +37,18 @@ fn folder_of(pipeline: &str, number: u64) -> String {
     format!("versions/{pipeline}/{number}")
 }
 
-/// A name that stays in its folder.
+/// Whether a name stays in its folder.
 fn is_plain(name: &str) -> bool {
     let parts: Vec<Component> = Path::new(name).components().collect();
     matches!(parts.as_slice(), [Component::Normal(part)] if *part == name)
 }
 
 impl RemoteStore {
-    /// Copies the objects that change under their names into the cache. Whether there is a store.
+    /// Copies the changing objects into the cache. Returns whether there is a store.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, the store is of another version of magline, or the cache
-    /// cannot be written.
+    /// Fails when the server cannot be reached or reports an error, the store is of another version of magline, or the
+    /// cache cannot be written.
     pub fn pull(&self) -> Result<bool, Fault> {
         for part in PARTS {
             let folder = self.root.join(part);
@@ -56,7 +56,7 @@ impl RemoteStore {
         }
         let there = self.is_there()?;
         if !there {
-            // The store was removed: so is the mark of its copy.
+            // The store was removed, so the mark of its copy is removed too.
             remove(&self.root.join("STORE"))?;
         }
         self.pull_tables()?;
@@ -69,7 +69,7 @@ impl RemoteStore {
     fn pull_changing(&self, folder: &str, ending: &str) -> Result<(), Fault> {
         let listed = self.bucket.list_flat(folder)?;
         let of = |name: &str| name.rsplit('/').next().unwrap_or_default().to_owned();
-        // Those of `runs` that never change are read by name.
+        // Immutable files of `runs` are read by name.
         let changing = |key: &str| key.ends_with(ending) && is_plain(&of(key));
         let names: BTreeSet<String> = listed.iter().filter(|o| changing(&o.key)).map(|o| of(&o.key)).collect();
         let fixed = |key: &str| folder == "runs" && key.ends_with(".json") && is_plain(&of(key));
@@ -98,7 +98,7 @@ impl RemoteStore {
         Ok(())
     }
 
-    /// Makes the cache name the versions that the store does.
+    /// Updates the versions that the cache names to those of the store.
     fn pull_tables(&self) -> Result<(), Fault> {
         let listed = self.bucket.list_flat("tables")?;
         let names: Vec<String> = listed
@@ -136,7 +136,7 @@ impl RemoteStore {
             if let Some(manifest) = Manifest::read(&bytes).filter(|m| m.sum() == sum) {
                 break (number, bytes, manifest);
             }
-            // Another run may have published since, and `gc` dropped this version.
+            // Another run may have published in the meantime, and `gc` may have dropped this version.
             match self.bucket.get(&name)? {
                 Some(now) if now != text => text = now,
                 Some(_) => return Err(damaged(&key)),
@@ -153,7 +153,7 @@ impl RemoteStore {
         self.place(pipeline, number, &folder)
     }
 
-    /// Puts the folder of a version into its place in the cache, and points the link to it.
+    /// Moves the folder of a version to its place in the cache, and points the link to it.
     fn place(&self, pipeline: &str, number: u64, folder: &Path) -> Result<(), Fault> {
         let to = self.root.join(folder_of(pipeline, number));
         let same = |a: &Path, b: &Path| {
@@ -161,14 +161,14 @@ impl RemoteStore {
             sum(a).is_some() && sum(a) == sum(b)
         };
         if to.exists() && !same(&to, folder) {
-            // A folder of a store that was removed or never published is moved aside.
+            // The folder of a removed store or an unpublished version is moved aside.
             let aside = self.temporary()?;
             fs::rename(&to, &aside).map_err(|e| trouble("write", &to, &e))?;
             let _ = fs::remove_dir_all(&aside);
         }
         if !to.exists() {
             let moved = self.settle(folder, &to);
-            // Another process may have put it there.
+            // Another process may have moved it there.
             if !same(&to, folder) && moved.is_err() && !to.exists() {
                 return moved;
             }
@@ -182,16 +182,17 @@ impl RemoteStore {
     /// Copies the files of a table into the cache.
     ///
     /// # Errors
-    /// Fails when one is missing or damaged, the server cannot be reached or refuses, or the cache cannot be written.
+    /// Fails when one is missing or damaged, the server cannot be reached or reports an error, or the cache cannot be
+    /// written.
     pub fn at_hand(&self, version: &Version, table: &ManifestTable) -> Result<(), Fault> {
         let files: Vec<&ManifestFile> = table.files.iter().chain(&table.units).collect();
         each(&files, |file| self.file_at_hand(version, file)).map(drop)
     }
 
-    /// Copies the files of a version that are no packs into the cache.
+    /// Copies the files of a version that are not packs into the cache.
     ///
     /// # Errors
-    /// The same as [`RemoteStore::at_hand`].
+    /// Same as [`RemoteStore::at_hand`].
     pub fn own_at_hand(&self, version: &Version) -> Result<(), Fault> {
         let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let files: Vec<&ManifestFile> = files.filter(|f| f.pack.is_none()).collect();
@@ -226,12 +227,12 @@ impl RemoteStore {
         self.keep(&path, &bytes)
     }
 
-    /// Publishes the version in `folder`, with the files of it that are no packs, and puts it into its place in the
-    /// cache. `check` says whether this process may still do so.
+    /// Publishes the version in `folder` with its files that are not packs, and moves it to its place in the cache.
+    /// `check` fails if this process may no longer publish.
     ///
     /// # Errors
-    /// Fails when it may not, when another process has published meanwhile, and when the server cannot be reached or
-    /// refuses; the version before stays the newest then.
+    /// Fails when `check` fails, when another process has published in the meantime, and when the server cannot be
+    /// reached or reports an error. The previous version then stays the newest.
     pub fn publish(
         &self,
         pipeline: &str,
@@ -240,13 +241,13 @@ impl RemoteStore {
         check: &dyn Fn() -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         let name = format!("tables/{pipeline}");
-        // Read before the lock is checked: a process that takes the lock over after that replaces it.
+        // Read before the lock is checked: a process that takes the lock later replaces this object.
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");
         let bytes = fs::read(&path).map_err(|e| trouble("read", &path, &e))?;
         let mut number = self.numbers(pipeline)?.last().map_or(1, |n| n + 1);
-        // A number belongs to the process that creates its list.
+        // A number belongs to the process that creates its manifest.
         while !self.bucket.create(&format!("{}/version.json", folder_of(pipeline, number)), &bytes)? {
             number += 1;
         }
@@ -264,7 +265,7 @@ impl RemoteStore {
         self.place(pipeline, number, folder)
     }
 
-    /// The numbers of all versions of `pipeline`, sorted.
+    /// Numbers of all versions of `pipeline`, sorted.
     pub(super) fn numbers(&self, pipeline: &str) -> Result<Vec<u64>, Fault> {
         let start = format!("versions/{pipeline}");
         let all = self.bucket.list(&start)?;
@@ -273,31 +274,31 @@ impl RemoteStore {
         Ok(numbers.into_iter().collect())
     }
 
-    /// Removes a pipeline from the tables.
+    /// Removes a pipeline from the published tables.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn unpublish(&self, pipeline: &str) -> Result<(), Fault> {
         self.bucket.remove(&format!("tables/{pipeline}"))?;
         self.bucket.remove(&format!("plans/{pipeline}.json"))
     }
 
-    /// The manifest of a version, and the newest one's number.
+    /// Manifest of a version, and the number of the newest version.
     pub(super) fn manifest(&self, pipeline: &str, number: u64) -> Result<Option<Manifest>, Fault> {
         let bytes = self.bucket.get(&format!("{}/version.json", folder_of(pipeline, number)))?;
         Ok(bytes.and_then(|bytes| Manifest::read(&bytes)))
     }
 
-    /// The number of the newest version of `pipeline`.
+    /// Number of the newest version of `pipeline`.
     pub(super) fn newest(&self, pipeline: &str) -> Result<Option<u64>, Fault> {
         let text = self.bucket.get(&format!("tables/{pipeline}"))?;
         Ok(text.and_then(|text| read_pointer(pipeline, &text)).map(|(number, _)| number))
     }
 
-    /// Removes a version, but for its packs.
+    /// Removes a version, except for its packs.
     pub(super) fn drop_version(&self, pipeline: &str, number: u64) -> Result<(), Fault> {
         let folder = folder_of(pipeline, number);
-        // The list is removed last: a version that is removed in part is found again.
+        // The manifest is removed last, so a partly removed version is found again.
         let mut all: Vec<String> = self.bucket.list(&folder)?.into_iter().map(|o| o.key).collect();
         all.sort_by_key(|key| key.ends_with("/version.json"));
         all.iter().try_for_each(|key| self.bucket.remove(key))?;

@@ -23,25 +23,27 @@ use crate::{
     remote::{ObjectEntry, each},
 };
 
-/// Results that are younger are kept: workers of other machines may be about to name them.
+/// Age below which results are kept: workers of other machines may be about to reference them.
 const YOUNG: Duration = Duration::from_secs(3600);
 
-/// Whether an object is as old as `than`, at the time `now` of the server.
+/// Whether an object is at least `than` old, at the server time `now`.
 pub fn is_object_old(about: &ObjectEntry, than: Duration, now: SystemTime) -> bool {
     than.is_zero() || now.duration_since(about.modified).is_ok_and(|age| age >= than)
 }
 
 impl RemoteStore {
-    /// The pipelines that have versions.
+    /// Pipelines that have versions.
     fn pipelines(&self) -> Result<BTreeSet<String>, Fault> {
         let all = self.bucket.list("versions")?;
         Ok(all.iter().filter_map(|o| o.key.split('/').nth(1)).map(str::to_owned).collect())
     }
 
-    /// Drops versions that are not the newest, and packs that no version references; the copies of the cache too.
+    /// Drops versions that are not the newest, and packs that no version references. Also drops their copies in the
+    /// cache.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses, and where the list of a newest version is damaged.
+    /// Fails when the server cannot be reached or reports an error, and when the manifest of a newest version is
+    /// damaged.
     pub fn collect(&self, store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
         let (alone, time) = (store.alone()?, self.time()?);
         let is_old = |about: &ObjectEntry, than: Duration| is_object_old(about, than, time);
@@ -57,7 +59,7 @@ impl RemoteStore {
             for (i, number) in all.into_iter().enumerate() {
                 let list = self.bucket.about(&format!("versions/{name}/{number}/version.json"))?;
                 let old = list.is_none_or(|o| is_old(&o, what.older_than));
-                // One above the newest is being written, or was never published.
+                // A number above the newest is being written, or was never published.
                 let unfinished = busy && now.is_none_or(|now| number > now);
                 if i < spare && now != Some(number) && old && !unfinished {
                     done.versions.push(format!("{name}/{number}"));
@@ -72,7 +74,7 @@ impl RemoteStore {
                             let remedy = format!("remove the object tables/{name}, and run the spec again");
                             return Err(packs_unknown(&list, &remedy));
                         }
-                        // It was never published.
+                        // This version was never published.
                         None => {}
                     }
                 }
@@ -113,10 +115,10 @@ impl RemoteStore {
         Ok(done)
     }
 
-    /// Reads every byte of the store, not of the cache. Packs that do not verify are set aside.
+    /// Reads every byte of the store, not of the cache. Quarantines packs that do not verify.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or refuses.
+    /// Fails when the server cannot be reached or reports an error.
     pub fn scrub(&self, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<ScrubReport, Fault> {
         let mut found = ScrubReport::default();
         for text in store.damaged() {
@@ -143,7 +145,7 @@ impl RemoteStore {
                 }
             }
         }
-        // Sealed files: packs, and tables of quality.
+        // Sealed files are packs and tables of quality.
         let packs: Vec<HashKey> = store.catalogue().packs().map(|p| p.id).collect();
         let mut sealed: Vec<(String, Option<HashKey>)> =
             packs.into_iter().map(|id| (RemoteStore::pack_key(id), Some(id))).collect();
@@ -180,7 +182,7 @@ impl RemoteStore {
             tick(before + i, all);
             let wrong = match self.bucket.get(&key)? {
                 None if published => Some("it does not exist"),
-                // A run that was killed before it published leaves a list whose files were not all written.
+                // A run that was killed before it published leaves a manifest of files that were not all written.
                 None => None,
                 Some(bytes) => {
                     found.files += 1;
@@ -196,7 +198,7 @@ impl RemoteStore {
         Ok(found)
     }
 
-    /// The index, and the small objects that verify themselves.
+    /// Checks the index and the small objects that verify themselves.
     fn scrub_small(&self, found: &mut ScrubReport) -> Result<(), Fault> {
         let mut check = |key: &str, is_whole: &dyn Fn(&str, &[u8]) -> bool| -> Result<(), Fault> {
             let Some(bytes) = self.bucket.get(key)? else { return Ok(()) };

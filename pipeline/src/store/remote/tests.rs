@@ -32,20 +32,20 @@ fn key(name: &str) -> HashKey {
     HashKey::from_parts([name])
 }
 
-/// The pack of a unit.
+/// Pack of a unit.
 fn pack_of(store: &Store, unit: HashKey) -> HashKey {
     let catalogue = store.catalogue();
     catalogue.pack(catalogue.find(unit).unwrap().pack).unwrap().id
 }
 
 #[test]
-fn unit_what_one_host_writes_another_reads_with_the_same_bytes() {
+fn unit_hosts_read_identical_bytes() {
     let lab = Lab::new();
     let (here, there, later) = (lab.host(), lab.host(), lab.host());
     let first = Store::open(here.path()).unwrap();
     first.put(key("a"), &batch(5, 1.0)).unwrap();
     first.put(key("b"), &batch(300_000, 2.0)).unwrap();
-    // Without an index the footers say what there is, and no other byte is read.
+    // Without an index, only the footers are read.
     locked(&lab.server.read).clear();
     let second = Store::open(there.path()).unwrap();
     assert!(second.has(key("a")) && second.has(key("b")));
@@ -54,7 +54,7 @@ fn unit_what_one_host_writes_another_reads_with_the_same_bytes() {
     assert_eq!(second.whole(key("a")).unwrap(), batch(5, 1.0));
     assert_eq!(fs::read(file(&second, "a")).unwrap(), fs::read(file(&first, "a")).unwrap());
     assert!(!file(&second, "b").exists(), "only what is read is copied");
-    // With an index they are not read either.
+    // With an index, no footer is read.
     first.write_index().unwrap();
     locked(&lab.server.read).clear();
     let third = Store::join(later.path()).unwrap();
@@ -65,7 +65,7 @@ fn unit_what_one_host_writes_another_reads_with_the_same_bytes() {
     assert!(!third.has(key("c")) && third.adopt(pack_of(&first, key("c"))) && third.has(key("c")));
     second.refresh();
     assert!(second.has(key("c")) && !second.adopt(key("nothing")));
-    // A plan and a state are those of all hosts.
+    // Plans and states are shared by all hosts.
     let plan = first.keep_plan(b"a plan").unwrap();
     assert_eq!(second.plan(plan).unwrap(), b"a plan");
     first.set_checkpoint(key("d"), b"half").unwrap();
@@ -77,7 +77,7 @@ fn unit_what_one_host_writes_another_reads_with_the_same_bytes() {
 }
 
 #[test]
-fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
+fn unit_damaged_copy_is_replaced_and_damaged_object_is_quarantined() {
     let lab = Lab::new();
     let (here, there) = (lab.host(), lab.host());
     let store = Store::open(here.path()).unwrap();
@@ -97,7 +97,7 @@ fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
     assert_eq!(other.whole(key("a")).unwrap(), batch(1000, 1.0));
     assert_eq!(other.damaged(), Vec::<String>::new());
     assert_eq!(fs::read(&copy).unwrap(), fs::read(store.file(a)).unwrap());
-    // Answers that are cut on the way are asked for again.
+    // Truncated answers are requested again.
     lab.server.cut.store(3, Ordering::SeqCst);
     assert_eq!(other.whole(key("b")).unwrap(), batch(1000, 1.0));
     assert_eq!(other.damaged(), Vec::<String>::new());
@@ -106,14 +106,14 @@ fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
     assert!(fault.contains("truncated"), "{fault}");
     lab.server.cut.store(0, Ordering::SeqCst);
     assert_eq!(other.whole(key("c")).unwrap(), batch(1000, 1.0), "a server that cuts is no damage");
-    // An object with a flipped bit is never read, and out of the way.
+    // An object with a flipped bit is never read, and is quarantined.
     lab.put(&object("d"), |bytes| bytes[100] ^= 4);
     let fault = other.whole(key("d")).unwrap_err().to_string();
     assert!(fault.contains("checksum"), "{fault}");
     assert!(!other.has(key("d")) && other.damaged().len() == 1);
     assert!(lab.bucket.get(&object("d")).unwrap().is_none());
     assert_eq!(lab.bucket.list("damaged").unwrap().len(), 1);
-    // One that is cut is found when the store is opened, and by `verify`.
+    // A truncated object is found when the store is opened, and by `verify`.
     lab.put(&object("c"), |bytes| bytes.truncate(2000));
     lab.put(&object("b"), |bytes| bytes[200] ^= 1);
     drop(other);
@@ -122,13 +122,13 @@ fn unit_damage_in_a_copy_is_mended_and_damage_in_the_store_is_set_aside() {
     let found = scrub(&other, &|_, _| ()).unwrap();
     assert_eq!(found.damaged.len(), 2, "{:?}", found.damaged);
     assert!(!other.has(key("b")) && other.has(key("a")));
-    // A recomputed pack is available again, also on the host that had it before.
+    // A recomputed pack is available again, also on the host that had it earlier.
     other.put(key("b"), &batch(1000, 1.0)).unwrap();
     assert_eq!(Store::open(here.path()).unwrap().whole(key("b")).unwrap(), batch(1000, 1.0));
 }
 
 #[test]
-fn unit_a_server_that_is_down_loses_nothing_and_says_so() {
+fn unit_unreachable_server_is_reported_without_data_loss() {
     let lab = Lab::new();
     let here = lab.host();
     let store = Store::open(here.path()).unwrap();
@@ -143,7 +143,7 @@ fn unit_a_server_that_is_down_loses_nothing_and_says_so() {
 }
 
 #[test]
-fn unit_a_prefix_that_holds_something_else_is_refused() {
+fn unit_foreign_prefix_is_rejected() {
     let lab = Lab::new();
     lab.bucket.put("holidays/one.jpg", vec![1]).unwrap();
     let here = lab.host();
@@ -196,13 +196,13 @@ fn unit_readers_see_one_version_or_the_next() {
         parts.iter().map(|p| (p.file_name().unwrap().to_owned(), fs::read(p).unwrap())).collect::<Vec<_>>()
     };
     assert_eq!(files(here.path()), files(there.path()));
-    // The other host publishes; a reader that has opened the version before still reads it.
+    // The other host publishes; a reader of the previous version still reads it.
     let two = Store::open(there.path()).unwrap();
     assert!(publish(&two, "b", "second").unwrap());
     assert_eq!(read(here.path(), "t"), batch(5, 1.0));
     super::super::pulled(here.path()).unwrap();
     assert_eq!((read(here.path(), "t"), current(here.path(), "p").unwrap().number), (batch(6, 2.0), 2));
-    // Someone else has published since the pointer was read.
+    // Another process has published since the pointer was read.
     let version = current(here.path(), "p").unwrap();
     let meanwhile = || lab.bucket.put("tables/p", b"../versions/p/9/tables\nx\n".to_vec());
     let remote = RemoteStore::from_cache(here.path()).unwrap().unwrap();
@@ -213,7 +213,7 @@ fn unit_readers_see_one_version_or_the_next() {
 }
 
 #[test]
-fn unit_gc_drops_what_nothing_names_and_keeps_the_rest() {
+fn unit_gc_drops_only_unreferenced_objects() {
     let lab = Lab::new();
     let (here, there) = (lab.host(), lab.host());
     let one = Store::open(here.path()).unwrap();

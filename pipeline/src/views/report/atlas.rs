@@ -1,5 +1,4 @@
-//! The map with the tracks and their error ellipses on it: the whole line, and a close look where the INS error is
-//! largest.
+//! The map with the tracks and their error ellipses: the whole line, and a detail view where the INS error is largest.
 
 use std::rc::Rc;
 
@@ -24,14 +23,14 @@ use super::{
 };
 use crate::{plan::TableRef, views::text::number};
 
-/// The size of the ellipses, in sigma: 98.9 % of a two-dimensional normal distribution are inside.
+/// Scale of the ellipses in standard deviations: 98.9 % of a two-dimensional normal distribution are inside.
 const SIGMAS: f64 = 3.0;
 /// Number of ellipses along a line, and number in a detail view around the one at its middle.
 const ELLIPSES: usize = 16;
 const CLOSE: usize = 6;
-/// Ellipses of a longer semi-axis that is nowhere as long on the picture are enlarged, or shown from near.
+/// Minimum of the longest semi-axis on the picture; smaller ellipses are enlarged or shown in a detail view.
 const SMALLEST_PX: f64 = 6.0;
-/// The longest semi-axis that they are enlarged to.
+/// Longest semi-axis of enlarged ellipses.
 const ENLARGED_PX: f64 = 18.0;
 
 /// Map image below tracks, embedded once per page.
@@ -49,11 +48,11 @@ pub struct Atlas {
 /// Tracks, and the map that they were navigated on.
 pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 
-/// The atlas of each group of tracks, `None` where there is no place; and the pictures of the maps, for references.
-/// Groups over the same map share its picture.
+/// The atlas of each group of tracks, `None` without positions; and the pictures of the maps, for references. Groups
+/// over the same map share its picture.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn atlases(source: &ReportSource, groups: &[AtlasTracks]) -> Result<(Vec<Option<Atlas>>, Markup), Fault> {
     let bounds: Vec<Option<Bounds>> = groups.iter().map(|(_, tracks)| around(tracks)).collect();
     let mut drawn: Vec<(TableRef, Option<Rc<AtlasImage>>)> = vec![];
@@ -191,7 +190,7 @@ impl Atlas {
         }
     }
 
-    /// Where the ellipse is largest, at its own scale.
+    /// Detail view of the largest ellipse, with a separate scale.
     fn near(&self, flown: &LineTracks, (k, widest): (usize, Ellipse)) -> Markup {
         let canvas = Canvas::new(square(flown.estimate.at(k).unwrap_or_default(), (4.0 * widest.major_m).max(50.0)));
         let rings = ellipses(flown, &in_sight(&canvas, flown, k));
@@ -242,7 +241,7 @@ pub fn around(tracks: &[DegreeTrack]) -> Option<Bounds> {
         b.lat = (b.lat.0.min(lat), b.lat.1.max(lat));
         b.lon = (b.lon.0.min(lon), b.lon.1.max(lon));
     }
-    // A kilometre at least, for a flight on the spot; and the narrow direction also shows some of the map.
+    // At least a kilometre, for a stationary flight; the narrow direction also shows some of the map.
     let shrink = b.lat.0.to_radians().cos().max(0.05);
     let (high, wide) = (b.lat.1 - b.lat.0, (b.lon.1 - b.lon.0) * shrink);
     let side = 1.12 * high.max(wide).max(0.01);
@@ -279,7 +278,7 @@ fn zoom_bounds(flown: &LineTracks, k: usize) -> Bounds {
     square((lat, lon), (1.4 * separation(flown, k).unwrap_or(0.0)).max(250.0))
 }
 
-/// The square about a place, of half a side in metres.
+/// The square around a position, with half a side of `half_m` metres.
 fn square((lat, lon): (f64, f64), half_m: f64) -> Bounds {
     let (earth, lat_rad) = (EarthModel::default(), lat.to_radians());
     let (north, east) = (earth.north_m_to_lat_rad(half_m, lat_rad, 0.0), earth.east_m_to_lon_rad(half_m, lat_rad, 0.0));
@@ -287,8 +286,7 @@ fn square((lat, lon): (f64, f64), half_m: f64) -> Bounds {
     Bounds { lat: (lat - north, lat + north), lon: (lon - east, lon + east) }
 }
 
-/// Whether the close look has an ellipse that is large enough to be seen, and about as large as the `widest` of the
-/// line.
+/// Whether the detail view has a visible ellipse that is about as large as the `widest` of the line.
 fn is_seen(flown: &LineTracks, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
     let Some((k, zoom)) = close else { return false };
     let there = flown.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
@@ -319,7 +317,7 @@ fn line(canvas: &Canvas, track: &DegreeTrack, class: &str) -> Markup {
     } else {
         path(spots.into_iter())
     };
-    // The estimate lies on the true track, which is wider, so that both are seen.
+    // The estimate lies on the true track, which is wider, so that both are visible.
     html! {
         @if !class.ends_with("over") { path.halo d=(&d) {} }
         path class=(format!("track {class}")) d=(d) {}
@@ -344,7 +342,7 @@ fn frame_of(canvas: &Canvas, zoom: &Bounds) -> Markup {
     html! { rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} rect.window x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} }
 }
 
-/// At most `most` of `range`, evenly apart, with both ends.
+/// At most `most` values of `range`, evenly spaced, with both ends.
 pub fn spaced(range: std::ops::Range<usize>, most: usize) -> Vec<usize> {
     let last = range.len().saturating_sub(1);
     let mut all: Vec<usize> =
@@ -353,7 +351,7 @@ pub fn spaced(range: std::ops::Range<usize>, most: usize) -> Vec<usize> {
     all
 }
 
-/// Row `k` and some others of which the estimate is on the picture.
+/// Row `k` and some other rows whose estimate is on the picture.
 fn in_sight(canvas: &Canvas, flown: &LineTracks, k: usize) -> Vec<usize> {
     let on_it = |i: &usize| flown.estimate.at(*i).is_some_and(|p| canvas.holds(p));
     let inside: Vec<usize> = (0..flown.tt.len()).filter(on_it).collect();
@@ -368,7 +366,7 @@ fn ellipses(flown: &LineTracks, rows: &[usize]) -> Vec<(usize, Ellipse)> {
     rows.iter().filter_map(|k| Some((*k, flown.ellipse(*k, SIGMAS)?))).collect()
 }
 
-/// How many times the ellipses are drawn as large as they are, so that they are seen: 1, 2, 5, 10 and so on.
+/// Enlargement that makes the ellipses visible: 1, 2, 5, 10 and so on.
 fn enlargement(canvas: &Canvas, rings: &[(usize, Ellipse)]) -> f64 {
     let largest = rings.iter().map(|(_, e)| e.major_m).fold(0.0, f64::max) / canvas.metres_per_px();
     if largest >= SMALLEST_PX || largest <= 0.0 { 1.0 } else { round_below(ENLARGED_PX / largest) }
@@ -384,7 +382,7 @@ fn outlines(canvas: &Canvas, flown: &LineTracks, rings: &[(usize, Ellipse)], tim
     } }
 }
 
-/// Legend of the map. `ellipses` is the enlargement of the ellipses; `None` where none are drawn.
+/// Legend of the map. `ellipses` is the enlargement of the ellipses; `None` without ellipses.
 fn legend(flown: &LineTracks, ellipses: Option<f64>) -> Markup {
     html! {
         p.legend {
@@ -444,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_close_look_is_where_the_ins_is_farthest_off() {
+    fn unit_the_detail_view_is_at_the_largest_ins_error() {
         let flown = flown();
         assert_eq!(worst_place(&flown), Some(99));
         // 0.00099 degrees of longitude at 22 degrees south.
@@ -454,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_ellipses_on_the_picture_are_three_sigma_and_turned_clockwise() {
+    fn unit_ellipses_are_three_sigma_and_turned_clockwise() {
         let mut flown = flown();
         // To the north-east: 30 m each way, correlated by a half.
         flown.sigma = Some([vec![30.0; 100], vec![30.0; 100], vec![450.0; 100]]);
@@ -474,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_ellipses_that_are_too_small_are_enlarged_and_it_is_said() {
+    fn unit_small_ellipses_are_enlarged_with_a_note() {
         let mut flown = flown();
         // The largest is at row 40, of 30 m: on 12 km of track less than a pixel.
         flown.sigma.as_mut().unwrap()[0][40] = 10.5;

@@ -1,24 +1,24 @@
-//! The beeswarm of the parts of predictions, as users of the SHAP package know it: a row for each input, a dot for each
-//! sample, as far to the right as it raises the prediction, and of the colour of the input's value.
+//! Beeswarm plot of contributions to predictions, as in the SHAP package: a row for each input, a dot for each sample.
+//! The position of a dot is its contribution; its colour is the input's value.
 
 use std::collections::BTreeMap;
 
 use figures::{chart::px, ticks};
 use maud::{Markup, html};
 
-/// Groups that are drawn, and dots of each at most.
+/// Maximum number of groups, and of dots per group.
 const GROUPS: usize = 20;
 const DOTS: usize = 400;
-/// Measures of the picture.
+/// Dimensions of the picture.
 const LABEL: f64 = 210.0;
 const WIDTH: f64 = 720.0;
 const BAR: f64 = 70.0;
 const ROW: f64 = 28.0;
 const AXIS: f64 = 36.0;
 const RADIUS: f64 = 2.4;
-/// Dots within this part of a row's range are drawn one above the other.
+/// Number of bins of a row's range; the dots of a bin are drawn one above the other.
 const BINS: f64 = 100.0;
-/// The part of the inputs that is beyond the ends of the colours, on each side.
+/// Share of the inputs beyond the ends of the colour scale, on each side.
 const BEYOND: f64 = 0.05;
 /// The colours from low to high values: red and blue of one lightness, as in the SHAP package.
 const COLOURS: [[f64; 3]; 6] = [
@@ -29,17 +29,17 @@ const COLOURS: [[f64; 3]; 6] = [
     [251.0, 0.0, 138.0],
     [255.0, 0.0, 81.0],
 ];
-/// That of a group without one value.
+/// Colour of a group without a single value.
 const GREY: &str = "#777777";
 
-/// The samples of one model, by group: the part of the prediction, and the value of the input, NaN where there is none.
+/// The samples of one model, by group: the contribution, and the value of the input, NaN without one.
 #[derive(Default)]
 pub struct BeeswarmSamples {
     groups: BTreeMap<String, Vec<(f64, f64)>>,
 }
 
 impl BeeswarmSamples {
-    /// Adds the samples of a group on a line; those without a part are left out.
+    /// Adds the samples of a group on a line; samples without a contribution are skipped.
     pub fn add(&mut self, group: &str, parts: &[f64], inputs: &[f64]) {
         let samples = parts.iter().copied().zip(inputs.iter().copied()).filter(|(part, _)| part.is_finite());
         self.groups.entry(group.to_owned()).or_default().extend(samples);
@@ -89,7 +89,7 @@ impl BeeswarmSamples {
     }
 }
 
-/// The mean absolute part.
+/// The mean absolute contribution.
 fn size(samples: &[(f64, f64)]) -> f64 {
     samples.iter().map(|(part, _)| part.abs()).sum::<f64>() / samples.len().max(1) as f64
 }
@@ -101,7 +101,7 @@ struct BeeswarmDot {
     colour: String,
 }
 
-/// The dots of a group: those of nearly one part are laid in turn above and below each other.
+/// The dots of a group; dots of similar contribution lie alternately above and below each other.
 fn dots(samples: &[(f64, f64)]) -> Vec<BeeswarmDot> {
     let shown = samples.len().min(DOTS);
     let samples: Vec<(f64, f64)> = (0..shown).map(|k| samples[(2 * k + 1) * samples.len() / (2 * shown)]).collect();
@@ -124,7 +124,7 @@ fn dots(samples: &[(f64, f64)]) -> Vec<BeeswarmDot> {
     samples.into_iter().zip(up).map(dot).collect()
 }
 
-/// The values of the input where the colours end.
+/// The values of the input at the ends of the colour scale.
 fn ends(samples: &[(f64, f64)]) -> (f64, f64) {
     let mut inputs: Vec<f64> = samples.iter().map(|(_, input)| *input).filter(|x| x.is_finite()).collect();
     inputs.sort_by(f64::total_cmp);
@@ -142,7 +142,7 @@ fn colour(input: f64, (low, high): (f64, f64)) -> String {
     shade((input - low) / (high - low))
 }
 
-/// The colour at a part of the way from low to high.
+/// The colour at a position from low (0) to high (1).
 fn shade(along: f64) -> String {
     let last = COLOURS.len() - 1;
     let along = along.clamp(0.0, 1.0) * last as f64;
@@ -173,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_dots_lie_by_their_part_and_have_the_colour_of_their_input() {
+    fn unit_dots_show_their_contribution_and_input() {
         let samples: Vec<(f64, f64)> = (0..101).map(|k| (f64::from(k) / 50.0 - 1.0, f64::from(k))).collect();
         let made = dots(&samples);
         assert!(made.iter().all(|dot| dot.up == 0.0), "parts that differ need no room");
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_rows_are_in_the_order_of_the_mean_absolute_part() {
+    fn unit_rows_are_in_the_order_of_the_mean_absolute_contribution() {
         let mut swarm = BeeswarmSamples::default();
         swarm.add("small", &[0.1, -0.1, f64::NAN], &[1.0, 2.0, 3.0]);
         swarm.add("large", &[-3.0, 3.0], &[1.0, 2.0]);

@@ -1,4 +1,4 @@
-//! The pooled scores of one table, and which of their points is best.
+//! The pooled scores of one table, and its best point.
 
 use schemas::Fault;
 
@@ -47,12 +47,12 @@ impl ScoreBoard {
         self.scores.headline()
     }
 
-    /// The rows by a metric, best first, those with a mark after all others; without those that have no value.
+    /// The rows by a metric, best first, flagged rows last. Rows without a value are omitted.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
         self.scores.ranked(metric)
     }
 
-    /// The number of marked lines of a row.
+    /// The number of flagged lines of a row.
     pub fn marked(&self, row: usize) -> usize {
         self.scores.marks.get(row).copied().unwrap_or(0)
     }
@@ -108,7 +108,7 @@ pub mod tests {
     }
 
     #[test]
-    fn r10_a_marked_point_is_never_the_best() {
+    fn unit_a_flagged_point_is_never_the_best() {
         let mut board = example();
         board.scores.marks[1] = 1;
         assert_eq!(board.ranked(1), [3, 0, 1]);
@@ -146,7 +146,7 @@ pub mod tests {
         };
         board.scores.in_sample = vec![of([true; 3]), of([true, true, false]), of([false; 3]), of([false; 3])];
         assert_eq!((board.ranked(1), board.scores.best(1)), (vec![3, 1, 0], Some(3)));
-        // By another metric the same row is out of sample.
+        // The same row is out of sample for another metric.
         assert_eq!(board.scores.best(2), Some(1));
         assert!(board.scores.is_all_in_sample(0) && !board.scores.is_all_in_sample(1));
         assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines; 1 in sample are separate");
@@ -156,7 +156,7 @@ pub mod tests {
     }
 
     #[test]
-    fn unit_a_best_point_at_the_end_of_an_axis_of_numbers_is_remarked() {
+    fn unit_a_best_point_at_the_end_of_an_axis_is_reported() {
         let mut board = example();
         let row =
             |lambda: &str, drms: f64| (vec!["mag_4_uc".to_owned(), lambda.to_owned()], vec![None, Some(drms), None]);

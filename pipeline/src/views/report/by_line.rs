@@ -13,29 +13,29 @@ use crate::{
     views::text::number,
 };
 
-/// The most tables, columns and rows: what a page can hold and someone look through.
+/// Maximum numbers of tables, columns and rows of a page.
 const TABLES: usize = 3;
 const COLUMNS: usize = 12;
 const ROWS: usize = 200;
-/// Tables of more rows are folded.
+/// Maximum number of rows of a table that is not folded.
 const OPEN: usize = 30;
-/// The score of a track, and that of the INS alone.
+/// Metrics of a track, and of the INS alone.
 const DRMS: &str = "drms";
 const INS: &str = "ins_drms";
 
 /// Table of one metric by line and sweep point.
 struct LineScoreTable {
     metric: Metric,
-    /// The axis of the columns; none where there is one point.
+    /// The axis of the columns; `None` for one point.
     axis: Option<String>,
     /// Values of the other axes.
     others: String,
     columns: Vec<LineScoreColumn>,
     /// Flight and line of each row.
     lines: Vec<(String, String)>,
-    /// The INS alone, where it is the same for all columns: a value for each line, and the pooled one.
+    /// The INS alone, if it is the same for all columns: a value for each line, and the pooled one.
     ins: Option<(Vec<Option<f64>>, Option<f64>)>,
-    /// All lines, and all columns, of which only the first ones are shown.
+    /// Total numbers of lines and columns; only the first ones are shown.
     all: (usize, usize),
 }
 
@@ -44,7 +44,7 @@ struct LineScoreColumn {
     name: String,
     cells: Vec<LineScoreCell>,
     pooled: Option<f64>,
-    /// The number of marked lines.
+    /// The number of flagged lines.
     marks: usize,
     /// Whether the pooled value is of lines in sample only.
     in_sample: bool,
@@ -152,7 +152,7 @@ fn column(
     })
 }
 
-/// The INS of each line, where it is one for all columns.
+/// The INS of each line, if it is the same for all columns.
 fn ins(columns: &[LineScoreColumn], lines: usize) -> Option<Vec<Option<f64>>> {
     let mut each = vec![None; lines];
     for column in columns {
@@ -319,9 +319,9 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_marked_line_is_shown_and_never_the_best() {
+    fn unit_a_flagged_line_is_shown_and_never_the_best() {
         let text = example().drawn().into_string();
-        // 12 m is the least of its row, and 29.5 m of a pooled column with a marked line is not trusted either.
+        // 12 m is the least of its row. The pooled 29.5 m includes a flagged line, and is not trusted either.
         assert!(text.contains("<td class=\"n bad\" data-v=\"12\" title=\"flagged\">! 12.00</td>"), "{text}");
         assert!(text.contains("data-v=\"29.5\" title=\"flagged\">! 29.50</td>"), "{text}");
         assert!(text.contains("<td class=\"n best\" data-v=\"30\">30.00</td>"), "{text}");
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_an_ins_that_differs_between_columns_is_no_column() {
+    fn unit_an_ins_that_differs_between_columns_has_no_column() {
         let mut table = example();
         table.columns[1].cells[0].ins = Some(299.0);
         assert_eq!(ins(&table.columns, 2), None);

@@ -22,10 +22,10 @@ use crate::{
     views::text::number,
 };
 
-/// The most ellipses of a line, and the corners of each.
+/// Maximum number of ellipses of a line, and number of corners of each.
 const ELLIPSES: usize = 60;
 const CORNERS: usize = 36;
-/// Their size, in sigma.
+/// Size of the ellipses in standard deviations.
 const SIGMAS: f64 = 3.0;
 /// Colours of the report, except that a black true track is invisible on a picture of the ground.
 const TRUTH: [u8; 3] = [255; 3];
@@ -34,9 +34,9 @@ const ESTIMATE: [u8; 3] = [255, 79, 208];
 
 /// Selection of tracks and their form.
 pub struct TrackSelection<'a> {
-    /// Tables of `navigate`; all where there is none.
+    /// Tables of `navigate`; all if empty.
     pub tables: &'a [String],
-    /// Lines; those that the report shows where there is none.
+    /// Lines; if empty, the lines of the report.
     pub lines: &'a [String],
 }
 
@@ -52,7 +52,7 @@ struct KmlTrack {
 /// lines of `choice`. Pictures of the maps are named after `stem`.
 ///
 /// # Errors
-/// Fails when there are no results of the plan, no track of that choice, or the store is damaged.
+/// Fails when there are no results of the plan, no track matches `choice`, or the store is damaged.
 pub fn kml(graph: &PlanGraph, store: &Store, choice: &TrackSelection, stem: &str) -> Result<Kml, Fault> {
     let source = ReportSource::new(graph, store);
     let groups = chosen(&source, choice)?;
@@ -113,7 +113,7 @@ fn chosen(source: &ReportSource, choice: &TrackSelection) -> Result<Vec<SubjectG
     }
 }
 
-/// Table and point, and what the report has it for where it has several.
+/// Table and point, with the role of the point in the report if there are several.
 fn point_name(source: &ReportSource, subject: &ReportSubject, group: &SubjectGroup) -> String {
     let table = subject.navigate.map(|r| source.graph.plan.name_of(r)).unwrap_or_default();
     let mut name = if subject.point.is_empty() { table.to_owned() } else { format!("{table}, {}", subject.point) };
@@ -132,7 +132,7 @@ fn leg(source: &ReportSource, subject: &ReportSubject, shown: &ReportLine) -> Re
     let mut alt = [own.clone(), own.clone(), own];
     if let Some(flights) = source.graph.plan.instance(t, i).first_input() {
         for (to, name) in alt.iter_mut().zip(["alt", "ins_alt"]) {
-            // Heights that are not known are those of the estimate.
+            // Unknown heights are replaced by the heights of the estimate.
             if let Some(heights) = source.floats(flights, shown.line, name)?.filter(|h| h.len() == to.len()) {
                 to.iter_mut().zip(heights).filter(|(_, h)| h.is_finite()).for_each(|(to, h)| *to = h);
             }
@@ -209,7 +209,7 @@ impl KmlTrack {
     }
 }
 
-/// The corners of an ellipse about a place, counterclockwise.
+/// The corners of an ellipse around a position, counterclockwise.
 fn outline((lat, lon): (f64, f64), ellipse: Ellipse) -> (Vec<f64>, Vec<f64>) {
     let (earth, at) = (EarthModel::default(), lat.to_radians());
     let corner = |(north, east): (f64, f64)| {
@@ -245,7 +245,7 @@ impl KmlMap {
     }
 }
 
-/// Each map below tracks once, as far as these go.
+/// Each map below tracks once, cut to their extent.
 fn maps(source: &ReportSource, groups: &[SubjectGroup]) -> Result<Vec<KmlMap>, Fault> {
     let mut around: Vec<(TableRef, Vec<DegreeTrack>)> = vec![];
     for group in groups {
@@ -264,7 +264,7 @@ fn maps(source: &ReportSource, groups: &[SubjectGroup]) -> Result<Vec<KmlMap>, F
     Ok(found)
 }
 
-/// The nodes of a map within `bounds`; `None` where none of them is known.
+/// The nodes of a map within `bounds`; `None` if all of them are missing.
 fn cut(name: &str, grid: &GeographicGrid, bounds: &Bounds) -> Option<KmlMap> {
     let (lat, lon) = (grid.lat(), grid.lon());
     // Maps may count longitudes from 0 to 360.

@@ -16,12 +16,12 @@ use super::{
 };
 use crate::views::text::number;
 
-/// Points of a band.
+/// Number of points of a band.
 const BAND_POINTS: usize = 500;
-/// Half of the band around a position error, in sigma.
+/// Half the width of the band around a position error, in standard deviations.
 const SIGMAS: f64 = 3.0;
 
-/// The plots of one line at a point, which `place` names. `outcomes` counts the outcomes of its measurements.
+/// The plots of one line at the point `place`. `outcomes` counts the outcomes of its measurements.
 pub fn plots(flown: &LineTracks, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
     let mut charts = vec![];
     if let Some(errors) = flown.errors() {
@@ -81,7 +81,7 @@ fn position(
     LineChart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..LineChart::default() }
 }
 
-/// The part of the axis that shows estimate and band, where the INS alone would compress them to a line.
+/// The part of the axis that shows estimate and band, if the INS alone would compress them to a line.
 fn frame(error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Option<(f64, f64)> {
     let largest = |x: &[f64]| x.iter().copied().filter(|v| v.is_finite()).fold(0.0, |a: f64, v| a.max(v.abs()));
     let own = largest(error).max(SIGMAS * sigma.map_or(0.0, |s| largest(s)));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_share_inside_counts_what_is_known() {
+    fn unit_the_share_inside_ignores_missing_values() {
         assert_eq!(share_inside(&[1.0, -5.0, f64::NAN, 3.0], &[1.0, 1.0, 1.0, 1.0]), "66.7 %");
         let (mut error, sigma) = (vec![0.0; 10_000], vec![1.0; 10_000]);
         assert_eq!(share_inside(&error, &sigma), "100 %");
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_band_is_three_sigma_and_errors_are_truth_less_estimate() {
+    fn law_the_band_is_three_sigma_and_errors_are_truth_minus_estimate() {
         let flown = flown();
         let charts = positions(&flown, "flight 1, line 1.02, filter = ekf", &flown.errors().unwrap());
         let (north, east) = (&charts[0], &charts[1]);
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_innovation_band_is_what_the_filter_predicted() {
+    fn unit_the_innovation_band_is_the_prediction_of_the_filter() {
         use crate::views::report::track::DegreeTrack;
         let estimate = DegreeTrack { lat: vec![0.0; 2], lon: vec![0.0; 2] };
         // r²/S = nis with S = 25: the band is 1.96 times 5.

@@ -96,7 +96,7 @@ fn layout(nodes: &[FlowNode]) -> Vec<Vec<FlowSlot>> {
     let column = columns_of(nodes);
     let last = column.iter().copied().max().unwrap_or(0);
     let mut columns: Vec<Vec<FlowSlot>> = vec![];
-    // For each node the slot where its box, or the lane of its arrow, is in the column before.
+    // Slot of each node in the previous column: its box, or the lane of its arrow.
     let mut held: Vec<Option<usize>> = vec![None; nodes.len()];
     for c in 0..=last {
         let mut places: Vec<(FlowSlot, usize)> = vec![];
@@ -210,8 +210,8 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_table_stands_right_of_its_inputs() {
-        // The map stands just before the track, its only reader.
+    fn unit_a_table_is_right_of_its_inputs() {
+        // The map is just before the track, its only reader.
         assert_eq!(columns_of(&example()), [0, 4, 1, 2, 3, 4, 5, 6]);
     }
 

@@ -1,5 +1,5 @@
-//! Which inputs matter to a model: bars of the means over lines and seeds, with a dot for each, and the beeswarm of
-//! samples.
+//! Importance of the inputs of a model: bars of the means over lines and seeds, with a dot for each, and the beeswarm
+//! of samples.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +17,10 @@ use crate::{
 
 /// The columns of the samples.
 const SAMPLES: [&str; 2] = ["sample_values", "sample_inputs"];
-/// Groups that are drawn, and models.
+/// Maximum numbers of groups and of models.
 const GROUPS: usize = 20;
 const MODELS: usize = 12;
-/// Measures of a picture.
+/// Dimensions of a picture.
 const LABEL: f64 = 210.0;
 const WIDTH: f64 = 720.0;
 const VALUE: f64 = 90.0;
@@ -33,11 +33,11 @@ struct ImportanceRanking {
     unit: String,
     /// The absolute value on each line, by group.
     groups: BTreeMap<String, Vec<f64>>,
-    /// The samples, where they are kept.
+    /// The samples, if they are stored.
     swarm: BeeswarmSamples,
 }
 
-/// The axes that give a seed: what they differ in is chance, and no other model.
+/// The axes that give a seed. Points that differ only in them are one model with other random draws.
 fn seeds(spec: &Spec) -> Vec<&str> {
     let given = spec.stages.iter().filter_map(|stage| match &stage.args.get("seed")?.value {
         Literal::Text(axis) => axis.strip_prefix('$'),

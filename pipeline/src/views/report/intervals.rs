@@ -23,7 +23,7 @@ const MOST: usize = 40;
 /// Least width of a plot, and width for its dots and values without the names of the points.
 const LEAST: f64 = 460.0;
 const BESIDE: f64 = 300.0;
-/// Characters of a name that are drawn, and the width of one.
+/// Maximum number of drawn characters of a name, and the width of one.
 const NAME: usize = 60;
 const CHARACTER: f64 = 6.8;
 const ROW: f64 = 20.0;
@@ -71,7 +71,7 @@ pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     Ok(out)
 }
 
-/// Adds the figures of one point, of metrics that are `declared`. Numbers of samples are no scores.
+/// Adds the figures of one point, of metrics that are `declared`. Numbers of samples are not scores.
 fn add(metrics: &mut Vec<IntervalRow>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<Metric>) {
     let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
     let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
@@ -105,7 +105,7 @@ fn section(name: &str, axes: &[&str], metrics: &[IntervalRow]) -> Markup {
 }
 
 impl IntervalRow {
-    /// Its mean for a consistent filter.
+    /// Its expected value for a consistent filter.
     fn law(&self) -> Option<&'static limits::ConsistencyLimit> {
         match self.metric.name {
             "nees" => Some(&limits::NEES),
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_summary_is_dots_with_their_intervals() {
+    fn unit_a_summary_is_dots_with_their_intervals() {
         let known = |name: &str| Some(declared([name])[0]);
         let mut metrics = vec![];
         add(&mut metrics, "mag_4_uc", &batch(2.0), known);

@@ -32,7 +32,7 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
     Ok(found.chart().draw())
 }
 
-/// A signal less core field and temporal variation, and its name. What the signal has lost before is not subtracted
+/// A signal minus core field and temporal variation, and its name. Parts that were already removed are not subtracted
 /// again.
 fn measured(
     source: &ReportSource,
@@ -45,7 +45,7 @@ fn measured(
     for (from, name) in
         [Some(r), subject.compensate].into_iter().flatten().flat_map(|r| names.clone().map(move |n| (r, n)))
     {
-        // Another table has other samples where it was cut or resampled.
+        // Another table has other samples if it was cut or resampled.
         let Some(mut signal) = source.floats(from, line, name)?.filter(|x| x.len() == rows) else { continue };
         for known in remaining(source.shape(from), name) {
             if let Some(field) = source.floats(from, line, known)?.filter(|x| x.len() == rows) {
@@ -57,7 +57,7 @@ fn measured(
     Ok(None)
 }
 
-/// The columns of the core field and the temporal variation that the signal `name` still holds.
+/// The columns of the core field and the temporal variation that the signal `name` still contains.
 fn remaining(shape: Option<&TableShape>, name: &str) -> Vec<&'static str> {
     let removed = shape.and_then(|shape| shape.get(name)).map(|column| &column.removed);
     let is_left = |known: &&str| match (MagneticCorrection::by_column(known), removed) {
@@ -109,7 +109,7 @@ impl MapProfile {
     }
 }
 
-/// The signal less the mean difference from the map, and that difference.
+/// The signal minus the mean difference from the map, and that difference.
 fn on_the_map(signal: &[f64], map: &[f64]) -> (Vec<f64>, f64) {
     let constant = statistics::error_summary(signal, map).mean;
     (signal.iter().map(|x| x - constant).collect(), constant)
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bug_what_a_signal_has_lost_before_is_not_subtracted_again() {
+    fn bug_removed_parts_are_not_subtracted_again() {
         let column = |name: &str, removed: &[MagneticCorrection]| {
             schemas::Column::float(name, "nT", "").without(removed.iter().copied().collect())
         };
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_constant_is_no_difference_from_the_map() {
+    fn unit_a_constant_difference_from_the_map_is_removed() {
         let map: Vec<f64> = (0..600).map(|i| (f64::from(i) / 50.0).sin() * 40.0).collect();
         let signal = map.iter().map(|x| x - 350.0).collect();
         let tt = (0..600).map(|i| 100.0 + f64::from(i)).collect();

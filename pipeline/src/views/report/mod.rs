@@ -122,7 +122,7 @@ fn scored(source: &ReportSource) -> Result<RunScores, Fault> {
     }
     let current = published::is_current(source);
     let written = if current { warnings::written(graph.plan, store)? } else { None };
-    // Results are read by key, so they are of this plan even where the published tables are not.
+    // Results are read by key, so they belong to this plan even if the published tables do not.
     let warnings = written.map_or_else(|| warnings::present(graph, store), Ok)?;
     let boards = if current { ScoreBoard::all(source, &warnings)? } else { vec![] };
     Ok(RunScores { current, warnings, boards })
@@ -131,7 +131,7 @@ fn scored(source: &ReportSource) -> Result<RunScores, Fault> {
 /// Writes `bytes` to `path`: under a temporary name first, so that it appears complete.
 ///
 /// # Errors
-/// Fails when the file system refuses.
+/// Fails on errors of the file system.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
     let refused = |e: std::io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let mut name = path.file_name().unwrap_or_default().to_owned();
@@ -143,7 +143,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
     })
 }
 
-/// Maximum number of tables of `navigate` that are shown in addition to that of the first scores.
+/// Maximum number of tables of `navigate` that are shown in addition to the table of the first scores.
 const NAVIGATIONS: usize = 4;
 
 /// Sweep points shown over the same lines.
@@ -152,8 +152,7 @@ struct SubjectGroup {
     lines: Vec<ReportLine>,
 }
 
-/// The best and the worst point of the first scores, then `most` other navigations; and how many more of these there
-/// are.
+/// The best and the worst point of the first scores, then `most` other navigations; and the number of omitted ones.
 fn groups(source: &ReportSource, boards: &[ScoreBoard], most: usize) -> Result<(Vec<SubjectGroup>, usize), Fault> {
     let subjects = subject::subjects(source, boards);
     let (others, more) = subject::navigations(source, boards, &subjects, most);
@@ -181,7 +180,7 @@ fn over(source: &ReportSource, group: &SubjectGroup) -> Result<AtlasTracks, Faul
     Ok((node.inputs(i).find(|(kind, _)| *kind == InputKind::Map).map(|(_, r)| r), tracks))
 }
 
-/// One sweep point: its plots, a panel per line, and its model; `None` where it has neither.
+/// One sweep point: its plots, a panel per line, and its model; `None` if it has neither.
 fn detail(
     source: &ReportSource,
     subject: &ReportSubject,

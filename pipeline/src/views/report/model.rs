@@ -14,7 +14,7 @@ use crate::{
     views::text::number,
 };
 
-/// Beyond this, single coefficients lose three digits of the data.
+/// Condition number above which single coefficients lose three digits of the data.
 const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.
@@ -37,7 +37,7 @@ struct ReportModel {
     warning: String,
 }
 
-/// The model of one sweep point; `None` where there is none.
+/// The model of one sweep point; `None` if it has none.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -192,14 +192,14 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_large_condition_number_is_said_to_be_large() {
+    fn unit_a_large_condition_number_is_reported() {
         assert!(model(999.0).verdict().contains("moderate"));
         assert!(model(25_000.0).verdict().contains("up to 25000 times"));
         assert!(model(f64::INFINITY).verdict().contains("not finite"));
     }
 
     #[test]
-    fn unit_a_warning_stands_before_the_coefficients() {
+    fn unit_a_warning_precedes_the_coefficients() {
         let sound = model(10.0).drawn("coefficients").into_string();
         assert!(!sound.contains("role=\"alert\"") && sound.contains("is at most 0.4000 nT"), "{sound}");
         let warned = ReportModel { warning: "the flight hardly excites `xx`".into(), ..model(10.0) };
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_is_not_told_from_zero_is_faint() {
+    fn unit_insignificant_coefficients_are_faint() {
         let text = model(10.0).drawn("coefficients").into_string();
         assert_eq!(text.matches("class=\"faint\"").count(), 1);
         assert!(text.contains("<td>permanent_x</td>") && text.contains("125.0"), "{text}");

@@ -15,7 +15,7 @@ use crate::{
 /// The maximum number of failures listed.
 const MOST: usize = 50;
 
-/// Alerts that the reader must know before using the rest.
+/// Alerts that precede the other sections.
 pub struct ReportAlerts {
     /// The failures.
     pub failures: Vec<FailureCount>,
@@ -82,13 +82,13 @@ fn heading(source: &ReportSource) -> Markup {
     }
 }
 
-/// The values of an axis; of one that is searched where they are searched.
+/// The values of an axis; of a searched axis, its range.
 fn axis_words(spec: &Spec, axis: &SweepAxis) -> String {
     let searched = spec.search.iter().flat_map(|s| &s.axes).find(|a| a.name == axis.name);
     searched.map_or_else(|| listed(&axis.values), |a| format!("searched: {}", a.words()))
 }
 
-/// The values of an axis; of very many the first ones and the last.
+/// The values of an axis; of a long list, the first ones and the last.
 fn listed<T: ToString>(values: &[T]) -> String {
     const SHOWN: usize = 24;
     let words: Vec<String> = values.iter().take(SHOWN).map(T::to_string).collect();
@@ -161,7 +161,7 @@ fn troubles(source: &ReportSource, ReportAlerts { failures, warnings, outdated }
     }
 }
 
-/// The number of visible warnings of each kind.
+/// Maximum number of unfolded warnings of each kind.
 const OF_EACH: usize = 3;
 
 /// The warnings: the worst of each kind, the others folded.

@@ -1,4 +1,4 @@
-//! Whether the published tables are those of this plan.
+//! Comparison of the published tables with this plan.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,4 @@
-//! The quality of the data that were read: clocks, figures by column with those that need a look marked, and a picture
-//! of when.
+//! The quality of the data: clocks, figures by column with flags, and a picture over time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,9 +19,9 @@ use crate::{
     views::text::number,
 };
 
-/// Rows of a table that are shown.
+/// Maximum number of rows of a table.
 const ROWS: usize = 400;
-/// Flights that have a picture, and columns in each.
+/// Maximum number of flights with a picture, and of columns in each.
 const PICTURES: usize = 4;
 const LANES: usize = 14;
 
@@ -32,9 +31,9 @@ struct QualityColumn {
     source: usize,
     flight: String,
     column: String,
-    /// The worst of its lines, with the samples of all.
+    /// The worst figure of its lines, with the samples of all.
     figures: BTreeMap<QualityFigure, QualityMeasure>,
-    /// The figures that need a look.
+    /// The flagged figures.
     marks: BTreeSet<QualityFigure>,
 }
 
@@ -48,7 +47,7 @@ impl QualityColumn {
     }
 }
 
-/// The section; none where nothing was read.
+/// The section; `None` if no data were read.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -156,7 +155,7 @@ fn columns(source: &ReportSource) -> (Vec<QualityColumn>, usize) {
     (all, unreadable)
 }
 
-/// Takes the worse value of two lines, and the samples of both.
+/// Combines two lines: the worse value, and the samples of both.
 fn pool(known: &mut QualityMeasure, other: &QualityMeasure) {
     known.count += other.count;
     let sums = match known.check {
@@ -187,7 +186,7 @@ fn pool(known: &mut QualityMeasure, other: &QualityMeasure) {
     }
 }
 
-/// A figure in a table: marked where it needs a look.
+/// A figure in a table, flagged if it needs attention.
 fn cell(
     column: &QualityColumn,
     figure: QualityFigure,
@@ -247,7 +246,7 @@ fn clock_table(source: &ReportSource, several: &QualityKeyColumns, clocks: &[&Qu
     }
 }
 
-/// One row for each column: those with a mark, and the others folded.
+/// One row for each column: flagged columns, and the others folded.
 fn column_table(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityColumn]) -> Markup {
     let (marked, others): (Vec<&QualityColumn>, Vec<&QualityColumn>) =
         columns.iter().partition(|c| !c.marks.is_empty());
@@ -298,7 +297,7 @@ fn rows(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityC
     }
 }
 
-/// The dead zone of a column: its shape where that is known, otherwise what the sensor says.
+/// The dead zone of a column: its shape if known, otherwise the report of the sensor.
 fn dead_zone(column: &QualityColumn) -> QualityFigure {
     let shapes = [QualityFigure::PolarDeadZone, QualityFigure::EquatorialDeadZone];
     shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(QualityFigure::DeadZone)
@@ -355,7 +354,7 @@ fn glossary() -> Markup {
     }
 }
 
-/// A picture of each of the worst flights: what is missing, stuck, saturated or a spike, over time.
+/// A picture of each of the worst flights: missing, stuck and saturated samples and spikes over time.
 fn pictures(
     source: &ReportSource,
     clocks: &[&QualityColumn],
@@ -409,7 +408,7 @@ fn lines_of(source: &ReportSource, flight: &str) -> Vec<LineId> {
     lines.filter(|(_, (of, _))| of == flight).map(|(id, _)| id).collect()
 }
 
-/// When a column has samples, and when something is wrong with them.
+/// Times at which a column has samples, and at which they are faulty.
 fn lane(
     source: &ReportSource,
     column: &QualityColumn,
@@ -429,7 +428,7 @@ fn lane(
         if figures.is_empty() {
             continue;
         }
-        // A vector magnetometer is looked at by its components.
+        // A vector magnetometer is checked by its components.
         let Some(values) = source.floats(r, *line, &column.column)? else { continue };
         for figure in figures {
             lane.parts.extend(stretches(*figure, &values, &tt).into_iter().map(|(from, to)| (*figure, from, to)));
@@ -449,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_of_several_lines_the_worst_value_and_all_samples_are_shown() {
+    fn unit_several_lines_show_the_worst_value_and_all_samples() {
         let mut known = measure(QualityFigure::Dropouts, 0.5, 10);
         pool(&mut known, &measure(QualityFigure::Dropouts, 2.0, 3));
         assert_eq!((known.value, known.count), (2.0, 13));
@@ -462,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_marked_figure_says_so_and_sorts_by_its_number() {
+    fn unit_a_flagged_figure_is_labelled_and_sorts_by_its_number() {
         let mut column = QualityColumn {
             source: 0,
             flight: "1".into(),

@@ -22,7 +22,7 @@ use crate::{
 };
 
 const HEIGHT: f64 = 280.0;
-/// More trials are neither listed nor drawn.
+/// Maximum number of trials that are listed and drawn.
 const MOST: usize = 1000;
 /// Ratio of the largest to the smallest goal above which the axis is logarithmic.
 const WIDE: f64 = 8.0;
@@ -137,7 +137,7 @@ struct GoalScale {
 }
 
 impl GoalScale {
-    /// By ratio where the goals are above 0 and far apart.
+    /// Logarithmic if the goals are above 0 and far apart.
     fn from_trials(trials: &[TrialTableRow], label: String) -> GoalScale {
         let goals = || trials.iter().filter_map(|t| t.goal);
         let (low, high) = goals().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
@@ -181,7 +181,7 @@ fn over_trials(trials: &[TrialTableRow], scale: &GoalScale) -> Option<Markup> {
     scale.dim.range.and_then(|_| chart.draw())
 }
 
-/// The goal against one axis; of a choice among words the best and the mean of each.
+/// The goal against one axis; for a choice among words, the best and the mean of each.
 fn over_axis(
     search: &SearchSpec,
     axis: &SearchAxis,

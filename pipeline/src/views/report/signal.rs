@@ -132,7 +132,7 @@ fn after(signal: &CompensationSignal) -> LineChart {
     }
 }
 
-/// The settings of the fit.
+/// Pass band of the fit.
 #[derive(Clone, Copy)]
 struct PassBand {
     low_hz: f64,
@@ -140,7 +140,7 @@ struct PassBand {
     order: usize,
 }
 
-/// The pass band of the model's fit, where it has both corners.
+/// The pass band of the model's fit, if it has both corners.
 fn pass_band(source: &ReportSource, subject: &ReportSubject) -> Option<PassBand> {
     let Some(TableRef::Stage(t, i)) = subject.fit else { return None };
     let params = source.graph.plan.instance(t, i).params();
@@ -154,7 +154,8 @@ fn pass_band(source: &ReportSource, subject: &ReportSubject) -> Option<PassBand>
     Some(band).filter(|b| b.low_hz > 0.0 && b.low_hz < b.high_hz)
 }
 
-/// Before and after within the pass band: without a truth the only band where the aircraft is separable from geology.
+/// The signal before and after compensation within the pass band. Without a truth, only this band separates the
+/// aircraft from the anomaly.
 fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
     let filter =
@@ -186,7 +187,7 @@ fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     })
 }
 
-/// Segments of a quarter of the line, a power of two, about 100 s at 10 Hz at most.
+/// Segment length: a quarter of the line, a power of two, at most about 100 s at 10 Hz.
 fn segment(rows: usize) -> usize {
     let quarter = (rows / 4).max(2);
     (1usize << quarter.ilog2()).min(1024)
@@ -240,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
+    fn law_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
         let chart = spectra(&signal(), Some(BAND)).unwrap();
         let peak = |l: &ChartLine| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         let (before, after) = (peak(&chart.lines[0]), peak(&chart.lines[1]));
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_mean_comes_off_and_time_starts_at_zero() {
+    fn unit_the_mean_is_removed_and_time_starts_at_zero() {
         let mut x = vec![1.0, f64::NAN, 3.0];
         assert_eq!(centre(&mut x), 2.0);
         assert_eq!((x[0], x[2]), (-1.0, 1.0));
@@ -265,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_pass_band_leaves_the_geology_out() {
+    fn unit_the_pass_band_excludes_the_anomaly() {
         let mut slow = signal();
         let drift: Vec<f64> = slow.tt.iter().map(|t| 3.0 * t).collect();
         slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);

@@ -30,7 +30,7 @@ pub struct ReportSource<'a> {
 pub struct FailureCount {
     /// The table.
     pub stage: String,
-    /// Why.
+    /// Reason of the failure.
     pub error: String,
     /// Its first occurrence: axis values, flight, line.
     pub example: String,
@@ -54,8 +54,8 @@ impl<'a> ReportSource<'a> {
         }
     }
 
-    /// The numbers of a column of one line; `None` where the table or the line has no such column, or it is not
-    /// computed yet.
+    /// The numbers of a column of one line; `None` if the table or the line has no such column, or it is not computed
+    /// yet.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -100,7 +100,7 @@ impl<'a> ReportSource<'a> {
         }
     }
 
-    /// A small table of one unit; `None` where it does not exist.
+    /// A small table of one unit; `None` if it does not exist.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -111,10 +111,10 @@ impl<'a> ReportSource<'a> {
         }
     }
 
-    /// The map `r` in latitude and longitude, to be drawn; `None` where it is not there.
+    /// The map `r` in latitude and longitude, for drawing; `None` if it is missing.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn map(&self, r: TableRef) -> Result<Option<GeographicGrid>, Fault> {
         let there = |key: HashKey| self.store.find(key).is_some_and(|place| place.rows.is_some());
         if !self.graph.whole(r).is_ok_and(there) {
@@ -147,7 +147,7 @@ impl<'a> ReportSource<'a> {
     }
 }
 
-/// Rows of failures, equal ones merged, in the order of their first.
+/// Rows of failures, equal ones merged, in the order of first occurrence.
 fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<FailureCount>, Fault> {
     let unreadable = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the failures: {e}"));
     let mut found: Vec<FailureCount> = vec![];

@@ -57,7 +57,7 @@ fn flights(source: &ReportSource, r: TableRef) -> Option<TableRef> {
     matches!(at, TableRef::Flights(_)).then_some(at)
 }
 
-/// The drawn signals: the temporal variation, the geology where it is known, and the scalar magnetometers.
+/// The drawn signals: the temporal variation, the geology if known, and the scalar magnetometers.
 fn recorded(columns: &[Column]) -> Vec<String> {
     let scalar = |c: &&Column| c.unit == "nT" && c.name.starts_with("mag_");
     let named = |name: &str| columns.iter().find(|c| c.name == name).map(|c| c.name.clone());
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_only_what_varies_is_drawn() {
+    fn unit_only_varying_signals_are_drawn() {
         let wave: Vec<f64> = (0..4000).map(|k| (TAU * 0.1 * f64::from(k)).sin()).collect();
         let line = ChartLine { name: "mag_1_uc".into(), class: "s0", points: amplitude(&wave, 10.0).unwrap() };
         assert!(amplitude(&[5.0; 4000], 10.0).is_none());

@@ -9,7 +9,7 @@ use crate::{
     views::text::number,
 };
 
-/// A sweep point that is shown in detail: the stages that it went through.
+/// A sweep point that is shown in detail, with its stages.
 pub struct ReportSubject {
     /// `best`, `worst`, `first` or the table, for anchors.
     pub id: String,
@@ -27,7 +27,7 @@ pub struct ReportSubject {
     pub map_value: Option<TableRef>,
     /// The model.
     pub fit: Option<TableRef>,
-    /// The column of the true field, where the scores name one.
+    /// The column of the true field, if the scores name one.
     pub truth: Option<String>,
     /// The score that it was chosen by.
     pub chosen: Option<SubjectScore>,
@@ -58,7 +58,7 @@ impl SubjectScore {
     }
 }
 
-/// The best point and the worst one; the first one where nothing was scored.
+/// The best point and the worst one; without scores, the first one.
 pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubject> {
     let Some((board, metric)) = ranking(boards) else { return unscored(source).into_iter().collect() };
     let ranked = board.ranked(metric);
@@ -71,7 +71,7 @@ pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubje
             *best,
         )];
     }
-    // Points that cannot be the best come last in the ranking: is the first one such, all are.
+    // Points that cannot be the best are ranked last: if the first one is such a point, all are.
     let first = match (board.scores.is_in_sample(*best, metric), board.marked(*best)) {
         (true, _) => "The closest fit in detail: every point is in sample",
         (false, 0) => "The best point in detail",
@@ -88,8 +88,8 @@ fn ranking(boards: &[ScoreBoard]) -> Option<(&ScoreBoard, usize)> {
     boards.iter().find_map(|b| b.headline().map(|m| (b, m)))
 }
 
-/// Each other table of `navigate` that has results, `most` of them, at its best point by the scores made of it, at its
-/// first one without; and how many more there are.
+/// The other tables of `navigate` with results, at most `most`, each at its best point by its scores, or at its first
+/// point without scores; and the number of omitted ones.
 pub fn navigations(
     source: &ReportSource,
     boards: &[ScoreBoard],
@@ -126,7 +126,7 @@ pub fn navigations(
                 ReportSubject { id, title, point: point.join(", "), why: "without scores".to_owned(), ..stages }
             }
         };
-        // Earlier stages are shown where the navigation is scored first.
+        // Earlier stages are shown with the first scores.
         ReportSubject { compensate: None, map_value: None, fit: None, ..found }
     };
     (others.into_iter().map(one).collect(), more)
@@ -182,25 +182,25 @@ fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) ->
     let plan = source.graph.plan;
     let find = |stage: &str| plan.upstream(from, stage);
     let compensate = find("compensate");
-    // The model of this compensation, not one that some other branch fitted.
+    // The model of this compensation, not of another branch.
     let model = compensate.and_then(|r| plan.upstream(&[r], "fit"));
     let fit = model.or_else(|| find("fit"));
     let navigate = find("navigate");
-    // It need not be scored to be worth a look.
+    // It is shown even without scores.
     let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| TableRef::Stage(t, 0));
     let map_value = find("map_value").or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
     ReportSubject { id: String::new(), title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
 }
 
-/// The text in the one spelling that parameters have.
+/// Text of a parameter in canonical spelling.
 pub fn word(canonical: &str) -> Option<String> {
     let inner = canonical.strip_prefix('"')?.strip_suffix('"')?;
     Some(inner.to_owned())
 }
 
-/// The lines to show: by the score of the best point the median line first, then the best and the worst; the longest
-/// where nothing was scored.
+/// The lines to show: by the score of the best point the median line first, then the best and the worst; without scores
+/// the longest.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -240,7 +240,7 @@ pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> St
     words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
-/// Flight, line, its own score at this point and why it is shown; `best` is the point that chose the lines.
+/// Flight, line, its own score at this point and the reason of its choice; `best` is the point that chose the lines.
 ///
 /// # Errors
 /// Fails when the store is damaged.

@@ -7,10 +7,10 @@ use schemas::metric::{Metric, MetricPreference};
 use super::{board::ScoreBoard, source::ReportSource};
 use crate::views::text::number;
 
-/// The most rows of the table: more are no longer looked through.
+/// Maximum number of rows of the table.
 const MOST: usize = 1000;
 
-/// One board: table and heat maps, and `by_line` what is said of single lines.
+/// Section of one board: table and heat maps, and the tables `by_line` of single lines.
 pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) -> Markup {
     let name = &source.graph.plan.tables[board.table].name;
     let points = board.scores.rows.len();
@@ -82,7 +82,7 @@ fn table(board: &ScoreBoard) -> Markup {
     }
 }
 
-/// The rows of the table: all, or the best of too many.
+/// The rows of the table: all, or the best if there are too many.
 fn shown(board: &ScoreBoard) -> Vec<usize> {
     let mut rows: Vec<usize> = (0..board.scores.rows.len()).collect();
     if rows.len() > MOST
@@ -115,7 +115,7 @@ fn glossary(board: &ScoreBoard) -> Markup {
     }
 }
 
-/// A text in which code stands between backticks.
+/// A text with code between backticks.
 fn spelt(text: &str) -> Markup {
     html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }
@@ -127,7 +127,7 @@ struct HeatMap {
     axes: (usize, usize),
     /// The values of each.
     values: (Vec<String>, Vec<String>),
-    /// By rows, then columns: the row of the scores.
+    /// Row of the scores for each cell, by rows, then columns.
     cells: Vec<Option<usize>>,
 }
 
@@ -136,7 +136,7 @@ fn heat_maps(board: &ScoreBoard, searched: &[&str]) -> Vec<Markup> {
     worth.filter_map(|m| heat(board, m, searched)).map(|h| drawn(board, &h)).collect()
 }
 
-/// Over the first two axes that have several values, other than those `searched`, whose values are met once.
+/// Heat map over the first two axes with several values, except the axes `searched`, whose values occur once.
 fn heat(board: &ScoreBoard, metric: usize, searched: &[&str]) -> Option<HeatMap> {
     const SIDE: usize = 40;
     let values = |axis: usize| {
@@ -145,7 +145,7 @@ fn heat(board: &ScoreBoard, metric: usize, searched: &[&str]) -> Option<HeatMap>
             if let Some(v) = key.get(axis).filter(|v| !seen.contains(v)) {
                 seen.push(v.clone());
             }
-            // Too many for a map, and the more of them the longer to look for.
+            // Too many values for a map; counting more takes too long.
             if seen.len() > SIDE {
                 break;
             }
@@ -229,7 +229,7 @@ mod tests {
     use crate::views::{report::board::tests::example, scores::InSampleScores};
 
     #[test]
-    fn unit_the_best_of_each_metric_is_marked_once() {
+    fn unit_the_best_of_each_metric_is_highlighted_once() {
         let text = table(&example()).into_string();
         assert_eq!(text.matches("class=\"n best\"").count(), 3);
         assert!(text.contains("<td class=\"n best\" data-v=\"12\" title=\"best\">12.00</td>"), "{text}");
@@ -256,13 +256,13 @@ mod tests {
     }
 
     #[test]
-    fn r10_a_marked_row_is_neither_coloured_nor_best() {
+    fn unit_a_flagged_row_is_neither_coloured_nor_best() {
         let mut board = example();
         board.scores.marks[1] = 2;
         let text = table(&board).into_string();
         assert_eq!(text.matches("<tr class=\"bad\">").count(), 1);
         assert!(text.contains("<td data-v=\"2\">! 2 of 6</td>"), "{text}");
-        // It had the least drms; the best of the others is it now.
+        // It had the least drms; now the best of the others is highlighted.
         assert!(!text.contains("data-v=\"12\" title=\"best\""), "{text}");
         assert!(text.contains("data-v=\"30\" title=\"best\""), "{text}");
         let map = drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string();

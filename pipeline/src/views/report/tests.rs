@@ -5,7 +5,7 @@
 use super::*;
 use crate::{catalogue, plan::Plan, read_spec, run};
 
-/// Runs an example in a store of its own as `ran` says, and looks at it as `asked` says.
+/// Runs an example in a separate store with the assignments `ran`, and views it with the assignments `asked`.
 fn looked_at<T>(
     example: &str,
     ran: &[&str],
@@ -95,7 +95,7 @@ fn unit_navigation_alone_has_no_model() {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("The model: ") && !html.contains("Before and after"));
-    // Two points of the sweep: the better one and the other; then the other navigation, over a map of its own.
+    // Two points of the sweep: the better one and the other; then the other navigation, over a separate map.
     assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\"") && html.contains("id=\"table-held\""));
     assert_eq!(
         (html.matches("<image id=\"map-anomaly\"").count(), html.matches("<image id=\"map-osborne\"").count()),
@@ -112,7 +112,7 @@ fn unit_navigation_alone_has_no_model() {
 }
 
 #[test]
-fn unit_tracks_for_google_earth_are_those_of_the_page_or_of_choice() {
+fn unit_google_earth_tracks_are_those_of_the_page_or_the_selection() {
     let names = |words: &[&str]| words.iter().map(ToString::to_string).collect::<Vec<String>>();
     let (all, held, line) = (names(&[]), names(&["held"]), names(&["1.02"]));
     let (wrong, off) = (names(&["holt"]), names(&["1.09"]));
@@ -142,7 +142,7 @@ fn unit_scores_of_another_spec_are_not_shown() {
 }
 
 #[test]
-fn unit_failures_stand_at_the_top() {
+fn unit_failures_are_at_the_top() {
     let sets = ["coefficients.trim=600"];
     let html = page("tolles_lawson", &sets, &sets).unwrap();
     let failed = html.find("<h2>4 failed</h2>").unwrap();
@@ -158,7 +158,7 @@ fn unit_a_store_without_the_plan_is_an_error() {
 }
 
 #[test]
-fn unit_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
+fn unit_a_page_replaces_the_old_one_without_leftovers() {
     let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
     let file = folder.join("a.html");
@@ -180,22 +180,22 @@ fn gold_without_a_run_there_is_nothing_to_report() {
 }
 
 #[test]
-fn unit_the_page_asks_nobody_for_anything() {
+fn unit_the_page_loads_no_external_resources() {
     for text in [include_str!("style.css"), include_str!("script.js")] {
         assert!(!["http", "url(", "@import", "fetch(", "XMLHttp", "</"].iter().any(|w| text.contains(w)));
     }
 }
 
 #[test]
-fn unit_models_beside_each_other_are_compared() {
-    // The ridge is the only axis there is: the coefficients of the four models.
+fn unit_several_models_are_compared() {
+    // The ridge parameter is the only axis: the coefficients of the four models.
     let html = page("tolles_lawson", &[], &[]).unwrap();
     assert!(html.contains("id=\"variation\"") && html.contains("over lambda, 4 models"));
     assert_eq!(html.matches("coefficient of variation is").count(), 1);
 }
 
 #[test]
-fn unit_the_warnings_of_a_run_are_read_back_as_they_were() {
+fn unit_the_warnings_of_a_run_are_restored() {
     let store = tempfile::tempdir().unwrap();
     let sets = [format!("store={}", store.path().display())];
     let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();

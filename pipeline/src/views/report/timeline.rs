@@ -12,7 +12,7 @@ pub struct TimelineLane {
     pub name: String,
     /// First and last time of each line.
     pub lines: Vec<(f64, f64)>,
-    /// Where samples are missing between them.
+    /// Gaps in the samples.
     pub gaps: Vec<(f64, f64)>,
     /// Fault, and its first and last time.
     pub parts: Vec<(QualityFigure, f64, f64)>,
@@ -24,7 +24,7 @@ pub struct Timeline<'a> {
     pub flight: &'a str,
     /// Its columns.
     pub lanes: Vec<TimelineLane>,
-    /// Columns that are not shown.
+    /// Number of hidden columns.
     pub hidden: usize,
 }
 
@@ -36,7 +36,7 @@ const LANE: f64 = 18.0;
 const BOTTOM: f64 = 40.0;
 /// Height of a bar.
 const BAR: f64 = 11.0;
-/// The narrowest bar that is seen.
+/// Minimum width of a bar.
 const LEAST: f64 = 1.6;
 
 impl Timeline<'_> {
@@ -95,7 +95,7 @@ const KINDS: [(QualityFigure, &str, &str); 4] = [
     (QualityFigure::Spikes, "spike", "spike"),
 ];
 
-/// A name that has room.
+/// A name shortened to the available width.
 fn shortened(name: &str) -> String {
     const MOST: usize = 20;
     if name.chars().count() <= MOST {
@@ -104,7 +104,7 @@ fn shortened(name: &str) -> String {
     name.chars().take(MOST - 1).chain(['\u{2026}']).collect()
 }
 
-/// Bars from first to last time; those that touch on the picture are one.
+/// Bars from first to last time; bars that touch on the picture are merged.
 fn bars(times: &[(f64, f64)], across: &dyn Fn(f64) -> f64, y: f64) -> String {
     let mut spans: Vec<(f64, f64)> =
         times.iter().map(|(a, b)| (across(*a), across(*b).max(across(*a) + LEAST))).collect();
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_bars_that_touch_are_one_and_short_ones_are_seen() {
+    fn unit_touching_bars_are_merged_and_short_bars_are_visible() {
         let across = |t: f64| 10.0 * t;
         assert_eq!(bars(&[(2.0, 3.0), (0.0, 1.0), (1.0, 1.5)], &across, 0.0), "M0 3.5H15V14.5H0ZM20 3.5H30V14.5H20Z");
         assert_eq!(bars(&[(1.0, 1.0)], &across, 0.0), "M10 3.5H11.6V14.5H10Z");

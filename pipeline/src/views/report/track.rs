@@ -29,17 +29,17 @@ pub struct TrackOffsets {
 pub struct LineTracks {
     /// Times, s.
     pub tt: Vec<f64>,
-    /// The true track, where it is known.
+    /// The true track, if known.
     pub truth: Option<DegreeTrack>,
-    /// That of the INS alone.
+    /// The track of the INS alone.
     pub ins: Option<DegreeTrack>,
     /// The estimate.
     pub estimate: DegreeTrack,
-    /// One sigma north, one sigma east, and their covariance: m, m, m².
+    /// Standard deviations north and east, and their covariance: m, m, m².
     pub sigma: Option<[Vec<f64>; 3]>,
     /// Innovations, nT.
     pub residual: Option<Vec<f64>>,
-    /// Their squares over their predicted variances.
+    /// Squared innovations over their predicted variances.
     pub nis: Option<Vec<f64>>,
 }
 
@@ -49,7 +49,7 @@ impl DegreeTrack {
         Ok(lat.zip(lon).map(|(lat, lon)| DegreeTrack { lat, lon }))
     }
 
-    /// Its places, as latitude and longitude.
+    /// Its positions, as latitude and longitude.
     pub fn places(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.lat.iter().copied().zip(self.lon.iter().copied())
     }
@@ -69,7 +69,7 @@ impl DegreeTrack {
 }
 
 impl LineTracks {
-    /// Navigation of `line` in `subject`; `None` where it has none.
+    /// Navigation of `line` in `subject`; `None` if it has none.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -89,12 +89,12 @@ impl LineTracks {
         Ok(Some(LineTracks { tt, truth, ins, estimate, sigma, residual: column("residual")?, nis: column("nis")? }))
     }
 
-    /// The estimate's errors, truth less estimate.
+    /// The estimate's errors, truth minus estimate.
     pub fn errors(&self) -> Option<TrackOffsets> {
         self.truth.as_ref().map(|truth| truth.less(&self.estimate))
     }
 
-    /// The errors of the INS alone, truth less INS: what the states of the filter are.
+    /// The errors of the INS alone, truth minus INS, as in the states of the filter.
     pub fn ins_errors(&self) -> Option<TrackOffsets> {
         Some(self.truth.as_ref()?.less(self.ins.as_ref()?))
     }
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_an_error_of_one_sigma_each_way_is_two() {
+    fn law_the_nees_of_one_sigma_each_way_is_two() {
         let errors = TrackOffsets { north: vec![3.0, 3.0], east: vec![-4.0, -4.0] };
         let values = nees(&errors, &[vec![3.0; 2], vec![4.0; 2], vec![0.0, -6.0]]);
         assert!((values[0] - 2.0).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! How the models that learn were trained: the losses of their epochs.
+//! Training of the models: the losses of their epochs.
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use figures::chart::{ChartAxis, ChartLine, LineChart};
@@ -9,7 +9,7 @@ use super::source::ReportSource;
 use crate::views::text::point_words;
 
 const HEIGHT: f64 = 260.0;
-/// More trainings are not drawn.
+/// Maximum number of drawn trainings.
 const MOST: usize = 12;
 
 /// Training and validation loss by epoch.
@@ -19,7 +19,7 @@ struct LossCurve {
     validation: Vec<(f64, f64)>,
 }
 
-/// The section of all trainings of the plan; `None` where nothing was trained.
+/// The section of all trainings of the plan; `None` without any.
 ///
 /// # Errors
 /// Fails when a model cannot be read.

@@ -1,4 +1,4 @@
-//! How the coefficients of a model differ from one calibration to the next. [Gnadt 2022, Tables 3.1, 3.2, Figure 3-8]
+//! Variation of a model's coefficients between calibrations. [Gnadt 2022, Tables 3.1, 3.2, Figure 3-8]
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use figures::chart::{ChartAxis, ChartLine, LineChart};
@@ -19,11 +19,11 @@ const COLUMNS: usize = 8;
 struct Calibrations {
     /// The axis.
     axis: String,
-    /// Whether it changes what rows a model sees; otherwise something else.
+    /// Whether the axis selects the rows of a fit; otherwise it is another parameter.
     of_rows: bool,
-    /// Their places in the table; of very many some, evenly spread.
+    /// Their points in the table; of very many, an evenly spaced selection.
     members: Vec<usize>,
-    /// How many there are.
+    /// Number of all such models.
     all: usize,
 }
 
@@ -34,14 +34,14 @@ struct ModelCoefficients {
     models: Vec<(String, Vec<f64>)>,
 }
 
-/// More models than this are not read to say how they vary.
+/// Maximum number of models that are read for the variation.
 const MEMBERS: usize = 200;
 
 /// Maximum number of tables of models that are shown.
 const TABLES: usize = 4;
 
-/// For each table of models that saw different rows, such as one calibration after the other: how their coefficients
-/// vary. Where there is none, how those of `fit` vary over any axis. `None` where no two models are alike.
+/// The variation of coefficients in each table of models that are fitted to different rows, such as one calibration
+/// after the other. Without such a table, the variation of `fit` over any axis. `None` without comparable models.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -81,7 +81,7 @@ fn spelt(instance: &StageInstance, axis: &str) -> String {
     instance.point().get(axis).map(ToString::to_string).unwrap_or_default()
 }
 
-/// For each axis of the table, the models that differ from that at `instance` in this axis alone.
+/// For each axis of the table, the models that differ from the model at `instance` in this axis alone.
 fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
@@ -99,7 +99,7 @@ fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Cal
 }
 
 impl ModelCoefficients {
-    /// `None` where there are fewer than two, or their terms differ.
+    /// Reads the coefficients; `None` for fewer than two models, or models with different terms.
     fn read(source: &ReportSource, table: usize, of: &Calibrations) -> Result<Option<ModelCoefficients>, Fault> {
         let mut found = ModelCoefficients { terms: vec![], models: vec![] };
         for instance in &of.members {
@@ -163,13 +163,13 @@ fn cell(value: f64) -> Markup {
     html! { td.n data-v=(value) { (number(Some(value).filter(|v| v.is_finite()))) } }
 }
 
-/// The mean of the coefficients of variation, of those that there are.
+/// The mean of the available coefficients of variation.
 fn mean_of(spread: &[CoefficientVariation]) -> Option<f64> {
     let there: Vec<f64> = spread.iter().map(|v| v.coefficient_of_variation).filter(|v| v.is_finite()).collect();
     (!there.is_empty()).then(|| there.iter().sum::<f64>() / there.len() as f64)
 }
 
-/// The mean coefficient of variation over the ridge parameter, where the sweep has several. [Gnadt 2022, Figure 3-8]
+/// The mean coefficient of variation over the ridge parameter, if the sweep has several. [Gnadt 2022, Figure 3-8]
 fn over_lambda(
     source: &ReportSource,
     table: usize,
@@ -199,7 +199,7 @@ fn over_lambda(
             "The mean of std / |mean| over all terms. A large ridge parameter makes calibrations similar. The scores \
              show whether they are also accurate."
                 .into(),
-        // A logarithm has no place for 0.
+        // A logarithmic axis cannot show 0.
         x: if points.first().is_some_and(|p| p.0 > 0.0) { x.log() } else { x },
         y: ChartAxis::new("mean coefficient of variation").log(),
         lines: vec![ChartLine { name: "mean over the terms".into(), class: "after", points }],

@@ -1,4 +1,4 @@
-//! Whether the innovations of a filter are white and of the size that it predicts.
+//! Whiteness of a filter's innovations, and their size relative to its prediction.
 
 use figures::chart::{ChartAxis, ChartBand, ChartLine, LineChart};
 use maud::{Markup, html};
@@ -13,16 +13,16 @@ use super::{
 };
 use crate::views::text::number;
 
-/// The two-sided 95 % of a normal distribution.
+/// Two-sided 95 % quantile of the normal distribution.
 pub const Z95: f64 = 1.959_963_985;
 /// The lags that the metric `whiteness` counts.
 const COUNTED: usize = 20;
-/// Lags of a plot, about.
+/// Approximate number of lags of a plot.
 const LAGS: usize = 80;
 /// The height of both plots.
 const HEIGHT: f64 = 250.0;
 
-/// The figure of one line at a point, which `place` names; `None` without innovations.
+/// The figure of one line at the point `place`; `None` without innovations.
 pub fn plot(flown: &LineTracks, place: &str) -> Option<Markup> {
     let found = normalised(flown)?;
     let parts: Vec<Markup> =
@@ -127,7 +127,7 @@ impl NormalisedInnovations {
             title: "NIS".into(),
             caption,
             x: time_axis(),
-            // A mean that stays near its law needs no logarithms, one that does not is not seen without.
+            // A mean near its expected value needs no logarithmic axis; others are not visible without one.
             y: ChartAxis { log: largest > 4.0 * high, ..ChartAxis::new("mean NIS") },
             lines: vec![ChartLine { name: format!("mean over {window} updates"), class: "after", points }],
             levels: vec![("95 % band".into(), low), (String::new(), high)],
@@ -145,7 +145,7 @@ fn mean_square_band(n: f64) -> (f64, f64) {
     (at(-Z95), at(Z95))
 }
 
-/// Means over windows of `window` samples; a NaN where fewer than half have values.
+/// Means over windows of `window` samples; NaN if fewer than half have values.
 fn window_means(time: &[f64], x: &[f64], window: usize) -> Vec<(f64, f64)> {
     let mean = |(t, x): (&[f64], &[f64])| {
         let figure = statistics::mean(x);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn law_white_innovations_are_within_the_band_and_lasting_ones_are_not() {
+    fn law_white_innovations_are_within_the_band_and_correlated_ones_are_not() {
         let share = |decay: f64| {
             let chart = normalised(&flown(10_000, decay, 1)).unwrap().correlogram().unwrap();
             let within = |(p, b): &(&(f64, f64), &(f64, f64, f64))| p.0 == b.0 && (b.1..=b.2).contains(&p.1);

@@ -1,4 +1,4 @@
-//! DataFusion's complaints, with the tables and columns there are.
+//! DataFusion's errors, with the existing tables and columns.
 
 use datafusion::{
     common::{SchemaError, TableReference},
@@ -83,7 +83,7 @@ fn not_there(table: &TableReference, known: &QueryTables) -> Option<Fault> {
     })
 }
 
-/// A table as it is written in SQL: what is not lower case is quoted.
+/// A table name in SQL; a name that is not lower case is quoted.
 fn quoted(name: &str) -> String {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     let part = |p: &str| if p.chars().all(plain) { p.to_owned() } else { format!("\"{p}\"") };

@@ -1,4 +1,4 @@
-//! The functions of the field that SQL knows: the earth's core field.
+//! SQL functions of the earth's core field.
 
 use std::sync::Arc;
 
@@ -12,12 +12,10 @@ use datafusion::{
 };
 use numerics::earth::core_field::{CoreFieldModel, CoreFieldTrack};
 
-/// Makes the functions known:
-/// `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a place in degrees and
-/// metres above the WGS-84 ellipsoid; and `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`, `wmm_e`, `wmm_d`, its components.
-/// Where an argument is null or NaN, the answer is null. An infinity, a latitude beyond 90 degrees, a longitude outside
-/// -180 to 360, a height outside -10 to 2,000 km and a date that the model does not cover are errors that name the
-/// value.
+/// Registers `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a position in
+/// degrees and metres above the WGS-84 ellipsoid; and `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`, `wmm_e`, `wmm_d`, its
+/// components. A null or NaN argument gives null. An infinity, a latitude beyond 90 degrees, a longitude outside -180
+/// to 360, a height outside -10 to 2,000 km and a date that the model does not cover are errors that name the value.
 pub fn register(context: &SessionContext) {
     for (model, word) in [(CoreFieldModel::Igrf14, "igrf"), (CoreFieldModel::Wmm, "wmm")] {
         for (part, suffix) in [
@@ -96,7 +94,7 @@ impl ScalarUDFImpl for CoreFieldFunction {
     }
 }
 
-/// The numbers of an argument, NaN where it is null.
+/// The numbers of an argument, NaN for null.
 fn numbers(array: &ArrayRef) -> Vec<f64> {
     match array.as_primitive_opt::<Float64Type>() {
         Some(array) => array.iter().map(|x| x.unwrap_or(f64::NAN)).collect(),

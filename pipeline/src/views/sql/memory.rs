@@ -1,14 +1,14 @@
-//! How much memory a question may take.
+//! Memory limit of a query.
 
 use std::fs;
 
 use schemas::Fault;
 
 const KB: usize = 1000;
-/// The default is a quarter of the machine, between these.
+/// Bounds of the default, which is a quarter of the machine's memory.
 const LEAST: usize = 256 * KB * KB;
 const MOST: usize = 8 * KB * KB * KB;
-/// Below this not even a small question can be answered.
+/// Minimum limit; less is not enough for any query.
 const SMALLEST: usize = 16 * KB * KB;
 
 const UNITS: [(&str, usize); 8] = [
@@ -25,7 +25,7 @@ const UNITS: [(&str, usize); 8] = [
 /// Reads a size such as `1GB`, `500 MB` or `1.5GiB`.
 ///
 /// # Errors
-/// Fails when it is none, or too small to work with.
+/// Fails when it is not a size, or is too small.
 pub fn size(text: &str) -> Result<usize, String> {
     let text = text.trim();
     let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
@@ -39,7 +39,7 @@ pub fn size(text: &str) -> Result<usize, String> {
     }
 }
 
-/// A size for people.
+/// A size as text.
 pub fn shown(bytes: usize) -> String {
     let of = |unit: usize, name: &str| format!("{} {name}", (bytes as f64 / unit as f64 * 10.0).round() / 10.0);
     if bytes >= KB * KB * KB { of(KB * KB * KB, "GB") } else { of(KB * KB, "MB") }
@@ -56,7 +56,7 @@ pub fn fault(limit: usize) -> Fault {
         .help("increase `--memory-limit`, or select fewer rows with WHERE or LIMIT, or fewer columns")
 }
 
-/// A quarter of the machine's memory, or of what its control group allows, within bounds.
+/// A quarter of the machine's memory, or of the limit of its control group, within bounds.
 pub fn by_default() -> usize {
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|t| total(&t));
     let group = fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok());

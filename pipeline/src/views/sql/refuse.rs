@@ -9,7 +9,7 @@ use schemas::Fault;
 
 use crate::deep;
 
-/// Refuses a statement that does not ask, and one that is nested too deep.
+/// Rejects a statement that is not a query, and a statement that is nested too deep.
 ///
 /// # Errors
 /// Fails with the reason why the statement is rejected.
@@ -17,7 +17,7 @@ pub fn statement(statement: &Statement) -> Result<(), Fault> {
     match statement {
         Statement::Statement(sql) => match sql.as_ref() {
             Sql::Query(query) => deep::check(query, deep::QUERY),
-            // DataFusion turns these into queries of its own tables about tables.
+            // DataFusion turns these into queries of its internal tables.
             Sql::ExplainTable { .. }
             | Sql::ShowTables { .. }
             | Sql::ShowColumns { .. }
@@ -36,7 +36,7 @@ pub fn statement(statement: &Statement) -> Result<(), Fault> {
     }
 }
 
-/// Refuses a plan with a part, however deep, that does anything but read.
+/// Rejects a plan with a part, at any depth, that does more than read.
 ///
 /// # Errors
 /// Fails with the reason why the part is rejected.
@@ -50,7 +50,7 @@ pub fn plan(plan: &LogicalPlan) -> Result<(), Fault> {
     found.map_or(Ok(()), |what| Err(refused(&what)))
 }
 
-/// Action of a part of a plan, where it does more than read.
+/// Action of a part of a plan, if it does more than read.
 fn does(part: &LogicalPlan) -> Option<String> {
     match part {
         LogicalPlan::Ddl(x) => Some(x.name().to_owned()),
@@ -81,7 +81,7 @@ fn does(part: &LogicalPlan) -> Option<String> {
     }
 }
 
-/// The refusal of a statement that begins with `text`.
+/// Fault of a rejected statement that begins with `text`.
 fn refused(text: &str) -> Fault {
     const KINDS: [&str; 4] = ["CREATE", "DROP", "ALTER", "EXPLAIN"];
     let words: Vec<&str> = text.split_whitespace().take(3).collect();

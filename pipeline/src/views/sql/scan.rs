@@ -1,8 +1,8 @@
-//! The published tables of a version as DataFusion reads them: every byte through its checksum, no file opened before a
-//! query names its table, and nothing decoded that statistics rule out.
+//! The published tables of a version for DataFusion. Every byte is verified by its checksum, a file is opened only when
+//! a query names its table, and data that statistics exclude are not decoded.
 //!
-//! A query that asks only for columns that a table holds reads its files, row group by row group. One that asks for
-//! columns that pass through reads the table unit by unit, each column from the unit that holds it.
+//! A query of columns that a table holds reads its files, row group by row group. A query of columns that pass through
+//! reads the table unit by unit, each column from the unit that holds it.
 
 use std::{
     collections::{BTreeMap, HashMap, HashSet},
@@ -39,7 +39,7 @@ use crate::{
     store::{ManifestTable, PackReader, SealedFile, Version},
 };
 
-/// Rows of a piece of an answer.
+/// Number of rows of a batch.
 const BATCH_ROWS: usize = 8192;
 
 fn damaged(path: &Path, e: &dyn std::fmt::Display) -> Fault {
@@ -57,11 +57,11 @@ pub struct PublishedTableProvider {
 struct ScanSource {
     objects: Arc<PackReader>,
     files: Vec<SealedFile>,
-    /// The row groups: their file, and their place in it.
+    /// The row groups: their file, and their position in it.
     groups: Vec<(usize, usize)>,
     /// The columns of the files.
     stored: SchemaRef,
-    /// The columns of the logical table, where it has more than its files.
+    /// The columns of the logical table, if it has more than its files.
     logical: Option<LogicalUnits>,
 }
 
@@ -73,9 +73,9 @@ impl std::fmt::Debug for ScanSource {
 
 /// The units of a logical table.
 struct LogicalUnits {
-    /// One row a unit.
+    /// One row per unit.
     units: RecordBatch,
-    /// How many steps up each column lies, by pattern.
+    /// Number of stages upstream of each column, by pattern.
     patterns: Vec<BTreeMap<String, usize>>,
 }
 
@@ -145,7 +145,7 @@ impl LogicalUnits {
 /// Part of a table that is read at once.
 #[derive(Clone, Copy, Debug)]
 enum ScanPiece {
-    /// A row group, by its place among all.
+    /// A row group, by its position among all.
     Group(usize),
     /// A unit of the logical table.
     Unit(usize),
@@ -236,7 +236,7 @@ impl RowGroupStatistics<'_> {
         self.0.groups.iter().filter_map(|(file, group)| self.0.files.get(*file)?.row_groups().get(*group)).collect()
     }
 
-    /// A NaN is larger than all numbers to SQL and stands in no statistics: only columns that have none rule rows out.
+    /// SQL orders NaN above all numbers, but statistics ignore it: only columns without NaN can exclude rows.
     fn converter<'b>(&'b self, column: &'b Column) -> Option<StatisticsConverter<'b>> {
         let field = self.0.stored.field_with_name(&column.name).ok()?;
         let role = field.metadata().get("role").map(String::as_str);

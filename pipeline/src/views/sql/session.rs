@@ -1,4 +1,4 @@
-//! The tables of a store as they are at one moment, and the queries that are answered from them.
+//! The tables of a store at one moment, and queries of them.
 
 use std::{
     path::{Path, PathBuf},
@@ -34,7 +34,7 @@ pub struct SqlSession {
 }
 
 impl SqlSession {
-    /// Over the store in the folder `store`. Its queries together may take `memory` bytes, and spill to the folder
+    /// Opens a session over the store in the folder `store`. Its queries share `memory` bytes, and spill to the folder
     /// `spill`.
     ///
     /// # Errors
@@ -43,10 +43,10 @@ impl SqlSession {
         SqlSession::at(store, memory, spill, None)
     }
 
-    /// The same with the tables of these versions.
+    /// The same with the tables of the versions `pins`.
     ///
     /// # Errors
-    /// Fails when the store cannot be read, or a version is not there any more.
+    /// Fails when the store cannot be read, or a version no longer exists.
     pub fn at(store: &Path, memory: usize, spill: &Path, pins: Option<&VersionPins>) -> Result<SqlSession, Fault> {
         let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(memory));
         let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![spill.to_owned()]));
@@ -62,10 +62,10 @@ impl SqlSession {
         Ok(SqlSession { context, known, pool, store: store.to_owned(), memory })
     }
 
-    /// The plan of a query that only asks; its parameters `$1`, `$2` may still be open.
+    /// The plan of a read-only query; its parameters `$1`, `$2` may be unbound.
     ///
     /// # Errors
-    /// Fails when the query is wrong, asks for a table that the store does not have, or does anything but ask.
+    /// Fails when the query is wrong, refers to an unknown table, or is not read-only.
     pub async fn plan(&self, query: &str) -> Result<LogicalPlan, Fault> {
         let wrong = |e: DataFusionError| self.fault(&e, query);
         let state = self.context.state();
@@ -78,8 +78,8 @@ impl SqlSession {
         Ok(plan)
     }
 
-    /// The columns of the answer to a plan without open parameters: what is cast for a union, say, is known after
-    /// analysis.
+    /// The columns of the result of a plan without unbound parameters. Some types, such as those of a union, are known
+    /// only after analysis.
     ///
     /// # Errors
     /// Fails when the plan cannot be analysed.
@@ -87,10 +87,10 @@ impl SqlSession {
         Ok(self.context.state().optimize(plan)?.schema().as_arrow().clone())
     }
 
-    /// The answer to a plan, piece by piece.
+    /// The result of a plan, batch by batch.
     ///
     /// # Errors
-    /// Fails when it cannot be begun; see [`SqlSession::fault`].
+    /// Fails when it cannot be started; see [`SqlSession::fault`].
     pub async fn run(&self, plan: LogicalPlan) -> Result<SendableRecordBatchStream, DataFusionError> {
         self.context.execute_logical_plan(plan).await?.execute_stream().await
     }
@@ -100,12 +100,12 @@ impl SqlSession {
         explain::fault(e, self, query)
     }
 
-    /// Memory of what becomes of the answer, counted with that of the queries.
+    /// Memory for the processing of a result, counted with the memory of the queries.
     pub fn reserve(&self, name: &str) -> MemoryReservation {
         MemoryConsumer::new(name).register(&self.pool)
     }
 
-    /// The tables that there are.
+    /// The available tables.
     pub fn known(&self) -> &QueryTables {
         &self.known
     }
@@ -126,7 +126,7 @@ impl SqlSession {
         &self.store
     }
 
-    /// The bytes that the queries may take.
+    /// Memory limit of the queries, bytes.
     pub fn memory(&self) -> usize {
         self.memory
     }

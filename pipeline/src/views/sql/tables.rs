@@ -1,5 +1,4 @@
-//! The tables of a store as DataFusion sees them: read-only, each opened when a query names it, and with no way to any
-//! other file.
+//! The tables of a store for DataFusion: read-only, opened when a query names them, and without access to other files.
 
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
@@ -28,7 +27,7 @@ pub struct QueryTables {
     pub pins: VersionPins,
     /// The tables, as `pipeline.table`.
     pub tables: Vec<String>,
-    /// Those that are links to somewhere else, which are not read.
+    /// Tables that are links to other places, which are not read.
     pub elsewhere: Vec<String>,
 }
 
@@ -82,10 +81,10 @@ impl SchemaProvider for PipelineTables {
     }
 }
 
-/// Makes every table of the store at `root` known, in the versions `pins` or else in those of now.
+/// Registers every table of the store at `root`, in the versions `pins` or in the current ones.
 ///
 /// # Errors
-/// Fails when the store cannot be read, or one of these versions is not there any more.
+/// Fails when the store cannot be read, or one of these versions no longer exists.
 pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins>) -> Result<QueryTables, Fault> {
     let mut known = QueryTables::default();
     let Ok(root) = root.canonicalize() else { return Ok(known) };
@@ -128,7 +127,7 @@ fn leads_out(folder: &Path, root: &Path) -> bool {
     !inside(folder) || files.into_iter().any(|f| link(&f) && !inside(&f.path()))
 }
 
-/// The folders in `root` whose names a spec may have.
+/// The folders in `root` with names that a spec permits.
 fn names(root: &Path) -> Vec<String> {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let entries = std::fs::read_dir(root).into_iter().flatten().flatten().filter(|e| e.path().is_dir());

@@ -18,21 +18,21 @@ use crate::{
 /// Parameters of a navigation that explain its errors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavigationSettings {
-    /// The measurement sigma, nT; none where it is taken from the data.
+    /// The measurement sigma, nT; `None` if it is taken from the data.
     pub sigma_nt: Option<f64>,
-    /// The standard deviation of what lasts of the measurement's error, nT.
+    /// The standard deviation of the correlated error of the measurement, nT.
     pub fogm_sigma_nt: Option<f64>,
-    /// Whether the noise was found by the likelihood of the innovations.
+    /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
-    /// How long a constant is estimated for, s.
+    /// Time over which a constant is estimated, s.
     pub offset_window_s: f64,
-    /// Whether the map is continued to the heights flown.
+    /// Whether the map is continued to the flight heights.
     pub levels: bool,
-    /// Whether the measurement was compensated, which leaves a constant open.
+    /// Whether the measurement was compensated, so that its constant is unknown.
     pub compensated: bool,
-    /// The date that the spec gives the core field, and that of the flight.
+    /// The date of the core field in the spec, and the date of the flight.
     pub dates: Option<(f64, f64)>,
-    /// When the first position by GNSS was rejected, in seconds from the start of the line.
+    /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub gnss_rejected_s: Option<f64>,
 }
 
@@ -40,12 +40,12 @@ pub struct NavigationSettings {
 pub struct LineFacts<'a> {
     /// Its scores.
     pub row: &'a LineMetrics,
-    /// How it was navigated; none where there is no track.
+    /// Settings of its navigation; `None` without a track.
     pub settings: Option<NavigationSettings>,
 }
 
 impl<'a> LineFacts<'a> {
-    /// Looks up what is known of `line` above the tables `inputs` of a score.
+    /// Collects the known facts of `line` upstream of the tables `inputs` of a score.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
@@ -61,7 +61,7 @@ impl<'a> LineFacts<'a> {
         let params = it.params();
         let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
         let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
-        // `auto` is no number: it takes what the calibration left, which is a column of what is navigated.
+        // `auto` is not a number. It uses the residual of the calibration, which is a column of the input.
         let found = |param: &str, column: &str| match (number(param), it.first_input()) {
             (None, Some(input)) => first(graph, store, input, line, column),
             (given, _) => Ok(given),
@@ -102,7 +102,7 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.sigma_nt)
     }
 
-    /// When the first position by GNSS was rejected, in seconds from the start of the line.
+    /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub fn gnss_rejected_s(&self) -> Option<f64> {
         self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
     }
@@ -111,7 +111,7 @@ impl<'a> LineFacts<'a> {
         self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
     }
 
-    /// Likely cause of a warning; `None` where no known fact explains it.
+    /// Likely cause of a warning; `None` if no known fact explains it.
     pub fn cause(&self, kind: WarningKind) -> Option<String> {
         if kind == WarningKind::Retention {
             let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \
@@ -156,7 +156,7 @@ impl<'a> LineFacts<'a> {
         let shown = |x: f64| number(Some(x));
         let sigma = settings.sigma_nt;
         let mut found = vec![];
-        // An offset is part of the noise that was found.
+        // An estimated noise includes an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
             match row.get("bias_error") {
@@ -179,7 +179,7 @@ impl<'a> LineFacts<'a> {
         }
         found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
-            // A filter that diverged has left the map for that reason; which came first is not known.
+            // A filter that diverged has left the map for that reason; the order of the two is unknown.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
         if found.is_empty() && !settings.found {
@@ -209,7 +209,7 @@ impl<'a> LineFacts<'a> {
         }
     }
 
-    /// Where nothing in particular is out of order.
+    /// Cause if no specific fault is known.
     fn otherwise(&self, kind: WarningKind) -> Option<String> {
         let within = |metric: &str, law: &limits::ConsistencyLimit| {
             self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high())
@@ -259,14 +259,14 @@ impl<'a> LineFacts<'a> {
     }
 }
 
-/// The date at the first sample of the line, where the flight has columns for it.
+/// The date at the first sample of the line, if the flight has columns for it.
 fn flight_date(graph: &PlanGraph, store: &Store, it: &StageInstance, line: LineId) -> Result<Option<f64>, Fault> {
     let Some(flights) = it.first_input() else { return Ok(None) };
     let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
     Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
 }
 
-/// When a track's first position by GNSS was rejected, in seconds from the start of its line.
+/// Time of a track's first rejected GNSS position, in seconds from the start of its line.
 fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: LineId) -> Result<Option<f64>, Fault> {
     let Ok(key) = graph.object(track, line) else { return Ok(None) };
     if !store.has(key) {
@@ -287,7 +287,7 @@ fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: Line
     Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
 }
 
-/// The first value of a column of a line; `None` where there is none.
+/// The first value of a column of a line; `None` without one.
 fn first(graph: &PlanGraph, store: &Store, r: TableRef, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
     let has = |r: TableRef| match r {
         TableRef::Flights(i) => {

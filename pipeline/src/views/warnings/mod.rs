@@ -26,21 +26,21 @@ pub use written::written;
 pub enum WarningKind {
     /// The track's horizontal error is larger than that of the INS alone.
     WorseThanIns,
-    /// The position errors are far larger than the filter's covariance says.
+    /// The position errors are far larger than the filter's covariance.
     NeesHigh,
-    /// They are far smaller.
+    /// The position errors are far smaller than the filter's covariance.
     NeesLow,
     /// The innovations are far larger than the filter predicts.
     NisHigh,
-    /// They are far smaller.
+    /// The innovations are far smaller than the filter predicts.
     NisLow,
-    /// The innovations repeat.
+    /// The innovations are correlated.
     NotWhite,
-    /// The test of the positions by GNSS rejected some.
+    /// The test of GNSS positions rejected some.
     Gnss,
     /// Most of the line is off the map, where the filter only predicts.
     OffMap,
-    /// Most of the line is over ground where the map is too flat to tell a position.
+    /// Most of the line is over ground where the map is too flat for a position.
     Flat,
     /// The map is at another height than the flight and is not continued to it.
     MapHeight,
@@ -55,7 +55,7 @@ pub enum WarningKind {
 }
 
 impl WarningKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [WarningKind; 14] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
@@ -73,7 +73,7 @@ impl WarningKind {
         WarningKind::Metric,
     ];
 
-    /// The word for it.
+    /// The kind as text.
     pub fn as_str(self) -> &'static str {
         match self {
             WarningKind::WorseThanIns => "worse_than_ins",
@@ -93,8 +93,8 @@ impl WarningKind {
         }
     }
 
-    /// Whether this warning excludes a score from being the best of a sweep. A filter that diverged, or whose
-    /// covariance differs from its error's, is excluded for any values of its other metrics.
+    /// Whether this warning excludes a score from being the best of a sweep. A filter that diverged or is not
+    /// consistent is excluded for any values of its other metrics.
     pub fn spoils(self) -> bool {
         match self {
             WarningKind::WorseThanIns
@@ -112,7 +112,7 @@ impl WarningKind {
         }
     }
 
-    /// Whether the filter states larger errors than it has: its estimate is sound, its covariance too large.
+    /// Whether the filter is cautious: its estimate is sound, its covariance too large.
     pub fn is_cautious(self) -> bool {
         matches!(self, WarningKind::NeesLow | WarningKind::NisLow)
     }
@@ -151,7 +151,7 @@ pub struct Warning {
     pub line: Option<(String, String)>,
     /// Subject of the warning.
     pub kind: WarningKind,
-    /// The figure that gave rise to it.
+    /// The flagged figure.
     pub value: Option<f64>,
     /// Limit of the figure.
     pub limit: Option<f64>,
@@ -164,7 +164,7 @@ pub struct Warning {
 }
 
 impl Warning {
-    /// How far the figure is beyond its limit, as a factor of at least 1; 1 where there is no figure.
+    /// Ratio of the figure to its limit, at least 1; 1 without a figure.
     pub fn excess(&self) -> f64 {
         match (self.value, self.limit) {
             (Some(value), Some(limit)) if value / limit > 0.0 => (value / limit).ln().abs().exp(),
@@ -173,7 +173,7 @@ impl Warning {
         }
     }
 
-    /// Where it is: axis values, flight and line; empty for the fit of a pipeline without axes.
+    /// Place of the warning: axis values, flight and line; empty for the fit of a pipeline without axes.
     pub fn place(&self) -> String {
         let point = self.point.iter().map(|(name, value)| format!("{name} = {value}"));
         let line = self.line.iter().map(|(flight, line)| format!("flight {flight}, line {line}"));
@@ -181,8 +181,8 @@ impl Warning {
     }
 }
 
-/// The warnings of all scores, fits and maps that `done` says are there: score tables in the plan's order, then fits,
-/// then maps, each in the order of the sweep and of the lines.
+/// The warnings of all scores, fits and maps that `done` accepts: score tables in the plan's order, then fits, then
+/// maps, each in the order of the sweep and of the lines.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
@@ -242,7 +242,7 @@ fn place(graph: &PlanGraph, unit: PlanUnit) -> (String, SweepPoint, Option<(Stri
     (node.name.clone(), graph.plan.instance(unit.table, unit.instance).point(), line)
 }
 
-/// Holds the scores of one line against their laws.
+/// Compares the scores of one line with their limits.
 fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     let (row, shown) = (facts.row, |x: f64| number(Some(x)));
     let mut found = vec![];
@@ -260,7 +260,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         ("nis", &limits::NIS, WarningKind::NisLow, WarningKind::NisHigh),
     ];
     for (metric, law, low, high) in laws {
-        // A track that is the truth, such as that of a bound, has no error to hold against a law.
+        // A track that equals the truth, such as a bound, has no error to compare.
         let Some(value) = row.get(metric).filter(|_| row.get("drms") != Some(0.0)) else { continue };
         let (kind, limit) = if value > law.high() {
             (high, law.high())
@@ -361,11 +361,11 @@ fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, told: Vec<Stri
     told.into_iter().map(one).collect()
 }
 
-/// Maximum number of kinds that are listed one by one.
+/// Maximum number of kinds listed one by one.
 const TOLD: usize = 10;
 
-/// All warnings for the end of a run: those of one kind and table together, the worst of them with its place and cause.
-/// `table` is where they all are.
+/// All warnings for the end of a run, grouped by kind and table, with the place and cause of the worst. `table` is the
+/// table of all warnings.
 pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
     let mut groups: BTreeMap<(&str, WarningKind), Vec<&Warning>> = BTreeMap::new();
     for warning in warnings {
@@ -382,7 +382,7 @@ pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
     out
 }
 
-/// The first of the worst speaks for all.
+/// The first of the worst represents its group.
 fn group_told(group: &[&Warning]) -> String {
     let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
     let Some(worst) = worst else { return String::new() };
@@ -403,7 +403,7 @@ fn group_told(group: &[&Warning]) -> String {
     text
 }
 
-/// The navigation behind some tables, where there is one.
+/// The navigation behind some tables, if any.
 fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
     match plan.upstream(inputs, "navigate") {
         Some(TableRef::Stage(t, i)) => Some((t, i)),

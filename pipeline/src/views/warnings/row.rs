@@ -22,10 +22,10 @@ pub fn left_out(batch: &RecordBatch) -> Vec<String> {
 }
 
 impl LineMetrics {
-    /// The columns it is read from.
+    /// The columns that are read.
     pub const COLUMNS: [&'static str; 4] = ["metric", "value", "n", NOTE];
 
-    /// Reads the rows of one line's scores. Values that are null or not a number are left out; infinite ones are kept.
+    /// Reads the rows of one line's scores. Values that are null or not a number are skipped; infinite ones are kept.
     pub fn read(batch: &RecordBatch) -> LineMetrics {
         let names = batch.column_by_name("metric").and_then(|a| a.as_string_opt::<i32>());
         let values = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
@@ -50,7 +50,7 @@ impl LineMetrics {
         self.share("samples_flat")
     }
 
-    /// The value of a metric, and the number of samples it is of.
+    /// The value of a metric, and its number of samples.
     pub fn counted(&self, metric: &str) -> Option<(f64, i64)> {
         self.0.get(metric).copied()
     }

@@ -19,7 +19,7 @@ fn kinds(found: &[WarningDraft]) -> Vec<&'static str> {
 }
 
 #[test]
-fn r10_the_figures_of_the_issue_are_marked() {
+fn unit_divergent_and_cautious_filters_are_flagged() {
     // mag_4 of the main example, and a filter that is 300 times too cautious.
     let row = LineMetrics::from([("drms", 8199.0), ("ins_drms", 967.0), ("nees", 161_284.0), ("nis", 22.0)]);
     let found = judge(&facts(&row, given(5.0)));
@@ -37,7 +37,7 @@ fn r10_the_figures_of_the_issue_are_marked() {
 }
 
 #[test]
-fn unit_what_is_within_its_law_is_not_remarked() {
+fn unit_figures_within_their_limits_are_not_flagged() {
     for (nees, nis) in [(2.0, 1.0), (0.21, 0.26), (19.9, 3.9)] {
         let row = LineMetrics::from([("drms", 10.0), ("ins_drms", 10.0), ("nees", nees), ("nis", nis)]);
         assert!(judge(&facts(&row, given(5.0))).is_empty(), "{nees} {nis}");
@@ -69,7 +69,7 @@ fn unit_correlated_innovations_are_flagged_without_truth_and_a_low_nis_is_cautio
 }
 
 #[test]
-fn r30_rejected_positions_are_said_with_their_time() {
+fn unit_rejected_positions_are_reported_with_their_time() {
     let row = LineMetrics::from([("gnss_rejected", 893.0)]);
     let settings = NavigationSettings { gnss_rejected_s: Some(603.0), ..given(2.0) };
     let found = judge(&facts(&row, settings)).remove(0);
@@ -79,7 +79,7 @@ fn r30_rejected_positions_are_said_with_their_time() {
 }
 
 #[test]
-fn unit_geology_that_goes_with_the_aircraft_is_remarked_with_and_without_navigation() {
+fn unit_a_lost_anomaly_is_flagged_with_and_without_navigation() {
     let cases = [(1.02, 0.01), (0.9, 0.0), (0.89, 0.01), (0.3, 0.35), (0.89, 0.004), (-0.3, 0.2)];
     for (kept, error) in cases {
         let remarked = kept + 2.0 * error < 0.9;
@@ -93,7 +93,7 @@ fn unit_geology_that_goes_with_the_aircraft_is_remarked_with_and_without_navigat
 }
 
 #[test]
-fn unit_ten_times_the_law_is_hardly_chance() {
+fn law_a_consistent_nees_is_rarely_beyond_ten_times_its_mean() {
     // NEES/2 of a single sample is exponentially distributed with mean 1.
     let exceeded = (-limits::NEES.high() / 2.0).exp();
     assert!(exceeded < 1.0 / 22_000.0, "{exceeded}");
@@ -104,7 +104,7 @@ fn unit_ten_times_the_law_is_hardly_chance() {
 }
 
 #[test]
-fn r10_a_cause_is_named_from_what_is_known() {
+fn unit_causes_follow_from_known_facts() {
     let bad = |more: &[(&'static str, f64)]| {
         let base = [("drms", 300.0), ("ins_drms", 100.0), ("nees", 90.0), ("nis", 1.0)];
         let all: BTreeMap<&'static str, f64> = base.iter().chain(more).copied().collect();
@@ -136,7 +136,7 @@ fn r10_a_cause_is_named_from_what_is_known() {
 }
 
 #[test]
-fn unit_the_truth_is_not_too_cautious_and_lasting_errors_are_told_as_such() {
+fn unit_the_truth_is_not_flagged_and_correlated_errors_have_a_cause() {
     let bound = LineMetrics::from([("drms", 0.0), ("ins_drms", 900.0), ("nees", 0.0), ("nis", 1.0)]);
     assert!(judge(&facts(&bound, given(5.0))).is_empty());
     let cautious = LineMetrics::from([("drms", 20.0), ("ins_drms", 900.0), ("nees", 2.0), ("nis", 0.03)]);
@@ -148,9 +148,9 @@ fn unit_the_truth_is_not_too_cautious_and_lasting_errors_are_told_as_such() {
 }
 
 #[test]
-fn r10_a_map_at_another_height_is_a_warning_of_its_own() {
+fn unit_a_map_at_another_height_is_flagged() {
     let row = LineMetrics::from([("map_height_error", 3.0)]);
-    // Half of 5 nT is 2.5; of 20 nT the 5 nT of a good map count.
+    // Half of 5 nT is 2.5 nT; for 20 nT, the limit is the 5 nT of a good map.
     assert_eq!(kinds(&judge(&facts(&row, given(5.0)))), ["map_height"]);
     assert!(judge(&facts(&row, given(20.0))).is_empty());
     assert_eq!(limits::map_height_nt(None), 5.0);
@@ -172,7 +172,7 @@ fn warning(kind: WarningKind, value: f64, limit: f64, line: &str) -> Warning {
 }
 
 #[test]
-fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
+fn gold_many_warnings_are_summarised_by_the_worst_of_each_kind() {
     let all = [
         warning(WarningKind::WorseThanIns, 20.0, 10.0, "1.01"),
         warning(WarningKind::NisLow, 0.004, 0.25, "1.01"),
@@ -193,7 +193,7 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
 }
 
 #[test]
-fn unit_only_what_spoils_a_score_marks_its_row() {
+fn unit_only_spoiling_warnings_flag_a_row() {
     use crate::views::scores::Scores;
     let rows = vec![(vec!["mag_4_uc".to_owned()], vec![]), (vec!["mag_5_uc".to_owned()], vec![])];
     let mut scores = Scores {
@@ -225,7 +225,7 @@ fn unit_only_what_spoils_a_score_marks_its_row() {
 }
 
 #[test]
-fn unit_a_line_over_flat_ground_is_told() {
+fn unit_a_line_over_a_flat_map_is_flagged() {
     let mut row = LineMetrics::from([("drms", 20.0), ("ins_drms", 30.0), ("samples_flat", 40.0)]);
     assert!(judge(&facts(&row, given(5.0))).is_empty());
     row.put("samples_flat", 60.0);

@@ -4,15 +4,15 @@ use numerics::regression::{SampleStatistic, statistics::summary};
 
 use crate::rows::sum_of;
 
-/// Pearson's correlation coefficient of two columns, and the number of rows where both are finite; others are left out.
-/// NaN where one is constant, or there are fewer than two rows.
+/// Pearson's correlation coefficient of two columns, and the number of rows in which both are finite; other rows are
+/// ignored. NaN if a column is constant or there are fewer than two rows.
 pub fn pearson(a: &[f64], b: &[f64]) -> SampleStatistic {
     let (a, b) = finite(a, b);
     coefficient(&a, &b)
 }
 
-/// Spearman's rank correlation of two columns: Pearson's coefficient of the ranks, equal values having the mean of
-/// their ranks. Rows are left out as by [`pearson`].
+/// Spearman's rank correlation of two columns: Pearson's coefficient of the ranks. Equal values have the mean of their
+/// ranks. Rows are ignored as in [`pearson`].
 pub fn spearman(a: &[f64], b: &[f64]) -> SampleStatistic {
     let (a, b) = finite(a, b);
     coefficient(&ranks(&a), &ranks(&b))
@@ -24,7 +24,7 @@ fn finite(a: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
 
 fn coefficient(a: &[f64], b: &[f64]) -> SampleStatistic {
     let n = a.len();
-    // The mean of equal values need not be that value: rounding would correlate.
+    // The computed mean of equal values may differ from them by rounding, which would correlate.
     let constant = |x: &[f64]| x.windows(2).all(|pair| pair[0] == pair[1]);
     if n < 2 || constant(a) || constant(b) {
         return SampleStatistic { value: f64::NAN, n };
@@ -34,7 +34,7 @@ fn coefficient(a: &[f64], b: &[f64]) -> SampleStatistic {
     SampleStatistic { value: (product / (n as f64 - 1.0)).clamp(-1.0, 1.0), n }
 }
 
-/// The rank of each value, from 1; the mean of their ranks for equal ones.
+/// The rank of each value, from 1; equal values have the mean of their ranks.
 fn ranks(x: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..x.len()).collect();
     order.sort_by(|&i, &j| x[i].total_cmp(&x[j]));

@@ -10,15 +10,15 @@ use crate::{draws, rows::setting};
 
 /// Expected gradients: the mean of (x − b) df/dx at b + a (x − b), over background rows b and over a from 0 to 1,
 /// summed over the columns of a group [Erion et al. 2021, "Improving performance of deep learning models with axiomatic
-/// attribution priors and expected gradients"]. Their sum is the prediction less that of the background, up to
-/// sampling. `gradient` returns the derivatives by all columns, row by row.
+/// attribution priors and expected gradients"]. Their sum is the prediction minus the mean prediction of the
+/// background, up to sampling errors. `gradient` returns the derivatives with respect to all columns, row by row.
 ///
-/// Background rows are taken in turn, each as often as the others up to one; a is drawn once in each of as many equal
-/// intervals as there are samples. Errors are those of independent draws, which is too large rather than too small.
+/// Background rows are used in turn, with counts that differ by at most one. The interval of a is divided into as many
+/// equal parts as there are samples, with one draw from each. Errors are those of independent draws, an upper estimate.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, fewer than two samples, and where the model
-/// fails or returns something else than a finite number per row and column.
+/// Fails for values that are not finite, a column in no group or in two, and fewer than two samples. Also fails if the
+/// model fails or returns anything but one finite number per row and column.
 pub fn expected_gradients<E: Send>(
     gradient: &PredictionFunction<'_, E>,
     rows: &[f64],
@@ -51,7 +51,7 @@ pub fn expected_gradients<E: Send>(
     attributions(f64::NAN, (0..explained).into_par_iter().map(one).collect())
 }
 
-/// The points where the gradient is taken, and the background row of each.
+/// The points at which the gradient is evaluated, and the background row of each.
 fn points(
     x: &[f64],
     background: &[f64],

@@ -2,36 +2,35 @@
 
 use crate::rows::{RowsError, entries, finite_rows, setting};
 
-/// A step ends the iteration where it changes the coefficients by less than this part of their size.
+/// Relative change of the coefficients below which the iteration ends.
 const TOLERANCE: f64 = 1e-10;
 
-/// Steps at most.
+/// Maximum number of steps.
 const STEPS: usize = 100_000;
 
-/// c and κ of the paper's step length: what a step must be shorter than the longest stable one by, and the factor by
-/// which it is shortened.
+/// c and κ of the paper's step length: the margin to the longest stable step, and the factor that shortens a step.
 const MARGIN: f64 = 0.01;
 const SHORTER: f64 = 2.0;
 
 /// A linear model with few terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseLinearModel {
-    /// One per column, in the unit of the target per that of the column; 0 for those that are left out.
+    /// One per column, in the unit of the target per unit of the column; 0 for omitted columns.
     pub coefficients: Vec<f64>,
     /// The number of steps.
     pub steps: usize,
-    /// Whether the last step changed less than 1e-10 of the coefficients' size.
+    /// Whether the last step changed the coefficients by less than 1e-10 of their norm.
     pub converged: bool,
 }
 
-/// The linear model without a constant that has at most `keep` terms and a least squared error, by normalised iterative
+/// Fits a linear model without a constant, with at most `keep` terms and a small squared error, by normalised iterative
 /// hard thresholding [Blumensath and Davies 2010, "Normalized iterative hard thresholding: guaranteed stability and
-/// performance"]: steps along the gradient, after each of which all but the `keep` largest coefficients are set to 0.
-/// The error never grows, and on the terms that are kept the answer goes to least squares; another set may still be
-/// better, above all where columns are correlated. Columns are to be standardised, the target about its mean.
+/// performance"]. Each step follows the gradient and then sets all but the `keep` largest coefficients to 0. The error
+/// never increases, and the coefficients of the kept terms converge to least squares. Another set of terms may have a
+/// smaller error, mainly if columns are correlated. Columns must be standardised and the target centred.
 ///
 /// # Errors
-/// Fails for values that are not finite, and unless `keep` is 1 to the number of columns.
+/// Fails for values that are not finite, and for a `keep` outside 1 to the number of columns.
 pub fn iterative_hard_thresholding(
     x: &[f64],
     width: usize,
@@ -91,7 +90,7 @@ impl GramSystem {
         dot(d, &self.times(d))
     }
 
-    /// The next coefficients and where they are not 0; `None` where the gradient is 0 on the support.
+    /// The next coefficients and their support; `None` if the gradient is 0 on the support.
     fn step(&self, b: &[f64], support: &[usize], keep: usize) -> Option<(Vec<f64>, Vec<usize>)> {
         let gradient = self.gradient(b);
         let mut on = vec![0.0; self.width];
@@ -119,7 +118,7 @@ impl GramSystem {
     }
 }
 
-/// The columns of the `keep` largest absolute values, ascending; the first of equals.
+/// The columns of the `keep` largest absolute values, ascending; the first of equal values.
 fn largest(b: &[f64], keep: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..b.len()).collect();
     order.sort_by(|&i, &j| b[j].abs().total_cmp(&b[i].abs()));

@@ -1,4 +1,4 @@
-//! Importance by permutation, of blocks of time.
+//! Permutation importance, by blocks of time.
 
 use numerics::random::{SplitMix64, seed_of};
 use rayon::prelude::*;
@@ -12,33 +12,33 @@ use crate::{
 /// Block length, number of repeats and seed of a permutation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PermutationBlocks {
-    /// The rows of a block: longer than the series remember, or what is exchanged is still like what was there.
+    /// Rows per block. A block must be longer than the correlation time, or permuted values resemble the originals.
     pub rows: usize,
-    /// The number of exchanges.
+    /// Number of permutations.
     pub repeats: usize,
-    /// Their seed.
+    /// Seed of the permutations.
     pub seed: u64,
 }
 
 /// Mean square error of a model, and its increases when a group of columns is permuted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PermutationImportance {
-    /// The mean square error of the rows as they are, in the square of the target's unit.
+    /// Mean square error of the unchanged rows, in the square of the target's unit.
     pub base: f64,
-    /// For each group and repeat, by how much it is larger when the group's columns are exchanged.
+    /// Increase of the mean square error for each group and repeat when the group's columns are permuted.
     pub increases: Vec<Vec<f64>>,
 }
 
-/// By how much the mean square error of the targets `y` grows when the columns of a group come from other rows [Breiman
-/// 2001, "Random forests", section 10]. Rows, of `width` columns each, are in the order of time. They are cut into
-/// blocks, of which the last may be shorter, and the blocks are put into another order: one that is a single cycle, so
-/// that none stays in its place. Single samples are not exchanged, as a slow series would become noise.
+/// Increase of the mean square error of the targets `y` when the columns of a group come from other rows [Breiman 2001,
+/// "Random forests", section 10]. Rows, of `width` columns each, are in time order. They are cut into blocks, the last
+/// of which may be shorter. The order of the blocks becomes a random single cycle, so that no block keeps its position.
+/// Single samples are not permuted, because a slow series would become noise.
 ///
-/// In each repeat all groups have the same exchange, so that they can be compared. Groups may have columns in common.
+/// In each repeat all groups have the same permutation, so that they are comparable. Groups may share columns.
 ///
 /// # Errors
-/// Fails for values that are not finite, unusable groups or settings, less than two blocks, and where the model fails
-/// or returns something else than a finite number per row.
+/// Fails for values that are not finite, invalid groups or settings, and fewer than two blocks. Also fails if the model
+/// fails or returns anything but one finite number per row.
 pub fn permutation<E: Send>(
     model: &PredictionFunction<'_, E>,
     x: &[f64],
@@ -67,7 +67,7 @@ pub fn permutation<E: Send>(
     Ok(PermutationImportance { base, increases: made.chunks(blocks.repeats).map(of_group).collect() })
 }
 
-/// For each row the row that the columns come from.
+/// The source row of the columns for each row.
 fn source_rows(blocks: &PermutationBlocks, repeat: usize, rows: usize) -> Vec<u32> {
     let mut bits = SplitMix64::new(seed_of(blocks.seed, &["permutation", &repeat.to_string()]));
     let order = draws::cycle(&mut bits, rows.div_ceil(blocks.rows));
@@ -75,7 +75,7 @@ fn source_rows(blocks: &PermutationBlocks, repeat: usize, rows: usize) -> Vec<u3
     order.into_iter().flat_map(block).map(|row| row as u32).collect()
 }
 
-/// The mean square error with the columns of `group` from the rows `source`.
+/// The mean square error if the columns of `group` come from the rows `source`.
 fn exchanged<E>(
     model: &PredictionFunction<'_, E>,
     x: &[f64],
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_an_exchange_keeps_blocks_whole_and_moves_each() {
+    fn unit_a_permutation_keeps_blocks_whole_and_moves_each() {
         let rows = source_rows(&PermutationBlocks { rows: 500, repeats: 1, seed: 1 }, 0, 5200);
         let mut sorted = rows.clone();
         sorted.sort_unstable();

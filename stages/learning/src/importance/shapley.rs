@@ -14,17 +14,17 @@ use crate::{
     rows::{entries, finite_rows, setting},
 };
 
-/// The Shapley values of the prediction of each row: the mean, over all orders of the groups and all background rows,
-/// of the change of the prediction when a group's columns change from the background row's to the row's own [Strumbelj
-/// and Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn, each together with its
-/// reverse [Mitchell et al. 2022, "Sampling permutations for Shapley value estimation"], anew for each background row,
-/// so that the values of a row always add up to its prediction less the base. Up to two groups are exact.
+/// The Shapley values of the prediction of each row: the mean change of the prediction when a group's columns change
+/// from the background row's to the row's own, over all orders of the groups and all background rows [Strumbelj and
+/// Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn anew for each background row,
+/// each together with its reverse [Mitchell et al. 2022, "Sampling permutations for Shapley value estimation"]. The
+/// values of a row therefore always add up to its prediction minus the base. Up to two groups are exact.
 ///
-/// It takes 2 `samples` (groups − 1) predictions for each row and background row.
+/// Cost: 2 `samples` (groups − 1) predictions for each row and background row.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, fewer than two samples, and where the model
-/// fails or returns something else than a finite number per row.
+/// Fails for values that are not finite, a column in no group or in two, and fewer than two samples. Also fails if the
+/// model fails or returns anything but one finite number per row.
 pub fn shapley_sampled<E: Send>(
     model: &PredictionFunction<'_, E>,
     rows: &[f64],
@@ -53,7 +53,7 @@ struct ShapleySampler<'a, E> {
 }
 
 impl<E> ShapleySampler<'_, E> {
-    /// The values of a row, whose prediction is `found`, and their errors.
+    /// The values of a row with the prediction `found`, and their errors.
     fn row(&self, number: usize, x: &[f64], found: f64) -> RowAttributions<E> {
         let (count, groups, samples) = (self.of_background.len(), self.groups.len(), self.sampling.samples);
         let each = 2 * samples * groups.saturating_sub(1);
@@ -85,7 +85,7 @@ impl<E> ShapleySampler<'_, E> {
         (0..self.sampling.samples).map(|_| draws::shuffled(&mut bits, self.groups.len())).collect()
     }
 
-    /// For each order the rows on its way from the background to `x`, then those of its reverse.
+    /// For each order, the rows on the path from the background to `x`, then those of the reverse order.
     fn mixed(&self, x: &[f64], some: Range<usize>, orders: &[Vec<usize>]) -> Vec<f64> {
         let mut out = vec![];
         for (b, orders) in some.zip(orders.chunks(self.sampling.samples)) {
@@ -130,12 +130,12 @@ impl<E> ShapleySampler<'_, E> {
     }
 }
 
-/// The Shapley values of a linear model with these coefficients, for features that are independent: the coefficient
-/// times the difference of a column from the mean of the background, `means`, summed over a group [Lundberg and Lee
-/// 2017, corollary 1]. A group may have columns of another, and columns may be in none.
+/// The Shapley values of a linear model with these coefficients and independent features: the coefficient times the
+/// difference of a column from `means`, the mean of the background, summed over a group [Lundberg and Lee 2017,
+/// corollary 1]. Groups may overlap, and columns may be in no group.
 ///
 /// # Errors
-/// Fails for values that are not finite or not as many as there are columns, and for unusable groups.
+/// Fails for values that are not finite, the wrong number of values, and invalid groups.
 pub fn shapley_linear(
     coefficients: &[f64],
     rows: &[f64],

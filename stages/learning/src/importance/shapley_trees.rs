@@ -5,16 +5,17 @@ use rayon::prelude::*;
 use super::{Attributions, ImportanceError, attributions, both_rows, group_of};
 use crate::trees::{BoostingError, Forest, RegressionTreeNode};
 
-/// The Shapley values of a forest's prediction of each row against background rows, exact: what
-/// [`shapley_sampled`](super::shapley_sampled) goes to with ever more samples [Lundberg et al. 2020, "From local
-/// explanations to global understanding with explainable AI for trees", algorithm 3].
+/// The exact Shapley values of a forest's prediction of each row against background rows: the limit of
+/// [`shapley_sampled`](super::shapley_sampled) for many samples [Lundberg et al. 2020, "From local explanations to
+/// global understanding with explainable AI for trees", algorithm 3].
 ///
-/// In each tree a row and a background row go down together; where they part, the node's group decides between them,
-/// and keeps to it further down. A leaf that needs the row's columns of n groups and the background's of m
-/// gives (n − 1)! m!/(n + m)! of its value to each of the n and takes n! (m − 1)!/(n + m)! from each of the m.
+/// A row and a background row traverse each tree together. At a split that separates them, the path branches by the
+/// node's group; deeper splits of that group follow the same choice. Consider a leaf that requires the row's columns of
+/// n groups and the background's columns of m groups. It adds (n − 1)! m!/(n + m)! of its value to each of the n groups
+/// and subtracts n! (m − 1)!/(n + m)! from each of the m groups.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, and a forest that is malformed.
+/// Fails for values that are not finite, a column in no group or in two, and a malformed forest.
 pub fn shapley_trees(
     forest: &Forest,
     rows: &[f64],
@@ -45,9 +46,9 @@ struct ShapleyTreeTraversal<'a> {
     group_of: &'a [usize],
     x: &'a [f64],
     b: &'a [f64],
-    /// The groups whose columns must be the row's own for this way.
+    /// Groups whose columns must be the row's own on this path.
     own: Vec<usize>,
-    /// Those whose columns must be the background's.
+    /// Groups whose columns must be the background's on this path.
     other: Vec<usize>,
     values: &'a mut [f64],
 }
@@ -77,7 +78,7 @@ impl ShapleyTreeTraversal<'_> {
 
     fn leaf(&mut self, value: f64) {
         let (n, m) = (self.own.len(), self.other.len());
-        // (n + m)!/(n! m!), of two numbers that are at most the depth of the tree.
+        // (n + m)!/(n! m!); n and m are at most the depth of the tree.
         let ways = (1..=n).fold(1.0, |ways, k| ways * (m + k) as f64 / k as f64);
         self.own.iter().for_each(|&group| self.values[group] += value / (n as f64 * ways));
         self.other.iter().for_each(|&group| self.values[group] -= value / (m as f64 * ways));

@@ -23,7 +23,7 @@ fn each_alone(width: usize) -> Vec<Vec<usize>> {
     (0..width).map(|j| vec![j]).collect()
 }
 
-/// The rows to explain, the background, and the table that they are from.
+/// The rows to explain, the background, and their reference table.
 fn shapley_case() -> (Vec<f64>, Vec<f64>, std::collections::BTreeMap<String, Vec<f64>>) {
     let table = columns(include_str!("../../reference/importance/shapley.csv"));
     let mut x = matrix(&table, &NAMES);
@@ -49,7 +49,7 @@ fn normals(count: usize, seed: u64) -> Vec<f64> {
 }
 
 #[test]
-fn ref_sampled_values_are_those_of_shap_within_their_errors() {
+fn ref_sampled_values_agree_with_shap_within_their_errors() {
     let (rows, background, table) = shapley_case();
     let truth = expected(&table, "exact");
     let run = |samples, seed| {
@@ -68,7 +68,7 @@ fn ref_sampled_values_are_those_of_shap_within_their_errors() {
         .map(|((v, t), e)| (v - t) / e)
         .collect();
     let typical = (ratios.iter().map(|r| r * r).sum::<f64>() / ratios.len() as f64).sqrt();
-    // 24 differences of which the five of a row depend on each other: one standard error, give or take a third.
+    // 24 differences, of which the five of a row are correlated: one standard error, within about a third.
     assert!(ratios.len() >= 20 && (0.6..1.5).contains(&typical), "{typical} {ratios:?}");
     // The additive term -2 x4 has no sampling error.
     let mean = background.iter().skip(4).step_by(5).sum::<f64>() / 20.0;
@@ -78,7 +78,7 @@ fn ref_sampled_values_are_those_of_shap_within_their_errors() {
 }
 
 #[test]
-fn law_values_add_up_to_the_prediction_in_groups_too_and_two_groups_are_exact() {
+fn law_values_add_up_to_the_prediction_and_two_groups_are_exact() {
     let (rows, background, table) = shapley_case();
     let predictions = function(&rows).unwrap();
     for groups in
@@ -90,7 +90,7 @@ fn law_values_add_up_to_the_prediction_in_groups_too_and_two_groups_are_exact() 
             assert!((found.base + row.iter().sum::<f64>() - prediction).abs() < 1e-10, "{groups:?}");
         }
         if groups.len() == 2 {
-            // x4 adds to the rest, so that the rest has the sum of the values of its columns.
+            // x4 is additive, so the other group has the sum of the values of its columns.
             let exact = expected(&table, "exact");
             let together: Vec<f64> = exact.chunks(5).map(|v| v[..4].iter().sum()).collect();
             let ours: Vec<f64> = found.values.iter().step_by(2).copied().collect();
@@ -100,9 +100,8 @@ fn law_values_add_up_to_the_prediction_in_groups_too_and_two_groups_are_exact() 
 }
 
 #[test]
-fn law_a_product_is_shared_symmetrically_and_a_dummy_has_nothing() {
-    // x0 x1 against one background row: (x0 - b0)(x1 + b1)/2 and (x1 - b1)(x0 + b0)/2, whether by orders or by
-    // gradients.
+fn law_a_product_is_shared_symmetrically_and_a_dummy_has_value_zero() {
+    // x0 x1 against one background row, by orders and by gradients: (x0 - b0)(x1 + b1)/2 and (x1 - b1)(x0 + b0)/2.
     let product = |x: &[f64]| Ok::<_, Never>(x.chunks(3).map(|x| x[0] * x[1]).collect());
     let slopes = |x: &[f64]| Ok::<_, Never>(x.chunks(3).flat_map(|x| [x[1], x[0], 0.0]).collect());
     let (rows, background) = ([2.0, 3.0, 9.0, -1.0, 0.5, 4.0], [0.5, 1.0, -7.0]);
@@ -111,7 +110,7 @@ fn law_a_product_is_shared_symmetrically_and_a_dummy_has_nothing() {
     let orders = shapley_sampled(&product, &rows, &background, 3, &each_alone(3), &sampling).unwrap();
     assert!(worst(&orders.values, &truth) < 1e-12 && orders.base == 0.5, "{orders:?}");
     let gradients = expected_gradients(&slopes, &rows, &background, 3, &each_alone(3), &sampling).unwrap();
-    // a is drawn in each of 2000 intervals: errors of some 1/2000 of the range at most.
+    // a is drawn in each of 2000 intervals: errors of at most about 1/2000 of the range.
     assert!(worst(&gradients.values, &truth) < 2e-3, "{gradients:?}");
     assert_eq!((gradients.values[2], gradients.values[5]), (0.0, 0.0));
 }
@@ -121,7 +120,7 @@ fn law_expected_gradients_of_a_linear_model_are_its_shapley_values() {
     let (rows, background, table) = shapley_case();
     let coefficients = &table["coefficient"][..5];
     let slopes = |x: &[f64]| Ok::<_, Never>(coefficients.repeat(x.len() / 5));
-    // A multiple of the background rows has each as often.
+    // The number of samples is a multiple of the background rows, so that each is used equally often.
     let sampling = AttributionSampling { samples: 40, seed: 0 };
     let found = expected_gradients(&slopes, &rows, &background, 5, &each_alone(5), &sampling).unwrap();
     assert!(worst(&found.values, &expected(&table, "linear")) < 1e-10);
@@ -153,13 +152,13 @@ fn ref_values_of_a_forest_are_those_of_tree_explainer() {
     let (rows, background, _) = shapley_case();
     assert!(worst(&forest.predict(&rows, 5), &truth["prediction"]) < 1e-12);
     let found = shapley_trees(&forest, &rows, &background, 5, &each_alone(5)).unwrap();
-    // SHAP computes trees with 32 bits of some values.
+    // SHAP computes trees partly in 32 bits.
     assert!(
         worst(&found.values, &expected(&truth, "value")) < 1e-5,
         "{}",
         worst(&found.values, &expected(&truth, "value"))
     );
-    // Groups give the same values as sampling of enough orders to cover all of them.
+    // Group values equal those of sampling with enough orders to cover all.
     let groups = [vec![2, 0], vec![1, 3], vec![4]];
     let exact = shapley_trees(&forest, &rows, &background, 5, &groups).unwrap();
     let predict = |x: &[f64]| Ok::<_, Never>(forest.predict(x, 5));
@@ -173,7 +172,7 @@ fn ref_values_of_a_forest_are_those_of_tree_explainer() {
 }
 
 #[test]
-fn law_permutation_of_a_linear_model_is_twice_the_variance_that_a_column_explains() {
+fn law_permutation_of_a_linear_model_is_twice_the_explained_variance() {
     let n = 40_000;
     let x = normals(3 * n, 4);
     let y: Vec<f64> = x.chunks(3).map(|x| 2.0 * x[0] - x[1] + 7.0).collect();
@@ -192,7 +191,7 @@ fn law_permutation_of_a_linear_model_is_twice_the_variance_that_a_column_explain
 }
 
 #[test]
-fn law_threads_change_no_bit_and_a_group_does_not_depend_on_the_others() {
+fn unit_results_are_independent_of_threads_and_other_groups() {
     let (rows, background, _) = shapley_case();
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -250,7 +249,7 @@ fn ref_hard_thresholding_finds_the_best_of_all_subsets() {
 }
 
 #[test]
-fn unit_what_cannot_be_explained_is_refused() {
+fn unit_invalid_models_rows_and_groups_are_rejected() {
     let (rows, background, _) = shapley_case();
     let sampling = AttributionSampling { samples: 2, seed: 0 };
     let fault = |rows: &[f64], groups: &[Vec<usize>], samples: usize| {

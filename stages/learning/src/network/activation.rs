@@ -101,7 +101,7 @@ fn swish(z: f64) -> (f64, f64) {
     (a, s + a * (1.0 - s))
 }
 
-/// A sum that is NaN stays one. The derivative at 0 is 0.
+/// NaN stays NaN. The derivative at 0 is 0.
 #[inline(always)]
 fn relu(z: f64) -> (f64, f64) {
     (if z <= 0.0 { 0.0 } else { z }, if z <= 0.0 { 0.0 } else { 1.0 })
@@ -119,15 +119,15 @@ pub(super) fn sigmoid(z: f64) -> (f64, f64) {
     (s, s * (1.0 - s))
 }
 
-/// eˣ to within two units of the last digit, the same bits on every machine; between e⁻⁷⁰⁸ and e⁷⁰⁹.
+/// eˣ within two units in the last place, bit-identical on every machine, for results between e⁻⁷⁰⁸ and e⁷⁰⁹.
 ///
-/// x = n ln 2 + r with |r| at most half of ln 2, whose exponential is its Taylor polynomial of degree 13; n goes into
-/// the exponent. Without a branch, so that it is done on whole vectors.
+/// x = n ln 2 + r with |r| at most half of ln 2. The exponential of r is its Taylor polynomial of degree 13; n is added
+/// to the exponent. Branch-free, so that it vectorises.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
-    // Added to a number of that size, it leaves the nearest integer in the last bits.
+    // Added to a number of moderate size, it leaves the nearest integer in the last bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     const INVERSE_FACTORIALS: [f64; 12] = [
         1.0 / 479_001_600.0,
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_the_exponential_is_the_c_librarys() {
+    fn ref_the_exponential_agrees_with_the_c_library() {
         for i in -70_000..=70_000 {
             let x = f64::from(i) * 0.010_1;
             let (ours, theirs) = (exp(x), x.exp());

@@ -1,21 +1,22 @@
-//! Causal convolutions whose steps widen from layer to layer. [van den Oord et al. 2016; Bai, Kolter & Koltun 2018]
+//! Causal convolutions with a dilation that doubles from layer to layer. [van den Oord et al. 2016; Bai, Kolter &
+//! Koltun 2018]
 //!
-//! Each layer takes two samples, 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). What the last sample
-//! of a window needs of a layer are every second of the sums of the layer before: along a window of 2ⁿ samples in their
-//! order, always two neighbours. So a layer is a dense one, whose rows are pairs of neighbours.
+//! Each layer combines two samples, 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). The last sample of
+//! a window depends on every second result of the layer before. Along a window of 2ⁿ samples in order, these are always
+//! pairs of neighbours. A layer is therefore a dense layer whose rows are pairs of neighbours.
 
 use super::activation::ActivationFunction;
 use super::kernels::{WeightPanels, add_outer, affine, padded};
 use super::passes::BLOCK;
 use super::windowed::FeatureExtractor;
 
-/// The samples that a layer takes.
+/// Number of samples that a layer combines.
 const TAPS: usize = 2;
 
 /// The convolutions of a network, for a block of rows.
 ///
-/// Their parameters are layer by layer the weights, row-major (unit, sample, input) with the earlier sample first, then
-/// the biases.
+/// Parameters, layer by layer: the weights, row-major (unit, sample, input) with the earlier sample first, then the
+/// biases.
 pub(super) struct ConvolutionLayers {
     activation: ActivationFunction,
     units: usize,
@@ -27,7 +28,7 @@ pub(super) struct ConvolutionLayers {
 
 struct ConvolutionLayer {
     inputs: usize,
-    /// The values of a sample in the rows of this layer, padded from the second layer on.
+    /// Values per sample in the rows of this layer, padded from the second layer on.
     stride: usize,
     forward: WeightPanels,
     backward: WeightPanels,

@@ -1,17 +1,18 @@
-//! Several networks of the same samples: their mean, and how far apart they are.
+//! Ensembles of networks: the mean and spread of their predictions.
 
 /// Joint prediction of the members of an ensemble. [Lakshminarayanan, Pritzel & Blundell 2017]
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnsemblePrediction {
     /// The mean of the members for each row, in the unit of the predictions.
     pub mean: Vec<f64>,
-    /// The standard deviation (n − 1) of the members for each row: what training with another seed, or without a line,
-    /// would change. It holds neither the noise of the target nor what all members lack in the same way.
+    /// The standard deviation (n − 1) of the members for each row: the effect of another seed, or of training without a
+    /// line. It excludes the noise of the target and errors that all members share.
     pub deviation: Vec<f64>,
 }
 
 impl EnsemblePrediction {
-    /// The predictions of two or more members for the same rows. `None` for fewer, or for rows that are not as many.
+    /// The joint prediction of two or more members for the same rows. `None` for fewer members or unequal numbers of
+    /// rows.
     pub fn from_members(members: &[Vec<f64>]) -> Option<Self> {
         let rows = members.first()?.len();
         if members.len() < 2 || members.iter().any(|member| member.len() != rows) {
@@ -38,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_mean_and_deviation_are_those_of_a_hand_calculation() {
+    fn ref_mean_and_deviation_agree_with_a_manual_calculation() {
         let found = EnsemblePrediction::from_members(&[vec![1.0, -2.0], vec![2.0, -2.0], vec![6.0, -2.0]]).unwrap();
         assert_eq!((found.mean, found.deviation), (vec![3.0, -2.0], vec![7.0f64.sqrt(), 0.0]));
         assert_eq!(EnsemblePrediction::from_members(&[vec![1.0]]), None);

@@ -1,12 +1,12 @@
-//! Rows of a matrix in any order, copied one behind the other.
+//! Copies rows of a matrix in any order into consecutive memory.
 //!
-//! The rows of a shuffled batch lie anywhere in memory, so that the copy of each would wait for its first lines. They
-//! are asked for some rows before.
+//! The rows of a shuffled batch are scattered in memory, so each copy would wait for a cache miss. Rows are therefore
+//! prefetched.
 
 /// Number of rows by which a row is prefetched.
 const AHEAD: usize = 8;
 
-/// Numbers in a line of the cache.
+/// Number of values in a cache line.
 const LINE: usize = 8;
 
 /// Appends the listed rows of a matrix with `columns` columns.
@@ -20,7 +20,7 @@ pub(super) fn gather(from: &[f64], columns: usize, rows: &[u32], to: &mut Vec<f6
     }
 }
 
-/// Asks for the line of the cache that the first of these numbers is in.
+/// Prefetches the cache line of the first of these numbers.
 #[cfg(target_arch = "x86_64")]
 #[expect(unsafe_code, reason = "the standard library has no other way to prefetch")]
 fn prefetch(numbers: &[f64]) {
@@ -29,7 +29,7 @@ fn prefetch(numbers: &[f64]) {
     unsafe { _mm_prefetch::<_MM_HINT_T0>(numbers.as_ptr().cast()) }
 }
 
-/// There is no hint that a stable compiler can be told.
+/// Stable Rust has no prefetch hint for this architecture.
 #[cfg(not(target_arch = "x86_64"))]
 fn prefetch(_: &[f64]) {}
 
@@ -38,7 +38,7 @@ mod tests {
     use super::gather;
 
     #[test]
-    fn unit_rows_come_in_the_order_asked_for() {
+    fn unit_rows_are_gathered_in_the_given_order() {
         let from: Vec<f64> = (0..600).map(f64::from).collect();
         let rows: Vec<u32> = (0..20).map(|k| (k * 7) % 20).collect();
         let mut to = vec![-1.0];

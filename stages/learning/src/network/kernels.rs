@@ -1,23 +1,23 @@
-//! The two products that a layer is made of, for a block of rows: its sums, and the gradient of its weights.
+//! The two products of a layer, for a block of rows: its sums, and the gradient of its weights.
 //!
-//! Units lie along the vector, in panels of eight or four, so that nothing is summed across lanes: each sum is over
-//! inputs or rows in their order, by fused multiply-add. The bits are those of any vector width.
+//! Units lie along the vector, in panels of eight or four, so that no sum is across lanes. Each sum is over inputs or
+//! rows in order, by fused multiply-add. The bits do not depend on the vector width.
 
 use pulp::{Simd, WithSimd};
 
-/// The units of a panel, unless no more than half of them are left.
+/// Units of a panel, unless at most half as many remain.
 const PANEL: usize = 8;
-/// The units of a small panel.
+/// Units of a small panel.
 const SMALL: usize = 4;
-/// Rows (or inputs) that are worked on together.
+/// Rows (or inputs) that are processed together.
 const TILE: usize = 6;
 
-/// The panel at a unit: its units.
+/// The number of units of the next panel.
 const fn panel(left: usize) -> usize {
     if left <= SMALL { SMALL } else { PANEL }
 }
 
-/// The number of values of a row of units, padded to whole panels.
+/// Length of a row of units, padded to whole panels.
 pub(super) const fn padded(units: usize) -> usize {
     units / PANEL * PANEL + if units.is_multiple_of(PANEL) { 0 } else { panel(units % PANEL) }
 }
@@ -36,12 +36,12 @@ impl WeightPanels {
         Self { inputs, units, values: vec![0.0; padded(units) * (inputs + 1)] }
     }
 
-    /// Zeros again.
+    /// Sets all values to zero.
     pub fn clear(&mut self) {
         self.values.fill(0.0);
     }
 
-    /// The values by unit: `row(0)` are biases and `row(1 + input)` weights, `visit(row, unit, value)`.
+    /// Visits the values by unit with `visit(row, unit, value)`: `row(0)` holds biases and `row(1 + input)` weights.
     fn each(&mut self, mut visit: impl FnMut(usize, usize, &mut f64)) {
         let (mut start, mut rest) = (0, self.values.as_mut_slice());
         while start < self.units {
@@ -54,13 +54,13 @@ impl WeightPanels {
         }
     }
 
-    /// Takes the weights (unit, input) and biases of a layer.
+    /// Sets the weights (unit, input) and biases of a layer.
     pub fn set_layer(&mut self, weights: &[f64], biases: &[f64]) {
         let inputs = self.inputs;
         self.each(|row, unit, x| *x = if row == 0 { biases[unit] } else { weights[unit * inputs + row - 1] });
     }
 
-    /// Takes the transposed weights of a layer of these inputs as units, for the way back; without biases.
+    /// Sets the transposed weights of a layer, with its inputs as units, for backpropagation; without biases.
     pub fn set_transposed(&mut self, weights: &[f64]) {
         let units = self.units;
         self.each(|row, unit, x| *x = if row == 0 { 0.0 } else { weights[(row - 1) * units + unit] });
@@ -81,13 +81,13 @@ pub(super) fn affine(x: &[f64], stride: usize, layer: &WeightPanels, out: &mut [
     pulp::Arch::new().dispatch(AffineKernel { x, stride, layer, out });
 }
 
-/// Adds Σ d xᵀ over the rows to a gradient, and Σ d to that of the biases. Rows of `x` are `stride` apart, those of `d`
-/// are padded to whole panels.
+/// Adds Σ d xᵀ over the rows to the gradient of the weights, and Σ d to that of the biases. Rows of `x` are `stride`
+/// apart; rows of `d` are padded to whole panels.
 pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut WeightPanels) {
     pulp::Arch::new().dispatch(OuterProductKernel { x, stride, d, gradient });
 }
 
-// Structs, since a closure as large as these is called in place of being compiled for the wider vectors.
+// Structs: closures of this size would not be inlined and compiled for the wider vectors.
 struct AffineKernel<'a> {
     x: &'a [f64],
     stride: usize,
@@ -165,7 +165,7 @@ fn affine_panel<S: Simd, const K: usize>(
     }
 }
 
-/// Written with vectors: left to the compiler, the sums of several rows do not become some.
+/// Explicitly vectorised, because the compiler does not vectorise the sums of several rows.
 #[inline(always)]
 #[expect(clippy::too_many_arguments)]
 fn affine_tile<S: Simd, const R: usize, const K: usize>(
@@ -182,7 +182,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    // Only as many of these vectors are used as K numbers need.
+    // Only the vectors that K numbers require are used.
     let mut sums = [[simd.splat_f64s(0.0); K]; R];
     for sum in &mut sums {
         for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {
@@ -238,7 +238,7 @@ struct PanelDeltas<'a> {
     start: usize,
 }
 
-/// The sums of `R` inputs from the `first` on.
+/// The sums of `R` inputs, beginning at `first`.
 #[inline(always)]
 fn outer_tile<const R: usize, const K: usize>(
     x: &[f64],
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn law_products_are_those_of_the_definition_for_every_remainder() {
+    fn law_products_agree_with_the_definition_for_every_remainder() {
         for units in 1..=18 {
             for (inputs, rows) in [(1, 1), (5, 7), (6, 12), (13, 4), (14, 13)] {
                 let (x, weights) = (numbers(rows * inputs, 0.7), numbers(units * inputs, 1.3));

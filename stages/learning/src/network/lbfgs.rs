@@ -1,13 +1,13 @@
-//! The quasi-Newton method of limited memory, with a line search for the strong Wolfe conditions.
-//! [Nocedal & Wright 2006, algorithms 3.5, 3.6, 7.4 and 7.5]
+//! Limited-memory BFGS with a line search for the strong Wolfe conditions. [Nocedal & Wright 2006, algorithms 3.5, 3.6,
+//! 7.4 and 7.5]
 
-/// The part of the first slope that a step has to gain.
+/// Sufficient decrease, as a fraction of the first slope (c₁).
 const DECREASE: f64 = 1e-4;
-/// The part of the first slope that may be left at its end.
+/// Maximum slope at the end of a step, as a fraction of the first slope (c₂).
 const CURVATURE: f64 = 0.9;
-/// The most evaluations of a line search.
+/// Maximum number of evaluations in a line search.
 const EVALUATIONS: usize = 25;
-/// A gradient whose largest entry is below this is at the minimum.
+/// Largest gradient entry below which the parameters are at the minimum.
 const LEAST_GRADIENT: f64 = 1e-10;
 
 /// State of the L-BFGS method.
@@ -17,9 +17,9 @@ pub struct LbfgsState {
     pub objective: f64,
     /// The gradient at the parameters; empty before the first step.
     pub gradient: Vec<f64>,
-    /// The last steps, each with the change of the gradient that it made; the oldest first.
+    /// The last steps, each with its change of the gradient; the oldest first.
     pub pairs: Vec<(Vec<f64>, Vec<f64>)>,
-    /// Whether no step leads further down.
+    /// Whether no step decreases the objective.
     pub ended: bool,
 }
 
@@ -36,7 +36,7 @@ struct LineSearchPoint {
 }
 
 impl LbfgsState {
-    /// One step from `parameters`, which it moves.
+    /// Moves `parameters` by one step.
     pub(super) fn step(&mut self, parameters: &mut [f64], memory: usize, evaluate: &mut ObjectiveFunction<'_>) {
         if self.gradient.len() != parameters.len() {
             self.gradient = vec![0.0; parameters.len()];
@@ -76,7 +76,7 @@ impl LbfgsState {
         parameters.iter_mut().zip(&direction).for_each(|(x, d)| *x += end.step * d);
         let moved: Vec<f64> = direction.iter().map(|d| end.step * d).collect();
         let change: Vec<f64> = end.gradient.iter().zip(&self.gradient).map(|(after, before)| after - before).collect();
-        // A pair without curvature would make the next direction lead up.
+        // A pair without curvature would make the next direction an ascent.
         if dot(&moved, &change) > 1e-10 * dot(&change, &change) {
             self.pairs.push((moved, change));
             let surplus = self.pairs.len().saturating_sub(memory);
@@ -85,7 +85,7 @@ impl LbfgsState {
         (self.objective, self.gradient) = (end.objective, end.gradient);
     }
 
-    /// The direction of the next step: less the gradient times the inverse curvature of the last steps.
+    /// The direction of the next step: minus the approximate inverse Hessian times the gradient.
     fn direction(&self) -> Vec<f64> {
         let mut q: Vec<f64> = self.gradient.iter().map(|g| -g).collect();
         let mut parts = Vec::with_capacity(self.pairs.len());
@@ -106,7 +106,7 @@ impl LbfgsState {
     }
 }
 
-/// A step that gains enough and leaves little slope; the best that was seen where the evaluations do not suffice.
+/// A step that satisfies the Wolfe conditions; the best evaluated step if the evaluations do not suffice.
 fn search(
     start: &LineSearchPoint,
     first: f64,
@@ -120,7 +120,7 @@ fn search(
     let mut before = start.clone();
     let mut here = at(first);
     let mut left = EVALUATIONS - 1;
-    // Steps grow until a minimum lies between the last two.
+    // Steps grow until they bracket a minimum.
     let (mut low, mut high) = loop {
         if too_high(&here) || (before.step > 0.0 && here.objective >= before.objective) {
             break (before, here);
@@ -139,7 +139,7 @@ fn search(
         left -= 1;
         (before, here) = (here, next);
     };
-    // It is closed in between `low`, the lower of both ends, and `high`.
+    // The bracket shrinks between `low`, the end with the smaller objective, and `high`.
     let mut stuck = false;
     while left > 0 && (high.step - low.step).abs() * longest > 1e-16 {
         let (least, most) = (low.step.min(high.step), low.step.max(high.step));
@@ -148,7 +148,7 @@ fn search(
         if !(step >= least && step <= most) {
             step = 0.5 * (least + most);
         }
-        // Twice near the same end is no progress.
+        // Two steps near the same end make no progress.
         if (most - step).min(step - least) < margin {
             if stuck || step >= most || step <= least {
                 step = if most - step < step - least { most - margin } else { least + margin };
@@ -176,7 +176,7 @@ fn search(
     low
 }
 
-/// Where the cubic with the values and slopes of two places has its minimum; their middle where it has none.
+/// The minimum of the cubic with the values and slopes of two points; their midpoint if it has none.
 fn cubic_minimum(one: &LineSearchPoint, other: &LineSearchPoint) -> f64 {
     let (a, b) = if one.step <= other.step { (one, other) } else { (other, one) };
     let d1 = a.slope + b.slope - 3.0 * (a.objective - b.objective) / (a.step - b.step);
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn ref_the_valley_of_rosenbrock_leads_to_one_and_one() {
+    fn ref_the_rosenbrock_function_is_minimised_at_one_and_one() {
         let (x, state) = minimised(&[-1.2, 1.0], 60, |x, gradient| {
             let (a, b) = (1.0 - x[0], x[1] - x[0] * x[0]);
             gradient[0] = -2.0 * a - 400.0 * x[0] * b;
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_has_no_minimum_or_is_not_finite_ends_without_a_panic() {
+    fn unit_unbounded_or_non_finite_objectives_end_without_a_panic() {
         let (x, _) = minimised(&[1.0], 5, |x, gradient| {
             gradient[0] = 1.0;
             x[0]
@@ -236,7 +236,7 @@ mod tests {
             f64::NAN
         });
         assert!(x == [1.0] && state.ended);
-        // A wall: infinite beyond 2, whose minimum lies before it.
+        // An infinite wall beyond 2. The minimum is before it.
         let (x, _) = minimised(&[0.0], 50, |x, gradient| {
             gradient[0] = -1.0 + 1.0 / (2.0 - x[0]).powi(2);
             if x[0] < 2.0 { -x[0] + 1.0 / (2.0 - x[0]) } else { f64::INFINITY }

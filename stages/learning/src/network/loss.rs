@@ -8,7 +8,7 @@ pub enum NetworkLoss {
     Squared,
     /// |e|.
     Absolute,
-    /// e²/2 up to |e| = `delta`, and a straight line from there on: `delta` (|e| − `delta`/2). [Huber 1964]
+    /// e²/2 up to |e| = `delta`, linear above: `delta` (|e| − `delta`/2). [Huber 1964]
     Huber {
         /// Error at which the loss becomes linear, in the scale of the target.
         delta: f64,

@@ -13,9 +13,9 @@ use super::shape::{NetworkForm, derived_seed, unit_uniform};
 use super::training::{NetworkSamples, NetworkTraining, SparseGroupLasso};
 use super::windowed::{FeatureExtractor, NetworkArchitecture};
 
-/// Blocks whose gradients are held at the same time.
+/// Number of blocks whose gradients are in memory together.
 const ROUND: usize = 64;
-/// Products of rows and parameters below which a second thread costs more than it gives.
+/// Products of rows and parameters below which a second thread costs more than it saves.
 const LEAST_TO_SPREAD: usize = 200_000;
 
 /// Rows over which the objective is averaged.
@@ -23,7 +23,7 @@ const LEAST_TO_SPREAD: usize = 200_000;
 pub(super) enum BatchRows<'a> {
     /// All rows, in their order.
     All,
-    /// These.
+    /// The listed rows.
     These(&'a [u32]),
 }
 
@@ -39,9 +39,9 @@ impl BatchRows<'_> {
 /// Mean loss and objective over rows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ObjectiveMean {
-    /// The loss of the errors alone.
+    /// Mean loss of the errors, without penalties.
     pub loss: f64,
-    /// With the distance from Tolles-Lawson and the penalty on weights: what the gradient is of.
+    /// Loss plus the distance from Tolles-Lawson and the penalty on weights. The gradient is that of this value.
     pub objective: f64,
 }
 
@@ -53,7 +53,7 @@ pub(super) struct TrainingObjective<'a> {
     /// The first row of the run of each row, for a network over a window.
     first: Vec<u32>,
     tolles_lawson: Vec<f64>,
-    /// The linear terms of each row times their coefficients, where these stay.
+    /// The linear terms of each row times their coefficients, if these are fixed.
     products: Option<Vec<f64>>,
     network: PackedNetwork<'a>,
     of_body: Vec<f64>,
@@ -85,7 +85,7 @@ struct GradientContribution {
 struct GradientBlock<'r> {
     rows: BatchRows<'r>,
     range: Range<usize>,
-    /// The number of rows of the mean that it is a part of.
+    /// Number of rows of the mean that the block belongs to.
     count: usize,
     dropout: Option<Dropout>,
 }
@@ -94,14 +94,13 @@ struct GradientBlock<'r> {
 pub(super) struct GradientRequest<'p, 'a> {
     pub objective: &'p mut TrainingObjective<'a>,
     pub parameters: &'p [f64],
-    /// The seed of what is left out.
+    /// Seed of dropout; `None` for no dropout.
     pub dropout: Option<u64>,
     /// Gradient with respect to the parameters.
     pub gradient: &'p mut [f64],
 }
 
-/// A pass over rows for several means, each of which reads the inputs that are gathered once. What it works in is kept
-/// for the next one.
+/// A pass over rows for several means that share the gathered inputs. The work buffers are kept for the next pass.
 #[derive(Default)]
 pub(super) struct GradientPass {
     /// Contribution of each block of a round to each mean.
@@ -191,8 +190,8 @@ impl<'a> TrainingObjective<'a> {
         }
     }
 
-    /// Takes the coefficients of these parameters as those of all that follow, where training does not move them, so
-    /// that the terms need not be read again.
+    /// Uses the linear coefficients of these parameters for all later calls, if training does not change them, so that
+    /// the terms need not be read again.
     pub fn hold_fixed(&mut self, parameters: &[f64]) {
         let head = self.model.head;
         let linear = self.samples.terms(head);
@@ -202,7 +201,7 @@ impl<'a> TrainingObjective<'a> {
         }
     }
 
-    /// The mean over rows and its gradient by the parameters. `dropout` is the seed of what is left out.
+    /// The mean over rows and its gradient with respect to the parameters. `dropout` is the seed of dropout.
     pub fn at(
         &mut self,
         parameters: &[f64],
@@ -221,7 +220,7 @@ impl<'a> TrainingObjective<'a> {
         self.of_body.extend_from_slice(of_body);
     }
 
-    /// The inputs of a block of rows, for a network over a window those of each row's window.
+    /// The inputs of a block of rows; for a network over a window, those of each row's window.
     fn inputs<'x>(&'x self, rows: BatchRows<'_>, range: &Range<usize>, gathered: &'x mut Vec<f64>) -> &'x [f64] {
         let (x, inputs) = (self.samples.x, self.model.inputs());
         gathered.clear();
@@ -319,11 +318,12 @@ impl<'a> TrainingObjective<'a> {
 }
 
 impl SparseGroupLasso {
-    /// Adds the gradient of the penalty on the first layer, which is returned. At 0, where it has a corner, it is 0.
+    /// Adds the gradient of the penalty on the first layer and returns the penalty. At 0, where it is not
+    /// differentiable, the gradient is 0.
     fn add(&self, model: NetworkArchitecture<'_>, parameters: &[f64], gradient: &mut [f64]) -> f64 {
         let Some(layer) = model.layers().first().copied() else { return 0.0 };
         let (weights, gradient) = (layer.weights(parameters), &mut gradient[layer.range()]);
-        // A convolution has weights for an input of more than one sample.
+        // A convolution has weights for each input of several samples.
         let inputs = model.inputs();
         let mut penalty = 0.0;
         for input in 0..inputs {

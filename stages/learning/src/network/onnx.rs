@@ -1,7 +1,7 @@
-//! A dense network as an ONNX model, for programs that run such models.
+//! Export of a dense network as an ONNX model.
 //!
-//! ONNX is a protocol buffer [onnx.proto of IR version 8, operators of set 13]; the little of it that a dense network
-//! needs is written here: a field is its number and kind, and its length where it has one.
+//! ONNX is a protocol buffer [onnx.proto of IR version 8, operators of set 13]. This module writes the subset that a
+//! dense network needs. A field consists of its number, its kind, and its length if the kind has one.
 
 use crate::inputs::InputScaling;
 
@@ -11,10 +11,10 @@ use super::shape::{NetworkForm, NetworkShape};
 /// Scales of the inputs, the linear terms and the target of a network.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetworkScales<'a> {
-    /// Columns to inputs.
+    /// Scaling from columns to inputs.
     pub inputs: &'a InputScaling,
-    /// Offsets added to the linear terms, and then their factors, with one entry per term each. Empty where the terms
-    /// are unscaled.
+    /// Offsets added to the linear terms, and then their factors, one entry per term each. `None` if the terms are
+    /// unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
     /// The mean of the target, in nT.
     pub target_mean: f64,
@@ -25,14 +25,14 @@ pub struct NetworkScales<'a> {
 /// Error of the export of a network to ONNX.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum OnnxError {
-    /// Sizes do not fit each other.
+    /// Sizes do not match.
     #[error("{what}: {given} values are given, but the network has {expected}")]
     Length {
         /// Quantity of the wrong size.
         what: &'static str,
         /// The given number.
         given: usize,
-        /// The number needed.
+        /// Required number.
         expected: usize,
     },
     /// A parameter or a scale is NaN or infinite.
@@ -44,12 +44,12 @@ pub enum OnnxError {
 }
 
 impl NetworkShape {
-    /// The network as the bytes of an ONNX file, in double precision, scaling included. Its input `x` takes rows of
-    /// columns in their own units, its input `a` rows of linear terms where the form has them, and its output `y` is
-    /// the target, in the unit of its scale; the number of rows is free.
+    /// The network as the bytes of an ONNX file, in double precision, including the scaling. Its input `x` has rows of
+    /// columns in their own units. Its input `a`, if the form has linear terms, has rows of these. Its output `y` is
+    /// the target in nT. The number of rows is free.
     ///
     /// # Errors
-    /// Fails for parameters and scales that do not fit the network, and for those that are not finite.
+    /// Fails for parameters and scales that do not match the network or are not finite.
     pub fn to_onnx(&self, parameters: &[f64], scales: &NetworkScales<'_>) -> Result<Vec<u8>, OnnxError> {
         let expect = |what, given: usize, expected: usize| {
             if given == expected { Ok(()) } else { Err(OnnxError::Length { what, given, expected }) }
@@ -133,7 +133,7 @@ impl OnnxGraph {
         format!("v{}", self.names)
     }
 
-    /// A tensor of double precision; its name.
+    /// Adds a tensor of double precision and returns its name.
     fn constant(&mut self, dimensions: &[usize], values: &[f64]) -> String {
         const DOUBLE: u64 = 11;
         let name = self.name();
@@ -147,7 +147,7 @@ impl OnnxGraph {
         name
     }
 
-    /// A list of whole numbers; its name.
+    /// Adds a list of whole numbers and returns its name.
     fn axes(&mut self, values: &[i64]) -> String {
         const INT64: u64 = 7;
         let name = self.name();
@@ -161,7 +161,7 @@ impl OnnxGraph {
         name
     }
 
-    /// An operation; the name of its result.
+    /// Adds an operation and returns the name of its result.
     fn node(&mut self, operation: &str, inputs: &[&str], integers: &[(&str, u64)]) -> String {
         let name = self.name();
         self.named_node(operation, inputs, &name, integers);
@@ -184,7 +184,7 @@ impl OnnxGraph {
         self.nodes.bytes(1, &node.0);
     }
 
-    /// x Wᵀ + b.
+    /// Adds x Wᵀ + b and returns its name.
     fn dense(&mut self, x: &str, weights: &str, biases: &str) -> String {
         self.node("Gemm", &[x, weights, biases], &[("transB", 1)])
     }
@@ -219,14 +219,14 @@ impl OnnxGraph {
         self.node("Mul", &[&moved, &factor], &[])
     }
 
-    /// The sums of the products of each row.
+    /// Adds the row sums of the products and returns their name.
     fn products(&mut self, one: &str, other: &str) -> String {
         let products = self.node("Mul", &[one, other], &[]);
         let axes = self.axes(&[1]);
         self.node("ReduceSum", &[&products, &axes], &[("keepdims", 1)])
     }
 
-    /// The model whose inputs have these names and numbers of columns.
+    /// The model with these input names and numbers of columns.
     fn model(self, inputs: &[(&str, usize)]) -> Vec<u8> {
         const IR_VERSION: u64 = 8;
         const OPERATORS: u64 = 13;
@@ -282,13 +282,13 @@ impl ProtobufMessage {
         self.0.push(x as u8);
     }
 
-    /// A field that is a whole number.
+    /// Appends a field with a whole number.
     fn number(&mut self, field: u64, x: u64) {
         self.variable(field << 3);
         self.variable(x);
     }
 
-    /// A field that is bytes, a text or a message.
+    /// Appends a field of bytes, text or a message.
     fn bytes(&mut self, field: u64, x: &[u8]) {
         self.variable(field << 3 | 2);
         self.variable(x.len() as u64);

@@ -5,7 +5,7 @@ use crate::inputs::InputScaling;
 const OFFSET: [f64; 3] = [0.3, -0.1, 0.2];
 const FACTOR: [f64; 3] = [1.5, 0.7, 2.0];
 
-/// A file in `reference/network/onnx`, and what it is made of.
+/// A file in `reference/network/onnx`, and its contents.
 struct Case {
     name: &'static str,
     shape: NetworkShape,
@@ -27,7 +27,7 @@ fn cases() -> Vec<Case> {
         form,
     };
     let plain = InputScaling::standardised(&table.x, 5).unwrap();
-    // Written down, so that no decomposition is between the file and its bytes.
+    // Given as numbers, so that the bytes of the file do not depend on a decomposition.
     let mut whitened = plain.clone();
     let weights = (0..10).map(|i| f64::from(i) * 0.1 - 0.4).collect();
     whitened.components = Some(crate::inputs::WhitenedComponents { count: 2, weights, explained: 0.5 });
@@ -59,7 +59,7 @@ fn user_write_the_onnx_files() {
 }
 
 #[test]
-fn ref_onnx_files_are_those_that_onnxruntime_ran_and_gave_these_predictions() {
+fn ref_onnx_files_and_predictions_agree_with_onnxruntime() {
     let table = Table::reference();
     let expected = columns(include_str!("../../reference/network/onnx.csv"));
     let kept: [(&str, &[u8]); 5] = [
@@ -80,7 +80,7 @@ fn ref_onnx_files_are_those_that_onnxruntime_ran_and_gave_these_predictions() {
 }
 
 #[test]
-fn unit_what_does_not_fit_is_no_model() {
+fn unit_mismatched_or_non_finite_parameters_are_not_exported() {
     let table = Table::reference();
     let inputs = InputScaling::standardised(&table.x, 5).unwrap();
     let shape = NetworkShape {

@@ -1,4 +1,4 @@
-//! Forwards and backwards through a network, for a block of rows.
+//! Forward pass and backpropagation through a network, for a block of rows.
 
 use rayon::prelude::*;
 
@@ -7,17 +7,17 @@ use numerics::random::SplitMix64;
 use super::kernels::{WeightPanels, add_outer, affine, padded};
 use super::shape::{NetworkForm, NetworkShape, unit_uniform};
 
-/// The rows of a block: one block's sums are over its rows in their order, and sums over blocks in theirs, so that
-/// nothing depends on the number of threads.
+/// Rows per block. Sums within a block are over rows in order, and sums over blocks are in order, so that results do
+/// not depend on the number of threads.
 pub(super) const BLOCK: usize = 256;
 
 /// Network with its weights laid out for the matrix products.
 pub(super) struct PackedNetwork<'a> {
     shape: &'a NetworkShape,
     forward: Vec<WeightPanels>,
-    /// The transposed weights; of the first layer only for the derivatives by the inputs.
+    /// The transposed weights; for the first layer only if derivatives with respect to the inputs are needed.
     backward: Vec<WeightPanels>,
-    /// The coefficients of the linear terms, where the form has them.
+    /// The coefficients of the linear terms, if the form has them.
     b: Vec<f64>,
 }
 
@@ -32,7 +32,7 @@ impl<'a> PackedNetwork<'a> {
         }
     }
 
-    /// Takes a vector of parameters.
+    /// Sets the parameters.
     pub fn set(&mut self, parameters: &[f64]) {
         for (number, layer) in self.shape.layers().iter().enumerate() {
             let weights = layer.weights(parameters);
@@ -45,7 +45,7 @@ impl<'a> PackedNetwork<'a> {
 
 /// Workspace of a block of rows.
 pub(super) struct BlockWorkspace {
-    /// The sums of each layer, which become its activations; rows padded to whole panels.
+    /// The sums of each layer, replaced by its activations; rows padded to whole panels.
     layers: Vec<Vec<f64>>,
     /// The derivatives of the activations of each hidden layer.
     slopes: Vec<Vec<f64>>,
@@ -62,7 +62,7 @@ pub(super) struct BlockWorkspace {
 pub(super) enum NetworkLinearTerms<'a> {
     /// Unchanged terms, row-major.
     Rows(&'a [f64]),
-    /// Times their coefficients and summed, for [`NetworkForm::FixedLinear`], whose coefficients stay.
+    /// Sums of terms times their coefficients, for [`NetworkForm::FixedLinear`], whose coefficients are constant.
     Products(&'a [f64]),
 }
 
@@ -98,7 +98,7 @@ impl BlockWorkspace {
         }
     }
 
-    /// Predicts at most a block of rows, into `predicted`. `slopes` keeps what the way back needs.
+    /// Predicts at most a block of rows, into `predicted`. With `slopes`, keeps the values that backpropagation needs.
     pub fn forward(
         &mut self,
         network: &PackedNetwork<'_>,
@@ -143,7 +143,7 @@ impl BlockWorkspace {
         self.combine(network, a, rows);
     }
 
-    /// The predictions of the outputs of the network and the linear terms.
+    /// Combines the outputs of the network and the linear terms into predictions.
     fn combine(&mut self, network: &PackedNetwork<'_>, a: NetworkLinearTerms<'_>, rows: usize) {
         let shape = network.shape;
         let stride = padded(shape.outputs());
@@ -154,7 +154,7 @@ impl BlockWorkspace {
             self.predicted.extend(outputs.zip(products).map(|(output, product)| output[0] + product));
             return;
         }
-        // Without linear terms there is nothing to pair with.
+        // Without linear terms there are no products.
         let terms = |row: usize| &a.rows()[row * shape.linear..][..shape.linear];
         match shape.form {
             NetworkForm::Plain => self.predicted.extend(outputs.map(|output| output[0])),
@@ -172,8 +172,8 @@ impl BlockWorkspace {
         }
     }
 
-    /// The derivatives of the predictions by the outputs of the network, times `by_prediction` of each row, into
-    /// `delta`.
+    /// The derivatives of the predictions with respect to the outputs of the network, times `by_prediction` of each
+    /// row. Written to `delta`.
     fn delta_of_outputs(&mut self, shape: &NetworkShape, a: &[f64], by_prediction: &[f64]) {
         let stride = padded(shape.outputs());
         let delta = self.delta[..by_prediction.len() * stride].chunks_exact_mut(stride);
@@ -188,7 +188,7 @@ impl BlockWorkspace {
         }
     }
 
-    /// Turns `delta`, the derivatives by the sums of a layer, into those by the sums of the layer before.
+    /// Replaces `delta`, the derivatives with respect to the sums of a layer, by those of the layer before.
     fn step_back(&mut self, network: &PackedNetwork<'_>, number: usize, rows: usize) {
         let shape = network.shape;
         let stride = padded(shape.hidden.get(number).copied().unwrap_or(shape.outputs()));
@@ -200,8 +200,8 @@ impl BlockWorkspace {
         std::mem::swap(&mut self.delta, &mut self.delta_before);
     }
 
-    /// The gradient of a sum over the rows whose derivatives by the predictions are given, after
-    /// [`forward`](Self::forward) with slopes, into a vector like the parameters'.
+    /// The gradient with respect to the parameters of a sum over the rows, given the derivatives of the sum with
+    /// respect to the predictions. Requires [`forward`](Self::forward) with slopes.
     pub fn backward(
         &mut self,
         network: &PackedNetwork<'_>,
@@ -244,7 +244,8 @@ impl BlockWorkspace {
         }
     }
 
-    /// The derivatives of each prediction by the inputs of its row, after [`forward`](Self::forward) with slopes.
+    /// The derivatives of each prediction with respect to the inputs of its row. Requires [`forward`](Self::forward)
+    /// with slopes.
     fn by_inputs(&mut self, network: &PackedNetwork<'_>, a: &[f64], rows: usize, out: &mut [f64]) {
         self.delta_of_outputs(network.shape, a, &vec![1.0; rows]);
         for number in (1..network.forward.len()).rev() {
@@ -253,8 +254,8 @@ impl BlockWorkspace {
         self.step_to_inputs(network, rows, out);
     }
 
-    /// The derivatives by the inputs, of those by the sums of the first layer, in which [`backward`](Self::backward)
-    /// ends.
+    /// The derivatives with respect to the inputs, from those with respect to the sums of the first layer, the final
+    /// state of [`backward`](Self::backward).
     pub fn step_to_inputs(&mut self, network: &PackedNetwork<'_>, rows: usize, out: &mut [f64]) {
         let shape = network.shape;
         let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));
@@ -273,7 +274,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl NetworkShape {
-    /// Whether parameters, inputs and linear terms fit; their rows.
+    /// The number of rows, if parameters, inputs and linear terms match.
     fn rows_of(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Option<usize> {
         let rows = x.len().checked_div(self.inputs)?;
         let terms = if self.form == NetworkForm::Plain && a.is_empty() { 0 } else { rows * self.linear };
@@ -281,8 +282,8 @@ impl NetworkShape {
         (fits && self.check().is_ok()).then_some(rows)
     }
 
-    /// The predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. All
-    /// are NaN where parameters or terms do not fit the shape; a row is where one of its inputs is.
+    /// Predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. All are
+    /// NaN if parameters or terms do not match the shape. A row with a NaN input is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
             buffers.forward(network, x, NetworkLinearTerms::Rows(a), false, None);
@@ -290,7 +291,7 @@ impl NetworkShape {
         })
     }
 
-    /// The derivatives of each prediction by its scaled inputs, row by row; arguments as for
+    /// The derivatives of each prediction with respect to its scaled inputs, row by row; arguments as for
     /// [`predict`](Self::predict).
     pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {

@@ -1,6 +1,6 @@
-//! Gated recurrent units and long short-term memory, forwards along a window and back through it.
+//! Gated recurrent units and long short-term memory: forward pass and backpropagation over a window.
 //!
-//! With x the inputs of a step, h the units after the one before it, σ the sigmoid and ∘ the product by unit:
+//! With x the inputs of a step, h the units after the previous step, σ the sigmoid and ∘ the element-wise product:
 //!
 //! ```text
 //! gru:  r = σ(Wᵣx + bᵣ + Uᵣh + cᵣ)     z = σ(W_z x + b_z + U_z h + c_z)     n = tanh(Wₙx + bₙ + r∘(Uₙh + cₙ))
@@ -22,7 +22,7 @@ pub(super) enum RecurrentCell {
 }
 
 impl RecurrentCell {
-    /// The sums of a unit.
+    /// Number of sums per unit.
     pub const fn gates(self) -> usize {
         match self {
             Self::Gru => 3,
@@ -31,13 +31,13 @@ impl RecurrentCell {
     }
 }
 
-/// The numbers of a step that the way back needs: r, z, n and Uₙh + cₙ, or i, f, g and o.
+/// Values per unit and step that backpropagation needs: r, z, n and Uₙh + cₙ, or i, f, g and o.
 const KEPT: usize = 4;
 
 /// The recurrent part of a network, for a block of rows.
 ///
-/// Its parameters: W, row-major (gate and unit, input), U (gate and unit, unit), b and c; gates in the order above,
-/// those of an LSTM i, f, g, o. [PyTorch's order]
+/// Parameters: W, row-major (gate and unit, input), U (gate and unit, unit), b and c. Gates are in the order above; for
+/// an LSTM i, f, g, o. [PyTorch's order]
 pub(super) struct RecurrentLayer {
     cell: RecurrentCell,
     inputs: usize,
@@ -50,7 +50,7 @@ pub(super) struct RecurrentLayer {
     gradient_of_units: WeightPanels,
     /// The units after each step, and before the first; rows padded to whole panels.
     h: Vec<Vec<f64>>,
-    /// The memory of an LSTM, likewise; not padded.
+    /// The cell state of an LSTM after each step, and before the first; not padded.
     s: Vec<Vec<f64>>,
     kept: Vec<Vec<f64>>,
     sums_x: Vec<f64>,

@@ -1,4 +1,4 @@
-//! The size of a network, and where its numbers stand in one vector.
+//! The size of a network, and the layout of its parameter vector.
 
 use numerics::random::SplitMix64;
 use params::choice;
@@ -25,7 +25,7 @@ choice! {
 }
 
 impl NetworkForm {
-    /// Whether the network has an output for each linear term.
+    /// Whether the network has one output per linear term.
     pub(super) fn weighs(self) -> bool {
         matches!(self, Self::Weights | Self::WeightsAroundFixed)
     }
@@ -38,15 +38,15 @@ impl NetworkForm {
 
 /// A network of dense layers with additional linear terms.
 ///
-/// Its parameters are one vector: layer by layer the weights, row-major (unit, input), then the biases of its units;
-/// the output layer is the last. Then, where the form has them, the coefficients b of the linear terms.
+/// Its parameters are one vector. Layer by layer it holds the weights, row-major (unit, input), then the biases of the
+/// units; the output layer is the last. The coefficients b of the linear terms follow, if the form has them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NetworkShape {
     /// The number of inputs.
     pub inputs: usize,
-    /// The number of linear terms. With [`NetworkForm::Plain`] they do not take part in the prediction.
+    /// The number of linear terms. [`NetworkForm::Plain`] ignores them in the prediction.
     pub linear: usize,
-    /// The number of units of each hidden layer; without any the network is linear.
+    /// The number of units of each hidden layer. Without hidden layers the network is linear.
     pub hidden: Vec<usize>,
     /// Activation function of the hidden units. Outputs have none.
     pub activation: ActivationFunction,
@@ -102,7 +102,7 @@ impl NetworkShape {
         layers
     }
 
-    /// Where the coefficients of the linear terms begin, which is the number of the network's own parameters.
+    /// Start of the coefficients of the linear terms, equal to the number of the network's own parameters.
     pub(super) fn linear_start(&self) -> usize {
         self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
     }
@@ -117,8 +117,8 @@ impl NetworkShape {
         self.linear_start() + if self.form.holds_linear() { self.linear } else { 0 }
     }
 
-    /// The name of each parameter: `w1[3,17]` is the weight of unit 3 of the first layer for its input 17, `b1[3]` its
-    /// bias, `linear[4]` the coefficient of a linear term. Counted from 1.
+    /// The name of each parameter, counted from 1. `w1[3,17]` is the weight of unit 3 of the first layer for its input
+    /// 17, `b1[3]` its bias, `linear[4]` the coefficient of a linear term.
     pub fn names(&self) -> Vec<String> {
         let mut names = Vec::with_capacity(self.parameters());
         for (number, layer) in (1..).zip(self.layers()) {
@@ -132,9 +132,9 @@ impl NetworkShape {
         names
     }
 
-    /// Parameters to begin with: weights uniform between ±√(6/(inputs + units)) by a seed [Glorot & Bengio 2010],
-    /// biases 0, and the coefficients of the linear terms as given, in the scale of the target. One that is not given
-    /// is NaN, which training refuses.
+    /// Initial parameters: weights uniform between ±√(6/(inputs + units)) from a seed [Glorot & Bengio 2010], biases 0,
+    /// and the given coefficients of the linear terms, in the scale of the target. A missing coefficient is NaN, which
+    /// training rejects.
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Weights as u64]));
         let mut parameters = vec![0.0; self.parameters()];
@@ -148,10 +148,10 @@ impl NetworkShape {
         parameters
     }
 
-    /// Checks that there is something to train.
+    /// Checks that the network can be trained.
     ///
     /// # Errors
-    /// Fails without inputs, with a layer without units, and without linear terms where the form has them.
+    /// Fails without inputs, for a layer without units, and without linear terms if the form requires them.
     pub fn check(&self) -> Result<(), TrainingError> {
         let setting = |what, given: f64| Err(TrainingError::Setting { what, wanted: "at least 1", given });
         if self.inputs == 0 {
@@ -176,7 +176,7 @@ pub(super) enum NetworkRandomStream {
     Memory = 4,
 }
 
-/// A seed for what has these numbers.
+/// Seed derived from these numbers.
 pub(super) fn derived_seed(seed: u64, numbers: &[u64]) -> u64 {
     let start = SplitMix64::new(seed ^ 0x6a09_e667_f3bc_c909).draw();
     numbers
@@ -184,7 +184,7 @@ pub(super) fn derived_seed(seed: u64, numbers: &[u64]) -> u64 {
         .fold(start, |state, number| SplitMix64::new(state ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15)).draw())
 }
 
-/// 64 bits as a number of at least 0 and below 1.
+/// Converts 64 bits to a number in [0, 1).
 #[inline(always)]
 pub(super) fn unit_uniform(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1_u64 << 53) as f64

@@ -4,21 +4,21 @@ use super::lbfgs::LbfgsState;
 use super::shape::NetworkShape;
 use super::training::TrainingEpoch;
 
-/// The first bytes of a stored state; the last is the version of the layout.
+/// The first bytes of a stored state; the last byte is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGNET\0\x01";
 
-/// State of a training at the end of an epoch, from which it resumes. With the same samples and settings, the resumed
-/// run gives the same bits as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their
-/// state is kept.
+/// State of a training at the end of an epoch, from which it resumes. With the same samples and settings, a resumed run
+/// gives the same bits as an uninterrupted run. Random numbers depend on seed, epoch and batch only, so the state holds
+/// no generator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingState {
-    /// The number of epochs that are done.
+    /// Number of completed epochs.
     pub epoch: usize,
-    /// The parameters after them.
+    /// Current parameters.
     pub parameters: Vec<f64>,
     /// Adam's running means of the gradient.
     pub first_moments: Vec<f64>,
-    /// Adam's running means of its squares.
+    /// Adam's running means of the squared gradient.
     pub second_moments: Vec<f64>,
     /// `beta_1` and `beta_2` to the power of the number of steps.
     pub powers: [f64; 2],
@@ -26,15 +26,15 @@ pub struct TrainingState {
     pub rate_factor: f64,
     /// The epochs since the last improvement or reduction of the rate.
     pub on_plateau: usize,
-    /// The parameters of the best validation loss; empty without.
+    /// The parameters of the best validation loss; empty without validation.
     pub best: Vec<f64>,
-    /// The best validation loss; infinite without.
+    /// The best validation loss; infinite without validation.
     pub best_loss: f64,
-    /// The number of its epoch, from 1; 0 without.
+    /// The epoch of the best validation loss, from 1; 0 without validation.
     pub best_epoch: usize,
-    /// The quasi-Newton method.
+    /// State of the L-BFGS method.
     pub lbfgs: LbfgsState,
-    /// The Tolles-Lawson coefficients that the physics term holds on to, in the scale of the target.
+    /// The Tolles-Lawson coefficients of the physics term, in the scale of the target.
     pub tolles_lawson: Vec<f64>,
     /// The training curve so far.
     pub epochs: Vec<TrainingEpoch>,
@@ -43,22 +43,22 @@ pub struct TrainingState {
 /// Error of bytes that are not a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum TrainingStateError {
-    /// The bytes begin as no state does, or as one of another version.
+    /// The bytes do not begin like a state of this version.
     #[error("these bytes are not a training state of this version; restart the training")]
     NotAState,
-    /// Bytes are missing, too many, or not those that were written.
+    /// Bytes are missing, superfluous or altered.
     #[error("the training state is damaged; restart the training")]
     Damaged,
 }
 
 impl TrainingState {
-    /// The start of a training from parameters: [`NetworkShape::initial`], or those of a model that was trained before.
-    /// The physics term holds on to the coefficients of the linear terms among them.
+    /// The start of a training from parameters: [`NetworkShape::initial`], or those of a trained model. The physics
+    /// term uses their coefficients of the linear terms.
     pub fn new(shape: &NetworkShape, parameters: Vec<f64>) -> Self {
         Self::beginning(parameters, shape.linear_start())
     }
 
-    /// The start from parameters among which the coefficients of the linear terms begin at `linear`.
+    /// The start from parameters whose linear coefficients begin at `linear`.
     pub(super) fn beginning(parameters: Vec<f64>, linear: usize) -> Self {
         let tolles_lawson = parameters.get(linear..).unwrap_or_default().to_vec();
         Self {
@@ -78,8 +78,8 @@ impl TrainingState {
         }
     }
 
-    /// The state as bytes: a head, then every number in the order of the fields, little-endian, a count before each
-    /// list, and a sum of all bytes (FNV-1a).
+    /// The state as bytes: a head, every number in the order of the fields, little-endian, with a count before each
+    /// list, and a checksum (FNV-1a).
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = HEAD.to_vec();
         let count = |out: &mut Vec<u8>, n: usize| out.extend((n as u64).to_le_bytes());
@@ -110,10 +110,10 @@ impl TrainingState {
         out
     }
 
-    /// The state of bytes.
+    /// Reads a state from bytes.
     ///
     /// # Errors
-    /// Fails for bytes that are no state, and for those that are cut or altered.
+    /// Fails for bytes that are not a state, are truncated or are altered.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, TrainingStateError> {
         let rest = bytes.strip_prefix(&HEAD).ok_or(TrainingStateError::NotAState)?;
         let (body, sum) = rest.split_last_chunk::<8>().ok_or(TrainingStateError::Damaged)?;
@@ -182,7 +182,7 @@ impl TrainingStateReader<'_> {
     }
 }
 
-/// FNV-1a of 64 bits.
+/// 64-bit FNV-1a hash.
 fn checksum(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }

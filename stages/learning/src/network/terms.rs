@@ -1,4 +1,4 @@
-//! Linear terms in the scale that they are trained in.
+//! Scaling of linear terms for training.
 
 use numerics::regression::least_squares::{ColumnScaling, RegressionMoments};
 use rayon::prelude::*;
@@ -6,19 +6,18 @@ use rayon::prelude::*;
 use super::shape::{NetworkForm, NetworkShape};
 use crate::inputs::{InputScalingError, LEAST_COMPONENT, LEAST_DEVIATION};
 
-/// Rows that a thread takes together.
+/// Rows per task of a thread.
 const CHUNK: usize = 4096;
 
-/// The scaling of linear terms for training, and that of the parameters which belong to them.
+/// The scaling of linear terms for training, and of the parameters that belong to them.
 ///
-/// A step of Adam moves every coefficient by about the learning rate, so that terms have to be of one size, and to say
-/// different things. Where their coefficients are trained along ([`NetworkForm::TrainedLinear`]) the terms a become u =
-/// (a − mean) M, each of variance 1, with `whiten` uncorrelated; the coefficients b = M c become c, and the output's
-/// bias takes up mean·b. M has an inverse: every prediction of the scaled network is one of the original, to rounding.
+/// A step of Adam moves every coefficient by about the learning rate, so terms should have equal size and low
+/// correlation. If their coefficients are trained ([`NetworkForm::TrainedLinear`]), the terms a become u = (a − mean) M
+/// with variance 1, and with `whiten` uncorrelated. The coefficients b = M c become c, and the output's bias absorbs
+/// mean·b. M is invertible, so both networks give the same predictions, up to rounding.
 ///
-/// Terms that the network weighs ([`NetworkForm::Weights`], [`NetworkForm::WeightsAroundFixed`]) stay as they are: each
-/// has an output of its own, and what hardly varies in the rows would weigh as much as all else. The other forms train
-/// nothing that is multiplied by terms.
+/// Terms that the network weights ([`NetworkForm::Weights`], [`NetworkForm::WeightsAroundFixed`]) are not scaled: each
+/// has its own output, and scaling would amplify terms that hardly vary. The other forms train no factors of terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
     /// Value of Tolles-Lawson at the mean of the terms.
@@ -37,11 +36,11 @@ struct TermTransform {
 
 impl TermScaling {
     /// Scales rows of `width` terms, row-major, and the coefficients of Tolles-Lawson. `whiten` is as in
-    /// [`InputScaling::whitened`](crate::inputs::InputScaling::whitened). No component can be omitted, so the unkept
-    /// ones are divided by the deviation of the last kept one.
+    /// [`InputScaling::whitened`](crate::inputs::InputScaling::whitened). No component can be omitted, so components
+    /// beyond the kept ones are divided by the standard deviation of the last kept one.
     ///
     /// # Errors
-    /// Fails for values that are no rows, without rows, for a `whiten` out of range, and without convergence.
+    /// Fails for an incomplete row, no rows, a `whiten` out of range, and without convergence.
     pub fn new(
         form: NetworkForm,
         a: &[f64],
@@ -60,7 +59,7 @@ impl TermScaling {
         }
         let moments = RegressionMoments::from_matrix(a, width, &[])?;
         let mean = moments.term_means();
-        // A term that is the same in every row changes nothing with any divisor.
+        // A constant term has no effect with any divisor.
         let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
         let maps = match whiten {
             Some(keep) => {
@@ -74,7 +73,7 @@ impl TermScaling {
                 TermTransform::whitening(mean, prepared.scales(), &singular.right, &deviations)
             }
             None => {
-                // Less is the rounding of a constant.
+                // A smaller standard deviation is the rounding of a constant.
                 let size = |(mean, deviation): (&f64, f64)| {
                     if deviation > LEAST_DEVIATION * mean.abs() { usable(deviation) } else { 1.0 }
                 };
@@ -91,7 +90,7 @@ impl TermScaling {
         self.offset
     }
 
-    /// The scaled terms of rows, row-major; values after the last whole row are left out.
+    /// The scaled terms of rows, row-major; values after the last whole row are ignored.
     pub fn apply(&self, a: Vec<f64>) -> Vec<f64> {
         let Some(TermTransform { mean, to, .. }) = &self.maps else { return a };
         let width = mean.len();
@@ -110,12 +109,12 @@ impl TermScaling {
         out
     }
 
-    /// Coefficients of the scaled terms, of those of the terms.
+    /// Converts coefficients of the terms to coefficients of the scaled terms.
     pub fn coefficients(&self, b: &[f64]) -> Vec<f64> {
         self.maps.as_ref().map_or_else(|| b.to_vec(), |maps| product(&maps.back, b))
     }
 
-    /// The parameters of the network of scaled terms, of those of a network of the terms.
+    /// Converts the parameters of a network of the terms to those of the network of scaled terms.
     pub fn scaled(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
@@ -126,7 +125,7 @@ impl TermScaling {
         out
     }
 
-    /// The parameters of the network of the terms, of those of the network of scaled terms.
+    /// Converts the parameters of a network of scaled terms to those of the network of the terms.
     pub fn original(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
@@ -150,12 +149,12 @@ impl TermTransform {
         Self { mean, to: of(|size| 1.0 / size), back: of(|size| size) }
     }
 
-    /// Directions of scaled columns, each over its deviation.
+    /// Directions of scaled columns, each divided by its standard deviation.
     fn whitening(mean: Vec<f64>, scales: &[f64], directions: &[Vec<f64>], deviations: &[f64]) -> Self {
         let width = scales.len();
         let (mut to, mut back) = (vec![0.0; width * width], vec![0.0; width * width]);
         for (k, (direction, deviation)) in directions.iter().zip(deviations).enumerate() {
-            // The decomposition leaves the sign open: the largest entry is positive.
+            // The decomposition does not determine the sign: the largest entry is made positive.
             let largest = direction.iter().fold(0.0_f64, |most, d| if d.abs() > most.abs() { *d } else { most });
             let deviation = deviation * largest.signum();
             for (j, (d, scale)) in direction.iter().zip(scales).enumerate() {
@@ -167,11 +166,11 @@ impl TermTransform {
     }
 }
 
-/// The deviation of the last component that is kept, of all in falling order.
+/// The standard deviation of the last kept component, of all in descending order.
 fn last_kept(deviations: &[f64], keep: f64) -> Result<f64, InputScalingError> {
     let width = deviations.len();
     let count = if keep >= 1.0 && keep.fract() == 0.0 && keep.is_finite() {
-        // A number of components of the inputs: there may be fewer terms.
+        // A number of components of the inputs may exceed the number of terms.
         (keep as usize).min(width)
     } else if keep > 0.0 && keep < 1.0 {
         let total: f64 = deviations.iter().map(|d| d * d).sum();
@@ -224,7 +223,7 @@ mod tests {
     ];
     const WIDTH: usize = 4;
 
-    /// Terms of unequal size and mean, of which two say nearly the same, and the last is constant.
+    /// Terms of unequal size and mean. Two are nearly collinear, and the last is constant.
     fn terms(rows: usize) -> Vec<f64> {
         let row = |i: usize| {
             let t = i as f64;
@@ -243,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn law_scaled_terms_have_mean_0_variance_1_and_whitened_no_covariance() {
+    fn law_scaled_terms_have_unit_variance_and_whitened_ones_no_covariance() {
         let a = terms(5000);
         for (form, whiten) in [(NetworkForm::TrainedLinear, None), (NetworkForm::TrainedLinear, Some(0.999_999_999))] {
             let u = TermScaling::new(form, &a, WIDTH, whiten, &[0.0; WIDTH]).unwrap().apply(a.clone());
@@ -265,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn law_both_networks_predict_the_same_and_parameters_come_back() {
+    fn law_scaled_and_original_networks_predict_the_same() {
         let (a, x) = (terms(400), inputs(400));
         let b = [30.0, -0.002, 0.7, 5.0];
         for form in FORMS {
@@ -282,7 +281,7 @@ mod tests {
                 near(&scaling.original(&shape, &scaled), &parameters, 1e-9, &name);
                 let changed = form == NetworkForm::TrainedLinear;
                 assert_eq!(scaled != parameters, changed, "{name}");
-                // Tolles-Lawson, to which the physics term holds on.
+                // Tolles-Lawson of the physics term.
                 if changed {
                     let of = |a: &[f64], b: &[f64]| a.chunks_exact(WIDTH).map(|a| dot(a, b)).collect::<Vec<f64>>();
                     let scaled: Vec<f64> =
@@ -294,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn law_m2c_finds_coefficients_of_terms_of_any_size_by_adam_alone() {
+    fn unit_m2c_finds_coefficients_of_terms_of_any_size_with_adam() {
         let (a, x) = (terms(4000), inputs(4000));
         let truth = [0.4, 0.8, -0.6, 0.0];
         let scaling =
@@ -314,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_cannot_be_scaled_is_refused_and_threads_do_not_matter() {
+    fn unit_invalid_terms_are_rejected_and_threads_change_no_bit() {
         let a = terms(20_000);
         let of =
             |a: &[f64], keep: f64| TermScaling::new(NetworkForm::TrainedLinear, a, WIDTH, Some(keep), &[0.0; WIDTH]);
@@ -323,7 +322,7 @@ mod tests {
         }
         assert!(matches!(of(&a[..5], 0.9), Err(InputScalingError::Shape { .. })));
         assert!(matches!(of(&[], 0.9), Err(InputScalingError::Shape { .. })));
-        // A single row has no deviation: it is left as it is, less its mean.
+        // A single row has no standard deviation: only the mean is subtracted.
         let one = of(&a[..WIDTH], 0.9).unwrap();
         assert_eq!(one.apply(a[..WIDTH].to_vec()), [0.0; WIDTH]);
         let on = |threads: usize| {

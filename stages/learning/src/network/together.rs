@@ -1,4 +1,4 @@
-//! Training by Adam and L-BFGS, of several networks at a time.
+//! Training of one or several networks together by Adam and L-BFGS.
 
 use std::ops::ControlFlow;
 
@@ -20,14 +20,14 @@ const VALIDATE: &str = "to validate with";
 /// Callback after each epoch with its losses and the state after it; it can stop the training.
 pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> ControlFlow<()> + 'a;
 
-/// Trains a network from a start, or on from the state at the end of an epoch of the same training.
+/// Trains a network from a start, or resumes from the state at the end of an epoch of the same training.
 ///
 /// Results are bit-identical on any number of threads, for resumed trainings, and when trained with others
 /// ([`train_together`]).
 ///
 /// # Errors
-/// Fails without samples, for lengths that do not fit, values that are not finite, settings out of their range, a
-/// patience without validation, and with [`TrainingError::Diverged`] when loss or parameters are no longer finite.
+/// Fails without samples, for mismatched lengths, values that are not finite, settings out of range, and patience
+/// without validation. Fails with [`TrainingError::Diverged`] if loss or parameters are no longer finite.
 pub fn train(
     shape: &NetworkShape,
     start: TrainingState,
@@ -39,11 +39,11 @@ pub fn train(
     alone(TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
 }
 
-/// Trains a network over windows, as [`train`]. Every sample of the runs is predicted once an epoch, with its window;
-/// sparse group lasso is on the weights that the inputs have in the memory, and dropout on the features, too.
+/// Trains a network over windows, as [`train`]. An epoch predicts every sample of the runs once, with its window. The
+/// sparse group lasso applies to the input weights of the memory, and dropout also to the features.
 ///
 /// # Errors
-/// Fails as [`train`], and for lengths of runs that do not add up to the samples.
+/// Fails in the cases of [`train`], and if the lengths of the runs do not add up to the number of samples.
 pub fn train_windowed(
     network: &WindowedNetworkShape,
     start: TrainingState,
@@ -60,9 +60,9 @@ fn alone(mut job: TrainingJob<'_>) -> Result<TrainingResult, TrainingError> {
     job.trained()
 }
 
-/// Trains several networks, each as if it were alone. Those that take the same samples of the same inputs in the same
-/// order (one slice of inputs, one seed, one size of batches) share a pass over them, so that the inputs of a batch are
-/// gathered once. A job that could not begin is answered by its error.
+/// Trains several networks with the same result as one at a time. Jobs with the same samples in the same order (one
+/// slice of inputs, one seed, one batch size) share a pass, so that the inputs of a batch are gathered once. A job that
+/// cannot start returns its error.
 pub fn train_together(
     mut jobs: Vec<Result<TrainingJob<'_>, TrainingError>>,
 ) -> Vec<Result<TrainingResult, TrainingError>> {
@@ -73,7 +73,7 @@ pub fn train_together(
 fn run(jobs: &mut [&mut TrainingJob<'_>]) {
     let mut pass = GradientPass::default();
     loop {
-        // Those that are behind go first, so that networks that were stopped at different epochs come together.
+        // Jobs with fewer epochs run first, so that networks stopped at different epochs align.
         let going = jobs.iter().enumerate().filter(|(_, job)| job.ended.is_none());
         let Some((first, next)) = going.min_by_key(|(_, job)| job.state.epoch) else { return };
         let together =
@@ -103,7 +103,7 @@ pub struct TrainingJob<'a> {
 }
 
 impl<'a> TrainingJob<'a> {
-    /// The training of a network of each sample alone, as [`train`].
+    /// A training job of a network without windows, as [`train`].
     ///
     /// # Errors
     /// The same as for [`train`], except errors that occur during training.
@@ -119,7 +119,7 @@ impl<'a> TrainingJob<'a> {
         Self::from_architecture(shape.into(), start, training, (samples, vec![]), validation, each)
     }
 
-    /// The training of a network over windows, as [`train_windowed`].
+    /// A training job of a network over windows, as [`train_windowed`].
     ///
     /// # Errors
     /// The same as for [`train_windowed`], except errors that occur during training.
@@ -156,7 +156,7 @@ impl<'a> TrainingJob<'a> {
         Ok(Self { model, training, samples, validation, layers, objective, state, gradient, each, ended })
     }
 
-    /// Its part in the means over a batch.
+    /// Its request for the means over a batch.
     fn part(&mut self, batch: usize) -> GradientRequest<'_, 'a> {
         let (training, state) = (self.training, &self.state);
         let numbers = [NetworkRandomStream::Dropout as u64, state.epoch as u64, batch as u64];
@@ -169,7 +169,7 @@ impl<'a> TrainingJob<'a> {
         self.state.epoch < self.training.epochs
     }
 
-    /// Whether the next epochs of both take the same rows of the same inputs.
+    /// Whether the next epochs of both use the same rows of the same inputs in the same order.
     fn shares_with(&self, other: &TrainingJob<'_>) -> bool {
         let alike = |job: &TrainingJob<'_>| {
             let NetworkTraining { seed, batch, .. } = *job.training;
@@ -210,7 +210,7 @@ impl<'a> TrainingJob<'a> {
     }
 }
 
-/// An epoch of trainings that share it.
+/// Runs one epoch of trainings that share it.
 fn epoch(jobs: &mut [&mut TrainingJob<'_>], pass: &mut GradientPass) {
     if jobs.iter().all(|job| job.by_adam()) {
         let rates: Vec<f64> = jobs.iter().map(|job| job.training.rate(&job.state)).collect();
@@ -226,7 +226,7 @@ fn epoch(jobs: &mut [&mut TrainingJob<'_>], pass: &mut GradientPass) {
     }
 }
 
-/// Keeps the parameters of the least validation loss, and lowers the learning rate on a plateau.
+/// Keeps the parameters of the smallest validation loss, and lowers the learning rate on a plateau.
 fn judge(training: &NetworkTraining, validation_loss: f64, state: &mut TrainingState) {
     state.on_plateau += 1;
     if validation_loss < state.best_loss {
@@ -264,7 +264,7 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
     order
 }
 
-/// An epoch of Adam of trainings that share it; the mean loss of each over its samples.
+/// An epoch of Adam of trainings that share it. Returns the mean loss of each over its samples.
 fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut GradientPass) -> Vec<f64> {
     let Some(first) = jobs.first() else { return vec![] };
     let rows = first.samples.y.len();
@@ -290,7 +290,7 @@ fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut Gradi
     sums.into_iter().map(|sum| sum / rows as f64).collect()
 }
 
-/// Where a batch begins: all have as many rows, but for one.
+/// Start of a batch. Batch sizes differ by at most one row.
 fn share(batch: usize, batches: usize, rows: usize) -> usize {
     (batch as u128 * rows as u128 / batches as u128) as usize
 }
@@ -320,13 +320,13 @@ fn adam_step(
     }
 }
 
-/// A step of L-BFGS; the mean loss after it.
+/// A step of L-BFGS. Returns the mean loss after it.
 fn lbfgs_epoch(job: &mut TrainingJob<'_>) -> f64 {
     let TrainingJob { training, state, objective, gradient, .. } = job;
     let memory = training.optimiser.lbfgs_memory;
     state.lbfgs.step(&mut state.parameters, memory, &mut |parameters, gradient| {
         objective.at(parameters, BatchRows::All, None, gradient).objective
     });
-    // The line search may have ended on another step than it evaluated last.
+    // The last evaluation of the line search may be at other parameters.
     objective.at(&state.parameters, BatchRows::All, None, gradient).loss
 }

@@ -9,7 +9,7 @@ fn start(shape: &NetworkShape) -> TrainingState {
     TrainingState::new(shape, parameters)
 }
 
-/// Result of a training, with all bits.
+/// Result of a training as text, with all bits.
 fn bits(trained: &Result<TrainingResult, TrainingError>) -> String {
     match trained {
         Ok(TrainingResult { parameters, epochs, best }) => {
@@ -21,7 +21,7 @@ fn bits(trained: &Result<TrainingResult, TrainingError>) -> String {
     }
 }
 
-/// Trainings of many kinds, of which some share their passes.
+/// Trainings of many kinds, some of which share passes.
 fn trainings() -> Vec<NetworkTraining> {
     let usual = NetworkTraining { epochs: 5, batch: 600, learning_rate: 0.01, seed: 7, ..NetworkTraining::default() };
     let lasso = SparseGroupLasso { strength: 0.01, alpha: 0.5 };
@@ -30,7 +30,7 @@ fn trainings() -> Vec<NetworkTraining> {
         usual.clone(),
         NetworkTraining { dropout: 0.2, loss: NetworkLoss::Absolute, ..usual.clone() },
         NetworkTraining { sparse_group_lasso: Some(lasso), epochs: 3, ..usual.clone() },
-        // Not finite after some steps, whereupon the others go on.
+        // Diverges after some steps; the others continue.
         NetworkTraining { learning_rate: 1e200, ..usual.clone() },
         // Another order of the samples, and other batches.
         NetworkTraining { seed: 8, ..usual.clone() },
@@ -40,7 +40,7 @@ fn trainings() -> Vec<NetworkTraining> {
 }
 
 #[test]
-fn law_networks_that_are_trained_together_end_as_those_that_are_trained_alone() {
+fn unit_training_together_equals_training_alone() {
     let table = Table::made(1200, |x, a| x[0] * x[1] + a[0] - 0.3 * a[1]);
     let (rows, last) = (table.part(0..1000), table.part(1000..1200));
     let of = |form, hidden: &[usize]| NetworkShape {
@@ -91,7 +91,7 @@ fn law_networks_that_are_trained_together_end_as_those_that_are_trained_alone() 
 }
 
 #[test]
-fn unit_a_network_that_cannot_begin_does_not_keep_the_others() {
+fn unit_a_job_that_cannot_start_does_not_affect_the_others() {
     let table = Table::made(100, |x, _| x[0]);
     let shape = NetworkShape {
         inputs: 4,
@@ -114,7 +114,7 @@ fn unit_a_network_that_cannot_begin_does_not_keep_the_others() {
 }
 
 #[test]
-fn law_fixed_coefficients_may_be_multiplied_before_to_the_same_bits() {
+fn unit_precomputed_products_of_fixed_coefficients_are_bit_identical() {
     let table = Table::made(700, |x, a| x[0] * x[1] + a[0]);
     let (hidden, activation) = (vec![5], ActivationFunction::Swish);
     let shape = NetworkShape { inputs: 4, linear: 2, hidden, activation, form: NetworkForm::FixedLinear };

@@ -7,12 +7,12 @@ use super::shape::NetworkShape;
 use super::state::TrainingState;
 use super::windowed::NetworkArchitecture;
 
-/// Rows to train on, or to validate with, in the scale that the network works in.
+/// Rows for training or validation, in the scale of the network.
 #[derive(Debug, Clone, Copy)]
 pub struct NetworkSamples<'a> {
     /// The inputs, row-major.
     pub x: &'a [f64],
-    /// The linear terms, row-major; empty without.
+    /// The linear terms, row-major; empty if there are none.
     pub a: &'a [f64],
     /// The target.
     pub y: &'a [f64],
@@ -62,19 +62,19 @@ impl NetworkSamples<'_> {
     }
 }
 
-/// Adam [Kingma & Ba 2015], then L-BFGS.
+/// Adam [Kingma & Ba 2015], followed by L-BFGS.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetworkOptimiser {
-    /// The memory of the mean of the gradient.
+    /// Decay rate of the mean of the gradient.
     pub beta_1: f64,
-    /// The memory of the mean of its square.
+    /// Decay rate of the mean of the squared gradient.
     pub beta_2: f64,
     /// Constant added to the root of the mean square.
     pub epsilon: f64,
-    /// The steps of L-BFGS over all samples that follow the epochs of Adam, each an epoch; neither dropout nor weight
-    /// decay takes part in them.
+    /// Number of L-BFGS steps over all samples after the epochs of Adam; each counts as an epoch. They use neither
+    /// dropout nor weight decay.
     pub lbfgs_epochs: usize,
-    /// The steps that L-BFGS remembers.
+    /// Number of steps that L-BFGS stores.
     pub lbfgs_memory: usize,
 }
 
@@ -87,24 +87,24 @@ impl Default for NetworkOptimiser {
 /// Learning-rate schedule of Adam.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum LearningRateSchedule {
-    /// Not at all.
+    /// Constant.
     #[default]
     Constant,
     /// Multiplied by `factor` after every `every` epochs.
     Steps {
-        /// The epochs between two changes.
+        /// Number of epochs between two changes.
         every: usize,
         /// The factor.
         factor: f64,
     },
-    /// Half a cosine down to a part of the learning rate after the last epoch of Adam. [Loshchilov & Hutter 2017]
+    /// Half a cosine, down to a fraction of the learning rate after the last epoch of Adam. [Loshchilov & Hutter 2017]
     Cosine {
-        /// The part.
+        /// The final fraction.
         last: f64,
     },
-    /// By a factor after epochs in which the validation loss has had no new least value.
+    /// Multiplied by `factor` after `patience` epochs without a new minimum of the validation loss.
     Plateau {
-        /// The epochs.
+        /// Number of epochs.
         patience: usize,
         /// The factor.
         factor: f64,
@@ -112,7 +112,7 @@ pub enum LearningRateSchedule {
 }
 
 /// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j, as a part
-/// of what is made small. Weights of an input that does not help become small, not 0. [Gnadt 2022, (4.10)]
+/// of the objective. Weights of an irrelevant input become small, not 0. [Gnadt 2022, (4.10)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SparseGroupLasso {
     /// λ, in the scale of the loss.
@@ -126,10 +126,10 @@ pub struct SparseGroupLasso {
 pub struct NetworkTraining {
     /// The optimiser.
     pub optimiser: NetworkOptimiser,
-    /// The epochs of Adam: passes over all samples.
+    /// Number of epochs of Adam: passes over all samples.
     pub epochs: usize,
-    /// The most samples of a step. The samples of an epoch are dealt to as few batches as that takes, whose sizes
-    /// differ by one at most; there is one batch where there are fewer samples.
+    /// Maximum number of samples of a step. An epoch has the fewest batches that this permits, with sizes that differ
+    /// by at most one. With fewer samples there is one batch.
     pub batch: usize,
     /// Adam's learning rate.
     pub learning_rate: f64,
@@ -137,18 +137,18 @@ pub struct NetworkTraining {
     pub schedule: LearningRateSchedule,
     /// Loss function.
     pub loss: NetworkLoss,
-    /// By what part, times the learning rate, each step of Adam makes the weights smaller: decoupled weight decay, of
-    /// weights alone, not of biases and linear coefficients. [Loshchilov & Hutter 2019]
+    /// Decoupled weight decay: each step of Adam reduces the weights by this fraction times the learning rate. Biases
+    /// and linear coefficients do not decay. [Loshchilov & Hutter 2019]
     pub weight_decay: f64,
-    /// The probability that a hidden unit is left out for a sample and a step; the others are larger by 1/(1 − p)
-    /// meanwhile. [Srivastava et al. 2014]
+    /// Dropout probability of a hidden unit for a sample and a step. The other units are multiplied by 1/(1 − p).
+    /// [Srivastava et al. 2014]
     pub dropout: f64,
-    /// The penalty on the weights of the first layer.
+    /// Penalty on the weights of the first layer.
     pub sparse_group_lasso: Option<SparseGroupLasso>,
     /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with
     /// [`TrainingState::tolles_lawson`].
     pub physics: f64,
-    /// Number of epochs without a new least validation loss after which training ends.
+    /// Number of epochs without a new minimum of the validation loss after which training ends.
     pub patience: Option<usize>,
     /// Seed of the order of the samples and of dropout.
     pub seed: u64,
@@ -176,23 +176,23 @@ impl Default for NetworkTraining {
 /// A row of the training curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrainingEpoch {
-    /// The mean loss of the errors over the samples, each before the step that it takes part in (after it for L-BFGS),
-    /// with dropout and without penalties.
+    /// Mean loss of the errors over the samples, with dropout and without penalties. For Adam, of each sample before
+    /// the step that uses it; for L-BFGS, after the step.
     pub train_loss: f64,
-    /// The mean loss of the errors over the validation samples after the epoch; NaN without.
+    /// Mean loss of the errors over the validation samples after the epoch; NaN without validation.
     pub validation_loss: f64,
-    /// Adam's learning rate in the epoch; NaN for L-BFGS, which searches the length of each step.
+    /// Adam's learning rate in the epoch; NaN for L-BFGS, which searches for the length of each step.
     pub learning_rate: f64,
 }
 
 /// A trained network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingResult {
-    /// The parameters of the least validation loss; without validation, the last.
+    /// The parameters of the smallest validation loss; without validation, the last.
     pub parameters: Vec<f64>,
     /// The training curve.
     pub epochs: Vec<TrainingEpoch>,
-    /// The number of the epoch whose parameters these are, from 1; 0 for the start.
+    /// The epoch of these parameters, from 1; 0 for the start.
     pub best: usize,
 }
 
@@ -205,16 +205,16 @@ pub enum TrainingError {
         /// `to train on` or `to validate with`.
         what: &'static str,
     },
-    /// Values do not fit the rows.
+    /// The number of values does not match the rows.
     #[error("{given} values of {of} are given {what}, but {rows} rows require {expected}")]
     Length {
         /// `to train on` or `to validate with`.
         what: &'static str,
         /// Name of the values.
         of: &'static str,
-        /// Their number.
+        /// Given number.
         given: usize,
-        /// The number needed.
+        /// Required number.
         expected: usize,
         /// The number of rows.
         rows: usize,
@@ -241,18 +241,18 @@ pub enum TrainingError {
         /// The given value.
         given: f64,
     },
-    /// A setting needs samples to validate with.
+    /// A setting requires validation samples.
     #[error("{what} requires lines or flights for validation")]
     NoValidation {
         /// The setting.
         what: &'static str,
     },
-    /// The state to go on from is not one of this network.
+    /// The initial state does not match the network.
     #[error("there are {given} initial parameters, but this network requires {expected} finite ones")]
     Start {
-        /// Number of finite parameters, or of the coefficients or moments that do not fit.
+        /// Number of finite parameters, or of mismatched coefficients or moments.
         given: usize,
-        /// The number needed.
+        /// Required number.
         expected: usize,
     },
     /// Loss or parameters are no longer finite.
@@ -335,7 +335,7 @@ impl NetworkTraining {
         Ok(())
     }
 
-    /// Adam's learning rate in the epoch after a state.
+    /// Adam's learning rate in the next epoch after a state.
     pub(super) fn rate(&self, state: &TrainingState) -> f64 {
         let factor = match self.schedule {
             LearningRateSchedule::Constant => 1.0,

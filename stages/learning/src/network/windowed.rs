@@ -1,4 +1,4 @@
-//! Networks that see a window of samples, the last of which is the one that is predicted.
+//! Networks over a window of samples that predict its last sample.
 
 use params::choice;
 use rayon::prelude::*;
@@ -26,14 +26,14 @@ choice! {
     }
 }
 
-/// A network over a window that ends at the predicted sample, without samples of the future. Where a run is shorter
-/// than the window, its first sample replaces the missing earlier ones. The features of the window are the inputs of a
-/// dense network.
+/// A network over a window that ends at the predicted sample, without future samples. If a run is shorter than the
+/// window, its first sample replaces the missing earlier ones. The features of the window are the inputs of a dense
+/// network.
 ///
-/// Its parameters are one vector: those of the memory, then those of the dense network. Of `gru` and `lstm` they are
-/// the weights of the inputs, row-major (gate and unit, input), those of the units before, row-major (gate and unit,
-/// unit), and the biases of both; gates r, z, n and i, f, g, o, as in PyTorch. Of `tcn` they are layer by layer the
-/// weights, row-major (unit, sample, input), the earlier sample first, then the biases.
+/// Its parameters are one vector: those of the memory, then those of the dense network. For `gru` and `lstm` the memory
+/// has the weights of the inputs, row-major (gate and unit, input), the recurrent weights, row-major (gate and unit,
+/// unit), and the biases of both. Gates are r, z, n and i, f, g, o, as in PyTorch. For `tcn` it has, layer by layer,
+/// the weights, row-major (unit, sample, input) with the earlier sample first, then the biases.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WindowedNetworkShape {
     /// Layers that compute features of the window.
@@ -42,7 +42,7 @@ pub struct WindowedNetworkShape {
     pub inputs: usize,
     /// The number of samples; a power of two of at least 2 for `tcn`.
     pub window: usize,
-    /// The number of units of the memory, which is that of the features.
+    /// Number of units of the memory, equal to the number of features.
     pub units: usize,
     /// The dense network; it has `units` inputs.
     pub head: NetworkShape,
@@ -51,7 +51,7 @@ pub struct WindowedNetworkShape {
 /// Samples in runs without gaps, such as lines.
 #[derive(Debug, Clone, Copy)]
 pub struct SampleRuns<'a> {
-    /// The samples, run by run and in time.
+    /// The samples, run by run in time order.
     pub samples: NetworkSamples<'a>,
     /// The number of samples of each run.
     pub lengths: &'a [usize],
@@ -82,13 +82,14 @@ fn first_rows(lengths: &[usize], rows: usize) -> Option<Vec<u32>> {
 
 /// Layers that compute features of windows, for a block of rows.
 pub(super) trait FeatureExtractor: Send {
-    /// Takes its parameters.
+    /// Sets its parameters.
     fn set(&mut self, parameters: &[f64]);
 
     /// The features of each row, row-major.
     fn forward(&mut self, x: &[f64], rows: usize, features: &mut [f64]);
 
-    /// The gradient of its parameters by the derivatives by the features, after [`forward`](Self::forward).
+    /// The gradient with respect to its parameters, from the derivatives with respect to the features. Requires
+    /// [`forward`](Self::forward).
     fn backward(&mut self, x: &[f64], rows: usize, d_features: &[f64], gradient: &mut [f64]);
 }
 
@@ -108,7 +109,7 @@ impl WindowedNetworkShape {
         }
     }
 
-    /// The layers of the memory: those that are not the last have their biases behind them.
+    /// The weight matrices of the memory as dense layers.
     fn layers(&self) -> Vec<DenseLayer> {
         match self.cell() {
             Some(cell) => {
@@ -141,8 +142,9 @@ impl WindowedNetworkShape {
         self.head_start() + self.head.parameters()
     }
 
-    /// The name of each parameter: `wx[3,17]`, `wh[3,2]`, `bx[3]`, `bh[3]` of gate and unit 3, or `c1[3,2,17]` of unit
-    /// 3 of the first convolution for input 17 of its second sample, and `bc1[3]`; then those of the dense network.
+    /// The name of each parameter. `wx[3,17]`, `wh[3,2]`, `bx[3]`, `bh[3]` belong to gate and unit 3. `c1[3,2,17]` is
+    /// the weight of unit 3 of the first convolution for input 17 of its second sample, and `bc1[3]` its bias. The
+    /// names of the dense network follow.
     pub fn names(&self) -> Vec<String> {
         let mut names = Vec::with_capacity(self.parameters());
         let matrix = |name: &str, rows: usize, columns: usize| -> Vec<String> {
@@ -175,8 +177,8 @@ impl WindowedNetworkShape {
         names
     }
 
-    /// Parameters to begin with, by a seed: those of `gru` and `lstm` uniform between ±1/√units, as in PyTorch, those
-    /// of `tcn` as of dense layers; and those of the dense network as [`NetworkShape::initial`].
+    /// Initial parameters from a seed. Those of `gru` and `lstm` are uniform between ±1/√units, as in PyTorch; those of
+    /// `tcn` as for dense layers; those of the dense network as in [`NetworkShape::initial`].
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Memory as u64]));
         let mut within = |most: f64| most * (2.0 * unit_uniform(bits.draw()) - 1.0);
@@ -194,17 +196,17 @@ impl WindowedNetworkShape {
         parameters
     }
 
-    /// The start of a training from parameters, as [`TrainingState::new`].
+    /// The start of a training from parameters, as in [`TrainingState::new`].
     pub fn start(&self, parameters: Vec<f64>) -> TrainingState {
         let linear = self.head_start() + self.head.linear_start();
         TrainingState::beginning(parameters, linear)
     }
 
-    /// Checks that there is something to train.
+    /// Checks that the network can be trained.
     ///
     /// # Errors
-    /// Fails as [`NetworkShape::check`], for a window or units of 0, a window of `tcn` that is no power of two, and a
-    /// dense network whose inputs are not the features.
+    /// Fails in the cases of [`NetworkShape::check`], for a window or units of 0, a window of `tcn` that is not a power
+    /// of two, and a dense network whose inputs do not match the features.
     pub fn check(&self) -> Result<(), TrainingError> {
         let powers = self.memory != MemoryLayers::Tcn || (self.window >= 2 && self.window.is_power_of_two());
         let settings = [
@@ -220,8 +222,8 @@ impl WindowedNetworkShape {
         }
     }
 
-    /// Adds the windows that end at rows: of recurrent networks sample by sample, each with all rows, of convolutions
-    /// row by row.
+    /// Appends the windows that end at the given rows: for recurrent networks sample by sample, each with all rows; for
+    /// convolutions row by row.
     pub(super) fn gather(
         &self,
         x: &[f64],
@@ -247,8 +249,8 @@ impl WindowedNetworkShape {
         }
     }
 
-    /// The predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the
-    /// target. All are NaN where parameters, terms or lengths do not fit; a row is where an input of its window is.
+    /// Predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the
+    /// target. All are NaN if parameters, terms or lengths do not match. A row is NaN if an input of its window is.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
         let rows = x.len() / self.inputs.max(1);
         match first_rows(lengths, rows) {
@@ -327,7 +329,7 @@ impl NetworkArchitecture<'_> {
         self.head_start() + self.head.parameters()
     }
 
-    /// The layers whose weights decay.
+    /// The layers with weight decay.
     pub fn layers(&self) -> Vec<DenseLayer> {
         let start = self.head_start();
         let mut layers = self.windowed.map_or_else(Vec::new, WindowedNetworkShape::layers);

@@ -17,7 +17,7 @@ fn waves(count: usize, case: usize) -> Vec<f64> {
 }
 
 #[test]
-fn ref_predictions_and_twenty_steps_over_windows_are_pytorchs() {
+fn ref_windowed_predictions_and_steps_agree_with_pytorch() {
     let table = Table::reference();
     let expected = columns(include_str!("../../reference/network/windowed.csv"));
     let runs = SampleRuns { samples: table.samples(), lengths: &[20, 3, 22] };
@@ -37,7 +37,7 @@ fn ref_predictions_and_twenty_steps_over_windows_are_pytorchs() {
 }
 
 #[test]
-fn law_gradients_over_windows_are_those_of_central_differences() {
+fn law_windowed_gradients_agree_with_central_differences() {
     let table = Table::made(300, |x, a| x[0] * x[1] + 0.5 * a[0]);
     let runs = SampleRuns { samples: table.samples(), lengths: &[100, 1, 2, 197] };
     let first = runs.first_rows().unwrap();
@@ -77,7 +77,7 @@ fn law_gradients_over_windows_are_those_of_central_differences() {
 }
 
 #[test]
-fn law_a_prediction_hangs_on_the_window_before_it_alone() {
+fn unit_a_prediction_depends_only_on_its_window() {
     let table = Table::made(60, |_, _| 0.0);
     for memory in MEMORIES {
         let network = network(memory, NetworkForm::Plain, 4, 0);
@@ -98,7 +98,7 @@ fn law_a_prediction_hangs_on_the_window_before_it_alone() {
 }
 
 #[test]
-fn law_what_happened_before_is_learnt_by_a_memory_and_not_by_a_dense_network() {
+fn unit_a_memory_learns_history_and_a_dense_network_does_not() {
     let mut table = Table::made(3000, |_, _| 0.0);
     let mut normals = numerics::random::NormalGenerator::new(1);
     let before: Vec<f64> = (0..3000).map(|_| 0.6 * normals.draw()).collect();
@@ -131,7 +131,7 @@ fn law_what_happened_before_is_learnt_by_a_memory_and_not_by_a_dense_network() {
 }
 
 #[test]
-fn law_windows_resume_and_spread_over_threads_to_the_same_bits() {
+fn unit_windowed_training_is_bit_identical_on_resume_and_threads() {
     let table = Table::made(1500, |x, a| x[0] * x[1] - 0.3 * a[0]);
     let (samples, unseen) = (table.part(0..1000), table.part(1000..1500));
     let (runs, unseen) =
@@ -160,7 +160,7 @@ fn law_windows_resume_and_spread_over_threads_to_the_same_bits() {
 }
 
 #[test]
-fn unit_windows_that_do_not_fit_are_refused() {
+fn unit_mismatched_windows_are_rejected() {
     let table = Table::made(50, |x, _| x[0]);
     let usual = NetworkTraining { epochs: 1, ..NetworkTraining::default() };
     let refused = |network: &WindowedNetworkShape, lengths: &[usize], what: &str| {

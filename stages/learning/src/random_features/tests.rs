@@ -3,7 +3,7 @@ use super::*;
 use crate::reference_csv::{columns, matrix};
 
 #[test]
-fn ref_many_features_are_the_gaussian_process_of_scikit_learn() {
+fn ref_many_features_approach_the_gaussian_process_of_scikit_learn() {
     let table = columns(include_str!("../../reference/random_features/gaussian_process.csv"));
     let x = matrix(&table, &["x0", "x1", "x2"]);
     let rows = table["train"].iter().filter(|t| **t == 1.0).count();
@@ -26,7 +26,7 @@ fn ref_many_features_are_the_gaussian_process_of_scikit_learn() {
             };
             ((0..5).map(one).sum::<f64>() / 5.0).sqrt()
         };
-        // The kernel errs by one over the root of the number of frequencies.
+        // The error of the kernel is one over the root of the number of frequencies.
         let (few, many) = (difference(50), difference(450));
         assert!(many < 0.4 && few / many > 2.2 && few / many < 4.5, "{name}: {few} {many}");
         let how =
@@ -49,7 +49,7 @@ fn rows(count: u32) -> (Vec<f64>, Vec<f64>) {
 }
 
 #[test]
-fn law_what_is_linear_is_found_and_followed_beyond_the_rows() {
+fn unit_linear_functions_are_found_and_extrapolated() {
     let (x, _) = rows(400);
     let y: Vec<f64> = x.chunks(4).map(|x| 50_000.0 + 3.0 * x[0] - 5.0 * x[2]).collect();
     let model = fit(&x, 4, &y, &RandomFeatureSettings { features: 60, ..RandomFeatureSettings::default() }).unwrap();
@@ -68,12 +68,12 @@ fn law_the_mean_of_products_of_features_is_the_kernel() {
         let kernel = (-square / (2.0 * length * length)).exp();
         assert!((dot(f, g) - kernel).abs() < 0.02 && (dot(f, f) - 1.0).abs() < 1e-12, "{} {kernel}", dot(f, g));
     }
-    // Three in a block are orthogonal.
+    // Three frequencies in a block are orthogonal.
     assert!(dot(&directions[..3], &directions[3..6]).abs() < 1e-12);
 }
 
 #[test]
-fn jac_the_gradient_is_the_difference_of_predictions() {
+fn jac_the_gradient_agrees_with_differences_of_predictions() {
     let (x, y) = rows(300);
     for linear in [0.0, 0.5] {
         let model =
@@ -94,7 +94,7 @@ fn jac_the_gradient_is_the_difference_of_predictions() {
 }
 
 #[test]
-fn law_the_most_likely_length_and_ratio_predict_better_than_bad_ones() {
+fn unit_the_most_likely_length_and_ratio_predict_best() {
     let (x, y) = rows(1500);
     let ((train, ahead), (target, truth)) = (x.split_at(4 * 1000), y.split_at(1000));
     let error = |length: Option<f64>, lambda: Option<f64>| {
@@ -113,7 +113,7 @@ fn law_the_most_likely_length_and_ratio_predict_better_than_bad_ones() {
 }
 
 #[test]
-fn law_threads_change_no_bit() {
+fn unit_threads_change_no_bit() {
     let (x, y) = rows(1300);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -128,7 +128,7 @@ fn law_threads_change_no_bit() {
 }
 
 #[test]
-fn unit_what_cannot_be_fitted_is_refused_and_nan_stays_nan() {
+fn unit_invalid_fits_are_rejected_and_nan_predicts_nan() {
     let (x, y) = rows(30);
     let how = RandomFeatureSettings { features: 10, ..RandomFeatureSettings::default() };
     let fault = |x: &[f64], y: &[f64], how: &RandomFeatureSettings| fit(x, 4, y, how).unwrap_err().to_string();

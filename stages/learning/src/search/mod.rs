@@ -1,8 +1,8 @@
-//! The search for the best values of some quantities: at random, by Sobol's sequence, and by the tree-structured Parzen
-//! estimator; and which trials successive halving keeps.
+//! Search for the best values of some quantities: at random, by Sobol's sequence, and by the tree-structured Parzen
+//! estimator; and selection of trials by successive halving.
 //!
-//! The trial `i` depends on the seed, on `i` and on the results that it is handed, and on nothing else: neither on
-//! threads nor on what was proposed in an earlier process.
+//! Trial `i` depends only on the seed, on `i` and on the given results. It depends neither on threads nor on proposals
+//! of an earlier process.
 
 mod sobol;
 mod tpe;
@@ -20,7 +20,7 @@ pub enum SearchDimension {
         low: f64,
         /// The upper end, above it.
         high: f64,
-        /// Whether equal ratios count alike, rather than equal differences; `low` is above 0 then.
+        /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
     },
     /// A whole number from `low` to `high`, both included.
@@ -29,7 +29,7 @@ pub enum SearchDimension {
         low: i64,
         /// The upper end, not below it.
         high: i64,
-        /// Whether equal ratios count alike; `low` is above 0 then.
+        /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
     },
     /// One of this number of unordered choices, at least one.
@@ -52,14 +52,14 @@ pub enum TrialValue {
 pub enum ProposalMethod {
     /// Uniformly at random.
     Random,
-    /// Sobol's sequence, scrambled by the seed or plain. Plain, it begins at the lower ends.
+    /// Sobol's sequence, scrambled by the seed or plain. The plain sequence begins at the lower ends.
     Sobol {
         /// Whether it is scrambled.
         scramble: bool,
     },
     /// The tree-structured Parzen estimator (Bergstra et al. 2011), after `start` trials of a scrambled Sobol sequence.
     Tpe {
-        /// The number of trials that it starts from, at least one.
+        /// Number of initial trials, at least one.
         start: usize,
     },
 }
@@ -69,16 +69,16 @@ pub enum ProposalMethod {
 pub struct TrialOutcome {
     /// Its values, in the order of the dimensions.
     pub values: Vec<TrialValue>,
-    /// The rung that it got to, from 0; those of a higher one come before all others.
+    /// The rung that the trial reached, from 0. Trials of a higher rung rank before all others.
     pub rung: usize,
-    /// Its cost, to be made small; `None` for a trial without one, which is worse than any other of its rung.
+    /// Its cost, to be minimised; `None` for a trial without one, which ranks last in its rung.
     pub cost: Option<f64>,
 }
 
-/// The trials from `first` on, `count` of them, of the search with `seed` over `dimensions`, after all of `outcomes`.
-/// Trials that were proposed together do not know of each other's results.
+/// Trials `first` to `first + count` of the search with `seed` over `dimensions`, after all of `outcomes`. Trials of
+/// one call do not use each other's results.
 ///
-/// With [`ProposalMethod::Tpe`] a trial that was proposed before is not proposed again, as long as there are others.
+/// [`ProposalMethod::Tpe`] repeats an earlier trial only if there are no others.
 pub fn propose(
     method: ProposalMethod,
     dimensions: &[SearchDimension],
@@ -102,9 +102,9 @@ pub fn propose(
     proposed
 }
 
-/// The positions of the trials that successive halving (Jamieson and Talwalkar 2016) keeps for the next rung: of these
-/// costs the best 1/`eta`, at least one, in ascending order. A trial without a cost is never kept; of equal ones the
-/// first are.
+/// Positions of the trials that successive halving (Jamieson and Talwalkar 2016) keeps for the next rung, ascending:
+/// the best 1/`eta` of these costs, at least one. A trial without a cost is never kept. Of equal costs, the first are
+/// kept.
 pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = costs.iter().enumerate().filter_map(|(i, c)| Some(((*c)?, i))).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -113,12 +113,12 @@ pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     kept
 }
 
-/// A source of random bits for one trial, or another number, of one use.
+/// A source of random bits for one purpose and one trial (or other number).
 fn bits(seed: u64, of: &str, number: u64) -> SplitMix64 {
     SplitMix64::new(seed_of(seed, &["search", of, &number.to_string()]))
 }
 
-/// A number from 0 to 1, 1 excluded.
+/// A number in [0, 1).
 fn uniform(bits: &mut SplitMix64) -> f64 {
     (bits.draw() >> 11) as f64 / (1_u64 << 53) as f64
 }
@@ -128,7 +128,7 @@ fn random(dimensions: &[SearchDimension], seed: u64, trial: usize) -> Vec<TrialV
     dimensions.iter().map(|d| d.at(uniform(&mut bits))).collect()
 }
 
-/// Beyond 2^32 trials, or of more than [`MOST_DIMENSIONS`] dimensions, there is no Sobol sequence: these are at random.
+/// A point of the Sobol sequence. Random beyond 2^32 trials or [`MOST_DIMENSIONS`] dimensions, where the sequence ends.
 fn evenly(dimensions: &[SearchDimension], seed: Option<u64>, trial: usize) -> Vec<TrialValue> {
     let point = u32::try_from(trial).ok().and_then(|i| sobol::point(i, dimensions.len(), seed));
     match point {
@@ -138,7 +138,7 @@ fn evenly(dimensions: &[SearchDimension], seed: Option<u64>, trial: usize) -> Ve
 }
 
 impl SearchDimension {
-    /// The ends of its scale: of a whole number half a step beyond its own.
+    /// The ends of its scale. For a whole number, they are extended by half a step.
     fn ends(&self) -> (f64, f64) {
         let scaled = |x: f64, log: bool| if log { x.ln() } else { x };
         match *self {
@@ -150,10 +150,10 @@ impl SearchDimension {
         }
     }
 
-    /// The value at the part `u` of its scale, from 0 to 1.
+    /// The value at the fraction `u` of its scale, from 0 to 1.
     fn at(&self, u: f64) -> TrialValue {
         let (from, to) = self.ends();
-        // The logarithm of an end need not lead back to it.
+        // Rounding of the logarithm may miss the end.
         if let SearchDimension::Real { low, .. } = *self
             && u <= 0.0
         {
@@ -171,7 +171,8 @@ impl SearchDimension {
         }
     }
 
-    /// The part of its scale that belongs to a value: a point for a number, the cell of a whole one or of a choice.
+    /// The interval of its scale that corresponds to a value: a point for a real number, a cell for a whole number or a
+    /// choice.
     fn cell(&self, value: TrialValue) -> (f64, f64) {
         let (from, to) = self.ends();
         let part = |x: f64| (x - from) / (to - from);
@@ -185,7 +186,7 @@ impl SearchDimension {
                 (edge(n as f64 - 0.5), edge(n as f64 + 0.5))
             }
             (SearchDimension::Choice(_), TrialValue::Choice(i)) => (part(i as f64), part(i as f64 + 1.0)),
-            // A value of another dimension has no place: it counts as being anywhere.
+            // A value of another dimension has no position: it covers the whole scale.
             _ => (0.0, 1.0),
         }
     }

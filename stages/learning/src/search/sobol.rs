@@ -1,16 +1,16 @@
-//! Sobol's sequence: points that fill a cube evenly, any power of two of them more evenly than chance.
+//! Sobol's sequence: points that fill a cube more evenly than random ones, for any power of two of them.
 //!
 //! Direction numbers of Joe and Kuo 2008 (`new-joe-kuo-6.21201`), in the order of the Gray code (Antonov and Saleev
-//! 1979), scrambled as nested uniform scrambling does, by hashing (Owen 1995; Burley 2020, JCGT 9(4)).
+//! 1979). Scrambling approximates nested uniform scrambling by hashing (Owen 1995; Burley 2020, JCGT 9(4)).
 
-/// The most coordinates that a point may have.
+/// Maximum number of coordinates of a point.
 pub const MOST_DIMENSIONS: usize = 40;
 
 const BITS: u32 = 32;
 /// 2^-32.
 const STEP: f64 = 1.0 / 4_294_967_296.0;
 
-/// For the second dimension on: the coefficients of its primitive polynomial as bits, both ends among them, and the
+/// From the second dimension on: the coefficients of its primitive polynomial as bits, including both ends, and the
 /// initial direction numbers. The first dimension is van der Corput's sequence.
 const JOE_KUO: [(u32, &[u32]); MOST_DIMENSIONS - 1] = [
     (3, &[1]),
@@ -54,9 +54,9 @@ const JOE_KUO: [(u32, &[u32]); MOST_DIMENSIONS - 1] = [
     (301, &[1, 3, 1, 11, 11, 11, 77, 249]),
 ];
 
-/// The point `index` of the sequence: `dimensions` coordinates from 0 to 1, 1 excluded. Without a seed it is the
-/// sequence itself, which begins at the origin; with one, each coordinate is scrambled by its own hash of the seed.
-/// `None` for more than [`MOST_DIMENSIONS`] coordinates.
+/// The point `index` of the sequence: `dimensions` coordinates in [0, 1). Without a seed it is the plain sequence,
+/// which begins at the origin. With a seed, each coordinate is scrambled by its own hash. `None` for more than
+/// [`MOST_DIMENSIONS`] coordinates.
 pub fn point(index: u32, dimensions: usize, seed: Option<u64>) -> Option<Vec<f64>> {
     (0..dimensions).map(|k| coordinate(index, k, seed)).collect()
 }
@@ -95,9 +95,9 @@ fn directions(dimension: usize) -> Option<impl Iterator<Item = u32>> {
     Some(known.into_iter())
 }
 
-/// Nested uniform scrambling of a fraction of 2^32: each bit is turned or not by a hash of the bits above it.
+/// Nested uniform scrambling of a fraction of 2^32: a hash of the higher bits determines whether each bit is flipped.
 fn scrambled(x: u32, seed: u32) -> u32 {
-    // The permutation of Laine and Karras 2011, of which a bit depends on those below it alone, on the reversed bits.
+    // The permutation of Laine and Karras 2011 on the reversed bits; each bit depends only on the lower bits.
     let mut x = x.reverse_bits().wrapping_add(seed);
     for factor in [0x6c50_b47c_u32, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6] {
         x ^= x.wrapping_mul(factor);
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_points_are_those_of_scipy() {
+    fn ref_points_agree_with_scipy() {
         let mut compared = 0;
         for row in include_str!("../../reference/sobol.csv").lines().skip(1) {
             let cells: Vec<&str> = row.split(',').collect();
@@ -131,8 +131,8 @@ mod tests {
 
     #[test]
     fn law_scrambled_points_keep_every_elementary_interval() {
-        // Among the first 2^m points, each of 2^m slices of a side has one. For two sides, each of 2^a x 2^(m-a) boxes
-        // has one.
+        // Each of 2^m slices of a side holds one of the first 2^m points. For two sides, each of 2^a x 2^(m-a) boxes
+        // holds one.
         for seed in 0..20 {
             let points: Vec<Vec<f64>> = (0..64).map(|i| point(i, MOST_DIMENSIONS, Some(seed)).unwrap()).collect();
             for k in 0..MOST_DIMENSIONS {
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn law_a_scrambled_point_is_uniform_over_seeds() {
-        // The mean of 4000 uniform numbers is within four of its standard errors, 0.289 / sqrt(4000).
+        // The mean of 4000 uniform numbers is within four standard errors, 0.289 / sqrt(4000) each.
         for k in [0, 1, 7] {
             let mean = (0..4000).map(|s| coordinate(5, k, Some(s)).unwrap()).sum::<f64>() / 4000.0;
             assert!((mean - 0.5).abs() < 4.0 * 0.289 / 4000.0_f64.sqrt(), "{mean}");

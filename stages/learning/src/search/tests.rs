@@ -1,4 +1,4 @@
-//! Searches of functions whose minimum is known.
+//! Searches of functions with known minima.
 
 #![allow(clippy::unwrap_used)]
 
@@ -27,7 +27,7 @@ fn quadratic(values: &[TrialValue]) -> f64 {
     (0..3).map(|k| (number(values[k]) - (k as f64 - 1.0)).powi(2)).sum()
 }
 
-/// A rate by its logarithm, a count, and one of three kinds.
+/// A rate on a logarithmic scale, a count, and one of three choices.
 fn mixed(values: &[TrialValue]) -> f64 {
     let kind = [2.0, 0.0, 1.0][number(values[2]) as usize];
     (number(values[0]).log10() + 3.0).powi(2) + ((number(values[1]) - 13.0) / 8.0).powi(2) + kind
@@ -46,7 +46,7 @@ fn functions() -> Vec<Function> {
     ]
 }
 
-/// Regret after a search of 50 trials on a function whose minimum is 0, in generations of `size`.
+/// Regret after a search of 50 trials on a function with a minimum of 0, in generations of `size`.
 fn regret(
     method: ProposalMethod,
     f: fn(&[TrialValue]) -> f64,
@@ -73,7 +73,7 @@ fn of_seeds(one: impl Fn(u64) -> f64) -> (f64, f64) {
 }
 
 #[test]
-fn val_the_regret_is_that_of_optuna() {
+fn val_the_regret_agrees_with_optuna() {
     // Mean and standard error of Optuna 5.0.0, one trial at a time, by `reference/search_reference.py`.
     let theirs = |function: &str, sampler: &str| -> (f64, f64) {
         let rows = include_str!("../../reference/regret.csv").lines().skip(1).map(|r| r.split(',').collect::<Vec<_>>());
@@ -85,7 +85,7 @@ fn val_the_regret_is_that_of_optuna() {
         for size in [1, 8] {
             let ours = of_seeds(|seed| regret(tpe, f, &dimensions, seed, size));
             let optuna = theirs(name, "optuna_tpe");
-            // Worse by three standard errors of the difference would be no chance.
+            // A mean above this limit, three standard errors of the difference, would be significantly worse.
             let limit = optuna.0 + 3.0 * ours.1.hypot(optuna.1);
             assert!(ours.0 < limit, "{name}, {size} at a time: {ours:?}, theirs {optuna:?}");
         }
@@ -99,7 +99,7 @@ fn val_the_regret_is_that_of_optuna() {
 }
 
 #[test]
-fn law_even_points_leave_less_than_random_ones() {
+fn unit_sobol_points_have_less_regret_than_random_ones() {
     for (name, f, dimensions) in functions() {
         let [even, random] = [ProposalMethod::Sobol { scramble: true }, ProposalMethod::Random]
             .map(|method| of_seeds(|seed| regret(method, f, &dimensions, seed, 50)).0);
@@ -108,7 +108,7 @@ fn law_even_points_leave_less_than_random_ones() {
 }
 
 #[test]
-fn unit_a_trial_does_not_depend_on_how_many_are_asked_for() {
+fn unit_a_trial_does_not_depend_on_the_number_requested() {
     let (_, _, dimensions) = functions().remove(2);
     for method in
         [ProposalMethod::Random, ProposalMethod::Sobol { scramble: true }, ProposalMethod::Sobol { scramble: false }]
@@ -135,7 +135,7 @@ fn unit_a_trial_does_not_depend_on_how_many_are_asked_for() {
 }
 
 #[test]
-fn unit_values_are_within_their_ends_and_reach_them() {
+fn unit_values_cover_their_range_including_the_ends() {
     let dimensions = [
         SearchDimension::Real { low: 1e-4, high: 1.0, log: true },
         SearchDimension::Whole { low: -1, high: 1, log: false },
@@ -144,11 +144,11 @@ fn unit_values_are_within_their_ends_and_reach_them() {
     ];
     let points = propose(ProposalMethod::Random, &dimensions, 1, 0, 4000, &[]);
     let count = |k: usize, wanted: TrialValue| points.iter().filter(|p| p[k] == wanted).count();
-    // A third of 4000 each, its standard deviation being 30.
+    // A third of 4000 each, with a standard deviation of 30.
     for n in -1..=1 {
         assert!((count(1, TrialValue::Whole(n)) as f64 - 4000.0 / 3.0).abs() < 120.0);
     }
-    // By its logarithm: ln(1.5 / 0.5) of ln(8.5 / 0.5).
+    // On a logarithmic scale: ln(1.5 / 0.5) of ln(8.5 / 0.5).
     let ones = 4000.0 * 3.0_f64.ln() / 17.0_f64.ln();
     assert!((count(2, TrialValue::Whole(1)) as f64 - ones).abs() < 130.0, "{}", count(2, TrialValue::Whole(1)));
     assert!(count(2, TrialValue::Whole(8)) > 0 && (count(3, TrialValue::Choice(1)) as f64 - 2000.0).abs() < 130.0);
@@ -160,7 +160,7 @@ fn unit_values_are_within_their_ends_and_reach_them() {
 }
 
 #[test]
-fn unit_what_was_proposed_is_not_proposed_again_before_all_was() {
+fn unit_trials_repeat_only_after_all_values_were_proposed() {
     let dimensions = [SearchDimension::Choice(3), SearchDimension::Whole { low: 1, high: 4, log: false }];
     let mut outcomes: Vec<TrialOutcome> = vec![];
     for generation in 0..4 {
@@ -171,12 +171,12 @@ fn unit_what_was_proposed_is_not_proposed_again_before_all_was() {
         }
     }
     assert_eq!(outcomes.len(), 12);
-    // There is nothing else: one of them comes again.
+    // All values were proposed before: one of them is repeated.
     assert_eq!(propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 3, 12, 2, &outcomes).len(), 2);
 }
 
 #[test]
-fn unit_halving_keeps_the_best_and_never_a_failure() {
+fn unit_halving_keeps_the_best_and_no_failed_trial() {
     let costs = [Some(3.0), None, Some(1.0), Some(2.0), Some(1.0), Some(9.0), None];
     assert_eq!(kept(&costs, 3), [2, 4]);
     assert_eq!(kept(&costs, 7), [2]);
@@ -186,7 +186,7 @@ fn unit_halving_keeps_the_best_and_never_a_failure() {
 }
 
 #[test]
-fn unit_trials_without_a_cost_are_stayed_away_from() {
+fn unit_trials_without_a_cost_are_avoided() {
     let dimensions = [SearchDimension::Real { low: 0.0, high: 1.0, log: false }];
     let outcomes: Vec<TrialOutcome> = (0..30)
         .map(|i| {

@@ -1,25 +1,26 @@
-//! The tree-structured Parzen estimator: where good trials are dense and the others are not (Bergstra et al. 2011).
+//! The tree-structured Parzen estimator: proposes trials where good trials are dense and others are not (Bergstra et
+//! al. 2011).
 //!
-//! Both densities are mixtures of one kernel for each trial, over all dimensions together (Falkner et al. 2018), and of
-//! one wide kernel; the proposal is the best of some draws from that of the good ones by the ratio of the two, which is
+//! Both densities are mixtures of one kernel per trial, over all dimensions together (Falkner et al. 2018), and of one
+//! wide kernel. The proposal is the draw from the density of good trials with the largest ratio of the two densities,
 //! where the expected improvement is largest.
 
 use numerics::random::SplitMix64;
 
 use super::{SearchDimension, TrialOutcome, TrialValue, uniform};
 
-/// The part of the trials that is good, and the most of them.
+/// Fraction of the trials that count as good, and their maximum number.
 const GOOD: f64 = 0.1;
 const MOST_GOOD: usize = 25;
-/// Draws from the density of the good ones.
+/// Number of draws from the density of good trials.
 const CANDIDATES: usize = 24;
-/// Maximum number of redraws of a proposal that was made before.
+/// Maximum number of redraws of a repeated proposal.
 const AGAIN: usize = 20;
-/// Half the normal distribution's range, in parts of the scale: the wide kernel.
+/// Standard deviation of the wide kernel, as a fraction of the scale.
 const WIDE: f64 = 1.0;
 
-/// The next trial after `outcomes`, with those of `proposed` under way: they count as bad, so that trials which are
-/// proposed together lie apart.
+/// The next trial after `outcomes`. The running trials `proposed` count as bad, so that trials of one call are far
+/// apart.
 pub fn propose(
     dimensions: &[SearchDimension],
     bits: &mut SplitMix64,
@@ -27,14 +28,14 @@ pub fn propose(
     proposed: &[Vec<TrialValue>],
 ) -> Vec<TrialValue> {
     let mut order: Vec<&TrialOutcome> = outcomes.iter().collect();
-    // The sort is stable: of equal ones the first is better.
+    // The sort is stable: the first of equal trials ranks higher.
     order.sort_by(|a, b| {
         let cost = |o: &TrialOutcome| o.cost.unwrap_or(f64::INFINITY);
         b.rung.cmp(&a.rung).then(cost(a).total_cmp(&cost(b)))
     });
     let good = ((GOOD * order.len() as f64).ceil() as usize).min(MOST_GOOD);
     let (good, bad) = order.split_at(good.min(order.len()));
-    // A trial without a cost is nothing to be near to.
+    // A trial without a cost attracts no proposals.
     let good = good.iter().filter(|o| o.cost.is_some()).map(|o| o.values.as_slice());
     let bad = bad.iter().map(|o| o.values.as_slice()).chain(proposed.iter().map(Vec::as_slice));
     let (good, bad) = (ParzenDensity::new(dimensions, good.collect()), ParzenDensity::new(dimensions, bad.collect()));
@@ -63,7 +64,7 @@ pub fn propose(
     }
     match best {
         (true, _, values) => values,
-        // The neighbourhood is exhausted: anything that is new, if there is any.
+        // The neighbourhood is exhausted: any new value, if there is one.
         (false, _, values) => {
             let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<TrialValue>>();
             std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)
@@ -74,9 +75,9 @@ pub fn propose(
 /// Parzen density over all dimensions: mean of a kernel about each trial and of a wide one.
 struct ParzenDensity<'a> {
     dimensions: &'a [SearchDimension],
-    /// The middle of each trial's cell, on the scale of each dimension.
+    /// The centre of each trial's cell, on the scale of each dimension.
     centres: Vec<Vec<f64>>,
-    /// The width of the kernels of numbers, in parts of the scale.
+    /// Kernel width of numbers, as a fraction of the scale.
     width: f64,
 }
 
@@ -88,7 +89,8 @@ impl<'a> ParzenDensity<'a> {
         };
         let centres: Vec<Vec<f64>> = trials.iter().map(|t| dimensions.iter().zip(*t).map(middle).collect()).collect();
         let n = centres.len().max(1) as f64;
-        // Scott's rule with a factor for a scale of 1, and never so narrow that the kernels of few trials leave gaps.
+        // Scott's rule with a factor for a scale of 1 and a lower limit, so that the kernels of few trials leave no
+        // gaps.
         let scott = 0.2 * n.powf(-1.0 / (dimensions.len() as f64 + 4.0));
         let width = scott.max(1.0 / (n + 2.0).min(100.0));
         ParzenDensity { dimensions, centres, width }
@@ -118,8 +120,8 @@ impl<'a> ParzenDensity<'a> {
         each.collect()
     }
 
-    /// The weight of the kernel of a choice: its own trial counts 1, all choices together as much as one kernel of
-    /// many.
+    /// The kernel weight of a choice: 1 for the trial's own choice, plus a total for all choices that equals one of
+    /// many kernels.
     fn share(&self, choices: usize) -> f64 {
         1.0 + choices as f64 / self.kernels()
     }
@@ -151,20 +153,20 @@ impl<'a> ParzenDensity<'a> {
     }
 }
 
-/// A draw from the normal distribution about `centre`, cut off outside of 0 to 1.
+/// A draw from the normal distribution about `centre`, truncated to 0 to 1.
 fn normal(bits: &mut SplitMix64, centre: f64, width: f64) -> f64 {
     loop {
-        // Never 0, of which there is no logarithm.
+        // Never 0, which has no logarithm.
         let radius = (-2.0 * (1.0 - uniform(bits)).ln()).sqrt();
         let x = centre + width * radius * (std::f64::consts::TAU * uniform(bits)).cos();
-        // A centre is within the range, so that at least a third of the draws are.
+        // The centre is within the range, so at least a third of the draws are.
         if (0.0..=1.0).contains(&x) {
             return x;
         }
     }
 }
 
-/// The logarithm of that distribution's density at a point, or of its mean over a cell.
+/// The log density of that distribution at a point, or the log of its mean over a cell.
 fn log_normal((from, to): (f64, f64), centre: f64, width: f64) -> f64 {
     let z = |x: f64| (x - centre) / width;
     let within = between(z(0.0), z(1.0));
@@ -173,13 +175,13 @@ fn log_normal((from, to): (f64, f64), centre: f64, width: f64) -> f64 {
     } else {
         (-0.5 * z(from).powi(2)).exp() / (width * std::f64::consts::TAU.sqrt())
     };
-    // Far from its centre a kernel is as good as 0, which has no logarithm.
+    // Far from its centre the kernel underflows to 0, which has no logarithm.
     (density / within).max(f64::MIN_POSITIVE).ln()
 }
 
-/// The part of the standard normal distribution between two deviations.
+/// The probability of the standard normal distribution between two values.
 fn between(from: f64, to: f64) -> f64 {
     let tail = |z: f64| 0.5 * libm::erfc(z / std::f64::consts::SQRT_2);
-    // On the side where the tails are small their difference is exact.
+    // Differences of small tail probabilities are accurate.
     if from > 0.0 { tail(from) - tail(to) } else { tail(-to) - tail(-from) }
 }

@@ -2,27 +2,27 @@
 
 use rayon::prelude::*;
 
-/// Bins of a column at most.
+/// Maximum number of bins of a column.
 pub(super) const BINS: usize = 256;
 
-/// Columns whose bins stand side by side, so that one load has four of them.
+/// Number of columns whose bins are adjacent, so that one load fetches four.
 pub(super) const TOGETHER: usize = 4;
 
-/// Rows that quantiles are taken of at most, evenly spread over all rows.
+/// Maximum number of rows for quantiles, spread evenly over all rows.
 const SAMPLED: usize = 200_000;
 
 /// Bins of the values of all columns.
 pub(super) struct ColumnBins {
     pub rows: usize,
     pub width: usize,
-    /// For each four columns, of every row the four bins. Columns that do not exist have bin 0.
+    /// Per group of four columns, the four bins of every row. Padding columns have bin 0.
     packed: Vec<Vec<[u8; TOGETHER]>>,
-    /// For each column, the largest value of each bin but the last, ascending.
+    /// The upper limit of each bin but the last, per column, ascending.
     thresholds: Vec<Vec<f64>>,
 }
 
 impl ColumnBins {
-    /// The bins of finite rows, of which there is at least one.
+    /// The bins of finite rows, at least one.
     pub fn from_rows(x: &[f64], width: usize) -> Self {
         let rows = x.len() / width;
         let made: Vec<_> =
@@ -41,7 +41,7 @@ impl ColumnBins {
         self.thresholds.get(column).map_or(1, |t| t.len() + 1)
     }
 
-    /// The largest value of a bin.
+    /// The upper limit of a bin.
     pub fn threshold(&self, column: usize, bin: usize) -> f64 {
         self.thresholds.get(column).and_then(|t| t.get(bin)).copied().unwrap_or(f64::INFINITY)
     }
@@ -67,7 +67,7 @@ fn padded(thresholds: &[f64]) -> [f64; BINS] {
     all
 }
 
-/// How many thresholds are below `x`: a search without branches, as the order of values is random to the processor.
+/// The number of thresholds below `x`: a branch-free search, because the branches would be unpredictable.
 fn bin_of(thresholds: &[f64; BINS], x: f64) -> u8 {
     let mut at = 0;
     for step in [128, 64, 32, 16, 8, 4, 2, 1] {
@@ -76,7 +76,7 @@ fn bin_of(thresholds: &[f64; BINS], x: f64) -> u8 {
     at as u8
 }
 
-/// Midpoints between all distinct values. For more than [`BINS`] of them, midpoints at the quantiles of [`BINS`] parts.
+/// Midpoints between all distinct values. For more than [`BINS`] values, midpoints at the quantiles of [`BINS`] parts.
 fn thresholds(x: &[f64], width: usize, column: usize) -> Vec<f64> {
     let rows = x.len() / width;
     let sampled = rows.min(SAMPLED);
@@ -97,7 +97,7 @@ fn thresholds(x: &[f64], width: usize, column: usize) -> Vec<f64> {
     edges
 }
 
-/// Between two values, at least the lower and below the upper, unless they are equal.
+/// A number at least `lower` and, if they differ, below `upper`.
 fn middle(lower: f64, upper: f64) -> f64 {
     let middle = 0.5 * lower + 0.5 * upper;
     if middle >= lower && middle < upper { middle } else { lower }
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_bin_is_the_number_of_thresholds_below() {
+    fn unit_a_bin_equals_the_number_of_smaller_thresholds() {
         let x: Vec<f64> = (0..5000).map(|k| f64::from(k * 7919 % 5000) * 0.01 - 3.0).collect();
         let bins = ColumnBins::from_rows(&x, 1);
         assert_eq!(bins.count(0), BINS);
@@ -116,20 +116,20 @@ mod tests {
             let below = (0..BINS - 1).filter(|&b| bins.threshold(0, b) < *value).count();
             assert_eq!(below, usize::from(bin[0]));
         }
-        // Equal numbers of rows in each bin, up to one.
+        // Bins have equal numbers of rows, within one.
         let mut rows = [0; BINS];
         bins.packed(0).iter().for_each(|bin| rows[usize::from(bin[0])] += 1);
         assert!(rows.iter().all(|n| (19..=20).contains(n)), "{rows:?}");
     }
 
     #[test]
-    fn unit_neighbouring_doubles_repeated_values_and_constants_have_their_bins() {
+    fn unit_adjacent_repeated_and_constant_values_are_binned() {
         let up = f64::from_bits(1.0_f64.to_bits() + 1);
         let bins = ColumnBins::from_rows(&[1.0, 5.0, up, 5.0, -0.0, 5.0, 0.0, 5.0], 2);
         let column = |j: usize| bins.packed(0).iter().map(|b| b[j]).collect::<Vec<_>>();
         assert_eq!(column(0), [1, 2, 0, 0]);
         assert_eq!((column(1), bins.count(1)), (vec![0; 4], 1));
-        // One value in nine of ten rows: it has one bin of its own end, and the others keep theirs.
+        // One value in nine of ten rows: it has its own bin, and the other values keep theirs.
         let x: Vec<f64> = (0..10_000).map(|k| if k % 10 == 0 { f64::from(k) } else { 0.5 }).collect();
         let bins = ColumnBins::from_rows(&x, 1);
         assert!(bins.count(0) > 20 && bins.count(0) < 40, "{}", bins.count(0));

@@ -1,4 +1,4 @@
-//! One tree: the sums of each bin, the best split of each leaf, the best leaf first.
+//! Growth of one tree: the sums of each bin, the best split of each leaf, the best leaf first.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// The least gain, as a part of what it is the difference of: below it is rounding.
+/// Minimum gain relative to the terms of its difference; smaller gains are rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
@@ -22,7 +22,7 @@ const CHUNK: usize = BINS * TOGETHER;
 pub(super) struct TreeGrower<'a> {
     bins: &'a ColumnBins,
     how: &'a BoostingSettings,
-    /// The rows that the tree sees: those of a leaf stand together, in ascending order.
+    /// The rows that the tree uses, grouped by leaf in ascending order.
     rows: Vec<u32>,
     /// Split of a leaf.
     scratch: Vec<u32>,
@@ -32,7 +32,7 @@ pub(super) struct TreeGrower<'a> {
     pool: Vec<BinHistogram>,
     /// The leaves of the last tree.
     leaves: Vec<GrowingLeaf>,
-    /// Whether there are rows that the tree does not see.
+    /// Whether the tree uses a subset of the rows.
     partial: bool,
 }
 
@@ -51,7 +51,7 @@ struct GrowingLeaf {
 struct LeafSplit {
     gain: f64,
     column: usize,
-    /// The last bin of the left.
+    /// The last bin of the left leaf.
     bin: usize,
     left_sum: f64,
     left_rows: usize,
@@ -63,14 +63,14 @@ impl<'a> TreeGrower<'a> {
         Self { bins, how, rows, scratch, ordered, pool: vec![], leaves: vec![], partial: false }
     }
 
-    /// Takes the rows that the next tree sees: those that `some` returns for the number of rows, or all.
+    /// Selects the rows of the next tree: the result of `some` for the number of rows, or all.
     pub fn draw(&mut self, some: impl Fn(usize) -> Option<Vec<u32>>) {
         let drawn = some(self.bins.rows);
         self.partial = drawn.is_some();
         self.rows = drawn.unwrap_or_else(|| (0..self.bins.rows as u32).collect());
     }
 
-    /// The tree of these residuals.
+    /// Grows a tree on these residuals.
     pub fn tree(&mut self, residuals: &[f64]) -> RegressionTree {
         for leaf in std::mem::take(&mut self.leaves) {
             self.release(leaf.histogram);
@@ -87,7 +87,7 @@ impl<'a> TreeGrower<'a> {
                 *node = RegressionTreeNode::Split { feature: split.column, threshold, left: below, right: below + 1 };
             }
             nodes.extend([RegressionTreeNode::Leaf { value: 0.0 }; 2]);
-            // The leaves of the last split are not divided, so that nothing needs to be known of them.
+            // The leaves of the last split are not split further, so they need no histograms.
             let last = self.leaves.len() + 2 >= self.how.leaves;
             let two = self.divide(parent, split, below, residuals, last);
             self.leaves.extend(two);
@@ -101,7 +101,7 @@ impl<'a> TreeGrower<'a> {
         RegressionTree { nodes }
     }
 
-    /// Takes the values of the last tree off the residuals of all rows, `x`.
+    /// Subtracts the values of the last tree from the residuals of all rows, `x`.
     pub fn take_off(&self, tree: &RegressionTree, x: &[f64], residuals: &mut [f64]) {
         if self.partial {
             return tree.take_off(x, self.bins.width, residuals);
@@ -112,7 +112,7 @@ impl<'a> TreeGrower<'a> {
         }
     }
 
-    /// The leaf with the largest gain, the first node of equals.
+    /// The leaf with the largest gain; the first node of equals.
     fn best(&self) -> Option<(usize, LeafSplit)> {
         let candidates = self.leaves.iter().enumerate().filter_map(|(at, leaf)| Some((at, leaf.node, leaf.split?)));
         let better = |a: &(usize, usize, LeafSplit), b: &(usize, usize, LeafSplit)| {
@@ -200,7 +200,7 @@ impl<'a> TreeGrower<'a> {
         [left, right]
     }
 
-    /// The rows of the left in front of those of the right, both in their order.
+    /// Moves the rows of the left leaf before those of the right; both keep their order.
     fn partition(&mut self, range: Range<usize>, split: LeafSplit) {
         let packed = self.bins.packed(split.column / TOGETHER);
         let lane = split.column % TOGETHER;
@@ -220,12 +220,12 @@ impl<'a> TreeGrower<'a> {
     }
 }
 
-/// The sums of four columns over `rows`, whose residuals are `ordered`.
+/// The sums of four columns over `rows` with the residuals `ordered`.
 fn fill(histogram: &mut [[f64; 2]], packed: &[[u8; TOGETHER]], rows: &[u32], ordered: &[f64]) {
     histogram.fill([0.0; 2]);
     let (columns, _) = histogram.as_chunks_mut::<BINS>();
     let [a, b, c, d] = columns else { return };
-    // Four sums that do not wait for each other: consecutive samples of a flight fall into the same bins.
+    // Four independent sums: consecutive samples of a flight fall into the same bins.
     let add = |bin: &mut [f64; 2], residual: f64| *bin = [bin[0] + residual, bin[1] + 1.0];
     for (&row, &residual) in rows.iter().zip(ordered) {
         let bins = packed[row as usize];
@@ -256,7 +256,7 @@ fn best_of_four(
     first_best(histogram.chunks_exact(BINS).enumerate().map(one))
 }
 
-/// The best split of a leaf by one column, the lowest bin of equals.
+/// The best split of a leaf by one column; the lowest bin of equals.
 fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &BoostingSettings) -> Option<LeafSplit> {
     let least = how.least_rows as f64;
     let score = |sum: f64, rows: f64| sum * sum / (rows + how.l2);

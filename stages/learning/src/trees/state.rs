@@ -1,15 +1,15 @@
-//! The trees of a training that is not done, as bytes.
+//! The trees of an interrupted training as bytes.
 
 use super::{RegressionTree, RegressionTreeNode};
 
-/// The first bytes of stored trees; the last is the version of the layout.
+/// The first bytes of stored trees; the last byte is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGTREE\x01";
 /// First byte of a node.
 const LEAF: u64 = 0;
 const SPLIT: u64 = 1;
 
-/// Trees as bytes: a head, then of each tree the number of its nodes and the nodes, all numbers of eight bytes,
-/// little-endian, and a sum of all bytes (FNV-1a).
+/// Trees as bytes: a head, the number of nodes and the nodes of each tree, all as little-endian numbers of eight bytes,
+/// and a checksum (FNV-1a).
 pub fn trees_to_bytes(trees: &[RegressionTree]) -> Vec<u8> {
     let mut out = HEAD.to_vec();
     let mut put = |number: u64| out.extend(number.to_le_bytes());
@@ -30,7 +30,7 @@ pub fn trees_to_bytes(trees: &[RegressionTree]) -> Vec<u8> {
     out
 }
 
-/// The trees of bytes; `None` of bytes that are none, or are cut or altered.
+/// Reads trees from bytes; `None` for bytes that are not trees, truncated or altered.
 pub fn trees_from_bytes(bytes: &[u8]) -> Option<Vec<RegressionTree>> {
     let (whole, sum) = bytes.split_last_chunk::<8>()?;
     if checksum(whole) != u64::from_le_bytes(*sum) {
@@ -64,7 +64,7 @@ fn node(numbers: &mut impl Iterator<Item = u64>) -> Option<RegressionTreeNode> {
     Some(RegressionTreeNode::Split { feature, threshold, left, right: place(numbers.next())? })
 }
 
-/// FNV-1a of 64 bits.
+/// 64-bit FNV-1a hash.
 fn checksum(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_trees_come_back_and_altered_bytes_do_not() {
+    fn unit_trees_read_back_and_altered_bytes_are_rejected() {
         let split = RegressionTreeNode::Split { feature: 3, threshold: -0.1, left: 1, right: 2 };
         let leaf = |value| RegressionTreeNode::Leaf { value };
         let trees = vec![

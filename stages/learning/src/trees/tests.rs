@@ -25,7 +25,7 @@ fn mse(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[test]
-fn ref_columns_of_few_values_have_the_trees_of_scikit_learn() {
+fn ref_trees_of_few_distinct_values_equal_those_of_scikit_learn() {
     let table = columns(include_str!("../../reference/trees/few_values.csv"));
     let x = matrix(&table, &["x0", "x1", "x2", "x3", "x4"]);
     let first = BoostingSettings { trees: 40, leaves: 8, least_rows: 5, ..BoostingSettings::default() };
@@ -34,7 +34,7 @@ fn ref_columns_of_few_values_have_the_trees_of_scikit_learn() {
     for (how, name) in [(first, "leaves"), (BoostingSettings { trees: 15, ..deep }, "depth")] {
         let boosted = boost(&x, 5, &table["y"], &how, None, &mut on).unwrap();
         let ours = boosted.forest.predict(&x, 5);
-        // Their residuals have 24 bits: 1e-7 of some 5, summed over the trees.
+        // The reference residuals have 24 bits: an error of 1e-7 of about 5, summed over the trees.
         let worst = ours.iter().zip(&table[name]).fold(0.0f64, |w, (a, b)| w.max((a - b).abs()));
         assert!(worst < 2e-5, "{name}: {worst:e}");
         assert!((boosted.losses.last().unwrap().0 / mse(&ours, &table["y"]) - 1.0).abs() < 1e-9);
@@ -42,7 +42,7 @@ fn ref_columns_of_few_values_have_the_trees_of_scikit_learn() {
 }
 
 #[test]
-fn ref_columns_of_many_values_have_the_errors_of_scikit_learn() {
+fn ref_errors_with_many_distinct_values_agree_with_scikit_learn() {
     let table = columns(include_str!("../../reference/trees/many_values.csv"));
     let ((x, y), (ahead, truth)) = (waves(0..6000), waves(6000..9000));
     for first in (0..table["trees"].len()).step_by(5) {
@@ -52,7 +52,7 @@ fn ref_columns_of_many_values_have_the_errors_of_scikit_learn() {
         let boosted = boost(&x, 8, &y, &how, None, &mut on).unwrap();
         let ours = [boosted.losses[trees - 1].0, mse(&boosted.forest.predict(&ahead, 8), &truth)];
         for (ours, name) in ours.into_iter().zip(["train_mse", "ahead_mse"]) {
-            // The same with five numbers of bins there.
+            // Five numbers of bins of scikit-learn.
             let theirs = &table[name][first..first + 5];
             let (least, most) = theirs.iter().fold((f64::MAX, 0.0f64), |(a, b), x| (a.min(*x), b.max(*x)));
             assert!(ours > 0.97 * least && ours < 1.03 * most, "{trees} trees, {name}: {ours} {theirs:?}");
@@ -86,7 +86,7 @@ fn law_neither_scale_nor_logarithm_of_a_column_changes_a_tree() {
 }
 
 #[test]
-fn law_threads_change_no_bit_and_seeds_change_what_a_tree_sees() {
+fn unit_threads_change_no_bit_and_seeds_change_the_rows_of_a_tree() {
     let (x, y) = waves(0..4000);
     let run = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -103,7 +103,7 @@ fn law_threads_change_no_bit_and_seeds_change_what_a_tree_sees() {
 }
 
 #[test]
-fn law_a_training_that_goes_on_has_the_bits_of_one_that_was_not_broken_off() {
+fn unit_a_resumed_training_is_bit_identical() {
     let (x, y) = waves(0..3000);
     for (subsample, patience) in [(1.0, None), (0.6, Some(6))] {
         let how = BoostingSettings { trees: 12, subsample, patience, ..BoostingSettings::default() };
@@ -130,7 +130,7 @@ fn law_a_training_that_goes_on_has_the_bits_of_one_that_was_not_broken_off() {
 }
 
 #[test]
-fn law_training_ends_early_at_the_trees_that_validate_best() {
+fn unit_early_stopping_keeps_the_trees_with_the_best_validation_loss() {
     let (x, y) = waves(0..2000);
     // The validation target is twice as large with the opposite sign. Each tree after the first makes its loss worse.
     let ahead: Vec<f64> = y.iter().map(|y| -2.0 * y).collect();
@@ -152,7 +152,7 @@ fn law_training_ends_early_at_the_trees_that_validate_best() {
 }
 
 #[test]
-fn unit_what_cannot_be_trained_on_is_refused() {
+fn unit_invalid_training_input_is_rejected() {
     let (mut x, y) = waves(0..200);
     let how = BoostingSettings::default();
     let fault =
@@ -176,7 +176,7 @@ fn unit_what_cannot_be_trained_on_is_refused() {
 }
 
 #[test]
-fn unit_a_forest_that_leads_in_a_circle_is_refused_and_ends() {
+fn unit_a_cyclic_forest_is_rejected() {
     let split = |feature, left, right| RegressionTreeNode::Split { feature, threshold: 0.0, left, right };
     let leaf = RegressionTreeNode::Leaf { value: 1.0 };
     let good = RegressionTree { nodes: vec![split(1, 1, 2), leaf, leaf] };

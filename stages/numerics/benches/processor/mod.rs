@@ -1,9 +1,9 @@
-//! Time on the processor.
+//! Processor time.
 
 use std::{hint::black_box, time::Instant};
 
-/// The time that this thread had the processor, in seconds, for `work` (that on the clock where the system does not
-/// tell), and its answer.
+/// Processor time of this thread for `work`, in seconds, and its result. Elapsed time if the system does not report
+/// processor time.
 pub fn processor_s<T>(work: impl FnOnce() -> T) -> (f64, T) {
     let on_processor_s = || -> Option<f64> {
         let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;

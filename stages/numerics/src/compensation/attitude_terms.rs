@@ -2,8 +2,8 @@
 
 use crate::earth::attitude::body_to_ned;
 
-/// The products of sines and cosines of roll, pitch and yaw that have names: `c` and `s` for cosine and
-/// sine, `r`, `p` and `y` for the angle.
+/// Named products of sines and cosines of roll, pitch and yaw: `c` and `s` for cosine and sine, `r`, `p` and `y` for
+/// the angle.
 pub const PRODUCTS: [&str; 20] = [
     "crcy", "cpcy", "crsy", "cpsy", "srcy", "spcy", "srsy", "spsy", "crcpcy", "srcpcy", "crspcy", "srspcy", "crcpsy",
     "srcpsy", "crspsy", "srspsy", "crcp", "srcp", "crsp", "srsp",
@@ -25,13 +25,13 @@ impl AttitudeColumns<'_> {
         self.roll_deg.len().min(self.pitch_deg.len()).min(self.yaw_deg.len())
     }
 
-    /// An element of the matrix that turns north-east-down into the body frame, counted from 1 column by column as
-    /// MagNav.jl's `dcm_1` to `dcm_9`; `None` for another number.
+    /// Element of the matrix from north-east-down to the body frame, counted from 1 column by column as MagNav.jl's
+    /// `dcm_1` to `dcm_9`; `None` for another number.
     pub fn direction_cosine(&self, number: usize) -> Option<Vec<f64>> {
         let at = number.checked_sub(1).filter(|k| *k < 9)?;
         let one = |i: usize| {
             let [roll, pitch, yaw] = [self.roll_deg[i], self.pitch_deg[i], self.yaw_deg[i]].map(f64::to_radians);
-            // Column by column of a transpose is row by row of the matrix.
+            // A transpose column by column is the matrix row by row.
             body_to_ned(roll, pitch, yaw)[(at / 3, at % 3)]
         };
         Some((0..self.rows()).map(one).collect())
@@ -64,7 +64,7 @@ mod tests {
     const ATTITUDE: AttitudeColumns = AttitudeColumns { roll_deg: &[10.0], pitch_deg: &[-5.0], yaw_deg: &[70.0] };
 
     #[test]
-    fn ref_direction_cosines_are_magnavs() {
+    fn ref_direction_cosines_equal_magnav() {
         // dcm_1 = C11, dcm_2 = C21, dcm_3 = C31 of nav to body: cos p cos y, -cos r sin y + sin r sin p cos y, ...
         let (r, p, y) = (10f64.to_radians(), (-5f64).to_radians(), 70f64.to_radians());
         let expected = [
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn law_products_are_what_their_names_say() {
+    fn law_products_match_their_names() {
         let (r, p, y) = (10f64.to_radians(), (-5f64).to_radians(), 70f64.to_radians());
         let of = |name| ATTITUDE.product(name).unwrap()[0];
         assert!((of("srspcy") - r.sin() * p.sin() * y.cos()).abs() < 1e-15);

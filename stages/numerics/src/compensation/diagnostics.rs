@@ -1,38 +1,38 @@
-//! Whether a calibration can be trusted: what the flight did not excite, whether the fit is the trivial one, and how
-//! far calibrations differ.
+//! Diagnostics of a calibration: terms that the flight did not excite, closeness of the fit to the trivial solution,
+//! and differences between calibrations.
 
 use crate::regression::least_squares::{
     LeastSquaresError, LinearFit, RegressionMoments, ScaledFactor, expect, setting,
 };
 
-/// The smallest component of a direction whose term is listed with it.
+/// Minimum component of a term in a weak direction for the term to be listed.
 const NAMED_FROM: f64 = 0.1;
 
 /// A combination of terms that the rows barely excite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeakDirection {
-    /// Its singular value over the largest, with all columns scaled alike.
+    /// Ratio of its singular value to the largest, with all columns scaled to the same length.
     pub strength: f64,
-    /// The terms that make it up, each with its component (of a unit vector), largest first.
+    /// Terms of the combination, each with its component (of a unit vector), largest first.
     pub terms: Vec<(String, f64)>,
 }
 
 /// Excitation of the terms by a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Excitation {
-    /// The largest singular value over the smallest; infinite where a term is zero throughout.
+    /// Ratio of the largest singular value to the smallest; infinite if a term is zero throughout.
     pub condition: f64,
-    /// For each term, by how much its coefficient's variance is larger than it would be if no other term
-    /// were like it; infinite where it is a combination of other terms. 10 is a common limit.
+    /// Variance inflation factor of each term: ratio of its coefficient's variance to the variance without correlated
+    /// terms. Infinite if the term is a combination of other terms. 10 is a common limit.
     pub variance_inflation: Vec<f64>,
-    /// The directions weaker than the limit, weakest first.
+    /// Directions weaker than the limit, weakest first.
     pub weak: Vec<WeakDirection>,
 }
 
-/// Which combinations of terms have a singular value below `weak_below` times the largest.
+/// Finds the combinations of terms with a singular value below `weak_below` times the largest.
 ///
-/// Take a factor with all columns on one scale ([`crate::regression::least_squares::ColumnScaling::Standardise`]): the
-/// result is about the flight, not about units.
+/// Requires a factor with all columns on one scale ([`crate::regression::least_squares::ColumnScaling::Standardise`]),
+/// so that the result depends on the flight and not on units.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] for a list of names of another length, with [`LeastSquaresError::Setting`]
@@ -59,7 +59,7 @@ pub fn excitation<S: AsRef<str>>(
     Ok(Excitation { condition: largest / smallest, variance_inflation: variance_inflation(prepared, &singular), weak })
 }
 
-/// (Rᵀ R)⁻¹ⱼⱼ (Rᵀ R)ⱼⱼ, by the decomposition.
+/// Variance inflation factors (Rᵀ R)⁻¹ⱼⱼ (Rᵀ R)ⱼⱼ, from the decomposition.
 fn variance_inflation(
     prepared: &ScaledFactor,
     singular: &crate::regression::least_squares::ScaledFactorSvd,
@@ -100,32 +100,32 @@ impl Excitation {
 
 /// Distance of a Tolles-Lawson fit from the trivial one, which attributes the whole field to the aircraft.
 ///
-/// The trivial solution [van der Meer 2025, 4.2.1]: no permanent field, the unit matrix as induced field, no eddy
-/// currents; Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, and the earth's field that is left is zero.
-/// Band-passed rows cannot tell it from the true one where the earth's field is constant; the unfiltered
-/// terms can: there the true one is some hundreds of nT in 50,000 and the trivial one all of it.
+/// The trivial solution [van der Meer 2025, 4.2.1] has no permanent field, the unit matrix as induced field and no eddy
+/// currents. Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, with a residual of zero. Band-passed rows cannot
+/// separate it from the true solution where the earth's field is constant. Unfiltered terms can: the true solution
+/// explains some hundreds of nT of 50,000, the trivial one all of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrivialSolution {
-    /// How much of the total field the fit explains away, in the metric of the unfiltered terms:
-    /// 0.002 for 100 nT in 50,000, 1 for the trivial solution.
+    /// Fraction of the total field that the fit explains, in the metric of the unfiltered terms: 0.002 for 100 nT in
+    /// 50,000, 1 for the trivial solution.
     pub share: f64,
     /// ‖A (β − trivial)‖/‖A trivial‖ over the unfiltered terms: near 1 for a true fit, 0 for the trivial one.
     pub distance: f64,
-    /// The same over the rows that were fitted: where it is small, only the ridge chose between the two.
+    /// The same distance over the fitted rows. If it is small, only the ridge separates the two solutions.
     pub distance_fitted: f64,
-    /// ‖y − A β‖² + λ ‖β‖² of the fit.
+    /// Loss of the fit, ‖y − A β‖² + λ ‖β‖².
     pub loss: f64,
-    /// The same of the trivial solution: λ · 3 s² (van der Meer 2025's 3 λ for s = 1), and what it misses.
+    /// Loss of the trivial solution: λ · 3 s² (van der Meer 2025's 3 λ for s = 1) plus its squared residuals.
     pub trivial_loss: f64,
 }
 
 impl TrivialSolution {
-    /// Whether more than half of the field is explained away.
+    /// Whether the fit explains more than half of the field.
     pub fn is_trivial(&self) -> bool {
         self.share > 0.5
     }
 
-    /// Whether the loss of the fit is less than that of the trivial solution, so that the ridge excludes it.
+    /// Whether the loss of the fit is less than that of the trivial solution, so that the ridge excludes the latter.
     pub fn is_excluded(&self) -> bool {
         self.loss < self.trivial_loss
     }
@@ -133,15 +133,15 @@ impl TrivialSolution {
 
 /// Compares `fit` with the trivial solution.
 ///
-/// `unfiltered` holds the terms as they are, `fitted` the rows of the fit, both with the terms `names` in the
-/// same order (others than `xx`, `yy`, `zz` may be anything); `scale_nt` s is that of the induced terms, `lambda`
-/// the ridge parameter of unscaled columns. `None` where one of the diagonal terms is not there, so that the
-/// trivial solution cannot be expressed.
+/// `unfiltered` holds the unfiltered terms, `fitted` the rows of the fit, both with the terms `names` in the same
+/// order. Terms other than `xx`, `yy`, `zz` are arbitrary. `scale_nt` s is the scale of the induced terms, `lambda` the
+/// ridge parameter of unscaled columns. `None` if a diagonal term is missing, so that the trivial solution cannot be
+/// expressed.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::Shape`] for names, unfiltered terms or coefficients that are not as many as the
-/// fitted terms. Where the diagonal terms are there, also with [`LeastSquaresError::NoRows`] when either has no rows,
-/// and with [`LeastSquaresError::NoSuch`] for an unknown target.
+/// Fails with [`LeastSquaresError::Shape`] if names, unfiltered terms or coefficients are not as many as the fitted
+/// terms. If the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] when either has no rows, and with
+/// [`LeastSquaresError::NoSuch`] for an unknown target.
 pub fn trivial_solution<S: AsRef<str>>(
     unfiltered: &RegressionMoments,
     fitted: &RegressionMoments,
@@ -189,12 +189,12 @@ pub fn trivial_solution<S: AsRef<str>>(
 
 /// Upper bound of the error of the linear form of Tolles-Lawson, in nT, in any attitude.
 ///
-/// The aircraft's field F changes the magnitude B of the earth's by F·B̂ + F⊥²/2B + …, and the model has the first term
-/// alone. F is `permanent_nt` p (nose, right, down) plus M B with the symmetric matrix `induced` (xx, xy, xz, yy, yz,
-/// zz, per unit field). A term xy of the model is the sum of xy and yx. The size of F is at most |p| + ‖M‖ B, with the
-/// largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B, the relative b²/2 of van der Meer 2025
-/// (Figure 4.2: 0.4 nT for 200 nT in 50,000 nT). It excludes eddy currents and the antisymmetric part of M, which a
-/// scalar magnetometer cannot observe.
+/// The aircraft's field F changes the magnitude B of the earth's field by F·B̂ + F⊥²/2B + …; the model has only the
+/// first term. F is `permanent_nt` p (nose, right, down) plus M B with the symmetric matrix `induced` (xx, xy, xz, yy,
+/// yz, zz, per unit field). A term xy of the model is the sum of xy and yx. The size of F is at most |p| + ‖M‖ B, with
+/// the largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B, the relative b²/2 of van der Meer
+/// 2025 (Figure 4.2: 0.4 nT for 200 nT in 50,000 nT). It excludes eddy currents and the antisymmetric part of M, which
+/// a scalar magnetometer cannot observe.
 pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_nt: f64) -> f64 {
     let [xx, xy, xz, yy, yz, zz] = induced;
     let (xy, xz, yz) = (0.5 * xy, 0.5 * xz, 0.5 * yz);
@@ -212,9 +212,9 @@ pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_n
 pub struct CoefficientVariation {
     /// The mean of the coefficient.
     pub mean: f64,
-    /// Its standard deviation with n − 1; NaN of one calibration.
+    /// Standard deviation with n − 1; NaN for one calibration.
     pub std: f64,
-    /// std/|mean|. [Gnadt 2022 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
+    /// Coefficient of variation, std/|mean|. [Gnadt 2022 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
     pub coefficient_of_variation: f64,
 }
 
@@ -251,7 +251,7 @@ mod tests {
     use crate::signal::filter::{ConstantColumns, FilterBand, ZeroPhaseFilter};
 
     #[test]
-    fn ref_variation_is_that_of_table_3_1() {
+    fn ref_variation_equals_table_3_1() {
         // Gnadt 2022, Table 3.1: three boxes without a ridge, cosX, cosXX and cosYZ.
         let boxes = [[1974.0, -1013.0, -18.0], [1798.0, -787.0, 180.0], [1243.0, -1132.0, 190.0]];
         let variation = variation(&[&boxes[0], &boxes[1], &boxes[2]]).unwrap();
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_linear_form_never_misses_more_than_its_bound() {
+    fn law_the_linear_form_errs_by_at_most_its_bound() {
         // Van der Meer 2025, section 4.1: 200 nT in 50,000 nT give 0.4 nT.
         assert!((approximation_bound_nt([200.0, 0.0, 0.0], [0.0; 6], 50_000.0) - 0.4).abs() < 1e-12);
         let permanent = nalgebra::Vector3::new(900.0, -700.0, 400.0);
@@ -285,14 +285,14 @@ mod tests {
             assert!(missed > -1e-9);
             most = most.max(missed);
         }
-        // Third order, F³/2B², is 2 % here; the worst attitude comes near the bound, as F need not be at right angles
+        // The third order, F³/2B², is 2 % here. The worst attitude comes near the bound: F need not be at right angles
         // in the direction in which it is largest.
         assert!(most <= bound && most > 0.4 * bound, "{most} {bound}");
         assert!(approximation_bound_nt([f64::NAN; 3], [0.0; 6], 5e4).is_nan());
     }
 
     #[test]
-    fn law_what_is_not_excited_is_named_and_inflated() {
+    fn law_weakly_excited_terms_are_listed_and_inflated() {
         let mut normals = NormalGenerator::new(2);
         let a: Vec<f64> = (0..500)
             .flat_map(|_| {
@@ -306,7 +306,7 @@ mod tests {
         assert_eq!(found.weak.len(), 1);
         let named: Vec<&str> = found.weak[0].terms.iter().map(|(name, _)| name.as_str()).collect();
         assert!(named.len() == 2 && named.contains(&"roll") && named.contains(&"yaw"), "{named:?}");
-        // 1/(1 − R²) with R the correlation: 1 − R² = 1e-6 of the noise's share, known to √(2/500).
+        // 1/(1 − R²) with R the correlation: 1 − R² is 1e-6 of the noise's share, with a relative error of √(2/500).
         assert!((found.variance_inflation[0] / 1e6 - 1.0).abs() < 0.3, "{:?}", found.variance_inflation);
         assert!((found.variance_inflation[1] - 1.0).abs() < 0.05);
         let message = found.message().unwrap();
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!((found.weak.len(), found.variance_inflation[0]), (2, f64::INFINITY));
     }
 
-    /// A figure-of-merit pattern in an earth's field of constant size, with an aircraft of 300 nT or so.
+    /// A calibration box in an earth's field of constant size, with an aircraft field of some 300 nT.
     fn flight() -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
         let rate = 10.0;
         let (mut vector, mut scalar) = ([Vec::new(), Vec::new(), Vec::new()], Vec::new());
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_trivial_solution_is_told_from_the_true_one() {
+    fn law_the_trivial_solution_is_separated_from_the_true_one() {
         let (a, filtered, y, _) = flight();
         let names = TermSelection::default().names();
         let unfiltered = RegressionMoments::from_matrix(&a, 18, &[]).unwrap();
@@ -356,8 +356,8 @@ mod tests {
             let fit = LinearFit { coefficients: path.solutions[0].coefficients[0].clone(), intercept: 0.0 };
             trivial_solution(&unfiltered, &fitted, 0, &names, &fit, lambda, DEFAULT_SCALE_NT).unwrap().unwrap()
         };
-        // With next to no ridge the fit is the trivial one, which explains the scalar without error, where the true
-        // one is off by some 1e-5 nT.
+        // With a negligible ridge the fit is the trivial solution, which explains the scalar exactly. The true solution
+        // errs by some 1e-5 nT.
         let weak = judged(1e-22);
         assert!(weak.is_trivial() && weak.distance < 0.1, "{weak:?}");
         let strong = judged(0.025);

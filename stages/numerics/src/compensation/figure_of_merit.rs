@@ -1,4 +1,4 @@
-//! Noriega's figure of merit: what the manoeuvres of a calibration box leave in a compensated signal.
+//! Noriega's figure of merit: residual signal of the manoeuvres of a calibration box after compensation.
 //!
 //! A box has four headings and on each a pitch, a roll and a yaw manoeuvre, a few periods of a sinusoid. The index is
 //! the sum over these twelve of the mean peak-to-peak amplitude of the signal during the manoeuvre.
@@ -9,17 +9,17 @@ use std::ops::Range;
 
 use crate::regression::statistics::SampleStatistic;
 
-/// Swings below this, in degrees from one extreme to the next, are not manoeuvres.
+/// Minimum swing of a manoeuvre, in degrees from one extreme to the next.
 const LEAST_SWING_DEG: f64 = 3.0;
-/// Extremes that follow each other more slowly than this, in seconds, are not part of one manoeuvre.
+/// Maximum time between extremes of one manoeuvre, in seconds.
 const SLOWEST_HALF_S: f64 = 12.0;
-/// Extremes that follow each other faster than this, in seconds, are gusts.
+/// Minimum time between extremes of a manoeuvre, in seconds; faster ones are gusts.
 const FASTEST_HALF_S: f64 = 1.0;
-/// Extremes of one manoeuvre: slightly more than two periods.
+/// Minimum number of extremes of a manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
 /// Largest deviation of swings and half periods of a manoeuvre from its first ones. Gusts are less regular.
 const REGULAR: f64 = 1.7;
-/// Half of the window, in seconds, whose mean is the attitude that a manoeuvre swings about.
+/// Half of the averaging window for the mean attitude of a manoeuvre, in seconds.
 const TREND_S: f64 = 15.0;
 
 /// Axis of rotation of a manoeuvre.
@@ -47,14 +47,14 @@ pub struct BoxManoeuvre {
 }
 
 impl BoxManoeuvre {
-    /// From the first extreme to the last.
+    /// Rows from the first extreme to the last.
     fn rows(&self) -> Range<usize> {
         let ends = self.extremes.first().copied().zip(self.extremes.last().copied());
         ends.map_or(0..0, |(first, last)| first..last + 1)
     }
 }
 
-/// The manoeuvres in an attitude (roll, pitch, yaw in degrees at the times `tt_s`), in the order of time.
+/// Manoeuvres in an attitude (roll, pitch, yaw in degrees at the times `tt_s`), in the order of time.
 ///
 /// A manoeuvre is five or more extremes in a row of one axis, at least 3 degrees from one to the next, of about the
 /// same swing and spacing. Where two axes swing at once it belongs to the one that swings more.
@@ -86,8 +86,8 @@ pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<BoxManoeuvre> 
     kept
 }
 
-/// The figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, and how many
-/// manoeuvres it is computed from. NaN unless pitch, roll and yaw manoeuvres exist on four headings at right angles.
+/// Figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, and the number of
+/// manoeuvres used. NaN unless pitch, roll and yaw manoeuvres exist on four headings at right angles.
 pub fn figure_of_merit(signal: &[f64], manoeuvres: &[BoxManoeuvre]) -> SampleStatistic {
     let Some(first) = manoeuvres.first() else { return SampleStatistic { value: f64::NAN, n: 0 } };
     let (mut sums, mut counts) = ([0.0; 12], [0usize; 12]);
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_box_without_all_manoeuvres_has_no_index() {
+    fn unit_an_incomplete_box_has_no_index() {
         let (tt, attitude, signal) = square([10.0, 5.0, 0.0], [0.1, 0.3, 0.02]);
         let found = manoeuvres(&tt, attitude.each_ref().map(Vec::as_slice));
         assert_eq!(found.len(), 8);
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn law_gusts_and_turns_are_no_manoeuvres() {
+    fn unit_gusts_and_turns_are_not_manoeuvres() {
         let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
         let mut normals = crate::random::NormalGenerator::new(5);
         // Gusts of 1.5 degrees whose rate is continuous, as an airframe's inertia makes it: two poles at 2 s.

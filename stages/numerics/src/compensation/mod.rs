@@ -1,11 +1,11 @@
-//! The aircraft's own field: the terms of Tolles and Lawson and how well they explain a flight.
+//! The aircraft field: the terms of Tolles and Lawson and their fit to a flight.
 //!
 //! | Module | Contents |
 //! |:--|:--|
 //! | [`tolles_lawson`] | the Tolles-Lawson matrix, its groups of terms and their names |
-//! | [`model_terms`] | terms of extended models: inputs along the field, the core field, the slope of the geology |
+//! | [`model_terms`] | terms of extended models: inputs along the field, the core field, the slope of the anomaly |
 //! | [`attitude_terms`] | direction cosines and products of sines and cosines of the attitude |
-//! | [`diagnostics`] | what a flight does not excite, the trivial solution, the scatter of calibrations |
+//! | [`diagnostics`] | weakly excited terms, the trivial solution, the scatter of calibrations |
 //! | [`figure_of_merit`] | the manoeuvres of a calibration box and Noriega's figure of merit |
 //!
 //! The coefficients are fitted with [`regression`](crate::regression), usually after the terms and the scalar are
@@ -32,13 +32,13 @@
 //! induced field is b_xy + b_yx: a scalar magnetometer cannot separate them. The band-pass removes the earth's field
 //! B_e as far as it varies slowly.
 //!
-//! Where the printed equations differ: Gnadt 2022 (3.20) lacks s, on which its Tables 3.1 and 3.2 and its ridge
-//! parameter of 0.025 rest. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the change
+//! Differences from the printed equations: Gnadt 2022 (3.20) lacks s, which its Tables 3.1 and 3.2 and its ridge
+//! parameter of 0.025 include. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the rate
 //! is that of the vector, not |B| times that of the unit vector.
 //!
-//! The band-passed equations are also solved by a = 0, b = 1, c = 0, which calls the whole field the aircraft's.
-//! [`trivial_solution`] measures how near a fit is to that [van der Meer 2025, 4.2.1]. The linear form itself errs by
-//! at most [van der Meer 2025, Figure 4.2]
+//! The band-passed equations also have the trivial solution a = 0, b = 1, c = 0, which attributes the whole field to
+//! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The linear
+//! form itself errs by at most [van der Meer 2025, Figure 4.2]
 //!
 //! ```text
 //! (|a| + ‖b‖ B)²/(2 B)

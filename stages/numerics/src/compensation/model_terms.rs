@@ -1,5 +1,5 @@
-//! Terms of compensation models in addition to the Tolles-Lawson matrix: inputs on the direction of the field, the core
-//! field in the body frame, and the slope of the geology.
+//! Terms of compensation models in addition to the Tolles-Lawson matrix: inputs projected on the field direction, the
+//! core field in the body frame, and the slope of the crustal anomaly.
 
 use crate::{
     earth::geodesy::EarthModel,
@@ -21,7 +21,7 @@ pub enum ExtendedTermGroup {
 }
 
 impl ExtendedTermGroup {
-    /// The numbers that the group's terms end on.
+    /// Suffix numbers of the group's terms.
     pub fn suffixes(self) -> &'static [usize] {
         match self {
             ExtendedTermGroup::Raw => &[1],
@@ -59,10 +59,10 @@ pub fn core_term_names() -> Vec<String> {
     AXES.iter().map(|a| format!("core_{a}")).chain(pairs("")).chain(pairs("_dot")).collect()
 }
 
-/// The 21 terms of the core-field (reference-free) model, row-major: with u the direction cosines of the vector
-/// magnetometer, C the core field in the body frame and Ċ its difference per sample, u_i (3), C_i u_j (9) and Ċ_i u_j
-/// (9), i varying fastest, the latter two over `scale_nt`. The target that goes with them is the scalar less |C|.
-/// [van der Meer 2025, (2.12)-(2.18) and (2.30), with vec() column by column]
+/// The 21 terms of the core-field (reference-free) model, row-major. With u the direction cosines of the vector
+/// magnetometer, C the core field in the body frame and Ċ its difference per sample, they are u_i (3), C_i u_j (9) and
+/// Ċ_i u_j (9). The index i varies fastest; the latter two are divided by `scale_nt`. Their target is the scalar less
+/// |C|. [van der Meer 2025, (2.12)-(2.18) and (2.30), with vec() column by column]
 ///
 /// `None` for a single sample, whose difference is unknown.
 pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Option<Vec<f64>> {
@@ -91,7 +91,7 @@ pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Opti
 pub enum AnomalySlopeModel {
     /// Easting and northing: the models TLL and MTLL.
     Planar,
-    /// These, their product and their squares: TLQ.
+    /// Easting, northing, their product and their squares: the model TLQ.
     Quadratic,
 }
 
@@ -124,13 +124,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_groups_have_the_theses_numbers() {
+    fn ref_groups_have_the_term_numbers_of_the_thesis() {
         let cosines: [&[f64]; 3] = [&[1.0, 0.0, 0.6], &[0.0, 1.0, 0.0], &[0.0, 0.0, 0.8]];
         let input = [2.0, 4.0, 8.0];
         let of = |group| extended_terms(&input, cosines, group).unwrap();
         assert_eq!(of(ExtendedTermGroup::Raw), [[2.0, 4.0, 8.0]]);
         assert_eq!(of(ExtendedTermGroup::Projected), [[2.0, 0.0, 4.8], [0.0, 4.0, 0.0], [0.0, 0.0, 6.4]]);
-        // Differences: 2 at the ends' one side, 3 in the middle, 4.
+        // Differences: one-sided, 2 and 4, at the ends; 3 in the middle.
         assert_eq!(of(ExtendedTermGroup::ProjectedChange), [[2.0, 0.0, 2.4], [0.0, 3.0, 0.0], [0.0, 0.0, 3.2]]);
         let names: Vec<usize> =
             [ExtendedTermGroup::Raw, ExtendedTermGroup::Projected, ExtendedTermGroup::ProjectedChange]
@@ -142,9 +142,9 @@ mod tests {
         assert!(extended_terms(&[1.0], [&[1.0], &[0.0], &[0.0]], ExtendedTermGroup::ProjectedChange).is_none());
     }
 
-    /// Modelled scalar reading to first order: the aircraft's P + M C + E Ċ along the field's direction.
+    /// Scalar reading of the model to first order: P + M C + E Ċ of the aircraft along the field's direction.
     #[test]
-    fn law_core_terms_are_the_aircrafts_field_along_the_vector() {
+    fn law_core_terms_equal_the_aircraft_field_along_the_vector() {
         let core: [&[f64]; 3] =
             [&[20_000.0, 21_000.0, 19_000.0], &[5000.0, 4000.0, 4500.0], &[40_000.0, 41_000.0, 40_500.0]];
         let vector: [&[f64]; 3] =
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn law_slopes_are_kilometres() {
+    fn unit_slope_terms_are_in_kilometres() {
         let terms = AnomalySlopeModel::Quadratic.terms(&[45.0, 45.01], &[-75.0, -75.0], (45.0, -75.0));
         assert_eq!(terms.len(), 5);
         // A hundredth of a degree of latitude at 45 degrees: 1111.3 m.

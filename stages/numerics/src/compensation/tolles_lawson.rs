@@ -1,10 +1,10 @@
-//! The Tolles-Lawson matrix: how an aircraft's own field depends on its attitude in the earth's.
+//! The Tolles-Lawson matrix: dependence of the aircraft field on the attitude in the earth's field.
 //!
 //! With B the vector magnetometer in the body frame (nT), Bt its magnitude (or a scalar
 //! magnetometer: the modified model), Ḃ the central difference of B per sample and s a scale:
 //! permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1.
-//! [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20, with the scale that eq. 3.20 leaves out and
-//! eddy currents driven by the change of the vector, as MagNav.jl computes them]
+//! [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20, with the scale that eq. 3.20 omits and eddy currents driven by
+//! the change of the vector, as MagNav.jl computes them]
 
 mod terms;
 
@@ -83,10 +83,9 @@ impl BodyFieldColumns<'_> {
 /// The Tolles-Lawson matrix, row-major, one row per sample and one column per term in the order of
 /// [`TermSelection::names`].
 ///
-/// Differences are taken within each run of samples whose vector is finite and are one-sided at
-/// the run's ends, so that they never cross a gap; in a run of a single sample they are NaN. A
-/// sample whose vector is not finite gives NaN in all but the bias, one whose scalar is not finite
-/// or is zero gives NaN in the terms divided by it.
+/// Differences are taken within each run of samples whose vector is finite and are one-sided at the run's ends, so that
+/// they never cross a gap. In a run of a single sample they are NaN. A sample whose vector is not finite gives NaN in
+/// all terms but the bias. A sample whose scalar is zero or not finite gives NaN in the terms divided by it.
 ///
 /// # Errors
 /// Fails with [`AMatrixError::Lengths`] for columns of different lengths, and with [`AMatrixError::Scale`] for a scale
@@ -97,8 +96,8 @@ pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64
     matrix_in_runs(field, terms, scale_nt, std::slice::from_ref(&whole))
 }
 
-/// The same as [`matrix`], with breaks that are not visible in the field itself, such as jumps of time. A difference
-/// stays within its run. Rows outside all `runs` are NaN in all but the bias.
+/// Matrix as by [`matrix`], with breaks that are not visible in the field itself, such as jumps of time. A difference
+/// stays within its run. Rows outside all `runs` are NaN in all terms but the bias.
 ///
 /// # Errors
 /// Fails as [`matrix`].

@@ -44,7 +44,7 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
 pub fn tilted(body_to_ned: &Matrix3<f64>, tilt_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle = tilt_rad.norm();
     let cross = skew(tilt_rad);
-    // sin(m)/m and (1-cos m)/m², the latter through the half angle so that nothing cancels.
+    // sin(m)/m and (1-cos m)/m², the latter through the half angle to avoid cancellation.
     let first = sinc(angle);
     let second = 0.5 * sinc(0.5 * angle).powi(2);
     (Matrix3::identity() - cross * first + cross * cross * second) * body_to_ned
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn law_euler_angles_come_back() {
+    fn law_euler_angles_are_recovered() {
         for (roll, pitch, yaw) in [(0.1, -0.2, 2.5), (-3.0, 1.4, -1.0), (0.0, 0.0, 0.0)] {
             let (r, p, y) = euler_rad(&body_to_ned(roll, pitch, yaw));
             let worst = (r - roll).abs().max((p - pitch).abs()).max((y - yaw).abs());
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn law_tilting_is_a_rotation_and_undone_by_its_opposite() {
+    fn law_tilting_is_a_rotation_with_its_opposite_as_inverse() {
         let tilt = Vector3::new(0.3, -0.2, 0.5);
         let turned = tilted(&golden(), &tilt);
         assert!((turned * turned.transpose() - Matrix3::identity()).abs().max() < 1e-14);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_magnav_correct_cnb_has_the_wrong_sign_in_second_order() {
+    fn unit_magnav_correct_cnb_has_the_wrong_sign_in_second_order() {
         let tilt = Vector3::new(0.001, -0.002, 0.003);
         // MagNav.jl 1.3.3, correct_Cnb of the matrix above.
         let theirs = Matrix3::new(

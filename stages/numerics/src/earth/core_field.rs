@@ -112,8 +112,8 @@ impl CoreField {
     }
 }
 
-/// The magnitude of the core field expanded to first order about a position that moves with
-/// the queries: what a filter evaluates several hundred thousand times per flight.
+/// Magnitude of the core field, expanded to first order about a position that follows the queries. A filter evaluates
+/// it several hundred thousand times per flight.
 ///
 /// A query further than 200 m sideways or 50 m up or down from the expansion point moves the point
 /// there. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
@@ -142,9 +142,8 @@ impl LinearisedCoreField {
         Self { field: field.into(), place: None }
     }
 
-    /// The magnitude and gradient near a geodetic position (degrees, degrees, metres), the
-    /// gradient being that at the expansion point. The answer depends on the order of queries
-    /// (to 0.001 nT): use one for each line flown.
+    /// Magnitude and gradient near a geodetic position (degrees, degrees, metres). The gradient is that at the
+    /// expansion point. The result depends on the order of queries (to 0.001 nT): use one instance per line.
     pub fn magnitude_and_gradient(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
         match self.place {
             Some(place) if place.reaches(lat_deg, lon_deg, alt_m) => place.extrapolate(lat_deg, lon_deg, alt_m),
@@ -255,7 +254,7 @@ fn dot3(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The sum of products, in eight interleaved partial sums so that it vectorises.
+/// Sum of products, in eight interleaved partial sums for vectorisation.
 fn dot_terms(coefficients: &[f64; TERMS], harmonics: &[f64; TERMS]) -> f64 {
     let mut sums = [0.0; 8];
     for (c, h) in coefficients.chunks_exact(8).zip(harmonics.chunks_exact(8)) {

@@ -4,7 +4,7 @@ use thiserror::Error;
 
 const SECONDS_PER_DAY: f64 = 86_400.0;
 
-/// A date that does not exist.
+/// Error of an invalid date.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum DateError {
     /// The day of the year is not one of that year's days.
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn law_decimal_years_run_on_without_gaps() {
+    fn law_decimal_years_are_continuous() {
         assert_eq!(decimal_year(2020, 1, 0.0).unwrap(), 2020.0);
         assert_eq!(decimal_year(2020, 184, 0.0).unwrap(), 2020.5);
         let last_second = decimal_year(2023, 365, 86_399.0).unwrap();
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn law_dates_that_do_not_exist_are_refused_in_words() {
+    fn unit_invalid_dates_are_rejected() {
         assert_eq!(
             decimal_year(2023, 366, 0.0).unwrap_err().to_string(),
             "the year 2023 has no day 366; its days run from 1 to 365"

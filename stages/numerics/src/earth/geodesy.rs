@@ -134,7 +134,7 @@ mod tests {
         let expected =
             [1.565_676_458_449_491_6e-5, 2.047_058_183_346_687_2e-5, 63.870_156_225_655_47, 48.850_589_989_832_32];
         for (computed, expected) in computed.iter().zip(expected) {
-            // Their eccentricity has 12 digits: 1e-12 of e² is 1e-14 of the radius.
+            // MagNav.jl's eccentricity has 12 digits: 1e-12 of e² is 1e-14 of the radius.
             assert!((computed / expected - 1.0).abs() < 1e-13, "{computed} {expected}");
         }
     }

@@ -1,25 +1,24 @@
 //! Anomaly retention of a compensation.
 //!
-//! A compensation model also fits signals that resemble the aircraft field. Where the aircraft turns over geology, part
-//! of the anomaly resembles it and is removed. The loss can be measured where the anomaly a is known (a simulated
-//! flight, or a good map). For a line, let c be the compensated reading, r the true one and r − a the true one without
-//! the anomaly. Then
+//! A compensation model also fits signals that resemble the aircraft field. If the anomaly changes while the aircraft
+//! turns, part of it resembles the aircraft field and is removed. The loss can be measured where the anomaly a is known
+//! (a simulated flight, or an accurate map). For a line, let c be the compensated reading, r the true one and r − a the
+//! true one without the anomaly. Then
 //!
 //! y = c − (r − a) = ρ a + e,
 //!
-//! where e is the residue of the aircraft and the noise. The retention ρ is the least-squares slope of y on a, both
-//! less their means: 1 where the geology is kept, 0 where it is removed completely, above 1 where it is amplified. For
-//! a model that removes only the projection P a of the geology on the terms of the aircraft, ρ is exactly
-//! 1 − |P a|²/|a|², the part of the anomaly's energy that is kept. The aircraft's terms are therefore not
-//! regressed out: that would hide the loss that is to be measured.
+//! where e is the residual aircraft field plus noise. The retention ρ is the least-squares slope of y on a, both less
+//! their means: 1 if the anomaly is kept, 0 if it is removed completely, above 1 if it is amplified. For a model that
+//! removes only the projection P a of the anomaly on the terms of the aircraft, ρ is exactly 1 − |P a|²/|a|², the part
+//! of the anomaly's energy that is kept. The aircraft's terms are therefore not regressed out, which would hide the
+//! measured loss.
 //!
-//! The residue e may correlate with a by chance, and both change slowly, so that a thousand samples may be a dozen
-//! independent ones. The standard error takes that into account: if a and e are independent, the
-//! variance of Σ a e is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc.
-//! 98(3)]. It is computed as the mean square of Σ a e over all circular shifts of one against the other, by one
-//! transform of each; the degree of freedom that the slope removes from e is restored through the number of independent
-//! samples, 1 over the mean squared correlation of the shifts. A retention within two standard errors of 1 is no
-//! evidence of lost geology.
+//! The residual e may correlate with a by chance. Both change slowly, so that a thousand samples may be a dozen
+//! independent ones. The standard error includes this effect: if a and e are independent, the variance of Σ a e is Σ
+//! over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is computed as the
+//! mean square of Σ a e over all circular shifts of one against the other, by one transform of each. The degree of
+//! freedom that the slope removes from e is restored through the number of independent samples, 1 over the mean squared
+//! correlation of the shifts. A retention within two standard errors of 1 is no evidence of a loss.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -44,7 +43,7 @@ pub enum RetentionError {
         /// The number of complete rows.
         n: usize,
     },
-    /// There is no geology to keep.
+    /// The anomaly is constant.
     #[error("the anomaly is {value_nt} nT in all rows; the retention is undefined for a constant anomaly")]
     NoAnomaly {
         /// Its value.
@@ -55,26 +54,26 @@ pub enum RetentionError {
 /// Fraction of the crustal anomaly that a compensated reading retains, by regression on the anomaly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnomalyRetention {
-    /// The slope ρ: 1 where the geology is kept, 0 where it is removed.
+    /// Slope ρ: 1 if the anomaly is kept, 0 if it is removed.
     pub slope: f64,
-    /// Its standard error; infinite where the rows amount to no more than two independent samples.
+    /// Standard error of the slope; infinite for at most two independent samples.
     pub standard_error: f64,
     /// The correlation of y and the anomaly; NaN where y is constant.
     pub correlation: f64,
-    /// The root mean square of the residue that neither geology nor mean explains, in nT.
+    /// Root mean square of the residual after removal of anomaly and mean, in nT.
     pub residual_nt: f64,
     /// The root mean square of the anomaly less its mean, in nT.
     pub anomaly_nt: f64,
-    /// Rows that were used.
+    /// Number of rows used.
     pub n: usize,
-    /// Rows that were left out because one of their values is not finite.
+    /// Number of excluded rows: a value is not finite.
     pub left_out: usize,
 }
 
 /// The retention on one line: `compensated` and the true `reference` reading, which contains the anomaly, and the
 /// `anomaly` itself, all in nT and evenly sampled; means are subtracted.
 ///
-/// Rows with a value that is not finite are left out.
+/// Rows with a value that is not finite are excluded.
 ///
 /// # Errors
 /// Fails for columns of different lengths, for fewer than three finite rows and for a constant anomaly.
@@ -98,7 +97,7 @@ pub fn anomaly_retention(
     }
     let centred = |x: &[f64]| {
         let mean = (0..rows).filter(|i| known(*i)).map(|i| x[i]).sum::<f64>() / n as f64;
-        // A row that is left out does not contribute to any sum.
+        // An excluded row does not contribute to any sum.
         (0..rows).map(|i| if known(i) { x[i] - mean } else { 0.0 }).collect::<Vec<f64>>()
     };
     let (a, y) = (centred(anomaly), centred(&left));
@@ -121,8 +120,8 @@ pub fn anomaly_retention(
     })
 }
 
-/// The retention over several lines, each with a mean of its own: slopes weighted by the energy of the anomaly, which
-/// is the slope of all their rows together. `None` for no lines.
+/// Retention over several lines, each about its own mean: slopes weighted by the energy of the anomaly, which is the
+/// slope of all their rows together. `None` for no lines.
 pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
     let energy = |line: &AnomalyRetention| line.n as f64 * line.anomaly_nt * line.anomaly_nt;
     let sum = |of: &dyn Fn(&AnomalyRetention) -> f64| lines.iter().map(of).sum::<f64>();
@@ -131,7 +130,7 @@ pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
         return None;
     }
     let slope = sum(&|line| energy(line) * line.slope) / all;
-    // About the common slope each line has what its own leaves, and the difference of the slopes.
+    // About the common slope, a line has the residual of its own slope plus the effect of the difference of the slopes.
     let residual = sum(&|l| l.n as f64 * l.residual_nt * l.residual_nt + energy(l) * (l.slope - slope).powi(2));
     Some(AnomalyRetention {
         slope,
@@ -222,8 +221,8 @@ mod tests {
 
     #[test]
     fn law_the_standard_error_is_the_scatter_of_the_slope() {
-        // Anomaly and residue both slow: 3000 samples are some 30 independent ones, and the textbook error would be
-        // ten times too small.
+        // Anomaly and residual are both slow: 3000 samples are some 30 independent ones, and the textbook error would
+        // be ten times too small.
         let (mut scatter, mut said, mut textbook) = (0.0, 0.0, 0.0);
         const DRAWS: u64 = 300;
         for draw in 0..DRAWS {
@@ -233,7 +232,7 @@ mod tests {
             said += found.standard_error.powi(2) / DRAWS as f64;
             textbook += (found.residual_nt / found.anomaly_nt).powi(2) / ROWS as f64 / DRAWS as f64;
         }
-        // 300 draws tell a variance to 8 %; what is said of it leans on as few independent samples each.
+        // 300 draws determine a variance to 8 %; each estimated error uses equally few independent samples.
         assert!((said / scatter - 1.0).abs() < 0.35, "{said} {scatter}");
         assert!(scatter > 20.0 * textbook, "{scatter} {textbook}");
     }
@@ -252,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn law_rows_that_are_not_finite_are_left_out() {
+    fn unit_rows_that_are_not_finite_are_excluded() {
         let (anomaly, residue) = (series(9, 50.0, 10.0, ROWS), series(10, 3.0, 2.0, ROWS));
         let compensated = sum(&anomaly, &residue);
         let short = anomaly_retention(&compensated[..2000], &anomaly[..2000], &anomaly[..2000]).unwrap();
@@ -263,12 +262,12 @@ mod tests {
         let found = anomaly_retention(&holed, &reference, &known).unwrap();
         assert_eq!((found.n, found.left_out), (2000, 1000));
         assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
-        // Shifts over the gap are counted by how many rows they meet on average.
+        // Shifts over the gap are weighted by their mean number of overlapping rows.
         assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
     }
 
     #[test]
-    fn law_lines_together_are_their_rows_together() {
+    fn law_pooled_lines_equal_all_rows_together() {
         let lines: Vec<(Vec<f64>, Vec<f64>)> = (0..3)
             .map(|k| {
                 let anomaly = series(20 + k, 10.0 * (k + 1) as f64, 10.0, 1000);
@@ -291,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_cannot_be_told_is_refused() {
+    fn unit_invalid_columns_are_rejected() {
         let said = |c: &[f64], r: &[f64], a: &[f64]| anomaly_retention(c, r, a).unwrap_err().to_string();
         assert!(said(&[1.0], &[1.0, 2.0], &[1.0]).contains("they have 1, 2 and 1 samples"));
         assert!(said(&[1.0, f64::NAN, 3.0], &[0.0; 3], &[1.0, 2.0, 3.0]).contains("2 rows have all three values"));

@@ -40,15 +40,15 @@ pub enum BlendMethod {
 pub struct CombineOptions {
     /// Method that merges values.
     pub blend: BlendMethod,
-    /// Over this distance from the edge of its known nodes, in metres, a map fades in from zero to its full weight,
-    /// by half a period of a cosine. Zero: no fading, and so a step at each edge.
+    /// Distance from the edge of its known nodes, in metres, over which a map fades in from zero to its full weight, by
+    /// half a period of a cosine. Zero: no fading, and so a step at each edge.
     pub feather_m: f64,
-    /// The bias that is subtracted from each map first.
+    /// Bias that is subtracted from each map first.
     pub bias: BiasModel,
 }
 
 impl Default for CombineOptions {
-    /// By priority, faded over 1 km, without bias correction.
+    /// Priority blending, faded over 1 km, without bias correction.
     fn default() -> Self {
         Self { blend: BlendMethod::Priority, feather_m: 1000.0, bias: BiasModel::Nothing }
     }
@@ -146,10 +146,10 @@ pub enum CombineError {
 /// Combines maps on the grid of the given axes; the first map keeps its level, to which the biases of the others refer.
 ///
 /// Each map is resampled by the natural bicubic spline; a node that lies on a map's node takes its value unchanged. A
-/// map much finer than the grid is sampled, not averaged. The same bits on any number of threads.
+/// map much finer than the grid is sampled, not averaged. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails where there is no map, a map is not well formed, or a parameter is out of its range.
+/// Fails if there is no map, a map is not well formed, or a parameter is out of its range.
 pub fn combine(
     pieces: &[WeightedMap<'_>],
     east_m: EvenAxis,
@@ -230,7 +230,7 @@ fn faded(distance_m: f64, feather_m: f64) -> f64 {
 
 fn blended(pieces: &[WeightedMap<'_>], maps: &[Vec<f64>], target: &PlaneGrid, options: &CombineOptions) -> Vec<f64> {
     let nodes = target.rows() * target.columns();
-    // The weight left for the maps that follow, the weighted sum of values, and the sum of weights.
+    // Remaining weight for the following maps, weighted sum of values, and sum of weights.
     let mut sums = vec![[1.0, 0.0, 0.0]; nodes];
     for (piece, map) in pieces.iter().zip(maps) {
         let edge_m = distance_to_unknown(map, target);

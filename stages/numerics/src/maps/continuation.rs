@@ -1,12 +1,12 @@
 //! Anomaly maps at other heights: upward and downward continuation, derivatives, field components, stacks of levels,
 //! and maps between a level and a drape.
 //!
-//! A map is a [`PlaneGrid`] of one harmonic quantity in nT at one height, complete (NaN is refused: fill the map
-//! first, and [`masked_like`] takes the filled nodes out again). It is extended past its edges ([`Padding`]),
+//! A map is a [`PlaneGrid`] of one harmonic quantity in nT at one height, complete (NaN is rejected: fill the map
+//! first; [`masked_like`] removes the filled nodes afterwards). It is extended past its edges ([`Padding`]),
 //! transformed once ([`MapSpectrum`]) and multiplied by a factor for each result. A field whose sources are all below
-//! is, at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
-//! 12.8; Gnadt 2022, section 2.3]. Downward, where that grows without bound, the factor is
-//! e^(−k h)/(1 + α k² e^(−k h)), with α in m² chosen by an L-curve ([`downward`]).
+//! has, at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
+//! 12.8; Gnadt 2022, section 2.3]. Downward, where that grows without bound, the factor is e^(−k h)/(1 + α k² e^(−k
+//! h)), with α in m² chosen by an L-curve ([`downward`]).
 //!
 //! The accuracy of a result can be measured: [`edge_error()`] estimates the effect of the unknown field past the edges,
 //! and [`is_far`] whether the distance is too large for a map of that size.
@@ -130,7 +130,7 @@ pub enum ContinuationError {
         /// The number of finite heights.
         finite: usize,
     },
-    /// The drape takes too many levels.
+    /// The drape requires too many levels.
     #[error(
         "the drape requires {levels} levels, but the limit is {most}; increase the step of {step_m} m between them"
     )]
@@ -142,7 +142,7 @@ pub enum ContinuationError {
         /// The step between them.
         step_m: f64,
     },
-    /// The map is too small to be cropped for a measure of its error.
+    /// The map is too small to be cropped for an estimate of its error.
     #[error(
         "a map of {rows} rows and {columns} columns is too small for its edge error; at least {least} of each are \
          required"
@@ -152,12 +152,12 @@ pub enum ContinuationError {
         rows: usize,
         /// The number of columns.
         columns: usize,
-        /// The number that is needed of each.
+        /// The required minimum of each.
         least: usize,
     },
 }
 
-/// Whether a map can be continued: complete, with ascending axes and at least two rows and columns.
+/// Checks that a map can be continued: complete, with ascending axes and at least two rows and columns.
 ///
 /// # Errors
 /// Fails with [`ContinuationError::TooSmall`], [`ContinuationError::Shape`],
@@ -184,14 +184,14 @@ pub fn check(grid: &PlaneGrid) -> Result<(), ContinuationError> {
     }
 }
 
-/// Whether a distance is more than 1/50 of the map's shorter side, beyond which the edges and the map's own errors
-/// show: the command line warns. [Gnadt 2022, section 2.3]
+/// Whether a distance is more than 1/50 of the map's shorter side. Beyond that, errors of the edges and of the map
+/// become significant, and the command line warns. [Gnadt 2022, section 2.3]
 pub fn is_far(grid: &PlaneGrid, distance_m: f64) -> bool {
     let side = |axis: &EvenAxis| axis.step * axis.len.saturating_sub(1) as f64;
     50.0 * distance_m.abs() > side(&grid.east_m).min(side(&grid.north_m))
 }
 
-/// The map with the nodes unknown again that are unknown in `original`, from which it was filled.
+/// Map with NaN at the unknown nodes of `original`, from which it was filled.
 pub fn masked_like(mut map: PlaneGrid, original: &PlaneGrid) -> PlaneGrid {
     for (value, known) in map.values.iter_mut().zip(&original.values) {
         if known.is_nan() {

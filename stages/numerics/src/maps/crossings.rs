@@ -2,13 +2,13 @@
 
 use crate::regression::statistics::SampleStatistic;
 
-/// Two samples belong to one crossing when they are at most this far apart horizontally, m.
+/// Maximum horizontal distance between two samples of one crossing, m.
 pub const NEAR_M: f64 = 1.0;
 
-/// ... and more than this long apart in time, s.
+/// Minimum time between two samples of one crossing, s.
 pub const APART_S: f64 = 1.0;
 
-/// The most pairs of samples that are compared.
+/// Maximum number of compared pairs of samples.
 const MOST_PAIRS: u128 = 50_000_000;
 
 /// The figure of merit of the crossings of a line.
@@ -23,14 +23,13 @@ pub struct LineCrossingFigure {
 /// The root mean square of z − z* over all pairs of samples that are at most 1 m apart horizontally
 /// and more than 1 s apart in time. [Lee 2019, (66)]
 ///
-/// `north_m` and `east_m` are local positions in metres, `z` measurements in any unit, `tt` seconds;
-/// samples with a value that is not finite are left out. Every pair counts once.
+/// `north_m` and `east_m` are local positions in metres, `z` measurements in any unit, `tt` seconds. Samples with a
+/// value that is not finite are excluded. Every pair counts once.
 ///
-/// Samples are sorted into cells of 1 m, so that only neighbours are compared: the work grows with
-/// the number of samples, not with its square. An aircraft that hovers puts thousands of samples
-/// into one cell, and pairs grow with the square of those: where more than 50 million pairs would
-/// have to be compared, only every k-th sample is used, with the smallest k that is a power of two
-/// that meets the limit; `stride` returns it.
+/// Samples are sorted into cells of 1 m, so that only neighbours are compared: the work grows with the number of
+/// samples, not with its square. A hovering aircraft puts thousands of samples into one cell. If more than 50 million
+/// pairs would be compared, only every k-th sample is used, with the smallest power of two k that meets the limit.
+/// `stride` returns k.
 pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> LineCrossingFigure {
     let mut stride = 1;
     let cells = loop {
@@ -166,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_cells_find_the_pairs_that_the_definition_asks_for() {
+    fn unit_cells_find_the_pairs_of_the_definition() {
         let [north, east, z, tt] = clover(3000);
         let (value, n) = every_pair(&north, &east, &z, &tt);
         let found = figure_of_merit_crossings(&north, &east, &z, &tt);
@@ -177,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn law_two_passes_over_one_point_differ_by_what_was_measured() {
+    fn law_two_passes_over_one_point_give_their_difference() {
         let found = figure_of_merit_crossings(
             &[0.0, 50.0, -0.6, f64::NAN],
             &[0.0, 0.0, -0.8, 0.0],
@@ -193,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_an_hour_on_one_spot_is_thinned_and_says_so() {
+    fn unit_an_hour_at_one_position_is_thinned_and_reported() {
         let rows = 36_000;
         let tt: Vec<f64> = (0..rows).map(|k| 0.1 * f64::from(k)).collect();
         let z: Vec<f64> = (0..rows).map(|k| f64::from(k / 100 % 2)).collect();

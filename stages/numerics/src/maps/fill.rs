@@ -1,8 +1,8 @@
-//! Fills the gaps of a map on a plane, and cuts it to what is known or wanted.
+//! Fills the gaps of a map on a plane, and crops it to its known nodes or to limits.
 //!
-//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as MagNav.jl does: quick, bounded by what
-//! is known, but with steps inside a gap, which ring when the map is continued. [`smooth()`] gives the surface without
-//! sources inside the gap: continuous, bounded by the values around the gap.
+//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as in MagNav.jl. It is fast and bounded by
+//! the known values, but has steps inside a gap, which ring when the map is continued. [`smooth()`] computes the
+//! surface without sources inside the gap: continuous, and bounded by the values around the gap.
 
 mod cut;
 mod edge;
@@ -79,7 +79,7 @@ pub enum FillError {
         /// The number of iterations.
         iterations: usize,
     },
-    /// Nothing of the map is within the limits.
+    /// No node is within the limits.
     #[error("no node of the map, {west_m} to {east_m} m east and {south_m} to {north_m} m north, is within the limits")]
     Outside {
         /// The westernmost easting of the map.

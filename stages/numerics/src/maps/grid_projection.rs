@@ -1,9 +1,9 @@
 //! The position of a latitude and a longitude on the grid of a projected map, with its exact derivatives.
 //!
-//! A filter needs this and the four derivatives at every sample. So the projection is sampled once, and
-//! between the samples it is a polynomial of sixth degree in latitude and in longitude: over half a degree it departs
-//! from a transverse Mercator, Lambert or stereographic projection by less than the rounding of its eastings. The
-//! patches are halved until this holds, and the remaining departure is measured against the projection.
+//! A filter needs this and the four derivatives at every sample. The projection is therefore sampled once. Between the
+//! samples it is a polynomial of sixth degree in latitude and in longitude. Over half a degree it departs from a
+//! transverse Mercator, Lambert or stereographic projection by less than the rounding of its eastings. The patches are
+//! halved until this holds, and the remaining departure is measured against the projection.
 
 use thiserror::Error;
 
@@ -12,13 +12,13 @@ use crate::maps::plane_grid::EvenAxis;
 /// Samples per patch in each direction; the degree of its polynomials is one less.
 const SAMPLES: usize = 7;
 
-/// The widest patch to begin with, in degrees.
+/// Initial width of a patch, in degrees.
 const WIDEST_DEG: f64 = 1.0;
 
-/// The most patches, 800 bytes each.
+/// Maximum number of patches, 800 bytes each.
 const MOST_PATCHES: usize = 1 << 18;
 
-/// The largest departure from the projection that is accepted, in steps of the grid.
+/// Maximum accepted departure from the projection, in steps of the grid.
 const ACCEPTED_STEPS: f64 = 1e-6;
 
 /// Error of a projection on a grid.
@@ -80,7 +80,7 @@ pub struct GridProjection {
     counts: [usize; 2],
     /// Patches per degree of latitude and of longitude.
     per_deg: [f64; 2],
-    /// By rows from south to north, each from west to east.
+    /// Patches by rows from south to north, each from west to east.
     patches: Vec<PatchPolynomial>,
     departure_steps: f64,
 }
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_place_is_where_the_projection_has_it_and_its_slopes_are_those_of_that() {
+    fn law_positions_and_slopes_equal_those_of_the_projection() {
         let area = GeographicArea { lat_deg: [44.9, 46.3], lon_deg: [8.2, 10.4] };
         let (rows, columns) = (axis(4_980_000.0), axis(-140_000.0));
         let found = GridProjection::new(transverse_mercator, area, &rows, &columns).unwrap();
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_map_around_the_pole_is_found_from_every_side() {
+    fn law_positions_around_the_pole_equal_those_of_the_projection() {
         let area = GeographicArea { lat_deg: [85.0, 90.0], lon_deg: [-180.0, 180.0] };
         let found = GridProjection::new(polar, area, &axis(-25_000.0), &axis(-25_000.0)).unwrap();
         assert!(found.departure_steps() < 1e-9, "{}", found.departure_steps());
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_what_is_no_projection() {
+    fn unit_invalid_projections_are_rejected() {
         let area = GeographicArea { lat_deg: [0.0, 1.0], lon_deg: [0.0, 1.0] };
         let folded = |lat: f64, lon: f64| Some((1e5 * (lon - 0.31).abs(), 1e5 * lat));
         let rough = GridProjection::new(folded, area, &axis(0.0), &axis(0.0)).unwrap_err();

@@ -46,7 +46,7 @@ pub type GriddingProgress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 /// Error of gridding points.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GriddingError {
-    /// No point is left to grid.
+    /// There is no finite point to grid.
     #[error("no finite point is left to grid")]
     NoPoints,
     /// Columns of points have different lengths.
@@ -97,7 +97,7 @@ pub enum GriddingError {
 /// The maximum number of nodes of a grid: 2 GB of values.
 const MOST_NODES: usize = 1 << 28;
 
-/// Method of gridding: the model of the surface between the points.
+/// Method of gridding: model of the surface between the points.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GriddingMethod {
     /// The surface of minimum curvature at the flown heights.
@@ -115,7 +115,7 @@ pub enum GriddingMethod {
 }
 
 impl GriddingMethod {
-    /// Minimum curvature with a tension of 0.25, as is usual for potential fields, settled to 0.1 nT.
+    /// Minimum curvature with a tension of 0.25, as is usual for potential fields, and a tolerance of 0.1 nT.
     pub fn minimum_curvature() -> Self {
         Self::MinimumCurvature(RelaxationOptions { tension: 0.25, tolerance_nt: 0.1, passes: 5000 })
     }
@@ -138,24 +138,24 @@ pub struct GridRegion {
 /// Settings of gridding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GriddingOptions {
-    /// How the surface is made.
+    /// Method of gridding.
     pub method: GriddingMethod,
     /// The distance between nodes, metres; `None` is half the distance between lines.
     pub spacing_m: Option<f64>,
-    /// The rectangle; `None` is that of the points, widened to whole spacings.
+    /// Rectangle of the grid; `None` is that of the points, widened to whole spacings.
     pub region: Option<GridRegion>,
     /// Side of the blocks that points are reduced to, metres; `None` is a quarter of the distance between lines and
     /// at most 200 m, zero keeps every point.
     pub block_m: Option<f64>,
-    /// Nodes farther than this from every point are unknown, metres; `None` is twice the distance between lines,
+    /// Distance from every point beyond which nodes are unknown, metres; `None` is twice the distance between lines,
     /// infinity keeps all nodes.
     pub mask_m: Option<f64>,
-    /// The criteria of cleaning.
+    /// Criteria of cleaning.
     pub clean: CleaningOptions,
-    /// A block that is farther from the fitted surface than this number of robust standard deviations of the blocks
-    /// around it is left out and the surface fitted anew; zero keeps all.
+    /// Limit of the residual of a block, in robust standard deviations of the blocks around it. Blocks beyond it are
+    /// excluded and the surface is fitted anew; zero keeps all.
     pub misfit_sigmas: f64,
-    /// Folds of lines whose prediction errors give the map of the expected error; `None` makes none.
+    /// Folds of lines whose prediction errors give the map of the expected error; `None` computes no such map.
     pub folds: Option<LineFolds>,
 }
 
@@ -186,7 +186,7 @@ pub struct GriddingReport {
     pub block_m: f64,
     /// The number of blocks.
     pub blocks: usize,
-    /// Blocks that were left out for their misfit: their eastings and northings, metres.
+    /// Eastings and northings of the blocks excluded for their misfit, metres.
     pub misfits: Vec<[f64; 2]>,
     /// Statistics of the blocks' residuals from the surface.
     pub misfit: DifferenceStatistics,
@@ -196,12 +196,11 @@ pub struct GriddingReport {
     pub relaxed: Option<RelaxationReport>,
     /// The level of the grid, metres; none for minimum curvature, whose values are at the heights flown.
     pub level_m: Option<f64>,
-    /// The largest error in nT that summing distant sources together made at a hundred nodes; none for minimum
-    /// curvature.
+    /// Largest error of the far-field summation at a hundred nodes, nT; none for minimum curvature.
     pub summation_error_nt: Option<f64>,
-    /// Nodes that are masked.
+    /// Number of masked nodes.
     pub masked: usize,
-    /// Statistics of the differences at left-out lines.
+    /// Statistics of the differences at omitted lines.
     pub cross_validation: Option<DifferenceStatistics>,
 }
 
@@ -251,7 +250,7 @@ pub fn grid(
     Ok(GriddingResult { grid: map, error, report })
 }
 
-/// Checks the options, independently of the points, before those are read.
+/// Checks the options without the points, before those are read.
 ///
 /// # Errors
 /// Fails with [`GriddingError::Option`] for the first option that is out of its range.
@@ -281,7 +280,7 @@ pub fn check(options: &GriddingOptions) -> Result<(), GriddingError> {
     }
 }
 
-/// Makes nodes unknown that are farther than `limit_m` from every point, and says how many.
+/// Makes nodes unknown that are farther than `limit_m` from every point, and returns their number.
 pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m: f64) -> usize {
     let near = PointCellIndex::new(easting_m, northing_m);
     let (east, north) = (grid.east_m, grid.north_m);

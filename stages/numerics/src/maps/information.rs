@@ -1,29 +1,30 @@
 //! Fisher information of the measurements along a line about a position.
 
-/// The least standard deviation, in metres, with which one measurement that errs by `sigma_nt` places itself along the
-/// slope `north`, `east` (nT/m) of a map: σ/|g|. Across the slope it says nothing. NaN where the slope is 0 or unknown.
+/// Smallest standard deviation, in metres, of a position from one measurement of error `sigma_nt`, along the slope
+/// `north`, `east` (nT/m) of a map: σ/|g|. Across the slope the position is undetermined. NaN where the slope is 0 or
+/// unknown.
 pub fn sample_bound_m(north: f64, east: f64, sigma_nt: f64) -> f64 {
     let slope = north.hypot(east);
     if slope > 0.0 { sigma_nt / slope } else { f64::NAN }
 }
 
-/// The measurements of a window of time, as [`window_bounds_m`] takes them.
+/// Settings of [`window_bounds_m`] for the measurements of a window of time.
 #[derive(Clone, Copy, Debug)]
 pub struct WindowInformation {
     /// The length of the window, in s.
     pub window_s: f64,
-    /// The error of a measurement, independent of those of the others, in nT.
+    /// Standard deviation of the error of a measurement, independent of the others, in nT.
     pub sigma_nt: f64,
-    /// Whether a constant of the measurements is unknown too.
+    /// Whether a constant bias of the measurements is unknown too.
     pub unknown_constant: bool,
 }
 
-/// The least root mean square horizontal error, in metres, with which the position of a vehicle can be found from the
-/// measurements within half a window before and after each sample, on a map whose slopes at the samples are `north` and
-/// `east` (nT/m), when its motion within the window is known: √ trace(J⁻¹) of the Fisher information J = Σ g gᵀ/σ²,
-/// with the slopes g less their mean where a constant is unknown. [Cramér-Rao bound; Kay 1993, section 3.7]
+/// Smallest root mean square horizontal error, in metres, of a position from the measurements within half a window
+/// before and after each sample. The map has the slopes `north` and `east` (nT/m) at the samples, and the motion within
+/// the window is known. It is √ trace(J⁻¹) of the Fisher information J = Σ g gᵀ/σ², with the slopes g less their mean
+/// if a constant is unknown. [Cramér-Rao bound; Kay 1993, section 3.7]
 ///
-/// `tt_s` ascends, evenly or not. Samples without a slope are left out of the windows of others. NaN where the sample
+/// `tt_s` ascends, evenly or not. Samples without a slope are excluded from the windows of others. NaN where the sample
 /// itself has none, and where J is singular: the map is flat or slopes in one direction only, or there are too few
 /// samples (two, three with a constant). J counts as singular when its smaller eigenvalue is below about 2.5e-13 of the
 /// larger one, which is rounding.
@@ -72,7 +73,7 @@ mod tests {
     const OF: WindowInformation = WindowInformation { window_s: 20.0, sigma_nt: 5.0, unknown_constant: false };
 
     #[test]
-    fn law_two_directions_in_turn_are_found_each_by_its_own_samples() {
+    fn law_alternating_slopes_each_determine_one_direction() {
         // Every other sample slopes north by 0.02, the others east by 0.05 nT/m: J = diag(n 0.02², m 0.05²)/σ².
         let tt: Vec<f64> = (0..200).map(f64::from).collect();
         let of_parity = |parity: u32, slope: f64| (0..200).map(move |k| if k % 2 == parity { slope } else { 0.0 });
@@ -86,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_unknown_constant_leaves_what_the_offset_of_a_line_has() {
+    fn law_an_unknown_constant_gives_the_offset_bound_of_a_line() {
         let tt: Vec<f64> = (0..50).map(f64::from).collect();
         let north: Vec<f64> = tt.iter().map(|t| 0.03 * (0.4 * t).sin() + 0.02).collect();
         let east: Vec<f64> = tt.iter().map(|t| 0.02 * (0.7 * t).cos()).collect();
@@ -98,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_flat_map_and_one_slope_tell_no_position() {
+    fn law_a_flat_map_or_a_single_slope_determines_no_position() {
         let tt: Vec<f64> = (0..50).map(|k| 0.1 * f64::from(k)).collect();
         for (north, east) in [(0.0, 0.0), (0.02, 0.0), (0.013, -0.07)] {
             let (north, east) = ([north; 50], [east; 50]);
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_samples_without_a_slope_are_left_out() {
+    fn unit_samples_without_a_slope_are_excluded() {
         let tt: Vec<f64> = (0..50).map(f64::from).collect();
         let mut north: Vec<f64> = tt.iter().map(|t| 0.03 * (0.4 * t).sin()).collect();
         let east: Vec<f64> = tt.iter().map(|t| 0.02 * (0.7 * t).cos()).collect();

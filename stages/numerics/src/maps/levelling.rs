@@ -22,8 +22,8 @@ use std::collections::BTreeMap;
 /// Constraint that fixes the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LevellingGauge {
-    /// The group, ties or the other lines, whose corrections scatter less keeps its median at zero: ties where the
-    /// lines are out of level, the lines where the ties are. Where both scatter equally, the lines.
+    /// The group, ties or the other lines, whose corrections scatter less keeps its median at zero: the ties if the
+    /// lines are out of level, the lines if the ties are. If both scatter equally, the lines.
     Steadiest,
     /// The mean of the tie lines' corrections is zero; without ties that of all lines.
     TiesMean,
@@ -43,20 +43,20 @@ pub struct LevellingOptions {
     /// The penalty on corrections, as a fraction of the weight of one crossover: above zero, so that a line with fewer
     /// crossovers than coefficients is corrected as little as possible.
     pub ridge: f64,
-    /// Differences larger than this number of standard deviations are down-weighted (Huber); infinity weighs
-    /// them by the gradient alone.
+    /// Limit, in standard deviations, above which differences are down-weighted (Huber); infinity weights them by the
+    /// gradient alone.
     pub huber_sigmas: f64,
     /// Constraint that fixes the common level.
     pub gauge: LevellingGauge,
     /// The tie lines; `None` selects those more than 45 degrees off the heading most flown.
     pub ties: Option<Vec<usize>>,
-    /// The number of folds for cross-validation of the crossovers; below two there is none.
+    /// Number of folds for cross-validation of the crossovers; below two it is disabled.
     pub folds: usize,
 }
 
 impl Default for LevellingOptions {
-    /// Tested constants, a ridge of 0.001 of a crossover, Huber's 1.345 sigmas, the level of the steadier group, five
-    /// folds.
+    /// Tested constants, a ridge of 0.001 of a crossover, Huber's 1.345 standard deviations, the level of the steadier
+    /// group, five folds.
     fn default() -> Self {
         Self {
             order: 0,
@@ -102,7 +102,7 @@ pub struct LineCorrection {
     pub crossovers: usize,
     /// Coefficients in nT of Legendre's polynomials, from -1 at the line's first point to 1 at its last.
     pub coefficients_nt: Vec<f64>,
-    /// Whether the line is individually out of level, independently of the others.
+    /// Whether the line is individually out of level.
     pub alone: bool,
 }
 
@@ -115,14 +115,14 @@ pub struct LevellingResult {
     pub lines: Vec<LineCorrection>,
     /// The noise of the differences at crossovers of level lines.
     pub noise: CrossoverNoise,
-    /// By how much the constants of lines, and of ties about their common one, scatter beyond their standard errors,
-    /// nT; zero where the group is not corrected.
+    /// Scatter of the constants of lines, and of ties about their common one, beyond their standard errors, nT; zero if
+    /// the group is not corrected.
     pub spread_nt: [f64; 2],
     /// Agreement before.
     pub before: CrossoverMerit,
     /// Agreement after.
     pub after: CrossoverMerit,
-    /// Agreement at crossovers that were left out in turn(cross-validation).
+    /// Agreement at crossovers omitted in turn (cross-validation).
     pub left_out: Option<CrossoverMerit>,
 }
 

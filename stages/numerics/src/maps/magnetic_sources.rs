@@ -94,8 +94,8 @@ impl Prism {
         }
     }
 
-    /// The corner sums with `times` π M added: four inside, and on a face the two by which the mean of both
-    /// sides, which is what the sums give there, falls short of the normal component outside.
+    /// Corner sums with `times` π M added: four inside, two on a face. On a face the sums give the mean of both sides,
+    /// and the two complete the normal component outside.
     fn with_own_magnetisation(&self, point_m: EastNorthUp, times: [f64; 3]) -> EastNorthUp {
         let field = self.without_jump(point_m);
         let pi = std::f64::consts::PI;

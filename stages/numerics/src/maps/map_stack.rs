@@ -1,5 +1,5 @@
-//! An anomaly in three dimensions: a stack of maps of the same nodes at ascending heights, a map draped over heights
-//! of its own, and one enum over all kinds of map.
+//! An anomaly in three dimensions: a stack of maps of the same nodes at ascending heights, a map draped over its own
+//! heights, and one enum over all kinds of map.
 //!
 //! Between two levels the value follows a cubic of height (or a straight line), across the levels the interpolation
 //! of the maps; both are evaluated exactly, so the gradient is that of the value in all three directions.
@@ -21,8 +21,8 @@ use thiserror::Error;
 /// Interpolation between two levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelInterpolation {
-    /// A cubic. Of maps alone the natural spline through all levels: value, slope and curvature are continuous,
-    /// without curvature at the ends. Of maps with vertical derivatives the cubic of Hermite.
+    /// A cubic. For maps alone, the natural spline through all levels: value, slope and curvature are continuous,
+    /// without curvature at the ends. For maps with vertical derivatives, the cubic of Hermite.
     #[default]
     Cubic,
     /// A straight line between the two levels: the slope jumps at the levels.
@@ -32,26 +32,25 @@ pub enum LevelInterpolation {
 /// Value at a position below the lowest or above the highest level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelExtrapolation {
-    /// Up to half the nearest step between levels away, the straight continuation (first order in height: value and
-    /// slope of the end level); nothing farther away. A filter that grazes the ends keeps a correct Jacobian, and one
-    /// that leaves them gets no value.
+    /// Linear extrapolation (value and slope of the end level) up to half of the nearest step between levels; no value
+    /// farther away. A filter that grazes the ends keeps a correct Jacobian; one that leaves them gets no value.
     #[default]
     HalfStep,
     /// No value.
     Nothing,
-    /// The value of the end level, at any distance, with no change with height, as MagNav.jl does. It is wrong by the
-    /// full decay of the field over that distance.
+    /// Value of the end level, at any distance, without change with height, as in MagNav.jl. Its error is the full
+    /// decay of the field over that distance.
     Clamp,
 }
 
 /// Settings for the interpolation of a stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StackOptions {
-    /// Across a level.
+    /// Interpolation across a level.
     pub interpolation: MapInterpolation,
-    /// From level to level.
+    /// Interpolation from level to level.
     pub between: LevelInterpolation,
-    /// Beyond the ends.
+    /// Values beyond the end levels.
     pub outside: LevelExtrapolation,
 }
 
@@ -214,7 +213,7 @@ impl MapStack {
         below.min(self.heights_m.len() - 1).checked_sub(1)
     }
 
-    /// Past the end level `end`, next to the level `inner`.
+    /// Value past the end level `end`, next to the level `inner`.
     fn beyond(&self, cell: CellPosition, end: usize, inner: usize, alt_m: f64) -> Option<FieldValue> {
         let (end_m, inner_m) = (*self.heights_m.get(end)?, *self.heights_m.get(inner)?);
         let jet = self.levels.get(end)?.at(cell)?;

@@ -1,10 +1,10 @@
 //! An anomaly map on a regular grid of latitude and longitude: value and exact gradient.
 //!
-//! Missing nodes are NaN. A place has a value when the four nodes of its cell are known, for all
-//! interpolations; elsewhere, and off the map, there is none.
+//! Missing nodes are NaN. A position has a value when the four nodes of its cell are known, for all interpolations;
+//! elsewhere, and off the map, there is none.
 //!
-//! A map that was given its vertical derivative also tells how the field changes with height, and
-//! the field a little above or below it.
+//! A map with a vertical derivative also returns the change of the field with height, and the field slightly above or
+//! below it.
 
 mod batch;
 mod grid;
@@ -31,10 +31,9 @@ choice! {
         /// The quadratic B-spline through the nodes with its pieces centred on them (MagNav.jl's
         /// `quad`): value and gradient are continuous. Gaps as with `Cubic`.
         Quadratic = "quadratic",
-        /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and
-        /// curvature are continuous. The gaps of a map are filled from their edges before the spline
-        /// is solved, so that a hole is felt in the cells next to it and dies out by a factor of 4 a
-        /// cell.
+        /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and curvature are
+        /// continuous. The gaps of a map are filled from their edges before the spline is solved. A hole affects the
+        /// cells next to it, by a factor of 4 less per cell.
         Cubic = "cubic",
     }
 }
@@ -42,8 +41,7 @@ choice! {
 /// Vertical derivative of a map at its nodes.
 #[derive(Clone, Copy, Debug)]
 pub struct VerticalDerivative<'a> {
-    /// Change of the anomaly per metre upward, in nT/m, by rows as the map's values; known where
-    /// they are.
+    /// Change of the anomaly per metre upward, in nT/m, by rows as the map's values; known where they are known.
     pub d_alt_nt_per_m: &'a [f64],
     /// The height at which the map holds, in metres.
     pub alt_m: f64,
@@ -72,7 +70,7 @@ impl GridAxes {
         Self { lat: *grid.lat(), lon: *grid.lon() }
     }
 
-    /// The cell of a place in degrees; `None` off the map or where the place is not a number.
+    /// The cell of a position in degrees; `None` off the map or where the position is not a number.
     #[inline(always)]
     pub(crate) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         let (row, up) = self.lat.locate(lat_deg)?;
@@ -114,11 +112,11 @@ impl MapSurface {
         Self { axes: GridAxes::from_grid(grid), nodes: SurfaceNodes::Anomaly(surface) }
     }
 
-    /// Prepares a grid and its vertical derivative, which is interpolated as the anomaly is.
+    /// Prepares a grid and its vertical derivative, which is interpolated in the same way.
     ///
     /// # Errors
-    /// Where the derivative is not of the grid's nodes, is not finite at a known node, or the
-    /// height is not finite.
+    /// Fails if the derivative does not have one value per node, is not finite at a known node, or the height is not
+    /// finite.
     pub fn with_vertical(
         grid: &GeographicGrid,
         vertical: VerticalDerivative<'_>,
@@ -141,7 +139,7 @@ impl MapSurface {
         }
     }
 
-    /// The height at which the map holds, where it was given one with its vertical derivative.
+    /// Height of the map, in metres, if it was given with a vertical derivative.
     pub fn alt_m(&self) -> Option<f64> {
         match self.nodes {
             SurfaceNodes::Anomaly(_) => None,
@@ -149,9 +147,9 @@ impl MapSurface {
         }
     }
 
-    /// The anomaly and its gradient on the map, at a place in degrees; `None` off the map, in a
-    /// cell with an unknown node, or where the place is not a number. A longitude may differ from
-    /// the map's by a full turn. Without a vertical derivative the change with height is zero.
+    /// Anomaly and its gradient on the map, at a position in degrees. `None` off the map, in a cell with an unknown
+    /// node, or where the position is not a number. A longitude may differ from the map's by a full turn. Without a
+    /// vertical derivative the change with height is zero.
     #[inline(always)]
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
         self.on_map(self.axes.cell(lat_deg, lon_deg)?)
@@ -179,10 +177,10 @@ impl MapSurface {
         }
     }
 
-    /// The anomaly at a height in metres, to first order: the map's value plus its vertical
-    /// derivative times the way from the map's height; and the exact gradient of that. How far
-    /// this holds is the caller's to judge: the error grows with the square of that way over the
-    /// depth of the sources. A map without a vertical derivative is the same at every height.
+    /// Anomaly at a height in metres, to first order: the map's value plus its vertical derivative times the distance
+    /// from the map's height; and the exact gradient of that. The caller decides how far this holds: the error grows
+    /// with the square of that distance over the depth of the sources. A map without a vertical derivative is the same
+    /// at every height.
     #[inline(always)]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.off_map(self.axes.cell(lat_deg, lon_deg)?, alt_m)
@@ -205,9 +203,8 @@ impl MapSurface {
         up_m.is_finite().then_some(field)
     }
 
-    /// The second derivatives of the map at a place in degrees, of the interpolation's own
-    /// formula: of a bilinear map only the mixed one is not zero, of a quadratic one they jump
-    /// half-way between nodes. `None` where [`Self::at`] has none.
+    /// Second derivatives of the map at a position in degrees, from the interpolation formula. A bilinear map has only
+    /// the mixed one; those of a quadratic map jump half-way between nodes. `None` where [`Self::at`] has none.
     pub fn curvature(&self, lat_deg: f64, lon_deg: f64) -> Option<MapCurvature> {
         let cell = self.axes.cell(lat_deg, lon_deg)?;
         let bend = match &self.nodes {

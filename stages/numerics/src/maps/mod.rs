@@ -13,12 +13,11 @@
 //! | [`grid_projection`] | latitude and longitude to the nodes of a projected grid, with derivatives |
 //! | [`projection`] | map projections by their PROJ definition |
 //! | [`magnetic_sources`] | dipoles and rectangular prisms in closed form |
-//! | [`anomaly_retention`] | how much of the geology a compensation leaves in place |
-//! | [`information`] | how well a position can be found on a map: the Cramér-Rao bound along a line |
+//! | [`anomaly_retention`] | the fraction of the crustal anomaly that a compensation keeps |
+//! | [`information`] | the Cramér-Rao bound of a position along a line on a map |
 //! | [`crossings`] | the misclosure of a line where its track crosses itself |
 //!
-//! A survey becomes a look-up in this order: [`levelling`], [`gridding`], [`fill`], [`continuation`],
-//! [`map_surface`].
+//! A survey is processed in this order: [`levelling`], [`gridding`], [`fill`], [`continuation`], [`map_surface`].
 //!
 //! # Equations
 //!
@@ -32,7 +31,7 @@
 //! ∂/∂east = i k_e,   ∂/∂north = i k_n,   ∂/∂up = −k
 //! ```
 //!
-//! MagNav.jl has α = 200 m² ([`continuation::MAGNAV_ALPHA_M2`]); [`downward`] takes the corner of the L-curve.
+//! MagNav.jl uses α = 200 m² ([`continuation::MAGNAV_ALPHA_M2`]); [`downward`] uses the corner of the L-curve.
 //!
 //! The anomaly is the part of the sources' field along the unit vector f of the main field B₀, which is the change
 //! of the magnitude to first order [Blakely 1996, (8.20)]. A dipole of moment m at the distance r has [Blakely 1996,

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_nodes_and_coordinates_are_inverse_and_nothing_is_read_off_the_grid() {
+    fn unit_nodes_and_coordinates_are_inverse_and_values_off_the_grid_are_nan() {
         let axis = EvenAxis { first: -3.0, step: 0.5, len: 4 };
         assert_eq!(axis.coordinates(), [-3.0, -2.5, -2.0, -1.5]);
         assert_eq!(axis.node(axis.last()), 3.0);

@@ -9,7 +9,7 @@ pub struct Projection {
 }
 
 impl Projection {
-    /// The system that a definition such as `+proj=utm +zone=54 +south +datum=WGS84` gives.
+    /// Coordinate system of a definition such as `+proj=utm +zone=54 +south +datum=WGS84`.
     ///
     /// # Errors
     /// Fails for an unknown projection or datum.
@@ -23,7 +23,7 @@ impl Projection {
         self.own.is_latlong()
     }
 
-    /// Metres to a unit of its coordinates: 1 for metres, 0.3048 for feet; 1 for degrees.
+    /// Metres per unit of its coordinates: 1 for metres, 0.3048 for feet; 1 for degrees.
     pub fn unit_m(&self) -> f64 {
         if self.is_geographic() { 1.0 } else { self.own.to_meter() }
     }

@@ -1,4 +1,4 @@
-//! The extended Kalman filter that estimates its noise from its innovations, for one or several magnetometers.
+//! Extended Kalman filter that estimates its noise from its innovations, for one or several magnetometers.
 //!
 //! Covariance matching makes the variance of the innovations equal to their predicted variance [Mehra 1970, 1972;
 //! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. With v_j the innovations of the last N samples of a magnetometer
@@ -10,13 +10,14 @@
 //!
 //! [`AdaptiveForm::Matched`] subtracts H P Hᵀ of every innovation from its own square, R̂ = (1/N) Σ (v_j² − H_j P_j
 //! H_jᵀ), because each innovation was predicted with the covariance of its time. While there are n < N innovations, the
-//! assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] is that of MagNav.jl: the mean of the two
-//! bounds (as variances) until there are N, then the printed equation with the covariance of the present sample.
+//! assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] follows MagNav.jl: until there are N
+//! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the printed equation with the
+//! covariance of the present sample.
 //!
-//! The mean of 1/R̂ is N/(N − 2) times 1/R where H P Hᵀ is small compared with R, and in these two forms more
-//! elsewhere. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With
-//! MagNav.jl's window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests,
-//! and six times the squared error that the filter predicts. With 50, both are right to a tenth. A short window
+//! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere it is larger in these two
+//! forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With MagNav.jl's
+//! window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests, and six
+//! times the squared error that the filter predicts. With a window of 50, both are correct within 10 %. A short window
 //! requires tight bounds.
 //!
 //! # Position less accurate than the measurement
@@ -31,41 +32,42 @@
 //! ```
 //!
 //! which is never near 0. With a window of 10 the same flights have R/R̂ of 1.27, slightly above N/(N − 2), and 7 %
-//! more squared error than the filter predicts. Its mean is R where R̂ is. An innovation changes it by (R/(H P Hᵀ +
-//! R))² of its change in the other forms, so an innovation without information on the noise does not change it. With H
-//! P Hᵀ small compared with R it is the matched form.
+//! more squared error than the filter predicts. The mean of the estimate is R if R̂ is R. An innovation changes the
+//! estimate by (R/(H P Hᵀ + R))² of its change in the other forms, so an innovation without information on the noise
+//! does not change it. With H P Hᵀ small compared with R it equals the matched form.
 //!
-//! Where the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]) each innovation counts in units
-//! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j²: the filter estimates one factor of σ and keeps its variation.
+//! Where the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]), each innovation counts in units
+//! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j². The filter then estimates one factor of σ and keeps its variation.
 //!
 //! # Several magnetometers
 //!
-//! They see the same field and the same S, so their rows of H are equal and their noises independent. The correction by
-//! all of them with R = diag(R_1, R_2, …) is then exactly that by their mean weighted with 1/R_i, whose variance is 1/Σ
-//! 1/R_i. A magnetometer that fails grows its own R̂ and loses its weight; the others carry on. (MagNav.jl adds R to
-//! every element of H P Hᵀ, which is singular for more than one.)
+//! All magnetometers measure the same field and the same S, so their rows of H are equal and their noises independent.
+//! The update with R = diag(R_1, R_2, …) therefore equals the update with their mean weighted by 1/R_i, whose variance
+//! is 1/Σ 1/R_i. If a magnetometer fails, its R̂ grows and its weight falls. (MagNav.jl adds R to every element of H P
+//! Hᵀ, which is singular for more than one.)
 //!
 //! # Process noise
 //!
 //! (5.47) of Gnadt 2022, Q̂ = K C Kᵀ, is the steady state of Q̂ = Q + K (C − H P Hᵀ − R) Kᵀ [Mohamed & Schwarz 1999].
-//! In its printed form it keeps the initial covariance. The filter adds the excess to the model's Q instead, with the
+//! In its printed form it keeps the initial covariance. Instead, the filter adds the excess to the model's Q, with the
 //! mean of v²/(H P Hᵀ + R) of the last N samples in place of C/(H P Hᵀ + R):
 //!
 //! ```text
 //! Q̂ = Q + ε K (H P Hᵀ + R) Kᵀ,     ε = mean of v²/(H P Hᵀ + R), less 1, between 0 and 1
 //! ```
 //!
-//! K (H P Hᵀ + R) Kᵀ is the decrease of the covariance by the measurement update, so at most all of it is returned. The
-//! covariance never exceeds that of the INS alone and cannot diverge. By chance ε is 0.56/√N on average for a correct
-//! model. This is a weak remedy: an unmodelled drift appears in the innovations only when it is as large as the noise.
+//! K (H P Hᵀ + R) Kᵀ is the decrease of the covariance by the measurement update, so at most the whole decrease is
+//! returned. The covariance never exceeds the covariance of the unaided INS and cannot diverge. For a correct model, ε
+//! is 0.56/√N on average by chance. This is a weak remedy: an unmodelled drift appears in the innovations only when it
+//! is as large as the noise.
 //!
 //! # Irregularities
 //!
-//! A measurement that is not finite, or whose sigma is not above 0, leaves its magnetometer out of the sample and its
-//! window as it is; a sample without any is missing. An estimated position off the map leaves out all. A gated
-//! measurement is not used, but enters the window as the largest that would have been, so that noise that has really
-//! risen opens the gate again while a single spike moves R̂ little. The rest is as in
-//! [`ekf`](crate::navigation::ekf).
+//! A measurement that is not finite, or whose sigma is not above 0, is skipped and does not change the window of its
+//! magnetometer. A sample without any measurement is missing. If the estimated position is off the map, all
+//! magnetometers are skipped. A gated measurement is not used, but enters the window as the largest accepted
+//! innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little. All else is
+//! as in [`ekf`](crate::navigation::ekf).
 
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_error::ParameterError;
@@ -116,7 +118,7 @@ choice! {
     }
 }
 
-/// The parameters of the filter.
+/// Parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveParameters {
     /// Noise to estimate.
@@ -170,8 +172,8 @@ impl AdaptiveParameters {
 /// A magnetometer along a line.
 #[derive(Clone, Copy, Debug)]
 pub struct AdaptiveMagnetometer<'a> {
-    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, the
-    /// line has one.
+    /// Measured field at each sample, in nT; NaN if missing. It contains the core field if, and only if, the line has
+    /// one.
     pub measurement_nt: &'a [f64],
     /// Assumed standard deviation of the white noise of each measurement, in nT, before adaptation. A value that is not
     /// above 0 makes the measurement missing.
@@ -183,7 +185,7 @@ pub struct AdaptiveMagnetometer<'a> {
 }
 
 impl<'a> AdaptiveMagnetometer<'a> {
-    /// The magnetometer of a line, with the bounds of its noise.
+    /// Magnetometer of a line, with the bounds of its noise.
     pub fn from_line(line: &NavigationLine<'a>, sigma_min_nt: f64, sigma_max_nt: f64) -> Self {
         Self { measurement_nt: line.measurement_nt, sigma_nt: line.sigma_nt, sigma_min_nt, sigma_max_nt }
     }
@@ -208,40 +210,39 @@ impl<'a> AdaptiveMagnetometer<'a> {
 /// Estimated noise of a magnetometer, and the use of its samples.
 #[derive(Clone, Debug, Default)]
 pub struct MagnetometerNoise {
-    /// The standard deviation of the noise that each measurement was taken to have, in nT; NaN where it had no
-    /// innovation.
+    /// Standard deviation of the noise of each measurement in the filter, in nT; NaN without an innovation.
     pub sigma_nt: Vec<f64>,
-    /// Measurements that were used.
+    /// Number of measurements used.
     pub updates: usize,
     /// Number of measurements that the innovation gate rejected.
     pub gated: usize,
-    /// The offset that was subtracted from every measurement, in nT.
+    /// Offset subtracted from every measurement, in nT.
     pub offset_nt: f64,
-    /// Samples that the offset is the mean of.
+    /// Number of samples averaged for the offset.
     pub offset_samples: usize,
 }
 
 /// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct AdaptiveOutput {
-    /// Estimate. `residual_nt` is that of the weighted mean of the used measurements (of all, where the gate rejected
-    /// all); `nis` is its square over its variance. A sample counts as gated if all its measurements were. The offset
-    /// is that of the first magnetometer.
+    /// Estimate. `residual_nt` is the innovation of the weighted mean of the used measurements (of all, if the gate
+    /// rejected all); `nis` is its square over its variance. A sample counts as gated if all its measurements were. The
+    /// offset is the offset of the first magnetometer.
     pub navigation: NavigationOutput,
     /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<MagnetometerNoise>,
-    /// The share ε of a correction that is given back as process noise after each sample; 0 where Q is not learnt.
+    /// Share ε of the covariance decrease that is returned as process noise after each sample; 0 if Q is not estimated.
     pub given_back: Vec<f64>,
 }
 
-/// Filters one line by all of its magnetometers. The line's own measurement and sigma have to fit the line, but are not
-/// read: [`AdaptiveMagnetometer::from_line`] makes a magnetometer of them. Costs about 3 microseconds a sample.
+/// Filters one line with all of its magnetometers. The line's own measurement and sigma must match its length, but are
+/// not read; [`AdaptiveMagnetometer::from_line`] makes a magnetometer of them. Costs about 3 µs per sample.
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
 /// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other
-/// lengths than the line; and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
-/// variance is negative.
+/// lengths than the line; and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance
+/// is negative.
 pub fn run(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,
@@ -278,7 +279,7 @@ struct AdaptiveEkf<'a> {
     line: &'a NavigationLine<'a>,
     field: PredictedField<'a>,
     learners: Vec<NoiseEstimator<'a>>,
-    /// The last innovations, squared over their variance, less 1.
+    /// Last values of NIS minus 1.
     excess: SlidingSum,
     /// Process noise that the next step returns.
     pending: Option<ProcessNoiseIncrement>,
@@ -286,7 +287,7 @@ struct AdaptiveEkf<'a> {
     given_back: Vec<f64>,
 }
 
-/// Share of a correction that is added as process noise.
+/// Share of a covariance decrease that is added as process noise.
 struct ProcessNoiseIncrement {
     at: LinearisedMeasurement,
     noise_nt2: f64,
@@ -326,7 +327,7 @@ impl FilterRecursion for AdaptiveEkf<'_> {
 }
 
 impl AdaptiveEkf<'_> {
-    /// Corrects the estimate by the measurements of a row, where there are any to use; counted.
+    /// Corrects the estimate with the usable measurements of a row and counts them.
     #[inline(always)]
     fn fuse(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
@@ -361,7 +362,7 @@ impl AdaptiveEkf<'_> {
         Innovation { residual_nt, nis }
     }
 
-    /// Notes how large the innovation was, and what is to be given back of its correction.
+    /// Records the NIS and the share of the covariance decrease to return.
     #[inline(always)]
     fn learn_process_noise(&mut self, at: LinearisedMeasurement, noise_nt2: f64, nis: f64) {
         if self.parameters.adapt == AdaptiveNoise::R {

@@ -1,4 +1,4 @@
-//! The Kalman filters with further measurements besides the scalar field: the difference of two magnetometers, the
+//! Kalman filters with further measurements in addition to the scalar field: the difference of two magnetometers, the
 //! field vector, and a height. They also have a map error that is correlated along the track, and skip samples where
 //! the map is too flat.
 //!
@@ -36,12 +36,13 @@ pub enum Linearisation {
     Once,
     /// Again at each estimate, as [`iekf`](crate::navigation::iekf).
     Iterated {
-        /// The most linearisations.
+        /// Maximum number of linearisations.
         iterations: usize,
-        /// A step that moves the position by less than this, in m, is the last.
+        /// Position change, in m, below which the iteration ends.
         tolerance_m: f64,
     },
-    /// Over the uncertainty of the position, as [`ukf`](crate::navigation::ukf); of these parameters α, β and κ count.
+    /// Over the uncertainty of the position, as [`ukf`](crate::navigation::ukf); only α, β and κ of these parameters
+    /// are used.
     Unscented(UkfParameters),
 }
 
@@ -52,34 +53,33 @@ pub struct AidedParameters {
     pub linearisation: Linearisation,
     /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Hand out the 18 error states of every sample.
+    /// Returns the 18 error states of every sample.
     pub keep_states: bool,
-    /// Hand out their covariance at every sample.
+    /// Returns their covariance at every sample.
     pub keep_covariance: bool,
 }
 
-/// The filtered line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct AidedOutput {
-    /// The track. Residual and NIS are those of the scalar field; where the sample has none, of the difference. A flat
-    /// sample counts as an update.
+    /// Track. Residual and NIS refer to the scalar field, or to the difference if the sample has no scalar measurement.
+    /// A flat sample counts as an update.
     pub navigation: NavigationOutput,
     /// Outcome of each sample.
     pub usage: Vec<SampleUsage>,
-    /// The horizontal slope of the predicted field at each sample before its measurement, in nT/m; NaN off the map.
+    /// Horizontal slope of the predicted field at each sample before its measurement, in nT/m; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
-    /// The standard deviation of what is not linear in the scalar field, in nT, by [`Linearisation::Unscented`]; else
-    /// NaN.
+    /// Standard deviation of the nonlinear part of the scalar field, in nT, with [`Linearisation::Unscented`];
+    /// otherwise NaN.
     pub nonlinear_sd_nt: Vec<f64>,
     /// Innovations of the further measurements.
     pub aids: AidInnovations,
-    /// The delay of the scalar magnetometer at each sample, and standard deviation of it, in s; empty where it is no
-    /// state.
+    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in s; empty if it is not a state.
     pub latency_s: [Vec<f64>; 2],
 }
 
 impl AidedOutput {
-    /// The samples where the map was too flat.
+    /// Number of samples where the map was too flat.
     pub fn flat(&self) -> usize {
         self.usage.iter().filter(|usage| **usage == SampleUsage::Flat).count()
     }
@@ -105,11 +105,11 @@ impl AidedParameters {
 
 /// Filters one line.
 ///
-/// Costs about 10 microseconds a sample without a vector.
+/// Costs about 10 µs per sample without a vector.
 ///
 /// # Errors
 /// Fails as [`AidedParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
-/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
+/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     aids: &Aids<'_>,

@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-//! Aiding positions in every filter that takes them.
+//! Aiding positions in every filter that accepts them.
 
 use super::adaptive::{self, AdaptiveNoise, AdaptiveParameters};
 use super::ekf::{self, EkfInput, EkfParameters};
@@ -43,7 +43,7 @@ fn by_ukf(line: &NavigationLine<'_>) -> NavigationOutput {
     ukf::run(&parameters, line).unwrap().navigation
 }
 
-/// The noise is learnt within bounds that leave it where it is.
+/// The bounds keep the estimated noise at its assumed value.
 fn by_adaptive(line: &NavigationLine<'_>) -> NavigationOutput {
     let parameters = AdaptiveParameters {
         adapt: AdaptiveNoise::R,
@@ -87,7 +87,7 @@ fn law_every_filter_ends_at_dense_least_squares_on_a_plane() {
 }
 
 #[test]
-fn law_an_ins_with_positions_alone_is_the_ekf_without_measurements() {
+fn law_an_ins_with_aiding_positions_equals_the_ekf_without_measurements() {
     let mut scene = aided(hills);
     scene.measurement_nt.fill(f64::NAN);
     scene.with(|line| {
@@ -103,7 +103,7 @@ fn law_an_ins_with_positions_alone_is_the_ekf_without_measurements() {
 }
 
 #[test]
-fn unit_positions_of_another_length_are_refused() {
+fn unit_positions_of_another_length_are_rejected() {
     let mut scene = aided(plane);
     scene.fixes.as_mut().unwrap().lon_deg.pop();
     let fault = scene.with(|line| line.check()).unwrap_err().to_string();

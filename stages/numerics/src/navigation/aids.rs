@@ -1,5 +1,5 @@
-//! Measurements besides the scalar field, common to all filters: the difference of two magnetometers, the field vector,
-//! and a height. Also the map error along the track, and samples where the map is too flat.
+//! Measurements in addition to the scalar field, common to all filters: the difference of two magnetometers, the field
+//! vector, and a height. Also the map error along the track, and samples where the map is too flat.
 //!
 //! The 18 states of [`pinson`](crate::navigation::pinson) are followed by Gauss-Markov states: the slow error of each
 //! further measurement. With the position p = INS + x, the temporal variation S, the tilt ψ, the rotation C of the INS
@@ -13,9 +13,9 @@
 //! height       h = altitude of p + b_h + white noise
 //! ```
 //!
-//! with the delay τ of the scalar magnetometer's time stamps at the velocity v, the map error e with a correlation
-//! length along the track, the biases b, and the part a_c of the crustal field vector that a scalar map does not
-//! determine. f contains the core field if the scalar measurement does.
+//! with the lag τ of the scalar magnetometer at the velocity v, the map error e with a correlation length along the
+//! track, the biases b, and the part a_c of the crustal field vector that a scalar map does not determine. f contains
+//! the core field if the scalar measurement does.
 //!
 //! Rows of H, predictions and variances of a sample are computed in one place, for the state of any filter. Filters
 //! differ in their linearisation points and in their use of a row.
@@ -29,9 +29,9 @@
 //! measures the yaw where the map is steep.
 //!
 //! The error of the map's slope enters the difference times the baseline: g_h along its horizontal part a_h, and g_u
-//! along its upward part a_u ([`SlopeError`]). Both are states with a correlation length along the track. A map of one
-//! height has no vertical slope, so g_u is the whole vertical slope: with 2.5 degrees of pitch, 15 m of baseline have
-//! 0.65 m of height, which at 0.1 nT/m exceeds the noise of such a difference.
+//! along its upward part a_u ([`SlopeError`]). Both are states with a correlation length along the track. A level map
+//! has no vertical slope, so g_u is the whole vertical slope. With 2.5 degrees of pitch, a baseline of 15 m has 0.65 m
+//! of height. At 0.1 nT/m this exceeds the noise of such a difference.
 //!
 //! **The vector** measures the attitude about the field to (σ_v, b_v)/|B|: 50 nT of 50,000 nT are 0.06 degrees. Its
 //! other part is the scalar field again. The scalar map does not determine the crustal field across the core field,
@@ -62,16 +62,16 @@ pub(crate) use rows::{Aid, AidMeasurements, LinearisedAid, SampleInnovations, ro
 pub use slope::{MapSlope, SlopeError};
 pub(crate) use states::AidStates;
 
-/// The difference of two scalar magnetometers, first minus second.
+/// Difference of two scalar magnetometers, first minus second.
 #[derive(Clone, Copy, Debug)]
 pub struct DifferenceAid<'a> {
-    /// It at each sample, in nT; NaN where there is none.
+    /// Difference at each sample, in nT; NaN if missing.
     pub difference_nt: &'a [f64],
-    /// The standard deviation of its white noise, in nT.
+    /// Standard deviation of its white noise, in nT.
     pub sigma_nt: f64,
-    /// From the second magnetometer to the first along nose, right and down, in m. Their middle is where the INS is.
+    /// Vector from the second magnetometer to the first along nose, right and down, in m. Its middle is at the INS.
     pub baseline_m: [f64; 3],
-    /// The error of the map's slope.
+    /// Error of the map's slope.
     pub slope: SlopeError<'a>,
     /// Slow error, in nT.
     pub bias: GaussMarkov,
@@ -80,27 +80,27 @@ pub struct DifferenceAid<'a> {
 /// A vector magnetometer.
 #[derive(Clone, Copy, Debug)]
 pub struct VectorAid<'a> {
-    /// The field along nose, right and down at each sample, in nT; NaN where there is none.
+    /// Field along nose, right and down at each sample, in nT; NaN if missing.
     pub field_nt: [&'a [f64]; 3],
-    /// The standard deviation of the white noise of each component, in nT.
+    /// Standard deviation of the white noise of each component, in nT.
     pub sigma_nt: f64,
     /// Slow error of each component, in nT.
     pub bias: GaussMarkov,
     /// Standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does not
     /// determine.
     pub crustal_sigma_nt: f64,
-    /// The distance over which that lasts, in m.
+    /// Correlation length of this field along the track, in m.
     pub crustal_length_m: f64,
-    /// The core field.
+    /// Core field.
     pub core: &'a Arc<CoreField>,
 }
 
-/// Independent heights, such as those of a barometer that does not aid the INS already.
+/// Independent heights, for example of a barometer that does not already aid the INS.
 #[derive(Clone, Copy, Debug)]
 pub struct HeightAid<'a> {
-    /// Above the ellipsoid at each sample, in m; NaN where there is none.
+    /// Height above the ellipsoid at each sample, in m; NaN if missing.
     pub alt_m: &'a [f64],
-    /// The standard deviation of the white noise, in m.
+    /// Standard deviation of the white noise, in m.
     pub sigma_m: f64,
     /// Slow error, in m.
     pub bias: GaussMarkov,
@@ -109,25 +109,25 @@ pub struct HeightAid<'a> {
 /// Error of the map as a Gauss-Markov process along the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapErrorProcess {
-    /// Its standard deviation, in nT.
+    /// Standard deviation, in nT.
     pub sigma_nt: f64,
-    /// The distance along the track over which its correlation falls to 1/e, in m.
+    /// Correlation length along the track, in m.
     pub length_m: f64,
 }
 
-/// Measurements of a filter besides the scalar field.
+/// Measurements of a filter in addition to the scalar field.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Aids<'a> {
-    /// The difference of two magnetometers.
+    /// Difference of two magnetometers.
     pub difference: Option<DifferenceAid<'a>>,
-    /// The field's vector.
+    /// Vector of the field.
     pub vector: Option<VectorAid<'a>>,
-    /// A height.
+    /// Height.
     pub height: Option<HeightAid<'a>>,
-    /// The map's error as a state.
+    /// Map error as a state.
     pub map_error: Option<MapErrorProcess>,
-    /// The standard deviation of the delay of the scalar magnetometer before the line, in s, as a constant state: a
-    /// sample that is stamped `t` was measured at `t` less the delay.
+    /// Standard deviation of the lag of the scalar magnetometer before the line, in s. The lag is a constant state: a
+    /// sample with time stamp `t` was measured at `t` minus the lag.
     pub latency_sigma_s: Option<f64>,
     /// Largest standard deviation of a measurement, divided by the map's slope, in m, for which the map observes the
     /// position.
@@ -137,11 +137,11 @@ pub struct Aids<'a> {
 /// Outcome of the field measurements of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleUsage {
-    /// One or more was used, and carried a position.
+    /// One or more measurements were used and observed the position.
     Used,
     /// The scalar field was used, but the map is too flat to observe the position; no other measurement was used.
     Flat,
-    /// There was none.
+    /// There was no measurement.
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
@@ -161,16 +161,16 @@ impl NavigationReport {
     }
 }
 
-/// Innovations of a further measurement, a value a sample; NaN where there was none.
+/// Innovations of a further measurement, one value per sample; NaN if missing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Innovations {
-    /// Measurement minus prediction, in the unit of the measurement; of a vector its length.
+    /// Measurement minus prediction, in the unit of the measurement; for a vector, its length.
     pub residual: Vec<f64>,
-    /// The squared innovation over its variance; of a vector the mean over components, of expectation 1.
+    /// NIS; for a vector, the mean over components. The expected value is 1.
     pub nis: Vec<f64>,
 }
 
-/// The innovations of all further measurements.
+/// Innovations of all further measurements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AidInnovations {
     /// Innovations of the difference.
@@ -189,14 +189,14 @@ impl Innovations {
 }
 
 impl Aids<'_> {
-    /// Whether there is any.
+    /// Whether there is any further measurement.
     pub fn is_any(&self) -> bool {
         let Self { difference, vector, height, map_error, latency_sigma_s, flat_over_m } = self;
         let measured = difference.is_some() || vector.is_some() || height.is_some();
         measured || map_error.is_some() || latency_sigma_s.is_some() || flat_over_m.is_some()
     }
 
-    /// Whether the map is too flat for a measurement of this variance: its horizontal slope, in nT/m.
+    /// Whether the map is too flat for a measurement of this variance and a horizontal slope in nT/m.
     pub(crate) fn is_flat(&self, variance_nt2: f64, slope_nt_per_m: f64) -> bool {
         self.flat_over_m.is_some_and(|flat_m| variance_nt2.sqrt() > slope_nt_per_m * flat_m)
     }
@@ -204,8 +204,9 @@ impl Aids<'_> {
     /// Rejects measurements that no filter can use.
     ///
     /// # Errors
-    /// Fails for standard deviations of white noise that are not above 0, lasting ones below 0, lengths and correlation
-    /// times that are not above 0, a baseline without length, and columns of another length than the line.
+    /// Fails for standard deviations of white noise that are not above 0, standard deviations of slow errors below 0,
+    /// lengths and correlation times that are not above 0, a baseline without length, and columns of another length
+    /// than the line.
     pub fn check(&self, rows: usize) -> Result<(), NavigationError> {
         let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
         let length = |column: &'static str, found: usize| match found == rows {

@@ -1,4 +1,4 @@
-//! The Cramér-Rao bound of magnetic navigation along a known path: how good any unbiased filter could be.
+//! Cramér-Rao bound of magnetic navigation along a known path: lower bound on the error of any unbiased filter.
 //!
 //! The covariance recursion of the filter is evaluated at the truth, with the map's slope there and without any
 //! estimate. For the linear error dynamics with Gaussian noise this is the recursion of the information matrix
@@ -7,13 +7,13 @@
 //! J₀ = P₀⁻¹,     J ← J + Hᵀ H/σ²,     J ← (Φ J⁻¹ Φᵀ + Q)⁻¹
 //! ```
 //!
-//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the one path that was flown (no expectation over paths), written
-//! with P = J⁻¹, as MagNav.jl's `crlb` is. No filter that has the same models can have a smaller mean squared error
+//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the one path that was flown (no expectation over paths). It is
+//! written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean squared error
 //! over the draws of noise, except by the nonlinearity of the map within its own error.
 //!
-//! The INS enters by the velocity, specific force and attitude in F only. A measurement enters by being there: one that
-//! is NaN, or whose sigma is not above 0, adds no information, and neither does a sample where the true position is off
-//! the map or in an unknown cell. Both are counted.
+//! The INS enters only by the velocity, specific force and attitude in F. Of the measurements, only their presence
+//! matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same holds for a sample
+//! where the true position is off the map or in an unknown cell. Both are counted.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
@@ -36,16 +36,16 @@ pub struct TruePath<'a> {
     pub lon_deg: &'a [f64],
     /// Height above the ellipsoid, in m.
     pub alt_m: &'a [f64],
-    /// Velocity north, east and down, in m/s; `None` takes the INS's.
+    /// Velocity north, east and down, in m/s; `None` uses the velocity of the INS.
     pub velocity_ned_mps: Option<[&'a [f64]; 3]>,
 }
 
 impl<'a> TruePath<'a> {
-    /// The line as an INS without position error would report it.
+    /// INS output along the path without position error.
     ///
     /// # Errors
     /// Fails for columns of another length than the line's, values that are not finite, and latitudes at or beyond a
-    /// pole, under the names that the columns have in a flight table.
+    /// pole. Errors use the column names of a flight table.
     pub fn along(&self, ins: &InsSeries<'a>) -> Result<InsSeries<'a>, SeriesError> {
         let [vn_mps, ve_mps, vd_mps] = self.velocity_ned_mps.unwrap_or([ins.vn_mps, ins.ve_mps, ins.vd_mps]);
         let position = [("lat", self.lat_deg), ("lon", self.lon_deg), ("alt", self.alt_m)];
@@ -66,9 +66,9 @@ impl<'a> TruePath<'a> {
     }
 }
 
-/// The bound along a path.
+/// Computes the bound along a path.
 ///
-/// The estimate is the truth itself: positions, and velocities if given, else those of the INS. `sd_n_m`, `sd_e_m` and
+/// The estimate is the truth: positions, and velocities if given, else those of the INS. `sd_n_m`, `sd_e_m` and
 /// `cov_ne_m2` are the bound, and so is `p` if it is kept; `x` is empty. `residual_nt` is the measurement minus the
 /// offset and the field at the true position, which is the temporal variation plus the noise. `nis` is its square over
 /// their variance σ_S² + σ²; a mean of 1 confirms the assumed noise. It is not the innovation of a filter. The offset
@@ -76,7 +76,7 @@ impl<'a> TruePath<'a> {
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
-/// is no longer finite or is negative.
+/// is not finite or is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     path: &TruePath<'_>,
@@ -92,8 +92,8 @@ pub fn run(
     pulp::Arch::new().dispatch(CramerRaoBound { line, truth, field, offset_nt, output })
 }
 
-/// [`run`] with further measurements besides the scalar field. The residual of each is measurement minus truth; its NIS
-/// is the square over the variance of noise and slow error.
+/// [`run`] with further measurements in addition to the scalar field. The residual of each is measurement minus truth;
+/// its NIS is the square over the variance of noise and slow error.
 ///
 /// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///
@@ -128,7 +128,7 @@ impl WithSimd for CramerRaoBound<'_> {
     #[inline(always)]
     fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
         let (truth, line) = (self.truth, self.line);
-        // The estimate is the truth: a position from elsewhere adds its information, and moves nothing.
+        // The estimate is the truth: an aiding position adds its information, but does not change the state.
         let still = |fix: Option<StateFix>| fix.map(|fix| StateFix { error: 0.0, ..fix });
         self.along(&truth, &line.errors, |row| line.fixes_at(row).map(still))?;
         Ok(self.output)
@@ -140,7 +140,7 @@ impl FilterRecursion for CramerRaoBound<'_> {
         &mut self.output
     }
 
-    /// Adds the information of the measurement of a row, where there is any; counted.
+    /// Adds the information of the measurement of a row, if usable, and counts it.
     #[inline(always)]
     fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
         let Some((measured_nt, noise_nt2)) = self.line.measured(row, self.offset_nt) else {

@@ -1,21 +1,22 @@
-//! The 18-state extended Kalman filter of magnetic navigation.
+//! 18-state extended Kalman filter of magnetic navigation.
 //!
-//! The states are errors of the INS (truth - INS; see `pinson`) and the temporal variation S; the
-//! measurement is the compensated scalar field, h(x) = map(position) + core(position) + S at the
-//! position INS + x. At each sample the filter updates, returns the state, and then propagates to
-//! the next with the INS of this one. [Gnadt 2022, section 5.3, with the corrections of H and Q]
+//! The states are errors of the INS (truth - INS; see `pinson`) and the temporal variation S; the measurement is the
+//! compensated scalar field, h(x) = map(position) + core(position) + S at the position INS + x. At each sample the
+//! filter updates, returns the state, and then propagates to the next with the INS of this one. [Gnadt 2022, section
+//! 5.3, with the corrections of H and Q]
 //!
-//! Irregularities along the line are documented and counted, never hidden:
+//! Irregularities along the line are counted:
 //!
 //! - a measurement that is NaN or infinite: no update, `residual` and `nis` are NaN;
-//! - a predicted position off the map or in an unknown cell: the same;
-//! - a flat map: without a core field the update only moves S, with one its slope corrects the position too;
-//! - an INS value that is not finite, time that does not ascend, a covariance that is no longer
-//!   finite and non-negative: an error that names the row.
+//! - a predicted position off the map or in an unknown cell: as above;
+//! - a flat map: without a core field the update changes only S; with one, the slope of the core field also corrects
+//!   the position;
+//! - an INS value that is not finite, time that does not ascend, or a covariance that is not finite and non-negative:
+//!   an error with the row.
 //!
-//! Filters over one line run side by side in the lanes of a vector register and share the transition matrices. A filter
-//! alone runs through the same code with registers of one lane, and the lanes do not touch: its bits are the same in
-//! any company.
+//! Filters over one line run in parallel in the lanes of a vector register and share the transition matrices. A single
+//! filter runs the same code with registers of one lane. Lanes are independent, so the results of a filter are
+//! bit-identical for any number of filters.
 
 mod measurement;
 mod pack;
@@ -37,13 +38,13 @@ use steps::EkfStepModel;
 
 /// Filters one line.
 ///
-/// `measurement_nt` is the compensated field at each sample of `ins`; it holds the core field if,
-/// and only if, `core` is given. Costs about 3 microseconds a sample and allocates little but the output.
+/// `measurement_nt` is the compensated field at each sample of `ins`; it contains the core field if, and only if,
+/// `core` is given. Costs about 3 µs per sample and allocates little except the output.
 ///
 /// # Errors
 /// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
-/// another length than the INS, and with [`NavigationError::Diverged`] when states or variances are no longer finite or
-/// a variance is negative.
+/// another length than the INS, and with [`NavigationError::Diverged`] when a state or variance is not finite or a
+/// variance is negative.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
@@ -60,24 +61,24 @@ pub fn run(
 /// Input of one of several filters over the same line.
 #[derive(Clone, Copy, Debug)]
 pub struct EkfInput<'a> {
-    /// The parameters.
+    /// Parameters.
     pub parameters: &'a EkfParameters,
-    /// The compensated field at each sample; it holds the core field if, and only if, `core` is given.
+    /// Compensated field at each sample; it contains the core field if, and only if, `core` is given.
     pub measurement_nt: &'a [f64],
-    /// The standard deviation of the noise of each measurement, in nT, in place of
-    /// [`EkfParameters::measurement_sigma_nt`]; a value that is not above 0 makes its measurement a missing one.
+    /// Standard deviation of the noise of each measurement, in nT, in place of [`EkfParameters::measurement_sigma_nt`].
+    /// A measurement with a value that is not above 0 counts as missing.
     pub sigma_nt: Option<&'a [f64]>,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// The map.
+    /// Map.
     pub map: &'a FieldMap,
-    /// The core field.
+    /// Core field.
     pub core: Option<&'a Arc<CoreField>>,
 }
 
-/// Filters one line by several points, whose results are in their order and bit-identical to [`run`].
+/// Filters one line at several points. The results are in the order of the points and bit-identical to [`run`].
 ///
-/// Points of equal time constants (except that of the temporal variation), discretisation and, for
+/// Points with equal time constants (except that of the temporal variation), discretisation and, for
 /// [`VanLoan`](crate::navigation::transition::NoiseDiscretisation::VanLoan), process noise share the transition
 /// matrices. All results are in memory together.
 ///
@@ -130,12 +131,12 @@ impl EkfInput<'_> {
     }
 }
 
-/// Steps that are computed before the filters use them, one pack after the other: the covariances of a pack stay in the
-/// innermost cache meanwhile, and the steps in the next-level cache.
+/// Number of steps that are computed before the filters use them, pack by pack. The covariances of a pack stay in the
+/// innermost cache, and the steps in the next-level cache.
 const BLOCK: usize = 32;
 
-/// Number of filters up to which they run one by one: with few filters the vector unit is faster along the rows of a
-/// matrix than across the filters.
+/// Number of filters up to which they run one by one. With few filters, vectorisation along the rows of a matrix is
+/// faster than across filters.
 const FEW: usize = 2;
 
 /// Filters with common steps, dispatched together to the vector unit of the machine.
@@ -172,7 +173,7 @@ impl<'a> WithSimd for EkfBatch<'a> {
     }
 }
 
-/// Packs of as many filters as a register has lanes, after their first sample.
+/// Packs with one filter per lane of a register, after their first sample.
 #[inline(always)]
 fn packed<'a, S: Simd>(
     simd: S,

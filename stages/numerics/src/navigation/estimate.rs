@@ -1,8 +1,8 @@
-//! The Gaussian estimate that a filter over one line carries from sample to sample, its two moves, the step to the next
-//! sample and the correction by a scalar measurement, and the recursion of them along a line.
+//! Gaussian estimate that a filter propagates along a line: time update, measurement update with a scalar, and their
+//! recursion.
 //!
-//! The functions are inlined into the loop of a filter, which is compiled for each kind of vector unit. No product is
-//! fused with a sum, so all of them give the same bits.
+//! The functions are inlined into the loop of a filter, which is compiled for each kind of vector unit. Products and
+//! sums are not fused, so the results of all units are bit-identical.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
@@ -12,7 +12,7 @@ use crate::navigation::position_fixes::StateFix;
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, measured_states, mirror};
 use crate::navigation::transition::{NoiseDiscretisation, propagate_state, step_covariance, transition_matrix};
 
-/// The process model of a step, of which only the INS quantities change along a line.
+/// Process model of a step. Only the INS quantities change along a line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InsProcessModel {
     times: TimeConstants,
@@ -22,7 +22,7 @@ pub(crate) struct InsProcessModel {
 }
 
 impl InsProcessModel {
-    /// The steps of an error model.
+    /// Process model of an error model.
     pub(crate) fn from_error_model(errors: &InsErrorModel) -> Self {
         Self {
             times: errors.time_constants(),
@@ -40,16 +40,16 @@ impl InsProcessModel {
     }
 }
 
-/// A Gaussian over the error states, in the units of `pinson`.
+/// Gaussian over the error states, in the units of `pinson`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StateEstimate {
-    /// Its mean.
+    /// Mean.
     pub(crate) x: StateVector,
-    /// Its covariance, exactly symmetric.
+    /// Covariance, exactly symmetric.
     pub(crate) p: StateMatrix,
 }
 
-/// A scalar measurement z = H x + v of the states, with an estimate.
+/// Scalar measurement z = H x + v of the states, with an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LinearisedMeasurement {
     /// H.
@@ -65,19 +65,19 @@ pub(crate) struct LinearisedMeasurement {
 pub(crate) struct MeasurementUpdate {
     /// K.
     pub(crate) gain: StateVector,
-    /// z - H x before it.
+    /// z - H x a priori.
     pub(crate) innovation: f64,
     /// 1/(H P Hᵀ + R).
     pub(crate) weight: f64,
 }
 
 impl StateEstimate {
-    /// No error, and the initial covariance at the first sample of an INS.
+    /// Zero error, and the initial covariance at the first sample of an INS.
     pub(crate) fn start_of(errors: &InsErrorModel, ins: &InsSeries<'_>) -> Self {
         Self { x: [0.0; STATES], p: errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]) }
     }
 
-    /// x ← Φ x and P ← Φ P Φᵀ + Q of the step from the sample before `row` to `row`; hands back Φ.
+    /// x ← Φ x and P ← Φ P Φᵀ + Q of the step from the sample before `row` to `row`. Returns Φ.
     #[inline(always)]
     pub(crate) fn propagate(&mut self, model: &InsProcessModel, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
@@ -88,21 +88,21 @@ impl StateEstimate {
         phi
     }
 
-    /// The covariance of latitude, that of latitude and longitude, and that of longitude, in rad².
+    /// Variance of latitude, covariance of latitude and longitude, and variance of longitude, in rad².
     #[inline(always)]
     pub(crate) fn horizontal(&self) -> [f64; 3] {
         [self.p[LAT][LAT], self.p[LAT][LON], self.p[LON][LON]]
     }
 
-    /// A measurement of the row H.
+    /// Measurement with the row H.
     #[inline(always)]
     pub(crate) fn linearised(&self, h: Sensitivity) -> LinearisedMeasurement {
         let ph = h.covariance(&self.p);
         LinearisedMeasurement { h, ph, variance: h.dot(&ph) }
     }
 
-    /// x ← x + K r and the covariance of it, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the
-    /// noise. `at` is of this estimate.
+    /// x ← x + K r and its covariance, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the noise. `at`
+    /// belongs to this estimate.
     #[inline(always)]
     pub(crate) fn correct(&mut self, at: &LinearisedMeasurement, residual: f64, noise: f64) -> MeasurementUpdate {
         let weight = 1.0 / (at.variance + noise);
@@ -112,14 +112,14 @@ impl StateEstimate {
         MeasurementUpdate { gain, innovation: residual, weight }
     }
 
-    /// The correction by a measured value with the variance of its noise.
+    /// Measurement update with a measured value and the variance of its noise.
     #[inline(always)]
     pub(crate) fn update(&mut self, h: Sensitivity, value: f64, noise: f64) -> MeasurementUpdate {
         let innovation = value - h.dot(&self.x);
         self.correct(&self.linearised(h), innovation, noise)
     }
 
-    /// The update by the aiding positions of a row, one coordinate after the other.
+    /// Updates with the aiding positions of a row, one coordinate after the other.
     #[inline(always)]
     pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) -> [Option<MeasurementUpdate>; 3] {
         fixes.map(|fix| {
@@ -128,7 +128,8 @@ impl StateEstimate {
     }
 
     /// Joseph's form P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ of the covariance for any gain K, as A = P − K (P Hᵀ)ᵀ and
-    /// then A + (R K − A Hᵀ) Kᵀ, of which one triangle is mirrored. `ph` is P Hᵀ, `noise` is R. [Bucy & Joseph 1968]
+    /// then A + (R K − A Hᵀ) Kᵀ. One triangle is computed and mirrored. `ph` is P Hᵀ, `noise` is R. [Bucy & Joseph
+    /// 1968]
     #[inline(always)]
     pub(crate) fn correct_covariance(&mut self, h: &Sensitivity, gain: &StateVector, ph: &StateVector, noise: f64) {
         let p = &mut self.p;
@@ -145,14 +146,14 @@ impl StateEstimate {
         mirror(p);
     }
 
-    /// P ← P + share K (H P Hᵀ + R) Kᵀ with the gain of the prior that `at` is of: gives back a share of what the
-    /// correction by this measurement took off the covariance.
+    /// P ← P + share K (H P Hᵀ + R) Kᵀ with the a priori gain of `at`: returns a share of the covariance decrease by
+    /// this measurement.
     #[inline(always)]
     pub(crate) fn give_back(&mut self, at: &LinearisedMeasurement, noise: f64, share: f64) {
         let factor = share / (at.variance + noise);
         for (row, entries) in self.p.iter_mut().enumerate() {
             for (column, entry) in entries.iter_mut().enumerate() {
-                // The product of the two entries first, so that the matrix stays exactly symmetric.
+                // Multiplies the two entries first, so that the matrix stays exactly symmetric.
                 *entry += factor * (at.ph[row] * at.ph[column]);
             }
         }
@@ -164,13 +165,13 @@ impl StateEstimate {
         measured_states(&self.x)
     }
 
-    /// Fails where a state or a variance is not finite, or a variance is negative.
+    /// Rejects states and variances that are not finite, and negative variances.
     ///
     /// # Errors
     /// [`NavigationError::Diverged`] at this row and time.
     #[inline(always)]
     pub(crate) fn check(&self, row: usize, tt_s: f64) -> Result<(), NavigationError> {
-        // Anything times zero is zero, unless it is not finite; a NaN is not equal to anything.
+        // A finite value times zero is zero. A NaN is not equal to anything.
         let (mut finite, mut least) = (0.0, 0.0_f64);
         for state in 0..STATES {
             let variance = self.p[state][state];
@@ -193,10 +194,10 @@ pub(crate) trait FilterRecursion {
     #[inline(always)]
     fn before_step(&mut self, _: &mut StateEstimate) {}
 
-    /// Corrects the estimate by the measurement of a row, where there is one to use; counted.
+    /// Corrects the estimate with the measurement of a row, if usable, and counts it.
     fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation;
 
-    /// Filters along an INS: the step, the aiding positions of the row, its measurement.
+    /// Filters along an INS: for each row the step, the aiding positions, and the measurement.
     ///
     /// # Errors
     /// Fails as [`StateEstimate::check`].

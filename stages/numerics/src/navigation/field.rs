@@ -1,4 +1,4 @@
-//! The field that a filter predicts at a position: the anomaly map, and the core field where the measurement holds it.
+//! Field that a filter predicts at a position: the anomaly map, and the core field if the measurement contains it.
 
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use crate::navigation::ins_series::InsSeries;
 /// Interval of divided differences, in standard deviations: its square is the kurtosis of a normal distribution.
 const INTERVAL: f64 = 1.732_050_807_568_877_2;
 
-/// The map and the core field of one date. The core field is linearised about a point near the last position asked for,
-/// so a copy a thread is needed, and its answers do not depend on the order of the positions beyond 1e-3 nT.
+/// Map and core field of one date. The core field is linearised about a point near the last evaluated position, so each
+/// thread needs a copy. The order of positions changes results by less than 1e-3 nT.
 #[derive(Clone, Debug)]
 pub struct PredictedField<'a> {
     map: &'a FieldMap,
@@ -20,18 +20,18 @@ pub struct PredictedField<'a> {
 }
 
 impl<'a> PredictedField<'a> {
-    /// The field of a map, and of a core field where there is one.
+    /// Field of a map, and optionally of a core field.
     pub fn new(map: &'a FieldMap, core: Option<&Arc<CoreField>>) -> Self {
         Self { map, core: core.map(|core| LinearisedCoreField::new(core.clone())), second_order: false }
     }
 
-    /// The field whose [`PredictedField::curvature_nt2`] counts, or not.
+    /// Enables or disables [`PredictedField::curvature_nt2`].
     #[must_use]
     pub fn with_second_order(self, second_order: bool) -> Self {
         Self { second_order, ..self }
     }
 
-    /// The field in nT and its gradient (nT/rad, nT/rad, nT/m) at a geodetic position in degrees and metres above the
+    /// Field, in nT, and its gradient (nT/rad, nT/rad, nT/m) at a geodetic position in degrees and metres above the
     /// ellipsoid; `None` off the map and in unknown cells.
     pub fn at(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let anomaly = self.map.at(lat_deg, lon_deg, alt_m)?;
@@ -48,7 +48,7 @@ impl<'a> PredictedField<'a> {
         self.at(lat_deg, lon_deg, ins.alt_m[row] + error[2])
     }
 
-    /// Variance, in nT², of the field beyond its slope over the uncertainty of a position. 0 without
+    /// Variance, in nT², of the nonlinear part of the field over the uncertainty of a position. 0 without
     /// [`PredictedField::with_second_order`].
     #[inline]
     pub fn curvature_nt2(
@@ -65,8 +65,8 @@ impl<'a> PredictedField<'a> {
         remainder_nt2(covariance, centre_nt, |north, east| self.at_error(ins, row, [lat + north, lon + east, alt]))
     }
 
-    /// The mean of measurement minus prediction at the INS position over the first `window_s` seconds, in nT, and the
-    /// number of samples it is the mean of; no samples for a window of 0.
+    /// Mean of measurement minus prediction at the INS position over the first `window_s` seconds, in nT, and the
+    /// number of averaged samples; no samples for a window of 0.
     pub fn offset(&mut self, ins: &InsSeries<'_>, measurement_nt: &[f64], window_s: f64) -> (f64, usize) {
         if window_s <= 0.0 {
             return (0.0, 0);
@@ -87,10 +87,10 @@ impl<'a> PredictedField<'a> {
     }
 }
 
-/// Variance, in nT², of the part of a field that its slope does not describe, over the uncertainty of a position: by
-/// second-order divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and
-/// Ravn 2000, DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of
-/// longitude, in rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map counts 0.
+/// Variance, in nT², of the nonlinear part of a field over the uncertainty of a position: by second-order divided
+/// differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and Ravn 2000, DD2].
+/// `covariance` has the variance of latitude, the covariance with longitude, and the variance of longitude, in rad²;
+/// `field_at` takes an error of latitude and longitude. A column that leaves the map counts 0.
 #[inline]
 pub(crate) fn remainder_nt2(
     [lat, both, lon]: [f64; 3],
@@ -116,8 +116,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_the_remainder_of_a_quadratic_field_is_its_variance() {
-        // Var[a x²/2 + b y²/2] = a² p² / 2 + b² q² / 2 of independent normal x and y of variances p and q.
+    fn law_the_nonlinear_variance_of_a_quadratic_field_is_exact() {
+        // Var[a x²/2 + b y²/2] = a² p² / 2 + b² q² / 2 for independent normal x and y of variances p and q.
         let (a, b, p, q) = (3.0, -5.0, 0.04, 0.09);
         let field = |x: f64, y: f64| {
             let value_nt = 7.0 + 2.0 * x - y + 0.5 * (a * x * x + b * y * y);

@@ -1,25 +1,25 @@
-//! A test of aiding positions against the INS, which finds receivers that are jammed, spoofed or drift.
+//! Test of aiding positions against the INS, which detects receivers that are jammed, spoofed or drift.
 //!
-//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A map that is wrong therefore
-//! rejects no position, and every filter of a line is given the same fixes. Two tests of the innovation ν with
-//! covariance S run side by side, each for the horizontal position and for the height:
+//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A wrong map therefore rejects no
+//! position, and all filters of a line use the same fixes. Two tests of the innovation ν with covariance S run in
+//! parallel, each for the horizontal position and for the height:
 //!
 //! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
 //!   Kirubarajan 2001, section 5.4];
 //! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`], and
 //!   an alarm where |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum quality-control
-//!   schemes, Technometrics 30(3)], which has the same power in every direction. It finds what changes by less than the
+//!   schemes, Technometrics 30(3)], which has the same power in every direction. It detects changes smaller than the
 //!   noise from fix to fix: a drift of 1 m/s with fixes of 2 m each second after 7 to 12 s, one of 0.5 m/s after 12 to
 //!   19 s.
 //!
-//! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them, as
-//! a receiver that keeps its last seconds does. While the alarm lasts, the INS alone predicts. [`RECOVERY`] fixes in a
-//! row that agree with it end the alarm.
+//! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them,
+//! which requires the fixes of the last seconds. During the alarm, the INS alone predicts. [`RECOVERY`] consecutive
+//! fixes that agree with it end the alarm.
 //!
-//! The test starts with the position, velocity and attitude known roughly ([`START_POSITION_M`] and so on), as the
-//! start of a line may be known less well than a filter assumes. It needs about half a minute of fixes before it finds
-//! a drift. An offset that is there from the first fix on cannot be found. Fixes with more noise than assumed widen
-//! both tests by the median of z² over the last [`SCALE_OVER`] fixes.
+//! The test assumes a large uncertainty of the initial position, velocity and attitude ([`START_POSITION_M`] and so
+//! on), because the actual start error may exceed the error that a filter assumes. It needs about 30 s of fixes before
+//! it detects a drift. An offset that exists from the first fix on cannot be detected. Fixes with more noise than
+//! assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
 use crate::navigation::estimate::{InsProcessModel, StateEstimate};
 use crate::navigation::ins_error::InsErrorModel;
@@ -29,38 +29,38 @@ use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, 
 use crate::navigation::position_fixes::{PositionFixes, StateFix};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// The squared innovation over its variance, a component, beyond which one fix is rejected, for a height and for a pair
-/// of coordinates: 1e-6 of healthy ones are.
+/// NIS per component above which one fix is rejected, for a height and for a pair of coordinates: 1e-6 of healthy fixes
+/// exceed it.
 pub const SINGLE_NIS: [f64; 2] = [23.9, 13.8];
-/// The part of each whitened innovation that the cumulative sum ignores, in standard deviations.
+/// Part of each whitened innovation that the cumulative sum ignores, in standard deviations.
 pub const ALLOWANCE: f64 = 1.0;
-/// The cumulative sum that is an alarm, in standard deviations.
+/// Cumulative sum that raises an alarm, in standard deviations.
 pub const ALARM: f64 = 10.0;
-/// The largest innovation that enters the sum, in standard deviations: one wild fix is no alarm.
+/// Largest innovation that enters the sum, in standard deviations, so that one outlier raises no alarm.
 const LARGEST: f64 = 5.0;
-/// The consecutive fixes that must agree with the INS before fixes are used again.
+/// Number of consecutive fixes that must agree with the INS before fixes are used again.
 pub const RECOVERY: usize = 10;
-/// The squared innovation over its variance, a component, of a fix that agrees: 0.1 % of healthy pairs do not.
+/// Largest NIS per component of a fix that agrees: 0.1 % of healthy pairs exceed it.
 const AGREES_NIS: f64 = 6.9;
-/// The number of fixes that the noise is judged by.
+/// Number of fixes from which the noise is estimated.
 pub const SCALE_OVER: usize = 50;
-/// The median of a squared standard normal.
+/// Median of a squared standard normal.
 const MEDIAN_SQUARE: f64 = 0.4549;
-/// The least standard deviation of each coordinate that the test starts with, in m.
+/// Smallest initial standard deviation of each coordinate in the test, in m.
 pub const START_POSITION_M: f64 = 10_000.0;
-/// That of each component of the velocity, in m/s.
+/// Smallest initial standard deviation of each velocity component, in m/s.
 pub const START_VELOCITY_MPS: f64 = 2.0;
-/// That of the tilt, and of the heading, in degrees.
+/// Smallest initial standard deviations of tilt and heading, in degrees.
 pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
 
-/// The outcome for the fixes of a line.
+/// Result for the fixes of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FixTestResult {
-    /// The fixes that passed; NaN in place of the others.
+    /// Accepted fixes; NaN in place of the others.
     pub accepted: PositionFixes,
     /// Whether a coordinate of the fix of each sample was rejected.
     pub rejected: Vec<bool>,
-    /// The samples at which the cumulative sum raised an alarm.
+    /// Samples at which the cumulative sum raised an alarm.
     pub alarms: Vec<usize>,
 }
 
@@ -68,7 +68,7 @@ pub struct FixTestResult {
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is no longer finite.
+/// [`NavigationError::Diverged`] when a state or variance is not finite.
 pub fn run(
     ins: &InsSeries<'_>,
     errors: &InsErrorModel,
@@ -84,20 +84,20 @@ pub fn run(
     Ok(monitor.finish())
 }
 
-/// The horizontal position, and the height.
+/// Coordinates of the horizontal position and of the height.
 const CHANNELS: [&[usize]; 2] = [&[0, 1], &[2]];
 
 /// State of the test of one channel: the horizontal position or the height.
 struct FixTestChannel {
-    /// Its coordinates.
+    /// Coordinates of the channel.
     coordinates: &'static [usize],
-    /// The cumulative sum of each coordinate's whitened innovations.
+    /// Cumulative sum of each coordinate's whitened innovations.
     sum: [f64; 2],
-    /// The sample of the last fix before which the sum was 0, and the estimate before it.
+    /// Sample of the last fix before which the sum was 0, and the estimate before it.
     calm: Option<(usize, StateEstimate)>,
-    /// The fixes in a row that agreed during an alarm; `None` without one.
+    /// Number of consecutive fixes that agreed during an alarm; `None` without one.
     alarm: Option<usize>,
-    /// The squares of the last whitened innovations.
+    /// Squares of the last whitened innovations.
     squares: Vec<f64>,
     /// Whether the fix of each sample is used.
     uses: Vec<bool>,
@@ -119,7 +119,7 @@ impl FixTestChannel {
         Self { coordinates, sum, calm: None, alarm: None, squares, uses: vec![true; rows] }
     }
 
-    /// The variance that a unit of the assumed one is, by the last fixes; at least 1.
+    /// Ratio of the variance of the last fixes to the assumed variance; at least 1.
     fn scale(&self) -> f64 {
         let last = SCALE_OVER * self.coordinates.len();
         let mut squares = self.squares[self.squares.len().saturating_sub(last)..].to_vec();
@@ -131,7 +131,7 @@ impl FixTestChannel {
         (*median / MEDIAN_SQUARE).max(1.0)
     }
 
-    /// Adds whitened innovations of the standard deviation `scale` to the cumulative sum.
+    /// Adds whitened innovations with the standard deviation `scale` to the cumulative sum.
     fn accumulate(&mut self, z: &[f64], scale: f64) {
         for (sum, z) in self.sum.iter_mut().zip(z) {
             *sum += (z / scale).clamp(-LARGEST, LARGEST);
@@ -140,7 +140,7 @@ impl FixTestChannel {
         self.sum = self.sum.map(|sum| sum * shrink);
     }
 
-    /// Whether a fix of these whitened innovations is used, and whether it raises an alarm.
+    /// Whether a fix with these whitened innovations is used, and whether it raises an alarm.
     fn judge(&mut self, z: &[f64], row: usize, before: &StateEstimate) -> (bool, bool) {
         let scale = self.scale();
         let nis = z.iter().map(|z| z * z).sum::<f64>() / (scale * z.len() as f64);
@@ -154,7 +154,7 @@ impl FixTestChannel {
         if self.calm.is_none() || self.sum == [0.0; 2] {
             self.calm = Some((row, *before));
         }
-        // Before the noise of the fixes is known, its excess would be taken as a drift.
+        // Before the noise of the fixes is estimated, its excess would appear as a drift.
         if self.squares.len() >= SCALE_OVER / 2 * z.len() {
             self.accumulate(z, scale.sqrt());
         }
@@ -189,7 +189,7 @@ impl<'a> FixMonitor<'a> {
         }
     }
 
-    /// The step to a row, its tests, and the fixes that pass them.
+    /// Processes a row: step, tests, and the fixes that pass them.
     fn sample(&mut self, row: usize) -> Result<(), NavigationError> {
         self.step(row);
         let fixes = self.fixes.at(self.ins, row, self.errors.earth);
@@ -218,7 +218,7 @@ impl<'a> FixMonitor<'a> {
         channel.alarm = Some(0);
         let Some((first, before)) = channel.calm.take() else { return };
         channel.uses[first..=row].fill(false);
-        // The state of another channel before these samples is no longer on the way to the present one.
+        // The stored state of another channel before these samples is no longer valid.
         for other in self.channels.iter_mut().filter(|other| other.calm.is_some_and(|(at, _)| at > first)) {
             other.calm = None;
         }
@@ -265,7 +265,7 @@ fn length([a, b]: [f64; 2]) -> f64 {
     a.hypot(b)
 }
 
-/// The innovations of fixes of an estimate, made independent and of variance 1, in their order.
+/// Innovations of fixes, whitened to independent values of variance 1, in their order.
 fn whitened(estimate: &StateEstimate, fixes: &[StateFix]) -> Vec<f64> {
     let (x, p): (_, &StateMatrix) = (&estimate.x, &estimate.p);
     let own = |fix: &StateFix| (fix.error - x[fix.state], p[fix.state][fix.state] + fix.variance);

@@ -1,53 +1,53 @@
-//! A fixed-lag smoother of the INS errors together with the coefficients of the aircraft's field.
+//! Fixed-lag smoother of the INS errors together with the coefficients of the aircraft field.
 //!
-//! The states x are the 18 of [`pinson`](crate::navigation::pinson), truth minus INS. To these come, of every
-//! magnetometer m, coefficients β_m of any linear model of the aircraft's field (Tolles-Lawson terms, heading-error
-//! harmonics, a bias), constant or in a random walk, and a first-order Gauss-Markov error e_m, for what a linear model
-//! leaves is correlated. A measurement is
+//! The states x are the 18 of [`pinson`](crate::navigation::pinson), truth minus INS, followed by two groups for every
+//! magnetometer m. The first are the coefficients β_m of any linear model of the aircraft field (Tolles-Lawson terms,
+//! heading-error harmonics, a bias), constant or in a random walk. The second is a first-order Gauss-Markov error e_m,
+//! because the residual of a linear model is correlated. A measurement is
 //!
 //! ```text
 //! z_m = map(INS + x) + core(INS + x) + S + A_m β_m + e_m + white noise
 //! ```
 //!
-//! The start may be cold: the INS is accurate to metres there, so the map determines the coefficients before the INS
-//! has drifted.
+//! The start may be cold: the INS is then accurate to metres, so the map determines the coefficients before the INS
+//! drifts.
 //!
 //! # Method
 //!
-//! Windows of `window_s` end every stride, `window_s` (1 − `overlap`). All states of a window are solved for together:
-//! Gauss-Newton with a line search on the posterior cost, whose step is a forward pass of the filter about the last
+//! Windows of `window_s` end every stride, `window_s` (1 − `overlap`). All states of a window are solved for together
+//! by Gauss-Newton with a line search on the posterior cost. Each step is a forward pass of the filter about the last
 //! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
-//! smoother is Gauss-Newton]. No covariance is inverted, so states without process noise or with a large prior do no
-//! harm. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P
-//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss)
-//! (iteratively reweighted least squares).
+//! smoother is Gauss-Newton]. No covariance is inverted, so states may have no process noise or a large prior. The path
+//! is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P λ₁ + ½ Σ λₖᵀ Q
+//! λₖ. Robust weights are those of [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss) (iteratively reweighted
+//! least squares).
 //!
 //! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
 //! dropped measurements alone, linearised about the last solution. It carries the whole covariance of INS states and
 //! coefficients, and no measurement counts twice. Between the ends of windows a filter continues from the end of the
-//! last window, linearised at its own predictions. It gives the innovations, which are real-time innovations at any
-//! lag.
+//! last window, linearised at its own predictions. The innovations come from this filter, so they are real-time
+//! innovations at any lag.
 //!
 //! Aiding positions ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight of
 //! least squares for any loss.
 //!
-//! # What the estimate of a sample has seen
+//! # Measurements used for the estimate of a sample
 //!
-//! At `lag_s` = 0 it is that of the filter: it uses measurements up to the sample, or to the end of its
+//! At `lag_s` = 0 the estimate is that of the filter: it uses measurements up to the sample, or to the end of its
 //! `measurement_interval_s`. At a larger lag it is the smoothed state of the last window that contains the sample and
-//! ends at most `lag_s` after it; without such a window, the estimate of the filter. A lag and a window of the length
-//! of the line smooth the whole line. The standard deviations are those of the returned estimate.
+//! ends at most `lag_s` after it; without such a window, the estimate of the filter. If lag and window are as long as
+//! the line, the whole line is smoothed. The standard deviations refer to the returned estimate.
 //!
 //! # Irregularities
 //!
-//! - a measurement, a regressor of it that is not finite, or a sigma not above 0: the sample is not used by that
-//!   magnetometer, the others go on;
+//! - a measurement or one of its regressors that is not finite, or a sigma not above 0: that magnetometer is skipped at
+//!   the sample, the others are used;
 //! - a node whose predicted position is off the map or in an unknown cell for one of its samples: not used;
 //! - a window whose solution contradicts its prior: [`WindowReport::inconsistent`], counted in
 //!   [`FixedLagOutput::inconsistent`];
 //! - a window that does not converge: [`WindowReport::converged`];
 //! - collinear or constant regressors: the prior decides;
-//! - a covariance that is no longer finite and non-negative: an error that names the row.
+//! - a covariance that is not finite and non-negative: an error with the row.
 
 mod nodes;
 mod parameters;
@@ -70,32 +70,32 @@ use passage::FixedLagRun;
 /// Linear model A β of the aircraft's field at a magnetometer, with the prior of β.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AircraftCoefficients<'a> {
-    /// A, row-major: a row a sample, a column a coefficient.
+    /// A, row-major, one row per sample and one column per coefficient.
     pub regressors: &'a [f64],
-    /// The prior mean of β.
+    /// Prior mean of β.
     pub mean: &'a [f64],
-    /// Its covariance, row-major, symmetric and not negative.
+    /// Prior covariance of β, row-major, symmetric and positive semidefinite.
     pub covariance: &'a [f64],
-    /// The density of the random walk of each coefficient, in its unit squared per second; 0 for a constant.
+    /// Spectral density of the random walk of each coefficient, in its unit squared per second; 0 for a constant.
     pub walk_density: &'a [f64],
 }
 
 /// A scalar magnetometer.
 #[derive(Clone, Copy, Debug)]
 pub struct FixedLagMagnetometer<'a> {
-    /// The measured field at each sample, in nT; NaN where there is none.
+    /// Measured field at each sample, in nT; NaN if missing.
     pub measurement_nt: &'a [f64],
-    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
-    /// measurement a missing one.
+    /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
+    /// counts as missing.
     pub sigma_nt: &'a [f64],
-    /// The aircraft's field.
+    /// Aircraft field.
     pub coefficients: AircraftCoefficients<'a>,
-    /// Slow error beyond that: standard deviation in nT, time constant in s. A standard deviation of 0 means none.
+    /// Slow error in addition: standard deviation in nT, time constant in s. A standard deviation of 0 means none.
     pub error: GaussMarkov,
 }
 
 impl<'a> FixedLagMagnetometer<'a> {
-    /// The measurement of a line, without a model of the aircraft.
+    /// Measurement of a line, without a model of the aircraft.
     pub fn of_line(line: &NavigationLine<'a>) -> Self {
         Self {
             measurement_nt: line.measurement_nt,
@@ -105,7 +105,7 @@ impl<'a> FixedLagMagnetometer<'a> {
         }
     }
 
-    /// The inverse of the variance of a measurement that can be used, else 0.
+    /// Inverse variance of a usable measurement, else 0.
     fn precision(&self, row: usize) -> f64 {
         let (value, precision) = (self.measurement_nt[row], self.sigma_nt[row].powi(-2));
         let usable = value.is_finite() && self.sigma_nt[row] > 0.0 && precision > 0.0 && precision.is_finite();
@@ -114,12 +114,12 @@ impl<'a> FixedLagMagnetometer<'a> {
 }
 
 impl<'a> AircraftCoefficients<'a> {
-    /// The number of coefficients.
+    /// Number of coefficients.
     pub fn terms(&self) -> usize {
         self.mean.len()
     }
 
-    /// The regressors of a sample.
+    /// Regressors of a sample.
     fn row(&self, row: usize) -> &'a [f64] {
         &self.regressors[row * self.terms()..(row + 1) * self.terms()]
     }
@@ -130,7 +130,7 @@ impl<'a> AircraftCoefficients<'a> {
 pub enum FixedLagUsage {
     /// The filter used the measurement of one magnetometer or more.
     Used,
-    /// There was none.
+    /// No measurement.
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
@@ -138,40 +138,40 @@ pub enum FixedLagUsage {
     Flat,
 }
 
-/// The estimate of a line.
+/// Estimate of a line.
 #[derive(Clone, Debug, Default)]
 pub struct FixedLagOutput {
-    /// The track. Residual and NIS are of the one-step innovation of the average over a `measurement_interval_s`, at
-    /// the first sample of it and NaN at its others: the residual of the first magnetometer that has one, the NIS the
-    /// mean over magnetometers, of expectation 1. No sample is ever gated.
+    /// Track. Residual and NIS are one-step innovations of the averages over `measurement_interval_s`, at the first
+    /// sample of each interval and NaN at its others. The residual is that of the first magnetometer with a
+    /// measurement, and the NIS is the mean over magnetometers, with expected value 1. No sample is gated.
     pub navigation: NavigationOutput,
     /// Outcome of each sample.
     pub usage: Vec<FixedLagUsage>,
-    /// The aircraft's field A β by the estimate of each sample, in nT, row-major: a row a sample, a column a
+    /// Aircraft field A β by the estimate of each sample, in nT, row-major: one row per sample, one column per
     /// magnetometer.
     pub aircraft_nt: Vec<f64>,
-    /// The coefficients at the line's end, by magnetometer in turn.
+    /// Coefficients at the end of the line, in the order of the magnetometers.
     pub coefficients: Vec<f64>,
     /// Their covariance, row-major.
     pub coefficient_covariance: Vec<f64>,
     /// Solution of each window.
     pub windows: Vec<WindowReport>,
-    /// The offset that was taken off each magnetometer's measurements, in nT.
+    /// Offset subtracted from each magnetometer's measurements, in nT.
     pub offsets_nt: Vec<f64>,
-    /// Innovations of the further measurements, as those of [`FixedLagOutput::navigation`].
+    /// Innovations of the further measurements, as in [`FixedLagOutput::navigation`].
     pub aids: AidInnovations,
-    /// The horizontal slope of the predicted field at the first sample of its interval, in nT/m, where there are
-    /// further measurements; NaN off the map.
+    /// Horizontal slope of the predicted field at the first sample of its interval, in nT/m, if there are further
+    /// measurements; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
 }
 
 impl FixedLagOutput {
-    /// The windows whose solution contradicts their prior.
+    /// Number of windows whose solution contradicts their prior.
     pub fn inconsistent(&self) -> usize {
         self.windows.iter().filter(|window| window.inconsistent).count()
     }
 
-    /// The windows that did not converge.
+    /// Number of windows that did not converge.
     pub fn unconverged(&self) -> usize {
         self.windows.iter().filter(|window| !window.converged).count()
     }
@@ -180,25 +180,25 @@ impl FixedLagOutput {
 /// Reason why a line was not smoothed.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FixedLagError {
-    /// An error of any filter.
+    /// Error of any filter.
     #[error(transparent)]
     Navigation(#[from] NavigationError),
     /// An array of a magnetometer has the wrong size.
     #[error("magnetometer {magnetometer}: {array} has {found} values, not {expected}")]
     Size {
-        /// The magnetometer, counted from 0.
+        /// Index of the magnetometer, from 0.
         magnetometer: usize,
-        /// The array.
+        /// Name of the array.
         array: &'static str,
-        /// Its size.
+        /// Size of the array.
         found: usize,
-        /// Its expected size from the number of samples and coefficients.
+        /// Expected size from the number of samples and coefficients.
         expected: usize,
     },
     /// An invalid prior.
     #[error("magnetometer {magnetometer}: {what}")]
     Prior {
-        /// The magnetometer, counted from 0.
+        /// Index of the magnetometer, from 0.
         magnetometer: usize,
         /// Reason.
         what: &'static str,
@@ -207,14 +207,14 @@ pub enum FixedLagError {
 
 /// Smooths a line.
 ///
-/// The measurements are those of `magnetometers`, each with its model of the aircraft; the line's own measurement is
-/// used only as [`FixedLagMagnetometer::of_line`] hands it on. The mean of measurement minus prediction over the line's
-/// `offset_window_s` is taken off each magnetometer.
+/// The measurements are those of `magnetometers`, each with its model of the aircraft. The line's own measurement is
+/// used only through [`FixedLagMagnetometer::of_line`]. The mean of measurement minus prediction over the line's
+/// `offset_window_s` is subtracted from each magnetometer.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`] and `FixedLagParameters::check`, with [`FixedLagError::Size`] and
-/// [`FixedLagError::Prior`] for a magnetometer that makes no model, and with [`NavigationError::Diverged`] when states
-/// or variances are no longer finite or a variance is negative.
+/// [`FixedLagError::Prior`] for an invalid magnetometer, and with [`NavigationError::Diverged`] when a state or
+/// variance is not finite or a variance is negative.
 pub fn run(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
@@ -224,9 +224,9 @@ pub fn run(
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
 
-/// [`run`] with further measurements. Those of an interval are averaged like the magnetometers', and are measurements
-/// of their node's states with the full weight of least squares for any loss, like aiding positions. Where the map is
-/// too flat at the prediction of the filter, a magnetometer is not used.
+/// [`run`] with further measurements. They are averaged over an interval like the magnetometers, and are measurements
+/// of their node's states. For any loss they have the full weight of least squares, like aiding positions. A
+/// magnetometer is skipped where the map is too flat at the prediction of the filter.
 ///
 /// # Errors
 /// Fails as [`run`] and [`Aids::check`].
@@ -264,12 +264,12 @@ pub fn run_aided(
     Ok(FixedLagRun::new(parameters, &layout, magnetometers, (aids, &states), nodes, prior, output).run()?)
 }
 
-/// Optional outputs besides the track.
+/// Optional outputs in addition to the track.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FixedLagOptions {
-    /// The 18 error states of every sample (144 bytes each).
+    /// Returns the 18 error states of every sample (144 bytes each).
     pub states: bool,
-    /// Their covariance (2.6 kB each).
+    /// Returns their covariance (2.6 kB each).
     pub covariance: bool,
 }
 
@@ -285,7 +285,7 @@ fn layout(magnetometers: &[FixedLagMagnetometer<'_>], states: &AidStates) -> Sta
     layout
 }
 
-/// The states at the first sample before its measurements.
+/// States at the first sample before its measurements.
 fn prior(line: &NavigationLine<'_>, magnetometers: &[FixedLagMagnetometer<'_>], layout: &StateLayout) -> Gaussian {
     let dim = layout.dim();
     let Gaussian { mut x, mut p } = Gaussian::start_of(line, layout);
@@ -334,7 +334,7 @@ fn check(magnetometer: usize, one: &FixedLagMagnetometer<'_>, rows: usize) -> Re
     Ok(())
 }
 
-/// Whether a matrix is exactly symmetric, and positive semidefinite to rounding: a Cholesky factorisation of its
+/// Whether a matrix is exactly symmetric, and positive semidefinite up to rounding: a Cholesky factorisation of its
 /// correlations.
 fn is_covariance(p: &[f64], terms: usize) -> bool {
     let sigma: Vec<f64> = (0..terms).map(|k| p[k * (terms + 1)].sqrt()).collect();
@@ -361,7 +361,7 @@ fn is_covariance(p: &[f64], terms: usize) -> bool {
                 factor[row * terms + row] = rest.max(0.0).sqrt();
             } else {
                 let pivot = factor[column * terms + column];
-                // A column that the ones before it determine leaves nothing to others.
+                // Skips a column that is a linear combination of the previous ones.
                 if pivot < 1e-7 {
                     if rest.abs() > 1e-6 {
                         return false;

@@ -1,4 +1,4 @@
-//! Simulated flights over the Osborne map with known truth, and what the tests of the filters measure on them.
+//! Simulated flights over the Osborne map with known truth, and error statistics for the tests of the filters.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::{Arc, OnceLock};
@@ -19,7 +19,7 @@ use crate::navigation::ukf::{self, UkfOutput, UkfParameters};
 use crate::random::NormalGenerator;
 use nalgebra::{Matrix2, Vector2};
 
-/// The Osborne map and the core field of its flights.
+/// Osborne map and the core field of its flights.
 pub(crate) struct OsborneWorld {
     pub(crate) map: FieldMap,
     pub(crate) core: Arc<CoreField>,
@@ -44,7 +44,7 @@ pub(crate) struct OsborneFlight {
 }
 
 impl OsborneFlight {
-    /// The flight of a seed, over `samples` of `dt_s`.
+    /// Flight of a seed, with `samples` every `dt_s`.
     pub(crate) fn flown(seed: u64, samples: u32, dt_s: f64, model: InsErrorModel) -> Self {
         let truth = Line::flown(samples, dt_s, 0.1 * seed as f64).unwrap();
         let mut normals = NormalGenerator::new(seed);
@@ -65,7 +65,7 @@ impl OsborneFlight {
         self.field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect()
     }
 
-    /// The line as the filters take it.
+    /// Line for the filters.
     pub(crate) fn line<'a>(
         &self,
         ins: &'a InsSeries<'a>,
@@ -87,13 +87,13 @@ impl OsborneFlight {
         }
     }
 
-    /// The truth.
+    /// True path.
     pub(crate) fn path(&self) -> TruePath<'_> {
         let [_, lat_deg, lon_deg, alt_m, vn, ve, vd, ..] = self.truth.columns.each_ref().map(Vec::as_slice);
         TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: Some([vn, ve, vd]) }
     }
 
-    /// The error of a filter's position, north and east in m.
+    /// Error of a filter's position, north and east, in m.
     pub(crate) fn error_m(&self, output: &NavigationOutput, row: usize) -> [f64; 2] {
         let (lat_deg, alt_m) = (self.truth.columns[1][row], self.truth.columns[3][row]);
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_deg.to_radians(), alt_m);
@@ -101,7 +101,7 @@ impl OsborneFlight {
         [north * missed(lat_deg, output.lat_deg[row]), east * missed(self.truth.columns[2][row], output.lon_deg[row])]
     }
 
-    /// The error of the position squared over its covariance: chi-square of 2 degrees.
+    /// NEES of the position: a chi-square of 2 degrees.
     pub(crate) fn nees(&self, output: &NavigationOutput, row: usize) -> f64 {
         let error = Vector2::from(self.error_m(output, row));
         let (north, east, both) = (output.sd_n_m[row], output.sd_e_m[row], output.cov_ne_m2[row]);
@@ -109,7 +109,7 @@ impl OsborneFlight {
         error.dot(&covariance.lu().solve(&error).unwrap())
     }
 
-    /// The mean square of the horizontal error from a row on, in m².
+    /// Mean square of the horizontal error from a row on, in m².
     pub(crate) fn square_m2(&self, output: &NavigationOutput, from: usize) -> f64 {
         let rows = self.errors.len();
         let square = |row: usize| self.error_m(output, row).iter().map(|part| part * part).sum::<f64>();
@@ -117,7 +117,7 @@ impl OsborneFlight {
     }
 }
 
-/// The mean square that a filter says its horizontal error has from a row on, in m².
+/// Mean square of the horizontal error from a row on by the filter's covariance, in m².
 pub(crate) fn claimed_m2(output: &NavigationOutput, from: usize) -> f64 {
     let variance = |row: usize| output.sd_n_m[row].powi(2) + output.sd_e_m[row].powi(2);
     (from..output.sd_n_m.len()).map(variance).sum::<f64>() / (output.sd_n_m.len() - from) as f64
@@ -130,8 +130,8 @@ pub(crate) fn chi_square(freedom: f64, z: f64) -> f64 {
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
 }
 
-/// The golden map of MagNav.jl's cases: 100 sin(0.7 j) + 40 cos(0.5 k) + 2 j k with j = 1..9 from latitude 0.70 to
-/// 0.7008 rad, k = 1..11 from longitude −1.30 to −1.2990 rad.
+/// Golden map of MagNav.jl's cases: 100 sin(0.7 j) + 40 cos(0.5 k) + 2 j k with j = 1..9 from latitude 0.70 to 0.7008
+/// rad, k = 1..11 from longitude −1.30 to −1.2990 rad.
 pub(crate) fn golden_map() -> FieldMap {
     let lat: Vec<f64> = (0..9).map(|j| (0.70 + 1e-4 * f64::from(j)).to_degrees()).collect();
     let lon: Vec<f64> = (0..11).map(|k| (-1.30 + 1e-4 * f64::from(k)).to_degrees()).collect();
@@ -140,7 +140,7 @@ pub(crate) fn golden_map() -> FieldMap {
     FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), MapInterpolation::Cubic))
 }
 
-/// A plane over the golden line, in nT: 3 nT a 1e-6 rad north, −2 nT a 1e-6 rad east.
+/// Plane over the golden line, in nT: 3 nT per 1e-6 rad north, −2 nT per 1e-6 rad east.
 pub(crate) fn plane() -> FieldMap {
     let (lat, lon) = ([0.70, 0.7008], [-1.30, -1.299]);
     let value = |lat: f64, lon: f64| 3e6 * (lat - 0.70) - 2e6 * (lon + 1.30);
@@ -221,7 +221,7 @@ impl OwnedNavigationLine {
     }
 }
 
-/// A vector in MagNav.jl's order of states, in ours.
+/// Converts a vector from MagNav.jl's order of states to magline's.
 pub(crate) fn from_magnav(theirs: &StateVector) -> StateVector {
     std::array::from_fn::<f64, STATES, _>(|ours| theirs[MAGNAV_POSITION[ours]])
 }
@@ -234,12 +234,12 @@ pub(crate) struct FlightEstimates {
     pub(crate) bound: NavigationOutput,
 }
 
-/// The number of flights of [`ensemble`].
+/// Number of flights of [`ensemble`].
 pub(crate) const FLIGHTS: u64 = 60;
-/// Their samples.
+/// Number of samples of each.
 pub(crate) const SAMPLES: u32 = 3600;
 
-/// The flights that several tests look at.
+/// Flights that several tests share.
 pub(crate) fn ensemble() -> &'static [FlightEstimates] {
     static ENSEMBLE: OnceLock<Vec<FlightEstimates>> = OnceLock::new();
     ENSEMBLE.get_or_init(|| (0..FLIGHTS).map(filtered).collect())
@@ -256,7 +256,7 @@ fn filtered(seed: u64) -> FlightEstimates {
     FlightEstimates { flight, ekf, ukf, bound }
 }
 
-/// The filter whose noise is known and constant.
+/// Filter with known and constant noise.
 pub(crate) fn known(line: &NavigationLine<'_>, sigma_nt: f64) -> Result<NavigationOutput, NavigationError> {
     let parameters = EkfParameters {
         errors: line.errors,

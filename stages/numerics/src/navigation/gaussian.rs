@@ -1,4 +1,4 @@
-//! Mean and covariance of the 18 states and further ones, and what a step and a measurement do to them.
+//! Mean and covariance of the 18 states and further ones, with time update and measurement update.
 
 use std::ops::Range;
 
@@ -7,17 +7,17 @@ use crate::navigation::pinson::{A_HAT, ACC, STATES, StateMatrix, StateVector, TI
 use crate::navigation::transition::{propagate_covariance, propagate_state};
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// The order of the states: 18 of the INS and the temporal variation, Gauss-Markov errors (in `fixed_lag` one a
+/// Order of the states: 18 of the INS and the temporal variation, Gauss-Markov errors (in `fixed_lag` one per
 /// magnetometer), and the coefficients of each magnetometer in turn.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StateLayout {
-    /// The Gauss-Markov errors. Of those that last for a distance the correlation time is that of the step.
+    /// Gauss-Markov errors. Errors with a correlation length have the correlation time of the step.
     pub errors: Vec<GaussMarkov>,
-    /// The errors that last for a distance, by their place, with it in m.
+    /// Positions of the errors with a correlation length, and this length in m.
     pub lengths_m: Vec<(usize, f64)>,
     /// Ranges of the coefficients of each magnetometer.
     pub blocks: Vec<Range<usize>>,
-    /// The random-walk densities of all coefficients, per second.
+    /// Random-walk densities of all coefficients, per second.
     pub walk: Vec<f64>,
 }
 
@@ -26,7 +26,7 @@ impl StateLayout {
         self.coefficients() + self.walk.len()
     }
 
-    /// The first coefficient.
+    /// Index of the first coefficient.
     pub fn coefficients(&self) -> usize {
         STATES + self.errors.len()
     }
@@ -46,11 +46,11 @@ impl StateLayout {
     }
 }
 
-/// The step from a node to the next.
+/// Step from a node to the next.
 #[derive(Clone, Debug)]
 pub(crate) struct StateStep {
     pub dt_s: f64,
-    /// The mean speed over ground.
+    /// Mean ground speed.
     pub speed_mps: f64,
     pub phi: StateMatrix,
     pub noise: StateMatrix,
@@ -62,7 +62,7 @@ impl From<LineStep> for StateStep {
     }
 }
 
-/// The states that depend on others than themselves: all but the Gauss-Markov ones.
+/// States with off-diagonal entries in Φ: all except the Gauss-Markov ones.
 const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, TILT_D, A_HAT];
 
 /// A B for transition matrices.
@@ -90,22 +90,22 @@ pub(crate) fn add(to: &mut StateMatrix, from: &StateMatrix) {
     }
 }
 
-/// The row of H of one measurement: 18 entries, its own error, one that it has in common with others, and its
+/// Row of H of one measurement: 18 entries, its own error, an error common to several measurements, and its
 /// coefficients.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AugmentedSensitivity<'a> {
     pub ins: &'a StateVector,
-    /// The index of the error, and the entry.
+    /// Index of the error, and its entry.
     pub error: (usize, f64),
-    /// The index of the common error, and the entry.
+    /// Index of the common error, and its entry.
     pub common: (usize, f64),
-    /// The index of the first coefficient.
+    /// Index of the first coefficient.
     pub first: usize,
     pub regressors: &'a [f64],
 }
 
 impl<'a> AugmentedSensitivity<'a> {
-    /// That of a measurement of the 18 states alone.
+    /// Row of H of a measurement of the 18 states alone.
     pub fn of_ins(ins: &'a StateVector) -> Self {
         Self { ins, error: (0, 0.0), common: (0, 0.0), first: 0, regressors: &[] }
     }
@@ -127,7 +127,7 @@ impl<'a> AugmentedSensitivity<'a> {
         x[self.first..].iter_mut().zip(self.regressors).for_each(|(x, h)| *x += factor * h);
     }
 
-    /// The entries that are not zero, with their states.
+    /// Nonzero entries with their states.
     #[inline]
     pub fn entries(&self) -> impl Iterator<Item = (usize, f64)> {
         let ins = self.ins.iter().copied().enumerate().filter(|(_, h)| *h != 0.0);
@@ -150,7 +150,7 @@ pub(crate) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
 }
 
 impl Gaussian {
-    /// The states of a layout without coefficients before the first sample of a line.
+    /// States of a layout without coefficients before the first sample of a line.
     pub fn start_of(line: &NavigationLine<'_>, layout: &StateLayout) -> Self {
         let dim = layout.dim();
         let mut start = Self { x: vec![0.0; dim], p: vec![0.0; dim * dim] };
@@ -173,7 +173,7 @@ impl Gaussian {
         self.p.clone_from(&other.p);
     }
 
-    /// The covariance of the 18 states.
+    /// Covariance of the 18 states.
     pub fn ins_covariance(&self) -> StateMatrix {
         let dim = self.dim();
         std::array::from_fn(|row| std::array::from_fn(|column| self.p[row * dim + column]))
@@ -184,13 +184,13 @@ impl Gaussian {
         std::array::from_fn(|state| self.x[state])
     }
 
-    /// Whether all is finite and no variance negative.
+    /// Whether all values are finite and no variance is negative.
     pub fn is_sound(&self) -> bool {
         let dim = self.dim();
         self.x.iter().chain(&self.p).all(|value| value.is_finite()) && (0..dim).all(|k| self.p[k * dim + k] >= 0.0)
     }
 
-    /// x ← Φ x, P ← Φ P Φᵀ + Q. `spare` is room for the cross covariance.
+    /// x ← Φ x, P ← Φ P Φᵀ + Q. `spare` is a buffer for the cross covariance.
     pub fn propagate(&mut self, layout: &StateLayout, step: &StateStep, spare: &mut Vec<f64>) {
         let dim = self.dim();
         propagate_mean(layout, step, &mut self.x);
@@ -212,7 +212,7 @@ impl Gaussian {
         }
     }
 
-    /// The covariance of the 18 states with the others: Φ P₁₂.
+    /// Covariance of the 18 states with the others: Φ P₁₂.
     fn propagate_cross(&mut self, step: &StateStep, spare: &mut Vec<f64>) {
         let dim = self.dim();
         let width = dim - STATES;
@@ -232,7 +232,7 @@ impl Gaussian {
         }
     }
 
-    /// The variance of a predicted measurement, H P Hᵀ + R; leaves P Hᵀ in `out`.
+    /// Variance of a predicted measurement, H P Hᵀ + R; writes P Hᵀ to `out`.
     pub fn predict(&self, h: &AugmentedSensitivity, variance: f64, out: &mut [f64]) -> f64 {
         let dim = self.dim();
         out.fill(0.0);
@@ -242,8 +242,8 @@ impl Gaussian {
         h.dot(out) + variance
     }
 
-    /// The update by an innovation of variance `s` that corrects no other states than those that `corrects` names, with
-    /// P Hᵀ in `gain`, which becomes K: the consider update of Schmidt 1966, in Joseph's form as [`Gaussian::update`].
+    /// Updates with an innovation of variance `s` only the states that `corrects` selects, with P Hᵀ in `gain`, which
+    /// becomes K: the consider update [Schmidt 1966], in Joseph's form as [`Gaussian::update`].
     pub fn consider(
         &mut self,
         innovation: f64,
@@ -261,10 +261,10 @@ impl Gaussian {
         self.correct(innovation, gain, spare);
     }
 
-    /// The update by an innovation of variance `s`, with P Hᵀ in `gain`, which becomes K.
+    /// Updates with an innovation of variance `s`, with P Hᵀ in `gain`, which becomes K.
     ///
-    /// Joseph's form (I − K H) P (I − K H)ᵀ + K R Kᵀ, multiplied out to P − K vᵀ − v Kᵀ with v = P Hᵀ − K s/2, which
-    /// keeps its property: an error of K enters by its square. Both halves have the same bits.
+    /// Joseph's form (I − K H) P (I − K H)ᵀ + K R Kᵀ, multiplied out to P − K vᵀ − v Kᵀ with v = P Hᵀ − K s/2. It keeps
+    /// the property of Joseph's form: an error of K enters by its square. Both triangles are bit-identical.
     pub fn update(&mut self, innovation: f64, s: f64, gain: &mut [f64], spare: &mut Vec<f64>) {
         self.consider(innovation, s, gain, spare, |_| true);
     }

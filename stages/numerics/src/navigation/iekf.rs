@@ -1,27 +1,28 @@
-//! The iterated extended Kalman filter of magnetic navigation.
+//! Iterated extended Kalman filter of magnetic navigation.
 //!
-//! States, measurement and steps are those of `ekf`. Where that linearises the map once at the predicted position x⁻,
-//! this one looks for the state that is most probable after the measurement, the minimum of
+//! States, measurement and steps are those of `ekf`. While `ekf` linearises the map once at the predicted position x⁻,
+//! this filter searches for the most probable state after the measurement, the minimum of
 //!
 //! ```text
 //! J(x) = (x - x⁻)ᵀ P⁻¹ (x - x⁻)/2 + (z - h(x))²/(2 σ²)
 //! ```
 //!
-//! by Gauss and Newton's iteration: the map is linearised again at each iterate xᵢ, with its row Hᵢ,
+//! by the Gauss-Newton iteration: the map is linearised again at each iterate xᵢ, with its row Hᵢ,
 //!
 //! ```text
 //! x⁺ = x⁻ + Kᵢ (z - h(xᵢ) - Hᵢ (x⁻ - xᵢ)),      Kᵢ = P Hᵢᵀ/(Hᵢ P Hᵢᵀ + σ²)
 //! ```
 //!
-//! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until it does not; after ten
-//! halvings the iterate stays the answer, so no answer is less probable than the prediction. The covariance is that of
-//! the last linearisation. All iterates are x⁻ + P v with a v that has entries for position and S only, so that the
-//! first term of J is vᵀ P v/2, which needs no inverse, and an iteration costs little besides its map value.
+//! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until J does not rise. After
+//! ten halvings the iteration ends at the last iterate, so no result is less probable than the prediction. The
+//! covariance is that of the last linearisation. All iterates are x⁻ + P v, where v has entries for position and S
+//! only. The first term of J is then vᵀ P v/2, which needs no inverse, and an iteration costs little more than its map
+//! value.
 //!
-//! With one iteration it is the extended Kalman filter: the one step is taken whole and J is not computed.
+//! With one iteration it equals the extended Kalman filter: the full step is taken and J is not computed.
 //!
-//! Irregularities are those of `ekf`: a measurement that is NaN or infinite or whose sigma is not above 0, and a
-//! predicted position off the map, leave the filter predicting. An iterate off the map, or in an unknown cell, has no
+//! Irregularities are treated as in `ekf`. If a measurement is NaN or infinite, its sigma is not above 0, or the
+//! predicted position is off the map, the filter only predicts. An iterate off the map, or in an unknown cell, has no
 //! J, so the step to it is halved.
 
 use crate::earth::field_value::FieldValue;
@@ -36,12 +37,12 @@ use crate::navigation::estimate::{FilterRecursion, LinearisedMeasurement, StateE
 use crate::navigation::scalar_problem::{Optimum, ScalarProblem, ScalarSearch};
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled};
 
-/// The parameters of the filter.
+/// Parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IekfParameters {
-    /// The most linearisations of the map at a measurement, at least 1.
+    /// Maximum number of linearisations of the map per measurement, at least 1.
     pub iterations: usize,
-    /// The iteration ends where a step moves the position by less than this, in m.
+    /// Position change, in m, below which the iteration ends.
     pub tolerance_m: f64,
     /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
@@ -72,19 +73,19 @@ impl IekfParameters {
 /// Report on the iterations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct IekfReport {
-    /// Linearisations of the map in all updates together.
+    /// Total number of linearisations of the map in all updates.
     pub linearisations: usize,
-    /// Steps that were halved.
+    /// Number of halved steps.
     pub halved: usize,
     /// Updates whose last step was not below the tolerance: out of iterations, or no step lowered J. Always 0 with one
-    /// iteration, which is not asked to converge.
+    /// iteration.
     pub unconverged: usize,
 }
 
-/// The filtered line. `residual_nt` and `nis` are of the predicted state, as in `ekf`.
+/// Output of the filter on a line. `residual_nt` and `nis` refer to the predicted state, as in `ekf`.
 #[derive(Clone, Debug, Default)]
 pub struct IekfOutput {
-    /// The line.
+    /// Track.
     pub line: NavigationOutput,
     /// Report on the iterations.
     pub iterations: IekfReport,
@@ -94,8 +95,8 @@ pub struct IekfOutput {
 ///
 /// # Errors
 /// Fails as [`IekfParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
-/// number of at least 0, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
-/// variance is negative.
+/// number of at least 0, and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is
+/// negative.
 pub fn run(line: &NavigationLine<'_>, parameters: &IekfParameters) -> Result<IekfOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
@@ -169,7 +170,7 @@ impl<'a> IteratedEkf<'a> {
         Self { line, parameters, field, output: IekfOutput { line: output, iterations: IekfReport::default() } }
     }
 
-    /// The most probable state after a measured value (nT) with the variance of its noise (nT²); `field` is that of the
+    /// Most probable state after a measured value (nT) with the variance of its noise (nT²); `field` is that of the
     /// predicted state.
     #[inline(always)]
     fn most_probable(

@@ -66,10 +66,10 @@ params! {
 
 impl Copy for InsErrors {}
 
-/// The error sources of an INS and of the field's temporal variation, and the form of the error model.
+/// Error sources of an INS and of the field's temporal variation, and the form of the error model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InsErrorModel {
-    /// The error sources of the INS.
+    /// Error sources of the INS.
     pub sources: InsErrors,
     /// Standard deviation of the temporal variation, in nT.
     pub fogm_sigma_nt: f64,
@@ -77,13 +77,13 @@ pub struct InsErrorModel {
     pub fogm_tau_s: f64,
     /// Earth model for conversions between metres and radians.
     pub earth: EarthModel,
-    /// The form of the error model's matrix.
+    /// Form of the error model's matrix.
     pub pinson: PinsonForm,
     /// Discretisation of the process noise.
     pub noise: NoiseDiscretisation,
     /// Covariance of the states at the first sample, in rad, m, m/s, m/s², rad/s and nT. `None`: diagonal, from the
-    /// initial standard deviations of `sources`. The variance of the temporal variation is that of `fogm_sigma_nt` in
-    /// either case.
+    /// initial standard deviations of `sources`. The variance of the temporal variation always comes from
+    /// `fogm_sigma_nt`.
     pub start: Option<StateMatrix>,
 }
 
@@ -93,12 +93,12 @@ impl Default for InsErrorModel {
     }
 }
 
-/// A parameter out of range.
+/// Parameter out of range.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("{}", .0.what)]
 pub struct ParameterError(pub Fault);
 
-/// Reason why there is no simulation.
+/// Reason why a simulation fails.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum InsErrorFault {
     /// A parameter is out of range.
@@ -110,7 +110,7 @@ pub enum InsErrorFault {
 }
 
 impl InsErrorModel {
-    /// The model of these error sources, with MagNav.jl's temporal variation.
+    /// Error model of these error sources, with MagNav.jl's temporal variation.
     pub fn from_sources(sources: InsErrors) -> Self {
         Self {
             sources,
@@ -123,8 +123,7 @@ impl InsErrorModel {
         }
     }
 
-    /// The model with everything as MagNav.jl 1.3.3 computes it: its conversions, its element of
-    /// the Pinson matrix, its process noise.
+    /// Error model as in MagNav.jl 1.3.3: its conversions, its element of the Pinson matrix, its process noise.
     pub fn compatible() -> Self {
         Self {
             earth: EarthModel::Compatible,
@@ -144,7 +143,7 @@ impl InsErrorModel {
         require("fogm_tau_s", self.fogm_tau_s, Rule::Positive)
     }
 
-    /// The correlation times of the Gauss-Markov states.
+    /// Correlation times of the Gauss-Markov states.
     pub fn time_constants(&self) -> TimeConstants {
         TimeConstants {
             baro_s: self.sources.baro_tau_s,
@@ -173,7 +172,7 @@ impl InsErrorModel {
         sigmas
     }
 
-    /// The initial covariance P0: [`InsErrorModel::start`], or diagonal. [MagNav.jl `create_P0`]
+    /// Initial covariance P0: [`InsErrorModel::start`], or diagonal. [MagNav.jl `create_P0`]
     pub fn initial_covariance(&self, lat_rad: f64, alt_m: f64) -> StateMatrix {
         match self.start {
             Some(mut start) => {
@@ -201,18 +200,17 @@ impl InsErrorModel {
     }
 }
 
-/// Accepts a parameter that obeys a rule.
+/// Rejects a parameter that violates a rule.
 pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), ParameterError> {
     obeys(&value, name, rule).map_err(ParameterError)
 }
 
-/// One realisation of the error states along a true trajectory: what to take off the truth to get
-/// the INS (INS = truth - error), and the temporal variation to add to the measurement.
+/// One realisation of the error states along a true trajectory (INS = truth - error), with the temporal variation of
+/// the measurement.
 ///
-/// The first error is drawn from the initial covariance; each step is e ← Φ (e + w₁) + w₂ with w₁
-/// and w₂ half of the step's noise each, which is exactly the covariance that a filter with
-/// [`NoiseDiscretisation::Trapezoidal`] assumes. `normal` returns standard normals: 18 for the
-/// first sample, 36 a step.
+/// The first error is drawn from the initial covariance. Each step is e ← Φ (e + w₁) + w₂, where w₁ and w₂ each have
+/// half of the step's noise. Their covariance is exactly that of a filter with [`NoiseDiscretisation::Trapezoidal`].
+/// `normal` returns standard normals: 18 for the first sample, 36 per step.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].

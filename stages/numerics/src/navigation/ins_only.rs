@@ -1,4 +1,4 @@
-//! The INS without measurements of the field, with its covariance.
+//! INS without measurements of the field, with its covariance.
 
 use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::ins_error::InsErrorModel;
@@ -6,12 +6,12 @@ use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 
-/// The INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes` it is
-/// an INS that aiding positions aid, where and when there are any.
+/// INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes`, aiding
+/// positions aid the INS wherever they exist.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is no longer finite.
+/// [`NavigationError::Diverged`] when a state or variance is not finite.
 pub fn run(
     ins: &InsSeries<'_>,
     errors: &InsErrorModel,
@@ -51,7 +51,7 @@ mod tests {
 
     const ROWS: usize = 301;
 
-    /// An INS that stands at 45° N for ten minutes, a sample every 2 s.
+    /// INS at rest at 45° N for ten minutes, one sample every 2 s.
     fn columns() -> [Vec<f64>; 13] {
         let of = |value: f64| vec![value; ROWS];
         let mut columns = [0.0, 45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0].map(of);
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_covariance_is_that_of_simulated_errors() {
+    fn law_the_covariance_equals_that_of_simulated_errors() {
         let columns = columns();
         let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
         let errors = InsErrorModel::default();
@@ -98,7 +98,7 @@ mod tests {
             ..InsErrors::default()
         };
         let output = run(&ins, &InsErrorModel::from_sources(sources), None).unwrap();
-        // 2 m/s for 60 s; the Schuler oscillation takes (ω t)²/6 = 0.1 % off.
+        // 2 m/s for 60 s; the Schuler oscillation reduces it by (ω t)²/6 = 0.1 %.
         assert!((output.sd_n_m[30] / 120.0 - 1.0).abs() < 0.005, "{}", output.sd_n_m[30]);
     }
 }

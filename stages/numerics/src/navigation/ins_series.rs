@@ -1,9 +1,9 @@
-//! The output of an inertial navigation system along a line, as columns.
+//! Output of an inertial navigation system along a line, as columns.
 
 use crate::navigation::pinson::InsPoint;
 use thiserror::Error;
 
-/// An INS's output along one line, one value per sample in every column.
+/// INS output along one line, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
 pub struct InsSeries<'a> {
     /// Time, in s, strictly ascending; steps may be uneven.
@@ -35,7 +35,7 @@ pub struct InsSeries<'a> {
 }
 
 impl<'a> InsSeries<'a> {
-    /// A series from columns in the order of the fields.
+    /// Series from columns in the order of the fields.
     pub fn from_columns(columns: [&'a [f64]; 13]) -> Self {
         let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = columns;
         let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
@@ -57,66 +57,66 @@ impl<'a> InsSeries<'a> {
     }
 }
 
-/// Reason why a line cannot be navigated. Rows are counted from 0.
+/// Reason why a line cannot be processed. Rows are counted from 0.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SeriesError {
-    /// There are too few samples.
+    /// Too few samples.
     #[error("the line has {rows} sample(s); at least {needed} are required")]
     TooShort {
-        /// The number of samples.
+        /// Number of samples.
         rows: usize,
-        /// The number of samples needed.
+        /// Number of samples needed.
         needed: usize,
     },
     /// A column has another length than the time column.
     #[error("column `{column}` has {rows} rows, but `tt` has {expected}")]
     Length {
-        /// The column.
+        /// Column name.
         column: &'static str,
         /// Its length.
         rows: usize,
-        /// The length of `tt`.
+        /// Length of `tt`.
         expected: usize,
     },
-    /// A value is missing or infinite where the filter needs one.
+    /// Missing or infinite value in a required column.
     #[error("column `{column}` is {value} in row {row}; the filter requires a finite value in every row")]
     NotFinite {
-        /// The column.
+        /// Column name.
         column: &'static str,
-        /// The row.
+        /// Row.
         row: usize,
-        /// The value.
+        /// Value.
         value: f64,
     },
     /// Time does not ascend.
     #[error("time does not ascend: `tt` is {tt_s} s in row {row} after {before_s} s")]
     Time {
-        /// The row.
+        /// Row.
         row: usize,
-        /// Its time.
+        /// Time of the row.
         tt_s: f64,
-        /// The time of the row before.
+        /// Time of the row before.
         before_s: f64,
     },
-    /// A latitude at or beyond a pole.
+    /// Latitude at or beyond a pole.
     #[error("column `{column}` is {lat_deg} degrees in row {row}, at or beyond a pole")]
     Latitude {
-        /// The column.
+        /// Column name.
         column: &'static str,
-        /// The row.
+        /// Row.
         row: usize,
-        /// The latitude.
+        /// Latitude.
         lat_deg: f64,
     },
 }
 
 impl<'a> InsSeries<'a> {
-    /// The samples from `row` on, which is below [`InsSeries::len`].
+    /// Samples from `row` on, which is below [`InsSeries::len`].
     pub fn from(&self, row: usize) -> Self {
         Self::from_columns(self.columns().map(|(_, column)| &column[row..]))
     }
 
-    /// The number of samples.
+    /// Number of samples.
     pub fn len(&self) -> usize {
         self.tt_s.len()
     }
@@ -126,7 +126,7 @@ impl<'a> InsSeries<'a> {
         self.tt_s.is_empty()
     }
 
-    /// The columns with their names in a flight table.
+    /// Columns with their names in a flight table.
     fn columns(&self) -> [(&'static str, &'a [f64]); 13] {
         [
             ("tt", self.tt_s),
@@ -162,8 +162,8 @@ impl<'a> InsSeries<'a> {
         check_latitudes("ins_lat", self.lat_deg)
     }
 
-    /// One sample, in the units of the error model. `row` is below [`InsSeries::len`] of a series
-    /// that passed [`InsSeries::check`].
+    /// One sample, in the units of the error model. `row` is below [`InsSeries::len`] of a series that passed
+    /// [`InsSeries::check`].
     #[inline]
     pub fn point(&self, row: usize) -> InsPoint {
         InsPoint {

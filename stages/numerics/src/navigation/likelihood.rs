@@ -1,17 +1,17 @@
-//! Noise of a line's measurements by the likelihood of the innovations.
+//! Maximum-likelihood estimate of the measurement noise of a line from the innovations.
 //!
-//! An extended Kalman filter with the right noise has white innovations of the predicted variance, and no other noise
-//! makes the measurements more likely [Schweppe 1965; Harvey 1989, section 3.4]:
+//! With the correct noise, an extended Kalman filter has white innovations of the predicted variance, and no other
+//! noise makes the measurements more likely [Schweppe 1965; Harvey 1989, section 3.4]:
 //!
 //! ln L = -1/2 sum of (ln S_k + r_k² / S_k),
 //!
-//! with the innovation r_k and its predicted variance S_k. Nothing but the measurements is needed, no truth.
+//! with the innovation r_k and its predicted variance S_k. It needs only the measurements, no truth.
 //!
-//! The white noise, and standard deviation and time constant of the first-order Gauss-Markov process, are searched on a
-//! coarse grid and then along shrinking steps around its best point, in logarithms. A constant offset of the
-//! measurement is a Gauss-Markov process of a long time constant. The measurements are thinned, so that errors that
-//! last for less than the interval count as white. An innovation beyond the gate counts as one at the gate, so that
-//! spikes do not decide.
+//! The white noise, and the standard deviation and time constant of the first-order Gauss-Markov process, are searched
+//! in logarithms: on a coarse grid, then with shrinking steps around its best point. A constant offset of the
+//! measurement is a Gauss-Markov process with a long time constant. The measurements are thinned, so that errors with
+//! correlation times below the interval count as white. An innovation beyond the gate is limited to the gate, so that
+//! spikes have little influence.
 
 mod outliers;
 mod thinned;
@@ -26,47 +26,47 @@ pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;
 pub use thinned::rows_at;
 
-/// The noise of a line.
+/// Noise of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineNoise {
     /// White noise of each thinned measurement, in nT, increased for the correlation of the innovations.
     pub sigma_nt: IntervalEstimate,
     /// Standard deviation of the Gauss-Markov process, in nT.
     pub fogm_sigma_nt: IntervalEstimate,
-    /// Its time constant, in s.
+    /// Time constant of the Gauss-Markov process, in s.
     pub fogm_tau_s: IntervalEstimate,
-    /// Factor on the variance of the map's own error at each sample; 0 where the map has none, or none is seen.
+    /// Factor on the variance of the map's own error at each sample; 0 if the map has none, or none is detected.
     pub map_factor: f64,
     /// Factor by which `sigma_nt` was increased; 1 for white innovations.
     pub inflation: f64,
 }
 
-/// An estimated parameter with its 95 % interval, which is the parameter itself where it was given. The interval is
-/// that of the likelihood: what the model of the noise lacks is not in it.
+/// Estimated parameter with its 95 % interval, which is the parameter itself if it was given. The interval follows from
+/// the likelihood and does not include errors of the noise model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntervalEstimate {
-    /// The estimate.
+    /// Estimate.
     pub value: f64,
-    /// The interval's lower end.
+    /// Lower end of the interval.
     pub low: f64,
-    /// The interval's upper end.
+    /// Upper end of the interval.
     pub high: f64,
 }
 
 /// Line and settings of a search for its noise.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseSearch<'a> {
-    /// The line; its `sigma_nt` and the noise in its `errors` are ignored.
+    /// Line; its `sigma_nt` and the noise in its `errors` are ignored.
     pub line: &'a NavigationLine<'a>,
     /// Rows whose measurements are used, ascending.
     pub rows: &'a [usize],
-    /// Factor from the white noise to that of each sample of the line, such as the root of a mean of several sensors.
+    /// Factor from the white noise to that of each sample of the line, such as for the mean of several sensors.
     pub scale: &'a [f64],
     /// Known standard deviation of each sample, in addition, in nT.
     pub known_nt: Option<&'a [f64]>,
     /// Standard deviation of the map's own error at each sample, in nT.
     pub map_nt: Option<&'a [f64]>,
-    /// White noise, in nT, standard deviation of the process, in nT, and its time constant, in s, where they are given.
+    /// White noise, in nT, standard deviation of the process, in nT, and its time constant, in s, if given.
     pub given: [Option<f64>; 3],
 }
 
@@ -80,25 +80,25 @@ const GRID: [&[f64]; 3] = [
 ];
 /// Factors on the map's own variance.
 const MAP_FACTORS: [f64; 4] = [0.25, 1.0, 4.0, 16.0];
-/// A weak prior keeps short lines from the ends of the ranges: centres, and standard deviations of the logarithms.
+/// Weak prior that keeps short lines from the ends of the ranges: centres, and standard deviations of the logarithms.
 const PRIOR: [(f64, f64); 3] = [(3.0, 2.0), (5.0, 2.5), (600.0, 2.5)];
 /// First and last step of the search around the best point, as factors.
 const STEPS: [f64; 2] = [2.0, 1.12];
-/// Points of the grid that are refined.
+/// Number of points of the grid that are refined.
 const STARTS: usize = 3;
-/// Filters that run at once, which bounds the memory.
+/// Number of filters that run at once, which bounds the memory.
 const TOGETHER: usize = 64;
-/// Least share of the used measurements of a point, of the most that any point uses: a filter that left the map
+/// Smallest share of used measurements of a point, relative to the maximum over all points. A filter that left the map
 /// predicts few.
 const LEAST_USED: f64 = 0.98;
-/// Fewest measurements that are searched.
+/// Smallest number of measurements for a search.
 pub const FEWEST: usize = 60;
 /// Normal deviate of a 95 % interval.
 const TWO_SIDED_95: f64 = 1.96;
 
 type NoisePoint = [f64; 3];
 
-/// The noise of a line by the largest likelihood; `None` where fewer than [`FEWEST`] measurements can be used.
+/// Maximum-likelihood noise of a line; `None` if fewer than [`FEWEST`] measurements are usable.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`].
@@ -137,7 +137,7 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
 }
 
 impl NoiseSearch<'_> {
-    /// The coarse grid, whose given parameters have one value.
+    /// Coarse grid, with one value for given parameters.
     fn grid(&self) -> Vec<NoisePoint> {
         let own = self.given.map(|given| given.map(|value| vec![value]));
         let axes: Vec<&[f64]> = own.iter().zip(GRID).map(|(own, grid)| own.as_deref().unwrap_or(grid)).collect();
@@ -150,13 +150,13 @@ impl NoiseSearch<'_> {
         points
     }
 
-    /// The parameters that are searched.
+    /// Indices of the free parameters.
     fn free(&self) -> Vec<usize> {
         (0..3).filter(|at| self.given[*at].is_none()).collect()
     }
 }
 
-/// The likelihood of a line's innovations as a function of the noise.
+/// Likelihood of a line's innovations as a function of the noise.
 #[derive(Clone, Copy)]
 struct NoiseLikelihood<'a> {
     search: &'a NoiseSearch<'a>,
@@ -164,7 +164,7 @@ struct NoiseLikelihood<'a> {
     map_factor: f64,
 }
 
-/// Logarithm of the likelihood, with the prior, and the number of measurements that had a prediction.
+/// Logarithm of the likelihood, with the prior, and the number of predicted measurements.
 #[derive(Clone, Copy, Debug)]
 struct InnovationLikelihood {
     log: f64,
@@ -172,7 +172,7 @@ struct InnovationLikelihood {
 }
 
 impl InnovationLikelihood {
-    /// The logarithm; -infinity for fewer measurements.
+    /// Logarithm of the likelihood; -infinity for fewer measurements.
     fn log_likelihood(&self, least_used: usize) -> f64 {
         if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
     }
@@ -233,7 +233,7 @@ impl NoiseLikelihood<'_> {
         InnovationLikelihood { log: -0.5 * sum, used: output.report.updates + output.report.gated }
     }
 
-    /// The best point around some, and its likelihood.
+    /// Best point around some points, and its likelihood.
     fn best_of(&self, starts: impl Iterator<Item = NoisePoint>, least_used: usize) -> (NoisePoint, f64) {
         let climbed = starts.map(|start| self.climbed(start, least_used));
         climbed.fold(
@@ -244,7 +244,7 @@ impl NoiseLikelihood<'_> {
         )
     }
 
-    /// The best point by steps from a point to its best neighbour, which shrink where there is no better one.
+    /// Best point by steps to the best neighbour, which shrink if no neighbour is better.
     fn climbed(&self, start: NoisePoint, least_used: usize) -> (NoisePoint, f64) {
         let mut now = start;
         let mut best = self.scores(&[now])[0].log_likelihood(least_used);
@@ -254,7 +254,7 @@ impl NoiseLikelihood<'_> {
             let scores = self.scores(&around);
             let found = around.iter().zip(&scores).map(|(point, score)| (*point, score.log_likelihood(least_used)));
             let (point, log) = found.fold((now, best), |best, one| if one.1 > best.1 { one } else { best });
-            // A gain below this is none: steps would only creep.
+            // Smaller gains are ignored, to avoid many small steps.
             if log > best + 0.05 {
                 (now, best) = (point, log);
             } else {
@@ -264,11 +264,11 @@ impl NoiseLikelihood<'_> {
         (now, best)
     }
 
-    /// Neighbours of a point: each free parameter one step down, as it is, or one step up.
+    /// Neighbours of a point: each free parameter one step down, unchanged, or one step up.
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let mut points = vec![point];
         for at in self.search.free() {
-            // The time constant matters least, and has wider steps.
+            // The time constant has the least influence, and has wider steps.
             let factor = if at == 2 { factor * factor } else { factor };
             let [low, high] = RANGES[at];
             let moved = points.iter().flat_map(|point| {
@@ -285,7 +285,7 @@ impl NoiseLikelihood<'_> {
         points
     }
 
-    /// The parameters with their 95 % intervals, from the curvature of the likelihood along each.
+    /// Parameters with their 95 % intervals, from the curvature of the likelihood along each.
     fn intervals(&self, (point, best): (NoisePoint, f64), least_used: usize) -> [IntervalEstimate; 3] {
         const FACTOR: f64 = 1.4;
         let mut estimates = point.map(|value| IntervalEstimate { value, low: value, high: value });
@@ -307,15 +307,15 @@ impl NoiseLikelihood<'_> {
     }
 }
 
-/// -2 ln p of an innovation but for a constant, whose normalised square counts as at most `most_nis`; `None` where an
-/// innovation of exactly 0 does not show its variance.
+/// -2 ln p of an innovation without its constant, with the NIS limited to `most_nis`; `None` if an innovation of
+/// exactly 0 does not give its variance.
 pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
     let variance = residual * residual / nis;
     (nis.is_finite() && variance.is_finite() && variance > 0.0).then(|| variance.ln() + nis.min(most_nis))
 }
 
-/// Variance of a sum of the normalised innovations over that of as many independent ones; at least 1, and 1 for a
-/// correlation that is not distinguished from none.
+/// Variance of a sum of the normalised innovations over that of as many independent ones; at least 1, and 1 for an
+/// insignificant correlation.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
     let innovations =

@@ -1,4 +1,4 @@
-//! A line with its map, as the filters take it, and the steps from sample to sample.
+//! Line with its map, as input of the filters, and the steps from sample to sample.
 
 use std::sync::Arc;
 
@@ -14,37 +14,37 @@ use crate::navigation::pinson::{STATES, StateMatrix, pinson_matrix};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes, StateFix};
 use crate::navigation::transition::{step_covariance, transition_matrix};
 
-/// A flight line that measures the scalar field over a map.
+/// Flight line with measurements of the scalar field over a map.
 #[derive(Clone, Copy, Debug)]
 pub struct NavigationLine<'a> {
-    /// The INS.
+    /// INS.
     pub ins: &'a InsSeries<'a>,
-    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
-    /// `core` is given.
+    /// Measured field at each sample, in nT; NaN if missing. It contains the core field if, and only if, `core` is
+    /// given.
     pub measurement_nt: &'a [f64],
-    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
-    /// measurement a missing one.
+    /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
+    /// counts as missing.
     pub sigma_nt: &'a [f64],
-    /// The map.
+    /// Map.
     pub map: &'a FieldMap,
-    /// The core field.
+    /// Core field.
     pub core: Option<&'a Arc<CoreField>>,
-    /// The error sources of the INS and the temporal variation.
+    /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
     /// Length, in s, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
+    /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
     pub second_order: bool,
 }
 
-/// A step of the 18 states: x ← Φ x + w, w ~ N(0, Q).
+/// Step of the 18 states: x ← Φ x + w, w ~ N(0, Q).
 #[derive(Clone, Debug)]
 pub struct LineStep {
-    /// Its length, in s.
+    /// Length, in s.
     pub dt_s: f64,
-    /// The speed over ground at its begin, in m/s.
+    /// Ground speed at the beginning of the step, in m/s.
     pub speed_mps: f64,
     /// Φ.
     pub phi: StateMatrix,
@@ -53,7 +53,7 @@ pub struct LineStep {
 }
 
 impl<'a> NavigationLine<'a> {
-    /// Rejects a line that cannot be filtered.
+    /// Rejects invalid lines.
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with
@@ -72,31 +72,31 @@ impl<'a> NavigationLine<'a> {
         Measurements { measurement_nt: self.measurement_nt, sigma_nt: self.sigma_nt }
     }
 
-    /// The aiding positions at a row, as measurements of states.
+    /// Aiding positions at a row, as measurements of states.
     #[inline]
     pub(crate) fn fixes_at(&self, row: usize) -> [Option<StateFix>; 3] {
         self.fixes.map_or(NO_FIX, |fixes| fixes.at(self.ins, row, self.errors.earth))
     }
 
-    /// The field to predict.
+    /// Predicted field of the line.
     pub fn predicted(&self) -> PredictedField<'a> {
         PredictedField::new(self.map, self.core).with_second_order(self.second_order)
     }
 
-    /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing.
+    /// Measurement of a row minus an offset, in nT, and its variance, in nT²; `None` if it is missing.
     #[inline(always)]
     pub fn measured(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
         self.measurements().at(row, offset_nt)
     }
 
-    /// The horizontal slope of a field at a row, in nT/m.
+    /// Horizontal slope of a field at a row, in nT/m.
     pub(crate) fn slope_nt_per_m(&self, row: usize, at: &FieldValue) -> f64 {
         let (lat_rad, alt_m) = (self.ins.lat_deg[row].to_radians(), self.ins.alt_m[row]);
         let (north, east) = self.errors.earth.north_east_m_per_rad(lat_rad, alt_m);
         (at.d_lat_nt_per_rad / north).hypot(at.d_lon_nt_per_rad / east)
     }
 
-    /// The step from the sample before `row` to `row`, which is at least 1.
+    /// Step from the sample before `row` to `row`, which is at least 1.
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
         LineStep::new(self.ins, &self.errors, row)
@@ -104,7 +104,7 @@ impl<'a> NavigationLine<'a> {
 }
 
 impl LineStep {
-    /// The step of an INS from the sample before `row` to `row`, which is at least 1.
+    /// Step of an INS from the sample before `row` to `row`, which is at least 1.
     #[inline]
     pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];

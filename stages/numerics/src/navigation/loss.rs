@@ -1,4 +1,4 @@
-//! Losses that grow more slowly than the square, to limit the influence of outliers on a trajectory.
+//! Loss functions that grow more slowly than the square, to limit the influence of outliers on a trajectory.
 
 use params::choice;
 
@@ -20,8 +20,7 @@ choice! {
 }
 
 impl TrajectoryLoss {
-    /// The scale c at which an estimate of normal data has 95 % of the efficiency of least squares.
-    /// [Holland & Welsch 1977]
+    /// Scale c at which an estimate of normal data has 95 % of the efficiency of least squares. [Holland & Welsch 1977]
     pub fn usual_scale(self) -> f64 {
         match self {
             Self::None => 1.0,
@@ -31,7 +30,7 @@ impl TrajectoryLoss {
     }
 }
 
-/// A loss with its scale.
+/// Loss function with its scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobustLoss {
     loss: TrajectoryLoss,
@@ -39,7 +38,7 @@ pub struct RobustLoss {
 }
 
 impl RobustLoss {
-    /// A loss with a scale in sigmas, or with its usual one.
+    /// Loss function with a scale in standard deviations, or with its usual scale.
     pub fn new(loss: TrajectoryLoss, scale: Option<f64>) -> Self {
         Self { loss, scale: scale.unwrap_or(loss.usual_scale()) }
     }
@@ -55,7 +54,7 @@ impl RobustLoss {
         }
     }
 
-    /// The weight ρ'(r)/r, at least 1e-12.
+    /// Weight ρ'(r)/r, at least 1e-12.
     #[inline(always)]
     pub fn weight(&self, r: f64) -> f64 {
         let c = self.scale;
@@ -72,11 +71,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn jac_the_weight_is_the_slope_of_the_loss_over_the_residual() {
+    fn law_the_weight_is_the_slope_of_the_loss_over_the_residual() {
         for loss in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, Some(1.7));
             for r in [-30.0, -1.8, -1.6, -0.2, 0.1, 1.69, 1.71, 5.0, 400.0] {
-                // A central difference over 1e-5 is good to 1e-10 of the slope and 1e-11 of rounding of the loss.
+                // A central difference over 1e-5 has an error of 1e-10 of the slope and a rounding error of 1e-11 of
+                // the loss.
                 let slope = (robust.value(r + 1e-5) - robust.value(r - 1e-5)) / 2e-5;
                 assert!((robust.weight(r) * r - slope).abs() < 1e-8 * (1.0 + r * r), "{loss:?} {r}");
             }
@@ -88,7 +88,8 @@ mod tests {
         for loss in [TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, None);
             let force = |r: f64| robust.weight(r) * r;
-            // (E ψ')²/E ψ² at the normal distribution, E ψ' being E r ψ; by rectangles, exact for smooth integrands.
+            // (E ψ')²/E ψ² at the normal distribution, with E ψ' = E r ψ; by the rectangle rule, exact for smooth
+            // integrands.
             let (mut slope, mut square) = (0.0, 0.0);
             for k in -9000..=9000 {
                 let r = 1e-3 * f64::from(k);
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_no_weight_is_zero_and_near_nothing_all_are_squares() {
+    fn unit_weights_are_positive_and_small_residuals_have_squared_loss() {
         for loss in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, None);
             assert!(robust.weight(1e200) > 0.0);

@@ -1,8 +1,9 @@
-//! The error of the nodes of a map as noise of the measurements along a line.
+//! Error of the nodes of a map as noise of the measurements along a line.
 //!
-//! The relevant error is that at the position of the aircraft, which is unknown: between survey lines it changes within
-//! some hundred metres, while the error of an INS is kilometres after an hour. It is therefore read at the position
-//! that an extended Kalman filter of the scalar field predicts for each sample, with this noise in its own updates.
+//! The relevant error is the error at the position of the aircraft, which is unknown. Between survey lines it changes
+//! within some hundred metres, while the error of an INS is kilometres after an hour. It is therefore evaluated at the
+//! position that an extended Kalman filter of the scalar field predicts for each sample, with this noise in its own
+//! updates.
 
 use pulp::{Simd, WithSimd};
 
@@ -13,13 +14,13 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// Standard deviation of the map's error at each sample of a line, in nT, times `factor`; NaN where the map has a value
-/// and no error, 0 off the map. `error_nt` holds standard deviation of each node. The noise of the line's own
-/// measurements comes in addition.
+/// Standard deviation of the map error at each sample of a line, in nT, times `factor`; NaN if the map has a value but
+/// no error, 0 off the map. `error_nt` holds the standard deviation of each node. The noise of the line's own
+/// measurements is added.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer
-/// finite or a variance is negative.
+/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite or
+/// a variance is negative.
 pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Result<Vec<f64>, NavigationError> {
     line.check()?;
     let mut field = line.predicted();
@@ -51,12 +52,12 @@ impl WithSimd for MapNoiseEkf<'_> {
 }
 
 impl MapNoiseEkf<'_> {
-    /// Standard deviation of the map's error at an error of the INS of a row, in nT.
+    /// Standard deviation of the map error at an error of the INS of a row, in nT.
     fn sigma_nt_at(&self, row: usize, [lat_rad, lon_rad, alt_m]: [f64; 3]) -> f64 {
         let ins = self.line.ins;
         let (lat_deg, lon_deg) = (ins.lat_deg[row] + lat_rad.to_degrees(), ins.lon_deg[row] + lon_rad.to_degrees());
         let error = self.error_nt.at(lat_deg, lon_deg, ins.alt_m[row] + alt_m);
-        // A cubic surface may swing below 0 between nodes.
+        // A cubic surface may fall below 0 between nodes.
         error.map_or(f64::NAN, |error| self.factor * error.value_nt.max(0.0))
     }
 }
@@ -96,7 +97,7 @@ mod tests {
     use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
     use crate::navigation::scenes::{AnalyticScene, LAT_DEG, LON_DEG, hills, m_per_deg, uneven};
 
-    /// A map of errors that depend on metres east of the middle of the scene.
+    /// Map of errors as a function of metres east of the middle of the scene.
     fn errors(of_east: impl Fn(f64) -> f64) -> FieldMap {
         let (north, east) = m_per_deg();
         let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
@@ -108,9 +109,10 @@ mod tests {
     }
 
     #[test]
-    fn law_the_error_is_that_at_the_aircraft_and_not_at_the_ins() {
+    fn law_the_error_is_evaluated_at_the_aircraft_instead_of_the_ins() {
         let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
-        // An INS that is known to 300 m and 60 m too far east; the error of the map rises by 0.001 nT a metre eastward.
+        // INS with a standard deviation of 300 m, 60 m too far east. The map error rises by 0.001 nT per metre
+        // eastward.
         scene.errors.sources.init_position_sigma_m = 300.0;
         let (_, east) = m_per_deg();
         let found = scene.with(|line| along(line, &errors(|east_m| 8.0 + 0.001 * east_m), 2.0)).unwrap();
@@ -121,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_an_unknown_error_is_no_error_of_zero() {
+    fn unit_an_unknown_error_differs_from_zero() {
         let scene = AnalyticScene::new(&uneven(10), MapInterpolation::Linear, hills);
         let far = errors(|east_m| if east_m < 4000.0 { f64::NAN } else { 5.0 });
         assert!(scene.with(|line| along(line, &far, 1.0)).unwrap().iter().all(|sigma| sigma.is_nan()));

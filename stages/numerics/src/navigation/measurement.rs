@@ -1,14 +1,14 @@
-//! The column of a scalar magnetometer with the noise of each sample.
+//! Column of a scalar magnetometer with the noise of each sample.
 
 use crate::navigation::ins_series::SeriesError;
 
-/// The measurements of a line.
+/// Measurements of a line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Measurements<'a> {
-    /// The field at each sample, in nT; NaN where there is none.
+    /// Field at each sample, in nT; NaN if missing.
     pub(crate) measurement_nt: &'a [f64],
-    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
-    /// measurement a missing one.
+    /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
+    /// counts as missing.
     pub(crate) sigma_nt: &'a [f64],
 }
 
@@ -26,8 +26,8 @@ impl Measurements<'_> {
         Ok(())
     }
 
-    /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing, or the
-    /// square of its sigma is 0 or infinite.
+    /// Measurement of a row minus an offset, in nT, and its variance, in nT²; `None` if it is missing, or the square of
+    /// its sigma is 0 or infinite.
     #[inline(always)]
     pub(crate) fn at(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
         let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);

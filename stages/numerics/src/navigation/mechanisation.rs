@@ -1,13 +1,13 @@
-//! Strapdown inertial navigation: attitude, velocity and position from the readings of gyroscopes and
-//! accelerometers, the vertical channel aided by a barometer; and the way back, the readings of a motion.
+//! Strapdown inertial navigation: attitude, velocity and position from the readings of gyroscopes and accelerometers,
+//! with a vertical channel aided by a barometer; and the inverse, the readings of a motion.
 //!
-//! Navigation frame north-east-down, body frame nose-right-down. A reading contains the integrals over
-//! a step of the body's angular rate and specific force, in the body's axes. Within a step they are
-//! taken as linear in time, so that coning and sculling are corrected with the reading before it, to
-//! third order in the angle of a step. [Savage 1998, I (38) and II (23); Titterton & Weston 2004, 11.2]
+//! The navigation frame is north-east-down, the body frame nose-right-down. A reading contains the integrals over a
+//! step of the body's angular rate and specific force, in the body's axes. Within a step they are assumed linear in
+//! time, so coning and sculling are corrected with the previous reading, to third order in the angle of a step. [Savage
+//! 1998, I (38) and II (23); Titterton & Weston 2004, 11.2]
 //!
-//! Unlike the error model (`pinson`), nothing here is linear in an error, the earth is the ellipsoid and
-//! gravity falls with height.
+//! Unlike the error model (`pinson`), the mechanisation is nonlinear in the errors. The earth is the ellipsoid, and
+//! gravity decreases with height.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -25,13 +25,13 @@ mod readings;
 /// Earth model of the mechanisation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum NavigationEarth {
-    /// WGS-84: its ellipsoid, its rate and its normal gravity.
+    /// WGS-84: its ellipsoid, rotation rate and normal gravity.
     #[default]
     Wgs84,
-    /// A sphere of radius 6378137 m with 9.80665 m/s² everywhere: the earth of the error model and,
-    /// at rest, of the textbooks' solutions.
+    /// Sphere of radius 6378137 m with 9.80665 m/s² everywhere: the earth of the error model and, at rest, of textbook
+    /// solutions.
     Sphere {
-        /// Its rate of rotation, in rad/s.
+        /// Rotation rate, in rad/s.
         rate_radps: f64,
     },
 }
@@ -73,7 +73,7 @@ pub fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
     surface * (1.0 - gradient * alt_m + 3.0 / (A * A) * alt_m * alt_m)
 }
 
-/// The position, velocity and attitude of a body.
+/// Position, velocity and attitude of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavigationState {
     /// Geodetic latitude, in rad.
@@ -84,19 +84,19 @@ pub struct NavigationState {
     pub alt_m: f64,
     /// Velocity north, east, down, in m/s.
     pub vel_ned_mps: Vector3<f64>,
-    /// The rotation from the body frame to north-east-down.
+    /// Rotation from the body frame to north-east-down.
     pub body_to_ned: UnitQuaternion<f64>,
 }
 
-/// The quaternion of a direction cosine matrix.
+/// Quaternion of a direction cosine matrix.
 pub fn quaternion(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(*matrix))
 }
 
-/// The reading of the inertial sensors over a step.
+/// Reading of the inertial sensors over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImuReading {
-    /// The length of the step, in s.
+    /// Length of the step, in s.
     pub dt_s: f64,
     /// Integral of the body's angular rate against inertial space, in rad.
     pub angle_rad: Vector3<f64>,
@@ -104,16 +104,15 @@ pub struct ImuReading {
     pub velocity_mps: Vector3<f64>,
 }
 
-/// A reading after removing the effect of rotation within the step: how the body turned
-/// against inertial space as one rotation vector, and how its velocity changed, in the axes of the
-/// step's beginning.
+/// Reading after removing the effect of rotation within the step: the rotation vector of the body against inertial
+/// space, and its change of velocity, in the axes of the step's beginning.
 struct ImuIncrements {
     rotation_rad: Vector3<f64>,
     velocity_mps: Vector3<f64>,
 }
 
 impl ImuReading {
-    /// With coning and sculling corrected by the reading before.
+    /// Increments with coning and sculling corrected by the previous reading.
     fn increments(&self, before: &ImuReading) -> ImuIncrements {
         let (angle, velocity) = (self.angle_rad, self.velocity_mps);
         let (angle_before, velocity_before) = before.stretched_to(self.dt_s);
@@ -132,18 +131,18 @@ impl ImuReading {
     }
 }
 
-/// The effect of the earth on a body in the middle of a step.
+/// Effect of the earth on a body in the middle of a step.
 struct EarthEffects {
     /// Rate of the navigation frame against inertial space, in rad/s.
     frame_rate: Vector3<f64>,
-    /// Gravity less the Coriolis and transport accelerations, in m/s².
+    /// Gravity minus the Coriolis and transport accelerations, in m/s².
     acceleration: Vector3<f64>,
     /// Rates of latitude and longitude, in rad/s.
     lat_rate: f64,
     lon_rate: f64,
 }
 
-/// Least cosine of a latitude: 6 m from a pole, nearer to which the frame turns no faster.
+/// Smallest cosine of a latitude, 6 m from a pole. Closer to the pole the rotation rate of the frame is constant.
 const LEAST_COSINE: f64 = 1e-6;
 
 fn surroundings(earth: NavigationEarth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> EarthEffects {
@@ -161,11 +160,11 @@ fn surroundings(earth: NavigationEarth, lat_rad: f64, alt_m: f64, v: &Vector3<f6
     }
 }
 
-/// Number of repetitions of a step with the midpoint of its result. Each repetition gains the factor K1 Δt/2, or 2 Ω Δt
-/// without a barometer.
+/// Number of repetitions of a step with the midpoint of its result. Each repetition reduces the error by the factor K1
+/// Δt/2, or 2 Ω Δt without a barometer.
 const REPETITIONS: usize = 4;
 
-/// An inertial navigation system.
+/// Inertial navigation system.
 #[derive(Clone, Debug)]
 pub struct Mechanisation {
     earth: NavigationEarth,
@@ -175,27 +174,26 @@ pub struct Mechanisation {
 }
 
 impl Mechanisation {
-    /// A system that starts with a motion and the vertical acceleration (m/s², down) of its barometer
-    /// loop, 0 where nothing is known.
+    /// System with an initial motion and the vertical acceleration (m/s², down) of its barometer loop, 0 if unknown.
     pub fn new(earth: NavigationEarth, motion: NavigationState, loop_mps2: f64) -> Self {
         Self { earth, motion, loop_mps2, before: ImuReading::default() }
     }
 
-    /// The current motion.
+    /// Current motion.
     pub fn motion(&self) -> &NavigationState {
         &self.motion
     }
 
-    /// The vertical acceleration of the barometer loop, in m/s², down.
+    /// Vertical acceleration of the barometer loop, in m/s², down.
     pub fn loop_mps2(&self) -> f64 {
         self.loop_mps2
     }
 
-    /// Advances by one reading. `baro_alt_m` is the mean over the step of the height that a barometer
-    /// measured; it aids the vertical channel in a loop of third order with the gains K1, K2, K3 of the
-    /// error model. Without it the vertical channel is free, and unstable. [Titterton & Weston 13.4]
+    /// Advances by one reading. `baro_alt_m` is the mean over the step of the barometric height. It aids the vertical
+    /// channel in a third-order loop with the gains K1, K2, K3 of the error model. Without it the vertical channel is
+    /// free and unstable. [Titterton & Weston 13.4]
     ///
-    /// Over a pole the longitude changes by half a turn and north becomes south.
+    /// Across a pole the longitude changes by half a turn and north becomes south.
     pub fn step(&mut self, reading: &ImuReading, baro_alt_m: Option<f64>) {
         let (dt, from, loop_from) = (reading.dt_s, self.motion, self.loop_mps2);
         let increments = reading.increments(&self.before);
@@ -225,7 +223,7 @@ impl Mechanisation {
 }
 
 impl NavigationState {
-    /// A latitude beyond a pole is one on this side of it, half a turn of longitude further.
+    /// Maps a latitude beyond a pole to this side of it, half a turn of longitude further.
     fn come_down_from_the_pole(&mut self) {
         use std::f64::consts::{FRAC_PI_2, PI};
         if self.lat_rad.abs() <= FRAC_PI_2 {

@@ -7,24 +7,25 @@
 //! | [`line`](mod@line) | a line with its map, as the filters take it, and its steps |
 //! | [`map_noise`] | the error of each node of a map, as noise along a line |
 //! | [`field`] | the field that a filter predicts: map and core field |
-//! | [`loss`] | losses that outliers do not dominate |
+//! | [`loss`] | loss functions that limit the influence of outliers |
 //! | [`output`] | output of a filter on a line |
 //! | [`ins_only`] | the INS without measurements, with the covariance of its error |
 //! | [`iekf`] | the iterated extended Kalman filter |
 //! | [`rts`] | the fixed-interval smoother, iterated to the maximum a posteriori |
 //! | [`ukf`] | the unscented Kalman filter |
-//! | [`aided`] | these filters with a difference of magnetometers, the field vector and a height besides the field |
-//! | [`aids`] | what they measure: rows of H, predictions, noise |
+//! | [`aided`] | these filters with a difference of magnetometers, the field vector and a height in addition to the
+//! field |
+//! | [`aids`] | further measurements: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
-//! | [`adaptive`] | the filter that finds the noise of its measurements |
+//! | [`adaptive`] | the filter that estimates its measurement noise |
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
-//! | [`online_nn`] | the same with the weights of a small network |
+//! | [`online_nn`] | the same filter with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
 //! | [`mpf`] | the marginalised particle filter |
-//! | [`slam`] | navigation without a map, by revisits of the path |
+//! | [`slam`] | navigation without a map, from revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
-//! | [`fix_test`] | a test of these positions against the INS |
-//! | [`position_fixes`] | aiding positions, such as those by GNSS |
+//! | [`fix_test`] | a test of aiding positions against the INS |
+//! | [`position_fixes`] | aiding positions, such as from GNSS |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
 //! | [`ins_error`] | error sources and grades of an INS; its errors simulated along a trajectory |
@@ -34,9 +35,9 @@
 //! # Equations
 //!
 //! The state x is truth minus INS: latitude, longitude (rad), altitude, velocity and tilt north-east-down,
-//! accelerometer and gyroscope biases, two states of the barometer, and the temporal variation S of the field. At
-//! rest on a sphere of radius R, the rows of F that make the Schuler oscillation are [Gnadt 2022, (5.15)-(5.32);
-//! Titterton & Weston 2004, chapter 12]
+//! accelerometer and gyroscope biases, two states of the barometer, and the temporal variation S of the field. At rest
+//! on a sphere of radius R, the rows of F for the Schuler oscillation are [Gnadt 2022, (5.15)-(5.32); Titterton &
+//! Weston 2004, chapter 12]
 //!
 //! ```text
 //! ẋ = F x + w
@@ -46,8 +47,8 @@
 //! with the tilt ψ, the accelerometer and gyroscope biases a and b, and the earth's rate Ω. The barometer's gains,
 //! which Gnadt 2022 does not print, are those of MagNav.jl ([`pinson::K1`], [`pinson::K2`], [`pinson::K3`]).
 //!
-//! The filter alternates, from P₀, the measurement z of the scalar field (nT) and the step to the next sample
-//! [Brown & Hwang 2012, chapters 4 and 7; Gnadt 2022, section 5.3]
+//! From P₀ on, the filter alternates the measurement z of the scalar field (nT) and the step to the next sample [Brown
+//! & Hwang 2012, chapters 4 and 7; Gnadt 2022, section 5.3]
 //!
 //! ```text
 //! h(x) = map(INS + x) + core(INS + x) + S
@@ -57,13 +58,13 @@
 //! x ← Φ x,                   P ← Φ P Φᵀ + Q_d,      Q_d = ∫₀^Δt e^(F s) Q e^(Fᵀ s) ds
 //! ```
 //!
-//! Where the printed equations differ: Gnadt 2022 (5.37) lacks the 1 of S in H, and its (5.35) is a spectral density,
-//! which is to be integrated over a step ([`NoiseDiscretisation`]). A measurement that contains a constant offset
-//! beyond what S can take up needs [`EkfParameters::offset_window_s`].
+//! Differences from the printed equations: Gnadt 2022 (5.37) lacks the 1 of S in H, and its (5.35) is a spectral
+//! density, which must be integrated over a step ([`NoiseDiscretisation`]). A measurement with a constant offset beyond
+//! the range of S requires [`EkfParameters::offset_window_s`].
 //!
 //! # Examples
 //!
-//! Over a short time the errors of an INS at rest grow as the power of time that their source gives.
+//! Over a short time the errors of an INS at rest grow with a power of time that depends on their source.
 //!
 //! ```
 //! use numerics::earth::geodesy::{SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2};
@@ -90,7 +91,7 @@
 //! }
 //! ```
 //!
-//! One measurement over a map of constant slope, whose answer is known in closed form.
+//! One measurement over a map of constant slope, with a closed-form solution.
 //!
 //! ```
 //! use numerics::earth::EarthModel;
@@ -145,7 +146,7 @@ pub mod mechanisation;
 pub mod mpf;
 pub mod online;
 pub mod online_nn;
-/// Flights over the real Osborne map, shared with the Monte Carlo test and the bench.
+/// Flights over the real Osborne map, shared by the Monte Carlo test and the bench.
 #[cfg(test)]
 #[path = "../../tests/osborne/mod.rs"]
 mod osborne;

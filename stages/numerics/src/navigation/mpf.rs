@@ -1,9 +1,9 @@
-//! The marginalised particle filter: particles for the position, a Kalman filter for the other states.
+//! Marginalised particle filter: particles for the position, a Kalman filter for the other states.
 //!
 //! A map is strongly nonlinear in position; the rest of the model is nearly linear. Given the position, the 16 other
 //! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude with
 //! the conditional mean of the others, and all share one covariance P [Schön, Gustafsson & Nordlund 2005; Gnadt 2022,
-//! section 5.3 for the states]. Use it for a position error of kilometres, or if two places may explain the
+//! section 5.3 for the states]. Use it for a position error of kilometres, or if two positions may explain the
 //! measurements: [`MpfOutput::modes`] has the probability of each. Otherwise it agrees with the extended Kalman filter
 //! and takes seventy times as long.
 //!
@@ -19,7 +19,7 @@
 //! x_i ← Φ x_i + [√M; C √M⁻ᵀ] ξ_i,          P ← T − C M⁻¹ Cᵀ,      ξ_i ~ N(0, I)
 //! ```
 //!
-//! P after a measurement is the mean of the covariances that the particles would have separately; it is the usual
+//! P after a measurement is the mean of the covariances that the particles would have separately. It equals the usual
 //! update if the field changes equally with height at all of them. The step is (22)-(25) of the paper, with the linear
 //! states after their measurement. Weights are logarithms and never vanish.
 //!
@@ -32,16 +32,16 @@
 //!
 //! # Resampling
 //!
-//! Systematic, by one uniform number, when 1/Σq² < `resample_threshold` N. The position of a navigation-grade INS has
-//! almost no driving noise. Copies of a particle therefore stay copies, in velocity and tilt too, and a plain particle
-//! filter ends with a handful of paths and a covariance far too small. `regularise` draws from a kernel density
-//! instead. The position is drawn from Gaussian kernels of the optimal bandwidth h = N^(-1/6) [Musso, Oudjane & Le
-//! Gland 2001]; the particles are first contracted by √(1 − h²), which keeps mean and covariance [West 1993]. The
-//! linear states follow the position by their regression on it, and h² of the covariance about the regression moves
-//! from the particles into P instead of being drawn. A cloud wider than `smooth_over_m` has kernels by cells of at
-//! least 16 effective particles, and regressions by mode. A measurement that would leave less than a tenth of the
-//! particles effective is split into several measurements whose inverse variances add up to its own, with a resampling
-//! between them (progressive correction, same source).
+//! Resampling is systematic, by one uniform number, when 1/Σq² < `resample_threshold` N. The position of a
+//! navigation-grade INS has almost no driving noise. Copies of a particle therefore stay copies, in velocity and tilt
+//! too, and a plain particle filter ends with a handful of paths and a covariance far too small. `regularise` draws
+//! from a kernel density instead. The position is drawn from Gaussian kernels of the optimal bandwidth h = N^(-1/6)
+//! [Musso, Oudjane & Le Gland 2001]; the particles are first contracted by √(1 − h²), which preserves mean and
+//! covariance [West 1993]. The linear states follow the position by their regression on it. The fraction h² of the
+//! covariance about the regression moves from the particles into P instead of being drawn. A cloud wider than
+//! `smooth_over_m` has kernels by cells of at least 16 effective particles, and regressions by mode. A measurement
+//! after which less than a tenth of the particles would be effective is split into several measurements whose inverse
+//! variances add up to its own. The particles are resampled between them (progressive correction, same source).
 //!
 //! # Aiding positions
 //!
@@ -59,19 +59,20 @@
 //! e_i = z − v(position of i) − u x_i,   H_i = u + (slope of v with height at i) for the altitude,
 //! ```
 //!
-//! where v is the map value at each particle's own position, at both ends of the baseline for a difference, and the row
-//! u of biases, S and tilt is common: the effect of the tilt is linearised about the middle of the cloud. They follow
-//! the field, each after a resampling if too few particles are effective. On a flat map the particles differ by its
-//! values, not by its slope, so [`Aids::flat_over_m`] is ignored; the map error is a state.
+//! where v is the map value at each particle's own position, at both ends of the baseline for a difference. The row u
+//! of biases, S and tilt is common: the effect of the tilt is linearised about the middle of the cloud. These
+//! measurements follow the field, each after a resampling if too few particles are effective. On a flat map the
+//! particles differ by its values, not by its slope, so [`Aids::flat_over_m`] is ignored; the map error is a state.
 //!
-//! Every random number is a function of seed, sample and particle, and sums have a fixed order: the same bits on any
-//! number of threads.
+//! Every random number is a function of seed, sample and particle, and sums have a fixed order, so results are
+//! bit-identical for any number of threads.
 //!
 //! # Number of particles
 //!
-//! 1000 for an INS known to hundreds of metres. For an INS lost by kilometres the first cloud must have particles
-//! within the width of an anomaly of the truth, also at its edge: a standard deviation of 3 km on each axis and a map
-//! flown 500 m above the ground require 10,000. The report shows whether the cloud has kept the aircraft.
+//! 1000 particles are sufficient for an INS position error of hundreds of metres. For an error of kilometres, the first
+//! cloud must have particles within the width of an anomaly of the truth, also at its edge. A standard deviation of 3
+//! km on each axis and a map flown 500 m above the ground require 10,000. The report shows whether the cloud has kept
+//! the aircraft.
 
 mod cloud;
 mod core_expansion;
@@ -96,27 +97,26 @@ use filter::MarginalisedParticleFilter;
 pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
-/// A measurement whose squared residual over its variance is above this for every particle is not used: of good
-/// measurements one in a billion.
+/// NIS above which, for every particle, a measurement is not used: one valid measurement in a billion.
 pub const UNEXPLAINED_NIS: f64 = 37.33;
 
-/// States with the further ones but those of a vector: the biases of difference and height, and the map's error.
+/// States with the biases of difference and height, and the map error, but without those of a vector.
 const WITH_BIASES: usize = STATES + 3;
-/// States with those of a vector.
+/// States including those of a vector.
 const WITH_VECTOR: usize = WITH_BIASES + 6;
-/// States with those of a vector and of the map's slope.
+/// States including those of a vector and of the map's slope.
 const WITH_ALL: usize = WITH_VECTOR + 2;
 
 /// Filters one line.
 ///
-/// The row of a sample is the weighted mean of the particles after its measurements and before any resampling. Missing
-/// measurements (NaN, infinite, or of a sigma that is not above 0), and those that are not used, leave the filter
-/// predicting; uneven time and a single sample are fine. Costs about 0.2 ms a sample for 1000 particles on one core,
-/// and uses more threads from 8192 particles up.
+/// The row of a sample is the weighted mean of the particles after its measurements and before any resampling. For
+/// missing measurements (NaN, infinite, or with a sigma that is not above 0) and rejected ones, the filter only
+/// predicts. Uneven time and a single sample are valid. Costs about 0.2 ms per sample for 1000 particles on one core,
+/// and uses more threads from 8192 particles on.
 ///
 /// # Errors
 /// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
-/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
+/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
 pub fn run(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

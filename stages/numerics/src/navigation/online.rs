@@ -26,17 +26,17 @@
 //! `xx` + `yy` + `zz`, whose sum is |B|/s) absorbs the constant that a map leaves undetermined.
 //!
 //! A random walk should only allow for the expected changes. Permanent terms that walk by 20 nT in a second absorb the
-//! whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is found within minutes.
+//! whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is estimated within minutes.
 //!
 //! # Irregularities
 //!
-//! - a measurement or a term that is NaN or infinite, a sigma that is not above 0: that magnetometer is not used at
-//!   that sample; the others are;
+//! - a measurement or a term that is NaN or infinite, or a sigma that is not above 0: that magnetometer is skipped at
+//!   the sample; the others are used;
 //! - a predicted position off the map or in an unknown cell: no magnetometer is used;
 //! - a vector of size zero: its terms are NaN;
-//! - a prior whose field is a million times the noise or more (3e6): refused, as the update would lose all digits;
+//! - a prior whose field is 3e6 times the noise or more: rejected, because the update would lose all digits;
 //! - an INS value that is not finite, time that does not ascend, a variance that is negative or not finite: an error
-//!   that names the row.
+//!   with the row.
 
 pub(crate) mod augmented;
 pub(crate) mod covariance;
@@ -53,80 +53,80 @@ pub use fluxgate::Fluxgate;
 use fluxgate::FluxgateTerms;
 pub use prior::{CoefficientPrior, ColdStart, prior_from_calibrations, walk_density};
 
-/// A scalar magnetometer and what the aircraft's field at it depends on.
+/// Scalar magnetometer with the terms of its aircraft field.
 #[derive(Clone, Copy, Debug)]
 pub struct OnlineMagnetometer<'a> {
-    /// The uncompensated field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
-    /// the line's `core` is given.
+    /// Uncompensated field at each sample, in nT; NaN if missing. It contains the core field if, and only if, the
+    /// line's `core` is given.
     pub measurement_nt: &'a [f64],
-    /// The standard deviation of the white noise of each measurement, in nT, independent of the other magnetometers'; a
-    /// value that is not above 0 makes its measurement a missing one.
+    /// Standard deviation of the white noise of each measurement, in nT, independent of the other magnetometers. A
+    /// measurement with a value that is not above 0 counts as missing.
     pub sigma_nt: &'a [f64],
     /// The terms, row-major, one row per sample and one column per coefficient.
     pub terms: &'a [f64],
     /// Prior of the coefficients.
     pub prior: &'a CoefficientPrior,
-    /// The spectral density of each coefficient's random walk, in its unit squared per s; 0 for a constant.
+    /// Spectral density of each coefficient's random walk, in its unit squared per s; 0 for a constant.
     pub walk_density: &'a [f64],
 }
 
 /// Estimated aircraft field at one magnetometer.
 #[derive(Clone, Debug, Default)]
 pub struct AircraftEstimate {
-    /// The coefficients after the last sample.
+    /// Coefficients after the last sample.
     pub coefficients: Vec<f64>,
     /// Their covariance, row-major.
     pub covariance: Vec<f64>,
-    /// The coefficients after each sample, row-major; empty unless asked for.
+    /// Coefficients after each sample, row-major; empty unless `keep_coefficients` is set.
     pub coefficients_by_row: Vec<f64>,
     /// Their standard deviations.
     pub sigma_by_row: Vec<f64>,
-    /// Residuals, the aircraft's field, and how the samples were used.
+    /// Residuals, the aircraft field, and the use of the samples.
     pub track: MagnetometerTrack,
 }
 
 impl AircraftEstimate {
-    /// The standard deviations of the coefficients after the last sample.
+    /// Standard deviations of the coefficients after the last sample.
     pub fn sigma(&self) -> Vec<f64> {
         let terms = self.coefficients.len();
         (0..terms).map(|term| self.covariance[term * (terms + 1)].sqrt()).collect()
     }
 }
 
-/// The bias of the vector magnetometer after the last sample, in nT.
+/// Bias of the vector magnetometer after the last sample, in nT.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FluxgateEstimate {
-    /// Along nose, right and down.
+    /// Components along nose, right and down.
     pub bias_nt: [f64; 3],
-    /// Its standard deviations.
+    /// Standard deviations of the components.
     pub sigma_nt: [f64; 3],
 }
 
-/// The filtered line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct OnlineOutput {
-    /// The track. `residual_nt` is that of the first magnetometer that is used at a sample, `nis` the mean over those
-    /// used or gated, whose sum is the squared innovation of all together over its covariance. A sample counts as an
-    /// update if any magnetometer is used; the offset is that of the first.
+    /// Track. `residual_nt` is that of the first magnetometer used at a sample. `nis` is the mean over those used or
+    /// gated; its sum is the squared innovation of all together over its covariance. A sample counts as an update if
+    /// any magnetometer is used; the offset is that of the first.
     pub navigation: NavigationOutput,
-    /// The magnetometers, in their order.
+    /// Estimates of the magnetometers, in their order.
     pub magnetometers: Vec<AircraftEstimate>,
-    /// The bias of the vector magnetometer, where it is estimated.
+    /// Bias of the vector magnetometer, if it is estimated.
     pub fluxgate: Option<FluxgateEstimate>,
     /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<SampleUsage>,
     /// Their innovations.
     pub aids: AidInnovations,
-    /// The horizontal slope of the predicted field at each sample, in nT/m; NaN off the map and without
+    /// Horizontal slope of the predicted field at each sample, in nT/m; NaN off the map and without
     /// [`Aids::flat_over_m`](crate::navigation::aids::Aids::flat_over_m).
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// Rejects terms that contain a scalar magnetometer: the filter would subtract its own measurement. `sources` are the
-/// columns of the terms, or the names of terms.
+/// Rejects terms that contain a scalar magnetometer, because the filter would subtract its own measurement. `sources`
+/// are the columns of the terms, or the names of terms.
 ///
 /// # Errors
-/// Fails for the first that starts with `mag_`.
+/// Fails for the first name that starts with `mag_`.
 pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError> {
     match sources.iter().map(AsRef::as_ref).find(|source| source.starts_with("mag_")) {
         None => Ok(()),
@@ -142,10 +142,10 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
 /// Filters one line.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each
-/// magnetometer, with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of
-/// their range and for terms that are not those of the `fluxgate`, and with [`NavigationError::Diverged`] when states
-/// or variances are no longer finite or a variance is negative.
+/// Fails as [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each magnetometer.
+/// Fails with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of their range,
+/// and for terms that differ from those of the `fluxgate`. Fails with [`NavigationError::Diverged`] when a state or
+/// variance is not finite or a variance is negative.
 pub fn run(
     line: &LineModel<'_>,
     magnetometers: &[OnlineMagnetometer<'_>],
@@ -160,7 +160,7 @@ pub fn run(
     Ok(estimates(output, magnetometers, fluxgate.is_some()))
 }
 
-/// The priors of all coefficients and of the bias as one.
+/// Joint prior of all coefficients and of the bias.
 fn extra_states(
     magnetometers: &[OnlineMagnetometer<'_>],
     fluxgate: Option<&Fluxgate<'_>>,
@@ -225,13 +225,13 @@ fn estimates(output: AugmentedOutput, magnetometers: &[OnlineMagnetometer<'_>], 
     OnlineOutput { navigation, magnetometers: estimates, fluxgate, usage, aids, slope_nt_per_m }
 }
 
-/// The aircraft's field A(b) β.
+/// Aircraft field A(b) β.
 struct TollesLawson<'a> {
     magnetometers: &'a [OnlineMagnetometer<'a>],
-    /// The first coefficient of each magnetometer among the further states.
+    /// Index of the first coefficient of each magnetometer among the further states.
     first: Vec<usize>,
     fluxgate: Option<FluxgateTerms<'a>>,
-    /// The first state of the bias.
+    /// Index of the first state of the bias.
     bias: usize,
     own: Vec<f64>,
 }
@@ -258,7 +258,7 @@ impl<'a> TollesLawson<'a> {
         Ok(model)
     }
 
-    /// Rejects terms of a magnetometer that are not those of the vector.
+    /// Rejects terms of a magnetometer that differ from those of the vector.
     fn check_fluxgate(&mut self, rows: usize) -> Result<(), ParameterError> {
         let Some(fluxgate) = &self.fluxgate else { return Ok(()) };
         let own = &mut self.own;
@@ -289,7 +289,7 @@ impl<'a> TollesLawson<'a> {
         Ok(())
     }
 
-    /// The terms of a sample at a bias, and the coefficients.
+    /// Terms of a sample at a bias, and the coefficients.
     #[inline(always)]
     fn field(&mut self, magnetometer: usize, row: usize, c: &[f64], terms: &mut [f64]) -> f64 {
         let OnlineMagnetometer { terms: given, prior, .. } = &self.magnetometers[magnetometer];

@@ -11,8 +11,8 @@
 //!
 //! ∂m/∂w is by back-propagation at each sample. The weights, their covariance and their random walk come from
 //! [`train`], recursive least squares over a calibration, or are given. The recursion is that of
-//! [`online`](super::online), with its treatment of irregularities; a feature that is NaN or infinite makes the
-//! measurement a missing one. The features must not hold a scalar magnetometer
+//! [`online`](super::online), with its treatment of irregularities. A measurement with a feature that is NaN or
+//! infinite counts as missing. The features must not contain a scalar magnetometer
 //! ([`check_sources`](super::online::check_sources)).
 //!
 //! A network of p features and h hidden units has h (p + 2) + 1 weights, and a step takes time proportional to the
@@ -32,20 +32,20 @@ use super::online::{LineModel, MagnetometerTrack, OnlineParameters};
 pub use network::{OnlineActivation, OnlineNetwork};
 pub use training::{NetworkCalibration, NetworkPrior, TrainingParameters, train};
 
-/// The filtered line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct NetworkOutput {
-    /// The track.
+    /// Track.
     pub navigation: NavigationOutput,
-    /// The weights after the last sample.
+    /// Weights after the last sample.
     pub weights: Vec<f64>,
     /// Their covariance, row-major.
     pub covariance: Vec<f64>,
-    /// The weights after each sample, row-major; empty unless asked for.
+    /// Weights after each sample, row-major; empty unless `keep_coefficients` is set.
     pub weights_by_row: Vec<f64>,
     /// Their standard deviations.
     pub sigma_by_row: Vec<f64>,
-    /// Residuals, the aircraft's field, and how the samples were used.
+    /// Residuals, the aircraft field, and the use of the samples.
     pub track: MagnetometerTrack,
     /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<SampleUsage>,
@@ -55,13 +55,13 @@ pub struct NetworkOutput {
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// Filters one line, whose measurement is the uncompensated field, by it and by further measurements, of which there
-/// may be none. `features` are row-major, a row a sample.
+/// Filters one line, whose measurement is the uncompensated field, with optional further measurements. `features` are
+/// row-major, one row per sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`Aids::check`], with [`NavigationError::Parameter`] for features, weights,
-/// covariances and densities of another size than the network's or out of their range, and with
-/// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
+/// Fails as [`NavigationLine::check`] and [`Aids::check`]. Fails with [`NavigationError::Parameter`] for features,
+/// weights, covariances and densities of another size than the network's or out of their range. Fails with
+/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &OnlineNetwork,
@@ -104,10 +104,10 @@ pub fn run(
     })
 }
 
-/// The network along a line.
+/// Network along a line.
 struct NetworkField<'a> {
     network: &'a OnlineNetwork,
-    /// The standardised features, a row a sample.
+    /// Standardised features, one row per sample.
     inputs: Vec<f64>,
 }
 

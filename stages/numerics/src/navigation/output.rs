@@ -9,7 +9,7 @@ use thiserror::Error;
 /// Use of the samples of a line. The first four counts add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NavigationReport {
-    /// Samples whose measurement was used.
+    /// Number of used samples.
     pub updates: usize,
     /// Samples without a finite measurement.
     pub missing_measurements: usize,
@@ -17,24 +17,23 @@ pub struct NavigationReport {
     pub off_map: usize,
     /// Number of samples that the innovation gate rejected.
     pub gated: usize,
-    /// The offset that was subtracted from every measurement, in nT.
+    /// Offset subtracted from every measurement, in nT.
     pub offset_nt: f64,
-    /// Samples that the offset is the mean of. Zero although a window is given means that no
-    /// sample in the window had a measurement and a map value, and nothing was subtracted.
+    /// Number of samples averaged for the offset. Zero with a window means that no sample in the window had a
+    /// measurement and a map value, and nothing was subtracted.
     pub offset_samples: usize,
 }
 
-/// The filtered line, one value per sample in every column: the state after the measurement of the
-/// sample.
+/// Output of a filter on a line, one value per sample in every column: the state after the measurement of the sample.
 #[derive(Clone, Debug, Default)]
 pub struct NavigationOutput {
-    /// The error states, in the order of `pinson`; empty unless `keep_states` asked for them.
+    /// Error states, in the order of `pinson`; empty unless `keep_states` is set.
     pub x: Vec<StateVector>,
-    /// Their covariance; empty unless `keep_covariance` asked for it.
+    /// Their covariance; empty unless `keep_covariance` is set.
     pub p: Vec<StateMatrix>,
-    /// Measurement minus prediction, in nT; NaN without a prediction or measurement.
+    /// Measurement minus prediction, in nT; NaN if either is missing.
     pub residual_nt: Vec<f64>,
-    /// The residual squared over its predicted variance; NaN where that is.
+    /// NIS: residual squared over its predicted variance; NaN where the residual is.
     pub nis: Vec<f64>,
     /// Estimated latitude, in degrees.
     pub lat_deg: Vec<f64>,
@@ -61,7 +60,7 @@ pub struct NavigationOutput {
 }
 
 impl NavigationOutput {
-    /// No row yet, and room for `rows`.
+    /// Empty output with capacity for `rows`.
     pub fn with_capacity(rows: usize, keep_states: bool, keep_covariance: bool) -> Self {
         let column = || Vec::with_capacity(rows);
         Self {
@@ -84,7 +83,7 @@ impl NavigationOutput {
         }
     }
 
-    /// Appends a row of the state `x` and its covariance `p`, by their entries.
+    /// Appends a row of the state `x` and its covariance `p`, given by their entries.
     #[inline(always)]
     pub fn push(
         &mut self,
@@ -118,7 +117,7 @@ impl NavigationOutput {
     }
 }
 
-/// The residual and its squared size over its variance; NaN where there was no update.
+/// Residual and NIS; NaN without an update.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovation {
     /// Measurement minus prediction, in nT.
@@ -138,18 +137,18 @@ pub enum NavigationError {
     /// A parameter is out of range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// The line's columns cannot be used.
+    /// The line's columns are invalid.
     #[error(transparent)]
     Series(#[from] SeriesError),
-    /// State or covariance stopped being finite.
+    /// State or covariance is no longer finite.
     #[error(
         "the filter diverged at row {row} (tt = {tt_s} s): its covariance is no longer finite and \
          non-negative; check the INS columns and the time steps before this row"
     )]
     Diverged {
-        /// The row.
+        /// Row.
         row: usize,
-        /// Its time.
+        /// Time of the row.
         tt_s: f64,
     },
 }

@@ -1,19 +1,18 @@
 //! The Pinson error model of an inertial navigation system, with the states that aid it.
 //!
-//! State order, that of Gnadt 2022 (5.14): errors of latitude, longitude (rad) and altitude (m);
-//! of velocity north, east, down (m/s); tilts north, east, down (rad); accelerometer biases x, y, z
-//! (m/s²); gyroscope biases x, y, z (rad/s); barometer-aided altitude (m) and vertical acceleration
-//! (m/s²); temporal variation S (nT). An error is truth minus INS. The earth is Gnadt 2022's sphere
-//! of radius 6378137 m and gravity does not change with height.
+//! State order, as in Gnadt 2022 (5.14): errors of latitude, longitude (rad) and altitude (m); of velocity north, east,
+//! down (m/s); tilts north, east, down (rad); accelerometer biases x, y, z (m/s²); gyroscope biases x, y, z (rad/s);
+//! barometer-aided altitude (m) and vertical acceleration (m/s²); temporal variation S (nT). An error is truth minus
+//! INS. The earth is Gnadt 2022's sphere of radius 6378137 m and gravity does not change with height.
 
 use crate::earth::attitude::body_to_ned;
 use crate::earth::geodesy::{EARTH_RATE_RADPS, SEMI_MAJOR_AXIS_M};
 
-/// The number of states.
+/// Number of states.
 pub const STATES: usize = 18;
-/// A matrix over the states, by rows.
+/// Matrix over the states, by rows.
 pub type StateMatrix = [[f64; STATES]; STATES];
-/// A vector over the states.
+/// Vector over the states.
 pub type StateVector = [f64; STATES];
 
 /// Latitude error, rad.
@@ -45,8 +44,8 @@ pub const A_HAT: usize = 16;
 /// Temporal variation of the field, nT.
 pub const S: usize = 17;
 
-/// The index of each of these states in MagNav.jl, which has the two barometer states before the biases.
-/// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of our state `i`.
+/// Index of each of these states in MagNav.jl, which has the two barometer states before the biases.
+/// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of magline's state `i`.
 pub const MAGNAV_POSITION: [usize; STATES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
 
 /// Barometer aiding of the altitude, in 1/s. [MagNav.jl `get_pinson`: k1]
@@ -56,7 +55,7 @@ pub const K2: f64 = 3e-4;
 /// Barometer aiding of the vertical acceleration, in 1/s³.
 pub const K3: f64 = 1e-6;
 
-/// The INS quantities that the error model needs at one instant.
+/// INS quantities of the error model at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InsPoint {
     /// Latitude, in rad.
@@ -105,7 +104,7 @@ pub enum PinsonForm {
     Compatible,
 }
 
-/// The matrix F of dx/dt = F x at a point of the flight. [Gnadt 2022, (5.15)-(5.32)]
+/// Matrix F of dx/dt = F x at a point of the flight. [Gnadt 2022, (5.15)-(5.32)]
 #[inline(always)]
 pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) -> StateMatrix {
     let mut f = [[0.0; STATES]; STATES];

@@ -1,4 +1,4 @@
-//! Aiding positions, such as a GNSS receiver or a barometer, that aid a filter.
+//! Aiding positions, such as those of a GNSS receiver or a barometer.
 
 use params::Rule;
 
@@ -8,8 +8,8 @@ use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{ALT, LAT, LON};
 
-/// Positions at the samples of a line; NaN where there is none. Each coordinate is a separate measurement with white
-/// noise, so a barometer is a fix of the height alone.
+/// Positions at the samples of a line; NaN if missing. Each coordinate is a separate measurement with white noise, so a
+/// barometer is a fix of the height alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionFixes {
     /// Geodetic latitude, in degrees.
@@ -24,20 +24,20 @@ pub struct PositionFixes {
     pub vertical_sigma_m: f64,
 }
 
-/// A measurement of one state.
+/// Measurement of one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StateFix {
     pub(crate) state: usize,
-    /// The measured error of the INS, in the unit of the state.
+    /// Measured error of the INS, in the unit of the state.
     pub(crate) error: f64,
     pub(crate) variance: f64,
 }
 
-/// A row without a position.
+/// Row without a position.
 pub(crate) const NO_FIX: [Option<StateFix>; 3] = [None; 3];
 
 impl PositionFixes {
-    /// Rejects fixes that no filter can use.
+    /// Rejects invalid fixes.
     ///
     /// # Errors
     /// Fails for standard deviations that are not finite and above 0, and for columns of another length than the line.
@@ -59,7 +59,7 @@ impl PositionFixes {
         [&self.lat_deg, &self.lon_deg, &self.alt_m].into_iter().any(|values| values[row].is_finite())
     }
 
-    /// The measurements of a row, of the coordinates that are there.
+    /// Measurements of a row, one per existing coordinate.
     pub(crate) fn at(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3] {
         let (lat_rad, alt_m) = (ins.lat_deg[row].to_radians(), ins.alt_m[row]);
         let (north_m, east_m) = earth.north_east_m_per_rad(lat_rad, alt_m);

@@ -1,4 +1,4 @@
-//! The fixed-interval smoother of a whole line, iterated to the most probable trajectory.
+//! Fixed-interval smoother of a whole line, iterated to the most probable trajectory.
 //!
 //! States, measurement and steps are those of `ekf`. The most probable trajectory x₀ … x_n is the minimum of
 //!
@@ -18,8 +18,8 @@
 //!
 //! # The backward pass
 //!
-//! It is Bryson and Frazier's, modified [Bierman 1973]: with the innovation ν of a measurement, its variance s and its
-//! gain K, the adjoint state λ and its matrix Λ go back from 0 behind the last sample,
+//! The pass is the modified Bryson-Frazier smoother [Bierman 1973]. With the innovation ν of a measurement, its
+//! variance s and its gain K, the adjoint state λ and its matrix Λ propagate backwards from 0 after the last sample:
 //!
 //! ```text
 //! u = ν/s + Kᵀ λ,     λ ← λ - Hᵀ u,     Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s       through a measurement
@@ -28,8 +28,8 @@
 //! ```
 //!
 //! Neither Q nor a predicted covariance is inverted, so states without process noise or initial uncertainty, and units
-//! of 1e-17 rad² together with 1 m², do no harm. The pass also gives J. Its first two terms are half a quadratic form
-//! of the trajectory, whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. The
+//! of 1e-17 rad² together with 1 m², cause no problem. The pass also gives J. Its first two terms are half a quadratic
+//! form of the trajectory, whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. The
 //! products of the solution with itself and with any trajectory are therefore sums over the measurements, ⟨x̂, x̂⟩ = Σ
 //! uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the recursion of λ alone. J along a step takes one map value per sample.
 //!
@@ -41,11 +41,12 @@
 //! # Irregularities
 //!
 //! - a measurement that is NaN or infinite, or whose sigma is not above 0: not used, `residual` and `nis` are NaN;
-//! - a position of the trajectory that the map is linearised along off the map or in an unknown cell: the same, in that
-//!   pass. J of two trajectories is compared over the measurements that have a map value at both;
-//! - a flat map: without a core field only S is estimated, with one its slope corrects the position too;
-//! - an INS value that is not finite, time that does not ascend, a state or variance that is no longer finite, a
-//!   variance that is negative: an error that names the row;
+//! - a linearisation point off the map or in an unknown cell: as above, in that pass. J of two trajectories is compared
+//!   over the measurements with a map value on both;
+//! - a flat map: without a core field only S is estimated; with one, the slope of the core field also corrects the
+//!   position;
+//! - an INS value that is not finite, time that does not ascend, a state or variance that is not finite, or a negative
+//!   variance: an error with the row;
 //! - an iteration that ends before the step is below the tolerance: the trajectory of the lowest J, and
 //!   [`RtsReport::converged`] is false.
 
@@ -67,32 +68,33 @@ use params::{Rule, obeys};
 use crate::navigation::loss::{RobustLoss, TrajectoryLoss};
 use pass::{FirstPass, RtsLinearisation, RtsSolution, SmootherPass};
 
-/// The most halvings of a step.
+/// Maximum number of halvings of a step.
 const MOST_HALVINGS: u32 = 10;
-/// First passes. A start with the weights of its innovations is upset by an initial error too large for the map, one
-/// without by outliers; iterations of single measurements find what is near, one linearisation now and then another
-/// slope; and with ten times the noise the line decides, not its first measurements.
+/// First passes. A start with the weights of its innovations fails with an initial error too large for the map, and one
+/// without weights fails with outliers. Iterations of single measurements find the nearest minimum, and one
+/// linearisation sometimes finds another. With ten times the noise the whole line determines the start, not its first
+/// measurements.
 const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 5, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 1.0 },
     FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
-/// J a measurement that is poor: normal residuals make 0.5 of it.
+/// J per measurement above which a start is poor: normal residuals give 0.5.
 const POOR_COST: f64 = 1.0;
-/// A fall of J that is none: the probability of the trajectory changes by 1 %.
+/// Decrease of J that is negligible: the probability of the trajectory changes by 1 %.
 const SMALL_FALL: f64 = 0.01;
-/// A step that may be the last where J no longer falls, in standard deviations.
+/// Largest step, in standard deviations, that may be the last if J no longer decreases.
 const SMALL_STEP_SIGMAS: f64 = 0.5;
 
-/// The parameters of the smoother.
+/// Parameters of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RtsParameters {
-    /// The most passes over the line, at least 1. One pass is the extended Kalman smoother.
+    /// Maximum number of passes over the line, at least 1. One pass is the extended Kalman smoother.
     pub iterations: usize,
-    /// The iteration ends where a step moves no position of the line by as much as this, in m.
+    /// Largest position change, in m, below which the iteration ends.
     pub tolerance_m: f64,
-    /// The loss of a residual.
+    /// Loss of a residual.
     pub loss: TrajectoryLoss,
     /// Residual above which a robust loss departs from the square, in standard deviations; `None` is
     /// [`TrajectoryLoss::usual_scale`].
@@ -131,13 +133,13 @@ impl RtsParameters {
 /// Report on the iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RtsReport {
-    /// Passes over the line, forward and backward.
+    /// Number of passes over the line, each forward and backward.
     pub passes: usize,
-    /// Steps that were halved.
+    /// Number of halved steps.
     pub halved: usize,
-    /// Whether the last whole step was below the tolerance; or it was below half a standard deviation of every state,
-    /// and did not lower J, and what halvings of it did is less than 0.01. The second is how it often ends on a
-    /// bilinear map: its slope jumps between the nodes, and J has an edge at the minimum.
+    /// Whether the iteration converged. Either the last full step was below the tolerance, or it was below half a
+    /// standard deviation of every state, did not lower J, and its halvings changed J by less than 0.01. The second
+    /// case is common on a bilinear map: its slope jumps between the nodes, and J has an edge at the minimum.
     pub converged: bool,
     /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
     /// step. Without convergence, an estimate of the distance of the trajectory from the most probable one.
@@ -150,15 +152,15 @@ pub struct RtsReport {
     pub cost: f64,
 }
 
-/// The smoothed line.
+/// Output of the smoother on a line.
 ///
 /// `residual_nt` and `nis` are the innovations of the last forward pass, whose map is linearised along the smoothed
-/// trajectory: measurement minus the field that is predicted from the past alone, over its variance with the σ of the
-/// measurement, not that of the reweighting. So they keep their law, the mean of `nis` is 1, and an outlier shows. The
+/// trajectory: measurement minus the field predicted from the past alone, over its variance with the σ of the
+/// measurement, not of the reweighting. The expected value of `nis` therefore remains 1, and outliers stay visible. The
 /// covariances are those of the last linearisation.
 #[derive(Clone, Debug, Default)]
 pub struct RtsOutput {
-    /// The line.
+    /// Track.
     pub line: NavigationOutput,
     /// Report on the iteration.
     pub iterations: RtsReport,
@@ -168,8 +170,8 @@ pub struct RtsOutput {
 ///
 /// # Errors
 /// Fails as [`RtsParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
-/// number of at least 0, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
-/// variance is negative.
+/// number of at least 0, and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is
+/// negative.
 pub fn run(line: &NavigationLine<'_>, parameters: &RtsParameters) -> Result<RtsOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
@@ -183,27 +185,27 @@ fn check_window(line: &NavigationLine<'_>) -> Result<(), ParameterError> {
     obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)
 }
 
-/// The trajectory that the map is linearised along next.
+/// Trajectory of the next linearisation of the map.
 #[derive(Default)]
 struct RtsTrajectory {
     x: Vec<StateVector>,
-    /// The field along it, where there is a measurement and a map.
+    /// Field along it, where a measurement and a map value exist.
     fields: Vec<Option<FieldValue>>,
-    /// Twice the part of J that is of the initial state and the process noise.
+    /// Twice the part of J from the initial state and the process noise.
     motion: f64,
 }
 
 /// Accepted step, with its decrease of the cost J.
 struct RtsDescent {
     halved: bool,
-    /// By how much J falls.
+    /// Decrease of J.
     fall: f64,
 }
 
 /// Candidate trajectory, with its change of the cost J.
 struct RtsCandidate {
     trajectory: RtsTrajectory,
-    /// J of the candidate minus J of the trajectory before, over the measurements that both have a map value for.
+    /// J of the candidate minus J of the previous trajectory, over the measurements with a map value on both.
     rise: f64,
 }
 
@@ -219,7 +221,7 @@ struct RtsSmoother<'a> {
 }
 
 impl RtsSolution {
-    /// The size of the step from a trajectory of so much motion, by the curvature of the linear problem.
+    /// Size of the step from a trajectory with this motion, by the curvature of the linear problem.
     fn step_sigmas(&self, motion: f64) -> f64 {
         let moved = motion - 2.0 * self.motion_with_last + self.motion;
         (moved + self.measured_step).max(0.0).sqrt()
@@ -236,7 +238,7 @@ impl<'a> RtsSmoother<'a> {
         Self { line, parameters, loss, field, pass, at: RtsTrajectory::default(), report, offset }
     }
 
-    /// Passes over the line until the step is small.
+    /// Iterates passes over the line until the step is small.
     fn iterate(&mut self) -> Result<(), NavigationError> {
         self.start()?;
         while self.report.passes < self.parameters.iterations && !self.report.converged {
@@ -259,25 +261,25 @@ impl<'a> RtsSmoother<'a> {
         Ok(())
     }
 
-    /// The first trajectory: where that of the first of the [`STARTS`] is poor, the best of them all.
+    /// Computes the first trajectory: if the first of the [`STARTS`] gives a poor one, the best of all.
     fn start(&mut self) -> Result<(), NavigationError> {
         let most = self.parameters.iterations;
         let first = FirstPass { iterations: STARTS[0].iterations.min(most), ..STARTS[0] };
         let solution = self.pass.run(RtsLinearisation::Filtered(first), &mut self.field)?;
         self.report.passes = 1;
         self.at = self.candidate(&solution, 1.0).trajectory;
-        // One pass of the most is left, along what is found.
+        // One of the allowed passes remains for the best start.
         for start in STARTS.into_iter().skip(1).take(most.saturating_sub(2)) {
             let used = self.at.fields.iter().flatten().count().max(1) as f64;
             if self.cost() < POOR_COST * used {
                 break;
             }
             if self.parameters.loss == TrajectoryLoss::None && start == (FirstPass { robust: false, ..STARTS[0] }) {
-                // Without a robust loss that is the first again.
+                // Without a robust loss this equals the first start.
                 continue;
             }
             self.report.passes += 1;
-            // A start that diverges is none.
+            // A diverging start is skipped.
             if let Ok(solution) = self.pass.run(RtsLinearisation::Filtered(start), &mut self.field) {
                 let candidate = self.candidate(&solution, 1.0);
                 if candidate.rise < 0.0 {
@@ -288,7 +290,7 @@ impl<'a> RtsSmoother<'a> {
         Ok(())
     }
 
-    /// Takes the step to a solution, halved until J does not rise; `None` where no step will do.
+    /// Takes the step to a solution, halved until J does not rise; `None` if no step is accepted.
     fn descend(&mut self, solution: &RtsSolution) -> Option<RtsDescent> {
         let mut part = 1.0;
         for halvings in 0..=MOST_HALVINGS {
@@ -303,8 +305,7 @@ impl<'a> RtsSmoother<'a> {
         None
     }
 
-    /// The trajectory a part of the way to a solution. That to the first solution has nothing to start from and is
-    /// whole.
+    /// Trajectory a part of the way to a solution. The step to the first solution is always full.
     fn candidate(&mut self, solution: &RtsSolution, part: f64) -> RtsCandidate {
         let (rest, rows) = (1.0 - part, solution.x.len());
         let motion = rest * rest * self.at.motion
@@ -340,7 +341,7 @@ impl<'a> RtsSmoother<'a> {
         RtsCandidate { trajectory, rise }
     }
 
-    /// The largest distance of a position from that of the trajectory, in m.
+    /// Largest distance of a position from that of the trajectory, in m.
     fn step_m(&self, to: &[StateVector]) -> f64 {
         let (ins, earth) = (self.line.ins, self.line.errors.earth);
         let mut largest_m2 = 0.0_f64;
@@ -369,7 +370,7 @@ impl<'a> RtsSmoother<'a> {
         0.5 * (self.at.motion + fixes) + sum
     }
 
-    /// The output.
+    /// Output of the smoother.
     fn finish(mut self) -> RtsOutput {
         self.report.cost = self.cost();
         let (ins, earth) = (self.line.ins, self.line.errors.earth);

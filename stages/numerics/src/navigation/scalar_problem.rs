@@ -1,10 +1,10 @@
-//! The most probable state after one scalar measurement of a field that is not linear.
+//! Most probable state after one scalar measurement of a nonlinear field.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::estimate::StateEstimate;
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, measured_states};
 
-/// The most halvings of a step.
+/// Maximum number of halvings of a step.
 const MOST_HALVINGS: u32 = 10;
 
 /// Parameters of the search for the most probable state.
@@ -12,29 +12,29 @@ const MOST_HALVINGS: u32 = 10;
 pub(crate) struct ScalarSearch {
     /// Maximum number of linearisations, at least 1. With one, the full step is taken unconditionally.
     pub(crate) iterations: usize,
-    /// A step that moves the position by less than this is the last.
+    /// Position change, in m, below which the search ends.
     pub(crate) tolerance_m: f64,
-    /// Metres north and east of a radian.
+    /// Metres north and east per radian.
     pub(crate) m_per_rad: (f64, f64),
 }
 
-/// The most probable state x⁻ + P v.
+/// Most probable state x⁻ + P v.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Optimum {
     /// v of the measured states; the others are 0.
     pub(crate) v: [f64; 4],
     /// H of the last linearisation.
     pub(crate) h: Sensitivity,
-    /// The measured states and the field of the last linearisation.
+    /// Measured states and the field of the last linearisation.
     pub(crate) linearised_at: ([f64; 4], FieldValue),
     pub(crate) linearisations: usize,
-    /// Steps that were halved.
+    /// Number of halved steps.
     pub(crate) halved: usize,
-    /// Whether the last step was below the tolerance; always true of a single linearisation.
+    /// Whether the last step was below the tolerance; always true for a single linearisation.
     pub(crate) converged: bool,
 }
 
-/// A state x⁻ + P v, the field there, and J.
+/// State x⁻ + P v, the field there, and J.
 #[derive(Clone, Copy)]
 struct Iterate {
     v: [f64; 4],
@@ -42,7 +42,7 @@ struct Iterate {
     cost: f64,
 }
 
-/// The update by one measurement, in the states that it depends on.
+/// Update with one measurement, in the states that it depends on.
 pub(crate) struct ScalarProblem {
     x: [f64; 4],
     p: [[f64; 4]; 4],
@@ -57,13 +57,13 @@ impl ScalarProblem {
         Self { x: measured_states(&estimate.x), p, value_nt, variance_nt2 }
     }
 
-    /// Problem of these measured states and their covariance: latitude, longitude, height, and the part of the
+    /// Problem with these measured states and their covariance: latitude, longitude, height, and the part of the
     /// measurement that does not come from the field.
     pub(crate) fn new(x: [f64; 4], p: [[f64; 4]; 4], value_nt: f64, variance_nt2: f64) -> Self {
         Self { x, p, value_nt, variance_nt2 }
     }
 
-    /// Gauss and Newton's iteration from x⁻, whose field is `field`. `look_up` is the field at an error in latitude,
+    /// Gauss-Newton iteration from x⁻, whose field is `field`. `look_up` is the field at an error in latitude,
     /// longitude (rad) and height (m).
     #[inline(always)]
     pub(crate) fn most_probable(
@@ -90,7 +90,7 @@ impl ScalarProblem {
         optimum
     }
 
-    /// No step from an iterate yet.
+    /// Optimum at an iterate before any step from it.
     #[inline(always)]
     fn linearised(&self, at: &Iterate) -> Optimum {
         Optimum {
@@ -124,7 +124,7 @@ impl ScalarProblem {
         0.5 * (prior + residual_nt * residual_nt / self.variance_nt2)
     }
 
-    /// The v of the minimum of the J with the map linearised at an iterate.
+    /// v at the minimum of J with the map linearised at an iterate.
     #[inline(always)]
     fn gauss_newton(&self, at: &Iterate, h: &Sensitivity) -> [f64; 4] {
         let moved = self.moved(&at.v);
@@ -141,8 +141,7 @@ impl ScalarProblem {
         ((north * step[0]).powi(2) + (east * step[1]).powi(2) + step[2].powi(2)).sqrt()
     }
 
-    /// The step towards `whole`, halved until J does not rise, and the number of halvings; `None` where no step will
-    /// do.
+    /// Step towards `whole`, halved until J does not rise, and the number of halvings; `None` if no step is accepted.
     #[inline(always)]
     fn descend(
         &self,

@@ -19,7 +19,7 @@ pub(crate) fn dense(p: &StateMatrix) -> DenseStateMatrix {
     DenseStateMatrix::from_fn(|row, column| p[row][column])
 }
 
-/// A short line with its map, all owned.
+/// Short line with its map, which owns its data.
 #[derive(Clone)]
 pub(crate) struct AnalyticScene {
     pub(crate) columns: [Vec<f64>; 13],
@@ -40,8 +40,8 @@ pub(crate) fn m_per_deg() -> (f64, f64) {
 }
 
 impl AnalyticScene {
-    /// A flight north-eastward at 67 m/s over a field in nT of metres north and east, 7 km around its middle, of
-    /// nodes 100 m apart; the truth is 40 m north and 60 m west of the INS, and the noise a wave of 3 nT.
+    /// Flight north-eastward at 67 m/s over a field in nT as a function of metres north and east, within 7 km of its
+    /// middle, with nodes 100 m apart. The truth is 40 m north and 60 m west of the INS, and the noise a wave of 3 nT.
     pub(crate) fn new(tt: &[f64], interpolation: MapInterpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
         let (north, east) = m_per_deg();
         let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
@@ -107,7 +107,7 @@ impl AnalyticScene {
 }
 
 /// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, half of them without a
-/// height, whose sigmas are 20 and 30 m.
+/// height. Standard deviations are 20 and 30 m.
 pub(crate) fn positions(columns: &[Vec<f64>; 13]) -> PositionFixes {
     let (north, east) = m_per_deg();
     let at = |every: usize, values: &[f64], shift: f64| -> Vec<f64> {
@@ -136,8 +136,8 @@ pub(crate) fn uneven(rows: usize) -> Vec<f64> {
     (0..rows).map(|row| 0.9 * row as f64 + 0.4 * (row as f64).sin()).collect()
 }
 
-/// The whole chain at once: the normal distribution of all states, given all measurements, as dense least squares in
-/// the space of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z with the prior covariance C of the chain.
+/// Normal distribution of the states of all samples at once, given all measurements: dense least squares in the space
+/// of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z with the prior covariance C of all states.
 pub(crate) struct DenseBatchSmoother {
     /// Φ and the prior covariance of each sample.
     prior: Vec<(DenseStateMatrix, DenseStateMatrix)>,
@@ -161,7 +161,7 @@ impl DenseBatchSmoother {
         Self { prior, x, p, motion: 0.0 }
     }
 
-    /// The covariances of every state with H x of a row.
+    /// Covariances of every state with H x of a row.
     fn with_measurement(&self, row: usize, h: &DenseStateVector) -> Vec<DenseStateVector> {
         let mut all = vec![DenseStateVector::zeros(); self.prior.len()];
         let mut a = *h;
@@ -175,7 +175,7 @@ impl DenseBatchSmoother {
         all
     }
 
-    /// The solution with the map linearised along the last one, the weights those of its residuals.
+    /// Solves with the map linearised along the last solution, and the weights of its residuals.
     pub(crate) fn solve(&mut self, line: &NavigationLine<'_>, weight: impl Fn(f64) -> f64) {
         let mut field = line.predicted();
         let (mut rows, mut columns, mut values, mut variances) = (vec![], vec![], vec![], vec![]);
@@ -223,7 +223,7 @@ impl DenseBatchSmoother {
     }
 }
 
-/// Asserts that two distributions agree to a part of the standard deviations of the second.
+/// Asserts that two distributions agree to a fraction of the standard deviations of the second.
 pub(crate) fn assert_close(
     x: &StateVector,
     p: &StateMatrix,
@@ -244,7 +244,7 @@ pub(crate) fn assert_close(
     }
 }
 
-/// Lines that no filter takes, and what is said of them.
+/// Asserts that invalid lines are rejected with their messages.
 pub(crate) fn assert_refusals(run: impl Fn(&AnalyticScene) -> Option<NavigationError>) {
     let scene = AnalyticScene::new(&uneven(20), MapInterpolation::Linear, plane);
     assert_eq!(run(&scene), None);

@@ -1,16 +1,16 @@
-//! The row of a scalar measurement of the field, which has entries for position and temporal variation only, and the
-//! sums over vectors and matrices of the 18 states.
+//! Row of a scalar measurement of the field, which has entries for position and temporal variation only, and sums over
+//! vectors and matrices of the 18 states.
 //!
-//! Everything is inlined into the loops of the filters, which are compiled for the vector unit of the machine. No
-//! product is fused with a sum, so all machines give the same bits.
+//! All functions are inlined into the loops of the filters, which are compiled for the vector unit of the machine.
+//! Products and sums are not fused, so results are bit-identical on all machines.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 
-/// The states that a measurement of the scalar field depends on, in the order of [`Sensitivity`].
+/// States in a measurement of the scalar field, in the order of [`Sensitivity`].
 pub(crate) const MEASURED: [usize; 4] = [LAT, LON, ALT, S];
 
-/// The entries of the row H of a measurement for latitude, longitude (nT/rad), height (nT/m) and the temporal variation
+/// Entries of the row H of a measurement for latitude, longitude (nT/rad), height (nT/m) and the temporal variation
 /// (1); the others are 0. [Gnadt 2022, (5.37), with the 1 of S that is missing in print]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sensitivity(pub(crate) [f64; 4]);
@@ -21,19 +21,19 @@ impl Sensitivity {
         Self::of_slope([field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m])
     }
 
-    /// That of a measurement of one of the measured states.
+    /// Row of a measurement of one of the measured states.
     #[inline(always)]
     pub(crate) fn of_state(state: usize) -> Self {
         Self(MEASURED.map(|measured| f64::from(u8::from(measured == state))))
     }
 
-    /// That of a field of this slope: its change with latitude, longitude (nT/rad) and height (nT/m).
+    /// Row of a field with this slope: its change with latitude, longitude (nT/rad) and height (nT/m).
     #[inline(always)]
     pub(crate) fn of_slope([lat, lon, alt]: [f64; 3]) -> Self {
         Self([lat, lon, alt, 1.0])
     }
 
-    /// H x of the measured states of x.
+    /// H x from the measured states of x.
     #[inline(always)]
     pub(crate) fn of_measured(&self, x: [f64; 4]) -> f64 {
         let [lat, lon, alt, s] = self.0;
@@ -71,7 +71,7 @@ pub(crate) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) 
     }
 }
 
-/// The inner product of two vectors, as four partial sums that a vector unit keeps apart.
+/// Inner product of two vectors, as four partial sums for the vector unit.
 #[inline(always)]
 pub(crate) fn inner(a: &StateVector, b: &StateVector) -> f64 {
     let mut sums = [0.0; 4];
@@ -86,7 +86,7 @@ pub(crate) fn inner(a: &StateVector, b: &StateVector) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// Copies the triangle above the diagonal to that below.
+/// Copies the triangle above the diagonal to the one below.
 #[inline(always)]
 pub(crate) fn mirror(p: &mut StateMatrix) {
     for row in 1..STATES {

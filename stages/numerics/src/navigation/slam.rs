@@ -3,33 +3,33 @@
 //! | Module | Contents |
 //! |:--|:--|
 //! | [`parameters`] | parameters of the filter |
-//! | [`samples`] | the measurements of a line, one a step, in a local frame |
+//! | [`samples`] | the measurements of a line, one per step, in a local frame |
 //! | [`particles`] | time update, weights, resampling |
 //! | [`fixes`] | aiding positions, such as GNSS |
 //! | [`resolution`] | the kernel of a resampling, and the variance that resampling loses |
 //! | [`history`] | the paths of all particles, which share their past |
-//! | [`index`] | where earlier samples are |
-//! | [`kernel`] | the Gaussian process and what it predicts from a few samples |
-//! | [`expected`] | what each particle expects to measure |
+//! | [`index`] | spatial index of earlier samples |
+//! | [`kernel`] | the Gaussian process and its prediction from a few samples |
+//! | [`expected`] | expected measurement of each particle |
 //! | [`fit`] | hyper-parameters by maximum likelihood |
 //! | [`output`] | output of the filter on a line |
-//! | [`smoother`] | the most probable track of the whole flight, from the filter's |
-//! | [`chart`] | the map that a flight leaves behind |
+//! | [`smoother`] | the most probable track of the whole flight, from that of the filter |
+//! | [`chart`] | the map from a flight |
 //!
 //! # Equations
 //!
 //! Each particle carries the errors of latitude and longitude. The other 16 states of
 //! [`pinson`](crate::navigation::pinson) are linear and Gaussian given its path, with one covariance P for all
-//! particles. They are not measured directly; the particle's own moves update them. With C = Φ P Φᵀ + Q and F the first
-//! two columns of its Cholesky factor, a step draws w ~ N(0, I) for each particle [Lee 2019, (27)-(29)]
+//! particles. They are not measured directly; the displacements of the particle update them. With C = Φ P Φᵀ + Q and F
+//! the first two columns of its Cholesky factor, a step draws w ~ N(0, I) for each particle [Lee 2019, (27)-(29)]
 //!
 //! ```text
 //! x ← Φ x + F w,      P ← C − F Fᵀ
 //! ```
 //!
-//! The nine states of Lee 2019 (30) are these with the sources of the biases, of the barometer and of S set to zero;
-//! its fifteen (67) with those of the barometer and of S. (The aiding by the barometer, K1 to K3, remains, because the
-//! height would diverge without it.)
+//! The nine states of Lee 2019 (30) follow when the sources of the biases, of the barometer and of S are set to zero;
+//! its fifteen states (67) follow when those of the barometer and of S are zero. (The barometer aiding, K1 to K3,
+//! remains, because the height would diverge without it.)
 //!
 //! The map of a particle is its own path with the common measurements. At each step the weight is the likelihood of the
 //! measurement z given the earlier ones,
@@ -60,14 +60,14 @@
 //! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track is that of the INS.
 //! Particles must be dense enough to hit a revisit. With 1000 of them the drift between visits may be some hundreds of
 //! metres. After kilometres of drift no particle is near the truth, the standard deviations are too small, and false
-//! revisits lead the track away. The innovations do not reveal this. [`SlamReport::largest_correction`], the largest
+//! revisits shift the track. The innovations do not reveal this. [`SlamReport::largest_correction`], the largest
 //! squared correction over the covariance of the INS alone (chi-square of 2 degrees of freedom), reveals it if it is
 //! above [`IMPLAUSIBLE`]. A small value proves nothing for an INS of unlimited error.
 //!
 //! Survivors of many resamplings share their early path and its error, which the particles do not show [Bailey, Nieto &
 //! Nebot 2006]. Two measures keep the covariance from going to 0. A resampling draws from a kernel density of the
 //! particles ([`SlamParticles::regularise`]), so they never become copies. The covariance that a resampling removes is
-//! added to the returned one ([`resolution::LostVariance`]). Neither helps where the particles follow a false revisit.
+//! added to the returned one ([`resolution::LostVariance`]). Neither helps if the particles follow a false revisit.
 //!
 //! The field must distinguish places: along a track the position error is about the noise (sensor, temporal variation,
 //! residual of the kernel) over the gradient. With 0.25 nT/m the error of a tactical INS is limited to some tens of
@@ -109,15 +109,15 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 
 /// Filters one line.
 ///
-/// With [`SlamParameters::smoother`] track and path are the smoothed ones where [`SlamReport::smoother`] is there;
-/// innovations are the filter's.
+/// With [`SlamParameters::smoother`], track and path are the smoothed ones if [`SlamReport::smoother`] is present;
+/// innovations are those of the filter.
 ///
-/// The same bits come out on any number of threads. Costs about 6 microseconds of a core a particle and step with a
+/// Results are bit-identical for any number of threads. Costs about 6 µs of a core per particle and step with a
 /// revisit.
 ///
 /// # Errors
-/// Fails as [`SlamParameters::check`] and [`SlamLine::check`], and with [`NavigationError::Diverged`] when states or
-/// variances are no longer finite or a variance is negative.
+/// Fails as [`SlamParameters::check`] and [`SlamLine::check`], and with [`NavigationError::Diverged`] when a state or
+/// variance is not finite or a variance is negative.
 pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutput, NavigationError> {
     parameters.check(&line.errors)?;
     line.check()?;
@@ -128,14 +128,14 @@ pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutpu
     filter.finish()
 }
 
-/// A [`SlamReport::largest_correction`] beyond which a track is not plausible: one in a million is above it.
+/// [`SlamReport::largest_correction`] above which a track is not plausible: one in a million exceeds it.
 pub const IMPLAUSIBLE: f64 = 27.6;
 
-/// The weight of the particles that have to revisit before all are weighted: a single stray particle would otherwise
-/// win by any measurement that surprises the others.
+/// Smallest total weight of revisiting particles before all are weighted. Otherwise a single stray particle would gain
+/// the weight from any unexpected measurement.
 const FEWEST_REVISITING: f64 = 0.01;
 
-/// The numbers of the resamplings by aiding positions, which are of rows, begin beyond those of steps.
+/// First number of the resamplings by aiding positions, which are numbered by rows, above those of steps.
 const AIDED: u64 = 1 << 40;
 
 /// Particle filter without a map, with its state along a line.
@@ -152,12 +152,12 @@ struct SlamFilter<'a> {
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
-    /// Those of the Kalman filter, with aiding positions and until the field is weighed again: without the error
-    /// that a finite number of draws makes.
+    /// Moments of the Kalman filter, with aiding positions and until the next weighting by the field: without the
+    /// sampling error of a finite number of draws.
     exact: Option<SlamMoments>,
-    /// The covariance of the INS alone.
+    /// Covariance of the INS alone.
     alone: StateMatrix,
-    /// Samples of the map that the gate has rejected.
+    /// Samples of the map rejected by the gate.
     gated: Vec<bool>,
     out: SlamOutput,
 }
@@ -215,7 +215,7 @@ impl<'a> SlamFilter<'a> {
         }
     }
 
-    /// One step: the rows up to its last one, the particles, their weights.
+    /// Processes one step: the rows up to its last one, the particles, and their weights.
     fn advance(&mut self, step: usize) -> Result<(), NavigationError> {
         let last = self.ends[step];
         if step > 0 {
@@ -239,7 +239,7 @@ impl<'a> SlamFilter<'a> {
         Ok(())
     }
 
-    /// Mean and covariance, with what the particles do not show of it.
+    /// Mean and covariance, including the lost variance.
     fn all_moments(&self) -> SlamMoments {
         if let Some(exact) = self.exact {
             return exact;
@@ -254,12 +254,12 @@ impl<'a> SlamFilter<'a> {
         moments
     }
 
-    /// Whether the particles are to be resampled.
+    /// Whether the particles must be resampled.
     fn is_thin(&self) -> bool {
         self.particles.effective() < self.parameters.resample_below * self.particles.x.len() as f64
     }
 
-    /// Resamples the particles and draws them from a kernel density; `step` is another number each time.
+    /// Resamples the particles and draws them from a kernel density; `step` is unique for each call.
     fn resample(&mut self, step: u64) {
         let effective = self.particles.effective();
         let SlamMoments { x: mean, p } = self.particles.moments();
@@ -272,7 +272,7 @@ impl<'a> SlamFilter<'a> {
     fn thin_out(&mut self, spread: &StateMatrix, step: u64) {
         self.lost.bank(&self.particles.weights, spread, &self.map.history);
         let active = self.particles.active.clone();
-        // Without a list of active particles all take part; and a position from elsewhere weights all.
+        // Without a list of active particles all take part; an aiding position weights all.
         let all = self.parameters.expected == ExpectedMeasurement::NearestNeighbour || self.line.fixes.is_some();
         let parents = self.particles.resample(|particle| all || active[particle], step);
         self.map.history.resample(&parents);
@@ -300,7 +300,7 @@ impl<'a> SlamFilter<'a> {
         self.exact = Some(self.moments);
     }
 
-    /// The time update over the rows of a step; rows between are the mean's and covariance's own.
+    /// Time update over the rows of a step. Rows in between only propagate mean and covariance.
     fn propagate(&mut self, first: usize, last: usize, step: u64) -> Result<(), NavigationError> {
         let (ins, errors) = (self.line.ins, &self.line.errors);
         let (times, density) = (errors.time_constants(), errors.noise_density());
@@ -341,12 +341,12 @@ impl<'a> SlamFilter<'a> {
         Ok(())
     }
 
-    /// Whether a row has a position from elsewhere.
+    /// Whether a row has an aiding position.
     fn is_fixed(&self, row: usize) -> bool {
         self.line.fixes.is_some_and(|fixes| fixes.is_there(row))
     }
 
-    /// The variance of the particles' positions, in m².
+    /// Variance of the particles' positions, in m².
     fn variance_m2(&self) -> f64 {
         let mut sums = [0.0; 4];
         for (now_m, weight) in self.now_m.iter().zip(&self.particles.weights) {
@@ -359,7 +359,8 @@ impl<'a> SlamFilter<'a> {
         nn - n * n + ee - e * e
     }
 
-    /// The measurement update: innovation of the mean, particles that revisit, whether the gate closed.
+    /// Measurement update. Returns the innovation of the mean, the number of revisiting particles, and whether the gate
+    /// rejected the measurement.
     fn weigh(&mut self, sample: &SlamSample) -> (Innovation, u32, bool) {
         let lag_s = self.line.ins.tt_s[sample.row] - sample.tt_s;
         for (now_m, x) in self.now_m.iter_mut().zip(&self.particles.x) {
@@ -445,7 +446,7 @@ impl<'a> SlamFilter<'a> {
     }
 }
 
-/// The kernel, whether it was fitted, and the mean distance (m) and speed (m/s) of the samples.
+/// Kernel, whether it was fitted, and the mean distance (m) and speed (m/s) of the samples.
 fn kernel_of(
     parameters: &SlamParameters,
     samples: &[Option<SlamSample>],
@@ -466,12 +467,12 @@ fn kernel_of(
     (fitted.unwrap_or(parameters.kernel), fitted.is_some(), [spacing_m, speed_mps])
 }
 
-/// The covariance `p` of all states without what is common to all particles.
+/// Covariance `p` of all states without the part common to all particles.
 fn spread(p: &StateMatrix, particles: &SlamParticles) -> StateMatrix {
     std::array::from_fn(|row| std::array::from_fn(|column| p[row][column] - particles.linear[row][column]))
 }
 
-/// The square of the correction of the position over the covariance of the INS alone: chi-square of 2 degrees.
+/// Square of the correction of the position over the covariance of the INS alone: chi-square of 2 degrees.
 fn correction(moments: &SlamMoments, alone: &StateMatrix) -> f64 {
     let ([lat, lon], [a, b, c]) =
         ([moments.x[LAT], moments.x[LON]], [alone[LAT][LAT], alone[LAT][LON], alone[LON][LON]]);
@@ -479,7 +480,7 @@ fn correction(moments: &SlamMoments, alone: &StateMatrix) -> f64 {
     if determinant > 0.0 { (c * lat * lat - 2.0 * b * lat * lon + a * lon * lon) / determinant } else { 0.0 }
 }
 
-/// The residual of the mean expectation, and its square over the variance of the mixture.
+/// Residual of the mean expected measurement, and its square over the variance of the mixture.
 fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation {
     let sound = || predictions.iter().zip(weights).filter(|(prediction, _)| prediction.variance_nt2.is_finite());
     let total: f64 = sound().map(|(_, weight)| weight).sum();
@@ -491,8 +492,8 @@ fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation
     Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
 }
 
-/// The logarithms of the weights' factors. A particle without a prediction has the mean factor of those with one.
-/// [Lee 2019, algorithm 3, line 5]
+/// Logarithms of the weights' factors. A particle without a prediction has the mean factor of those with one. [Lee
+/// 2019, algorithm 3, line 5]
 fn log_likelihoods(predictions: &[ParticlePrediction], method: ExpectedMeasurement) -> Vec<f64> {
     let of = |prediction: &ParticlePrediction| match method {
         ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),

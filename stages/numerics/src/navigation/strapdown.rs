@@ -1,7 +1,7 @@
-//! The inertial quantities of a flight without an inertial navigation record, derived from its positions:
-//! velocity from position, specific force from velocity, attitude from the course.
+//! Inertial quantities of a flight without an inertial navigation record, derived from its positions: velocity from
+//! position, specific force from velocity, attitude from the course.
 //!
-//! These are stand-ins for the error model's coefficients, which need an accuracy of a few per cent only.
+//! They replace the coefficients of the error model, which need an accuracy of only a few per cent.
 
 use crate::angle::unwrapped_deg;
 use crate::{
@@ -15,7 +15,7 @@ use crate::{
 /// Three columns: north, east, down; or roll, pitch, yaw.
 pub type StrapdownColumns = [Vec<f64>; 3];
 
-/// The derivative of evenly or unevenly sampled values: [`slopes`] of values and times that are checked.
+/// Derivative of evenly or unevenly sampled values: [`slopes`] of checked values and times.
 ///
 /// # Errors
 /// Fails for columns of different lengths, fewer than two samples, and times that do not increase.
@@ -28,9 +28,8 @@ pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError>
     Ok(slopes(tt_s, values))
 }
 
-/// The slope at each sample: of the parabola through it and its neighbours, of the chord between these where the sample
-/// itself is missing, of the first and last two samples at the ends; NaN where a neighbour is missing or time does not
-/// increase.
+/// Slope at each sample: of the parabola through it and its neighbours, of the chord between these if the sample itself
+/// is missing, of the first and last two samples at the ends; NaN if a neighbour is missing or time does not increase.
 pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
     let n = tt_s.len().min(values.len());
     let slope = |from: usize, to: usize| {
@@ -48,8 +47,8 @@ pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
     (0..n).map(one).collect()
 }
 
-/// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the
-/// ellipsoid), with the ellipsoid's radii at each sample. A longitude may pass ±180°.
+/// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the ellipsoid), with the
+/// ellipsoid's radii at each sample. A longitude may cross ±180°.
 ///
 /// # Errors
 /// Fails as [`derivative`], for positions that are not finite, and for latitudes at or beyond a pole.
@@ -76,9 +75,9 @@ pub fn velocity_ned_mps(
 }
 
 /// Specific force north, east and down, in m/s², along a track of latitudes (degrees) and heights above the ellipsoid
-/// (m) that is flown with these velocities (m/s): [`specific_force_mps2`] of their derivatives.
+/// (m), flown with these velocities (m/s): [`specific_force_mps2`] of their derivatives.
 ///
-/// MagNav.jl leaves the Coriolis and transport terms out and takes 9.80665 m/s² for gravity.
+/// MagNav.jl omits the Coriolis and transport terms and uses 9.80665 m/s² for gravity.
 ///
 /// # Errors
 /// Fails as [`velocity_ned_mps`].
@@ -102,8 +101,9 @@ pub fn specific_force_ned_mps2(
     Ok(out)
 }
 
-/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down: m/s² of a latitude in rad, a height above the ellipsoid in
-/// m, a velocity in m/s and its rate in m/s², with the ellipsoid's normal gravity. [Titterton & Weston 2004, (3.29)]
+/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down: in m/s², for a latitude in rad, a height above the
+/// ellipsoid in m, a velocity in m/s and its rate in m/s², with the ellipsoid's normal gravity. [Titterton & Weston
+/// 2004, (3.29)]
 pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
     let (sin, cos) = lat_rad.sin_cos();
     let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
@@ -116,8 +116,8 @@ pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]
     [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
 }
 
-/// Roll, pitch and yaw, in degrees, of an aircraft that flies level with its nose along the course
-/// of its velocity. A sample at rest keeps the previous yaw; rest from the beginning has yaw 0.
+/// Roll, pitch and yaw, in degrees, of an aircraft in level flight with its nose along the course of its velocity. A
+/// sample at rest keeps the previous yaw; rest from the beginning has yaw 0.
 ///
 /// # Errors
 /// Fails with [`SeriesError::Length`] for columns of different lengths.
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn law_velocity_of_a_known_path_over_the_date_line() {
+    fn law_velocity_is_exact_for_a_known_path_across_the_date_line() {
         let (lat, alt) = (50.0_f64, 300.0);
         let (speed_n, speed_e) = (40.0, -70.0);
         let earth = EarthModel::Wgs84;
@@ -187,11 +187,11 @@ mod tests {
         assert!(ve.iter().all(|v| (v - speed_e).abs() < 1e-2), "{ve:?}");
         assert!(vd.iter().all(|v| (v + 2.0).abs() < 1e-9));
         let [f_n, f_e, f_d] = specific_force_ned_mps2(&tt, [&lats, &alts], [&vn, &ve, &vd]).unwrap();
-        // Coriolis and transport: (2 ω sin φ + ve tan φ/R) turns the velocity, the vertical has Eötvös' term.
+        // Coriolis and transport: (2 ω sin φ + ve tan φ/R) turns the velocity; the vertical has the Eötvös term.
         let (lat, radius) = (50.0_f64.to_radians(), transverse_radius_m(50.0_f64.to_radians()) + 305.0);
         let turn = 2.0 * EARTH_RATE_RADPS * lat.sin() + speed_e * lat.tan() / radius;
         let eotvos = 2.0 * EARTH_RATE_RADPS * lat.cos() + speed_e / radius;
-        // The latitude changes, and with it the speed that a rate of longitude is.
+        // The latitude changes, and with it the speed for a given rate of longitude.
         let [rate_n, rate_e] = [&vn, &ve].map(|v| derivative(&tt, v).unwrap()[25]);
         assert!((f_n[25] - rate_n - turn * speed_e).abs() < 1e-4);
         assert!((f_e[25] - rate_e + turn * speed_n - 2.0 * eotvos).abs() < 1e-4);
@@ -200,10 +200,10 @@ mod tests {
     }
 
     #[test]
-    fn law_a_body_at_rest_feels_gravity_and_one_in_orbit_nothing() {
+    fn law_specific_force_is_minus_gravity_at_rest_and_zero_in_orbit() {
         let f = specific_force_mps2(0.7, 300.0, [0.0; 3], [0.0; 3]);
         assert_eq!(f, [0.0, 0.0, -normal_gravity_mps2(0.7, 300.0)]);
-        // Over the equator gravity is attraction less ω²R; a circle at v seen from space takes v²/R.
+        // At the equator gravity is attraction minus ω²R; a circle at v in the inertial frame needs v²/R.
         let alt = 2000.0;
         let radius = transverse_radius_m(0.0) + alt;
         let attraction = normal_gravity_mps2(0.0, alt) + EARTH_RATE_RADPS.powi(2) * radius;
@@ -213,14 +213,14 @@ mod tests {
     }
 
     #[test]
-    fn law_the_nose_follows_the_course() {
+    fn law_the_yaw_follows_the_course() {
         let [roll, pitch, yaw] = level_attitude_deg(&[0.0, 1.0, 0.0, 0.0, -1.0], &[0.0, 0.0, 2.0, 0.0, -1.0]).unwrap();
         assert_eq!(yaw, [0.0, 0.0, 90.0, 90.0, -135.0]);
         assert!(roll.iter().chain(&pitch).all(|angle| *angle == 0.0));
     }
 
     #[test]
-    fn law_bad_columns_are_refused_in_words() {
+    fn unit_invalid_columns_are_rejected() {
         let message = |r: Result<StrapdownColumns, SeriesError>| r.unwrap_err().to_string();
         assert_eq!(
             message(velocity_ned_mps(&[0.0, 1.0], &[1.0, f64::NAN], &[0.0; 2], &[0.0; 2])),

@@ -1,9 +1,8 @@
-//! The map of a track: Gaussian-process regression of reduced rank on the measurements along a track whose positions
-//! err.
+//! Map of a track: Gaussian-process regression of reduced rank on the measurements along a track with position errors.
 //!
 //! | Module | Contents |
 //! |:--|:--|
-//! | [`basis`] | the functions that the anomaly is a sum of |
+//! | [`basis`] | basis functions of the anomaly |
 //! | [`normal`] | the normal equations of their weights |
 //! | [`hyper`] | the kernel's hyper-parameters by maximum likelihood |
 //!
@@ -15,24 +14,25 @@
 //! z = m(x) + μ + S(t) + c_l + e,    m ~ GP(0, k),    S ~ GP(0, σ_S² exp(−|t − t'|/τ)),    c_l ~ N(0, σ_c²),    e ~ N(0, v)
 //! ```
 //!
-//! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. Instead of the covariances of all pairs of
-//! measurements, m is a sum of M eigenfunctions of the Laplacian on a rectangle [`basis::LaplacianBasis`], whose
-//! weights are independent, so that the equations have M unknowns however long the flight [Solin & Särkkä 2020]. A
-//! measurement adds to sums of 4 M entries ([`normal::TrackMapSums`]); then one matrix of order M is factorised. S is a
-//! straight line between knots a quarter of τ apart, with the covariance of the process at the knots.
+//! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. Instead of using the covariances of all
+//! pairs of measurements, m is a sum of M eigenfunctions of the Laplacian on a rectangle [`basis::LaplacianBasis`].
+//! Their weights are independent, so the equations have M unknowns for any length of the flight [Solin & Särkkä 2020].
+//! A measurement adds to sums of 4 M entries ([`normal::TrackMapSums`]); then one matrix of order M is factorised. S is
+//! linear between knots a quarter of τ apart, with the covariance of the process at the knots.
 //!
-//! The position that the track gives errs with the covariance P, to first order by gᵀP g in the measurement, g the
-//! slope of the map [McHutchon & Rasmussen 2011]. The slope is that of a first solution without it. Errors of the
-//! position last for minutes, so that
+//! The position of the track has an error with the covariance P. To first order it contributes gᵀP g to the variance of
+//! the measurement, where g is the slope of the map [McHutchon & Rasmussen 2011]. The slope comes from a first solution
+//! without this contribution. Position errors persist for minutes, so that
 //!
-//! - in the weights v = σ_n² + gᵀP g n, with the number n of samples in a length of the kernel, which err together;
-//! - the standard deviation of the map at a node is √(V + gᵀP g), V the variance of the regression and P that of the
-//!   nearest measurement: an error that all of the track has in common moves the map as a whole, and no number of
+//! - in the weights v = σ_n² + gᵀP g n, with the number n of samples in a length of the kernel, whose errors are
+//!   common;
+//! - the standard deviation of the map at a node is √(V + gᵀP g), where V is the variance of the regression and P that
+//!   of the nearest measurement: an error common to the whole track moves the map as a whole, and no number of
 //!   measurements shows it.
 //!
 //! Heights that differ from the mean add the variance of
-//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than those of the basis are
-//! taken as white noise of the measurements, and add to the variance of the map.
+//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than those of the basis count
+//! as white noise of the measurements, and add to the variance of the map.
 
 pub mod basis;
 pub mod hyper;
@@ -48,50 +48,50 @@ use basis::{LaplacianBasis, waves};
 use hyper::TrackPieces;
 use normal::{FieldVariance, TrackMapRow, TrackMapSolution, TrackMapSums};
 
-/// The part of the variance that the basis may lack before the area is too large for it.
+/// Largest fraction of the variance that the basis may omit; above it the area is too large.
 const MOST_LACKING: f64 = 0.02;
-/// Knots of the temporal variation in a time constant.
+/// Number of knots of the temporal variation per time constant.
 const KNOTS: f64 = 4.0;
-/// The most knots of all flights; in longer ones they are further apart.
+/// Maximum number of knots of all flights; on longer flights they are further apart.
 const MOST_KNOTS: usize = 500;
 
-/// A measurement of a track.
+/// Measurement of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackSample {
-    /// East and north on the plane of the map, in m.
+    /// Position east and north on the plane of the map, in m.
     pub at_m: [f64; 2],
     /// Height, in m.
     pub alt_m: f64,
     /// Time, in s.
     pub tt_s: f64,
-    /// The anomaly, in nT.
+    /// Anomaly, in nT.
     pub value_nt: f64,
     /// Variance of its white noise, in addition to that of the kernel, in nT².
     pub variance_nt2: f64,
     /// Variances of the position east and north and their covariance, in m².
     pub position_m2: [f64; 3],
-    /// The number of its flight, from 0 on.
+    /// Index of its flight, from 0.
     pub flight: usize,
-    /// The number of its line among the lines of all flights, from 0 on.
+    /// Index of its line among the lines of all flights, from 0.
     pub line: usize,
 }
 
 /// Parameters of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapParameters {
-    /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
+    /// Gaussian process of the anomaly; if it is fitted, the start of the search.
     pub kernel: AnomalyKernel,
     /// Whether it is fitted.
     pub hyperparameters: HyperparameterSource,
-    /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 is none.
+    /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 means none.
     pub temporal: (f64, f64),
-    /// Standard deviation of the constant of each line, where there are several, in nT; 0 is none.
+    /// Standard deviation of the constant of each line, if there are several, in nT; 0 means none.
     pub line_sigma_nt: f64,
-    /// The most functions of the basis. The work grows with its third power.
+    /// Maximum number of functions of the basis. Computing time grows with its third power.
     pub most_functions: usize,
 }
 
-/// Reason why there is no map.
+/// Reason why a map cannot be computed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrackMapError {
     /// No measurement.
@@ -122,28 +122,27 @@ pub enum TrackMapError {
     Singular,
 }
 
-/// Report on the making of the map.
+/// Report on the computation of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapReport {
-    /// The kernel that was used.
+    /// Kernel of the map.
     pub kernel: AnomalyKernel,
-    /// Whether it was fitted; false although a fit was asked for means that the track is too short for it, or does not
-    /// vary, and that the given one was used.
+    /// Whether it was fitted. If a fit was requested, false means that the track is too short or constant, and that the
+    /// given kernel was used.
     pub fitted: bool,
-    /// Measurements.
+    /// Number of measurements.
     pub samples: usize,
-    /// Functions of the basis.
+    /// Number of functions of the basis.
     pub functions: usize,
-    /// The part of the variance that they lack.
+    /// Fraction of the variance that they omit.
     pub lacking: f64,
-    /// The mean height of the measurements, in m.
+    /// Mean height of the measurements, in m.
     pub alt_m: f64,
-    /// Root mean square of what the model leaves of the measurements over the root of their noise's variance: 1 or
-    /// less.
+    /// Root mean square residual over the root of the measurements' noise variance: 1 or less.
     pub misfit: f64,
 }
 
-/// The map of a track.
+/// Map of a track.
 pub struct TrackMap {
     basis: LaplacianBasis,
     weights_nt: Vec<f64>,
@@ -155,18 +154,18 @@ pub struct TrackMap {
     pub report: TrackMapReport,
 }
 
-/// A node of the map: the anomaly and its standard deviation, both in nT; NaN beyond the rectangle of the basis.
+/// Node of the map: the anomaly and its standard deviation, both in nT; NaN beyond the rectangle of the basis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapNode {
-    /// The anomaly.
+    /// Anomaly.
     pub value_nt: f64,
-    /// Its standard deviation.
+    /// Standard deviation.
     pub sd_nt: f64,
 }
 
 impl TrackMap {
-    /// Map of finite measurements. The samples of a line are contiguous and in time order. The same bits on any number
-    /// of threads.
+    /// Map from finite measurements. The samples of a line are contiguous and in time order. Results are bit-identical
+    /// for any number of threads.
     ///
     /// # Errors
     /// See [`TrackMapError`].
@@ -174,7 +173,7 @@ impl TrackMap {
         Self::with_kernel(parameters, kernel_of(parameters, samples)?, samples)
     }
 
-    /// The same with a kernel that [`kernel_of`] fitted to more measurements than these.
+    /// Map with a kernel that [`kernel_of`] fitted to more measurements.
     ///
     /// # Errors
     /// See [`TrackMapError`].
@@ -243,7 +242,7 @@ impl TrackMap {
         })
     }
 
-    /// The nodes of a grid, by rows from the south, each from west to east.
+    /// Nodes of a grid, by rows from the south, each from west to east.
     pub fn on(&self, east_m: EvenAxis, north_m: EvenAxis) -> Vec<TrackMapNode> {
         let basis = &self.basis;
         let table = |axis: usize, at: EvenAxis| -> Vec<BasisWaves> {
@@ -274,7 +273,7 @@ impl TrackMap {
                 let position_m2 = nearest.first().map_or([0.0; 3], |(_, i)| self.position_m2[*i]);
                 let slope = [dot(&value, &e.slopes), dot(&d_north, &e.sines)];
                 let shorter = basis.lacking_nt2;
-                // Rounding may leave the variance at a measurement without noise below 0.
+                // Rounding may make the variance at a measurement without noise negative.
                 let variance = regression.max(0.0) + shorter + moved(slope, position_m2);
                 TrackMapNode { value_nt: self.level_nt + dot(&value, &e.sines), sd_nt: variance.sqrt() }
             };
@@ -284,11 +283,10 @@ impl TrackMap {
     }
 }
 
-/// The kernel that is fitted to measurements; `None` where that is not asked for or where they are too few or do not
-/// vary.
+/// Fits the kernel to measurements; `None` if no fit is requested, or if the measurements are too few or constant.
 ///
 /// # Errors
-/// A kernel to start from that is none.
+/// Fails for an invalid start kernel.
 pub fn kernel_of(
     parameters: &TrackMapParameters,
     samples: &[TrackSample],
@@ -307,7 +305,7 @@ fn lines_of(samples: &[TrackSample]) -> Vec<&[TrackSample]> {
     samples.chunk_by(|a, b| a.line == b.line).collect()
 }
 
-/// The waves of the basis at a coordinate.
+/// Waves of the basis at a coordinate.
 struct BasisWaves {
     at_m: f64,
     cosines: Vec<f64>,
@@ -327,7 +325,7 @@ impl BasisWaves {
     }
 }
 
-/// A matrix by rows times a vector.
+/// Product of a matrix, by rows, with a vector.
 fn along(matrix: &[f64], vector: &[f64]) -> Vec<f64> {
     matrix.chunks_exact(vector.len()).map(|row| dot(row, vector)).collect()
 }
@@ -341,7 +339,7 @@ fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
 
-/// The mean distance between neighbouring samples of a line, in m; 0 where no line has two.
+/// Mean distance between neighbouring samples of a line, in m; 0 if no line has two.
 fn spacing(lines: &[&[TrackSample]]) -> f64 {
     let step = |pair: &[TrackSample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
     let path_m: f64 = lines.iter().flat_map(|line| line.windows(2)).map(step).sum();
@@ -349,7 +347,7 @@ fn spacing(lines: &[&[TrackSample]]) -> f64 {
     path_m / steps.max(1) as f64
 }
 
-/// The rows of the equations, and the mean that was taken off the values.
+/// Rows of the equations, and the mean subtracted from the values.
 fn rows(
     basis: &LaplacianBasis,
     kernel: &AnomalyKernel,
@@ -371,7 +369,7 @@ fn rows(
     (samples.iter().map(row).collect(), centre_nt)
 }
 
-/// The slope of the field at a position, in nT/m.
+/// Slope of the field at a position, in nT/m.
 fn slope(basis: &LaplacianBasis, weights_nt: &[f64], at_m: [f64; 2]) -> [f64; 2] {
     let [e, n] = [0, 1].map(|axis: usize| BasisWaves::new(basis, axis, at_m[axis]));
     let mut slope = [0.0; 2];
@@ -395,11 +393,11 @@ fn misfit(basis: &LaplacianBasis, solution: &TrackMapSolution, rows: &[TrackMapR
     (squares.iter().sum::<f64>() / rows.len() as f64).sqrt()
 }
 
-/// Unknowns besides the basis: the level, the constants of lines and the temporal variation of flights.
+/// Unknowns in addition to the basis: the level, the constants of lines and the temporal variation of flights.
 struct NuisanceParameters {
     columns: usize,
     level_nt2: f64,
-    /// The first column of the lines' constants, where they have any, and the variance of these.
+    /// Index of the first column of the lines' constants, if any, with their number and variance.
     lines: Option<(usize, usize, f64)>,
     flights: Vec<TemporalKnots>,
     temporal: (f64, f64),
@@ -437,7 +435,7 @@ impl NuisanceParameters {
         Self { columns, level_nt2: kernel.mean_nt2(), lines, flights, temporal: parameters.temporal }
     }
 
-    /// The entries of each sample.
+    /// Writes the entries of each sample.
     fn enter(&self, samples: &[TrackSample], rows: &mut [TrackMapRow]) {
         for (row, sample) in rows.iter_mut().zip(samples) {
             row.beside.push((0, 1.0));
@@ -454,7 +452,7 @@ impl NuisanceParameters {
         }
     }
 
-    /// The inverse of their covariance, by rows.
+    /// Inverse of their covariance, by rows.
     fn prior(&self) -> Vec<f64> {
         let n = self.columns;
         let mut prior = vec![0.0; n * n];

@@ -1,7 +1,7 @@
-//! From the continuous error model to discrete steps: Φ = exp(F Δt) and the process noise.
+//! Discrete steps of the continuous error model: Φ = exp(F Δt) and the process noise.
 //!
-//! Everything here is inlined into the filter's loop, which is compiled for each kind of vector
-//! unit. No product is fused with a sum, so all of them give the same bits.
+//! All functions are inlined into the filter's loop, which is compiled for each kind of vector unit. Products and sums
+//! are not fused, so the results of all units are bit-identical.
 
 pub(super) mod lanes;
 
@@ -15,8 +15,8 @@ choice! {
     /// Discretisation of the white driving noise over a step.
     #[derive(Default)]
     pub enum NoiseDiscretisation {
-        /// Half of q Δt before the step and half after it: second order and positive semidefinite, at no cost. At 1 s
-        /// steps the filter's NEES is that of Van Loan's to five digits.
+        /// Half of q Δt before the step and half after it: second order and positive semidefinite, without additional
+        /// cost. With steps of 1 s, the filter's NEES equals that of Van Loan's to five digits.
         #[default]
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.
@@ -27,7 +27,7 @@ choice! {
     }
 }
 
-/// The states that depend on each other, with the coupled states each depends on.
+/// Coupled states, with the coupled states that each depends on.
 const COUPLED: [(usize, &[usize]); 10] = [
     (LAT, &[ALT, VN]),
     (LON, &[LAT, ALT, VE]),
@@ -41,7 +41,7 @@ const COUPLED: [(usize, &[usize]); 10] = [
     (A_HAT, &[ALT]),
 ];
 
-/// Which Gauss-Markov states drive which coupled state.
+/// Gauss-Markov states that drive each coupled state.
 const DRIVEN: [(usize, &[usize]); 8] = [
     (ALT, &[HA]),
     (VN, &[ACC, ACC + 1, ACC + 2]),
@@ -53,11 +53,11 @@ const DRIVEN: [(usize, &[usize]); 8] = [
     (A_HAT, &[HA]),
 ];
 
-/// The Gauss-Markov states: nothing drives them but their own past.
+/// Gauss-Markov states, which depend only on their own past.
 const DECAYING: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
 
-/// Sizes that make the coupling between unlike states comparable: metres of position, metres per
-/// 30 s of velocity, and so on down the chain gyroscope, tilt, velocity, position.
+/// Scales that make the coupling between different states comparable: metres of position, metres per 30 s of velocity,
+/// and so on along the chain gyroscope, tilt, velocity, position.
 const SCALE: StateVector = {
     const RADIUS: f64 = 6.4e6;
     const T: f64 = 30.0;
@@ -68,15 +68,14 @@ const SCALE: StateVector = {
 
 /// Largest remainder of the series, in scaled states.
 const REMAINDER: f64 = 1e-16;
-/// Largest scaled size of F Δt that the series is used for; beyond it the step is halved.
+/// Largest scaled norm of F Δt for the series; above it the step is halved.
 const LARGEST: f64 = 0.5;
 
-/// The transition matrix exp(F Δt) of a matrix made by `pinson_matrix`.
+/// Transition matrix exp(F Δt) of a matrix from `pinson_matrix`.
 ///
-/// The Gauss-Markov states decay by their exponentials; the rest is the Taylor series over the
-/// entries that are not zero, of the order whose remainder θ^(k+1)/(k+1)! e^θ is below 1e-16, θ
-/// being the largest row sum of |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with
-/// θ above one half (several seconds) is made of halves.
+/// The Gauss-Markov states decay by their exponentials. The rest is the Taylor series over the nonzero entries. Its
+/// order gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of |F Δt| in scaled states (6
+/// terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is made of halves.
 #[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let norm = scaled_norm(f);
@@ -88,7 +87,7 @@ pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     phi
 }
 
-/// The largest row sum of |F|, in 1/s, in scaled states.
+/// Largest row sum of |F|, in 1/s, in scaled states.
 #[inline(always)]
 fn scaled_norm(f: &StateMatrix) -> f64 {
     let row_sum = |row: usize, columns: &[usize]| -> f64 {
@@ -101,7 +100,7 @@ fn scaled_norm(f: &StateMatrix) -> f64 {
     for state in DECAYING {
         sums[state] = f[state][state].abs();
     }
-    // A NaN anywhere must win, so that the caller sees it in the matrix instead of a wrong order.
+    // A NaN must propagate, so that it appears in the matrix instead of giving a wrong order.
     sums.into_iter().fold(0.0, |largest, sum| if sum <= largest { largest } else { sum })
 }
 
@@ -116,12 +115,12 @@ fn halvings(theta: f64) -> u32 {
     halvings
 }
 
-/// The Taylor series of exp(F Δt) over the pattern of F, whose scaled size is `norm`, in 1/s.
+/// Taylor series of exp(F Δt) over the pattern of F, with the scaled norm `norm`, in 1/s.
 #[inline(always)]
 fn series(f: &StateMatrix, norm: f64, dt_s: f64) -> StateMatrix {
     let theta = norm * dt_s.abs();
     let mut phi = identity();
-    // Two terms in turn: what the pattern leaves out of them is zero from the start, and stays.
+    // Two alternating terms: entries outside the pattern are zero from the start and remain zero.
     let (mut term, mut next) = (&mut identity(), &mut [[0.0; STATES]; STATES]);
     let mut bound = theta.exp();
     for order in 1..40_u32 {
@@ -161,13 +160,13 @@ fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64, next: &mut StateM
     }
 }
 
-/// The identity matrix.
+/// Identity matrix.
 #[inline(always)]
 pub fn identity() -> StateMatrix {
     diagonal(&[1.0; STATES])
 }
 
-/// A diagonal matrix.
+/// Diagonal matrix.
 #[inline(always)]
 pub fn diagonal(entries: &StateVector) -> StateMatrix {
     let mut matrix = [[0.0; STATES]; STATES];
@@ -196,7 +195,7 @@ fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     out
 }
 
-/// Φ x, over the entries of a transition matrix that are not zero.
+/// Φ x, over the nonzero entries of a transition matrix.
 #[inline(always)]
 pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
     let mut out = [0.0; STATES];
@@ -217,11 +216,11 @@ pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     out
 }
 
-/// The covariance that white noise of spectral density `q` (per state, per second) adds over a
-/// step of exp(F s), the integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
+/// Covariance that white noise of spectral density `q` (per state, per second) adds over a step of exp(F s), the
+/// integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
 ///
-/// Four-point Gauss-Legendre quadrature over pieces of at most one half in scaled size: its weights
-/// are positive, so every answer is positive semidefinite.
+/// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. Its weights are positive,
+/// so every result is positive semidefinite.
 #[inline(always)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [

@@ -1,4 +1,4 @@
-//! The unscented Kalman filter of magnetic navigation, on the 18 states of [`ekf`](crate::navigation::ekf).
+//! Unscented Kalman filter of magnetic navigation, on the 18 states of [`ekf`](crate::navigation::ekf).
 //!
 //! The error dynamics are linear, so the step to the next sample is the exact one, x ← Φ x, P ← Φ P Φᵀ + Q. The
 //! measurement z = g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone. The unscented
@@ -18,21 +18,21 @@
 //!
 //! which is the statistical linear regression of the field over the position's own uncertainty [Lefebvre, Bruyninckx &
 //! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore that of the
-//! EKF in Joseph's form, and the covariance stays positive for every ω ≥ 0, which holds when β ≥ −α² κ/3. Written with
-//! differences it also keeps its digits for a small α.
+//! EKF in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α² κ/3. The form
+//! with differences also keeps its digits for a small α.
 //!
-//! Irregularities along the line are documented and counted, never hidden:
+//! Irregularities along the line are counted:
 //!
 //! - a measurement that is NaN or infinite, or whose sigma is not above 0: no update, `residual` and `nis` are NaN;
-//! - an estimated position off the map or in an unknown cell: the same, counted as off the map;
+//! - an estimated position off the map or in an unknown cell: as above, counted as off the map;
 //! - an estimated position on the map with one of the six other points off it: the map is linearised at the estimated
-//!   position as the EKF does it, and the remainder is NaN;
-//! - a position that is known exactly in some direction: no points in that direction;
-//! - an INS value that is not finite, time that does not ascend, states or a variance that are no longer finite: an
-//!   error that names the row.
+//!   position as by the EKF, and the remainder is NaN;
+//! - a position that is exactly known in some direction: no points in that direction;
+//! - an INS value that is not finite, time that does not ascend, or states or a variance that are not finite: an error
+//!   with the row.
 //!
-//! The core field is as good as linear over the points, so it is taken to first order at the estimated position: it
-//! bends by 0.001 nT at 200 m, and by 0.6 nT at 5 km.
+//! The core field is nearly linear over the points, so it is linearised at the estimated position: its curvature
+//! contributes 0.001 nT at 200 m, and 0.6 nT at 5 km.
 
 use crate::earth::core_field::LinearisedCoreField;
 use crate::earth::field_value::FieldValue;
@@ -50,17 +50,17 @@ pub(crate) mod points;
 
 use points::{FieldRegression, SigmaPoints};
 
-/// The number of states that the field depends on nonlinearly.
+/// Number of states that the field depends on nonlinearly.
 pub(crate) const NONLINEAR: usize = 3;
 
-/// The parameters of the filter.
+/// Parameters of the filter.
 ///
-/// The defaults α = 1 and κ = 0 put the points √3 standard deviations from the estimate, which gets the mean of the
-/// field and the gain right to the fourth moment of every direction. The variance of the field's second-order part is
-/// then (5 + 4 β)/8 of the true one on average over fields whose curvature has no preferred direction: β = 3/4 is
-/// right, and the usual β = 2 is on the cautious side, which costs nothing where the map is straight and keeps more of
-/// the filters with a very uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed
-/// second derivatives (along the directions of the points) is exact instead.
+/// The defaults α = 1 and κ = 0 put the points √3 standard deviations from the estimate. The mean of the field and the
+/// gain are then correct to the fourth moment of every direction. The variance of the field's second-order part is (5 +
+/// 4 β)/8 of the true one on average over fields whose curvature has no preferred direction. β = 3/4 is correct. The
+/// usual β = 2 is cautious, which costs nothing where the map is linear, and fewer filters diverge from a very
+/// uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed second derivatives (along the
+/// directions of the points) is exact instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UkfParameters {
     /// α of the scaled unscented transform: scales the distance of the points, above 0.
@@ -71,7 +71,7 @@ pub struct UkfParameters {
     /// κ of the unscented transform: the points are at α √(3 + κ) standard deviations; above −3.
     pub kappa: f64,
     /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
-    /// one good measurement in a thousand.
+    /// one valid measurement in a thousand.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
@@ -89,8 +89,8 @@ impl UkfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for an α or a gate that is not a finite number above 0, a κ that is not one above −3, and a β below −α²
-    /// κ/3.
+    /// Fails for an α or a gate that is not a finite number above 0, a κ that is not a finite number above −3, and a β
+    /// below −α² κ/3.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.alpha, "alpha", Rule::Positive).map_err(ParameterError)?;
         obeys(&self.kappa, "kappa", Rule::Finite).map_err(ParameterError)?;
@@ -117,21 +117,21 @@ fn refused(name: &str, what: String) -> ParameterError {
 /// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct UkfOutput {
-    /// The estimate.
+    /// Estimate.
     pub navigation: NavigationOutput,
-    /// The standard deviation √ω of what is not linear in the field over the uncertainty of the position, in nT, a
-    /// value a sample; NaN where there was no prediction and where the map was linearised at the estimated position.
+    /// Standard deviation √ω of the nonlinear part of the field over the uncertainty of the position, in nT, one value
+    /// per sample; NaN without a prediction and where the map was linearised at the estimated position.
     pub nonlinear_sd_nt: Vec<f64>,
-    /// Samples at which the map was linearised because one of the outer points was off it.
+    /// Number of samples at which the map was linearised because one of the outer points was off it.
     pub linearised: usize,
 }
 
-/// Filters one line. Seven look-ups of the map a sample; costs about 4 microseconds a sample over a map of splines and
-/// allocates little but the output.
+/// Filters one line. Uses seven look-ups of the map per sample. Costs about 4 µs per sample over a map of splines and
+/// allocates little except the output.
 ///
 /// # Errors
-/// Fails as [`UkfParameters::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states
-/// or variances are no longer finite or a variance is negative.
+/// Fails as [`UkfParameters::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state
+/// or variance is not finite or a variance is negative.
 pub fn run(parameters: &UkfParameters, line: &NavigationLine<'_>) -> Result<UkfOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
@@ -227,7 +227,7 @@ impl FilterRecursion for UnscentedFilter<'_> {
     }
 }
 
-/// A geodetic position.
+/// Geodetic position.
 struct UkfPosition {
     lat_deg: f64,
     lon_deg: f64,

@@ -37,7 +37,7 @@ impl BootstrapResamples {
 
 impl PercentileInterval {
     /// The central interval of drawn values at confidence level `level`, by percentiles; values that are not finite are
-    /// left out. `None` without values.
+    /// excluded. `None` without values.
     pub fn central(mut values: Vec<f64>, level: f64) -> Option<PercentileInterval> {
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
@@ -62,13 +62,13 @@ mod tests {
         let sigma = (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
         let found = BootstrapResamples::new(x.len(), 4000, 1).values(|chosen| chosen.map(|i| x[i]).sum::<f64>() / n);
         let found = PercentileInterval::central(found, 0.95).unwrap();
-        // A 95 % quantile of 4000 draws is known to 0.04 sigma of the mean; five of these.
+        // A 95 % quantile of 4000 draws is accurate to 0.04 sigma of the mean; five of these.
         let (half, error) = (1.96 * sigma / n.sqrt(), 0.2 * sigma / n.sqrt());
         assert!((found.low - (mean - half)).abs() < error && (found.high - (mean + half)).abs() < error, "{found:?}");
     }
 
     #[test]
-    fn law_groups_are_drawn_alike_and_repeatably() {
+    fn unit_groups_are_drawn_uniformly_and_repeatably() {
         let draws = BootstrapResamples::new(7, 5000, 9);
         let mut counts = [0usize; 7];
         draws.draws.iter().flatten().for_each(|i| counts[*i as usize] += 1);
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn law_one_group_is_always_itself_and_nothing_has_no_interval() {
+    fn unit_a_single_group_repeats_and_no_values_give_no_interval() {
         assert_eq!(
             BootstrapResamples::new(1, 100, 1).values(|chosen| chosen.map(|i| i as f64 + 7.0).sum()),
             [7.0; 100]

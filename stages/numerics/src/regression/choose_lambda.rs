@@ -1,8 +1,8 @@
 //! Choice of the ridge parameter: generalised cross-validation, L-curve and cross-validation over lines.
 //!
-//! One singular value decomposition R = U S Vᵀ of the (scaled) factor gives all of a grid: with c = Uᵀ z,
-//! ‖r‖² = ‖z − R b‖² + unexplained = Σ (λ c/(s² + λ))² + unexplained, ‖b‖² = Σ (s c/(s² + λ))², and the
-//! number of parameters Σ s²/(s² + λ).
+//! One singular value decomposition R = U S Vᵀ of the (scaled) factor serves a whole grid of λ: with c = Uᵀ z, ‖r‖² =
+//! ‖z − R b‖² + unexplained = Σ (λ c/(s² + λ))² + unexplained, ‖b‖² = Σ (s c/(s² + λ))², and the number of parameters Σ
+//! s²/(s² + λ).
 
 use crate::regression::l_curve::log_curvature;
 use crate::regression::least_squares::{
@@ -10,7 +10,7 @@ use crate::regression::least_squares::{
     leave_line_out, setting,
 };
 
-/// Below this change of the logarithms from one λ to the next but one, a curve is stationary and its curvature is
+/// Change of the logarithms from one λ to the next but one, below which a curve is stationary and its curvature is
 /// dominated by rounding.
 const STANDS_STILL: f64 = 1e-6;
 
@@ -25,8 +25,8 @@ pub struct LambdaPoint {
     pub size: f64,
     /// The effective number of parameters, with the intercept.
     pub degrees_of_freedom: f64,
-    /// n ‖r‖²/(n − degrees of freedom)²: the mean squared error expected at unseen rows, up to
-    /// the noise's correlation. NaN where no degree of freedom is left. [Golub, Heath & Wahba 1979]
+    /// n ‖r‖²/(n − degrees of freedom)²: the mean squared error expected at unseen rows, apart from the correlation of
+    /// the noise. NaN without remaining degrees of freedom. [Golub, Heath & Wahba 1979]
     pub generalised: f64,
     /// The curvature of log ‖b‖ over log ‖r‖; 0 at both ends.
     pub curvature: f64,
@@ -103,8 +103,8 @@ pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> 
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
-/// The index of the point at the corner, van der Meer 2025's choice; `None` where the curve has no corner. Where the
-/// true coefficients are smooth it is weaker than the best ridge, by one or two decades of λ.
+/// Index of the point at the corner, van der Meer 2025's choice; `None` if the curve has no corner. If the true
+/// coefficients are smooth, it is weaker than the best ridge, by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);
     bent.max_by(|&a, &b| points[a].curvature.total_cmp(&points[b].curvature))
@@ -197,7 +197,8 @@ mod tests {
 
     #[test]
     fn law_generalised_cross_validation_finds_the_prediction_error() {
-        // Over 200 draws of the noise, the mean score at each lambda is the mean error at new noise to its scatter.
+        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise within its
+        // scatter.
         let (rows, p) = (60, 12);
         let mut normals = NormalGenerator::new(3);
         let a: Vec<f64> = (0..rows * p).map(|_| normals.draw()).collect();
@@ -223,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn law_left_out_lines_are_those_of_refits() {
+    fn law_scores_of_omitted_lines_equal_those_of_refits() {
         let (lines, moments) = (lines(), moments());
         let lambdas = [50.0, 0.5];
         let scores =
@@ -275,16 +276,16 @@ mod tests {
             assert!(corner < 0.1 * errors[0] && corner < 0.5 * errors[80], "{seed} {corner}");
             assert!(points.windows(2).all(|p| p[1].size < p[0].size && p[1].residual_squares >= p[0].residual_squares));
         }
-        // The same in numpy on other draws: the corner's error is 1.5 to 4 times the least, as its lambda is too small
-        // where the truth is smooth [Hanke 1996], and that of cross-validation 1.1 to 2, but now and then it takes
-        // noise for signal: hence medians. The ends are off by 60 and by 9 times the least.
+        // Computed in numpy on other draws: the error of the corner is 1.5 to 4 times the least, as its lambda is too
+        // small where the truth is smooth [Hanke 1996]. That of cross-validation is 1.1 to 2 times the least, but now
+        // and then it fits noise: hence medians. The ends are off by 60 and by 9 times the least.
         by_score.sort_by(f64::total_cmp);
         by_corner.sort_by(f64::total_cmp);
         assert!(by_score[4] < 2.5 && by_corner[4] < 4.0, "{by_score:?} {by_corner:?}");
     }
 
     #[test]
-    fn r12_uneven_and_zero_lambdas_are_refused() {
+    fn unit_uneven_and_zero_lambdas_are_rejected() {
         let prepared = moments()[0].prepare(ColumnScaling::None, true).unwrap();
         for lambdas in [vec![0.0, 1.0], vec![1.0, 2.0, 3.0], vec![2.0, 1.0]] {
             let error = curve(&prepared, 0, &lambdas).unwrap_err().to_string();

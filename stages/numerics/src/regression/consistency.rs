@@ -1,21 +1,21 @@
-//! Whether a filter's opinion of its errors agrees with the errors: chi-square bounds of their normalised squares, and
-//! the whiteness of its innovations.
+//! Consistency of a filter's covariance with its errors: chi-square bounds of their normalised squares, and the
+//! whiteness of its innovations.
 //!
 //! [Bar-Shalom, Li and Kirubarajan 2001, section 5.4; Mehra 1970]
 
 use super::statistics::SampleStatistic;
 
-/// The blocks over which a long series is averaged before its autocorrelation is summed.
+/// Number of blocks over which a long series is averaged before its autocorrelation is summed.
 const BLOCKS: usize = 2048;
-/// Samples that a test needs at least.
+/// Minimum number of samples of a test.
 const LEAST: usize = 10;
 
-/// The number of independent samples that the mean of `x` is as well known as: the variance of a sample over that of
-/// the mean, by the sum of the autocorrelations up to the first two neighbours whose sum is not above 0, each pair no
-/// larger than the one before. At least 1, at most as many as there are; NaN for a constant or fewer than ten samples.
-/// Values that are not finite are left out, and their neighbours taken as neighbours. [Geyer 1992, section 3.3]
+/// Effective number of independent samples of `x`: the variance of a sample over that of the mean. The autocorrelations
+/// are summed up to the first two neighbours whose sum is not above 0, each pair no larger than the one before. At
+/// least 1, at most the number of samples; NaN for a constant or fewer than ten samples. Values that are not finite are
+/// excluded, and their neighbours become adjacent. [Geyer 1992, section 3.3]
 ///
-/// A series no longer than a few of its correlation times looks more independent than it is.
+/// A series of a few correlation times or less appears more independent than it is.
 pub fn effective_samples(x: &[f64]) -> f64 {
     let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     let n = known.len();
@@ -36,7 +36,8 @@ pub fn effective_samples(x: &[f64]) -> f64 {
     (of_sample / of_mean).clamp(1.0, n as f64)
 }
 
-/// By how much the variance of the mean exceeds that of independent samples: 1 and twice the autocorrelations.
+/// Statistical inefficiency: 1 plus twice the sum of the autocorrelations, the variance of the mean over that of
+/// independent samples.
 fn inefficiency(x: &[f64], variance: f64) -> f64 {
     let mean = x.iter().sum::<f64>() / x.len() as f64;
     let at = |lag: usize| {
@@ -54,10 +55,10 @@ fn inefficiency(x: &[f64], variance: f64) -> f64 {
     (2.0 * sum - 1.0).max(1.0 / x.len() as f64)
 }
 
-/// The probability that a consistent filter has a smaller mean of `squares`, the normalised squares of its errors or
-/// innovations of `freedom` components each, than the one at hand: near 0 for a filter that is too cautious, near 1 for
-/// one that trusts itself too much. The mean times the number of independent samples ([`effective_samples`]) is
-/// chi-square with `freedom` degrees for each of these. NaN where that number is.
+/// Probability that a consistent filter has a smaller mean of `squares`, the normalised squares of its errors or
+/// innovations of `freedom` components each, than the given one. It is near 0 for a cautious filter and near 1 for an
+/// overconfident one. The mean times the number of independent samples ([`effective_samples`]) is chi-square with
+/// `freedom` degrees for each of these. NaN if that number is NaN.
 pub fn chi_square_probability(squares: &[f64], freedom: f64) -> SampleStatistic {
     let known = || squares.iter().filter(|x| x.is_finite());
     let n = known().count();
@@ -67,15 +68,15 @@ pub fn chi_square_probability(squares: &[f64], freedom: f64) -> SampleStatistic 
 }
 
 /// Whether the mean of normalised squares is within the 95 % band of a consistent filter, by
-/// [`chi_square_probability`]: 1 within, 0 outside, NaN where that is.
+/// [`chi_square_probability`]: 1 within, 0 outside, NaN if the probability is NaN.
 pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> SampleStatistic {
     let SampleStatistic { value, n } = chi_square_probability(squares, freedom);
     let within = if (0.025..=0.975).contains(&value) { 1.0 } else { 0.0 };
     SampleStatistic { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
-/// The autocorrelation of `x` about 0 at a lag, in samples, over the mean square of `x`, and its number of pairs; pairs
-/// of which one is not finite are left out. NaN for a lag without a pair, and for a series of zeros.
+/// Autocorrelation of `x` about 0 at a lag, in samples, over the mean square of `x`, and its number of pairs. Pairs
+/// with a value that is not finite are excluded. NaN for a lag without a pair, and for a series of zeros.
 pub fn autocorrelation(x: &[f64], lag: usize) -> SampleStatistic {
     let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
     let pairs = products().count();
@@ -88,16 +89,17 @@ fn mean_square(x: &[f64]) -> f64 {
     squares().sum::<f64>() / squares().count() as f64
 }
 
-/// The samples from one finite value to the next, at least: thinned measurements have innovations at some samples
-/// alone.
+/// Smallest number of samples from one finite value to the next: thinned measurements have innovations only at some
+/// samples.
 fn stride(x: &[f64]) -> usize {
     let rows: Vec<usize> = (0..x.len()).filter(|row| x[*row].is_finite()).collect();
     rows.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1)
 }
 
-/// The share of the autocorrelations of `x` at lags of 1 to `lags` finite values that are within 1.96/√n, n being the
-/// pairs of a lag: 0.95 on average for white noise of mean 0. About 0, so that a bias is no white noise; pairs of which
-/// one is not finite are left out. NaN for fewer samples than twice the lags, and for a series of zeros.
+/// Share of the autocorrelations of `x` at lags of 1 to `lags` finite values that are within 1.96/√n, with n the pairs
+/// of a lag: 0.95 on average for white noise of mean 0. Autocorrelations are about 0, so that a bias is not white
+/// noise. Pairs with a value that is not finite are excluded. NaN for fewer samples than twice the lags, and for a
+/// series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {
@@ -165,11 +167,11 @@ fn ln_gamma(a: f64) -> f64 {
     (a - 0.5) * a.ln() - a + 0.5 * std::f64::consts::TAU.ln() + series - shift
 }
 
-/// The mean of the normalised innovations squared times their statistical inefficiency: 1 and twice the sum of their
-/// autocorrelations. It is the variance of averages of `x` over that of averages of independent values of variance 1,
-/// and 1 for a consistent filter. Averages of innovations correct the position, so values above 1 mean that the
-/// covariance is too small, whether the innovations are too large or too correlated. NaN for a constant or fewer than
-/// ten samples.
+/// Mean of the normalised innovations squared times their statistical inefficiency, 1 plus twice the sum of their
+/// autocorrelations. It is the variance of averages of `x` over that of averages of independent values of variance 1;
+/// its expected value is 1 for a consistent filter. Averages of innovations correct the position, so values above 1
+/// mean that the covariance is too small, whether the innovations are too large or too correlated. NaN for a constant
+/// or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     SampleStatistic { value: mean_square(x) * n as f64 / effective_samples(x), n }
@@ -180,7 +182,7 @@ mod tests {
     use super::*;
     use crate::random::NormalGenerator;
 
-    /// Stationary, of variance 1, with the autocorrelation `decay` from sample to sample.
+    /// A stationary series of variance 1, with the autocorrelation `decay` from sample to sample.
     fn coloured(n: usize, decay: f64, seed: u64) -> Vec<f64> {
         let mut normals = NormalGenerator::new(seed);
         let mut x = normals.draw();
@@ -223,14 +225,14 @@ mod tests {
     }
 
     #[test]
-    fn law_correlated_samples_count_as_the_independent_ones_they_are_worth() {
-        // The mean of a series with decay d is as well known as that of n (1 - d)/(1 + d) independent ones.
+    fn law_correlated_samples_have_their_effective_number() {
+        // The mean of a series with decay d has the variance of the mean of n (1 - d)/(1 + d) independent samples.
         for (decay, n) in [(0.0, 4000), (0.5, 4000), (0.9, 20_000), (0.99, 50_000)] {
             let expected = f64::from(n) * (1.0 - decay) / (1.0 + decay);
             let all: Vec<f64> = (0..20).map(|seed| effective_samples(&coloured(n as usize, decay, seed))).collect();
             let mean = all.iter().sum::<f64>() / 20.0;
-            // A cut sum of autocorrelations is known to some 15 %, the mean of twenty to 4 %; pairs that are positive
-            // by chance make it a little small.
+            // A truncated sum of autocorrelations is accurate to some 15 %, the mean of twenty to 4 %. Pairs that are
+            // positive by chance make it slightly too small.
             assert!((0.8..1.1).contains(&(mean / expected)), "{decay}: {mean} {expected}");
         }
         assert!(effective_samples(&[1.0; 50]).is_nan() && effective_samples(&[1.0, 2.0]).is_nan());
@@ -240,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_consistent_filter_is_within_the_band_whether_its_errors_last_or_not() {
+    fn law_a_consistent_filter_is_within_the_band_for_any_correlation() {
         for decay in [0.0, 0.9] {
             let nees = |scale: f64, seed: u64| -> Vec<f64> {
                 let (north, east) = (coloured(2000, decay, seed), coloured(2000, decay, seed + 1000));
@@ -260,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn law_white_noise_is_white_and_what_lasts_is_not() {
+    fn law_whiteness_separates_white_noise_from_correlation_and_bias() {
         let mean = |decay: f64, bias: f64, spread: f64| {
             let of = |seed| {
                 let x: Vec<f64> = coloured(1000, decay, seed).iter().map(|x| spread * x + bias).collect();
@@ -307,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn law_values_at_every_tenth_sample_are_as_white_as_without_the_gaps() {
+    fn law_gaps_between_values_do_not_change_whiteness() {
         let mut normals = crate::random::NormalGenerator::new(3);
         let dense: Vec<f64> = (0..800).map(|_| normals.draw()).collect();
         let mut sparse = vec![f64::NAN; 8000];

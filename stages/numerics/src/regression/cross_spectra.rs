@@ -1,7 +1,7 @@
 //! Sampling errors of coefficients whose residual is correlated, from cross-spectra of terms and target in bands.
 //!
 //! A filter leaves residuals that are correlated over its impulse response, and so does coloured noise. The usual
-//! covariance s² (AᵀA)⁻¹ takes them for independent: behind a pass band of 0.1 to 0.9 Hz at 10 Hz its standard
+//! covariance s² (AᵀA)⁻¹ assumes independent residuals: after a pass band of 0.1 to 0.9 Hz at 10 Hz its standard
 //! deviations are 2.5 times too small. The covariance of b = G Aᵀ y, with G = (AᵀA + λ)⁻¹, is
 //!
 //! ```text
@@ -9,16 +9,15 @@
 //! ```
 //!
 //! where C_band is the part of AᵀA that lies in a band of frequencies and s_band the power of the residual there, per
-//! degree of freedom. The bands are an eighth of an octave wide; neighbours are joined until the fit has left them
-//! enough degrees of freedom to estimate a power. Terms and residual may have any spectrum that is smooth within a
-//! band.
+//! degree of freedom. The bands are an eighth of an octave wide. Neighbours are joined until enough degrees of freedom
+//! remain after the fit to estimate a power. Terms and residual may have any spectrum that is smooth within a band.
 //!
-//! A residual that wanders, as a random walk does in a fit without a filter, ends elsewhere than it begins. Its waves
-//! depend on each other by that jump, whose ramp a slow term takes up: standard deviations are then 2 to 4 times too
-//! small. So where the slowest waves are far stronger than the next ones, a residual is a ramp from its first sample to
-//! its last and what is left, whose waves are independent; the ramp's variance is that of a walk with the increments of
-//! the slowest waves ([`ResidualDrift::Wandering`]). A constant of a walk is as uncertain as the walk is long, which is
-//! no part of its standard deviation.
+//! A drifting residual, such as a random walk in a fit without a filter, has different values at its ends. This jump
+//! correlates its waves, and a slow term fits its ramp: standard deviations are then 2 to 4 times too small. If the
+//! slowest waves are far stronger than the next ones, a residual is therefore split into a ramp from its first sample
+//! to its last and a remainder with independent waves. The ramp's variance is that of a walk with the increments of the
+//! slowest waves ([`ResidualDrift::Wandering`]). The uncertainty of a constant grows with the length of the walk and is
+//! not part of its standard deviation.
 //!
 //! Source: Hannan 1963, Regression for time series; Robinson 1998, Inference without smoothing in the presence of
 //! nonparametric autocorrelation, Econometrica 66(5).
@@ -27,37 +26,37 @@ use std::collections::BTreeMap;
 
 use realfft::{RealFftPlanner, num_complex::Complex};
 
-/// Bands of an octave.
+/// Number of bands per octave.
 const BANDS: f64 = 8.0;
-/// The lower edge of the lowest band, Hz; what is slower is one band.
+/// Lower edge of the lowest band, Hz; slower waves form one band.
 const LOWEST_HZ: f64 = 1e-3;
-/// Degrees of freedom that a band has at least after the fit.
+/// Minimum degrees of freedom of a band after the fit.
 const LEAST_FREEDOM: f64 = 16.0;
 
-/// The waves of a run that tell a residual that wanders: the slowest, and those that they are compared with.
+/// Waves of a run that indicate a drifting residual: the slowest, and those that they are compared with.
 const SLOWEST: std::ops::Range<usize> = 1..5;
 const NEXT: std::ops::Range<usize> = 9..25;
-/// The slowest waves of a residual that wanders have at least this many times the power of the next: of independent
-/// samples, fewer than one run in a million does; a random walk has 80 times.
+/// Minimum ratio of the power of the slowest waves to the next for a drifting residual. Fewer than one run in a million
+/// of independent samples reaches it; a random walk has 80.
 const WANDERS: f64 = 10.0;
 
 /// Model of a residual's drift between the first and the last sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualDrift {
-    /// It is as far from 0 at one end as at the other: rows behind a high-pass.
+    /// Equal distance from 0 at both ends: rows after a high-pass.
     Bound,
-    /// It may wander.
+    /// Free drift.
     Wandering,
 }
 
 /// Cross-products of columns within one band of frequencies.
 #[derive(Clone, Debug, PartialEq)]
 struct SpectralBand {
-    /// Real degrees of freedom: two for each frequency but the first and the last.
+    /// Real degrees of freedom: two for each frequency except the first and the last.
     freedom: f64,
     /// The upper triangle of the cross-products, row by row.
     products: Vec<f64>,
-    /// That of columns less their ramps; of [`ResidualDrift::Bound`] it is empty.
+    /// Triangle of columns less their ramps; empty for [`ResidualDrift::Bound`].
     level: Vec<f64>,
 }
 
@@ -78,13 +77,13 @@ impl SpectralBand {
 struct DriftStatistics {
     /// The mean powers of the slowest waves.
     slowest: Vec<f64>,
-    /// Those of the next.
+    /// The mean powers of the next waves.
     next: Vec<f64>,
-    /// The mean squares of increments of a walk, by the slowest waves of columns less their ramps.
+    /// Mean squares of increments of a walk, from the slowest waves of columns less their ramps.
     increments: Vec<f64>,
     /// n Aᵀt (Aᵀt)ᵀ with the ramp t from −½ to ½ over n rows.
     ramps: Vec<f64>,
-    /// Runs that are long enough to have these waves.
+    /// Number of runs that are long enough to have these waves.
     runs: f64,
 }
 
@@ -109,7 +108,7 @@ pub struct CrossSpectra {
     width: usize,
     rows: f64,
     sums: Vec<f64>,
-    /// By their number; the lowest holds the means of the runs.
+    /// Bands by their number; the lowest holds the means of the runs.
     bands: BTreeMap<i32, SpectralBand>,
     /// Statistics of [`ResidualDrift::Wandering`].
     walk: Option<DriftStatistics>,
@@ -120,7 +119,7 @@ fn band_of(f_hz: f64) -> i32 {
     (BANDS * (f_hz / LOWEST_HZ).log2()).floor().max(-1.0) as i32
 }
 
-/// Where the entry (i, j), i <= j, of a triangle of `width` columns is.
+/// Index of the entry (i, j), i <= j, in a triangle of `width` columns.
 fn place(width: usize, i: usize, j: usize) -> usize {
     i * width - i * (i + 1) / 2 + j
 }
@@ -202,12 +201,12 @@ impl CrossSpectra {
         }
         match (&mut self.walk, &other.walk) {
             (Some(own), Some(other)) => own.add(other),
-            // Rows of which it is not known do not tell.
+            // The sum has drift statistics only if both parts have them.
             (own, _) => *own = None,
         }
     }
 
-    /// The same of some columns, each multiplied by its factor; a column that is not there is left out.
+    /// Spectra of some columns, each multiplied by its factor; columns that do not exist are ignored.
     pub fn select(&self, columns: &[(usize, f64)]) -> Self {
         let columns: Vec<(usize, f64)> = columns.iter().copied().filter(|(c, _)| *c < self.width).collect();
         let cut = |products: &Vec<f64>| -> Vec<f64> {
@@ -238,9 +237,9 @@ impl CrossSpectra {
         }
     }
 
-    /// The covariance of the coefficients b of all columns but the last, which is the target, row-major, in its unit
-    /// squared over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred` says that
-    /// columns were taken about their means. `None` where the rows have no degree of freedom beyond the coefficients.
+    /// Covariance of the coefficients b of all columns but the last, which is the target, row-major, in its unit
+    /// squared over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred` is true if
+    /// columns were taken about their means. `None` without degrees of freedom beyond the coefficients.
     pub fn covariance(&self, coefficients: &[f64], gain: &[f64], centred: bool) -> Option<Vec<f64>> {
         let p = self.width.checked_sub(1).filter(|p| coefficients.len() == *p && gain.len() == p * p)?;
         let entry = |products: &[f64], i: usize, j: usize| products[place(self.width, i.min(j), i.max(j))];
@@ -300,7 +299,7 @@ impl CrossSpectra {
         Some(product(&product(gain, &middle, p), gain, p))
     }
 
-    /// The bands, from the slowest, of the columns as they are or about their means.
+    /// Bands, from the slowest, of the columns unchanged or about their means.
     fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
         let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();
@@ -387,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn law_two_runs_merged_and_cut_are_those_of_the_cut_rows() {
+    fn law_merging_and_selecting_equals_the_spectra_of_selected_rows() {
         let (mut one, mut other, mut cut) = (
             CrossSpectra::new(3, ResidualDrift::Wandering),
             CrossSpectra::new(3, ResidualDrift::Wandering),
@@ -406,8 +405,8 @@ mod tests {
         assert_eq!(found.bands.len(), cut.bands.len());
     }
 
-    /// One sinusoidal term with the noise `of` each run: the scatter of the coefficient over what is claimed, root mean
-    /// square.
+    /// Root mean square ratio of the scatter of the coefficient to its reported standard deviation, for one sinusoidal
+    /// term with the noise `of` each run.
     fn scatter(of: impl Fn(&mut NormalGenerator) -> Vec<f64>, f: f64) -> f64 {
         let (runs, n) = (300, 1000);
         let term: Vec<f64> = (0..n).map(|k| (f * k as f64).sin()).collect();
@@ -424,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_scatter_is_the_one_claimed_with_white_and_with_coloured_noise() {
+    fn law_the_scatter_equals_the_reported_deviation_for_white_and_coloured_noise() {
         let white = |normals: &mut NormalGenerator| (0..1000).map(|_| normals.draw()).collect();
         let coloured = |normals: &mut NormalGenerator| {
             let mut x = 0.0;
@@ -444,8 +443,8 @@ mod tests {
     }
 
     #[test]
-    fn law_slow_terms_of_a_residual_that_wanders_scatter_as_claimed() {
-        // Four headings in turn, as in a box, and a term that is fast.
+    fn law_slow_terms_with_a_drifting_residual_scatter_as_reported() {
+        // Four headings in turn, as in a box, and a fast term.
         let n = 3000;
         let heading = |k: usize| (k / 750) as f64 * std::f64::consts::FRAC_PI_2;
         let terms: Vec<[f64; 4]> =
@@ -482,7 +481,7 @@ mod tests {
         let known = ratios(&walk, ResidualDrift::Wandering);
         let plain = ratios(&walk, ResidualDrift::Bound);
         println!("scatter over claimed: {known:.2?}, {plain:.2?} without the ramp");
-        // 200 draws of a standard deviation: 5 %; the walk's increments are known by 8 degrees of freedom a run.
+        // 200 draws of a standard deviation: 5 %; the walk's increments have 8 degrees of freedom a run.
         assert!(known.iter().all(|ratio| (0.75..1.3).contains(ratio)), "{known:?}");
         assert!(plain[0] > 2.5 && plain[1] > 2.5, "{plain:?}");
         let steady = ratios(&white, ResidualDrift::Wandering);

@@ -1,14 +1,12 @@
 //! The elastic net: least squares with a penalty on the size and on the number of coefficients.
 //!
-//! The minimum of ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 over the coefficients b of the
-//! scaled columns, scikit-learn's and glmnet's objective; Gnadt 2022 (3.31)-(3.32) writes it with
-//! λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ). Solved by cyclic coordinate descent on the covariances
-//! [Friedman, Hastie & Tibshirani 2010, "Regularization paths for generalized linear models via
-//! coordinate descent", J. Stat. Softw. 33(1)], down the path of α from where all coefficients are
-//! zero, each α starting from the one before. Rows are never read: everything is computed from the
-//! triangular factor, on which the active terms are also solved for exactly, so that badly
-//! conditioned terms do not slow the descent down. It ends where the duality gap, which bounds the
-//! distance from the minimum, is small.
+//! The minimum of ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 over the coefficients b of the scaled columns is the
+//! objective of scikit-learn and glmnet; Gnadt 2022 (3.31)-(3.32) writes it with λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ). It
+//! is solved by cyclic coordinate descent on the covariances [Friedman, Hastie & Tibshirani 2010, "Regularization paths
+//! for generalized linear models via coordinate descent", J. Stat. Softw. 33(1)]. The path of α descends from where all
+//! coefficients are zero, and each α starts from the one before. Rows are never read: everything is computed from the
+//! triangular factor. The active terms are also solved for exactly on it, so that badly conditioned terms do not slow
+//! the descent down. The descent ends where the duality gap, which bounds the distance from the minimum, is small.
 
 mod descent;
 
@@ -36,7 +34,7 @@ pub struct ElasticNetOptions {
 }
 
 impl Default for ElasticNetOptions {
-    /// ρ = 0.99 of standardised columns with an intercept, as Gnadt 2022; a gap of 1e-10.
+    /// ρ = 0.99 with standardised columns and an intercept, as in Gnadt 2022; a gap of 1e-10.
     fn default() -> Self {
         Self { l1_ratio: 0.99, scaling: ColumnScaling::Standardise, intercept: true, tolerance: 1e-10, sweeps: 100_000 }
     }
@@ -178,8 +176,8 @@ impl ElasticNetOptions {
         Ok(path)
     }
 
-    /// The path over all lines, and the score of each α at each line when it is left out. `alphas` from
-    /// the largest to the smallest, so that the choice within one standard error is the simplest.
+    /// The path over all lines, and the score of each α at each line when it is omitted. List `alphas` from the largest
+    /// to the smallest, so that the choice within one standard error is the simplest.
     ///
     /// # Errors
     /// Fails as [`Self::path`] and [`leave_line_out`].

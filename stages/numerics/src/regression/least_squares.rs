@@ -1,13 +1,12 @@
 //! Least squares and ridge regression over more rows than fit in memory, for many targets and many
 //! ridge parameters at once.
 //!
-//! The rows of [A | Y] are folded into the triangular factor of a QR factorisation, a panel at a
-//! time (tall-skinny QR [Demmel et al. 2012, "Communication-optimal parallel and sequential QR and
-//! LU factorizations", SIAM J. Sci. Comput. 34(1)]): memory depends on the number of columns only,
-//! and the normal equations, which square the condition number, are never formed. One singular
-//! value decomposition of the p x p factor then gives the answer for all targets and all lambdas:
-//! β = V diag(s/(s² + λ)) Uᵀ Qᵀ y, the minimum of |y − A β|² + λ |β|². λ is absolute (not divided
-//! by the number of rows) and penalises every term uniformly, as in MagNav.jl.
+//! The rows of [A | Y] are folded into the triangular factor of a QR factorisation, a panel at a time (tall-skinny QR
+//! [Demmel et al. 2012, "Communication-optimal parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput.
+//! 34(1)]). Memory depends on the number of columns only, and the normal equations, which square the condition number,
+//! are never formed. One singular value decomposition of the p x p factor then gives the solution for all targets and
+//! all lambdas: β = V diag(s/(s² + λ)) Uᵀ Qᵀ y, the minimum of |y − A β|² + λ |β|². λ is absolute (not divided by the
+//! number of rows) and penalises every term uniformly, as in MagNav.jl.
 //!
 //! ```
 //! use numerics::regression::least_squares::QrAccumulator;
@@ -101,7 +100,7 @@ pub enum LeastSquaresError {
         /// The number of lines.
         given: usize,
     },
-    /// A line that is to be left out and predicted has no rows.
+    /// A line to be omitted and predicted has no rows.
     #[error("line {line} (from 0) has no rows to predict; remove it from the cross-validation")]
     EmptyLine {
         /// The index of the line.
@@ -144,7 +143,7 @@ pub struct QrAccumulator {
     targets: usize,
     rows: usize,
     triangle: QrTriangle,
-    /// Room for one row: a one, the terms, the targets, and zeros up to whole cache lines.
+    /// Buffer for one row: a one, the terms, the targets, and zeros up to whole cache lines.
     row: Vec<f64>,
 }
 
@@ -204,8 +203,8 @@ impl QrAccumulator {
         Ok(())
     }
 
-    /// The same as [`push`](Self::push) with a weight of at least 0 for each row's squared residual. Means are then
-    /// weighted too, in a fit with an intercept as well.
+    /// Folds in rows as [`push`](Self::push), with a weight of at least 0 for each row's squared residual. Means are
+    /// then weighted too, in a fit with an intercept as well.
     ///
     /// # Errors
     /// Fails as [`push`](Self::push), with [`LeastSquaresError::Shape`] when the weights are not as many as the rows,
@@ -254,8 +253,8 @@ impl QrAccumulator {
         Ok(())
     }
 
-    /// The factor of [1 | A | y] for the targets `chosen` alone, bit-identical to a factor without the others
-    /// . An index without a target is ignored.
+    /// The factor of [1 | A | y] for the targets `chosen` alone, bit-identical to a factor without the others. An index
+    /// without a target is ignored.
     pub fn select(&self, chosen: &[usize]) -> Self {
         let chosen: Vec<usize> = chosen.iter().copied().filter(|c| *c < self.targets).collect();
         let mut out = Self::new(self.terms, chosen.len());
@@ -275,8 +274,8 @@ impl QrAccumulator {
 
     /// Ridge fits of every target for every lambda, all terms penalised, no intercept.
     ///
-    /// `names` are the names of the terms, for the report. With a lambda of 0 linearly dependent terms are an
-    /// error that names them; with a ridge they are solved and reported in the path.
+    /// `names` are the names of the terms, for the report. With a lambda of 0 linearly dependent terms are rejected by
+    /// name; with a ridge they are solved and reported in the path.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] when the names are not as many as the terms, with
@@ -391,7 +390,7 @@ fn check_lambdas(lambdas: &[f64]) -> Result<(), LeastSquaresError> {
     }
 }
 
-/// A setting that is not in its range.
+/// Rejects a setting that is not in its range.
 pub(crate) fn setting(
     what: &'static str,
     given: f64,

@@ -1,13 +1,13 @@
 //! Linear models and their statistics: least squares, shrinkage, components, robust losses, recursion.
 //!
 //! Rows are read once: [`QrAccumulator`] or [`RegressionMoments`] folds them into the triangular factor of a QR
-//! factorisation, from which every linear model here is computed. The robust fit alone passes over the rows again.
+//! factorisation, from which every linear model here is computed. Only the robust fit reads the rows again.
 //!
 //! | Module | Contents |
 //! |:--|:--|
-//! | [`least_squares`] | least squares and ridge for many targets and ridge parameters; lines left out in turn |
-//! | [`cross_spectra`] | errors of coefficients whose residual is correlated, as behind a filter |
-//! | [`choose_lambda`] | the ridge parameter by generalised cross-validation, the L-curve, or lines left out |
+//! | [`least_squares`] | least squares and ridge for many targets and ridge parameters; lines omitted in turn |
+//! | [`cross_spectra`] | errors of coefficients whose residual is correlated, as after a filter |
+//! | [`choose_lambda`] | the ridge parameter by generalised cross-validation, the L-curve, or omitted lines |
 //! | [`truncated_svd`] | regression on the principal components of the terms |
 //! | [`elastic_net`] | a penalty on the size and on the number of coefficients |
 //! | [`pls`] | partial least squares |

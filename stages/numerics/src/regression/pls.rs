@@ -5,11 +5,10 @@
 //! targets are deflated (3.41)-(3.42); after k of them β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's
 //! `PLSRegression(scale=True)` is the same for one target and for several.
 //!
-//! The steps are made on the p x p triangular factor instead of the rows, for which all scores are
-//! the same, and not on covariances, which would square the condition number. The inverse of Pᵀ U
-//! is never formed: it is unit upper triangular, and each component adds r qᵀ to β, with r = u less
-//! the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so that one pass gives all numbers of
-//! components.
+//! The steps use the p x p triangular factor. It has the same scores as the rows, and avoids covariances, which would
+//! square the condition number. The inverse of Pᵀ U is never formed: it is unit upper triangular, and each component
+//! adds r qᵀ to β, with r = u less the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so that one pass gives all
+//! numbers of components.
 
 use faer::Mat;
 
@@ -18,7 +17,7 @@ use crate::regression::least_squares::{
     setting,
 };
 
-/// The fraction of the covariance with the targets below which the rest is rounding.
+/// Fraction of the covariance with the targets below which the remainder is rounding.
 const NOTHING_LEFT: f64 = 1e-13;
 
 /// The fits with 1, 2, ... components.
@@ -38,9 +37,8 @@ pub struct PlsPath {
 
 /// The fits of all `targets` with 1 to `components` components, together.
 ///
-/// `scaling` is that of the terms; the targets are always divided by their standard deviation (n −
-/// 1), which matters where there are several. Means are subtracted from both. The path is shorter than
-/// requested where no covariance is left.
+/// `scaling` is that of the terms; the targets are always divided by their standard deviation (n − 1), which matters
+/// for several targets. Means are subtracted from both. The path is shorter than requested if no covariance remains.
 ///
 /// # Errors
 ///
@@ -98,9 +96,8 @@ pub fn fit(
     Ok(path)
 }
 
-/// The leave-one-line-out scores of `target` for 1 to `components` components, from fits of `targets`
-/// together. `target` is one of `targets`; a number of components that the other lines
-/// do not have is scored as the largest that they have.
+/// Leave-one-line-out scores of `target` for 1 to `components` components, from fits of `targets` together. `target` is
+/// one of `targets`. If the other lines have fewer components, their largest number is scored instead.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::NoSuch`] when `target` is not one of `targets`, and as [`fit`] and
@@ -204,7 +201,7 @@ mod tests {
         for row in 0..24 {
             let path = &paths[table["targets"][row] as usize - 1];
             let fit = &path.fits[table["components"][row] as usize - 1][table["target"][row] as usize];
-            // Terms conditioned 1e3 on covariances, which is how scikit-learn loses some 1e-10.
+            // scikit-learn uses covariances of terms with a condition number of 1e3, which loses some 1e-10.
             for (ours, name) in fit.coefficients.iter().zip(TERMS) {
                 near(*ours, table[name][row], 1e-8);
             }
@@ -213,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn val_scores_of_left_out_lines_equal_scikit_learn() {
+    fn val_scores_of_omitted_lines_equal_scikit_learn() {
         let table = columns(include_str!("../../reference/models/pls_cv.csv"));
         let scores =
             choose_components(&lines(), &[0], 0, 8, ColumnScaling::Standardise, LineScoreMeasure::MeanSquare).unwrap();
@@ -258,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_path_ends_where_nothing_is_left_to_explain() {
+    fn law_a_path_ends_where_no_covariance_remains() {
         let a: Vec<f64> = (0..60).map(|i| f64::from(i * i % 17) - 3.0 * f64::from(i % 5)).collect();
         let y: Vec<f64> = a.chunks(3).map(|row| 2.0 * row[0]).collect();
         let doubled: Vec<f64> = a.chunks(3).flat_map(|row| [row[0], 2.0 * row[0], row[0], 0.0]).collect();
@@ -270,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_no_components_and_no_such_target_are_refused() {
+    fn unit_zero_components_and_unknown_targets_are_rejected() {
         let lines = lines();
         assert!(fit(&lines[0], &[0], 0, ColumnScaling::None).unwrap_err().to_string().contains("at least 1"));
         assert!(fit(&lines[0], &[2], 1, ColumnScaling::None).unwrap_err().to_string().contains("no target 2"));

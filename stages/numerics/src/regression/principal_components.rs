@@ -196,7 +196,7 @@ mod tests {
         for (one, other) in fit(&by_moments).iter().zip(fit(&by_rows)) {
             near(*one, other, 1e-9 * other.abs());
         }
-        // Ridge of whitened components is least squares on them, each drawn in alike: n - 1 over n - 1 + lambda.
+        // Ridge of whitened components is least squares on them, each shrunk equally: n - 1 over n - 1 + lambda.
         let plain =
             crate::regression::truncated_svd::path(&moments.prepare(ColumnScaling::Standardise, true).unwrap(), 0)
                 .unwrap();

@@ -1,10 +1,10 @@
 //! Least squares row by row, with exponential forgetting of older rows.
 //!
-//! After each row the coefficients are the minimum of Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)²,
-//! φ the forgetting factor: ridge with λ = 1/σ² without forgetting. The state is the square root of the
-//! information matrix, into which each row is turned by Givens rotations [Haykin 2002, "Adaptive Filter
-//! Theory", QR-RLS; Bierman 1977, square-root information filter]: nothing is ever subtracted, so that the
-//! covariance cannot become indefinite, as that of the textbook recursion does after about 1e5 rows.
+//! After each row the coefficients are the minimum of Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)², with φ the
+//! forgetting factor: ridge with λ = 1/σ² without forgetting. The state is the square root of the information matrix.
+//! Givens rotations turn each row into it [Haykin 2002, "Adaptive Filter Theory", QR-RLS; Bierman 1977, square-root
+//! information filter]. Nothing is subtracted, so the covariance cannot become indefinite, as that of the textbook
+//! recursion does after about 1e5 rows.
 
 use crate::regression::least_squares::{LeastSquaresError, expect, setting};
 
@@ -22,12 +22,12 @@ pub struct RecursiveLeastSquares {
 }
 
 impl RecursiveLeastSquares {
-    /// Before any row: `initial` coefficients with standard deviations `sigma` over that of the noise.
+    /// State before any row: `initial` coefficients with standard deviations `sigma` over that of the noise.
     ///
     /// `forgetting` φ: a row is weighted by φ with each row that follows, an effective number of about 1/(1 − φ) in
-    /// all. With `keep_prior` no direction becomes less certain than initially, however long it goes without
-    /// excitation (its value stays); without, the information about it decays, and the first
-    /// disturbance moves it freely.
+    /// all. With `keep_prior` no direction becomes less certain than initially, even after a long time without
+    /// excitation (its value stays). Without, the information about it decays, and the first disturbance moves it
+    /// freely.
     ///
     /// # Errors
     ///
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn law_without_forgetting_it_is_ridge() {
+    fn law_without_forgetting_the_estimate_is_ridge() {
         let (a, y) = samples(2000, 1);
         let sigma = 20.0;
         let mut recursive = RecursiveLeastSquares::new(&[0.0; 3], &[sigma; 3], 1.0, true).unwrap();
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn law_with_forgetting_it_is_least_squares_with_falling_weights() {
+    fn law_with_forgetting_the_estimate_is_weighted_least_squares() {
         let (rows, forgetting) = (150_usize, 0.97_f64);
         let (a, y) = samples(rows, 2);
         let (initial, sigma) = ([1.0, 0.0, -1.0], [3.0, 4.0, 5.0]);
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_not_excited_stays_and_is_known_no_worse_than_at_first() {
+    fn law_unexcited_coefficients_keep_their_value_and_prior_deviation() {
         let mut held = RecursiveLeastSquares::new(&[0.0; 2], &[2.0; 2], 0.9, true).unwrap();
         let mut free = RecursiveLeastSquares::new(&[0.0; 2], &[2.0; 2], 0.9, false).unwrap();
         for k in 0..3000 {
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_change_is_followed_and_the_misses_are_those_of_the_noise() {
+    fn law_a_change_is_followed_with_innovations_of_the_noise() {
         let (a, _) = samples(4000, 3);
         let mut normals = NormalGenerator::new(4);
         let mut recursive = RecursiveLeastSquares::new(&[0.0; 3], &[100.0; 3], 0.98, true).unwrap();
@@ -231,13 +231,13 @@ mod tests {
         }
         assert!((recursive.coefficients()[2] - 2.0).abs() < 0.02);
         let late: f64 = missed[3000..].iter().map(|e| e * e).sum::<f64>() / 1000.0;
-        // Three terms known from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise's variance; 1000 misses scatter
-        // by 4.5 %.
+        // Three terms estimated from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise's variance; 1000 innovations
+        // scatter by 4.5 %.
         assert!((late / 0.25 - 1.03).abs() < 0.15, "{late}");
     }
 
     #[test]
-    fn r12_bad_settings_and_rows_are_named() {
+    fn unit_invalid_settings_and_rows_are_rejected() {
         let message = |r: Result<RecursiveLeastSquares, LeastSquaresError>| r.unwrap_err().to_string();
         assert!(message(RecursiveLeastSquares::new(&[0.0], &[1.0], 1.5, true)).contains("but is 1.5"));
         assert!(message(RecursiveLeastSquares::new(&[0.0], &[0.0], 1.0, true)).contains("deviation must be above 0"));

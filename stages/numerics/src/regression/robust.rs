@@ -1,9 +1,9 @@
 //! Regression that is robust against outliers: M-estimates by iteratively reweighted least squares.
 //!
-//! Each pass over the rows gives every row a weight by its residual r over the scale σ, and solves a
-//! weighted least squares problem on the triangular factor. Huber: weight 1 up to the threshold ε,
-//! ε σ/|r| beyond [Huber 1981, "Robust Statistics"]. Student-t with ν degrees of freedom: (ν + 1)/(ν +
-//! r²/σ²) [Lange, Little & Taylor 1989], which takes outliers out more and more the further off they are.
+//! Each pass over the rows gives every row a weight by its residual r over the scale σ, and solves a weighted least
+//! squares problem on the triangular factor. Huber: weight 1 up to the threshold ε, ε σ/|r| beyond [Huber 1981, "Robust
+//! Statistics"]. Student-t with ν degrees of freedom: (ν + 1)/(ν + r²/σ²) [Lange, Little & Taylor 1989], which reduces
+//! the influence of outliers with their distance.
 
 use rayon::prelude::*;
 
@@ -32,9 +32,8 @@ pub enum ResidualLoss {
 pub enum ResidualScaleEstimator {
     /// The median of |r| over 0.6745, in each pass: statsmodels' `RLM`.
     Mad,
-    /// Together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², H(z) = z² inside
-    /// and 2 ε |z| − ε² outside, as scikit-learn's `HuberRegressor` (its ε above 1). Student-t: the most
-    /// likely σ.
+    /// Estimated together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², H(z) = z² inside and
+    /// 2 ε |z| − ε² outside, as scikit-learn's `HuberRegressor` (its ε above 1). Student-t: the most likely σ.
     Joint,
     /// This value, in the unit of the target.
     Fixed(f64),
@@ -51,14 +50,14 @@ pub struct RobustOptions {
     pub lambda: f64,
     /// Whether there is an intercept, which is not penalised.
     pub intercept: bool,
-    /// The iteration ends where the model's values and the scale change by less than this fraction of the scale.
+    /// Change of the model's values and the scale, as a fraction of the scale, below which the iteration ends.
     pub tolerance: f64,
     /// The maximum number of passes over the rows.
     pub passes: usize,
 }
 
 impl Default for RobustOptions {
-    /// Huber with ε = 1.345 and the median absolute deviation, no ridge, an intercept.
+    /// Defaults: Huber with ε = 1.345 and the median absolute deviation, no ridge, an intercept.
     fn default() -> Self {
         Self {
             loss: ResidualLoss::Huber { threshold: 1.345 },
@@ -302,7 +301,7 @@ mod tests {
         let lines = [LineRows { a: &a, y: &y }];
         for loss in [ResidualLoss::Huber { threshold: 1.345 }, ResidualLoss::StudentT { degrees: 3.0 }] {
             let fit = RobustOptions { loss, ..RobustOptions::default() }.fit(&lines, &["a"]).unwrap();
-            // 950 good rows of noise 0.1 leave 0.003; Huber is drawn by 0.1 · 5 % of the spikes besides.
+            // 950 good rows of noise 0.1 give an error of 0.003; the spikes also shift Huber's fit by 0.1 · 5 %.
             assert!((fit.fit.coefficients[0] - 2.0).abs() < 0.015, "{:?} {}", fit.fit, fit.passes);
             assert!((fit.fit.intercept - 1.0).abs() < 0.03, "{:?}", fit.fit);
             assert!(fit.weights[0][20] < 1e-2 && fit.scale < 0.15);
@@ -314,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn law_without_outliers_and_with_a_wide_threshold_it_is_least_squares() {
+    fn law_a_wide_threshold_without_outliers_gives_least_squares() {
         let lines = lines();
         let robust =
             RobustOptions { loss: ResidualLoss::Huber { threshold: 1e6 }, lambda: 2.0, ..RobustOptions::default() };
@@ -340,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_settings_out_of_range_are_named() {
+    fn unit_settings_out_of_range_are_rejected() {
         let lines = [LineRows { a: &[1.0, 2.0], y: &[1.0, 3.0] }];
         let message = |robust: RobustOptions| robust.fit(&lines, &["a"]).unwrap_err().to_string();
         let joint = RobustOptions {

@@ -1,15 +1,15 @@
 //! Means, deviations and the scores derived from them.
 //!
-//! Rows that are not finite are left out and the number of rows used is returned, so that the
-//! number of averaged samples is always known. Sums run in row order and in two passes, the second about the
-//! mean of the first, which keeps a deviation of picotesla on a field of 50,000 nT.
+//! Rows that are not finite are excluded and the number of rows used is returned, so that the number of averaged
+//! samples is always known. Sums run in row order and in two passes, the second about the mean of the first, which
+//! keeps a deviation of picotesla on a field of 50,000 nT.
 
 /// A statistic and the number of samples it is computed from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleStatistic {
     /// The statistic, in the unit of the samples; NaN where `n` is too small for it.
     pub value: f64,
-    /// The samples that were used.
+    /// Number of samples used.
     pub n: usize,
 }
 
@@ -18,7 +18,7 @@ pub struct SampleStatistic {
 pub struct SeriesMoments {
     /// The number of finite samples.
     pub n: usize,
-    /// The number of samples that are not finite and are left out.
+    /// Number of samples that are not finite and are excluded.
     pub left_out: usize,
     /// The mean; NaN without samples.
     pub mean: f64,
@@ -33,7 +33,7 @@ pub fn summary(x: &[f64]) -> SeriesMoments {
     summarise(x.iter().copied())
 }
 
-/// The moments of `estimate − truth`, in their unit; rows where either is not finite are left out.
+/// Moments of `estimate − truth`, in their unit; rows where either is not finite are excluded.
 pub fn error_summary(estimate: &[f64], truth: &[f64]) -> SeriesMoments {
     summarise(estimate.iter().zip(truth).map(|(estimate, truth)| estimate - truth))
 }
@@ -92,13 +92,13 @@ pub fn rms(x: &[f64]) -> SampleStatistic {
     SampleStatistic { value: rms, n }
 }
 
-/// The smallest root mean square horizontal error, in metres, with which a constant offset of a track can be found on a
-/// map whose slopes at the samples are `north` and `east` (nT/m), when each sample of the measurement errs by
-/// `sigma_nt` independently and its constant offset is unknown too: √ trace(J⁻¹) of the Fisher information J, the
-/// covariance of the slopes times n/σ². NaN where the slopes do not change in two directions. [Cramér-Rao bound; Kay
-/// 1993, 3.7]
+/// Smallest root mean square horizontal error, in metres, of a constant offset of a track that is estimated on a map.
+/// The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement errs by `sigma_nt`
+/// independently, and its constant bias is unknown too. The bound is √ trace(J⁻¹) of the Fisher information J, the
+/// covariance of the slopes times n/σ². NaN unless the slopes change in two directions. [Cramér-Rao bound; Kay 1993,
+/// 3.7]
 ///
-/// Rows where either is not finite are left out.
+/// Rows where either is not finite are excluded.
 pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatistic {
     let known = || north.iter().zip(east).filter(|(n, e)| n.is_finite() && e.is_finite());
     let n = known().count();
@@ -118,8 +118,8 @@ pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatist
 
 /// The distance root mean square √(mean(north² + east²)) of position errors in metres.
 ///
-/// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where
-/// either is not finite are left out.
+/// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where either is not finite
+/// are excluded.
 pub fn drms(north_m: &[f64], east_m: &[f64]) -> SampleStatistic {
     let pairs = north_m.iter().zip(east_m);
     let squares = pairs.map(|(north, east)| north * north + east * east);
@@ -136,9 +136,8 @@ pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> SampleSt
     ratio_of_deviations(uncompensated, compensated)
 }
 
-/// The signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are
-/// finite.
-/// `anomaly` is the signal part of the truth: the truth less core field and temporal variation, for the gradient of the
+/// Signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are finite.
+/// `anomaly` is the signal part of the truth: the truth less core field and temporal variation. The gradient of the
 /// core field is not part of the anomaly, and grows with the length of the line. [Gnadt 2022, (3.46)]
 pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> SampleStatistic {
     let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
@@ -160,8 +159,8 @@ pub fn less_straight_line(t: &[f64], x: &[f64]) -> Vec<f64> {
     t.iter().zip(x).map(|(t, x)| x - mean_x - slope * (t - mean_t)).collect()
 }
 
-/// The normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample: 2 on average for a
-/// consistent filter. [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]
+/// Normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample. Its expected value is 2
+/// for a consistent filter. [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]
 ///
 /// `north_m` and `east_m` are the errors, `sd_n_m` and `sd_e_m` their standard deviations, `cov_ne_m2` their
 /// covariance.
@@ -192,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_nees_of_one_sigma_is_one_and_of_a_correlated_error_by_hand() {
+    fn law_nees_equals_values_by_hand() {
         assert_eq!(position_nees(&[3.0], &[0.0], &[3.0], &[4.0], &[0.0]), [1.0]);
         // P = [4 2; 2 4], its inverse [4 -2; -2 4]/12; e = (1, 2): (4 - 8 + 16)/12.
         let nees = position_nees(&[1.0], &[2.0], &[2.0], &[2.0], &[2.0]);
@@ -218,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn law_too_few_samples_have_no_figure() {
+    fn unit_too_few_samples_give_nan() {
         assert!(std(&[4.0]).value.is_nan());
         assert_eq!(mean(&[4.0]), SampleStatistic { value: 4.0, n: 1 });
         let none = summary(&[f64::NAN]);
@@ -228,13 +227,13 @@ mod tests {
     }
 
     #[test]
-    fn law_drms_counts_a_constant_offset_and_leaves_out_nan() {
+    fn law_drms_includes_a_constant_offset_and_excludes_nan() {
         let figure = drms(&[3.0, 3.0, f64::NAN], &[4.0, 4.0, 0.0]);
         assert_eq!(figure, SampleStatistic { value: 5.0, n: 2 });
     }
 
     #[test]
-    fn law_an_offset_found_by_least_squares_is_as_good_as_the_bound() {
+    fn law_a_least_squares_offset_reaches_the_bound() {
         let n = 400;
         let north: Vec<f64> = (0..n).map(|k| 0.03 * (0.11 * f64::from(k)).sin()).collect();
         let east: Vec<f64> = (0..n).map(|k| 0.02 * (0.07 * f64::from(k)).cos() + 0.01).collect();
@@ -244,13 +243,13 @@ mod tests {
         let drms = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
         assert!((bound.value / drms - 1.0).abs() < 1e-10, "{bound:?} {drms}");
         assert_eq!(bound.n, 400);
-        // One slope all along the line says nothing; nor does one direction alone.
+        // A constant slope does not determine an offset; nor do slopes in one direction.
         assert!(offset_bound(&[0.1; 9], &[0.2; 9], 5.0).value.is_nan());
         assert!(offset_bound(&north, &north, 5.0).value.is_nan());
     }
 
     #[test]
-    fn law_a_straight_line_is_nothing_less_itself() {
+    fn law_a_straight_line_less_itself_is_zero() {
         let t: Vec<f64> = (0..9).map(|k| 54_000.0 + 0.1 * f64::from(k)).collect();
         let mut x: Vec<f64> = t.iter().map(|t| 3.0 * t - 7.0).collect();
         x[4] = f64::NAN;
@@ -268,7 +267,7 @@ mod tests {
         assert!((improvement_ratio(&x, &quieter).value - 8.0).abs() < 1e-12);
         let estimate: Vec<f64> = x.iter().map(|x| x * 1.25 + 3.0).collect();
         assert!((signal_to_noise(&estimate, &x, &x).value - 4.0).abs() < 1e-12);
-        // A part added to the anomaly in estimate and truth alike is no signal.
+        // A ramp added to the anomaly in both estimate and truth is not signal.
         let ramp = |x: &[f64]| x.iter().enumerate().map(|(k, x)| x + 50.0 * k as f64).collect::<Vec<f64>>();
         assert!((signal_to_noise(&ramp(&estimate), &ramp(&x), &x).value - 4.0).abs() < 1e-9);
         let mut gap = quieter.clone();

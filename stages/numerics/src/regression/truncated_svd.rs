@@ -21,7 +21,7 @@ pub struct TruncatedSvdFit {
     pub residual_squares: f64,
 }
 
-/// The fits of `target` with 1, 2, ... components, up to all that are not zero.
+/// Fits of `target` with 1, 2, ... components, up to the number of nonzero singular values.
 ///
 /// # Errors
 ///
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_number_that_predicts_other_lines_best_is_that_of_the_truth() {
+    fn law_the_number_that_predicts_other_lines_best_is_the_true_one() {
         let lines: Vec<RegressionMoments> = (10..15).map(|seed| moments(seed, 40)).collect();
         let scores =
             choose_components(&lines, 0, 3, ColumnScaling::Standardise, true, LineScoreMeasure::MeanSquare).unwrap();

@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_shortest_series_of_each_scheme_works_and_one_less_is_refused() {
+    fn unit_the_shortest_series_of_each_scheme_works_and_a_shorter_one_is_rejected() {
         for scheme in ALL {
             let least = scheme.least_rows();
             assert_eq!(difference(&vec![1.0; least], scheme), Some(vec![0.0; least]));

@@ -123,10 +123,10 @@ impl FilterError {
 /// A band-pass or high-pass of a constant is zero, so that a bias column would vanish from a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ConstantColumns {
-    /// Filter it like any other column.
+    /// Filters it like any other column.
     #[default]
     Filter,
-    /// Leave it unchanged, as MagNav.jl does for the columns of a matrix.
+    /// Leaves it unchanged, as MagNav.jl does for the columns of a matrix.
     Keep,
 }
 

@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn law_two_steps_add_what_one_twice_as_long_adds() {
+    fn law_two_steps_add_the_variance_of_one_twice_as_long() {
         let (short, long) = (PROCESS.step_variance(0.3), PROCESS.step_variance(0.6));
         let twice = PROCESS.decay(0.3).powi(2) * short + short;
         assert!((twice / long - 1.0).abs() < 1e-14);

@@ -1,6 +1,6 @@
 //! Lag of one signal against another, at the peak of their cross-correlation.
 
-/// Samples that a lag needs on both sides at the least.
+/// Minimum number of pairs of samples for a lag.
 pub const LEAST_PAIRS: usize = 16;
 
 /// Error of the estimation of a lag.
@@ -25,7 +25,7 @@ pub enum LagError {
     /// Too few pairs of samples overlap.
     #[error("{pairs} pairs of samples overlap at the largest lag; at least {LEAST_PAIRS} are required")]
     TooShort {
-        /// The pairs at the lag that has fewest.
+        /// Number of pairs at the lag with the fewest.
         pairs: usize,
     },
     /// One of the signals is constant.
@@ -44,23 +44,24 @@ pub enum LagError {
 pub struct SignalLag {
     /// Lag of the signal against the reference, s: signal(t) = reference(t - `lag_s`).
     pub lag_s: f64,
-    /// Its standard error where what the two do not share is white noise, s; a lower bound where that lasts.
+    /// Standard error if the part not common to both signals is white noise, s; a lower bound if that part is
+    /// correlated.
     pub sd_s: f64,
     /// The coefficient of correlation at the peak, -1 to 1.
     pub correlation: f64,
-    /// The next highest peak of its size over this one's, 0 where there is none: near 1 the lag is ambiguous, as that
+    /// Ratio of the next highest peak to this one, by size; 0 without another peak. Near 1 the lag is ambiguous, as
     /// between periodic signals.
     pub next_peak: f64,
-    /// The pairs of samples behind it.
+    /// Number of pairs of samples.
     pub pairs: usize,
 }
 
-/// The lag of `signal` against `reference`, both sampled evenly at `rate_hz` at the same times, within `most_s` to
-/// either side. Samples that are not finite are left out with their partners.
+/// Lag of `signal` against `reference`, both sampled evenly at `rate_hz` at the same times, within `most_s` to either
+/// side. Samples that are not finite are excluded with their partners.
 ///
-/// The coefficient of correlation r is that of the pairs that overlap, each set less its own mean; between lags of
-/// whole samples the polynomial through the five around the highest is followed to its peak. With `either_sign` the
-/// largest |r| counts, for a signal that may be turned over. The standard error is √((1 - r²)/(n r² b²)), with b² the
+/// The coefficient of correlation r is that of the pairs that overlap, each less its own mean. Between lags of whole
+/// samples, the peak is that of the polynomial through the five values around the highest. With `either_sign` the
+/// largest |r| counts, for a signal that may be inverted. The standard error is √((1 - r²)/(n r² b²)), with b² the
 /// curvature of r at the peak over r: the mean square rate of the reference over its variance. [Carter 1987, "Coherence
 /// and time delay estimation", Proc. IEEE 75(2)]
 ///
@@ -130,7 +131,7 @@ struct LagCorrelation {
     pairs: usize,
 }
 
-/// The signal less its mean, with NaN for what is not finite.
+/// The signal less its mean, with NaN for values that are not finite.
 fn about_mean(x: &[f64]) -> Vec<f64> {
     let finite = x.iter().filter(|x| x.is_finite());
     let mean = finite.clone().sum::<f64>() / finite.count().max(1) as f64;
@@ -152,14 +153,15 @@ fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     }
     let [n, a, b, aa, ab, bb] = s;
     let (va, vb) = (aa - a * a / n, bb - b * b / n);
-    // A constant leaves the rounding of its squares.
+    // The squares of a constant leave rounding.
     let varies = |v: f64, squares: f64| v > 1e-13 * squares;
     let r = if n > 1.0 && varies(va, aa) && varies(vb, bb) { (ab - a * b / n) / (va * vb).sqrt() } else { f64::NAN };
     LagCorrelation { r, pairs: n as usize }
 }
 
-/// The place (in steps from the middle one), the height and the second derivative (per step squared) of the peak of the
-/// polynomial through five values, the highest in the middle; of the parabola through three where that has none near.
+/// Position (in steps from the middle one), height and second derivative (per step squared) of the peak of the
+/// polynomial through five values, the highest in the middle. Without a peak near it, those of the parabola through
+/// three.
 fn top(y: &[f64; 5]) -> (f64, f64, f64) {
     let [a, b, c, d, e] = *y;
     // Derivatives at the middle by central differences, which are exact for a polynomial of degree 4.
@@ -203,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_signal_is_as_late_as_it_was_made() {
+    fn law_a_known_lag_is_recovered() {
         let reference = sampled(waves);
         for lag_s in [0.0, 0.06, -0.06, 0.137, 0.5, -1.2345] {
             let signal = sampled(|t| 45_000.0 - 3.0 * waves(t - lag_s));
@@ -215,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_error_of_the_lag_in_noise_is_what_it_says() {
+    fn law_the_scatter_of_the_lag_in_noise_equals_its_standard_error() {
         let reference = sampled(waves);
         let mut normals = NormalGenerator::new(11);
         let lags: Vec<SignalLag> = (0..60)
@@ -226,7 +228,7 @@ mod tests {
             .collect();
         let square = lags.iter().map(|l| (l.lag_s - 0.06).powi(2)).sum::<f64>() / lags.len() as f64;
         let sd = lags.iter().map(|l| l.sd_s).sum::<f64>() / lags.len() as f64;
-        // Sixty draws know a standard deviation to 9 %.
+        // Sixty draws determine a standard deviation to 9 %.
         assert!((square.sqrt() / sd - 1.0).abs() < 0.3, "{} {sd}", square.sqrt());
     }
 
@@ -242,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_has_no_lag_says_why() {
+    fn unit_signals_without_a_lag_are_rejected_with_the_reason() {
         let reference = sampled(waves);
         let of = |signal: &[f64], most_s: f64| lag_of(&reference, signal, RATE_HZ, most_s, false);
         assert_eq!(of(&[1.0], 1.0), Err(LagError::Lengths { one: 3000, other: 1 }));
@@ -251,7 +253,7 @@ mod tests {
         assert!(matches!(of(&reference, 299.0), Err(LagError::TooShort { .. })));
         assert!(matches!(of(&reference, 0.0), Err(LagError::Range { .. })));
         assert!(matches!(of(&sampled(|t| waves(t - 0.5)), 0.2), Err(LagError::AtEnd { .. })));
-        // A gap leaves its pairs out, no more.
+        // A gap excludes only its own pairs.
         let mut gap = sampled(|t| waves(t - 0.06));
         gap[1000..1200].fill(f64::NAN);
         let found = of(&gap, 1.0).unwrap();

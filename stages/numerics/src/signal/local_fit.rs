@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// `values` smoothed at their times `tt_s` (s, ascending, even or not): at each sample the value of the parabola that
-/// fits the samples within half of `window_s` by least squares, with the weights (1 - |u|³)³ of a distance u in halves
-/// of the window. A parabola stays what it is; a window of 0, and a sample with fewer than three others in its window,
-/// changes nothing. The same unit comes back. [Cleveland 1979; Fan & Gijbels 1996, chapter 3]
+/// `values` smoothed at their times `tt_s` (s, ascending, even or not), in the same unit. At each sample it is the
+/// value of the parabola that fits the samples within half of `window_s` by least squares, with the weights (1 - |u|³)³
+/// of a distance u in halves of the window. A parabola is unchanged. Samples are unchanged too for a window of 0, and
+/// with fewer than three others in the window. [Cleveland 1979; Fan & Gijbels 1996, chapter 3]
 ///
 /// A value that is not finite spreads over its window.
 pub fn smoothed(tt_s: &[f64], values: &[f64], window_s: f64) -> Vec<f64> {
@@ -36,7 +36,7 @@ fn parabola(tt_s: &[f64], values: &[f64], window: std::ops::Range<usize>, i: usi
         // About the sample itself, so that a small change of a large value is kept.
         right += weight * (values[k] - values[i]) * terms;
     }
-    // Weights near 0 alone leave no parabola.
+    // Weights near 0 do not determine a parabola.
     let solved = normal.cholesky().map(|factor| factor.solve(&right).x);
     values[i] + solved.filter(|x| !x.is_infinite()).unwrap_or(0.0)
 }
@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_parabola_at_uneven_times_stays_what_it_is() {
+    fn law_a_parabola_at_uneven_times_is_unchanged() {
         let tt = uneven(200);
         let x: Vec<f64> = tt.iter().map(|t| 45.0 + 1e-3 * (t - 50_005.0) - 2e-5 * (t - 50_005.0).powi(2)).collect();
         for window_s in [0.0, 0.15, 1.0, 5.0, 1000.0] {
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn law_white_noise_keeps_the_part_that_the_weights_say() {
+    fn law_white_noise_is_reduced_as_by_the_equivalent_kernel() {
         let (tt, mut normals) = ((0..20_000).map(|k| 0.1 * f64::from(k)).collect::<Vec<_>>(), NormalGenerator::new(4));
         let x: Vec<f64> = tt.iter().map(|_| normals.draw()).collect();
         let y = smoothed(&tt, &x, 4.0);
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_few_samples_are_left_and_a_missing_one_stays_in_its_window() {
+    fn unit_few_samples_are_unchanged_and_a_missing_one_stays_in_its_window() {
         assert_eq!(smoothed(&[0.0, 1.0, 2.0], &[1.0, 5.0, 2.0], 100.0), [1.0, 5.0, 2.0]);
         assert_eq!(smoothed(&[3.0], &[1.0], 2.0), [1.0]);
         assert!(smoothed(&[], &[], 2.0).is_empty());

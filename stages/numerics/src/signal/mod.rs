@@ -3,9 +3,9 @@
 //! | Module | Contents |
 //! |:--|:--|
 //! | [`filter`] | zero-phase Butterworth low-, high- and band-passes; notches |
-//! | [`spikes`] | single samples that do not belong, by a running median or the fourth difference |
+//! | [`spikes`] | outliers of single samples, by a running median or the fourth difference |
 //! | [`savitzky_golay`] | values and derivatives of polynomials fitted to a moving window |
-//! | [`lag`] | how much later one signal is than another, by cross-correlation |
+//! | [`lag`] | the lag of one signal against another, by cross-correlation |
 //! | [`segments`] | gaps: runs of usable samples, each filtered separately; checks of a time column |
 //! | [`difference`] | differences per sample, the substitute for a time derivative in Tolles-Lawson |
 //! | [`resample`] | samples at their own times onto an even grid; the low-pass before a lower rate |

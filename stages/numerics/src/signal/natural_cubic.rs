@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn law_short_columns_are_left_as_they_are() {
+    fn unit_short_columns_are_unchanged() {
         let mut two = [1.0, 2.0];
         solve(&mut two);
         assert_eq!(two, [1.0, 2.0]);

@@ -20,14 +20,14 @@ pub use fit::{NoiseFitError, NoiseFitStatistic, fit};
 
 /// Approximate length of the blocks that are averaged, s. Faster noise is estimated from the steps between samples.
 const BLOCK_S: f64 = 1.0;
-/// Independent differences that the Allan variance of a span needs at least.
+/// Minimum number of independent differences for the Allan variance of a span.
 const LEAST_PAIRS: f64 = 3.0;
-/// The correlation times that are tried.
+/// Number of trial correlation times.
 const TAUS: usize = 60;
 /// The lower limit of the noise of a magnetometer, nT.
 const FLOOR_NT: f64 = 0.01;
 
-/// The noise of a measurement, sampled at the rate of the line that it was found on.
+/// Noise of a measurement, sampled at the rate of the line of its estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineNoiseModel {
     /// Standard deviation of the white part, sample by sample, in nT.
@@ -72,8 +72,8 @@ pub fn samples_a_block(rate_hz: f64) -> usize {
 }
 
 impl BlockMeans {
-    /// The blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). The rest at a run's end is
-    /// not used.
+    /// Blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). Samples after the last whole
+    /// block of a run are not used.
     pub fn from_runs(x: &[f64], runs: &[Range<usize>], rate_hz: f64) -> Self {
         let n = samples_a_block(rate_hz);
         let run = |r: &Range<usize>| x.get(r.clone()).unwrap_or_default();
@@ -103,12 +103,12 @@ pub struct AllanPoint {
     pub variance_nt2: f64,
     /// The number of independent differences.
     pub pairs: f64,
-    /// Whether it is of single samples instead of means.
+    /// Whether the point is of single samples instead of means.
     sampled: bool,
 }
 
-/// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks while
-/// three independent differences are left. All lines must have the same sample rate; that of the first is used.
+/// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks, as long
+/// as three independent differences remain. All lines must have the same sample rate; that of the first is used.
 pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
     let Some(first) = lines.first() else { return vec![] };
     let mut points = vec![];
@@ -154,7 +154,7 @@ pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
 /// The smallest white and Gauss-Markov noise that bounds the Allan variance of the lines.
 ///
 /// # Errors
-/// Fails where all lines are too short for a Gauss-Markov process to be resolved: fewer than sixteen blocks in a run.
+/// Fails if all lines are too short to resolve a Gauss-Markov process: fewer than sixteen blocks in a run.
 pub fn noise(lines: &[BlockMeans]) -> Result<LineNoiseModel, NoiseError> {
     let block_s = lines.iter().map(|l| l.block_s).fold(BLOCK_S, f64::max);
     let longest_s = lines.iter().map(BlockMeans::longest_s).fold(0.0, f64::max);

@@ -1,11 +1,10 @@
 //! Samples at their own times onto an even grid of times.
 //!
-//! Grid times are whole numbers over the rate (`k / rate_hz`), from the first such time at or after
-//! the first sample to the last at or before the last sample: the same numbers for every sensor and
-//! flight, so that tables can be joined on them. Where samples leave more than `max_gap_s` between
-//! them the grid holds NaN; a NaN sample counts as missing for its column only. Nothing is
-//! extrapolated. A grid time within a millionth of a step of a sample takes that sample unchanged, so
-//! that a series already on the grid is returned bit by bit.
+//! Grid times are whole numbers over the rate (`k / rate_hz`), from the first such time at or after the first sample to
+//! the last at or before the last sample. They are the same numbers for every sensor and flight, so that tables can be
+//! joined on them. The grid holds NaN in gaps between samples longer than `max_gap_s`; a NaN sample counts as missing
+//! for its column only. Nothing is extrapolated. A grid time within a millionth of a step of a sample takes that sample
+//! unchanged, so that a series already on the grid is returned bit by bit.
 //!
 //! Interpolation to a lower rate aliases everything faster than half of the new rate to lower
 //! frequencies. It is the conventional resampling and the default; [`anti_alias()`] removes
@@ -32,7 +31,7 @@ choice! {
     /// Interpolation between samples.
     #[derive(Default)]
     pub enum SampleInterpolation {
-        /// On the straight line between the samples before and after.
+        /// The straight line between the samples before and after.
         #[default]
         Linear = "linear",
         /// The nearest sample, the earlier of two equally near.
@@ -163,7 +162,7 @@ impl<'a> ResamplePlan<'a> {
         &self.grid
     }
 
-    /// Grid times that lie in a gap between samples.
+    /// Number of grid times in gaps between samples.
     pub fn rows_in_gaps(&self) -> usize {
         self.places.iter().filter(|place| place.weight.is_nan()).count()
     }
@@ -197,8 +196,8 @@ impl<'a> ResamplePlan<'a> {
         })
     }
 
-    /// For columns that are not numbers: the row of the nearest sample for each time of the grid,
-    /// the earlier of two equally near; `None` in gaps.
+    /// The row of the nearest sample for each time of the grid, for columns that are not numbers; the earlier of two
+    /// equally near; `None` in gaps.
     pub fn nearest_rows(&self) -> Vec<Option<usize>> {
         let row = |place: &SamplePosition| {
             let later = usize::from(place.weight > 0.5);

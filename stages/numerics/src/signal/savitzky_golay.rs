@@ -35,7 +35,7 @@ const MOST_DEGREE: usize = 8;
 /// Savitzky-Golay weights of a window's samples, for each position in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavitzkyGolay {
-    /// Weights for the places 0 to 2 half, counted from the window's first sample.
+    /// Weights for the positions 0 to 2 half, counted from the window's first sample.
     weights: Vec<Vec<f64>>,
     half: usize,
     derivative: usize,
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_windows_and_degrees_that_cannot_be_fitted_are_refused() {
+    fn unit_windows_and_degrees_that_cannot_be_fitted_are_rejected() {
         for (window, degree, derivative) in [(4, 2, 1), (1, 0, 0), (5, 5, 1), (5, 1, 2), (20_001, 2, 1), (11, 9, 1)] {
             assert!(SavitzkyGolay::new(window, degree, derivative).is_err(), "{window} {degree} {derivative}");
         }

@@ -59,13 +59,11 @@ pub enum TimeError {
     },
 }
 
-/// How far a time step may be off the median before the samples count as unevenly spaced, as a
-/// fraction of the median: beyond the rounding of times kept to a millisecond at 10 Hz, well below
-/// a missing sample.
+/// Maximum deviation of a time step from the median for samples to count as evenly spaced, as a fraction of the median:
+/// larger than the rounding of times kept to a millisecond at 10 Hz, well below a missing sample.
 pub const STEP_TOLERANCE: f64 = 0.01;
 
-/// A step of at least this many medians is a gap: samples are missing, which ends a run but is not a
-/// fault of the clock.
+/// Minimum step of a gap, in medians. Missing samples end a run but are not a fault of the clock.
 pub const GAP_STEPS: f64 = 1.5;
 
 /// Fails unless times are finite and strictly increasing.
@@ -85,11 +83,10 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 
 /// The sample rate in Hz of times in seconds: one over the median step.
 ///
-/// Gaps of [`GAP_STEPS`] and more are allowed. Any other step may differ from the median by
-/// `tolerance` of it ([`STEP_TOLERANCE`] by default); one that differs more is an error that
-/// names its row, because a filter takes samples as evenly spaced. Logs whose clock is coarse (20
-/// ms samples stamped to the millisecond) need a larger tolerance or, better, a resampling first.
-/// The rounding of the times themselves (16 units in the last place) is always allowed for.
+/// Gaps of [`GAP_STEPS`] and more are allowed. Any other step may differ from the median by `tolerance` of it
+/// ([`STEP_TOLERANCE`] by default). One that differs more is rejected with its row, because a filter assumes even
+/// spacing. Logs with a coarse clock (20 ms samples stamped to the millisecond) need a larger tolerance or, better, a
+/// resampling first. The rounding of the times themselves (16 units in the last place) is always allowed for.
 ///
 /// # Errors
 /// Fails as [`check_increasing`], with [`TimeError::TooShort`] for fewer than two samples, and with
@@ -282,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_gap_leaves_the_runs_around_it_as_if_they_were_alone() {
+    fn unit_runs_around_a_gap_are_filtered_independently() {
         let mut x = wave(300);
         x[100] = f64::NAN;
         x[101] = f64::INFINITY;
@@ -297,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_run_too_short_for_the_padding_becomes_nan_and_is_counted() {
+    fn unit_a_run_too_short_for_the_padding_becomes_nan_and_is_counted() {
         let x = wave(200);
         // 25 samples are the least for a padding of 24.
         let (y, report) = filter_column(&filter(), &x, &[0..24, 30..55, 60..200]).unwrap();
@@ -309,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_matrix_is_filtered_as_its_columns() {
+    fn unit_a_matrix_is_filtered_as_its_columns() {
         let (one, other) = (wave(120), (0..120).map(|k| (k as f64).sqrt()).collect::<Vec<_>>());
         let mut both: Vec<f64> = one.iter().zip(&other).flat_map(|(a, b)| [*a, *b]).collect();
         let runs = [3..50, 60..120];
@@ -322,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn law_selection_finiteness_and_time_jumps_break_runs() {
+    fn unit_selection_finiteness_and_time_jumps_break_runs() {
         let keep = [true, true, false, true, true, true, true, true];
         let matrix = [0.0, 1.0, 2.0, 3.0, 4.0, f64::NAN, 6.0, 7.0];
         let tt = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.9];
@@ -333,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_rate_is_found_through_rounding_and_gaps() {
+    fn unit_the_rate_is_found_despite_rounding_and_gaps() {
         let mut tt: Vec<f64> = (0..1000).map(|k| 50_000.0 + 0.1 * f64::from(k)).collect();
         assert_eq!(sample_rate(&tt, STEP_TOLERANCE), Ok(10.0));
         tt.drain(300..350);
@@ -343,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_uneven_repeated_and_backward_times_are_named_by_row() {
+    fn unit_uneven_repeated_and_backward_times_are_rejected_by_row() {
         let mut tt: Vec<f64> = (0..100).map(|k| 0.1 * f64::from(k)).collect();
         tt[40] += 0.002;
         assert!(matches!(sample_rate(&tt, STEP_TOLERANCE), Err(TimeError::Uneven { row: 40, .. })));
@@ -357,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn r12_a_value_that_is_not_finite_inside_a_run_is_named_by_its_row_of_the_line() {
+    fn unit_a_value_that_is_not_finite_is_reported_by_its_row_of_the_line() {
         let mut x = wave(100);
         x[70] = f64::NAN;
         let run = 10..100;

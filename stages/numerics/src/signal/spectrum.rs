@@ -59,7 +59,7 @@ pub struct PowerSpectrum {
     pub density: Vec<f64>,
     /// The number of segments that were averaged.
     pub segments: usize,
-    /// The number of segments that were left out because a sample in them is not finite.
+    /// Number of segments excluded because a sample in them is not finite.
     pub left_out: usize,
 }
 
@@ -67,9 +67,9 @@ pub struct PowerSpectrum {
 /// segments of `segment` samples that overlap by half, each with its mean subtracted and tapered.
 /// [Welch 1967, IEEE Trans. Audio Electroacoust. 15(2)]
 ///
-/// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments
-/// with a value that is not finite are left out and counted. Bit-identical results on every processor are
-/// not guaranteed: the transform uses the widest available vectors.
+/// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments with a value that is
+/// not finite are excluded and counted. Bit-identical results on every processor are not guaranteed: the transform uses
+/// the widest available vectors.
 ///
 /// # Errors
 /// Fails with [`SpectrumError::Rate`] for a rate that is not a finite number above 0, with [`SpectrumError::Segment`]

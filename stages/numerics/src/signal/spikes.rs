@@ -1,4 +1,4 @@
-//! Spikes: samples that do not belong to the signal around them.
+//! Spikes: samples that contradict the signal around them.
 //!
 //! Both searches work on one run of finite samples and return a flag per sample; the caller decides on the spikes.
 //! Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
@@ -19,14 +19,14 @@ const FOURTH_DIFFERENCE_GAIN: f64 = 70.0;
 /// of its coefficients add up to 16.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Passes after which the fourth difference gives up to find more.
+/// Maximum number of passes of the fourth difference.
 const MOST_PASSES: usize = 20;
 
-/// The samples of `x` that are off the median of their window, `half` samples to either side, by more than `threshold`
-/// times the noise: the greatest of the window's, of that of the whole run off its running median, and of the
-/// quantisation. At the ends the window is what there is of it. One entry a sample. [Hampel 1974, "The influence curve
-/// and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002, "Outliers in process modeling and
-/// identification", IEEE Trans. Control Systems Technology 10(1)]
+/// Flags the samples of `x` that deviate from the median of their window, `half` samples to either side, by more than
+/// `threshold` times the noise. The noise is the greatest of that of the window, that of the whole run about its
+/// running median, and the quantisation. At the ends the window is truncated. One entry a sample. [Hampel 1974, "The
+/// influence curve and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002, "Outliers in process
+/// modeling and identification", IEEE Trans. Control Systems Technology 10(1)]
 ///
 /// Up to `half` neighbouring samples are found together. `x` is finite; a run of fewer than 3 samples has no spikes.
 pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
@@ -49,14 +49,14 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
     off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
 }
 
-/// The single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than `threshold`
-/// times the noise that it shows, and greater than at the two samples to either side.
+/// Flags the single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than
+/// `threshold` times its noise, and greater than at the two samples to either side.
 ///
-/// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has next to nothing. A detected
-/// sample is set on the cubic through its neighbours, and the search repeats until there is none. Two neighbouring
-/// samples that are off together cannot be distinguished from their neighbours: use [`hampel`]. `x` is finite and
-/// evenly sampled; the first and last two samples are not judged. One entry a sample. [Reeves 1993, "Practical
-/// aeromagnetic surveys", on the fourth difference as a measure of noise]
+/// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has almost none. A detected sample is
+/// set on the cubic through its neighbours, and the search repeats until there is none. Two neighbouring samples that
+/// are off together cannot be distinguished from their neighbours: use [`hampel`]. `x` is finite and evenly sampled;
+/// the first and last two samples are not tested. One entry a sample. [Reeves 1993, "Practical aeromagnetic surveys",
+/// on the fourth difference as a measure of noise]
 pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     let mut found = vec![false; x.len()];
     if x.len() < 5 {
@@ -92,7 +92,7 @@ fn is_peak(sizes: &[f64], i: usize) -> bool {
     sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())].iter().all(|other| *other <= sizes[i])
 }
 
-/// The noise that the deviations of a run show, of those of which `counts` is true where most are rounding.
+/// Noise of a run from its deviations; if most are rounding, from those for which `counts` is true.
 fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
     // The median represents most values; the greatest may be a spike.
     let rounding = ROUNDING * median(&mut x.iter().map(|x| x.abs()).collect::<Vec<_>>());
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn val_the_running_median_finds_what_numpy_finds() {
+    fn val_the_running_median_finds_the_same_spikes_as_numpy() {
         let table = columns(include_str!("../../reference/signal/hampel.csv"));
         for (name, half, threshold) in [("spike_5_3", 5, 3.0), ("spike_2_6", 2, 6.0)] {
             let expected: Vec<bool> = table[name].iter().map(|flag| *flag == 1.0).collect();
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_was_put_in_is_found_and_nothing_else() {
+    fn unit_inserted_spikes_are_found_and_nothing_else() {
         let clean = field(2000);
         assert!(!hampel(&clean, 5, 8.0).contains(&true));
         assert!(!fourth_difference(&clean, 8.0).contains(&true));
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_last_digit_of_a_quiet_sensor_and_a_constant_are_no_spikes() {
+    fn unit_the_last_digit_of_a_quiet_sensor_and_a_constant_are_not_spikes() {
         let mut x = vec![50_000.0; 400];
         assert!(places(&hampel(&x, 5, 3.0)).is_empty() && places(&fourth_difference(&x, 3.0)).is_empty());
         (0..400).filter(|k| k % 37 == 0).for_each(|k| x[k] += 0.01);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_corners_of_an_interpolated_column_are_no_spikes() {
+    fn unit_the_corners_of_an_interpolated_column_are_not_spikes() {
         for every in [7, 10, 50, 600] {
             let mut x = interpolated(every, 20_000);
             assert!(places(&fourth_difference(&x, 6.0)).is_empty(), "{every}");
@@ -190,9 +190,9 @@ mod tests {
     }
 
     #[test]
-    fn law_the_last_digit_between_two_samples_is_no_spike() {
-        // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: flickers are shared by two samples, in
-        // any parts.
+    fn unit_the_last_digit_between_two_samples_is_not_a_spike() {
+        // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: two samples share a change of the last
+        // digit in any proportion.
         let quiet = |i: usize| 50_000.0 + if i.is_multiple_of(37) { 0.01 } else { 0.0 };
         let mut x: Vec<f64> = (0..4000)
             .map(|i| {

@@ -44,9 +44,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// A flight of `samples` every `dt_s` that crosses the whole map again and again, 18 km to the
-    /// north and south of its middle and 12 km to the east and west, at up to 75 m/s; `phase_rad`
-    /// makes another flight of it.
+    /// A flight of `samples` every `dt_s` that crosses the whole map repeatedly, 18 km to the north and south of its
+    /// middle and 12 km to the east and west, at up to 75 m/s; `phase_rad` selects another such flight.
     pub fn flown(samples: u32, dt_s: f64, phase_rad: f64) -> Result<Self, SeriesError> {
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..samples).map(|k| f(dt_s * f64::from(k))).collect() };
         let middle_lat = SOUTH_DEG + STEP_DEG * f64::from(ROWS) / 2.0;
@@ -65,7 +64,7 @@ impl Line {
         Ok(Self { columns: [tt, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] })
     }
 
-    /// The columns as the numerics take them.
+    /// The columns as an `InsSeries`.
     pub fn series(&self) -> InsSeries<'_> {
         InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice))
     }

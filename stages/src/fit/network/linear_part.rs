@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_the_linear_terms_are_those_of_tolles_and_lawson_or_else_of_the_core_field() {
+    fn unit_default_linear_terms_are_tolles_lawson_or_core_field_terms() {
         let part = LinearPart { linear: None, lambda: 0.0, linear_low_hz: 0.0, linear_high_hz: 0.0 };
         let places = |names: &[&str], all: bool| {
             let names: Vec<String> = names.iter().map(ToString::to_string).collect();

@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_training_that_is_stopped_goes_on_to_the_same_table() {
+    fn unit_a_resumed_training_gives_the_same_table() {
         let whole_way = table(&fitted_to(&bent(), "m1", &keys()));
         for stop in [1, 7, 12, 13, 20] {
             let first = InterruptMonitor::after(stop, None);
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_constant_inputs_are_left_out_and_named() {
+    fn unit_constant_inputs_are_omitted_and_listed() {
         let mut lines = bent();
         for line in &mut lines {
             let constant: arrow_array::ArrayRef = std::sync::Arc::new(arrow_array::Float64Array::from(vec![3.0; 200]));
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_what_cannot_be_trained_is_told_with_its_parameter() {
+    fn unit_invalid_settings_are_reported_with_their_parameter() {
         let said = |keys: &[(String, Literal)]| {
             let fault = match stage("m1", keys) {
                 Ok(_) => worked(&bent(), "m1", keys, &schemas::NullMonitor).err().unwrap(),

@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn law_with_steps_of_nothing_the_network_stays_as_it_was() {
+    fn unit_a_learning_rate_near_zero_keeps_the_network() {
         for (model, more) in models() {
             let keys = |rate: f64| {
                 let usual = [whole("epochs", 3), whole("members", 2), number("learning_rate", rate)];
@@ -257,18 +257,18 @@ mod tests {
             let (before, after) = (weights(&first), weights(&second));
             assert_eq!(before.len(), after.len(), "{model}");
             for ((name, before), (same, after)) in before.into_iter().zip(after) {
-                // Those that belong to linear terms are scaled and back.
+                // Parameters of linear terms are scaled and scaled back.
                 let near = (before - after).abs() <= 1e-12 * (1.0 + before.abs());
                 assert!(name == same && near, "{model} {name} {same}: {before} {after}");
             }
-            // The constant of the other aircraft, 700 nT in place of 40 nT, is not missed.
+            // The warm start adapts to the constant of the other aircraft, 700 nT instead of 40 nT.
             let moved = value(&second, "target_mean") - value(&first, "target_mean");
             assert!((moved - 660.0).abs() < 60.0, "{model}: {moved}");
         }
     }
 
     #[test]
-    fn law_coefficients_that_are_trained_go_along_and_others_are_those_of_the_new_lines() {
+    fn unit_only_trained_coefficients_are_taken_from_the_warm_start() {
         let keys = |rate: f64| {
             vec![
                 words("linear", &["a", "b", "c"]),
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_few_epochs_on_little_of_another_aircraft_go_further_from_a_trained_network() {
+    fn unit_a_warm_start_helps_with_few_epochs_and_samples() {
         let keys = |epochs: i64| vec![whole("epochs", epochs), number("learning_rate", 0.01), whole("batch", 50)];
         for model in ["m1", "gru"] {
             let first = fitted_to(&bent(), model, &keys(150));
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_order_of_inputs_and_terms_does_not_matter() {
+    fn unit_the_order_of_inputs_and_terms_does_not_matter() {
         let keys = |order: &[&str]| {
             vec![words("inputs", order), words("linear", order), whole("epochs", 4), number("learning_rate", 0.01)]
         };
@@ -310,12 +310,12 @@ mod tests {
         let [one, other] = [["a", "b", "c"], ["c", "a", "b"]]
             .map(|order| begun_with(&first, &another(), "m2c", &keys(&order)).unwrap());
         assert_eq!((one.term.clone(), weights(&one)), (other.term.clone(), weights(&other)));
-        // The ridge of the terms is solved in their order, which moves its last digits.
+        // The ridge solves the terms in their order, which changes its last digits.
         assert!((one.residual_std / other.residual_std - 1.0).abs() < 1e-9);
     }
 
     #[test]
-    fn unit_another_network_is_refused_with_what_differs() {
+    fn unit_a_different_network_is_rejected_with_the_difference() {
         let first = |model: &str, keys: &[(String, Literal)]| {
             fitted_to(&bent(), model, &[&[whole("epochs", 1)][..], keys].concat())
         };
@@ -346,7 +346,7 @@ mod tests {
         cut.term.remove(9);
         cut.value.remove(9);
         says(why(&cut, "m1", &[]), "the model cannot be used");
-        // Layers that are not given are those of the network.
+        // Unset layers are those of the initial network.
         let deep = first("m1", &[eight]);
         assert!(begun_with(&deep, &delayed(), "m1", &[whole("epochs", 1)]).is_ok());
     }
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_inputs_that_are_far_from_the_first_training_are_named() {
+    fn unit_inputs_far_from_the_first_training_are_listed() {
         let first = fitted_to(&bent(), "m1", &[whole("epochs", 1)]);
         let far: Vec<_> = another()
             .into_iter()

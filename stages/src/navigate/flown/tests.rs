@@ -53,7 +53,7 @@ fn on(line: &RecordBatch) -> LineInput {
     LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![line.clone(), line.slice(0, 0)], keep: None }
 }
 
-/// The numbers of an answer as bits, and its words.
+/// The numbers of a result as bits, and its texts.
 fn content(arrays: &[ArrayRef]) -> Vec<String> {
     let one = |array: &ArrayRef| {
         let items = array.as_fixed_size_list_opt().map(|list| list.values().clone());
@@ -67,7 +67,7 @@ fn content(arrays: &[ArrayRef]) -> Vec<String> {
 }
 
 #[test]
-fn law_points_together_answer_as_each_alone() {
+fn unit_points_together_give_the_same_results_as_alone() {
     let text = |word: &str| Literal::Text(word.to_owned());
     let points = [
         point(&[("mag", text("mag_1_c"))]),
@@ -81,7 +81,7 @@ fn law_points_together_answer_as_each_alone() {
     ];
     let (here, there) = (line(0.0), line(0.0005));
     let mut lines: Vec<LineInput> = points.iter().map(|_| on(&here)).collect();
-    // One of another INS, one of the same values in other memory, one with another stage's map.
+    // One with another INS, one with the same values in other memory, one with the map of another stage.
     lines[3] = on(&there);
     lines[7] = on(&line(0.0));
     lines.push(lines[0].clone());
@@ -117,7 +117,7 @@ fn law_points_together_answer_as_each_alone() {
 }
 
 #[test]
-fn law_equal_columns_are_one_ins_wherever_they_lie() {
+fn unit_equal_columns_are_one_ins() {
     let (one, other) = (line(0.0), line(0.0));
     assert!(ins::same(&one, &one.clone()) && ins::same(&one, &other));
     assert!(!ins::same(&one, &line(1e-12)) && !ins::same(&one, &one.slice(0, 299)));

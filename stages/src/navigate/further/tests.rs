@@ -19,13 +19,13 @@ fn in_a_storm() -> RecordBatch {
 }
 
 #[test]
-fn law_the_difference_holds_the_position_in_a_storm_that_defeats_the_field() {
+fn unit_the_difference_bounds_the_error_in_a_magnetic_storm() {
     let stormy = in_a_storm();
     for filter in FILTERS {
         let found = flown(filter, &format!("{GRADIENT}use_scalar = false"), &stormy).unwrap();
         let lost = flown(filter, "map_interpolation = 'cubic'\nmag = 'mag_1_c'", &stormy).unwrap();
         let (held_m, lost_m) = (found.error_m(ROWS - 1), lost.error_m(ROWS - 1));
-        // The INS is 156 m off by then.
+        // The INS error is 156 m then.
         assert!(held_m < 25.0 && lost_m > 150.0, "{filter}: {held_m} {lost_m}");
         assert_eq!(found.updates("used"), ROWS);
         let (residual, nis) = (found.numbers("gradient_residual"), found.numbers("gradient_nis"));
@@ -35,7 +35,7 @@ fn law_the_difference_holds_the_position_in_a_storm_that_defeats_the_field() {
 }
 
 #[test]
-fn law_the_difference_helps_a_field_of_which_the_storm_is_known() {
+fn unit_the_difference_improves_a_field_with_known_storm_noise() {
     let calm = with(&in_a_storm(), "mag_1_c", |row, nt| nt - storm_nt(row));
     let calm = with(&calm, "mag_2_c", |row, nt| nt - storm_nt(row));
     for filter in FILTERS {
@@ -51,11 +51,11 @@ fn law_the_difference_helps_a_field_of_which_the_storm_is_known() {
 }
 
 #[test]
-fn law_over_a_map_that_is_too_flat_the_track_is_the_ins() {
+fn unit_over_a_flat_map_the_track_equals_the_ins() {
     let run_with = |filter: &str, flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}"));
     let ins = run("ins_only", "");
     for filter in FILTERS {
-        // 1.5 nT against a metre of a slope that is nowhere 1.5 nT/m.
+        // Slope limit of 1.5 nT/m, which the map exceeds nowhere.
         let flat = run_with(filter, "1.0");
         assert_eq!((flat.updates("flat"), flat.updates("missing")), (ROWS - 30, 30));
         assert_eq!(flat.numbers("lat"), ins.numbers("lat"));
@@ -71,7 +71,7 @@ fn law_over_a_map_that_is_too_flat_the_track_is_the_ins() {
 }
 
 #[test]
-fn law_further_states_that_know_nothing_leave_the_filter_as_it_is() {
+fn unit_states_of_zero_sigma_leave_the_filter_unchanged() {
     for filter in FILTERS {
         let usual = run(filter, "mag = 'mag_1_c'");
         let with = run(filter, "mag = 'mag_1_c'\nmap_sigma_nt = 0.0");
@@ -88,8 +88,8 @@ fn law_further_states_that_know_nothing_leave_the_filter_as_it_is() {
 }
 
 #[test]
-fn law_a_height_is_held() {
-    // The height that is measured is that of the truth, of an INS whose own runs away.
+fn unit_a_height_measurement_bounds_the_height() {
+    // The measured height is the true one; the height of the INS drifts.
     let off = with(&flight(), "ins_alt", |row, alt| alt + 0.1 * row as f64);
     let off = with(&off, "alt", |row, alt| alt + 4.0 + 2.0 * (1.9 * row as f64).sin());
     let keys = "mag = 'mag_1_c'\nbaro_sigma_m = 50.0\nha_sigma_m = 50.0\ninit_altitude_sigma_m = 10.0\n";
@@ -104,7 +104,7 @@ fn law_a_height_is_held() {
 }
 
 #[test]
-fn unit_what_cannot_be_measured_is_refused_before_the_run() {
+fn unit_impossible_measurements_are_rejected_before_the_run() {
     let refused = |keys: &str, words: &str| assert_refused("ekf", &format!("mag = 'mag_1_c'\n{keys}"), words);
     let cubic = "map_interpolation = 'cubic'\ngradient_baseline_m = [9.0, 0.0, 0.0]\n";
     refused("gradient = ['mag_1_c', 'mag_2_c']\ngradient_baseline_m = [9.0, 0.0, 0.0]", "steps in a bilinear map");
@@ -132,7 +132,7 @@ fn unit_what_cannot_be_measured_is_refused_before_the_run() {
     }
 }
 
-/// The other filters with keys of their own, and the measurement that they take: with the aircraft's field or without.
+/// The other filters with their own keys, and the measurement that they use: with or without the aircraft field.
 const OTHERS: [(&str, &str, &str); 6] = [
     ("ekf_adaptive", "", "mag_1_c"),
     ("rts", "", "mag_1_c"),
@@ -143,7 +143,7 @@ const OTHERS: [(&str, &str, &str); 6] = [
 ];
 
 #[test]
-fn law_the_difference_helps_the_other_filters() {
+fn unit_the_difference_improves_the_other_filters() {
     let calm = with(&in_a_storm(), "mag_1_c", |row, nt| nt - storm_nt(row));
     let calm = with(&calm, "mag_2_c", |row, nt| nt - storm_nt(row));
     for (filter, own, mag) in OTHERS {
@@ -151,7 +151,7 @@ fn law_the_difference_helps_the_other_filters() {
         let of = |more: &str| flown(filter, &format!("{keys}{more}"), &calm).unwrap();
         let (alone, both) = (of(""), of(&GRADIENT.replace("map_interpolation = 'cubic'\n", "")));
         let sigma = |found: &NavigateOutput| found.numbers("sd_n")[300].hypot(found.numbers("sd_e")[300]);
-        // A field whose noise is learnt is worth more than one of the noise told.
+        // A field with an estimated noise is more accurate than one with the assumed noise.
         assert!(sigma(&both) < 0.99 * sigma(&alone), "{filter}: {} {}", sigma(&both), sigma(&alone));
         assert!(both.error_m(ROWS - 1) < 25.0, "{filter}: {}", both.error_m(ROWS - 1));
         assert_eq!(both.updates("used"), ROWS, "{filter}");
@@ -161,14 +161,14 @@ fn law_the_difference_helps_the_other_filters() {
 }
 
 #[test]
-fn law_a_smoother_holds_the_position_by_the_difference_alone() {
+fn unit_a_smoother_navigates_with_the_difference_only() {
     let found = flown("rts", &format!("{GRADIENT}use_scalar = false"), &in_a_storm()).unwrap();
     assert!((50..ROWS).all(|row| found.error_m(row) < 25.0), "{}", found.error_m(ROWS - 1));
     assert_eq!((found.updates("used"), found.words("smoothing")[0].as_str()), (ROWS, "converged"));
 }
 
 #[test]
-fn law_particles_hold_the_position_by_the_difference_alone() {
+fn unit_particles_navigate_with_the_difference_only() {
     let found = flown("mpf", &format!("{GRADIENT}use_scalar = false\nparticles = 2000"), &in_a_storm()).unwrap();
     assert!((50..ROWS).all(|row| found.error_m(row) < 25.0), "{}", found.error_m(ROWS - 1));
     assert_eq!(found.updates("used"), ROWS);
@@ -177,10 +177,10 @@ fn law_particles_hold_the_position_by_the_difference_alone() {
 }
 
 #[test]
-fn law_over_a_map_that_is_too_flat_the_other_tracks_are_the_ins() {
+fn unit_over_a_flat_map_the_other_tracks_equal_the_ins() {
     let ins = run("ins_only", "");
     for (filter, own, _) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb" && *filter != "mpf") {
-        // The flatness limit depends on the noise, which `ekf_adaptive` learns.
+        // The flatness limit depends on the noise, which `ekf_adaptive` estimates.
         let own = if *filter == "ekf_adaptive" { "sigma_min_nt = 1.5\nsigma_max_nt = 1.5" } else { own };
         let run_with = |flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}\n{own}"));
         let flat = run_with("1.0");
@@ -193,11 +193,11 @@ fn law_over_a_map_that_is_too_flat_the_other_tracks_are_the_ins() {
 }
 
 #[test]
-fn law_a_map_error_that_is_nothing_leaves_the_other_filters_as_they_are() {
+fn unit_a_map_error_of_zero_leaves_the_other_filters_unchanged() {
     for (filter, own, mag) in OTHERS {
         let keys = format!("mag = '{mag}'\n{own}\n");
         let (usual, with) = (run(filter, &keys), run(filter, &format!("{keys}map_sigma_nt = 0.0")));
-        // A smoother ends where a step is below 0.1 m, and a bilinear map has edges.
+        // A smoother stops at steps below 0.1 m, and a bilinear map has edges.
         let within_deg = if filter == "rts" { 1e-5 } else { 1e-8 };
         for (row, (one, other)) in usual.numbers("lat").iter().zip(with.numbers("lat")).enumerate() {
             assert!((one - other).abs() < within_deg, "{filter} {row}: {one} {other}");
@@ -208,7 +208,7 @@ fn law_a_map_error_that_is_nothing_leaves_the_other_filters_as_they_are() {
 }
 
 #[test]
-fn law_a_height_is_held_by_the_other_filters() {
+fn unit_a_height_measurement_bounds_the_height_of_the_other_filters() {
     let off = with(&flight(), "ins_alt", |row, alt| alt + 0.1 * row as f64);
     let off = with(&off, "alt", |row, alt| alt + 4.0 + 2.0 * (1.9 * row as f64).sin());
     for (filter, own, mag) in OTHERS.iter().filter(|(filter, ..)| *filter != "crlb") {

@@ -1,6 +1,6 @@
-//! magline with a stage that fails in the ways that a worker must survive, or be replaced after.
+//! magline with a stage whose failures a worker must survive or be replaced after.
 //!
-//! A program of its own, so that the outsider's example stays one.
+//! A separate program, so that the example of an external stage stays minimal.
 
 use std::{process::ExitCode, sync::Arc, thread::sleep, time::Duration};
 
@@ -8,7 +8,7 @@ use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, stage};
 
 stage! {
-    /// Copies the time, and makes trouble on one line.
+    /// Copies the time and fails on one line.
     ///
     /// Source: none.
     Trouble = "trouble", version 1, grain Line, inputs [input: Lines],
@@ -18,9 +18,9 @@ name  = "trouble"
 stage = "trouble"
 input = "resample"
 "#;
-    /// The trouble: `none`, `fault`, `panic`, `abort` or `hang`.
+    /// Kind of failure: `none`, `fault`, `panic`, `abort` or `hang`.
     does: String, unit "", default "none";
-    /// The line.
+    /// Line on which the stage fails.
     on: String, unit "", default "";
 }
 

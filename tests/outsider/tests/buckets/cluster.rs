@@ -1,4 +1,4 @@
-//! A run on a cluster whose store is in a bucket: scheduler, run and workers share nothing else.
+//! A run on a cluster with its store in a bucket: scheduler, run and workers share only the bucket.
 
 use std::{
     collections::BTreeMap,
@@ -14,14 +14,14 @@ use crate::{
     server::{Fault, USERS},
 };
 
-/// Flights that take some seconds.
+/// Flights whose run takes several seconds, and the number of units.
 fn scene() -> (Lab, u64) {
     let lab = Lab::of(6, 3000, &SPEC.replace("1.5]", "1.1, 1.3, 1.5, 1.7, 1.9, 2.1, 2.3, 2.5]"));
     let (_, units) = lab.local();
     (lab, units)
 }
 
-/// Two workers of one core, each with a cache and credentials of its own.
+/// Two workers of one core, each with a separate cache and separate credentials.
 fn cluster(lab: &Lab) -> Cluster {
     let mut cluster = Cluster::new(env!("CARGO_BIN_EXE_outsider"), lab.folder.path(), 0);
     for user in &USERS[1..] {
@@ -34,11 +34,11 @@ fn ran(lab: &Lab, cluster: &Cluster, cache: &Path) -> Done {
     lab.run(&address("one"), cache, &["--engine", &cluster.engine(), "--key-file", KEY_FILE])
 }
 
-/// Number of computations of each unit, by the receipts of the workers.
+/// Number of computations of each unit according to the workers' receipts.
 fn computed(cluster: &Cluster) -> BTreeMap<String, usize> {
     let mut found = BTreeMap::new();
     for line in cluster.receipts() {
-        // The last line of a worker that was killed may be cut.
+        // The last line of a killed worker may be truncated.
         let Ok(receipt) = serde_json::from_str::<Value>(&line) else { continue };
         for unit in receipt["units"].as_array().unwrap().iter().filter(|u| u["outcome"] == "computed") {
             *found.entry(unit["key"].as_str().unwrap().to_owned()).or_default() += 1;
@@ -62,7 +62,7 @@ fn user_a_cluster_with_its_store_in_a_bucket_gives_the_bytes_of_a_local_run() {
     assert!(counted.len() as u64 == units && counted.values().all(|n| *n == 1), "{counted:?}");
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("one")), "a cluster");
     assert!(lab.packs_written().values().all(|n| *n == 1));
-    // Results are written by those who compute them.
+    // Workers write the results that they compute.
     let mut writers: Vec<String> = lab.server.asked().into_iter().filter(|a| a.writes_pack()).map(|a| a.user).collect();
     writers.sort();
     writers.dedup();
@@ -73,10 +73,10 @@ fn user_a_cluster_with_its_store_in_a_bucket_gives_the_bytes_of_a_local_run() {
 }
 
 #[test]
-fn user_a_worker_that_is_killed_at_a_write_to_the_bucket_costs_what_it_had_at_hand() {
+fn user_a_worker_killed_at_a_write_to_the_bucket_costs_only_its_unfinished_tasks() {
     let (lab, units) = scene();
     let mut cluster = cluster(&lab);
-    // The third pack that a worker writes does not arrive.
+    // The third pack written by a worker does not arrive.
     let (tell, told) = channel();
     let mut seen = 0;
     lab.server.faults(move |asked| {

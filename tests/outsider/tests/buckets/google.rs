@@ -1,6 +1,6 @@
-//! In what the XML interface of Google Cloud Storage is another than that of S3, by its documentation: conditions and
-//! versions are generations of an object, numbers that grow with each write and are microseconds there; names are
-//! percent-encoded whole; who asks has a token, or nothing where anyone may.
+//! Differences of the XML interface of Google Cloud Storage from S3, by its documentation. Conditions and versions are
+//! generations of an object. A generation grows with each write; here it is a time in microseconds. Names are
+//! percent-encoded as a whole. Requests have a bearer token, or none for public buckets.
 
 use std::{fs, path::Path, time::UNIX_EPOCH};
 
@@ -9,17 +9,17 @@ use hyper::{
     http::request::Parts,
 };
 
-/// The generation that an object must have to be written; 0 where there must be none.
+/// Header with the required generation of an object for a write; 0 requires that the object is absent.
 pub const IF_GENERATION: HeaderName = HeaderName::from_static("x-goog-if-generation-match");
 const GENERATION: HeaderName = HeaderName::from_static("x-goog-generation");
 
-/// The generation of the object in a file; 0 where there is none.
+/// Generation of the object in a file; 0 if the file is absent.
 fn generation(file: &Path) -> u128 {
     let modified = fs::metadata(file).ok().filter(fs::Metadata::is_file).map(|about| about.modified().unwrap());
     modified.map_or(0, |at| at.duration_since(UNIX_EPOCH).unwrap().as_micros())
 }
 
-/// Decodes the name in a request, and takes its token away, which is none of S3's.
+/// Decodes the name in a request and removes its token, which S3 does not support.
 pub fn decode(parts: &mut Parts) {
     parts.headers.remove(AUTHORIZATION);
     let uri = parts.uri.to_string();
@@ -34,12 +34,12 @@ pub fn decode(parts: &mut Parts) {
     parts.uri = query.map_or_else(|| plain.clone(), |query| format!("{plain}?{query}")).parse().unwrap();
 }
 
-/// Whether a request may be done as far as the object in `file` is concerned.
+/// True if the condition of a request holds for the object in `file`.
 pub fn may(headers: &HeaderMap, file: &Path) -> bool {
     headers.get(IF_GENERATION).is_none_or(|wanted| wanted.to_str().unwrap() == generation(file).to_string())
 }
 
-/// Adds the generation of the object in `file` to an answer.
+/// Adds the generation of the object in `file` to a response.
 pub fn tell(headers: &mut HeaderMap, file: &Path) {
     let there = Some(generation(file)).filter(|n| *n > 0);
     there.into_iter().for_each(|n| drop(headers.insert(GENERATION, HeaderValue::from_str(&n.to_string()).unwrap())));

@@ -1,4 +1,4 @@
-//! Stores and inputs in a bucket of Google's: the same bytes as in folders, for any behaviour of the server.
+//! Stores and inputs in a bucket of Google Cloud Storage: the same bytes as in folders, for any server fault.
 
 use std::{
     fs,
@@ -89,7 +89,7 @@ fn user_faults_of_google_change_no_byte() {
 }
 
 #[test]
-fn user_two_runs_in_a_bucket_of_google_exclude_each_other_and_whoever_publishes_first_stays() {
+fn user_two_runs_in_a_bucket_of_google_exclude_each_other_and_the_first_publication_stays() {
     let lab = Lab::google();
     let (expected, units) = lab.local();
     let at = google_address("one");
@@ -106,7 +106,7 @@ fn user_two_runs_in_a_bucket_of_google_exclude_each_other_and_whoever_publishes_
     let first = ended(first);
     assert_eq!(first.counts(), (0, units, 0), "{}", first.err);
     lab.assert_bucket("one", &expected, "two runs");
-    // Another writer replaces the name of the newest version just before this one does.
+    // Another writer replaces the name of the newest version just before this run does.
     let (newest, other) = ("one/tables/small", lab.server.other());
     let before = fs::read_to_string(lab.server.path(newest)).unwrap();
     lab.server.faults(move |asked| {

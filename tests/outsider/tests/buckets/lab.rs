@@ -1,4 +1,4 @@
-//! Flights, a spec, a server, and processes of this program that use it.
+//! Flights, a spec, a server, and processes of this program as its clients.
 
 use std::{
     collections::BTreeMap,
@@ -16,7 +16,7 @@ use tempfile::TempDir;
 
 use crate::server::{Asked, BUCKET, Fault, Kind, Server, USERS, secret};
 
-/// Each line on an even grid, and three low-passes of it.
+/// Spec with each line on an even time grid and three low-pass filters.
 pub const SPEC: &str = r#"
 name  = "small"
 store = "store"
@@ -49,11 +49,11 @@ date        = "2026-01-01"
 authors     = [{ name = "A B" }]
 "#;
 
-/// A service account that asks for no token, as servers other than Google's take it.
+/// Service account without a token, as accepted by servers other than Google's.
 const WITHOUT_TOKEN: &str =
     r#"{"private_key": "geheim", "private_key_id": "1", "client_email": "a@example.org", "disable_oauth": true}"#;
 
-/// A flight of two lines with `rows` samples each.
+/// Flight of two lines with `rows` samples each.
 pub fn flight(number: usize, rows: usize) -> String {
     let mut text = "tt,flight,line,mag_1_uc\n".to_owned();
     for line in 1..=2 {
@@ -69,7 +69,7 @@ pub fn flight(number: usize, rows: usize) -> String {
 /// Files by their names.
 pub type Files = BTreeMap<String, Vec<u8>>;
 
-/// A server, and a folder with flights and a spec.
+/// Server, and folder with flights and a spec.
 pub struct Lab {
     pub folder: TempDir,
     pub server: Server,
@@ -84,19 +84,19 @@ pub struct Done {
 }
 
 impl Done {
-    /// A number of its last event.
+    /// Number in the last event.
     pub fn total(&self, what: &str) -> u64 {
         let last = self.out.lines().last().and_then(|line| serde_json::from_str::<Value>(line).ok());
         last.and_then(|last| last[what].as_u64()).unwrap_or_else(|| panic!("no {what} in {} {}", self.out, self.err))
     }
 
-    /// Its exit status, and how many units it has computed and found.
+    /// Exit status, number of computed units, and number of reused units.
     pub fn counts(&self) -> (i32, u64, u64) {
         (self.code, self.total("computed"), self.total("reused"))
     }
 }
 
-/// Exit code and output of a child that has ended.
+/// Exit code and output of a child process, after its end.
 pub fn ended(child: Child) -> Done {
     let output = child.wait_with_output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -107,12 +107,12 @@ pub fn ended(child: Child) -> Done {
 }
 
 impl Lab {
-    /// Four flights of 300 samples a line.
+    /// Four flights of 300 samples per line.
     pub fn new() -> Lab {
         Lab::of(4, 300, SPEC)
     }
 
-    /// The same, and Google's server.
+    /// Four flights of 300 samples per line, with Google's interface.
     pub fn google() -> Lab {
         Lab::with(Server::of(Kind::Google), 4, 300, SPEC)
     }
@@ -135,12 +135,12 @@ impl Lab {
         self.folder.path().join(name)
     }
 
-    /// The folder of a cache that is not there yet.
+    /// Path of a new cache folder.
     pub fn cache(&self) -> PathBuf {
         self.path(&format!("cache{}", self.caches.fetch_add(1, Ordering::Relaxed)))
     }
 
-    /// The environment of a user with a cache.
+    /// Environment variables of a user with a cache.
     pub fn env(&self, user: &str, cache: &Path) -> Vec<(String, String)> {
         let cache = cache.display().to_string();
         let home = self.folder.path().display().to_string();
@@ -162,7 +162,7 @@ impl Lab {
         pairs.map(|(name, value)| (name.to_owned(), value.to_owned())).to_vec()
     }
 
-    /// A process that is under way.
+    /// Starts a process.
     pub fn start(&self, args: &[&str], env: &[(String, String)]) -> Child {
         let is_ours = |name: &str| ["AWS_", "GOOGLE_", "MAGLINE_"].iter().any(|start| name.starts_with(start));
         let others = env::vars().filter(|(name, _)| !is_ours(name));
@@ -179,7 +179,7 @@ impl Lab {
             .unwrap()
     }
 
-    /// A process of the first user with an empty cache, to its end.
+    /// Runs a process of the first user with an empty cache to its end.
     pub fn magline(&self, args: &[&str]) -> Done {
         self.magline_with(args, &self.cache())
     }
@@ -188,25 +188,25 @@ impl Lab {
         ended(self.start(args, &self.env(USERS[0], cache)))
     }
 
-    /// A run of the spec with its store at `store` that is under way.
+    /// Starts a run of the spec with the store at `store`.
     pub fn begun(&self, store: &str, user: &str, cache: &Path, more: &[&str]) -> Child {
         let set = format!("store={store}");
         self.start(&[&["run", "spec.toml", "--json", "--set", &set], more].concat(), &self.env(user, cache))
     }
 
-    /// The same to its end, by the first user.
+    /// Runs the spec as the first user to its end.
     pub fn run(&self, store: &str, cache: &Path, more: &[&str]) -> Done {
         ended(self.begun(store, USERS[0], cache, more))
     }
 
-    /// The files and the number of units of a run with a folder for its store.
+    /// Files and number of units of a run with its store in a folder.
     pub fn local(&self) -> (Files, u64) {
         let run = self.run("whole", &self.cache(), &[]);
         assert_eq!(run.code, 0, "{}", run.err);
         (files(&self.path("whole")), run.total("computed"))
     }
 
-    /// Faults from now on, and how many there were.
+    /// Sets the faults of later requests and returns their counter.
     pub fn faults(&self, mut decide: impl FnMut(&Asked) -> Fault + Send + 'static) -> Arc<AtomicUsize> {
         let count = Arc::new(AtomicUsize::new(0));
         let counted = count.clone();
@@ -227,14 +227,14 @@ impl Lab {
         found
     }
 
-    /// Holds that the store below `prefix` has the files `expected` of a store in a folder, and no others.
+    /// Asserts that the store below `prefix` has exactly the files `expected` of a store in a folder.
     pub fn assert_bucket(&self, prefix: &str, expected: &Files, what: &str) {
         let (own, plain) = files(&self.server.path(prefix)).into_iter().partition(|(n, _)| n.starts_with("versions/"));
         let (mut ours, theirs): (Files, Files) = (expected.clone(), own);
         ours.retain(|name, _| !name.starts_with("versions/"));
         assert_same(&ours, &plain, what);
         for (name, bytes) in &theirs {
-            // Packs are named there, and not copied; numbers of versions are those of the store.
+            // Versions in a bucket refer to packs without copies. Version numbers depend on the store.
             let name = name.splitn(4, '/').nth(3).unwrap();
             assert_eq!(expected.get(&format!("versions/small/1/{name}")), Some(bytes), "{what}: {name}");
         }
@@ -252,11 +252,11 @@ impl Lab {
     }
 }
 
-/// Files that hold times, or belong to one machine.
+/// Files with times or machine-specific content.
 const TIMED: [&str; 11] =
     ["locks/", "tmp/", "costs/", "plans/", "runs/", "attempts/", "checkpoints/", "tables/", "index", "STORE", "REMOTE"];
 
-/// The files of a store that are the same wherever it is.
+/// Files of a store that are independent of its location.
 pub fn files(root: &Path) -> Files {
     let mut found = Files::new();
     let mut folders = vec![root.to_owned()];
@@ -285,7 +285,7 @@ pub fn assert_same(expected: &Files, found: &Files, what: &str) {
     }
 }
 
-/// The files of the newest version of the pipeline `small`, as its list names them; of a folder or a bucket.
+/// Files of the newest version of the pipeline `small` according to its manifest, in a folder or a bucket.
 pub fn tables(root: &Path) -> Files {
     let pointer = root.join("tables/small");
     let target = match fs::read_link(&pointer) {
@@ -321,7 +321,7 @@ pub fn address(key: &str) -> String {
     format!("s3://{BUCKET}/{key}")
 }
 
-/// The same at Google's server.
+/// Address of a key of the bucket at Google's interface.
 pub fn google_address(key: &str) -> String {
     format!("gs://{BUCKET}/{key}")
 }

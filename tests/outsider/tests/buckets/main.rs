@@ -1,5 +1,5 @@
-//! Stores, inputs and published sets in buckets of a server that refuses, cuts and delays: the bytes of those in
-//! folders.
+//! Stores, inputs and published sets in buckets of a server that rejects, truncates and delays. The bytes equal those
+//! in folders.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 #[cfg(feature = "cluster")]
@@ -61,12 +61,12 @@ fn user_a_store_in_a_bucket_has_the_bytes_of_one_in_a_folder() {
     assert_eq!(rows(&lab, "small.smooth", &address("one")), rows(&lab, "small.smooth", "whole"));
     let verified = lab.magline(&["verify", "--store", &address("one")]);
     assert_eq!(verified.code, 0, "{}", verified.err);
-    // Workers have a store and its address, and no input.
+    // Workers have the address of the store and no input.
     let run = lab.run(&address("two"), &lab.cache(), &["--engine", "processes", "--threads", "2"]);
     assert_eq!(run.counts(), (0, units, 0), "{}", run.err);
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("two")), "by processes");
-    // A flipped bit is found, told, and what it is in is computed again: the largest pack is the only one with the
-    // filtered lines.
+    // A flipped bit is detected and reported, and its unit is recomputed. Only the largest pack holds the filtered
+    // lines.
     let packs = expected.iter().filter(|(name, _)| name.starts_with("objects/"));
     let pack = packs.max_by_key(|(_, bytes)| bytes.len()).unwrap().0;
     let object = lab.server.path(&format!("one/{pack}"));
@@ -87,7 +87,7 @@ fn user_a_store_in_a_bucket_has_the_bytes_of_one_in_a_folder() {
 
 type Decide = Box<dyn FnMut(&Asked) -> Fault + Send>;
 
-/// The faults of a server, by what they are.
+/// Server faults by name.
 fn faults() -> Vec<(&'static str, Decide)> {
     let every =
         |n: usize, fault: Fault| move |asked: &Asked| if asked.number.is_multiple_of(n) { fault } else { Fault::None };
@@ -130,7 +130,7 @@ fn user_faults_of_the_server_change_no_byte() {
                 let cache = lab.cache();
                 let run = lab.run(&address("one"), &cache, &[]);
                 assert_eq!(run.counts(), (0, units, 0), "{what}: {}", run.err);
-                // Another machine reads all of it.
+                // Another machine reads all results.
                 let again = lab.run(&address("one"), &lab.cache(), &[]);
                 assert_eq!(again.counts(), (0, 0, units), "{what}: {}", again.err);
                 assert_eq!(rows(&lab, "small.smooth", &address("one")).len(), 4 * 2 * 300 * 3, "{what}");
@@ -145,13 +145,13 @@ fn user_faults_of_the_server_change_no_byte() {
 }
 
 #[test]
-fn user_a_run_that_is_killed_goes_on() {
+fn user_a_killed_run_resumes() {
     let lab = Lab::new();
     let (expected, units) = lab.local();
     let (cache, mut killed) = (lab.cache(), 0);
     let listed = Arc::new(AtomicBool::new(false));
-    // At a write that comes later and later, before the server does it or after; and once when a version has its list,
-    // and not its files.
+    // The kill moves to later and later writes, before or after their execution. Once a version has its manifest but
+    // not its files.
     loop {
         let (tell, told) = channel();
         let (mut left, fault) = (1 + 2 * killed, if killed % 2 == 0 { Fault::Late } else { Fault::Silent });
@@ -192,7 +192,7 @@ fn user_a_run_that_is_killed_goes_on() {
     assert!(lab.packs_written().values().all(|n| *n == 1), "what was written is found: {:?}", lab.packs_written());
     let cold = lab.run(&address("one"), &lab.cache(), &[]);
     assert_eq!(cold.counts(), (0, 0, units), "{}", cold.err);
-    // Lists of versions that were never published are no damage.
+    // Manifests of unpublished versions do not count as damage.
     let verified = lab.magline(&["verify", "--store", &address("one")]);
     assert_eq!(verified.code, 0, "{}{}", verified.out, verified.err);
 }
@@ -203,7 +203,7 @@ fn user_two_runs_at_once_compute_each_unit_once() {
     let (expected, units) = lab.local();
     let open = Arc::new(AtomicBool::new(false));
     let gate = open.clone();
-    // The first run stays at work until the second one and the third one have met it.
+    // The first run stays active until the second and third runs have met its lock.
     lab.server.faults(move |asked| {
         let held = asked.user == USERS[0] && asked.writes_pack() && !gate.load(Ordering::SeqCst);
         if held { Fault::Status(503) } else { Fault::None }
@@ -235,7 +235,7 @@ fn user_two_pipelines_at_once_share_a_bucket() {
     let first = lab.begun(&address("one"), USERS[0], &lab.cache(), &[]);
     let second = lab.start(&other, &lab.env(USERS[1], &lab.cache()));
     for run in [first, second].map(ended) {
-        // A unit that both need is computed by one of them, or by both at once.
+        // A shared unit is computed by one run, or by both at the same time.
         assert_eq!((run.code, run.total("computed") + run.total("reused")), (0, 8 + 24), "{}", run.err);
     }
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("one")), "two pipelines");
@@ -244,10 +244,10 @@ fn user_two_pipelines_at_once_share_a_bucket() {
 }
 
 #[test]
-fn user_whoever_publishes_first_is_not_overwritten() {
+fn user_the_first_published_version_is_not_overwritten() {
     let lab = Lab::new();
     let (expected, units) = lab.local();
-    // Another writer has the number of a version, just before this one asks for it.
+    // Another writer takes the version number just before this run requests it.
     let (first, newest) = ("one/versions/small/1/version.json", "one/tables/small");
     let other = lab.server.other();
     lab.server.faults(move |asked| {
@@ -275,7 +275,7 @@ fn user_whoever_publishes_first_is_not_overwritten() {
     let said = format!("{}{}", late.out, late.err);
     assert!(said.contains("another run published `small`") && said.contains("run the spec again"), "{said}");
     assert!(fs::read_to_string(lab.server.path(newest)).unwrap().contains("theirs"));
-    // The other writer is gone as well; what was computed is there.
+    // The other writer is gone too, and the computed results are stored.
     lab.server.faults(|_| Fault::None);
     lab.server.other().put(newest, &before);
     let again = lab.run(&address("one"), &cache, &["--set", "axes.corner=[0.4]"]);
@@ -284,7 +284,7 @@ fn user_whoever_publishes_first_is_not_overwritten() {
 }
 
 #[test]
-fn user_new_flights_below_a_prefix_are_taken_up() {
+fn user_new_flights_below_a_prefix_are_found() {
     let lab = Lab::new();
     let put = |name: &str, text: &str| fs::write(lab.server.path(&format!("in/{name}")), text).unwrap();
     fs::create_dir(lab.server.path("in")).unwrap();
@@ -305,7 +305,7 @@ fn user_new_flights_below_a_prefix_are_taken_up() {
     assert_eq!(run().counts(), (0, 0, 16));
     put("3.csv", &flight(3, 300));
     assert_eq!(run().counts(), (0, 8, 16));
-    // One that is longer now, and one that is gone.
+    // One flight is longer now, and one is deleted.
     put("3.csv", &flight(3, 400));
     fs::remove_file(lab.server.path("in/2.csv")).unwrap();
     assert_eq!(run().counts(), (0, 8, 8));
@@ -360,11 +360,11 @@ fn all_files(root: &Path) -> Files {
     found
 }
 
-/// A store, another environment, the exit status, and what is said.
+/// Store, additional environment, exit status, and expected words of the message.
 type Case<'a> = (&'a str, &'a [(&'a str, &'a str)], i32, &'a [&'a str]);
 
 #[test]
-fn user_what_is_refused_is_said_in_words_and_without_secrets() {
+fn user_refused_requests_are_reported_without_secrets() {
     let lab = &Lab::new();
     let nobody = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let (down, mute) = (&Server::new(), &Server::new());
@@ -401,7 +401,7 @@ fn user_what_is_refused_is_said_in_words_and_without_secrets() {
                 let said = format!("{store} {more:?}: {} after {:?}: {}", done.code, begun.elapsed(), done.err);
                 assert_eq!(done.code, code, "{said}");
                 assert!(words.iter().all(|word| done.err.contains(word)), "{said}");
-                // Eight more attempts within two minutes; `pipeline/OBJECTS.md` says some ten seconds.
+                // Eight more attempts within 2 min. `pipeline/OBJECTS.md` states about 10 s.
                 assert!(begun.elapsed() < Duration::from_secs(100), "{said}");
                 assert!(done.err.len() < 1500, "{said}");
             });

@@ -1,4 +1,4 @@
-//! An S3 server inside the test, also with the manners of Google's, and faults between it and those who ask.
+//! In-process S3 server with an optional interface of Google Cloud Storage and injected faults.
 
 use std::{
     convert::Infallible,
@@ -37,7 +37,7 @@ use crate::google;
 
 /// The bucket.
 pub const BUCKET: &str = "lab";
-/// The names of those who may ask, which are their access keys.
+/// Access keys of the permitted users.
 pub const USERS: [&str; 3] = ["AKIAFIRST", "AKIASECOND", "AKIATHIRD"];
 
 /// The secret key of a user.
@@ -48,26 +48,26 @@ pub fn secret(user: &str) -> String {
 /// A request.
 #[derive(Clone, Debug)]
 pub struct Asked {
-    /// Its number, from 1.
+    /// Number of the request, from 1.
     pub number: usize,
-    /// The access key that signed it.
+    /// Access key of the signature.
     pub user: String,
     pub method: Method,
-    /// The name of the object in the bucket; empty for a listing.
+    /// Name of the object in the bucket; empty for a listing.
     pub key: String,
-    /// Whether it has an `If-Match` or `If-None-Match`.
+    /// True if the request has `If-Match` or `If-None-Match`.
     pub on_condition: bool,
     /// Injected fault.
     pub fault: Fault,
 }
 
 impl Asked {
-    /// Whether it writes a pack of results.
+    /// True if the request writes a pack.
     pub fn writes_pack(&self) -> bool {
         self.method == Method::PUT && self.key.contains("/objects/")
     }
 
-    /// Whether the server does it.
+    /// True if the server executes the request.
     pub fn is_done(&self) -> bool {
         !matches!(self.fault, Fault::Silent | Fault::Status(_))
     }
@@ -77,17 +77,17 @@ impl Asked {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     None,
-    /// It is refused with this status.
+    /// Rejected with this status.
     Status(u16),
-    /// It is done, and answered with this status.
+    /// Executed and answered with this status.
     Lost(u16),
-    /// It is done, and the answer ends in its middle.
+    /// Executed with a truncated response.
     Cut,
-    /// The same, by a proxy that corrects the length.
+    /// Executed with a truncated response whose length matches, as by a proxy.
     Short,
-    /// It is not done, and never answered.
+    /// Not executed and never answered.
     Silent,
-    /// It is done, and never answered.
+    /// Executed and never answered.
     Late,
 }
 
@@ -97,7 +97,7 @@ type Decide = Box<dyn FnMut(&Asked) -> Fault + Send>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     S3,
-    /// That of Google Cloud Storage, as far as it is another: see [`google`].
+    /// Interface of Google Cloud Storage; for its differences see [`google`].
     Google,
 }
 
@@ -107,8 +107,7 @@ struct Shared {
     folder: PathBuf,
     decide: Mutex<Decide>,
     asked: Mutex<Vec<Asked>>,
-    /// The store of `s3s-fs` writes an object and its version one after the other: one writer at a time, and no reader
-    /// then.
+    /// Lock for one writer without readers, because `s3s-fs` writes an object and its version separately.
     one: RwLock<()>,
 }
 
@@ -116,10 +115,10 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A server with one bucket.
+/// Server with one bucket.
 pub struct Server {
     shared: Arc<Shared>,
-    /// Its address.
+    /// Address of the server.
     pub endpoint: String,
     folder: TempDir,
     _runtime: Runtime,
@@ -161,12 +160,12 @@ impl Server {
         *locked(&self.shared.decide) = Box::new(decide);
     }
 
-    /// The requests so far.
+    /// Requests so far.
     pub fn asked(&self) -> Vec<Asked> {
         locked(&self.shared.asked).clone()
     }
 
-    /// The file of an object, or the folder of several.
+    /// File of an object, or folder of several objects.
     pub fn path(&self, key: &str) -> PathBuf {
         self.folder.path().join(BUCKET).join(key)
     }
@@ -177,7 +176,7 @@ impl Server {
     }
 }
 
-/// A writer who needs no request.
+/// Writer that bypasses requests.
 #[derive(Clone)]
 pub struct Other {
     folder: PathBuf,
@@ -189,7 +188,7 @@ impl Other {
         let file = self.folder.join(BUCKET).join(key);
         fs::create_dir_all(file.parent().unwrap()).unwrap();
         fs::write(file, text).unwrap();
-        // The ETags that `s3s-fs` has kept; it makes them again from the bytes.
+        // Removes the stored ETags of `s3s-fs`, which recomputes them from the bytes.
         for entry in fs::read_dir(&self.folder).unwrap().flatten() {
             if entry.file_name().to_string_lossy().ends_with(".internal.json") {
                 let _ = fs::remove_file(entry.path());
@@ -203,7 +202,7 @@ async fn serve(listener: TcpListener, shared: Arc<Shared>) {
         let shared = shared.clone();
         tokio::spawn(async move {
             let service = service_fn(move |request| answered(shared.clone(), request));
-            // Whoever asked may be gone.
+            // The client may be gone.
             let _ = http1::Builder::new().serve_connection(TokioIo::new(stream), service).await;
         });
     }
@@ -218,7 +217,7 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
     if shared.kind == Kind::Google {
         google::decode(&mut parts);
     }
-    // A request of a client that was killed while it sent is discarded.
+    // An incomplete request of a killed client is discarded.
     let Some(body) = read(body).await else { return Ok(refused(400)) };
     let signed = header(&parts.headers, &AUTHORIZATION);
     let user = signed.split_once("Credential=").and_then(|(_, rest)| rest.split('/').next()).unwrap_or_default();
@@ -269,7 +268,7 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
 /// Response of the server without an injected fault.
 async fn done(shared: &Shared, asked: &Asked, request: s3s::HttpRequest) -> (StatusCode, HeaderMap, Bytes) {
     let reads = matches!(asked.method, Method::GET | Method::HEAD);
-    // A bucket has no folders; the store of `s3s-fs` does.
+    // A bucket has no folders, unlike the store of `s3s-fs`.
     if reads && !asked.key.is_empty() && shared.folder.join(BUCKET).join(&asked.key).is_dir() {
         return (StatusCode::NOT_FOUND, HeaderMap::new(), Bytes::new());
     }
@@ -296,7 +295,7 @@ async fn done(shared: &Shared, asked: &Asked, request: s3s::HttpRequest) -> (Sta
     }
 }
 
-/// A refusal as S3 words it, with what must not be shown.
+/// Error response in the format of S3, with text that must not be shown.
 fn refused(status: u16) -> Response<Answer> {
     let code = match status {
         503 => "SlowDown",
@@ -310,7 +309,7 @@ fn refused(status: u16) -> Response<Answer> {
     response
 }
 
-/// All of a body; `None` where it is cut.
+/// Complete body; `None` if it is truncated.
 async fn read(body: impl Body<Data = Bytes>) -> Option<Bytes> {
     let (mut body, mut all) = (pin!(body), vec![]);
     while let Some(frame) = poll_fn(|cx| body.as_mut().poll_frame(cx)).await {
@@ -321,10 +320,10 @@ async fn read(body: impl Body<Data = Bytes>) -> Option<Bytes> {
     Some(all.into())
 }
 
-/// The body of an answer.
+/// Body of a response.
 struct Answer {
     data: Bytes,
-    /// Whether the connection ends after it. The time between lets what is sent arrive.
+    /// Set if the connection is closed after the body. The delay lets the sent bytes arrive.
     cut: Option<Option<Pin<Box<Sleep>>>>,
 }
 

@@ -42,7 +42,7 @@ pub struct Wire {
     pub closed: bool,
     /// Number of turns along the path.
     pub turns: f64,
-    /// Current at which half of it takes this path, in A. At 0 the path carries the whole current.
+    /// Current at which half of the current takes this path, in A. At 0 the path carries the whole current.
     pub onset_a: f64,
     /// A small coil instead of a path: its position in metres and its moment in m² (A m² per ampere).
     pub dipole: Option<(Vector3<f64>, Vector3<f64>)>,

@@ -18,7 +18,7 @@ pub enum QuantitySpec<T> {
 }
 
 impl QuantitySpec<Matrix3<f64>> {
-    /// Whether it is zero for every draw.
+    /// Whether every draw is zero.
     pub(crate) fn is_none(&self) -> bool {
         match self {
             QuantitySpec::Exact(matrix) => *matrix == Matrix3::zeros(),

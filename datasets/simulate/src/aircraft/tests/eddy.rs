@@ -1,4 +1,4 @@
-//! The eddy field is the exact derivative of the field in the body frame, however often the flight is sampled.
+//! The eddy field is the exact derivative of the field in the body frame at any sample rate.
 
 use numerics::{
     compensation::tolles_lawson::{BodyFieldColumns as Flux, DEFAULT_SCALE_NT, TermSelection, matrix},
@@ -7,7 +7,7 @@ use numerics::{
 
 use super::{super::super::trajectory::TrueTrajectory, *};
 
-/// A weaving climb through gusts over Osborne, with everything in the field that can change.
+/// A weaving climb through gusts over Osborne, with every variable part of the field.
 const WILD: &str = "
 [[flights]]
 name = 'A'
@@ -40,7 +40,7 @@ const EDDY: &str = "[[vector_magnetometers]]\nname = 'flux_a'\n[[vector_magnetom
                     [[currents]]\nname = 'cur_r'\nkind = 'servo'\naxes = [1.0, 0.5, 0.5]\nfull_dps = 30.0\non_a = 6.0\n";
 
 #[test]
-fn r10_the_eddy_field_is_the_same_at_any_rate() {
+fn law_the_eddy_field_does_not_depend_on_the_sample_rate() {
     let at = |rate: u32| lines_of(&format!("rate_hz = {rate}.0\ncomponent_columns = true"), EDDY, WILD).remove(0);
     let slow = at(10);
     for rate in [100, 1000] {
@@ -62,7 +62,7 @@ fn law_the_eddy_field_is_the_derivative_of_the_field_in_the_body_frame() {
     let at = |name: &str, i: usize| Vector3::from(["x", "y", "z"].map(|a| column(line, &format!("{name}_{a}"))[i]));
     let eddy_s = nalgebra::Matrix3::new(0.03, 0.01, 0.0, 0.0, 0.02, -0.01, 0.005, 0.0, 0.03);
     let (mut most, mut size) = (0.0_f64, 0.0_f64);
-    // Away from the nodes of the track, every 50 samples, where the third derivative jumps.
+    // Excludes the nodes of the track, every 50 samples, where the third derivative jumps.
     for i in (2..line.num_rows() - 2).step_by(7).filter(|i| (2..=48).contains(&(i % 50))) {
         let change = |by: usize| at("flux_a", i + by) - at("flux_a", i - by);
         let rate = (8.0 * change(1) - change(2)) / 0.012;
@@ -93,7 +93,7 @@ fn turn(roll_deg: f64, pitch_deg: f64, turn_degps: f64) -> TrueTrajectory {
 }
 
 #[test]
-fn law_in_a_steady_turn_the_rate_is_that_of_the_horizontal_field_going_round() {
+fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
     let (roll_deg, pitch_deg, turn_degps) = (25.0_f64, 3.0_f64, 6.0_f64);
     let flown = turn(roll_deg, pitch_deg, turn_degps);
     let ned_nt = Vector3::new(30_000.0, 3000.0, -40_000.0);
@@ -140,7 +140,8 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
     assert!(within > line.num_rows() * 8 / 10, "{within} of {}", line.num_rows());
 }
 
-/// Root mean square of what Tolles-Lawson's eddy terms, whose differences are central, leave of the eddy field.
+/// Root mean square of the residual of Tolles-Lawson's eddy terms, computed from central differences, and of the eddy
+/// field, nT.
 fn left_nt(rate_hz: f64) -> (f64, f64) {
     let sensors = "[[vector_magnetometers]]\nname = 'flux_a'\n[[magnetometers]]\nname = 'mag_1_c'\n\
                    [[magnetometers]]\nname = 'mag_2_uc'\neddy = [[1e-4, 2e-5, 0.0], [0.0, 2e-4, 5e-5], [3e-5, 0.0, 1e-4]]\n";
@@ -163,7 +164,7 @@ fn left_nt(rate_hz: f64) -> (f64, f64) {
 }
 
 #[test]
-fn r10_central_differences_leave_the_square_of_the_sampling_interval() {
+fn law_the_error_of_central_differences_is_quadratic_in_the_sampling_interval() {
     let rates = [10.0, 20.0, 40.0];
     let left: Vec<f64> = rates
         .iter()
@@ -173,7 +174,7 @@ fn r10_central_differences_leave_the_square_of_the_sampling_interval() {
             left / eddy
         })
         .collect();
-    // (w h)²/6 of motions between 0.02 and 0.5 Hz: up to 1.6 % at 10 Hz, part of which the fit takes up.
+    // The error (w h)²/6 for motions of 0.02 to 0.5 Hz is at most 1.6 % at 10 Hz; the fit reduces it.
     assert!(left[0] > 1e-3 && left[0] < 2e-2, "{left:?}");
     for pair in left.windows(2) {
         let ratio = pair[0] / pair[1];

@@ -6,13 +6,13 @@ use super::{
 };
 
 #[test]
-fn law_wires_and_flex_act_where_they_are() {
+fn law_wires_and_flex_have_the_declared_fields() {
     let sensors = "[[currents]]\nname = 'cur_x'\nkind = 'steady'\non_a = 3.0\n[[wires]]\ncurrent = 'cur_x'\n\
                    path = [[-2000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]]\n[[vector_magnetometers]]\nname = 'flux_a'\n\
                    position_m = [0.0, 4.0, 0.0]\n[[vector_magnetometers]]\nname = 'flux_b'\nflex = [0.0, 2.0, 0.0]\n\
                    flex_limit_mps2 = 0.05\n";
     let line = &lines_of("component_columns = true", sensors, SURVEY)[0];
-    // 3 A, 4 m: 200 nT m/A over 4 m times 3 A, downwards on the right of a current that goes forward.
+    // 3 A at 4 m: 200 nT m/A / 4 m × 3 A, downwards on the right of a forward current.
     assert!(column(line, "part_currents_flux_a_z").iter().all(|b| (b - 150.0).abs() < 1e-3));
     assert!(column(line, "part_currents_flux_b_z").iter().all(|b| *b == 0.0), "without a place no wire is felt");
     let flex = column(line, "part_flex_flux_b_y");
@@ -24,19 +24,19 @@ fn law_currents_switch_between_their_levels() {
     let intervals = switched((8.0, 4.0), 0.0, 2e4, &mut RandomStream::new(5, &["test"]));
     assert!(intervals.windows(2).all(|w| w[0][1] < w[1][0]));
     let on = intervals.iter().map(|[from, until]| until.min(2e4) - from.max(0.0)).sum::<f64>() / 2e4;
-    // 1667 cycles: the share of 1/3 has a standard error of 0.008; four of them.
+    // 1667 cycles: four standard errors of 0.008 for the share of 1/3.
     assert!((on - 1.0 / 3.0).abs() < 0.032, "{on}");
     let starts_on = |k: &usize| {
         let mut random = RandomStream::new(5, &["start", &k.to_string()]);
         switched((8.0, 4.0), 0.0, 0.0, &mut random).first().is_some_and(|[from, _]| *from < 0.0)
     };
     let first = (0..300).filter(starts_on).count() as f64 / 300.0;
-    // Standard error 0.027; four of them.
+    // Four standard errors of 0.027.
     assert!((first - 1.0 / 3.0).abs() < 0.11, "{first}");
 }
 
 #[test]
-fn law_currents_keep_their_schedules() {
+fn law_currents_follow_their_schedules() {
     let currents = "[[currents]]\nname = 'cur_s'\nkind = 'schedule'\nschedule = [[10.0, 20.0], [50.0, 60.0]]\n\
                     ramp_s = 4.0\noff_a = 1.0\non_a = 5.0\n\
                     [[currents]]\nname = 'cur_p'\nkind = 'periodic'\nevery_s = 1.5\nfor_s = 0.3\non_a = 2.0\nscale = 1.1\n\
@@ -57,9 +57,9 @@ fn law_currents_keep_their_schedules() {
     }
     let switches = c("cur_h").windows(2).filter(|w| w[0] != w[1]).count();
     assert!((3..60).contains(&switches), "the heater comes and goes: {switches}");
-    // Level flight at the cruising speed; round the earth and into the weave the load is 1e-6 off.
+    // Level flight at the cruising speed; the earth's curvature and the weave change the load by 1e-6.
     assert!(c("cur_e").iter().all(|a| (a - 40.0).abs() < 2e-4) && (c("throttle")[7] - 40.0).abs() < 2e-4);
-    // 40 A through 0.05 ohm and an unseen ampere through 1 ohm, and 0.01 V/s.
+    // 40 A through 0.05 ohm, 1 A without a sensor through 1 ohm, and a discharge of 0.01 V/s.
     assert!((c("vol_b")[100] - (24.0 - 2.0 - 1.0 - 0.1)).abs() < 1e-4);
     assert!(line.column_by_name("cur_n").is_none());
 }
@@ -71,19 +71,19 @@ fn law_servos_follow_the_attitude() {
     let angle = |name: &str, i: usize| column(line, name)[i].to_radians();
     let roll = column(line, "roll");
     for i in 1..line.num_rows() - 1 {
-        // The rate of roll of the rates about the body's axes. [Titterton & Weston 2004, (3.44)]
+        // The roll rate from the rates about the body's axes. [Titterton & Weston 2004, (3.44)]
         let across = column(line, "pitch_rate")[i] * angle("roll", i).sin();
         let down = column(line, "yaw_rate")[i] * angle("roll", i).cos();
         let rate = column(line, "roll_rate")[i] + (across + down) * angle("pitch", i).tan();
         assert!((column(line, "cur_r")[i] - 6.0 * rate / 30.0).abs() < 1e-9, "{i}");
         let difference = (roll[i + 1] - roll[i - 1]) / 0.2;
-        // h²/6 of the third derivative, of 1.5 degrees that sway at up to 3 rad/s: 0.07 deg/s.
+        // The error h²/6 times the third derivative of a sway of 1.5 degrees at up to 3 rad/s: 0.07 deg/s.
         assert!((rate - difference).abs() < 0.2, "{i}: {rate} {difference}");
     }
 }
 
 #[test]
-fn ref_the_drone_does_what_its_ground_test_showed() {
+fn ref_the_drones_currents_have_the_fields_of_its_ground_test() {
     let folder = TempDir::new().unwrap();
     let path = spec(&folder, "preset = 'drone'", "", SURVEY);
     let aircraft = Simulation::open(&path).unwrap().spec().aircraft.clone();

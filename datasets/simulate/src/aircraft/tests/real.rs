@@ -1,15 +1,15 @@
-//! Errors of real sensors, currents and recorders: none by default, none when switched off, and otherwise as declared.
+//! Errors of real sensors, currents and recorders: absent by default and when switched off, otherwise as declared.
 
 use super::*;
 
-/// The first line, without the map's anomaly, which takes its time. `aircraft` are the aircraft's tables, of which
-/// `[components]` is the last.
+/// The first line, without the map's anomaly, which is slow. `aircraft` holds the aircraft's tables, with
+/// `[components]` as the last.
 fn line_of(top: &str, aircraft: &str) -> RecordBatch {
     let switch = if aircraft.contains("[components]") { "" } else { "\n[components]" };
     lines_of(top, &format!("{aircraft}{switch}\nanomaly = false\n"), SURVEY)[0].clone()
 }
 
-/// The causes that have no effect until a spec gives them a size.
+/// The components that are zero until a spec sets their size.
 const CAUSES: [&str; 18] = [
     "hysteresis",
     "current_lag",
@@ -31,7 +31,7 @@ const CAUSES: [&str; 18] = [
     "channel_stuck",
 ];
 
-/// A line of an aircraft without any of the keys.
+/// Tables of an aircraft without any of these keys.
 const PLAIN: &str = "
 [temperature]
 settled_degc = 5.0
@@ -58,7 +58,7 @@ noise_nt = 1.0
 lag_s = 0.15
 ";
 
-/// The same with all of them.
+/// The same tables with all of these keys.
 fn with_everything() -> String {
     let on_current = "noise_a = 0.1\nscale = 1.2\ndelay_s = 0.3\nresponse_s = 0.4\nlimit = 3.0\nresolution_a = 0.5\n\
                       stuck_at = 2.0\neddy_share = 0.4\neddy_tau_s = 0.5\nremanence = 0.1";
@@ -78,7 +78,7 @@ fn with_everything() -> String {
 const COLUMNS: [&str; 5] = ["mag_2_uc", "flux_a_x", "flux_a_y", "flux_a_z", "cur_x"];
 
 #[test]
-fn law_causes_that_are_switched_off_leave_the_bytes_of_before() {
+fn unit_components_that_are_off_leave_the_bytes_unchanged() {
     let plain = line_of("", PLAIN);
     let off: String = CAUSES.iter().map(|cause| format!("{cause} = false\n")).collect();
     let all_off = line_of("", &format!("{}\n[components]\n{off}", with_everything()));
@@ -91,7 +91,7 @@ fn law_causes_that_are_switched_off_leave_the_bytes_of_before() {
 }
 
 #[test]
-fn law_the_real_cessna_with_every_cause_switched_off_is_the_cessna() {
+fn unit_the_real_cessna_without_these_components_equals_the_cessna() {
     let off: String = CAUSES.iter().map(|cause| format!("{cause} = false\n")).collect();
     let fluxgates = ["flux_a", "flux_b", "flux_c", "flux_d"].map(|name| {
         format!(
@@ -106,7 +106,7 @@ fn law_the_real_cessna_with_every_cause_switched_off_is_the_cessna() {
 }
 
 #[test]
-fn law_each_cause_alone_changes_something() {
+fn unit_each_component_alone_changes_the_readings() {
     let stuck = with_everything().replace("stuck_at = 2.0\n", "");
     let all = line_of("", &stuck);
     for cause in CAUSES.iter().filter(|cause| **cause != "channel_stuck") {
@@ -115,7 +115,7 @@ fn law_each_cause_alone_changes_something() {
     }
 }
 
-/// A current that is switched on after 20 s, and a fluxgate that feels 10 nT/A of it downwards.
+/// A current that is switched on after 20 s, and a fluxgate at which it adds 10 nT/A downwards.
 fn switched_on(more: &str, on_flux: &str) -> RecordBatch {
     let sensors = format!(
         "[[currents]]\nname = 'cur_x'\nkind = 'schedule'\nschedule = [[20.0, 60.0]]\non_a = 4.0\n{more}\n\
@@ -127,13 +127,14 @@ fn switched_on(more: &str, on_flux: &str) -> RecordBatch {
 const COUPLED: &str = "currents = { cur_x = [0.0, 0.0, 10.0] }";
 
 #[test]
-fn law_eddy_currents_hold_up_the_declared_share_for_the_declared_time() {
+fn law_eddy_currents_delay_the_declared_share_with_the_declared_time_constant() {
     let line = switched_on("eddy_share = 0.3\neddy_tau_s = 2.0", COUPLED);
     let (field, reported) = (column(&line, "part_currents_flux_a_z"), column(&line, "cur_x"));
     for i in 0..590 {
         let t = i as f64 / 10.0;
         assert_eq!(reported[i], if t < 20.0 { 0.0 } else { 4.0 }, "the column knows nothing of it");
-        // The step is the straight line from the sample before it on, 0.1 s: the mean of the exponential over it.
+        // The current rises linearly over one sample, 0.1 s; the expected value is the mean of the exponential over
+        // this rise.
         let mean = 2.0 / 0.1 * ((-(t - 20.0) / 2.0).exp() - (-(t - 19.9) / 2.0).exp());
         let expected = if t < 20.0 { 0.0 } else { 40.0 * (1.0 - 0.3 * mean) };
         assert!((field[i] - expected).abs() < 1e-9, "{t} s: {} {expected}", field[i]);
@@ -141,10 +142,10 @@ fn law_eddy_currents_hold_up_the_declared_share_for_the_declared_time() {
 }
 
 #[test]
-fn law_iron_keeps_what_is_declared_and_the_column_nothing() {
+fn law_iron_keeps_the_declared_remanence_and_the_column_omits_it() {
     let line = switched_on("remanence = 0.1", COUPLED);
     let (field, reported) = (column(&line, "part_currents_flux_a_z"), column(&line, "cur_x"));
-    // A tenth of 40 nT remains; the full current has twice that more, by Rayleigh's law.
+    // The remanence is a tenth of 40 nT; at the full current Rayleigh's law adds twice as much.
     for (i, expected) in [(100, 4.0), (300, 48.0), (800, 4.0)] {
         assert!((field[i] - expected).abs() < 0.01, "{i}: {}", field[i]);
     }
@@ -152,14 +153,14 @@ fn law_iron_keeps_what_is_declared_and_the_column_nothing() {
 }
 
 #[test]
-fn law_a_load_that_no_column_reports_has_a_field() {
+fn law_an_unmeasured_current_has_a_field() {
     let line = switched_on("measured = false", COUPLED);
     assert!(line.column_by_name("cur_x").is_none());
     assert_eq!(column(&line, "part_currents_flux_a_z")[300], 40.0);
 }
 
 #[test]
-fn law_crosstalk_is_in_one_reading_and_not_in_the_field() {
+fn law_crosstalk_affects_one_reading_and_not_the_field() {
     let other = "crosstalk = { cur_x = [0.0, 2.0, -1.0] }\n[[vector_magnetometers]]\nname = 'flux_b'";
     let line = switched_on("", other);
     for i in 0..600 {
@@ -171,7 +172,7 @@ fn law_crosstalk_is_in_one_reading_and_not_in_the_field() {
 }
 
 #[test]
-fn law_channels_are_wrong_as_declared() {
+fn law_channels_have_the_declared_errors() {
     let read = |more: &str| column(&switched_on(more, ""), "cur_x")[..600].to_vec();
     let late = read("delay_s = 1.5");
     assert_eq!((late[214], late[215]), (0.0, 4.0));
@@ -190,7 +191,7 @@ fn law_channels_are_wrong_as_declared() {
 }
 
 #[test]
-fn law_fluxgates_bend_and_warm_by_the_declared_sizes() {
+fn law_fluxgates_have_the_declared_nonlinearity_and_temperature_scale() {
     let sensors: Vec<String> = (0..100)
         .map(|k| {
             format!(
@@ -218,13 +219,13 @@ fn law_fluxgates_bend_and_warm_by_the_declared_sizes() {
             warmed.push(per_degc(0) * 1e6);
         }
     }
-    // 150 millionths of 100,000 nT; 300 draws have a standard error of 4 %, four of them.
+    // 150 ppm of 100,000 nT; four standard errors of 4 % for 300 draws.
     assert!((sd(&bent) / 15.0 - 1.0).abs() < 0.16, "{}", sd(&bent));
     assert!((sd(&warmed) / 70.0 - 1.0).abs() < 0.16, "{}", sd(&warmed));
 }
 
 #[test]
-fn law_the_airframe_remembers_by_rayleighs_law() {
+fn law_the_hysteresis_of_the_airframe_follows_rayleighs_law() {
     let sensors = "[[vector_magnetometers]]\nname = 'flux_a'\n[[vector_magnetometers]]\nname = 'flux_b'\n\
                    hysteresis = [[10.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 10.0]]\n";
     let line = line_of("component_columns = true", sensors);
@@ -235,12 +236,12 @@ fn law_the_airframe_remembers_by_rayleighs_law() {
     assert!(sd(part[0]) > 0.05 && sd(part[2]) > 0.05, "{} {}", sd(part[0]), sd(part[2]));
     let mut deepest = 0.0_f64;
     for i in 0..line.num_rows() {
-        // After a full turn the field along x has been at plus and minus the level field: the loop between these.
+        // After a full turn the field along x has reached plus and minus the level field. The remanence lies within the
+        // loop between these.
         let u = x[i] / 5e4;
         let (middle, half) = (20.0 * level * u, 10.0 * (level * level - u * u).max(0.0));
         assert!((part[0][i] - middle).abs() < half + 0.2, "{i}: {} is not in the loop at {u}", part[0][i]);
-        // Along z it has only come from nothing: on the first loading or, once past a maximum, between that and its
-        // tip.
+        // Along z the iron is on the first loading or, past a maximum, between the first loading and its tip.
         let u = z[i].abs() / 5e4;
         deepest = deepest.max(u);
         let beyond = part[2][i].abs() - 20.0 * u * u;

@@ -3,8 +3,8 @@
 use super::*;
 
 #[test]
-fn law_magnetometers_measure_the_field_where_they_are() {
-    // 60 m/s northward without gusts: 60 m ahead is where the INS is a second later.
+fn law_magnetometers_measure_the_field_at_their_position() {
+    // At 60 m/s northward without gusts, a sensor 60 m ahead is at the INS position of one second later.
     let north = "
 [[flights]]
 name = 'A'
@@ -32,7 +32,7 @@ waypoints = [[-22.1, 140.65], [-21.9, 140.65]]
     let off = |k: usize| ahead[k] - here[k + 1];
     let moved: Vec<f64> = (10..100).map(|k| here[k + 1] - here[k]).collect();
     let missed: Vec<f64> = (10..100).map(off).collect();
-    // Level flight has an angle of attack, by which 60 m ahead are some metres up.
+    // Level flight has an angle of attack, so a sensor 60 m ahead is some metres higher.
     assert!(sd(&missed) < 0.1 * sd(&moved), "{} {}", sd(&missed), sd(&moved));
     let (up, right) = (column(&flight, "mag_4_uc"), column(&flight, "mag_5_uc"));
     let higher = fly(&north.replace("alt_m = 700.0", "alt_m = 800.0"));
@@ -51,7 +51,8 @@ waypoints = [[-22.1, 140.65], [-21.9, 140.65]]
 fn law_a_scalar_loses_its_signal_in_dead_zones_and_dropouts() {
     let sensor = |more: &str| format!("[[magnetometers]]\nname = 'mag_2_uc'\naxis = [0.0, 0.0, 1.0]\n{more}\n");
     let dead = |more: &str| lines_of("", &sensor(more), SURVEY)[0].clone();
-    // At Osborne the field is 53 degrees from the level, 37 from the vertical; the aircraft rolls and pitches.
+    // At Osborne the field is 53 degrees from the horizontal and 37 degrees from the vertical; the aircraft rolls and
+    // pitches.
     let all = |line: &RecordBatch| column(line, "mag_2_uc").iter().filter(|x| x.is_nan()).count();
     assert_eq!(all(&dead("dead_polar_deg = 10.0\ndead_equatorial_deg = 10.0")), 0);
     assert_eq!(all(&dead("dead_polar_deg = 60.0")), 1201);
@@ -69,7 +70,7 @@ fn law_a_scalar_loses_its_signal_in_dead_zones_and_dropouts() {
     let long = SURVEY.replace("duration_s = 120.0", "duration_s = 3000.0");
     let dropped = &lines_of("rate_hz = 2.0", &sensor("dropouts = { mean_s = 20.0, for_s = 5.0 }"), &long)[0];
     let share = all(dropped) as f64 / dropped.num_rows() as f64;
-    // 120 bursts: the share of a fifth has a standard error of 0.025; four of them.
+    // 120 dropouts: four standard errors of 0.025 for the share of a fifth.
     assert!((share - 0.2).abs() < 0.1, "{share}");
 }
 
@@ -95,12 +96,12 @@ fn law_readings_are_multiples_of_the_resolution_and_spikes_are_rare() {
     // A uniform error of a step: step / sqrt(12), within 5 % for 1200 samples.
     assert!((sd(rounding) - 0.25 / 12f64.sqrt()).abs() < 0.004, "{}", sd(rounding));
     let spikes = column(line, "part_spikes_mag_2_uc").iter().filter(|x| **x != 0.0).count();
-    // 30 expected; four standard errors.
+    // Expected value 30, with four standard errors.
     assert!((8..=52).contains(&spikes), "{spikes}");
 }
 
 #[test]
-fn law_a_vector_magnetometer_is_turned_scaled_and_warmed() {
+fn law_a_vector_magnetometer_has_misalignment_skew_and_temperature_drift() {
     let sensors = "[temperature]\nstart_degc = 30.0\nsettled_degc = 10.0\ntau_s = 40.0\n\
                    [[vector_magnetometers]]\nname = 'flux_a'\nmisaligned_deg = 2.0\nnon_orthogonal_deg = 1.0\n\
                    [[vector_magnetometers]]\nname = 'flux_b'\nmisaligned_deg = 2.0\n\
@@ -119,6 +120,6 @@ fn law_a_vector_magnetometer_is_turned_scaled_and_warmed() {
         let degc = column(line, "temp")[i] - 20.0;
         assert!((warm - first * (degc / 10.0)).norm() < 1e-6, "as the temperature beyond the reference of 20");
     }
-    // A rotation keeps the length; axes that are not square do not.
+    // A rotation preserves the length; non-orthogonal axes change it.
     assert!(worst < 1e-9 && skewed > 10.0, "{worst} {skewed}");
 }

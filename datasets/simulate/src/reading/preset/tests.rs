@@ -21,7 +21,7 @@ fn read(top: &str, more: &str) -> Result<SynthSpec, ReadError> {
 }
 
 #[test]
-fn law_every_preset_is_a_whole_aircraft() {
+fn unit_every_preset_is_a_complete_aircraft() {
     for (name, _) in PRESETS {
         let spec = read(&format!("preset = '{name}'"), "").unwrap_or_else(|e| panic!("{name}: {e}"));
         assert!(spec.aircraft.scalars.len() > 2 && spec.aircraft.vectors.len() > 1, "{name}");
@@ -47,7 +47,7 @@ fn ref_cessna_has_the_fields_of_table_a1() {
 }
 
 #[test]
-fn law_the_spec_wins_over_its_preset() {
+fn unit_the_spec_overrides_its_preset() {
     let plain = read("preset = 'cessna'", "").unwrap();
     let spec = read(
         "preset = 'cessna'\nrate_hz = 20.0\nwithout = ['mag_5_uc', 'cur_tank']",
@@ -67,7 +67,7 @@ fn law_the_spec_wins_over_its_preset() {
     let (before, after) = (&plain.aircraft.scalars[4], &spec.aircraft.scalars[4]);
     assert_eq!((before.noise_nt, after.noise_nt), (0.1, 7.0));
     assert_eq!(after.source.induced, before.source.induced);
-    // A size takes back the vector that the preset gives.
+    // A size replaces the vector of the preset.
     assert_eq!(after.source.permanent, QuantitySpec::Size(5.0));
     let current = |spec: &SynthSpec, name: &str| spec.aircraft.currents.iter().find(|c| c.name == name).cloned();
     assert_eq!(current(&spec, "cur_strb").unwrap().kind, CurrentControl::Steady);
@@ -78,7 +78,7 @@ fn law_the_spec_wins_over_its_preset() {
 }
 
 #[test]
-fn gold_faults_beside_a_preset_keep_their_places() {
+fn gold_faults_of_a_spec_with_a_preset_keep_their_places() {
     let said = |top: &str, more: &str| read(top, more).unwrap_err().to_string();
     let unknown = said("seed = 1\npreset = 'cesna'", "");
     assert!(unknown.contains("there is no preset `cesna`") && unknown.contains("p.synth.toml:2:10\n"), "{unknown}");

@@ -1,4 +1,4 @@
-//! Which column is the time, what it counts from, and where a log says when it began.
+//! Recognition of the time column, its zero, and the epoch of a log.
 
 use schemas::convert;
 
@@ -9,7 +9,7 @@ use crate::sources::{clock_digits, mapping::clock::TimeTextFormat};
 pub struct ClockGuess {
     /// Text of the clock in the mapping.
     pub said: String,
-    /// Why.
+    /// Reason for the guess.
     pub why: String,
     /// The column.
     pub column: String,
@@ -28,7 +28,7 @@ impl ClockGuess {
     }
 }
 
-/// Names of time columns, the likelier first.
+/// Names of time columns, the most likely first.
 const NAMES: [&[&str]; 5] = [
     &["timeus", "timestamp", "timems", "tt"],
     &["time"],
@@ -54,7 +54,7 @@ pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
 
 fn one(column: &ColumnSample) -> Option<ClockGuess> {
     if let Some(text) = &column.text {
-        // A text without a form is not guessed at: day and month cannot be told apart.
+        // Other text formats are not guessed, because day and month cannot be distinguished.
         TimeTextFormat::Iso.read(text)?;
         return Some(ClockGuess {
             said: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
@@ -106,7 +106,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     })
 }
 
-/// The unit of a time: what the file or its name says, what the size says, or what makes a rate.
+/// Unit of a time, from the file, its name, its size, or a plausible rate.
 fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str, &'static str)> {
     let units = ["s", "ms", "us", "ns"];
     if let Some(unit) = units.iter().find(|u| convert(&column.unit, "s") == convert(u, "s") && !column.unit.is_empty())

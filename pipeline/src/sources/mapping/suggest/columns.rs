@@ -1,4 +1,4 @@
-//! Which columns are recognised, by their names, units and values.
+//! Recognition of columns by their names, units and values.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -8,20 +8,20 @@ use super::{TopicSample, quoted, sample::ColumnSample};
 
 /// Suggested mapping of a column, or of three components.
 pub struct ColumnGuess {
-    /// The name in the flight table; of one that is left out, that of the file.
+    /// The name in the flight table; for a skipped column, its name in the file.
     pub ours: String,
     /// The names in the file.
     pub theirs: Vec<String>,
-    /// Text of the column in the mapping; empty where it is skipped.
+    /// Text of the column in the mapping; empty if it is skipped.
     pub said: String,
-    /// Why.
+    /// Reason for the guess.
     pub why: String,
     /// Whether it is a vector.
     pub is_vector: bool,
 }
 
 impl ColumnGuess {
-    /// Whether it stands in the mapping.
+    /// Whether it is part of the mapping.
     pub fn is_used(&self) -> bool {
         !self.said.is_empty()
     }
@@ -38,8 +38,7 @@ impl ColumnGuess {
     }
 }
 
-/// The columns of a table that are recognised, and those that nearly are. `letters` are the names of vector
-/// magnetometers that are left.
+/// The recognised and nearly recognised columns of a table. `letters` are the unused names of vector magnetometers.
 pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) -> Vec<ColumnGuess> {
     let mut out: Vec<ColumnGuess> = vec![];
     for (axes, words) in triples(topic) {
@@ -111,7 +110,7 @@ fn has(words: &[String], any: &[&str]) -> bool {
     words.iter().any(|w| any.contains(&w.as_str()))
 }
 
-/// Units of the earth's field, and what 20,000 to 70,000 nT are in them.
+/// Units of the earth's field, with their size in nT.
 const FIELD: [(&str, f64); 5] = [("nT", 1.0), ("mgauss", 1e2), ("uT", 1e3), ("gauss", 1e5), ("T", 1e9)];
 
 fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
@@ -121,13 +120,13 @@ fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
     ColumnSample { name: String::new(), unit: String::new(), text: None, values, whole: false }.median()
 }
 
-/// The unit that the file or the name of a column says, if it is one of `wanted`.
+/// Unit given by the file or the name of a column, if it converts to `wanted`.
 fn said_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     if is_unit(&column.unit) && convert(&column.unit, wanted).is_some() {
         return Some(column.unit.clone());
     }
     let words = column.words();
-    // `rad_s` and `m_s2` are two words; a letter of an axis may stand behind them.
+    // `rad_s` and `m_s2` are two words; a letter of an axis may follow them.
     let ends = |n: usize| {
         words
             .iter()
@@ -155,7 +154,7 @@ fn said_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     (words.len() > 1 && usual.contains(&last.as_str()) && convert(unit, wanted).is_some()).then(|| unit.to_owned())
 }
 
-/// Whether a column can be `ours` in a unit: a reader takes a usual name for what it usually means.
+/// Whether the values of a column are within the limits of `ours` in a unit.
 fn can_be(column: &ColumnSample, ours: &str, unit: &str) -> bool {
     let factor = convert(unit, flight::describe(ours).unit).unwrap_or(1.0);
     let Some((limits, (low, high))) = limits(ours).zip(column.range()) else { return true };
@@ -373,7 +372,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     None
 }
 
-/// The word of a name that says which current or voltage it is.
+/// The word of a name that distinguishes a current or voltage.
 fn own_word(words: &[String]) -> String {
     const COMMON: [&str; 10] = ["curr", "current", "volt", "voltage", "a", "v", "filtered", "sensor", "uc", "raw"];
     words.iter().find(|w| !COMMON.contains(&w.as_str())).cloned().unwrap_or_else(|| "battery".to_owned())

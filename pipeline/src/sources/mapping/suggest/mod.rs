@@ -1,5 +1,5 @@
-//! A mapping suggested from a log: what its names, units and values make likely, with the reason of each guess. What it
-//! cannot know it leaves out, and says so.
+//! A mapping suggested from the names, units and values of a log, with the reason for each guess. Unknown parts are
+//! omitted and reported.
 
 mod clocks;
 mod columns;
@@ -17,7 +17,7 @@ use sample::ColumnSample;
 pub(super) struct TopicSample {
     /// Its name; empty for a file of one table.
     pub name: String,
-    /// The rows it has.
+    /// Number of rows.
     pub rows: u64,
     /// Its columns.
     pub columns: Vec<ColumnSample>,
@@ -35,7 +35,7 @@ impl TopicSample {
 /// The text of a mapping of a log.
 ///
 /// # Errors
-/// Fails for a log that cannot be read, and for one without any column that it recognises.
+/// Fails for a log that cannot be read, and for a log without any recognised column.
 pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<String, ReadError> {
     let listed = topics_among(formats, path, options)?;
     let mut format = "";
@@ -107,7 +107,7 @@ fn shown(name: &str) -> String {
     if name.is_empty() { "the table".to_owned() } else { format!("`{}`", name.escape_default()) }
 }
 
-/// The flight and the line: columns of these names, where all tables have them.
+/// The flight and the line: columns of these names, if all tables have them.
 fn keys(tables: &[(&TopicSample, &ClockGuess, Vec<ColumnGuess>)]) -> String {
     let mut text = String::new();
     for (key, usual) in [
@@ -176,18 +176,18 @@ fn wrapped(words: &str) -> String {
     text + &line + "\n"
 }
 
-/// A text as TOML has it.
+/// A text as a TOML string.
 pub(super) fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 
-/// A key as TOML has it.
+/// A name as a TOML key.
 fn key(name: &str) -> String {
     let plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
     if plain { name.to_owned() } else { quoted(name) }
 }
 
-/// A name for a table that no other has.
+/// An unused name for a table.
 fn table_name(topic: &str, taken: &[String]) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c.to_ascii_lowercase() } else { '_' };
     let mut name: String = topic.chars().map(plain).collect::<String>().trim_matches('_').to_owned();

@@ -6,7 +6,7 @@ use arrow_schema::DataType;
 use datasets::{FlightReader, ReadError};
 use numerics::regression::statistics::median;
 
-/// Rows that are looked at.
+/// Maximum number of rows in the sample.
 const ROWS: usize = 200_000;
 
 /// Column of a file with a sample of its values.
@@ -14,7 +14,7 @@ const ROWS: usize = 200_000;
 pub struct ColumnSample {
     /// Its name in the file.
     pub name: String,
-    /// The unit that the file states; empty where it states none.
+    /// The unit that the file gives; empty without one.
     pub unit: String,
     /// The first text, of a column of text.
     pub text: Option<String>,
@@ -36,7 +36,7 @@ impl ColumnSample {
         (ends.0 <= ends.1).then_some(ends)
     }
 
-    /// The largest size.
+    /// The largest absolute value.
     pub fn largest(&self) -> f64 {
         self.range().map_or(0.0, |(l, h)| l.abs().max(h.abs()))
     }
@@ -47,7 +47,7 @@ impl ColumnSample {
         (!all.is_empty()).then(|| median(&mut all))
     }
 
-    /// The words of its name, in small letters: `MagX` and `mag_x` are `mag` and `x`.
+    /// The words of its name, in lower case: `MagX` and `mag_x` are `mag` and `x`.
     pub fn words(&self) -> Vec<String> {
         let mut words: Vec<String> = vec![String::new()];
         let mut before = ' ';

@@ -1,4 +1,4 @@
-//! A server in memory, and hosts with a cache each.
+//! Server in memory, and hosts with one cache each.
 
 use std::{
     fmt,
@@ -15,11 +15,11 @@ use object_store::{
 
 use super::*;
 
-/// A server in memory that counts, cuts answers and refuses.
+/// Server in memory that counts requests, truncates answers and rejects requests.
 #[derive(Debug, Default)]
 pub(super) struct Server {
     objects: InMemory,
-    /// Answers to cut from now on.
+    /// Number of answers to truncate from now on.
     pub(super) cut: AtomicUsize,
     pub(super) down: AtomicBool,
     written: Mutex<Vec<String>>,
@@ -40,7 +40,7 @@ impl Server {
         }
     }
 
-    /// The objects written so far whose names begin so.
+    /// Objects written so far whose names begin with `start`.
     pub(super) fn writes(&self, start: &str) -> Vec<String> {
         locked(&self.written).iter().filter(|name| name.starts_with(start)).cloned().collect()
     }
@@ -106,7 +106,7 @@ impl ObjectStore for Server {
     }
 }
 
-/// A bucket, and hosts that each have a cache of their own.
+/// Bucket, and hosts with one cache each.
 pub(super) struct Lab {
     pub(super) server: Arc<Server>,
     pub(super) bucket: Bucket,
@@ -119,7 +119,7 @@ impl Lab {
         Lab { bucket: Bucket::new(server.clone(), address), server }
     }
 
-    /// The cache of one more host.
+    /// Cache of one more host.
     pub(super) fn host(&self) -> TempDir {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path().canonicalize().unwrap();

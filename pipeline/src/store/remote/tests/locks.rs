@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn unit_one_host_at_a_time_has_a_pipeline() {
+fn unit_one_host_at_a_time_locks_a_pipeline() {
     let lab = Lab::new();
     let (here, there) = (lab.host(), lab.host());
     let (one, two) = (Store::open(here.path()).unwrap(), Store::open(there.path()).unwrap());
@@ -13,14 +13,14 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
     assert!(first.follows(generation(there.path(), "p").or(Some(0))) && first.check().is_ok());
     assert_eq!(generation(there.path(), "p"), None);
     let LockOutcome::Held(held) = two.lock("p").unwrap() else { unreachable!("it is held") };
-    // The two have different caches, so that the lock of the operating system says nothing.
+    // The two caches differ, so the lock of the operating system does not exclude the other host.
     assert_eq!(held.holder.as_ref().unwrap().pid, std::process::id());
     assert!(held.told("p", there.path()).contains("holds the lock in s3://bucket/lab/store: process"));
     mine(two.lock("q").unwrap());
     drop(first);
     let second = mine(two.lock("p").unwrap());
     assert!(!second.follows(seen), "another has had it since");
-    // A holder that seemed dead must not resume.
+    // An apparently dead holder must not resume.
     let lease = "locks/p.lease-3";
     lab.bucket.put(lease, b"{}".to_vec()).unwrap();
     let fault = second.check().unwrap_err().to_string();
@@ -30,11 +30,11 @@ fn unit_one_host_at_a_time_has_a_pipeline() {
 }
 
 #[test]
-fn unit_the_lease_of_a_killed_process_of_the_same_cache_is_over_at_once() {
+fn unit_lease_of_a_killed_process_with_the_same_cache_ends_at_once() {
     let lab = Lab::new();
     let here = lab.host();
     let store = Store::open(here.path()).unwrap();
-    // Killed, it leaves its lease; the lock of the operating system is free.
+    // A killed process leaves its lease; the lock of the operating system is free.
     let lock = mine(store.lock("p").unwrap());
     let left = lab.bucket.get("locks/p.lease-1").unwrap().unwrap();
     drop(lock);
@@ -46,7 +46,7 @@ fn unit_the_lease_of_a_killed_process_of_the_same_cache_is_over_at_once() {
 }
 
 #[test]
-fn unit_one_of_many_creates_and_one_of_many_replaces() {
+fn unit_conditional_create_and_replace_have_one_winner() {
     let lab = Lab::new();
     let texts: Vec<String> = (0..8).map(|i| i.to_string()).collect();
     let won = each(&texts, |text| lab.bucket.create("x", text.as_bytes())).unwrap();
@@ -77,7 +77,7 @@ fn unit_attempts_are_counted_over_all_hosts() {
 }
 
 #[test]
-fn unit_an_attempt_at_many_units_is_few_objects_and_those_of_others_are_not_read() {
+fn unit_large_attempt_uses_few_objects_and_foreign_ones_are_not_read() {
     let lab = Lab::new();
     let (here, there) = (lab.host(), lab.host());
     let (one, two) = (Store::open(here.path()).unwrap(), Store::open(there.path()).unwrap());
@@ -89,12 +89,12 @@ fn unit_an_attempt_at_many_units_is_few_objects_and_those_of_others_are_not_read
     assert!(all.iter().all(|o| o.key.rsplit('/').next().unwrap().len() <= 128));
     let lost = |store: &Store, keys: &[HashKey]| store.attempts_at(keys).iter().map(|t| t.lost).collect::<Vec<_>>();
     assert_eq!((lost(&two, mine), lost(&two, others)), (vec![1; 98], vec![0; 2]));
-    // An object without a mark of a unit is not read: one that would say so is passed over.
+    // An object without the mark of a unit is not read, even if it lists the unit.
     lab.bucket.put("attempts/strange-0000", format!("here\n{}\n", others[0]).into_bytes()).unwrap();
     let marked = others[0].to_string().starts_with("0000");
     assert_eq!(lost(&two, others), vec![usize::from(marked), 0]);
     lab.bucket.remove("attempts/strange-0000").unwrap();
-    // Two fail while the worker lives; another host has computed the others and one of these.
+    // Two units fail while the worker survives; another host has computed the others and one of these.
     let why = Fault::bug("a panic");
     attempt.end(&one, &HashMap::from([(mine[0], &why), (mine[97], &why)]));
     assert_eq!(lab.bucket.list("attempts").unwrap().len(), 2);

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The files of a store that are the same wherever it is: not those with times.
+/// Files of a store that are equal in all locations: those without times.
 fn lasting(root: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![root.to_owned()];
@@ -26,7 +26,7 @@ fn lasting(root: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 #[test]
-fn unit_a_run_leaves_the_same_bytes_in_an_object_store() {
+fn unit_run_writes_identical_bytes_to_an_object_store() {
     let lab = Lab::new();
     let (folder, here, there) = (tempfile::tempdir().unwrap(), lab.host(), lab.host());
     let plan = |root: &Path| {
@@ -50,13 +50,13 @@ fn unit_a_run_leaves_the_same_bytes_in_an_object_store() {
     let expected = lasting(folder.path());
     assert!(expected.len() > 10);
     assert_eq!(lasting(here.path()), expected, "the cache is a store as any other");
-    // Each pack was written once, and what is in the bucket is what is in the folder.
+    // Each pack was written once, and bucket and folder have the same contents.
     let written = lab.server.writes("lab/store/objects/");
     assert_eq!(written.iter().collect::<std::collections::BTreeSet<_>>().len(), written.len(), "{written:?}");
     for (name, bytes) in expected.iter().filter(|(name, _)| !name.starts_with("versions")) {
         assert_eq!(lab.bucket.get(name).unwrap().as_ref(), Some(bytes), "{name}");
     }
-    // Another host finds all of it done, copies what it needs, and has the same tables.
+    // Another host finds all units computed, copies the packs it needs, and has the same tables.
     let again = ran(there.path());
     assert_eq!((again.computed, again.reused), (0, local.computed + local.reused));
     assert_eq!(lab.server.writes("lab/store/objects/").len(), written.len());
@@ -69,7 +69,7 @@ fn unit_a_run_leaves_the_same_bytes_in_an_object_store() {
         files
     };
     assert_eq!(of(there.path()), of(folder.path()));
-    // Killed after some packs, as these are: the rest is computed by whoever runs it next.
+    // Like a run that was killed after these packs: the next run computes the others.
     let packs = lab.bucket.list("objects").unwrap();
     for gone in packs.iter().step_by(2) {
         lab.bucket.remove(&gone.key).unwrap();
@@ -83,7 +83,7 @@ fn unit_a_run_leaves_the_same_bytes_in_an_object_store() {
 }
 
 #[test]
-fn unit_verify_names_each_damaged_object_of_a_store() {
+fn unit_verify_reports_each_damaged_object() {
     let lab = Lab::new();
     let host = lab.host();
     let sets = [format!("store={}", host.path().display())];
@@ -99,7 +99,7 @@ fn unit_verify_names_each_damaged_object_of_a_store() {
     };
     assert_eq!(damaged(), Vec::<String>::new());
     let all: Vec<String> = lab.bucket.list("").unwrap().into_iter().map(|o| o.key).collect();
-    // A damaged version is an error of whoever opens the store.
+    // A damaged version is an error when the store is opened.
     for part in ["index", "objects", "sources", "quality", "plans", "runs", "costs", "checkpoints", "locks"] {
         let mut own = all.iter().filter(|name| name.split('/').next() == Some(part)).peekable();
         assert!(own.peek().is_some(), "{part}");

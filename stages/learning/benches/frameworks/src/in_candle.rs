@@ -5,7 +5,7 @@ use candle_nn::{AdamW, Optimizer, ParamsAdamW, loss};
 
 use crate::{BATCH, Each, Failure, HIDDEN, INPUTS, ROWS, Work};
 
-/// Trains; the weights, hidden layer first.
+/// Trains and returns the weights, hidden layer first.
 pub fn train(work: &Work, double: bool, each: Each) -> Result<Vec<f64>, Failure> {
     let device = Device::Cpu;
     let dtype = if double { DType::F64 } else { DType::F32 };

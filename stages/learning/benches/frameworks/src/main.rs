@@ -1,11 +1,11 @@
-//! The work of `../networks.rs` in candle: a network of 77 inputs, 8 units with swish and one output, 400,000
-//! samples shuffled anew in every epoch, batches of 2048, Adam, mean squared error.
+//! The work of `../networks.rs` in candle: a network of 77 inputs, 8 units with swish and one output, 400,000 samples
+//! reshuffled in every epoch, batches of 2048, Adam, mean squared error.
 //!
-//! `cargo run --release` runs `../networks.rs`, then prints milliseconds on the clock and of the processors for an
-//! epoch of candle, in single and double precision, on one and on two threads, how many times as long as magline in
-//! double precision that is, and whether the trained weights have the same bits on one and two threads. `cargo run
-//! --release -- PROGRAM` runs that program of the bench in place of building it. It asserts that the loss falls. The
-//! number of threads is one of the process, so that each case is a process of its own.
+//! `cargo run --release` runs `../networks.rs`, then candle in single and double precision, on one and on two threads.
+//! For each case it prints the milliseconds of an epoch on the clock and on the processors, the ratio to magline in
+//! double precision, and whether one and two threads give bit-identical weights. `cargo run --release -- PROGRAM` runs
+//! that program instead of building the bench. Each case asserts that the loss falls. The number of threads is a
+//! setting of the process, so each case runs in a separate process.
 
 use std::{process::Command, time::Instant};
 
@@ -50,7 +50,7 @@ fn main() -> Result<(), Failure> {
     }
 }
 
-/// Every case in a process of its own, after the bench of magline.
+/// Runs every case in a separate process, after the bench of magline.
 fn all(mut bench: Command) -> Result<(), Failure> {
     let output = bench.output()?;
     if !output.status.success() {
@@ -86,7 +86,7 @@ fn all(mut bench: Command) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Milliseconds of magline for `m1` with one hidden layer of 8 units: on the clock and of the processors.
+/// Time of magline for `m1` with one hidden layer of 8 units, ms: on the clock and on the processors.
 fn magline(said: &str, threads: usize) -> Result<[f64; 2], Failure> {
     let row = format!("m1 [8], {threads} threads: ");
     let found = said.lines().find_map(|line| line.strip_prefix(&row)).and_then(|times| {
@@ -123,7 +123,7 @@ fn case(framework: &str, precision: &str, threads: &str) -> Result<Told, Failure
     })
 }
 
-/// Trains once and prints clock, processors, the last loss, and the bits of the trained weights as one number.
+/// Trains once and prints clock time, processor time, the last loss, and a hash of the trained weights.
 fn one(framework: &str, double: bool) -> Result<(), Failure> {
     let work = work();
     let mut times: Vec<(f64, f64)> = vec![];
@@ -181,7 +181,7 @@ impl Draws {
     }
 }
 
-/// The seconds that all threads have had a processor; NaN where the system does not tell.
+/// Processor time of all threads, s; NaN if the system does not report it.
 fn processors() -> f64 {
     let of = |task: std::fs::DirEntry| -> Option<f64> {
         let told = std::fs::read_to_string(task.path().join("schedstat")).ok()?;

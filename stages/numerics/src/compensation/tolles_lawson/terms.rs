@@ -33,7 +33,7 @@ pub enum TermFamily {
 pub struct TermGroup {
     /// Its name.
     pub name: &'static str,
-    /// Other names for the same, most of them MagNav.jl's.
+    /// Aliases, most of them MagNav.jl's.
     pub aliases: &'static [&'static str],
     /// Its family.
     pub family: TermFamily,
@@ -113,10 +113,10 @@ impl TermSelection {
         Ok(Self { groups, columns })
     }
 
-    /// The groups whose columns are the first of a list of names, as far as they are; more columns before fewer.
+    /// Groups whose columns match the start of a list of names; larger groups are preferred.
     ///
     /// # Errors
-    /// Fails with [`AMatrixError::Empty`] where the first name begins no group.
+    /// Fails with [`AMatrixError::Empty`] if no group begins with the first name.
     pub fn leading<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut known: Vec<&'static TermGroup> = GROUPS.iter().collect();
         known.sort_by_key(|group| (group.family, std::cmp::Reverse(group.columns.len())));
@@ -153,7 +153,7 @@ impl TermSelection {
         self.columns.len()
     }
 
-    /// Whether there are no terms: never, for a `TermSelection` that was constructed.
+    /// Whether there are no terms; false for every constructed `TermSelection`.
     pub fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }

@@ -36,7 +36,7 @@ fn val_rows_equal_magnav() {
     }
 }
 
-/// Through filter, trim and ridge: MagNav.jl's whole calibration.
+/// MagNav.jl's whole calibration: filter, trim and ridge.
 #[test]
 fn val_coefficients_equal_magnav() {
     let (vector, scalar) = flight();
@@ -72,7 +72,7 @@ fn val_coefficients_equal_magnav() {
 }
 
 #[test]
-fn law_names_follow_the_table_whatever_the_order_of_asking() {
+fn unit_names_follow_the_table_in_any_order_of_request() {
     let terms = TermSelection::new(&["bias", "e3", "permanent", "induced5"]).unwrap();
     let names = ["x", "y", "z", "xx", "xy", "xz", "yy", "yz", "xx_dot", "yy_dot", "zz_dot", "bias"];
     assert_eq!(terms.names(), names);
@@ -103,7 +103,7 @@ fn law_subsets_are_columns_of_the_full_matrix() {
 }
 
 #[test]
-fn law_cosines_are_of_unit_length_and_induced_terms_make_up_the_field() {
+fn law_cosines_have_unit_length_and_induced_terms_sum_to_the_field() {
     let (vector, _) = flight();
     let a = matrix(&field(&vector), &TermSelection::new(&["p", "i"]).unwrap(), DEFAULT_SCALE_NT).unwrap();
     for (row, i) in a.chunks(9).zip(0..) {
@@ -115,7 +115,7 @@ fn law_cosines_are_of_unit_length_and_induced_terms_make_up_the_field() {
 }
 
 #[test]
-fn law_a_difference_never_crosses_a_gap() {
+fn unit_a_difference_never_crosses_a_gap() {
     let ([mut x, y, z], _) = flight();
     x[30] = f64::NAN;
     let terms = TermSelection::new(&["p", "e", "f", "b"]).unwrap();
@@ -129,7 +129,7 @@ fn law_a_difference_never_crosses_a_gap() {
     assert_eq!(holed[31 * width..], cut(31..80));
     let (missing, bias) = holed[30 * width..31 * width].split_at(width - 1);
     assert!(missing.iter().all(|v| v.is_nan()) && bias == [1.0]);
-    // Runs given by the caller break differences in the same way, and rows outside are missing.
+    // Runs given by the caller break differences in the same way; rows outside them are missing.
     let whole = [flight().0[0].clone(), y, z];
     let in_runs = matrix_in_runs(&field(&whole), &terms, 50_000.0, &[0..30, 31..80]).unwrap();
     assert_eq!(in_runs.len(), 80 * width);
@@ -139,7 +139,7 @@ fn law_a_difference_never_crosses_a_gap() {
 }
 
 #[test]
-fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
+fn unit_missing_inputs_give_nan_only_in_their_terms() {
     let vector = [vec![3.0, f64::NAN, 1.0, 2.0], vec![0.0; 4], vec![4.0, 0.0, 0.0, 0.0]];
     let terms = TermSelection::new(&["p", "f", "b"]).unwrap();
     let a = matrix(&field(&vector), &terms, 50_000.0).unwrap();
@@ -156,7 +156,7 @@ fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
 }
 
 #[test]
-fn r12_bad_requests_are_named() {
+fn unit_invalid_requests_are_rejected() {
     let error = |names: &[&str]| TermSelection::new(names).unwrap_err().to_string();
     assert!(error(&["permanant"]).contains("`permanant`; the groups are permanent, induced"));
     assert!(error(&["induced", "i3"]).contains("`induced` and `induced3`"));

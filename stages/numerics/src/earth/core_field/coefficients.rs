@@ -21,8 +21,8 @@ choice! {
         /// doi:10.5281/zenodo.14012302]
         #[default]
         Igrf14 = "igrf",
-        /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, WMM2025 to 2030; a component jumps by
-        /// up to 314 nT where one takes over from the other. [NOAA NCEI and BGS]
+        /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, WMM2025 to 2030. A component jumps by up to
+        /// 314 nT at the change of model. [NOAA NCEI and BGS]
         Wmm = "wmm",
     }
 }
@@ -49,8 +49,7 @@ impl CoreFieldModel {
         spans.as_deref().map_err(Clone::clone)
     }
 
-    /// The years from one epoch to the next that a date lies in; a date on an epoch belongs to the interval that begins
-    /// there.
+    /// The interval between epochs that contains a date; a date on an epoch belongs to the interval that begins there.
     pub(super) fn span(self, decimal_year: f64) -> Result<&'static EpochCoefficients, CoreFieldError> {
         let spans = self.spans()?;
         let (Some(first), Some(last)) = (spans.first(), spans.last()) else {
@@ -81,12 +80,12 @@ pub(super) struct EpochCoefficients {
 pub(super) type HarmonicTable = Vec<[f64; 6]>;
 
 impl EpochCoefficients {
-    /// Whether a date is in this span, its end left out.
+    /// Whether a date is in this span, which excludes its end.
     pub(super) fn holds(&self, decimal_year: f64) -> bool {
         (self.from_year..self.to_year).contains(&decimal_year)
     }
 
-    /// The coefficients for an evaluation at many dates, made once.
+    /// Coefficients for an evaluation at many dates, computed once.
     pub(super) fn table(&self) -> &HarmonicTable {
         self.table.get_or_init(|| {
             let field = |of: &[f64; TERMS]| [0, 1, 2].map(|axis| derivative(of, axis, -1.0));

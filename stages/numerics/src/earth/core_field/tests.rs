@@ -24,7 +24,7 @@ fn rows(text: &str) -> Vec<Vec<f64>> {
     text.lines().skip(1).map(|line| line.split(',').map(|word| word.parse().unwrap()).collect()).collect()
 }
 
-/// The largest departure north, east, down, in magnitude and of the three rates from official test values.
+/// Largest differences from official test values: north, east, down, magnitude and the three rates.
 fn worst_of_wmm(text: &str) -> [f64; 7] {
     let rows = rows(text);
     assert_eq!(rows.len(), 100);
@@ -47,15 +47,15 @@ fn ref_wmm_test_values() {
     // Printed to 0.1 nT.
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2020_test_values.csv"));
     assert!(worst.iter().all(|w| *w < 0.051), "{worst:?}");
-    // Printed to 1e-6 nT. The official north component is not exact (see the reference's README), which the other
-    // components share in by a thousandth and the magnitude by up to all.
+    // Printed to 1e-6 nT. The official north component is not exact (see the reference's README). Its error affects the
+    // other components by a thousandth and the magnitude by up to its full size.
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2025_test_values.csv"));
     let printed = [8e-4, 0.51e-6, 3e-6, 8e-4, 1.1e-6, 0.51e-6, 0.6e-6];
     assert!(worst.iter().zip(printed).all(|(w, p)| *w < p), "{worst:?}");
 }
 
 #[test]
-fn val_wmm_of_the_textbook_sum() {
+fn val_wmm_equals_the_textbook_sum() {
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2025_exact.csv"));
     // Printed to 1e-6 nT.
     assert!(worst.iter().all(|w| *w < 0.51e-6), "{worst:?}");
@@ -91,13 +91,13 @@ fn law_the_field_has_neither_divergence_nor_curl() {
     // Relative to the size of the entries, 0.01 nT/m.
     assert!((xx + yy + zz).abs() < 1e-14, "{}", xx + yy + zz);
     let yx = derivative(&field.components[1], 0, 1.0 / REFERENCE_RADIUS_M);
-    // The sine of order zero, which multiplies nothing, need not agree.
+    // The sine of order zero has no effect and may differ.
     let [yx, xy] = [&yx, &field.tensor[1]].map(|c| dot_terms(c, &harmonics));
     assert!((yx - xy).abs() < 1e-16, "{yx} {xy}");
 }
 
 #[test]
-fn law_nothing_happens_at_the_poles() {
+fn law_the_field_is_continuous_at_the_poles() {
     let field = CoreField::at(2025.0).unwrap();
     for pole in [90.0, -90.0] {
         let magnitudes: Vec<f64> = (0..8).map(|k| field.magnitude_nt(pole, 45.0 * f64::from(k), 100.0)).collect();
@@ -111,7 +111,7 @@ fn law_nothing_happens_at_the_poles() {
 }
 
 #[test]
-fn law_time_is_linear_between_epochs_and_bounded() {
+fn law_the_field_is_linear_in_time_between_epochs() {
     let [early, middle, late] =
         [2020.0, 2022.5, 2025.0].map(|year| CoreField::at(year).unwrap().field_ned_nt(50.0, 10.0, 0.0));
     for ((a, b), c) in early.iter().zip(&middle).zip(&late) {
@@ -135,8 +135,8 @@ fn law_the_expansion_follows_the_field() {
     let mut worst = 0.0_f64;
     for k in 0..20_000 {
         let s = f64::from(k);
-        // From the south pole's surroundings to the north's in steps of 990 m, zigzagging, in
-        // between 60 small steps about each place so that the expansion is used, not only made.
+        // A zigzag from near the south pole to near the north pole in steps of 990 m. At each position, 60 small steps
+        // use the expansion.
         let (lat, lon) = (-89.0 + 0.0089 * s, 170.0 * (0.01 * s).sin());
         for j in 0..8 {
             let phase = f64::from(j) * 0.785;
@@ -151,9 +151,9 @@ fn law_the_expansion_follows_the_field() {
 }
 
 #[test]
-fn law_a_track_has_the_field_of_its_places_and_dates() {
+fn law_a_track_equals_single_evaluations() {
     for model in [CoreFieldModel::Igrf14, CoreFieldModel::Wmm] {
-        // Dates on both sides of an epoch and on it, a number of places that no register holds, gaps.
+        // Dates before, on and after an epoch, a number of positions that does not fill the vector lanes, and gaps.
         let n = 203;
         let part = |k: usize| k as f64 / n as f64;
         let lat: Vec<f64> = (0..n).map(|k| 180.0 * part(k) - 90.0).collect();
@@ -189,7 +189,7 @@ fn law_secular_variation_is_the_change_of_the_field() {
 }
 
 #[test]
-fn law_the_step_from_one_world_model_to_the_next_is_known() {
+fn ref_the_step_between_world_models_has_its_known_size() {
     let mut most = 0.0_f64;
     for lat in (-89..90).step_by(2) {
         for lon in (-180..180).step_by(4) {

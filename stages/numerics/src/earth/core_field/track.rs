@@ -47,13 +47,12 @@ impl CoreFieldTrack {
         Self { model, recursion: HarmonicRecursion::new() }
     }
 
-    /// The field (north, east, down; nT) at each position and date, as many as the shortest of the four slices. A
+    /// The field (north, east, down; nT) at each position and date; the shortest of the four slices gives the length. A
     /// position with a coordinate or date that is not finite has NaN.
     ///
     /// # Errors
     /// Fails for a date that the model does not cover and for a position that does not exist: a latitude beyond a pole,
-    /// a longitude outside
-    /// -180 to 360 degrees, a height outside -10 to 2,000 km.
+    /// a longitude outside -180 to 360 degrees, a height outside -10 to 2,000 km.
     pub fn field(
         &self,
         lat_deg: &[f64],
@@ -64,7 +63,7 @@ impl CoreFieldTrack {
         self.evaluate(lat_deg, lon_deg, alt_m, year, false)
     }
 
-    /// The field's change (north, east, down; nT a year), as [`CoreFieldTrack::field`].
+    /// Change of the field (north, east, down; nT a year); see [`CoreFieldTrack::field`].
     ///
     /// # Errors
     /// Fails as [`CoreFieldTrack::field`].
@@ -133,8 +132,8 @@ impl CoreFieldTrack {
     }
 }
 
-/// The coordinates of a position, each with its limits. The models hold from the ground to where the field of currents
-/// in the ionosphere and magnetosphere is no longer small compared with the core's.
+/// Coordinates of a position with their limits. The models hold from the ground up to heights where the field of
+/// currents in the ionosphere and magnetosphere is no longer small compared with the core field.
 const PLACES: [(GeodeticCoordinate, f64, f64, &str); 3] = [
     (GeodeticCoordinate::Latitude, -90.0, 90.0, "deg"),
     (GeodeticCoordinate::Longitude, -180.0, 360.0, "deg"),
@@ -161,7 +160,7 @@ struct PositionGroup {
 
 impl Default for PositionGroup {
     fn default() -> Self {
-        // A lane without a position has one on the reference sphere, so that nothing overflows.
+        // An unused lane holds a position on the reference sphere, to avoid overflow.
         let unused = [[REFERENCE_RADIUS_M; LANES], [0.0; LANES], [0.0; LANES]];
         let local = [(); LANES].map(|()| LocalDirections::at(0.0, 0.0));
         Self { len: 0, rows: [0; LANES], position: unused, years: [0.0; LANES], local }
@@ -182,8 +181,8 @@ impl PositionGroup {
     }
 }
 
-/// The sums over all harmonics of each column of the table, in the lanes of the places: the form in which it is
-/// compiled for the vector width of each processor.
+/// Sums over all harmonics of each column of the table, one position per lane; compiled for the vector width of each
+/// processor.
 struct HarmonicSums<'a> {
     recursion: &'a HarmonicRecursion,
     table: &'a HarmonicTable,

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// The bias that is subtracted from each map before they are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BiasModel {
-    /// Nothing.
+    /// No bias.
     #[default]
     Nothing,
     /// A constant: the median of the differences in each overlap, reconciled over all overlaps by least squares
@@ -21,16 +21,16 @@ pub enum BiasModel {
 /// The bias of a map relative to the first map that it is connected to by overlaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OverlapBias {
-    /// At the middle of the combined grid, in the unit of the maps.
+    /// Bias at the middle of the combined grid, in the unit of the maps.
     pub constant: f64,
-    /// Per metre eastward.
+    /// Slope per metre eastward.
     pub per_m_east: f64,
-    /// Per metre northward.
+    /// Slope per metre northward.
     pub per_m_north: f64,
 }
 
 impl OverlapBias {
-    /// Takes the bias off a map on the nodes of `target`.
+    /// Subtracts the bias from a map on the nodes of `target`.
     pub(super) fn take_off(&self, target: &PlaneGrid, map: &mut [f64]) {
         if *self == Self::default() {
             return;
@@ -106,7 +106,7 @@ fn constants(maps: &[Vec<f64>], pairs: &[OverlapPair]) -> Vec<OverlapBias> {
 
 fn planes(maps: &[Vec<f64>], pairs: &[OverlapPair], target: &PlaneGrid) -> Vec<OverlapBias> {
     const ROUNDS: usize = 12;
-    // In units of half the grid, so that all terms are of one size.
+    // Units of half the grid, so that all terms are of one size.
     let half =
         [1.0, half_extent(target.east_m.step, target.columns()), half_extent(target.north_m.step, target.rows())];
     let scaled = |node: u32| {
@@ -139,7 +139,7 @@ fn half_extent(step: f64, len: usize) -> f64 {
     0.5 * step * len as f64
 }
 
-/// Differences beyond this count less: 1.345 standard deviations, those estimated from the median.
+/// Threshold above which differences are down-weighted: 1.345 standard deviations, estimated from the median.
 fn huber_threshold(mut left: Vec<f64>) -> f64 {
     left.iter_mut().for_each(|left| *left = left.abs());
     1.345 * 1.4826 * median(&mut left)
@@ -164,7 +164,7 @@ impl<const TERMS: usize> OverlapSums<TERMS> {
         terms: impl Fn(u32) -> [f64; TERMS] + Sync,
         weight: impl Fn(u32, f64) -> f64 + Sync,
     ) -> Self {
-        // Blocks of a fixed size, summed in their order: the same bits on any number of threads.
+        // Blocks of a fixed size, summed in order: bit-identical for any number of threads.
         const BLOCK: usize = 4096;
         let block = |(nodes, differences): (&[u32], &[f64])| {
             let mut sums = Self::ZERO;
@@ -228,7 +228,7 @@ impl<const TERMS: usize> BiasEquations<TERMS> {
                 self.side[row] = 0.0;
             }
         }
-        // An overlap along one line leaves a slope open: what is undetermined stays zero.
+        // An overlap along one line does not determine a slope; undetermined terms stay zero.
         const OPEN: f64 = 1e-9;
         let largest = self.matrix.amax();
         let solved = self.matrix.svd(true, true).solve(&self.side, OPEN * largest).unwrap_or_else(|_| self.side * 0.0);

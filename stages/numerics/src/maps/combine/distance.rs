@@ -9,7 +9,7 @@ use rayon::prelude::*;
 pub(super) fn distance_to_unknown(values: &[f64], target: &PlaneGrid) -> Vec<f64> {
     let (rows, width) = (target.rows(), target.columns());
     let (north_m, east_m) = (target.north_m.step, target.east_m.step);
-    // Along each column first, as distances in steps northward.
+    // Distances along each column first, in steps northward.
     let mut steps: Vec<f64> = values.iter().map(|value| if value.is_nan() { 0.0 } else { f64::INFINITY }).collect();
     for row in 1..rows {
         let (before, here) = steps.split_at_mut(row * width);
@@ -32,7 +32,7 @@ fn nearer(from: &[f64], to: &mut [f64]) {
 
 /// The root of the least of `heights[j] + (east (i - j))²` over j, for each i.
 fn lower_envelope(heights: &[f64], east_m: f64, out: &mut [f64]) {
-    // The parabolas of the envelope from the west, and where each takes over from the one before.
+    // Parabolas of the envelope from the west, and the position from which each is the lowest.
     let mut envelope: Vec<(usize, f64)> = Vec::with_capacity(heights.len());
     let lifted = |j: usize| heights[j] + (east_m * j as f64).powi(2);
     for j in (0..heights.len()).filter(|j| heights[*j].is_finite()) {
@@ -65,7 +65,7 @@ mod tests {
     use crate::maps::plane_grid::EvenAxis;
 
     #[test]
-    fn law_the_distance_is_that_of_the_nearest_unknown_node() {
+    fn law_the_distance_is_to_the_nearest_unknown_node() {
         let target = PlaneGrid {
             east_m: EvenAxis { first: 0.0, step: 70.0, len: 23 },
             north_m: EvenAxis { first: 0.0, step: 100.0, len: 17 },

@@ -9,20 +9,20 @@ use super::spectrum::MapSpectrum;
 use super::transform::WavenumberFactor;
 use super::{ContinuationError, finite_height, usable_alpha};
 
-/// Below this sine of the inclination (15°) waves that run across the main field are damped.
+/// Sine of the inclination (15°) below which waves across the main field are damped.
 const LEAST_SINE: f64 = 0.258_819_045_102_520_76;
 
 /// The anomalous field, in nT.
 #[derive(Clone, Debug)]
 pub struct AnomalyComponents {
-    /// Towards east.
+    /// Component towards east.
     pub east: PlaneGrid,
-    /// Towards north.
+    /// Component towards north.
     pub north: PlaneGrid,
-    /// Upward.
+    /// Upward component.
     pub up: PlaneGrid,
-    /// Whether the main field is so near the horizontal that waves across it had to be damped, which loses what
-    /// a total-field map does not contain.
+    /// Whether the main field is so near the horizontal that waves across it were damped. A total-field map does not
+    /// contain these waves.
     pub damped: bool,
 }
 

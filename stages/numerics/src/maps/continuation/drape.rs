@@ -8,31 +8,32 @@ use super::extension::Padding;
 use super::spectrum::MapSpectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, finite_height, upward, usable_alpha};
 
-/// Levels are made one after the other; more than this many indicates a mistake in the heights or the step.
+/// Maximum number of levels, which are computed one after the other; more indicate a mistake in the heights or the
+/// step.
 const MOST_LEVELS: usize = 2000;
 
 /// Interpolation of the field between two levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeightInterpolation {
-    /// By a straight line, as MagNav.jl.
+    /// Linear interpolation, as in MagNav.jl.
     Linear,
-    /// By the cubic through the four levels around.
+    /// Cubic through the four surrounding levels.
     Cubic,
 }
 
 /// Settings of the continuation between a level and a drape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DrapeOptions {
-    /// The step between levels in metres; without it half of the smaller spacing of the map.
+    /// Step between levels in metres; unset: half of the smaller spacing of the map.
     pub step_m: Option<f64>,
-    /// How far below its data a field is wanted at most, in metres; nodes further down are unknown (NaN).
+    /// Maximum depth below its data to which a field is continued, in metres; deeper nodes are unknown (NaN).
     pub down_max_m: f64,
-    /// The damping of what is continued downward, in m².
+    /// Damping of downward continuation, in m².
     pub alpha_m2: f64,
     /// Interpolation of the field between two levels.
     pub interpolation: HeightInterpolation,
-    /// How many times [`drape_to_level`] compares its answer, taken back to the drape, with the map, and adds the
-    /// difference; 0 is the plain chessboard method.
+    /// Number of times that [`drape_to_level`] continues its result back to the drape and adds the difference from the
+    /// map; 0 is the plain chessboard method.
     pub refinements: usize,
     /// Extension of the map beyond its edges.
     pub padding: Padding,
@@ -51,7 +52,7 @@ impl Default for DrapeOptions {
     }
 }
 
-/// The map on a drape, from the map on a level.
+/// Map on a drape, computed from the map on a level.
 ///
 /// `drape_m` are the heights of the nodes, by rows as the map's values, in the frame of `level_m`. The level is
 /// continued to heights a step apart, from one transform, and each node interpolated between them [Cordell
@@ -72,13 +73,13 @@ pub fn level_to_drape(
     Ok(drape.without_deep(map, &above))
 }
 
-/// The map on a level, from the map on a drape.
+/// Map on a level, computed from the map on a drape.
 ///
-/// The chessboard method takes the draped map for a level one, continues it to heights a step apart and interpolates
-/// each node where the wanted level lies above or below its own height [Cordell 1985; MagNav.jl's
-/// `map_chessboard`]. That is inexact where the drape slopes, so with `refinements` the answer, on a level below
-/// everything, is taken back up to the drape, where the field is known, and the difference there is added by the same
-/// method. A node more than `down_max_m` below its own height is NaN.
+/// The chessboard method treats the draped map as level, continues it to heights a step apart and interpolates each
+/// node where the requested level lies above or below its own height [Cordell 1985; MagNav.jl's `map_chessboard`]. This
+/// is inexact where the drape slopes. With `refinements`, the result on a level below all heights is therefore
+/// continued back up to the drape, where the field is known. The difference there is added by the same method. A node
+/// more than `down_max_m` below its own height is NaN.
 ///
 /// # Errors
 /// Fails as [`level_to_drape`].
@@ -146,8 +147,8 @@ impl DrapeOptions {
         Ok(grid.with(values))
     }
 
-    /// The field on a level below everything that reproduces the map when continued up to the drape; then the field on
-    /// the level.
+    /// Computes the field on a level below all heights that reproduces the map when continued up to the drape, then the
+    /// field on the level.
     fn refined(
         &self,
         grid: &PlaneGrid,
@@ -179,7 +180,7 @@ fn bounds(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
 }
 
-/// Heights above a map that are whole steps, around all wanted heights.
+/// Heights above a map in whole steps that enclose all requested heights.
 #[derive(Clone, Copy, Debug)]
 struct ContinuationLevels {
     first_m: f64,
@@ -198,7 +199,7 @@ impl ContinuationLevels {
         let (least, around) = if interpolation == HeightInterpolation::Linear { (2, 0.0) } else { (4, 1.0) };
         let steps = |height: f64| (height / step_m).clamp(-1e9, 1e9);
         let wanted = steps(lowest_m).floor() - around;
-        // Nothing is continued downward for a field that is wanted above the map alone.
+        // A field requested only above the map needs no downward continuation.
         let first = if lowest_m < 0.0 { wanted } else { wanted.max(0.0) };
         let count = least.max((steps(highest_m).ceil() + around - first).max(0.0) as usize + 1);
         if count > MOST_LEVELS {
@@ -211,7 +212,7 @@ impl ContinuationLevels {
         self.first_m + self.step_m * level as f64
     }
 
-    /// The weight of a level at a height; past the ends the end level alone has weight.
+    /// Weight of a level at a height; past the ends only the end level has weight.
     fn weight(&self, level: usize, above_m: f64) -> f64 {
         let at = ((above_m - self.first_m) / self.step_m).clamp(0.0, (self.count - 1) as f64);
         let (before, points) = match self.interpolation {

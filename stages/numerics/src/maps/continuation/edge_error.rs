@@ -1,21 +1,21 @@
-//! The effect of the unknown field past the edges of a map on its continuation, measured on the map itself.
+//! Estimate of the effect of the unknown field past the edges of a map on its continuation, from the map itself.
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::extension::{EdgeExtension, MOST_PADDING, Padding, PaddingWidth, TrendRemoval};
 use super::{ContinuationError, continued, rms};
 
-/// The smallest number of nodes on a side: with fewer no nodes remain between the crops.
+/// Minimum number of nodes on a side: with fewer, no nodes remain between the crops.
 const LEAST: usize = 16;
 
-/// The error along one edge, of the field that is unknown past it.
+/// Error along one edge, caused by the unknown field past it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideError {
     /// The rms error in nT by the number of nodes from the edge; further inside, the last one applies.
     pub rms_nt: Vec<f64>,
 }
 
-/// The error of a continuation that comes from its edges.
+/// Edge error of a continuation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeError {
     /// The western, eastern, southern and northern edge, without the contribution of the level.
@@ -28,19 +28,18 @@ pub struct EdgeError {
     pub rms_nt: f64,
 }
 
-/// Measures the error that the edges of a map bring into its continuation by `up_m` with these settings.
+/// Estimates the edge error of a continuation by `up_m` with these settings.
 ///
-/// Two parts are added in quadrature. The map is cropped and continued again: past the edges of the crop the field is
-/// known, to the map but not to the crop, so that the difference of both is the error of the extension at that
-/// distance from an edge. Each edge of the crop represents the adjacent edge of the map, in proportion to how much
-/// the continued field varies along the edges of both. The crop removes five continuation distances, but at most a
-/// quarter of a side. What the crop shares with the map, the level of the field far away, is found from a second
-/// continuation that takes the other side: a field that falls to zero instead of the mean along the edge, or the
-/// reverse.
+/// Two parts are added in quadrature. The map is cropped and continued again. Past the edges of the crop the map
+/// contains the field, so the difference of both results is the error of the extension at that distance from an edge.
+/// Each edge of the crop represents the adjacent edge of the map, in proportion to the variation of the continued field
+/// along both edges. The crop removes five continuation distances, but at most a quarter of a side. The level of the
+/// distant field, common to crop and map, is estimated from a second continuation with the opposite assumption: a field
+/// that falls to zero instead of the mean along the edge, or the reverse.
 ///
-/// On fields of dipoles and prisms in and around a map the rms of the estimate is that of the error within a factor
-/// of three; with all sources well inside, where the error is some thousandths of the field, up to ten times that.
-/// It does not include errors of the map's own values.
+/// On fields of dipoles and prisms in and around a map, the rms of the estimate agrees with that of the error within a
+/// factor of three. With all sources well inside, where the error is some thousandths of the field, it is up to ten
+/// times too large. It does not include errors of the map's own values.
 ///
 /// # Errors
 /// Fails as [`super::continued`], and with [`ContinuationError::TooSmallToMeasure`].
@@ -72,7 +71,8 @@ pub fn edge_error(
     Ok(EdgeError { sides, cropped, map, rms_nt })
 }
 
-/// The same padding, no narrower than a third of each side, with the other assumption on the level far away.
+/// The same padding, no narrower than a third of each side, with the other assumption on the level of the distant
+/// field.
 fn other_level(grid: &PlaneGrid, padding: &Padding) -> Padding {
     let trend = if padding.trend == TrendRemoval::None { TrendRemoval::EdgeMean } else { TrendRemoval::None };
     let width = PaddingWidth::Nodes([grid.rows(), grid.columns()].map(|side| (side / 3).min(MOST_PADDING)));
@@ -116,7 +116,7 @@ fn crop(grid: &PlaneGrid, [rows, columns]: [usize; 2]) -> PlaneGrid {
     PlaneGrid { east_m, north_m, values }
 }
 
-/// The side that is nearest to a node in metres, and how many nodes away it is.
+/// Nearest side of a node, by metres, and its distance in nodes.
 fn nearest(grid: &PlaneGrid, row: usize, column: usize) -> (usize, usize) {
     let nodes = [column, grid.columns() - 1 - column, row, grid.rows() - 1 - row];
     let metres = |side: usize| nodes[side] as f64 * if side < 2 { grid.east_m.step } else { grid.north_m.step };

@@ -4,7 +4,7 @@ use crate::maps::plane_grid::PlaneGrid;
 
 use super::ContinuationError;
 
-/// Padding on each side never exceeds this many nodes, as in MagNav.jl.
+/// Maximum padding on each side, in nodes, as in MagNav.jl.
 pub const MOST_PADDING: usize = 5000;
 
 /// The assumed continuation of a map past its edges.
@@ -23,14 +23,14 @@ pub enum EdgeExtension {
     /// A straight line from the last value of each row, and then of each column, around to its first, as the
     /// `map_expand` of MagNav.jl.
     WrapAround,
-    /// The trend alone: with [`TrendRemoval::None`] zeros, as `xrft.pad` does by default.
+    /// The trend alone: with [`TrendRemoval::None`] zeros, the default of `xrft.pad`.
     Zero,
 }
 
 /// The trend that is removed from a map before it is extended, and restored afterwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrendRemoval {
-    /// Nothing.
+    /// No trend.
     None,
     /// The mean of the values along the edge, so that a constant is preserved.
     EdgeMean,
@@ -41,11 +41,11 @@ pub enum TrendRemoval {
 /// Width of the padding on each side. The padded sides are products of 2, 3, 5 and 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaddingWidth {
-    /// At least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
+    /// Width of at least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
     OfDistance,
-    /// At least this number of nodes for `[rows, columns]`.
+    /// Minimum number of nodes for `[rows, columns]`.
     Nodes([usize; 2]),
-    /// None: the map is periodic as it is.
+    /// No padding: the map is treated as periodic.
     None,
 }
 
@@ -58,7 +58,7 @@ pub struct Padding {
     pub edge: EdgeExtension,
     /// The trend that is removed first.
     pub trend: TrendRemoval,
-    /// The most nodes that the padded map may have; the default padding is narrowed to it. 2²⁸ nodes are 2 GiB.
+    /// Maximum number of nodes of the padded map; the default padding is narrowed to it. 2²⁸ nodes are 2 GiB.
     pub most_nodes: usize,
     /// Whether both padded sides are even numbers, which transforms faster.
     pub even: bool,
@@ -72,7 +72,7 @@ impl Default for Padding {
 }
 
 impl Padding {
-    /// No padding at all: the map is taken as periodic.
+    /// No padding: the map is treated as periodic.
     pub fn none() -> Self {
         Self {
             width: PaddingWidth::None,
@@ -170,7 +170,7 @@ impl PaddedLayout {
     }
 }
 
-/// The least number of at least `n` that is a product of powers of 2, 3, 5 and 7.
+/// Smallest product of powers of 2, 3, 5 and 7 that is at least `n`.
 pub fn seven_smooth(n: usize) -> usize {
     let smooth = |&m: &usize| [2, 3, 5, 7].iter().fold(m, |m, p| divided_out(m, *p)) == 1;
     (n.max(1)..).find(smooth).unwrap_or(n)
@@ -259,7 +259,7 @@ fn reflected(distance: usize, last: usize) -> usize {
 /// on each side: MagNav.jl's `map_expand`.
 ///
 /// Each row, and then each column, continues in a straight line from its last value around to its first, so that the
-/// extended map is periodic. Returns it with its own eastings and northings, and where the map lies in it.
+/// extended map is periodic. Returns it with its own eastings and northings, and the position of the map in it.
 ///
 /// # Errors
 /// Fails as [`super::check`] for an invalid map, and with [`ContinuationError::TooLarge`] for a padding that is too

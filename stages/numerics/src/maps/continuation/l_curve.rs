@@ -23,15 +23,14 @@ pub struct LCurvePoint {
     pub misfit_nt: f64,
     /// The rms of the gradient of the lower map, in nT/m.
     pub roughness_nt_per_m: f64,
-    /// The curvature of the logarithm of the one against that of the other; positive at the corner.
+    /// Curvature of the curve of log misfit and log roughness; positive at the corner.
     pub curvature: f64,
 }
 
 /// Misfit against roughness over α, and its corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LCurve {
-    /// The points in ascending order of α, evenly spaced in its logarithm, from where it has no effect to where it
-    /// suppresses everything.
+    /// Points in ascending order of α, evenly spaced in its logarithm, from no effect to complete suppression.
     pub points: Vec<LCurvePoint>,
     /// The index of the point at the corner.
     pub corner: usize,
@@ -82,7 +81,7 @@ fn highest_wavenumber(transform: &MapTransform) -> f64 {
     transform.k_east(layout.columns.padded / 2).hypot(transform.k_north(layout.rows.padded / 2))
 }
 
-/// The range from where α changes the highest wavenumber by only a tenth to where it halves the lowest.
+/// Values of α, from a change of the highest wavenumber by a tenth to a halving of the lowest.
 fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
     let lowest = transform.k_east(1).max(transform.k_north(1));
     let balance = |k: f64| -(k * down_m) - 2.0 * k.ln();
@@ -106,7 +105,7 @@ fn curvature(points: &[LCurvePoint]) -> f64 {
     log_curvature(of(|p| p.misfit_nt), of(|p| p.roughness_nt_per_m))
 }
 
-/// The power by wavenumber, each wave of the half that is not kept counted with its conjugate.
+/// Power by wavenumber; each wave of the omitted half of the spectrum is counted with its conjugate.
 fn rings(transform: &MapTransform, spectrum: &[f64], widest: f64) -> Vec<WavenumberRing> {
     let rows = transform.layout.rows.padded;
     let rows_a_part = rows.div_ceil(PARTS);

@@ -1,15 +1,15 @@
-//! The error of a level below a map: the map's own error, amplified, and what the damping takes off the field.
+//! The error of a level below a map: the map's amplified error and the field removed by damping.
 
 use super::gain::gain;
 use super::radial_power::{RadialPower, WavenumberBin};
 
-/// The part of the largest wavenumber from which on a map's waves are its noise, where nothing else is known of that.
+/// Fraction of the largest wavenumber above which the waves of a map count as noise if its noise is not given.
 const NOISE_FROM: f64 = 0.7;
-/// A wave is the field's where its mean square is above this many times that of the noise.
+/// Ratio to the mean square of the noise above which a wave counts as field.
 const RESOLVED: f64 = 4.0;
-/// The part of the resolved wavenumbers that a slope is fitted to.
+/// Fraction of the largest resolved wavenumber from which a slope is fitted.
 const FITTED_FROM: f64 = 0.35;
-/// The fewest bins with a slope.
+/// Minimum number of bins for a slope.
 const LEAST_BINS: usize = 4;
 
 /// Mean squares of field and noise in a wavenumber bin, in nT².
@@ -20,13 +20,13 @@ struct BinMeanSquares {
 }
 
 impl RadialPower {
-    /// The root mean square error, in nT, of the map continued downward by `down_m` metres with this α: the noise of
-    /// the nodes, of standard deviation `noise_nt` and independent from node to node, amplified, and the field that the
-    /// damping removes.
+    /// Root mean square error, in nT, of the map continued downward by `down_m` metres with this α. It contains the
+    /// amplified noise of the nodes, of standard deviation `noise_nt` and independent from node to node, and the field
+    /// that the damping removes.
     ///
-    /// Without `noise_nt` the noise is what the shortest waves of the map hold, which is also all of a field that they
-    /// may hold. Waves of the field that are below the noise are continued from the resolved ones by ln P = a − 2 k d,
-    /// the spectrum of sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edges are another matter:
+    /// Without `noise_nt` the noise is estimated from the shortest waves of the map, including any field in them. Waves
+    /// of the field below the noise are extrapolated from the resolved ones by ln P = a − 2 k d, the spectrum of
+    /// sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edge errors are not included; see
     /// [`super::edge_error()`].
     pub fn downward_error_nt(&self, down_m: f64, alpha_m2: f64, noise_nt: Option<f64>) -> f64 {
         let error = |parts: &BinMeanSquares| {
@@ -42,7 +42,7 @@ impl RadialPower {
     fn parts(&self, noise_nt: Option<f64>) -> Vec<BinMeanSquares> {
         let floor = self.noise_floor();
         let noise = noise_nt.map_or(floor, |noise| noise * noise);
-        // Padding spreads a little of the long waves over all.
+        // Padding leaks part of the long waves into all wavenumbers.
         let least = RESOLVED * noise.max(floor);
         let resolved: Vec<&WavenumberBin> = self.bins.iter().filter(|bin| bin.square > least * bin.part).collect();
         let longest = self.bins.iter().map(|bin| bin.square / bin.part).fold(0.0, f64::max);
@@ -65,8 +65,8 @@ impl RadialPower {
     }
 }
 
-/// The mean square of all waves if they were as those of a wavenumber, by the slope of the resolved ones; 0 without a
-/// slope.
+/// Mean square of all waves if each had the power of a wavenumber, extrapolated by the slope of the resolved ones; 0
+/// without a slope.
 fn decay(resolved: &[&WavenumberBin], last_k: f64) -> impl Fn(f64) -> f64 + use<> {
     let fitted: Vec<(f64, f64)> = resolved
         .iter()

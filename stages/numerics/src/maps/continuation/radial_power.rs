@@ -7,7 +7,7 @@ use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};
 
 /// Bins of equal ratio between the longest wave of a padded map and its shortest.
 const BINS: usize = 96;
-/// The side, in nodes, of the middle of a larger map that represents the whole.
+/// Side, in nodes, of the central part that represents a larger map.
 const MOST_NODES: usize = 2048;
 
 /// The mean square of a map, less its mean and trend, by wavenumber.
@@ -15,7 +15,7 @@ const MOST_NODES: usize = 2048;
 pub struct RadialPower {
     /// The bins that contain a wave, by wavenumber.
     pub(super) bins: Vec<WavenumberBin>,
-    /// The wavenumber of two nodes along the wider spacing, in rad/m: beyond it not all directions are in the map.
+    /// Wavenumber of two nodes along the wider spacing, in rad/m; beyond it the map does not contain all directions.
     pub(super) round_k: f64,
 }
 
@@ -26,7 +26,7 @@ pub(super) struct WavenumberBin {
     pub(super) k: f64,
     /// Mean square, in nT².
     pub(super) square: f64,
-    /// Their part of all waves of the map.
+    /// Fraction of all waves of the map.
     pub(super) part: f64,
 }
 

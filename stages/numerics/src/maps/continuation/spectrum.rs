@@ -60,8 +60,8 @@ impl MapSpectrum {
         self.answer(WavenumberFactor::Radial(&factor), &trend)
     }
 
-    /// The magnitude of each wave's wavenumber, in rad/m, and its contribution to the sum of squares, in any unit.
-    /// Waves that half a spectrum does not hold are counted with those that it does.
+    /// Magnitude of each wave's wavenumber, in rad/m, and its contribution to the sum of squares, in any unit. Waves
+    /// omitted from the half spectrum are counted with their conjugates.
     pub(super) fn each_wave(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         let half = self.transform.half();
         let (rows, columns) = (self.transform.layout.rows.padded, self.transform.layout.columns.padded);
@@ -79,7 +79,7 @@ impl MapSpectrum {
     }
 }
 
-/// A single result, for which no spectrum is kept: it takes twice the map's size.
+/// A single result without a stored spectrum; it takes twice the map's size.
 pub(super) fn filtered_once(
     grid: &PlaneGrid,
     distance_m: f64,

@@ -1,8 +1,8 @@
 //! The padded two-dimensional transform: real to complex along the rows, complex along the columns.
 //!
-//! Row transforms are made of the rows of the map alone: the padding of the columns is a linear map, so it is computed
-//! from the spectra of the rows, column by column, while a group of columns is in the cache. Half a spectrum is
-//! kept in one buffer of reals, the row padded by two at most, as the other half is its conjugate.
+//! Row transforms use the rows of the map alone. The padding of the columns is a linear map, so it is computed from the
+//! spectra of the rows, column by column, while a group of columns is in the cache. Half a spectrum is kept in one
+//! buffer of reals, the row padded by two at most, as the other half is its conjugate.
 
 use std::sync::Arc;
 
@@ -73,7 +73,7 @@ impl MapTransform {
         self.layout.columns.padded / 2 + 1
     }
 
-    /// The spectra of the rows, less the trend; room is left for `rows` of them.
+    /// Spectra of the rows, less the trend, in a buffer for `rows` rows.
     fn rows_forward(&self, grid: &PlaneGrid, trend: &TrendPlane, rows: usize) -> Vec<f64> {
         let columns = self.layout.columns;
         let mut buffer = vec![0.0; 2 * self.half() * rows];

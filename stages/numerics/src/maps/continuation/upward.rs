@@ -36,9 +36,9 @@ pub fn upward(grid: &PlaneGrid, up_m: f64, padding: &Padding) -> Result<PlaneGri
 /// Damping of downward continuation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Regularisation {
-    /// By the corner of the L-curve.
+    /// α from the corner of the L-curve.
     LCurve,
-    /// By this α in m².
+    /// Given α in m².
     Alpha(f64),
 }
 
@@ -47,9 +47,9 @@ pub enum Regularisation {
 pub struct DownwardContinuation {
     /// The map below.
     pub map: PlaneGrid,
-    /// The α it was damped with, in m².
+    /// Its α, in m².
     pub alpha_m2: f64,
-    /// The L-curve, also where α is given.
+    /// L-curve, also if α is given.
     pub curve: LCurve,
     /// The regularisation error in nT: the rms of the map below continued upward again, less the map.
     pub regularisation_error_nt: f64,
@@ -103,7 +103,7 @@ pub fn stack(
 }
 
 impl MapSpectrum {
-    /// The map continued by a height in metres, which may be negative; α in m² damps it if it is.
+    /// Map continued by a height in metres. Negative heights are damped by α in m².
     ///
     /// # Errors
     /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite

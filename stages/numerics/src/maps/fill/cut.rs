@@ -1,4 +1,4 @@
-//! Cuts a map to its known nodes or to limits.
+//! Crops a map to its known nodes or to limits.
 
 use super::{FillError, check};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
@@ -24,7 +24,7 @@ impl Default for MapLimits {
 /// them.
 ///
 /// # Errors
-/// Fails where nothing is known or the map is not well formed.
+/// Fails if no node is known or the map is not well formed.
 pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = bounding_box(grid, |value| !value.is_nan()).ok_or(FillError::Empty)?;
@@ -48,7 +48,7 @@ pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Opt
 /// The nodes of a map that lie within the limits, or on them.
 ///
 /// # Errors
-/// Fails where no node does or the map is not well formed.
+/// Fails if no node lies within the limits or the map is not well formed.
 pub fn crop(grid: &PlaneGrid, limits: &MapLimits) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = (within(&grid.north_m, limits.north_m), within(&grid.east_m, limits.east_m));

@@ -3,8 +3,8 @@
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
-/// How many rows and columns around an unknown node a known one may lie and still be among the `neighbours` nearest
-/// of any unknown node, except those on the border of the map.
+/// Number of rows and columns around an unknown node within which a known one may be among the `neighbours` nearest of
+/// any unknown node, except those on the border of the map.
 ///
 /// A known node whose eight neighbours are all known has at least three of them nearer to any unknown node than it is
 /// itself: with the unknown node c columns and r rows away, those one step nearer in columns, in rows, and in both,

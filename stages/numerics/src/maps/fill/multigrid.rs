@@ -7,9 +7,9 @@
 
 use rayon::prelude::*;
 
-/// Weight of the point-wise corrections: with it the four of a cycle damp all that the next level cannot represent.
+/// Weight of the point-wise corrections: the four of a cycle damp all components that the next level cannot represent.
 const DAMPING: f64 = 0.8;
-/// Levels become no smaller than this many nodes.
+/// Minimum number of nodes of a level.
 const COARSEST: usize = 64;
 const COARSEST_SWEEPS: usize = 24;
 
@@ -132,8 +132,8 @@ impl MultigridLevel {
         });
     }
 
-    /// The level of two by two nodes to one: couplings between its nodes are summed, couplings inside a node are
-    /// dropped.
+    /// The coarser level, which merges two by two nodes: couplings between its nodes are summed, couplings inside a
+    /// node are dropped.
     fn coarser(&self) -> Self {
         let fine = self.frame;
         let frame = MultigridFrame { rows: fine.rows.div_ceil(2), columns: fine.columns.div_ceil(2) };
@@ -199,7 +199,7 @@ impl MultigridCycle {
         Self { corrections: sides.clone(), sides, spare, levels }
     }
 
-    /// `out`: an approximate solution of `A out = b` on the finest level, by one symmetric V-cycle.
+    /// Sets `out` to an approximate solution of `A out = b` on the finest level, by one symmetric V-cycle.
     pub(super) fn solve(&mut self, finest: &MultigridLevel, b: &[f64], out: &mut [f64]) {
         descend(finest, &self.levels, b, out, &mut self.sides, &mut self.corrections, &mut self.spare);
     }

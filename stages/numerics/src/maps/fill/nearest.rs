@@ -13,7 +13,7 @@ pub enum NeighbourWeights {
     /// Uniform weights, as in MagNav.jl.
     #[default]
     Equal,
-    /// The distance to the negative of this power, which is above zero. [Shepard 1968]
+    /// Distance to the negative of this power, which is above zero. [Shepard 1968]
     InverseDistance(f64),
 }
 
@@ -24,7 +24,7 @@ pub struct NearestFill {
     pub neighbours: usize,
     /// Averaging of the nodes.
     pub weights: NeighbourWeights,
-    /// A node stays unknown when its nearest known node is farther away than this, in metres.
+    /// Distance in metres beyond which the nearest known node is not used; the node stays unknown.
     pub max_distance_m: Option<f64>,
 }
 
@@ -35,12 +35,12 @@ impl Default for NearestFill {
     }
 }
 
-/// Gives each unknown node the mean of its nearest known nodes, by distance in metres; of nodes at equal distance
-/// the southernmost, then the westernmost come first. With fewer known nodes than neighbours all are taken. The same
-/// bits on any number of threads.
+/// Gives each unknown node the mean of its nearest known nodes, by distance in metres. Of nodes at equal distance, the
+/// southernmost, then the westernmost come first. With fewer known nodes than neighbours all are used. Results are
+/// bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails where the map is not well formed or has no known node, or a parameter is out of its range.
+/// Fails if the map is not well formed or has no known node, or a parameter is out of its range.
 pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let neighbours = NonZeroUsize::new(options.neighbours).ok_or(FillError::NoNeighbours)?;
@@ -79,7 +79,7 @@ struct NearestNodeSearch<'a> {
     tree: ImmutableKdTree<f64, 2>,
     /// The number of neighbours in a mean.
     take: usize,
-    /// One more than that, which detects a tie.
+    /// `take` plus one, to detect a tie.
     ask: NonZeroUsize,
     /// A step northward, in steps eastward.
     aspect: f64,
@@ -126,7 +126,7 @@ impl<'a> NearestNodeSearch<'a> {
         // Distances from the tree are rounded; the order is by distances that do not depend on
         // where the nodes are in the grid.
         const ROUNDING: f64 = 1e-9;
-        // The nodes found last are not farther away than their distance then plus the step from there.
+        // The previous nodes are at most their previous distance plus the step away.
         let enough =
             found.nodes.last().filter(|_| found.nodes.len() == self.take).map_or(f64::INFINITY, |(last, _)| {
                 (last.sqrt() + column.abs_diff(found.column) as f64).powi(2) * (1.0 + ROUNDING)

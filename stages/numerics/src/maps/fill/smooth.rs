@@ -7,16 +7,16 @@ use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Known nodes that are kept around the gaps: as far as two differences of the Laplace operator reach.
+/// Known nodes that are kept around the gaps: the reach of two differences of the Laplace operator.
 const RIM: usize = 2;
 
 /// Settings for filling gaps with a smooth surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothFill {
-    /// Whether the surface also takes up the slope at the edge of the gap.
+    /// Whether the surface also continues the slope at the edge of the gap.
     ///
-    /// Without, it is harmonic (Laplace's equation): never above or below the known values around the gap, with a kink
-    /// at the edge. With, it is the surface of minimum curvature (the biharmonic equation): no kink, but it can
+    /// If false, it is harmonic (Laplace's equation): never above or below the known values around the gap, with a kink
+    /// at the edge. If true, it is the surface of minimum curvature (the biharmonic equation): no kink, but it can
     /// overshoot in a gap wider than the anomalies around it. [Briggs 1974]
     pub keep_slope: bool,
     /// The error at which the iteration stops, as a fraction of the range of the known values. It is the change that
@@ -28,7 +28,7 @@ pub struct SmoothFill {
 }
 
 impl Default for SmoothFill {
-    /// Harmonic, to a millionth of the range.
+    /// Harmonic surface, tolerance of a millionth of the range.
     fn default() -> Self {
         Self { keep_slope: false, tolerance: 1e-6, max_iterations: 2000 }
     }
@@ -50,12 +50,12 @@ pub struct SmoothFillReport {
 ///
 /// Conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs some fifteen iterations for
 /// any width of the gap. For minimum curvature the number grows with the width of the gap: some 60 for 80 nodes and
-/// 1000 for 600. It is therefore meant for gaps of some hundred nodes. Takes some 70 bytes a node of the rectangle that
-/// holds the gaps. The same bits on any number of threads.
+/// 1000 for 600. It is therefore meant for gaps of some hundred nodes. Memory is some 70 bytes a node of the rectangle
+/// around the gaps. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails where the map is not well formed or has no known node, a parameter is out of its range, or the tolerance is
-/// not reached.
+/// Fails if the map is not well formed or has no known node, a parameter is out of its range, or the tolerance is not
+/// reached.
 pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothFillReport), FillError> {
     check(grid)?;
     let tolerance = options.tolerance;
@@ -101,7 +101,7 @@ impl GapWindow {
 
 /// The minimised form: a symmetric positive operator on the unknown nodes, and its approximate inverse.
 trait SurfaceOperator {
-    /// `out = A x`, of which only the unknown nodes are used.
+    /// `out = A x`; only the unknown nodes are used.
     fn apply(&self, problem: &GapProblem, x: &[f64], out: &mut [f64]);
     /// `out`: an approximate solution of `A out = b`.
     fn precondition(&self, problem: &mut GapProblem, b: &[f64], out: &mut [f64]);
@@ -191,7 +191,7 @@ impl GapProblem {
         Err(FillError::NotReached { tolerance, reached: error, iterations })
     }
 
-    /// Writes the unknown nodes into the map's values, and says how many they are.
+    /// Writes the unknown nodes into the map's values, and returns their number.
     fn write(&self, width: usize, window: &GapWindow, bounds: (f64, f64), values: &mut [f64]) -> usize {
         let frame = self.level.frame;
         let mut filled = 0;

@@ -7,14 +7,14 @@ use crate::regression::statistics::median;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// The most points at which the distance to the next line is computed.
+/// Maximum number of points at which the distance to the next line is computed.
 const PROBES: usize = 4000;
 
 /// The cosine of 30 degrees.
 const PARALLEL: f64 = 0.866;
 
-/// The median distance in metres from a point to the nearest line that runs parallel to its own: within 30 degrees of
-/// its heading, and rather across than ahead. With one line it is the side of the mean square area per point.
+/// Median distance in metres from a point to the nearest line parallel to its own: within 30 degrees of its heading,
+/// and across rather than ahead. With one line it is the side of the mean square area per point.
 pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     let count = points.len();
     let near = PointCellIndex::new(&points.easting_m[..count], &points.northing_m[..count]);
@@ -59,10 +59,10 @@ pub fn block_m(spacing_m: f64) -> f64 {
 
 /// Layers of sources for blocks of `block_m` on lines `spacing_m` apart in a survey that is `extent_m` across.
 ///
-/// The shallowest layer is two blocks deep, so that the detail along a line is kept; each further one is twice as
-/// deep, until a quarter of the survey's extent. Sources are 0.7 depths apart: the field of finer ones has lost 99 %
-/// on its way up. A layer that is less deep than the lines are apart reaches one depth beyond the measurements, so
-/// that the gap between lines is left to deeper ones; the others reach two.
+/// The shallowest layer is two blocks deep, which keeps the detail along a line. Each further layer is twice as deep,
+/// up to a quarter of the survey's extent. Sources are 0.7 depths apart: the field of finer sources is attenuated by 99
+/// % at the measurements. A layer shallower than the distance between lines reaches one depth beyond the measurements,
+/// so that deeper layers fill the gap between lines; the others reach two depths.
 pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<SourceLayer> {
     let shallowest = (2.0 * block_m).max(1.0);
     let depths = (0..24).map(|k| shallowest * f64::from(1 << k));

@@ -15,7 +15,7 @@ const AROUND: usize = 24;
 pub struct LineFolds {
     /// The number of folds of lines.
     pub count: usize,
-    /// The folds that are left out, one after the other; with all of them every point gets an error.
+    /// Folds to omit, one after the other; with all of them every point gets an error.
     pub left_out: Vec<usize>,
 }
 
@@ -51,18 +51,18 @@ impl DifferenceStatistics {
     }
 }
 
-/// The predictions at points whose line was left out.
+/// Predictions at the points of omitted lines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
-    /// Measured minus predicted at every point, nT; NaN where the line was not left out or nothing was predicted.
+    /// Measured minus predicted at every point, nT; NaN for points of other lines or without a prediction.
     pub difference_nt: Vec<f64>,
     /// Their statistics.
     pub spread: DifferenceStatistics,
 }
 
-/// Leaves out folds of lines and predicts their points, at flight height for equivalent sources, from the others.
+/// Omits folds of lines and predicts their points, at flight height for equivalent sources, from the others.
 ///
-/// Points are used unchanged: clean them first. A left-out line opens a gap twice as wide as the survey has, so the
+/// Points are used unchanged: clean them first. An omitted line doubles the width of the survey's gaps there, so the
 /// differences are larger than the errors of the map from all lines.
 ///
 /// # Errors
@@ -91,7 +91,7 @@ pub fn cross_validate(
     Ok(CrossValidation { difference_nt, spread })
 }
 
-/// The error to expect at each node: the root mean square of the differences nearest to it, weighted by proximity.
+/// Expected error at each node: the root mean square of the differences nearest to it, weighted by proximity.
 pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAxis; 2], block_m: f64) -> PlaneGrid {
     let [east_m, north_m] = axes;
     let known: Vec<usize> =

@@ -1,11 +1,11 @@
 //! Equivalent sources: a field that satisfies Laplace's equation above its sources and fits the measurements.
 //!
-//! Sources are vertical dipoles on even nodes beneath the measurements, in layers from deep to shallow. Each layer
-//! is fitted to the residuals of the deeper ones, by damped least squares: long wavelengths are thereby explained by
-//! deep sources, which extend them smoothly across the gaps between lines, and shallow ones keep the detail along
-//! the lines. It is the gradient boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with
-//! layers of the whole survey instead of windows. The normal equations are solved by conjugate gradients, with
-//! products by the far-field sums of `far_field`, so that memory grows with the points and not with their square.
+//! Sources are vertical dipoles on even nodes beneath the measurements, in layers from deep to shallow. Each layer is
+//! fitted to the residuals of the deeper ones, by damped least squares. Deep sources thus explain long wavelengths and
+//! extend them smoothly across the gaps between lines; shallow ones keep the detail along the lines. It is the gradient
+//! boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with layers of the whole survey instead of
+//! windows. The normal equations are solved by conjugate gradients, with products by the far-field sums of `far_field`,
+//! so that memory grows with the points and not with their square.
 
 use super::block::{BlockReduction, reduce_blocks};
 use super::clusters::{ClusterTree, PointPositions};
@@ -18,20 +18,21 @@ use super::windows::SchwarzPreconditioner;
 use super::{GriddingError, GriddingProgress, check_columns};
 use rayon::prelude::*;
 
-/// A source lies beneath the lowest of this number of nearest measurements, ...
+/// Number of nearest measurements; a source lies beneath the lowest of them.
 const AROUND: usize = 8;
 
-/// ... and of the nearest ones in each quadrant within this number of depths.
+/// Search radius, in depths, for the nearest measurement in each quadrant; a source lies beneath these too.
 const BESIDE: f64 = 8.0;
 
-/// The field is defined above the sources; closer to one than this fraction of its depth that source dominates.
+/// Minimum height above a source, as a fraction of its depth. Below it, that source dominates and the field is
+/// undefined.
 const CLEAR: f64 = 0.5;
 
-/// When boxes are far enough to be summed together for predictions: less than 0.01 nT at Osborne, whose anomalies reach
-/// 5600 nT.
+/// Criterion for summing distant boxes together in predictions. The error is below 0.01 nT at Osborne, whose anomalies
+/// reach 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
-/// Measurements of a layer's fit are means of blocks of this fraction of its depth.
+/// Side of the blocks whose mean measurements a layer is fitted to, as a fraction of its depth.
 const THIN: f64 = 0.25;
 
 /// Field values in nT and their derivatives in nT/m at positions.
@@ -92,7 +93,7 @@ impl EquivalentSources {
         Ok(Self { origin_m, plane, layers })
     }
 
-    /// Fits the sources to the values beneath which [`Self::place`] put them.
+    /// Fits the sources placed by [`Self::place`] to the values.
     ///
     /// # Errors
     ///
@@ -121,11 +122,12 @@ impl EquivalentSources {
         Ok(self.layers.iter().map(|layer| layer.report).collect())
     }
 
-    /// Whether the field is defined at eastings, northings and heights in metres: above the sources near each position.
+    /// Checks that the field is defined at eastings, northings and heights in metres: above the sources near each
+    /// position.
     ///
     /// # Errors
-    /// Fails at the first position where it is not, with the lowest height that would be high enough at all of them,
-    /// and when columns have different lengths or values that are not finite.
+    /// Fails at the first position where it is undefined, with the lowest height that is high enough at all positions.
+    /// Also fails when columns have different lengths or values that are not finite.
     pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GriddingError> {
         check_columns(&at_m)?;
         self.check_points(&relative(at_m, self.origin_m))
@@ -159,7 +161,7 @@ impl EquivalentSources {
         Ok(targets.unsorted(&sum))
     }
 
-    /// The field in nT as `predict` gives it, and NaN at places that are not above the sources near them.
+    /// Field in nT as by [`Self::predict`], and NaN at positions that are not above the sources near them.
     ///
     /// # Errors
     /// Fails when columns have different lengths or values that are not finite.
@@ -208,7 +210,7 @@ impl EquivalentSources {
         tops.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The largest error in nT of the prediction at about `count` of the positions, against the sum over all sources.
+    /// Largest error in nT of the prediction at about `count` of the positions, from the sum over all sources.
     pub fn summation_error_nt(&self, at_m: [&[f64]; 3], predicted_nt: &[f64], count: usize) -> f64 {
         let step = (predicted_nt.len() / count.max(1)).max(1);
         let thin = at_m.map(|axis| axis.iter().copied().step_by(step).collect::<Vec<f64>>());
@@ -281,7 +283,7 @@ impl FittedSourceLayer {
     }
 }
 
-/// The even nodes of a layer that have a measurement in reach, `depth_m` beneath the lowest measurement around.
+/// Even nodes of a layer with a measurement in reach, `depth_m` beneath the lowest measurement around.
 fn source_places(points: &PointPositions, near: &PointCellIndex, layer: &SourceLayer) -> PointPositions {
     let nodes = |axis: &[f64]| -> Vec<f64> {
         let [a, b] = range(axis).map(|x| x / layer.spacing_m);

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The survey reaches as far as the middle 80 % of the coordinates, but at least this far, metres.
+/// Minimum reach of a survey, metres; otherwise the range of the middle 80 % of the coordinates.
 const LEAST_REACH_M: f64 = 1000.0;
 
 /// Column and row of a square cell of the plane.
@@ -11,7 +11,7 @@ type PlaneCell = [i64; 2];
 /// Points, ascending, that are far from all others: groups of fewer than a hundredth of the points, or single ones,
 /// with more than half the survey's extent of empty ground around them. The reach is the diagonal of the rectangle that
 /// the tenth to the ninetieth percentile of the coordinates span, at least 1 km. Coordinates are metres on one plane;
-/// those that are not finite are far from nothing.
+/// points with a coordinate that is not finite are never far.
 ///
 /// Groups are the connected ones among occupied square cells whose side is half the reach.
 pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {
@@ -74,10 +74,10 @@ mod tests {
     }
 
     #[test]
-    fn law_a_survey_has_no_far_points_and_two_areas_are_one_survey() {
+    fn unit_a_survey_has_no_far_points_and_two_areas_are_one_survey() {
         let [mut east, mut north] = survey();
         assert!(far_points(&east, &north).is_empty());
-        // A second area with 2 % of the points 300 km away, and a way there.
+        // A second area with 2 % of the points 300 km away, and a line to it.
         east.extend((0..400).map(|k| 8e5 + 10.0 * f64::from(k)));
         north.extend([6e5; 400]);
         assert!(far_points(&east, &north).is_empty());
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn r10_single_points_and_small_groups_far_away_are_found() {
+    fn unit_single_points_and_small_groups_far_away_are_found() {
         let [mut east, mut north] = survey();
         (east[77], north[77]) = (0.0, 0.0);
         (east[500], north[500]) = (north[500] - 4e4, east[500]);

@@ -15,7 +15,7 @@ pub(super) struct ProxySources<'a> {
     strength: &'a [f64],
     proxies: &'a [PointPositions],
     spread: Vec<Vec<f64>>,
-    /// Two boxes are far when their radii together are less than this part of their distance.
+    /// Two boxes are far when the sum of their radii is less than this fraction of their distance.
     far: f64,
 }
 
@@ -25,7 +25,7 @@ pub(super) fn all_proxies(clusters: &ClusterTree) -> Vec<PointPositions> {
 }
 
 impl<'a> ProxySources<'a> {
-    /// `strength` is in the sorted order of the clusters.
+    /// Proxies for the sources; `strength` is in the sorted order of the clusters.
     pub fn new(clusters: &'a ClusterTree, proxies: &'a [PointPositions], strength: &'a [f64], far: f64) -> Self {
         let mut spread: Vec<Vec<f64>> =
             clusters.boxes.par_iter().map(|b| spread_points(clusters, b, strength)).collect();
@@ -50,7 +50,7 @@ impl<'a> ProxySources<'a> {
         PointSources { at: self.proxies[at].part(0..PROXIES), strength: &self.spread[at] }
     }
 
-    /// Calls `near` with every box that must be summed point by point, and `far` with those that may be replaced.
+    /// Calls `visit` with the sources of every box, and whether it is far; proxies may replace those of a far box.
     fn each(&self, target: &ClusterBox, mut visit: impl FnMut(PointSources, bool)) {
         let mut open = vec![0];
         while let Some(at) = open.pop() {

@@ -57,8 +57,8 @@ fn gradients([east, north, up]: [&[f64]; 3], sources: PointSources, out: &mut [V
     }
 }
 
-/// 1/√x of a positive number to 3e-11 of itself: three Newton steps from the guess that halving the exponent gives.
-/// Division and square root take several times as long as these products.
+/// 1/√x of a positive number with a relative error of 3e-11: three Newton steps from the estimate by halving the
+/// exponent. Division and square root take several times as long as these products.
 #[inline(always)]
 fn inverse_root(x: f64) -> f64 {
     let half = 0.5 * x;
@@ -72,7 +72,7 @@ fn inverse_root(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn law_the_inverse_root_is_good_to_ten_digits() {
+    fn unit_the_inverse_root_is_accurate_to_ten_digits() {
         for k in 0..4000 {
             let x = 1e-3 * 1.01f64.powi(k);
             assert!((super::inverse_root(x) * x.sqrt() - 1.0).abs() < 1e-10);

@@ -1,4 +1,4 @@
-//! A layer of equivalent sources: where they are, how they are fitted, and sums over columns.
+//! A layer of equivalent sources: positions, settings of the fit, and sums over columns.
 
 use super::clusters::{ClusterTree, PointPositions};
 use super::far_field::all_proxies;
@@ -6,7 +6,7 @@ use super::far_field::all_proxies;
 /// Points in a box of the far-field sums.
 pub(super) const LEAF: usize = 64;
 
-/// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration.
+/// Criterion for summing distant boxes together in the fit, where an error costs only an iteration.
 pub(super) const FIT_FAR: f64 = 0.6;
 
 /// A layer of equivalent sources.
@@ -16,7 +16,7 @@ pub struct SourceLayer {
     pub depth_m: f64,
     /// The distance between sources, metres.
     pub spacing_m: f64,
-    /// Only nodes that have a measurement within this horizontal distance get a source, metres.
+    /// Maximum horizontal distance from a source to its nearest measurement, metres.
     pub reach_m: f64,
 }
 
@@ -29,7 +29,7 @@ pub struct SourceFitOptions {
     pub damping: f64,
     /// The maximum number of iterations of a layer.
     pub iterations: usize,
-    /// A layer is solved when an iteration reduces the cost by less than this fraction.
+    /// Relative reduction of the cost by an iteration below which a layer is solved.
     pub tolerance: f64,
 }
 
@@ -47,16 +47,16 @@ pub(super) struct FittedSourceLayer {
 pub struct SourceLayerReport {
     /// The layer.
     pub layer: SourceLayer,
-    /// Its sources.
+    /// Number of its sources.
     pub sources: usize,
-    /// Iterations that were needed.
+    /// Number of iterations.
     pub iterations: usize,
     /// The root mean square of the residual after the layer's fit, nT.
     pub rms_nt: f64,
 }
 
 impl FittedSourceLayer {
-    /// A layer at these places, before its fit.
+    /// A layer at these positions, before its fit.
     pub fn at(places: &PointPositions, layer: SourceLayer) -> Self {
         let clusters = ClusterTree::new(places, LEAF);
         let proxies = all_proxies(&clusters);

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 pub(super) struct RegionalPlane {
     centre: [f64; 2],
     value: f64,
-    /// Towards east and north, per metre.
+    /// Slope towards east and north, per metre.
     pub slope: [f64; 2],
 }
 

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 /// Settings of the relaxation of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelaxationOptions {
-    /// 0 is minimum curvature, 1 is Laplace's equation.
+    /// Tension: 0 is minimum curvature, 1 is Laplace's equation.
     pub tension: f64,
-    /// A grid is done when no node is expected to move by more in all further passes together, nT.
+    /// Maximum expected move of a node in all further passes together at which a grid has converged, nT.
     pub tolerance_nt: f64,
     /// The maximum number of passes over a grid.
     pub passes: usize,
@@ -21,8 +21,8 @@ pub struct RelaxationOptions {
 pub struct RelaxationReport {
     /// Passes over it.
     pub passes: usize,
-    /// The distance that a node is expected to move in all further passes, nT, from the convergence rate: above
-    /// the tolerance when the passes were used up.
+    /// Expected move of a node in all further passes, nT, from the convergence rate. It exceeds the tolerance if the
+    /// passes were used up.
     pub left_nt: f64,
 }
 
@@ -35,7 +35,7 @@ const OVER: f64 = 1.6;
 /// Passes between two convergence checks.
 const STRETCH: usize = 16;
 
-/// A datum nearer to its node than this many spacings fixes the node.
+/// Distance from its node, in spacings, below which a datum fixes the node.
 const ON_NODE: f64 = 0.05;
 
 /// A datum, with its nearest node and its offset from it in nodes.
@@ -48,7 +48,7 @@ pub(super) struct GridDatum {
 }
 
 impl GridDatum {
-    /// From column and row, as fractions of nodes of the grid, and value.
+    /// Datum from column and row, as fractions of nodes of the grid, and value.
     pub fn from_point([column, row, value]: [f64; 3]) -> Self {
         let near = [column, row].map(|x| (x + 0.5).floor().max(0.0));
         Self { column: near[0] as usize, row: near[1] as usize, offset: [column - near[0], row - near[1]], value }
@@ -60,7 +60,7 @@ impl GridDatum {
 enum NodeUpdate {
     Free,
     Held,
-    /// The node rests at `fixed` + Σ weight · neighbour - `bend` · (the rest of the curvature of its neighbours).
+    /// Value `fixed` + Σ weight · neighbour - `bend` · (the remaining curvature of its neighbours).
     Drawn {
         corner: [i64; 2],
         weights: [f64; 4],
@@ -118,7 +118,7 @@ impl RelaxationGrid {
         fine
     }
 
-    /// Sets how each node moves.
+    /// Sets the update rule of each node.
     pub fn constrain(&mut self, data: Vec<GridDatum>, tension: f64) {
         self.rules = vec![vec![NodeUpdate::Free; self.columns]; self.rows];
         for datum in data {
@@ -130,7 +130,7 @@ impl RelaxationGrid {
         }
     }
 
-    /// Passes until hardly anything is left to move.
+    /// Passes over the grid until its expected remaining move is within the tolerance or the passes are used up.
     ///
     /// Slow modes of the surface move little in each of very many passes, so the size of a move alone is not a
     /// criterion: the remaining move is the sum of the geometric series that starts with the moves of the last passes.
@@ -176,7 +176,8 @@ impl RelaxationGrid {
         moved
     }
 
-    /// Beyond the edges: no curvature across an edge, none twisting a corner, and no shear. [Briggs 1974, (11)-(16)]
+    /// Sets the nodes beyond the edges: no curvature across an edge, no twist at a corner, no shear. [Briggs 1974,
+    /// (11)-(16)]
     fn extend(&mut self) {
         let (west, east, south, north) = (EDGE, EDGE + self.columns - 1, EDGE, EDGE + self.rows - 1);
         for r in south..=north {

@@ -17,7 +17,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use crate::regression::statistics::median;
 use rayon::prelude::*;
 
-/// Blocks around one that determine the usual misfit there.
+/// Number of surrounding blocks that determine the usual misfit.
 const AROUND: usize = 32;
 
 /// Fitted surface: equivalent sources or a grid of minimum curvature.
@@ -94,7 +94,7 @@ pub fn fit(
 }
 
 impl FittedSurface {
-    /// Fits to the blocks and returns their residuals.
+    /// Fits the surface to the blocks and returns their residuals.
     fn again(&mut self, options: &GriddingOptions, progress: GriddingProgress) -> Result<Vec<f64>, GriddingError> {
         let b = &self.blocks;
         let predicted = match &options.method {
@@ -158,8 +158,8 @@ impl FittedSurface {
         }
     }
 
-    /// The grid; with equivalent sources also its level in metres and the largest error in nT that summing distant
-    /// sources together makes at a hundred of its nodes.
+    /// The grid; with equivalent sources also its level in metres and the largest error of the far-field summation at a
+    /// hundred of its nodes, nT.
     ///
     /// # Errors
     /// Fails, for equivalent sources, as [`EquivalentSources::predict`] at the nodes.

@@ -98,22 +98,22 @@ impl SurveyPoints<'_> {
 /// The criteria of cleaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CleaningOptions {
-    /// A point that is farther from the straight line between its neighbours in flight order than this number of robust
-    /// standard deviations of its surroundings is an outlier; zero keeps all.
+    /// Outlier limit: distance of a point from the straight line between its neighbours in flight order, in robust
+    /// standard deviations of its surroundings; zero keeps all.
     pub sigmas: f64,
-    /// ... and farther than this, nT.
+    /// Minimum distance of an outlier from that line, nT.
     pub floor_nt: f64,
-    /// Points on either side that form the surroundings.
+    /// Number of points on either side that form the surroundings.
     pub half_window: usize,
-    /// Lines with fewer points are left out.
+    /// Minimum number of points of a line; shorter lines are excluded.
     pub shortest_line: usize,
-    /// Leave out points that are far from all others, see [`far_points`].
+    /// Whether points far from all others are excluded, see [`far_points`].
     pub without_far: bool,
 }
 
 impl Default for CleaningOptions {
-    /// Ten robust standard deviations among 51 points, and at least 10 nT: more than geology changes between two
-    /// points.
+    /// Ten robust standard deviations among 51 points, and at least 10 nT, which exceeds the change of the anomaly
+    /// between two points.
     fn default() -> Self {
         Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5, without_far: true }
     }
@@ -122,13 +122,13 @@ impl Default for CleaningOptions {
 /// Indices of points, ascending, by the outcome of cleaning.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CleaningOutcome {
-    /// Those that are kept.
+    /// Kept points.
     pub kept: Vec<usize>,
-    /// A coordinate or the value is not a finite number.
+    /// Points with a coordinate or value that is not a finite number.
     pub not_finite: Vec<usize>,
-    /// Far from all others.
+    /// Points far from all others.
     pub far: Vec<usize>,
-    /// The line's previous point is at the same position.
+    /// Points at the same position as the line's previous point.
     pub duplicates: Vec<usize>,
     /// Outliers along their line.
     pub outliers: Vec<usize>,
@@ -136,7 +136,7 @@ pub struct CleaningOutcome {
     pub of_short_lines: Vec<usize>,
 }
 
-/// Sorts the points of a survey into those to keep and those to leave out.
+/// Sorts the points of a survey into kept and excluded ones.
 pub fn clean(points: SurveyPoints, options: &CleaningOptions) -> CleaningOutcome {
     let mut cleaned = CleaningOutcome::default();
     if options.without_far {

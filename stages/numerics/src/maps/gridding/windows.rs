@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// Sources of a window before its overlap.
 const CORE: usize = 256;
 
-/// Windows whose sources overlap by this number of depths, and whose measurements extend as far again.
+/// Overlap of the windows' sources, in depths; the measurements extend as far again.
 const OVERLAP: f64 = 1.5;
 
 /// Overlapping-window (Schwarz) preconditioner of a layer.

@@ -1,29 +1,29 @@
 //! The adjustment of lines by their crossovers.
 //!
 //! A difference at a crossover is the level error of both lines, plus noise that grows with the gradient
-//! ([`CrossoverNoise`]). Corrections are the most likely ones given a survey's crossovers: those of the lines, and
-//! those of the ties about a shift that all ties have in common, are modelled as drawn from a distribution whose width
-//! is estimated from how much the corrections scatter beyond their own standard errors (the method of moments of
-//! DerSimonian and Laird 1986). Where they do not, the width is zero and the group is not corrected: the noise at the
-//! crossovers of a survey that is level already does not become stripes. A line that is individually out of level is
-//! corrected independently of the others.
+//! ([`CrossoverNoise`]). The corrections are the most likely ones given a survey's crossovers. Those of the lines, and
+//! those of the ties about a common shift, are modelled as draws from a distribution. Its width is estimated from the
+//! scatter of the corrections beyond their own standard errors (the method of moments of DerSimonian and Laird 1986).
+//! Without such scatter the width is zero and the group is not corrected, so that the noise at the crossovers of a
+//! level survey does not become stripes. A line that is individually out of level is corrected independently of the
+//! others.
 
 use super::noise::CrossoverNoise;
 use super::{Crossover, LevellingGauge, LevellingOptions};
 use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use std::collections::BTreeMap;
 
-/// Rounds in which noise and widths are estimated anew.
+/// Number of rounds of estimation of noise and widths.
 const ROUNDS: usize = 16;
 /// Rounds of reweighting in each round.
 const REWEIGHTED: usize = 4;
-/// The probability that any line is found individually out of level when none is.
+/// Probability that a level survey has any line reported as individually out of level.
 const BY_CHANCE: f64 = 0.05;
 /// Standard deviations by which the scatter of a group must exceed its errors.
 const BEYOND: f64 = 1.645;
-/// Crossovers for each coefficient with which all corrections can be unconstrained at first.
+/// Crossovers per coefficient from which all corrections can be unconstrained at first.
 const ENOUGH: usize = 2;
-/// Crossovers that a line needs to be found individually out of level: one or two may be wrong.
+/// Minimum number of crossovers of a line that is individually out of level: one or two may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
 /// Sparse least-squares equations of the line corrections, one per crossover.
@@ -43,7 +43,7 @@ pub(super) struct CrossoverAdjustment<'a> {
 /// Estimated line corrections and their distribution.
 #[derive(Clone, Debug)]
 pub(super) struct AdjustmentSolution {
-    /// By line, in nT; the common shift of the ties is in their constants.
+    /// Coefficients by line, in nT; the common shift of the ties is in their constants.
     pub coefficients: Vec<f64>,
     /// Statistics of the crossovers.
     pub noise: CrossoverNoise,
@@ -88,7 +88,7 @@ impl<'a> CrossoverAdjustment<'a> {
         made
     }
 
-    /// Where a point lies along its line, -1 to 1, `part` of the way to the next, and its line's index.
+    /// Position of a point along its line, -1 to 1, `part` of the way to the next, and its line's index.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
         let (first, last, line) =
             self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
@@ -112,7 +112,7 @@ impl<'a> CrossoverAdjustment<'a> {
         side(0).chain(side(1)).collect()
     }
 
-    /// The correction at a point, `part` of the way to the next, nT.
+    /// Correction at a point, `part` of the way to the next, nT.
     pub fn correction(&self, solution: &AdjustmentSolution, point: usize, part: f64) -> f64 {
         let (along, line) = self.place(point, part);
         legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
@@ -150,8 +150,7 @@ impl<'a> CrossoverAdjustment<'a> {
             found.coefficients.truncate(self.shift());
             return found;
         }
-        // Begun with free corrections where there are crossovers enough to separate them from noise, otherwise with
-        // none.
+        // Starts with free corrections if there are enough crossovers to separate them from noise, otherwise with none.
         let free = !self.options.tested || self.rows.len() >= ENOUGH * self.shift();
         let mut spent = 1.0;
         if free {
@@ -171,7 +170,7 @@ impl<'a> CrossoverAdjustment<'a> {
         self.levelled(found)
     }
 
-    /// The corrections from some of the crossovers, with the noise and the widths that all have.
+    /// Corrections from some of the crossovers, with the noise and widths of all.
     pub fn solve_with(&self, whole: &AdjustmentSolution, used: impl Fn(usize) -> bool) -> AdjustmentSolution {
         let coefficients = if self.rows.is_empty() { whole.coefficients.clone() } else { self.weighted(whole, used) };
         self.levelled(AdjustmentSolution { coefficients, ..whole.clone() })
@@ -338,8 +337,8 @@ fn robust_width(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     ((1.4826 * median(&mut sizes)).powi(2) - median(&mut errors).powi(2)).max(0.0).sqrt()
 }
 
-/// The scatter of values about zero beyond their standard errors; zero where they do not, or where chance may
-/// explain it.
+/// Scatter of values about zero beyond their standard errors; zero without such scatter, or where chance may explain
+/// it.
 fn beyond_errors(values: &[(f64, f64)]) -> f64 {
     let n = values.len() as f64;
     let weight = |error: f64| 1.0 / (error * error);

@@ -6,14 +6,15 @@ use rayon::prelude::*;
 /// Criteria for crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverOptions {
-    /// Two points of a line that are farther apart are a gap, in which nothing is interpolated, metres; `None` is
-    /// twenty times the median distance between points.
+    /// Distance between two points of a line above which they are a gap without interpolation, metres; `None` is twenty
+    /// times the median distance between points.
     pub gap_m: Option<f64>,
-    /// Crossings at less than this angle do not count: their position is uncertain. Degrees.
+    /// Minimum angle of a crossing, degrees; the position of shallower ones is uncertain.
     pub least_angle_deg: f64,
-    /// Lines that pass each other at a greater distance in height do not count, metres.
+    /// Maximum difference in height of two crossing lines, metres.
     pub most_height_m: f64,
-    /// Reduces the values to the height half-way between the two lines, nT/m upward; zero leaves them unchanged.
+    /// Gradient that reduces the values to the height half-way between the two lines, nT/m upward; zero leaves them
+    /// unchanged.
     pub vertical_gradient_nt_per_m: f64,
 }
 
@@ -43,7 +44,7 @@ pub struct Crossover {
     pub gradient_nt_per_m: f64,
 }
 
-/// Points on either side of a crossing that determine the slope along a line.
+/// Number of points on either side of a crossing that determine the slope along a line.
 const BESIDE: usize = 3;
 
 impl Crossover {
@@ -53,7 +54,7 @@ impl Crossover {
     }
 }
 
-/// Finds where the lines of a survey cross each other, by the order of the points before the crossing.
+/// Finds the crossings of a survey's lines, in the order of the points before the crossing.
 ///
 /// Stretches between points are sorted into square cells, so that only those that share a cell are compared. Points
 /// that are not finite end a stretch.
@@ -101,7 +102,7 @@ fn length(points: SurveyPoints, i: usize) -> f64 {
     e.hypot(n)
 }
 
-/// The field's slope along a line about the stretch that begins at point `i`, nT/m, from points not more than `gap_m`
+/// Slope of the field along a line about the stretch that begins at point `i`, nT/m, from points not more than `gap_m`
 /// apart.
 fn slope(points: SurveyPoints, i: usize, gap_m: f64) -> f64 {
     let linked = |k: &usize| *k + 1 < points.len() && joined(points, *k) && length(points, *k) <= gap_m;

@@ -5,13 +5,13 @@ use crate::regression::statistics::median;
 
 /// The resolution of differences, nT.
 const RESOLUTION_NT: f64 = 0.01;
-/// The mean size of a normal error of standard deviation 1 is one over this.
+/// Reciprocal of the mean size of a normal error of standard deviation 1.
 const MEAN_SIZE: f64 = 1.253_314_137_315_5;
 /// The largest difference that is used in the estimate, in standard deviations.
 const FAR: f64 = 4.0;
 
-/// The noise of the difference of two level lines at a crossing: an error of the values, and a distance between where
-/// the true and the recorded position, which a gradient turns into a difference.
+/// Noise of the difference of two level lines at a crossing: an error of the values, and a distance between the true
+/// and the recorded position, which a gradient turns into a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CrossoverNoise {
     /// Standard deviation of a difference where the field is flat, nT.
@@ -22,8 +22,8 @@ pub struct CrossoverNoise {
 }
 
 impl CrossoverNoise {
-    /// The two that make the remaining differences, less `spent` degrees of freedom of the fit, most
-    /// likely as errors with exponential tails: differences in steep fields are many, and not normal.
+    /// Most likely noise of the remaining differences, less `spent` degrees of freedom of the fit, for errors with
+    /// exponential tails: differences in steep fields are many, and not normal.
     pub(super) fn fitted(crossovers: &[Crossover], left_nt: &[f64], spent: f64) -> Self {
         let mut sizes: Vec<f64> = left_nt.iter().map(|d| d.abs()).collect();
         let usual = median(&mut sizes).max(RESOLUTION_NT);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::maps::gridding::OwnedSurveyPoints;
 
-/// East-west lines 200 m apart and three ties over a smooth field, each with its own error at a part of its way.
+/// East-west lines 200 m apart and three ties over a smooth field, each with its own error along the line.
 fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedSurveyPoints {
     let mut points = OwnedSurveyPoints::default();
     let mut push = |line: usize, e: f64, n: f64, along: f64| {
@@ -27,13 +27,13 @@ fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedSurveyPoints {
     points
 }
 
-/// Errors of the lines, ties without.
+/// Errors of the lines; ties have none.
 fn offset(line: usize) -> f64 {
     if line < 100 { 7.0 * ((3 * line + 1) as f64).sin() } else { 0.0 }
 }
 
 #[test]
-fn law_crossings_are_where_the_lines_meet_with_the_values_between() {
+fn law_crossings_have_interpolated_positions_and_values() {
     let points = survey(|line, _| offset(line));
     let found = find_crossovers(points.borrow(), &CrossoverOptions::default());
     assert_eq!(found.len(), 40);
@@ -43,7 +43,7 @@ fn law_crossings_are_where_the_lines_meet_with_the_values_between() {
         assert!(
             (c.at_m[0] - (500.0 + 1000.0 * tie as f64)).abs() < 1e-9 && (c.at_m[1] - 200.0 * line as f64).abs() < 1e-9
         );
-        // The field is linear, so interpolation is exact and what is left is the line's error.
+        // The field is linear, so interpolation is exact and the difference is that of the line errors.
         assert!((c.difference_nt() - (offset(c.lines[0]) - offset(c.lines[1]))).abs() < 1e-9);
     }
     assert_eq!(tie_lines(points.borrow()), [100, 101, 102, 103]);
@@ -64,7 +64,7 @@ fn law_known_offsets_are_recovered() {
     assert!(levelled.before.figure_of_merit_crossings > 3.0 && levelled.after.figure_of_merit_crossings < 1e-4);
     assert!(levelled.left_out.unwrap().figure_of_merit_crossings < 1e-4);
     assert!((levelled.correction_nt[150] - offset(1)).abs() < 1e-4);
-    // Ties on the mean, or the steadier group, which the ties are: the same but for what the ties take over, nothing.
+    // Zero mean of the ties, or the steadier group, which is the ties: the same result.
     for gauge in [LevellingGauge::TiesMean, LevellingGauge::Steadiest] {
         let mean = level_lines(
             points.borrow(),
@@ -94,7 +94,7 @@ fn law_drifts_along_lines_need_the_first_order() {
 }
 
 #[test]
-fn law_a_wrong_crossover_does_not_decide() {
+fn law_a_wrong_crossover_has_little_effect() {
     let points = survey(|line, _| offset(line));
     let mut found = find_crossovers(points.borrow(), &CrossoverOptions::default());
     found[5].value_nt[0] += 500.0;
@@ -111,12 +111,12 @@ fn law_a_wrong_crossover_does_not_decide() {
         levelled.lines.iter().fold(0.0f64, |m, l| m.max((l.coefficients_nt[0] - offset(l.line)).abs()))
     };
     assert!(worst(f64::INFINITY) > 100.0);
-    // It also makes the noise seem larger: 500 nT of one among forty.
+    // It also increases the estimated noise: one error of 500 nT among forty.
     assert!(worst(1.345) < 0.5, "{}", worst(1.345));
 }
 
 #[test]
-fn law_heights_apart_are_corrected_or_left_out() {
+fn unit_height_differences_are_corrected_or_excluded() {
     let mut points = survey(|_, _| 0.0);
     let lines = points.line.clone();
     for ((h, v), line) in points.height_m.iter_mut().zip(&mut points.value_nt).zip(lines) {
@@ -136,7 +136,7 @@ fn law_heights_apart_are_corrected_or_left_out() {
 }
 
 #[test]
-fn law_gaps_shallow_angles_and_nan_make_no_crossing() {
+fn unit_gaps_shallow_angles_and_nan_make_no_crossing() {
     let mut points = survey(|_, _| 0.0);
     let count =
         |points: &OwnedSurveyPoints, options: CrossoverOptions| find_crossovers(points.borrow(), &options).len();
@@ -170,12 +170,12 @@ fn uncertain(ties_nt: f64, out: f64) -> (OwnedSurveyPoints, Vec<Crossover>) {
 }
 
 #[test]
-fn r10_what_is_level_stays_level_and_only_the_ties_are_shifted() {
+fn unit_level_lines_stay_level_and_only_the_ties_are_shifted() {
     let (points, found) = uncertain(25.0, 0.0);
     let levelled = level_lines(points.borrow(), &found, &LevellingOptions::default());
     for line in &levelled.lines {
         let expected = if line.tie { 25.0 } else { 0.0 };
-        // Forty crossovers, of which ten tell the shift to 1 nT each.
+        // Forty crossovers, ten of which determine the shift to 1 nT each.
         assert!((line.coefficients_nt[0] - expected).abs() < 1.5, "{line:?}");
         assert!(line.tie || line.coefficients_nt[0] == 0.0, "no stripes: {line:?}");
     }
@@ -190,7 +190,7 @@ fn r10_what_is_level_stays_level_and_only_the_ties_are_shifted() {
 }
 
 #[test]
-fn r10_lines_that_are_out_are_corrected_in_spite_of_uncertain_crossovers() {
+fn unit_lines_out_of_level_are_corrected_despite_uncertain_crossovers() {
     let (points, found) = uncertain(0.0, 2.0);
     let levelled = level_lines(points.borrow(), &found, &LevellingOptions::default());
     let left: Vec<f64> =
@@ -201,7 +201,7 @@ fn r10_lines_that_are_out_are_corrected_in_spite_of_uncertain_crossovers() {
 }
 
 #[test]
-fn r10_one_line_that_is_out_is_corrected_alone() {
+fn unit_one_line_out_of_level_is_corrected_alone() {
     let (points, mut found) = uncertain(0.0, 0.0);
     let of = |c: &Crossover, line: usize| c.lines.iter().position(|l| *l == line);
     for c in &mut found {

@@ -30,9 +30,9 @@ fn gradient(field: impl Fn(EastNorthUp) -> EastNorthUp, at: EastNorthUp, h: f64)
 }
 
 #[test]
-fn val_dipole_and_prism_are_harmonicas() {
+fn val_dipole_and_prism_equal_harmonica() {
     let table = columns(include_str!("../../../reference/maps/continuation/sources.csv"));
-    // Theirs is the measured µ0 of CODATA 2018, ours 4π 1e-7, the one of the printed formulas.
+    // harmonica uses the measured µ0 of CODATA 2018; ours is 4π 1e-7, that of the printed formulas.
     let mu0 = 1.256_637_062_12e-6 / (4e-7 * std::f64::consts::PI);
     let vector = |name: &str, row: usize| ["east", "north", "up"].map(|c| table[&format!("{name}_{c}")][row] / mu0);
     assert_eq!(table["east_m"].len(), 32);
@@ -61,14 +61,14 @@ fn law_a_field_has_neither_sources_nor_curl_outside_matter() {
 }
 
 #[test]
-fn law_within_a_prism_the_field_has_no_sources_and_its_curl_is_none_where_magnetisation_is_even() {
+fn law_a_uniform_prism_has_neither_sources_nor_curl_inside() {
     let g = gradient(|p| PRISM.field_nt(p), [-20.0, 70.0, -300.0], 0.5);
     assert!((g[0][0] + g[1][1] + g[2][2]).abs() < 1e-7, "{g:?}");
     assert!((g[0][1] - g[1][0]).abs() < 1e-7 && (g[0][2] - g[2][0]).abs() < 1e-7, "{g:?}");
 }
 
 #[test]
-fn law_the_normal_component_goes_through_a_face_and_the_face_has_the_value_outside() {
+fn law_the_normal_component_is_continuous_and_a_face_has_the_outside_value() {
     for axis in 0..3 {
         for (bound, outward) in [(PRISM.low_m, -1.0), (PRISM.high_m, 1.0)] {
             let mut on = [-20.0, 70.0, -300.0];
@@ -78,7 +78,7 @@ fn law_the_normal_component_goes_through_a_face_and_the_face_has_the_value_outsi
                 point[axis] += outward * metres;
                 PRISM.field_nt(point)
             };
-            // A tenth of a micrometre away the field is that much of its gradient, some nT/m, off.
+            // At a distance of 0.1 µm the field differs by that times its gradient of some nT/m.
             assert_near(PRISM.field_nt(on), beside(1e-7), 1e-5, "face and outside");
             let jump = beside(-1e-7)[axis] - beside(1e-7)[axis];
             assert!(jump.abs() < 1e-5, "axis {axis}: {jump}");
@@ -91,13 +91,13 @@ fn law_a_prism_far_away_is_a_dipole() {
     let cube = Prism { low_m: [-5.0; 3], high_m: [5.0; 3], magnetisation_apm: [3.0, -1.0, 2.0] };
     let dipole = Dipole { at_m: cube.middle_m(), moment_am2: cube.moment_am2() };
     let point = [300.0, -400.0, 500.0];
-    // A cube has no quadrupole and no octupole of second degree; what is left falls as (10/700)^4 = 4e-8.
+    // A cube has no quadrupole and no octupole of second degree; the difference falls as (10/700)^4 = 4e-8.
     assert_near(cube.field_nt(point), dipole.field_nt(point), 1e-6 * norm(dipole.field_nt(point)), "far");
     assert_eq!(cube.moment_am2(), [3000.0, -1000.0, 2000.0]);
 }
 
 #[test]
-fn law_parts_of_a_prism_make_the_field_of_the_whole() {
+fn law_parts_of_a_prism_sum_to_the_field_of_the_whole() {
     let split = -7.0;
     let (mut west, mut east) = (PRISM, PRISM);
     (west.high_m[0], east.low_m[0]) = (split, split);
@@ -109,7 +109,7 @@ fn law_parts_of_a_prism_make_the_field_of_the_whole() {
 }
 
 #[test]
-fn law_an_edge_has_no_field_and_its_neighbourhood_has() {
+fn law_the_field_is_undefined_on_an_edge_and_finite_near_it() {
     assert!(PRISM.field_nt(PRISM.high_m).iter().all(|v| v.is_nan()));
     assert!(PRISM.field_nt([150.0, 260.0, -300.0]).iter().all(|v| v.is_nan()));
     for near in [1e-3, 1e-6, 1e-9] {

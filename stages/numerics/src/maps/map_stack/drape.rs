@@ -11,7 +11,7 @@ const ANOMALY: usize = 0;
 const D_ALT: usize = 1;
 const HEIGHT: usize = 2;
 
-/// A map whose every node has a height of its own, with its vertical derivative.
+/// A map with its own height at every node, and its vertical derivative.
 #[derive(Clone, Debug)]
 pub struct DrapeMap {
     axes: GridAxes,
@@ -43,8 +43,8 @@ impl DrapeMap {
         Some(self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?.value[HEIGHT])
     }
 
-    /// The anomaly on the draped surface and the gradient of the field there: the change along the surface less what
-    /// of it is due to the surface's slope.
+    /// Anomaly on the draped surface and gradient of the field there: the change along the surface less the part caused
+    /// by the slope of the surface.
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
         let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
         Some(self.lifted(jet, 0.0))

@@ -1,4 +1,4 @@
-//! A map on its own grid of eastings and northings, looked up at latitudes and longitudes.
+//! A map on its native grid of eastings and northings, looked up at latitudes and longitudes.
 
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
@@ -49,7 +49,7 @@ impl ProjectedMap {
             NodeMap::Flat(map) => map.at_height(place.row, place.column, alt_m)?,
             NodeMap::Stack(stack) => stack.at(place.row, place.column, alt_m)?,
         };
-        // A row is a degree there, so rows per degree are without unit here.
+        // A row replaces a degree there, so rows per degree have no unit here.
         let (per_row, per_column) = (on_nodes.d_lat_nt_per_rad, on_nodes.d_lon_nt_per_rad);
         let along = |d: usize| per_row * place.row_per_deg[d] + per_column * place.column_per_deg[d];
         Some(FieldValue { d_lat_nt_per_rad: along(0), d_lon_nt_per_rad: along(1), ..on_nodes })

@@ -51,8 +51,8 @@ impl FieldColumns {
     }
 }
 
-/// Positions whose nodes are prefetched before the first of them is used: as many as keep the memory busy, and as their
-/// cache lines have room for in the innermost cache.
+/// Number of positions whose nodes are prefetched before the first of them is used: enough to keep the memory busy, and
+/// few enough for their cache lines to fit the innermost cache.
 const BLOCK: usize = 64;
 
 const NOWHERE: FieldValue =
@@ -78,7 +78,7 @@ impl LookupPositions<'_> {
 pub(crate) trait FieldLookup {
     /// The cell of a position in degrees.
     fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition>;
-    /// Prefetches what [`Self::field`] will read.
+    /// Prefetches the data that [`Self::field`] reads.
     fn touch(&self, cell: CellPosition, alt_m: f64) -> f64;
     /// Value and gradient.
     fn field(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue>;
@@ -97,8 +97,8 @@ pub(crate) fn look_up_many(
     Ok(())
 }
 
-/// A batch in the form in which it is compiled for the vector width of each processor; the same arithmetic in the
-/// same order on all of them, so the same bits as one look-up at a time.
+/// A batch, compiled for the vector width of each processor. The arithmetic and its order are the same on all of them,
+/// so the results are bit-identical to single look-ups.
 struct LookupBatch<'a, M> {
     map: &'a M,
     places: LookupPositions<'a>,
@@ -118,7 +118,7 @@ impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
             for (cell, (lat, lon)) in cells.iter_mut().zip(lat_deg.iter().zip(lon_deg).skip(start)) {
                 *cell = self.map.cell(*lat, *lon);
             }
-            // A loop of its own, and so short that the processor runs far ahead of what it waits for.
+            // A separate loop, short enough for the processor to run far ahead of the memory.
             let mut touched = 0.0;
             for (k, cell) in cells.iter().enumerate().take(value.len()) {
                 if let Some(cell) = cell {
@@ -178,8 +178,8 @@ impl FieldLookup for HeightLookup<'_> {
 
 impl MapSurface {
     /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
-    /// grow, and runs on the caller's thread. Faster than one at a time where the map does not fit the cache, the more
-    /// so the more the places are scattered.
+    /// grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the cache, most of
+    /// all for scattered positions.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

@@ -1,4 +1,4 @@
-//! Maps around the earth: closed at their seam, with and without the first meridian once more.
+//! Maps around the earth: closed at their seam, with and without a repeated first meridian.
 
 #![allow(clippy::unwrap_used)]
 
@@ -17,7 +17,7 @@ fn globe(west: f64, columns: usize) -> GeographicGrid {
 }
 
 #[test]
-fn law_the_seam_is_as_good_as_any_other_place() {
+fn law_interpolation_at_the_seam_equals_that_elsewhere() {
     for (west, columns) in [(-180.0, 90), (-180.0, 91), (0.0, 90), (0.0, 91), (-178.0, 90)] {
         for (kind, most) in
             [(MapInterpolation::Linear, 0.5), (MapInterpolation::Quadratic, 0.02), (MapInterpolation::Cubic, 0.005)]

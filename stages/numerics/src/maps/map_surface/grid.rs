@@ -188,14 +188,14 @@ impl GeographicAxis {
         Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len(), round_deg: 360.0 })
     }
 
-    /// The longitudes as a closed round, with the first meridian once more at the end; `None` where they leave a gap.
+    /// The longitudes as a full turn, with the first meridian repeated at the end; `None` if they leave a gap.
     fn closed(&self) -> Option<Self> {
         let nodes = (self.round_deg / self.step_deg).round();
         let span_deg = self.step_deg * nodes;
         if self.len as f64 + 0.5 < nodes || (span_deg - self.round_deg).abs() > EVENNESS * self.step_deg {
             return None;
         }
-        // Exactly a round: rounded coordinates must leave no gap at the seam.
+        // Exactly a full turn: rounded coordinates must leave no gap at the seam.
         let (step_deg, steps_per_deg) = (self.round_deg / nodes, nodes / self.round_deg);
         Some(Self { step_deg, steps_per_deg, len: nodes as usize + 1, ..*self })
     }
@@ -233,7 +233,7 @@ impl GeographicAxis {
         self.steps_per_deg.to_degrees()
     }
 
-    /// The cell and the fraction within it; a place past an end by rounding only is on the end.
+    /// The cell and the fraction within it; a position past an end by rounding only is on the end.
     #[inline(always)]
     pub(super) fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
@@ -273,13 +273,13 @@ pub struct GeographicGrid {
     lat: GeographicAxis,
     lon: GeographicAxis,
     values: Vec<f64>,
-    /// Whether the last column is the first, a full turn on.
+    /// Whether the last column repeats the first, after a full turn.
     closed: bool,
 }
 
 impl GeographicGrid {
-    /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude,
-    /// then of the next. Longitudes that go round the earth are closed: the first meridian is the last too.
+    /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude, then of the next.
+    /// Longitudes around the earth are closed: the first meridian is also the last.
     ///
     /// # Errors
     /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven
@@ -297,7 +297,7 @@ impl GeographicGrid {
         Ok(Self { lon: closed, values: grid.closed_values(), closed: true, ..grid })
     }
 
-    /// The values of a closed grid by rows: a repeated first meridian has the known one of its two values.
+    /// The values of a closed grid by rows: a repeated first meridian takes the known one of its two values.
     fn closed_values(&self) -> Vec<f64> {
         let distinct = self.lon.closed().map_or(self.lon.len, |closed| closed.len - 1);
         let row = |row: &[f64]| {
@@ -383,7 +383,7 @@ impl GeographicGrid {
         Ok(Self { values, ..*self })
     }
 
-    /// The grid in metres from its south-western node, as wide as it is at its middle latitude.
+    /// The grid in metres from its south-western node, with the width at its middle latitude.
     pub fn plane(&self) -> PlaneGrid {
         let middle = (0.5 * (self.lat.first_deg() + self.lat.last_deg())).to_radians();
         let earth = EarthModel::Wgs84;

@@ -5,7 +5,7 @@
 pub(crate) struct GridShape {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
-    /// Whether the last column is the first once more, a full turn on.
+    /// Whether the last column repeats the first, after a full turn.
     pub(crate) closed: bool,
 }
 
@@ -54,7 +54,7 @@ pub(super) fn filled(shape: GridShape, values: &[f64]) -> Vec<f64> {
         .filter(|node| values[*node].is_nan() && neighbour_mean(shape, &values, *node).is_some())
         .collect();
     while !front.is_empty() {
-        // All of a round is computed before any of it is written: the order does not matter.
+        // A round is computed completely before it is written, so the order does not matter.
         let means: Vec<Option<f64>> = front.iter().map(|node| neighbour_mean(shape, &values, *node)).collect();
         for (node, mean) in front.iter().zip(means) {
             values[*node] = mean.unwrap_or(f64::NAN);

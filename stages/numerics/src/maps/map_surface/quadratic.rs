@@ -1,7 +1,7 @@
 //! The interpolating quadratic B-spline on even steps, with pieces centred on the nodes (MagNav.jl's `quad`).
 //!
 //! Half a step to either side of node `i` it is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, t from the node; it passes
-//! through the nodes when `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Straight past both ends: there `c[i] = f[i]`.
+//! through the nodes when `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Past both ends it is linear: there `c[i] = f[i]`.
 
 /// Turns every column of a row-major table of node values into coefficients along the rows' direction.
 pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
@@ -26,8 +26,8 @@ pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
     }
 }
 
-/// The weights of the nodes -1, 0, 1 and 2 around a position a fraction `t` (0 to 1) past node 0; the node farthest
-/// away has none.
+/// The weights of the nodes -1, 0, 1 and 2 around a position a fraction `t` (0 to 1) past node 0; the weight of the
+/// farthest node is zero.
 #[inline(always)]
 pub(super) fn weights(t: f64) -> [f64; 4] {
     piece(t, |u| [0.5 * (0.5 - u) * (0.5 - u), 0.75 - u * u, 0.5 * (0.5 + u) * (0.5 + u)])

@@ -1,5 +1,5 @@
-//! Node values prepared for look-ups: one or more quantities of the same nodes, interleaved, so that all that a
-//! look-up needs of them lies in the same few cache lines.
+//! Node values prepared for look-ups: one or more quantities of the same nodes, interleaved, so that a look-up reads
+//! few cache lines.
 
 use super::MapInterpolation;
 use super::holes::{GridShape, UnknownCells, filled};
@@ -73,8 +73,8 @@ impl<const QUANTITIES: usize> GridInterpolant<QUANTITIES> {
         }
     }
 
-    /// Reads the first and the last node of each row that [`Self::at`] reads, so that all of their cache lines are on
-    /// the way from memory; the sum is not used.
+    /// Reads the first and the last node of each row that [`Self::at`] reads, which prefetches all of their cache
+    /// lines; the sum is not used.
     #[inline(always)]
     pub(crate) fn touch(&self, cell: CellPosition) -> f64 {
         match self.interpolation {
@@ -198,7 +198,7 @@ fn dot4<const QUANTITIES: usize>(c: &[[f64; QUANTITIES]; 4], q: usize, weights: 
     (c[0][q] * weights[0] + c[1][q] * weights[1]) + (c[2][q] * weights[2] + c[3][q] * weights[3])
 }
 
-// Inlined by force into code that is compiled for a wider vector unit.
+// Always inlined, into code that is compiled for a wider vector unit.
 #[inline(always)]
 fn natural_cubic_weights(t: f64) -> [f64; 4] {
     natural_cubic::weights(t)
@@ -218,8 +218,8 @@ fn interleaved<const QUANTITIES: usize>(nodes: usize, values: [&[f64]; QUANTITIE
     (0..nodes).map(|node| values.map(|values| values.get(node).copied().unwrap_or(f64::NAN))).collect()
 }
 
-/// The columns beyond each end of a closed grid that its spline is solved with: an end is felt a quarter as much in
-/// each further cell.
+/// Number of columns added beyond each end of a closed grid when its spline is solved. The effect of an end falls by a
+/// factor of 4 per cell.
 const WRAP: usize = 16;
 
 /// The B-spline coefficients of a grid with its holes filled, with one more node on every side.

@@ -42,11 +42,11 @@ fn val_magnav_interpolation_and_gradient() {
     for (interpolation, values, gradient) in cases {
         let map = MapSurface::new(&golden_grid(), interpolation);
         for (place, expected) in PLACES.into_iter().zip(values) {
-            // Degrees and back move the place by 2e-16 rad, 1e-10 nT at 4e5 nT/rad.
+            // Conversion to degrees and back moves the position by 2e-16 rad, 1e-10 nT at 4e5 nT/rad.
             assert!((at_rad(&map, place).value_nt - expected).abs() < 1e-9);
         }
         let at = at_rad(&map, PLACES[0]);
-        // Theirs are central differences over 1e-8 rad: rounding of 1e-14 x 75 nT / 2e-8 rad.
+        // MagNav.jl's are central differences over 1e-8 rad: rounding of 1e-14 x 75 nT / 2e-8 rad.
         assert!((at.d_lat_nt_per_rad - gradient[0]).abs() < 0.05, "{at:?}");
         assert!((at.d_lon_nt_per_rad - gradient[1]).abs() < 0.05, "{at:?}");
     }
@@ -72,7 +72,7 @@ fn jac_gradient_of_all_interpolations() {
 }
 
 #[test]
-fn law_nodes_edges_and_outside() {
+fn unit_nodes_edges_and_outside_positions() {
     let grid = golden_grid();
     let (lat, lon) = (grid.lat(), grid.lon());
     for interpolation in ALL {
@@ -106,7 +106,7 @@ fn axis(first: f64, count: usize) -> Vec<f64> {
 }
 
 #[test]
-fn law_a_hole_stays_a_hole() {
+fn unit_a_hole_is_unknown_and_affects_only_cells_near_it() {
     let (rows, columns) = (30, 40);
     let complete = wavy(rows, columns);
     let mut holed = complete.clone();
@@ -127,8 +127,8 @@ fn law_a_hole_stays_a_hole() {
                 .into_iter()
                 .max()
                 .unwrap_or(0);
-            // The hole's edge is wrong by less than 40 nT of slope change; what a spline feels of
-            // it falls by 2 - sqrt(3) a cell.
+            // The hole's edge is wrong by less than 40 nT of slope change; its effect on a spline falls by 2 - sqrt(3)
+            // per cell.
             let bound = 0.5 * (2.0_f64 - 3.0_f64.sqrt()).powi(distance as i32 - 1) + 1e-9;
             let error = (value.value_nt - full.at(place.0, place.1).unwrap().value_nt).abs();
             assert!(error < bound * 10.0, "{row} {column} {error} {bound}");
@@ -138,7 +138,7 @@ fn law_a_hole_stays_a_hole() {
 }
 
 #[test]
-fn law_rows_of_a_table_make_the_same_map() {
+fn unit_rows_of_a_table_make_the_same_map() {
     let grid = golden_grid();
     let (lat, lon) = (axis(50.0, 4), axis(-5.0, 3));
     let table: (Vec<f64>, Vec<f64>) = lat.iter().flat_map(|lat| lon.iter().map(move |lon| (*lat, *lon))).unzip();
@@ -156,7 +156,7 @@ fn law_rows_of_a_table_make_the_same_map() {
 }
 
 #[test]
-fn law_what_is_not_a_map_is_refused_in_words() {
+fn unit_invalid_maps_are_rejected() {
     let (lat, lon, values) = (axis(50.0, 3), axis(10.0, 3), vec![1.0; 9]);
     let refused =
         |lat: &[f64], lon: &[f64], values: &[f64]| GeographicGrid::new(lat, lon, values).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! The filter with further measurements besides the scalar field.
+//! Adaptive filter with further measurements in addition to the scalar field.
 
 use crate::navigation::aided::filter::{AidedFilter, MeasurementOutcome};
 use crate::navigation::aided::{AidedOutput, AidedParameters, Linearisation};
@@ -15,19 +15,20 @@ use super::{AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, Magnetomete
 /// Output of the filter on a line with further measurements.
 #[derive(Clone, Debug, Default)]
 pub struct AidedAdaptiveOutput {
-    /// The estimate; of the scalar field as that of [`AdaptiveOutput`](super::AdaptiveOutput).
+    /// Estimate. Innovations of the scalar field are as in [`AdaptiveOutput`](super::AdaptiveOutput).
     pub line: AidedOutput,
     /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<MagnetometerNoise>,
-    /// The share of a correction by the scalar field that is given back as process noise after each sample.
+    /// Share of the covariance decrease by the scalar field that is returned as process noise after each sample.
     pub given_back: Vec<f64>,
 }
 
 /// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
 /// estimated.
 ///
-/// H P Hᵀ of an innovation holds the map's error where that is a state, so that it is not learnt as white noise. A
-/// sample where the map is too flat is learnt from, and corrects the temporal variation and the map's error alone.
+/// H P Hᵀ of an innovation includes the map error if that is a state, so the map error is not attributed to the white
+/// noise. A sample where the map is too flat contributes to the noise estimate, and corrects only the temporal
+/// variation and the map error.
 ///
 /// # Errors
 /// Fails as [`run`](super::run) and [`Aids::check`].
@@ -64,7 +65,7 @@ pub fn run_aided(
     Ok(AidedAdaptiveOutput { line: adaptive.core.output, magnetometers, given_back })
 }
 
-/// Share of a correction that is added as process noise.
+/// Share of a covariance decrease that is added as process noise.
 struct AidedNoiseIncrement {
     /// P Hᵀ.
     ph: Vec<f64>,
@@ -77,7 +78,7 @@ struct AidedAdaptiveFilter<'a> {
     parameters: &'a AdaptiveParameters,
     core: AidedFilter<'a>,
     learners: Vec<NoiseEstimator<'a>>,
-    /// The last innovations, squared over their variance, less 1.
+    /// Last values of NIS minus 1.
     excess: SlidingSum,
     pending: Option<AidedNoiseIncrement>,
 }
@@ -88,12 +89,12 @@ impl AidedAdaptiveFilter<'_> {
         let factor = share / variance_nt2;
         let rows = self.core.now.p.chunks_exact_mut(ph.len());
         for (row, of_row) in rows.zip(&ph) {
-            // The product of the two entries first, so that the matrix stays exactly symmetric.
+            // Multiplies the two entries first, so that the matrix stays exactly symmetric.
             row.iter_mut().zip(&ph).for_each(|(entry, of_column)| *entry += factor * (of_row * of_column));
         }
     }
 
-    /// Corrects by the magnetometers of a row.
+    /// Corrects with the magnetometers of a row.
     fn fuse(&mut self, row: usize) -> MeasurementOutcome {
         let centre = self.core.look(row);
         let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());

@@ -9,22 +9,22 @@ use super::{AdaptiveForm, AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameter
 pub(super) struct NoiseEstimator<'a> {
     magnetometer: AdaptiveMagnetometer<'a>,
     form: AdaptiveForm,
-    /// Whether R is learnt.
+    /// Whether R is estimated.
     learns: bool,
-    /// Whether a factor of the expected variance is learnt.
+    /// Whether a factor of the assumed variance is estimated.
     relative: bool,
-    /// The first expected variance, in nT², which the others are relative to.
+    /// First assumed variance, in nT², used as the reference of relative variances.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// The last innovations squared, over the unit of their time; in the matched form each less its expected part H P
-    /// Hᵀ, in the residual form what the correction leaves of them.
+    /// Last squared innovations over the reference of their time. In the matched form, H P Hᵀ is subtracted from each.
+    /// In the residual form, each is the expected squared noise a posteriori.
     window: SlidingSum,
-    /// The innovation of this sample, whose correction is not known yet.
+    /// Innovation of this sample before its update.
     open: Option<PendingInnovation>,
     pub(super) adapted: MagnetometerNoise,
 }
 
-/// Innovation that the noise estimate takes in after the correction.
+/// Innovation that enters the noise estimate after the update.
 #[derive(Clone, Copy, Debug)]
 struct PendingInnovation {
     /// Innovation, if the gate accepts it.
@@ -34,7 +34,7 @@ struct PendingInnovation {
     used: bool,
 }
 
-/// The weighted mean of the innovations of a sample. All of them, and those that are used.
+/// Weighted means of the innovations of a sample: of all and of the used ones.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InnovationFusion {
     all: InnovationSums,
@@ -63,8 +63,8 @@ impl InnovationFusion {
         self.used.weight > 0.0
     }
 
-    /// The mean innovation, in nT, and the variance of its noise, in nT², of those that are used; of all, where none
-    /// is.
+    /// Mean innovation, in nT, and variance of its noise, in nT², over the used innovations, or over all if none is
+    /// used.
     pub(super) fn mean(&self) -> (f64, f64) {
         let InnovationSums { weight, residual } = if self.is_used() { self.used } else { self.all };
         (residual / weight, 1.0 / weight)
@@ -98,19 +98,18 @@ impl<'a> NoiseEstimator<'a> {
         }
     }
 
-    /// The measurement of a row less the offset, in nT, and the variance that its noise is expected to have; `None`
-    /// where it is missing.
+    /// Measurement of a row less the offset, in nT, and its assumed variance; `None` if it is missing.
     pub(super) fn measured(&self, row: usize) -> Option<(f64, f64)> {
         self.magnetometer.measurements().at(row, self.adapted.offset_nt)
     }
 
-    /// A row without an innovation.
+    /// Records a row without an innovation.
     pub(super) fn skip(&mut self) {
         self.adapted.sigma_nt.push(f64::NAN);
     }
 
-    /// Adds the innovation of a row, where there is one, to `fusion` with the noise learnt before it, and learns from
-    /// it. `predicted_nt2` is H P Hᵀ.
+    /// Adds the innovation of a row, if any, to `fusion` with the noise estimated before it, and updates the noise
+    /// estimate. `predicted_nt2` is H P Hᵀ.
     pub(super) fn innovate(&mut self, row: usize, expected_nt: f64, predicted_nt2: f64, fusion: &mut InnovationFusion) {
         let Some((measured_nt, assumed_nt2)) = self.measured(row) else { return self.skip() };
         let first_nt2 = *self.first_nt2.get_or_insert(assumed_nt2);
@@ -137,8 +136,8 @@ impl<'a> NoiseEstimator<'a> {
         }
     }
 
-    /// Learns what the correction of a row leaves of its innovation, in the form that needs it: the expected square of
-    /// the noise given all measurements of the row. One that was not used counts as if it alone had been.
+    /// Updates the noise estimate after the correction of a row, in the residual form: with the expected squared noise
+    /// given all measurements of the row. An unused innovation counts as if it were the only one.
     pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &InnovationFusion) {
         let Some(PendingInnovation { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
         let (mean_nt, mean_nt2) = if used { fusion.mean() } else { (residual_nt, noise_nt2) };
@@ -147,8 +146,8 @@ impl<'a> NoiseEstimator<'a> {
         self.window.push((left_nt * left_nt + gain * mean_nt2) / unit);
     }
 
-    /// The variance of the noise by the innovations so far, within its bounds. `unit` is what the window is relative to
-    /// now.
+    /// Variance of the noise from the innovations so far, within its bounds. `unit` is the present reference of the
+    /// window.
     fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64, unit: f64) -> f64 {
         let AdaptiveMagnetometer { sigma_min_nt, sigma_max_nt, .. } = self.magnetometer;
         let (least, largest) = (sigma_min_nt.powi(2), sigma_max_nt.powi(2));

@@ -7,8 +7,8 @@ use crate::navigation::pinson::{LAT, LON, S, STATES};
 use crate::random::NormalGenerator;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// The states after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line,
-/// the defaults of `create_model(0.1, lat[1])`.
+/// States after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line, the
+/// defaults of `create_model(0.1, lat[1])`.
 const MAGNAV_ADAPTIVE_X20: [f64; STATES] = [
     6.298_970_292_468_436_5e-9,
     -1.754_113_562_169_849_8e-9,
@@ -48,21 +48,21 @@ fn val_magnav_adaptive_noise_in_the_compatible_form() {
     for (state, theirs) in from_magnav(&MAGNAV_ADAPTIVE_X20).into_iter().enumerate() {
         let sigma = navigation.p[19][state][state].sqrt();
         let difference = (navigation.x[19][state] - theirs).abs();
-        // Their gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
+        // MagNav.jl's gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
         assert!(difference < 2e-7 * (sigma + theirs.abs()), "{state} {difference:e}");
     }
-    // The mean of the variances until ten innovations are there.
+    // Mean of the variances until there are ten innovations.
     assert_eq!(output.magnetometers[0].sigma_nt[9], 5.5_f64.sqrt());
     assert!(output.magnetometers[0].sigma_nt[10] < 2.0);
 }
 
 #[test]
-fn law_without_anything_learnt_it_is_the_ekf() {
+fn law_without_adaptation_it_equals_the_ekf() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let ekf = known(&line, 3.0).unwrap();
-    // A window that never fills, with bounds whose mean variance is 9; and bounds that leave no choice.
+    // A window that never fills, with bounds whose mean variance is 9; and equal bounds.
     let never =
         run(&compatible(21), &line, &[AdaptiveMagnetometer::from_line(&line, 8_f64.sqrt(), 10_f64.sqrt())]).unwrap();
     let bounded = run(&all(), &line, &[AdaptiveMagnetometer::from_line(&line, 3.0, 3.0)]).unwrap();
@@ -73,7 +73,7 @@ fn law_without_anything_learnt_it_is_the_ekf() {
         for row in 0..20 {
             for state in 0..STATES {
                 let sigma = ekf.p[row][state][state].sqrt();
-                // Sums in another order round to 1e-15 a step.
+                // A different order of sums changes 1e-15 per step.
                 let moved = (output.navigation.x[row][state] - ekf.x[row][state]).abs();
                 assert!(moved < 1e-12 * (sigma + ekf.x[row][state].abs()), "{row} {state} {moved:e}");
                 let variance = output.navigation.p[row][state][state];
@@ -119,7 +119,7 @@ fn law_several_magnetometers_are_one_block_measurement() {
     }
 }
 
-/// Mean square error, claimed mean square and NEES per degree of freedom over flights.
+/// Mean square error, predicted mean square error and NEES per degree of freedom over flights.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     square_m2: f64,
@@ -148,7 +148,7 @@ impl Tally {
 const SAMPLES: u32 = 2400;
 
 #[test]
-fn law_it_recovers_from_a_wrong_noise() {
+fn law_it_corrects_wrong_assumed_noise() {
     let flights = 20;
     let mut right = Tally::default();
     let (mut fixed, mut adaptive) = ([Tally::default(); 3], [Tally::default(); 3]);
@@ -179,7 +179,8 @@ fn law_it_recovers_from_a_wrong_noise() {
             adaptive.drms_m(),
             adaptive.mean_nees()
         );
-        // A noise known to a fifth costs a few percent; the first samples and the chance of 20 flights the rest.
+        // A noise estimate correct within 20 % costs a few percent; the first samples and the chance of 20 flights cost
+        // the rest.
         assert!(adaptive.drms_m() < 1.2 * right.drms_m() && adaptive.mean_nees() < 1.6, "{sigma}");
         if place != 1 {
             let honest = (fixed.mean_nees() / right.mean_nees()).ln().abs();
@@ -189,7 +190,7 @@ fn law_it_recovers_from_a_wrong_noise() {
 }
 
 #[test]
-fn law_a_magnetometer_that_fails_loses_its_weight() {
+fn law_a_failed_magnetometer_loses_its_weight() {
     let fails_at = SAMPLES as usize / 2;
     let (mut alone, mut both, mut trusting) = (Tally::default(), Tally::default(), Tally::default());
     for seed in 0..15 {
@@ -212,7 +213,7 @@ fn law_a_magnetometer_that_fails_loses_its_weight() {
         trusting.add(&flight, &known(&flight.line(&ins, &mean, &sigma), 3.0 / 2_f64.sqrt()).unwrap());
         let settled = |sigma: &[f64]| (sigma.iter().map(|s| s * s).sum::<f64>() / sigma.len() as f64).sqrt();
         let [good, bad] = [0, 1].map(|at: usize| &output.magnetometers[at].sigma_nt);
-        // A standard deviation of a window of 50 is known to 10 %, and the mean of 20 windows to a few.
+        // A window of 50 gives the standard deviation within 10 %, and the mean of 20 windows within a few percent.
         assert!((settled(&good[100..fails_at]) / 3.0 - 1.0).abs() < 0.1, "{}", settled(&good[100..fails_at]));
         assert!((settled(&bad[fails_at + 60..]) / 30.15 - 1.0).abs() < 0.1, "{}", settled(&bad[fails_at + 60..]));
         assert!((settled(&good[fails_at + 60..]) / 3.0 - 1.0).abs() < 0.15, "{}", settled(&good[fails_at + 60..]));
@@ -265,24 +266,24 @@ fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
 }
 
 #[test]
-fn law_a_short_window_without_bounds_believes_too_much_but_by_what_corrections_leave() {
+fn law_short_windows_without_bounds_are_overconfident_except_in_the_residual_form() {
     let (weights, tallies) = by_windows(AdaptiveForm::Matched);
     // For a window of 50 the mean of 1/χ² is 50/48, to which H P Hᵀ of a few nT² adds. 8 flights have 370 independent
     // windows, whose variance is 4 % each. For a window of 10 the mean is 10/8 before anything is added.
     assert!((1.0..1.12).contains(&weights[1]) && weights[0] > 1.25, "{weights:?}");
     assert!(tallies[0].mean_nees() > 2.0 * tallies[1].mean_nees());
-    // Nothing is taken off here: 10/8 is all of it.
+    // The residual form subtracts nothing, so 10/8 is the whole effect.
     let (weights, tallies) = by_windows(AdaptiveForm::Residual);
     assert!((1.0..1.12).contains(&weights[1]) && (1.2..1.3).contains(&weights[0]), "{weights:?}");
     assert!(tallies[0].mean_nees() < 1.3 * tallies[1].mean_nees());
 }
 
 #[test]
-fn law_of_innovations_in_proportion_to_a_noise_that_changes_the_factor_is_learnt() {
+fn law_the_factor_of_a_changing_noise_is_estimated() {
     let (small, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = small.series();
     let line = small.line(&ins, &map, InsErrorModel::default());
-    // Quiet and noisy by turns; three times as large as expected, and nothing of it is the prediction's.
+    // Alternately quiet and noisy; three times the assumed noise, without prediction error.
     let sigma: Vec<f64> = (0..20).map(|row| if row % 10 < 5 { 2.0 } else { 50.0 }).collect();
     let measured: Vec<f64> = sigma.iter().map(|sigma| 3.0 * sigma).collect();
     let magnetometer = AdaptiveMagnetometer {
@@ -304,7 +305,7 @@ fn law_of_innovations_in_proportion_to_a_noise_that_changes_the_factor_is_learnt
 }
 
 #[test]
-fn law_process_noise_is_learnt_without_running_away() {
+fn law_process_noise_is_estimated_without_divergence() {
     let model = InsErrorModel::default();
     let worse = InsErrors { vrw_sigma: 40.0 * model.sources.vrw_sigma, ..model.sources };
     let mut tallies = [Tally::default(); 3];
@@ -322,7 +323,7 @@ fn law_process_noise_is_learnt_without_running_away() {
             let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.8, 1.2)]).unwrap();
             assert!(output.given_back.iter().all(|share| (0.0..=1.0).contains(share)));
             tallies[place].add(&flight, &output.navigation);
-            // Never less certain than without any measurement; the places of the two differ by 1 % of a radian at most.
+            // Never less certain than without any measurement; the two positions differ by at most 1 % of a radian.
             let sds = output.navigation.sd_n_m.iter().zip(&free.sd_n_m);
             sds.for_each(|(found, free)| assert!(*found <= 1.01 * free, "{found} {free}"));
         }
@@ -331,13 +332,13 @@ fn law_process_noise_is_learnt_without_running_away() {
     for (name, tally) in [("fixed", fixed), ("q", q), ("both", both)] {
         println!("{name}: DRMS {:.1} m, NEES {:.2}", tally.drms_m(), tally.mean_nees());
     }
-    // The draws are the same. The innovations reveal the drift only once it is as large as the noise.
+    // The draws are the same. The innovations show the drift only once it is as large as the noise.
     assert!(q.drms_m() < fixed.drms_m() && q.mean_nees() < 0.9 * fixed.mean_nees());
     assert!(both.drms_m() < fixed.drms_m() && both.mean_nees() < 0.9 * fixed.mean_nees());
 }
 
 #[test]
-fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_of_them() {
+fn unit_missing_off_map_and_gated_samples_are_counted_and_not_used_for_the_noise() {
     let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let mut other = line.measurement_nt.clone();
     line.columns[1][10] += 1.0;
@@ -357,7 +358,7 @@ fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_o
     let [a, b] = [0, 1].map(|at: usize| &output.magnetometers[at]);
     assert_eq!((a.updates, a.gated, b.updates, b.gated), (16, 1, 18, 0));
     assert!([4, 5, 10].iter().all(|row| a.sigma_nt[*row].is_nan()) && b.sigma_nt[5].is_finite());
-    // A spike of 500 nT counts as one of √10.83 standard deviations.
+    // A spike of 500 nT counts as √10.83 standard deviations.
     assert!(a.sigma_nt[16] < 1.5 * a.sigma_nt[14], "{} {}", a.sigma_nt[14], a.sigma_nt[16]);
     assert!(output.navigation.residual_nt[15].abs() < 5.0, "of the one that is used");
     let alone = run(&parameters, &line, &[first]).unwrap().navigation;
@@ -369,7 +370,7 @@ fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_o
 }
 
 #[test]
-fn law_noise_that_stays_opens_the_gate() {
+fn law_lasting_noise_reopens_the_gate() {
     let flight = OsborneFlight::flown(3, 900, 1.0, InsErrorModel::default());
     let mut measured = flight.measured(3, 3.0);
     let mut normals = NormalGenerator::new(77);
@@ -399,13 +400,13 @@ fn law_each_magnetometer_has_its_own_offset() {
     assert!((b.offset_nt - a.offset_nt - 5000.0).abs() < 1e-9);
     assert_eq!((a.offset_samples, b.offset_samples, output.navigation.report.offset_nt), (5, 5, a.offset_nt));
     for (a, b) in a.sigma_nt.iter().zip(&b.sigma_nt) {
-        // 5000 nT round to 1e-12 nT.
+        // Values of 5000 nT have a rounding error of 1e-12 nT.
         assert!((a / b - 1.0).abs() < 1e-9);
     }
 }
 
 #[test]
-fn law_the_window_holds_the_sum_of_the_last_numbers() {
+fn unit_the_window_sum_equals_the_sum_of_its_numbers() {
     let mut normals = NormalGenerator::new(4);
     let numbers: Vec<f64> = (0..40).map(|at| if at == 11 { 1e18 } else { normals.draw() }).collect();
     for capacity in [1, 2, 7, 50] {
@@ -415,14 +416,14 @@ fn law_the_window_holds_the_sum_of_the_last_numbers() {
             window.push(*number);
             let held = &numbers[(at + 1).saturating_sub(capacity)..=at];
             let (expected, size) = (held.iter().sum::<f64>(), held.iter().map(|x| x.abs()).sum::<f64>());
-            // Removed numbers of any size leave no rounding error in the window.
+            // Removed numbers leave no rounding error in the window, regardless of their magnitude.
             assert!((window.sum() - expected).abs() <= 1e-15 * size && window.len() == held.len(), "{capacity} {at}");
         }
     }
 }
 
 #[test]
-fn law_bad_parameters_and_lines_are_refused_in_words() {
+fn unit_invalid_parameters_and_lines_are_rejected() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
@@ -442,7 +443,7 @@ fn law_bad_parameters_and_lines_are_refused_in_words() {
 }
 
 #[test]
-fn law_what_the_correction_leaves_tells_the_noise_of_a_position_that_is_hardly_known() {
+fn law_the_residual_form_estimates_the_noise_at_an_uncertain_position() {
     use crate::maps::MapInterpolation;
     use crate::navigation::scenes::{AnalyticScene, m_per_deg, plane, uneven};
     const ROWS: usize = 90;
@@ -468,7 +469,7 @@ fn law_what_the_correction_leaves_tells_the_noise_of_a_position_that_is_hardly_k
                     &[AdaptiveMagnetometer::from_line(line, 0.25, 100.0)],
                 );
                 let output = output.unwrap();
-                // The part of the position that the plane tells.
+                // Part of the position that the plane observes.
                 let row = 30;
                 let (x, p) = (output.navigation.x[row], output.navigation.p[row]);
                 let m_per_rad = [north.to_degrees(), east.to_degrees()];
@@ -490,7 +491,7 @@ fn law_what_the_correction_leaves_tells_the_noise_of_a_position_that_is_hardly_k
             "{start_m} m at the start: NEES {matched:.2} and noise {matched_nt:.2} nT matched, {residual:.2} and \
              {residual_nt:.2} nT by residuals"
         );
-        // Chi-square of 60 degrees over 60 within its 99.9 % band, and a tenth for what is learnt.
+        // Chi-square of 60 degrees over 60 within its 99.9 % band, and 10 % for the estimation error.
         assert!((0.45..1.9).contains(&residual) && (residual_nt / 5.0 - 1.0).abs() < 0.1, "{residual} {residual_nt}");
         assert_eq!(matched > 3.0 * residual, matched_is_off, "{matched} {residual}");
     }

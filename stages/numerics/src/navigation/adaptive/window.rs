@@ -1,20 +1,20 @@
-//! The sum of the last numbers of a series.
+//! Sum of the last numbers of a series.
 
-/// The last numbers, and their sum without the rounding of what has left: nothing is ever subtracted. Constant cost a
-/// number on average.
+/// Last numbers of a series and their sum. Nothing is subtracted, so removed numbers leave no rounding error. The
+/// average cost per number is constant.
 pub(super) struct SlidingSum {
-    /// In a ring: those before `next` are of the present round, the others of the round before.
+    /// Ring buffer: entries before `next` belong to the present round, the others to the previous round.
     numbers: Vec<f64>,
     next: usize,
     len: usize,
-    /// The sum of the present round.
+    /// Sum of the present round.
     round: f64,
     /// Sums of the previous round from each place to its end.
     before: Vec<f64>,
 }
 
 impl SlidingSum {
-    /// An empty window over the last `capacity` numbers, which is at least 1.
+    /// Empty window over the last `capacity` numbers, which is at least 1.
     pub(super) fn new(capacity: usize) -> Self {
         Self { numbers: vec![0.0; capacity], next: 0, len: 0, round: 0.0, before: vec![0.0; capacity + 1] }
     }
@@ -29,7 +29,7 @@ impl SlidingSum {
         self.numbers.len()
     }
 
-    /// Their sum.
+    /// Sum of the numbers in the window.
     pub(super) fn sum(&self) -> f64 {
         self.round + self.before[self.next]
     }

@@ -1,4 +1,4 @@
-//! The recursion along a line, in parts that a filter with another use of the scalar field takes too.
+//! Recursion along a line, in parts that filters with another use of the scalar field share.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::aids::{AidStates, Aids, LinearisedAid, SampleInnovations, SampleUsage};
@@ -12,21 +12,21 @@ use crate::navigation::ukf::points::{FieldRegression, SigmaPoints};
 
 use super::{AidedOutput, AidedParameters, Linearisation};
 
-/// A measurement that depends on the position through the field, and directly on some of the 18 states and one further
+/// Measurement that depends on the position through the field, and directly on some of the 18 states and one further
 /// state.
 #[derive(Clone, Copy)]
 struct AidedFieldMeasurement {
     value_nt: f64,
     variance_nt2: f64,
-    /// The entry of H for S.
+    /// Entry of H for S.
     temporal: f64,
-    /// Those for the tilt.
+    /// Entries of H for the tilt.
     tilt: [f64; 3],
-    /// A further state and its entry.
+    /// Index of a further state and its entry of H.
     further: (usize, f64),
-    /// The delay and its entry.
+    /// Index of the lag and its entry of H.
     latency: (usize, f64),
-    /// The first of the two errors of the map's slope, and their entries.
+    /// Index of the first of the two errors of the map's slope, and their entries of H.
     slope: Option<(usize, [f64; 2])>,
 }
 
@@ -38,12 +38,12 @@ impl AidedFieldMeasurement {
         self.temporal * v[S] + self.further.1 * v[self.further.0] + self.latency.1 * v[self.latency.0] + tilt + slope
     }
 
-    /// The errors of the map's slope with their entries.
+    /// Errors of the map's slope with their entries of H.
     fn of_slope(&self) -> impl Iterator<Item = (usize, f64)> {
         self.slope.into_iter().flat_map(|(first, entries)| (first..).zip(entries))
     }
 
-    /// The row of H of the 18 states.
+    /// Row of H of the 18 states.
     fn row(&self, slope: [f64; 3]) -> StateVector {
         let mut row = [0.0; STATES];
         (row[LAT], row[LON], row[ALT], row[S]) = (slope[0], slope[1], slope[2], self.temporal);
@@ -63,7 +63,7 @@ impl AidedFieldMeasurement {
     }
 }
 
-/// The sum of two ways: latitude, longitude and height.
+/// Sum of two displacements: latitude, longitude and height.
 fn moved(from: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| from[axis] + by[axis])
 }
@@ -123,8 +123,8 @@ pub(crate) struct AidedFilter<'a> {
     pub(crate) gain: Vec<f64>,
     pub(crate) spare: Vec<f64>,
     pub(crate) output: AidedOutput,
-    /// Whether the INS is the truth, and what is asked for is the covariance of an estimate about it: no measurement
-    /// moves the state, and an innovation is measurement minus truth, over the variance of its noise and of what lasts.
+    /// Whether the INS is the truth and the filter computes the covariance about it. No measurement then changes the
+    /// state. An innovation is measurement minus truth, over the variance of its noise and slow errors.
     bound: bool,
 }
 
@@ -144,7 +144,7 @@ impl<'a> AidedFilter<'a> {
         Self { line, aids, parameters, field, states, layout, gain, now, spare: vec![], output, bound: false }
     }
 
-    /// The bound of an estimate about the INS of the line, which is the truth.
+    /// Bound of an estimate about the INS of the line, which is the truth.
     pub(crate) fn of_bound(line: &'a NavigationLine<'a>, aids: &'a Aids<'a>, parameters: &AidedParameters) -> Self {
         Self { bound: true, ..Self::new(line, aids, parameters) }
     }
@@ -158,7 +158,7 @@ impl<'a> AidedFilter<'a> {
         Ok(self.output)
     }
 
-    /// The step to a row, and its aiding positions.
+    /// Advances to a row and uses its aiding positions.
     pub(crate) fn advance(&mut self, row: usize) {
         if row > 0 {
             self.now.propagate(&self.layout, &self.line.step(row).into(), &mut self.spare);
@@ -206,13 +206,13 @@ impl<'a> AidedFilter<'a> {
         self.now.update(moved, s, &mut self.gain, &mut self.spare);
     }
 
-    /// An innovation of variance `s`; of a bound, of the noise and what lasts.
+    /// Innovation of variance `s`; for a bound, with the variance of the noise and slow errors.
     fn innovation(&self, residual_nt: f64, s: f64, by_truth: impl Fn() -> f64) -> Innovation {
         let variance = if self.bound { by_truth() } else { s };
         Innovation { residual_nt, nis: residual_nt * residual_nt / variance }
     }
 
-    /// Corrects by a linear measurement.
+    /// Corrects with a linear measurement.
     fn take(&mut self, linear: &LinearisedAid) -> MeasurementOutcome {
         let residual = linear.residual(&self.now.x);
         let s = self.now.predict(&linear.sensitivity(), linear.variance, &mut self.gain);
@@ -240,7 +240,7 @@ impl<'a> AidedFilter<'a> {
         [LAT, LON, ALT].map(|state| self.now.x[state])
     }
 
-    /// The way of a second at the estimated velocity of a row: latitude, longitude (rad) and height (m).
+    /// Displacement in one second at the estimated velocity of a row: latitude, longitude (rad) and height (m).
     fn per_second(&self, row: usize) -> [f64; 3] {
         let (ins, x) = (self.line.ins, &self.now.x);
         let (lat_rad, alt_m) = (ins.lat_deg[row].to_radians(), ins.alt_m[row]);
@@ -248,14 +248,14 @@ impl<'a> AidedFilter<'a> {
         [(ins.vn_mps[row] + x[VN]) / north_m, (ins.ve_mps[row] + x[VE]) / east_m, -(ins.vd_mps[row] + x[VD])]
     }
 
-    /// From the aircraft of a row to where it was when its scalar field was measured.
+    /// Displacement from the position of a row to the position where its scalar field was measured.
     fn delayed(&self, row: usize) -> [f64; 3] {
         let Some(state) = self.states.latency else { return [0.0; 3] };
         let delay_s = self.now.x[state];
         self.per_second(row).map(|way| -delay_s * way)
     }
 
-    /// The delay, its entry of H for a field of this slope, and what the present estimate of it makes of that.
+    /// Index of the lag, its entry of H for a field of this slope, and the contribution of its present estimate.
     fn latency(&self, row: usize, at: &FieldValue) -> ((usize, f64), f64) {
         let Some(state) = self.states.latency else { return ((S, 0.0), 0.0) };
         let slope = [at.d_lat_nt_per_rad, at.d_lon_nt_per_rad, at.d_alt_nt_per_m];
@@ -269,7 +269,7 @@ impl<'a> AidedFilter<'a> {
             return MeasurementOutcome::Missing;
         };
         let Some((centre, slope)) = centre else { return MeasurementOutcome::OffMap };
-        // The field is looked up where the estimated delay puts it, so that H x counts what it changes by from there.
+        // The field is evaluated at the position of the estimated lag, so H x counts the change from there.
         let (latency, part_nt) = self.latency(row, &centre);
         let (value_nt, further, delayed) = (value_nt + part_nt, self.states.of_map(), self.delayed(row));
         let of = AidedFieldMeasurement {
@@ -311,7 +311,7 @@ impl<'a> AidedFilter<'a> {
         self.correct(measured, row, centre, false, look_up)
     }
 
-    /// Corrects by a measurement of the field, whose value at the predicted position is `centre`.
+    /// Corrects with a measurement of the field, whose value at the predicted position is `centre`.
     fn correct(
         &mut self,
         of: AidedFieldMeasurement,
@@ -345,7 +345,7 @@ impl<'a> AidedFilter<'a> {
         MeasurementOutcome::Used(innovation)
     }
 
-    /// A measurement of the field at the predicted state.
+    /// Linearises a measurement of the field at the predicted state.
     fn linearised(
         &mut self,
         of: &AidedFieldMeasurement,
@@ -388,7 +388,7 @@ impl<'a> AidedFilter<'a> {
         FieldLinearisation { row: of.row(found.slope), residual_nt, remainder_nt2: found.remainder_nt2 }
     }
 
-    /// Moves to the most probable state, and corrects the covariance with the last linearisation.
+    /// Iterates to the most probable state, and corrects the covariance with the last linearisation.
     fn iterate(
         &mut self,
         of: &AidedFieldMeasurement,
@@ -403,7 +403,7 @@ impl<'a> AidedFilter<'a> {
             tolerance_m,
             m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
         };
-        // Position, and the sum of the states that the measurement holds by themselves.
+        // Position, and the sum of the states that the measurement contains directly.
         let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p[state * dim..][..dim].to_vec());
         columns[3].iter_mut().for_each(|entry| *entry *= of.temporal);
         for (state, entry) in [of.further, of.latency].into_iter().chain(of.of_slope()) {

@@ -1,28 +1,27 @@
-//! The error of the map's slope that the differences along a line show.
+//! Error of the map's slope, estimated from the difference along a line.
 
 use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
 use crate::navigation::likelihood::deviance;
 use crate::navigation::line::NavigationLine;
 
-/// Parts of the map's slope that are tried first, and the factor to their neighbours that are tried then.
+/// Fractions of the map's slope tried first, and the factor to their neighbours tried next.
 const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
 const FINER: f64 = 2.0;
-/// A run that used fewer than this part of the samples of another is not compared with it: a filter that is lost leaves
-/// the map.
+/// Smallest ratio of used samples of two compared runs; a diverged filter leaves the map.
 const LEAST_PART: f64 = 0.9;
 
 /// Likelihood of the innovations of a run.
 struct SlopeErrorLikelihood {
     samples: usize,
-    /// The mean of ln p + ½ ln 2π over the differences.
+    /// Mean of ln p + ½ ln 2π over the differences.
     mean: f64,
 }
 
 /// Standard deviation of the error of the map's slope along the baseline, in nT/m, with maximum likelihood of the
 /// innovations of the difference along a line. 0 without a difference, or if no run determines it.
 ///
-/// Each value is tried with the scalar field and without, as the field may be disturbed by what the difference is free
-/// of, or hold the aircraft's. Costs up to 16 runs of an extended Kalman filter.
+/// Each value is tried with and without the scalar field, because the field may contain disturbances that cancel in the
+/// difference, or the aircraft field. Costs up to 16 runs of an extended Kalman filter.
 pub fn likely_slope_error(line: &NavigationLine<'_>, aids: &Aids<'_>, slope: &MapSlope) -> f64 {
     let Some(difference) = aids.difference else { return 0.0 };
     let none = vec![f64::NAN; line.ins.len()];

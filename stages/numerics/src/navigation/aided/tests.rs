@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-//! The further measurements against filters without them, a dense filter of its own, and flights with known truth.
+//! Compares the filters to filters without further measurements, to a dense filter, and to flights with known truth.
 
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ fn keep(linearisation: Linearisation) -> AidedParameters {
     AidedParameters { linearisation, gate_nis: None, keep_states: true, keep_covariance: true }
 }
 
-/// The largest difference of states, covariances and innovations, in standard deviations.
+/// Largest difference of states, covariances and innovations, in standard deviations.
 fn difference(one: &NavigationOutput, other: &NavigationOutput) -> f64 {
     let mut largest = 0.0_f64;
     for row in 0..one.x.len() {
@@ -58,7 +58,7 @@ fn difference(one: &NavigationOutput, other: &NavigationOutput) -> f64 {
 }
 
 #[test]
-fn law_without_further_measurements_it_is_each_of_the_filters() {
+fn law_without_further_measurements_it_equals_each_filter() {
     scene(hills).with(|line| {
         let by = |linearisation| run(line, &Aids::default(), &keep(linearisation)).unwrap().navigation;
         let of_ekf =
@@ -72,7 +72,7 @@ fn law_without_further_measurements_it_is_each_of_the_filters() {
             core: line.core,
         };
         let ekf = ekf::run_together(line.ins, &[point]).pop().unwrap().unwrap();
-        // Rounding alone: a dense covariance in another order of sums.
+        // Rounding only: a dense covariance in another order of sums.
         let off = difference(&by(Linearisation::Once), &ekf);
         assert!(off < 1e-7, "ekf: {off:e}");
         let of_iekf = IekfParameters { keep_covariance: true, ..IekfParameters::default() };
@@ -146,7 +146,7 @@ fn aids(read: &Read) -> Aids<'_> {
     }
 }
 
-/// A Kalman filter of all states in dense matrices, whose rows of H are numerical derivatives of what is written here.
+/// Kalman filter of all states in dense matrices, whose rows of H are numerical derivatives of the functions below.
 struct Dense<'a> {
     line: &'a NavigationLine<'a>,
     read: &'a Read,
@@ -154,7 +154,7 @@ struct Dense<'a> {
     p: DMatrix<f64>,
 }
 
-/// The further states: difference, height, map, three biases, three crustal fields.
+/// Further states: difference, height, map, three biases, three crustal fields.
 const FURTHER: usize = 9;
 const DIM: usize = STATES + FURTHER;
 
@@ -196,7 +196,7 @@ impl Dense<'_> {
         (self.rotation(row, x).transpose() * ned)[axis] + x[STATES + 3 + axis]
     }
 
-    /// Corrects by measurements whose predictions are functions of the state, all at once.
+    /// Corrects with measurements whose predictions are functions of the state, all at once.
     fn correct(
         &mut self,
         row: usize,
@@ -235,7 +235,7 @@ impl Dense<'_> {
     }
 }
 
-/// Φ and Q of a step with Gauss-Markov states of these deviations and times.
+/// Φ and Q of a step with Gauss-Markov states of these standard deviations and times.
 fn transition(line: &NavigationLine<'_>, row: usize, lasting: &[(f64, f64)]) -> (DMatrix<f64>, DMatrix<f64>) {
     let step = line.step(row);
     let (mut phi, mut q) = (DMatrix::zeros(DIM, DIM), DMatrix::zeros(DIM, DIM));
@@ -253,7 +253,7 @@ fn transition(line: &NavigationLine<'_>, row: usize, lasting: &[(f64, f64)]) -> 
 }
 
 #[test]
-fn law_all_measurements_together_are_a_dense_filter_with_numerical_derivatives() {
+fn law_all_measurements_together_equal_a_dense_filter_with_numerical_derivatives() {
     let scene = AnalyticScene { fixes: None, ..scene(bowl) };
     let read = read(&scene);
     scene.with(|line| {
@@ -283,7 +283,7 @@ fn law_all_measurements_together_are_a_dense_filter_with_numerical_derivatives()
             for a in 0..STATES {
                 let sigma = dense.p[(a, a)].sqrt();
                 let off = (x[a] - dense.x[a]).abs() / sigma;
-                // The tilt to first order leaves 1e-3 nT of 50,000.
+                // The first-order tilt has an error of 1e-3 nT of 50,000.
                 assert!(off < 1e-3, "{row}, state {a}: {off:e}");
                 for (b, entries) in p.iter().enumerate() {
                     let off = (entries[a] - dense.p[(a, b)]).abs() / (sigma * dense.p[(b, b)].sqrt());
@@ -302,8 +302,8 @@ fn law_all_measurements_together_are_a_dense_filter_with_numerical_derivatives()
 }
 
 #[test]
-fn law_where_the_map_is_too_flat_only_the_temporal_variation_is_corrected() {
-    // The slope is 0.05 nT/m north, and 0.03 east: 5 nT are 86 m of it.
+fn law_on_a_flat_map_only_the_temporal_variation_is_corrected() {
+    // The slope is 0.05 nT/m north and 0.03 nT/m east: 5 nT correspond to 86 m.
     let scene = AnalyticScene { fixes: None, ..scene(crate::navigation::scenes::plane) };
     scene.with(|line| {
         let over = |flat_m: f64| {
@@ -311,7 +311,7 @@ fn law_where_the_map_is_too_flat_only_the_temporal_variation_is_corrected() {
         };
         let usual = run(line, &Aids::default(), &keep(Linearisation::Once)).unwrap();
         let slope = usual.slope_nt_per_m[10];
-        // A degree is not as many metres there as in the middle of the scene.
+        // A degree has a different length there than in the middle of the scene.
         assert!((slope - 0.05_f64.hypot(0.03)).abs() < 1e-5, "{slope}");
         let (steep, flat) = (over(90.0), over(80.0));
         assert_eq!((steep.flat(), flat.flat()), (0, ROWS - 10));
@@ -328,7 +328,7 @@ fn law_where_the_map_is_too_flat_only_the_temporal_variation_is_corrected() {
 }
 
 #[test]
-fn law_each_measurement_is_left_out_by_itself() {
+fn unit_each_measurement_can_be_missing_separately() {
     let scene = scene(bowl);
     let read = read(&scene);
     scene.with(|line| {
@@ -338,7 +338,7 @@ fn law_each_measurement_is_left_out_by_itself() {
             assert_eq!(found.aids.vector.nis[row].is_nan(), row % 11 == 5);
             assert_eq!(found.aids.height.nis[row].is_nan(), row % 5 == 3);
         }
-        // Rows without the scalar field, which the others serve.
+        // Rows without the scalar field use the other measurements.
         assert!(found.usage.iter().all(|usage| *usage == SampleUsage::Used), "{:?}", found.usage);
         assert_eq!(found.navigation.report.updates, ROWS);
         assert_eq!(found.navigation.nis[25], found.aids.difference.nis[25]);
@@ -355,7 +355,7 @@ fn law_each_measurement_is_left_out_by_itself() {
 }
 
 #[test]
-fn unit_what_is_no_measurement_is_refused() {
+fn unit_invalid_measurements_are_rejected() {
     let scene = scene(bowl);
     let read = read(&scene);
     let refused = |change: &dyn Fn(&mut Aids)| {

@@ -14,7 +14,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 
 use super::{AidInnovations, AidStates, Aids, DifferenceAid, VectorAid};
 
-/// A distance over which the core field is linear, in m.
+/// Distance over which the core field is linear, in m.
 const CORE_STEP_M: f64 = 1000.0;
 
 /// A further measurement.
@@ -26,15 +26,15 @@ pub(crate) enum Aid {
     Height,
 }
 
-/// The scalar measurements of a sample at the most.
+/// Maximum number of further scalar measurements per sample.
 const MOST: usize = 5;
 
 impl Aid {
-    /// In the order in which they are used.
+    /// All measurements in order of use.
     pub(crate) const ALL: [Self; MOST] =
         [Self::Difference, Self::Vector(0), Self::Vector(1), Self::Vector(2), Self::Height];
 
-    /// Its place among all.
+    /// Index in [`Self::ALL`].
     pub(crate) fn place(self) -> usize {
         match self {
             Self::Difference => 0,
@@ -48,14 +48,14 @@ impl Aid {
 #[derive(Clone, Debug)]
 pub(crate) struct LinearisedAid {
     pub(crate) of: Aid,
-    /// The measurement less what is predicted but for H x, in its unit.
+    /// Measurement minus the prediction without H x, in its unit.
     value: f64,
-    /// The variance of its white noise.
+    /// Variance of its white noise.
     pub(crate) variance: f64,
     ins: StateVector,
-    /// The bias, and its entry.
+    /// Index and entry of the bias.
     own: (usize, f64),
-    /// Further errors that last: the three parts of the crustal field, or the two errors of the map's slope.
+    /// Further slow errors: the three parts of the crustal field, or the two errors of the map's slope.
     lasting: JacobianBlock,
 }
 
@@ -74,26 +74,26 @@ impl JacobianBlock {
 }
 
 impl LinearisedAid {
-    /// The row of H.
+    /// Row of H.
     pub(crate) fn sensitivity(&self) -> AugmentedSensitivity<'_> {
         let (first, regressors) = (self.lasting.first, self.lasting.entries());
         AugmentedSensitivity { error: self.own, first, regressors, ..AugmentedSensitivity::of_ins(&self.ins) }
     }
 
-    /// Measurement minus prediction at a state, in this linearisation.
+    /// Measurement minus prediction at a state, for this linearisation.
     pub(crate) fn residual(&self, x: &[f64]) -> f64 {
         self.value - self.sensitivity().dot(x)
     }
 
-    /// The variance of what lasts of the error before the line: of the bias, the crustal field and the temporal
-    /// variation, of this standard deviation.
+    /// Variance of the slow errors before the line: of the bias, the crustal field, and the temporal variation of this
+    /// standard deviation.
     pub(crate) fn lasting_variance(&self, states: &AidStates, temporal_nt: f64) -> f64 {
         let of = |(state, entry): (usize, f64)| states.variance(state).map_or(0.0, |of_state| entry * entry * of_state);
         let lasting: f64 = self.sensitivity().entries().filter(|(state, _)| *state >= STATES).map(of).sum();
         lasting + (self.ins[S] * temporal_nt).powi(2)
     }
 
-    /// The same measurement as one of the state before, of which these are Φ and the decays of the further states.
+    /// Converts to a measurement of the previous state, with Φ and the decays of the further states over the step.
     pub(crate) fn carried(mut self, phi: &StateMatrix, decay: impl Fn(usize) -> f64) -> Self {
         let mut ins = [0.0; STATES];
         for (entry, row) in self.ins.iter().zip(phi) {
@@ -108,26 +108,26 @@ impl LinearisedAid {
     }
 }
 
-/// The measurements of a sample, or the averages of those of an interval.
+/// Measurements of a sample, or their averages over an interval.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AidMeasurements {
     rows: [Option<Box<LinearisedAid>>; MOST],
-    /// Whether one was not used for want of a map value.
+    /// Whether a measurement was skipped because the map has no value.
     pub(crate) off_map: bool,
 }
 
 impl AidMeasurements {
-    /// Those that there are, in the order in which they are used.
+    /// Existing measurements in order of use.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &LinearisedAid> {
         self.rows.iter().flatten().map(AsRef::as_ref)
     }
 
-    /// One of them.
+    /// One measurement.
     pub(crate) fn get(&self, aid: Aid) -> Option<&LinearisedAid> {
         self.rows[aid.place()].as_deref()
     }
 
-    /// The same as measurements of the state before; see [`LinearisedAid::carried`].
+    /// Converts to measurements of the previous state; see [`LinearisedAid::carried`].
     pub(crate) fn carried(self, phi: &StateMatrix, decay: impl Fn(usize) -> f64) -> Self {
         let carried = |row: Option<Box<LinearisedAid>>| row.map(|row| Box::new(row.carried(phi, &decay)));
         Self { rows: self.rows.map(carried), off_map: self.off_map }
@@ -138,7 +138,7 @@ impl AidMeasurements {
         self.rows[place] = Some(Box::new(row));
     }
 
-    /// The means of the same measurement at several samples, of which `off_map` of one is that of all.
+    /// Means of the same measurements over several samples; `off_map` is set if it is set for any sample.
     pub(crate) fn mean(samples: Vec<Self>) -> Self {
         let mut mean = Self { off_map: samples.iter().any(|sample| sample.off_map), ..Self::default() };
         for aid in Aid::ALL {
@@ -163,7 +163,7 @@ impl AidMeasurements {
     }
 }
 
-/// The innovations of one sample.
+/// Innovations of one sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SampleInnovations {
     pub(crate) difference: Innovation,
@@ -178,7 +178,7 @@ impl Default for SampleInnovations {
 }
 
 impl SampleInnovations {
-    /// Notes the innovation of a measurement.
+    /// Records the innovation of a measurement.
     pub(crate) fn note(&mut self, of: Aid, innovation: Innovation) {
         match of {
             Aid::Difference => self.difference = innovation,
@@ -192,12 +192,12 @@ impl SampleInnovations {
         }
     }
 
-    /// Whether the field is not measured but by scalar magnetometers.
+    /// Whether neither difference nor vector was measured.
     pub(crate) fn is_none(&self) -> bool {
         self.difference.nis.is_nan() && self.vector.2 == 0
     }
 
-    /// That of the vector: its length, and the mean over its components.
+    /// Innovation of the vector: its length, and the mean NIS over its components.
     pub(crate) fn vector(&self) -> Innovation {
         match self.vector {
             (_, _, 0) => Innovation::NONE,
@@ -207,7 +207,7 @@ impl SampleInnovations {
 }
 
 impl AidInnovations {
-    /// Hands out those of a sample, for what is measured at all.
+    /// Appends the innovations of a sample for each configured measurement.
     pub(crate) fn push(&mut self, aids: &Aids<'_>, sample: &SampleInnovations) {
         if aids.difference.is_some() {
             self.difference.push(sample.difference);
@@ -222,7 +222,7 @@ impl AidInnovations {
 }
 
 impl Aids<'_> {
-    /// Whether there is a measurement of a kind.
+    /// Whether a kind of measurement is configured.
     pub(crate) fn has(&self, aid: Aid) -> bool {
         match aid {
             Aid::Difference => self.difference.is_some(),
@@ -232,7 +232,7 @@ impl Aids<'_> {
     }
 
     /// All further measurements of a row, linearised about a state `x` whose further states are at `states`. A value
-    /// that is not finite is no measurement.
+    /// that is not finite counts as missing.
     pub(crate) fn rows(
         &self,
         states: &AidStates,
@@ -258,7 +258,7 @@ impl Aids<'_> {
         rows
     }
 
-    /// The difference of a row, where it is measured; `Some(None)` off the map.
+    /// Difference of a row, if it is measured; `Some(None)` off the map.
     pub(crate) fn difference_row(
         &self,
         states: &AidStates,
@@ -291,7 +291,7 @@ impl Aids<'_> {
         }))
     }
 
-    /// The components of the vector of a row, where all are measured; `Some(None)` off the map.
+    /// Components of the vector of a row, if all are measured; `Some(None)` off the map.
     pub(crate) fn vector_rows(
         &self,
         states: &AidStates,
@@ -319,7 +319,7 @@ impl Aids<'_> {
         })))
     }
 
-    /// The height of a row, where it is measured.
+    /// Height of a row, if it is measured.
     pub(crate) fn height_row(
         &self,
         states: &AidStates,
@@ -343,7 +343,7 @@ impl Aids<'_> {
     }
 }
 
-/// The rotation from body to north-east-down by the INS at a row.
+/// Rotation from body to north-east-down by the INS at a row.
 pub(crate) fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
     let [roll, pitch, yaw] = ins.point(row).euler_rad;
     body_to_ned(roll, pitch, yaw)
@@ -351,16 +351,16 @@ pub(crate) fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
 
 /// Half of the baseline between the magnetometers, oriented by the attitude of the INS.
 pub(crate) struct BaselineArm {
-    /// The whole of it north, east and down, in m.
+    /// Full baseline north, east and down, in m.
     along: Vector3<f64>,
-    /// Half of it in latitude and longitude, in rad, and height, in m.
+    /// Half of the baseline in latitude and longitude, in rad, and height, in m.
     pub(crate) offset: [f64; 3],
     /// Metres per radian north and east.
     m_per_rad: (f64, f64),
 }
 
 impl BaselineArm {
-    /// The derivative of the difference by the tilt, in nT/rad, by the mean slope of the fields at both ends.
+    /// Derivative of the difference by the tilt, in nT/rad, by the mean slope of the fields at both ends.
     ///
     /// The true baseline is (I − [ψ×]) C r = C r + C r × ψ, and g · (C r × ψ) = (g × C r) · ψ.
     pub(crate) fn by_tilt(&self, d_lat_nt_per_rad: f64, d_lon_nt_per_rad: f64, d_alt_nt_per_m: f64) -> [f64; 3] {
@@ -371,7 +371,7 @@ impl BaselineArm {
 }
 
 impl DifferenceAid<'_> {
-    /// The entries of H for the two errors of the map's slope, in nT.
+    /// Entries of H for the two errors of the map's slope, in nT.
     pub(crate) fn slope_entries(&self, line: &NavigationLine<'_>, row: usize) -> [f64; 2] {
         let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
         [along.x.hypot(along.y) * self.slope.horizontal_nt_per_m, -along.z * self.slope.upward_at(row)]
@@ -386,8 +386,8 @@ impl DifferenceAid<'_> {
         BaselineArm { along, offset: [half.x / north, half.y / east, -half.z], m_per_rad: (north, east) }
     }
 
-    /// The difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt,
-    /// in nT/rad; `None` where either end is off the map.
+    /// Difference of the fields at both ends about an error of the INS, its slope, and its derivative by the tilt, in
+    /// nT/rad; `None` if either end is off the map.
     pub(crate) fn field(
         &self,
         field: &mut PredictedField<'_>,
@@ -416,17 +416,17 @@ impl DifferenceAid<'_> {
 
 /// Prediction of the vector from a state.
 struct PredictedVector {
-    /// Along nose, right and down, without the further states, in nT.
+    /// Components along nose, right and down, without the further states, in nT.
     body_nt: [f64; 3],
-    /// The rows of H of the 18 states.
+    /// Rows of H of the 18 states.
     rows: [StateVector; 3],
-    /// Those of the crustal field north, east and down.
+    /// Rows of H of the crustal field north, east and down.
     crustal: [[f64; 3]; 3],
 }
 
 impl VectorAid<'_> {
-    /// The core field about a place (degrees, degrees, m) north, east and down, and its changes with latitude,
-    /// longitude (per rad) and height (per m).
+    /// Core field about a position (degrees, degrees, m) north, east and down, and its changes with latitude, longitude
+    /// (per rad) and height (per m).
     pub(crate) fn core_about(
         &self,
         earth: EarthModel,
@@ -447,7 +447,7 @@ impl VectorAid<'_> {
         (here, [slope(0), slope(1), slope(2)])
     }
 
-    /// The vector and its derivatives at a state; `None` off the map.
+    /// Vector and its derivatives at a state; `None` off the map.
     fn predicted(&self, line: &NavigationLine<'_>, row: usize, x: &[f64]) -> Option<PredictedVector> {
         let ins = line.ins;
         let lat_deg = ins.lat_deg[row] + x[LAT].to_degrees();
@@ -459,7 +459,7 @@ impl VectorAid<'_> {
         let ned = here + direction * (anomaly.value_nt + x[S]);
         let tilt = Vector3::new(x[TILT_N], x[TILT_N + 1], x[TILT_N + 2]);
         let to_body = rotation(ins, row).transpose();
-        // Cᵀ (I + [ψ×]) B: the derivative by B, and that by ψ, which is −Cᵀ [B×].
+        // Cᵀ (I + [ψ×]) B: its derivatives by B and by ψ; the latter is −Cᵀ [B×].
         let turn = to_body * (Matrix3::identity() + skew(&tilt));
         let by_tilt = -to_body * skew(&ned);
         let mut rows = [[0.0; STATES]; 3];

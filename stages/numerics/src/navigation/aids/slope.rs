@@ -1,4 +1,4 @@
-//! The error of a map's slope, as the difference of two magnetometers has it.
+//! Error of a map's slope in the difference of two magnetometers.
 
 use params::{Rule, obeys};
 
@@ -17,12 +17,12 @@ pub struct SlopeError<'a> {
     pub horizontal_nt_per_m: f64,
     /// Standard deviation of the upward slope's error at each sample, in nT/m; empty for a map that has the slope.
     pub upward_nt_per_m: &'a [f64],
-    /// The distance along the track over which the correlation of both falls to 1/e, in m.
+    /// Correlation length of both errors along the track, in m.
     pub length_m: f64,
 }
 
 impl SlopeError<'_> {
-    /// Whether there is any.
+    /// Whether any error is above 0.
     pub(crate) fn is_any(&self) -> bool {
         self.horizontal_nt_per_m > 0.0 || !self.upward_nt_per_m.is_empty()
     }
@@ -50,23 +50,23 @@ impl SlopeError<'_> {
     }
 }
 
-/// The slope of a map along a line, by the INS.
+/// Slope of a map along a line, by the INS.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapSlope {
-    /// The root mean square of the horizontal slope, in nT/m; 0 where the line is off the map.
+    /// Root mean square of the horizontal slope, in nT/m; 0 if the line is off the map.
     pub rms_nt_per_m: f64,
-    /// The inverse wavenumber of the map's anomalies, in m: standard deviation over root mean square of the slope.
+    /// Inverse wavenumber of the map's anomalies, in m: standard deviation over root mean square of the slope.
     pub length_m: f64,
-    /// Standard deviation of the upward slope at each sample, in nT/m; empty where the map has it.
+    /// Standard deviation of the upward slope at each sample, in nT/m; empty if the map has the upward slope.
     ///
-    /// The field of sources below has as much power in its upward slope as in both horizontal ones. The horizontal
-    /// slope at a sample is the best guess of how strong the anomalies are there, and that of the whole line a guess
-    /// that does not fail at the top of one.
+    /// The field of buried sources has as much power in its upward slope as in both horizontal slopes. The horizontal
+    /// slope at a sample estimates the local strength of the anomalies. The slope of the whole line is an estimate that
+    /// does not vanish at the top of an anomaly.
     pub upward_nt_per_m: Vec<f64>,
 }
 
 impl MapSlope {
-    /// That along a line.
+    /// Slope along a line.
     pub fn along(line: &NavigationLine<'_>) -> Self {
         let ins = line.ins;
         let (mut sum, mut square, mut known) = (0.0, 0.0, 0.0);
@@ -93,7 +93,7 @@ impl MapSlope {
         Self { rms_nt_per_m, length_m, upward_nt_per_m }
     }
 
-    /// The errors of the slope, of which that along the baseline is given.
+    /// Errors of the slope for a given error along the baseline.
     pub fn error(&self, horizontal_nt_per_m: f64) -> SlopeError<'_> {
         SlopeError { horizontal_nt_per_m, upward_nt_per_m: &self.upward_nt_per_m, length_m: self.length_m }
     }

@@ -6,28 +6,29 @@ use crate::signal::gauss_markov::GaussMarkov;
 
 use super::{Aids, SlopeError};
 
-/// The Gauss-Markov states of the further measurements, one behind the other.
+/// Gauss-Markov states of the further measurements, in consecutive order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AidStates {
-    /// The index of the first.
+    /// Index of the first state.
     first: usize,
     /// Error models of the states. Errors with a correlation length have no time constant.
     pub(crate) errors: Vec<GaussMarkov>,
-    /// Those that last for a distance, by their place, with it in m.
+    /// Positions of the states with a correlation length, and this length in m.
     pub(crate) lengths_m: Vec<(usize, f64)>,
     pub(crate) difference: Option<usize>,
     pub(crate) height: Option<usize>,
     pub(crate) map_error: Option<usize>,
-    /// The first of the two errors of the map's slope, horizontal and upward, in standard deviations.
+    /// Index of the first of the two errors of the map's slope, horizontal and upward, in standard deviations.
     pub(crate) slope: Option<usize>,
-    /// The delay of the scalar magnetometer, in s.
+    /// Index of the lag of the scalar magnetometer, in s.
     pub(crate) latency: Option<usize>,
-    /// The first of the three biases of the vector, and of the three parts of the crustal field.
+    /// Indices of the first of the three biases of the vector, and of the first of the three parts of the crustal
+    /// field.
     pub(crate) vector: Option<(usize, usize)>,
 }
 
 impl AidStates {
-    /// The states from an index on.
+    /// Layout of the states from an index on.
     pub(crate) fn new(aids: &Aids<'_>, first: usize) -> Self {
         let mut states = Self { first, ..Self::default() };
         states.difference = aids.difference.map(|of| states.add(of.bias));
@@ -58,19 +59,19 @@ impl AidStates {
         state
     }
 
-    /// Adds them to the errors of a layout, whose next they are.
+    /// Appends the states to the errors of a layout.
     pub(crate) fn extend(&self, layout: &mut StateLayout) {
         let before = layout.errors.len();
         layout.errors.extend(&self.errors);
         layout.lengths_m.extend(self.lengths_m.iter().map(|(place, length_m)| (before + place, *length_m)));
     }
 
-    /// The entry of H of a scalar measurement for the map's error.
+    /// Index and entry of H of a scalar measurement for the map error.
     pub(crate) fn of_map(&self) -> (usize, f64) {
         self.map_error.map_or((S, 0.0), |state| (state, 1.0))
     }
 
-    /// The variance of a state before the line, where it is one of these.
+    /// Variance of a state before the line, if it is one of these.
     pub(crate) fn variance(&self, state: usize) -> Option<f64> {
         let place = state.checked_sub(self.first)?;
         self.errors.get(place).map(|error| error.sigma * error.sigma)

@@ -7,8 +7,8 @@ use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{STATES, StateMatrix};
 use nalgebra::{DMatrix, SMatrix};
 
-/// The diagonal of the covariance after 20 samples by MagNav.jl 1.3.3's `crlb`, in its order of states: the golden line
-/// as the truth, the defaults of `create_model(0.1, lat[1])` with the variance 9.
+/// Diagonal of the covariance after 20 samples by MagNav.jl 1.3.3's `crlb`, in its order of states: the golden line as
+/// the truth, the defaults of `create_model(0.1, lat[1])` with the variance 9.
 const MAGNAV_CRLB_P20: [f64; STATES] = [
     2.191_559_314_363_993_2e-13,
     3.773_709_818_813_917_5e-13,
@@ -30,7 +30,7 @@ const MAGNAV_CRLB_P20: [f64; STATES] = [
     0.502_711_388_286_209_8,
 ];
 
-/// The positions of an INS as the truth.
+/// Positions of an INS as the truth.
 fn path_of<'a>(ins: &InsSeries<'a>) -> TruePath<'a> {
     TruePath { lat_deg: ins.lat_deg, lon_deg: ins.lon_deg, alt_m: ins.alt_m, velocity_ned_mps: None }
 }
@@ -41,14 +41,14 @@ fn val_magnav_bound_in_the_compatible_form() {
     let ins = line.series();
     let output = run(&line.line(&ins, &map, InsErrorModel::compatible()), &path_of(&ins), true).unwrap();
     for (state, theirs) in from_magnav(&MAGNAV_CRLB_P20).into_iter().enumerate() {
-        // Their gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
+        // MagNav.jl's gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
         assert!((output.p[19][state][state] / theirs - 1.0).abs() < 1e-8, "{state}");
     }
     assert_eq!(output.report.updates, 20);
 }
 
-/// The covariance of the last state given all measurements, from the joint Gaussian of the initial state and every
-/// step's noise at once: no recursion of a covariance.
+/// Covariance of the last state given all measurements, from the joint Gaussian of the initial state and the noise of
+/// all steps, without a recursion.
 fn batch_covariance(line: &NavigationLine<'_>, rows: &[usize]) -> SMatrix<f64, STATES, STATES> {
     type Square = SMatrix<f64, STATES, STATES>;
     let dense = |m: &StateMatrix| Square::from_fn(|row, column| m[row][column]);
@@ -86,7 +86,7 @@ fn batch_covariance(line: &NavigationLine<'_>, rows: &[usize]) -> SMatrix<f64, S
 }
 
 #[test]
-fn law_the_recursion_is_the_covariance_given_all_measurements_at_once() {
+fn law_the_recursion_equals_the_batch_covariance() {
     let (mut line, map) = (OwnedNavigationLine::golden(0.7), golden_map());
     line.measurement_nt[3] = f64::NAN;
     line.sigma_nt[8] = 2.0;
@@ -100,47 +100,49 @@ fn law_the_recursion_is_the_covariance_given_all_measurements_at_once() {
     for row in 0..STATES {
         for column in 0..STATES {
             let size = (expected[(row, row)] * expected[(column, column)]).sqrt();
-            // The batch solves a matrix whose condition is the variance of 30 m of slope over that of the noise: 1e6.
+            // The batch solves a matrix whose condition number is the ratio of the variance of 30 m of slope to the
+            // variance of the noise: 1e6.
             assert!((found[row][column] - expected[(row, column)]).abs() < 1e-8 * size, "{row} {column}");
         }
     }
 }
 
 #[test]
-fn law_over_a_plane_it_is_the_covariance_of_the_ekf() {
+fn law_over_a_plane_it_equals_the_covariance_of_the_ekf() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), plane());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let (bound, ekf) = (run(&line, &path_of(&ins), true).unwrap(), known(&line, 3.0).unwrap());
     for (row, (bound, ekf)) in bound.p.iter().zip(&ekf.p).enumerate() {
         for (bound, ekf) in bound.as_flattened().iter().zip(ekf.as_flattened()) {
-            // The slopes differ by the rounding of the place within its cell.
+            // The slopes differ by the rounding of the position within its cell.
             assert!((bound - ekf).abs() <= 1e-11 * ekf.abs(), "{row} {bound} {ekf}");
         }
     }
 }
 
 #[test]
-fn law_the_filters_reach_the_bound() {
+fn law_the_filters_attain_the_bound() {
     let n = FLIGHTS as f64;
     let bound = ensemble().iter().map(|run| claimed_m2(&run.bound, 0)).sum::<f64>() / n;
     let ekf = ensemble().iter().map(|run| run.flight.square_m2(&run.ekf, 0)).sum::<f64>() / n;
     let ukf = ensemble().iter().map(|run| run.flight.square_m2(&run.ukf.navigation, 0)).sum::<f64>() / n;
     println!("DRMS: EKF {:.2}, UKF {:.2}, bound {:.2} m", ekf.sqrt(), ukf.sqrt(), bound.sqrt());
-    // Nothing is better than the bound but by the chance of 60 flights: the errors of one last for minutes, so a flight
-    // has some 20 independent ones in each direction, and the root mean square varies by 1/√(2·2·20·60) = 1.5 %.
+    // No filter is better than the bound except by the chance of 60 flights. Errors are correlated over minutes, so a
+    // flight has about 20 independent ones in each direction, and the root mean square varies by 1/√(2·2·20·60) = 1.5
+    // %.
     for square in [ekf, ukf] {
         let ratio = (square / bound).sqrt();
         assert!((0.95..1.2).contains(&ratio), "{ratio}");
     }
-    // The measurement at the truth is as far from the map as the noise says: S lasts 600 s, so that there are 60 times
-    // 3 independent ones with a third of the variance.
+    // The residual at the truth has the assumed variance. S has a time constant of 600 s, so there are 60 times 3
+    // independent values with a third of the variance.
     let nis = ensemble().iter().map(|run| run.bound.nis.iter().sum::<f64>()).sum::<f64>() / (n * f64::from(SAMPLES));
     assert!((nis - 1.0).abs() < 0.1, "{nis}");
 }
 
 #[test]
-fn law_the_estimate_is_the_truth_and_the_residual_is_of_it() {
+fn law_the_estimate_is_the_truth_and_the_residual_refers_to_it() {
     let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     line.measurement_nt[4] = f64::NAN;
     line.sigma_nt[5] = 0.0;
@@ -165,7 +167,7 @@ fn law_the_estimate_is_the_truth_and_the_residual_is_of_it() {
         if [4, 5, 9].contains(&row) {
             assert!(output.residual_nt[row].is_nan() && output.nis[row].is_nan() && output.sd_n_m[row].is_finite());
         } else {
-            // Measurement minus the map at the truth. 2 m in a slope of 4e5 nT/rad round to 1e-10 nT.
+            // Measurement minus the map at the truth. 2 m on a slope of 4e5 nT/rad have a rounding error of 1e-10 nT.
             let expected = 0.5 * (row as f64).sin();
             assert!((output.residual_nt[row] - expected).abs() < 1e-9, "{row}");
             assert!((output.nis[row] - expected * expected / 18.0).abs() < 1e-9);
@@ -177,7 +179,7 @@ fn law_the_estimate_is_the_truth_and_the_residual_is_of_it() {
 }
 
 #[test]
-fn law_the_offset_is_that_at_the_truth_and_moves_no_bound() {
+fn law_the_offset_refers_to_the_truth_and_does_not_change_the_bound() {
     let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let plain = run(&line.line(&ins, &map, InsErrorModel::default()), &path_of(&ins), false).unwrap();
@@ -194,7 +196,7 @@ fn law_the_offset_is_that_at_the_truth_and_moves_no_bound() {
 }
 
 #[test]
-fn law_bad_paths_are_refused_in_words() {
+fn unit_invalid_paths_are_rejected() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());

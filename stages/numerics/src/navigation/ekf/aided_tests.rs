@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-//! The filter aided by aiding positions, and with the noise of each measurement.
+//! Filter with aiding positions, and with the noise of each measurement.
 
 use super::*;
 use crate::earth::geodesy::EarthModel;
@@ -10,7 +10,7 @@ use crate::navigation::pinson::{LAT, LON};
 const ROWS: usize = 241;
 const DT_S: f64 = 5.0;
 
-/// An INS at rest at 45° N for twenty minutes.
+/// INS at rest at 45° N for 20 min.
 fn columns() -> [Vec<f64>; 13] {
     let of = |value: f64| vec![value; ROWS];
     let mut columns = [0.0, 45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0].map(of);
@@ -28,7 +28,7 @@ fn parameters() -> EkfParameters {
     EkfParameters { errors: InsErrorModel::from_sources(sources), keep_covariance: true, ..EkfParameters::default() }
 }
 
-/// Positions `north_m` of the INS until a row; none from there on.
+/// Positions `north_m` of the INS until a row; none from that row on.
 fn fixes(until: usize, north_m: f64) -> PositionFixes {
     let north_deg = EarthModel::Wgs84.north_m_to_lat_rad(north_m, 45_f64.to_radians(), 300.0).to_degrees();
     let until = |value: f64| (0..ROWS).map(|row| if row < until { value } else { f64::NAN }).collect();
@@ -49,19 +49,19 @@ fn run_with(fixes: Option<&PositionFixes>, measurement_nt: &[f64], sigma_nt: Opt
 }
 
 #[test]
-fn law_a_fix_is_the_weighted_mean_with_the_ins_and_a_lost_one_lets_it_drift() {
+fn law_a_fix_is_the_weighted_mean_with_the_ins_and_the_ins_drifts_without_fixes() {
     let none = vec![f64::NAN; ROWS];
     let aided = run_with(Some(&fixes(121, 30.0)), &none, None);
-    // Two measurements of 30 m, one of 0 ± 40 m and one of 30 ± 3 m.
+    // Two measurements of the position: 0 ± 40 m and 30 ± 3 m.
     let north_m =
         (aided.lat_deg[0] - 45.0).to_radians() * EarthModel::Wgs84.north_m_per_rad(45_f64.to_radians(), 300.0);
     let (prior, fix) = (40_f64.powi(-2), 3_f64.powi(-2));
     assert!((north_m - 30.0 * fix / (fix + prior)).abs() < 1e-3, "{north_m}");
     for sd_m in [aided.sd_n_m[0], aided.sd_e_m[0]] {
-        // The degree of longitude is that of the estimate, 30 m further north.
+        // The degree of longitude refers to the estimate, 30 m further north.
         assert!((sd_m - (fix + prior).powf(-0.5)).abs() < 1e-4, "{sd_m}");
     }
-    // Ten minutes of fixes average to well below one of them, and what comes then grows again.
+    // Ten minutes of fixes average to well below one fix, and the error grows again afterwards.
     assert!(aided.sd_n_m[120] < 1.5 && aided.sd_n_m[ROWS - 1] > 3.0 * aided.sd_n_m[120]);
     let drift = run_with(None, &none, None);
     assert!(aided.sd_n_m[ROWS - 1] < 0.1 * drift.sd_n_m[ROWS - 1]);
@@ -71,7 +71,7 @@ fn law_a_fix_is_the_weighted_mean_with_the_ins_and_a_lost_one_lets_it_drift() {
 }
 
 #[test]
-fn law_without_a_fix_at_any_row_nothing_changes() {
+fn law_without_fixes_nothing_changes() {
     let measurement_nt: Vec<f64> = (0..ROWS).map(|row| (0.3 * row as f64).sin()).collect();
     let bits = |out: NavigationOutput| -> Vec<u64> {
         out.p.into_flattened().into_flattened().iter().map(|x| x.to_bits()).collect()
@@ -83,19 +83,19 @@ fn law_without_a_fix_at_any_row_nothing_changes() {
 }
 
 #[test]
-fn law_each_measurement_counts_with_its_own_noise() {
+fn law_each_measurement_has_its_own_noise() {
     let measurement_nt = vec![2.0; ROWS];
     let mut sigmas = vec![f64::INFINITY; ROWS];
     sigmas[0] = 4.0;
     let out = run_with(None, &measurement_nt, Some(&sigmas));
     assert_eq!((out.report.updates, out.report.missing_measurements), (1, ROWS - 1));
-    // On a flat map the measurement is of S alone, whose standard deviation is 3 nT.
+    // On a flat map the measurement depends only on S, whose standard deviation is 3 nT.
     assert!((out.nis[0] - 4.0 / (16.0 + 9.0)).abs() < 1e-12, "{}", out.nis[0]);
     assert!(out.nis[1..].iter().all(|nis| nis.is_nan()));
 }
 
 #[test]
-fn unit_fixes_that_no_filter_can_use_are_refused() {
+fn unit_invalid_fixes_are_rejected() {
     let (columns, parameters, map, none) = (columns(), parameters(), flat(), vec![f64::NAN; ROWS]);
     let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     let short = PositionFixes { lat_deg: vec![45.0], ..fixes(ROWS, 0.0) };

@@ -1,4 +1,4 @@
-//! A coarse start over a map that bends: without the curvature the covariance is reduced too far.
+//! Coarse start over a curved map: without the curvature the covariance becomes too small.
 #![allow(clippy::unwrap_used)]
 
 use super::*;
@@ -35,7 +35,7 @@ fn nees(second_order: bool) -> f64 {
 }
 
 #[test]
-fn stat_curvature_keeps_a_coarse_start_consistent() {
+fn law_curvature_keeps_a_coarse_start_consistent() {
     let (first, second) = (nees(false), nees(true));
     assert!(second < 4.0 && first > 3.0 * second, "first order {first}, second order {second}");
 }

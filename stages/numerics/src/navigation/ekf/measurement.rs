@@ -1,31 +1,32 @@
-//! The scalar measurements of the filters in the lanes of a register: Jacobians, gains, and the covariances after them.
+//! Scalar measurements of the filters in the lanes of a register: Jacobians, gains, and the covariances a posteriori.
 
 use pulp::Simd;
 
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 use crate::navigation::transition::lanes::{StateMatrixLanes, StateVectorLanes};
 
-/// The row H of each measurement, which has entries for position and S only.
-/// [Gnadt 2022, (5.37), with the 1 of S that is missing in print]
+/// Row H of each measurement, which has entries for position and S only. [Gnadt 2022, (5.37), with the 1 of S that is
+/// missing in print]
 pub(super) struct SensitivityLanes<V> {
     pub(super) d_lat: V,
     pub(super) d_lon: V,
     pub(super) d_alt: V,
 }
 
-/// The update of state and covariance by a measurement.
+/// Measurement update of state and covariance.
 pub(super) struct EkfCorrection<S: Simd> {
     /// Measurement minus prediction.
     pub(super) residual: S::f64s,
-    /// One over the variance of the residual.
+    /// Inverse variance of the residual.
     pub(super) weight: S::f64s,
-    /// The variance of the measurement.
+    /// Variance of the measurement.
     pub(super) variance: S::f64s,
-    /// The lanes whose measurement is used; the others are unchanged.
+    /// Lanes whose measurement is used; the others are unchanged.
     pub(super) used: S::m64s,
 }
 
-/// The update by a measurement of one state, where H is a row of the identity; as [`SensitivityLanes::correct`].
+/// Updates with a measurement of one state, where H is a row of the identity; otherwise as
+/// [`SensitivityLanes::correct`].
 #[inline(always)]
 pub(super) fn correct_by_state<S: Simd>(
     simd: S,
@@ -67,7 +68,7 @@ fn correct_covariance<S: Simd>(
 }
 
 impl<V: Copy> SensitivityLanes<V> {
-    /// H times a vector of which the entries for position and S are given.
+    /// H times a vector with the given entries for position and S.
     #[inline(always)]
     fn dot<S: Simd<f64s = V>>(&self, simd: S, [lat, lon, alt, s]: [V; 4]) -> V {
         let horizontal = simd.add_f64s(simd.mul_f64s(self.d_lat, lat), simd.mul_f64s(self.d_lon, lon));
@@ -84,14 +85,14 @@ impl<V: Copy> SensitivityLanes<V> {
         ph
     }
 
-    /// H P Hᵀ + R of P Hᵀ and R.
+    /// H P Hᵀ + R from P Hᵀ and R.
     #[inline(always)]
     pub(super) fn innovation_variances<S: Simd<f64s = V>>(&self, simd: S, ph: &StateVectorLanes<S>, variance: V) -> V {
         simd.add_f64s(self.dot(simd, [ph[LAT], ph[LON], ph[ALT], ph[S]]), variance)
     }
 
-    /// x + K r, and Joseph's form (I - K H) P (I - K H)ᵀ + K R Kᵀ, as A = P - K (P Hᵀ)ᵀ and then A + (R K - A Hᵀ) Kᵀ,
-    /// of which one triangle is computed and mirrored. K = P Hᵀ / (H P Hᵀ + R), and `ph` is P Hᵀ.
+    /// x + K r, and Joseph's form (I - K H) P (I - K H)ᵀ + K R Kᵀ, as A = P - K (P Hᵀ)ᵀ and then A + (R K - A Hᵀ) Kᵀ.
+    /// One triangle is computed and mirrored. K = P Hᵀ / (H P Hᵀ + R), and `ph` is P Hᵀ.
     #[inline(always)]
     pub(super) fn correct<S: Simd<f64s = V>>(
         &self,

@@ -1,4 +1,4 @@
-//! Filters side by side in the lanes of a vector register.
+//! Filters in the lanes of a vector register.
 
 use pulp::Simd;
 
@@ -18,14 +18,14 @@ use crate::navigation::transition::lanes::{
 };
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// The most lanes that a register has.
+/// Maximum number of lanes of a register.
 const MOST_LANES: usize = 8;
 
-/// The data of one filter, except state and covariance.
+/// Data of one filter, except state and covariance.
 pub(super) struct EkfLane<'a> {
     point: EkfInput<'a>,
     field: PredictedField<'a>,
-    /// The temporal variation.
+    /// Temporal variation.
     fogm: GaussMarkov,
     offset_nt: f64,
     output: NavigationOutput,
@@ -50,12 +50,12 @@ impl<'a> EkfLane<'a> {
         filter
     }
 
-    /// Its output.
+    /// Output of the filter.
     pub(super) fn finish(self) -> Result<NavigationOutput, NavigationError> {
         self.fault.map_or(Ok(self.output), Err)
     }
 
-    /// The measurement of a row and the field that is expected there; `None`, and counted, without either.
+    /// Measurement of a row and the field predicted there; `None`, and counted, if either is missing.
     fn expected(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<(f64, FieldValue)> {
         let measured_nt = self.point.measurement_nt[row] - self.offset_nt;
         let variance_nt2 = self.variance_nt2(row);
@@ -70,14 +70,14 @@ impl<'a> EkfLane<'a> {
         field.map(|field| (measured_nt, field))
     }
 
-    /// The variance of the measurement of a row, in nT²; NaN where its standard deviation is not above 0.
+    /// Variance of the measurement of a row, in nT²; NaN if its standard deviation is not above 0.
     #[inline(always)]
     fn variance_nt2(&self, row: usize) -> f64 {
         let sigma_nt = self.point.sigma_nt.map_or(self.point.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]);
         if sigma_nt > 0.0 { sigma_nt * sigma_nt } else { f64::NAN }
     }
 
-    /// Whether a measurement with this innovation is used; counted.
+    /// Whether a measurement with this innovation is used. Counts the measurement.
     fn uses(&mut self, innovation: Innovation) -> bool {
         let gated = self.point.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate);
         let report = &mut self.output.report;
@@ -86,8 +86,8 @@ impl<'a> EkfLane<'a> {
     }
 }
 
-/// A pack of at most as many filters as a register has lanes. A lane without a filter repeats the last filter, and its
-/// result is ignored.
+/// Pack of at most one filter per lane of a register. A lane without a filter repeats the last filter, and its result
+/// is ignored.
 pub(super) struct EkfPack<'a, S: Simd> {
     filters: Vec<EkfLane<'a>>,
     noise: NoiseDiscretisation,
@@ -98,7 +98,8 @@ pub(super) struct EkfPack<'a, S: Simd> {
 }
 
 impl<'a, S: Simd> EkfPack<'a, S> {
-    /// No error, and the initial covariances at the first sample. There is at least one filter, and no more than lanes.
+    /// Zero errors and the initial covariances at the first sample. The number of filters is between 1 and the number
+    /// of lanes.
     pub(super) fn new(simd: S, filters: Vec<EkfLane<'a>>, noise: NoiseDiscretisation, ins: &InsSeries<'_>) -> Self {
         let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
         let zero = simd.splat_f64s(0.0);
@@ -115,18 +116,18 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         Self { filters, noise, density, x: [zero; STATES], p }
     }
 
-    /// The filters at the end of the line.
+    /// Filters at the end of the line.
     pub(super) fn into_filters(self) -> Vec<EkfLane<'a>> {
         self.filters
     }
 
-    /// The first sample.
+    /// Processes the first sample.
     #[inline(always)]
     pub(super) fn start(&mut self, simd: S, ins: &InsSeries<'_>) {
         self.measure(simd, ins, 0);
     }
 
-    /// The samples from `first` on, each after a step.
+    /// Processes the samples from `first` on, each after a step.
     #[inline(always)]
     pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[EkfStep]) {
         if self.filters.iter().all(|filter| filter.fault.is_some()) {
@@ -138,7 +139,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         }
     }
 
-    /// A number of every filter; consecutive equal ones are computed once.
+    /// Value of every filter; consecutive equal values are computed once.
     #[inline(always)]
     fn of_fogm(&self, simd: S, of: impl Fn(GaussMarkov) -> f64) -> S::f64s {
         let mut last = self.filters[0].fogm;
@@ -159,7 +160,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         let dt_s = step.dt_s;
         let decay = self.of_fogm(simd, |fogm| fogm.decay(dt_s));
         propagate_states(simd, &step.phi, decay, &mut self.x);
-        // The part of the noise that comes before the step, and that after it.
+        // Parts of the noise before and after the step.
         let (before_s, after_s) = match self.noise {
             NoiseDiscretisation::Rectangular => (0.0, dt_s),
             NoiseDiscretisation::Trapezoidal => (0.5 * dt_s, 0.5 * dt_s),
@@ -179,12 +180,12 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         }
     }
 
-    /// Corrects states and covariances by the measurements of `row`, where there are any to use, and outputs them.
+    /// Corrects states and covariances with the usable measurements of `row`, and outputs them.
     #[inline(always)]
     fn measure(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
         self.aid(simd, ins, row);
         let innovations = self.update(simd, ins, row);
-        // Anything times zero is zero, unless it is not finite; a NaN is not equal to anything.
+        // A finite value times zero is zero. A NaN is not equal to anything.
         let zero = simd.splat_f64s(0.0);
         let (mut finite, mut least) = (zero, zero);
         for state in 0..STATES {
@@ -208,7 +209,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         }
     }
 
-    /// Corrects states and covariances by the aiding positions.
+    /// Corrects states and covariances with the aiding positions.
     #[inline(always)]
     fn aid(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
         if self.filters.iter().all(|filter| filter.point.fixes.is_none()) {

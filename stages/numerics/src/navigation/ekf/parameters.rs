@@ -3,21 +3,21 @@
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use params::Rule;
 
-/// The parameters of the filter.
+/// Parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EkfParameters {
-    /// The error sources of the INS and of the field.
+    /// Error sources of the INS and of the field.
     pub errors: InsErrorModel,
-    /// Standard deviation of the measurement noise, in nT: sensor, map and what compensation left.
+    /// Standard deviation of the measurement noise, in nT: sensor, map and compensation residual.
     pub measurement_sigma_nt: f64,
     /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (map and core
-    /// field at the INS position) is subtracted from every measurement; 0 subtracts nothing. Compensation and maps
-    /// leave a constant undetermined that may be far beyond the range of S.
+    /// field at the INS position) is subtracted from every measurement; 0 subtracts nothing. Compensation and maps do
+    /// not determine a constant, which may far exceed the range of S.
     pub offset_window_s: f64,
     /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
-    /// one good measurement in a thousand.
+    /// one valid measurement in a thousand.
     pub gate_nis: Option<f64>,
-    /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
+    /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
     pub second_order: bool,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
@@ -43,8 +43,8 @@ impl EkfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for a measurement noise or a gate that is not a finite number above 0, a window that is not one of at
-    /// least 0, and as [`InsErrorModel::check`].
+    /// Fails for a measurement noise or a gate that is not a finite number above 0, a window that is not a finite
+    /// number of at least 0, and as [`InsErrorModel::check`].
     pub fn check(&self) -> Result<(), ParameterError> {
         let (sigma, window) = (self.measurement_sigma_nt, self.offset_window_s);
         require("measurement_sigma_nt", sigma, Rule::Positive)?;

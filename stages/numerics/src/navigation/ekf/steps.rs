@@ -1,4 +1,4 @@
-//! The steps from sample to sample, which filters of the same error model share.
+//! Steps from sample to sample, which filters of the same error model share.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
@@ -13,7 +13,7 @@ pub(super) struct EkfStepModel {
     times: TimeConstants,
     form: PinsonForm,
     noise: NoiseDiscretisation,
-    /// Spectral densities of the process noise, where its integral is shared too.
+    /// Spectral densities of the process noise, if its integral is shared too.
     density: Option<StateVector>,
 }
 
@@ -21,7 +21,7 @@ pub(super) struct EkfStepModel {
 pub(super) struct EkfStep {
     pub(super) dt_s: f64,
     pub(super) phi: TransitionEntries,
-    /// The process noise of the step where it is integrated, except that of the temporal variation.
+    /// Process noise of the step if it is integrated, without that of the temporal variation.
     pub(super) noise: Option<Box<StateMatrix>>,
 }
 
@@ -42,7 +42,7 @@ impl EkfStepModel {
         self.noise
     }
 
-    /// The step from the sample before `row` to `row`.
+    /// Step from the sample before `row` to `row`.
     #[inline(always)]
     pub(super) fn step(&self, ins: &InsSeries<'_>, row: usize) -> EkfStep {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];

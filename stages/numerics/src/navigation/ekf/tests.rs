@@ -8,7 +8,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, MAGNAV_POSITION, S, STATES, State
 use crate::navigation::transition::NoiseDiscretisation;
 use nalgebra::SMatrix;
 
-/// A line with its columns owned.
+/// Line that owns its columns.
 #[derive(Clone)]
 struct Line {
     columns: [Vec<f64>; 13],
@@ -24,8 +24,8 @@ impl Line {
         run(parameters, &self.series(), &self.measurement_nt, &FieldMap::Flat(map.clone()), None)
     }
 
-    /// MagNav.jl's golden line: 20 samples at 10 Hz over the golden map, the measurement off by
-    /// (1e-6, -2e-6) rad and 0.5 sin(k) nT.
+    /// MagNav.jl's golden line: 20 samples at 10 Hz over the golden map, the measurement off by (1e-6, -2e-6) rad and
+    /// 0.5 sin(k) nT.
     fn golden() -> Self {
         let map = cubic();
         let of = |f: &dyn Fn(f64) -> f64| (0..20).map(|k| f(f64::from(k))).collect::<Vec<f64>>();
@@ -75,13 +75,13 @@ fn val_magnav_filter_in_the_compatible_form() {
         let sigma = p[0][theirs].sqrt();
         assert!((output.p[19][ours][ours] / p[0][theirs] - 1.0).abs() < 1e-8, "{ours}");
         for (row, x) in [0, 9, 19].into_iter().zip(&x) {
-            // Their gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
+            // MagNav.jl's gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
             let difference = (output.x[row][ours] - x[theirs]).abs();
             assert!(difference < 2e-7 * (sigma + x[theirs].abs()), "{row} {ours} {difference:e}");
         }
     }
     for (_, row, theirs) in golden_entries("ekf_resid") {
-        // Their residuals are at positions that the same rounding moved: 1e-7 of 1 nT.
+        // MagNav.jl's residuals are at positions with the same rounding error: 1e-7 of 1 nT.
         let ours = output.residual_nt[row];
         assert!((ours - theirs).abs() < 1e-6, "{row} {ours} {theirs}");
     }
@@ -109,8 +109,8 @@ fn law_covariances_are_symmetric_and_positive() {
             let correlation = SMatrix::<f64, STATES, STATES>::from_fn(|row, column| {
                 p[row][column] / (p[row][row] * p[column][column]).sqrt()
             });
-            // Correlations of size one round to 1e-16 each; a measurement of 0.001 nT makes some
-            // of them one to ten digits.
+            // Correlations near one have a rounding error of 1e-16 each. A measurement of 0.001 nT makes some of them
+            // one to ten digits.
             let smallest = correlation.symmetric_eigenvalues().min();
             assert!(smallest > -1e-13, "{smallest:e}");
         }
@@ -118,7 +118,7 @@ fn law_covariances_are_symmetric_and_positive() {
 }
 
 #[test]
-fn law_one_update_is_the_dense_formula() {
+fn law_one_update_equals_the_dense_formula() {
     let map = cubic();
     let output = Line::golden().run(&magnav(), &map).unwrap();
     let line = Line::golden();
@@ -143,7 +143,7 @@ fn law_one_update_is_the_dense_formula() {
 }
 
 #[test]
-fn law_output_is_the_ins_plus_the_state() {
+fn law_output_equals_the_ins_plus_the_state() {
     let line = Line::golden();
     let output = line.run(&EkfParameters { keep_covariance: true, ..EkfParameters::default() }, &cubic()).unwrap();
     for row in [0, 19] {
@@ -162,7 +162,7 @@ fn law_output_is_the_ins_plus_the_state() {
 }
 
 #[test]
-fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
+fn unit_samples_without_measurement_or_map_value_are_predicted_and_counted() {
     let map = cubic();
     let mut line = Line::golden();
     for row in [0, 4, 5] {
@@ -182,7 +182,7 @@ fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
 }
 
 #[test]
-fn law_without_any_measurement_the_ins_is_handed_through() {
+fn law_without_measurements_the_output_is_the_ins() {
     let mut line = Line::golden();
     line.measurement_nt.fill(f64::NAN);
     let output = line.run(&EkfParameters::default(), &cubic()).unwrap();
@@ -191,7 +191,7 @@ fn law_without_any_measurement_the_ins_is_handed_through() {
 }
 
 #[test]
-fn law_a_flat_map_moves_only_the_temporal_variation() {
+fn law_a_flat_map_corrects_only_the_temporal_variation() {
     let (lat, lon) = ([40.0, 40.2], [-75.0, -74.0]);
     let flat = MapSurface::new(&GeographicGrid::new(&lat, &lon, &[10.0; 4]).unwrap(), MapInterpolation::Linear);
     let mut line = Line::golden();
@@ -203,7 +203,7 @@ fn law_a_flat_map_moves_only_the_temporal_variation() {
 }
 
 #[test]
-fn law_the_offset_of_the_first_seconds_is_taken_off() {
+fn law_the_offset_of_the_first_seconds_is_subtracted() {
     let map = cubic();
     let mut line = Line::golden();
     line.measurement_nt.iter_mut().for_each(|measured| *measured += 1000.0);
@@ -224,7 +224,7 @@ fn law_the_offset_of_the_first_seconds_is_taken_off() {
 }
 
 #[test]
-fn law_the_gate_leaves_out_what_does_not_fit() {
+fn unit_the_gate_rejects_outliers() {
     let mut line = Line::golden();
     line.measurement_nt[7] += 500.0;
     let gated = EkfParameters { gate_nis: Some(10.83), ..EkfParameters::default() };
@@ -239,7 +239,7 @@ fn law_the_gate_leaves_out_what_does_not_fit() {
 }
 
 #[test]
-fn law_uneven_time_is_the_same_as_leaving_samples_out() {
+fn law_uneven_time_equals_missing_samples() {
     let map = cubic();
     let mut thinned = Line::golden();
     for row in [3, 4, 5, 9, 15] {
@@ -267,7 +267,7 @@ fn law_uneven_time_is_the_same_as_leaving_samples_out() {
 }
 
 #[test]
-fn law_the_core_field_belongs_to_the_prediction() {
+fn law_the_core_field_is_part_of_the_prediction() {
     let (map, line) = (cubic(), Line::golden());
     let core = CoreField::at(2020.5).unwrap();
     let mut total = line.measurement_nt.clone();
@@ -280,13 +280,13 @@ fn law_the_core_field_belongs_to_the_prediction() {
         run(&EkfParameters::default(), &line.series(), &total, &FieldMap::Flat(map.clone()), Some(&core)).unwrap();
     let without = line.run(&EkfParameters::default(), &map).unwrap();
     for (a, b) in with.residual_nt.iter().zip(&without.residual_nt) {
-        // The core field differs by 0.05 nT between the two positions that are tried.
+        // The core field differs by 0.05 nT between the two positions.
         assert!((a - b).abs() < 0.1, "{a} {b}");
     }
 }
 
 #[test]
-fn law_bad_lines_are_refused_in_words() {
+fn unit_invalid_lines_are_rejected() {
     let map = cubic();
     let message = |line: &Line| line.run(&EkfParameters::default(), &map).unwrap_err().to_string();
     let mut line = Line::golden();

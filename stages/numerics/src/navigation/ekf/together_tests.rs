@@ -37,7 +37,7 @@ fn map(east_deg: f64, interpolation: MapInterpolation) -> FieldMap {
     FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), interpolation))
 }
 
-/// All numbers of an answer, as bits.
+/// All numbers of an output, as bits.
 fn bits(output: &NavigationOutput) -> Vec<u64> {
     let columns = [
         &output.residual_nt,
@@ -57,7 +57,7 @@ fn bits(output: &NavigationOutput) -> Vec<u64> {
     columns.into_iter().flatten().chain(x).chain(p).map(|value| value.to_bits()).collect()
 }
 
-/// Inputs of a point other than the line.
+/// Inputs of a point without the line.
 struct Owned {
     parameters: EkfParameters,
     measurement_nt: Vec<f64>,
@@ -65,7 +65,8 @@ struct Owned {
     core: bool,
 }
 
-/// Points that differ in all that may differ: noises, time constants, maps, gaps in the measurement, gate and offset.
+/// Points that differ in all parameters that may differ: noises, time constants, maps, gaps in the measurement, gate
+/// and offset.
 fn points(maps: &[FieldMap], core: &Arc<CoreField>, ins: &InsSeries<'_>) -> Vec<Owned> {
     let point = |k: usize| {
         let f = k as f64;
@@ -115,7 +116,7 @@ fn points(maps: &[FieldMap], core: &Arc<CoreField>, ins: &InsSeries<'_>) -> Vec<
 }
 
 fn setting() -> ([Vec<f64>; 13], Vec<FieldMap>, Arc<CoreField>) {
-    // The second map ends where the flight is half done.
+    // The second map ends halfway along the flight.
     let maps = vec![
         map(-74.88, MapInterpolation::Linear),
         map(-74.892, MapInterpolation::Cubic),
@@ -142,7 +143,7 @@ fn alone(ins: &InsSeries<'_>, point: &EkfInput<'_>) -> Result<NavigationOutput, 
 }
 
 #[test]
-fn law_a_point_has_the_same_bits_in_any_company() {
+fn unit_a_point_is_bit_identical_in_any_batch() {
     let (columns, maps, core) = setting();
     let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     let owned = points(&maps, &core, &ins);
@@ -166,14 +167,14 @@ fn law_a_point_has_the_same_bits_in_any_company() {
 }
 
 #[test]
-fn law_a_fault_of_one_point_leaves_the_others() {
+fn unit_an_error_of_one_point_does_not_affect_the_others() {
     let (columns, maps, core) = setting();
     let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     let mut owned: Vec<Owned> = points(&maps, &core, &ins).into_iter().take(10).collect();
     let whole: Vec<EkfInput<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     let expected: Vec<Vec<u64>> = whole.iter().map(|point| bits(&alone(&ins, point).unwrap())).collect();
     owned[1].parameters.errors.sources.init_velocity_sigma_mps = 1e160;
-    // The largest number is reached after some 200 steps.
+    // The largest number is reached after about 200 steps.
     owned[4].parameters.errors.sources.vrw_sigma = 3e153;
     owned[5].parameters.measurement_sigma_nt = -1.0;
     owned[8].measurement_nt.pop();
@@ -200,8 +201,8 @@ fn law_a_fault_of_one_point_leaves_the_others() {
 }
 
 #[test]
-fn law_a_step_in_lanes_is_the_step_of_one_matrix() {
-    // The covariance after the first step, without measurements, against the scalar step of the error model.
+fn unit_a_step_in_lanes_equals_the_step_of_one_matrix() {
+    // Compares the covariance after the first step, without measurements, to the scalar step of the error model.
     let (columns, maps, core) = setting();
     let ins = InsSeries::from_columns(columns.each_ref().map(Vec::as_slice));
     for place in [0, 2, 3, 9] {

@@ -5,7 +5,7 @@ use crate::navigation::scenes::{DenseStateMatrix, DenseStateVector, dense};
 use crate::random::NormalGenerator;
 use nalgebra::SVector;
 
-/// An estimate whose states are of like scales, correlated.
+/// Correlated estimate with states of similar scales.
 pub(crate) fn random_estimate(seed: u64) -> StateEstimate {
     let mut normals = NormalGenerator::new(seed);
     let root = DenseStateMatrix::from_fn(|_, _| normals.draw());
@@ -15,7 +15,7 @@ pub(crate) fn random_estimate(seed: u64) -> StateEstimate {
     StateEstimate { x: std::array::from_fn(|_| normals.draw()), p }
 }
 
-/// An estimate of unlike scales, correlated.
+/// Correlated estimate with states of different scales.
 fn estimate() -> StateEstimate {
     let mut normals = NormalGenerator::new(3);
     let root = DenseStateMatrix::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
@@ -24,7 +24,7 @@ fn estimate() -> StateEstimate {
     StateEstimate { x: std::array::from_fn(|_| normals.draw()), p }
 }
 
-/// The largest difference of two covariances, in standard deviations of the first.
+/// Largest difference of two covariances, in standard deviations of the first.
 fn difference(a: &DenseStateMatrix, b: &DenseStateMatrix) -> f64 {
     let relative = |row: usize, column: usize| {
         (a[(row, column)] - b[(row, column)]).abs() / (a[(row, row)] * a[(column, column)]).sqrt()
@@ -33,7 +33,7 @@ fn difference(a: &DenseStateMatrix, b: &DenseStateMatrix) -> f64 {
 }
 
 #[test]
-fn law_a_correction_is_the_dense_formula_and_is_given_back_whole() {
+fn law_a_correction_equals_the_dense_formula_and_can_be_reverted() {
     let (before, slope) = (estimate(), [40.0, -7.0, 0.3]);
     let h = SVector::<f64, STATES>::from_fn(|state, _| match state {
         LAT | LON | ALT => slope[state],
@@ -50,11 +50,11 @@ fn law_a_correction_is_the_dense_formula_and_is_given_back_whole() {
         after.correct(&at, 2.5, noise_nt2);
         for state in 0..STATES {
             let moved = after.x[state] - before.x[state];
-            // The mean is of size 1 and rounds to 1e-16 of it.
+            // The mean is of order 1, with a relative rounding error of 1e-16.
             assert!((moved - 2.5 * gain[state]).abs() < 1e-13 * (1.0 + gain[state].abs()), "{state}");
             assert!((0..STATES).all(|other| after.p[state][other] == after.p[other][state]));
         }
-        // Joseph's form is the short one up to rounding of the prior.
+        // Joseph's form equals the short form up to rounding of the prior.
         assert!(difference(&(p - gain * ph.transpose()), &dense(&after.p)) < 1e-9);
         assert!(dense(&after.p).cholesky().is_some(), "positive");
         let mut half = after;
@@ -70,7 +70,7 @@ fn law_a_correction_is_the_dense_formula_and_is_given_back_whole() {
 }
 
 #[test]
-fn law_what_is_not_finite_or_negative_has_diverged() {
+fn unit_estimates_that_are_not_finite_or_negative_have_diverged() {
     let fault = Err(NavigationError::Diverged { row: 4, tt_s: 0.5 });
     assert_eq!(estimate().check(4, 0.5), Ok(()));
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -86,7 +86,7 @@ fn law_what_is_not_finite_or_negative_has_diverged() {
 }
 
 #[test]
-fn law_the_corrected_covariance_is_josephs_form() {
+fn law_the_corrected_covariance_equals_josephs_form() {
     let mut estimate = random_estimate(1);
     let (h, variance) = (Sensitivity([0.7, -1.3, 0.2, 1.0]), 0.5);
     let mut row = DenseStateVector::zeros();
@@ -95,7 +95,7 @@ fn law_the_corrected_covariance_is_josephs_form() {
     }
     let p = dense(&estimate.p);
     let ph = h.covariance(&estimate.p);
-    // Any gain: the form is that of the gain, not of the best one.
+    // Any gain: the form holds for every gain, not only the optimal one.
     let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).cos());
     let dense_gain = DenseStateVector::from_fn(|state, _| gain[state]);
     let rest = DenseStateMatrix::identity() - dense_gain * row.transpose();
@@ -104,7 +104,7 @@ fn law_the_corrected_covariance_is_josephs_form() {
     let best = ph.map(|ph| ph / sum);
     assert!(((p * row) - DenseStateVector::from_fn(|state, _| ph[state])).norm() < 1e-12);
     estimate.correct_covariance(&h, &gain, &ph, variance);
-    // Entries are of size 10 to 100.
+    // Entries are of order 10 to 100.
     assert!((dense(&estimate.p) - expected).abs().max() < 1e-11);
     let mut estimate = random_estimate(1);
     estimate.correct_covariance(&h, &best, &ph, variance);

@@ -5,8 +5,7 @@ use crate::random::NormalGenerator;
 
 const ROWS: u32 = 900;
 
-/// A flight of 15 minutes and fixes of 2 m (height 5 m) each second, moved north, east and up by `fault` of the time in
-/// s.
+/// Flight of 15 min with fixes of 2 m (height 5 m) each second, shifted north, east and up by `fault` of the time in s.
 fn tested(
     seed: u64,
     noise: f64,
@@ -37,7 +36,7 @@ fn model() -> InsErrorModel {
     InsErrorModel::from_sources(InsErrors { init_altitude_sigma_m: 5.0, ha_sigma_m: 1.0, ..InsErrors::default() })
 }
 
-/// The rows of `values` that are so.
+/// Rows where `values` is true.
 fn rows(values: &[bool]) -> Vec<usize> {
     values.iter().enumerate().filter(|(_, so)| **so).map(|(row, _)| row).collect()
 }
@@ -50,12 +49,12 @@ fn law_healthy_fixes_pass() {
         assert_eq!(found.alarms, [0; 0], "seed {seed}");
         rejected += rows(&found.rejected).len();
     }
-    // Among 18,000 pairs and heights one is beyond 1e-6 with 1 % probability, heights included.
+    // Among 18,000 pairs and heights, one exceeds the limit of 1e-6 with 1 % probability, heights included.
     assert!(rejected <= 2, "{rejected}");
 }
 
 #[test]
-fn law_a_drift_is_found_within_seconds_and_rejected_from_its_start() {
+fn law_a_drift_is_detected_within_seconds_and_rejected_from_its_start() {
     for (speed_mps, within_s) in [(1.0, 15), (0.5, 25), (3.0, 8)] {
         for (north, east) in [(1.0, 0.0), (-0.6, 0.8), (-0.707, -0.707)] {
             let drift = |t: f64| (t - 600.0).max(0.0) * speed_mps;
@@ -72,7 +71,7 @@ fn law_a_drift_is_found_within_seconds_and_rejected_from_its_start() {
 }
 
 #[test]
-fn law_a_jump_is_rejected_while_it_lasts_and_fixes_are_used_again_after_it() {
+fn law_a_jump_is_rejected_and_later_fixes_are_used_again() {
     let jump = |t: f64| if (500.0..560.0).contains(&t) { 80.0 } else { 0.0 };
     let (found, _) = tested(5, 1.0, model(), |t| [jump(t), 0.0, 0.0]);
     let rejected = rows(&found.rejected);
@@ -84,11 +83,11 @@ fn law_a_jump_is_rejected_while_it_lasts_and_fixes_are_used_again_after_it() {
 }
 
 #[test]
-fn law_neither_more_noise_nor_a_wrong_start_nor_a_gap_is_an_alarm() {
+fn law_excess_noise_a_wrong_start_and_a_gap_raise_no_alarm() {
     for seed in 0..5 {
         let (noisy, _) = tested(seed, 2.5, model(), |_| [0.0; 3]);
         assert!(rows(&noisy.rejected).len() < 30, "seed {seed}: {:?} {:?}", noisy.alarms, rows(&noisy.rejected).len());
-        // A start that is claimed to be known to 3 m and 0.01 m/s, and is not.
+        // Start with assumed errors of 3 m and 0.01 m/s that are too small.
         let flown = InsErrorModel::from_sources(InsErrors {
             init_position_sigma_m: 100.0,
             init_velocity_sigma_mps: 0.5,

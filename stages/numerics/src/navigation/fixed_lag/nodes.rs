@@ -1,4 +1,4 @@
-//! The line as nodes: instants whose states are solved for, each with the measurements of an interval.
+//! Nodes of the line: instants whose states are solved for, each with the measurements of an interval.
 
 use std::ops::Range;
 
@@ -11,22 +11,22 @@ use crate::navigation::{NavigationLine, PredictedField};
 
 use super::FixedLagMagnetometer;
 
-/// Slack of the limits between intervals, in s: a decimal time is not exact.
+/// Tolerance of the interval limits, in s, for the rounding of decimal times.
 pub(super) const SLACK_S: f64 = 1e-6;
 
-/// An instant, the first sample of an interval, and its measurements.
+/// Instant at the first sample of an interval, with the measurements of the interval.
 #[derive(Clone, Debug)]
 pub(super) struct FixedLagNode {
-    /// The samples.
+    /// Samples of the interval.
     pub rows: Range<usize>,
     pub tt_s: f64,
-    /// The step from the node before; of no use to the first.
+    /// Step from the previous node; unused at the first node.
     pub step: StateStep,
-    /// Rows of position of Φ from the node, for each sample.
+    /// Position rows of Φ from the node to each sample.
     positions: Vec<[StateVector; 3]>,
     /// Measurement of each magnetometer.
     pub measurements: Vec<Option<NodeMeasurement>>,
-    /// The aiding positions at its samples.
+    /// Aiding positions at its samples.
     pub fixes: Vec<NodeFix>,
     /// Propagation of the node's states to its later samples, if there are further measurements.
     later: Vec<NodePropagation>,
@@ -43,15 +43,15 @@ struct NodePropagation {
 /// Coordinate of an aiding position, as a measurement of the node's states.
 #[derive(Clone, Debug)]
 pub(super) struct NodeFix {
-    /// The row of Φ from the node to the sample.
+    /// Row of Φ from the node to the sample.
     h: StateVector,
-    /// The error of the INS there, and its variance.
+    /// Error of the INS there, and its variance.
     error: f64,
     pub variance: f64,
 }
 
 impl NodeFix {
-    /// The row of H.
+    /// Row of H.
     pub fn sensitivity(&self) -> AugmentedSensitivity<'_> {
         AugmentedSensitivity::of_ins(&self.h)
     }
@@ -69,24 +69,24 @@ pub(super) struct NodeMeasurement {
     pub variance_nt2: f64,
     /// Weight of each sample.
     weights: Vec<f64>,
-    /// Mean remaining fraction of the node's temporal variation, and of its Gauss-Markov error.
+    /// Mean decay factors of the node's temporal variation and of its Gauss-Markov error.
     temporal: f64,
     error: f64,
-    /// State of the map error, and its remaining fraction.
+    /// Index of the map error state, and its decay factor.
     map_error: (usize, f64),
     regressors: Vec<f64>,
 }
 
-/// The average predicted field about a state, and its derivative by the 18 states of the node.
+/// Average predicted field about a state, and its derivative by the 18 states of the node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalField {
-    /// The field less its derivative times the state: what a measurement is at x = 0.
+    /// Field minus its derivative times the state: the prediction at x = 0.
     at_zero_nt: f64,
     derivative: StateVector,
 }
 
 impl FixedLagNode {
-    /// The field that a magnetometer's measurement predicts at a state; `None` off the map and without a measurement.
+    /// Predicted field of a magnetometer at a state; `None` off the map and without a measurement.
     pub fn field(
         &self,
         magnetometer: usize,
@@ -110,13 +110,13 @@ impl FixedLagNode {
         }
         local.at_zero_nt -= local.derivative.iter().zip(x).map(|(h, x)| h * x).sum::<f64>();
         local.derivative[S] += measurement.temporal;
-        // A map that is not finite is no map.
+        // Map values that are not finite count as off the map.
         (local.at_zero_nt + local.derivative.iter().sum::<f64>()).is_finite().then_some(local)
     }
 }
 
 impl FixedLagNode {
-    /// The averages of the further measurements of its samples, linearised about a state.
+    /// Averages of the further measurements of its samples, linearised about a state.
     pub fn aid_rows(
         &self,
         (aids, states): (&Aids<'_>, &AidStates),
@@ -153,7 +153,7 @@ impl NodeMeasurement {
         aids.is_flat(self.variance_nt2, line.slope_nt_per_m(row, &at))
     }
 
-    /// The row of H.
+    /// Row of H.
     pub fn sensitivity<'a>(
         &'a self,
         field: &'a LocalField,
@@ -182,11 +182,11 @@ pub(super) struct LineNodeBuilder<'a> {
     layout: &'a StateLayout,
     offsets_nt: &'a [f64],
     interval_s: f64,
-    /// The state of the map's error.
+    /// Index of the map error state.
     map_error: Option<usize>,
     /// Whether there are further measurements.
     aided: bool,
-    /// The first sample of the next node.
+    /// First sample of the next node.
     pub next: usize,
     arrival: StateStep,
 }
@@ -203,17 +203,17 @@ impl<'a> LineNodeBuilder<'a> {
         Self { line, magnetometers, layout, offsets_nt, interval_s, map_error, aided, next: 0, arrival: no_step() }
     }
 
-    /// The nodes with further measurements.
+    /// Enables nodes with further measurements.
     pub fn with(self, aids: &Aids<'_>, states: &AidStates) -> Self {
         Self { map_error: states.map_error, aided: aids.is_any(), ..self }
     }
 
-    /// The time of the next node; `None` after the last.
+    /// Time of the next node; `None` after the last.
     pub fn next_s(&self) -> Option<f64> {
         self.line.ins.tt_s.get(self.next).copied()
     }
 
-    /// The next node, of samples before `end_s` but for the first; `None` after the last.
+    /// Next node, with the samples before `end_s`, and at least one; `None` after the last.
     pub fn take(&mut self, end_s: f64) -> Option<FixedLagNode> {
         let first_s = self.next_s()?;
         let tt_s = self.line.ins.tt_s;
@@ -291,12 +291,12 @@ impl<'a> LineNodeBuilder<'a> {
     }
 }
 
-/// A step of no length.
+/// Step of zero length.
 fn no_step() -> StateStep {
     StateStep { dt_s: 0.0, speed_mps: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] }
 }
 
-/// Takes a step to `row` on.
+/// Extends a step to `row`.
 fn walk(walked: &mut StateStep, line: &NavigationLine, row: usize) {
     let step = line.step(row);
     if walked.dt_s == 0.0 {
@@ -311,7 +311,7 @@ fn walk(walked: &mut StateStep, line: &NavigationLine, row: usize) {
     add(&mut walked.noise, &step.noise);
 }
 
-/// A state and its covariance at the samples of a node after its first: no measurement lies between.
+/// Propagates a state and its covariance to the samples of a node after its first. No measurement lies between.
 pub(super) fn carry(line: &NavigationLine, row: usize, x: &mut StateVector, p: &mut StateMatrix) {
     let step = line.step(row);
     *x = crate::navigation::transition::propagate_state(&step.phi, x);

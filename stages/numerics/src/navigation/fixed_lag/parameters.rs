@@ -10,7 +10,7 @@ params! {
     /// Length of a window. The map is linearised anew over the window until the solution converges.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares. Windows end every `window_s` (1 - `overlap`) seconds, by
-    /// default 15 s. This interval is more important than the length of the windows.
+    /// default 15 s. This interval has more influence than the length of the windows.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
     /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
@@ -29,12 +29,12 @@ params! {
 impl Copy for FixedLagParameters {}
 
 impl FixedLagParameters {
-    /// The time between the ends of windows, in s.
+    /// Time between the ends of windows, in s.
     pub fn stride_s(&self) -> f64 {
         self.window_s * (1.0 - self.overlap)
     }
 
-    /// The loss with its scale.
+    /// Loss with its scale.
     pub(super) fn robust(&self) -> RobustLoss {
         RobustLoss::new(self.loss, Some(self.loss_scale))
     }
@@ -58,14 +58,14 @@ pub struct WindowReport {
     pub smallest_step: f64,
     /// Largest change of a position in the last full step, in m; infinite after a single step without an initial path.
     pub last_step_m: f64,
-    /// Twice the cost at the solution: without robust loss a chi-square of as many degrees as measurements.
+    /// Twice the cost at the solution: without robust loss a chi-square with one degree of freedom per measurement.
     pub chi_square: f64,
-    /// The squared distance of the solution at the window's start from its prior, over the prior's covariance: less
-    /// than a chi-square of `states` degrees.
+    /// Squared distance of the solution at the window's start from its prior, over the prior's covariance: less than a
+    /// chi-square of `states` degrees.
     pub prior_chi_square: f64,
-    /// The states.
+    /// Number of states.
     pub states: usize,
-    /// The prior is contradicted: its chi-square is above the quantile at one in a million.
+    /// Whether the solution contradicts the prior: its chi-square exceeds the quantile of one in a million.
     pub inconsistent: bool,
 }
 

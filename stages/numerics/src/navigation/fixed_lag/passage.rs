@@ -1,4 +1,4 @@
-//! The windows along a line: what is estimated of a sample, and when it is final.
+//! Windows along a line: the estimates of the samples, and when they are final.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -23,12 +23,12 @@ pub(super) struct NodeEstimate {
     coefficients: Vec<f64>,
     innovation: Innovation,
     further: SampleInnovations,
-    /// The horizontal slope of the predicted field, in nT/m.
+    /// Horizontal slope of the predicted field, in nT/m.
     pub(super) slope_nt_per_m: f64,
     pub(super) usage: FixedLagUsage,
 }
 
-/// The filter in front of the windows, linearised at its own prediction.
+/// Filter in front of the windows, linearised at its own prediction.
 pub(super) struct FrontFilter<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a StateLayout,
@@ -52,8 +52,8 @@ impl<'a> FrontFilter<'a> {
         Self { parameters, layout, line, aids, field: line.predicted(), now: prior, gain, spare: vec![] }
     }
 
-    /// Takes the measurements of a node, which is the line's first or after the last one taken. Those for which the map
-    /// is too flat there are dropped from the node.
+    /// Uses the measurements of a node, which is the line's first or the next one. Drops measurements from the node for
+    /// which the map is too flat.
     pub(super) fn take(&mut self, node: &mut FixedLagNode) -> NodeEstimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
@@ -116,7 +116,7 @@ impl<'a> FrontFilter<'a> {
         }
     }
 
-    /// The further measurements of a node, linearised together at the state after its scalar ones.
+    /// Uses the further measurements of a node, linearised together at the state after its scalar ones.
     fn further(&mut self, node: &FixedLagNode) -> SampleInnovations {
         let mut innovations = SampleInnovations::default();
         let rows = node.aid_rows(self.aids, self.layout, self.line, &mut self.field, &self.now.x);
@@ -139,7 +139,7 @@ pub(super) struct FixedLagRun<'a> {
     nodes: LineNodeBuilder<'a>,
     front: FrontFilter<'a>,
     window: SmoothingWindow<'a>,
-    /// The estimates that are not final, the last as many as the window has nodes or fewer.
+    /// Estimates that are not final. The last ones belong to the nodes of the window.
     pending: VecDeque<NodeEstimate>,
     output: FixedLagOutput,
 }
@@ -161,7 +161,7 @@ impl<'a> FixedLagRun<'a> {
         Self { parameters, layout, magnetometers, aids, nodes, front, window, pending, output }
     }
 
-    /// Goes through all windows.
+    /// Processes all windows.
     pub fn run(mut self) -> Result<FixedLagOutput, NavigationError> {
         let tt_s = self.nodes.line.ins.tt_s;
         let (first_s, last_s) = (tt_s[0], tt_s[tt_s.len() - 1]);
@@ -188,7 +188,8 @@ impl<'a> FixedLagRun<'a> {
         Ok(self.output)
     }
 
-    /// Solves the window that ends at a time, returns the estimates that the next cannot better, and slides on.
+    /// Solves the window that ends at a time, returns the estimates that the next window cannot improve, and slides the
+    /// window.
     fn solve(&mut self, end_s: f64, following_s: Option<f64>) -> Result<(), NavigationError> {
         let nodes = &self.window.nodes;
         let (count, lag_s) = (nodes.len(), self.parameters.lag_s);
@@ -228,9 +229,9 @@ impl<'a> FixedLagRun<'a> {
         Ok(())
     }
 
-    /// Puts the smoothed states of these nodes in place of the filtered ones.
+    /// Replaces the filtered states of these nodes by the smoothed ones.
     fn smooth(&mut self, range: Range<usize>) {
-        // The window's last node is the last that is pending.
+        // The window's last node is the last pending one.
         let (pending, nodes) = (self.pending.len(), self.window.nodes.len());
         let (window, estimates, layout) = (&self.window, &mut self.pending, self.layout);
         window.covariances(range.clone(), |node, p| {
@@ -275,7 +276,7 @@ impl<'a> FixedLagRun<'a> {
                 FixedLagUsage::OffMap => report.off_map += 1,
             }
             self.output.usage.push(usage);
-            // An averaged measurement has its innovation at the first sample.
+            // The innovation of an averaged measurement belongs to the first sample.
             let of_row = if row == rows.start { further } else { SampleInnovations::default() };
             self.output.aids.push(self.aids, &of_row);
             self.output.slope_nt_per_m.push(slope_nt_per_m);

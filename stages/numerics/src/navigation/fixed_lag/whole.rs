@@ -1,4 +1,4 @@
-//! A line as one window, about the path of its filter: the fixed-interval smoother of any number of states.
+//! Line as one window, about the path of its filter: fixed-interval smoother for any number of states.
 
 use crate::navigation::aids::{AidInnovations, AidStates, Aids, SampleInnovations};
 use crate::navigation::line::NavigationLine;
@@ -15,8 +15,7 @@ use super::{FixedLagMagnetometer, FixedLagParameters, FixedLagUsage, WindowRepor
 pub(crate) struct WholeLineSolution {
     pub(crate) x: Vec<StateVector>,
     pub(crate) p: Vec<StateMatrix>,
-    /// The innovations of the last forward pass, linearised along the path, over variances that a loss does not
-    /// enlarge.
+    /// Innovations of the last forward pass, linearised along the path, over variances without the factors of the loss.
     pub(crate) innovations: Vec<Innovation>,
     pub(crate) aids: AidInnovations,
     pub(crate) usage: Vec<FixedLagUsage>,
@@ -25,8 +24,8 @@ pub(crate) struct WholeLineSolution {
     pub(crate) offset: (f64, usize),
 }
 
-/// Smooths a line that has been checked, by its measurement and further ones. A step that moves no position by
-/// `tolerance_m` is the last.
+/// Smooths a line that has been checked, with its measurement and further ones. Ends when no position moves by
+/// `tolerance_m`.
 pub(crate) fn smooth(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,

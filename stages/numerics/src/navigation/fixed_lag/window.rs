@@ -1,4 +1,4 @@
-//! The states of a window: Gauss-Newton with a line search, each of whose steps is a forward pass and its adjoint.
+//! States of a window: Gauss-Newton with a line search. Each step is a forward pass and its adjoint.
 
 use std::ops::Range;
 
@@ -14,10 +14,10 @@ use super::nodes::{FixedLagNode, LocalField};
 use super::parameters::{FixedLagParameters, WindowReport};
 use crate::navigation::loss::TrajectoryLoss;
 
-/// Halvings of a step before it is given up.
+/// Maximum number of halvings of a step.
 const MOST_HALVINGS: u32 = 8;
 
-/// A path through the nodes: x = m − P λ at the first, x ← Φ x − Q λ at the others, with the adjoint λ of the path.
+/// Path through the nodes: x = m − P λ at the first, x ← Φ x − Q λ at the others, with the adjoint λ of the path.
 #[derive(Clone, Debug, Default)]
 struct WindowPath {
     x: Vec<f64>,
@@ -26,12 +26,12 @@ struct WindowPath {
     distance: f64,
 }
 
-/// The measurements of all nodes, linearised about a path.
+/// Measurements of all nodes, linearised about a path.
 #[derive(Clone, Debug, Default)]
 struct WindowLinearisation {
-    /// By node and magnetometer.
+    /// One entry per node and magnetometer.
     fields: Vec<Option<LocalField>>,
-    /// By node, where there are further measurements.
+    /// One entry per node, if there are further measurements.
     rows: Vec<AidMeasurements>,
 }
 
@@ -42,12 +42,12 @@ pub(super) struct AdjointTrace {
     /// Innovation over its variance, and that variance.
     scaled: f64,
     variance: f64,
-    /// By how much a robust loss enlarges it.
+    /// Factor of a robust loss on the variance.
     inflated: f64,
 }
 
 impl AdjointTrace {
-    /// The innovation, and its square over the variance that the loss does not enlarge.
+    /// Innovation, and its square over the variance without the factor of the loss.
     pub(super) fn innovation(&self) -> Innovation {
         let residual_nt = self.scaled * self.variance;
         Innovation { residual_nt, nis: residual_nt * residual_nt / (self.variance - self.inflated) }
@@ -62,7 +62,7 @@ pub(super) enum MeasurementSource {
     Aid(Aid),
 }
 
-/// A window that slides along the nodes.
+/// Window that slides along the nodes.
 pub(super) struct SmoothingWindow<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a StateLayout,
@@ -71,23 +71,23 @@ pub(super) struct SmoothingWindow<'a> {
     /// Largest change of a position, in m, in one step below which the window is solved too.
     pub tolerance_m: f64,
     field: PredictedField<'a>,
-    /// The first is the window's start.
+    /// Nodes; the first is the window's start.
     pub nodes: Vec<FixedLagNode>,
-    /// The states at the first node before its measurements.
+    /// States at the first node before its measurements.
     pub prior: Gaussian,
-    /// The states at the last node with all measurements up to it.
+    /// States at the last node with all measurements up to it.
     pub last: Gaussian,
     path: WindowPath,
     trial: WindowPath,
     /// Linearisation point of the last forward pass.
     about: WindowLinearisation,
-    /// About the trial path; between windows about the path.
+    /// Linearisation about the trial path; between windows about the path.
     trial_about: WindowLinearisation,
-    /// By node, where its traces begin; one more at the end.
+    /// Index of the first trace of each node; one more at the end.
     starts: Vec<usize>,
     traces: Vec<AdjointTrace>,
     gains: Vec<f64>,
-    /// The predicted states of the nodes that are asked for.
+    /// Predicted states of the requested nodes.
     predicted: Vec<Option<Gaussian>>,
     spare: Vec<f64>,
     row: Vec<f64>,
@@ -128,7 +128,7 @@ impl<'a> SmoothingWindow<'a> {
         self.layout.dim()
     }
 
-    /// The smoothed states of a node.
+    /// Smoothed states of a node.
     pub fn state(&self, node: usize) -> &[f64] {
         &self.path.x[node * self.dim()..(node + 1) * self.dim()]
     }
@@ -150,21 +150,20 @@ impl<'a> SmoothingWindow<'a> {
         self.iterate(&(0..0), wanted, f64::INFINITY)
     }
 
-    /// The measurements about the path, from a node on.
+    /// Evaluates the measurements about the path, from a node on.
     fn evaluate(&mut self, first: usize) {
         let (mut about, path) = (std::mem::take(&mut self.about), std::mem::take(&mut self.path));
         self.linearise(&path.x, first, &mut about);
         (self.about, self.path) = (about, path);
     }
 
-    /// Gauss and Newton's iteration from the path, which costs `before`. Nothing is known of the residuals of the nodes
-    /// `new` yet.
+    /// Gauss-Newton iteration from the path with cost `before`. The residuals of the nodes `new` are not yet known.
     fn iterate(&mut self, new: &Range<usize>, wanted: &[bool], mut before: f64) -> WindowReport {
         self.predicted.resize(self.nodes.len(), None);
         let mut report = WindowReport { smallest_step: 1.0, states: self.dim(), ..WindowReport::default() };
         let tolerance = self.parameters.tolerance;
         while report.iterations < self.parameters.iterations.max(1) && !report.converged {
-            // Nothing is known of the new residuals before the first iteration.
+            // The new residuals are unknown before the first iteration.
             let trusted = if report.iterations == 0 { new.clone() } else { 0..0 };
             self.forward(&trusted, wanted);
             self.adjoint();
@@ -175,7 +174,7 @@ impl<'a> SmoothingWindow<'a> {
             report.smallest_step = report.smallest_step.min(share);
             report.converged = share > 0.0
                 && match self.parameters.loss {
-                    // The cost is that of the linear model: another iteration would say the same.
+                    // The cost is that of the linear model, so another iteration would not change it.
                     TrajectoryLoss::None => {
                         before - after < tolerance || (share == 1.0 && (linear - after).abs() < tolerance)
                     }
@@ -188,7 +187,7 @@ impl<'a> SmoothingWindow<'a> {
                 break;
             }
             if report.converged {
-                // The last pass stands, with the fields that it used.
+                // The last pass is kept, with the fields that it used.
                 std::mem::swap(&mut self.about, &mut self.trial_about);
                 before = after;
             } else {
@@ -225,7 +224,7 @@ impl<'a> SmoothingWindow<'a> {
         known..self.nodes.len()
     }
 
-    /// The measurements about the states of all nodes, from a node on.
+    /// Linearises the measurements about the states of all nodes, from a node on.
     fn linearise(&mut self, x: &[f64], first: usize, out: &mut WindowLinearisation) {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         out.fields.truncate(first * magnetometers);
@@ -240,7 +239,7 @@ impl<'a> SmoothingWindow<'a> {
         }
     }
 
-    /// The largest distance from the path to the trial path, in m.
+    /// Largest distance from the path to the trial path, in m.
     fn step_m(&self) -> f64 {
         let dim = self.dim();
         let mut largest = 0.0_f64;
@@ -302,14 +301,14 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// λᵀ P λ of the window's start: the squared distance from the prior.
+    /// λᵀ P λ at the window's start: the squared distance from the prior.
     fn prior_cost(&self, path: &WindowPath) -> f64 {
         let dim = self.dim();
         let Some(adjoint) = path.adjoint.get(..dim) else { return 0.0 };
         self.prior.p.chunks_exact(dim).zip(adjoint).map(|(row, entry)| entry * dot(row, adjoint)).sum()
     }
 
-    /// The filter about the path. A measurement of the nodes `trusted` has its full weight.
+    /// Filters about the path. A measurement of the nodes `trusted` has its full weight.
     fn forward(&mut self, trusted: &Range<usize>, wanted: &[bool]) {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         self.traces.clear();
@@ -369,7 +368,7 @@ impl<'a> SmoothingWindow<'a> {
         self.last = now;
     }
 
-    /// The adjoint of the forward pass, and the path that it makes: the Gauss-Newton step. [Bryson & Frazier 1963;
+    /// Computes the adjoint of the forward pass, and the resulting path: the Gauss-Newton step. [Bryson & Frazier 1963;
     /// Bierman 1973]
     fn adjoint(&mut self) {
         let dim = self.dim();
@@ -396,7 +395,7 @@ impl<'a> SmoothingWindow<'a> {
         self.follow();
     }
 
-    /// The row of H of a measurement of the last forward pass.
+    /// Row of H of a measurement in the last forward pass.
     fn sensitivity(&self, node: usize, of: MeasurementSource) -> Option<AugmentedSensitivity<'_>> {
         match of {
             MeasurementSource::Fix(of) => self.nodes[node].fixes.get(of).map(|fix| fix.sensitivity()),
@@ -409,7 +408,7 @@ impl<'a> SmoothingWindow<'a> {
         }
     }
 
-    /// The states of the trial path, from its adjoint.
+    /// Computes the states of the trial path from its adjoint.
     fn follow(&mut self) {
         let dim = self.dim();
         self.trial.x.clear();
@@ -429,8 +428,8 @@ impl<'a> SmoothingWindow<'a> {
         self.trial.distance = 0.5 * squared;
     }
 
-    /// Takes the largest of the parts 1, 1/2, 1/4 … of the step that lowers the cost, or none: the part, and the cost
-    /// there.
+    /// Takes the largest of the parts 1, 1/2, 1/4 … of the step that lowers the cost, or none. Returns the part and the
+    /// cost.
     fn search(&mut self, before: f64) -> (f64, f64) {
         let mut share = 1.0;
         for _ in 0..MOST_HALVINGS {
@@ -438,7 +437,7 @@ impl<'a> SmoothingWindow<'a> {
             self.linearise(&trial.x, 0, &mut about);
             (self.trial_about, self.trial) = (about, trial);
             let after = self.cost(&self.trial, &self.trial_about, &self.about);
-            // Rounding may raise the cost of a path that was the solution already.
+            // Rounding may raise the cost of a path that is already the solution.
             if after <= before + 1e-9 * before.abs() {
                 std::mem::swap(&mut self.path, &mut self.trial);
                 std::mem::swap(&mut self.about, &mut self.trial_about);
@@ -452,8 +451,7 @@ impl<'a> SmoothingWindow<'a> {
         (0.0, before)
     }
 
-    /// The smoothed covariances of the 18 states at the nodes whose predicted ones are kept, from the last to the first
-    /// of
+    /// Smoothed covariances of the 18 states at the nodes whose predicted ones are kept, from the last to the first of
     /// `range`: P − P Λ P with the adjoint Λ of the information.
     pub fn covariances(&self, range: Range<usize>, mut take: impl FnMut(usize, StateMatrix)) {
         let dim = self.dim();
@@ -509,7 +507,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// To the middle between itself and another.
+/// Moves to the midpoint between itself and another vector.
 fn halve(to: &mut [f64], other: &[f64]) {
     to.iter_mut().zip(other).for_each(|(to, other)| *to = 0.5 * (*to + other));
 }
@@ -527,7 +525,7 @@ fn propagate_information(layout: &StateLayout, step: &StateStep, information: &m
     for row in spare.chunks_exact_mut(dim) {
         propagate_adjoint(layout, step, row);
     }
-    // Both halves alike.
+    // Makes both triangles equal.
     for row in 0..dim {
         for column in 0..dim {
             information[row * dim + column] = 0.5 * (spare[row * dim + column] + spare[column * dim + row]);
@@ -535,7 +533,7 @@ fn propagate_information(layout: &StateLayout, step: &StateStep, information: &m
     }
 }
 
-/// The 18 states' part of P − P Λ P, symmetric.
+/// Block of the 18 states of P − P Λ P, symmetric.
 fn smoothed(predicted: &Gaussian, information: &[f64]) -> StateMatrix {
     let dim = predicted.dim();
     let mut moved = vec![0.0; STATES * dim];

@@ -16,7 +16,7 @@ fn filtered(scene: &AnalyticScene, parameters: &IekfParameters) -> IekfOutput {
     scene.with(|line| run(line, parameters)).unwrap()
 }
 
-/// The extended Kalman filter of the same scene.
+/// Extended Kalman filter of the same scene.
 fn ekf(scene: &AnalyticScene, gate_nis: Option<f64>) -> NavigationOutput {
     let parameters = EkfParameters {
         errors: scene.errors,
@@ -49,7 +49,7 @@ fn assert_equal(ours: &NavigationOutput, theirs: &NavigationOutput, part: f64) {
 }
 
 #[test]
-fn law_one_iteration_is_the_extended_kalman_filter() {
+fn law_one_iteration_equals_the_extended_kalman_filter() {
     let mut scene = AnalyticScene::new(&uneven(150), MapInterpolation::Cubic, hills);
     for row in [0, 17, 18, 80] {
         scene.measurement_nt[row] = f64::NAN;
@@ -59,7 +59,7 @@ fn law_one_iteration_is_the_extended_kalman_filter() {
     scene.columns[1][100] += 3.0;
     for gate_nis in [None, Some(10.83)] {
         let output = filtered(&scene, &IekfParameters { gate_nis, ..all(1) });
-        // The same sums in another order.
+        // Same sums in another order.
         assert_equal(&output.line, &ekf(&scene, gate_nis), 1e-9);
         assert_eq!(output.iterations.linearisations, output.line.report.updates);
         assert_eq!((output.iterations.halved, output.iterations.unconverged), (0, 0));
@@ -71,7 +71,7 @@ fn law_one_iteration_is_the_extended_kalman_filter() {
 fn law_on_a_plane_more_iterations_change_nothing_and_the_last_state_is_least_squares() {
     let scene = AnalyticScene::new(&uneven(150), MapInterpolation::Linear, plane);
     let output = filtered(&scene, &IekfParameters { tolerance_m: 1e-9, ..all(5) });
-    // Positions are of 1e-16 of a degree's 1e5 m.
+    // Positions have a relative rounding error of 1e-16 of a degree's 1e5 m.
     assert_equal(&output.line, &ekf(&scene, None), 1e-9);
     let last = scene.columns[0].len() - 1;
     let batch = scene.with(|line| {
@@ -80,34 +80,34 @@ fn law_on_a_plane_more_iterations_change_nothing_and_the_last_state_is_least_squ
         batch
     });
     let found = (&output.line.x[last], &output.line.p[last]);
-    // The dense solution loses four of its sixteen digits to the condition of its matrix.
+    // The dense solution loses four of its sixteen digits to the condition number of its matrix.
     assert_close(found.0, found.1, (&batch.x[last], &batch.p[last]), 1e-6, "last");
 }
 
-/// A field of the north alone that is a wave of 2.5 km, and one measurement on it.
+/// Field that depends on north only, a wave of 2.5 km, and one measurement of it.
 fn wave(north: f64, _: f64) -> f64 {
     200.0 * (north / 400.0).sin()
 }
 
 #[test]
-fn law_one_update_is_the_most_probable_state() {
+fn law_one_update_gives_the_most_probable_state() {
     for offset_m in [-180.0, -60.0, 30.0, 120.0, 240.0] {
         let mut scene = AnalyticScene::new(&[0.0], MapInterpolation::Cubic, wave);
         scene.measurement_nt[0] = wave(offset_m, 0.0);
         let output = filtered(&scene, &IekfParameters { tolerance_m: 1e-3, ..all(30) });
         assert_eq!(output.iterations.unconverged, 0, "{offset_m}");
-        // J of the north alone: S is normal and its minimum known, and so is the east, which has no slope.
+        // J as a function of north only: the minimum over S (normal) and east (no slope) is known.
         let (sigma_m, variance) = (100.0_f64, 3.0_f64.powi(2) + 5.0_f64.powi(2));
         let residual_nt = |north: f64| scene.measurement_nt[0] - north_of(&scene, north);
         let j = |north: f64| (north / sigma_m).powi(2) / 2.0 + residual_nt(north).powi(2) / variance / 2.0;
-        // On the slope that holds the start, where J has one minimum.
+        // On the slope that contains the start, where J has one minimum.
         let (mut low, mut high) = (-600.0, 600.0);
         for _ in 0..200 {
             let (a, b) = (low + (high - low) * 0.382, low + (high - low) * 0.618);
             if j(a) < j(b) { high = b } else { low = a }
         }
         let north = (output.line.lat_deg[0] - scene.columns[1][0]) * m_per_deg().0;
-        // The iteration converges linearly where the residual and the curvature stay, to a few times its last step.
+        // With a remaining residual and curvature, the iteration converges linearly, to a few times its last step.
         assert!((north - low).abs() < 1e-2, "{offset_m} {north} {low}");
     }
 }
@@ -119,7 +119,7 @@ fn north_of(scene: &AnalyticScene, north_m: f64) -> f64 {
 }
 
 #[test]
-fn law_on_a_curved_map_with_a_large_error_it_is_better_than_the_extended_kalman_filter() {
+fn law_on_a_curved_map_with_a_large_error_it_is_more_accurate_than_the_extended_kalman_filter() {
     // The slope northward is 0.25 nT/m at the first sample, and changes by 0.05 nT/m in 100 m.
     let field = |north: f64, _: f64| 0.5 * north + 2.5e-4 * north * north;
     let mut normals = NormalGenerator::new(3);
@@ -145,13 +145,14 @@ fn law_on_a_curved_map_with_a_large_error_it_is_better_than_the_extended_kalman_
     }
     let (ours, theirs) = (ours.map(f64::sqrt), theirs.map(f64::sqrt));
     println!("rms north of samples 0 and 19: iterated {ours:.1?} m, extended {theirs:.1?} m");
-    // 1.1 nT on 0.25 nT/m are 4.5 m; linearised 150 m away, the field is wrong by 6 nT and its slope by a third.
+    // 1.1 nT on 0.25 nT/m are 4.5 m; linearised 150 m away, the field has an error of 6 nT and its slope an error of a
+    // third.
     assert!(ours[0] < 0.4 * theirs[0] && ours[1] < theirs[1], "{ours:?} {theirs:?}");
 }
 
 #[test]
-fn law_no_answer_is_less_probable_than_the_prediction() {
-    // Near the crest of a wave, at 628 m, the slope is next to nothing, and a whole step goes kilometres.
+fn law_no_result_is_less_probable_than_the_prediction() {
+    // Near the crest of a wave, at 628 m, the slope is nearly zero, and a full step is kilometres long.
     let mut halved = 0;
     let mut scene = AnalyticScene::new(&[0.0], MapInterpolation::Cubic, wave);
     scene.errors.sources.init_position_sigma_m = 5000.0;
@@ -173,7 +174,7 @@ fn law_no_answer_is_less_probable_than_the_prediction() {
 }
 
 #[test]
-fn law_irregular_samples_are_predicted_through_and_counted() {
+fn unit_irregular_samples_are_predicted_and_counted() {
     let mut scene = AnalyticScene::new(&uneven(20), MapInterpolation::Cubic, hills);
     for row in [0, 4, 5] {
         scene.measurement_nt[row] = f64::NAN;
@@ -196,7 +197,7 @@ fn law_irregular_samples_are_predicted_through_and_counted() {
 }
 
 #[test]
-fn unit_bad_lines_and_parameters_are_refused_in_words() {
+fn unit_invalid_lines_and_parameters_are_rejected() {
     assert_refusals(|scene| scene.with(|line| run(line, &IekfParameters::default())).err());
     let scene = AnalyticScene::new(&[0.0], MapInterpolation::Linear, plane);
     let message = |parameters: &IekfParameters| scene.with(|line| run(line, parameters)).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! The errors of an INS carried along a trajectory that comes in pieces, by the linear error model.
+//! INS errors along a trajectory in consecutive pieces, by the linear error model.
 
 use super::driving::{DrivingNoise, NormalStreams, blocks};
 use super::{InsErrorFault, InsErrorModel};
@@ -8,17 +8,17 @@ use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pins
 use crate::navigation::transition::{propagate_state, transition_matrix};
 
 impl InsErrorModel {
-    /// An error drawn from the initial covariance at a latitude (rad) and altitude (m): 18 draws.
+    /// Error drawn from the initial covariance at a latitude (rad) and altitude (m): 18 draws.
     pub fn initial_error(&self, lat_rad: f64, alt_m: f64, normal: &mut dyn FnMut() -> f64) -> StateVector {
         self.initial_sigmas(lat_rad, alt_m).map(|sigma| sigma * normal())
     }
 }
 
-/// One realisation of the error states (truth minus INS) along a true trajectory, one a sample, from
-/// the error `start` at its first sample on.
+/// One realisation of the error states (truth minus INS) along a true trajectory, one per sample, starting from the
+/// error `start` at its first sample.
 ///
-/// Half of a step's noise comes before it and half after it, which is second order in the step; the
-/// last error is the start of the next piece.
+/// Half of a step's noise is added before it and half after it, which is second order in the step. The last error is
+/// the start of the next piece.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -46,7 +46,7 @@ pub fn errors_along(
     Ok(errors)
 }
 
-/// The lengths of the steps between two rows.
+/// Lengths of the steps between two rows.
 pub(super) fn steps_s(tt_s: &[f64], first: usize, last: usize) -> Vec<f64> {
     tt_s.get(first..=last).unwrap_or_default().windows(2).map(|pair| pair[1] - pair[0]).collect()
 }
@@ -57,12 +57,12 @@ fn step(phi: &StateMatrix, error: &StateVector, noise: &StateVector) -> StateVec
     plus_half(&propagate_state(phi, &plus_half(error)))
 }
 
-/// Many realisations of the errors along one trajectory, carried together in steps of a second (or of
-/// the trajectory, where those are longer).
+/// Many realisations of the errors along one trajectory, propagated together in steps of a second (or of the
+/// trajectory, if those are longer).
 ///
-/// They share every transition matrix, and a member's noise is that of [`errors_along`] with the same
-/// draws, so that a member that is chosen here can be run again at the trajectory's own rate: it is the
-/// same realisation but for what happens within a second.
+/// All members share every transition matrix, and a member's noise is that of [`errors_along`] with the same draws. A
+/// selected member can therefore be recomputed at the trajectory's own rate: it is the same realisation except within a
+/// second.
 #[derive(Clone, Debug)]
 pub struct InsErrorEnsemble {
     errors: Vec<StateVector>,
@@ -71,25 +71,25 @@ pub struct InsErrorEnsemble {
 }
 
 impl InsErrorEnsemble {
-    /// Members that start with these errors.
+    /// Members with these initial errors.
     pub fn new(starts: Vec<StateVector>) -> Self {
         let squares_m2 = vec![0.0; starts.len()];
         Self { errors: starts, squares_m2, samples: 0 }
     }
 
-    /// Aligns the INS of every member anew; the squares so far are kept.
+    /// Aligns the INS of every member again and keeps the squares so far.
     pub fn restart(&mut self, starts: Vec<StateVector>) {
         self.errors = starts;
         self.squares_m2.resize(self.errors.len(), 0.0);
     }
 
-    /// The members' errors now.
+    /// Current errors of the members.
     pub fn errors(&self) -> &[StateVector] {
         &self.errors
     }
 
-    /// Carries the members along a trajectory. `normal` draws the next normal of a member's
-    /// [`NormalStreams::block`]. Only where `counts` is set do the positions enter [`InsErrorEnsemble::drms_m`].
+    /// Propagates the members along a trajectory. `normal` draws the next normal of a member's
+    /// [`NormalStreams::block`]. The positions enter [`InsErrorEnsemble::drms_m`] only if `counts` is set.
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -129,13 +129,13 @@ impl InsErrorEnsemble {
         self.samples += 1;
     }
 
-    /// The distance root mean square of each member's horizontal position error so far, in metres.
+    /// DRMS of each member so far, in m.
     pub fn drms_m(&self) -> Vec<f64> {
         self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
     }
 
-    /// The member with the `rank`-th largest distance root mean square, 1 being the largest; of equal
-    /// ones the first. Nothing where there are fewer members.
+    /// Member with the `rank`-th largest DRMS, from 1 for the largest; the first of equal ones. `None` if there are
+    /// fewer members.
     pub fn ranked(&self, rank: usize) -> Option<usize> {
         let drms = self.drms_m();
         let mut order: Vec<usize> = (0..drms.len()).collect();

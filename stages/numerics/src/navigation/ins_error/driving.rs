@@ -1,8 +1,7 @@
-//! The noise that drives the errors of an INS, drawn so that the same realisation comes out at any rate.
+//! Driving noise of the INS errors, drawn so that the realisation does not depend on the sample rate.
 //!
-//! The noise of a second (a block of steps) is drawn first, its share of each step after it, as the
-//! increments of a Brownian bridge: together they are white, and who runs in steps of a second sees
-//! the same realisation as who runs in steps of 4 ms.
+//! The noise of a second (a block of steps) is drawn first, then its share of each step as the increments of a Brownian
+//! bridge. Together they are white. Steps of a second and steps of 4 ms give the same realisation.
 
 use super::InsErrorModel;
 use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
@@ -12,13 +11,13 @@ const BLOCK_S: f64 = 1.0;
 
 /// Two streams of standard normals, which determine a realisation.
 pub struct NormalStreams<'a> {
-    /// The noise of each block, and before it the initial error.
+    /// Draws for the initial error and the noise of each block.
     pub block: &'a mut dyn FnMut() -> f64,
     /// Draws that distribute the noise of a block over its steps.
     pub within: &'a mut dyn FnMut() -> f64,
 }
 
-/// The driving noise of an INS by its densities.
+/// Driving noise of an INS from its densities.
 pub(super) struct DrivingNoise {
     /// Square roots of the spectral densities, per square root of a second.
     sigmas: StateVector,
@@ -34,7 +33,7 @@ impl DrivingNoise {
         Self { sigmas: model.noise_density().map(f64::sqrt) }
     }
 
-    /// The noise of `duration_s`: 14 draws.
+    /// Noise of `duration_s`: 14 draws.
     pub(super) fn block(&self, duration_s: f64, normal: &mut dyn FnMut() -> f64) -> StateVector {
         let mut noise = [0.0; STATES];
         for state in driven() {
@@ -43,8 +42,7 @@ impl DrivingNoise {
         noise
     }
 
-    /// The noise of the steps of one block: 14 draws for the block, 14 more for each step where there
-    /// are several.
+    /// Noise of the steps of one block: 14 draws for the block, and 14 for each step if there are several.
     pub(super) fn steps(&self, steps_s: &[f64], draws: &mut NormalStreams<'_>) -> Vec<StateVector> {
         let duration_s: f64 = steps_s.iter().sum();
         let whole = self.block(duration_s, draws.block);
@@ -62,15 +60,14 @@ impl DrivingNoise {
     }
 }
 
-/// The blocks of a time column: the first and the last row of each, the last being the first of the
-/// next.
+/// Blocks of a time column: the first and last row of each. The last row is the first of the next block.
 pub(super) fn blocks(tt_s: &[f64]) -> impl Iterator<Item = (usize, usize)> + '_ {
     let mut first = 0;
     std::iter::from_fn(move || {
         let from = first;
         let start_s = tt_s.get(from)?;
         let mut rows = tt_s.iter().enumerate().skip(from + 1);
-        // Times are rounded: a block may be short of a second by a millionth.
+        // Times are rounded: a block may be a millionth of a second short.
         let whole = rows.find(|(_, tt)| *tt - start_s > BLOCK_S * (1.0 - 1e-6)).map(|(row, _)| row);
         first = whole.unwrap_or(tt_s.len() - 1);
         (first > from).then_some((from, first))

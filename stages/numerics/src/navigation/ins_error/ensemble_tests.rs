@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
-//! The errors carried along: against themselves at other rates, against the propagated covariance, and
-//! the mechanisation against the error model.
+//! Propagated errors, compared to other sample rates, to the propagated covariance, and between mechanisation and error
+//! model.
 use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
@@ -12,8 +12,8 @@ use crate::navigation::pinson::TILT_D;
 use crate::navigation::transition::step_covariance;
 use crate::random::NormalGenerator;
 
-/// A level flight of 60 m/s on the error model's own sphere at height 0, that weaves by `weave_rad`
-/// about 30 degrees in two minutes.
+/// Level flight at 60 m/s on the error model's own sphere at height 0, with a course that varies by `weave_rad` about
+/// 30 degrees in two minutes.
 struct Flight {
     columns: [Vec<f64>; 13],
 }
@@ -64,7 +64,7 @@ fn drawn<T>(seed: u64, f: impl FnOnce(&mut NormalStreams<'_>) -> T) -> T {
     f(&mut NormalStreams { block: &mut || block.draw(), within: &mut || within.draw() })
 }
 
-/// The last error of a member that is drawn from the start.
+/// Last error of a member drawn from the start.
 fn last_error(truth: &InsSeries<'_>, model: &InsErrorModel, seed: u64, mechanised: bool) -> StateVector {
     drawn(seed, |draws| {
         let start = model.initial_error(truth.point(0).lat_rad, truth.alt_m[0], draws.block);
@@ -76,7 +76,7 @@ fn last_error(truth: &InsSeries<'_>, model: &InsErrorModel, seed: u64, mechanise
     })
 }
 
-/// The covariance at the end of a trajectory.
+/// Covariance at the end of a trajectory.
 fn propagated(truth: &InsSeries<'_>, model: &InsErrorModel) -> StateMatrix {
     let mut p = model.initial_covariance(truth.point(0).lat_rad, truth.alt_m[0]);
     for row in 1..truth.len() {
@@ -87,7 +87,7 @@ fn propagated(truth: &InsSeries<'_>, model: &InsErrorModel) -> StateMatrix {
     p
 }
 
-/// Differences of two errors in the units of a covariance's standard deviations: the largest.
+/// Largest difference of two errors in standard deviations of a covariance.
 fn apart(a: &StateVector, b: &StateVector, p: &StateMatrix) -> f64 {
     (0..A_HAT).fold(0.0, |most: f64, state| most.max((a[state] - b[state]).abs() / p[state][state].sqrt()))
 }
@@ -115,7 +115,7 @@ fn ref_grades_of_thesis_001() {
         assert_eq!((sigmas[LAT], sigmas[ALT], sigmas[VN], sigmas[ACC], sigmas[GYRO]), (0.0, 5.0, acc, acc, gyro));
         assert!((sigmas[TILT_N] / gyro - 1.0).abs() < 1e-15);
         assert_eq!((model.sources.acc_tau_s, model.sources.gyro_tau_s), (3600.0, 3600.0));
-        // Navigation grade by the usual words: 25 micro-g and 0.003 degrees an hour.
+        // Navigation grade in common terms: 25 micro-g and 0.003 degrees per hour.
     }
     let navigation = InsGrade::Navigation.model();
     assert!((navigation.sources.gyro_sigma_radps.to_degrees() * 3600.0 - 0.003).abs() < 1e-6);
@@ -124,14 +124,14 @@ fn ref_grades_of_thesis_001() {
 }
 
 #[test]
-fn law_a_realisation_is_the_same_at_any_rate_and_in_an_ensemble() {
+fn law_a_realisation_does_not_depend_on_rate_or_ensemble() {
     for grade in [InsGrade::Magnav, InsGrade::Tactical] {
         let model = grade.model();
         let [slow, fast, faster] = [1.0, 10.0, 50.0].map(|rate_hz| Flight::new(300.0, rate_hz, 0.6));
         let p = propagated(&slow.series(), &model);
         let [of_slow, of_fast, of_faster] =
             [&slow, &fast, &faster].map(|flight| last_error(&flight.series(), &model, 5, false));
-        // A bank of up to 11 degrees and a heading of up to 2 degrees a second are held for a step.
+        // A bank of up to 11 degrees and a heading of up to 2 degrees per second are constant over a step.
         assert!(apart(&of_slow, &of_fast, &p) < 0.03, "{grade:?} {}", apart(&of_slow, &of_fast, &p));
         assert!(apart(&of_fast, &of_faster, &p) < 0.003, "{grade:?} {}", apart(&of_fast, &of_faster, &p));
         let mut normals = NormalGenerator::new(10);
@@ -166,11 +166,11 @@ fn chi_square(freedom: f64, z: f64) -> f64 {
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
 }
 
-/// Variances of position, velocity and tilt of `errors`, and the mean of their normalised squares,
-/// against a covariance. Each variance times the number is chi-square of as many degrees, and the sum of
-/// the nine-dimensional normalised squares of nine times as many.
+/// Compares variances of position, velocity and tilt of `errors`, and the mean of their NEES, to a covariance. Each
+/// variance times the number is chi-square with that many degrees, and the sum of the nine-dimensional NEES with nine
+/// times as many.
 fn assert_covariance(what: &str, errors: &[StateVector], p: &StateMatrix) {
-    // Two-sided 0.1 % over the 10 figures of each of 6 ensembles, by Bonferroni: 0.001/120 in a tail.
+    // Two-sided 0.1 % over the 10 figures of each of 6 ensembles, by Bonferroni: 0.001/120 per tail.
     const Z: f64 = 4.30;
     let n = errors.len() as f64;
     let scaled = |error: &StateVector| SVector::<f64, 9>::from_fn(|k, _| error[k] / p[k][k].sqrt());
@@ -187,7 +187,7 @@ fn assert_covariance(what: &str, errors: &[StateVector], p: &StateMatrix) {
     assert!((chi_square(freedom, -Z)..chi_square(freedom, Z)).contains(&normalised), "{what}: {normalised}");
 }
 
-/// A grade, and for how many minutes it is looked at.
+/// Grades and their test durations, in minutes.
 const LOOKED_AT: [(InsGrade, f64); 4] =
     [(InsGrade::Magnav, 60.0), (InsGrade::Navigation, 60.0), (InsGrade::Tactical, 14.0), (InsGrade::Commercial, 1.0)];
 
@@ -208,7 +208,7 @@ fn law_200_realisations_of_each_grade_have_the_propagated_covariance() {
 
 #[test]
 fn law_mechanised_realisations_have_the_propagated_covariance() {
-    // On the error model's sphere, so that nothing but what is not linear differs.
+    // On the error model's sphere, so that only nonlinear terms differ.
     for (grade, minutes) in [(InsGrade::Navigation, 20.0), (InsGrade::Tactical, 8.0)] {
         let flight = Flight::new(60.0 * minutes, 2.0, 0.6);
         let (truth, model) = (flight.series(), grade.model());
@@ -217,7 +217,7 @@ fn law_mechanised_realisations_have_the_propagated_covariance() {
     }
 }
 
-/// Start errors of a size: 1 is a hundred times those of a good INS.
+/// Start errors of a given size: 1 is a hundred times those of a good INS.
 fn start_error(size: f64) -> StateVector {
     let mut e = [0.0; STATES];
     e[LAT] = 1e-5;
@@ -240,7 +240,7 @@ fn start_error(size: f64) -> StateVector {
     e.map(|e| e * size)
 }
 
-/// Errors after five minutes, by the error model and mechanised, in the same units: metres, and the errors that cause a
+/// Errors after five minutes, by error model and mechanisation, in the same units: metres, and errors that cause a
 /// metre in five minutes.
 fn both_after(flight: &Flight, size: f64) -> (SVector<f64, 9>, SVector<f64, 9>) {
     let quiet = InsErrorModel {
@@ -264,7 +264,7 @@ fn both_after(flight: &Flight, size: f64) -> (SVector<f64, 9>, SVector<f64, 9>) 
 }
 
 #[test]
-fn law_the_mechanisation_is_the_error_model_for_small_errors_and_parts_from_it_as_their_square() {
+fn law_mechanisation_and_error_model_differ_by_the_square_of_the_error() {
     let flight = Flight::new(300.0, 50.0, 0.6);
     let relative = |size: f64| {
         let (linear, mechanised) = both_after(&flight, size);
@@ -274,8 +274,7 @@ fn law_the_mechanisation_is_the_error_model_for_small_errors_and_parts_from_it_a
     let sizes = [1.0, 0.5, 0.25, 0.01].map(relative);
     let squares = even(1.0).norm() / even(0.5).norm();
     println!("apart by {sizes:?} of their size; what does not change sign: {squares:.3} times at twice the size");
-    // The remaining error at a hundredth is the error model's step, which holds the attitude of its beginning for 0.02
-    // s.
+    // The remaining error at a hundredth is due to the error model's step, which holds the initial attitude for 0.02 s.
     assert!(sizes[3] < 2e-4, "{}", sizes[3]);
     for pair in sizes[..3].windows(2) {
         let quadratic = (pair[0] - sizes[3]) / (pair[1] - sizes[3]);
@@ -285,7 +284,7 @@ fn law_the_mechanisation_is_the_error_model_for_small_errors_and_parts_from_it_a
 }
 
 #[test]
-fn law_on_the_ellipsoid_the_error_model_is_right_to_what_its_sphere_is() {
+fn law_on_the_ellipsoid_the_error_model_has_the_error_of_its_sphere() {
     let flight = Flight::new(600.0, 10.0, 0.6);
     let (truth, model) = (flight.series(), InsGrade::Navigation.model());
     let extras = MechanisationErrors::default();
@@ -303,13 +302,13 @@ fn law_on_the_ellipsoid_the_error_model_is_right_to_what_its_sphere_is() {
         };
         let ([n, e], [n_mechanised, e_mechanised]) = (run(false), run(true));
         let apart = (n - n_mechanised).hypot(e - e_mechanised) / n.hypot(e);
-        // The sphere's radius is off by up to 0.6 % and its gravity by 0.2 %.
+        // The sphere's radius has an error of up to 0.6 % and its gravity of 0.2 %.
         assert!(apart < 0.01, "{seed}: {apart}");
     }
 }
 
 #[test]
-fn law_each_source_alone_does_the_same_to_the_mechanisation_as_to_the_error_model() {
+fn law_each_source_alone_has_the_same_effect_on_mechanisation_and_error_model() {
     let flight = Flight::new(120.0, 20.0, 0.6);
     let truth = flight.series();
     let quiet = InsErrorModel {
@@ -341,8 +340,8 @@ fn law_each_source_alone_does_the_same_to_the_mechanisation_as_to_the_error_mode
         let nothing = vec![zero; linear.len()];
         for states in [LAT..ALT, ALT..VN, VN..TILT_N, TILT_N..ACC] {
             let (apart, whole) = (size(&linear, &other, states.clone()), size(&linear, &nothing, states.clone()));
-            // The noise of a step acts at its middle or at its ends, the attitude is held for 0.05 s, and what is
-            // not linear is the size of the tilts, 1e-4 and less.
+            // The noise of a step acts at its middle or at its ends, the attitude is constant for 0.05 s, and nonlinear
+            // terms are of the size of the tilts, 1e-4 and less.
             assert!(apart < 0.02 * whole + 1e-11, "source {source}, {states:?}: {apart:e} of {whole:e}");
         }
     }
@@ -367,7 +366,7 @@ fn law_an_ins_without_errors_is_exact() {
     let extras = MechanisationErrors::default();
     let mechanised = drawn(0, |draws| mechanised_errors_along(&truth, &quiet, &extras, &zero, draws).unwrap());
     for error in mechanised {
-        // 300 roundings of radians and metres a second, and of matrices to quaternions and back.
+        // 300 rounding errors of radians and metres per second, and of conversions between matrices and quaternions.
         let metres = horizontal_m(&error, -0.4, 0.0);
         let (speed, tilt) = (error[VN..TILT_N].iter().sum::<f64>(), error[TILT_N..ACC].iter().sum::<f64>());
         assert!(metres < 1e-6 && speed.abs() < 1e-9 && tilt.abs() < 1e-12, "{metres:e} {speed:e} {tilt:e}");
@@ -375,7 +374,7 @@ fn law_an_ins_without_errors_is_exact() {
 }
 
 #[test]
-fn law_the_commercial_grade_runs_away_in_numbers() {
+fn law_the_commercial_grade_diverges_with_finite_numbers() {
     let flight = Flight::new(840.0, 1.0, 0.6);
     let (truth, model) = (flight.series(), InsGrade::Commercial.model());
     let furthest = |mechanised: bool| {
@@ -383,12 +382,12 @@ fn law_the_commercial_grade_runs_away_in_numbers() {
         assert!(error.iter().all(|e| e.is_finite()), "{error:?}");
         horizontal_m(&error, -0.4, 0.0)
     };
-    // 9.8 * 0.0087 t³/6 is 8400 km; a real one tumbles and falls behind.
+    // 9.8 * 0.0087 t³/6 is 8400 km; an actual INS tumbles and drifts less.
     assert!(furthest(false) > 5e5 && furthest(true) > 5e4, "{} {}", furthest(false), furthest(true));
 }
 
 #[test]
-fn law_the_member_of_a_rank_has_as_many_before_it() {
+fn unit_the_member_of_a_rank_is_found() {
     let flight = Flight::new(60.0, 1.0, 0.0);
     let model = InsGrade::Tactical.model();
     let mut normals: Vec<NormalGenerator> = (0..50).map(NormalGenerator::new).collect();
@@ -417,9 +416,9 @@ fn drawn_drms(flight: &Flight, model: &InsErrorModel, seed: u64) -> f64 {
 }
 
 #[test]
-fn val_drift_of_each_grade_beside_an_independent_implementation() {
-    // 20 runs of another implementation: navigation grade, 60 min, 443 m DRMS (168 to 764 m); tactical grade,
-    // 14 min, 3031 m. Ours are 400 realisations.
+fn val_drift_of_each_grade_against_an_independent_implementation() {
+    // 20 runs of another implementation: navigation grade, 60 min, 443 m DRMS (168 to 764 m); tactical grade, 14 min,
+    // 3031 m. The test uses 400 realisations.
     let others = [
         (InsGrade::Magnav, 60.0, None),
         (InsGrade::Navigation, 60.0, Some(443.0)),
@@ -442,7 +441,7 @@ fn val_drift_of_each_grade_beside_an_independent_implementation() {
         println!("{name:12} {minutes:3} {mean:10.0} m {low:8.0} to {high:5.0} m {:16.0} m {theirs:?}", of_100[90]);
         if let Some(theirs) = theirs {
             let deviation = (drms.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 399.0).sqrt();
-            // Their mean of 20 runs and ours of 400, at three standard errors.
+            // Mean of its 20 runs and of the 400 realisations, within three standard errors.
             let error = deviation * (1.0 / 20.0 + 1.0 / 400.0_f64).sqrt();
             assert!((mean - theirs).abs() < 3.0 * error, "{name}: {mean} {theirs} {error}");
         }

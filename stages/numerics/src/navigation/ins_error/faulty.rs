@@ -7,13 +7,13 @@ use crate::earth::attitude::{body_to_ned, euler_rad, tilted};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN};
 
-/// The output of an INS with the `errors` (truth minus INS, one a sample) along a true trajectory, as the columns of
+/// Output of an INS with the `errors` (truth minus INS, one per sample) along a true trajectory, as the columns of
 /// [`InsSeries`] after its times: latitude, longitude (degrees), height (m), velocity (m/s) and specific force (m/s²)
 /// north, east and down, roll, pitch and yaw (degrees).
 ///
 /// The specific force is the true one as the accelerometers x, y, z measure it, with their biases and scale errors
-/// `acc_scale` (truth minus measurement of 1), turned by the attitude of the INS. For errors of any size latitude and
-/// longitude are valid and the attitude is a rotation: an error beyond a pole continues on the other side of it.
+/// `acc_scale` (truth minus measurement of 1), rotated by the attitude of the INS. For errors of any size latitude and
+/// longitude are valid and the attitude is a rotation: an error beyond a pole continues on the other side.
 ///
 /// `errors` has one value per sample of a series that passed [`InsSeries::check`]; additional ones are ignored.
 pub fn faulty_ins(truth: &InsSeries<'_>, errors: &[StateVector], acc_scale: [f64; 3]) -> [Vec<f64>; 12] {
@@ -47,7 +47,7 @@ pub fn faulty_ins(truth: &InsSeries<'_>, errors: &[StateVector], acc_scale: [f64
     columns
 }
 
-/// The latitude (-90 to 90) and longitude (-180 to 180) of angles of any size, in degrees.
+/// Latitude (-90 to 90) and longitude (-180 to 180) of angles of any size, in degrees.
 fn on_the_globe(lat_deg: f64, lon_deg: f64) -> (f64, f64) {
     if lat_deg.abs() <= 90.0 {
         return (lat_deg, wrap_deg(lon_deg));
@@ -86,25 +86,25 @@ mod tests {
     fn law_an_ins_without_errors_is_the_truth() {
         let said = faulty_ins(&truth(&COLUMNS), &[[0.0; STATES]; 2], [0.0; 3]);
         for (said, true_one) in said.iter().zip(&COLUMNS[1..]) {
-            // Angles go through a rotation and back.
+            // Angles are converted to a rotation and back.
             assert!(said.iter().zip(true_one).all(|(a, b)| (a - b).abs() < 1e-12), "{said:?} {true_one:?}");
         }
     }
 
     #[test]
-    fn law_what_it_says_is_the_truth_less_the_error() {
+    fn law_the_output_is_the_truth_minus_the_error() {
         let mut error = [0.0; STATES];
         (error[LAT], error[LON], error[ALT]) = (-2e-4_f64.to_radians(), -3e-4_f64.to_radians(), 5.0);
         error[VN..VN + 3].copy_from_slice(&[1.0, -2.0, 3.0]);
         error[TILT_N + 2] = 1e-3;
         error[ACC] = 0.25;
         let said = faulty_ins(&truth(&COLUMNS), &[error; 2], [0.0; 3]);
-        // Over the date line, and over the pole to the other side of the earth.
+        // Across the date line, and across the pole to the other side of the earth.
         assert!((said[0][0] - 45.0002).abs() < 1e-9 && (said[1][0] + 179.9998).abs() < 1e-9, "{said:?}");
         assert!((said[0][1] - 89.9999).abs() < 1e-9 && (said[1][1] + 169.9997).abs() < 1e-9, "{said:?}");
         assert_eq!([said[2][0], said[3][0], said[4][0], said[5][0]], [295.0, 59.0, 2.0, -3.0]);
-        // The tilt from the INS to the truth is the turn from the truth to the INS, and with it of the specific force,
-        // of which the accelerometer towards the nose misses its bias.
+        // The tilt from the INS to the truth rotates from the truth to the INS, and so does the specific force. The
+        // forward accelerometer lacks its bias.
         assert!((said[11][0].to_radians() - 1e-3).abs() < 1e-9, "{}", said[11][0]);
         let (sin, cos) = 1e-3_f64.sin_cos();
         let expected = [(0.5 - 0.25) * cos - 0.1 * sin, (0.5 - 0.25) * sin + 0.1 * cos, -9.8];

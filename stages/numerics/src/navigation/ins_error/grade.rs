@@ -1,4 +1,4 @@
-//! Grades of inertial navigation systems, by the parameters that were printed for them.
+//! Grades of inertial navigation systems with published parameters.
 
 use params::choice;
 
@@ -24,7 +24,7 @@ choice! {
 }
 
 impl InsGrade {
-    /// All of them.
+    /// All grades.
     pub const ALL: [Self; 4] = [Self::Magnav, Self::Navigation, Self::Tactical, Self::Commercial];
 
     /// The error model of an INS of this grade.
@@ -35,9 +35,9 @@ impl InsGrade {
     /// The error sources of an INS of this grade.
     ///
     /// The tables give velocity and angular random walk, and the standard deviations of the biases (time constant 3600
-    /// s); the same numbers serve as those of the initial velocity (m/s) and tilt (rad). The initial position is exact,
-    /// the initial height has 5 m. Angular random walk and gyroscope bias are in rad/√s and rad/s, despite the printed
-    /// units. The tables do not give the barometer; all grades use MagNav.jl's.
+    /// s). The same numbers are used for the initial velocity (m/s) and tilt (rad). The initial position is exact, and
+    /// the initial height has a standard deviation of 5 m. Angular random walk and gyroscope bias are in rad/√s and
+    /// rad/s, despite the printed units. The tables do not give the barometer; all grades use MagNav.jl's.
     pub fn errors(self) -> InsErrors {
         match self {
             Self::Magnav => InsErrors::default(),

@@ -1,4 +1,4 @@
-//! The error sources of an INS as a spec gives them: by its grade, one by one, or both.
+//! Error sources of an INS from a spec: by grade, individually, or both.
 
 use params::{ChoiceRegistry, Fault, ParamDoc, ParamReader, Params, params};
 
@@ -6,8 +6,8 @@ use super::{InsErrors, InsGrade};
 
 /// Error sources of an INS. Its grade gives the unset ones.
 ///
-/// The grade is read and is no part of the answer: an INS of a grade and one of the same error sources, given one by
-/// one, are the same.
+/// The grade is resolved and not stored: an INS of a grade equals an INS with the same error sources given
+/// individually.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InsErrorSpec {
     /// The error sources.
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_grade_is_what_is_left_out_and_a_given_key_is_its_own() {
+    fn unit_the_grade_sets_unset_keys_and_given_keys_override_it() {
         assert_eq!(read(&[]).unwrap().sources, InsErrors::default());
         for of in InsGrade::ALL {
             assert_eq!(read(&[grade(of.word())]).unwrap().sources, of.errors(), "{}", of.word());
@@ -100,13 +100,13 @@ mod tests {
         let expected =
             InsErrors { acc_sigma_mps2: 0.5, init_heading_sigma_deg: Some(2.0), ..InsGrade::Tactical.errors() };
         assert_eq!(both.unwrap().sources, expected);
-        // A default that is given outright is given.
+        // A key that is set to its default counts as given.
         let given = read(&[grade("tactical"), ("init_position_sigma_m", Literal::Float(3.0))]).unwrap();
         assert_eq!(given.sources.init_position_sigma_m, 3.0);
     }
 
     #[test]
-    fn law_one_ins_has_one_spelling() {
+    fn unit_equal_error_sources_have_one_representation() {
         assert_eq!(spelt(read(&[]).unwrap()), spelt(read(&[grade("magnav")]).unwrap()));
         let tactical = read(&[grade("tactical")]).unwrap();
         assert_eq!(spelt(tactical), spelt(InsErrorSpec::from(InsGrade::Tactical.errors())));
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_grade_that_is_none_and_a_key_that_is_wrong_are_told_at_once() {
+    fn unit_an_unknown_grade_and_a_wrong_key_are_reported_together() {
         let faults = read(&[grade("tactcal"), ("vrw_sigma", Literal::Float(-1.0))]).unwrap_err();
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert_eq!(faults[0].help.as_deref(), Some("did you mean `tactical`?"));

@@ -1,4 +1,4 @@
-//! The errors of an INS carried along a trajectory by mechanising faulty readings.
+//! INS errors along a trajectory by mechanising faulty readings.
 
 use crate::angle::wrap_rad;
 use nalgebra::Vector3;
@@ -17,7 +17,7 @@ use crate::signal::gauss_markov::GaussMarkov;
 /// Error sources of the mechanisation that the error model lacks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MechanisationErrors {
-    /// The earth that is navigated on.
+    /// Earth model of the mechanisation.
     pub earth: NavigationEarth,
     /// Scale errors of the accelerometers x, y, z, truth minus measurement of 1.
     pub acc_scale: [f64; 3],
@@ -26,11 +26,11 @@ pub struct MechanisationErrors {
 }
 
 /// Errors like those of [`errors_along`](super::errors_along), with the same realisation for the same draws, but
-/// mechanised. Errors are added to error-free readings of the trajectory, a barometer-aided strapdown mechanisation
-/// integrates them, and the error is the exact motion minus the result.
+/// mechanised. Errors are added to error-free readings of the trajectory, and a barometer-aided strapdown mechanisation
+/// integrates them. The error is the exact motion minus the result.
 ///
-/// The exact motion is the error-free mechanisation of the error-free readings. Its position stays
-/// within the trapezoidal rule of the trajectory's, which then cancels in the error.
+/// The exact motion is the error-free mechanisation of the error-free readings. Its position differs from the
+/// trajectory's by the error of the trapezoidal rule, which cancels in the error.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -81,7 +81,7 @@ fn triple(error: &StateVector, from: usize) -> Vector3<f64> {
     Vector3::new(error[from], error[from + 1], error[from + 2])
 }
 
-/// A motion less an error.
+/// Motion minus an error.
 fn moved(exact: &NavigationState, error: &StateVector) -> NavigationState {
     let attitude = exact.body_to_ned.to_rotation_matrix().into_inner();
     NavigationState {
@@ -108,7 +108,7 @@ impl GaussMarkovDecay {
         Self { taus_s }
     }
 
-    /// The value after a step, half of the noise before and half of it after the decay.
+    /// Value after a step, with half of the noise added before the decay and half after it.
     fn after(&self, state: usize, value: f64, noise: f64, dt_s: f64) -> f64 {
         let process = GaussMarkov { sigma: 0.0, tau_s: self.taus_s[state] };
         process.decay(dt_s) * (value + 0.5 * noise) + 0.5 * noise
@@ -138,7 +138,7 @@ impl MechanisationRun<'_> {
             acc_bias_mps2: mean_triple(ACC),
             gyro_bias_radps: mean_triple(GYRO),
             acc_walk_mps: in_body(triple(noise, VN)),
-            // A tilt of the INS is minus a turn of its body.
+            // The tilt of the INS is minus the rotation of its body.
             gyro_walk_rad: -in_body(triple(noise, TILT_N)),
             acc_scale: Vector3::from(self.extras.acc_scale),
             gyro_scale: Vector3::from(self.extras.gyro_scale),
@@ -149,7 +149,7 @@ impl MechanisationRun<'_> {
         self.read_error();
     }
 
-    /// The error states that the two motions differ by.
+    /// Computes the error states from the difference of the two motions.
     fn read_error(&mut self) {
         let (exact, said) = (self.readings.motion(), self.ins.motion());
         let turned = |motion: &NavigationState| motion.body_to_ned.to_rotation_matrix().into_inner();

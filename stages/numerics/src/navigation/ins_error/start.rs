@@ -1,5 +1,4 @@
-//! The error of an INS at the first sample of a line: from the alignment before it, or from a position and velocity
-//! fix.
+//! INS error at the first sample of a line: from the alignment before it, or from a position and velocity fix.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
@@ -46,7 +45,7 @@ pub struct StartFix {
     pub alt_m: f64,
     /// Velocity north, east and down, in m/s; `None` keeps that of the INS.
     pub vel_ned_mps: Option<[f64; 3]>,
-    /// Its standard deviations.
+    /// Standard deviations of the fix.
     pub sigmas: StartFixSigmas,
 }
 
@@ -62,8 +61,8 @@ pub struct StartFixSigmas {
 }
 
 impl StartFix {
-    /// Covariance of the states of an INS that was corrected by the fix. Tilts, biases and the barometer loop have the
-    /// initial standard deviations of `errors`, and so has the velocity where the fix has none.
+    /// Covariance of the states of an INS corrected by the fix. Tilts, biases and the barometer loop have the initial
+    /// standard deviations of `errors`, and so has the velocity if the fix has none.
     pub fn covariance(&self, errors: &InsErrorModel) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
@@ -90,9 +89,9 @@ impl StartFix {
     }
 }
 
-/// Corrections along a line for an error at its first sample, as [`StartFix::error`] has it: latitude and longitude in
-/// degrees, height in m, velocity north, east and down in m/s, one column each. The error propagates by the INS error
-/// model.
+/// Corrections along a line for an error at its first sample, as returned by [`StartFix::error`]: latitude and
+/// longitude in degrees, height in m, velocity north, east and down in m/s, one column each. The error propagates by
+/// the INS error model.
 pub fn correction_along(errors: &InsErrorModel, ins: &InsSeries<'_>, first: [f64; 6]) -> [Vec<f64>; 6] {
     let mut x = [0.0; STATES];
     for (state, value) in [LAT, LON, ALT, VN, VN + 1, VN + 2].into_iter().zip(first) {
@@ -118,7 +117,7 @@ mod tests {
     use crate::navigation::pinson::TILT_N;
     use crate::random::NormalGenerator;
 
-    /// A straight level flight, a sample a second.
+    /// Straight level flight, one sample per second.
     fn flight(rows: usize) -> [Vec<f64>; 13] {
         let each = |of: &dyn Fn(f64) -> f64| (0..rows).map(|k| of(k as f64)).collect::<Vec<f64>>();
         let force = specific_force_mps2(0.7, 500.0, [60.0, 20.0, 0.0], [0.0; 3]);
@@ -146,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn law_errors_since_the_alignment_scatter_as_their_covariance() {
+    fn law_errors_since_the_alignment_have_the_predicted_covariance() {
         let columns = flight(433);
         let model = InsGrade::Navigation.model();
         let mut normals = NormalGenerator::new(5);
@@ -164,13 +163,13 @@ mod tests {
             let ratio = sums[state] / f64::from(runs) / p[state][state];
             assert!((0.75..1.3).contains(&ratio), "{state}: {ratio}");
         }
-        // At the alignment itself nothing was flown.
+        // At the alignment itself no time has passed.
         let at = aligned_covariance(&model, &series(&columns), 0.0);
         assert_eq!(at, model.initial_covariance(columns[1][0].to_radians(), 500.0));
     }
 
     #[test]
-    fn law_an_error_of_the_first_sample_is_taken_off_the_whole_line() {
+    fn law_an_error_of_the_first_sample_is_corrected_along_the_line() {
         let columns = flight(900);
         let sources = InsErrors {
             init_position_sigma_m: 300.0,
@@ -206,7 +205,7 @@ mod tests {
             let off_m = |column: usize, of: usize| {
                 (ins[column][row] + corrections[of][row] - columns[column][row]).abs() * 111_000.0
             };
-            // For errors of up to 1 km the linear model is right to some centimetres.
+            // For errors of up to 1 km the linear model is accurate to some centimetres.
             assert!(off_m(1, 0) < 0.5 && off_m(2, 1) < 0.5, "{row}: {} {}", off_m(1, 0), off_m(2, 1));
         }
         let p = fix.covariance(&model);

@@ -5,7 +5,7 @@ use crate::navigation::pinson::tests::golden;
 use crate::navigation::transition::step_covariance;
 use crate::random::NormalGenerator;
 
-/// MagNav.jl's numbers where the contract's defaults are rounded.
+/// MagNav.jl's values for parameters whose defaults in magline are rounded.
 fn magnav() -> InsErrorModel {
     InsErrorModel {
         sources: InsErrors { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..InsErrors::default() },
@@ -25,7 +25,7 @@ fn val_magnav_initial_covariance_and_process_noise() {
 }
 
 #[test]
-fn law_bad_parameters_are_refused_in_words() {
+fn unit_invalid_parameters_are_rejected() {
     let model =
         InsErrorModel { sources: InsErrors { acc_tau_s: 0.0, ..InsErrors::default() }, ..InsErrorModel::default() };
     assert_eq!(model.check().unwrap_err().to_string(), "`acc_tau_s` must be above 0, not 0");
@@ -38,7 +38,7 @@ fn law_bad_parameters_are_refused_in_words() {
     assert!(InsErrorModel::default().check().is_ok());
 }
 
-/// 200 s of a turning flight, a sample every 2 s.
+/// 200 s of a turning flight, one sample every 2 s.
 struct Flight {
     columns: [Vec<f64>; 13],
 }
@@ -96,8 +96,8 @@ fn law_simulated_errors_have_the_predicted_covariance() {
     for row in 0..STATES {
         for column in 0..STATES {
             let size = (p[row][row] * p[column][column]).sqrt();
-            // The mean of 2000 products has a standard deviation of at most sqrt(2/2000) = 3.2 %
-            // of `size`; 324 of them: 4.5 sigma.
+            // The mean of 2000 products has a standard deviation of at most sqrt(2/2000) = 3.2 % of `size`; for 324
+            // products, 4.5 sigma.
             let difference = (sums[row][column] - p[row][column]) / size;
             assert!(difference.abs() < 4.5 * 0.032, "{row} {column} {difference}");
         }
@@ -105,7 +105,7 @@ fn law_simulated_errors_have_the_predicted_covariance() {
 }
 
 #[test]
-fn law_no_uncertainty_and_no_noise_make_no_error() {
+fn law_without_uncertainty_and_noise_the_error_is_zero() {
     let flight = Flight::new();
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -126,7 +126,7 @@ fn law_no_uncertainty_and_no_noise_make_no_error() {
         ..InsErrorModel::default()
     };
     let errors = simulate_ins_error(&flight.series(), &quiet, || 1.0).unwrap();
-    // 1e-30 per second of variance is left, 1e-15 of anything.
+    // A variance of 1e-30 per second remains, a standard deviation of 1e-15.
     assert!(errors.iter().flatten().all(|error| error.abs() < 1e-9));
     let mut broken = Flight::new();
     broken.columns[4][7] = f64::NAN;
@@ -135,7 +135,7 @@ fn law_no_uncertainty_and_no_noise_make_no_error() {
 }
 
 #[test]
-fn r10_the_heading_starts_with_an_uncertainty_of_its_own() {
+fn law_the_heading_has_its_own_initial_uncertainty() {
     use crate::navigation::pinson::{TILT_D, TILT_E};
     let (tilt, heading) = (0.01_f64.to_radians(), 0.1_f64.to_radians());
     let model = InsErrorModel {
@@ -154,8 +154,8 @@ fn r10_the_heading_starts_with_an_uncertainty_of_its_own() {
     }
     .check();
     assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` must be 0 or above"));
-    // Half a minute north at 60 m/s, then a turn to the east: a heading that is wrong by an angle puts the change of
-    // velocity wrong by that angle, sideways.
+    // Half a minute north at 60 m/s, then a turn to the east: a heading error rotates the change of velocity by the
+    // same angle.
     let flight = Flight::new();
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -177,14 +177,14 @@ fn r10_the_heading_starts_with_an_uncertainty_of_its_own() {
         ..InsErrorModel::default()
     };
     let mut draws = 0;
-    // One sigma of heading, nothing of all else.
+    // One standard deviation of heading, zero for all other states.
     let one = |state: usize| if state == TILT_D { 1.0 } else { 0.0 };
     let errors = simulate_ins_error(&flight.series(), &quiet, || {
         draws += 1;
         if draws <= STATES { one(draws - 1) } else { 0.0 }
     })
     .unwrap();
-    // After 78 s of 0.02 rad/s the velocity has turned from north to east: it changed by (-60, +60) m/s, of which one
+    // After 78 s of 0.02 rad/s the velocity has turned from north to east. It changed by (-60, +60) m/s, of which one
     // degree is 1.05 m/s in each component.
     let row = 39;
     let expected = 60.0 * 1.0_f64.to_radians();

@@ -8,7 +8,7 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// Squared innovation over its variance above which a measurement is rejected: one healthy measurement in 100,000.
+/// NIS above which a measurement is rejected: one healthy measurement in 100,000.
 pub const GATE_NIS: f64 = 19.5;
 
 /// Number of consecutive rejections that indicates a wrong prediction instead of wrong measurements.
@@ -18,8 +18,7 @@ const RECOVERED_AFTER: usize = 20;
 /// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when states or variances are no longer
-/// finite.
+/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite.
 pub fn outliers(line: &NavigationLine<'_>) -> Result<Vec<bool>, NavigationError> {
     line.check()?;
     let mut field = line.predicted();

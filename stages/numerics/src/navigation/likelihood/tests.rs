@@ -25,13 +25,13 @@ fn found(flight: &OsborneFlight, measured_nt: &[f64], given: [Option<f64>; 3]) -
 }
 
 #[test]
-fn law_the_noise_that_was_flown_is_found() {
+fn law_the_simulated_noise_is_estimated() {
     for seed in 0..10 {
         let flight = flown(seed);
         let noise = found(&flight, &flight.measured(50 + seed, SIGMA_NT), [None; 3]);
         assert!((noise.sigma_nt.value / SIGMA_NT - 1.0).abs() < 0.25, "{seed}: {noise:?}");
         assert!((1.0 / 2.5..2.5).contains(&(noise.fogm_sigma_nt.value / FOGM_SIGMA_NT)), "{seed}: {noise:?}");
-        // A factor of 1.3 in the variance is chance.
+        // A factor of 1.3 in the variance is possible by chance.
         assert!(noise.inflation < 1.25, "{seed}: {noise:?}");
         for of in [noise.sigma_nt, noise.fogm_sigma_nt, noise.fogm_tau_s] {
             assert!(of.low < of.value && of.value < of.high, "{seed}: {noise:?}");
@@ -40,7 +40,7 @@ fn law_the_noise_that_was_flown_is_found() {
 }
 
 #[test]
-fn law_an_offset_is_a_process_of_a_long_time_constant() {
+fn law_an_offset_is_a_process_with_a_long_time_constant() {
     let flight = flown(3);
     let measured: Vec<f64> = flight.measured(4, SIGMA_NT).iter().map(|nt| nt + 400.0).collect();
     let noise = found(&flight, &measured, [None; 3]);
@@ -49,7 +49,7 @@ fn law_an_offset_is_a_process_of_a_long_time_constant() {
 }
 
 #[test]
-fn unit_a_given_parameter_stays_and_correlated_noise_is_inflated() {
+fn unit_a_given_parameter_is_kept_and_correlated_noise_is_inflated() {
     let flight = flown(5);
     let clean = flight.measured(0, 1e-9);
     let mut normals = NormalGenerator::new(8);
@@ -84,7 +84,7 @@ fn law_spikes_are_outliers_and_healthy_measurements_are_not() {
 }
 
 #[test]
-fn unit_too_few_measurements_have_no_noise() {
+fn unit_too_few_measurements_give_no_noise() {
     let flight = flown(1);
     let measured = vec![f64::NAN; flight.errors.len()];
     let series = flight.ins.series();

@@ -1,15 +1,15 @@
-//! A line at some of its samples.
+//! Line at a subset of its samples.
 
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::position_fixes::PositionFixes;
 
-/// Rows of a line at least `interval_s` apart, the first one among them.
+/// Rows of a line at least `interval_s` apart, including the first.
 pub fn rows_at(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
     let mut rows = vec![];
     let mut due_s = f64::NEG_INFINITY;
     for (row, tt) in tt_s.iter().enumerate() {
-        // Half a microsecond takes up the rounding of time stamps.
+        // The tolerance of half a microsecond covers the rounding of time stamps.
         if *tt >= due_s - 5e-7 {
             rows.push(row);
             due_s = tt + interval_s;
@@ -18,8 +18,8 @@ pub fn rows_at(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
     rows
 }
 
-/// The INS, the measurements and the position fixes at some rows. The specific force is the mean up to the next of
-/// them, so that a step has the change of velocity of the steps that it spans.
+/// INS, measurements and position fixes at a subset of rows. The specific force is the mean up to the next row, so that
+/// a step has the change of velocity of the steps that it spans.
 pub(super) struct ThinnedLine {
     columns: [Vec<f64>; 13],
     pub(super) measurement_nt: Vec<f64>,

@@ -1,19 +1,19 @@
-//! The errors of the readings of inertial sensors.
+//! Errors of the readings of inertial sensors.
 
 use nalgebra::Vector3;
 
 use super::ImuReading;
 
-/// The errors of one step, truth minus measurement, as all errors of the INS here.
+/// Errors of one step, truth minus measurement, like all INS errors here.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImuErrors {
     /// Mean of the accelerometers' biases over the step, in m/s².
     pub acc_bias_mps2: Vector3<f64>,
     /// Mean of the gyroscopes' biases over the step, in rad/s.
     pub gyro_bias_radps: Vector3<f64>,
-    /// The increment of velocity random walk over the step, in m/s.
+    /// Increment of velocity random walk over the step, in m/s.
     pub acc_walk_mps: Vector3<f64>,
-    /// The increment of angular random walk over the step, in rad.
+    /// Increment of angular random walk over the step, in rad.
     pub gyro_walk_rad: Vector3<f64>,
     /// Relative scale errors of the accelerometers.
     pub acc_scale: Vector3<f64>,
@@ -22,7 +22,7 @@ pub struct ImuErrors {
 }
 
 impl ImuErrors {
-    /// The reading of the sensors where an error-free one reads `exact`.
+    /// Reading of the sensors for an error-free reading `exact`.
     pub fn measured(&self, exact: &ImuReading) -> ImuReading {
         let angle = exact.angle_rad.component_mul(&self.gyro_scale);
         let velocity = exact.velocity_mps.component_mul(&self.acc_scale);

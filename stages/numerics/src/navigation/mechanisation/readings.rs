@@ -1,15 +1,15 @@
-//! The readings of error-free inertial sensors along a motion.
+//! Readings of error-free inertial sensors along a motion.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::{ImuReading, NavigationEarth, NavigationState, REPETITIONS, surroundings};
 use crate::earth::attitude::skew;
 
-/// The readings of error-free sensors along a motion that is given by velocities and attitudes.
+/// Readings of error-free sensors along a motion given by velocities and attitudes.
 ///
-/// The inverse of a mechanisation's step, not a quadrature: a free mechanisation of these readings
-/// returns velocities and attitudes to rounding, and as its position that of [`IdealImu::motion`],
-/// the trapezoidal integral of the velocities.
+/// The step inverts a mechanisation instead of using a quadrature. A free mechanisation of these readings returns
+/// velocities and attitudes to rounding. Its position is that of [`IdealImu::motion`], the trapezoidal integral of the
+/// velocities.
 #[derive(Clone, Debug)]
 pub struct IdealImu {
     earth: NavigationEarth,
@@ -18,17 +18,17 @@ pub struct IdealImu {
 }
 
 impl IdealImu {
-    /// The readings of a motion that starts like this.
+    /// Readings of a motion with this start.
     pub fn new(earth: NavigationEarth, start: NavigationState) -> Self {
         Self { earth, motion: start, before: ImuReading::default() }
     }
 
-    /// The current motion.
+    /// Current motion.
     pub fn motion(&self) -> &NavigationState {
         &self.motion
     }
 
-    /// The reading of the `dt_s` seconds to the next velocity (m/s) and attitude.
+    /// Reading of the `dt_s` seconds to the next velocity (m/s) and attitude.
     pub fn next(&mut self, vel_ned_mps: &Vector3<f64>, body_to_ned: &UnitQuaternion<f64>, dt_s: f64) -> ImuReading {
         let from = self.motion;
         let v = 0.5 * (from.vel_ned_mps + vel_ned_mps);
@@ -52,10 +52,10 @@ impl IdealImu {
         self.before
     }
 
-    /// The reading whose increments, with coning and sculling corrected, are these.
+    /// Reading with these increments after the correction of coning and sculling.
     fn uncorrected(&self, rotation_rad: &Vector3<f64>, velocity_mps: &Vector3<f64>, dt_s: f64) -> ImuReading {
         let (angle_before, velocity_before) = self.before.stretched_to(dt_s);
-        // The matrices are the identity plus small skew ones, which always have an inverse.
+        // The matrices are the identity plus small skew-symmetric ones, which always have an inverse.
         let solved = |m: Matrix3<f64>, right: Vector3<f64>| m.try_inverse().map_or(right, |inverse| inverse * right);
         let identity = Matrix3::identity();
         let angle_rad = solved(identity + skew(&angle_before) / 12.0, *rotation_rad);

@@ -31,7 +31,7 @@ fn ref_normal_gravity() {
 }
 
 #[test]
-fn law_normal_gravity_falls_with_height_as_newton_says() {
+fn law_normal_gravity_decreases_with_height() {
     const H: f64 = 50_000.0;
     let [low, middle, high] = [0.0, H, 2.0 * H].map(|alt_m| normal_gravity_mps2(0.8, alt_m));
     // Derivatives of g R²/(R + h)²: -2 g/R and 6 g/R². The flattening and the rotation are 1 % of each.
@@ -40,7 +40,7 @@ fn law_normal_gravity_falls_with_height_as_newton_says() {
 }
 
 #[test]
-fn law_at_rest_the_sensors_read_the_earths_rate_and_the_lift_against_gravity() {
+fn law_at_rest_the_sensors_measure_the_earth_rate_and_minus_gravity() {
     let start = at_rest(0.7);
     let to_body = start.body_to_ned.inverse();
     let rate = to_body * Vector3::new(0.7_f64.cos(), 0.0, -0.7_f64.sin()) * EARTH_RATE_RADPS;
@@ -48,24 +48,24 @@ fn law_at_rest_the_sensors_read_the_earths_rate_and_the_lift_against_gravity() {
     let last = resting(NavigationEarth::Wgs84, start, 3)[2];
     // Rounding of angles of 1 rad and of 9.8 m/s.
     assert!((last.angle_rad - rate).norm() < 1e-15, "{}", (last.angle_rad - rate).norm());
-    // The earth turns the body by 7e-5 rad a second: second order in that, and rounding.
+    // The earth rotates the body by 7e-5 rad per second: second order in that, and rounding.
     assert!((last.velocity_mps - lift).norm() < 1e-8, "{}", (last.velocity_mps - lift).norm());
 }
 
 #[test]
-fn law_an_error_free_ins_at_rest_stays() {
+fn law_an_error_free_ins_at_rest_stays_at_rest() {
     let start = at_rest(0.7);
     let mut ins = Mechanisation::new(NavigationEarth::Wgs84, start, 0.0);
     for reading in resting(NavigationEarth::Wgs84, start, 3600) {
         ins.step(&reading, Some(0.0));
     }
     let end = ins.motion();
-    // 3600 roundings of 1e-16 rad of tilt and 1e-15 m/s.
+    // 3600 rounding errors of 1e-16 rad of tilt and 1e-15 m/s.
     assert!((end.lat_rad - 0.7).abs() * R < 1e-5 && end.vel_ned_mps.norm() < 1e-9, "{end:?}");
     assert!(start.body_to_ned.angle_to(&end.body_to_ned) < 1e-11);
 }
 
-/// A motion known at every instant: position and attitude swing in all directions.
+/// Analytic motion: position and attitude oscillate in all directions.
 struct Swing {
     earth: NavigationEarth,
 }
@@ -79,7 +79,7 @@ impl Swing {
         body_to_ned(0.2 * (1.1 * t).sin(), 0.1 * (1.1 * t).cos(), 0.4 + 0.05 * t + 0.1 * (0.7 * t).sin())
     }
 
-    /// The derivative of [`Swing::place`].
+    /// Derivative of [`Swing::place`].
     fn place_rate(t: f64) -> [f64; 3] {
         [2e-6 + 6e-6 * (0.15 * t).cos(), 1e-5, 6.0 * (0.2 * t).cos()]
     }
@@ -98,7 +98,7 @@ impl Swing {
         let (meridian, transverse) = self.earth.radii_m(lat, alt);
         let earth_rate = Vector3::new(lat.cos(), 0.0, -lat.sin()) * self.earth.rate_radps();
         let transport = Vector3::new(v.y / transverse, -v.x / meridian, -v.y * lat.tan() / transverse);
-        // Minus the tilt that a short while makes is the turn, in north-east-down.
+        // Minus the tilt over a short time is the rotation, in north-east-down.
         const H: f64 = 1e-4;
         let turn = -tilt_between(&Self::attitude(t - H), &Self::attitude(t + H)) / (2.0 * H);
         let gravity = Vector3::new(0.0, 0.0, self.earth.gravity_mps2(lat, alt));
@@ -107,7 +107,7 @@ impl Swing {
         (c.transpose() * (turn + earth_rate + transport), c.transpose() * force)
     }
 
-    /// The integrals over a step, by Simpson's rule over eight pieces.
+    /// Integrals over a step, by Simpson's rule with eight pieces.
     fn reading(&self, t: f64, dt_s: f64) -> ImuReading {
         let (mut angle_rad, mut velocity_mps) = (Vector3::zeros(), Vector3::zeros());
         for k in 0..=16 {
@@ -134,11 +134,11 @@ fn apart(a: &NavigationState, b: &NavigationState) -> [f64; 3] {
     [place, (a.vel_ned_mps - b.vel_ned_mps).norm(), a.body_to_ned.angle_to(&b.body_to_ned)]
 }
 
-/// How far the mechanisation of the integrals of rate and force is from the motion after a minute.
+/// Distance between the mechanisation of the integrals of rate and force and the motion, after a minute.
 fn after_a_minute(earth: NavigationEarth, steps: u32) -> [f64; 3] {
     let swing = Swing { earth };
     let dt_s = 60.0 / f64::from(steps);
-    // The first reading lets the second know the one before it.
+    // The first reading is the previous reading of the second one.
     let mut ins = Mechanisation::new(earth, swing.motion(0.0), 0.0);
     for k in 0..steps {
         let (t, middle) = (dt_s * f64::from(k), dt_s * (f64::from(k) + 0.5));
@@ -148,15 +148,15 @@ fn after_a_minute(earth: NavigationEarth, steps: u32) -> [f64; 3] {
 }
 
 #[test]
-fn law_the_mechanisation_finds_a_motion_from_the_integrals_of_its_rate_and_force() {
+fn law_the_mechanisation_reproduces_a_motion_from_the_integrals_of_its_rate_and_force() {
     for earth in [NavigationEarth::Wgs84, NavigationEarth::Sphere { rate_radps: EARTH_RATE_RADPS }] {
         let (coarse, fine) = (after_a_minute(earth, 1200), after_a_minute(earth, 2400));
         println!("{earth:?}: {coarse:?} {fine:?} m, m/s, rad");
         for (coarse, fine) in coarse.iter().zip(fine) {
-            // Third order: eight times; the position mixes in the trapezoidal rule's second.
+            // Third order: a factor of eight; the position adds the second order of the trapezoidal rule.
             assert!(coarse / fine > 6.0, "{coarse:e} {fine:e}");
         }
-        // At 40 Hz, with swings of 0.2 rad at 1.1 rad/s: (0.2 * 1.1 Δt)³ of 9.8 m/s² is 2e-6 m/s² in each step.
+        // At 40 Hz, with oscillations of 0.2 rad at 1.1 rad/s: (0.2 * 1.1 Δt)³ of 9.8 m/s² is 2e-6 m/s² in each step.
         assert!(fine[0] < 1e-3 && fine[1] < 3e-5 && fine[2] < 2e-7, "{fine:?}");
     }
 }
@@ -187,7 +187,7 @@ fn law_the_readings_of_a_motion_are_the_integrals_of_its_rate_and_force() {
 }
 
 #[test]
-fn law_readings_lead_back_to_the_motion_they_were_made_of() {
+fn law_the_mechanisation_of_ideal_readings_reproduces_the_motion() {
     let swing = Swing { earth: NavigationEarth::Wgs84 };
     let mut readings = IdealImu::new(NavigationEarth::Wgs84, swing.motion(0.0));
     let mut ins = Mechanisation::new(NavigationEarth::Wgs84, swing.motion(0.0), 0.0);
@@ -198,14 +198,14 @@ fn law_readings_lead_back_to_the_motion_they_were_made_of() {
         ins.step(&reading, Some(baro_alt_m + 0.5 * readings.motion().alt_m));
     }
     let [place, speed, angle] = apart(ins.motion(), readings.motion());
-    // 6000 roundings, and a step that ends before its repetitions have: (2 Ω Δt)^4.
+    // 6000 rounding errors, and the truncation after the last repetition of a step: (2 Ω Δt)^4.
     assert!(place < 1e-6 && speed < 1e-9 && angle < 1e-12, "{place:e} {speed:e} {angle:e}");
     let [place, ..] = apart(readings.motion(), &swing.motion(600.0));
-    // The trapezoidal rule over the velocities: v'' Δt²/12 of the swings, which come and go.
+    // Trapezoidal rule over the velocities: v'' Δt²/12 of the oscillations, which average out.
     assert!(place < 0.05, "{place}");
 }
 
-/// North of where it began (m) after each second of rest on a sphere that does not rotate.
+/// Displacement north from the start (m) after each second of rest on a sphere that does not rotate.
 fn drift_north_m(errors: &ImuErrors, tilt: f64, seconds: usize) -> Vec<f64> {
     let start = NavigationState { body_to_ned: quaternion(&Matrix3::identity()), ..at_rest(0.0) };
     let tilted = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, tilt, 0.0)) * start.body_to_ned;
@@ -217,7 +217,7 @@ fn drift_north_m(errors: &ImuErrors, tilt: f64, seconds: usize) -> Vec<f64> {
     resting(NOT_ROTATING, start, seconds).iter().map(one).collect()
 }
 
-/// The largest difference of two courses, relative to the size of the second.
+/// Largest difference of two series, relative to the magnitude of the second.
 fn difference(a: &[f64], b: impl Fn(f64) -> f64) -> f64 {
     let b: Vec<f64> = (1..=a.len()).map(|t| b(t as f64)).collect();
     let size = b.iter().fold(0.0_f64, |size, b| size.max(b.abs()));
@@ -225,10 +225,10 @@ fn difference(a: &[f64], b: impl Fn(f64) -> f64) -> f64 {
 }
 
 #[test]
-fn law_tilts_and_biases_swing_with_schulers_period() {
+fn law_tilts_and_biases_oscillate_with_the_schuler_period() {
     let schuler = (G / R).sqrt();
     let hours = 2 * 5064;
-    // Small enough that what is of second order, in kilometres over the radius, does not count.
+    // Small enough to neglect the second order, in kilometres over the radius.
     let (bias, tilt, drift) = (1e-3, 1e-5, 1e-8);
     let acc = ImuErrors { acc_bias_mps2: Vector3::new(-bias, 0.0, 0.0), ..ImuErrors::default() };
     let gyro = ImuErrors { gyro_bias_radps: Vector3::new(0.0, -drift, 0.0), ..ImuErrors::default() };
@@ -239,7 +239,7 @@ fn law_tilts_and_biases_swing_with_schulers_period() {
         difference(&drift_north_m(&ImuErrors::default(), tilt, hours), |t| -R * tilt * (1.0 - (schuler * t).cos()));
     let of_drift = difference(&drift_north_m(&gyro, 0.0, hours), |t| -R * drift * (t - (schuler * t).sin() / schuler));
     println!("bias {of_bias:.1e}, tilt {of_tilt:.1e}, drift {of_drift:.1e}");
-    // The step of a second: (ωs Δt)²/12 = 1e-7 of the phase; two swings of it.
+    // Step of one second: (ωs Δt)²/12 = 1e-7 of the phase, over two oscillations.
     assert!(of_bias < 1e-5 && of_tilt < 1e-5 && of_drift < 1e-5, "{of_bias:e} {of_tilt:e} {of_drift:e}");
 }
 
@@ -253,7 +253,7 @@ fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
         apart(ins.motion(), &start)[0]
     };
     let distances: Vec<f64> = resting(NavigationEarth::Wgs84, start, 6000).iter().map(away).collect();
-    // The plane of the swing turns as Foucault's does: b/ωs² |1 - exp(-i Ω sin(lat) t) cos(ωs t)|.
+    // The plane of the oscillation rotates like Foucault's: b/ωs² |1 - exp(-i Ω sin(lat) t) cos(ωs t)|.
     let turning = EARTH_RATE_RADPS * start.lat_rad.sin();
     let misfit = |period_min: f64| {
         let schuler = std::f64::consts::TAU / (60.0 * period_min);
@@ -265,12 +265,12 @@ fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
     let periods = (0..200).map(|k| 80.0 + 0.05 * f64::from(k));
     let best = periods.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b))).unwrap_or_default();
     println!("period {best:.2} min, misfit {:.4}", misfit(best));
-    // Beyond Foucault's turn, the rotation adds (Ω/ωs)², 0.35 % of the period.
+    // In addition to Foucault's rotation, the earth rate adds (Ω/ωs)², 0.35 % of the period.
     assert!((best - 84.4).abs() < 0.3 && misfit(best) < 0.02, "{best} {}", misfit(best));
 }
 
 #[test]
-fn law_a_flight_over_the_pole_goes_on_south_on_the_other_side() {
+fn law_a_flight_over_the_pole_continues_south_on_the_other_side() {
     let start = NavigationState {
         lat_rad: 89.999_f64.to_radians(),
         lon_rad: 0.5,
@@ -280,7 +280,7 @@ fn law_a_flight_over_the_pole_goes_on_south_on_the_other_side() {
     };
     let mut ins = Mechanisation::new(NOT_ROTATING, start, 0.0);
     for _ in 0..20 {
-        // Along a great circle the body turns about its right wing alone.
+        // Along a great circle the body rotates only about its right wing.
         let angle_rad = Vector3::new(0.0, -100.0 / R, 0.0);
         ins.step(&ImuReading { dt_s: 1.0, angle_rad, velocity_mps: Vector3::new(0.0, 0.0, 1e4 / R - G) }, Some(0.0));
     }
@@ -294,7 +294,7 @@ fn law_a_flight_over_the_pole_goes_on_south_on_the_other_side() {
 }
 
 #[test]
-fn law_a_free_vertical_channel_runs_away_and_a_barometer_holds_it() {
+fn law_a_free_vertical_channel_diverges_and_a_barometer_stabilises_it() {
     let start = at_rest(0.7);
     let errors =
         ImuErrors { acc_bias_mps2: start.body_to_ned.inverse() * Vector3::new(0.0, 0.0, 1e-3), ..ImuErrors::default() };
@@ -311,6 +311,6 @@ fn law_a_free_vertical_channel_runs_away_and_a_barometer_holds_it() {
     let expected = 1e-3 / lambda.powi(2) * ((lambda * 1200.0).cosh() - 1.0);
     let free = fallen(None);
     assert!((free / expected - 1.0).abs() < 0.01, "{free} {expected}");
-    // The loop's integral takes the bias up: b/K2 = 3.3 m at most, and less and less.
+    // The loop's integral compensates the bias: b/K2 = 3.3 m at most, and decreasing.
     assert!(fallen(Some(0.0)).abs() < 0.3, "{}", fallen(Some(0.0)));
 }

@@ -1,7 +1,7 @@
-//! The particles, in blocks of structures of arrays, and what is done to all of them alike.
+//! Particles, in blocks of structures of arrays, and operations on all of them.
 //!
-//! Sums run over the particles in an order that depends neither on the width of the vector unit nor on threads, and no
-//! product is fused with a sum.
+//! The order of sums over the particles depends neither on the width of the vector unit nor on threads. Products and
+//! sums are not fused.
 
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use rayon::prelude::*;
@@ -9,35 +9,35 @@ use rayon::prelude::*;
 use super::covariance::{GaussMarkovStep, ParticleMatrix, ParticleSpread};
 use super::draws::ParticleDraws;
 
-/// Particles in a block: their states are 5 to 7 kB, which the innermost cache holds.
+/// Number of particles per block: their states are 5 to 7 kB, which fits the innermost cache.
 pub(super) const BLOCK: usize = 32;
 /// One value for each particle of a block.
 pub(super) type ParticleLanes = [f64; BLOCK];
 /// The `N` states of a block: the 18 of the INS, and those of further measurements.
 pub(super) type ParticleBlock<const N: usize> = [ParticleLanes; N];
-/// Particles whose sums are in registers.
+/// Number of particles whose sums are in registers.
 const WIDE: usize = 16;
-/// Separate sums, so that they need not wait for each other.
+/// Number of separate sums, so that they are independent in the pipeline.
 const SUMS: usize = 8;
-/// Fewer particles are moved faster by one thread than spread over several.
+/// Number of particles below which one thread is faster than several.
 const LEAST_TO_SPREAD: usize = 8192;
-/// Blocks that a thread takes at a time.
+/// Number of blocks per thread task.
 const SHARE: usize = 64;
 
-/// Particles with their weights; those beyond the last fill its block and weigh nothing.
+/// Particles with their weights. Particles beyond the last fill its block and have zero weight.
 #[derive(Clone, Debug)]
 pub(super) struct ParticleCloud<const N: usize> {
-    /// Their number.
+    /// Number of particles.
     pub(super) particles: usize,
-    /// Their states.
+    /// States of the particles.
     pub(super) blocks: Vec<ParticleBlock<N>>,
-    /// The logarithms of their weights.
+    /// Logarithms of their weights.
     pub(super) log_weights: Vec<ParticleLanes>,
-    /// Their weights, which sum up to 1.
+    /// Weights, which add up to 1.
     pub(super) weights: Vec<ParticleLanes>,
 }
 
-/// The entries of a transition matrix that are not zero, by rows.
+/// Nonzero entries of a transition matrix, by rows.
 pub(super) struct SparseTransition<const N: usize> {
     entries: Vec<(usize, f64)>,
     /// End of the entries of each row.
@@ -60,7 +60,7 @@ impl<const N: usize> SparseTransition<N> {
 }
 
 impl<const N: usize> ParticleCloud<N> {
-    /// Particles about no error, with these standard deviations of the position.
+    /// Particles about zero error, with these standard deviations of the position.
     pub(super) fn new(particles: usize, sigmas: [f64; 2], draws: ParticleDraws) -> Self {
         let count = particles.div_ceil(BLOCK);
         let mut cloud = Self {
@@ -85,7 +85,7 @@ impl<const N: usize> ParticleCloud<N> {
         }
     }
 
-    /// Gives all particles the same weight.
+    /// Sets equal weights.
     pub(super) fn make_equal(&mut self) {
         let weight = 1.0 / self.particles as f64;
         let log_weight = -(self.particles as f64).ln();
@@ -97,7 +97,7 @@ impl<const N: usize> ParticleCloud<N> {
         }
     }
 
-    /// The effective number of particles, 1/Σq². [Kong, Liu & Wong 1994]
+    /// Effective number of particles, 1/Σq². [Kong, Liu & Wong 1994]
     pub(super) fn effective(&self) -> f64 {
         let mut squares = [0.0; SUMS];
         for weights in &self.weights {
@@ -106,12 +106,13 @@ impl<const N: usize> ParticleCloud<N> {
         1.0 / total(&squares)
     }
 
-    /// The weighted mean of the states.
+    /// Weighted mean of the states.
     pub(super) fn mean(&self) -> [f64; N] {
         pulp::Arch::new().dispatch(CloudMean(self))
     }
 
-    /// The weighted covariance of the position about a mean: twice latitude, latitude with longitude, twice longitude.
+    /// Weighted covariance of the position about a mean: variance of latitude, covariance with longitude, variance of
+    /// longitude.
     pub(super) fn position_covariance(&self, mean: &[f64; N]) -> [f64; 3] {
         let mut sums = [[0.0; SUMS]; 3];
         for (block, weights) in self.blocks.iter().zip(&self.weights) {
@@ -123,7 +124,7 @@ impl<const N: usize> ParticleCloud<N> {
         sums.each_ref().map(total)
     }
 
-    /// The weighted covariance of all states about a mean, without that which the particles share.
+    /// Weighted covariance of all states about a mean, without the common covariance.
     pub(super) fn covariance(&self, mean: &[f64; N]) -> ParticleMatrix<N> {
         let mut sum = [[0.0; N]; N];
         for (block, weights) in self.blocks.iter().zip(&self.weights) {
@@ -135,7 +136,7 @@ impl<const N: usize> ParticleCloud<N> {
         sum
     }
 
-    /// Moves every particle: x ← Φ x + spread·ξ.
+    /// Propagates every particle: x ← Φ x + spread·ξ.
     pub(super) fn propagate(&mut self, phi: &SparseTransition<N>, spread: &ParticleSpread<N>, draws: ParticleDraws) {
         let particles = self.particles;
         let share = |(number, blocks): (usize, &mut [ParticleBlock<N>])| {
@@ -150,7 +151,7 @@ impl<const N: usize> ParticleCloud<N> {
     }
 
     /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P u) r, where `r` is the
-    /// residual over its variance, and `of_common` is P u with what all particles have in common of H.
+    /// residual over its variance, and `of_common` is P u with the common part u of H.
     pub(super) fn correct(
         &mut self,
         p: &ParticleMatrix<N>,
@@ -161,7 +162,7 @@ impl<const N: usize> ParticleCloud<N> {
         pulp::Arch::new().dispatch(CloudCorrection { blocks: &mut self.blocks, p, of_common, slopes, residuals });
     }
 
-    /// The state of one particle.
+    /// State of one particle.
     #[inline(always)]
     pub(super) fn particle(&self, index: usize) -> [f64; N] {
         let (block, lane) = (&self.blocks[index / BLOCK], index % BLOCK);
@@ -179,13 +180,13 @@ pub(super) fn accumulate(sums: &mut [f64; SUMS], of: impl Fn(usize) -> f64) {
     }
 }
 
-/// The sum of the separate sums.
+/// Sum of the separate sums.
 pub(super) fn total(sums: &[f64; SUMS]) -> f64 {
     let [a, b, c, d, e, f, g, h] = *sums;
     ((a + e) + (b + f)) + ((c + g) + (d + h))
 }
 
-/// No sum yet.
+/// Initial value of the sums.
 pub(super) const NO_SUMS: [f64; SUMS] = [0.0; SUMS];
 
 /// Adds weight·x xᵀ.
@@ -216,7 +217,7 @@ impl<const N: usize> pulp::NullaryFnOnce for CloudMean<'_, N> {
 
 struct CloudPropagation<'a, const N: usize> {
     blocks: &'a mut [ParticleBlock<N>],
-    /// The number of the first particle.
+    /// Index of the first particle.
     first: usize,
     phi: &'a SparseTransition<N>,
     spread: &'a ParticleSpread<N>,

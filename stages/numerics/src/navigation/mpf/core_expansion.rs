@@ -1,4 +1,4 @@
-//! The core field over the whole cloud of particles: an expansion to second order.
+//! Core field over the whole cloud of particles: an expansion to second order.
 
 use std::sync::Arc;
 
@@ -6,9 +6,9 @@ use crate::earth::core_field::CoreField;
 use crate::earth::field_value::FieldValue;
 use crate::earth::geodesy::EarthModel;
 
-/// The magnitude of the core field about a point near the middle of the cloud. A cloud may be tens of kilometres wide,
-/// which is beyond a linear expansion; that to second order is exact to 0.001 nT within 10 km, and to 0.1 nT within
-/// 30 km.
+/// Magnitude of the core field about a point near the middle of the cloud. A cloud may be tens of kilometres wide,
+/// which exceeds the range of a linear expansion. The second-order expansion is exact to 0.001 nT within 10 km, and to
+/// 0.1 nT within 30 km.
 #[derive(Clone, Debug)]
 pub(super) struct CoreExpansion {
     field: Arc<CoreField>,
@@ -21,14 +21,14 @@ struct CoreExpansionPoint {
     lon_deg: f64,
     alt_m: f64,
     at_place: FieldValue,
-    /// Second derivatives: twice with latitude, latitude with longitude, twice with longitude, in nT/rad².
+    /// Second derivatives by latitude twice, by latitude and longitude, and by longitude twice, in nT/rad².
     second: [f64; 3],
-    /// Change of the slope with height, with latitude and longitude, in nT/(m rad).
+    /// Change of the vertical slope with latitude and longitude, in nT/(m rad).
     slope_d_lat: f64,
     slope_d_lon: f64,
 }
 
-/// A middle farther than this from the point of expansion moves it.
+/// Largest distance of the middle from the point of expansion before the point is moved.
 const REACH_M: f64 = 2000.0;
 const REACH_UP_M: f64 = 100.0;
 /// Step of the central differences of the exact gradient: about 3 km.
@@ -39,7 +39,7 @@ impl CoreExpansion {
         Self { field, place: None }
     }
 
-    /// Moves the point of expansion where the middle of the cloud is too far from it.
+    /// Moves the point of expansion if the middle of the cloud is too far from it.
     pub(super) fn follow(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) {
         let near = |place: &CoreExpansionPoint| {
             let (north, east) =
@@ -51,13 +51,13 @@ impl CoreExpansion {
         }
     }
 
-    /// The value, in nT, and its change with height, in nT/m; 0 before the first [`Self::follow`].
+    /// Value, in nT, and its change with height, in nT/m; 0 before the first [`Self::follow`].
     #[inline(always)]
     pub(super) fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> (f64, f64) {
         self.place.as_ref().map_or((0.0, 0.0), |place| place.extrapolate(lat_deg, lon_deg, alt_m))
     }
 
-    /// Its horizontal gradient at the point of expansion, in nT/rad; 0 before the first [`Self::follow`].
+    /// Horizontal gradient at the point of expansion, in nT/rad; 0 before the first [`Self::follow`].
     pub(super) fn gradient(&self) -> [f64; 2] {
         self.place.as_ref().map_or([0.0; 2], |CoreExpansionPoint { at_place, .. }| {
             [at_place.d_lat_nt_per_rad, at_place.d_lon_nt_per_rad]

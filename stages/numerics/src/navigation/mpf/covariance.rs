@@ -1,25 +1,25 @@
-//! The covariance that all particles share: that of the linear states, given a particle's position.
+//! Covariance that all particles share: of the linear states, given a particle's position.
 //!
-//! It is kept over all `N` states, the 18 of the INS and those of further measurements, with zeros for the position.
+//! It is stored over all `N` states, the 18 of the INS and those of further measurements, with zeros for the position.
 
 use crate::navigation::line::LineStep;
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::transition::propagate_covariance;
 
-/// A pivot below this part of its variance is rounding.
+/// Fraction of its variance below which a pivot is rounding.
 const LEAST_PIVOT: f64 = 1e-13;
 
-/// A matrix of the states.
+/// Matrix over the states.
 pub(super) type ParticleMatrix<const N: usize> = [[f64; N]; N];
-/// Two columns over the states, by which two standard normals move a particle.
+/// Two columns over the states, factors of the two standard normals of a particle.
 pub(super) type ParticleSpread<const N: usize> = [[f64; 2]; N];
 
 /// Propagation of a further state, a Gauss-Markov process, over a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GaussMarkovStep {
-    /// The part of it that is left.
+    /// Decay factor over the step.
     pub(super) decay: f64,
-    /// The variance that the step adds.
+    /// Variance that the step adds.
     pub(super) variance: f64,
 }
 
@@ -33,8 +33,8 @@ pub(super) fn dot<const N: usize>(h: &[(usize, f64)], x: &[f64; N]) -> f64 {
     h.iter().map(|(state, entry)| entry * x[*state]).sum()
 }
 
-/// Corrects a covariance by a scalar measurement of `h`·x with a noise of this variance, in Joseph's form; of variance
-/// 0, conditions it on that. A combination without variance is left as it is.
+/// Corrects a covariance with a scalar measurement of `h`·x with a noise of this variance, in Joseph's form; with
+/// variance 0, conditions it on the value. A combination without variance is not changed.
 pub(super) fn correct<const N: usize>(p: &mut ParticleMatrix<N>, h: &[(usize, f64)], variance: f64) {
     let ph = times(p, h);
     let total = dot(h, &ph) + variance;
@@ -59,7 +59,7 @@ pub(super) fn correct<const N: usize>(p: &mut ParticleMatrix<N>, h: &[(usize, f6
     }
 }
 
-/// Makes a state's row and column zero: one that has no variance left but rounding.
+/// Sets the row and column of a state to zero if its variance is only rounding.
 fn clear<const N: usize>(p: &mut ParticleMatrix<N>, state: usize) {
     p[state] = [0.0; N];
     p.iter_mut().for_each(|row| row[state] = 0.0);
@@ -84,11 +84,11 @@ pub(super) fn condition_on_position<const N: usize>(p: &mut ParticleMatrix<N>) -
     spread
 }
 
-/// The step of the common covariance, and how the normals of each particle enter its state: with the covariance
-/// Σ = Φ diag(0, P) Φᵀ + Q of the step, x ← Φ x + spread·ξ and P ← Σ given the position.
+/// Step of the common covariance, and the factors of each particle's normals: with the covariance Σ = Φ diag(0, P) Φᵀ +
+/// Q of the step, x ← Φ x + spread·ξ and P ← Σ given the position.
 ///
 /// [Schön, Gustafsson & Nordlund 2005, (22)-(25), where M is the position's block of Σ, and L M the rest of its
-/// columns; noise that position and linear states share, which the paper removes beforehand, is part of Σ]
+/// columns. The paper first removes noise that position and linear states share; here it is part of Σ]
 pub(super) fn predict<const N: usize>(
     p: &mut ParticleMatrix<N>,
     step: &LineStep,
@@ -119,8 +119,7 @@ pub(super) fn predict<const N: usize>(
     condition_on_position(p)
 }
 
-/// Sums over the particles that a measurement corrected: weight over innovation variance times 1, the slope with
-/// height, and its square.
+/// Sums over the corrected particles: weight over innovation variance times 1, the slope with height, and its square.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InformationSums {
     pub(super) common: f64,
@@ -128,12 +127,12 @@ pub(super) struct InformationSums {
     pub(super) alt: f64,
 }
 
-/// The mean of the covariances that the particles have after a measurement, P − P (Σ w hᵀh/v) P with h = u + slope·e,
-/// where u is `common` to all particles and e is the altitude.
+/// Mean of the covariances of the particles after a measurement, P − P (Σ w hᵀh/v) P with h = u + slope·e, where u is
+/// `common` to all particles and e is the altitude.
 ///
-/// It is that of the measurement with information J = M (I − P M)⁻¹, M being the sum, over u·x and the altitude; J is
-/// split in two scalar measurements so that each can be in Joseph's form. With one slope for all it is one: the usual
-/// update.
+/// It equals the covariance after a measurement with information J = M (I − P M)⁻¹, where M is the sum, over u·x and
+/// the altitude. J is split into two scalar measurements so that each can be in Joseph's form. With equal slopes there
+/// is one measurement: the usual update.
 pub(super) fn measure<const N: usize>(p: &mut ParticleMatrix<N>, common: &[(usize, f64)], of: InformationSums) {
     let of_common = times(p, common);
     let (paa, pau, puu) = (p[ALT][ALT], of_common[ALT], dot(common, &of_common));

@@ -2,7 +2,7 @@
 
 use crate::random::SplitMix64;
 
-/// By how much the state of SplitMix64 moves with each draw.
+/// State increment of SplitMix64 per draw.
 const STRIDE: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Purpose of a draw.
@@ -15,7 +15,7 @@ pub(super) enum DrawPurpose {
     Roughening = 5,
 }
 
-/// The numbers of one purpose at one step: a stretch of a SplitMix64 sequence, entered anywhere in constant time.
+/// Numbers of one purpose at one step: a section of a SplitMix64 sequence, with random access in constant time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ParticleDraws {
     key: u64,

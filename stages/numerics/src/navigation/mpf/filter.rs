@@ -1,4 +1,4 @@
-//! The recursion along a line.
+//! Recursion along a line.
 
 use crate::navigation::aided::filter::MeasurementOutcome;
 use crate::navigation::aids::{Aid, AidStates, Aids, SampleInnovations, SampleUsage};
@@ -18,11 +18,11 @@ use super::output::{MpfOutput, modes_of};
 use super::parameters::MpfParameters;
 use super::resampling::{ParticleResampler, ParticleResampling};
 
-/// A measurement that would leave less than this part of the particles effective is used in parts.
+/// Smallest fraction of effective particles after a measurement; below it the measurement is used in parts.
 pub(super) const LEAST_LEFT: f64 = 0.1;
 /// Smallest fraction of the remaining information of a measurement that is used at once.
 const LEAST_PART: f64 = 1.0 / 256.0;
-/// The most parts of a measurement.
+/// Maximum number of parts of a measurement.
 pub(super) const MOST_PARTS: usize = 64;
 
 /// Source of a correction of the particles at a sample. Each has its own resamplings.
@@ -48,17 +48,17 @@ pub(super) struct MarginalisedParticleFilter<'a, const N: usize> {
     pub(super) line: &'a NavigationLine<'a>,
     pub(super) parameters: &'a MpfParameters,
     pub(super) cloud: ParticleCloud<N>,
-    /// The covariance of the linear states given a particle's position, that all particles share.
+    /// Covariance of the linear states given a particle's position, common to all particles.
     pub(super) p: ParticleMatrix<N>,
     aids: &'a Aids<'a>,
-    /// The states from 18 on.
+    /// Further states, after the 18.
     layout: StateLayout,
     look: ParticleFields<'a>,
     predictor: CloudPrediction,
     resampler: ParticleResampler<N>,
     clusters: ModeClusters,
     output: MpfOutput,
-    /// Unexplained and collapsed samples in a row up to now.
+    /// Current numbers of consecutive unexplained and collapsed samples.
     in_a_row: [usize; 2],
 }
 
@@ -69,7 +69,7 @@ struct MpfSampleResult {
 }
 
 impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
-    /// The particles at the first sample, before its measurement.
+    /// Particles at the first sample, before its measurement.
     pub(super) fn new(
         line: &'a NavigationLine<'a>,
         aids: &'a Aids<'a>,
@@ -88,7 +88,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
             p[state][state] = error.sigma * error.sigma;
         }
         let sigmas = [LAT, LON].map(|state| p[state][state].sqrt());
-        // The particles hold the horizontal position, independent of the other states at first.
+        // The particles hold the horizontal position, which is initially independent of the other states.
         for state in [LAT, LON] {
             p[state] = [0.0; N];
             p.iter_mut().for_each(|row| row[state] = 0.0);
@@ -147,7 +147,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         self.cloud.propagate(&SparseTransition::new(&step.phi, &further), &spread, draws);
     }
 
-    /// Corrects weights, linear states and their covariance by the measurements of a row, where there are any to use.
+    /// Corrects weights, linear states and their covariance with the usable measurements of a row.
     fn measure(&mut self, row: usize) -> MpfSampleResult {
         let mut unexplained = false;
         let scalar = self.take(CorrectionSource::Scalar, row, &mut unexplained);
@@ -176,7 +176,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         MpfSampleResult { innovation, usage }
     }
 
-    /// Corrects by one measurement of a row.
+    /// Corrects with one measurement of a row.
     fn take(&mut self, turn: CorrectionSource, row: usize, unexplained: &mut bool) -> MeasurementOutcome {
         let Some((value, variance)) = self.look.measured(turn, row) else { return MeasurementOutcome::Missing };
         if turn != CorrectionSource::Scalar {
@@ -195,15 +195,15 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         MeasurementOutcome::Used(innovation)
     }
 
-    /// Looks a measurement up at every particle.
+    /// Predicts a measurement at every particle.
     fn fit(&mut self, turn: CorrectionSource, row: usize, measured: &mut CloudMeasurement) -> Option<CloudResidual> {
         let middle = self.cloud.mean();
         measured.common = self.look.at(turn, row, &self.cloud, &middle, &mut self.predictor)?;
         self.predictor.fit_of(&self.cloud, &self.p, measured)
     }
 
-    /// Corrects by a measurement that was looked up: at once, or where next to no particle would be left, as several
-    /// measurements of it whose inverse variances sum up to its own, with a resampling after each but the last.
+    /// Corrects with a predicted measurement at once. If too few particles would remain effective, splits it into
+    /// several measurements whose inverse variances add up to its own, with a resampling after each except the last.
     fn update(&mut self, turn: CorrectionSource, row: usize, mut whole: CloudMeasurement, mut on_map: f64) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
@@ -269,7 +269,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         Ok(())
     }
 
-    /// Resamples at a row. `turn` and `part` name the draws, which no other resampling of the line has.
+    /// Resamples at a row. `turn` and `part` identify the draws, which no other resampling of the line uses.
     pub(super) fn resample(&mut self, turn: CorrectionSource, row: usize, part: usize) {
         let number = (turn.place() * self.line.ins.len() + row) * MOST_PARTS + part;
         let MpfParameters { seed, regularise, roughening, smooth_over_m, .. } = *self.parameters;
@@ -280,7 +280,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         self.output.report.resamplings += 1;
     }
 
-    /// Resamples where the effective number of particles is below the threshold.
+    /// Resamples if the effective number of particles is below the threshold.
     pub(super) fn resample_where_few(&mut self, turn: CorrectionSource, row: usize, part: usize) {
         if self.cloud.effective() < self.parameters.resample_threshold * self.cloud.particles as f64 {
             self.resample(turn, row, part);
@@ -288,7 +288,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
     }
 }
 
-/// Counts what happens, and how often in a row at most.
+/// Counts an event and its longest run.
 fn count(happens: bool, all: &mut usize, in_a_row: &mut usize, most: &mut usize) {
     if happens {
         *all += 1;

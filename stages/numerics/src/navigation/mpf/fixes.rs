@@ -1,4 +1,4 @@
-//! Aiding positions as the particles take them.
+//! Aiding positions in the particle filter.
 
 use crate::navigation::pinson::ALT;
 use crate::navigation::position_fixes::StateFix;
@@ -19,7 +19,7 @@ struct TentativeWeights {
 }
 
 impl<const N: usize> MarginalisedParticleFilter<'_, N> {
-    /// Corrects weights, linear states and their covariance by the aiding positions of a row.
+    /// Corrects weights, linear states and their covariance with the aiding positions of a row.
     pub(super) fn aid(&mut self, row: usize) {
         let [lat, lon, alt] = self.line.fixes_at(row);
         if let Some(fix) = alt {
@@ -35,7 +35,7 @@ impl<const N: usize> MarginalisedParticleFilter<'_, N> {
         }
     }
 
-    /// The height, which is linear given the position: one gain for all particles.
+    /// Updates with the height, which is linear given the position: one gain for all particles.
     fn fix_height(&mut self, StateFix { error, variance, .. }: StateFix) {
         let total = self.p[ALT][ALT] + variance;
         let gain: [f64; N] = std::array::from_fn(|state| self.p[state][ALT] / total);
@@ -54,8 +54,8 @@ impl<const N: usize> MarginalisedParticleFilter<'_, N> {
         correct(&mut self.p, &[(ALT, 1.0)], variance);
     }
 
-    /// Latitude and longitude, by the weights: at once, or where next to no particle would be left in parts, as several
-    /// fixes whose inverse variances sum up to its own, with a resampling between them.
+    /// Updates the weights with latitude and longitude at once. If too few particles would remain effective, splits
+    /// them into several fixes whose inverse variances add up to its own, with a resampling between them.
     fn fix_position(&mut self, row: usize, fixes: &[StateFix]) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
@@ -82,7 +82,7 @@ impl<const N: usize> MarginalisedParticleFilter<'_, N> {
     }
 }
 
-/// The logarithm of the likelihood of each particle's position, but for a constant.
+/// Logarithm of the likelihood of each particle's position, up to a constant.
 fn log_likelihoods<const N: usize>(cloud: &ParticleCloud<N>, fixes: &[StateFix]) -> Vec<ParticleLanes> {
     let of = |lane: usize, block: &ParticleBlock<N>| -> f64 {
         fixes.iter().map(|fix| -0.5 * (fix.error - block[fix.state][lane]).powi(2) / fix.variance).sum()
@@ -90,13 +90,13 @@ fn log_likelihoods<const N: usize>(cloud: &ParticleCloud<N>, fixes: &[StateFix])
     cloud.blocks.iter().map(|block| std::array::from_fn(|lane| of(lane, block))).collect()
 }
 
-/// The weights of a cloud times a part of the likelihoods.
+/// Weights of a cloud times a part of the likelihoods.
 fn weighed<const N: usize>(cloud: &ParticleCloud<N>, logs: &[ParticleLanes], part: f64) -> TentativeWeights {
     let mut log_weights = cloud.log_weights.clone();
     let mut most = f64::NEG_INFINITY;
     for (weights, logs) in log_weights.iter_mut().zip(logs) {
         for (weight, log) in weights.iter_mut().zip(logs) {
-            // A lane that is no particle stays without weight for any states.
+            // A lane without a particle keeps zero weight for any states.
             if *weight > f64::NEG_INFINITY {
                 *weight += part * log;
                 most = most.max(*weight);

@@ -14,7 +14,7 @@ use super::core_expansion::CoreExpansion;
 use super::filter::CorrectionSource;
 use super::measurement::CloudPrediction;
 
-/// The map and the core field at the positions of the particles.
+/// Map and core field at the positions of the particles.
 #[derive(Clone, Debug)]
 pub(super) struct ParticleFields<'a> {
     line: &'a NavigationLine<'a>,
@@ -24,11 +24,11 @@ pub(super) struct ParticleFields<'a> {
     offset_nt: f64,
     core: Option<CoreExpansion>,
     places: [Vec<f64>; 3],
-    /// At the positions, and at the other end of a baseline.
+    /// Fields at the positions, and at the other end of a baseline.
     fields: [FieldColumns; 2],
 }
 
-/// The entries of a row of H that all particles have in common.
+/// Entries of a row of H that are common to all particles.
 type CommonEntries = Vec<(usize, f64)>;
 
 impl<'a> ParticleFields<'a> {
@@ -52,7 +52,7 @@ impl<'a> ParticleFields<'a> {
         }
     }
 
-    /// A measurement and its variance, where it is there.
+    /// Measurement and its variance, if it exists.
     pub(super) fn measured(&self, turn: CorrectionSource, row: usize) -> Option<(f64, f64)> {
         let CorrectionSource::Further(aid) = turn else {
             return self.line.measured(row, self.offset_nt).filter(|_| self.line.sigma_nt[row] > 0.0);
@@ -69,7 +69,7 @@ impl<'a> ParticleFields<'a> {
         (value.is_finite() && sigma.is_finite()).then_some((value, sigma * sigma))
     }
 
-    /// Tells the predictor what each particle lets expect of a measurement; `middle` is the mean state.
+    /// Computes the prediction of a measurement for each particle; `middle` is the mean state.
     pub(super) fn at<const N: usize>(
         &mut self,
         turn: CorrectionSource,
@@ -114,9 +114,8 @@ impl<'a> ParticleFields<'a> {
         Some([(S, 1.0)].into_iter().chain(self.states.map_error.map(|state| (state, 1.0))).collect())
     }
 
-    /// The field at one end of the baseline less that at the other. The tilt turns the baseline by the mean slope of
-    /// all particles: what their own would make of it differs by the slope times the baseline times the tilt, a
-    /// thousandth of a nanotesla.
+    /// Difference of the fields at both ends of the baseline. The tilt turns the baseline in the mean slope of all
+    /// particles. The difference from their own slopes is slope times baseline times tilt, 0.001 nT.
     fn difference<const N: usize>(
         &mut self,
         row: usize,
@@ -167,7 +166,8 @@ impl<'a> ParticleFields<'a> {
         Some((TILT_N..).zip(tilt).chain([(bias, 1.0)]).chain(slope.into_iter().flatten()).collect())
     }
 
-    /// A component of the field's vector. The core field is linear over the cloud, and the tilt about its middle.
+    /// Component of the field vector. The core field is linear over the cloud, and the tilt is linearised about its
+    /// middle.
     fn vector<const N: usize>(
         &mut self,
         axis: usize,
@@ -215,7 +215,7 @@ impl<'a> ParticleFields<'a> {
         Some((TILT_N..).zip(by_tilt).chain(own).chain(crustal).collect())
     }
 
-    /// The map at the particles' positions moved by an offset in latitude and longitude (rad) and height (m).
+    /// Map at the particles' positions, shifted by an offset in latitude and longitude (rad) and height (m).
     fn look_up<const N: usize>(
         &mut self,
         into: usize,
@@ -234,12 +234,12 @@ impl<'a> ParticleFields<'a> {
             }
         }
         let [lat_deg, lon_deg, alt_m] = &self.places;
-        // Three columns of one length are never refused.
+        // Three columns of equal length are never rejected.
         self.map.at_many(lat_deg, lon_deg, alt_m, &mut self.fields[into]).ok()
     }
 }
 
-/// The position by the INS.
+/// Position of the INS.
 fn origin(line: &NavigationLine<'_>, row: usize) -> [f64; 3] {
     [line.ins.lat_deg[row], line.ins.lon_deg[row], line.ins.alt_m[row]]
 }

@@ -1,4 +1,4 @@
-//! A measurement as all particles see it.
+//! Measurement for all particles.
 
 use crate::navigation::pinson::ALT;
 
@@ -9,19 +9,20 @@ use super::covariance::{InformationSums, ParticleMatrix, dot, times};
 /// cloud.
 const LEAST_ON_MAP: f64 = 0.1;
 
-/// A scalar measurement of z = v(position) + u·x + white noise, where v is of each particle and the row u of all.
+/// Scalar measurement of z = v(position) + u·x + white noise, where v is specific to each particle and the row u is
+/// common.
 #[derive(Clone, Debug)]
 pub(super) struct CloudMeasurement {
     /// z.
     pub(super) value: f64,
-    /// The variance of the white noise.
+    /// Variance of the white noise.
     pub(super) variance: f64,
-    /// The entries of u, over linear states.
+    /// Entries of u, over linear states.
     pub(super) common: Vec<(usize, f64)>,
 }
 
 impl CloudMeasurement {
-    /// The same with a part of its information.
+    /// Same measurement with a part of its information.
     pub(super) fn part(&self, part: f64) -> Self {
         Self { variance: self.variance / part, ..self.clone() }
     }
@@ -32,31 +33,31 @@ impl CloudMeasurement {
 pub(super) struct CloudPrediction {
     /// v at each particle; NaN off the map.
     pub(super) values: Vec<ParticleLanes>,
-    /// Its change with height.
+    /// Change of v with height.
     pub(super) d_alt: Vec<ParticleLanes>,
-    /// The change of the field with height at each particle, in nT/m; 0 off the map.
+    /// Change of the field with height at each particle, in nT/m; 0 off the map.
     pub(super) slopes: Vec<ParticleLanes>,
     /// Residual over its variance at each particle, in 1/nT; 0 off the map.
     pub(super) residuals: Vec<ParticleLanes>,
-    /// One over the variance of the residual, in 1/nT²; 0 off the map.
+    /// Inverse variance of the residual, in 1/nT²; 0 off the map.
     inverses: Vec<ParticleLanes>,
-    /// The logarithm of the likelihood; that of particles off the map follows from the others'.
+    /// Logarithm of the likelihood. For particles off the map it follows from the others.
     log_likelihoods: Vec<ParticleLanes>,
-    /// Weights and their logarithms with the likelihoods, not yet the cloud's.
+    /// Weights with the likelihoods, before they replace those of the cloud.
     weights: Vec<ParticleLanes>,
     log_weights: Vec<ParticleLanes>,
 }
 
-/// The residual of the cloud.
+/// Residual of the cloud.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CloudResidual {
-    /// The part of the weight that is on the map.
+    /// Part of the weight on the map.
     pub(super) on_map: f64,
-    /// The weighted mean of the residuals on the map, in nT.
+    /// Weighted mean of the residuals on the map, in nT.
     pub(super) residual_nt: f64,
-    /// Their variance: between the particles and of each.
+    /// Their variance: between the particles and within each.
     pub(super) variance_nt2: f64,
-    /// The smallest squared residual over its variance among all particles of any weight.
+    /// Smallest NIS among all particles with weight.
     pub(super) best: f64,
 }
 
@@ -75,8 +76,8 @@ impl CloudPrediction {
         }
     }
 
-    /// Compares every particle with a measurement whose values are there. `None` where less than [`LEAST_ON_MAP`] of
-    /// the weight has one.
+    /// Compares every particle with a measurement whose values have been computed. `None` if less than [`LEAST_ON_MAP`]
+    /// of the weight has a value.
     pub(super) fn fit_of<const N: usize>(
         &mut self,
         cloud: &ParticleCloud<N>,
@@ -88,7 +89,7 @@ impl CloudPrediction {
         (fit.on_map >= LEAST_ON_MAP).then_some(fit)
     }
 
-    /// Residuals, their variances and likelihoods for a measurement whose values are there.
+    /// Residuals, their variances and likelihoods for a measurement whose values have been computed.
     pub(super) fn compare_all<const N: usize>(
         &mut self,
         cloud: &ParticleCloud<N>,
@@ -120,7 +121,7 @@ impl CloudPrediction {
         }
     }
 
-    /// The residual of the cloud as its weights are.
+    /// Residual of the cloud with its present weights.
     fn fit<const N: usize>(&self, cloud: &ParticleCloud<N>) -> CloudResidual {
         let (mut on_map, mut first, mut second, mut own) = (NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS);
         let mut best = f64::INFINITY;
@@ -143,8 +144,9 @@ impl CloudPrediction {
         CloudResidual { on_map: share, residual_nt, variance_nt2: between + total(&own) / share, best }
     }
 
-    /// The weights times the likelihoods; those of particles off the map times the mean likelihood of the others, so
-    /// that the part of the weight that is off the map stays as it is. Hands back the effective number of particles.
+    /// Multiplies the weights by the likelihoods. Weights of particles off the map are multiplied by the mean
+    /// likelihood of the others, so the part of the weight off the map stays constant. Returns the effective number of
+    /// particles.
     pub(super) fn weigh<const N: usize>(&mut self, cloud: &ParticleCloud<N>, on_map: f64) -> f64 {
         let mut most = f64::NEG_INFINITY;
         for (logs, likelihoods) in cloud.log_weights.iter().zip(&self.log_likelihoods) {
@@ -179,7 +181,7 @@ impl CloudPrediction {
         1.0 / total(&squares)
     }
 
-    /// Makes the weights of [`Self::weigh`] those of the cloud; the sums that the common covariance needs.
+    /// Replaces the weights of the cloud by those of [`Self::weigh`]. Returns the sums for the common covariance.
     pub(super) fn accept<const N: usize>(&mut self, cloud: &mut ParticleCloud<N>) -> InformationSums {
         std::mem::swap(&mut cloud.weights, &mut self.weights);
         std::mem::swap(&mut cloud.log_weights, &mut self.log_weights);

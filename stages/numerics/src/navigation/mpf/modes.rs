@@ -1,4 +1,4 @@
-//! The modes of a cloud of weighted points in the plane: its hills of density, with a valley between any two of them.
+//! Modes of a cloud of weighted points in the plane: maxima of density, with a valley between any two.
 //!
 //! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth. The cells are
 //! visited from the highest to the lowest, and each joins the hill of its neighbours or starts a new one. Where two
@@ -6,13 +6,13 @@
 //! & Skraba 2013]. Each hill is then analysed on a grid of its size, to separate modes of very different sizes. The
 //! algorithm is deterministic.
 
-/// A saddle lower than this part of the lower top separates two modes.
+/// Fraction of the lower top below which a saddle separates two modes.
 const VALLEY: f64 = 0.4;
-/// Points with less than this part of the weight are no mode of their own; they go to the nearest one.
+/// Smallest weight of a mode. Points of smaller modes join the nearest one.
 const LEAST_WEIGHT: f64 = 0.01;
-/// Cells a side.
+/// Number of cells per side.
 const SIDE: usize = 32;
-/// Half the width of the grid, in standard deviations; what is farther out is in the cells of the edge.
+/// Half the width of the grid, in standard deviations. Points farther out count in the edge cells.
 const HALF_WIDTH: f64 = 4.0;
 const CELLS: usize = SIDE * SIDE;
 /// Number of refinements of a mode.
@@ -22,9 +22,9 @@ const NONE: u32 = u32::MAX;
 /// Clusters of points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModeClusters {
-    /// The mode of each point, from 0.
+    /// Mode of each point, from 0.
     pub(super) labels: Vec<u32>,
-    /// Their number.
+    /// Number of modes.
     pub(super) count: usize,
     scratch: ModeDensityGrid,
 }
@@ -38,12 +38,12 @@ struct ModeDensityGrid {
     hill: Vec<u32>,
 }
 
-/// A weighted mean of points with their covariance and the number of equal weights that would be as good.
+/// Weighted mean of points with their covariance and effective number.
 #[derive(Clone, Copy, Debug)]
 struct ClusterMoments {
     weight: f64,
     mean: [f64; 2],
-    /// The lower factor of Cholesky of the covariance, by rows.
+    /// Lower Cholesky factor of the covariance, by rows.
     root: [f64; 3],
     effective: f64,
 }
@@ -65,11 +65,12 @@ impl ModeClusters {
         }
     }
 
-    /// Splits one mode; its highest hill keeps the label. The number of others, whose labels follow those in use.
+    /// Splits one mode; its highest hill keeps the label. Returns the number of other hills, whose labels follow those
+    /// in use.
     fn split(&mut self, label: u32, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) -> u32 {
         let Some(moments) = ClusterMoments::new(&self.labels, label, weights, points) else { return 0 };
         self.scratch.fill(&moments, &self.labels, label, weights, points);
-        // In cells: the bandwidth of a plane, and a pass of 1 2 1 has the variance ½.
+        // In cells: the bandwidth of a plane. A pass of 1 2 1 has the variance ½.
         let bandwidth = moments.effective.powf(-1.0 / 6.0) * SIDE as f64 / (2.0 * HALF_WIDTH);
         self.scratch.blur((2.0 * bandwidth * bandwidth).ceil().clamp(2.0, 24.0) as usize);
         let hills = self.scratch.climb();
@@ -79,7 +80,7 @@ impl ModeClusters {
         self.relabel(label, weights, hills)
     }
 
-    /// Gives the points of `label` the labels of their hills.
+    /// Sets the labels of the points of `label` to those of their hills.
     fn relabel(&mut self, label: u32, weights: &[f64], hills: usize) -> u32 {
         let mut hill_weights = vec![0.0; hills];
         for (point, weight) in weights.iter().enumerate() {
@@ -131,7 +132,7 @@ impl ClusterMoments {
         let [a, b, c] = [a, b, c].map(|sum| sum / weight);
         let l11 = a.sqrt();
         let l21 = b / l11;
-        // Points on a straight line still have a hill or two: the other axis gets next to no width.
+        // Points on a straight line still have one or two hills: the other axis has a very small width.
         let l22 = (c - l21 * l21).max(1e-12 * c).sqrt();
         let fine = weight > 0.0 && l11 > 0.0 && l22 > 0.0 && l21.is_finite();
         fine.then_some(Self { weight, mean, root: [l11, l21, l22], effective: weight * weight / squares })
@@ -140,7 +141,7 @@ impl ClusterMoments {
     fn cell(&self, at: [f64; 2]) -> usize {
         let u = (at[0] - self.mean[0]) / self.root[0];
         let v = (at[1] - self.mean[1] - self.root[1] * u) / self.root[2];
-        // A float that is below 0 or above the range becomes the end of it.
+        // The cast clamps values outside the range.
         let place = |x: f64| (((x + HALF_WIDTH) / (2.0 * HALF_WIDTH) * SIDE as f64) as usize).min(SIDE - 1);
         place(u) * SIDE + place(v)
     }
@@ -167,7 +168,7 @@ impl ModeDensityGrid {
         }
     }
 
-    /// The hill of a point; `None` where it and all around it weigh nothing.
+    /// Hill of a point; `None` if the point and its neighbours have no weight.
     fn hill_of(&self, point: usize) -> Option<usize> {
         let hill = self.hill[usize::from(self.cells[point])];
         (hill != NONE).then_some(hill as usize)
@@ -193,7 +194,7 @@ impl ModeDensityGrid {
         }
     }
 
-    /// The hill of every cell, numbered from the highest; how many there are.
+    /// Finds the hill of every cell, numbered from the highest. Returns the number of hills.
     fn climb(&mut self) -> usize {
         let Self { density, order, hill, .. } = self;
         order.clear();
@@ -203,7 +204,7 @@ impl ModeDensityGrid {
         });
         hill.clear();
         hill.resize(CELLS, NONE);
-        // By hill as it was started: the hill it is part of, and its top.
+        // For each started hill: the hill it is part of, and its top.
         let (mut part_of, mut tops): (Vec<u32>, Vec<f64>) = (vec![], vec![]);
         for cell in order.iter().map(|cell| usize::from(*cell)) {
             let mut own = NONE;
@@ -244,7 +245,7 @@ impl ModeDensityGrid {
         count as usize
     }
 
-    /// Gives the cells of hills without a name to the nearest cell's hill that has one.
+    /// Assigns the cells of hills without a name to the hill of the nearest cell with one.
     fn give_away(&mut self, names: &[u32]) {
         let named = |hill: u32| hill != NONE && names[hill as usize] != NONE;
         let kept: Vec<usize> = (0..CELLS).filter(|cell| named(self.hill[*cell])).collect();
@@ -268,7 +269,7 @@ fn root_of(part_of: &[u32], mut hill: u32) -> u32 {
     hill
 }
 
-/// The up to eight cells around a cell.
+/// Up to eight neighbours of a cell.
 fn neighbours(cell: usize) -> impl Iterator<Item = usize> {
     let (row, column) = (cell / SIDE, cell % SIDE);
     let rows = row.saturating_sub(1)..(row + 2).min(SIDE);

@@ -10,20 +10,20 @@ use super::cloud::ParticleCloud;
 use super::modes::ModeClusters;
 use super::resampling::position;
 
-/// The filtered line.
+/// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct MpfOutput {
-    /// The weighted mean of the particles and the covariance of their positions, after the measurement of each sample
-    /// and before resampling. The residual is the measurement minus the mean prediction of the particles on the map,
-    /// its variance that of the mixture. Measurements that no particle explains are among the gated.
+    /// Weighted mean of the particles and covariance of their positions, after the measurement of each sample and
+    /// before resampling. The residual is the measurement minus the mean prediction of the particles on the map, and
+    /// its variance is that of the mixture. Measurements that no particle explains are counted as gated.
     pub track: NavigationOutput,
-    /// The effective number of particles 1/Σq² after the measurement of each sample, before resampling.
+    /// Effective number of particles 1/Σq² after the measurement of each sample, before resampling.
     pub effective: Vec<f64>,
     /// Outcome of each sample.
     pub usage: Vec<SampleUsage>,
-    /// The innovations of the further measurements, each of the whole cloud as that of the field.
+    /// Innovations of the further measurements for the whole cloud, as for the field.
     pub aids: AidInnovations,
-    /// The modes of the samples that [`super::MpfParameters::modes_every`] asks for, and of the last sample.
+    /// Modes of the samples selected by [`super::MpfParameters::modes_every`], and of the last sample.
     pub modes: Vec<SampleModes>,
     /// Report on the particles.
     pub report: MpfReport,
@@ -37,34 +37,34 @@ pub struct MpfReport {
     /// Samples with a measurement of the field that no particle explains ([`super::UNEXPLAINED_NIS`]), which is not
     /// used.
     pub unexplained: usize,
-    /// Largest number of them in a row, without counting samples without a measurement.
+    /// Longest run of these samples; samples without a measurement do not interrupt it.
     pub unexplained_in_a_row: usize,
-    /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate,
-    /// and its covariance means nothing.
+    /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate, and
+    /// its covariance is meaningless.
     pub collapsed: usize,
-    /// Largest number of them in a row, without counting samples without a used measurement.
+    /// Longest run of these samples; samples without a used measurement do not interrupt it.
     pub collapsed_in_a_row: usize,
-    /// The smallest effective number of particles.
+    /// Smallest effective number of particles.
     pub least_effective: f64,
 }
 
-/// The modes at a sample.
+/// Modes at a sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampleModes {
-    /// The sample, from 0.
+    /// Index of the sample, from 0.
     pub row: usize,
-    /// They, from the heaviest down; their weights sum up to 1.
+    /// Modes by descending weight; their weights add up to 1.
     pub modes: Vec<PositionMode>,
 }
 
 /// Mode of the density of the particles' positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionMode {
-    /// The probability that the aircraft is in it.
+    /// Probability that the aircraft is in this mode.
     pub weight: f64,
-    /// Its mean latitude, in degrees.
+    /// Mean latitude, in degrees.
     pub lat_deg: f64,
-    /// Its mean longitude, in degrees.
+    /// Mean longitude, in degrees.
     pub lon_deg: f64,
     /// Standard deviation north about its mean, in m.
     pub sd_n_m: f64,
@@ -82,7 +82,7 @@ struct ModeSums {
     covariance: [f64; 3],
 }
 
-/// The modes of a cloud at a row, from the heaviest down.
+/// Modes of a cloud at a row, by descending weight.
 pub(super) fn modes_of<const N: usize>(
     clusters: &mut ModeClusters,
     cloud: &ParticleCloud<N>,

@@ -3,33 +3,33 @@
 use crate::navigation::ins_error::ParameterError;
 use params::{Rule, obeys};
 
-/// The parameters of the marginalised particle filter; noise and errors are those of the line.
+/// Parameters of the marginalised particle filter; noise and errors are those of the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MpfParameters {
-    /// The number of particles, from 1 to [`Self::MOST_PARTICLES`].
+    /// Number of particles, from 1 to [`Self::MOST_PARTICLES`].
     pub particles: usize,
-    /// Seed of all random numbers. The same seed gives the same bits on any number of threads.
+    /// Seed of all random numbers. Results are bit-identical for any number of threads.
     pub seed: u64,
-    /// Resample when the effective number of particles 1/Σq² falls below this part of their number; 0 never resamples,
-    /// 1 always does.
+    /// Fraction of the number of particles. The filter resamples when the effective number 1/Σq² falls below it; 0
+    /// never resamples, 1 always does.
     pub resample_threshold: f64,
-    /// Resample from a kernel density instead of the particles themselves (see [`super::run`]). Without it a
-    /// navigation-grade INS, whose position error is driven by next to no noise, leaves copies of a few particles.
+    /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without it, copies of a few
+    /// particles remain for a navigation-grade INS, whose position error has almost no driving noise.
     pub regularise: bool,
-    /// A distance over which the map is nearly linear, about the height above its sources: a cloud that is wider gets a
-    /// kernel for each of its parts, in m. For a difference it is the slope that is to be linear.
+    /// Distance over which the map is nearly linear, in m; about the height above its sources. A wider cloud has a
+    /// kernel for each of its parts. For a difference, the slope must be linear over this distance.
     pub smooth_over_m: f64,
-    /// Independent noise for the position of each resampled particle, by axis: this times the range of the particles
-    /// over the root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
+    /// Independent noise for the position of each resampled particle, per axis: this number times the range of the
+    /// particles over the root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
     pub roughening: f64,
     /// Largest NIS of a measurement for the whole cloud; larger ones are rejected and counted. `None` rejects only
     /// measurements that contradict every particle.
     pub gate_nis: Option<f64>,
     /// Interval, in samples, at which the modes are returned. The modes of the last sample are always returned.
     pub modes_every: Option<usize>,
-    /// Hand out the mean of the error states of every sample (144 bytes each).
+    /// Returns the mean of the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Hand out their covariance at every sample (2.6 kB each).
+    /// Returns their covariance at every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 
@@ -51,7 +51,7 @@ impl Default for MpfParameters {
 }
 
 impl MpfParameters {
-    /// The most particles: they take about half a gigabyte.
+    /// Maximum number of particles: they take about half a gigabyte.
     pub const MOST_PARTICLES: usize = 1_000_000;
 
     /// Rejects invalid parameters.

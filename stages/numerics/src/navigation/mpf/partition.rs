@@ -1,21 +1,21 @@
-//! A partition of the particles into cells of neighbours, for kernels that follow the shape of the cloud.
+//! Partition of the particles into cells of neighbours, for kernels that follow the shape of the cloud.
 
-/// A cell is halved while both halves have about this many effective particles: enough for a covariance.
+/// Smallest effective number of particles in each half of a cell, sufficient for a covariance.
 const LEAST_EFFECTIVE: f64 = 16.0;
 
 /// Cells of weighted points in the plane.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ParticlePartition {
-    /// The cell of each point, from 0.
+    /// Cell of each point, from 0.
     pub(super) labels: Vec<u32>,
-    /// Their number.
+    /// Number of cells.
     pub(super) count: usize,
     order: Vec<u32>,
 }
 
 impl ParticlePartition {
-    /// Halves the points at the weighted median along the longer side, again and again, down to cells with a standard
-    /// deviation of no more than `size`. [Bentley 1975]
+    /// Halves the points repeatedly at the weighted median along the longer side, down to cells with a standard
+    /// deviation of at most `size`. [Bentley 1975]
     ///
     /// `points` returns coordinates in the unit of `size`.
     pub(super) fn divide(&mut self, weights: &[f64], size: f64, points: impl Fn(usize) -> [f64; 2]) {
@@ -47,8 +47,7 @@ impl ParticlePartition {
     }
 }
 
-/// The axis of the larger variance of a cell that is to be halved; `None` where it is small enough or has too few
-/// effective points.
+/// Axis of the larger variance of a cell to be halved; `None` if it is small enough or has too few effective points.
 fn longer_side(cell: &[u32], weights: &[f64], size: f64, points: impl Fn(usize) -> [f64; 2]) -> Option<usize> {
     let (mut weight, mut squares, mut sum) = (0.0, 0.0, [0.0; 2]);
     for point in cell {

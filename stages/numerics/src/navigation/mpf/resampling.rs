@@ -19,7 +19,7 @@ pub(super) struct ParticleResampling {
     pub(super) m_per_rad: [f64; 2],
 }
 
-/// Buffers that all resamplings use.
+/// Buffers that all resamplings share.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ParticleResampler<const N: usize> {
     ancestors: Vec<u32>,
@@ -30,8 +30,8 @@ pub(super) struct ParticleResampler<const N: usize> {
 }
 
 impl<const N: usize> ParticleResampler<N> {
-    /// Draws as many particles as there are, each with its weight for a probability, and makes their weights equal.
-    /// `p` is the covariance that they share, to which a kernel adds its linear part.
+    /// Draws as many particles as there are, with probabilities equal to the weights, and sets equal weights. `p` is
+    /// the common covariance, to which a kernel adds its linear part.
     pub(super) fn resample(
         &mut self,
         how: ParticleResampling,
@@ -65,7 +65,7 @@ impl<const N: usize> ParticleResampler<N> {
         cloud.make_equal();
     }
 
-    /// The kernels of the position by cell, and of the linear states by mode.
+    /// Kernels of the position by cell, and of the linear states by mode.
     fn kernels(
         &mut self,
         how: ParticleResampling,
@@ -85,16 +85,16 @@ impl<const N: usize> ParticleResampler<N> {
     }
 }
 
-/// The moments of some of the particles.
+/// Moments of a subset of the particles.
 struct ParticleMoments<const N: usize> {
     weight: f64,
-    /// The number of equal weights that would be as good.
+    /// Effective number of particles.
     effective: f64,
     mean: [f64; N],
     covariance: [[f64; N]; N],
 }
 
-/// The moments of the particles of each label.
+/// Moments of the particles of each label.
 fn moments<const N: usize>(
     weights: &[f64],
     labels: &[u32],
@@ -122,10 +122,10 @@ fn moments<const N: usize>(
     all
 }
 
-/// The kernel of the position in one cell.
+/// Kernel of the position in one cell.
 struct PositionKernel {
     mean: [f64; 2],
-    /// The Cholesky factor of the cell's covariance, by rows.
+    /// Cholesky factor of the cell's covariance, by rows.
     root: [f64; 3],
     width: f64,
     closer: f64,
@@ -141,7 +141,7 @@ impl PositionKernel {
         Self { mean: of.mean, root, width, closer: (1.0 - width * width).sqrt() }
     }
 
-    /// A draw from the kernel of a position.
+    /// Draws from the kernel of a position.
     fn draw(&self, at: [f64; 2], normals: [f64; 2]) -> [f64; 2] {
         let [l11, l21, l22] = self.root;
         let [a, b] = normals.map(|normal| self.width * normal);
@@ -150,13 +150,13 @@ impl PositionKernel {
     }
 }
 
-/// The kernel of the linear states in one mode: not drawn, but made part of the covariance that the particles share.
+/// Kernel of the linear states in one mode: not drawn, but added to the common covariance.
 struct LinearKernel<const N: usize> {
     weight: f64,
     mean: [f64; N],
-    /// The first two columns of the Cholesky factor of the mode's covariance: the regression on the position.
+    /// First two columns of the Cholesky factor of the mode's covariance: the regression on the position.
     spread: ParticleSpread<N>,
-    /// Its remaining covariance given the position.
+    /// Remaining covariance given the position.
     rest: ParticleMatrix<N>,
     width: f64,
 }
@@ -168,7 +168,7 @@ impl<const N: usize> LinearKernel<N> {
         Self { weight: of.weight, mean: of.mean, spread, rest, width: bandwidth(of.effective) }
     }
 
-    /// The linear states that the regression lets expect at a position.
+    /// Expected linear states at a position, by the regression.
     fn expected(&self, at: [f64; 2]) -> [f64; N] {
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
         let north = over(at[0] - self.mean[LAT], self.spread[LAT][0]);
@@ -176,7 +176,7 @@ impl<const N: usize> LinearKernel<N> {
         std::array::from_fn(|state| self.mean[state] + (self.spread[state][0] * north + self.spread[state][1] * east))
     }
 
-    /// A particle that moves to another position, its linear states with it.
+    /// Moves a particle to another position, with its linear states.
     fn follow(&self, x: &[f64; N], to: [f64; 2]) -> [f64; N] {
         let closer = (1.0 - self.width * self.width).sqrt();
         let (here, there) = (self.expected([x[LAT], x[LON]]), self.expected(to));
@@ -194,22 +194,22 @@ impl<const N: usize> LinearKernel<N> {
     }
 }
 
-/// The optimal bandwidth of a Gaussian kernel in a plane, N^(-1/6) standard deviations [Musso, Oudjane & Le Gland 2001;
-/// Silverman 1986, (4.14)]; wider than [`WIDEST`], a kernel would be all there is.
+/// Optimal bandwidth of a Gaussian kernel in a plane, N^(-1/6) standard deviations [Musso, Oudjane & Le Gland 2001;
+/// Silverman 1986, (4.14)]; at most [`WIDEST`], because a wider kernel would dominate.
 fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }
 
-/// The widest kernel, in standard deviations.
+/// Widest kernel, in standard deviations.
 const WIDEST: f64 = 0.7;
 
-/// The latitude and longitude of a particle.
+/// Latitude and longitude of a particle.
 pub(super) fn position<const N: usize>(cloud: &ParticleCloud<N>, index: usize) -> [f64; 2] {
     let (block, lane) = (&cloud.blocks[index / BLOCK], index % BLOCK);
     [block[LAT][lane], block[LON][lane]]
 }
 
-/// Systematic resampling by one uniform number: the particle in whose part of the cumulated weight (k + u)/N is.
+/// Systematic resampling by one uniform number: the particle whose part of the cumulative weight contains (k + u)/N.
 /// [Kitagawa 1996]
 fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
     ancestors.clear();
@@ -226,7 +226,7 @@ fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
     }
 }
 
-/// Independent normals for the position, by axis, of `factor` times the range over the root of the number.
+/// Adds independent normals to the position, per axis, of `factor` times the range over the root of the number.
 fn roughen<const N: usize>(cloud: &mut ParticleCloud<N>, factor: f64, draws: ParticleDraws) {
     let mut ranges = [(f64::INFINITY, f64::NEG_INFINITY); 2];
     for index in 0..cloud.particles {

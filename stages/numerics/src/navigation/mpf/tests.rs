@@ -23,7 +23,7 @@ mod flights;
 
 const EARTH: EarthModel = EarthModel::Wgs84;
 
-/// A line whose INS flies north at 75 m/s from 45° N, 76° W.
+/// Line whose INS flies north at 75 m/s from 45° N, 76° W.
 struct Scene {
     columns: [Vec<f64>; 13],
     measured_nt: Vec<f64>,
@@ -32,7 +32,7 @@ struct Scene {
     errors: InsErrorModel,
 }
 
-/// An INS that only its position and S are uncertain of.
+/// INS with uncertainty only in its position and S.
 fn exact_ins(position_m: f64) -> InsErrors {
     InsErrors {
         init_position_sigma_m: position_m,
@@ -50,7 +50,7 @@ fn exact_ins(position_m: f64) -> InsErrors {
     }
 }
 
-/// A map of a function of metres north and east of 45° N, 76° W, 16 km wide.
+/// Map of a function of metres north and east of 45° N, 76° W, 16 km wide.
 fn map_of(value: impl Fn(f64, f64) -> f64, slope: Option<f64>) -> FieldMap {
     let axis = |first: f64| -> Vec<f64> { (0..161).map(|k| first - 0.08 + 0.001 * f64::from(k)).collect() };
     let (lat, lon) = (axis(45.0), axis(-76.0));
@@ -73,7 +73,7 @@ fn map_of(value: impl Fn(f64, f64) -> f64, slope: Option<f64>) -> FieldMap {
 }
 
 impl Scene {
-    /// `samples` seconds over a map, the aircraft this far north and east of the INS.
+    /// Flight of `samples` seconds over a map, with this displacement of the aircraft north and east of the INS.
     fn new(samples: usize, map: FieldMap, sources: InsErrors, true_m: [f64; 2]) -> Self {
         let constant = |value: f64| vec![value; samples];
         let tt: Vec<f64> = (0..samples).map(|k| k as f64).collect();
@@ -104,7 +104,7 @@ impl Scene {
         scene
     }
 
-    /// The position of the INS at a row, moved, in degrees.
+    /// Position of the INS at a row, shifted, in degrees.
     fn moved(&self, row: usize, [north_m, east_m]: [f64; 2]) -> (f64, f64) {
         let (lat, lon) = (self.columns[1][row], self.columns[2][row]);
         let (north, east) = EARTH.north_east_m_per_rad(lat.to_radians(), 300.0);
@@ -152,7 +152,7 @@ fn used(output: &MpfOutput, row: usize) -> bool {
     output.usage[row] == SampleUsage::Used
 }
 
-/// All numbers of an answer, as bits.
+/// All numbers of an output, as bits.
 fn bits(output: &MpfOutput) -> Vec<u64> {
     let t = &output.track;
     let columns = [&t.residual_nt, &t.nis, &t.lat_deg, &t.lon_deg, &t.alt_m, &t.vn_mps, &t.sd_n_m, &t.cov_ne_m2];
@@ -163,14 +163,14 @@ fn bits(output: &MpfOutput) -> Vec<u64> {
     bits
 }
 
-/// A map of constant slope in both directions, and a measurement that informs by about one sigma.
+/// Map of constant slope in both directions, and a measurement with information of about one sigma.
 fn linear_scene() -> Scene {
     let sources = InsErrors { init_position_sigma_m: 100.0, ..InsErrors::default() };
     Scene::new(5, map_of(|north, east| 0.02 * north - 0.015 * east, None), sources, [60.0, -80.0])
 }
 
 #[test]
-fn law_on_a_linear_map_the_error_to_the_kalman_filter_falls_with_the_root_of_the_particles() {
+fn law_on_a_linear_map_the_difference_to_the_kalman_filter_falls_with_the_root_of_the_particles() {
     let scene = linear_scene();
     let exact = scene.ekf();
     let last = exact.lat_deg.len() - 1;
@@ -190,18 +190,19 @@ fn law_on_a_linear_map_the_error_to_the_kalman_filter_falls_with_the_root_of_the
     let found = [100, 1000, 10_000].map(error_m);
     println!("rms to the Kalman filter and ratio of sigmas at 100, 1000, 10000 particles: {found:.3?}");
     for pair in found.windows(2) {
-        // A factor of √10 = 3.16; each rms is of 48 numbers, thus known to 10 %, and their ratio to 15 %: three sigmas.
+        // Factor of √10 = 3.16. Each rms is of 48 numbers, so its standard deviation is 10 %, and 15 % for their ratio:
+        // three sigmas.
         let factor = pair[0].0 / pair[1].0;
         assert!((1.8..5.5).contains(&factor), "{factor}");
     }
-    // A sigma of 10,000 particles is known to 1 %, their mean over seeds to 0.2 %.
+    // A standard deviation from 10,000 particles has an error of 1 %, and their mean over seeds of 0.2 %.
     assert!((found[2].1 - 1.0).abs() < 0.01, "{}", found[2].1);
 }
 
 #[test]
-fn law_with_a_known_position_it_is_the_kalman_filter_of_the_linear_states() {
-    // Altitude, velocity and the rest are uncertain at the first sample; after that only S is, which alone does not
-    // move the position.
+fn law_with_a_known_position_it_equals_the_kalman_filter_of_the_linear_states() {
+    // Altitude, velocity and the rest are uncertain at the first sample. After that only S is, which does not affect
+    // the position.
     for (sources, rows) in [(InsErrors { init_altitude_sigma_m: 20.0, ..exact_ins(0.0) }, 1), (exact_ins(0.0), 60)] {
         let mut scene = Scene::new(rows, map_of(|_, _| 0.0, Some(-0.2)), sources, [0.0; 2]);
         scene.errors.fogm_sigma_nt = 8.0;
@@ -209,7 +210,7 @@ fn law_with_a_known_position_it_is_the_kalman_filter_of_the_linear_states() {
         let usual = MpfParameters { particles: 40, ..MpfParameters::default() };
         let out = scene.run(&MpfParameters { keep_states: true, keep_covariance: true, ..usual });
         for row in 0..rows {
-            // Rounding only: some hundred operations on each number.
+            // Rounding only: a few hundred operations on each number.
             assert!((out.track.residual_nt[row] - exact.residual_nt[row]).abs() < 1e-11);
             assert!((out.track.nis[row] - exact.nis[row]).abs() < 1e-11);
             for a in [ALT, S] {
@@ -226,8 +227,8 @@ fn law_with_a_known_position_it_is_the_kalman_filter_of_the_linear_states() {
 }
 
 #[test]
-fn law_a_measurement_leaves_the_mean_of_the_covariances_of_the_particles() {
-    // Altitude and S correlated; three particles with slopes of their own, of which the second is off the map.
+fn law_the_covariance_after_a_measurement_is_the_mean_over_the_particles() {
+    // Correlated altitude and S; three particles with different slopes, of which the second is off the map.
     let mut p: StateMatrix = [[0.0; STATES]; STATES];
     (p[ALT][ALT], p[S][S], p[ALT][S], p[S][ALT], p[5][5], p[5][ALT], p[ALT][5]) = (4.0, 9.0, 1.5, 1.5, 2.0, 1.0, 1.0);
     let mut expected: StateMatrix = [[0.0; STATES]; STATES];
@@ -251,8 +252,8 @@ fn law_a_measurement_leaves_the_mean_of_the_covariances_of_the_particles() {
     }
 }
 
-/// Two hills alike, 1.5 km east and west of the line, and where asked a third on the way of the western one, which is
-/// the aircraft's.
+/// Two equal hills, 1.5 km east and west of the line, and optionally a third along the way of the western one, where
+/// the aircraft flies.
 fn two_hills(third: bool) -> Scene {
     let hill = |north: f64, east: f64| 80.0 * (-(north * north + east * east) / (2.0 * 500.0_f64.powi(2))).exp();
     let value = move |north: f64, east: f64| {
@@ -263,7 +264,7 @@ fn two_hills(third: bool) -> Scene {
 }
 
 #[test]
-fn law_an_ambiguous_map_has_two_modes_until_a_feature_tells_them_apart() {
+fn law_an_ambiguous_map_has_two_modes_until_a_feature_resolves_them() {
     let parameters = MpfParameters { particles: 2000, modes_every: Some(10), ..MpfParameters::default() };
     let east_of = |at: &SampleModes, scene: &Scene| -> Vec<(f64, f64)> {
         let origin = |row: usize| (scene.columns[1][row], -76.0);
@@ -274,14 +275,14 @@ fn law_an_ambiguous_map_has_two_modes_until_a_feature_tells_them_apart() {
     let mut shares = vec![];
     for seed in 0..8 {
         let out = scene.run(&MpfParameters { seed, ..parameters });
-        // At 35 s both hills are half behind.
+        // At 35 s half of both hills has been passed.
         let modes = east_of(&out.modes[4], &scene);
         assert_eq!(modes.len(), 2, "{modes:?}");
         assert!(modes.iter().all(|(_, east)| (east.abs() - 1500.0).abs() < 100.0), "{modes:?}");
         shares.push(modes.iter().find(|(_, east)| *east > 0.0).unwrap().0);
     }
     println!("probability of the eastern hill: {shares:.2?}");
-    // 1500 m is 1.9 sigmas out: a few hundred particles a side at first, fewer with each resampling. Unbiased over
+    // 1500 m are 1.9 sigmas: a few hundred particles per side at first, fewer with each resampling. Unbiased over
     // seeds.
     let mean = shares.iter().sum::<f64>() / 8.0;
     assert!((mean - 0.5).abs() < 0.15 && shares.iter().all(|share| (0.15..0.85).contains(share)), "{shares:?}");
@@ -294,13 +295,13 @@ fn law_an_ambiguous_map_has_two_modes_until_a_feature_tells_them_apart() {
     let modes = east_of(out.modes.last().unwrap(), &scene);
     println!("after the third hill: {modes:.3?}; the Kalman filter is {ekf_east:.0} m off");
     assert!(modes[0].0 > 0.99 && (modes[0].1 + 1500.0).abs() < 50.0, "{modes:?}");
-    // It is sure of the wrong hill.
+    // Its covariance is small on the wrong hill.
     assert!(ekf_east.abs() > 500.0 && exact.sd_e_m[last] < 50.0, "{ekf_east}");
 }
 
 #[test]
-fn law_same_bits_on_any_number_of_threads_and_others_with_another_seed() {
-    // Enough particles to be spread over threads.
+fn unit_results_are_bit_identical_for_any_number_of_threads_and_differ_by_seed() {
+    // Enough particles to use several threads.
     let scene = two_hills(true);
     let parameters = MpfParameters { particles: 9000, modes_every: Some(20), ..MpfParameters::default() };
     let on = |threads: usize, seed: u64| {
@@ -313,7 +314,7 @@ fn law_same_bits_on_any_number_of_threads_and_others_with_another_seed() {
 }
 
 #[test]
-fn law_draws_are_standard_normal_and_unrelated() {
+fn law_draws_are_standard_normal_and_uncorrelated() {
     let n = 100_000;
     let [mut sum, mut square, mut product, mut across] = [0.0; 4];
     let (here, next) = (ParticleDraws::new(7, DrawPurpose::Motion, 1), ParticleDraws::new(7, DrawPurpose::Motion, 2));
@@ -325,13 +326,13 @@ fn law_draws_are_standard_normal_and_unrelated() {
         across += a * c;
     }
     let n = n as f64;
-    // Standard deviations of the means: 1/√(2n), √(2/2n), 1/√n; four of them.
+    // Standard deviations of the means: 1/√(2n), √(2/2n), 1/√n; limits of four of them.
     assert!((sum / (2.0 * n)).abs() < 4.0 / (2.0 * n).sqrt() && (square / (2.0 * n) - 1.0).abs() < 4.0 / n.sqrt());
     assert!(product.abs() < 4.0 * n.sqrt() && across.abs() < 4.0 * n.sqrt());
 }
 
 #[test]
-fn law_modes_of_different_sizes_are_told_apart_and_one_gaussian_is_one() {
+fn law_modes_of_different_sizes_are_separated_and_one_gaussian_is_one_mode() {
     let mut clusters = ModeClusters::default();
     for seed in 0..20 {
         let mut normals = NormalGenerator::new(seed);
@@ -370,7 +371,7 @@ fn law_the_core_field_is_expanded_to_a_thousandth_within_ten_kilometres() {
 }
 
 #[test]
-fn law_missing_measurements_are_predicted_through_and_counted() {
+fn unit_missing_measurements_are_predicted_and_counted() {
     let mut scene = two_hills(true);
     scene.measured_nt[0] = f64::NAN;
     scene.measured_nt[10..20].fill(f64::NAN);
@@ -386,7 +387,7 @@ fn law_missing_measurements_are_predicted_through_and_counted() {
     scene.measured_nt.fill(f64::NAN);
     let out = scene.run(&MpfParameters::default());
     assert_eq!((out.track.report.missing_measurements, out.report.resamplings), (80, 0));
-    // 1000 draws: the mean is known to 800/√1000 = 25 m, three of them; the sigma to 18 m.
+    // 1000 draws: the mean has a standard deviation of 800/√1000 = 25 m, the sigma of 18 m; limits of three of them.
     assert!(
         EARTH.offset_ne_m(scene.moved(79, [0.0; 2]), (out.track.lat_deg[79], out.track.lon_deg[79]), 300.0).0.abs()
             < 80.0
@@ -395,8 +396,8 @@ fn law_missing_measurements_are_predicted_through_and_counted() {
 }
 
 #[test]
-fn law_particles_off_the_map_are_neither_favoured_nor_killed() {
-    // The line begins 8.9 km from the northern edge; here at 200 m from it.
+fn law_particles_off_the_map_keep_their_probability() {
+    // The line begins 8.9 km from the northern edge; here 200 m from it.
     let mut scene = two_hills(false);
     let edge = 45.08 - 200.0 / 111_200.0;
     scene.columns[1].fill(edge);
@@ -406,14 +407,14 @@ fn law_particles_off_the_map_are_neither_favoured_nor_killed() {
     let parameters = MpfParameters { particles: 4000, resample_threshold: 0.0, ..MpfParameters::default() };
     let out = scene.run(&parameters);
     assert_eq!(out.track.report.updates, 5);
-    // The map is flat there: nothing is learnt, and the cloud stays where it was, off the map or on it.
+    // The map is flat there, so nothing is observed, and the cloud keeps its shape, off the map or on it.
     let mut blind = scene.measured_nt.clone();
     blind.fill(f64::NAN);
     let without = Scene { measured_nt: blind, ..two_hills(false) };
     let without = Scene { columns: scene.columns.clone(), ..without }.run(&parameters);
     assert!((out.track.lat_deg[10] - without.track.lat_deg[10]).abs() < 1e-4, "within 10 m");
     assert!((out.track.sd_n_m[10] / without.track.sd_n_m[10] - 1.0).abs() < 0.01);
-    // 30 km away from the map nothing is looked up.
+    // 30 km away from the map no value exists.
     scene.columns[1].fill(45.4);
     let out = scene.run(&parameters);
     assert_eq!((out.track.report.off_map, out.track.report.missing_measurements, out.track.report.updates), (5, 75, 0));
@@ -421,7 +422,7 @@ fn law_particles_off_the_map_are_neither_favoured_nor_killed() {
 }
 
 #[test]
-fn law_what_no_particle_explains_is_left_out_and_counted() {
+fn unit_measurements_that_no_particle_explains_are_rejected_and_counted() {
     let clean = two_hills(true);
     let mut spiked = two_hills(true);
     spiked.measured_nt[40] += 1e6;
@@ -433,13 +434,13 @@ fn law_what_no_particle_explains_is_left_out_and_counted() {
     assert_eq!((out.track.report.gated, out.report.unexplained, out.report.unexplained_in_a_row), (2, 2, 2));
     assert_eq!(out.track.lat_deg, expected.track.lat_deg, "as if they had not been measured");
     assert!(out.track.nis[40] > 1e6 && !used(&out, 40));
-    // A gate leaves out more.
+    // A gate rejects more.
     let gated = clean.run(&MpfParameters { gate_nis: Some(4.0), ..parameters });
     assert!(gated.track.report.gated > 0 && gated.report.unexplained == 0);
 }
 
 #[test]
-fn law_uneven_time_and_a_single_sample() {
+fn unit_uneven_time_and_a_single_sample_are_valid() {
     let mut scene = two_hills(true);
     for column in &mut scene.columns {
         let mut row = 0;
@@ -456,7 +457,7 @@ fn law_uneven_time_and_a_single_sample() {
     assert_eq!((single.track.lat_deg.len(), single.modes.len(), single.track.report.updates), (1, 1, 1));
     let weights: f64 = single.modes[0].modes.iter().map(|mode| mode.weight).sum();
     assert!((weights - 1.0).abs() < 1e-12);
-    // One particle is a Kalman filter of the linear states on one draw of the path.
+    // One particle equals a Kalman filter of the linear states on one draw of the path.
     let one = two_hills(true).run(&MpfParameters { particles: 1, ..MpfParameters::default() });
     assert!(one.track.lat_deg.iter().all(|x| x.is_finite()) && one.track.sd_n_m.iter().all(|sd| *sd == 0.0));
 }
@@ -473,7 +474,7 @@ impl Scene {
 }
 
 #[test]
-fn law_bad_lines_and_parameters_are_refused_in_words() {
+fn unit_invalid_lines_and_parameters_are_rejected() {
     let refused = |parameters: MpfParameters| linear_scene().try_run(&parameters).unwrap_err().to_string();
     let usual = MpfParameters::default();
     assert_eq!(refused(MpfParameters { particles: 0, ..usual }), "`particles` must be 1 to 1000000, not 0");

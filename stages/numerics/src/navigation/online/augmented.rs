@@ -1,8 +1,8 @@
-//! The extended Kalman filter of the 18 states and further ones, which a model of the aircraft's field depends on.
+//! Extended Kalman filter of the 18 states and the further states of a model of the aircraft field.
 //!
 //! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c), with the model's field m of the
-//! further states c. All magnetometers of a sample are linearised at the predicted state, and taken one after the
-//! other: with independent noises that is the update by all of them at once, in any order.
+//! further states c. All magnetometers of a sample are linearised at the predicted state and used one after the other.
+//! With independent noises this equals the joint update, in any order.
 
 mod filter;
 
@@ -23,16 +23,16 @@ use crate::navigation::position_fixes::PositionFixes;
 
 use filter::{AugmentedFilter, AugmentedFilterRun};
 
-/// A line with its map and its error model, without the measurements.
+/// Line with its map and its error model, without the measurements.
 #[derive(Clone, Copy, Debug)]
 pub struct LineModel<'a> {
-    /// The INS.
+    /// INS.
     pub ins: &'a InsSeries<'a>,
-    /// The map.
+    /// Map.
     pub map: &'a FieldMap,
-    /// The core field, if and only if the measurements hold it.
+    /// Core field, if and only if the measurements contain it.
     pub core: Option<&'a Arc<CoreField>>,
-    /// The error sources of the INS and the temporal variation.
+    /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
     /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (with the
     /// prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if a constant
@@ -40,10 +40,10 @@ pub struct LineModel<'a> {
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements besides the magnetometers, each used after them. Where the map is too flat, a magnetometer corrects
-    /// only the temporal variation, the map error and the aircraft field.
+    /// Measurements in addition to the magnetometers, each used after them. Where the map is too flat, a magnetometer
+    /// corrects only the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
-    /// The same as [`NavigationLine::second_order`].
+    /// Same as [`NavigationLine::second_order`].
     pub second_order: bool,
 }
 
@@ -54,81 +54,81 @@ impl<'a> LineModel<'a> {
         Self { ins, map, core, errors, offset_window_s, fixes, second_order, aids: Aids::default() }
     }
 
-    /// With a magnetometer's measurement and its standard deviation, in nT.
+    /// Line with a magnetometer's measurement and its standard deviation, in nT.
     pub(crate) fn with(&self, measurement_nt: &'a [f64], sigma_nt: &'a [f64]) -> NavigationLine<'a> {
         let Self { ins, map, core, errors, offset_window_s, fixes, second_order, .. } = *self;
         NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s, fixes, second_order }
     }
 }
 
-/// Optional outputs besides the track, and the innovation gate.
+/// Optional outputs in addition to the track, and the innovation gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OnlineParameters {
     /// Largest NIS of a measurement, after those of the magnetometers before it; larger ones are rejected and counted.
     /// `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Hand out the 18 error states of every sample.
+    /// Returns the 18 error states of every sample.
     pub keep_states: bool,
-    /// Hand out their covariance of every sample.
+    /// Returns their covariance at every sample.
     pub keep_covariance: bool,
-    /// Hand out the coefficients (or weights) of every sample, and their standard deviations.
+    /// Returns the coefficients (or weights) of every sample, and their standard deviations.
     pub keep_coefficients: bool,
 }
 
 /// Use of the samples of a magnetometer. The first four counts add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MagnetometerReport {
-    /// Samples that were used.
+    /// Number of used samples.
     pub updates: usize,
-    /// Samples without a finite measurement, a sigma above 0, or a finite prediction of the aircraft's field.
+    /// Samples without a finite measurement, a sigma above 0, or a finite prediction of the aircraft field.
     pub missing: usize,
     /// Samples whose predicted position is off the map or in an unknown cell.
     pub off_map: usize,
     /// Number of samples that the innovation gate rejected.
     pub gated: usize,
-    /// The offset that was subtracted from every measurement, in nT.
+    /// Offset subtracted from every measurement, in nT.
     pub offset_nt: f64,
-    /// Samples that the offset is the mean of.
+    /// Number of samples averaged for the offset.
     pub offset_samples: usize,
 }
 
-/// One magnetometer along the line, a value a sample.
+/// One magnetometer along the line, one value per sample.
 #[derive(Clone, Debug, Default)]
 pub struct MagnetometerTrack {
-    /// Measurement minus prediction at the state before the sample, in nT; NaN without either.
+    /// Measurement minus prediction at the state before the sample, in nT; NaN if either is missing.
     pub residual_nt: Vec<f64>,
-    /// Its residual, given those of the magnetometers before it, squared over its variance; NaN as the residual.
+    /// NIS given the residuals of the previous magnetometers; NaN where the residual is.
     pub nis: Vec<f64>,
-    /// The aircraft's field by the state after the sample, in nT; NaN where the model has no finite input.
+    /// Aircraft field by the state after the sample, in nT; NaN if the model has no finite input.
     pub aircraft_nt: Vec<f64>,
     /// Use of the samples.
     pub report: MagnetometerReport,
 }
 
-/// The field of the aircraft at each magnetometer as a function of the further states.
+/// Aircraft field at each magnetometer as a function of the further states.
 pub(crate) trait AircraftFieldModel {
-    /// The field of a sample at the states `c`, in nT, and its derivatives by them, which are zero before; `None`
-    /// where an input is missing.
+    /// Field of a sample at the states `c`, in nT. Writes its derivatives by the states to `derivatives`, which is zero
+    /// before. `None` if an input is missing.
     fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64>;
 
-    /// The field alone.
+    /// Field without derivatives.
     fn value(&mut self, magnetometer: usize, row: usize, c: &[f64]) -> Option<f64>;
 }
 
-/// The further states.
+/// Further states.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ExtraStates {
-    /// Their prior mean, to which those with a time constant return.
+    /// Prior mean, to which states with a time constant return.
     pub(crate) mean: Vec<f64>,
-    /// Their prior covariance, row-major.
+    /// Prior covariance, row-major.
     pub(crate) covariance: Vec<f64>,
     /// Spectral densities of their driving noise, per second.
     pub(crate) density: Vec<f64>,
-    /// Their time constants, in s; infinite for random walks.
+    /// Time constants, in s; infinite for random walks.
     pub(crate) tau_s: Vec<f64>,
 }
 
-/// A fault of a parameter.
+/// Error of a parameter.
 pub(crate) fn refused(param: &str, what: impl Into<String>) -> ParameterError {
     ParameterError(Fault::new(what).of_param(param))
 }
@@ -156,7 +156,7 @@ impl ExtraStates {
         Ok(())
     }
 
-    /// These and the states of further measurements behind them.
+    /// Appends the states of further measurements.
     fn with(&self, aids: &AidStates) -> Self {
         let (own, count) = (self.mean.len(), self.mean.len() + aids.errors.len());
         let mut all = Self { covariance: vec![0.0; count * count], ..self.clone() };
@@ -166,14 +166,14 @@ impl ExtraStates {
         for (place, error) in aids.errors.iter().enumerate() {
             all.covariance[(own + place) * (count + 1)] = error.sigma * error.sigma;
             all.mean.push(0.0);
-            // Those that last for a distance have a time constant at each step only.
+            // States with a correlation length have a time constant only at each step.
             all.density.push(if error.tau_s.is_finite() { error.noise_density() } else { 0.0 });
             all.tau_s.push(error.tau_s);
         }
         all
     }
 
-    /// The factor by which a step multiplies each deviation from the mean, and the variance that it adds.
+    /// Decay factor of each deviation from the mean over a step, and the added variance.
     #[inline(always)]
     fn step(&self, dt_s: f64, decay: &mut [f64], noise: &mut [f64]) {
         for (state, (decay, noise)) in decay.iter_mut().zip(noise).enumerate() {
@@ -187,8 +187,8 @@ impl ExtraStates {
     }
 }
 
-/// Rejects a matrix that is not finite, symmetric and positive semidefinite. Correlations round to some 1e-9 where they
-/// come from an inverse.
+/// Rejects a matrix that is not finite, symmetric and positive semidefinite. Correlations from a matrix inverse have
+/// rounding errors of about 1e-9.
 pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), ParameterError> {
     if covariance.len() != states * states {
         let what = format!("the prior covariance has {} entries for {states} coefficients", covariance.len());
@@ -220,24 +220,25 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
     Ok(())
 }
 
-/// A magnetometer's measurement and its standard deviation, in nT.
+/// Measurement of a magnetometer and its standard deviation, in nT.
 pub(crate) type MagnetometerColumns<'a> = (&'a [f64], &'a [f64]);
 
 /// Output of the filter on a line.
 pub(crate) struct AugmentedOutput {
     pub(crate) navigation: NavigationOutput,
     pub(crate) magnetometers: Vec<MagnetometerTrack>,
-    /// The further states after the last sample.
+    /// Further states after the last sample.
     pub(crate) c: Vec<f64>,
-    /// Their covariance, row-major.
+    /// Covariance of the further states, row-major.
     pub(crate) c_covariance: Vec<f64>,
     /// Outcome of each sample, if there are further measurements.
     pub(crate) usage: Vec<SampleUsage>,
     /// Their innovations.
     pub(crate) aids: AidInnovations,
-    /// The horizontal slope of the predicted field, in nT/m, where it is asked whether the map is too flat.
+    /// Horizontal slope of the predicted field, in nT/m, if the flatness of the map is tested.
     pub(crate) slope_nt_per_m: Vec<f64>,
-    /// The further states of every sample and their standard deviations, a row a sample; empty unless asked for.
+    /// Further states of every sample and their standard deviations, one row per sample; empty unless
+    /// `keep_coefficients` is set.
     pub(crate) c_by_row: Vec<f64>,
     pub(crate) c_sigma_by_row: Vec<f64>,
 }

@@ -1,29 +1,29 @@
-//! The covariance of the 18 states and any number of further ones, whose transition is diagonal.
+//! Covariance of the 18 states and any number of further ones, whose transition is diagonal.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::pinson::{STATES, StateMatrix};
 use crate::navigation::transition::step_covariance;
 
-/// Rows begin at multiples of this number of entries, to fill vector registers of any width.
+/// Alignment of rows, in entries, to fill vector registers of any width.
 const LANES: usize = 8;
 
-/// A symmetric matrix, both triangles stored by rows and bit-identical.
+/// Symmetric matrix, both triangles stored by rows and bit-identical.
 ///
-/// The update is Joseph's form, which holds for any gain K: with u = P Hᵀ and s = H P Hᵀ + R
+/// The update is Joseph's form, which is valid for any gain K: with u = P Hᵀ and s = H P Hᵀ + R
 ///
 /// ```text
 /// (I − K H) P (I − K H)ᵀ + K R Kᵀ = P + K vᵀ + v Kᵀ,      v = s K/2 − u
 /// ```
 ///
 /// Both products commute, so an entry and its mirror image are the same sum. Recursions on covariances do not change
-/// when states are scaled (bit-identical for powers of two), so states in rad and in nT together cost no digits. H P Hᵀ
-/// over R costs digits and is limited by [`WIDEST`].
+/// when states are scaled (bit-identical for powers of two), so using rad and nT together loses no digits. The ratio of
+/// H P Hᵀ to R loses digits and is limited by [`WIDEST`].
 #[derive(Clone, Debug)]
 pub(crate) struct AugmentedCovariance {
     states: usize,
     stride: usize,
     entries: Vec<f64>,
-    /// The 18 rows of the cross-covariances while they are moved.
+    /// The 18 rows of the cross-covariances during their propagation.
     moved: Vec<f64>,
 }
 
@@ -39,7 +39,7 @@ pub(crate) struct ScalarUpdate<'a> {
 }
 
 impl AugmentedCovariance {
-    /// A block-diagonal covariance of the 18 states and of the others (row-major).
+    /// Block-diagonal covariance of the 18 states and of the others (row-major).
     pub(crate) fn new(navigation: &StateMatrix, others: &[f64], other_states: usize) -> Self {
         let states = STATES + other_states;
         let stride = states.next_multiple_of(LANES);
@@ -49,7 +49,7 @@ impl AugmentedCovariance {
         }
         for row in 0..other_states {
             let to = &mut entries[(STATES + row) * stride + STATES..][..other_states];
-            // Either triangle may be that of a product which rounds differently.
+            // Either triangle may come from a product with different rounding.
             for (column, to) in to.iter_mut().enumerate() {
                 let (one, other) = (others[row * other_states + column], others[column * other_states + row]);
                 *to = 0.5 * (one + other);
@@ -58,7 +58,7 @@ impl AugmentedCovariance {
         Self { states, stride, entries, moved: vec![0.0; STATES * stride] }
     }
 
-    /// A covariance without the 18 states.
+    /// Covariance without the 18 states.
     pub(crate) fn alone(entries: &[f64], states: usize) -> Self {
         let stride = states.next_multiple_of(LANES);
         let mut padded = vec![0.0; states * stride];
@@ -68,24 +68,24 @@ impl AugmentedCovariance {
         Self { states, stride, entries: padded, moved: vec![] }
     }
 
-    /// The length of a padded row.
+    /// Length of a padded row.
     pub(crate) fn stride(&self) -> usize {
         self.stride
     }
 
-    /// An entry.
+    /// Entry of the matrix.
     #[inline(always)]
     pub(crate) fn at(&self, row: usize, column: usize) -> f64 {
         self.entries[row * self.stride + column]
     }
 
-    /// A padded row, which is P Hᵀ of a measurement of one state.
+    /// Padded row, which is P Hᵀ of a measurement of one state.
     #[inline(always)]
     pub(crate) fn row(&self, state: usize) -> &[f64] {
         &self.entries[state * self.stride..][..self.stride]
     }
 
-    /// The block of the states beyond the 18, row-major.
+    /// Block of the states beyond the 18, row-major.
     pub(crate) fn others(&self) -> Vec<f64> {
         let of = |row: usize| self.entries[row * self.stride..][STATES..self.states].to_vec();
         (STATES..self.states).flat_map(of).collect()
@@ -94,7 +94,7 @@ impl AugmentedCovariance {
     /// Whether the variances are finite and not negative.
     #[inline(always)]
     pub(crate) fn is_sound(&self) -> bool {
-        // A sum is finite where all its parts are. An off-diagonal entry that is not finite spoils two variances in the
+        // A sum is finite if all its terms are. An off-diagonal entry that is not finite affects two variances in the
         // next step.
         let sum: f64 = (0..self.states).map(|state| self.at(state, state)).sum();
         let least = (0..self.states).map(|state| self.at(state, state)).fold(0.0, f64::min);
@@ -112,7 +112,7 @@ impl AugmentedCovariance {
         }
     }
 
-    /// The update; `gain` becomes K, `rest` is overwritten.
+    /// Measurement update; `gain` becomes K, `rest` is overwritten.
     #[inline(always)]
     pub(crate) fn correct(&mut self, by: &ScalarUpdate<'_>, gain: &mut [f64], rest: &mut [f64]) {
         let weight = 1.0 / by.innovation_variance;
@@ -123,7 +123,7 @@ impl AugmentedCovariance {
         self.correct_by(gain, rest);
     }
 
-    /// The update that corrects no other states than those that `corrects` names [Schmidt 1966].
+    /// Measurement update of only the states that `corrects` selects [Schmidt 1966].
     pub(crate) fn consider(
         &mut self,
         by: &ScalarUpdate<'_>,
@@ -150,7 +150,8 @@ impl AugmentedCovariance {
         }
     }
 
-    /// A step. Of the others each is multiplied by its `decay` and gets `noise`; decays of 1 leave their block alone.
+    /// Time update. Each of the other states is multiplied by its `decay` and its variance increased by `noise`; decays
+    /// of 1 do not change their block.
     #[inline(always)]
     pub(crate) fn propagate(&mut self, step: &InsStep<'_>, decay: &[f64], noise: &[f64]) {
         self.propagate_navigation(step);
@@ -182,7 +183,7 @@ impl AugmentedCovariance {
         }
     }
 
-    /// P_nc ← Φ P_nc D over the entries of Φ that are not zero, and its mirror image.
+    /// P_nc ← Φ P_nc D over the nonzero entries of Φ, and its mirror image.
     #[inline(always)]
     fn propagate_cross(&mut self, phi: &StateMatrix, decay: &[f64]) {
         let (stride, others) = (self.stride, self.states - STATES);
@@ -210,7 +211,7 @@ impl AugmentedCovariance {
     }
 }
 
-/// The step of the 18 states.
+/// Step of the 18 states.
 pub(crate) struct InsStep<'a> {
     pub(crate) errors: &'a InsErrorModel,
     /// Spectral densities of its process noise.
@@ -227,7 +228,7 @@ fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
     }
 }
 
-/// The product of two vectors.
+/// Inner product of two vectors.
 #[inline(always)]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()

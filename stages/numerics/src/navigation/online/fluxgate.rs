@@ -1,4 +1,4 @@
-//! Constant errors of the vector magnetometer, and how the Tolles-Lawson terms depend on them.
+//! Constant errors of the vector magnetometer, and the dependence of the Tolles-Lawson terms on them.
 
 use std::ops::Range;
 
@@ -7,26 +7,26 @@ use crate::navigation::ins_error::ParameterError;
 
 use super::augmented::refused;
 
-/// A vector magnetometer whose bias is estimated along with the coefficients.
+/// Vector magnetometer whose bias is estimated along with the coefficients.
 ///
-/// The bias b is truth minus reading: the terms are those of the vector B + b, of which permanent, induced and eddy
-/// terms change. With the aircraft's field F = a + b_ind V/s + c Ḃ/s along u = V/|V|, V = B + b,
+/// The bias b is truth minus reading. The terms are those of the vector B + b, which affects permanent, induced and
+/// eddy terms. With the aircraft field F = a + b_ind V/s + c Ḃ/s along u = V/|V|, V = B + b,
 ///
 /// ```text
 /// ∂(F·u)/∂b = (F − (F·u) u)/|V| + b_indᵀ u/s
 /// ```
 ///
-/// It has no singularity but |V| = 0, where there are no terms. (MagNav.jl, which follows the same idea, divides by
-/// B_x and holds |V| constant.)
+/// The only singularity is |V| = 0, where there are no terms. (MagNav.jl uses the same method, but divides by B_x and
+/// keeps |V| constant.)
 #[derive(Clone, Copy, Debug)]
 pub struct Fluxgate<'a> {
-    /// The vector's components in the body frame, in nT, and no scalar (`bt`).
+    /// Components of the vector in the body frame, in nT, without a scalar (`bt`).
     pub field: BodyFieldColumns<'a>,
-    /// The terms, which are the first columns of those of every magnetometer.
+    /// Terms, which are the first columns of those of every magnetometer.
     pub terms: &'a TermSelection,
-    /// The scale of induced and eddy terms, in nT.
+    /// Scale of induced and eddy terms, in nT.
     pub scale_nt: f64,
-    /// The runs of rows within which the terms are differenced; none for the whole line.
+    /// Runs of rows within which the terms are differenced; empty for the whole line.
     pub runs: &'a [Range<usize>],
     /// Standard deviation of the bias of each axis, in nT.
     pub sigma_nt: f64,
@@ -34,7 +34,7 @@ pub struct Fluxgate<'a> {
     pub tau_s: f64,
 }
 
-/// A column of the matrix.
+/// Column of the matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FluxgateTermKind {
     /// u_i.
@@ -67,12 +67,12 @@ impl FluxgateTermKind {
     }
 }
 
-/// The terms of a line at any bias.
+/// Terms of a line at any bias.
 pub(crate) struct FluxgateTerms<'a> {
     field: BodyFieldColumns<'a>,
     terms: Vec<FluxgateTermKind>,
     scale_nt: f64,
-    /// Ḃ, three a row.
+    /// Ḃ, three values per row.
     change: Vec<f64>,
 }
 
@@ -118,12 +118,12 @@ impl<'a> FluxgateTerms<'a> {
         Ok(Self { field, terms, scale_nt, change })
     }
 
-    /// The number of terms.
+    /// Number of terms.
     pub(crate) fn len(&self) -> usize {
         self.terms.len()
     }
 
-    /// The number of rows.
+    /// Number of rows.
     pub(crate) fn rows(&self) -> usize {
         self.field.x.len()
     }
@@ -149,7 +149,7 @@ impl<'a> FluxgateTerms<'a> {
         }
     }
 
-    /// The terms of a row at a bias, in nT; NaN where the vector is unknown or zero.
+    /// Terms of a row at a bias, in nT; NaN if the vector is unknown or zero.
     #[inline(always)]
     pub(crate) fn row(&self, row: usize, bias_nt: [f64; 3], out: &mut [f64]) {
         let at = self.vector(row, bias_nt);
@@ -158,7 +158,7 @@ impl<'a> FluxgateTerms<'a> {
         }
     }
 
-    /// The derivatives of the terms times `coefficients` by the bias, nT by nT.
+    /// Derivatives of the terms times `coefficients` by the bias, in nT/nT.
     #[inline(always)]
     pub(crate) fn derivatives(&self, row: usize, bias_nt: [f64; 3], coefficients: &[f64]) -> [f64; 3] {
         let at = self.vector(row, bias_nt);

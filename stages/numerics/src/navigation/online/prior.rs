@@ -5,12 +5,12 @@ use crate::navigation::ins_error::ParameterError;
 
 use super::augmented::{check_covariance, refused};
 
-/// A normal distribution of coefficients.
+/// Normal distribution of coefficients.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CoefficientPrior {
-    /// The mean.
+    /// Mean.
     pub mean: Vec<f64>,
-    /// The covariance, row-major.
+    /// Covariance, row-major.
     pub covariance: Vec<f64>,
 }
 
@@ -25,34 +25,35 @@ impl CoefficientPrior {
         Self { mean: mean.to_vec(), covariance }
     }
 
-    /// The standard deviations.
+    /// Standard deviations.
     pub fn sigma(&self) -> Vec<f64> {
         let terms = self.mean.len();
         (0..terms).map(|term| self.covariance[term * (terms + 1)].sqrt()).collect()
     }
 }
 
-/// The prior of repeated calibrations: one vector of coefficients each, of the same terms.
+/// Prior from repeated calibrations: one vector of coefficients each, of the same terms.
 ///
-/// With two or more, the coefficients of the next flight are taken to be another draw from where those of the
-/// calibrations came from. Its mean is theirs, and its covariance their scatter S, shrunk and widened:
+/// With two or more calibrations, the coefficients of the next flight are assumed to be a further draw from the same
+/// distribution. The mean of the prior is their mean, and its covariance their scatter S, shrunk and widened:
 ///
 /// ```text
 /// P = f (1 + 1/m) ((1 − λ) S + λ diag S)
 /// ```
 ///
-/// - λ is that of Schäfer & Strimmer 2005 (Ledoit and Wolf's, for correlations and a diagonal target), at least 1/m,
-///   so that fewer calibrations than terms give a positive matrix; 1 for two or three calibrations, whose
-///   correlations are chance;
-/// - 1 + 1/m is for the mean, and f = ν/(ν − 2), ν = m − 1, for the variances being estimates: the next coefficient
-///   over its deviation has then the variance 1 of Student's t. For two to four calibrations f = 3.
+/// - λ is the shrinkage of Schäfer & Strimmer 2005 (Ledoit and Wolf's, for correlations and a diagonal target), at
+///   least 1/m, so that fewer calibrations than terms give a positive matrix; 1 for two or three calibrations, whose
+///   correlations are due to chance;
+/// - 1 + 1/m accounts for the error of the mean, and f = ν/(ν − 2), ν = m − 1, for the error of the variances: the next
+///   coefficient over its standard deviation then has the variance 1 of Student's t. For two to four calibrations f =
+///   3.
 ///
-/// With a single calibration it is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. It is the accuracy of the
-/// calibration and does not include changes until the next flight.
+/// With a single calibration the covariance is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. It is the accuracy
+/// of the calibration and does not include changes until the next flight.
 ///
 /// # Errors
 /// Fails without calibrations, for vectors of different lengths or with values that are not finite, for a single
-/// calibration without a covariance, and for a covariance that is none.
+/// calibration without a covariance, and for an invalid covariance.
 pub fn prior_from_calibrations(
     calibrations: &[&[f64]],
     covariance: Option<&[f64]>,
@@ -107,9 +108,9 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
     (0..terms * terms).map(|at| entry(at / terms, at % terms)).collect()
 }
 
-/// The random walk that takes coefficients from one calibration to the next: by coefficient the sum of the squared
-/// changes over the time that they took, in its unit squared per s. The changes hold the errors of the calibrations
-/// too, so it is rather too large. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
+/// Random walk of the coefficients between calibrations: per coefficient the sum of the squared changes over their
+/// total time, in its unit squared per s. The changes include the errors of the calibrations, so the estimate is too
+/// large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
 /// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values
@@ -155,11 +156,11 @@ impl Default for ColdStart {
 }
 
 impl ColdStart {
-    /// The prior of the terms of a matrix of a line sampled every `dt_s`: their changes are by sample, so that their
-    /// coefficients grow with the rate.
+    /// Prior of the terms of a matrix for a line sampled every `dt_s`. The terms use changes per sample, so their
+    /// coefficients grow with the sample rate.
     ///
     /// # Errors
-    /// Fails for deviations below 0 and a `dt_s` that is not above 0.
+    /// Fails for standard deviations below 0 and a `dt_s` that is not above 0.
     pub fn prior(&self, terms: &TermSelection, dt_s: f64) -> Result<CoefficientPrior, ParameterError> {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             return Err(refused("prior", format!("the time step must be above 0 s, but is {dt_s} s")));

@@ -13,7 +13,7 @@ use crate::random::NormalGenerator;
 use flights::{Flight, ROWS, bits, sloping, wavy};
 use std::sync::Arc;
 
-/// All that the filter returns.
+/// Enables all outputs of the filter.
 const ALL: OnlineParameters =
     OnlineParameters { gate_nis: None, keep_states: true, keep_covariance: true, keep_coefficients: true };
 
@@ -22,7 +22,7 @@ fn fixed(coefficients: &[f64]) -> CoefficientPrior {
 }
 
 #[test]
-fn law_known_coefficients_are_the_ekf_on_the_compensated_line() {
+fn law_known_coefficients_equal_the_ekf_on_the_compensated_line() {
     let map = wavy(-74.892);
     let main = Arc::new(CoreField::at(2020.5).unwrap());
     for (noise, gate_nis, offset_window_s, core) in [
@@ -63,7 +63,7 @@ fn law_known_coefficients_are_the_ekf_on_the_compensated_line() {
         let ours = &online.navigation;
         assert!(ekf.report.off_map > 60 && ekf.report.updates > 30 && ekf.report.missing_measurements == 15);
         assert_eq!(ekf.report.gated > 5, gate_nis.is_some());
-        // The offset is the mean of numbers of 1e2 nT.
+        // The offset is the mean of values of 1e2 nT.
         assert!((ours.report.offset_nt - ekf.report.offset_nt).abs() < 1e-11);
         let counts = |report: crate::navigation::NavigationReport| {
             (report.updates, report.gated, report.off_map, report.missing_measurements, report.offset_samples)
@@ -71,7 +71,8 @@ fn law_known_coefficients_are_the_ekf_on_the_compensated_line() {
         assert_eq!(counts(ours.report), counts(ekf.report));
         for row in 0..ROWS {
             for (state, (ours, theirs)) in ours.x[row].iter().zip(&ekf.x[row]).enumerate() {
-                // Sums in another order, of fields of 5e4 nT that round to 7e-12 nT: some 1e-12 of 2 nT and of a sigma.
+                // Sums in another order, of fields of 5e4 nT with rounding errors of 7e-12 nT: about 1e-12 of 2 nT and
+                // of a sigma.
                 let sd = ekf.p[row][state][state].sqrt();
                 assert!((ours - theirs).abs() <= 1e-9 * sd, "{row} {state} {ours:e} {theirs:e} {sd:e}");
             }
@@ -91,7 +92,7 @@ fn law_known_coefficients_are_the_ekf_on_the_compensated_line() {
 }
 
 #[test]
-fn law_the_order_of_the_magnetometers_is_no_matter() {
+fn law_the_order_of_the_magnetometers_does_not_matter() {
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 3);
     let density = vec![0.01; flight.width];
@@ -103,7 +104,7 @@ fn law_the_order_of_the_magnetometers_is_no_matter() {
     let (one, other) = (in_order([0, 1, 2]), in_order([2, 0, 1]));
     let (p, q) = (one.navigation.p.last().unwrap(), other.navigation.p.last().unwrap());
     for (state, (x, y)) in one.navigation.x[ROWS - 1].iter().zip(&other.navigation.x[ROWS - 1]).enumerate() {
-        // The updates round differently; a thousandth of a millionth of a sigma is beyond any rounding of order.
+        // The updates round differently; 1e-9 of a sigma exceeds any rounding from the order.
         assert!((x - y).abs() <= 1e-7 * p[state][state].sqrt(), "{state} {x:e} {y:e}");
         assert!((p[state][state] / q[state][state] - 1.0).abs() < 1e-7);
     }
@@ -115,7 +116,7 @@ fn law_the_order_of_the_magnetometers_is_no_matter() {
 }
 
 #[test]
-fn law_the_same_line_gives_the_same_bits() {
+fn unit_the_same_line_gives_bit_identical_results() {
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 2);
     let prior = flight.prior(0, 100.0);
@@ -128,7 +129,7 @@ fn law_the_same_line_gives_the_same_bits() {
     assert!(here == there);
 }
 
-/// The vector of a flight as terms with a bias.
+/// Vector of a flight as terms with a bias.
 struct Vector {
     columns: [Vec<f64>; 3],
     terms: TermSelection,
@@ -150,7 +151,7 @@ impl Vector {
 }
 
 #[test]
-fn jac_the_terms_by_the_bias_of_the_vector() {
+fn law_the_derivatives_of_the_terms_by_the_bias_equal_differences() {
     let flight = Flight::turning(&wavy(-74.88), 1);
     let mut vector = Vector::new(&flight, &["permanent", "induced", "eddy", "derivative", "bias"]);
     vector.columns[0][7] = 0.0;
@@ -167,7 +168,7 @@ fn jac_the_terms_by_the_bias_of_the_vector() {
         for axis in 0..3 {
             let step = |size: f64| std::array::from_fn(|k| bias[k] + if k == axis { size } else { 0.0 });
             let theirs = (value(row, step(10.0)) - value(row, step(-10.0))) / 20.0;
-            // The third derivative over |V|² leaves (10/50,000)² of the first's size, and rounding 1e-12/20.
+            // The third derivative over |V|² contributes (10/50,000)² of the first, and rounding 1e-12/20.
             assert!((ours[axis] - theirs).abs() < 1e-7 * (theirs.abs() + 1e-2), "{row} {axis} {ours:?} {theirs:e}");
         }
     }
@@ -175,7 +176,7 @@ fn jac_the_terms_by_the_bias_of_the_vector() {
 }
 
 #[test]
-fn law_terms_without_a_bias_are_those_of_the_matrix() {
+fn law_terms_without_a_bias_equal_those_of_the_matrix() {
     let flight = Flight::turning(&wavy(-74.88), 1);
     let mut vector = Vector::new(&flight, &["permanent", "induced5", "eddy8", "derivative", "bias"]);
     vector.columns[2][20] = f64::NAN;
@@ -190,11 +191,11 @@ fn law_terms_without_a_bias_are_those_of_the_matrix() {
 }
 
 #[test]
-fn law_the_bias_of_the_vector_is_found() {
+fn law_the_bias_of_the_vector_is_estimated() {
     let map = wavy(-74.88);
     let mut flight = Flight::turning(&map, 2);
     let mut vector = Vector::new(&flight, &["permanent", "induced"]);
-    // The readings are the truth less the bias.
+    // The readings are the truth minus the bias.
     let bias = [80.0, -60.0, 40.0];
     let truth = matrix(&vector.field(), &vector.terms, DEFAULT_SCALE_NT).unwrap();
     for (column, bias) in vector.columns.iter_mut().zip(bias) {

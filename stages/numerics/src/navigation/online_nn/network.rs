@@ -1,4 +1,4 @@
-//! A network of one hidden layer.
+//! Network with one hidden layer.
 
 use params::choice;
 
@@ -20,7 +20,7 @@ choice! {
 }
 
 impl OnlineActivation {
-    /// The activation and its derivative.
+    /// Activation and its derivative.
     #[inline(always)]
     fn at(self, z: f64) -> (f64, f64) {
         match self {
@@ -36,7 +36,7 @@ impl OnlineActivation {
     }
 }
 
-/// The aircraft's field as a function of features: with f the features less their mean over their deviation,
+/// Aircraft field as a function of features, with f the features minus their mean over their standard deviation:
 ///
 /// ```text
 /// m = s (b₂ + Σⱼ vⱼ a(bⱼ + Σᵢ Wⱼᵢ fᵢ))
@@ -54,12 +54,12 @@ pub struct OnlineNetwork {
 }
 
 impl OnlineNetwork {
-    /// A network for the features of a calibration, row-major with `inputs` columns, whose finite rows set means and
-    /// deviations. `output_nt` is the scale s, about the standard deviation of the aircraft's field.
+    /// Network for the features of a calibration, row-major with `inputs` columns, whose finite rows set means and
+    /// standard deviations. `output_nt` is the scale s, about the standard deviation of the aircraft field.
     ///
     /// # Errors
-    /// Fails without inputs or hidden units, for an `output_nt` that is not above 0, and for a feature that is
-    /// constant in the calibration, which does not tell what it does.
+    /// Fails without inputs or hidden units, for an `output_nt` that is not above 0, and for a feature that is constant
+    /// in the calibration, whose effect is unobservable.
     pub fn new(
         features: &[f64],
         inputs: usize,
@@ -82,7 +82,7 @@ impl OnlineNetwork {
             let count = column.len() as f64;
             let middle = column.iter().sum::<f64>() / count;
             let spread = (column.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / count).sqrt();
-            // A constant column leaves the rounding of its mean.
+            // A constant column has the rounding error of its mean.
             if !(spread > 1e-9 * middle.abs() && spread.is_finite()) {
                 let what = format!("feature {input} is constant in the calibration, so its effect cannot be estimated");
                 return Err(refused("features", what));
@@ -93,12 +93,11 @@ impl OnlineNetwork {
         Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
     }
 
-    /// A network whose inputs are scaled by means and deviations that are given, as those of one that was trained
-    /// before.
+    /// Network with given means and standard deviations of its inputs, as of a previously trained one.
     ///
     /// # Errors
-    /// Fails without inputs or hidden units, for means and deviations of different numbers or not finite, and for a
-    /// deviation or an `output_nt` that is not above 0.
+    /// Fails without inputs or hidden units, for means and standard deviations of different numbers or not finite, and
+    /// for a standard deviation or an `output_nt` that is not above 0.
     pub fn scaled(
         mean: Vec<f64>,
         deviation: Vec<f64>,
@@ -124,18 +123,18 @@ impl OnlineNetwork {
         Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
     }
 
-    /// The number of features.
+    /// Number of features.
     pub fn inputs(&self) -> usize {
         self.inputs
     }
 
-    /// The number of weights.
+    /// Number of weights.
     pub fn weights(&self) -> usize {
         self.hidden * (self.inputs + 2) + 1
     }
 
-    /// The standard deviations of weights that are not known: one over the root of what a unit sums, so that the
-    /// output of the network is of the size of its scale.
+    /// Standard deviations of unknown weights: one over the root of the number of inputs of a unit, so that the output
+    /// of the network has the size of its scale.
     pub fn weight_sigma(&self) -> Vec<f64> {
         let (first, second) = ((self.inputs as f64).sqrt().recip(), (self.hidden as f64).sqrt().recip());
         let mut sigma = vec![first; self.hidden * self.inputs];
@@ -145,13 +144,13 @@ impl OnlineNetwork {
         sigma
     }
 
-    /// Weights drawn from these, by a seed.
+    /// Weights drawn from these standard deviations, by a seed.
     pub fn draw(&self, seed: u64) -> Vec<f64> {
         let mut normals = NormalGenerator::new(seed);
         self.weight_sigma().into_iter().map(|sigma| sigma * normals.draw()).collect()
     }
 
-    /// The inputs of rows of features; all of a row are NaN where one is not finite.
+    /// Inputs of rows of features; NaN for all inputs of a row with a feature that is not finite.
     pub fn standardised(&self, features: &[f64]) -> Vec<f64> {
         let mut inputs = Vec::with_capacity(features.len());
         for row in features.chunks_exact(self.inputs) {
@@ -163,7 +162,7 @@ impl OnlineNetwork {
         inputs
     }
 
-    /// The field in nT for a row of inputs.
+    /// Field for a row of inputs, in nT.
     #[inline(always)]
     pub fn value(&self, inputs: &[f64], weights: &[f64]) -> f64 {
         let (w, rest) = weights.split_at(self.hidden * self.inputs);
@@ -175,7 +174,7 @@ impl OnlineNetwork {
         self.output_nt * sum
     }
 
-    /// The field in nT for a row of inputs, and its derivatives by the weights, by back-propagation.
+    /// Field for a row of inputs, in nT, and its derivatives by the weights, by back-propagation.
     #[inline(always)]
     pub fn value_and_gradient(&self, inputs: &[f64], weights: &[f64], gradient: &mut [f64]) -> f64 {
         let (w, rest) = weights.split_at(self.hidden * self.inputs);

@@ -28,7 +28,7 @@ fn network(hidden: usize, activation: OnlineActivation) -> OnlineNetwork {
 }
 
 #[test]
-fn jac_the_back_propagation() {
+fn law_back_propagation_equals_differences() {
     for activation in [OnlineActivation::Swish, OnlineActivation::Tanh] {
         let network = network(5, activation);
         let weights: Vec<f64> = network.draw(4).iter().map(|w| 2.0 * w).collect();
@@ -51,7 +51,7 @@ fn jac_the_back_propagation() {
 }
 
 #[test]
-fn law_of_the_output_layer_alone_it_is_least_squares() {
+fn law_training_only_the_output_layer_equals_least_squares() {
     let (hidden, sigma_nt) = (4, 3.0);
     let network = network(hidden, OnlineActivation::Tanh);
     let (features, field_nt) = samples(300, 5);
@@ -79,7 +79,7 @@ fn law_of_the_output_layer_alone_it_is_least_squares() {
     for k in 0..=hidden {
         let sd = inverse[(k, k)].sqrt();
         let (ours, expected) = (recursion.weights[first + k], start[first + k] + change[k]);
-        // The normal equations' condition of some 1e5 leaves 1e-10.
+        // The condition number of the normal equations, about 1e5, leaves an error of 1e-10.
         assert!((ours - expected).abs() < 1e-8 * sd, "{k} {ours} {expected}");
         for j in 0..=hidden {
             let size = sd * inverse[(j, j)].sqrt();
@@ -90,7 +90,7 @@ fn law_of_the_output_layer_alone_it_is_least_squares() {
 }
 
 #[test]
-fn law_training_learns_what_is_not_linear() {
+fn unit_training_fits_a_nonlinear_function() {
     let (features, mut field_nt) = samples(1500, 11);
     let tt_s: Vec<f64> = (0..1500).map(f64::from).collect();
     let mut normals = NormalGenerator::new(2);
@@ -115,16 +115,16 @@ fn law_training_learns_what_is_not_linear() {
             chi += error * error / phi.dot(&(p * &phi)) / 500.0;
         }
         println!("{activation:?}: {:.2} of {:.1} nT, chi {chi:.2}", missed.sqrt(), spread.sqrt());
-        // A linear fit leaves a fifth (23 %: 25 b c/(1 + b²) is not linear, and of rms 14 nT).
+        // The residual of a linear fit is a fifth (23 %: 25 b c/(1 + b²) is not linear, and of rms 14 nT).
         assert!(missed.sqrt() < 0.12 * spread.sqrt(), "{activation:?} {} {}", missed.sqrt(), spread.sqrt());
-        // 1 for a linear model that is right; what the network cannot represent adds to it.
+        // 1 for a correct linear model; the modelling error of the network adds to it.
         assert!((0.2..10.0).contains(&chi), "{activation:?} {chi}");
         assert!(prior.walk_density.iter().all(|q| *q > 0.0 && q.is_finite()));
     }
 }
 
 #[test]
-fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
+fn law_fixed_weights_equal_the_ekf_on_the_compensated_line() {
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 1);
     let features: Vec<f64> = (0..ROWS).flat_map(|row| [0, 1, 2].map(|axis| flight.vector_nt[axis][row])).collect();
@@ -165,7 +165,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
         }
     }
     assert_eq!((ours.track.report.missing, &ours.weights), (1, &prior.weights));
-    // A feature that is not known: the measurement is not used, even where the activation would saturate.
+    // With an unknown feature the measurement is not used, even where the activation would saturate.
     for bad in [f64::NAN, f64::INFINITY] {
         let mut gap = features.clone();
         gap[3 * 50 + 1] = bad;
@@ -176,7 +176,7 @@ fn law_fixed_weights_are_the_ekf_on_the_compensated_line() {
 }
 
 #[test]
-fn law_bad_networks_are_refused_in_words() {
+fn unit_invalid_networks_are_rejected() {
     let (features, field_nt) = samples(50, 1);
     let words = |inputs: usize, hidden: usize, output_nt: f64, features: &[f64]| {
         OnlineNetwork::new(features, inputs, hidden, OnlineActivation::Tanh, output_nt).unwrap_err().to_string()

@@ -1,4 +1,4 @@
-//! The weights before the line: recursive least squares over a calibration.
+//! Weights before the line: recursive least squares over a calibration.
 
 use crate::navigation::ins_error::ParameterError;
 
@@ -9,23 +9,23 @@ use super::OnlineNetwork;
 /// Prior of the weights of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NetworkPrior {
-    /// The weights.
+    /// Weights.
     pub weights: Vec<f64>,
     /// Their covariance, row-major.
     pub covariance: Vec<f64>,
-    /// The spectral density of the random walk of each, per s.
+    /// Spectral density of the random walk of each weight, per s.
     pub walk_density: Vec<f64>,
-    /// The root mean square of what the network misses of the calibration, in nT.
+    /// Root mean square of the network's residual on the calibration, in nT.
     pub misfit_nt: f64,
 }
 
-/// Samples at which the aircraft's field is known: the uncompensated measurement less the field of map, core field
-/// and temporal variation at a known position, or less a compensated magnetometer.
+/// Samples with a known aircraft field: the uncompensated measurement minus the field of map, core field and temporal
+/// variation at a known position, or minus a compensated magnetometer.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkCalibration<'a> {
-    /// Their times, in s, ascending.
+    /// Times of the samples, in s, ascending.
     pub tt_s: &'a [f64],
-    /// The features, row-major.
+    /// Features, row-major.
     pub features: &'a [f64],
     /// Aircraft field, in nT. Rows where it or a feature is not finite are skipped.
     pub aircraft_nt: &'a [f64],
@@ -34,14 +34,14 @@ pub struct NetworkCalibration<'a> {
 /// Parameters of the training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingParameters {
-    /// The seed of the first weights.
+    /// Seed of the initial weights.
     pub seed: u64,
-    /// The noise of the aircraft's field in the calibration, in nT.
+    /// Noise of the aircraft field in the calibration, in nT.
     pub sigma_nt: f64,
     /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
     /// covariance, so the covariance is that of a single pass.
     pub passes: usize,
-    /// The time, in s, in which the weights are expected to change by as much as the calibration leaves unknown.
+    /// Time, in s, in which the weights are expected to change by their standard deviation after the calibration.
     pub memory_s: f64,
 }
 
@@ -51,7 +51,7 @@ impl Default for TrainingParameters {
     }
 }
 
-/// The recursion (5.43)-(5.45) of Gnadt 2022 with the regressor φ = ∂m/∂w where it prints β:
+/// Recursion (5.43)-(5.45) of Gnadt 2022 with the regressor φ = ∂m/∂w in place of the printed β:
 ///
 /// ```text
 /// K = P φ/(σ² + φᵀ P φ),      w ← w + K (y − m(w)),      P ← (I − K φᵀ) P (I − K φᵀ)ᵀ + K σ² Kᵀ
@@ -75,7 +75,7 @@ impl<'a> NetworkRecursion<'a> {
         Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, ph, gain, rest }
     }
 
-    /// A row of inputs and the field there. The change of the weights is the gain times the number that it returns.
+    /// Updates with a row of inputs and its field. Returns the factor of the gain in the change of the weights.
     pub(crate) fn update(&mut self, inputs: &[f64], field_nt: f64) -> f64 {
         let Self { network, weights, phi, ph, gain, rest, .. } = self;
         let missed_nt = field_nt - network.value_and_gradient(inputs, weights, &mut phi[..weights.len()]);
@@ -95,21 +95,21 @@ impl<'a> NetworkRecursion<'a> {
 
 /// Trains a network on a calibration, from random weights or from `start`.
 ///
-/// The covariance is that of the last pass times the misfit over `sigma_nt`, squared, where it is above 1: what the
-/// network cannot represent makes its weights as uncertain as noise of that size. The random walk of weight j over
-/// the second half of the calibration, of length T, is
+/// The covariance is that of the last pass times the misfit over `sigma_nt`, squared, if that is above 1: the modelling
+/// error of the network then counts as noise. The random walk of weight j over the second half of the calibration, of
+/// length T, is
 ///
 /// ```text
 /// q = max(0, Σ Δw² − (P_half − P_end), P_end T/memory)/T
 /// ```
 ///
-/// Changes Δw of weights that do not walk have the squares P_half − P_end in the mean; what is above that is walk.
-/// `memory_s` bounds it from below, as many weights show none. (MagNav.jl takes the smallest |Δw| of any step, and the
-/// covariance from a recursion whose regressor is the weights, as Gnadt 2022 prints it.)
+/// Changes Δw of constant weights have the expected squares P_half − P_end; the excess is due to the random walk.
+/// `memory_s` bounds it from below, because many weights show no excess. (MagNav.jl uses the smallest |Δw| of any step,
+/// and the covariance from a recursion whose regressor is the weights, as printed in Gnadt 2022.)
 ///
 /// # Errors
 /// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
-/// not above 0, and where the recursion does not stay finite.
+/// not above 0, and if the recursion does not stay finite.
 pub fn train(
     network: &OnlineNetwork,
     calibration: &NetworkCalibration<'_>,

@@ -4,7 +4,7 @@ use crate::earth::attitude::{tilt_between, tilted};
 use crate::earth::geodesy::STANDARD_GRAVITY_MPS2;
 use nalgebra::{Matrix3, Vector3};
 
-/// The values that MagNav.jl 1.3.3 computed, by name: row, column and value.
+/// Values computed by MagNav.jl 1.3.3, by name: row, column and value.
 pub(crate) fn golden_entries(name: &str) -> impl Iterator<Item = (usize, usize, f64)> {
     let file = include_str!("../../../reference/navigation/magnav_golden.csv");
     let lines = file.lines().map(|line| line.split(',').collect::<Vec<&str>>());
@@ -13,7 +13,7 @@ pub(crate) fn golden_entries(name: &str) -> impl Iterator<Item = (usize, usize, 
         .map(|words| (words[1].parse().unwrap(), words[2].parse().unwrap(), words[3].parse().unwrap()))
 }
 
-/// The same as a matrix over the states.
+/// The same values as a matrix over the states.
 pub(crate) fn golden(name: &str) -> StateMatrix {
     let mut matrix = [[0.0; STATES]; STATES];
     for (row, column, value) in golden_entries(name) {
@@ -22,7 +22,7 @@ pub(crate) fn golden(name: &str) -> StateMatrix {
     matrix
 }
 
-/// The same with rows and columns in our order.
+/// The same matrix with rows and columns in magline's order.
 pub(crate) fn golden_in_our_order(name: &str) -> StateMatrix {
     let theirs = golden(name);
     let mut ours = [[0.0; STATES]; STATES];
@@ -56,7 +56,7 @@ fn val_magnav_pinson_matrix_in_the_compatible_form() {
 }
 
 #[test]
-fn r12_altitude_to_tilt_is_the_only_element_that_differs() {
+fn unit_the_forms_differ_only_in_the_element_of_altitude_and_tilt() {
     let thesis = pinson_matrix(&GOLDEN_POINT, &GOLDEN_TIMES, PinsonForm::Thesis);
     let compatible = pinson_matrix(&GOLDEN_POINT, &GOLDEN_TIMES, PinsonForm::Compatible);
     for row in 0..STATES {
@@ -68,7 +68,7 @@ fn r12_altitude_to_tilt_is_the_only_element_that_differs() {
     assert_eq!(thesis[TILT_N][ALT], 35.0 / (R * R));
 }
 
-/// All that moves: the INS proper and what aids it.
+/// State of the INS and its aiding.
 #[derive(Clone, Copy)]
 struct Mechanisation {
     position: Vector3<f64>,
@@ -81,8 +81,8 @@ struct Mechanisation {
     temporal_nt: f64,
 }
 
-/// The rates of change of a [`Mechanisation`], attitude as an angular rate of the navigation frame's
-/// components: d(body_to_ned)/dt = skew(rate) body_to_ned.
+/// Rates of change of a [`Mechanisation`], with the attitude as an angular rate in the navigation frame:
+/// d(body_to_ned)/dt = skew(rate) body_to_ned.
 struct Rates {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -91,9 +91,9 @@ struct Rates {
     loop_mps2: f64,
 }
 
-/// Strapdown equations on a rotating sphere with constant gravity, aided by a barometer in a third
-/// order loop [Titterton & Weston 3.69-3.75, 13.4]. `true_alt_m` is what the barometer measures,
-/// off by the drift `baro_m`. Written without the error model, whose matrix is its derivative.
+/// Strapdown equations on a rotating sphere with constant gravity, aided by a barometer in a third-order loop
+/// [Titterton & Weston 3.69-3.75, 13.4]. The barometer measures `true_alt_m` with the drift `baro_m`. The function is
+/// independent of the error model, whose matrix is its derivative.
 fn rates(m: &Mechanisation, force_body: &Vector3<f64>, rate_body: &Vector3<f64>, true_alt_m: f64) -> Rates {
     let (lat, height) = (m.position.x, m.position.z);
     let radius = R + height;
@@ -113,7 +113,7 @@ fn rates(m: &Mechanisation, force_body: &Vector3<f64>, rate_body: &Vector3<f64>,
     }
 }
 
-/// A mechanisation moved by a vector of error states.
+/// Mechanisation displaced by a vector of error states.
 fn moved(m: &Mechanisation, e: &StateVector) -> Mechanisation {
     let v3 = |from: usize| Vector3::new(e[from], e[from + 1], e[from + 2]);
     Mechanisation {
@@ -128,11 +128,11 @@ fn moved(m: &Mechanisation, e: &StateVector) -> Mechanisation {
     }
 }
 
-/// The rate of change of the error states between two mechanisations.
+/// Rate of change of the error states between two mechanisations.
 fn error_rates(m: &Mechanisation, other: &Mechanisation, force: &Vector3<f64>, turn: &Vector3<f64>) -> StateVector {
     let truth = m.position.z;
     let (a, b) = (rates(m, force, turn, truth), rates(other, force, turn, truth));
-    // A short step of both attitudes, and how the tilt between them changed over it.
+    // A short step of both attitudes, and the change of the tilt between them.
     let dt = 0.005;
     let step = |m: &Mechanisation, r: &Rates| tilted(&m.body_to_ned, &(-r.turn * dt));
     let back = |m: &Mechanisation, r: &Rates| tilted(&m.body_to_ned, &(r.turn * dt));
@@ -150,12 +150,12 @@ fn error_rates(m: &Mechanisation, other: &Mechanisation, force: &Vector3<f64>, t
     out
 }
 
-/// Steps of the error states that are small, and large enough to be seen over rounding.
+/// Steps of the error states that are small, but large compared with rounding.
 const STEPS: StateVector =
     [1e-4, 1e-4, 100.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5, 10.0, 1e-3, 1.0];
 
 #[test]
-fn jac_every_element_is_the_derivative_of_the_mechanisation() {
+fn law_every_element_is_the_derivative_of_the_mechanisation() {
     let points = [
         GOLDEN_POINT,
         InsPoint {
@@ -188,8 +188,8 @@ fn jac_every_element_is_the_derivative_of_the_mechanisation() {
             let down = error_rates(&m, &moved(&m, &e.map(|e| -e)), &force, &turn);
             for row in 0..STATES {
                 let derivative = (up[row] - down[row]) / (2.0 * STEPS[column]);
-                // Scaled by the steps: what one step of the column does to the row, relative to a
-                // step of the row in a second. 1e-11 is rounding, 1e-6 the third derivatives.
+                // Scaled by the steps: the effect of one step of the column on the row, relative to a step of the row
+                // in a second. 1e-11 is rounding, 1e-6 the third derivatives.
                 let noise = 1e-10 * STEPS[row] / STEPS[column];
                 assert!(
                     (f[row][column] - derivative).abs() <= 1e-6 * derivative.abs() + noise,

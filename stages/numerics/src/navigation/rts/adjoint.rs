@@ -1,12 +1,12 @@
-//! The adjoint state λ and its matrix Λ of the backward pass. [Bierman 1973]
+//! Adjoint state λ and its matrix Λ of the backward pass. [Bierman 1973]
 
 use crate::navigation::pinson::{ACC, GYRO, HA, S, STATES, StateMatrix, StateVector};
 
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, inner, mirror};
 
-/// The states that depend on their own past alone: their rows of Φ are diagonal.
+/// Gauss-Markov states: their rows of Φ are diagonal.
 const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
-/// The others.
+/// Other states.
 const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
 
 /// Measurement update of the forward pass.
@@ -30,10 +30,10 @@ pub(super) struct AdjointState {
 }
 
 impl AdjointState {
-    /// That behind the last sample.
+    /// Adjoint state after the last sample.
     pub(super) const END: Self = Self { state: [0.0; STATES], matrix: [[0.0; STATES]; STATES] };
 
-    /// Back through a measurement; hands back its u.
+    /// Propagates back through a measurement. Returns its u.
     #[inline(always)]
     pub(super) fn through_measurement(&mut self, used: &ForwardUpdate) -> f64 {
         let u = used.force + inner(&used.gain, &self.state);
@@ -56,11 +56,11 @@ impl AdjointState {
         u
     }
 
-    /// Back through a step.
+    /// Propagates back through a step.
     #[inline(always)]
     pub(super) fn through_step(&mut self, phi: &StateMatrix) {
         self.state = transposed_product(phi, &self.state);
-        // Y = Λ Φ, whose rows are Φᵀ times the rows of Λ, and then Φᵀ Y.
+        // Y = Λ Φ, whose rows are Φᵀ times the rows of Λ, then Φᵀ Y.
         let y = self.matrix.map(|row| transposed_product(phi, &row));
         let mut out = [[0.0; STATES]; STATES];
         for from in COUPLED {
@@ -100,7 +100,7 @@ impl AdjointState {
     }
 }
 
-/// Φᵀ x, over the entries of Φ that are not zero.
+/// Φᵀ x, over the nonzero entries of Φ.
 #[inline(always)]
 fn transposed_product(phi: &StateMatrix, x: &StateVector) -> StateVector {
     let mut out = [0.0; STATES];

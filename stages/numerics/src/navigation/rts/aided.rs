@@ -1,4 +1,4 @@
-//! The smoother with further measurements besides the scalar field.
+//! Smoother with further measurements in addition to the scalar field.
 
 use crate::navigation::aids::{AidInnovations, Aids, SampleUsage};
 use crate::navigation::fixed_lag::whole::smooth;
@@ -8,10 +8,10 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 
 use super::{RtsParameters, RtsReport};
 
-/// A smoothed line with further measurements.
+/// Smoothed line with further measurements.
 #[derive(Clone, Debug, Default)]
 pub struct AidedRtsOutput {
-    /// The line, as that of [`RtsOutput`](super::RtsOutput).
+    /// Track, as in [`RtsOutput`](super::RtsOutput).
     pub line: NavigationOutput,
     /// Report on the iteration. The size of its last step in standard deviations is unknown.
     pub iterations: RtsReport,
@@ -19,14 +19,15 @@ pub struct AidedRtsOutput {
     pub usage: Vec<SampleUsage>,
     /// Innovations of the further measurements, of the last forward pass.
     pub aids: AidInnovations,
-    /// The horizontal slope of the field at the estimate of the first filter, in nT/m; NaN off the map.
+    /// Horizontal slope of the field at the estimate of the first filter, in nT/m; NaN off the map.
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements: the most probable trajectory of all states, by Gauss and Newton's
-/// iteration from the path of the extended Kalman filter. It takes some 15 kB a sample, and one start where
-/// [`run`](super::run) has four, so that an initial error too large for the map ends in another valley. A loss is of
-/// the scalar field alone. Where the map is too flat at the estimate of that filter, the scalar field is not used.
+/// [`run`](super::run) with further measurements: the most probable trajectory of all states, by Gauss-Newton iteration
+/// from the path of the extended Kalman filter. It takes about 15 kB per sample. It has one start, while
+/// [`run`](super::run) has four, so with an initial error too large for the map it may end in another minimum. A loss
+/// applies only to the scalar field. Where the map is too flat at the estimate of that filter, the scalar field is not
+/// used.
 ///
 /// # Errors
 /// Fails as [`run`](super::run) and [`Aids::check`].

@@ -14,7 +14,7 @@ use crate::random::NormalGenerator;
 
 const RUNS: u64 = 40;
 const SAMPLES: u32 = 1500;
-/// Far enough apart to be nearly independent.
+/// Rows far enough apart to be nearly independent.
 const EPOCHS: [usize; 6] = [20, 300, 600, 900, 1200, 1499];
 
 struct Flight {
@@ -48,7 +48,8 @@ impl Flight {
             let field_nt = map.at(lat, lon, alt).unwrap().value_nt + core.magnitude_nt(lat, lon, alt);
             measured_nt.push(field_nt + temporal_nt(error) + 5.0 * normals.draw());
         }
-        // Drawn after the noise, so that a flight with outliers is else the same; of one sign, as magnetic objects are.
+        // Drawn after the noise, so that a flight with outliers is otherwise the same; of one sign, like magnetic
+        // objects.
         let threshold = 1.645 * if outliers > 0.0 { 1.0 } else { f64::INFINITY };
         for measured_nt in &mut measured_nt {
             *measured_nt += if normals.draw() > threshold { outliers } else { 0.0 };
@@ -79,7 +80,7 @@ impl Flight {
         ekf::run(&parameters, &self.ins.series(), &self.measured_nt, map, Some(core)).unwrap()
     }
 
-    /// Errors north and east in m.
+    /// Errors north and east, in m.
     fn error_m(&self, output: &NavigationOutput, row: usize) -> [f64; 2] {
         let lat_rad = self.truth.columns[1][row].to_radians();
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_rad, 500.0);
@@ -87,7 +88,7 @@ impl Flight {
         [north * off(output.lat_deg[row], 1), east * off(output.lon_deg[row], 2)]
     }
 
-    /// Chi-square of 2 degrees.
+    /// NEES: a chi-square of 2 degrees.
     fn nees(&self, output: &NavigationOutput, row: usize) -> f64 {
         let [n, e] = self.error_m(output, row);
         let (a, b, c) = (output.sd_n_m[row].powi(2), output.cov_ne_m2[row], output.sd_e_m[row].powi(2));
@@ -111,7 +112,7 @@ fn chi_square(freedom: f64, z: f64) -> f64 {
 }
 
 #[test]
-fn law_the_smoother_is_as_good_as_it_says_and_better_than_the_filter() {
+fn law_the_smoother_is_consistent_and_more_accurate_than_the_filter() {
     let flights: Vec<Flight> = (0..RUNS).map(|seed| Flight::new(seed, 0.0)).collect();
     let smoothed: Vec<RtsOutput> = flights.iter().map(|flight| flight.smoothed(TrajectoryLoss::None)).collect();
     let filtered: Vec<NavigationOutput> = flights.iter().map(Flight::filtered).collect();
@@ -124,10 +125,10 @@ fn law_the_smoother_is_as_good_as_it_says_and_better_than_the_filter() {
         let filter = (pairs().map(|(flight, (_, filter))| flight.square_m2(filter, row)).sum::<f64>() / n).sqrt();
         println!("row {row}: NEES {nees:.2}, smoother {ours:.2} m, filter {filter:.2} m");
         if row + 1 < SAMPLES as usize {
-            // In the first seconds the INS is good to 4 m, and measurements tell little more.
+            // In the first seconds the INS is accurate to 4 m, and measurements add little.
             assert!(ours < if row < 100 { 1.0 } else { 0.8 } * filter, "{row} {ours} {filter}");
         } else {
-            // The same information; the map is linearised elsewhere.
+            // Same information; the map is linearised elsewhere.
             assert!((ours / filter - 1.0).abs() < 0.1, "{ours} {filter}");
         }
         all += nees / 2.0 / EPOCHS.len() as f64;
@@ -139,13 +140,13 @@ fn law_the_smoother_is_as_good_as_it_says_and_better_than_the_filter() {
     assert!((chi_square(freedom, -1.96)..=chi_square(freedom, 1.96)).contains(&(all * freedom)), "{all}");
     let nis = smoothed.iter().map(|ours| ours.line.nis.iter().sum::<f64>()).sum::<f64>() / n / f64::from(SAMPLES);
     println!("NEES per degree of freedom {all:.3}, NIS {nis:.4}");
-    // The mean of 60,000 has a standard deviation of 0.006; what linearising along the future adds is below that.
+    // The mean of 60,000 has a standard deviation of 0.006; the effect of linearising along the future is smaller.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
     assert!(smoothed.iter().all(|ours| ours.iterations.converged && ours.iterations.passes <= 6));
 }
 
 #[test]
-fn law_robust_losses_bear_outliers() {
+fn law_robust_losses_limit_the_effect_of_outliers() {
     let runs = 12;
     let mut sums = [0.0; 6];
     for seed in 0..runs {
@@ -167,7 +168,7 @@ fn law_robust_losses_bear_outliers() {
 }
 
 #[test]
-fn law_a_large_initial_error_is_found_whatever_the_loss() {
+fn law_a_large_initial_error_is_corrected_with_every_loss() {
     let mut model = InsErrorModel::default();
     model.sources.init_position_sigma_m = 300.0;
     let mut worst = [0.0_f64; 4];
@@ -182,6 +183,6 @@ fn law_a_large_initial_error_is_found_whatever_the_loss() {
         }
     }
     println!("worst flight: none, Huber, Cauchy, filter {worst:.1?} m");
-    // The result is as good as from 3 m, where the worst of these is 20 m. The map supplies the other information.
+    // The result is as accurate as from 3 m, where the worst of these is 20 m. The map supplies the other information.
     assert!(worst[..3].iter().all(|worst| *worst < 40.0), "{worst:?}");
 }

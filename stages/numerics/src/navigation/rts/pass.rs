@@ -1,4 +1,4 @@
-//! One pass over the line, forward and backward: the exact solution of the linear problem.
+//! One pass over the line, forward and backward: exact solution of the linear problem.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
@@ -15,8 +15,8 @@ use crate::navigation::position_fixes::StateFix;
 use crate::navigation::scalar_problem::{ScalarProblem, ScalarSearch};
 use crate::navigation::sensitivity::{Sensitivity, add_scaled, inner, measured_states};
 
-/// Samples between two states that the forward pass keeps; what the backward pass computes again between them stays in
-/// the cache next to the innermost one.
+/// Number of samples between two stored states of the forward pass. The results that the backward pass recomputes
+/// between them stay in the second-level cache.
 const BLOCK: usize = 64;
 
 /// Trajectory with the field along it.
@@ -25,55 +25,55 @@ type TrajectoryField<'a> = (&'a [StateVector], &'a [Option<FieldValue>]);
 /// Linearisation point of the map, and the residuals that determine the weights of a robust loss.
 #[derive(Clone, Copy)]
 pub(super) enum RtsLinearisation<'a> {
-    /// The most probable state after each measurement and those before it.
+    /// Most probable state after each measurement, given the previous ones.
     Filtered(FirstPass),
-    /// A trajectory, and its residuals.
+    /// Trajectory and its residuals.
     Along(TrajectoryField<'a>),
 }
 
 /// Settings of a first pass.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct FirstPass {
-    /// Linearisations a measurement, at the most.
+    /// Maximum number of linearisations per measurement.
     pub(super) iterations: usize,
-    /// Whether a robust loss weights, by the innovations over their standard deviations.
+    /// Whether a robust loss weights the innovations over their standard deviations.
     pub(super) robust: bool,
-    /// A factor of the standard deviation of every measurement.
+    /// Factor on the standard deviation of every measurement.
     pub(super) sigma_factor: f64,
 }
 
-/// The solution of a linear problem.
+/// Solution of a linear problem.
 #[derive(Default)]
 pub(super) struct RtsSolution {
     pub(super) x: Vec<StateVector>,
-    /// Twice the part of J that is of the initial state and the process noise.
+    /// Twice the part of J from the initial state and the process noise.
     pub(super) motion: f64,
-    /// The same product, of the solution and the trajectory that the map was linearised along.
+    /// The same product of the solution and the trajectory of the linearisation.
     pub(super) motion_with_last: f64,
-    /// Σ (H d)²/σ² over the measurements, with their weights, of the step d from that trajectory.
+    /// Σ (H d)²/σ² over the weighted measurements, with the step d from that trajectory.
     pub(super) measured_step: f64,
 }
 
-/// A measurement of the linear problem: value = H x + noise; of a position from elsewhere, in the unit of its state.
+/// Measurement of the linear problem: value = H x + noise; for an aiding position, in the unit of its state.
 #[derive(Clone, Copy, Debug)]
 struct LinearMeasurement {
     h: Sensitivity,
     value_nt: f64,
-    /// With the weight of a robust loss.
+    /// Variance with the weight of a robust loss.
     variance_nt2: f64,
 }
 
 /// Result of the forward pass at a sample of a block.
 struct ForwardSample {
-    /// Φ of the step to it.
+    /// Φ of the step to the sample.
     phi: StateMatrix,
-    /// After its measurement.
+    /// Estimate after its measurement.
     estimate: StateEstimate,
-    /// The aiding positions, and the measurement.
+    /// Aiding positions, and the measurement.
     used: [Option<ForwardUpdate>; 4],
 }
 
-/// A pass, with by-products of its last solution.
+/// Pass, with by-products of its last solution.
 pub(super) struct SmootherPass<'a> {
     line: &'a NavigationLine<'a>,
     loss: RobustLoss,
@@ -82,13 +82,13 @@ pub(super) struct SmootherPass<'a> {
     keep_covariance: bool,
     model: InsProcessModel,
     measurements: Vec<Option<LinearMeasurement>>,
-    /// Before the measurement of the first sample of each block.
+    /// Estimate before the measurement of the first sample of each block.
     kept: Vec<StateEstimate>,
     block: Vec<ForwardSample>,
     pub(super) innovations: Vec<Innovation>,
     /// Smoothed covariances of latitude, of latitude and longitude, of longitude, in rad².
     pub(super) position_covariances: Vec<[f64; 3]>,
-    /// All of them, where they are to be kept.
+    /// All covariances, if requested.
     pub(super) covariances: Vec<StateMatrix>,
     pub(super) report: NavigationReport,
 }
@@ -145,13 +145,13 @@ impl<'a> SmootherPass<'a> {
         Ok(())
     }
 
-    /// The aiding positions of a row.
+    /// Updates with the aiding positions of a row.
     #[inline(always)]
     fn aid(&self, row: usize, estimate: &mut StateEstimate) -> [Option<ForwardUpdate>; 3] {
         self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(estimate)))
     }
 
-    /// The measurement of a row in the linear problem, and its innovation.
+    /// Measurement of a row in the linear problem, and its innovation.
     #[inline(always)]
     fn linearise(
         &mut self,
@@ -241,7 +241,7 @@ impl<'a> SmootherPass<'a> {
         Ok(solution)
     }
 
-    /// Filters the block of samples from `first` on again, from the state that the forward pass kept.
+    /// Repeats the filter on the block of samples from `first` on, from the stored state of the forward pass.
     #[inline(always)]
     fn again(&mut self, first: usize) {
         let ins = self.line.ins;
@@ -263,7 +263,7 @@ impl<'a> SmootherPass<'a> {
 }
 
 impl LinearMeasurement {
-    /// The measurement of a value, linearised at measured states with their field.
+    /// Measurement linearised at measured states with their field.
     #[inline(always)]
     fn new(value_nt: f64, variance_nt2: f64, at: [f64; 4], field: &FieldValue) -> Self {
         let h = Sensitivity::from_field(field);
@@ -300,7 +300,7 @@ fn smoothed_state(estimate: &StateEstimate, adjoint: &AdjointState) -> StateVect
     x
 }
 
-/// The entries of P - P Λ P for latitude and longitude.
+/// Entries of P - P Λ P for latitude and longitude.
 #[inline(always)]
 fn position_covariance(estimate: &StateEstimate, adjoint: &AdjointState) -> [f64; 3] {
     let p = &estimate.p;

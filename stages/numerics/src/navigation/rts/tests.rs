@@ -29,7 +29,7 @@ fn batch(scene: &AnalyticScene, loss: RobustLoss, iterations: usize) -> DenseBat
     })
 }
 
-/// Longer than two of the blocks of the backward pass, with gaps.
+/// Line longer than two blocks of the backward pass, with gaps.
 fn gaps(interpolation: MapInterpolation, field_nt: fn(f64, f64) -> f64) -> AnalyticScene {
     let mut scene = AnalyticScene::new(&uneven(150), interpolation, field_nt);
     for row in [0, 17, 18, 63, 64, 100, 149] {
@@ -39,19 +39,19 @@ fn gaps(interpolation: MapInterpolation, field_nt: fn(f64, f64) -> f64) -> Analy
 }
 
 #[test]
-fn law_on_a_plane_every_state_is_that_of_dense_least_squares() {
+fn law_on_a_plane_every_state_equals_dense_least_squares() {
     for noise in [NoiseDiscretisation::Trapezoidal, NoiseDiscretisation::Rectangular, NoiseDiscretisation::VanLoan] {
         let mut scene = gaps(MapInterpolation::Linear, plane);
         scene.errors.noise = noise;
         let output = smoothed(&scene, &all());
         let batch = batch(&scene, RobustLoss::new(TrajectoryLoss::None, None), 1);
         for row in 0..150 {
-            // The dense solution loses four of its sixteen digits to the condition of its matrix, and where smoothing
-            // takes little off the prior the difference loses some more.
+            // The dense solution loses four of its sixteen digits to the condition number of its matrix. Where
+            // smoothing reduces the prior little, the difference loses some more.
             let found = (&output.line.x[row], &output.line.p[row]);
             assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-6, &format!("{noise:?} row {row}"));
             let north_m = 6_378_137.0 * batch.p[row][(LAT, LAT)].sqrt();
-            // The radius of the meridian is 0.2 % less here.
+            // The meridian radius is 0.2 % smaller here.
             assert!((output.line.sd_n_m[row] / north_m - 1.0).abs() < 0.003);
         }
         assert!(output.iterations.converged && output.iterations.passes == 2, "{:?}", output.iterations);
@@ -59,7 +59,7 @@ fn law_on_a_plane_every_state_is_that_of_dense_least_squares() {
 }
 
 #[test]
-fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
+fn law_on_a_curved_map_it_equals_the_dense_minimum_with_every_loss() {
     let mut scene = gaps(MapInterpolation::Cubic, hills);
     for row in [30, 31, 90] {
         scene.measurement_nt[row] += 40.0;
@@ -71,7 +71,7 @@ fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
         let robust = RobustLoss::new(loss, None);
         let batch = batch(&scene, robust, 60);
         for row in 0..150 {
-            // Positions are uncertain by 10 m and more, so the last step is 1e-5 of that; the reweighting converges
+            // Positions are uncertain by 10 m and more, so the last step is 1e-5 of that. The reweighting converges
             // linearly, to a few times its last step.
             let found = (&output.line.x[row], &output.line.p[row]);
             assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-4, &format!("{loss:?} row {row}"));
@@ -86,13 +86,13 @@ fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
             }
             cost
         });
-        // J is flat at its minimum: 1e-4 of a standard deviation is 1e-8 of it.
+        // J is flat at its minimum: 1e-4 of a standard deviation changes it by 1e-8.
         assert!((output.iterations.cost / cost - 1.0).abs() < 1e-7, "{loss:?} {} {cost}", output.iterations.cost);
     }
 }
 
 #[test]
-fn law_with_positions_from_elsewhere_it_is_the_dense_minimum() {
+fn law_with_aiding_positions_it_equals_the_dense_minimum() {
     let mut scene = gaps(MapInterpolation::Cubic, hills);
     scene.fixes = Some(positions(&scene.columns));
     let output = smoothed(&scene, &RtsParameters { tolerance_m: 1e-4, iterations: 60, ..all() });
@@ -115,7 +115,7 @@ fn law_with_positions_from_elsewhere_it_is_the_dense_minimum() {
         cost
     });
     assert!((output.iterations.cost / cost - 1.0).abs() < 1e-7, "{} {cost}", output.iterations.cost);
-    // Without them it is another line.
+    // Without positions the result differs.
     scene.fixes = None;
     let alone = smoothed(&scene, &all());
     assert!(alone.line.sd_n_m[75] > 1.02 * output.line.sd_n_m[75]);
@@ -123,7 +123,7 @@ fn law_with_positions_from_elsewhere_it_is_the_dense_minimum() {
 
 #[test]
 fn law_the_cost_never_rises() {
-    // Waves as long as a few times the initial error.
+    // Waves with a length of a few times the initial error.
     let field = |north: f64, east: f64| 200.0 * (north / 300.0).sin() + 150.0 * (east / 250.0).cos();
     let mut halved = 0;
     for interpolation in [MapInterpolation::Cubic, MapInterpolation::Linear] {
@@ -137,7 +137,7 @@ fn law_the_cost_never_rises() {
             for iterations in 5..14 {
                 let output = smoothed(&scene, &RtsParameters { iterations, ..RtsParameters::default() });
                 let report = output.iterations;
-                // J of the process noise is carried from step to step, with its rounding.
+                // J of the process noise accumulates rounding from step to step.
                 assert!(report.cost <= last * (1.0 + 1e-9), "{shift} {iterations} {} {last}", report.cost);
                 last = report.cost;
                 halved += report.halved;
@@ -149,7 +149,7 @@ fn law_the_cost_never_rises() {
 }
 
 #[test]
-fn law_covariances_are_symmetric_and_positive_and_no_larger_than_the_filters() {
+fn law_covariances_are_symmetric_positive_and_at_most_those_of_the_filter() {
     let mut scene = gaps(MapInterpolation::Cubic, hills);
     scene.sigma_nt.fill(0.05);
     scene.errors.sources.init_altitude_sigma_m = 0.0;
@@ -160,14 +160,14 @@ fn law_covariances_are_symmetric_and_positive_and_no_larger_than_the_filters() {
         assert!((0..STATES).all(|state| p[(state, state)] >= 0.0));
         let sigma: [f64; STATES] = std::array::from_fn(|state| p[(state, state)].sqrt().max(1e-300));
         let correlation = DenseStateMatrix::from_fn(|row, column| p[(row, column)] / sigma[row] / sigma[column]);
-        // A difference of the filter's covariance, which is up to 1e6 times as large in a direction.
+        // A difference of the filter's covariance, which is up to 1e6 times as large in one direction.
         let smallest = correlation.symmetric_eigenvalues().min();
         assert!(smallest > -1e-8, "{smallest:e}");
     }
 }
 
 #[test]
-fn law_the_last_sample_is_the_filters_and_the_innovations_are_its_own() {
+fn law_the_last_sample_and_the_innovations_equal_those_of_the_filter() {
     let scene = AnalyticScene::new(&uneven(150), MapInterpolation::Linear, plane);
     let parameters = EkfParameters { errors: scene.errors, ..EkfParameters::default() };
     let filter = ekf::run(&parameters, &scene.series(), &scene.measurement_nt, &scene.map, None).unwrap();
@@ -180,13 +180,13 @@ fn law_the_last_sample_is_the_filters_and_the_innovations_are_its_own() {
     for row in 0..150 {
         assert!((output.residual_nt[row] - filter.residual_nt[row]).abs() < 1e-7, "{row}");
         assert!((output.nis[row] - filter.nis[row]).abs() < 1e-7, "{row}");
-        // Only north is determined: the plane has a slope in one direction.
+        // Only north is observed: the plane has a slope in one direction.
         assert!(output.sd_n_m[row] <= filter.sd_n_m[row] * (1.0 + 1e-9), "{row}");
     }
 }
 
 #[test]
-fn law_irregular_samples_are_smoothed_through_and_counted() {
+fn unit_irregular_samples_are_smoothed_and_counted() {
     let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
     let clean = smoothed(&scene, &RtsParameters::default()).line;
     for row in [0, 4, 5] {
@@ -208,7 +208,7 @@ fn law_irregular_samples_are_smoothed_through_and_counted() {
 }
 
 #[test]
-fn law_without_any_measurement_the_ins_is_handed_through() {
+fn law_without_measurements_the_output_is_the_ins() {
     let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
     scene.measurement_nt.fill(f64::NAN);
     let output = smoothed(&scene, &RtsParameters::default());
@@ -218,7 +218,7 @@ fn law_without_any_measurement_the_ins_is_handed_through() {
 }
 
 #[test]
-fn law_a_single_sample_is_the_iterated_filters() {
+fn law_a_single_sample_equals_the_iterated_filter() {
     let scene = AnalyticScene::new(&[0.0], MapInterpolation::Cubic, hills);
     let output = smoothed(&scene, &RtsParameters { tolerance_m: 1e-6, ..RtsParameters::default() });
     let parameters =
@@ -229,7 +229,7 @@ fn law_a_single_sample_is_the_iterated_filters() {
 }
 
 #[test]
-fn law_a_flat_map_moves_only_the_temporal_variation() {
+fn law_a_flat_map_corrects_only_the_temporal_variation() {
     let mut scene = AnalyticScene::new(&uneven(80), MapInterpolation::Linear, |_, _| 7.0);
     scene.measurement_nt.fill(11.0);
     let output = smoothed(&scene, &RtsParameters::default()).line;
@@ -237,14 +237,14 @@ fn law_a_flat_map_moves_only_the_temporal_variation() {
 }
 
 #[test]
-fn law_a_single_pass_says_that_it_did_not_converge() {
+fn unit_a_single_pass_is_reported_as_unconverged() {
     let scene = AnalyticScene::new(&uneven(80), MapInterpolation::Cubic, hills);
     let report = smoothed(&scene, &RtsParameters { iterations: 1, ..RtsParameters::default() }).iterations;
     assert!(!report.converged && report.passes == 1 && report.last_step_m.is_infinite());
 }
 
 #[test]
-fn unit_bad_lines_and_parameters_are_refused_in_words() {
+fn unit_invalid_lines_and_parameters_are_rejected() {
     assert_refusals(|scene| scene.with(|line| run(line, &RtsParameters::default())).err());
     let scene = AnalyticScene::new(&[0.0], MapInterpolation::Linear, plane);
     let message = |parameters: &RtsParameters| scene.with(|line| run(line, parameters)).unwrap_err().to_string();

@@ -1,41 +1,41 @@
-//! The map that a flight leaves behind.
+//! Map from a flight.
 
 use super::index::SlamSampleIndex;
 use super::kernel::{AnomalyKernel, BorderedCovariance, MOST_NEIGHBOURS};
 use super::output::{PathSample, SlamOutput};
 use rayon::prelude::*;
 
-/// A map of the anomaly on a regular grid, by rows from the south.
+/// Map of the anomaly on a regular grid, by rows from the south.
 #[derive(Clone, Debug)]
 pub struct SlamMap {
     /// Latitudes of the rows, in degrees, ascending.
     pub lat_deg: Vec<f64>,
     /// Longitudes of the columns, in degrees, ascending.
     pub lon_deg: Vec<f64>,
-    /// The anomaly, in nT; NaN where no measurement is near.
+    /// Anomaly, in nT; NaN without a measurement nearby.
     pub value_nt: Vec<f64>,
-    /// Its standard deviation, in nT, given the path; NaN with it.
+    /// Standard deviation, in nT, given the path; NaN where the anomaly is.
     pub sd_nt: Vec<f64>,
 }
 
-/// The nodes of a grid: first latitude and longitude, steps and counts.
+/// Nodes of a grid: first latitude and longitude, steps and counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamMapGrid {
     /// Latitude of the first row and longitude of the first column, in degrees.
     pub south_west_deg: (f64, f64),
     /// Steps of latitude and longitude, in degrees, above 0.
     pub step_deg: (f64, f64),
-    /// Rows and columns.
+    /// Numbers of rows and columns.
     pub size: (usize, usize),
 }
 
 impl SlamOutput {
-    /// Draws the map of the flight by kriging, each node from the 24 nearest measurements within three lengths of the
-    /// kernel, at the positions of [`SlamOutput::path`].
+    /// Computes the map of the flight by kriging, each node from the 24 nearest measurements within three lengths of
+    /// the kernel, at the positions of [`SlamOutput::path`].
     ///
-    /// The process is that of the filter: squared-exponential anomaly with an unknown mean, a temporal variation of a
-    /// standard deviation (nT) and correlation time (s), which the map is freed from, and white noise. Differences from
-    /// the mean height are taken as noise. Nodes whose standard deviation is above `most_sd_nt` are NaN.
+    /// The process is that of the filter: squared-exponential anomaly with an unknown mean, white noise, and a temporal
+    /// variation of a standard deviation (nT) and correlation time (s), which is removed from the map. Differences from
+    /// the mean height count as noise. Nodes whose standard deviation is above `most_sd_nt` are NaN.
     pub fn chart(&self, temporal: (f64, f64), grid: &SlamMapGrid, most_sd_nt: f64) -> SlamMap {
         let axis = |first: f64, step: f64, count: usize| (0..count).map(move |place| first + step * place as f64);
         let (rows, columns) = grid.size;
@@ -72,7 +72,7 @@ impl<'a> PathKriging<'a> {
         Self { path, index, kernel, temporal, alt_m }
     }
 
-    /// The nearest measurements, by distance.
+    /// Nearest measurements, by distance.
     fn near(&self, at_m: [f64; 2]) -> Vec<&'a PathSample> {
         let mut found = vec![];
         self.index.within(at_m, 3.0 * self.kernel.length_m, &mut found);

@@ -9,33 +9,33 @@ use super::parameters::{ExpectedMeasurement, SlamParameters};
 use super::particles::PIECE;
 use super::samples::SlamSample;
 
-/// Samples of a cell that are looked up.
+/// Maximum number of samples of a cell that are used.
 const MOST_IN_CELL: usize = 4;
-/// The most candidates; beyond it every second, third, … is one.
+/// Maximum number of candidates. If there are more, every second, third, … is used.
 const MOST_CANDIDATES: usize = 512;
-/// Particles whose spread decides which samples are candidates.
+/// Number of particles whose spread determines the candidates.
 const SCOUTS: usize = 64;
-/// Radii that have to be flown before a sample is an earlier one: particles may have half of the speed.
+/// Number of radii of flight after which a sample counts as earlier. Particles may have half of the speed.
 const RADII_FLOWN: f64 = 2.5;
 /// Distance from the mean, in standard deviations, of a particle whose radius contains all candidates.
 const SPREADS: f64 = 3.0;
 
-/// The rules of the expected measurement, with every default made a number.
+/// Rules of the expected measurement, with all defaults resolved.
 #[derive(Clone, Copy, Debug)]
 pub struct PredictionRules {
-    /// The method.
+    /// Method.
     pub method: ExpectedMeasurement,
-    /// The process of the anomaly.
+    /// Process of the anomaly.
     pub kernel: AnomalyKernel,
     /// Standard deviation of the temporal variation, in nT, and its correlation time, in s.
     pub temporal: (f64, f64),
-    /// Earlier samples of one prediction.
+    /// Maximum number of earlier samples in one prediction.
     pub neighbours: usize,
     /// Number of most recent samples in addition; 0 unless by nearest neighbours.
     pub recent: usize,
-    /// Earlier samples are older than this, in s.
+    /// Smallest age of earlier samples, in s.
     pub ignore_s: f64,
-    /// Radius, in m, in which more than `trigger_points` samples make a revisit.
+    /// Radius, in m, within which more than `trigger_points` samples count as a revisit.
     pub trigger_m: f64,
     /// See `trigger_m`.
     pub trigger_points: usize,
@@ -43,7 +43,7 @@ pub struct PredictionRules {
     pub radius_m: f64,
     /// Size of the cells of the index, in m.
     pub cell_m: f64,
-    /// The largest difference in height, in m.
+    /// Largest difference in height, in m.
     pub height_m: f64,
     /// Standard deviation of a prediction by inverse distance, in nT.
     pub interpolant_sigma_nt: f64,
@@ -86,18 +86,18 @@ impl PredictionRules {
         }
     }
 
-    /// The noise of a sample that predicts at another height, in nT².
+    /// Noise of an earlier sample at another height, in nT².
     fn noise_nt2(&self, sample: &SlamSample, alt_m: f64) -> f64 {
         let white = sample.variance_nt2 + self.kernel.sigma_n_nt.powi(2);
         white + self.kernel.height_nt2(sample.alt_m - alt_m)
     }
 }
 
-/// An earlier sample, as it is used for one measurement.
+/// Earlier sample, prepared for one measurement.
 #[derive(Clone, Copy, Debug)]
 struct EarlierSample<'a> {
     then: AncestorDisplacements<'a>,
-    /// INS position less the present one, in m.
+    /// INS position minus the present one, in m.
     from_m: [f64; 2],
     tt_s: f64,
     value_nt: f64,
@@ -113,7 +113,7 @@ impl EarlierSample<'_> {
         [0, 1].map(|axis| self.from_m[axis] + then_m[axis] - now_m[axis])
     }
 
-    /// The anomaly at a particle's position then, in nT.
+    /// Anomaly at a particle's position at that time, in nT.
     #[inline(always)]
     fn anomaly_nt(&self, particle: usize) -> f64 {
         let then_m = self.then.displacement(particle);
@@ -124,9 +124,9 @@ impl EarlierSample<'_> {
 /// Prediction of a particle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParticlePrediction {
-    /// The value measured less the one expected, in nT.
+    /// Measurement minus expected value, in nT.
     pub residual_nt: f64,
-    /// Its variance, with the noise of the measurement, in nT².
+    /// Variance of the residual, with the noise of the measurement, in nT².
     pub variance_nt2: f64,
     /// Whether the particle revisits.
     pub revisits: bool,
@@ -136,7 +136,7 @@ impl ParticlePrediction {
     /// No prediction.
     pub const NONE: Self = Self { residual_nt: f64::NAN, variance_nt2: f64::NAN, revisits: false };
 
-    /// The logarithm of the likelihood but for a constant.
+    /// Logarithm of the likelihood, up to a constant.
     pub fn log_likelihood(&self) -> f64 {
         -0.5 * (self.residual_nt * self.residual_nt / self.variance_nt2 + self.variance_nt2.ln())
     }
@@ -146,14 +146,14 @@ impl ParticlePrediction {
 #[derive(Clone, Debug)]
 pub struct ParticleMap {
     rules: PredictionRules,
-    /// The samples.
+    /// Samples.
     pub samples: Vec<SlamSample>,
-    /// The displacements of the particles at each of them, in m.
+    /// Displacements of the particles at each sample, in m.
     pub history: ParticleHistory,
     index: SlamSampleIndex,
-    /// The first sample that is not old enough for the index.
+    /// First sample that is not old enough for the index.
     pending: usize,
-    /// The largest spread of the particles at a sample of the index, in m.
+    /// Largest spread of the particles at a sample of the index, in m.
     spread_m: f64,
     found: Vec<u32>,
 }
@@ -172,7 +172,7 @@ fn spread(count: usize, of: impl Fn(usize) -> [f64; 2]) -> ([f64; 2], f64) {
 }
 
 impl ParticleMap {
-    /// No sample yet.
+    /// Empty map.
     pub fn new(rules: PredictionRules, particles: usize) -> Self {
         let index = SlamSampleIndex::new(rules.cell_m, MOST_IN_CELL);
         Self {
@@ -192,7 +192,7 @@ impl ParticleMap {
         self.history.push(now_m.iter().map(|now_m| now_m.map(|metres| metres as f32)));
     }
 
-    /// Puts the samples that are old enough by now into the index, where today's particles have them.
+    /// Moves the samples that have become old enough into the index, at the positions of the present particles.
     fn age(&mut self, tt_s: f64, particles: usize) {
         while let Some(sample) = self.samples.get(self.pending)
             && tt_s - sample.tt_s > self.rules.ignore_s
@@ -206,7 +206,7 @@ impl ParticleMap {
         }
     }
 
-    /// The earlier samples near the last one asked for.
+    /// Earlier samples near the last predicted one.
     pub fn found(&self) -> &[u32] {
         &self.found
     }
@@ -223,7 +223,7 @@ impl ParticleMap {
         })
     }
 
-    /// The earlier samples that any of the particles may be near.
+    /// Earlier samples that may be near any of the particles.
     fn candidates(&self, now: &SlamSample, now_m: &[[f64; 2]]) -> Vec<EarlierSample<'_>> {
         let mut out = vec![];
         for candidate in self.found.iter().filter_map(|sample| self.candidate(*sample as usize, now)) {
@@ -236,8 +236,7 @@ impl ParticleMap {
         out.into_iter().step_by(stride).collect()
     }
 
-    /// Prediction of each particle for a sample, given its present displacement, in m; `None` where no particle
-    /// revisits.
+    /// Prediction of each particle for a sample, given its present displacement, in m; `None` if no particle revisits.
     pub fn predict(&mut self, now: &SlamSample, now_m: &[[f64; 2]]) -> Option<Vec<ParticlePrediction>> {
         self.age(now.tt_s, now_m.len());
         let (mean, spread_m) = spread(now_m.len(), |particle| now_m[particle]);
@@ -279,7 +278,7 @@ struct NeighbourSet {
 }
 
 impl ParticleView<'_> {
-    /// The nearest candidates within the radius, and the number within the trigger radius.
+    /// Nearest candidates within the radius, and the number within the trigger radius.
     fn nearest(&self, old: &[EarlierSample<'_>]) -> (NeighbourSet, usize) {
         let mut chosen = NeighbourSet { members: [(0.0, [0.0; 2], 0); MOST_NEIGHBOURS], count: 0 };
         let (mut reach, trigger) = (self.rules.radius_m.powi(2), self.rules.trigger_m.powi(2));
@@ -343,7 +342,7 @@ impl ParticleView<'_> {
         ParticleSample { at_m, tt_s: candidate.tt_s, value_nt, noise_nt2: candidate.noise_nt2 }
     }
 
-    /// By the nearest and the last samples, whose prior is the process with an unknown mean.
+    /// Prediction from the nearest and the last samples, whose prior is the process with an unknown mean.
     fn conditioned(
         &self,
         chosen: &NeighbourSet,
@@ -361,7 +360,7 @@ impl ParticleView<'_> {
         self.field(&samples[..count], self.rules.temporal, self.rules.kernel.mean_nt2())
     }
 
-    /// By the earlier samples within the radius, whose mean is the prior mean. [Lee 2019, (85)]
+    /// Prediction from the earlier samples within the radius, whose mean is the prior mean. [Lee 2019, (85)]
     fn regression(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> Option<KrigingPrediction> {
         let mut samples = [ParticleSample::default(); MOST_NEIGHBOURS];
         for ((_, at_m, place), sample) in chosen.iter().zip(&mut samples) {
@@ -370,11 +369,11 @@ impl ParticleView<'_> {
         self.field(&samples[..chosen.count], (0.0, 1.0), 0.0)
     }
 
-    /// By the inverse squared distance; at a sample its value.
+    /// Prediction by the inverse squared distance; at a sample, its value.
     fn interpolated(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> KrigingPrediction {
         let (mut sum, mut weights) = (0.0, 0.0);
         for (distance2, _, place) in chosen.iter() {
-            // A centimetre: what is nearer is at the sample.
+            // Samples within one centimetre count as coincident.
             let weight = 1.0 / distance2.max(1e-4);
             sum += weight * old[*place as usize].anomaly_nt(self.particle);
             weights += weight;

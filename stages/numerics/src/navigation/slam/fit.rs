@@ -7,9 +7,9 @@ use super::samples::SlamSample;
 
 /// Maximum number of samples in the likelihood. Computing time grows with its third power.
 const MOST: usize = 200;
-/// The fewest samples that three hyper-parameters are fitted to.
+/// Smallest number of samples for a fit of three hyper-parameters.
 pub(in crate::navigation) const FEWEST: usize = 20;
-/// The most evaluations of the likelihood.
+/// Maximum number of evaluations of the likelihood.
 const EVALUATIONS: usize = 400;
 /// Maximum of a fitted length, as a fraction of the path used: longer lengths are indistinguishable from a slope.
 pub(in crate::navigation) const LONGEST: f64 = 0.5;
@@ -21,9 +21,9 @@ pub struct TrackMeasurements {
     pub distance_m: Vec<f64>,
     /// Time, in s.
     pub tt_s: Vec<f64>,
-    /// The measurement, in nT.
+    /// Measurement, in nT.
     pub value_nt: Vec<f64>,
-    /// The variance of its white noise, in nT².
+    /// Variance of its white noise, in nT².
     pub variance_nt2: Vec<f64>,
 }
 
@@ -49,9 +49,8 @@ impl TrackMeasurements {
         out
     }
 
-    /// The logarithm of the likelihood of a kernel, with the mean that is most likely and a temporal variation of this
-    /// standard deviation (nT) and correlation time (s); minus infinity for a covariance that is not positive.
-    /// [Lee 2019, (53)]
+    /// Logarithm of the likelihood of a kernel, with the most likely mean and a temporal variation of this standard
+    /// deviation (nT) and correlation time (s); minus infinity for a covariance that is not positive. [Lee 2019, (53)]
     pub fn log_likelihood(&self, kernel: &AnomalyKernel, temporal: (f64, f64)) -> f64 {
         let n = self.value_nt.len();
         let (sigma_nt, tau_s) = temporal;
@@ -71,10 +70,10 @@ impl TrackMeasurements {
         if log.is_finite() { log } else { f64::NEG_INFINITY }
     }
 
-    /// The kernel of the largest likelihood, searched from `start` on; `None` for fewer than 20 measurements, a path
-    /// without length or measurements that do not vary.
+    /// Kernel of maximum likelihood, searched from `start`; `None` for fewer than 20 measurements, a path without
+    /// length or constant measurements.
     ///
-    /// The length is kept between the mean distance of the measurements and half of the path.
+    /// The length is limited to between the mean distance of the measurements and half of the path.
     pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let n = self.value_nt.len();
         let path_m = *self.distance_m.last()?;
@@ -95,7 +94,7 @@ impl TrackMeasurements {
             }
         };
         let cost = |logs: [f64; 3]| {
-            // A wall beyond which the clamp would leave the likelihood flat.
+            // A penalty where the clamp would make the likelihood constant.
             let beyond = (logs[1] - kernel_of(logs).length_m.ln()).abs();
             -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * beyond
         };
@@ -112,7 +111,7 @@ pub(in crate::navigation) fn standard_deviation(values: &[f64]) -> f64 {
     (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// The least value and its place, by the simplex of Nelder & Mead (1965).
+/// Minimum and its position, by the simplex of Nelder & Mead (1965).
 pub(in crate::navigation) fn minimum(start: [f64; 3], cost: impl Fn([f64; 3]) -> f64) -> (f64, [f64; 3]) {
     let between = |a: [f64; 3], b: [f64; 3], t: f64| [0, 1, 2].map(|i: usize| a[i] + t * (b[i] - a[i]));
     let mut simplex = vec![(cost(start), start)];

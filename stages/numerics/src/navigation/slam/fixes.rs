@@ -10,8 +10,8 @@
 //! from which all particles continue. Each draws its position of the step from N(m, P), and its other states follow by
 //! regression, as at the start of a flight. Until the field weights the particles, m and P are those of a Kalman filter
 //! that runs in parallel; afterwards they are those of the particles with their lost variance ([`super::resolution`]).
-//! Without a revisit the result therefore equals the Kalman filter to rounding. A cloud that has lost the aircraft by
-//! more than its width is brought back, which weighting cannot do.
+//! Without a revisit the result therefore equals the Kalman filter to rounding. A cloud that is farther from the
+//! aircraft than its width is corrected, which weighting cannot do.
 //!
 //! The *paths* are weighted by each particle's prediction of the fix, with its covariance C = Φ P Φᵀ + Q given its
 //! path, so that fixes after a loss select the maps that agree with them:
@@ -29,13 +29,13 @@ use crate::navigation::position_fixes::StateFix;
 
 use super::particles::SlamParticles;
 
-/// The gain of a fix.
+/// Gain of a fix.
 fn gain(p: &StateMatrix, fix: &StateFix) -> StateVector {
     let measured = &p[fix.state];
     measured.map(|entry| entry / (measured[fix.state] + fix.variance))
 }
 
-/// Moves a mean by a fix.
+/// Corrects a mean with a fix.
 fn shift(x: &mut StateVector, gain: &StateVector, fix: &StateFix) {
     let residual = fix.error - x[fix.state];
     for (entry, gain) in x.iter_mut().zip(gain) {
@@ -43,7 +43,7 @@ fn shift(x: &mut StateVector, gain: &StateVector, fix: &StateFix) {
     }
 }
 
-/// The covariance after a fix, by Joseph's form. [Bucy & Joseph 1968]
+/// Covariance after a fix, by Joseph's form. [Bucy & Joseph 1968]
 fn narrow(p: &mut StateMatrix, gain: &StateVector, fix: &StateFix) {
     let (state, measured, variance) = (fix.state, p[fix.state], fix.variance);
     let mut left = *p;
@@ -61,7 +61,7 @@ fn narrow(p: &mut StateMatrix, gain: &StateVector, fix: &StateFix) {
     }
 }
 
-/// The Kalman update of a mean and covariance by a fix.
+/// Kalman update of a mean and covariance with a fix.
 pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
     let gain = gain(p, fix);
     shift(x, &gain, fix);
@@ -69,7 +69,7 @@ pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
 }
 
 impl SlamParticles {
-    /// Weights the particles by a fix, and conditions each on it.
+    /// Weights the particles with a fix, and conditions each on it.
     pub(super) fn foresee(&mut self, fix: &StateFix) {
         let (gain, total) = (gain(&self.linear, fix), self.linear[fix.state][fix.state] + fix.variance);
         let logs: Vec<f64> = self.x.iter().map(|x| -0.5 * (fix.error - x[fix.state]).powi(2) / total).collect();
@@ -77,11 +77,11 @@ impl SlamParticles {
             shift(x, &gain, fix);
         }
         narrow(&mut self.linear, &gain, fix);
-        // Without any weight left the weights stay.
+        // If no weight remains, the weights do not change.
         self.weigh(&logs);
     }
 
-    /// Makes this mean and covariance those of every particle, whose positions are not drawn then.
+    /// Sets the mean and covariance of every particle, whose positions are then not drawn.
     pub(super) fn join(&mut self, mean: &StateVector, covariance: &StateMatrix) {
         self.x.fill(*mean);
         self.linear = *covariance;

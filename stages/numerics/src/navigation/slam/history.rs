@@ -1,36 +1,36 @@
-//! The paths of all particles, which share their past.
+//! Paths of all particles, which share their past.
 //!
-//! A generation is what lies between two resamplings. It stores the displacement of every one of its particles that
-//! still has a descendant, a *slot*, at each sample, and for each particle of today the slot of its ancestor, so that
-//! the earlier position of a particle is two look-ups away however long ago. Resampling maps the ancestors on and drops
-//! the slots without descendants. The older of two neighbouring generations divides the particles of today into
-//! coarser families than the younger; once the families are the same, the two become one generation. So there are never
-//! more generations than particles, and where all particles have one ancestor, one displacement a sample is left.
+//! A generation is the interval between two resamplings. It stores the displacement at each sample of every one of its
+//! particles with a living descendant, a *slot*. It also stores, for each present particle, the slot of its ancestor.
+//! Any earlier position of a particle therefore takes two look-ups. Resampling maps the ancestors and drops the slots
+//! without descendants. The older of two neighbouring generations divides the present particles into coarser families
+//! than the younger; when the families are equal, the two are merged. There are therefore never more generations than
+//! particles. Where all particles have one ancestor, one displacement per sample remains.
 
 use std::ops::Range;
 
-/// A horizontal displacement from the INS, north and east, in m. Single precision is 1 mm at 10 km.
+/// Horizontal displacement from the INS, north and east, in m. Single precision is 1 mm at 10 km.
 pub type Displacement = [f32; 2];
 
 #[derive(Clone, Debug)]
 struct ParticleGeneration {
-    /// Its samples.
+    /// Samples of the generation.
     samples: Range<usize>,
-    /// Its particles that have descendants.
+    /// Number of its particles that have descendants.
     slots: usize,
-    /// A displacement a sample and slot, by samples.
+    /// One displacement per sample and slot, by samples.
     displacements: Vec<Displacement>,
-    /// The slot of the ancestor of each particle of today.
+    /// Slot of the ancestor of each present particle.
     ancestors: Vec<u32>,
 }
 
-/// The displacements of all particles at all samples.
+/// Displacements of all particles at all samples.
 #[derive(Clone, Debug)]
 pub struct ParticleHistory {
     particles: usize,
     generations: Vec<ParticleGeneration>,
     samples: usize,
-    /// Whether the last generation takes samples: it has not been resampled.
+    /// Whether the last generation accepts samples, because it has not been resampled.
     open: bool,
 }
 
@@ -42,7 +42,7 @@ pub struct AncestorDisplacements<'a> {
 }
 
 impl AncestorDisplacements<'_> {
-    /// The displacement, in m, of the ancestor of a particle.
+    /// Displacement, in m, of the ancestor of a particle.
     #[inline(always)]
     pub fn displacement(&self, particle: usize) -> [f64; 2] {
         let [north, east] = self.displacements[self.ancestors[particle] as usize];
@@ -51,27 +51,27 @@ impl AncestorDisplacements<'_> {
 }
 
 impl ParticleHistory {
-    /// No sample yet.
+    /// Empty history.
     pub fn new(particles: usize) -> Self {
         Self { particles, generations: vec![], samples: 0, open: false }
     }
 
-    /// The number of samples.
+    /// Number of samples.
     pub fn len(&self) -> usize {
         self.samples
     }
 
-    /// Whether there is no sample.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.samples == 0
     }
 
-    /// The number of generations, and of the displacements stored.
+    /// Numbers of generations and of stored displacements.
     pub fn size(&self) -> (usize, usize) {
         (self.generations.len(), self.generations.iter().map(|generation| generation.displacements.len()).sum())
     }
 
-    /// Appends a sample, with a displacement for each particle.
+    /// Appends a sample, with one displacement per particle.
     pub fn push(&mut self, displacements: impl Iterator<Item = Displacement>) {
         if !self.open {
             let (slots, samples) = (self.particles, self.samples..self.samples);
@@ -110,7 +110,7 @@ impl ParticleHistory {
 }
 
 impl ParticleGeneration {
-    /// Maps the ancestors on, and keeps the slots that are left, in the order of the particles.
+    /// Maps the ancestors, and keeps the remaining slots, in the order of the particles.
     fn map_on(&mut self, parents: &[u32]) {
         const GONE: u32 = u32::MAX;
         let mut places = vec![GONE; self.slots];
@@ -133,7 +133,7 @@ impl ParticleGeneration {
         }
     }
 
-    /// The displacements of some slots.
+    /// Displacements of a subset of slots.
     fn of_slots(&self, slots: &[u32]) -> Vec<Displacement> {
         let mut out = Vec::with_capacity(slots.len() * self.samples.len());
         for sample in self.displacements.chunks_exact(self.slots.max(1)) {

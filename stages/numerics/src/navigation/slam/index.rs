@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-/// Samples by cells of a square grid. A cell that is full takes no more: flying over it again adds little to its map,
-/// and the work of a look-up stays the same however often it is flown over.
+/// Samples by cells of a square grid. A full cell accepts no more: another flight over it adds little to its map, and
+/// the cost of a look-up stays bounded.
 #[derive(Clone, Debug)]
 pub struct SlamSampleIndex {
     cell_m: f64,
@@ -13,7 +13,7 @@ pub struct SlamSampleIndex {
 }
 
 impl SlamSampleIndex {
-    /// Index with cells of this size, in m, and this number of samples per cell at most.
+    /// Index with cells of this size, in m, and a maximum number of samples per cell.
     pub fn new(cell_m: f64, most: usize) -> Self {
         Self { cell_m, most, cells: HashMap::new(), places: vec![] }
     }
@@ -23,7 +23,7 @@ impl SlamSampleIndex {
         (north, east)
     }
 
-    /// Inserts a sample at a position north and east, in m; whether its cell had room.
+    /// Inserts a sample at a position north and east, in m. Returns whether its cell had room.
     pub fn insert(&mut self, sample: u32, at_m: [f64; 2]) -> bool {
         let cell = self.cell(at_m);
         let members = self.cells.entry(cell).or_default();

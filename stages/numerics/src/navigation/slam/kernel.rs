@@ -1,20 +1,21 @@
-//! The Gaussian process of the anomaly along a path, and what it predicts from a few samples.
+//! Gaussian process of the anomaly along a path, and its prediction from a few samples.
 
 use crate::navigation::ins_error::{ParameterError, require};
 use params::{Rule, choice};
 
-/// The most samples that a prediction is made of.
+/// Maximum number of samples in a prediction.
 pub const MOST_NEIGHBOURS: usize = 24;
-/// Rows of the bordered system: the samples, the point asked for, the values.
+/// Rows of the bordered system: the samples, the predicted point, and the values.
 const ROWS: usize = MOST_NEIGHBOURS + 2;
-/// The standard deviation of the unknown mean about that of the samples, in standard deviations of the process.
+/// Standard deviation of the unknown mean about that of the samples, in standard deviations of the process.
 const MEAN_SIGMAS: f64 = 10.0;
 
 choice! {
     /// Covariance function of the anomaly over distance.
     #[derive(Default)]
     pub enum CovarianceFunction {
-        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields near their sources.
+        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, with the roughness of fields near their
+        /// sources.
         #[default]
         Matern52 = "matern_5_2",
         /// σ² (1 + √3 d/l) exp(−√3 d/l): once differentiable.
@@ -27,11 +28,11 @@ choice! {
 /// Covariance of the anomaly, with white noise. [Lee 2019, (45)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnomalyKernel {
-    /// Its form.
+    /// Covariance function.
     pub covariance: CovarianceFunction,
     /// Standard deviation of the anomaly about its mean, in nT.
     pub sigma_se_nt: f64,
-    /// Its correlation length l, in m.
+    /// Correlation length l, in m.
     pub length_m: f64,
     /// Standard deviation of the white part of the anomaly, in addition to the measurement noise, in nT.
     pub sigma_n_nt: f64,
@@ -55,7 +56,7 @@ impl AnomalyKernel {
         require("sigma_n_nt", self.sigma_n_nt, Rule::NotNegative)
     }
 
-    /// The covariance of the anomaly at two points of a squared distance, in nT².
+    /// Covariance of the anomaly at two points of a squared distance, in nT².
     #[inline(always)]
     pub fn anomaly_nt2(&self, distance2_m2: f64) -> f64 {
         let (power, squared) = (self.sigma_se_nt * self.sigma_se_nt, distance2_m2 / (self.length_m * self.length_m));
@@ -92,18 +93,18 @@ impl AnomalyKernel {
             CovarianceFunction::Matern32 => {
                 let d = (3.0 * squared).sqrt();
                 let first = 3.0 * power * per_m2 * (-d).exp();
-                // `second` d dᵀ is 0 at no distance, where `second` has no limit.
+                // `second` d dᵀ is 0 at zero distance, where `second` has no limit.
                 let second = if d > 0.0 { 3.0 * first * per_m2 / d } else { 0.0 };
                 DistanceDerivatives { first, second }
             }
         }
     }
 
-    /// The variance that a difference in height adds to a sample, in nT².
+    /// Variance that a difference in height adds to a sample, in nT².
     ///
-    /// The anomaly is a potential field, so that its vertical derivative has |k| times its spectrum, and the variance
-    /// E|k|² σ², minus the Laplacian of the covariance at no distance: 2σ²/l² for the squared exponential, 10σ²/3l² and
-    /// 6σ²/l² for the two others.
+    /// The anomaly is a potential field, so the spectrum of its vertical derivative has the factor |k|. Its variance is
+    /// E|k|² σ², minus the Laplacian of the covariance at zero distance: 2σ²/l² for the squared exponential, 10σ²/3l²
+    /// and 6σ²/l² for the two others.
     pub fn height_nt2(&self, height_m: f64) -> f64 {
         let laplacian = match self.covariance {
             CovarianceFunction::SquaredExponential => 2.0,
@@ -113,7 +114,7 @@ impl AnomalyKernel {
         laplacian * (self.sigma_se_nt * height_m / self.length_m).powi(2)
     }
 
-    /// The variance of the unknown mean, in nT².
+    /// Variance of the unknown mean, in nT².
     #[inline(always)]
     pub fn mean_nt2(&self) -> f64 {
         (MEAN_SIGMAS * self.sigma_se_nt).powi(2)
@@ -132,26 +133,27 @@ pub(super) struct DistanceDerivatives {
 /// Prediction at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KrigingPrediction {
-    /// The mean, in nT.
+    /// Mean, in nT.
     pub value_nt: f64,
-    /// The variance of the field there, without the noise of a measurement, in nT².
+    /// Variance of the field there, without measurement noise, in nT².
     pub variance_nt2: f64,
 }
 
-/// The covariances of a few samples and a point, bordered by the samples' values: eliminating the samples leaves the
-/// variance of the point and, off the diagonal, its negative mean. Only the lower triangle is used, by columns.
+/// Covariances of a few samples and a point, bordered by the samples' values. After eliminating the samples, the
+/// diagonal holds the variance of the point, and the off-diagonal its negative mean. Only the lower triangle is used,
+/// by columns.
 pub struct BorderedCovariance {
     columns: [[f64; ROWS]; ROWS],
     samples: usize,
 }
 
 impl BorderedCovariance {
-    /// Problem of at most [`MOST_NEIGHBOURS`] samples; further ones are ignored.
+    /// Problem with at most [`MOST_NEIGHBOURS`] samples; further ones are ignored.
     pub fn new(samples: usize) -> Self {
         Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
     }
 
-    /// Fills in the covariance of two samples or, with one of them the number of samples, of a sample and the point.
+    /// Fills in the covariance of two samples. An index equal to the number of samples denotes the point.
     pub fn fill(&mut self, covariance: impl Fn(usize, usize) -> f64, value: impl Fn(usize) -> f64) {
         let n = self.samples;
         for column in 0..=n {
@@ -162,8 +164,8 @@ impl BorderedCovariance {
         }
     }
 
-    /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples
-    /// is not positive. [Lee 2019, (51), (52)]
+    /// Mean and variance of the point, by elimination without square roots; `None` if the covariance of the samples is
+    /// not positive. [Lee 2019, (51), (52)]
     pub fn solve(mut self) -> Option<KrigingPrediction> {
         let n = self.samples;
         for pivot in 0..n {

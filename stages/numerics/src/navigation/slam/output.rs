@@ -11,16 +11,16 @@ use super::smoother::SlamSmootherReport;
 /// Report on the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamReport {
-    /// The hyper-parameters that were used.
+    /// Hyper-parameters of the filter.
     pub kernel: AnomalyKernel,
-    /// Whether they were fitted; false although a fit was asked for means that the first part of the flight has too few
-    /// measurements for it, or that they do not vary, and that the given ones were used.
+    /// Whether they were fitted. If a fit was requested, false means that the first part of the flight has too few or
+    /// constant measurements, and that the given hyper-parameters were used.
     pub fitted: bool,
-    /// Steps in which some particle revisited and all were weighted.
+    /// Number of steps in which a particle revisited and all were weighted.
     pub revisits: usize,
-    /// Resamplings.
+    /// Number of resamplings.
     pub resamplings: usize,
-    /// The most generations that the history had at once.
+    /// Maximum number of generations in the history.
     pub generations: usize,
     /// Largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees of
     /// freedom if filter and INS are consistent.
@@ -30,30 +30,30 @@ pub struct SlamReport {
     pub smoother: Option<SlamSmootherReport>,
 }
 
-/// The filtered line.
+/// Output of the filter on a line.
 ///
 /// In `navigation.report`, `off_map` counts the samples whose measurement had no separate weight: no particle had
 /// been nearby before, or the measurement was averaged into that of the step.
 #[derive(Clone, Debug)]
 pub struct SlamOutput {
-    /// The estimate at each sample, of the measurements up to it.
+    /// Estimate at each sample from the measurements up to it.
     pub navigation: NavigationOutput,
-    /// The particles that revisit, for each sample; 0 between steps.
+    /// Number of revisiting particles at each sample; 0 between steps.
     pub revisiting: Vec<u32>,
-    /// The effective number of particles after the weighting, for each sample.
+    /// Effective number of particles after weighting, at each sample.
     pub effective: Vec<f64>,
-    /// The measurements at the positions that the whole flight gives them.
+    /// Measurements at positions estimated from the whole flight.
     pub path: Vec<PathSample>,
-    /// The frame of `path`.
+    /// Frame of `path`.
     pub frame: LocalFrame,
     /// Report on the flight.
     pub report: SlamReport,
 }
 
-/// A measurement at its position by the particles that are left at the end of the flight.
+/// Measurement at its position by the particles at the end of the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSample {
-    /// The sample's row in the line: the last of its step.
+    /// Row of the sample in the line: the last of its step.
     pub row: usize,
     /// Mean time, in s.
     pub tt_s: f64,
@@ -65,15 +65,15 @@ pub struct PathSample {
     pub alt_m: f64,
     /// Position north and east in the frame of the flight, in m.
     pub at_m: [f64; 2],
-    /// Root mean square of the distance of the particles from it, in m.
+    /// Root mean square distance of the particles from the position, in m.
     pub spread_m: f64,
-    /// The anomaly measured, in nT: the measurement less the core field at this position.
+    /// Measured anomaly, in nT: the measurement minus the core field at this position.
     pub value_nt: f64,
-    /// The variance of its white noise, in nT².
+    /// Variance of its white noise, in nT².
     pub variance_nt2: f64,
 }
 
-/// The weighted mean of the particles' paths.
+/// Weighted mean of the particles' paths.
 pub(super) fn path_of(map: &ParticleMap, particles: &SlamParticles, frame: &LocalFrame) -> Vec<PathSample> {
     let at = |(place, sample): (usize, &SlamSample)| {
         let then = map.history.at(place)?;

@@ -36,7 +36,7 @@ choice! {
     }
 }
 
-/// The parameters of the filter.
+/// Parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamParameters {
     /// Number of particles.
@@ -49,7 +49,7 @@ pub struct SlamParameters {
     pub expected: ExpectedMeasurement,
     /// Whether `kernel` is fitted first.
     pub hyperparameters: HyperparameterSource,
-    /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
+    /// Gaussian process of the anomaly; if it is fitted, the start of the search.
     pub kernel: AnomalyKernel,
     /// Length of the first part of the flight used by the fit, in s.
     pub fit_window_s: f64,
@@ -65,11 +65,11 @@ pub struct SlamParameters {
     pub trigger_radius_m: Option<f64>,
     /// See `trigger_radius_m`.
     pub trigger_points: usize,
-    /// The radius of the earlier samples that a prediction is made of, in m; `None` is half a length of the kernel,
-    /// but at most 0.4 of what is flown in `ignore_s`.
+    /// Radius of the earlier samples in a prediction, in m; `None` is half a length of the kernel, but at most 0.4 of
+    /// the distance flown in `ignore_s`.
     pub interpolation_radius_m: Option<f64>,
-    /// Earlier samples at a height that differs by more than this, in m, are not used; below it the difference adds
-    /// the variance 2 (sigma_se Δh / length)², that of the vertical derivative of a potential field.
+    /// Maximum height difference of earlier samples, in m. A smaller difference adds the variance 2 (sigma_se Δh /
+    /// length)², that of the vertical derivative of a potential field.
     pub max_height_difference_m: f64,
     /// Standard deviation of a prediction by `inverse_distance`, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
     pub interpolant_sigma_nt: f64,
@@ -77,11 +77,11 @@ pub struct SlamParameters {
     pub resample_below: f64,
     /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
-    /// Hand out the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
+    /// Returns the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
     pub smoother: Option<SlamSmootherParameters>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
-    /// Returns the covariance of every sample; a smoothed track has none but that of its position.
+    /// Returns the covariance of every sample; a smoothed track has only that of its position.
     pub keep_covariance: bool,
 }
 
@@ -112,7 +112,7 @@ impl Default for SlamParameters {
     }
 }
 
-/// The fewest and the most particles.
+/// Minimum and maximum number of particles.
 const PARTICLES: (f64, f64) = (2.0, 1e6);
 
 impl SlamParameters {

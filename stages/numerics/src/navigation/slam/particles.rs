@@ -1,30 +1,30 @@
-//! The particles: horizontal position errors, with the other states of the error model linear given them.
+//! Particles: horizontal position errors, with the other states of the error model linear given them.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::propagate_state;
 use crate::random::{NormalGenerator, SplitMix64};
 use rayon::prelude::*;
 
-/// Particles in one piece of parallel work.
+/// Number of particles per parallel task.
 pub(super) const PIECE: usize = 64;
 
-/// A second pivot that is below this fraction of its variance is rounding: the two positions err together.
+/// Fraction of its variance below which a second pivot is rounding: the two position errors are collinear.
 const DEPENDENT: f64 = 1e-14;
 
-/// The particles.
+/// Particles of the filter.
 ///
-/// `x` has both parts of the state of each: its own latitude and longitude, and the mean of the other 16 states given
-/// its path. Their covariance given the path, `linear`, is common to all, as none of the matrices depends on the
-/// particle [Lee 2019, (20)]; its rows and columns of latitude and longitude are zero once the positions are drawn.
+/// `x` has both parts of the state of each particle: its own latitude and longitude, and the mean of the other 16
+/// states given its path. Their covariance given the path, `linear`, is common to all, because no matrix depends on the
+/// particle [Lee 2019, (20)]. Its rows and columns of latitude and longitude are zero once the positions are drawn.
 #[derive(Clone, Debug)]
 pub struct SlamParticles {
-    /// The states, rad, m, m/s, …, truth minus INS.
+    /// States, rad, m, m/s, …, truth minus INS.
     pub x: Vec<StateVector>,
-    /// The weights; they add up to 1.
+    /// Weights, which add up to 1.
     pub weights: Vec<f64>,
-    /// The covariance of the linear states.
+    /// Covariance of the linear states.
     pub linear: StateMatrix,
-    /// Which particles have revisited since the last resampling.
+    /// Whether each particle has revisited since the last resampling.
     pub active: Vec<bool>,
     seed: u64,
 }
@@ -32,9 +32,9 @@ pub struct SlamParticles {
 /// Mean and covariance of all states.
 #[derive(Clone, Copy, Debug)]
 pub struct SlamMoments {
-    /// The mean.
+    /// Mean.
     pub x: StateVector,
-    /// The covariance.
+    /// Covariance.
     pub p: StateMatrix,
 }
 
@@ -48,7 +48,7 @@ impl SlamMoments {
 /// First two columns of the Cholesky factor of a covariance (latitude and longitude), and the covariance of the other
 /// states given these two.
 ///
-/// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise: the
+/// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise. The
 /// upper two rows of the factor times its transpose are N of (28c), the lower ones times the draw are L (z − A x) of
 /// (28a), and the rest is (28b). [Lee 2019, (27)-(29)]
 fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
@@ -79,7 +79,7 @@ fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     (factor, left)
 }
 
-/// The source of normals of a particle at a step: draws do not depend on which thread makes them, nor on the order.
+/// Source of normals of a particle at a step. Draws depend neither on threads nor on their order.
 fn normals_of(seed: u64, step: u64, particle: u64) -> NormalGenerator {
     NormalGenerator::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
 }
@@ -106,7 +106,7 @@ impl SlamParticles {
         self.spread(&c, |x| *x, step);
     }
 
-    /// The time update without a draw of the positions: what [`advance`](Self::advance) does is this and then
+    /// Time update without a draw of the positions. [`advance`](Self::advance) is this followed by
     /// [`draw`](Self::draw).
     pub fn shift(&mut self, phi: &StateMatrix, c: &StateMatrix) {
         self.x.par_chunks_mut(PIECE).for_each(|states| {
@@ -117,7 +117,7 @@ impl SlamParticles {
         self.linear = *c;
     }
 
-    /// The time update: `phi` of a step and C = Φ P Φᵀ + Q with the P of the linear states. Steps are counted from 1.
+    /// Time update: `phi` of a step and C = Φ P Φᵀ + Q with the P of the linear states. Steps are counted from 1.
     pub fn advance(&mut self, phi: &StateMatrix, c: &StateMatrix, step: u64) {
         self.spread(c, |x| propagate_state(phi, x), step);
     }
@@ -139,13 +139,13 @@ impl SlamParticles {
         });
     }
 
-    /// After a resampling: moves the particles by a Gaussian kernel of `width` standard deviations of the covariance
-    /// `spread` and the mean that they had before it. [Musso, Oudjane & Le Gland 2001]
+    /// Draws the particles after a resampling from a Gaussian kernel of `width` standard deviations of the covariance
+    /// `spread` about their earlier mean. [Musso, Oudjane & Le Gland 2001]
     ///
-    /// The positions are drawn, and drawn together by √(1 − width²), which leaves their covariance as it is [West
-    /// 1993]; the linear states follow them by regression, and the kernel's part of what the positions leave of
-    /// `spread` is added to the covariance given the path. The paths flown stay: a position makes a step of a fraction
-    /// of the particles' spread against its own past, as if the motion had that much more noise.
+    /// The positions are drawn and contracted by √(1 − width²), which preserves their covariance [West 1993]. The
+    /// linear states follow them by regression. The kernel's part of the covariance of `spread` given the positions is
+    /// added to the covariance given the path. Earlier paths do not change. A position therefore jumps by a fraction of
+    /// the particles' spread relative to its own past, like additional process noise.
     pub fn regularise(&mut self, spread: &StateMatrix, mean: &StateVector, width: f64, step: u64) {
         let (factor, rest) = known_positions(spread);
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
@@ -187,7 +187,7 @@ impl SlamParticles {
                 }
             }
         }
-        // Both triangles are the same sums but for the order of two factors.
+        // Both triangles have the same sums except for the order of two factors.
         let below = p;
         for (row, of_row) in below.iter().enumerate() {
             for (column, entry) in of_row.iter().enumerate().take(row) {
@@ -197,13 +197,13 @@ impl SlamParticles {
         SlamMoments { x: mean, p }
     }
 
-    /// The effective number of particles. [Lee 2019, (77)]
+    /// Effective number of particles. [Lee 2019, (77)]
     pub fn effective(&self) -> f64 {
         1.0 / self.weights.iter().map(|weight| weight * weight).sum::<f64>()
     }
 
-    /// Multiplies the weights by the exponentials of `log_likelihood`; false, and nothing done, where no weight is
-    /// left.
+    /// Multiplies the weights by the exponentials of `log_likelihood`. Returns false without changes if no weight would
+    /// remain.
     pub fn weigh(&mut self, log_likelihood: &[f64]) -> bool {
         let largest = log_likelihood.iter().zip(&self.weights).filter(|(_, weight)| **weight > 0.0);
         let largest = largest.map(|(log, _)| *log).fold(f64::NEG_INFINITY, f64::max);
@@ -221,8 +221,8 @@ impl SlamParticles {
         sound
     }
 
-    /// Systematic resampling of the members, among themselves: the parent of each particle. Members share their weight
-    /// evenly after it, and are no longer active. [Lee 2019, section 5.3.2.4]
+    /// Systematic resampling among the members: the parent of each particle. Afterwards members have equal weights and
+    /// are no longer active. [Lee 2019, section 5.3.2.4]
     pub fn resample(&mut self, member: impl Fn(usize) -> bool, step: u64) -> Vec<u32> {
         let members: Vec<usize> = (0..self.x.len()).filter(|particle| member(*particle)).collect();
         let mut parents: Vec<u32> = (0..self.x.len() as u32).collect();

@@ -1,4 +1,4 @@
-//! Resampling: its kernel, and the variance that it loses.
+//! Resampling: its kernel, and the variance that it removes.
 //!
 //! A resampling turns the fraction 1/N of the variance of N equal particles into an error of their mean, like genetic
 //! drift in a population. A later measurement would correct it, but without a map all measurements are relative to the
@@ -13,15 +13,15 @@ use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
 
 use super::history::ParticleHistory;
 
-/// The most places of the flight at which the lost variance is kept.
+/// Maximum number of samples of the flight for which the lost variance is stored.
 const MOST_MARKS: usize = 64;
-/// Samples of the map that a measurement is compared with, of which the lost variance is looked up.
+/// Number of compared samples of the map for which the lost variance is looked up.
 const LOOKED_AT: usize = 32;
-/// The widest kernel, in standard deviations: as that of the marginalised filter with a map.
+/// Widest kernel, in standard deviations, as for the marginalised filter with a map.
 const WIDEST: f64 = 0.7;
 
-/// The optimal bandwidth of a Gaussian kernel in a plane, in standard deviations: N^(-1/6).
-/// [Silverman 1986, (4.14); Musso, Oudjane & Le Gland 2001]
+/// Optimal bandwidth of a Gaussian kernel in a plane, in standard deviations: N^(-1/6). [Silverman 1986, (4.14); Musso,
+/// Oudjane & Le Gland 2001]
 pub fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }
@@ -29,25 +29,25 @@ pub fn bandwidth(effective: f64) -> f64 {
 /// Maximum scale of the variance of one particle: if one particle has the whole weight, there is no variance to scale.
 const LARGEST_EXCESS: f64 = 50.0;
 
-/// The excess of the unbiased covariance of weighted draws over the plain one, in units of the plain one: with s = Σw²
-/// it is s/(1 − s), at most 50.
+/// Excess of the unbiased covariance of weighted draws over the plain one, relative to the plain one: with s = Σw² it
+/// is s/(1 − s), at most 50.
 pub fn excess(weights: &[f64]) -> f64 {
     let part: f64 = weights.iter().map(|weight| weight * weight).sum();
     (part / (1.0 - part).max(f64::MIN_POSITIVE)).min(LARGEST_EXCESS)
 }
 
-/// A sample of the flight with the variance of its position that resampling has taken from the particles' paths.
+/// Sample of the flight with the variance of its position that resampling has removed from the particles' paths.
 #[derive(Clone, Copy, Debug)]
 struct LostVarianceSample {
     sample: usize,
-    /// North, east and both, in m².
+    /// Variances north and east, and their covariance, in m².
     lost_m2: [f64; 3],
 }
 
 /// Variance that resampling has removed from the particles.
 #[derive(Clone, Debug)]
 pub struct LostVariance {
-    /// That of the states now.
+    /// Lost variance of the present states.
     pub now: StateMatrix,
     marks: Vec<LostVarianceSample>,
     stride: usize,
@@ -55,12 +55,12 @@ pub struct LostVariance {
 }
 
 impl LostVariance {
-    /// Nothing.
+    /// Zero lost variance.
     pub fn new(m_per_rad: [f64; 2]) -> Self {
         Self { now: [[0.0; STATES]; STATES], marks: vec![], stride: 1, m_per_rad }
     }
 
-    /// A new sample of the map.
+    /// Adds a sample of the map.
     pub fn push(&mut self, sample: usize) {
         if !sample.is_multiple_of(self.stride) {
             return;
@@ -76,7 +76,8 @@ impl LostVariance {
         }
     }
 
-    /// Before a resampling: what of the covariance of the particles, `spread`, and of that of their paths will be lost.
+    /// Adds, before a resampling, the part of the covariance of the particles, `spread`, and of their paths that it
+    /// will remove.
     pub fn bank(&mut self, weights: &[f64], spread: &StateMatrix, history: &ParticleHistory) {
         let part = excess(weights);
         for (lost, of) in self.now.as_flattened_mut().iter_mut().zip(spread.as_flattened()) {
@@ -99,7 +100,7 @@ impl LostVariance {
         }
     }
 
-    /// A step of the flight by its transition matrix.
+    /// Propagates the lost variance by the transition matrix of a step.
     pub fn shift(&mut self, phi: &StateMatrix) {
         let moved = product(phi, &self.now);
         self.now = std::array::from_fn(|row| {
@@ -107,13 +108,14 @@ impl LostVariance {
         });
     }
 
-    /// After a position from elsewhere, whose Kalman update has taken up what was lost now. That of the map stays.
+    /// Resets the present lost variance after an aiding position, whose Kalman update includes it. That of the map
+    /// stays.
     pub fn found(&mut self) {
         self.now = [[0.0; STATES]; STATES];
     }
 
-    /// After a measurement that compared the present with earlier samples and took the part `gain` of the particles'
-    /// variance: so much of the present error is now that of the map.
+    /// Replaces the part `gain` of the present lost variance by that of the map, after a measurement that compared the
+    /// present with earlier samples and reduced the particles' variance by `gain`.
     pub fn revisit(&mut self, samples: &[u32], gain: f64) {
         let stride = samples.len().div_ceil(LOOKED_AT).max(1);
         let (mut sums, mut count) = ([0.0; 3], 0.0);
@@ -142,7 +144,7 @@ impl LostVariance {
     }
 }
 
-/// The product of two matrices.
+/// Product of two matrices.
 pub fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     let mut out = [[0.0; STATES]; STATES];
     for (out, row) in out.iter_mut().zip(a) {

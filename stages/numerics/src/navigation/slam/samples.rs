@@ -1,4 +1,4 @@
-//! The measurements of a line, one a step of the particles, in a local frame.
+//! Measurements of a line, one per step of the particles, in a local frame.
 
 use std::sync::Arc;
 
@@ -9,28 +9,28 @@ use crate::navigation::measurement::Measurements;
 use crate::navigation::position_fixes::PositionFixes;
 use crate::navigation::{NavigationError, NavigationLine};
 
-/// A flight line that measures the scalar field, without a map.
+/// Flight line with measurements of the scalar field, without a map.
 #[derive(Clone, Copy, Debug)]
 pub struct SlamLine<'a> {
-    /// The INS.
+    /// INS.
     pub ins: &'a InsSeries<'a>,
-    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
-    /// `core` is given.
+    /// Measured field at each sample, in nT; NaN if missing. It contains the core field if, and only if, `core` is
+    /// given.
     pub measurement_nt: &'a [f64],
-    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
-    /// measurement a missing one.
+    /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
+    /// counts as missing.
     pub sigma_nt: &'a [f64],
-    /// The core field. It only takes the slope of the field away, which makes the anomaly's process fit better.
+    /// Core field. It only removes the slope of the field, so that the process fits the anomaly better.
     pub core: Option<&'a Arc<CoreField>>,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// The error sources of the INS and the temporal variation.
+    /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
 }
 
 impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
-    /// The line without its map and without its offset window, which a filter without a map has no use for: a constant
-    /// in the measurement is part of the unknown map.
+    /// Line without its map and its offset window. A constant in the measurement is part of the unknown map, so the
+    /// window is not needed.
     fn from(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, measurement_nt, sigma_nt, core, errors, fixes, .. } = *line;
         Self { ins, measurement_nt, sigma_nt, core, fixes, errors }
@@ -38,7 +38,7 @@ impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
 }
 
 impl SlamLine<'_> {
-    /// Rejects a line that cannot be filtered.
+    /// Rejects invalid lines.
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
@@ -62,19 +62,19 @@ impl SlamLine<'_> {
 
 /// Metres north and east about the first sample, at the scales of its latitude.
 ///
-/// It is the same smooth function of latitude and longitude everywhere, so that two visits of a place have the same
-/// coordinates; but eastern distances are as wrong as the cosine of the latitude changes along the flight (1 % in 60 km
-/// at 45°).
+/// The coordinates are the same smooth function of latitude and longitude everywhere, so two visits of a position have
+/// equal coordinates. Eastern distances have the relative error of the change of the cosine of the latitude along the
+/// flight (1 % in 60 km at 45°).
 #[derive(Clone, Copy, Debug)]
 pub struct LocalFrame {
     lat_deg: f64,
     lon_deg: f64,
-    /// Metres a radian of latitude and of longitude.
+    /// Metres per radian of latitude and of longitude.
     pub m_per_rad: [f64; 2],
 }
 
 impl LocalFrame {
-    /// About the first sample of a series that passed [`InsSeries::check`].
+    /// Frame about the first sample of a series that passed [`InsSeries::check`].
     pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel) -> Self {
         let (lat_deg, lon_deg) = (ins.lat_deg[0], ins.lon_deg[0]);
         let (north, east) = errors.earth.north_east_m_per_rad(lat_deg.to_radians(), ins.alt_m[0]);
@@ -88,17 +88,17 @@ impl LocalFrame {
         [(lat_deg - self.lat_deg).to_radians() * self.m_per_rad[0], turn.to_radians() * self.m_per_rad[1]]
     }
 
-    /// Latitude and longitude in degrees of a position in m.
+    /// Latitude and longitude, in degrees, of a position in m.
     pub fn lat_lon_deg(&self, at_m: [f64; 2]) -> (f64, f64) {
         let [lat, lon] = [0, 1].map(|axis: usize| (at_m[axis] / self.m_per_rad[axis]).to_degrees());
         (self.lat_deg + lat, self.lon_deg + lon)
     }
 }
 
-/// The measurements of one step, averaged with the inverse of their variances.
+/// Measurements of one step, averaged with their inverse variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamSample {
-    /// The last row of the step.
+    /// Last row of the step.
     pub row: usize,
     /// Mean time, in s.
     pub tt_s: f64,
@@ -106,9 +106,9 @@ pub struct SlamSample {
     pub at_m: [f64; 2],
     /// Mean height of the INS, in m.
     pub alt_m: f64,
-    /// Mean measurement less the core field at the INS, in nT.
+    /// Mean measurement minus the core field at the INS, in nT.
     pub value_nt: f64,
-    /// The variance of its white noise, in nT².
+    /// Variance of its white noise, in nT².
     pub variance_nt2: f64,
     /// Gradient of the core field north and east, in nT/m.
     pub core_nt_per_m: [f64; 2],
@@ -123,12 +123,12 @@ pub struct SlamSampler<'a> {
 }
 
 impl<'a> SlamSampler<'a> {
-    /// For a line that passed [`SlamLine::check`].
+    /// Sampler for a line that passed [`SlamLine::check`].
     pub fn new(line: SlamLine<'a>, frame: LocalFrame) -> Self {
         Self { line, frame, core: line.core.map(|core| LinearisedCoreField::new(core.clone())) }
     }
 
-    /// The sample of some rows; `None` where none of them has a measurement.
+    /// Sample of a range of rows; `None` if none of them has a measurement.
     pub fn sample(&mut self, rows: std::ops::RangeInclusive<usize>) -> Option<SlamSample> {
         let (ins, last) = (self.line.ins, *rows.end());
         let mut weights = 0.0;
@@ -170,9 +170,9 @@ impl<'a> SlamSampler<'a> {
     }
 }
 
-/// The last rows of the steps of a line: rows at least `interval_s` apart, and its last row.
+/// Last rows of the steps of a line: rows at least `interval_s` apart, and its last row.
 pub fn step_ends(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
-    // A clock's rounding must not make every other step twice as long.
+    // The tolerance prevents rounded times from doubling every other step.
     let enough = interval_s * (1.0 - 1e-6);
     let mut ends = vec![0];
     let mut since = tt_s[0];

@@ -1,24 +1,24 @@
-//! The smoother after the filter: the most probable track of the whole flight given all its measurements.
+//! Smoother after the filter: the most probable track of the whole flight given all its measurements.
 //!
 //! | Module | Contents |
 //! |:--|:--|
-//! | [`motion`] | the error of the INS over the line as few functions of time |
-//! | [`thin`] | the measurements that are looked at |
+//! | [`motion`] | the error of the INS over the line in a basis of few functions of time |
+//! | [`thin`] | the selected measurements |
 //! | [`likelihood`] | their likelihood given the path, and its derivatives |
-//! | [`search`] | the most probable path, and the kernel of the largest likelihood |
-//! | [`evidence`](mod@evidence) | whether the measurements of two visits agree on it |
+//! | [`search`] | the most probable path, and the kernel of maximum likelihood |
+//! | [`evidence`](mod@evidence) | whether the measurements of two visits agree |
 //!
 //! # Equations
 //!
-//! The position error over the line is Gaussian, with the covariance of the chain of all steps, x ← Φ x + w; it is
-//! written as δ = B u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p =
-//! p_ins + B u the measurements are jointly Gaussian [Lawrence 2003],
+//! The position error over the line is Gaussian, with the covariance of all steps, x ← Φ x + w. It is written as δ = B
+//! u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p = p_ins + B u the
+//! measurements are jointly Gaussian [Lawrence 2003],
 //!
 //! ```text
 //! z ~ N(μ, C(p)),    C = K(p, p) + σ_S² exp(−|t − t'|/τ) + R
 //! ```
 //!
-//! with the kernel K of the anomaly, so that the smoother looks for the minimum of
+//! with the kernel K of the anomaly. The smoother minimises
 //!
 //! ```text
 //! J(u) = (z − μ)ᵀ C⁻¹ (z − μ)/2 + log |C|/2 + uᵀu/2
@@ -75,31 +75,31 @@ use thin::thinned;
 const LACKING_M: f64 = 0.05;
 /// Standard deviation of the deviation from the path of the filter at the start, in m.
 const START_M: f64 = 5.0;
-/// The white part of the kernel, in standard deviations of the anomaly, that a start with a wide valley has.
+/// White part of the kernel for a start with a wide valley, in standard deviations of the anomaly.
 const WIDE: f64 = 0.3;
-/// The parts of the flight that a start takes in one after the other.
+/// Number of parts of the flight in a start that adds them one after the other.
 const PARTS: usize = 10;
-/// The starts of every flight; the others are for one that these do not fit.
+/// Number of starts for every flight; the others are used only if these give a poor result.
 const USUAL_STARTS: usize = 3;
-/// A [`SlamSmootherReport::agreement`] below which a track is not plausible.
+/// [`SlamSmootherReport::agreement`] below which a track is not plausible.
 pub const CONTRADICTED: f64 = 0.5;
-/// An agreement below which more starts are tried.
+/// Agreement below which more starts are tried.
 const DOUBTFUL: f64 = 0.9;
-/// The fewest measurements that starts are compared by.
+/// Minimum number of measurements for comparing starts.
 const FEWEST: usize = 100;
-/// The longest length of a kernel that is fitted, in lengths of the path.
+/// Maximum length of a fitted kernel, in lengths of the path.
 const LONGEST: f64 = 0.5;
 
-/// The parameters of the smoother.
+/// Parameters of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamSmootherParameters {
-    /// The most measurements that are looked at. The work grows with the third power.
+    /// Maximum number of measurements. Computing time grows with its third power.
     pub measurements: usize,
     /// Factor on the standard deviations of the measurements.
     pub noise_factor: f64,
-    /// The most linearisations.
+    /// Maximum number of linearisations.
     pub passes: usize,
-    /// The search ends where a step moves no measurement by as much, in m.
+    /// Position change of a measurement, in m, below which the search ends.
     pub tolerance_m: f64,
 }
 
@@ -125,23 +125,23 @@ impl SlamSmootherParameters {
 /// Report on the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamSmootherReport {
-    /// Measurements looked at.
+    /// Number of measurements used.
     pub measurements: usize,
-    /// Functions of the motion.
+    /// Number of functions of the motion.
     pub functions: usize,
-    /// Linearisations made.
+    /// Number of linearisations.
     pub passes: usize,
-    /// Whether path and kernel stand still.
+    /// Whether path and kernel have converged.
     pub converged: bool,
     /// Largest change of the position of a measurement in the last step, in m.
     pub last_step_m: f64,
-    /// The kernel at the end.
+    /// Final kernel.
     pub kernel: AnomalyKernel,
-    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 if the noise is as large as assumed.
+    /// (z − μ)ᵀ C⁻¹ (z − μ) over the number of measurements: 1 if the assumed noise is correct.
     pub misfit: f64,
     /// See [`evidence::RevisitEvidence::agreement`]; below [`CONTRADICTED`] the track is lost.
     pub agreement: f64,
-    /// J at the end, but for a constant of the flight.
+    /// Final J, up to a constant of the flight.
     pub cost: f64,
     /// Decrease of J from the path of the filter.
     pub fall: f64,
@@ -150,34 +150,34 @@ pub struct SlamSmootherReport {
 /// Results of the filter that the smoother uses.
 pub(super) struct SlamFilterResult<'a> {
     pub(super) line: &'a SlamLine<'a>,
-    /// The last rows of the steps.
+    /// Last rows of the steps.
     pub(super) ends: &'a [usize],
     pub(super) frame: LocalFrame,
     pub(super) kernel: AnomalyKernel,
-    /// Whether the kernel was fitted, and is to be fitted further.
+    /// Whether the kernel was fitted, and is fitted further.
     pub(super) fits: bool,
     /// Largest squared leave-one-out residual of a measurement over its variance; larger ones are rejected.
     pub(super) gate_nis: Option<f64>,
-    /// The samples, each with whether it is used.
+    /// Samples, each with whether it is used.
     pub(super) samples: &'a [(SlamSample, bool)],
 }
 
-/// The most probable track of a line.
+/// Most probable track of a line.
 struct SlamTrack {
     motion: InsErrorTransitions,
     functions: PositionErrorBasis,
     weights: Vec<f64>,
-    /// The factor of the weights' covariance.
+    /// Factor of the weights' covariance.
     root: Mat<f64>,
     report: SlamSmootherReport,
 }
 
-/// Replaces track and path of a filter's output by the smoothed ones; the innovations stay the filter's. False, and
-/// nothing is done, where there is no smoothed track: fewer than two measurements, or a covariance that is not positive
-/// in floating point.
+/// Replaces track and path of a filter's output by the smoothed ones; the innovations remain those of the filter.
+/// Returns false without changes if there is no smoothed track: fewer than two measurements, or a covariance that is
+/// not positive in floating point.
 ///
 /// # Errors
-/// [`NavigationError::Diverged`] where the covariance of the INS is not finite.
+/// [`NavigationError::Diverged`] if the covariance of the INS is not finite.
 pub(super) fn smooth(
     parameters: &SlamSmootherParameters,
     of: &SlamFilterResult<'_>,
@@ -215,7 +215,7 @@ impl SlamTrack {
         Ok(Some(Self { weights, motion, functions, root, report }))
     }
 
-    /// Position covariances at a place: functions times the factor, north and east.
+    /// Position covariances at a step: functions times the factor, north and east.
     fn factors(&self, step: usize) -> [Vec<f64>; 2] {
         [0, 1].map(|axis| {
             let b = self.functions.at(step, axis);
@@ -271,7 +271,7 @@ impl SlamTrack {
         }
         let square = |step: usize| {
             let ([a, c, b], x) = (self.motion.alone_m2(step), &states[step]);
-            // At the start an INS may know its position exactly.
+            // At the start an INS may have an exact position.
             let [a, c] = [a, c].map(|variance| variance + LACKING_M * LACKING_M);
             let (north, east) = (x[LAT] * per[0], x[LON] * per[1]);
             (c * north * north - 2.0 * b * north * east + a * east * east) / (a * c - b * b)
@@ -292,7 +292,7 @@ type SlamInitialGuess = (Vec<f64>, AnomalyKernel);
 struct SlamSearchStart {
     weights: Vec<f64>,
     kernel: AnomalyKernel,
-    /// J of the path of the filter, all measurements looked at.
+    /// J of the path of the filter with all used measurements.
     filtered_cost: f64,
 }
 
@@ -321,8 +321,8 @@ impl<'a> SlamSmootherContext<'a> {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
-    /// The best of several starts, by their optima with half of the measurements. Where visits contradict each other on
-    /// it, there are more.
+    /// Best of several starts, by their optima with half of the measurements. If visits contradict each other on it,
+    /// more starts are tried.
     fn best_start(&self, used: &[(SlamSample, [f64; 2])], thin: &[DisplacedMeasurement]) -> Option<SlamSearchStart> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
@@ -364,8 +364,8 @@ impl<'a> SlamSmootherContext<'a> {
         Some(found.unwrap_or(SlamSearchStart { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
-    /// The search from a start on at its optimum. Where the kernel is not fitted, another one than the given one is
-    /// only that of a first search.
+    /// Search from a start to its optimum. If the kernel is not fitted, a kernel other than the given one is used only
+    /// in the first search.
     fn settled<'p>(
         &'p self,
         problem: &'p SlamProblem,
@@ -382,14 +382,13 @@ impl<'a> SlamSmootherContext<'a> {
         Some(search)
     }
 
-    /// See [`evidence::RevisitEvidence::agreement`]; `None` where a covariance is not positive.
+    /// See [`evidence::RevisitEvidence::agreement`]; `None` if a covariance is not positive.
     fn agreement(&self, problem: &SlamProblem, search: &SlamSearch<'_>) -> Option<f64> {
         Some(evidence(problem, self.prior, self.rules(problem), search)?.agreement())
     }
 
-    /// The weights that a search finds whose measurements begin with those of the first part of the flight, and take
-    /// the next part in when these are settled: the most probable weights given the first part foresee the path of the
-    /// next.
+    /// Weights from a search that starts with the measurements of the first part of the flight, and adds the next part
+    /// after convergence. The most probable weights of one part predict the path of the next.
     fn grown(&self, measured: &[DisplacedMeasurement], parts: usize, kernel: AnomalyKernel) -> Option<Vec<f64>> {
         let mut weights = solved(&self.prior.information, &self.prior.force)?;
         for part in 1..=parts {
@@ -403,8 +402,8 @@ impl<'a> SlamSmootherContext<'a> {
         Some(weights)
     }
 
-    /// The optimum from a start on, with the factor of its covariance; `None` where J stays above that of the path of
-    /// the filter, and where a covariance is not positive.
+    /// Optimum from a start, with the factor of its covariance; `None` if J stays above that of the path of the filter,
+    /// or if a covariance is not positive.
     fn searched(
         &self,
         mut thin: Vec<DisplacedMeasurement>,
@@ -422,7 +421,7 @@ impl<'a> SlamSmootherContext<'a> {
             search.run()?;
             passes += search.passes;
             let fall = *fall.get_or_insert(filtered_cost - search.cost());
-            // Also of a NaN.
+            // Also false for a NaN.
             let better = fall >= 0.0;
             if !better {
                 return None;
@@ -452,7 +451,7 @@ impl<'a> SlamSmootherContext<'a> {
     }
 }
 
-/// Takes those measurements off whose square is above the gate; false where there is none.
+/// Removes measurements whose square is above the gate; false if there are none.
 fn without_outliers(thin: &mut Vec<DisplacedMeasurement>, squares: &[f64], gate: f64) -> bool {
     let before = thin.len();
     let mut squares = squares.iter();
@@ -500,7 +499,7 @@ fn prior_of(motion: &InsErrorTransitions, functions: &PositionErrorBasis, line: 
     SlamWeightPrior { information, force }
 }
 
-/// The weights whose displacements are near those given.
+/// Weights whose displacements are near the given ones.
 fn near(problem: &SlamProblem, prior: &SlamWeightPrior, moved: &[[f64; 2]]) -> Option<Vec<f64>> {
     let weight = 1.0 / (START_M * START_M);
     let flat: Vec<f64> = moved.iter().flatten().copied().collect();

@@ -17,14 +17,14 @@ fn run_on(flight: &Flight, parameters: &SlamParameters) -> Result<SlamOutput, Na
     run(parameters, &SlamLine { ins: &ins, measurement_nt, sigma_nt, core: None, fixes: None, errors: flight.model })
 }
 
-/// Few particles, and a given kernel, where speed counts more than accuracy.
+/// Few particles and a given kernel, for fast tests.
 fn quick() -> SlamParameters {
     let kernel = AnomalyKernel { sigma_se_nt: 100.0, length_m: 700.0, ..AnomalyKernel::default() };
     SlamParameters { particles: 100, kernel, hyperparameters: HyperparameterSource::Fixed, ..SlamParameters::default() }
 }
 
 #[test]
-fn law_a_loiter_is_held_to_tens_of_metres() {
+fn law_a_loiter_is_accurate_to_tens_of_metres() {
     for seed in [0, 1] {
         let flight = Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), seed);
         let output = filtered(&flight, &SlamParameters { particles: 500, ..SlamParameters::default() });
@@ -36,7 +36,7 @@ fn law_a_loiter_is_held_to_tens_of_metres() {
 }
 
 #[test]
-fn law_few_particles_claim_no_more_than_they_know() {
+fn law_few_particles_are_not_overconfident() {
     let (mut sum, mut largest) = (0.0, 0.0_f64);
     for seed in 0..5 {
         let flight = Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), seed);
@@ -46,24 +46,25 @@ fn law_few_particles_claim_no_more_than_they_know() {
         sum += nees.0 / 5.0;
         largest = largest.max(nees.1);
     }
-    // 1 is consistent; the samples of a flight err together, so that a flight's mean has the spread of a few draws.
+    // 1 is consistent. The errors within a flight are correlated, so a flight's mean varies like that of a few draws.
     assert!((0.2..5.0).contains(&sum) && largest < 50.0, "{sum} {largest}");
 }
 
 #[test]
-fn law_each_method_of_expectation_holds_the_drift() {
+fn law_each_method_of_expectation_limits_the_drift() {
     for expected in [ExpectedMeasurement::Regression, ExpectedMeasurement::InverseDistance] {
         let flight = Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), 0);
         let output = filtered(&flight, &SlamParameters { particles: 500, expected, ..SlamParameters::default() });
         let (ins, slam) = (flight.drms_m(None), flight.drms_m(Some(&output)));
         println!("{expected:?}: INS {ins:.0} m, SLAM {slam:.1} m");
-        // These double-count what neighbouring measurements share, so that they only have to help.
+        // These methods double-count errors that neighbouring measurements share, so they are only required to reduce
+        // the error.
         assert!(slam < 0.6 * ins, "{ins} {slam}");
     }
 }
 
 #[test]
-fn law_the_trail_without_a_revisit_is_that_of_the_ins() {
+fn law_the_track_without_a_revisit_equals_that_of_the_ins() {
     let flight = Flight::tactical(straight(500, 1.0), 3);
     let parameters = SlamParameters { particles: 1000, keep_covariance: true, ..SlamParameters::default() };
     let output = filtered(&flight, &parameters);
@@ -76,7 +77,7 @@ fn law_the_trail_without_a_revisit_is_that_of_the_ins() {
         let phi = transition_matrix(&f, 1.0);
         p = step_covariance(&p, &f, &phi, &flight.model.noise_density(), 1.0, flight.model.noise);
         if row % 100 == 99 {
-            // A variance from 1000 particles has a standard deviation of 4.5 %, a mean of 3.2 %: 4 of them.
+            // A variance from 1000 particles has a standard deviation of 4.5 %, a mean of 3.2 %; limits of 4 of them.
             for state in [LAT, LON] {
                 let ratio = output.navigation.p[row][state][state] / p[state][state];
                 assert!((ratio - 1.0).abs() < 0.18, "{row} {ratio}");
@@ -89,7 +90,7 @@ fn law_the_trail_without_a_revisit_is_that_of_the_ins() {
     assert_eq!((report.updates, report.off_map, report.missing_measurements), (0, 500, 0));
 }
 
-/// All bits of an output.
+/// All numbers of an output, as bits.
 fn bits(output: &SlamOutput) -> Vec<u64> {
     let out = &output.navigation;
     let columns = [&out.lat_deg, &out.lon_deg, &out.vn_mps, &out.sd_n_m, &out.cov_ne_m2, &out.nis, &output.effective];
@@ -98,7 +99,7 @@ fn bits(output: &SlamOutput) -> Vec<u64> {
 }
 
 #[test]
-fn law_threads_and_runs_give_the_same_bits_and_seeds_others() {
+fn unit_results_are_bit_identical_for_threads_and_runs_and_differ_by_seed() {
     let flight = Flight::tactical(loiter(ROUGH_DEG, 300, 1.0), 1);
     let of = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -126,8 +127,8 @@ fn law_the_core_field_and_a_constant_change_nothing() {
         errors: flight.model,
     };
     let with = run(&quick(), &line).unwrap();
-    // The core field is taken off to first order, 0.01 nT, where the particles are. Up to the first resampling, which
-    // turns a rounding into another particle, the weights and with them the tracks are the same but for that.
+    // At the particles, the core field is subtracted to first order, 0.01 nT. Until the first resampling, which turns a
+    // rounding error into another particle, weights and tracks agree except for that.
     let resampled = |row: &usize| plain.effective[*row] < 50.0;
     let until = (0..flight.errors.len()).find(resampled).unwrap();
     assert!(plain.navigation.nis[..until].iter().any(|nis| nis.is_finite()));
@@ -141,7 +142,7 @@ fn law_the_core_field_and_a_constant_change_nothing() {
 }
 
 #[test]
-fn unit_gaps_uneven_time_and_worthless_sigmas_are_missing_measurements() {
+fn unit_gaps_uneven_time_and_invalid_sigmas_are_missing_measurements() {
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 400, 1.0), 4);
     let rows = [10_usize, 11, 12, 200, 201, 202, 203, 204, 300, 350];
     for (place, row) in rows.into_iter().enumerate() {
@@ -159,13 +160,13 @@ fn unit_gaps_uneven_time_and_worthless_sigmas_are_missing_measurements() {
     assert_eq!(report.updates + report.off_map + report.missing_measurements, 400);
     assert!(rows.iter().all(|row| output.navigation.nis[*row].is_nan()));
     assert!(output.navigation.sd_n_m.iter().all(|sd| sd.is_finite()));
-    // No measurement at all, and no reason to resample.
+    // Without measurements there is no reason to resample.
     flight.measured_nt.fill(f64::NAN);
     let none = filtered(&flight, &SlamParameters { hyperparameters: HyperparameterSource::Fitted, ..quick() });
     assert_eq!((none.report.resamplings, none.path.len(), none.report.fitted), (0, 0, false));
 }
 
-/// The rows of a flight that are kept.
+/// Subset of the rows of a flight.
 fn thinned(flight: &Flight, keep: impl Fn(usize) -> bool) -> Flight {
     let rows: Vec<usize> = (0..flight.errors.len()).filter(|row| keep(*row)).collect();
     let of = |column: &Vec<f64>| -> Vec<f64> { rows.iter().map(|row| column[*row]).collect() };
@@ -183,7 +184,7 @@ fn thinned(flight: &Flight, keep: impl Fn(usize) -> bool) -> Flight {
 }
 
 #[test]
-fn law_uneven_and_fast_sampling_hold_the_drift_too() {
+fn law_uneven_and_fast_sampling_limit_the_drift() {
     let fast = Flight::tactical(loiter(ROUGH_DEG, 3000, 0.2), 5);
     let uneven = thinned(&fast, |row| row % 7 == 0 || row % 5 < 2 || (row > 800 && row < 830));
     for flight in [&fast, &uneven] {
@@ -208,7 +209,7 @@ fn unit_lines_of_one_and_two_samples_are_filtered() {
 }
 
 #[test]
-fn unit_what_makes_no_filter_is_refused() {
+fn unit_invalid_parameters_and_lines_are_rejected() {
     let flight = Flight::tactical(loiter(ROUGH_DEG, 20, 1.0), 6);
     let kernel = quick().kernel;
     let wrong = [
@@ -233,14 +234,14 @@ fn unit_what_makes_no_filter_is_refused() {
 }
 
 #[test]
-fn law_an_outlier_is_gated_and_other_heights_do_not_count() {
+fn law_an_outlier_is_gated_and_samples_at_other_heights_are_ignored() {
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 400, 1.0), 7);
     let clean = filtered(&flight, &quick());
     let row = (200..400).find(|row| clean.navigation.nis[*row].is_finite()).unwrap();
     flight.measured_nt[row] += 5000.0;
     let gated = filtered(&flight, &SlamParameters { gate_nis: Some(100.0), ..quick() });
     assert!(gated.navigation.nis[row] > 100.0 && gated.navigation.report.gated >= 1);
-    // Every lap 300 m higher than the one before.
+    // Every lap is 300 m higher than the previous one.
     for (row, alt_m) in flight.ins.columns[3].iter_mut().enumerate() {
         *alt_m += 3.0 * row as f64;
     }

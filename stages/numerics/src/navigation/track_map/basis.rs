@@ -1,4 +1,4 @@
-//! The basis of the anomaly: the eigenfunctions of the Laplacian on a rectangle, with the spectrum of the kernel.
+//! Basis of the anomaly: eigenfunctions of the Laplacian on a rectangle, with the spectrum of the kernel.
 
 use std::f64::consts::PI;
 
@@ -6,31 +6,31 @@ use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 
 /// Fraction of the variance that the basis omits, if the maximum number of functions permits.
 const LACKING: f64 = 1e-4;
-/// The boundary is this many lengths of the kernel beyond the outermost sample: the field is held to zero there, which
-/// lowers its variance at the outermost sample by k(4 l)/k(0), 0.5 % with the Matérn covariance of 5/2.
+/// Distance of the boundary from the outermost sample, in lengths of the kernel. The field is zero at the boundary,
+/// which lowers its variance at the outermost sample by k(4 l)/k(0), 0.5 % with the Matérn covariance of 5/2.
 const MARGIN: f64 = 2.0;
 
-/// A function of the basis: its half waves eastward and northward, from 1 on.
+/// Function of the basis: its half waves eastward and northward, from 1 on.
 pub type HalfWaves = [usize; 2];
 
-/// The basis on the rectangle about some samples.
+/// Basis on the rectangle around the samples.
 ///
-/// φ_j(x) = sin(j₁ θ₁) sin(j₂ θ₂)/√(L₁ L₂), θ = π (x + L)/2L, on a rectangle of half sides L about its middle; the
-/// weights of the functions are independent, with the variances S(√λ_j), S the spectral density of the kernel.
+/// φ_j(x) = sin(j₁ θ₁) sin(j₂ θ₂)/√(L₁ L₂), θ = π (x + L)/2L, on a rectangle of half sides L about its middle. The
+/// weights of the functions are independent, with the variances S(√λ_j), where S is the spectral density of the kernel.
 /// [Solin & Särkkä 2020, (56)-(60)]
 #[derive(Clone, Debug)]
 pub struct LaplacianBasis {
-    /// The middle of the rectangle, east and north, in m.
+    /// Middle of the rectangle, east and north, in m.
     pub middle_m: [f64; 2],
     /// Half of its sides, in m.
     pub half_m: [f64; 2],
-    /// The functions, by the half waves eastward and then northward.
+    /// Functions, by the half waves eastward and then northward.
     pub functions: Vec<HalfWaves>,
-    /// The standard deviation of the weight of each, times √(1/L₁L₂), in nT.
+    /// Standard deviation of the weight of each function, times √(1/L₁L₂), in nT.
     pub scales_nt: Vec<f64>,
-    /// The most half waves eastward and northward.
+    /// Maximum numbers of half waves eastward and northward.
     pub most: HalfWaves,
-    /// The variance that shorter waves have, in nT².
+    /// Variance of shorter waves, in nT².
     pub lacking_nt2: f64,
 }
 
@@ -60,7 +60,7 @@ impl LaplacianBasis {
         Self { middle_m, half_m, functions, scales_nt, most, lacking_nt2 }
     }
 
-    /// Whether a position is inside of the rectangle.
+    /// Whether a position is inside the rectangle.
     pub fn holds(&self, at_m: [f64; 2]) -> bool {
         [0, 1].into_iter().all(|axis: usize| (at_m[axis] - self.middle_m[axis]).abs() < self.half_m[axis])
     }
@@ -76,7 +76,7 @@ impl LaplacianBasis {
     }
 }
 
-/// cos(j θ) for j from 0 on and sin(j θ) for j from 1 on, at the place j − 1.
+/// cos(j θ) for j from 0 on, and sin(j θ) for j from 1 on, at the index j − 1.
 pub fn waves(theta: f64, cosines: &mut [f64], sines: &mut [f64]) {
     for (j, cosine) in cosines.iter_mut().enumerate() {
         *cosine = (j as f64 * theta).cos();
@@ -86,7 +86,7 @@ pub fn waves(theta: f64, cosines: &mut [f64], sines: &mut [f64]) {
     }
 }
 
-/// The index of the Matérn covariances; `None` for the squared exponential.
+/// Index of the Matérn covariances; `None` for the squared exponential.
 fn index(covariance: CovarianceFunction) -> Option<f64> {
     match covariance {
         CovarianceFunction::Matern52 => Some(2.5),
@@ -95,7 +95,7 @@ fn index(covariance: CovarianceFunction) -> Option<f64> {
     }
 }
 
-/// The spectral density of the kernel in the plane at a wavenumber (rad/m), in nT² m²: k(r) = ∫∫ S cos(k·r) d²k/4π².
+/// Spectral density of the kernel in the plane at a wavenumber (rad/m), in nT² m²: k(r) = ∫∫ S cos(k·r) d²k/4π².
 /// [Rasmussen & Williams 2006, (4.15)]
 pub fn density(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     let (power, length2) = (kernel.sigma_se_nt.powi(2), kernel.length_m.powi(2));
@@ -109,7 +109,7 @@ pub fn density(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     }
 }
 
-/// The part of the variance at wavenumbers above this.
+/// Fraction of the variance above a wavenumber.
 fn beyond(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     let waves = (wavenumber * kernel.length_m).powi(2);
     match index(kernel.covariance) {
@@ -118,7 +118,7 @@ fn beyond(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
     }
 }
 
-/// The wavenumber with this part of the variance beyond it.
+/// Wavenumber above which this fraction of the variance lies.
 fn wavenumber_beyond(kernel: &AnomalyKernel, part: f64) -> f64 {
     let waves = match index(kernel.covariance) {
         None => -2.0 * part.ln(),
@@ -158,13 +158,13 @@ mod tests {
     }
 
     #[test]
-    fn law_the_functions_have_the_variance_that_is_not_lacking() {
+    fn law_the_functions_have_the_variance_except_the_omitted_part() {
         for covariance in ALL {
             let kernel = kernel(covariance);
             for most in [100, 4000] {
                 let basis = LaplacianBasis::new(&kernel, [-2000.0, 0.0], [2000.0, 3000.0], most);
                 assert!(basis.functions.len() <= most, "{} {most}", basis.functions.len());
-                // In the middle, where the boundary is not felt.
+                // In the middle, where the effect of the boundary is negligible.
                 let theta = [0, 1].map(|axis: usize| basis.angle(basis.middle_m[axis] + 11.0, axis));
                 let variance: f64 = basis
                     .functions

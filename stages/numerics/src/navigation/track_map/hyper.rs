@@ -7,21 +7,21 @@ use super::TrackSample;
 use crate::navigation::slam::AnomalyKernel;
 use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation};
 
-/// The most samples of a piece: the work grows with their third power.
+/// Maximum number of samples of a piece: computing time grows with its third power.
 const MOST: usize = 100;
-/// The most pieces of either kind.
+/// Maximum number of pieces of either kind.
 const PIECES: usize = 5;
 /// Step of the samples in the longer pieces.
 const COARSE: usize = 4;
 
-/// The pieces of a track that the likelihood is the product of.
+/// Pieces of a track, whose likelihoods are multiplied.
 ///
 /// A piece belongs to one line, so a slow position error or a constant of the line is common to it and does not count
 /// as noise. Half of the pieces have neighbouring samples, the others every fourth sample, which determine the longer
 /// lengths. [Stein, Chi & Welty 2004: the likelihood of blocks]
 pub struct TrackPieces<'a> {
     pieces: Vec<Vec<&'a TrackSample>>,
-    /// The mean distance of neighbouring samples, in m.
+    /// Mean distance of neighbouring samples, in m.
     spacing_m: f64,
 }
 
@@ -38,14 +38,13 @@ impl<'a> TrackPieces<'a> {
         Self { pieces, spacing_m }
     }
 
-    /// The logarithm of the likelihood of a kernel, each piece with the mean that is most likely.
+    /// Logarithm of the likelihood of a kernel, each piece with its most likely mean.
     fn log_likelihood(&self, kernel: &AnomalyKernel, temporal: (f64, f64)) -> f64 {
         let each: Vec<f64> = self.pieces.par_iter().map(|piece| of_piece(piece, kernel, temporal)).collect();
         each.iter().sum()
     }
 
-    /// The kernel of the largest likelihood, searched from `start` on; `None` where no piece is long enough, or none
-    /// varies.
+    /// Kernel of maximum likelihood, searched from `start`; `None` if no piece is long enough, or all are constant.
     pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let spread = |piece: &Vec<&TrackSample>| {
             standard_deviation(&piece.iter().map(|sample| sample.value_nt).collect::<Vec<f64>>())
@@ -64,7 +63,7 @@ impl<'a> TrackPieces<'a> {
             AnomalyKernel { covariance: start.covariance, sigma_se_nt, length_m, sigma_n_nt }
         };
         let cost = |logs: [f64; 3]| {
-            // A wall beyond which the clamp would leave the likelihood flat.
+            // A penalty where the clamp would make the likelihood constant.
             let outside = (logs[1] - kernel_of(logs).length_m.ln()).abs();
             -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * outside
         };
@@ -76,7 +75,7 @@ impl<'a> TrackPieces<'a> {
     }
 }
 
-/// The larger side of the rectangle that holds a piece, in m.
+/// Larger side of the bounding rectangle of a piece, in m.
 fn extent(piece: &[&TrackSample]) -> f64 {
     let side = |axis: usize| {
         let all = || piece.iter().map(|sample| sample.at_m[axis]);

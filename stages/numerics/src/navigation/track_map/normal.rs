@@ -6,29 +6,30 @@ use rayon::prelude::*;
 
 use super::basis::{LaplacianBasis, waves};
 
-/// Samples whose waves are in memory at a time.
+/// Number of samples whose waves are in memory at a time.
 const CHUNK: usize = 2048;
 
-/// Row of the normal equations, of one sample.
+/// Row of the normal equations for one sample.
 #[derive(Clone, Debug)]
 pub struct TrackMapRow {
-    /// East and north, in m.
+    /// Position east and north, in m.
     pub at_m: [f64; 2],
-    /// The value, in nT.
+    /// Value, in nT.
     pub value_nt: f64,
-    /// One over the variance of its noise, in nT⁻².
+    /// Inverse variance of its noise, in nT⁻².
     pub weight: f64,
     /// Entries in the additional columns: column and factor.
     pub beside: Vec<(usize, f64)>,
 }
 
-/// Sums over the samples: all that the equations need of them, of a size that does not grow with their number.
+/// Sums over the samples that determine the equations; their size does not grow with the number of samples.
 ///
-/// A product of two sines is a difference of two cosines, so that ΦᵀWΦ has as many different entries as there are sums
-/// and differences of half waves: four a function, not one a pair. [Viset, Kullberg, Wesel & Solin 2024]
+/// A product of two sines is a difference of two cosines. ΦᵀWΦ therefore has only as many different entries as there
+/// are sums and differences of half waves: four per function, instead of one per pair. [Viset, Kullberg, Wesel & Solin
+/// 2024]
 #[derive(Clone, Debug)]
 pub struct TrackMapSums {
-    /// Σ w cos(p θ₁) cos(q θ₂), by p and then q, each up to twice the most half waves.
+    /// Σ w cos(p θ₁) cos(q θ₂), by p and then q, each up to twice the maximum number of half waves.
     cosines: Vec<f64>,
     /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each additional column and, last, for the values; by j₁, column, j₂.
     sines: Vec<f64>,
@@ -38,7 +39,8 @@ pub struct TrackMapSums {
 }
 
 impl TrackMapSums {
-    /// Sums over all rows. `columns` is the number of additional columns. The same bits on any number of threads.
+    /// Sums over all rows. `columns` is the number of additional columns. Results are bit-identical for any number of
+    /// threads.
     pub fn new(basis: &LaplacianBasis, rows: &[TrackMapRow], columns: usize) -> Self {
         let [p, q] = basis.most.map(|most| 2 * most + 1);
         let [m1, m2] = basis.most;
@@ -95,7 +97,7 @@ impl TrackMapSums {
 }
 
 impl TrackMapRow {
-    /// Its entries, the value behind the others.
+    /// Entries of the row, followed by the value.
     fn entries(&self, columns: usize) -> impl Iterator<Item = (usize, f64)> {
         self.beside.iter().copied().chain([(columns, self.value_nt)])
     }
@@ -110,7 +112,7 @@ fn add(to: &mut [f64], factor: f64, of: &[f64]) {
 /// Solution of the normal equations, with the factor of their matrix.
 pub struct TrackMapSolution {
     factor: faer::linalg::solvers::Llt<f64>,
-    /// The weights of the functions, with their scales, in nT.
+    /// Weights of the functions, with their scales, in nT.
     pub weights_nt: Vec<f64>,
     /// Weights of the additional columns.
     pub beside: Vec<f64>,
@@ -176,9 +178,9 @@ impl TrackMapSolution {
 
 /// Variance of the field as a function of position.
 pub struct FieldVariance {
-    /// The factors of cos(p θ₁) cos(q θ₂), in nT².
+    /// Factors of cos(p θ₁) cos(q θ₂), in nT².
     pub cosines: Vec<f64>,
-    /// Those of the functions, without their scales.
+    /// Factors of the functions, without their scales.
     pub with_level: Vec<f64>,
     /// Constant part.
     pub level_nt2: f64,

@@ -18,7 +18,7 @@ fn fixed(kernel: AnomalyKernel) -> TrackMapParameters {
     }
 }
 
-/// A field with the covariance of a kernel: waves with the directions and wavenumbers of its spectral density.
+/// Field with the covariance of a kernel: waves with the directions and wavenumbers of its spectral density.
 struct Field(Vec<[f64; 4]>);
 
 impl Field {
@@ -31,7 +31,7 @@ impl Field {
                 CovarianceFunction::Matern32 => 3,
                 CovarianceFunction::SquaredExponential => 0,
             };
-            // Student's t, whose characteristic function the Matérn covariance is.
+            // Student's t, whose characteristic function is the Matérn covariance.
             let chi2: f64 = (0..freedom).map(|_| normals.draw().powi(2)).sum();
             let heavy = if freedom > 0 { (f64::from(freedom) / chi2).sqrt() } else { 1.0 };
             let mut k = || normals.draw() * heavy / kernel.length_m;
@@ -52,7 +52,7 @@ impl Field {
     }
 }
 
-/// Parallel lines eastward, `apart_m` apart, with a sample every `step_m` of a square of this side.
+/// Parallel lines eastward in a square of this side, `apart_m` apart, with a sample every `step_m`.
 fn lines(side_m: f64, apart_m: f64, step_m: f64) -> Vec<TrackSample> {
     let (count, of_line) = ((side_m / apart_m) as usize + 1, (side_m / step_m) as usize + 1);
     let sample = |place: usize| {
@@ -76,7 +76,7 @@ fn axis(first: f64, step: f64, len: usize) -> EvenAxis {
     EvenAxis { first, step, len }
 }
 
-/// Mean and variance of the field and level at some places, by all pairs of samples.
+/// Mean and variance of the field and level at some positions, by all pairs of samples.
 fn dense(kernel: &AnomalyKernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Vec<(f64, f64)> {
     let n = samples.len();
     let apart2 = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
@@ -93,7 +93,7 @@ fn dense(kernel: &AnomalyKernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Ve
 }
 
 #[test]
-fn law_the_map_is_that_of_the_regression_on_all_pairs() {
+fn law_the_map_equals_the_regression_on_all_pairs() {
     for covariance in
         [CovarianceFunction::SquaredExponential, CovarianceFunction::Matern52, CovarianceFunction::Matern32]
     {
@@ -111,8 +111,8 @@ fn law_the_map_is_that_of_the_regression_on_all_pairs() {
         let nodes = map.on(east, north);
         let at: Vec<[f64; 2]> =
             north.coordinates().iter().flat_map(|n| east.coordinates().into_iter().map(|e| [e, *n])).collect();
-        // By theory the mean is off by the waves that lack, √lacking of the variance where nothing is measured, and by
-        // the boundary, k(4 l) at the outermost samples.
+        // In theory the mean has an error from the omitted waves, √lacking of the variance where nothing is measured,
+        // and from the boundary, k(4 l) at the outermost samples.
         let tolerance = 3.0 * map.report.lacking.sqrt() * 40.0 + 0.15;
         let (mut worst, mut worst_sd) = (0.0_f64, 0.0_f64);
         for (node, (value, variance)) in nodes.iter().zip(dense(&kernel, &samples, &at)) {
@@ -128,7 +128,7 @@ fn law_the_map_is_that_of_the_regression_on_all_pairs() {
 }
 
 #[test]
-fn law_the_standard_deviation_is_that_of_the_error() {
+fn law_the_standard_deviation_is_consistent_with_the_error() {
     let kernel = kernel(CovarianceFunction::Matern52);
     let (mut within, mut squares, mut count) = (0, 0.0, 0);
     for seed in 0..6 {
@@ -150,14 +150,14 @@ fn law_the_standard_deviation_is_that_of_the_error() {
     }
     let (part, rms) = (within as f64 / f64::from(count), (squares / f64::from(count)).sqrt());
     println!("within 1.96 sd: {part:.4}, rms of the standardised error {rms:.3}");
-    // 11616 nodes, of which those within some hundred metres err together: about 500 that do not.
+    // 11616 nodes, whose errors are correlated within some hundred metres: about 500 independent ones.
     assert!((part - 0.95).abs() < 0.03 && (rms - 1.0).abs() < 0.1, "{part} {rms}");
 }
 
 #[test]
-fn law_an_error_of_the_position_is_in_the_standard_deviation() {
+fn law_a_position_error_enters_the_standard_deviation() {
     let kernel = kernel(CovarianceFunction::Matern52);
-    // All of the track is off by one error; or each line by its own.
+    // One error for the whole track, or one for each line.
     for own in [false, true] {
         let (mut within, mut blind, mut count) = (0, 0, 0);
         for seed in 0..10 {
@@ -194,7 +194,7 @@ fn law_an_error_of_the_position_is_in_the_standard_deviation() {
 }
 
 #[test]
-fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
+fn law_constants_of_lines_and_the_temporal_variation_are_removed() {
     let kernel = kernel(CovarianceFunction::Matern52);
     let field = Field::drawn(&kernel, 20);
     let mut normals = NormalGenerator::new(21);
@@ -227,7 +227,7 @@ fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
                 .map(|(i, node)| node.value_nt - field.at([east.at((i % 20) as f64), north.at((i / 20) as f64)]))
                 .collect();
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-            // A constant of all is not to be told.
+            // A constant common to all is not observable.
             (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / errors.len() as f64).sqrt()
         };
         let plain = rms(fixed(kernel));
@@ -241,7 +241,7 @@ fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
 }
 
 #[test]
-fn law_the_kernel_that_is_fitted_is_that_of_the_field() {
+fn law_the_fitted_kernel_is_that_of_the_field() {
     let truth = AnomalyKernel { sigma_n_nt: 2.0, ..kernel(CovarianceFunction::Matern52) };
     let field = Field::drawn(&truth, 31);
     let mut normals = NormalGenerator::new(32);
@@ -261,7 +261,7 @@ fn law_the_kernel_that_is_fitted_is_that_of_the_field() {
 }
 
 #[test]
-fn law_threads_change_no_bit() {
+fn unit_results_are_bit_identical_for_any_number_of_threads() {
     let kernel = kernel(CovarianceFunction::Matern52);
     let field = Field::drawn(&kernel, 40);
     let mut samples = lines(3000.0, 600.0, 100.0);
@@ -285,7 +285,7 @@ fn law_threads_change_no_bit() {
 }
 
 #[test]
-fn unit_what_makes_no_map_is_refused() {
+fn unit_invalid_maps_are_rejected() {
     let kernel = kernel(CovarianceFunction::Matern52);
     assert_eq!(TrackMap::new(&fixed(kernel), &[]).err(), Some(TrackMapError::Nothing));
     let wrong = AnomalyKernel { length_m: 0.0, ..kernel };
@@ -294,7 +294,7 @@ fn unit_what_makes_no_map_is_refused() {
     let far = lines(100_000.0, 50_000.0, 10_000.0);
     let fault = TrackMap::new(&fixed(kernel), &far).err().unwrap();
     assert!(fault.to_string().contains("is too large"), "{fault}");
-    // One sample has a level and no more; beyond the rectangle there is nothing.
+    // One sample determines only a level; beyond the rectangle there is no value.
     let one = TrackMap::new(
         &TrackMapParameters { hyperparameters: HyperparameterSource::Fitted, temporal: (1.0, 60.0), ..fixed(kernel) },
         &[TrackSample { value_nt: 12.0, ..samples[0] }],

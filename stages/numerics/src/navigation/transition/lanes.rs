@@ -1,8 +1,8 @@
-//! A step of several filters at once, one per lane of a vector register.
+//! Step of several filters at once, one per lane of a vector register.
 //!
-//! The filters share the transition matrix, except for the temporal variation, which drives nothing and decays by
-//! itself. Every lane is computed by the same sums in the same order, and no product is fused with a sum, so a filter
-//! gets the same bits in any lane, of a register of any width, independent of the other lanes.
+//! The filters share the transition matrix, except for the temporal variation, which decays independently and drives no
+//! other state. Every lane uses the same sums in the same order, and products and sums are not fused. The results of a
+//! filter are bit-identical in any lane, for any register width and independent of the other lanes.
 
 use pulp::{Simd, bytemuck};
 
@@ -14,16 +14,16 @@ pub(crate) type StateVectorLanes<S> = [<S as Simd>::f64s; STATES];
 /// Matrix over the states for each lane.
 pub(crate) type StateMatrixLanes<S> = [StateVectorLanes<S>; STATES];
 
-/// The states that depend on others.
+/// Coupled states.
 const COUPLED: [usize; COUPLED_STATES] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
 const COUPLED_STATES: usize = 10;
-/// The index of the longitude among them. No other state depends on it.
+/// Index of the longitude among the coupled states. No other state depends on it.
 const LON_PLACE: usize = 1;
 
-/// The nonzero entries of a transition matrix.
+/// Nonzero entries of a transition matrix.
 #[derive(Clone, Debug)]
 pub(crate) struct TransitionEntries {
-    /// By column, the entries of the coupled rows.
+    /// Entries of the coupled rows, by column.
     columns: [[f64; COUPLED_STATES]; STATES],
     /// Diagonal of the rows of the Gauss-Markov states.
     decay: StateVector,
@@ -51,7 +51,7 @@ pub(crate) fn lane<S: Simd>(values: &S::f64s, lane: usize) -> f64 {
     bytemuck::cast_slice::<S::f64s, f64>(std::slice::from_ref(values)).get(lane).copied().unwrap_or(f64::NAN)
 }
 
-/// A register of one number per lane.
+/// Register with one number per lane.
 #[inline(always)]
 pub(crate) fn from_lanes<S: Simd>(simd: S, mut of: impl FnMut(usize) -> f64) -> S::f64s {
     let mut values = simd.splat_f64s(0.0);
@@ -60,7 +60,7 @@ pub(crate) fn from_lanes<S: Simd>(simd: S, mut of: impl FnMut(usize) -> f64) -> 
     values
 }
 
-/// The first `PLACES` coupled rows of Φ times a vector.
+/// Product of the first `PLACES` coupled rows of Φ with a vector.
 #[inline(always)]
 fn coupled<S: Simd, const PLACES: usize>(
     simd: S,
@@ -88,7 +88,7 @@ fn add_column<S: Simd, const PLACES: usize>(
     }
 }
 
-/// The decay of every Gauss-Markov state, in their order, that of the temporal variation by lane.
+/// Decay factors of all Gauss-Markov states, in their order; that of the temporal variation by lane.
 #[inline(always)]
 fn decays<S: Simd>(simd: S, phi: &TransitionEntries, fogm_decay: S::f64s) -> [S::f64s; DECAYING.len()] {
     let mut decays = [fogm_decay; DECAYING.len()];
@@ -125,7 +125,7 @@ pub(crate) fn propagate_covariances<S: Simd>(
     fogm_decay: S::f64s,
     p: &mut StateMatrixLanes<S>,
 ) {
-    // The coupled rows of Y = Φ P. P is its own transpose, so a column of it lies in a row.
+    // Coupled rows of Y = Φ P. P is symmetric, so its columns are contiguous as rows.
     let mut y = [[simd.splat_f64s(0.0); STATES]; COUPLED_STATES];
     for (state, p) in p.iter().enumerate() {
         let column: [S::f64s; COUPLED_STATES] = coupled(simd, phi, p);
@@ -133,7 +133,7 @@ pub(crate) fn propagate_covariances<S: Simd>(
             y[state] = entry;
         }
     }
-    // Y Φᵀ up to the diagonal, with as many sums at a time as the longest of a few rows needs.
+    // Y Φᵀ up to the diagonal, in groups of rows with as many sums as the longest row of a group requires.
     for (place, y) in y.iter().enumerate() {
         match place {
             0..4 => fill(p, place, &coupled::<S, 4>(simd, phi, y)),

@@ -28,7 +28,7 @@ fn density() -> StateVector {
     .noise_density()
 }
 
-/// A matrix that scipy computed, by case, step and name.
+/// Matrix computed by scipy, by case, step and name.
 fn reference(case: &str, dt_s: f64, what: &str) -> StateMatrix {
     let mut matrix = [[0.0; STATES]; STATES];
     let prefix = format!("{case},{dt_s:?},{what},");
@@ -45,7 +45,7 @@ fn reference(case: &str, dt_s: f64, what: &str) -> StateMatrix {
     matrix
 }
 
-/// The largest difference in scaled states (metres, metres per 30 s ...).
+/// Largest difference in scaled states (metres, metres per 30 s ...).
 fn scaled_difference(a: &StateMatrix, b: &StateMatrix) -> f64 {
     let mut worst = 0.0_f64;
     for row in 0..STATES {
@@ -62,7 +62,7 @@ fn val_scipy_matrix_exponential() {
     for (case, f) in cases() {
         for dt_s in [0.1, 1.0, 30.0] {
             let (ours, theirs) = (transition_matrix(&f, dt_s), reference(case, dt_s, "phi"));
-            // Both are within a few roundings of entries of size 1 to 5 in scaled states.
+            // Both have a few rounding errors of entries of size 1 to 5 in scaled states.
             let worst = scaled_difference(&ours, &theirs);
             assert!(worst < 1e-14, "{case} {dt_s} {worst:e}");
             for row in 0..STATES {
@@ -84,7 +84,7 @@ fn val_magnav_transition_matrix_in_the_compatible_form() {
 }
 
 #[test]
-fn law_the_pattern_holds_every_entry() {
+fn law_the_pattern_contains_every_nonzero_entry() {
     for (_, f) in cases() {
         let mut rest = f;
         for (row, columns) in COUPLED.iter().chain(&DRIVEN) {
@@ -100,7 +100,7 @@ fn law_the_pattern_holds_every_entry() {
 }
 
 #[test]
-fn law_two_steps_are_one_twice_as_long() {
+fn law_two_steps_equal_one_of_twice_the_length() {
     for (_, f) in cases() {
         for dt_s in [0.05, 0.7, 20.0, 600.0] {
             let half = transition_matrix(&f, dt_s);
@@ -114,13 +114,13 @@ fn law_two_steps_are_one_twice_as_long() {
 }
 
 #[test]
-fn law_what_is_not_finite_comes_out_not_finite() {
+fn unit_values_that_are_not_finite_propagate() {
     let (_, mut f) = cases()[0];
     f[VN][TILT_E] = f64::NAN;
     assert!(transition_matrix(&f, 0.1)[VN].iter().any(|entry| entry.is_nan()));
 }
 
-/// A full covariance with all correlations, from a matrix of odd numbers.
+/// Full covariance with all correlations, from a matrix of odd numbers.
 fn full_covariance() -> StateMatrix {
     let mut p = [[0.0; STATES]; STATES];
     for row in 0..STATES {
@@ -143,7 +143,7 @@ fn dense(m: &StateMatrix) -> SMatrix<f64, STATES, STATES> {
 }
 
 #[test]
-fn law_sparse_products_are_the_dense_ones_and_symmetric() {
+fn law_sparse_products_equal_dense_ones_and_are_symmetric() {
     let p = full_covariance();
     for (_, f) in cases() {
         for dt_s in [0.1, 30.0] {
@@ -186,8 +186,8 @@ fn val_scipy_van_loan_noise() {
     for (case, f) in cases() {
         for dt_s in [0.1, 1.0, 30.0] {
             let (ours, theirs) = (van_loan(&f, &density(), dt_s), reference(case, dt_s, "noise"));
-            // Against the noise that the step adds, in every state; scipy's own rounding in the
-            // smallest (position within 0.1 s) is 1e-7 of it.
+            // Relative to the noise that the step adds, in every state; scipy's own rounding error in the smallest
+            // (position within 0.1 s) is 1e-7 of it.
             let worst = correlation_difference(&ours, &theirs);
             assert!(worst < 1e-6, "{case} {dt_s} {worst:e}");
         }
@@ -196,7 +196,7 @@ fn val_scipy_van_loan_noise() {
 
 #[test]
 fn law_trapezoidal_noise_is_second_order_and_rectangular_first() {
-    // Velocity noise that the tilt and the biases bring in within a step, relative to its size.
+    // Velocity noise from tilt and biases within a step, relative to its size.
     let (_, f) = cases()[1];
     let q = density();
     let error = |dt_s: f64, noise: NoiseDiscretisation| {

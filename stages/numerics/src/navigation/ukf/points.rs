@@ -1,23 +1,23 @@
-//! The sigma points of a position and the regression of a field over them.
+//! Sigma points of a position and the regression of a field over them.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::pinson::StateMatrix;
 
 use super::{NONLINEAR, UkfParameters};
 
-/// A field regressed over the uncertainty of a position.
+/// Regression of a field over the uncertainty of a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FieldRegression {
-    /// The mean of the field, in nT.
+    /// Mean of the field, in nT.
     pub(crate) mean_nt: f64,
-    /// Its change with latitude, longitude (nT/rad) and height (nT/m).
+    /// Change with latitude, longitude (nT/rad) and height (nT/m).
     pub(crate) slope: [f64; NONLINEAR],
-    /// The variance of what is not linear in it, in nT².
+    /// Variance of its nonlinear part, in nT².
     pub(crate) remainder_nt2: f64,
 }
 
 impl FieldRegression {
-    /// The first order of a field at its place.
+    /// First order of a field at its position.
     #[inline(always)]
     pub(crate) fn at(field: &FieldValue) -> Self {
         let slope = [field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m];
@@ -28,14 +28,14 @@ impl FieldRegression {
 /// Distance and weights of the sigma points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SigmaPoints {
-    /// The distance c of the points, in standard deviations.
+    /// Distance c of the points, in standard deviations.
     pub(crate) sigmas: f64,
     /// β − α².
     pub(crate) beyond: f64,
 }
 
 /// Variance of a direction given the previous directions, as a share of its variance, below which the direction is
-/// exact: a smaller share is rounding.
+/// exact, because the share is only rounding.
 const ROUNDING: f64 = 1e-13;
 
 impl SigmaPoints {
@@ -44,9 +44,8 @@ impl SigmaPoints {
         Self { sigmas: alpha * (NONLINEAR as f64 + kappa).sqrt(), beyond: beta - alpha * alpha }
     }
 
-    /// The regression of a field whose value at the position is `centre_nt`, and at a distance from it (rad, rad, m)
-    /// what `value_at` answers; `None` where that has no answer. `p` is a covariance whose first states are the
-    /// position.
+    /// Regression of a field with the value `centre_nt` at the position, and `value_at` at an offset from it (rad, rad,
+    /// m); `None` if that returns `None`. `p` is a covariance whose first states are the position.
     #[inline(always)]
     pub(crate) fn regression(
         &self,
@@ -68,13 +67,13 @@ impl SigmaPoints {
         }
         let square = self.sigmas * self.sigmas;
         let shift_nt = sum / square;
-        // At least 0 but for rounding.
+        // At least 0 except for rounding.
         let remainder_nt2 = (squares / square + self.beyond * shift_nt * shift_nt).max(0.0);
         Some(FieldRegression { mean_nt: centre_nt + shift_nt, slope: solve_transposed(&root, first), remainder_nt2 })
     }
 }
 
-/// The lower Cholesky factor of the position's covariance; the column of a direction that is known exactly is 0.
+/// Lower Cholesky factor of the position's covariance; the column of an exactly known direction is 0.
 #[inline(always)]
 pub(crate) fn cholesky(p: &StateMatrix) -> [[f64; NONLINEAR]; NONLINEAR] {
     let mut root = [[0.0; NONLINEAR]; NONLINEAR];
@@ -93,7 +92,7 @@ pub(crate) fn cholesky(p: &StateMatrix) -> [[f64; NONLINEAR]; NONLINEAR] {
     root
 }
 
-/// The solution a of Lᵀ a = d; 0 in the directions whose column of L is 0.
+/// Solution a of Lᵀ a = d; 0 in the directions whose column of L is 0.
 #[inline(always)]
 fn solve_transposed(root: &[[f64; NONLINEAR]; NONLINEAR], d: [f64; NONLINEAR]) -> [f64; NONLINEAR] {
     let mut a = [0.0; NONLINEAR];

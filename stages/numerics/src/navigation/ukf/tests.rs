@@ -20,7 +20,7 @@ fn compatible() -> InsErrorModel {
     InsErrorModel::compatible()
 }
 
-/// A covariance of unlike scales, correlated, by a seed.
+/// Correlated covariance of different scales, by a seed.
 fn covariance(seed: u64) -> StateMatrix {
     let mut normals = NormalGenerator::new(seed);
     let root = SMatrix::<f64, STATES, STATES>::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
@@ -29,7 +29,7 @@ fn covariance(seed: u64) -> StateMatrix {
 }
 
 #[test]
-fn law_over_a_plane_it_is_the_ekf() {
+fn law_over_a_plane_it_equals_the_ekf() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), plane());
     let ins = line.series();
     let core = Arc::new(CoreField::at(2020.5).unwrap());
@@ -38,7 +38,7 @@ fn law_over_a_plane_it_is_the_ekf() {
         let line = NavigationLine { core, measurement_nt, ..line.line(&ins, &map, InsErrorModel::default()) };
         let (ukf, ekf) = (run(&all(), &line).unwrap().navigation, known(&line, 3.0).unwrap());
         for row in 0..20 {
-            // Differences of map values of 600 nT over a few metres round to 1e-11 of the slope.
+            // Differences of map values of 600 nT over a few metres have a rounding error of 1e-11 of the slope.
             assert!((ukf.residual_nt[row] / ekf.residual_nt[row] - 1.0).abs() < 1e-9, "{row}");
             for state in 0..STATES {
                 let variance = ekf.p[row][state][state];
@@ -52,7 +52,7 @@ fn law_over_a_plane_it_is_the_ekf() {
 }
 
 #[test]
-fn law_a_quadratic_field_has_its_moments() {
+fn law_the_moments_of_a_quadratic_field_are_exact() {
     // With c² = 2 and β = α² the variance is exact where the second derivatives are diagonal along the points.
     for (alpha, kappa, beta) in [(1.0, -1.0, 1.0), (0.5, 5.0, 0.25)] {
         let spread = SigmaPoints::from_parameters(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
@@ -69,8 +69,8 @@ fn law_a_quadratic_field_has_its_moments() {
         let found = spread.regression(&p, 11.0, field).unwrap();
         let p3 = root * root.transpose();
         let product = bend * p3;
-        // E[yᵀ B y] = tr(B P), Var[yᵀ B y] = 2 tr(B P B P), and no covariance with bᵀ y. Sums of a few numbers round to
-        // 1e-14 of the largest, and the factor of P costs its condition, 1e3.
+        // E[yᵀ B y] = tr(B P), Var[yᵀ B y] = 2 tr(B P B P), and no covariance with bᵀ y. Sums of a few numbers have a
+        // rounding error of 1e-14 of the largest, and the factor of P loses digits by its condition number, 1e3.
         assert!((found.mean_nt - 11.0 - product.trace()).abs() < 1e-11);
         assert!((found.remainder_nt2 / (2.0 * (product * product).trace()) - 1.0).abs() < 1e-10);
         for (found, given) in found.slope.iter().zip(slope.iter()) {
@@ -80,7 +80,7 @@ fn law_a_quadratic_field_has_its_moments() {
 }
 
 #[test]
-fn law_the_defaults_get_a_cubic_field_right() {
+fn law_the_defaults_are_exact_for_a_cubic_field() {
     // E[y · y³] = 3 σ⁴: the slope of a y³ is 3 a σ², its mean 0; of a y⁴ the mean is 3 a σ⁴.
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1], p[2][2]) = (4.0, 0.25, 9.0);
@@ -94,8 +94,8 @@ fn law_the_defaults_get_a_cubic_field_right() {
     }
 }
 
-/// The unscented transform of all 18 states of a scalar function: mean, variance and covariance with the states.
-/// [Wan & van der Merwe 2000, (15), with the points of the Cholesky factor]
+/// Unscented transform of all 18 states of a scalar function: mean, variance and covariance with the states. [Wan & van
+/// der Merwe 2000, (15), with the points of the Cholesky factor]
 fn full_transform(
     p: &StateMatrix,
     [alpha, beta, kappa]: [f64; 3],
@@ -123,7 +123,7 @@ fn full_transform(
 }
 
 #[test]
-fn law_the_transform_of_the_position_is_that_of_all_states() {
+fn law_the_transform_of_the_position_equals_that_of_all_states() {
     let field =
         |lat: f64, lon: f64, alt: f64| 20.0 * (30.0 * lat).sin() + 7.0 * (8.0 * lon + 0.4).cos() - 0.5 * lat * alt;
     for (seed, alpha, beta, kappa) in [(1, 1.0, 1.0, 0.0), (2, 0.8, 2.0, 0.5), (3, 1.3, 1.5, -0.5)] {
@@ -135,7 +135,7 @@ fn law_the_transform_of_the_position_is_that_of_all_states() {
         // The same α and c² = α² (3 + κ) of 18 states.
         let (mean, variance, shared) =
             full_transform(&p, [alpha, beta, kappa - 15.0], |x| field(x[LAT], x[LON], x[ALT]) + x[S]);
-        // The weights of 37 points of size 1 to 10 cancel to a few: 1e-12 of the standard deviation.
+        // The weights of 37 points of size 1 to 10 nearly cancel: 1e-12 of the standard deviation.
         assert!((found.mean_nt - mean).abs() < 1e-11 * variance.sqrt(), "{} {mean}", found.mean_nt);
         assert!(((at.variance + found.remainder_nt2) / variance - 1.0).abs() < 1e-10);
         for state in 0..STATES {
@@ -146,7 +146,7 @@ fn law_the_transform_of_the_position_is_that_of_all_states() {
 }
 
 #[test]
-fn law_the_bend_of_a_field_without_a_preferred_direction_is_taken_as_documented() {
+fn law_the_curvature_variance_without_a_preferred_direction_is_as_documented() {
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1]) = (4.0, 4.0);
     for beta in [0.75, 1.0, 2.0] {
@@ -164,7 +164,7 @@ fn law_the_bend_of_a_field_without_a_preferred_direction_is_taken_as_documented(
 }
 
 #[test]
-fn law_the_remainder_is_never_negative() {
+fn law_the_nonlinear_variance_is_never_negative() {
     let mut normals = NormalGenerator::new(5);
     for seed in 0..50 {
         let (alpha, kappa) = (0.1 + normals.draw().abs(), -2.9 + normals.draw().abs());
@@ -188,7 +188,7 @@ fn law_the_remainder_is_never_negative() {
 }
 
 #[test]
-fn law_the_filter_is_as_good_as_it_says() {
+fn law_the_filter_is_consistent() {
     let epochs = [120, 450, 780, 1110, 1440, 1770, 2100, 2430, 2760, 3090, 3599];
     let n = FLIGHTS as f64;
     let (low, high) = (chi_square(2.0 * n, -1.96) / n, chi_square(2.0 * n, 1.96) / n);
@@ -197,17 +197,17 @@ fn law_the_filter_is_as_good_as_it_says() {
     println!("position NEES by epoch, band {low:.2}..{high:.2}: {nees:.2?}");
     // One epoch in twenty is outside by chance: 3 or more of 11 in 1.5 % of all cases.
     assert!(nees.iter().filter(|nees| !(low..=high).contains(nees)).count() <= 2, "{nees:.2?}");
-    // All epochs together, in the 99.9 % band, as neighbouring epochs are not quite independent.
+    // All epochs together, in the 99.9 % band, because neighbouring epochs are correlated.
     let (all, sum) = (2.0 * n * epochs.len() as f64, n * nees.iter().sum::<f64>());
     assert!((chi_square(all, -3.29)..=chi_square(all, 3.29)).contains(&sum), "{}", sum / all);
     let nis = |run: &crate::navigation::flights::FlightEstimates| run.ukf.navigation.nis.iter().sum::<f64>();
     let nis = ensemble().iter().map(nis).sum::<f64>() / (n * f64::from(crate::navigation::flights::SAMPLES));
-    // The mean of 216,000 has a standard deviation of 0.003; the second order is taken 9/8 too large.
+    // The mean of 216,000 has a standard deviation of 0.003; the second order is 9/8 of the true one.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
 }
 
 #[test]
-fn law_a_wide_prior_is_held_better_than_by_the_ekf() {
+fn law_with_a_wide_prior_it_is_more_consistent_than_the_ekf() {
     let wide = InsErrors { init_position_sigma_m: 100.0, ..InsErrors::default() };
     let (mut ekf, mut ukf) = ([0.0; 2], [0.0; 2]);
     let flights = 60_u64;
@@ -233,13 +233,13 @@ fn law_a_wide_prior_is_held_better_than_by_the_ekf() {
         ukf[0],
         ukf[1].sqrt()
     );
-    // The EKF believes in slopes that do not hold over 100 m. The mean of 60 flights with some two independent epochs
-    // each varies by 1/√120 = 9 %.
+    // The EKF uses slopes that are not valid over 100 m. The mean of 60 flights with about two independent epochs each
+    // varies by 1/√120 = 9 %.
     assert!(ekf[0] > 1.5 && (0.75..1.25).contains(&ukf[0]) && ukf[1] < ekf[1], "{ukf:?} {ekf:?}");
 }
 
 #[test]
-fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
+fn unit_samples_without_measurement_or_map_value_are_predicted_and_counted() {
     let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     for row in [0, 4, 5] {
         line.measurement_nt[row] = f64::NAN;
@@ -256,7 +256,7 @@ fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
         assert!(output.navigation.sd_n_m[row].is_finite());
     }
     assert!(output.nonlinear_sd_nt[11] > 0.0);
-    // The initial uncertainty, untouched.
+    // The initial uncertainty, unchanged.
     assert!((output.navigation.sd_n_m[0] - 3.0).abs() < 1e-9 && output.navigation.x[0] == [0.0; STATES]);
     line.measurement_nt.fill(f64::NAN);
     let ins = line.series();
@@ -265,7 +265,7 @@ fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
 }
 
 #[test]
-fn law_at_the_edge_of_the_map_it_is_the_ekf() {
+fn law_at_the_edge_of_the_map_it_equals_the_ekf() {
     // 1 m inside the map's south edge, with 3 m of uncertainty.
     let (line, map) = (OwnedNavigationLine::golden(3.0).thinned(|row| row == 0), golden_map());
     let mut line = line;
@@ -284,7 +284,7 @@ fn law_at_the_edge_of_the_map_it_is_the_ekf() {
 }
 
 #[test]
-fn law_a_position_known_exactly_stays_and_a_flat_map_moves_only_the_temporal_variation() {
+fn law_an_exact_position_is_kept_and_a_flat_map_corrects_only_the_temporal_variation() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = line.series();
     let exact = InsErrors { init_position_sigma_m: 0.0, init_altitude_sigma_m: 0.0, ..InsErrors::default() };
@@ -300,14 +300,14 @@ fn law_a_position_known_exactly_stays_and_a_flat_map_moves_only_the_temporal_var
     let level = OwnedNavigationLine { measurement_nt: vec![14.0; 20], ..line.clone() };
     let last = run(&all(), &level.line(&ins, &flat, InsErrorModel::default())).unwrap().navigation;
     for (state, x) in last.x[19][..S].iter().enumerate() {
-        // Equal nodes interpolate to 1e-15 of their value.
+        // Equal nodes are interpolated to 1e-15 of their value.
         assert!(x.abs() < 1e-12 * last.p[19][state][state].sqrt(), "{state} {x:e}");
     }
     assert!(last.x[19][S] > 2.0);
 }
 
 #[test]
-fn law_uneven_time_is_the_same_as_leaving_samples_out() {
+fn law_uneven_time_equals_missing_samples() {
     let (mut thinned, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let gone = [3, 4, 5, 9, 15];
     gone.iter().for_each(|row| thinned.measurement_nt[*row] = f64::NAN);
@@ -322,14 +322,14 @@ fn law_uneven_time_is_the_same_as_leaving_samples_out() {
     let (a, b) = (of(&thinned), of(&uneven));
     let kept: Vec<usize> = (0..20).filter(|row| !gone.contains(row)).collect();
     for (place, row) in kept.into_iter().enumerate() {
-        // Products of two steps instead of one round to 1e-12 of a residual.
+        // Products of two steps instead of one have a rounding error of 1e-12 of a residual.
         assert!((a.residual_nt[row] - b.residual_nt[place]).abs() < 1e-9, "{row}");
         assert!((a.sd_e_m[row] - b.sd_e_m[place]).abs() < 1e-9, "{row}");
     }
 }
 
 #[test]
-fn law_the_gate_leaves_out_what_does_not_fit_and_the_offset_is_taken_off() {
+fn unit_the_gate_rejects_outliers_and_the_offset_is_subtracted() {
     let (mut line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     line.measurement_nt.iter_mut().for_each(|measured| *measured += 1000.0);
     line.measurement_nt[7] += 500.0;
@@ -369,7 +369,7 @@ fn law_covariances_are_symmetric_and_positive() {
 }
 
 #[test]
-fn law_bad_parameters_and_lines_are_refused_in_words() {
+fn unit_invalid_parameters_and_lines_are_rejected() {
     let (line, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let message = |parameters: UkfParameters| {
         run(&parameters, &line.line(&line.series(), &map, compatible())).unwrap_err().to_string()

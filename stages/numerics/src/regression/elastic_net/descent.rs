@@ -88,9 +88,9 @@ impl<'a> CoordinateDescent<'a> {
         }
     }
 
-    /// Steps to the minimum over the active terms with fixed signs. A term that would
-    /// change its sign on the way stays at zero, and the others go on without it: the objective falls
-    /// with each step [Lee et al. 2007, "Efficient sparse coding algorithms", the feature-sign search].
+    /// Steps to the minimum over the active terms with fixed signs. A term that would change its sign on the way is
+    /// fixed at zero, and the step continues with the others. The objective falls with each step [Lee et al. 2007,
+    /// "Efficient sparse coding algorithms", the feature-sign search].
     fn solve_active(&mut self, l1: f64, l2: f64) {
         loop {
             let active = self.active();
@@ -148,8 +148,8 @@ impl<'a> CoordinateDescent<'a> {
         let slope = self.gradient.iter().zip(&self.b).map(|(g, b)| (g - l2 * b).abs());
         let steepest = slope.fold(0.0, f64::max);
         if l1 == 0.0 {
-            // Without a first-order penalty the dual is unbounded: ‖slope‖²/(2 l2) bounds the distance,
-            // and of plain least squares its decrement.
+            // Without a first-order penalty the dual is unbounded: ‖slope‖²/(2 l2) bounds the distance; for plain least
+            // squares its decrement does.
             return self.smooth_gap(l2) / self.squares;
         }
         let shrink = if steepest > l1 { l1 / steepest } else { 1.0 };
@@ -170,7 +170,7 @@ impl<'a> CoordinateDescent<'a> {
     }
 }
 
-/// Soft thresholding: moved towards zero by `by`, and to zero if it is nearer.
+/// Soft thresholding: moves `x` towards zero by `by`, at most to zero.
 fn shrunk(x: f64, by: f64) -> f64 {
     (x.abs() - by).max(0.0).copysign(x)
 }

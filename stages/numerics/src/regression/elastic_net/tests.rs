@@ -12,7 +12,7 @@ fn near(one: f64, other: f64, relative: f64, scale: f64) {
 }
 
 #[test]
-fn val_fits_equal_scikit_learns() {
+fn val_fits_equal_scikit_learn() {
     let all = RegressionMoments::merged(&lines()).unwrap();
     let table = columns(include_str!("../../../reference/models/elastic_net.csv"));
     assert_eq!(table["alpha"].len(), 18);
@@ -25,7 +25,7 @@ fn val_fits_equal_scikit_learns() {
             ..ElasticNetOptions::default()
         };
         let fit = &net.path(&all, 0, &[alpha]).unwrap()[0];
-        // scikit-learn ends at a gap of 1e-14 of ‖y‖², which leaves it coefficients good to some 1e-6.
+        // scikit-learn ends at a gap of 1e-14 of ‖y‖², so its coefficients are accurate to some 1e-6.
         for (ours, name) in fit.fit.coefficients.iter().zip(TERMS) {
             near(*ours, table[name][row], 2e-6, 1e-3);
         }
@@ -34,7 +34,7 @@ fn val_fits_equal_scikit_learns() {
 }
 
 #[test]
-fn val_a_path_equals_scikit_learns() {
+fn val_a_path_equals_scikit_learn() {
     let all = RegressionMoments::merged(&lines()).unwrap();
     let table = columns(include_str!("../../../reference/models/enet_path.csv"));
     let net = ElasticNetOptions { l1_ratio: 0.7, tolerance: 1e-13, ..ElasticNetOptions::default() };
@@ -50,7 +50,7 @@ fn val_a_path_equals_scikit_learns() {
 }
 
 #[test]
-fn val_scores_of_left_out_lines_equal_scikit_learns() {
+fn val_scores_of_omitted_lines_equal_scikit_learn() {
     let lines = lines();
     let table = columns(include_str!("../../../reference/models/enet_cv.csv"));
     let net = ElasticNetOptions {
@@ -96,7 +96,7 @@ fn law_the_conditions_of_a_minimum_hold() {
                 zeros += 1;
                 assert!(slope.abs() <= l1 * (1.0 + 1e-6));
             } else {
-                // The terms that take part are solved for exactly.
+                // Active terms are solved for exactly.
                 near(slope, l1.copysign(*b), 1e-9, 1e-9);
             }
         }
@@ -107,7 +107,7 @@ fn law_the_conditions_of_a_minimum_hold() {
 }
 
 #[test]
-fn law_without_a_first_order_penalty_it_is_ridge() {
+fn law_without_a_first_order_penalty_the_fit_is_ridge() {
     let all = RegressionMoments::merged(&lines()).unwrap();
     let net = ElasticNetOptions { l1_ratio: 0.0, tolerance: 1e-18, ..ElasticNetOptions::default() };
     let path = net.path(&all, 0, &[0.3, 0.01]).unwrap();
@@ -122,8 +122,8 @@ fn law_without_a_first_order_penalty_it_is_ridge() {
 }
 
 #[test]
-fn law_badly_conditioned_terms_are_solved_in_few_sweeps() {
-    // Thirty terms that differ by 1e-5 of themselves: plain descent needs some 1e10 sweeps.
+fn unit_badly_conditioned_terms_are_solved_in_few_sweeps() {
+    // Thirty terms with relative differences of 1e-5: plain descent needs some 1e10 sweeps.
     let (rows, p) = (400, 30);
     let mut normals = NormalGenerator::new(4);
     let mut row = || {
@@ -143,7 +143,7 @@ fn law_badly_conditioned_terms_are_solved_in_few_sweeps() {
 }
 
 #[test]
-fn r12_settings_out_of_range_are_named() {
+fn unit_settings_out_of_range_are_rejected() {
     let all = RegressionMoments::merged(&lines()).unwrap();
     let message = |net: ElasticNetOptions, alpha: f64| net.path(&all, 0, &[alpha]).unwrap_err().to_string();
     let net = |l1_ratio: f64| ElasticNetOptions { l1_ratio, ..ElasticNetOptions::default() };

@@ -1,9 +1,8 @@
 //! The sufficient statistics of a line for a sweep of linear models: the factor of [1 | A | Y], without its rows.
 //!
-//! A [`RegressionMoments`] is small (p x p), is merged with others in the order of the lines, left out of
-//! them, cut down to some of its terms and targets, and evaluated with any coefficients: no row is
-//! read again. With the columns scaled it becomes a [`ScaledFactor`], from which every model
-//! is computed.
+//! A [`RegressionMoments`] is small (p x p). It can be merged with others in the order of the lines, removed from them,
+//! reduced to some of its terms and targets, and evaluated with any coefficients: no row is read again. With the
+//! columns scaled it becomes a [`ScaledFactor`], from which every model is computed.
 
 use rayon::prelude::*;
 
@@ -44,8 +43,8 @@ impl MomentsAccumulator {
         Ok(())
     }
 
-    /// The same for the targets `chosen` alone, bit-identical to moments without the others. An
-    /// index without a target is ignored.
+    /// Rows for the targets `chosen` alone, bit-identical to moments without the others. An index without a target is
+    /// ignored.
     pub fn select(&self, chosen: &[usize]) -> Self {
         Self { qr: self.qr.select(chosen), least: self.least.clone(), greatest: self.greatest.clone() }
     }
@@ -58,7 +57,7 @@ impl MomentsAccumulator {
     }
 }
 
-/// The triangle and the residuals of the columns that it carries.
+/// The triangle and the residuals of its carried columns.
 fn taken(mut triangle: QrTriangle) -> (Vec<f64>, Vec<f64>) {
     triangle.flush();
     let squares = triangle.squares().to_vec();
@@ -103,7 +102,7 @@ pub struct ResidualStatistics {
     pub rows: usize,
     /// The sum of squared residuals.
     pub squares: f64,
-    /// The same after subtracting their mean.
+    /// Sum of squared residuals after subtracting their mean.
     pub squares_about_mean: f64,
 }
 
@@ -406,7 +405,7 @@ pub enum LineScoreMeasure {
 /// The leave-one-line-out scores of a list of candidates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineScores {
-    /// For each candidate, the score of each line when left out, in the target's unit squared.
+    /// For each candidate, the score of each omitted line, in the target's unit squared.
     pub scores: Vec<Vec<f64>>,
     /// For each candidate, the mean over the lines, with equal weights.
     pub mean: Vec<f64>,
@@ -414,7 +413,7 @@ pub struct LineScores {
     pub standard_error: Vec<f64>,
     /// The candidate with the least mean, the first of ties.
     pub best: usize,
-    /// The first candidate that is no worse than the best by more than the best's standard error.
+    /// The first candidate within the best's standard error of the best.
     pub within_one_error: usize,
 }
 

@@ -35,14 +35,14 @@ fn val_scaled_ridge_equals_scikit_learn() {
             [table["scaling"][row] as usize - 1];
         let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &TERMS).unwrap();
         let theirs: Vec<f64> = TERMS.iter().map(|name| table[*name][row]).collect();
-        // The condition number is some 1e3 once scaled: 1e-12 of rounding is left on either side.
+        // The condition number is some 1e3 once scaled: rounding is 1e-12 on either side.
         near(&path.solutions[0].coefficients[0], &theirs, 1e-10);
         near(&path.solutions[0].intercepts[..1], &[table["intercept"][row]], 1e-10);
     }
 }
 
 #[test]
-fn law_lines_merged_and_rows_at_once_are_the_same() {
+fn law_merged_lines_equal_all_rows_at_once() {
     let (mut a, mut y) = (Vec::new(), Vec::new());
     for (line, y0, _) in lines() {
         a.extend(line);
@@ -79,7 +79,7 @@ fn law_a_selection_is_the_fit_without_the_others() {
 }
 
 #[test]
-fn law_leaving_a_line_out_is_the_fit_of_the_others() {
+fn law_omitting_a_line_equals_the_fit_of_the_others() {
     let moments = moments();
     let others = RegressionMoments::leave_one_out(&moments).unwrap();
     for (out, others) in others.iter().enumerate() {
@@ -87,7 +87,7 @@ fn law_leaving_a_line_out_is_the_fit_of_the_others() {
         let again = RegressionMoments::merged(&kept).unwrap();
         assert_eq!(others.rows(), again.rows());
         near(&ridge(others, 1.0).coefficients[1], &ridge(&again, 1.0).coefficients[1], 1e-11);
-        // The extremes are left out too, of which max-abs is made.
+        // The extremes, from which max-abs is computed, are excluded too.
         assert_eq!(
             others.prepare(ColumnScaling::MinMax, true).unwrap().scales(),
             again.prepare(ColumnScaling::MinMax, true).unwrap().scales()
@@ -129,7 +129,7 @@ fn law_without_an_intercept_columns_are_divided_and_not_shifted() {
 }
 
 #[test]
-fn law_a_constant_term_takes_no_part_in_a_fit_with_an_intercept() {
+fn law_a_constant_term_has_no_effect_with_an_intercept() {
     let mut normals = NormalGenerator::new(1);
     let a: Vec<f64> = (0..200).flat_map(|_| [normals.draw(), 50_000.1]).collect();
     let y: Vec<f64> = a.chunks(2).map(|row| 2.0 * row[0] + 1.0).collect();
@@ -142,7 +142,7 @@ fn law_a_constant_term_takes_no_part_in_a_fit_with_an_intercept() {
 }
 
 #[test]
-fn law_lines_are_scored_by_fits_that_have_not_seen_them() {
+fn unit_lines_are_scored_by_fits_without_them() {
     let (moments, lines) = (moments(), lines());
     let lambdas = [100.0, 1.0];
     let fits = |others: &RegressionMoments| {

@@ -125,7 +125,7 @@ impl QrTriangle {
     }
 }
 
-/// The elimination in the form in which it is compiled for the vector width of each processor.
+/// The elimination, compiled for the vector width of each processor.
 struct PanelElimination<'a>(&'a mut QrTriangle);
 
 impl pulp::NullaryFnOnce for PanelElimination<'_> {
@@ -163,8 +163,8 @@ fn first_dots(t: &mut QrTriangle) {
     }
 }
 
-/// Applies the reflection of `column` to its row of the triangle, and finds by how much of the
-/// reflector each later column of the panel has to change.
+/// Applies the reflection of `column` to its row of the triangle, and computes the multiple of the reflector by which
+/// each later column of the panel changes.
 #[inline(always)]
 fn reflect_top(t: &mut QrTriangle, column: usize) {
     let blocks = t.dots.len();

@@ -4,9 +4,9 @@ use faer::Mat;
 
 use super::LeastSquaresError;
 
-/// Below this fraction of the largest singular value, with all columns scaled to the same length, a
-/// direction counts as not excited. A zero-phase filter over 50,000 nT leaves dependent columns
-/// independent by about 1e-13 through rounding alone; real calibration flights stay above 1e-6.
+/// Fraction of the largest singular value, with all columns scaled to the same length, below which a direction counts
+/// as not excited. A zero-phase filter over 50,000 nT leaves dependent columns independent by about 1e-13 through
+/// rounding alone; real calibration flights stay above 1e-6.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
 /// The smallest component that a term must have in a direction without excitation to be listed.
@@ -215,7 +215,7 @@ struct TermRank {
     dependent: Vec<String>,
 }
 
-/// The rank of the columns scaled to one length, and which terms spoil it.
+/// The rank of the columns scaled to one length, and the terms that reduce it.
 ///
 /// A term's component in the directions without excitation is the diagonal of the projector onto them,
 /// which does not depend on the basis of the decomposition.
@@ -224,7 +224,7 @@ fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastS
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();
     let lengths: Vec<f64> = (0..p).map(length).collect();
     let longest = lengths.iter().copied().fold(0.0, f64::max);
-    // With means subtracted, a constant term leaves rounding of its own mean.
+    // With means subtracted, a constant term is rounding of its own mean.
     let roots = (factor.rows as f64).sqrt();
     let zero = |j: usize| {
         let mean = if factor.centred { factor.means[j].abs() } else { 0.0 };

@@ -10,7 +10,7 @@ fn samples() -> (Vec<f64>, Vec<Vec<f64>>) {
     (a, vec![table["y0"].clone(), table["y1"].clone()])
 }
 
-/// Numbers without a pattern, from -0.5 to 0.5.
+/// Pseudo-random numbers from -0.5 to 0.5.
 fn noise(count: usize, seed: u64) -> Vec<f64> {
     let mut state = seed;
     let mut next = || {
@@ -42,7 +42,7 @@ fn val_coefficients_and_residuals_equal_scikit_learn() {
         let (solution, target) = (&path.solutions[lambda], table["target"][row] as usize);
         for (j, ours) in solution.coefficients[target].iter().enumerate() {
             let theirs = table[format!("b{j}").as_str()][row];
-            // The condition number of these terms is 1e5, so that 1e-11 of rounding is left.
+            // The condition number of these terms is 1e5, so that rounding is 1e-11.
             assert!((ours - theirs).abs() <= 1e-9 * theirs.abs(), "row {row}, term {j}: {ours} {theirs}");
         }
         let near = |ours: f64, theirs: f64| (ours - theirs).abs() <= 1e-10 * (1.0 + theirs.abs());
@@ -69,7 +69,7 @@ fn law_coefficients_are_recovered_from_data_without_noise() {
 }
 
 #[test]
-fn law_the_factor_does_not_depend_on_how_rows_are_pushed() {
+fn unit_the_factor_does_not_depend_on_the_blocks_of_rows() {
     let (a, y) = samples();
     let mut at_once = QrAccumulator::new(5, 2);
     at_once.push(&a, &targets(&y)).unwrap();
@@ -84,7 +84,7 @@ fn law_the_factor_does_not_depend_on_how_rows_are_pushed() {
 }
 
 #[test]
-fn law_merged_factors_equal_one_and_threads_do_not_matter() {
+fn unit_merged_factors_equal_one_on_any_number_of_threads() {
     let (rows, p) = (40_000, 7);
     let (a, y) = (noise(rows * p, 5), noise(rows, 6));
     let names: Vec<String> = (0..p).map(|j| j.to_string()).collect();
@@ -128,8 +128,8 @@ fn law_means_and_centred_fits_are_those_of_centred_data() {
 
 #[test]
 fn law_covariance_is_that_of_repeated_fits() {
-    // 400 fits of the same terms to fresh noise, of which a ridge is no biased judge: the scatter of
-    // the coefficients is the covariance, to the √(2/400) = 7 % by which it scatters itself.
+    // 400 fits of the same terms to fresh noise, for which a ridge has no bias. The scatter of the coefficients equals
+    // the covariance within its own uncertainty of √(2/400) = 7 %.
     let (rows, draws, lambda) = (300, 400, 10.0);
     let a = noise(rows * 2, 8).chunks(2).flat_map(|x| [x[0], x[0] + 0.5 * x[1]]).collect::<Vec<_>>();
     let y: Vec<Vec<f64>> = noise(rows * draws, 9).chunks(rows).map(<[f64]>::to_vec).collect();
@@ -155,7 +155,7 @@ fn law_covariance_is_that_of_repeated_fits() {
 }
 
 #[test]
-fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_one() {
+fn unit_dependent_and_unexcited_terms_are_listed_and_solved_with_a_ridge() {
     let x = noise(600, 11);
     let row = |k: usize| {
         let (a, b, c) = (x[3 * k], x[3 * k + 1], x[3 * k + 2]);
@@ -169,7 +169,7 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
         panic!("{error}");
     };
     assert_eq!((*rank, unexcited.as_slice()), (3, ["a4".to_owned()].as_slice()));
-    // The dependence a2 = 2 a0 - 1e-4 a1 has a part of 5e-5 of a1, too little to be named.
+    // The dependence a2 = 2 a0 - 1e-4 a1 contains 5e-5 of a1, too little to be listed.
     assert_eq!(dependent.as_slice(), ["a0".to_owned(), "a2".to_owned()]);
     let message = error.to_string();
     assert!(message.contains("`a0`, `a2` are linearly dependent"), "{message}");
@@ -182,18 +182,18 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
 }
 
 #[test]
-fn law_badly_scaled_terms_are_not_called_dependent() {
+fn unit_badly_scaled_terms_are_not_reported_as_dependent() {
     let a: Vec<f64> = noise(400, 12).chunks(2).flat_map(|x| [x[0], 1e-9 * x[1]]).collect();
     let y: Vec<f64> = a.chunks(2).map(|x| x[0] + 1e9 * x[1]).collect();
     let path = QrAccumulator::from_matrix(&a, 2, &[&y]).unwrap().solve(&[0.0], &["a", "b"]).unwrap();
     assert_eq!(path.rank, 2);
     assert!((path.solutions[0].coefficients[0][1] / 1e9 - 1.0).abs() < 1e-6);
-    // The last scale at which a term still counts: its singular value is below the tolerance, which
-    // is why the columns are scaled to one length first.
+    // The last scale at which a term still counts. Its singular value is below the tolerance, so the columns are first
+    // scaled to one length.
     let faint: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 3e-4 * x[1]]).collect();
     let factor = QrAccumulator::from_matrix(&faint, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "b"]).unwrap().rank, 2);
-    // A constant is excited unless means are taken off.
+    // A constant is excited unless means are subtracted.
     let with_bias: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 50_000.1]).collect();
     let factor = QrAccumulator::from_matrix(&with_bias, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "bias"]).unwrap().rank, 2);
@@ -215,7 +215,7 @@ fn law_degrees_of_freedom_fall_from_all_terms_to_none() {
 }
 
 #[test]
-fn r12_bad_input_is_named() {
+fn unit_invalid_input_is_rejected() {
     let mut factor = QrAccumulator::new(2, 1);
     let message = |result: Result<(), LeastSquaresError>| result.unwrap_err().to_string();
     factor.push(&[1.0, 2.0], &[&[1.0]]).unwrap();

@@ -1,4 +1,4 @@
-//! A small triangular system, for models that solve again and again over a few terms.
+//! A small triangular system, for models that solve repeatedly over a few terms.
 
 use super::panel::QrTriangle;
 

@@ -9,17 +9,17 @@ use super::FilterError;
 /// The pass band of a filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FilterBand {
-    /// All below `high_hz`: a low-pass.
+    /// Low-pass: all below `high_hz`.
     Low {
         /// The corner, Hz.
         high_hz: f64,
     },
-    /// All above `low_hz`: a high-pass.
+    /// High-pass: all above `low_hz`.
     High {
         /// The corner, Hz.
         low_hz: f64,
     },
-    /// All between `low_hz` and `high_hz`: a band-pass.
+    /// Band-pass: all between `low_hz` and `high_hz`.
     Band {
         /// The lower corner, Hz.
         low_hz: f64,
@@ -29,13 +29,13 @@ pub enum FilterBand {
 }
 
 impl FilterBand {
-    /// The band between two corners, of which either may be left out.
+    /// Pass band between two corners, either of which may be `None`.
     ///
-    /// MagNav.jl drops an edge whose frequency is at or below zero or not below Nyquist; here an
-    /// edge is dropped only by leaving it out, and such a frequency is an error of the design.
+    /// MagNav.jl drops an edge whose frequency is at or below zero or not below Nyquist. Here only `None` drops an
+    /// edge, and such a frequency is an error of the design.
     ///
     /// # Errors
-    /// Fails with [`FilterError::NoCorner`] when both are left out.
+    /// Fails with [`FilterError::NoCorner`] when both are `None`.
     pub fn between(low_hz: Option<f64>, high_hz: Option<f64>) -> Result<Self, FilterError> {
         match (low_hz, high_hz) {
             (Some(low_hz), Some(high_hz)) => Ok(Self::Band { low_hz, high_hz }),

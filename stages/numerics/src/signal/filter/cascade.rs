@@ -78,7 +78,7 @@ impl BiquadCascade {
     }
 }
 
-/// One sweep in the form in which it is compiled for the vector width of each processor.
+/// One sweep, compiled for the vector width of each processor.
 struct CascadeSweep<'a, const BACKWARDS: bool> {
     cascade: &'a BiquadCascade,
     columns: usize,
@@ -111,7 +111,7 @@ impl<const BACKWARDS: bool> pulp::NullaryFnOnce for CascadeSweep<'_, BACKWARDS> 
     }
 }
 
-/// Runs all sections over some rows, eight columns at a time and the rest by four, two and one.
+/// Runs all sections over some rows, by eight columns at a time, the remaining ones by four, two and one.
 #[inline(always)]
 fn filter_chunk<const BACKWARDS: bool>(
     cascade: &BiquadCascade,

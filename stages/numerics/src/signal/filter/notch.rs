@@ -1,4 +1,4 @@
-//! Notches: narrow bands taken out, such as those of power lines and of their aliases.
+//! Notch filters: narrow stop bands, such as those of power lines and of their aliases.
 
 use std::f64::consts::PI;
 
@@ -13,17 +13,17 @@ pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
 impl ZeroPhaseFilter {
     /// One second-order notch at each of `frequencies_hz` for samples at `rate_hz`, run forwards and backwards.
     ///
-    /// At a frequency nothing is left, half of the amplitude at `width_hz`/2 to either side, and a constant stays what
-    /// it is. With the poles at the radius of scipy's `iirnotch(f, f / width_hz)`: [Orfanidis 1995, "Introduction to
-    /// signal processing", section 11.3]
+    /// The gain is 0 at a notch frequency, 1/2 at `width_hz`/2 to either side, and 1 for a constant. The poles have the
+    /// radius of those of scipy's `iirnotch(f, f / width_hz)`: [Orfanidis 1995, "Introduction to signal processing",
+    /// section 11.3]
     ///
     /// ```text
     /// H(z) = g (1 - 2 cos(w) z^-1 + z^-2) / (1 - 2 g cos(w) z^-1 + (2 g - 1) z^-2)
     /// w = 2 pi f / rate,    g = 1 / (1 + tan(pi width / rate))
     /// ```
     ///
-    /// The padding is the longer of six samples a section and one over the width: a notch rings for about that long, so
-    /// within it of each end a part of the sinusoid is left.
+    /// The padding is the longer of six samples a section and one over the width. A notch rings for about that long, so
+    /// part of the sinusoid remains within it of each end.
     ///
     /// # Errors
     /// Fails for a sample rate or width that is not a finite number above 0, with [`FilterError::NoCorner`] without
@@ -79,10 +79,10 @@ mod tests {
     }
 
     #[test]
-    fn law_nothing_is_left_at_the_frequency_half_at_half_of_the_width_and_a_constant_stays() {
+    fn law_the_gain_is_zero_at_the_frequency_half_at_half_of_the_width_and_one_for_a_constant() {
         let (rate_hz, width_hz) = (160.0, 2.0);
         let filter = ZeroPhaseFilter::notches(&[50.0], width_hz, rate_hz).unwrap();
-        // The bilinear transform keeps the width between the points of half amplitude, not their places exactly.
+        // The bilinear transform keeps the width between the points of half amplitude, not their exact frequencies.
         let left = |hz: f64| {
             let wave = |k: i32| 10.0 * (TAU * hz * f64::from(k) / rate_hz).cos();
             let x: Vec<f64> = (-4000..=4000).map(|k| 50_000.0 + wave(k)).collect();
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_a_notch_that_reaches_zero_or_nyquist_is_refused() {
+    fn unit_a_notch_that_reaches_zero_or_nyquist_is_rejected() {
         assert!(ZeroPhaseFilter::notches(&[], 1.0, 10.0).is_err());
         for frequency_hz in [0.0, 0.4, 4.6, 5.0, 7.0, f64::NAN] {
             assert!(ZeroPhaseFilter::notches(&[frequency_hz], 1.0, 10.0).is_err(), "{frequency_hz}");

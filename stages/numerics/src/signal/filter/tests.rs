@@ -34,8 +34,8 @@ fn val_zero_phase_filters_equal_scipy() {
         let filter = ZeroPhaseFilter::new(band, 10.0, order).unwrap();
         let ours = filter.apply(&table["x"]).unwrap();
         let worst = largest_difference(&ours, &table[name]);
-        // Both round a field of 50,000 nT (7e-12) in every section and sample, and a low corner
-        // takes those up to some hundred times.
+        // Both round a field of 50,000 nT (7e-12) in every section and sample. A low corner amplifies this up to some
+        // hundred times.
         assert!(worst < 3e-9, "{name}: {worst:e} nT");
     }
 }
@@ -116,7 +116,7 @@ fn law_every_order_and_band_has_butterworth_gain() {
 }
 
 #[test]
-fn law_a_constant_is_taken_off_wholly_or_passed_unchanged() {
+fn law_a_constant_is_removed_or_passed_unchanged() {
     let constant = vec![54_321.0; 300];
     for order in 1..=12 {
         let pass = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, order).unwrap();
@@ -130,7 +130,7 @@ fn law_a_constant_is_taken_off_wholly_or_passed_unchanged() {
 }
 
 #[test]
-fn law_time_reversal_and_sign_pass_through() {
+fn law_filtering_commutes_with_time_reversal_and_sign() {
     let x: Vec<f64> = (0..200).map(|k| (0.01 * f64::from(k * k % 97)).sin()).collect();
     let filter = ZeroPhaseFilter::new(band(0.5, 2.0), 10.0, 4).unwrap();
     let y = filter.apply(&x).unwrap();
@@ -146,7 +146,7 @@ fn law_time_reversal_and_sign_pass_through() {
 }
 
 #[test]
-fn law_a_column_does_not_depend_on_what_stands_beside_it() {
+fn unit_a_column_does_not_depend_on_other_columns() {
     let rows = 3000;
     for (columns, order) in [(1, 4), (2, 1), (5, 6), (8, 2), (15, 4), (18, 3), (23, 12)] {
         let value = |i: usize, j: usize| ((i * (j + 3)) as f64 * 0.013).sin() * 10f64.powi(j as i32 % 7);
@@ -162,7 +162,7 @@ fn law_a_column_does_not_depend_on_what_stands_beside_it() {
 }
 
 #[test]
-fn law_columns_are_filtered_as_series() {
+fn unit_columns_are_filtered_as_series() {
     let x = magnav_input();
     let other: Vec<f64> = x.iter().map(|x| x * x).collect();
     let filter = ZeroPhaseFilter::new(FilterBand::Low { high_hz: 1.0 }, 10.0, 4).unwrap();
@@ -173,7 +173,7 @@ fn law_columns_are_filtered_as_series() {
 }
 
 #[test]
-fn law_a_bias_column_is_kept_only_when_asked_for() {
+fn unit_a_bias_column_is_kept_only_on_request() {
     let matrix: Vec<f64> = magnav_input().iter().flat_map(|x| [*x, 1.0, 3.0 * x]).collect();
     let filter = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, 4).unwrap();
     let (mut kept, mut filtered) = (matrix.clone(), matrix);
@@ -187,7 +187,7 @@ fn law_a_bias_column_is_kept_only_when_asked_for() {
 }
 
 #[test]
-fn r12_what_cannot_be_filtered_is_named() {
+fn unit_invalid_series_are_rejected() {
     let filter = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, 4).unwrap();
     let short = filter.apply(&[1.0; 24]).unwrap_err();
     assert_eq!(short, FilterError::TooShort { rows: 24, needed: 25 });
@@ -203,7 +203,7 @@ fn r12_what_cannot_be_filtered_is_named() {
 }
 
 #[test]
-fn r12_impossible_designs_are_named() {
+fn unit_impossible_designs_are_rejected() {
     let error = |band, rate, order| ZeroPhaseFilter::new(band, rate, order).unwrap_err().to_string();
     assert!(error(band(0.1, 5.0), 10.0, 4).contains("5 Hz is not below the Nyquist frequency of 5 Hz"));
     assert!(error(band(0.0, 1.0), 10.0, 4).contains("above 0 Hz, but is 0 Hz"));

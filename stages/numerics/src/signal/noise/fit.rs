@@ -6,22 +6,22 @@ use thiserror::Error;
 use super::{BlockMeans, FLOOR_NT, LineNoiseModel, allan_variance, gauss_markov_allan};
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// The correlation times that are tried, before the best is refined.
+/// Number of trial correlation times, before the best is refined.
 const TAUS: usize = 48;
 /// Number of updates of the weights from the fit.
 const ROUNDS: usize = 4;
-/// The samples that a record needs at least.
+/// Minimum number of samples of a record.
 const LEAST_SAMPLES: usize = 64;
 /// Minimum duration of all runs together, and of the longest, in correlation times.
 const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
-/// By how much the deviance must fall for a lasting part to be more than chance: three parameters' worth, 0.5 %.
+/// Minimum reduction of the deviance for a significant correlated part: three parameters, at 0.5 %.
 const LEAST_GAIN: f64 = 12.0;
 
 choice! {
     /// Statistic of a record that is fitted.
     pub enum NoiseFitStatistic {
-        /// Its autocorrelation, as half the mean square of the change over a lag: that is the variance less the
-        /// autocovariance, and independent of the mean, which a short record does not tell.
+        /// Its autocorrelation, as half the mean square of the change over a lag. That is the variance less the
+        /// autocovariance, and independent of the mean, which a short record does not determine.
         Autocorrelation = "autocorrelation",
         /// Its Allan variance.
         Allan = "allan",
@@ -52,21 +52,21 @@ pub enum NoiseFitError {
         tau_s: f64,
         /// The duration of all runs, s.
         total_s: f64,
-        /// That of the longest run, s.
+        /// Duration of the longest run, s.
         longest_s: f64,
     },
 }
 
-/// A statistic of the record: what it is of a unit of each part depends on the correlation time.
+/// Statistic of the record; its response to a unit of each part depends on the correlation time.
 struct NoiseFitPoint {
     /// Statistic of white noise of variance 1.
     white: f64,
     /// The time over which it is taken, s.
     span_s: f64,
-    /// Whether it is of single samples a lag apart, and not of means over neighbouring spans.
+    /// Whether the statistic is of single samples a lag apart, and not of means over neighbouring spans.
     sampled: bool,
     value: f64,
-    /// Independent squares behind it.
+    /// Number of independent squares.
     pairs: f64,
 }
 
@@ -80,20 +80,20 @@ impl NoiseFitPoint {
     }
 }
 
-/// The white and the first-order Gauss-Markov noise that fit the `runs` of a record best, evenly sampled at `rate_hz`
-/// within a run, in nT. The mean of each run is taken as unknown. The white part is at least 0.01 nT, since a filter
-/// cannot use a measurement without noise.
+/// White and first-order Gauss-Markov noise that fit the `runs` of a record best, evenly sampled at `rate_hz` within a
+/// run, in nT. The mean of each run is assumed unknown. The white part is at least 0.01 nT, since a filter cannot use a
+/// measurement without noise.
 ///
 /// The statistics of each lag or span are fitted by maximum likelihood as if they were independent gamma variates with
-/// as many degrees of freedom as there are separate pairs in the record. Where a lasting part does not explain more
-/// than chance would, its standard deviation is 0 and its correlation time the step between samples. Of a record of T
-/// the standard deviation is known to about √(τ/2T), the correlation time to about √(4τ/T).
+/// as many degrees of freedom as there are separate pairs in the record. If the correlated part is not significant, its
+/// standard deviation is 0 and its correlation time the step between samples. For a record of duration T the relative
+/// error of the standard deviation is about √(τ/2T), that of the correlation time about √(4τ/T).
 ///
-/// Unlike [`noise`](super::noise) it is a best fit, and no bound: noise with more than one time scale is missed in
+/// Unlike [`noise`](super::noise) it is a best fit and not a bound: noise with more than one time scale is missed in
 /// part. [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
 ///
 /// # Errors
-/// Fails for a record that is too short or constant, and for one that its correlation time is too long for.
+/// Fails for a record that is constant or too short, also compared with its correlation time.
 pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineNoiseModel, NoiseFitError> {
     let longest = runs.iter().map(|run| run.len()).max().unwrap_or(0);
     if longest < LEAST_SAMPLES {
@@ -108,8 +108,7 @@ pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineN
     }
     let step_s = 1.0 / rate_hz;
     let [total_s, longest_s] = [runs.iter().map(|run| run.len()).sum(), longest].map(|n: usize| n as f64 * step_s);
-    // How many independent squares are behind a lag depends on the noise: what a first fit says of it, a second one
-    // takes.
+    // The number of independent squares of a lag depends on the noise: the second fit uses the noise of the first.
     let (tau_s, rough) = best(&points, 0.5 * step_s, longest_s);
     let points = match by {
         NoiseFitStatistic::Autocorrelation => weighed(points, &rough, tau_s, total_s, step_s),
@@ -129,7 +128,8 @@ pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineN
     })
 }
 
-/// Half the mean square of the change over lags of 1, 2, ... samples, ever wider, to a quarter of the longest run.
+/// Half the mean square of the change over lags of 1, 2, ... samples, increasingly spaced, to a quarter of the longest
+/// run.
 fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint> {
     let mut points = vec![];
     let mut lag = 1;
@@ -152,10 +152,10 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint
     points
 }
 
-/// The points with the number of independent squares that noise of these parts leaves them: the samples over the sum of
-/// the squared autocorrelations of the changes over a lag. Those of white noise are alone but for the two that share a
-/// sample with it (1 + 2/4); those of the lasting part overlap over the lag (2/3 of it, by their triangle), or last for
-/// the correlation time where that is shorter.
+/// The points with their number of independent squares for noise of these parts: the samples over the sum of the
+/// squared autocorrelations of the changes over a lag. Changes of white noise correlate only with the two that share a
+/// sample (1 + 2/4). Those of the correlated part overlap over the lag (2/3 of it, by their triangle), or last for the
+/// correlation time if that is shorter.
 fn weighed(
     points: Vec<NoiseFitPoint>,
     parts: &NoiseFitVariances,
@@ -198,21 +198,21 @@ fn white_alone(points: &[NoiseFitPoint]) -> NoiseFitVariances {
     parts(points, |_| 0.0)
 }
 
-/// The correlation time that fits best, of those between two, and its parts.
+/// Best correlation time between two limits, and its parts.
 fn best(points: &[NoiseFitPoint], least_s: f64, most_s: f64) -> (f64, NoiseFitVariances) {
     let of = |tau_s: f64| parts(points, |p| p.lasting(tau_s));
     let ratio = (most_s / least_s).powf(1.0 / (TAUS - 1) as f64);
     let tau = |i: usize| least_s * ratio.powi(i as i32);
     let deviances: Vec<f64> = (0..TAUS).map(|i| of(tau(i)).deviance).collect();
     let at = (0..TAUS).min_by(|a, b| deviances[*a].total_cmp(&deviances[*b])).unwrap_or(0);
-    // By golden section between its neighbours.
+    // Golden-section search between its neighbours.
     let golden = 0.5 * (5f64.sqrt() - 1.0);
     let (mut low, mut high) = (tau(at.saturating_sub(1)).ln(), tau((at + 1).min(TAUS - 1)).ln());
     for _ in 0..30 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if of(a.exp()).deviance <= of(b.exp()).deviance { high = b } else { low = a }
     }
-    // Rounding decides where a flat curve is least; a parabola over a thousandth does not see it.
+    // Rounding determines the minimum of a flat curve; a parabola over a thousandth is insensitive to it.
     const STEP: f64 = 1e-3;
     let middle = 0.5 * (low + high);
     let [before, here, after] = [middle - STEP, middle, middle + STEP].map(|log_tau| of(log_tau.exp()).deviance);
@@ -221,8 +221,8 @@ fn best(points: &[NoiseFitPoint], least_s: f64, most_s: f64) -> (f64, NoiseFitVa
     (tau_s, of(tau_s))
 }
 
-/// The variances of the white part and of that whose response is given: least squares with the weights of the fit,
-/// which at rest is the maximum of the gamma likelihood.
+/// Variances of the white part and of the part with the given response: least squares with the weights of the fit,
+/// which converge to the maximum of the gamma likelihood.
 fn parts(points: &[NoiseFitPoint], lasting: impl Fn(&NoiseFitPoint) -> f64) -> NoiseFitVariances {
     let rows: Vec<[f64; 4]> = points.iter().map(|p| [p.white, lasting(p), p.value, p.pairs]).collect();
     let mut fitted: Vec<f64> = rows.iter().map(|row| row[2]).collect();
@@ -240,7 +240,7 @@ fn parts(points: &[NoiseFitPoint], lasting: impl Fn(&NoiseFitPoint) -> f64) -> N
         }
         let determinant = aa * bb - ab * ab;
         (white, other) = ((bb * ay - ab * by) / determinant, (aa * by - ab * ay) / determinant);
-        // Neither is below 0; a response that is the white one's is no other part.
+        // Neither variance is negative; a response equal to the white one is no separate part.
         if determinant <= 1e-12 * aa * bb || other < 0.0 {
             (white, other) = (ay / aa, 0.0);
         } else if white < 0.0 {
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn law_known_noise_is_found() {
+    fn law_known_noise_is_recovered() {
         for (process, white, seconds) in [
             (GaussMarkov { sigma: 5.0, tau_s: 30.0 }, 1.5, 3600.0),
             (GaussMarkov { sigma: 1.0, tau_s: 60.0 }, 3.0, 7200.0),
@@ -291,8 +291,8 @@ mod tests {
                 let spread = [rms(&sigmas, process.sigma), rms(&taus, process.tau_s)];
                 let middle = [median(&mut whites), median(&mut sigmas), median(&mut taus)];
                 println!("{} {process:?} {white}: {middle:.3?}, rms errors {spread:.3?}", by.word());
-                // A record of T knows sigma to √(τ/2T) and tau to √(4τ/T), the median of 40 a fifth of that, and white
-                // noise below the lasting makes it no more than half as bad again.
+                // A record of T determines sigma to √(τ/2T) and tau to √(4τ/T), and the median of 40 has a fifth of
+                // that error. White noise below the correlated part increases it by at most half.
                 let [of_sigma, of_tau] = [0.5, 4.0].map(|x| (x * process.tau_s / seconds).sqrt());
                 assert!((middle[0] - white).abs() < 0.02 * white.max(process.sigma), "{middle:?}");
                 assert!((middle[1] / process.sigma - 1.0).abs() < 0.5 * of_sigma + 0.02, "{middle:?}");
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn law_white_noise_has_no_lasting_part() {
+    fn law_white_noise_has_no_correlated_part() {
         let none = GaussMarkov { sigma: 0.0, tau_s: 1.0 };
         for by in BOTH {
             for seed in 0..20 {
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_record_is_too_short_for_its_own_correlation_time() {
+    fn unit_a_record_too_short_for_its_correlation_time_is_rejected() {
         let slow = GaussMarkov { sigma: 5.0, tau_s: 300.0 };
         for by in BOTH {
             let refused = (0..40).filter(|seed| {
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn unit_few_samples_and_a_constant_are_told() {
+    fn unit_few_samples_and_a_constant_are_rejected() {
         for by in BOTH {
             assert_eq!(fit(&[], RATE_HZ, by), Err(NoiseFitError::TooShort { longest: 0 }));
             assert_eq!(fit(&[&[1.0; 63], &[2.0; 10]], RATE_HZ, by), Err(NoiseFitError::TooShort { longest: 63 }));

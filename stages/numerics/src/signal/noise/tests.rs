@@ -54,7 +54,7 @@ fn law_allan_variance_of_noise_is_that_of_its_model() {
 }
 
 #[test]
-fn law_known_noise_is_found() {
+fn law_known_noise_is_recovered() {
     let (process, white_nt) = (GaussMarkov { sigma: 5.0, tau_s: 30.0 }, 1.5);
     let found: Vec<LineNoiseModel> = (0..40)
         .map(|seed| {
@@ -72,12 +72,12 @@ fn law_known_noise_is_found() {
     let (white, sigma, tau) = (median(&|n| n.white_nt), median(&|n| n.lasting.sigma), median(&|n| n.lasting.tau_s));
     let growth = median(&|n| n.lasting.noise_density()) / process.noise_density();
     println!("white {white:.2} nT, lasting {sigma:.2} nT for {tau:.1} s, growth {growth:.2} of the true one");
-    // 2100 s are 70 correlation times: sigma is known to 12 %, tau to 25 %; a bound is on the large side.
+    // 2100 s are 70 correlation times: sigma is accurate to 12 %, tau to 25 %; a bound is on the large side.
     assert!((white / white_nt - 1.0).abs() < 0.1);
     assert!((0.9..1.3).contains(&(sigma / process.sigma)));
     assert!((0.7..1.5).contains(&(tau / process.tau_s)));
     assert!((0.8..1.5).contains(&growth));
-    // Hardly ever much too small: sigma at half the truth would be a filter that trusts four times too much.
+    // Rarely much too small: half of the true sigma would make a filter overconfident by a factor of four.
     assert!(found.iter().all(|n| n.lasting.sigma > 0.6 * process.sigma));
 }
 
@@ -104,7 +104,7 @@ fn law_noise_of_two_time_scales_is_bounded_at_every_span() {
 }
 
 #[test]
-fn law_a_time_constant_beyond_the_line_leaves_the_growth() {
+fn law_a_time_constant_longer_than_the_line_gives_its_growth() {
     let process = GaussMarkov { sigma: 200.0, tau_s: 100_000.0 };
     let mut normals = NormalGenerator::new(5);
     let lines: Vec<BlockMeans> = (0..10).map(|_| whole(&flown(process, 0.5, 800.0, &mut normals))).collect();
@@ -115,13 +115,13 @@ fn law_a_time_constant_beyond_the_line_leaves_the_growth() {
 }
 
 #[test]
-fn law_constants_and_gaps_change_nothing() {
+fn law_constants_and_gaps_have_no_effect() {
     let process = GaussMarkov { sigma: 5.0, tau_s: 30.0 };
     let x = flown(process, 1.0, 1200.0, &mut NormalGenerator::new(2));
     let moved: Vec<f64> = x.iter().map(|x| x - 55_000.0).collect();
     let (a, b) = (noise(&[whole(&x)]).unwrap(), noise(&[whole(&moved)]).unwrap());
     assert!((a.lasting.sigma / b.lasting.sigma - 1.0).abs() < 1e-9 && (a.white_nt / b.white_nt - 1.0).abs() < 1e-9);
-    // A spike in a gap is not seen.
+    // A spike in a gap is ignored.
     let mut spoilt = x.clone();
     spoilt[6000..6010].fill(1e6);
     let runs = [0..6000, 6010..12_000];
@@ -130,7 +130,7 @@ fn law_constants_and_gaps_change_nothing() {
 }
 
 #[test]
-fn law_silence_has_the_floor_and_a_short_line_no_estimate() {
+fn unit_silence_has_the_minimum_noise_and_a_short_line_no_estimate() {
     let quiet = noise(&[whole(&vec![3.0; 3000])]).unwrap();
     assert!(quiet.white_nt >= 0.01 && quiet.white_nt < 0.02 && quiet.lasting.sigma < 0.02, "{quiet:?}");
     assert!(matches!(noise(&[whole(&[3.0; 100])]), Err(NoiseError::TooShort { .. })));

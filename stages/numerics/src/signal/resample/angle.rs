@@ -5,9 +5,9 @@ use crate::angle::wrap_deg;
 /// The range of a column of angles: one of the two usual ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleRange {
-    /// From −180 to 180, 180 included.
+    /// Range from −180 to 180, 180 included.
     Signed,
-    /// From 0 to 360, 360 excluded.
+    /// Range from 0 to 360, 360 excluded.
     Full,
 }
 

@@ -20,12 +20,12 @@ pub enum AntiAliasError {
     Filter(#[from] FilterError),
 }
 
-/// Removes what a resampling of `x` to `rate_hz` would alias to lower frequencies: a zero-phase
-/// low-pass at 0.8 of half of the new rate, on the evenly spaced samples at times `tt`.
+/// Removes the components of `x` that resampling to `rate_hz` would alias to lower frequencies: a zero-phase low-pass
+/// at 0.8 of half of the new rate, on the evenly spaced samples at times `tt`.
 ///
 /// Each run between gaps (NaN, or missing samples) is filtered separately. A run shorter than the filter's padding
-/// becomes NaN and is counted. To a rate so high that the corner is not below half of the present one nothing is
-/// removed, and the report counts no rows. Angles must be unwrapped first.
+/// becomes NaN and is counted. If the corner is not below half of the present rate, nothing is removed and the report
+/// counts no rows. Angles must be unwrapped first.
 ///
 /// # Errors
 /// Fails with [`TimeError::Lengths`] for columns of different lengths, as [`sample_rate`], and as

@@ -10,7 +10,7 @@ fn times(rows: usize, first: f64, step: f64) -> Vec<f64> {
 }
 
 #[test]
-fn law_a_series_on_the_grid_comes_back_bit_by_bit() {
+fn unit_a_series_on_the_grid_is_returned_bit_by_bit() {
     // Times made by adding, by multiplying and by dividing differ in their last bits.
     let mut added = vec![50_000.7];
     (1..500).for_each(|k| added.push(added[k - 1] + 0.1));
@@ -27,7 +27,7 @@ fn law_a_series_on_the_grid_comes_back_bit_by_bit() {
 }
 
 #[test]
-fn law_the_grid_begins_and_ends_inside_the_samples() {
+fn unit_the_grid_begins_and_ends_inside_the_samples() {
     let tt = [0.05, 0.26, 0.41, 0.79];
     let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
     assert_eq!(plan.grid(), [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]);
@@ -39,7 +39,7 @@ fn law_the_grid_begins_and_ends_inside_the_samples() {
 }
 
 #[test]
-fn law_a_straight_line_stays_one() {
+fn law_a_straight_line_is_preserved() {
     let tt: Vec<f64> = (0..400).map(|k| 0.07 * f64::from(k) + 0.02 * (f64::from(k)).sin()).collect();
     let x: Vec<f64> = tt.iter().map(|tt| 5.0 - 3.0 * tt).collect();
     let plan = ResamplePlan::new(&tt, 20.0, 1.0).unwrap();
@@ -67,7 +67,7 @@ fn val_linear_and_akima_equal_scipy() {
 }
 
 #[test]
-fn law_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
+fn unit_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
     // One second is missing after 1.0, exactly as long as may be bridged; then 1.1 s after 3.0.
     let tt = [0.8, 0.9, 1.0, 2.0, 2.9, 3.0, 4.1, 4.2];
     let x = [8.0, 9.0, 10.0, 20.0, 29.0, 30.0, 41.0, 42.0];
@@ -90,7 +90,7 @@ fn law_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
 }
 
 #[test]
-fn law_missing_samples_of_one_column_concern_that_column_only() {
+fn unit_missing_samples_of_one_column_affect_that_column_only() {
     let tt = times(41, 0.0, 0.1);
     let x: Vec<f64> = tt.iter().map(|tt| 2.0 * tt).collect();
     let mut holed = x.clone();
@@ -111,7 +111,7 @@ fn law_missing_samples_of_one_column_concern_that_column_only() {
 }
 
 #[test]
-fn law_angles_take_the_shorter_way_and_stay_in_their_range() {
+fn law_angles_follow_the_shorter_arc_and_stay_in_their_range() {
     let tt = [0.0, 0.2, 0.4, 0.6];
     let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
     let heading = plan.angle_deg(&[350.0, 10.0, 350.0, 90.0], SampleInterpolation::Linear).unwrap();
@@ -143,10 +143,10 @@ fn law_wrapping_keeps_the_angle_and_the_range() {
 }
 
 #[test]
-fn law_anti_aliasing_takes_off_what_would_fold_and_keeps_the_rest() {
+fn law_anti_aliasing_removes_aliased_frequencies_and_keeps_others() {
     let tt = times(4000, 100.0, 0.01);
     let tone = |hz: f64| -> Vec<f64> { tt.iter().map(|tt| (std::f64::consts::TAU * hz * tt).sin()).collect() };
-    // To 10 Hz the corner lies at 4 Hz. 1 Hz passes to (1/4)^16, 7 Hz leaves (7/4)^-16 = 1.3e-4.
+    // To 10 Hz the corner lies at 4 Hz. 1 Hz passes to (1/4)^16, 7 Hz is reduced to (7/4)^-16 = 1.3e-4.
     let inner = |x: &[f64]| x[400..3600].iter().fold(0.0f64, |a, x| a.max(x.abs()));
     let (slow, report) = anti_alias(&tt, &tone(1.0), 10.0).unwrap();
     assert_eq!((report.rows, report.left_out()), (4000, 0));
@@ -162,7 +162,7 @@ fn law_anti_aliasing_takes_off_what_would_fold_and_keeps_the_rest() {
 }
 
 #[test]
-fn r12_bad_times_and_requests_are_named() {
+fn unit_invalid_times_and_requests_are_rejected() {
     let error = |tt: &[f64], rate_hz, gap| ResamplePlan::new(tt, rate_hz, gap).unwrap_err().to_string();
     assert!(error(&[0.0, 1.0, 1.0], 10.0, 1.0).contains("row 2"));
     assert!(error(&[0.0, 1.0, 0.5], 10.0, 1.0).contains("row 2"));
@@ -176,14 +176,14 @@ fn r12_bad_times_and_requests_are_named() {
 }
 
 #[test]
-fn law_a_plan_onto_its_own_grid_is_the_plan() {
+fn unit_a_plan_onto_its_own_grid_is_the_plan() {
     let tt: Vec<f64> = (0..200).map(|k| 12.03 + 0.13 * f64::from(k) + 0.02 * f64::from(k % 3)).collect();
     let x: Vec<f64> = tt.iter().map(|t| (3.0 * t).sin()).collect();
     let own = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
     assert_eq!(own.grid(), even_grid(tt[0], tt[199], 10.0).unwrap());
     let onto = ResamplePlan::onto(&tt, own.grid().to_vec(), 10.0, 1.0).unwrap();
     assert_eq!(onto, own);
-    // Beyond the samples there is nothing.
+    // Grid times beyond the samples have NaN.
     let wide = ResamplePlan::onto(&tt, even_grid(11.0, 40.0, 10.0).unwrap(), 10.0, 1.0).unwrap();
     let made = wide.column(&x, SampleInterpolation::Linear).unwrap();
     let inside = |t: f64| t >= tt[0] && t <= tt[199];
@@ -194,7 +194,7 @@ fn law_a_plan_onto_its_own_grid_is_the_plan() {
 }
 
 #[test]
-fn unit_times_that_make_no_grid_are_refused() {
+fn unit_times_that_make_no_grid_are_rejected() {
     assert_eq!(even_grid(5.0, 4.0, 10.0).unwrap(), Vec::<f64>::new());
     assert!(even_grid(f64::NAN, 4.0, 10.0).is_err() && even_grid(0.0, 4.0, 0.0).is_err());
     assert!(matches!(even_grid(0.0, 1e8, 10.0), Err(ResampleError::TooLong { .. })));

@@ -23,7 +23,7 @@ fn val_densities_equal_scipy() {
             assert!((ours - scipy).abs() <= 2.0 * f64::EPSILON * scipy);
         }
         for (ours, scipy) in ours.density.iter().zip(&table[name]) {
-            // Two transforms of values near 1; the bin at 0 Hz is what is left of the mean.
+            // Two transforms of values near 1; the bin at 0 Hz is the residual of the mean.
             assert!((ours - scipy).abs() < 1e-13 * (1.0 + scipy), "{name} {segment}");
         }
     }
@@ -31,8 +31,8 @@ fn val_densities_equal_scipy() {
 
 #[test]
 fn law_the_integral_is_the_variance() {
-    // Noise without a mean, so that the taper does not matter: Parseval holds on average over many
-    // segments, here to the 2 % that 100 of them leave.
+    // Noise without a mean, so that the taper does not matter. Parseval holds on average over many segments, to 2 %
+    // over 100 of them.
     let mut state = 1u64;
     let mut noise = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -46,7 +46,7 @@ fn law_the_integral_is_the_variance() {
 }
 
 #[test]
-fn law_segments_with_gaps_are_left_out_and_counted() {
+fn unit_segments_with_gaps_are_excluded_and_counted() {
     let mut x = samples();
     let tail = welch(&x[64..], 20.0, 64, SpectralTaper::Hann).unwrap();
     x[10] = f64::NAN;
@@ -60,7 +60,7 @@ fn law_segments_with_gaps_are_left_out_and_counted() {
 }
 
 #[test]
-fn r12_what_has_no_spectrum_is_named() {
+fn unit_invalid_series_are_rejected() {
     let error = |x: &[f64], rate, segment| welch(x, rate, segment, SpectralTaper::Hann).unwrap_err().to_string();
     assert!(error(&[1.0; 9], 10.0, 10).contains("no 10 consecutive samples of 9"));
     assert!(error(&[f64::NAN; 20], 10.0, 10).contains("use shorter"));

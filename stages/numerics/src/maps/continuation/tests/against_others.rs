@@ -17,7 +17,7 @@ fn magnav_map() -> PlaneGrid {
 const ROUNDING_NT: f64 = 1e-10;
 
 #[test]
-fn val_expanding_is_magnavs() {
+fn val_expand_equals_magnav() {
     let values: [[f64; 4]; 3] = [[1.0, 2.0, 4.0, 8.0], [3.0, 5.0, 7.0, 9.0], [2.0, 2.0, 6.0, 1.0]];
     let map = formula(3, 4, [10.0, 10.0], |j, k| values[j as usize - 1][k as usize - 1]);
     let (expanded, layout) = expand(&map, 2).unwrap();
@@ -37,7 +37,7 @@ fn ref_sizes_are_the_next_products_of_2_3_5_and_7() {
 }
 
 #[test]
-fn val_continuation_is_magnavs() {
+fn val_continuation_equals_magnav() {
     let theirs = columns(MAGNAV);
     let map = magnav_map();
     let plain = upward(&map, 300.0, &Padding::none()).unwrap();
@@ -49,7 +49,7 @@ fn val_continuation_is_magnavs() {
 }
 
 #[test]
-fn val_components_are_magnavs_but_for_the_mean_and_the_names_of_the_axes() {
+fn val_components_equal_magnav_except_mean_and_axis_names() {
     let theirs = columns(MAGNAV);
     let spectrum = MapSpectrum::new(&magnav_map(), 0.0, &Padding::none()).unwrap();
     // Declination -0.2 and inclination 1.2 rad, the declination counted from east.
@@ -67,7 +67,7 @@ fn val_components_are_magnavs_but_for_the_mean_and_the_names_of_the_axes() {
 }
 
 #[test]
-fn val_the_chessboard_is_magnavs() {
+fn val_chessboard_equals_magnav() {
     let map = magnav_map();
     let heights = formula(9, 11, [600.0, 650.0], |j, k| 300.0 + 5.0 * j + 3.0 * k);
     let drape = DrapeOptions::magnav(20.0, Padding::magnav(&map, 60.0));
@@ -77,7 +77,7 @@ fn val_the_chessboard_is_magnavs() {
 }
 
 #[test]
-fn val_padding_by_zeros_gives_harmonicas_answers() {
+fn val_zero_padding_equals_harmonica() {
     let theirs = columns(HARMONICA);
     let map = formula(30, 42, [50.0, 60.0], |j, k| 100.0 * (0.7 * j).sin() + 40.0 * (0.5 * k).cos() + 0.2 * j * k);
     let padding = Padding {

@@ -1,4 +1,4 @@
-//! Against dipoles and prisms, whose field is known everywhere.
+//! Comparison with dipoles and prisms, whose field is known everywhere.
 
 use crate::maps::continuation::*;
 use crate::maps::magnetic_sources::direction;
@@ -7,7 +7,7 @@ use super::fields::*;
 
 const SCENES: [Scene; 3] = [Scene::Inside, Scene::Around, Scene::Regional];
 
-/// harmonica's padding as its user guide has it: a third of each side, zeros.
+/// harmonica's padding by its user guide: a third of each side, zeros.
 fn harmonica(map: &PlaneGrid) -> Padding {
     let width = PaddingWidth::Nodes([map.rows() / 3, map.columns() / 3]);
     Padding { width, edge: EdgeExtension::Zero, trend: TrendRemoval::None, ..Padding::default() }
@@ -27,7 +27,7 @@ fn law_upward_is_exact_to_one_percent_away_from_the_edges() {
 
 #[test]
 fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
-    // Single scenes may fall either way, as nobody knows the field outside; over some, ours must not be worse.
+    // The field outside is unknown, so single scenes vary; over several scenes our error must not be larger.
     for scene in SCENES {
         for up_m in [200.0, 500.0] {
             let mut sums = [0.0; 4];
@@ -46,16 +46,16 @@ fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
             let [ours, harmonica, magnav, plain] = sums.map(|sum| (sum / 6.0_f64).sqrt());
             println!("{scene:?} {up_m} m: ours {ours:.4}, harmonica {harmonica:.4}, MagNav.jl {magnav:.4}");
             assert!(ours <= harmonica, "{scene:?} {up_m} m: {ours} and {harmonica}");
-            // The turned image carries the slope on, which counts near the edge.
+            // The rotated image continues the slope, which matters near the edge.
             assert!(up_m > 300.0 || ours < 0.95 * plain, "{scene:?} {up_m} m: {ours} and {plain}");
-            // Where the edge is much of the map, a few scenes do not part the two by more than some percent.
+            // If edges are a large part of the map, a few scenes separate the two only to some per cent.
             assert!(ours <= 1.1 * magnav, "{scene:?} {up_m} m: {ours} and {magnav}");
         }
     }
 }
 
 #[test]
-fn law_the_measured_edge_error_is_the_error() {
+fn law_the_estimated_edge_error_agrees_with_the_error() {
     for scene in SCENES {
         for up_m in [200.0, 500.0] {
             for seed in 1..4 {
@@ -67,8 +67,8 @@ fn law_the_measured_edge_error_is_the_error() {
                 let edge = |map: &PlaneGrid| rms_where(map, |row, column| depth(map, row, column) < 2);
                 let all = estimate.rms_nt / rms_where(&error, |_, _| true);
                 let edge = edge(&estimate.map) / edge(&error);
-                // The field outside is a matter of chance: one measure of it is good to its order. Where no source is
-                // near an edge the error is some thousandths of the field, and the estimate is on the safe side.
+                // The field outside is random, so one estimate is accurate to its order of magnitude. If no source is
+                // near an edge, the error is some thousandths of the field, and the estimate is too large.
                 let order = 1.0 / 3.0..if scene == Scene::Inside { 10.0 } else { 3.0 };
                 assert!(order.contains(&all) && order.contains(&edge), "{scene:?} {up_m} m, seed {seed}: {all} {edge}");
             }
@@ -128,7 +128,7 @@ fn law_components_are_those_of_the_field() {
         |axis: usize| [&ours.east, &ours.north, &ours.up][axis].values.iter().map(move |v| v * main_field()[axis]);
     let sum: Vec<f64> = along(0).zip(along(1)).zip(along(2)).map(|((e, n), u)| e + n + u).collect();
     let up = upward(&map, 100.0, &Padding::default()).unwrap();
-    // A wave of two nodes has no slope, and so no part along the main field's horizontal.
+    // A wave of two nodes has no slope, and so no component along the main field's horizontal.
     assert_near_inside(&map.with(sum), &up, 1e-3, "sum along the main field");
 }
 
@@ -170,7 +170,7 @@ fn hills(node: usize) -> f64 {
 }
 
 #[test]
-fn law_a_level_on_a_drape_is_the_field_there() {
+fn law_level_to_drape_gives_the_field_on_the_drape() {
     let field = Field::new(Scene::Inside, 5, [90, 110]);
     let heights: Vec<f64> = (0..9900).map(hills).collect();
     let exact = field.on(hills, |point| field.anomaly_at(point));
@@ -188,7 +188,7 @@ fn law_a_level_on_a_drape_is_the_field_there() {
 }
 
 #[test]
-fn law_a_drape_on_a_level_is_the_field_there_and_refining_makes_it_better() {
+fn law_drape_to_level_gives_the_field_and_refining_improves_it() {
     let field = Field::new(Scene::Inside, 5, [90, 110]);
     let heights: Vec<f64> = (0..9900).map(hills).collect();
     let map = field.on(hills, |point| field.anomaly_at(point));

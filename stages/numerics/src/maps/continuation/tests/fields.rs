@@ -3,14 +3,14 @@
 use crate::maps::magnetic_sources::*;
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
-/// Where sources are.
+/// Placement of the sources.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scene {
     /// All well inside the map.
     Inside,
     /// All over the map and as far again around it.
     Around,
-    /// The same with some deep and strong ones.
+    /// Around, with some deep and strong sources.
     Regional,
 }
 
@@ -33,7 +33,7 @@ impl Random {
         Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
     }
 
-    /// Evenly between 0 and 1 (xorshift).
+    /// Uniform number between 0 and 1 (xorshift).
     pub(super) fn even(&mut self) -> f64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
@@ -45,7 +45,7 @@ impl Random {
         low + (high - low) * self.even()
     }
 
-    /// Nearly normal, with unit variance.
+    /// Approximately normal number of unit variance.
     pub(super) fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.even()).sum::<f64>() - 6.0
     }
@@ -75,7 +75,7 @@ impl Field {
         field_of_all_nt(&self.sources, [east, north, up])
     }
 
-    /// Any quantity on the map's nodes, each at a height of its own.
+    /// A quantity on the map's nodes, each at its own height.
     pub(super) fn on(&self, height: impl Fn(usize) -> f64, of: impl Fn(EastNorthUp) -> f64) -> PlaneGrid {
         let columns = self.east_m.len;
         let point = |node: usize| {
@@ -111,7 +111,7 @@ fn source(at: EastNorthUp, strength: f64, random: &mut Random) -> MagneticBody {
     })
 }
 
-/// The rms of what `keep` says of row and column.
+/// The rms over the nodes that `keep` selects by row and column.
 pub(super) fn rms_where(map: &PlaneGrid, keep: impl Fn(usize, usize) -> bool) -> f64 {
     let columns = map.columns();
     let kept: Vec<f64> =
@@ -124,7 +124,7 @@ pub(super) fn minus(one: &PlaneGrid, other: &PlaneGrid) -> PlaneGrid {
     one.with(one.values.iter().zip(&other.values).map(|(a, b)| a - b).collect())
 }
 
-/// How many nodes a node is from the nearest edge.
+/// Number of nodes between a node and the nearest edge.
 pub(super) fn depth(map: &PlaneGrid, row: usize, column: usize) -> usize {
     row.min(column).min(map.rows() - 1 - row).min(map.columns() - 1 - column)
 }

@@ -5,7 +5,7 @@ use crate::maps::continuation::{MAGNAV_ALPHA_M2, Padding, RadialPower, continued
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 #[test]
-fn law_the_error_of_a_height_is_that_of_the_field_in_closed_form() {
+fn law_the_height_error_agrees_with_the_closed_form() {
     for (seed, scene) in [(1, Scene::Around), (2, Scene::Around), (3, Scene::Inside)] {
         let field = Field::new(scene, seed, [160, 200]);
         let map = field.anomaly(0.0);
@@ -13,7 +13,7 @@ fn law_the_error_of_a_height_is_that_of_the_field_in_closed_form() {
         for up_m in [20.0, 100.0, 400.0, 1500.0, -30.0] {
             let truth = rms_where(&minus(&map, &field.anomaly(up_m)), |_, _| true);
             let ours = power.height_error_nt(up_m);
-            // The edges, and the spread of the power over places: a quarter.
+            // Tolerance of a quarter for the edges and the uneven distribution of the power.
             assert!((ours / truth - 1.0).abs() < 0.25, "{scene:?} {up_m} m: {ours} {truth}");
         }
         assert_eq!(power.height_error_nt(0.0), 0.0);
@@ -28,7 +28,7 @@ fn law_a_wave_decays_with_its_wavenumber() {
     let map = PlaneGrid { east_m: axis(200), north_m: axis(100), values: (0..20_000).map(wave).collect() };
     let power = RadialPower::from_map(&map).unwrap();
     let expected = 50f64.sqrt() * (1.0 - (-k * 300.0).exp());
-    // The padding breaks the wave off, which spreads its line.
+    // The padding truncates the wave, which broadens its line.
     assert!((power.height_error_nt(300.0) / expected - 1.0).abs() < 0.1);
     let mut holes = map.clone();
     holes.values.iter_mut().step_by(7).for_each(|x| *x = f64::NAN);
@@ -36,7 +36,7 @@ fn law_a_wave_decays_with_its_wavenumber() {
 }
 
 #[test]
-fn law_a_level_below_the_map_errs_by_the_amplified_noise_and_the_damped_field() {
+fn law_the_downward_error_is_the_amplified_noise_and_the_damped_field() {
     for (seed, scene) in [(1, Scene::Around), (2, Scene::Around), (3, Scene::Regional)] {
         let field = Field::new(scene, seed, [160, 200]);
         for (from_m, down_m) in [(300.0, 100.0), (500.0, 300.0)] {
@@ -53,9 +53,9 @@ fn law_a_level_below_the_map_errs_by_the_amplified_noise_and_the_damped_field() 
                 println!(
                     "{scene:?} {seed}, {from_m} m down {down_m} m, noise {noise_nt} nT: error {truth:.2} nT, known {known:.2}, found {found:.2}"
                 );
-                // Noise that is not told apart from the field past the edges is all amplified: an upper bound.
+                // Noise that cannot be separated from the field past the edges is amplified fully: an upper bound.
                 assert!((0.5 * truth..2.5 * truth + 0.3).contains(&known) || noise_nt == 0.0, "{known} {truth}");
-                // Without noise what leaks from the padding counts as field, on the cautious side.
+                // Without noise, leakage from the padding counts as field, which makes the estimate too large.
                 let bounded = known < 2.5 * truth + 0.3 && found < 2.5 * truth + 4.0;
                 assert!(bounded || noise_nt == 0.0, "{known} {found} {truth}");
                 assert!(found > 0.5 * truth || noise_nt == 0.0, "{found} {truth}");

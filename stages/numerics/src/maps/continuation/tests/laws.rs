@@ -62,7 +62,7 @@ fn law_a_periodic_wave_is_damped_by_its_wavenumber_alone() {
 
 #[test]
 fn law_the_derivatives_obey_laplace() {
-    let map = noise(31, 40); // odd padding, so that no wave of two nodes is in it
+    let map = noise(31, 40); // odd padding excludes the wave of two nodes
     let padding = Padding { width: PaddingWidth::Nodes([2, 2]), even: false, ..Padding::default() };
     let spectrum = MapSpectrum::new(&map, 0.0, &padding).unwrap();
     assert_eq!([spectrum.layout().rows.padded % 2, spectrum.layout().columns.padded % 2], [1, 1]);
@@ -73,7 +73,7 @@ fn law_the_derivatives_obey_laplace() {
 }
 
 #[test]
-fn law_both_ways_of_filtering_agree_and_one_is_the_map_itself() {
+fn law_both_filters_agree_and_a_factor_of_one_is_the_identity() {
     for (rows, columns) in [(2, 2), (5, 3), (16, 16), (67, 83), (90, 200)] {
         let map = noise(rows, columns);
         for padding in [Padding::default(), Padding::none(), Padding::magnav(&map, 100.0)] {
@@ -90,7 +90,7 @@ fn law_both_ways_of_filtering_agree_and_one_is_the_map_itself() {
 }
 
 #[test]
-fn law_answers_do_not_depend_on_the_number_of_threads() {
+fn unit_results_do_not_depend_on_the_number_of_threads() {
     let map = noise(83, 149);
     let heights: Vec<f64> = (0..map.values.len()).map(|i| 60.0 * (i as f64 * 0.01).sin()).collect();
     let bits = |threads: usize| {
@@ -110,7 +110,7 @@ fn law_answers_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn law_down_and_up_again_is_the_map_within_the_stated_error() {
+fn law_down_and_up_again_reproduces_the_map_within_the_reported_error() {
     let map = Field::new(Scene::Around, 6, [60, 70]).anomaly(100.0);
     let padding = Padding::default();
     for regularisation in [Regularisation::LCurve, Regularisation::Alpha(5e3)] {
@@ -121,7 +121,7 @@ fn law_down_and_up_again_is_the_map_within_the_stated_error() {
         assert!(down.regularisation_error_nt < 0.2 * rms_where(&map, |_, _| true));
     }
     let strong = downward(&map, 100.0, Regularisation::Alpha(5e3), &padding).unwrap();
-    // Away from the edges the misfit is the one that the L-curve has for that α.
+    // Away from the edges the misfit equals that of the L-curve for this α.
     let point = strong
         .curve
         .points
@@ -134,7 +134,7 @@ fn law_down_and_up_again_is_the_map_within_the_stated_error() {
 }
 
 #[test]
-fn law_the_l_curve_gives_up_smoothness_for_fit() {
+fn law_misfit_rises_and_roughness_falls_along_the_l_curve() {
     let map = noise(50, 60);
     let curve = downward(&map, 90.0, Regularisation::LCurve, &Padding::default()).unwrap().curve;
     assert!(curve.points.windows(2).all(|pair| pair[0].alpha_m2 < pair[1].alpha_m2));
@@ -144,14 +144,14 @@ fn law_the_l_curve_gives_up_smoothness_for_fit() {
 }
 
 #[test]
-fn law_nothing_grows_over_all_bounds_far_down() {
+fn law_far_downward_continuation_stays_bounded() {
     let map = noise(30, 30);
     let down = continued(&map, -1e5, 200.0, &Padding { width: PaddingWidth::None, ..Padding::default() }).unwrap();
     assert!(down.values.iter().all(|value| value.is_finite()));
 }
 
 #[test]
-fn law_the_padding_is_ten_distances_and_shrinks_to_what_memory_allows() {
+fn unit_padding_is_ten_distances_within_the_limit_of_nodes() {
     let map = formula(100, 300, [50.0, 50.0], |_, _| 0.0);
     let wide = Padding::default().layout(&map, 500.0).unwrap();
     assert!(wide.rows.before >= 100 && wide.columns.after() >= 100);
@@ -167,7 +167,7 @@ fn law_the_padding_is_ten_distances_and_shrinks_to_what_memory_allows() {
 }
 
 #[test]
-fn law_what_cannot_be_continued_is_refused_with_the_way_out() {
+fn unit_invalid_maps_are_rejected_with_a_remedy() {
     let map = noise(20, 30);
     let padding = Padding::default();
     let mut holes = map.clone();
@@ -204,11 +204,11 @@ fn law_what_cannot_be_continued_is_refused_with_the_way_out() {
 }
 
 #[test]
-fn law_a_flat_drape_is_a_level_and_what_lies_too_deep_is_unknown() {
+fn law_a_flat_drape_is_a_level_and_deeper_nodes_are_unknown() {
     let map = Field::new(Scene::Around, 8, [40, 50]).anomaly(0.0);
     let exact = upward(&map, 75.0, &Padding::default()).unwrap();
     let draped = level_to_drape(&map, 100.0, &vec![175.0; 2000], &DrapeOptions::default()).unwrap();
-    // 75 m is one level and a half of 50 m: the cubic between levels is what differs.
+    // 75 m is midway between levels of 50 m, so the cubic between levels makes the difference.
     assert!(rms_where(&minus(&draped, &exact), |_, _| true) < 2e-3 * rms_where(&exact, |_, _| true));
     let mut heights = vec![100.0; 2000];
     heights[41] = 100.0 - 151.0;
@@ -220,7 +220,7 @@ fn law_a_flat_drape_is_a_level_and_what_lies_too_deep_is_unknown() {
 }
 
 #[test]
-fn law_a_stack_is_its_levels() {
+fn law_a_stack_equals_its_single_levels() {
     let map = noise(40, 50);
     let padding = Padding::default();
     let levels = stack(&map, &[0.0, 60.0, -20.0], 300.0, &padding).unwrap();
@@ -231,7 +231,7 @@ fn law_a_stack_is_its_levels() {
 }
 
 #[test]
-fn law_far_is_a_fiftieth_of_the_shorter_side_and_masks_come_back() {
+fn unit_far_is_a_fiftieth_of_the_shorter_side_and_masks_are_restored() {
     let map = formula(51, 101, [100.0, 100.0], |_, _| 1.0);
     assert!(!is_far(&map, 100.0) && !is_far(&map, -100.0));
     assert!(is_far(&map, 100.1) && is_far(&map, -100.1));

@@ -9,7 +9,7 @@ fn relaxation(tension: f64) -> RelaxationOptions {
 }
 
 #[test]
-fn law_a_plane_comes_back_from_data_off_the_nodes() {
+fn law_a_plane_is_recovered_from_data_off_the_nodes() {
     let (east, north) = (scattered(60, 1), scattered(60, 2));
     let [east, north] = [east, north].map(|a| a.iter().map(|x| 1000.0 + 900.0 * x).collect::<Vec<f64>>());
     let plane = |e: f64, n: f64| 5.0 + 0.03 * e - 0.01 * n;
@@ -23,7 +23,7 @@ fn law_a_plane_comes_back_from_data_off_the_nodes() {
     }
 }
 
-/// Held nodes and a surface between them.
+/// Fixed nodes and a surface between them.
 fn held(tension: f64) -> (Vec<[usize; 2]>, Vec<f64>, PlaneGrid, RelaxationReport) {
     let places: Vec<[usize; 2]> = (0..12).map(|k| [(7 * k + 3) % 13, (11 * k + 5) % 13]).collect();
     let values: Vec<f64> = scattered(12, 4).into_iter().map(|v| 100.0 * v).collect();
@@ -46,7 +46,7 @@ fn law_data_on_nodes_are_kept_and_everywhere_else_the_equation_holds() {
         for r in 2..11 {
             for c in (2..11).filter(|c| !places.contains(&[*c, r])) {
                 let twice = bend(r + 1, c) + bend(r - 1, c) + bend(r, c + 1) + bend(r, c - 1) - 4.0 * bend(r, c);
-                // Nodes off by 1e-7 make up to eighty times that here.
+                // Errors of 1e-7 at nodes are amplified up to eighty times here.
                 assert!(((1.0 - tension) * twice - tension * bend(r, c)).abs() < 1e-5);
             }
         }

@@ -19,7 +19,8 @@ fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
     })
 }
 
-/// A vertical dipole's vertical field in nT and its east, north and upward derivatives, with `d` the way from it.
+/// A vertical dipole's vertical field in nT and its east, north and upward derivatives, at the displacement `d` from
+/// it.
 fn dipole(d: [f64; 3]) -> [f64; 4] {
     let [e, n, h] = d;
     let r2 = e * e + n * n + h * h;
@@ -56,7 +57,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Numbers without a pattern, evenly between -1 and 1.
+/// Pseudo-random numbers, uniform between -1 and 1.
 fn scattered(count: usize, seed: u64) -> Vec<f64> {
     let mut state = seed;
     let next = |_| {

@@ -4,7 +4,7 @@ use super::super::kernel::{PointSources, add_values};
 use super::*;
 
 #[test]
-fn law_the_nearest_points_are_those_that_looking_at_all_finds() {
+fn unit_the_nearest_points_equal_an_exhaustive_search() {
     let (east, north) = (scattered(500, 1), scattered(500, 2));
     let near = PointCellIndex::new(&east, &north);
     for at in [[0.0, 0.0], [0.99, -0.99], [7.0, 0.2], [-3.0, -40.0]] {
@@ -21,7 +21,7 @@ fn law_the_nearest_points_are_those_that_looking_at_all_finds() {
 }
 
 #[test]
-fn law_a_block_is_the_median_or_mean_of_its_points() {
+fn unit_a_block_is_the_median_or_mean_of_its_points() {
     let points: [&[f64]; 4] = [
         &[0.0, 1.0, 2.0, 12.0, 3.0],
         &[0.0, 2.0, 1.0, 0.0, 13.0],
@@ -52,7 +52,7 @@ fn directly(targets: &ClusterTree, sources: &ClusterTree, strength: &[f64], sign
 }
 
 #[test]
-fn law_boxes_sum_to_what_all_pairs_do_and_the_better_the_farther_they_must_be() {
+fn law_box_sums_converge_to_the_sum_over_all_pairs() {
     let (targets, sources) =
         (ClusterTree::new(&cloud(3000, 5, 300.0), 128), ClusterTree::new(&cloud(4000, 9, 50.0), 128));
     let strength = scattered(4000, 77);
@@ -78,7 +78,7 @@ fn law_the_backward_sum_is_the_transpose_of_the_forward_one() {
 }
 
 #[test]
-fn law_clusters_hold_every_point_once_and_inside_their_box() {
+fn unit_clusters_contain_every_point_once_inside_its_box() {
     let points = cloud(1000, 21, 100.0);
     let clusters = ClusterTree::new(&points, 50);
     let mut order = clusters.order.clone();
@@ -92,13 +92,13 @@ fn law_clusters_hold_every_point_once_and_inside_their_box() {
     }
     let values = scattered(1000, 8);
     assert_eq!(clusters.unsorted(&clusters.sorted(&values)), values);
-    // Points that cannot be told apart stay in one box.
+    // Coincident points stay in one box.
     let same = PointPositions { east: vec![1.0; 99], north: vec![2.0; 99], up: vec![3.0; 99] };
     assert_eq!(ClusterTree::new(&same, 10).boxes.len(), 1);
 }
 
 #[test]
-fn law_cleaning_finds_what_was_spoilt_and_keeps_a_steep_anomaly() {
+fn unit_cleaning_finds_spoilt_points_and_keeps_a_steep_anomaly() {
     let mut points = survey();
     let whole = clean(points.borrow(), &CleaningOptions::default());
     assert_eq!(whole.kept.len(), points.line.len());
@@ -125,7 +125,7 @@ fn law_cleaning_finds_what_was_spoilt_and_keeps_a_steep_anomaly() {
 }
 
 #[test]
-fn law_line_spacing_ignores_ties_and_the_line_itself() {
+fn unit_line_spacing_ignores_ties_and_the_line_itself() {
     let mut points = survey();
     assert!((line_spacing_m(points.borrow()) - 200.0).abs() < 1e-6);
     for k in 0..400 {

@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn law_a_survey_becomes_a_grid_that_knows_its_error() {
+fn unit_a_survey_becomes_a_grid_with_its_expected_error() {
     let points = survey();
     let mut options = GriddingOptions::new(GriddingMethod::equivalent_sources());
     options.folds = Some(LineFolds::all(4));
@@ -21,13 +21,13 @@ fn law_a_survey_becomes_a_grid_that_knows_its_error() {
     let crossed = report.cross_validation.unwrap();
     assert_eq!(crossed.n, points.line.len());
     assert!(crossed.median_nt < crossed.rms_nt && crossed.median_nt < crossed.p95_nt);
-    // Without a line, gaps are twice as wide: the map itself is better than that.
+    // Without a line, gaps are twice as wide, so the map itself is more accurate.
     let error = made.error.unwrap();
     assert!(error.unknown() == 0 && rms(error.values.iter().copied()) > wrong);
 }
 
 #[test]
-fn law_expected_error_is_large_where_left_out_lines_were_missed() {
+fn unit_expected_error_is_large_near_badly_predicted_lines() {
     let points = survey();
     let differences: Vec<f64> =
         points.easting_m.iter().map(|e| if *e > 502_000.0 { 20.0 } else { f64::from((*e as i32) % 3 - 1) }).collect();
@@ -40,7 +40,7 @@ fn law_expected_error_is_large_where_left_out_lines_were_missed() {
 }
 
 #[test]
-fn law_nodes_far_from_data_are_unknown() {
+fn unit_nodes_far_from_data_are_unknown() {
     let east_m = EvenAxis { first: 0.0, step: 10.0, len: 11 };
     let mut grid = PlaneGrid { east_m, north_m: EvenAxis { len: 1, ..east_m }, values: vec![1.0; 11] };
     assert_eq!(mask(&mut grid, &[30.0, 35.0], &[0.0, 10.0], 20.0), 6);
@@ -50,7 +50,7 @@ fn law_nodes_far_from_data_are_unknown() {
 }
 
 #[test]
-fn law_a_block_that_no_field_explains_is_left_out() {
+fn unit_a_block_that_contradicts_the_field_is_excluded() {
     let mut points = survey();
     points.value_nt[850..853].iter_mut().for_each(|v| *v += 400.0);
     let clean = CleaningOptions { sigmas: 0.0, ..CleaningOptions::default() };
@@ -63,7 +63,7 @@ fn law_a_block_that_no_field_explains_is_left_out() {
 }
 
 #[test]
-fn law_what_cannot_be_is_refused() {
+fn unit_invalid_settings_are_rejected() {
     let points = survey();
     let refused = |change: &dyn Fn(&mut GriddingOptions)| {
         let mut options = GriddingOptions::new(GriddingMethod::minimum_curvature());

@@ -1,4 +1,4 @@
-//! Two magnetometers in the exact field of dipoles, and maps that do not know all of it.
+//! Two magnetometers in the exact field of dipoles, and incomplete maps of it.
 
 use super::flights::drifting;
 use super::*;
@@ -14,13 +14,13 @@ use crate::random::NormalGenerator;
 const SAMPLES: u32 = 900;
 const FLIGHTS: u64 = 10;
 const ALT_M: f64 = 500.0;
-/// Pitch of an aircraft that flies nose up.
+/// Pitch of an aircraft in trimmed flight, in degrees.
 const TRIM_DEG: f64 = 2.5;
 const BASELINE: [f64; 3] = [15.0, 0.0, 0.0];
 const SIGMA_NT: f64 = 0.05;
 const MIDDLE_DEG: [f64; 2] = [-21.958, 140.6675];
 
-/// The field of dipoles up to a kilometre below the ellipsoid.
+/// Field of dipoles up to 1 km below the ellipsoid.
 struct Ground {
     dipoles: Vec<Dipole>,
     along: [f64; 3],
@@ -42,7 +42,7 @@ impl Ground {
         Self { dipoles: (0..250).map(one).collect(), along, m_per_deg }
     }
 
-    /// The anomaly in nT, and its upward slope in nT/m.
+    /// Anomaly, in nT, and its upward slope, in nT/m.
     fn at(&self, lat: f64, lon: f64, alt: f64) -> f64 {
         let east = (lon - MIDDLE_DEG[1]) * self.m_per_deg[1];
         let north = (lat - MIDDLE_DEG[0]) * self.m_per_deg[0];
@@ -52,7 +52,7 @@ impl Ground {
         self.dipoles.iter().map(of).sum()
     }
 
-    /// A map of nodes 150 m apart, of a function of latitude and longitude.
+    /// Map with nodes 150 m apart, of a function of latitude and longitude.
     fn map(&self, of: impl Fn(f64, f64) -> f64) -> GeographicGrid {
         let axis = |at: usize, half: i32| -> Vec<f64> {
             (-half..=half).map(|k| MIDDLE_DEG[at] + 150.0 * f64::from(k) / self.m_per_deg[at]).collect()
@@ -63,12 +63,12 @@ impl Ground {
         GeographicGrid::new(&lat, &lon, &nodes).unwrap()
     }
 
-    /// A map of one height, without its slope upwards.
+    /// Level map without the upward slope.
     fn level(&self) -> FieldMap {
         FieldMap::Flat(MapSurface::new(&self.map(|lat, lon| self.at(lat, lon, ALT_M)), MapInterpolation::Cubic))
     }
 
-    /// The same with the slope.
+    /// Level map with the upward slope.
     fn with_slope(&self) -> FieldMap {
         let up = self.map(|lat, lon| (self.at(lat, lon, ALT_M + 1.0) - self.at(lat, lon, ALT_M - 1.0)) / 2.0);
         let vertical = VerticalDerivative { d_alt_nt_per_m: up.values(), alt_m: ALT_M };
@@ -76,7 +76,7 @@ impl Ground {
         FieldMap::Flat(MapSurface::with_vertical(&level, vertical, MapInterpolation::Cubic).unwrap())
     }
 
-    /// A map of lines that fly east, so far apart, with a smooth curve from line to line.
+    /// Map from east-west lines at the given spacing, with a smooth curve from line to line.
     fn of_lines(&self, apart_m: f64) -> FieldMap {
         let between = |lat: f64, lon: f64| {
             let north = (lat - MIDDLE_DEG[0]) * self.m_per_deg[0] / apart_m;
@@ -91,7 +91,7 @@ impl Ground {
     }
 }
 
-/// A flight in the exact field: at its place, and what two magnetometers differ by.
+/// Flight in the exact field, with the field at its positions and the difference of two magnetometers.
 struct Flown {
     flight: OsborneFlight,
     measured_nt: Vec<f64>,
@@ -123,7 +123,7 @@ fn flown(ground: &Ground, seed: u64) -> Flown {
     Flown { flight: OsborneFlight { truth, ins, errors, field_nt: vec![], model }, measured_nt, difference_nt }
 }
 
-/// Figures over all flights from the 200th second on: mean NEES, DRMS in m, NIS of the difference.
+/// Statistics over all flights from 200 s on: mean NEES, DRMS in m, NIS of the difference.
 #[derive(Debug)]
 struct Figures {
     nees: f64,
@@ -134,7 +134,7 @@ struct Figures {
 /// Assumed error of the map's slope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Told {
-    /// That it is exact.
+    /// Exact map.
     Exact,
     /// Error from [`MapSlope`] and [`likely_slope_error`].
     Found,
@@ -182,7 +182,7 @@ fn figures(flights: &[Flown], map: &FieldMap, told: Option<Told>, scalar: bool, 
 }
 
 #[test]
-fn law_a_difference_of_the_exact_field_is_consistent_on_maps_that_do_not_know_all_of_it() {
+fn law_a_difference_of_the_exact_field_is_consistent_on_incomplete_maps() {
     let ground = Ground::new();
     let flights: Vec<Flown> = (0..FLIGHTS).map(|seed| flown(&ground, seed)).collect();
     let level = ground.level();
@@ -203,14 +203,14 @@ fn law_a_difference_of_the_exact_field_is_consistent_on_maps_that_do_not_know_al
         let difference = figures(&flights, &level, Some(Told::Found), false, by);
         println!("one height, {name}: {found:.2?}, without the field {difference:.2?}");
         assert!((1.0..4.0).contains(&found.nees), "{name}: {found:?}");
-        // Without the field the position is known to a hundred metres, over which the map bends.
+        // Without the field the position is uncertain by 100 m, over which the map is curved.
         assert!((1.0..5.0).contains(&difference.nees), "{name}: {difference:?}");
         assert!(found.drms_m < 1.02 * alone.drms_m, "{name}: {found:?} {alone:?}");
     }
 }
 
 #[test]
-fn law_a_difference_over_a_map_of_sparse_lines_does_not_lead_away() {
+fn law_a_difference_does_not_diverge_on_a_map_of_sparse_lines() {
     let ground = Ground::new();
     let flights: Vec<Flown> = (0..FLIGHTS).map(|seed| flown(&ground, seed)).collect();
     let sparse = ground.of_lines(2000.0);
@@ -219,7 +219,7 @@ fn law_a_difference_over_a_map_of_sparse_lines_does_not_lead_away() {
     let (lost, difference) = (by(Some(Told::Exact), false), by(Some(Told::Found), false));
     println!("sparse lines: field alone {alone:.2?}; with the difference, slope exact {naive:.2?}, found {found:.2?}");
     println!("without the field: slope exact {lost:.2?}, found {difference:.2?}");
-    // The field alone is lost on such a map; the difference must not add to that.
+    // The field alone diverges on such a map; the difference must not increase the error.
     assert!(naive.drms_m > 1.2 * alone.drms_m, "{naive:?} {alone:?}");
     assert!(found.drms_m < 1.05 * alone.drms_m && found.nees < 1.1 * alone.nees, "{found:?} {alone:?}");
     assert!(difference.drms_m < 0.3 * lost.drms_m && difference.nees < 0.1 * lost.nees, "{difference:?} {lost:?}");

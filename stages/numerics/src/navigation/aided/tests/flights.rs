@@ -1,4 +1,4 @@
-//! Flights over the Osborne map, with known truth: is each filter as good as it says?
+//! Consistency of each filter on flights over the Osborne map with known truth.
 
 use super::*;
 use crate::navigation::flights::{OsborneFlight, chi_square, world};
@@ -22,7 +22,7 @@ fn storm_nt(t_s: f64) -> f64 {
     150.0 * (t_s / 40.0).sin() + 60.0 * (t_s / 7.0).cos()
 }
 
-/// The difference of two magnetometers this far from each other.
+/// Difference of two magnetometers with this baseline.
 pub(super) fn difference_nt(flight: &OsborneFlight, baseline_m: [f64; 3], sigma_nt: f64, seed: u64) -> Vec<f64> {
     let mut normals = NormalGenerator::new(seed);
     let bias = GaussMarkov { sigma: 0.3, tau_s: 600.0 }.realisation(&flight.truth.columns[0], || normals.draw());
@@ -43,7 +43,7 @@ pub(super) fn difference_nt(flight: &OsborneFlight, baseline_m: [f64; 3], sigma_
     (0..columns[0].len()).map(|row| of(row) + bias[row] + sigma_nt * normals.draw()).collect()
 }
 
-/// The mean NEES of the position over flights, by time, and the mean square error and that of the INS in m².
+/// Mean NEES of the position over flights, by time, and the mean square errors of filter and INS, in m².
 pub(super) struct Consistency {
     nees: Vec<f64>,
     pub(super) square_m2: f64,
@@ -53,7 +53,7 @@ pub(super) struct Consistency {
 
 const TIMES: [usize; 4] = [200, 450, 700, 899];
 
-/// The figures of flights by an error model; `of` filters the flight of a seed.
+/// Consistency over flights with an error model; `of` filters the flight of a seed.
 fn consistency(
     model: InsErrorModel,
     nis: impl Fn(&AidedOutput) -> &[f64],
@@ -66,7 +66,7 @@ fn consistency(
     })
 }
 
-/// The same of filters that hand out a track.
+/// Same for filters that return a track.
 pub(super) fn consistency_of(
     model: InsErrorModel,
     of: impl Fn(&OsborneFlight, u64) -> NavigationOutput,
@@ -103,7 +103,7 @@ impl Consistency {
     }
 }
 
-/// An INS that drifts by hundreds of metres in a quarter of an hour.
+/// INS with a drift of hundreds of metres in 15 min.
 pub(super) fn drifting() -> InsErrorModel {
     InsErrorModel::from_sources(InsErrors { init_velocity_sigma_mps: 0.3, ..InsErrors::default() })
 }
@@ -135,7 +135,7 @@ fn with_difference(flight: &OsborneFlight, seed: u64, linearisation: Linearisati
 }
 
 #[test]
-fn law_a_difference_navigates_through_a_storm_that_defeats_the_scalar_field() {
+fn law_a_difference_navigates_through_a_magnetic_storm() {
     for (name, linearisation) in linearisations() {
         let by = |scalar: bool| {
             consistency(
@@ -159,7 +159,7 @@ fn law_a_difference_navigates_through_a_storm_that_defeats_the_scalar_field() {
 }
 
 #[test]
-fn law_a_difference_is_right_where_the_heading_is_half_a_degree_off() {
+fn law_a_difference_is_consistent_with_a_heading_error_of_half_a_degree() {
     let sources = InsErrors { init_heading_sigma_deg: Some(0.5), init_velocity_sigma_mps: 0.3, ..InsErrors::default() };
     for (name, linearisation) in linearisations() {
         let found = consistency(
@@ -171,7 +171,7 @@ fn law_a_difference_is_right_where_the_heading_is_half_a_degree_off() {
     }
 }
 
-/// A Gauss-Markov process of the distance flown.
+/// Gauss-Markov process of the distance flown.
 pub(super) fn lasting_error_nt(flight: &OsborneFlight, of: MapErrorProcess, seed: u64) -> Vec<f64> {
     let mut normals = NormalGenerator::new(seed);
     let columns = &flight.truth.columns;
@@ -187,7 +187,7 @@ pub(super) fn lasting_error_nt(flight: &OsborneFlight, of: MapErrorProcess, seed
 }
 
 #[test]
-fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
+fn law_a_correlated_map_error_is_a_state() {
     let lasting = MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 };
     let by = |map_error: Option<MapErrorProcess>| {
         consistency(
@@ -197,7 +197,7 @@ fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
                 let mut measured = flight.measured(1000 + seed, 2.0);
                 let errors = lasting_error_nt(flight, lasting, 700 + seed);
                 measured.iter_mut().zip(errors).for_each(|(nt, error)| *nt += error);
-                // White noise of the same size, for the filter that has no state of it.
+                // White noise of the same standard deviation, for the filter without this state.
                 let sigma_nt = map_error.map_or(15.0_f64.hypot(2.0), |_| 2.0);
                 let (ins, sigma) = (flight.ins.series(), vec![sigma_nt; SAMPLES as usize]);
                 let aids = Aids { map_error, ..Aids::default() };
@@ -211,7 +211,7 @@ fn law_a_map_error_that_lasts_is_a_state_and_not_white() {
     assert!(white.nees.iter().sum::<f64>() > 3.0 * 2.0 * TIMES.len() as f64, "{:?}", white.nees);
 }
 
-/// A vector magnetometer with biases, in the crustal field of a flight.
+/// Vector magnetometer with biases, in the crustal field of a flight.
 pub(super) fn vector_nt(flight: &OsborneFlight, seed: u64) -> [Vec<f64>; 3] {
     let mut normals = NormalGenerator::new(seed);
     let (world, columns) = (world(), &flight.truth.columns);
@@ -239,8 +239,8 @@ pub(super) fn vector_nt(flight: &OsborneFlight, seed: u64) -> [Vec<f64>; 3] {
 }
 
 #[test]
-fn law_a_vector_tells_the_heading_and_little_of_the_position() {
-    // Heading to half a degree, as an INS without a gyrocompass has it.
+fn law_a_vector_observes_the_heading_and_little_of_the_position() {
+    // Heading accurate to half a degree, as for an INS without gyrocompassing.
     let sources = InsErrors { init_heading_sigma_deg: Some(0.5), ..InsErrors::default() };
     let model = InsErrorModel::from_sources(sources);
     let mut figures = vec![];
@@ -291,8 +291,8 @@ fn law_a_vector_tells_the_heading_and_little_of_the_position() {
 }
 
 #[test]
-fn law_a_height_holds_a_vertical_channel_that_drifts() {
-    // A barometer of the INS that is off by 30 m, and another height of 3 m with a bias of 5 m.
+fn law_a_height_bounds_the_drift_of_the_vertical_channel() {
+    // INS barometer with an error of 30 m, and another height of 3 m with a bias of 5 m.
     let sources =
         InsErrors { baro_sigma_m: 30.0, ha_sigma_m: 30.0, init_altitude_sigma_m: 10.0, ..InsErrors::default() };
     let model = InsErrorModel::from_sources(sources);

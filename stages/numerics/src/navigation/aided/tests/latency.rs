@@ -1,4 +1,4 @@
-//! A magnetometer whose time stamps are late: its samples are of where the aircraft was before.
+//! Magnetometer with late time stamps: its samples belong to earlier positions.
 
 use super::flights::SAMPLES;
 use super::*;
@@ -6,7 +6,7 @@ use crate::navigation::flights::{OsborneFlight, world};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::random::NormalGenerator;
 
-/// The measurement of a magnetometer whose stamps are `delay_s` late, with white noise of 2 nT.
+/// Measurement of a magnetometer with a lag of `delay_s` and white noise of 2 nT.
 fn late_nt(flight: &OsborneFlight, delay_s: f64, seed: u64) -> Vec<f64> {
     let (world, columns) = (world(), &flight.truth.columns);
     let mut normals = NormalGenerator::new(seed);
@@ -20,7 +20,7 @@ fn late_nt(flight: &OsborneFlight, delay_s: f64, seed: u64) -> Vec<f64> {
     (0..columns[0].len()).map(|row| of(row) + 2.0 * normals.draw()).collect()
 }
 
-/// The mean square error from 200 s on, in m², the mean NEES, and the delay with its sigma at the end of flights.
+/// Mean square error from 200 s on, in m², mean NEES, and lag with its standard deviation at the end of flights.
 fn flown(delay_s: f64, latency_sigma_s: Option<f64>, linearisation: Linearisation) -> (f64, f64, Vec<[f64; 2]>) {
     let model = InsErrorModel::from_sources(InsErrors { init_velocity_sigma_mps: 0.1, ..InsErrors::default() });
     let (mut square, mut nees, mut delays) = (0.0, 0.0, vec![]);
@@ -44,7 +44,7 @@ fn flown(delay_s: f64, latency_sigma_s: Option<f64>, linearisation: Linearisatio
 }
 
 #[test]
-fn law_a_delay_is_found_to_hundredths_and_no_longer_moves_the_position() {
+fn law_a_lag_is_estimated_to_hundredths_and_does_not_shift_the_position() {
     for (name, linearisation) in [
         ("once", Linearisation::Once),
         ("iterated", Linearisation::Iterated { iterations: 5, tolerance_m: 0.1 }),
@@ -68,7 +68,7 @@ fn law_a_delay_is_found_to_hundredths_and_no_longer_moves_the_position() {
 }
 
 #[test]
-fn law_the_delay_is_a_state_of_its_own_and_leaves_a_filter_without_it_as_it_is() {
+fn law_the_lag_state_does_not_change_a_filter_without_it() {
     let scene = scene(hills);
     let narrow = Aids { latency_sigma_s: Some(1e-9), ..Aids::default() };
     scene.with(|line| {

@@ -1,4 +1,4 @@
-//! The further measurements in the other filters: against the dense chain of all states, against each other, and on
+//! Further measurements in the other filters: compared to the dense solution of all states, to each other, and to
 //! flights with known truth.
 
 use std::cell::Cell;
@@ -15,7 +15,7 @@ use crate::navigation::rts::{self, RtsParameters};
 use crate::navigation::scenes::plane;
 use crate::random::NormalGenerator;
 
-/// The noise is learnt within bounds that leave it where it is.
+/// The bounds keep the estimated noise at its assumed value.
 fn by_adaptive(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
     let parameters =
         AdaptiveParameters { adapt: AdaptiveNoise::R, keep_covariance: true, ..AdaptiveParameters::default() };
@@ -34,8 +34,8 @@ fn by_online(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
     online::run(&model, &[magnetometer], None, &parameters).unwrap().navigation
 }
 
-/// An aircraft whose field is a network's, of which the filter knows the output layer to `spread` (of 20 nT) and the
-/// rest exactly.
+/// Aircraft field of a network. The filter assumes an error of `spread` (of 20 nT) in the output layer and none in the
+/// rest.
 fn by_network(line: &NavigationLine<'_>, aids: &Aids<'_>, spread: f64, seed: u64) -> NavigationOutput {
     const INPUTS: usize = 3;
     const HIDDEN: usize = 4;
@@ -78,14 +78,14 @@ fn by_rts(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
     found.line
 }
 
-/// The states of the whole chain at once, of this prior and these measurements linearised about no error: dense least
-/// squares in the space of the measurements.
+/// Dense least squares of the states of all samples at once, in the space of the measurements. Prior and measurements
+/// are linearised about zero error.
 struct Chain {
     x: Vec<DVector<f64>>,
     p: Vec<DMatrix<f64>>,
 }
 
-/// A measurement: its row, value less what is predicted of no error, H, and standard deviation.
+/// Measurement: row, value minus prediction at zero error, H, and standard deviation.
 type Taken = (usize, f64, DVector<f64>, f64);
 
 impl Chain {
@@ -131,7 +131,7 @@ impl Chain {
         Self { x, p }
     }
 
-    /// Asserts that a filter agrees with it at some rows to a part of its standard deviations.
+    /// Asserts that a filter agrees with the dense solution at some rows to a fraction of its standard deviations.
     fn assert(&self, found: &NavigationOutput, rows: std::ops::Range<usize>, part: f64, name: &str) {
         for row in rows {
             let sigma = |state: usize| self.p[row][(state, state)].sqrt();
@@ -149,7 +149,7 @@ impl Chain {
     }
 }
 
-/// A measurement whose prediction is a function of the state.
+/// Measurement whose prediction is a function of the state.
 fn taken(row: usize, measured: f64, sigma: f64, predict: impl Fn(&DVector<f64>) -> f64) -> Option<Taken> {
     let scale = |state: usize| if state < 2 { 1e-6 } else { 1e-2 };
     let none = DVector::zeros(DIM);
@@ -162,7 +162,7 @@ fn taken(row: usize, measured: f64, sigma: f64, predict: impl Fn(&DVector<f64>) 
     measured.is_finite().then(|| (row, measured - predict(&none), h, sigma))
 }
 
-/// Asserts that every filter is the dense chain.
+/// Asserts that every filter equals the dense solution.
 fn assert_all(line: &NavigationLine<'_>, aids: &Aids<'_>, chain: &Chain, part: f64) {
     let last = ROWS - 1..ROWS;
     for linearisation in [
@@ -186,7 +186,7 @@ fn assert_all(line: &NavigationLine<'_>, aids: &Aids<'_>, chain: &Chain, part: f
 }
 
 #[test]
-fn law_on_a_plane_every_filter_is_dense_least_squares_of_all_states() {
+fn law_on_a_plane_every_filter_equals_dense_least_squares_of_all_states() {
     let scene = AnalyticScene { fixes: None, ..scene(plane) };
     let read = read(&scene);
     scene.with(|line| {
@@ -204,10 +204,10 @@ fn law_on_a_plane_every_filter_is_dense_least_squares_of_all_states() {
 }
 
 #[test]
-fn law_over_a_bowl_whose_slope_alone_is_measured_every_filter_is_dense_least_squares() {
+fn law_over_a_bowl_with_slope_measurements_every_filter_equals_dense_least_squares() {
     let mut scene = AnalyticScene { fixes: None, ..scene(bowl) };
     scene.measurement_nt.fill(f64::NAN);
-    // The tilt times the position is not linear.
+    // The product of tilt and position is not linear.
     scene.errors.sources.init_attitude_sigma_deg = 1e-6;
     scene.errors.sources.arw_sigma = 1e-12;
     scene.errors.sources.gyro_sigma_radps = 1e-12;
@@ -226,7 +226,7 @@ fn law_over_a_bowl_whose_slope_alone_is_measured_every_filter_is_dense_least_squ
 }
 
 #[test]
-fn law_filters_that_linearise_alike_agree_over_hills_with_all_measurements() {
+fn law_filters_with_the_same_linearisation_agree_over_hills_with_all_measurements() {
     let scene = scene(hills);
     let read = read(&scene);
     scene.with(|line| {
@@ -261,12 +261,12 @@ fn law_smoothers_agree_over_hills_with_all_measurements() {
     let scene = scene(hills);
     let read = read(&scene);
     scene.with(|line| {
-        // Without any the smoother of all states is that of the 18.
+        // Without further measurements, the smoother of all states equals that of the 18.
         let parameters = RtsParameters { keep_covariance: true, tolerance_m: 1e-3, ..RtsParameters::default() };
         let usual = rts::run(line, &parameters).unwrap().line;
         let found = rts::run_aided(line, &parameters, &Aids::default()).unwrap().line;
         let off = difference(&found, &usual);
-        // Either ends where the last step would change the cost by less than a hundredth.
+        // Each stops when the last step changes the cost by less than 0.01.
         assert!(off < 0.05, "without: {off:e}");
         let aids = aids(&read);
         let (whole, lagged) = (by_rts(line, &aids), by_fixed_lag(line, &aids, (1000.0, 1000.0)));
@@ -283,7 +283,7 @@ fn law_smoothers_agree_over_hills_with_all_measurements() {
     });
 }
 
-/// Flights with a difference of magnetometers and a map that errs, by each of the filters.
+/// Flights with a difference of magnetometers and a map error, for each filter.
 fn flown(name: &str, by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOutput) -> Consistency {
     let map_error = MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 };
     let baseline_m = [15.0, 0.0, 0.0];
@@ -308,10 +308,10 @@ fn flown(name: &str, by: impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOu
 }
 
 #[test]
-fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs() {
+fn law_every_filter_is_consistent_with_a_difference_and_a_map_error() {
     let ekf = flown("ekf", |line, aids| run(line, aids, &AidedParameters::default()).unwrap().navigation);
     let adaptive = flown("ekf_adaptive", |line, aids| {
-        // The map's error of a step is larger than the noise, which the default form is for.
+        // The map error per step is larger than the noise; the default form is designed for this case.
         let parameters = AdaptiveParameters::default();
         let magnetometer = adaptive::AdaptiveMagnetometer::from_line(line, 0.2, 40.0);
         let output = adaptive::run_aided(&parameters, line, &[magnetometer], aids).unwrap();
@@ -338,7 +338,7 @@ fn law_every_filter_is_as_good_as_it_says_with_a_difference_and_a_map_that_errs(
     for filter in [&adaptive, &online, &now] {
         assert!(filter.square_m2 < 1.2 * ekf.square_m2, "{} {}", filter.square_m2, ekf.square_m2);
     }
-    // Five weights more are to be found, of 10 nT each.
+    // Five more weights are estimated, of 10 nT each.
     assert!(network.square_m2 < 2.0 * ekf.square_m2, "{} {}", network.square_m2, ekf.square_m2);
     assert!(later.square_m2 < ekf.square_m2 && whole.square_m2 < 0.5 * ekf.square_m2);
 }

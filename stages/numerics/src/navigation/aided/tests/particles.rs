@@ -1,4 +1,4 @@
-//! The further measurements in the particle filter: against the Kalman filter where that is exact, and on flights with
+//! Further measurements in the particle filter: compared to the Kalman filter where that is exact, and to flights with
 //! known truth.
 
 use super::flights::{Consistency, SAMPLES, consistency_of, difference_nt, drifting, lasting_error_nt, vector_nt};
@@ -8,7 +8,7 @@ use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::mpf::{self, MpfOutput, MpfParameters};
 use crate::navigation::pinson::TILT_D;
 
-/// Errors of an INS that drives no position.
+/// Errors of an INS without position drift.
 fn steady() -> InsErrors {
     InsErrors {
         init_position_sigma_m: 0.0,
@@ -30,10 +30,10 @@ fn kept(particles: usize, seed: u64) -> MpfParameters {
     MpfParameters { particles, seed, keep_states: true, keep_covariance: true, ..MpfParameters::default() }
 }
 
-/// The largest difference of means and covariances of the linear states, in standard deviations of the Kalman filter.
+/// Largest difference of means and covariances of the linear states, in standard deviations of the Kalman filter.
 fn off(found: &NavigationOutput, exact: &NavigationOutput, row: usize) -> f64 {
     let mut largest = 0.0_f64;
-    // States without variance hold only rounding errors.
+    // States without variance contain only rounding errors.
     let unknown = |state: &usize| exact.p[row][*state][*state] > 1e-20;
     for a in (ALT..STATES).filter(unknown) {
         let sigma = exact.p[row][a][a].sqrt();
@@ -46,7 +46,7 @@ fn off(found: &NavigationOutput, exact: &NavigationOutput, row: usize) -> f64 {
     largest
 }
 
-/// A scene of a known position whose map and measurements are near each other, its aids with a vector or without.
+/// Scene with known position near the map and measurements, with aids with or without a vector.
 fn known(sources: InsErrors) -> (AnalyticScene, Read) {
     let mut scene = AnalyticScene { fixes: None, ..scene(bowl) };
     scene.errors.sources = sources;
@@ -55,7 +55,7 @@ fn known(sources: InsErrors) -> (AnalyticScene, Read) {
 }
 
 #[test]
-fn law_where_the_position_is_known_particles_are_the_kalman_filter_with_all_measurements() {
+fn law_at_a_known_position_particles_equal_the_kalman_filter_with_all_measurements() {
     let (scene, read) = known(steady());
     scene.with(|line| {
         for aids in [aids(&read), Aids { vector: None, ..aids(&read) }, Aids { height: None, ..aids(&read) }] {
@@ -81,7 +81,7 @@ fn law_where_the_position_is_known_particles_are_the_kalman_filter_with_all_meas
 }
 
 #[test]
-fn law_one_sample_corrects_height_and_tilt_as_the_kalman_filter() {
+fn law_one_sample_corrects_height_and_tilt_like_the_kalman_filter() {
     let sources = InsErrors { init_altitude_sigma_m: 20.0, init_attitude_sigma_deg: 0.3, ..steady() };
     let (mut scene, read) = known(sources);
     let at = |column: usize| scene.columns[column][0];
@@ -106,10 +106,10 @@ fn law_one_sample_corrects_height_and_tilt_as_the_kalman_filter() {
         let none = Aids { map_error: all.map_error, ..Aids::default() };
         let (_, before) = first(none);
         for (name, aids, within) in [
-            // The core field to a thousandth of a nanotesla of 5.
+            // The core field is accurate to 0.001 nT of 5.
             ("difference", Aids { difference, ..none }, 1e-3),
             ("height", Aids { height, ..none }, 1e-3),
-            // Half a degree to second order is 2 nT of 50,000.
+            // Half a degree to second order changes 2 nT of 50,000.
             ("vector", Aids { vector, ..none }, 0.05),
         ] {
             let (off, heading) = first(aids);
@@ -121,7 +121,7 @@ fn law_one_sample_corrects_height_and_tilt_as_the_kalman_filter() {
 }
 
 #[test]
-fn law_over_a_bowl_particles_come_to_the_kalman_filter_with_all_measurements() {
+fn law_over_a_bowl_particles_converge_to_the_kalman_filter_with_all_measurements() {
     let mut scene = AnalyticScene { fixes: None, ..scene(bowl) };
     scene.errors.sources.init_position_sigma_m = 40.0;
     let read = read(&scene);
@@ -152,7 +152,7 @@ fn law_over_a_bowl_particles_come_to_the_kalman_filter_with_all_measurements() {
     });
 }
 
-/// The same, of a filter that is as good as it says.
+/// Consistency on flights of a filter that must be consistent.
 fn flown(
     name: &str,
     model: InsErrorModel,
@@ -165,7 +165,7 @@ fn flown(
     found
 }
 
-/// The figures of flights with a difference, a map error and the field, where asked.
+/// Consistency on flights with a difference, a map error and optionally the field.
 fn flown_only(
     model: InsErrorModel,
     map_error: Option<MapErrorProcess>,
@@ -196,7 +196,7 @@ fn flown_only(
     })
 }
 
-/// Eight thousand particles, and the distance over which what is measured is nearly linear.
+/// 8000 particles, and the distance over which the measurement is nearly linear.
 fn by_particles(smooth_over_m: f64) -> impl Fn(&NavigationLine<'_>, &Aids<'_>) -> NavigationOutput {
     let parameters = MpfParameters { particles: 8000, smooth_over_m, ..MpfParameters::default() };
     move |line, aids| mpf::run(&parameters, line, aids).unwrap().track
@@ -207,18 +207,18 @@ fn by_ekf(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
 }
 
 #[test]
-fn law_particles_are_as_good_as_they_say_with_a_difference_and_a_map_that_errs() {
+fn law_particles_are_consistent_with_a_difference_and_a_map_error() {
     let map_error = Some(MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 });
     let ekf = flown("ekf", drifting(), map_error, true, by_ekf);
-    // With 2000 particles, a difference of 0.05 nT loses one flight in twenty.
+    // With 2000 particles, a difference of 0.05 nT diverges on one flight in twenty.
     let particles = flown("mpf", drifting(), map_error, true, by_particles(200.0));
     assert!(particles.square_m2 < 1.2 * ekf.square_m2, "{} {}", particles.square_m2, ekf.square_m2);
 }
 
 #[test]
-fn law_particles_find_a_lost_aircraft_by_the_difference_alone() {
+fn law_particles_recover_a_lost_aircraft_with_the_difference_alone() {
     let lost = InsErrorModel::from_sources(InsErrors { init_position_sigma_m: 300.0, ..InsErrors::default() });
-    // The slope of the map is linear over less than the map is.
+    // The slope of the map is linear over a smaller distance than the map.
     let particles = flown("mpf, lost by 300 m", lost, None, false, by_particles(70.0));
     assert!(particles.square_m2 < 10.0 * 10.0, "{}", particles.square_m2);
     let kalman = flown_only(lost, None, false, by_ekf);
@@ -227,7 +227,7 @@ fn law_particles_find_a_lost_aircraft_by_the_difference_alone() {
 }
 
 #[test]
-fn law_particles_take_the_heading_from_a_vector() {
+fn law_particles_estimate_the_heading_from_a_vector() {
     let sources = InsErrors { init_heading_sigma_deg: Some(0.5), ..InsErrors::default() };
     let model = InsErrorModel::from_sources(sources);
     const FLIGHTS: u64 = 12;
@@ -260,7 +260,7 @@ fn law_particles_take_the_heading_from_a_vector() {
 }
 
 #[test]
-fn law_particles_with_further_measurements_have_the_same_bits_on_any_number_of_threads() {
+fn unit_particles_with_further_measurements_are_bit_identical_for_any_number_of_threads() {
     let scene = scene(hills);
     let read = read(&scene);
     scene.with(|line| {
@@ -277,7 +277,7 @@ fn law_particles_with_further_measurements_have_the_same_bits_on_any_number_of_t
 }
 
 #[test]
-fn law_particles_leave_out_each_measurement_by_itself() {
+fn unit_particles_skip_each_missing_measurement_separately() {
     let (scene, mut read) = known(InsErrors { init_position_sigma_m: 30.0, ..steady() });
     read.difference_nt[12] = 50.0;
     read.alt_m[14] += 500.0;

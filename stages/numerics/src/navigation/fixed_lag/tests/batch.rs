@@ -1,4 +1,4 @@
-//! Against the joint distribution of all states of a line, conditioned at once on its measurements.
+//! Comparison with the joint distribution of all states of a line, conditioned on all its measurements at once.
 
 use crate::maps::{FieldMap, GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::pinson::{LAT, LON, S, STATES};
@@ -16,7 +16,7 @@ const SAMPLES: usize = 40;
 const TERMS: usize = 4;
 const DIM: usize = STATES + 2 + 2 * TERMS;
 
-/// A plane map, a line of uneven steps over it, two magnetometers with random regressors.
+/// Plane map, a line with uneven steps, and two magnetometers with random regressors.
 struct Linear {
     columns: [Vec<f64>; 13],
     map: FieldMap,
@@ -106,12 +106,12 @@ impl Linear {
     }
 }
 
-/// The joint distribution of the states of all samples, and the measurements as rows of a matrix.
+/// Joint distribution of the states of all samples, and the measurements as rows of a matrix.
 struct Joint {
     mean: DVector<f64>,
     covariance: DMatrix<f64>,
     h: DMatrix<f64>,
-    /// Measurement less the map at the INS, and its variance.
+    /// Measurement minus the map at the INS, and its variance.
     z: DVector<f64>,
     variance: f64,
 }
@@ -175,7 +175,7 @@ impl Joint {
         Self { mean, covariance, h, z, variance: linear.sigma[0].powi(2) }
     }
 
-    /// The states of a sample given the measurements of the samples before `until`.
+    /// States of a sample given the measurements of the samples before `until`.
     fn given(&self, sample: usize, until: usize) -> (DVector<f64>, DMatrix<f64>) {
         let h = self.h.rows(0, 2 * until);
         let innovation = self.z.rows(0, 2 * until) - h * &self.mean;
@@ -188,7 +188,7 @@ impl Joint {
         (x, p)
     }
 
-    /// The largest difference of a sample's 18 states and their covariance, in standard deviations.
+    /// Largest difference of a sample's 18 states and their covariance, in standard deviations.
     fn difference(&self, output: &FixedLagOutput, sample: usize, until: usize) -> f64 {
         let (x, p) = self.given(sample, until);
         let (found_x, found_p) = (&output.navigation.x[sample], &output.navigation.p[sample]);
@@ -202,7 +202,7 @@ impl Joint {
         largest
     }
 
-    /// The same of the final coefficients.
+    /// Largest difference of the final coefficients, in standard deviations.
     fn difference_of_coefficients(&self, output: &FixedLagOutput) -> f64 {
         let (x, p) = self.given(SAMPLES - 1, SAMPLES);
         let (first, count) = (STATES + 2, 2 * TERMS);
@@ -220,12 +220,12 @@ impl Joint {
     }
 }
 
-// Position variances fall by 1e3 and coefficient variances by 1e5: of 16 digits, the difference that makes a smoothed
-// covariance leaves more than 9, and the dense solution as many.
+// Position variances fall by 1e3 and coefficient variances by 1e5. Of 16 digits, the difference of a smoothed
+// covariance keeps more than 9, and the dense solution keeps as many.
 const TOLERANCE: f64 = 1e-6;
 
 #[test]
-fn law_one_window_is_the_least_squares_solution_of_all_states() {
+fn law_one_window_equals_least_squares_of_all_states() {
     let linear = linear();
     let joint = Joint::of(&linear);
     let output = linear.smoothed(1000.0, 0.0, 1000.0);
@@ -258,7 +258,7 @@ fn law_overlapping_windows_count_no_measurement_twice() {
         assert_eq!(output.windows.len(), (last_s / stride_s).floor() as usize + 1);
         for (sample, now_s) in tt_s.iter().enumerate() {
             let seen_s = now_s + lag_s;
-            // The last window that ends by then and contains the sample; else the filter at the sample.
+            // Last window that ends by then and contains the sample; otherwise the filter at the sample.
             let ends = (1..=output.windows.len()).rev().map(|k| k as f64 * stride_s);
             let last = ends.into_iter().find(|end_s| end_s.min(last_s) <= seen_s + 1e-6 && *end_s > now_s + 1e-6);
             let seen = last.map_or(sample + 1, until);
@@ -271,7 +271,7 @@ fn law_overlapping_windows_count_no_measurement_twice() {
 }
 
 #[test]
-fn law_innovations_are_those_of_the_filter() {
+fn law_innovations_equal_those_of_the_filter() {
     let linear = linear();
     let joint = Joint::of(&linear);
     let output = linear.smoothed(12.0, 0.5, 8.0);

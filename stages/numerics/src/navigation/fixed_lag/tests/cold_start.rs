@@ -1,5 +1,5 @@
-//! Uncompensated cabin magnetometers from a cold start: is the smoother as good as it says, and does it hold where an
-//! online filter is lost?
+//! Uncompensated cabin magnetometers from a cold start: consistency of the smoother, and its error where an online
+//! filter diverges.
 
 use crate::navigation::PredictedField;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
@@ -15,17 +15,18 @@ use crate::navigation::gaussian::StateLayout;
 
 const EPOCHS: [usize; 5] = [300, 675, 1050, 1425, 1799];
 
-/// A third of the windows of the defaults.
+/// One third of the default number of windows.
 fn fewer() -> FixedLagParameters {
     FixedLagParameters { overlap: 0.85, ..FixedLagParameters::default() }
 }
 
-/// The flight with the error that it has.
+/// Smooths the flight with its actual error model.
 fn smoothed(flight: &Flight) -> FixedLagOutput {
     flight.smoothed(&fewer(), flight.left)
 }
 
-/// Mean over flights and epochs of the position's NEES, a degree of freedom, and that of the coefficients at the end.
+/// Mean over flights and epochs of the position's NEES per degree of freedom, that of the coefficients at the end, and
+/// the NIS.
 fn consistency(left: Left, flights: u64) -> (f64, f64, f64) {
     let of = |seed: u64| {
         let flight = fly(seed, 1800, 1.0, 1, left);
@@ -47,25 +48,25 @@ fn consistency(left: Left, flights: u64) -> (f64, f64, f64) {
 }
 
 #[test]
-fn law_a_cold_start_ends_as_sure_as_it_says() {
+fn law_a_cold_start_is_consistent() {
     let flights = 10;
     for left in [Left::White, Left::Drift] {
         let (position, coefficients, nis) = consistency(left, flights);
         println!("{left:?}: NEES a degree, position {position:.2}, coefficients {coefficients:.2}; NIS {nis:.3}");
-        // A mean of 100 chi-squares of one degree, of neighbouring epochs that are not quite independent: the 99.9 %
-        // band is 3.29 √(2/100) = 0.47 to either side.
+        // Mean of 100 chi-squares of one degree, from correlated neighbouring epochs: the 99.9 % band is 3.29 √(2/100)
+        // = 0.47 to either side.
         assert!((position - 1.0).abs() < 0.47, "{left:?} {position}");
-        // 190 of them: 0.34.
+        // 190 values: 0.34.
         assert!((coefficients - 1.0).abs() < 0.34, "{left:?} {coefficients}");
-        // 18,000 of them: 0.035, and half of that for the linearisation.
+        // 18,000 values: 0.035, and half of that for the linearisation.
         assert!((nis - 1.0).abs() < 0.05, "{left:?} {nis}");
     }
 }
 
 #[test]
-fn law_it_holds_where_an_online_filter_is_lost() {
+fn law_it_converges_where_an_online_filter_diverges() {
     const SEEDS: [u64; 4] = [0, 1, 3, 4];
-    // Drift and steps of current that neither filter knows the law of. The smoother expects some lasting error.
+    // Drift and current steps that neither filter models. The smoother assumes some slow error.
     let expected = GaussMarkov { sigma: 36.0, tau_s: 200.0 };
     let flown = |seed: u64| {
         let flight = fly(seed, 3600, 1.0, 1, Left::Steps);
@@ -85,7 +86,7 @@ fn law_it_holds_where_an_online_filter_is_lost() {
 }
 
 #[test]
-fn law_a_second_magnetometer_and_a_lag_help() {
+fn law_a_second_magnetometer_and_a_lag_reduce_the_error() {
     let lagged = FixedLagParameters { lag_s: 200.0, overlap: 0.8, ..FixedLagParameters::default() };
     let unlagged = FixedLagParameters { lag_s: 0.0, ..lagged };
     let flown = |seed: u64| {
@@ -102,13 +103,13 @@ fn law_a_second_magnetometer_and_a_lag_help() {
     let all: Vec<[[f64; 2]; 3]> = (20..24_u64).into_par_iter().map(flown).collect();
     let drms = [0, 1, 2].map(|k: usize| (all.iter().map(|one| one[k][0]).sum::<f64>() / 4.0).sqrt());
     println!("DRMS m: one {:.1}, two {:.1}, one with a lag of 200 s {:.1}", drms[0], drms[1], drms[2]);
-    // Information cannot be worth less than nothing; the errors follow on average.
+    // Additional information cannot increase the variance; the errors decrease on average.
     assert!(all.iter().all(|[one, two, lagged]| two[1] < one[1] && lagged[1] < one[1]), "{all:?}");
     assert!(drms[1] < drms[0] && drms[2] < drms[0], "{drms:?}");
 }
 
 #[test]
-fn law_averages_over_a_second_are_as_good_as_every_sample() {
+fn law_averages_over_a_second_equal_every_sample() {
     let flight = fly(4, 3000, 0.1, 1, Left::White);
     let of = |measurement_interval_s| {
         let parameters = FixedLagParameters { measurement_interval_s, ..FixedLagParameters::default() };
@@ -129,9 +130,9 @@ fn law_averages_over_a_second_are_as_good_as_every_sample() {
         largest = largest.max(moved_m.abs() / sd);
     }
     println!("largest difference north {largest:.2} sd");
-    // The information that differs is a tenth: a third of a standard deviation at one sigma, at most thrice that.
+    // A tenth of the information differs: a third of a standard deviation at one sigma, and at most three times that.
     assert!(largest < 1.0, "{largest}");
-    // The aircraft's field is known but for the temporal variation, 3 nT.
+    // The aircraft field is known except for the temporal variation, 3 nT.
     let beta = &flight.truth[0];
     let square = |row: usize| {
         let terms = flight.regressors[row * flight.terms..].iter().zip(beta);
@@ -142,7 +143,7 @@ fn law_averages_over_a_second_are_as_good_as_every_sample() {
 }
 
 #[test]
-fn jac_an_averaged_measurement() {
+fn law_the_jacobian_of_an_averaged_measurement_equals_differences() {
     let flight = fly(6, 40, 0.1, 1, Left::White);
     let ins = flight.ins.series();
     let line = flight.line(&ins);
@@ -168,7 +169,7 @@ fn jac_an_averaged_measurement() {
     (x[LAT], x[LON], x[ALT], x[S]) = (2e-5, -1e-5, 7.0, 4.0);
     let (_, row) = residual(&x);
     for state in 0..layout.dim() {
-        // Some 30 m of position at the second's end, over which the slope of the map changes by a few percent.
+        // About 30 m of position at the end of the second, over which the slope of the map changes by a few percent.
         let step = match state {
             LAT | LON => 1e-6,
             6..12 => 1e-2,
@@ -188,7 +189,7 @@ fn jac_an_averaged_measurement() {
 
 #[test]
 #[ignore = "the time of an hour at 10 Hz, half a minute"]
-fn law_an_hour_at_10_hz_is_done_in_seconds() {
+fn unit_an_hour_at_10_hz_takes_seconds() {
     let flight = fly(1, 36_000, 0.1, 1, Left::Steps);
     let expected = GaussMarkov { sigma: 36.0, tau_s: 200.0 };
     for (overlap, lag_s) in [(0.95, 0.0), (0.8, 0.0), (0.8, 200.0)] {

@@ -1,4 +1,4 @@
-//! Aiding positions, against dense least squares and the filter of an INS that they alone aid.
+//! Aiding positions, compared to dense least squares and to a filter of the INS and positions alone.
 #![allow(clippy::unwrap_used)]
 
 use crate::maps::MapInterpolation;
@@ -10,7 +10,7 @@ use super::super::{FixedLagMagnetometer, FixedLagOptions, FixedLagOutput, FixedL
 
 const ROWS: usize = 60;
 
-/// With positions at every seventh sample; without a measurement of the field where `blind`.
+/// Scene with positions at every seventh sample; without field measurements if `blind`.
 fn scene(blind: bool) -> AnalyticScene {
     let mut scene = AnalyticScene::new(&uneven(ROWS), MapInterpolation::Linear, plane);
     scene.measurement_nt[20..if blind { ROWS } else { 35 }].fill(f64::NAN);
@@ -32,7 +32,7 @@ fn parameters(window_s: f64, overlap: f64, lag_s: f64) -> FixedLagParameters {
 }
 
 #[test]
-fn law_with_and_without_the_field_positions_make_the_least_squares_solution() {
+fn law_positions_with_and_without_the_field_give_the_least_squares_solution() {
     for blind in [false, true] {
         scene(blind).with(|line| {
             let mut batch = DenseBatchSmoother::new(line);
@@ -44,7 +44,7 @@ fn law_with_and_without_the_field_positions_make_the_least_squares_solution() {
             }
             let missing = found.usage.iter().filter(|usage| **usage == FixedLagUsage::Missing).count();
             assert_eq!(missing, if blind { ROWS } else { 15 });
-            // A loss is on the field's residuals alone.
+            // The loss applies only to residuals of the field.
             let huber =
                 FixedLagParameters { loss: TrajectoryLoss::Huber, loss_scale: 0.1, ..parameters(1000.0, 0.0, 1000.0) };
             let robust = smoothed(line, huber);
@@ -55,7 +55,7 @@ fn law_with_and_without_the_field_positions_make_the_least_squares_solution() {
 }
 
 #[test]
-fn law_in_real_time_it_is_the_filter_whatever_the_windows() {
+fn law_at_zero_lag_it_equals_the_filter_for_any_window() {
     scene(true).with(|line| {
         let filter = ins_only::run(line.ins, &line.errors, line.fixes).unwrap();
         for (window_s, overlap) in [(1000.0, 0.0), (12.0, 0.5), (15.0, 0.8)] {
@@ -77,7 +77,7 @@ fn law_positions_within_an_interval_count_at_their_own_time() {
         batch.solve(line, |_| 1.0);
         let every = FixedLagParameters { measurement_interval_s: 3.0, ..parameters(1000.0, 0.0, 1000.0) };
         let found = smoothed(line, every);
-        // The noise of the INS within three seconds is left out.
+        // The noise of the INS within three seconds is neglected.
         assert_close(
             &found.navigation.x[ROWS - 1],
             &found.navigation.p[ROWS - 1],

@@ -1,4 +1,4 @@
-//! Manoeuvring flights over the Osborne map with an aircraft that has a field, and a plain online filter for them.
+//! Manoeuvring flights over the Osborne map with an aircraft field, and a plain online filter for comparison.
 
 use crate::compensation::tolles_lawson::{self, TermSelection};
 use crate::earth::attitude::body_to_ned;
@@ -37,16 +37,16 @@ pub fn scene() -> &'static Scene {
 pub enum Left {
     /// White noise alone.
     White,
-    /// A drift of 30 nT that lasts for 300 s.
+    /// Drift of 30 nT with a time constant of 300 s.
     Drift,
-    /// The drift, and currents that switch every 200 s or so and step the field by 30 nT.
+    /// The drift, and currents that switch about every 200 s and step the field by 30 nT.
     Steps,
 }
 
 pub struct Flight {
     pub ins: Line,
     pub errors: Vec<StateVector>,
-    /// By magnetometer.
+    /// One column per magnetometer.
     pub measured: Vec<Vec<f64>>,
     pub sigma: Vec<f64>,
     pub regressors: Vec<f64>,
@@ -56,12 +56,12 @@ pub struct Flight {
     pub left: GaussMarkov,
 }
 
-/// Sigmas of the coefficients in nT: permanent, induced, eddy (of a difference a sample), bias.
+/// Standard deviations of the coefficients in nT: permanent, induced, eddy (of a difference per sample), bias.
 pub fn prior_sigmas(dt_s: f64) -> Vec<f64> {
     [vec![2000.0; 3], vec![500.0; 6], vec![1000.0 / dt_s; 9], vec![500.0]].concat()
 }
 
-/// A flight of `samples` every `dt_s` with an aircraft that has a field.
+/// Flight of `samples` every `dt_s` with an aircraft field.
 pub fn fly(seed: u64, samples: u32, dt_s: f64, magnetometers: usize, left: Left) -> Flight {
     let scene = scene();
     let truth = manoeuvred(samples, dt_s, 0.1 * seed as f64);
@@ -109,7 +109,7 @@ pub fn fly(seed: u64, samples: u32, dt_s: f64, magnetometers: usize, left: Left)
     flight
 }
 
-/// A flight that rolls, pitches and yaws.
+/// Flight with roll, pitch and yaw manoeuvres.
 pub fn manoeuvred(samples: u32, dt_s: f64, phase_rad: f64) -> Line {
     let mut line = Line::flown(samples, dt_s, phase_rad).unwrap();
     for row in 0..samples as usize {
@@ -179,7 +179,7 @@ impl Flight {
         run(parameters, &line, &magnetometers, FixedLagOptions { states: true, covariance: true }).unwrap()
     }
 
-    /// Root mean square of the horizontal error in metres of estimated states.
+    /// DRMS of estimated states, in m.
     pub fn drms_m(&self, x: &[StateVector]) -> f64 {
         let earth = EarthModel::Wgs84;
         let square = |(row, (error, x)): (usize, (&StateVector, &StateVector))| {
@@ -192,7 +192,7 @@ impl Flight {
         (sum / x.len() as f64).sqrt()
     }
 
-    /// Squared error of the position over its covariance: a chi-square of 2 degrees.
+    /// NEES of the position: a chi-square of 2 degrees.
     pub fn nees(&self, output: &FixedLagOutput, row: usize) -> f64 {
         let (x, p) = (&output.navigation.x[row], &output.navigation.p[row]);
         let e = [self.errors[row][LAT] - x[LAT], self.errors[row][LON] - x[LON]];
@@ -200,8 +200,8 @@ impl Flight {
         (c * e[0] * e[0] - 2.0 * b * e[0] * e[1] + a * e[1] * e[1]) / (a * c - b * b)
     }
 
-    /// The plain online filter: 18 states and the coefficients of one magnetometer, the map linearised at the
-    /// prediction, white noise alone.
+    /// Plain online filter: 18 states and the coefficients of one magnetometer, the map linearised at the prediction,
+    /// only white noise.
     pub fn online(&self) -> Vec<StateVector> {
         let ins = self.ins.series();
         let line = self.line(&ins);

@@ -25,11 +25,11 @@ fn is_sound(output: &FixedLagOutput) -> bool {
 }
 
 #[test]
-fn law_a_robust_loss_holds_a_line_with_outliers() {
+fn law_a_robust_loss_limits_the_effect_of_outliers() {
     let clean = fly(3, 1500, 1.0, 1, Left::White);
     let mut spoilt = fly(3, 1500, 1.0, 1, Left::White);
     let mut normals = NormalGenerator::new(99);
-    // One measurement in twenty is off by some 300 nT, a hundred times its noise.
+    // One measurement in twenty has an error of about 300 nT, a hundred times its noise.
     for row in (0..1500).filter(|row| row % 20 == 7) {
         spoilt.measured[0][row] += 300.0 * normals.draw();
     }
@@ -43,7 +43,7 @@ fn law_a_robust_loss_holds_a_line_with_outliers() {
     let unspoilt = drms(&clean, TrajectoryLoss::Cauchy);
     println!("DRMS m: clean {without:.1}, Cauchy {unspoilt:.1}");
     println!("with outliers: least squares {squares:.1}, Huber {huber:.1}, Cauchy {cauchy:.1}");
-    // A twentieth of the data is lost, and robust weights cost another twentieth: the errors grow by far less than
+    // A twentieth of the data is lost, and robust weights cost another twentieth, so the errors grow by far less than
     // half.
     assert!(cauchy < 1.5 * without && huber < 2.0 * without, "{without} {huber} {cauchy}");
     assert!(squares > 2.0 * cauchy, "{squares} {cauchy}");
@@ -51,9 +51,9 @@ fn law_a_robust_loss_holds_a_line_with_outliers() {
 }
 
 #[test]
-fn unit_what_is_missing_is_counted() {
+fn unit_missing_measurements_are_counted() {
     let mut flight = fly(1, 400, 1.0, 2, Left::White);
-    // One magnetometer for a while, none for a while, and regressors without a value.
+    // Only one magnetometer for some samples, none for others, and regressors without a value.
     flight.measured[1][50..150].fill(f64::NAN);
     flight.measured[0][100..120].fill(f64::NAN);
     flight.regressors[200 * flight.terms] = f64::NAN;
@@ -73,9 +73,9 @@ fn unit_what_is_missing_is_counted() {
 }
 
 #[test]
-fn unit_a_gap_longer_than_a_window_is_crossed() {
+fn unit_a_gap_longer_than_a_window_is_bridged() {
     let mut flight = fly(1, 600, 1.0, 1, Left::White);
-    // 700 s pass between two samples: the INS says the same, the states go on.
+    // 700 s pass between two samples: the INS values do not change, and the states are propagated.
     (300..600).for_each(|row| flight.ins.columns[0][row] += 700.0);
     let output = smoothed(&flight);
     assert!(is_sound(&output));
@@ -84,7 +84,7 @@ fn unit_a_gap_longer_than_a_window_is_crossed() {
 }
 
 #[test]
-fn unit_off_the_map_the_ins_is_followed() {
+fn unit_off_the_map_the_output_follows_the_ins() {
     let mut flight = fly(1, 300, 1.0, 1, Left::White);
     (120..200).for_each(|row| flight.ins.columns[2][row] += 3.0);
     let output = smoothed(&flight);
@@ -119,29 +119,30 @@ fn unit_one_sample_is_one_update() {
     let output = first(1, &[1.0], &[1e6]).unwrap();
     assert!(is_sound(&output));
     assert_eq!((output.windows.len(), output.navigation.report.updates), (1, 1));
-    // The bias takes all: position and temporal variation are known far better.
+    // The bias absorbs the whole residual: position and temporal variation have far smaller variances.
     assert!(output.coefficient_covariance[0] < 100.0, "{:?}", output.coefficient_covariance);
 }
 
 #[test]
-fn unit_collinear_regressors_share_by_their_prior() {
-    // Two biases of unlike prior and a column of zeros.
+fn unit_collinear_regressors_share_according_to_their_prior() {
+    // Two biases with different priors and a column of zeros.
     let regressors = [1.0, 1.0, 0.0].repeat(200);
     let output = first(200, &regressors, &[1e6, 0.0, 0.0, 0.0, 4e6, 0.0, 0.0, 0.0, 9e4]).unwrap();
     assert!(is_sound(&output));
     let [a, b, c] = output.coefficients[..] else { panic!("{:?}", output.coefficients) };
-    // The sum is known; each has a share of its prior variance, to the digits that 1e6 over 10 leave of sixteen.
+    // The sum is determined. Each bias has a share by its prior variance, to the digits that 1e6 over 10 leave of
+    // sixteen.
     assert!((b / a - 4.0).abs() < 1e-6, "{a} {b}");
     assert!(c.abs() < 1e-9, "{c}");
     let p = &output.coefficient_covariance;
     assert!(((p[0] + 2.0 * p[1] + p[4]) / (p[0] + p[4])).abs() < 1e-3 && (p[8] / 9e4 - 1.0).abs() < 1e-12);
-    // A prior of rank one: both are the same number.
+    // A prior of rank one: both coefficients are equal.
     let output = first(200, &[1.0, 1.0].repeat(200), &[1e6, 1e6, 1e6, 1e6]).unwrap();
     assert!((output.coefficients[0] - output.coefficients[1]).abs() < 1e-6 * output.coefficients[0].abs());
 }
 
 #[test]
-fn unit_arrays_that_make_no_model_are_refused() {
+fn unit_invalid_arrays_are_rejected() {
     assert!(matches!(first(10, &[1.0; 10], &[1.0; 4]), Err(FixedLagError::Size { array: "prior covariance", .. })));
     for covariance in [[1.0, 2.0, 2.0, 1.0], [-1.0, 0.0, 0.0, 1.0], [1.0, 0.5, 0.4, 1.0], [f64::NAN, 0.0, 0.0, 1.0]] {
         assert!(matches!(first(10, &[1.0; 20], &covariance), Err(FixedLagError::Prior { .. })), "{covariance:?}");
@@ -162,7 +163,7 @@ fn unit_arrays_that_make_no_model_are_refused() {
 }
 
 #[test]
-fn unit_no_magnetometer_is_the_ins() {
+fn unit_without_magnetometers_the_output_is_the_ins() {
     let flight = fly(2, 50, 1.0, 1, Left::White);
     let ins = flight.ins.series();
     let output = run(&FixedLagParameters::default(), &flight.line(&ins), &[], FixedLagOptions::default()).unwrap();

@@ -1,10 +1,10 @@
-//! Aiding positions, against the Kalman filter that they make together with the INS.
+//! Aiding positions, compared to the Kalman filter of INS and positions.
 
 use super::*;
 use crate::navigation::ins_only;
 use crate::navigation::position_fixes::PositionFixes;
 
-/// The scene with a position of the INS plus this every few samples.
+/// Fixes at every few samples, displaced from the INS.
 fn fixes(scene: &Scene, every: usize, moved_m: [f64; 3], sigma_m: f64) -> PositionFixes {
     let at = |row: usize| row % every == every - 1;
     let rows = scene.columns[0].len();
@@ -19,7 +19,7 @@ fn fixes(scene: &Scene, every: usize, moved_m: [f64; 3], sigma_m: f64) -> Positi
     }
 }
 
-/// Without a measurement of the field.
+/// Scene without measurements of the field.
 fn blind(samples: usize, sources: InsErrors) -> Scene {
     let mut scene = Scene::new(samples, map_of(|_, _| 0.0, None), sources, [0.0; 2]);
     scene.measured_nt.fill(f64::NAN);
@@ -47,8 +47,8 @@ fn exact(scene: &Scene, fixes: &PositionFixes) -> NavigationOutput {
     ins_only::run(&ins, &scene.errors, Some(fixes)).unwrap()
 }
 
-/// The rms distance to the Kalman filter in its own standard deviations over the last rows, and the mean ratio of the
-/// standard deviations, north.
+/// Rms distance to the Kalman filter in its standard deviations over the last rows, and the mean ratio of the standard
+/// deviations, north.
 fn compared(scene: &Scene, fixes: &PositionFixes, particles: usize, resample_threshold: f64) -> (f64, f64) {
     const SEEDS: u64 = 12;
     let exact = exact(scene, fixes);
@@ -69,7 +69,7 @@ fn compared(scene: &Scene, fixes: &PositionFixes, particles: usize, resample_thr
 }
 
 #[test]
-fn law_without_the_field_positions_make_the_kalman_filter() {
+fn law_positions_without_the_field_give_the_kalman_filter() {
     let sources = InsErrors {
         init_position_sigma_m: 30.0,
         init_altitude_sigma_m: 20.0,
@@ -80,14 +80,14 @@ fn law_without_the_field_positions_make_the_kalman_filter() {
     let fixes = fixes(&scene, 5, [25.0, -18.0, 12.0], 15.0);
     let found = [500, 8000].map(|particles| compared(&scene, &fixes, particles, 0.5));
     println!("rms distance in sigmas, and ratio of sigmas, of 500 and 8000 particles: {found:.3?}");
-    // A mean of N particles is known to 1/√N of a sigma, and again at each resampling.
+    // The mean of N particles has an error of 1/√N of a sigma, and again at each resampling.
     assert!(found[1].0 < 0.1 && (found[1].1 - 1.0).abs() < 0.03, "{found:?}");
-    // Sixteen times the particles are a quarter of the distance, but for that of the kernels.
+    // With sixteen times the particles, the distance is a quarter, except for that of the kernels.
     assert!(found[1].0 < 0.7 * found[0].0, "{found:?}");
 }
 
 #[test]
-fn law_a_fix_of_metres_draws_in_a_cloud_of_kilometres() {
+fn law_a_fix_of_metres_narrows_a_cloud_of_kilometres() {
     // The cloud is 700 times as wide as the fix, which is one sigma off its middle.
     let sources = InsErrors { init_position_sigma_m: 1500.0, ..InsErrors::default() };
     let scene = blind(40, sources);
@@ -98,8 +98,8 @@ fn law_a_fix_of_metres_draws_in_a_cloud_of_kilometres() {
 }
 
 #[test]
-fn law_a_height_is_the_kalman_update_of_the_linear_states() {
-    // The position is known: nothing is drawn but copies, and the answer is exact.
+fn law_a_height_fix_is_the_kalman_update_of_the_linear_states() {
+    // The position is known: only copies are drawn, and the result is exact.
     let sources = InsErrors { init_altitude_sigma_m: 20.0, ..exact_ins(0.0) };
     let scene = blind(1, sources);
     let fixes = fixes(&scene, 1, [f64::NAN, f64::NAN, 9.0], 5.0);
@@ -111,7 +111,7 @@ fn law_a_height_is_the_kalman_update_of_the_linear_states() {
 }
 
 #[test]
-fn law_without_positions_the_bits_are_those_of_a_line_that_has_none() {
+fn unit_without_positions_results_are_bit_identical_to_a_line_without_fixes() {
     let scene = two_hills(true);
     let mut none = fixes(&scene, 5, [0.0; 3], 10.0);
     for column in [&mut none.lat_deg, &mut none.lon_deg, &mut none.alt_m] {

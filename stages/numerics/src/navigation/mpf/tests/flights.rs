@@ -76,7 +76,7 @@ fn chi_square(freedom: f64, z: f64) -> f64 {
 }
 
 #[test]
-fn law_on_nominal_flights_it_is_as_good_as_it_says_and_as_the_kalman_filter() {
+fn law_on_nominal_flights_it_is_consistent_and_equals_the_kalman_filter() {
     const FLIGHTS: u64 = 30;
     const ROWS: [usize; 5] = [150, 450, 750, 1050, 1199];
     let n = FLIGHTS as f64;
@@ -103,13 +103,13 @@ fn law_on_nominal_flights_it_is_as_good_as_it_says_and_as_the_kalman_filter() {
     assert!(nees.iter().filter(|nees| !(low..=high).contains(nees)).count() <= 1, "{nees:?}");
     let mean = nees.iter().sum::<f64>() / ROWS.len() as f64;
     let all = 2.0 * n * ROWS.len() as f64;
-    // All together: the 99.9 % band, as neighbouring epochs are not quite independent.
+    // All epochs together: the 99.9 % band, because neighbouring epochs are correlated.
     assert!((chi_square(all, -3.29)..=chi_square(all, 3.29)).contains(&(mean * n * ROWS.len() as f64)), "{mean}");
     assert!((nis - 1.0).abs() < 0.05 && ours < 1.1 * ekf_mean, "{nis} {ours} {ekf_mean}");
 }
 
 #[test]
-fn law_an_ins_lost_by_kilometres_is_found_where_the_kalman_filter_is_not() {
+fn law_an_ins_lost_by_kilometres_is_recovered_where_the_kalman_filter_fails() {
     const FLIGHTS: u64 = 10;
     let (mut found, mut by_ekf, mut unaware) = (0, 0, 0);
     for seed in 0..FLIGHTS {
@@ -128,7 +128,7 @@ fn law_an_ins_lost_by_kilometres_is_found_where_the_kalman_filter_is_not() {
     assert!(found >= 5 && by_ekf <= 3 && unaware == 0, "{found} {by_ekf} {unaware}");
 }
 
-/// Microseconds a step; run by name, in a build with optimisation.
+/// Prints the time of a step in µs; run it by name, in an optimised build.
 #[test]
 #[ignore = "a measurement of time"]
 fn unit_time_of_a_step() {

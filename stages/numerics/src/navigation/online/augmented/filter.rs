@@ -1,4 +1,4 @@
-//! The recursion.
+//! Recursion of the filter.
 
 use pulp::{Simd, WithSimd};
 
@@ -43,12 +43,12 @@ impl<M: AircraftFieldModel> WithSimd for AugmentedFilterRun<'_, M> {
 
 /// Vectors of the length of a padded row.
 struct AugmentedBuffers {
-    /// The row H of each magnetometer.
+    /// Row H of each magnetometer.
     h: Vec<f64>,
     ph: Vec<f64>,
     gain: Vec<f64>,
     rest: Vec<f64>,
-    /// The state before the measurements of a sample.
+    /// State before the measurements of a sample.
     before: Vec<f64>,
     decay: Vec<f64>,
     noise: Vec<f64>,
@@ -68,9 +68,9 @@ pub(super) struct AugmentedFilter<'a, M> {
     line: LineModel<'a>,
     lines: Vec<NavigationLine<'a>>,
     model: M,
-    /// Those that the model of the aircraft's field depends on.
+    /// Number of states of the aircraft field model.
     own: usize,
-    /// These, and those of the further measurements behind them.
+    /// These states, followed by those of the further measurements.
     states: &'a ExtraStates,
     of_aids: AidStates,
     parameters: OnlineParameters,
@@ -150,7 +150,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         }
     }
 
-    /// Finds the offset of each magnetometer.
+    /// Computes the offset of each magnetometer.
     pub(super) fn take_offsets(&mut self) {
         let (ins, window_s) = (self.line.ins, self.line.offset_window_s);
         for (magnetometer, line) in self.lines.iter().enumerate() {
@@ -170,7 +170,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         }
     }
 
-    /// The step from the sample before `row` to it.
+    /// Step from the sample before `row` to it.
     #[inline(always)]
     fn propagate(&mut self, row: usize) {
         let LineModel { ins, errors, .. } = &self.line;
@@ -194,7 +194,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         self.p.propagate(&InsStep { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
     }
 
-    /// The aiding positions of a sample.
+    /// Uses the aiding positions of a sample.
     #[inline(always)]
     fn aid(&mut self, row: usize) {
         let Some(fixes) = self.line.fixes else { return };
@@ -212,11 +212,11 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         }
     }
 
-    /// The measurements of a sample.
+    /// Uses the measurements of a sample.
     #[inline(always)]
     fn update(&mut self, row: usize) -> Result<Innovation, NavigationError> {
         self.scratch.before.copy_from_slice(&self.x);
-        // All are linearised before the state moves.
+        // All are linearised before the state is updated.
         let mut measured = false;
         for magnetometer in 0..self.lines.len() {
             self.readings[magnetometer] = self.linearise(magnetometer, row);
@@ -324,8 +324,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         MeasurementOutcome::Used(innovation)
     }
 
-    /// Takes the field of map and core field off the residuals, and its slope into their rows of H; the horizontal
-    /// slope in nT/m, where it is asked for.
+    /// Subtracts map and core field from the residuals, and writes their slope to the rows of H. Returns the horizontal
+    /// slope in nT/m, if requested.
     #[inline(always)]
     fn predict_field(&mut self, row: usize, measured: bool) -> f64 {
         let asked = self.line.aids.flat_over_m.is_some();
@@ -352,8 +352,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         field.filter(|_| asked).map_or(f64::NAN, |at| self.lines[0].slope_nt_per_m(row, &at))
     }
 
-    /// The residual of a magnetometer but for the field of map and core field, and its row of H but for their slope, at
-    /// the state before the sample.
+    /// Residual of a magnetometer without map and core field, and its row of H without their slope, at the state before
+    /// the sample.
     #[inline(always)]
     fn linearise(&mut self, magnetometer: usize, row: usize) -> MagnetometerResidual {
         let stride = self.p.stride();
@@ -377,7 +377,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         MagnetometerResidual::Residual(nt - expected_nt, variance_nt2)
     }
 
-    /// Uses a measurement: its squared residual over its variance, and whether it passed the gate.
+    /// Uses a measurement. Returns its NIS, and whether it passed the gate.
     #[inline(always)]
     fn correct(
         &mut self,
@@ -399,7 +399,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             );
             return Err(refused("prior", what).into());
         }
-        // Change of the prediction by the previous magnetometers, in this one's linearisation.
+        // Change of the prediction by the previous magnetometers, in the linearisation of this one.
         let moved_nt: f64 = h.iter().zip(&self.x).zip(&*before).map(|((h, x), before)| h * (x - before)).sum();
         let residual_nt = if magnetometer == 0 { before_nt } else { before_nt - moved_nt };
         let innovation_variance = predicted_nt2 + variance_nt2;
@@ -424,7 +424,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         Ok((nis, true))
     }
 
-    /// Hands out the state after a sample.
+    /// Outputs the state after a sample.
     #[inline(always)]
     fn store(&mut self, row: usize, innovation: Innovation) -> Result<(), NavigationError> {
         let LineModel { ins, errors, .. } = &self.line;

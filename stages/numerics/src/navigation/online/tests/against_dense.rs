@@ -1,4 +1,4 @@
-//! The recursion against solutions that know of no recursion.
+//! Comparison of the recursion with dense solutions.
 
 use super::*;
 use crate::earth::field_value::FieldValue;
@@ -11,12 +11,12 @@ fn of_rows(rows: &[[f64; STATES]; STATES]) -> DMatrix<f64> {
     DMatrix::from_fn(STATES, STATES, |row, column| rows[row][column])
 }
 
-/// The normal distribution of the states at a sample and of the measurements so far, from the dynamics alone.
+/// Normal distribution of the states at a sample and of the measurements so far, from the dynamics alone.
 struct Joint {
     states: DMatrix<f64>,
     /// Covariance of the states with each measurement's noiseless value.
     with: Vec<DVector<f64>>,
-    /// Covariance of the measurements among each other.
+    /// Covariance matrix of the measurements.
     among: Vec<Vec<f64>>,
 }
 
@@ -34,7 +34,7 @@ impl Joint {
         self.among.push(row);
     }
 
-    /// The states given the measurements less their prior mean: mean and covariance, by one dense solution.
+    /// Mean and covariance of the states given the measurements minus their prior mean, by one dense solution.
     fn given(&self, measured_nt: &[f64], sigma_nt: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
         let count = measured_nt.len();
         let mut all = DMatrix::from_fn(count, count, |i, j| self.among[i.max(j)][i.min(j)]);
@@ -47,10 +47,10 @@ impl Joint {
 }
 
 #[test]
-fn law_on_a_linear_map_it_is_least_squares_of_the_whole_line() {
+fn law_on_a_linear_map_it_equals_least_squares_of_the_whole_line() {
     let map = sloping();
     let mut flight = Flight::turning(&map, 2);
-    // Five terms a magnetometer, of which some do not differ within the line.
+    // Five terms per magnetometer, some of which are constant within the line.
     let narrow: Vec<f64> = flight.terms[0].chunks_exact(18).flat_map(|row| row[..5].to_vec()).collect();
     flight.replace_terms(&map, &narrow, 5, 80.0);
     let rows = 60_usize;
@@ -114,7 +114,8 @@ fn law_on_a_linear_map_it_is_least_squares_of_the_whole_line() {
         }
     }
     let (x, p) = joint.given(&measured_nt, &sigma_nt);
-    // The dense solution loses the digits of its covariance's condition, some 1e5: 1e-6 of a sigma is left.
+    // The dense solution loses digits by the condition number of its covariance, about 1e5; an error of 1e-6 of a sigma
+    // remains.
     for state in 0..STATES {
         let sd = p[(state, state)].sqrt();
         let (x_ours, p_ours) = (ours.navigation.x[rows - 1][state], &ours.navigation.p[rows - 1][state]);
@@ -138,7 +139,7 @@ fn law_on_a_linear_map_it_is_least_squares_of_the_whole_line() {
     }
 }
 
-/// A map without slope and an INS without error: only the coefficients are unknown.
+/// Map without slope and an INS without error: only the coefficients are unknown.
 fn only_coefficients(flight: &mut Flight) -> FieldMap {
     let sources = InsErrors {
         init_position_sigma_m: 0.0,
@@ -158,7 +159,8 @@ fn only_coefficients(flight: &mut Flight) -> FieldMap {
     wavy(-74.85)
 }
 
-/// The least-squares solution of a line for its coefficients, by a QR of the rows over their noise below the prior's.
+/// Least-squares solution of a line for its coefficients, by a QR of the prior's rows and the line's rows over their
+/// noise.
 fn by_qr(flight: &Flight, prior_sigma: &[f64], residual_nt: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let (width, rows) = (flight.width, residual_nt.len());
     let entry = |row: usize, column: usize| match row.checked_sub(width) {
@@ -179,7 +181,7 @@ fn by_qr(flight: &Flight, prior_sigma: &[f64], residual_nt: &[f64]) -> (DVector<
 }
 
 #[test]
-fn law_a_cold_start_loses_no_digits_that_matter() {
+fn law_a_cold_start_loses_no_significant_digits() {
     // Prior of 1e4 nT against noise of 0.5 nT. All columns of the first half are constant: the aircraft flies straight.
     for straight in [0, 115, ROWS] {
         let mut flight = Flight::turning(&wavy(-74.85), 1);
@@ -202,7 +204,7 @@ fn law_a_cold_start_loses_no_digits_that_matter() {
         for c in 0..18 {
             let sd = p[(c, c)].sqrt();
             // The first update leaves (1e4 nT)² 18 over (0.5 nT)² times 1e-16, which is 1e-6, of the variance of the
-            // sum that it measures; the position's 1e-30 per s add less.
+            // measured sum. The position's 1e-30 per s add less.
             let missed = (estimate.coefficients[c] - x[c]).abs() / sd;
             assert!(missed < 1e-4, "{straight} {c} {missed:e}");
             for d in 0..18 {

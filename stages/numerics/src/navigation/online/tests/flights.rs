@@ -1,4 +1,4 @@
-//! A turning flight with terms, and its maps.
+//! Turning flight with terms, and its maps.
 
 use std::f64::consts::TAU;
 
@@ -14,7 +14,7 @@ use super::super::{CoefficientPrior, LineModel, OnlineMagnetometer, OnlineOutput
 
 pub(crate) const ROWS: usize = 230;
 
-/// A map of 230 samples' flight from -74.91° to `east_deg`.
+/// Map for a flight of 230 samples, from -74.91° to `east_deg`.
 fn map_of(east_deg: f64, value: impl Fn(f64, f64) -> f64) -> FieldMap {
     let columns = ((east_deg + 74.91) / 0.001).round();
     let lat: Vec<f64> = (0..30).map(|k| 40.09 + 0.001 * f64::from(k)).collect();
@@ -27,21 +27,21 @@ pub(crate) fn wavy(east_deg: f64) -> FieldMap {
     map_of(east_deg, |lat, lon| 80.0 * (700.0 * lat).sin() + 60.0 * (500.0 * lon).cos())
 }
 
-/// A plane of some 0.05 nT a metre.
+/// Plane with a slope of about 0.05 nT/m.
 pub(crate) fn sloping() -> FieldMap {
     map_of(-74.85, |lat, lon| 5000.0 * (lat - 40.1) - 3000.0 * (lon + 74.9))
 }
 
-/// 23 s of a turning flight with two gaps in its time, whose magnetometers measure the field of the map, of the
-/// temporal variation (none) and of the aircraft.
+/// 23 s of a turning flight with two gaps in its time. Its magnetometers measure the field of the map, of the temporal
+/// variation (none) and of the aircraft.
 #[derive(Clone)]
 pub(crate) struct Flight {
     pub(crate) columns: [Vec<f64>; 13],
     pub(crate) errors: InsErrorModel,
     pub(crate) vector_nt: [Vec<f64>; 3],
-    /// The number of terms.
+    /// Number of terms.
     pub(crate) width: usize,
-    /// By magnetometer.
+    /// Terms by magnetometer.
     pub(crate) terms: Vec<Vec<f64>>,
     pub(crate) coefficients: Vec<Vec<f64>>,
     pub(crate) measurement_nt: Vec<Vec<f64>>,
@@ -69,8 +69,7 @@ fn columns() -> [Vec<f64>; 13] {
 }
 
 impl Flight {
-    /// Flight with `magnetometers` magnetometers of permanent, induced and eddy terms, with coefficients of some tens
-    /// of nT.
+    /// Flight with `magnetometers` magnetometers of permanent, induced and eddy terms, with coefficients of tens of nT.
     pub(crate) fn turning(map: &FieldMap, magnetometers: usize) -> Self {
         let columns = columns();
         let earth = Vector3::new(20_000.0, -4000.0, 48_000.0);
@@ -97,7 +96,7 @@ impl Flight {
         flight
     }
 
-    /// Measures anew, with other terms, and coefficients of a standard deviation.
+    /// Replaces terms and measurements, with coefficients of this standard deviation.
     pub(crate) fn replace_terms(&mut self, map: &FieldMap, terms: &[f64], width: usize, sigma: f64) {
         self.width = width;
         self.terms = vec![terms.to_vec(); self.coefficients.len()];
@@ -115,7 +114,7 @@ impl Flight {
         }
     }
 
-    /// The line, whose INS lives as long as the test.
+    /// Line, whose INS lives as long as the test.
     pub(crate) fn line<'a>(&self, map: &'a FieldMap) -> LineModel<'a> {
         let columns: &'static [Vec<f64>; 13] = Box::leak(Box::new(self.columns.clone()));
         let ins = Box::leak(Box::new(InsSeries::from_columns(columns.each_ref().map(Vec::as_slice))));
@@ -155,7 +154,7 @@ impl Flight {
     }
 }
 
-/// All numbers of an answer, as bits.
+/// All numbers of an output, as bits.
 pub(crate) fn bits(output: &OnlineOutput) -> Vec<u64> {
     let track = &output.navigation;
     let x = track.x.as_flattened().iter();

@@ -1,10 +1,10 @@
-//! Lines with gaps, edges and faults.
+//! Lines with gaps, edges and invalid values.
 
 use super::*;
 use crate::navigation::SeriesError;
 
 #[test]
-fn law_a_magnetometer_without_a_value_is_not_used_and_the_others_are() {
+fn unit_a_magnetometer_without_a_value_is_skipped_and_the_others_are_used() {
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 2);
     let priors = [flight.prior(0, 30.0), flight.prior(1, 30.0)];
@@ -13,7 +13,8 @@ fn law_a_magnetometer_without_a_value_is_not_used_and_the_others_are() {
         let magnetometers = [0, 1].map(|k| flight.magnetometer(k, &priors[k], &density));
         run(&flight.line(&map), &magnetometers, None, &ALL).unwrap()
     };
-    // Without any value of the second, it is as if it were not there, but for its coefficients' walk.
+    // Without any value of the second magnetometer, the result equals that without it, except for the random walk of
+    // its coefficients.
     let (mut by_term, mut by_value, mut by_sigma) = (flight.clone(), flight.clone(), flight.clone());
     for row in 0..ROWS {
         by_term.terms[1][18 * row + row % 18] = if row % 2 == 0 { f64::NAN } else { f64::INFINITY };
@@ -34,7 +35,7 @@ fn law_a_magnetometer_without_a_value_is_not_used_and_the_others_are() {
         assert!((output.magnetometers[1].covariance[0] / grown - 1.0).abs() < 1e-12);
     }
     assert!(both(&by_term).magnetometers[1].track.aircraft_nt.iter().all(|nt| nt.is_nan()));
-    // The first alone lacks some samples. The residual of the track is then the second's.
+    // Only the first lacks some samples. The residual of the track is then that of the second.
     let mut gap = flight.clone();
     gap.terms[0][18 * 30 + 4] = f64::NAN;
     let output = both(&gap);
@@ -46,7 +47,7 @@ fn law_a_magnetometer_without_a_value_is_not_used_and_the_others_are() {
 }
 
 #[test]
-fn law_off_the_map_it_predicts() {
+fn unit_off_the_map_the_filter_only_predicts() {
     let map = wavy(-74.9);
     let flight = Flight::turning(&map, 2);
     let prior = flight.prior(0, 30.0);
@@ -58,13 +59,13 @@ fn law_off_the_map_it_predicts() {
     assert_eq!(output.magnetometers[1].track.report.off_map, ROWS);
     assert!(output.navigation.residual_nt.iter().chain(&output.navigation.nis).all(|value| value.is_nan()));
     assert_eq!(output.magnetometers[0].covariance, prior.covariance);
-    // The aircraft's field is known from the prior.
+    // The aircraft field is known from the prior.
     let expected: f64 = flight.terms[0][..18].iter().zip(&prior.mean).map(|(a, b)| a * b).sum();
     assert!((output.magnetometers[0].track.aircraft_nt[0] - expected).abs() < 1e-12);
 }
 
 #[test]
-fn law_uneven_time_is_the_same_as_leaving_samples_out() {
+fn law_uneven_time_equals_missing_samples() {
     let map = wavy(-74.88);
     let mut thinned = Flight::turning(&map, 1);
     thinned.errors.noise = NoiseDiscretisation::VanLoan;
@@ -96,14 +97,14 @@ fn law_uneven_time_is_the_same_as_leaving_samples_out() {
     };
     let (a, b) = (of(&thinned), of(&uneven));
     for ((one, other), sd) in a.coefficients.iter().zip(&b.coefficients).zip(a.sigma()) {
-        // Longitude drifts with the latitude that two INS samples share; rounding is far below.
+        // Longitude drifts with the latitude, which both INS samples share; rounding is far smaller.
         assert!((one - other).abs() < 1e-6 * sd, "{one} {other} {sd}");
     }
     assert!(a.covariance.iter().zip(&b.covariance).all(|(one, other)| (one - other).abs() < 1e-6 * 900.0));
 }
 
 #[test]
-fn law_the_gate_leaves_out_one_magnetometer() {
+fn unit_the_gate_rejects_one_magnetometer() {
     let map = wavy(-74.88);
     let mut flight = Flight::turning(&map, 2);
     flight.measurement_nt[1][100] += 1e4;
@@ -142,7 +143,7 @@ fn law_one_sample_is_one_update() {
 }
 
 #[test]
-fn law_bad_input_is_refused_in_words() {
+fn unit_invalid_input_is_rejected() {
     let map = wavy(-74.88);
     let flight = Flight::turning(&map, 1);
     let (prior, none) = (flight.prior(0, 30.0), vec![0.0; 18]);
@@ -193,7 +194,7 @@ fn law_bad_input_is_refused_in_words() {
 }
 
 #[test]
-fn law_a_scalar_magnetometer_is_no_term() {
+fn unit_a_scalar_magnetometer_is_rejected_as_a_term() {
     assert!(check_sources(&["flux_b_x", "cur_ac_hi", "x", "mags"]).is_ok());
     let words = check_sources(&["flux_b_x", "mag_3_uc"]).unwrap_err().to_string();
     assert!(words.contains("`mag_3_uc`") && words.contains("subtract its own"), "{words}");

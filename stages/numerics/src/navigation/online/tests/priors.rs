@@ -18,7 +18,7 @@ fn prior(calibrations: &[Vec<f64>]) -> CoefficientPrior {
 }
 
 #[test]
-fn law_the_next_calibration_is_as_far_off_as_the_prior_says() {
+fn law_the_prior_is_consistent_with_the_next_calibration() {
     for count in [6_usize, 10, 40] {
         let (mut squares, trials) = ([0.0; 4], 4000_u64);
         for trial in 0..trials {
@@ -29,14 +29,14 @@ fn law_the_next_calibration_is_as_far_off_as_the_prior_says() {
                 *square += (next[c] - prior.mean[c]).powi(2) / prior.covariance[5 * c] / trials as f64;
             }
         }
-        // With 6 calibrations the square has the variance of a Student's t of 5 degrees, squared: 9 − 1. One standard
+        // With 6 calibrations the square has the variance of a squared Student's t of 5 degrees: 9 − 1. One standard
         // deviation is sqrt(8/4000), 4.5 %; the limit is three of them.
         assert!(squares.iter().all(|square| (square - 1.0).abs() < 0.14), "{count} {squares:?}");
     }
 }
 
 #[test]
-fn law_fewer_calibrations_than_terms_make_a_positive_matrix() {
+fn law_fewer_calibrations_than_terms_give_a_positive_matrix() {
     for count in [2, 3, 4] {
         let prior = prior(&draws(count, 7 + count as u64));
         let sigma = prior.sigma();
@@ -56,14 +56,14 @@ fn law_many_calibrations_are_not_shrunk() {
     for i in 0..4 {
         for j in 0..4 {
             let size = (expected[i][i] * expected[j][j]).sqrt();
-            // 1/sqrt(2000) is 2.2 %, of a variance sqrt(2) of that; four of them.
+            // 1/sqrt(2000) is 2.2 %, for a variance sqrt(2) of that; the limit is four of them.
             assert!((prior.covariance[4 * i + j] - expected[i][j]).abs() < 0.13 * size, "{i} {j}");
         }
     }
 }
 
 #[test]
-fn law_one_calibration_needs_its_own_covariance() {
+fn unit_one_calibration_requires_its_covariance() {
     let own = [4.0, 1.0, 1.0, 9.0];
     let prior = prior_from_calibrations(&[&[1.0, 2.0]], Some(&own)).unwrap();
     assert_eq!((prior.mean.as_slice(), prior.covariance.as_slice()), ([1.0, 2.0].as_slice(), own.as_slice()));
@@ -76,7 +76,7 @@ fn law_one_calibration_needs_its_own_covariance() {
 }
 
 #[test]
-fn law_the_walk_is_that_between_calibrations() {
+fn law_the_walk_density_is_estimated_from_calibrations() {
     let mut normals = NormalGenerator::new(2);
     let (mut at, mut tt_s) = ([0.0, 0.0], 0.0);
     let (mut all, mut times) = (vec![], vec![]);
@@ -89,7 +89,7 @@ fn law_the_walk_is_that_between_calibrations() {
     }
     let tables: Vec<&[f64]> = all.iter().map(Vec::as_slice).collect();
     let density = walk_density(&tables, &times).unwrap();
-    // sqrt(2/4000) is 2.2 %, with uneven steps 2.7 %; four of them.
+    // sqrt(2/4000) is 2.2 %, with uneven steps 2.7 %; the limit is four of them.
     assert!((density[0] / 0.04 - 1.0).abs() < 0.11 && (density[1] / 9.0 - 1.0).abs() < 0.11, "{density:?}");
     assert!(walk_density(&tables[..1], &times[..1]).is_err());
     assert!(walk_density(&tables[..2], &[1.0, 1.0]).is_err());

@@ -34,7 +34,7 @@ fn law_back_through_a_step_is_the_transposed_transition() {
 }
 
 #[test]
-fn law_back_through_a_measurement_is_the_dense_recursion() {
+fn law_back_through_a_measurement_equals_the_dense_recursion() {
     let mut back = adjoint();
     let (state, matrix) = (DenseStateVector::from(back.state), dense(&back.matrix));
     let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).sin());
@@ -47,7 +47,7 @@ fn law_back_through_a_measurement_is_the_dense_recursion() {
     let rest = DenseStateMatrix::identity() - DenseStateVector::from(gain) * h.transpose();
     let u = back.through_measurement(&used);
     assert!((u - (0.4 + DenseStateVector::from(gain).dot(&state))).abs() < 1e-14);
-    // λ by the form that Bierman prints.
+    // λ in the form printed by Bierman.
     let expected = rest.transpose() * state - h * 0.4;
     assert!((DenseStateVector::from(back.state) - expected).norm() < 1e-13);
     let expected = rest.transpose() * matrix * rest + h * 0.25 * h.transpose();
@@ -55,7 +55,7 @@ fn law_back_through_a_measurement_is_the_dense_recursion() {
 }
 
 #[test]
-fn law_the_smoothed_covariance_is_the_dense_product() {
+fn law_the_smoothed_covariance_equals_the_dense_product() {
     let (estimate, back) = (random_estimate(6), adjoint());
     let (p, matrix) = (dense(&estimate.p), dense(&back.matrix));
     assert!(apart(&dense(&back.smoothed(&estimate.p)), &(p - p * matrix * p)) < 1e-14);

@@ -8,14 +8,13 @@
 //! E = log p(z | path) − log p(z | the path drawn out)
 //! ```
 //!
-//! each with its own most probable kernel, if that is fitted. Noise of the assumed size makes E about
+//! each with its own most probable kernel, if that is fitted. With noise of the assumed size, E is about
 //!
 //! ```text
 //! D = (log |C drawn out| − log |C|)/2
 //! ```
 //!
-//! with the kernel of the stretched path, which does not depend on the track: the information of the revisits about
-//! each other.
+//! with the kernel of the stretched path, which does not depend on the track: the mutual information of the revisits.
 
 use super::likelihood::{SlamMeasurement, SlamProblem};
 use super::search::{SlamSearch, SlamSearchParameters, SlamWeightPrior};
@@ -30,18 +29,17 @@ pub struct RevisitEvidence {
 }
 
 impl RevisitEvidence {
-    /// E over D: 1 where two visits differ by no more than the expected noise and roughness of the field, 0 where they
-    /// are unrelated. NaN where the visits contain almost no information, with a D below 5 (a factor of 150 in
-    /// probability), or without visits.
+    /// E over D: 1 if two visits differ only by the expected noise and roughness of the field, 0 if they are unrelated.
+    /// NaN without visits, or if they contain almost no information, with a D below 5 (a factor of 150 in probability).
     pub fn agreement(&self) -> f64 {
         if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
     }
 }
 
-/// The least D that is compared with.
+/// Smallest D for a comparison.
 const LEAST: f64 = 5.0;
 
-/// The evidence of a search at its optimum; `None` where the covariance is not positive.
+/// Evidence of a search at its optimum; `None` if the covariance is not positive.
 pub fn evidence(
     problem: &SlamProblem,
     prior: &SlamWeightPrior,
@@ -56,7 +54,7 @@ pub fn evidence(
     Some(RevisitEvidence { found: alone.likelihood_cost() - search.likelihood_cost(), expected: apart - together })
 }
 
-/// The problem whose path is as long and straight.
+/// Problem with a straight path of the same length.
 fn drawn_out(problem: &SlamProblem, weights: &[f64]) -> SlamProblem {
     let mut along_m = 0.0;
     let mut before = None::<[f64; 2]>;
@@ -77,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_a_path_drawn_out_has_the_same_steps() {
+    fn unit_a_straightened_path_has_the_same_steps() {
         let at = [[0.0, 0.0], [30.0, 40.0], [0.0, 0.0]];
         let measured = at.map(|at_m| SlamMeasurement {
             tt_s: 0.0,
@@ -86,7 +84,7 @@ mod tests {
             variance_nt2: 1.0,
             core_nt_per_m: [0.1, 0.2],
         });
-        // One function that moves the second position by 30 m back north.
+        // One function that moves the second position 30 m back north.
         let functions = Mat::from_fn(6, 1, |row, _| if row == 2 { -30.0 } else { 0.0 });
         let (measured, temporal) = (measured.to_vec(), (0.0, 1.0));
         let problem = SlamProblem { measured, functions, temporal, mean_nt2: 1.0, centre_nt: 0.0 };

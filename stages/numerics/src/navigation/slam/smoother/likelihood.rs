@@ -1,4 +1,4 @@
-//! The likelihood of all measurements given the path, with the map integrated out, and its derivatives.
+//! Likelihood of all measurements given the path, with the map integrated out, and its derivatives.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
@@ -7,17 +7,17 @@ use rayon::prelude::*;
 
 use crate::navigation::slam::kernel::AnomalyKernel;
 
-/// Columns of a matrix that are worked on together: the order of sums does not depend on the number of threads.
+/// Number of columns of a matrix per task. The order of sums does not depend on the number of threads.
 const BLOCK: usize = 64;
 
-/// A measurement, averaged over a short stretch.
+/// Measurement, averaged over a short distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamMeasurement {
     /// Mean time, in s.
     pub tt_s: f64,
     /// Mean position of the INS, north and east, in m.
     pub at_m: [f64; 2],
-    /// The measurement less the core field at the INS, in nT.
+    /// Measurement minus the core field at the INS, in nT.
     pub value_nt: f64,
     /// Variance of its white noise, in nT², including that of its height and excluding that of the kernel.
     pub variance_nt2: f64,
@@ -27,55 +27,55 @@ pub struct SlamMeasurement {
 
 /// Measurements of a line with the quantities that do not depend on the path.
 pub struct SlamProblem {
-    /// The measurements, by time.
+    /// Measurements, by time.
     pub measured: Vec<SlamMeasurement>,
-    /// The displacement of each is these functions times the weights, in m: 2 rows a measurement, north and east.
+    /// Functions whose product with the weights is the displacement of each measurement, in m: 2 rows per measurement,
+    /// north and east.
     pub functions: Mat<f64>,
     /// Standard deviation (nT) and time constant (s) of the temporal variation.
     pub temporal: (f64, f64),
-    /// The variance of the field's unknown mean about `centre_nt`, in nT².
+    /// Variance of the field's unknown mean about `centre_nt`, in nT².
     pub mean_nt2: f64,
-    /// Constant that is subtracted from all measurements, in nT.
+    /// Constant subtracted from all measurements, in nT.
     pub centre_nt: f64,
 }
 
-/// The factor of the covariance of the measurements along a path.
+/// Factor of the covariance of the measurements along a path.
 pub struct PathCovarianceFactor {
     positions_m: Vec<[f64; 2]>,
     residual_nt: Vec<f64>,
     factor: Llt<f64>,
-    /// Minus the logarithm of the likelihood but for a constant.
+    /// Minus the logarithm of the likelihood, up to a constant.
     pub cost: f64,
-    /// rᵀ C⁻¹ r, whose mean is the number of measurements.
+    /// rᵀ C⁻¹ r, whose expected value is the number of measurements.
     pub square: f64,
 }
 
 /// Derivatives of the cost.
 pub struct CostDerivatives {
-    /// By the weights.
+    /// Gradient by the weights.
     pub gradient: Vec<f64>,
-    /// The second ones.
+    /// Second derivatives by the weights.
     pub hessian: Mat<f64>,
 }
 
-/// Derivatives by the logarithms of the kernel's standard deviation, length and noise, and the Fisher information of
-/// them.
+/// Derivatives by the logarithms of the kernel's standard deviation, length and noise, and their Fisher information.
 pub struct KernelDerivatives {
-    /// The first ones.
+    /// First derivatives.
     pub gradient: [f64; 3],
-    /// The Fisher information.
+    /// Fisher information.
     pub information: [[f64; 3]; 3],
 }
 
 impl SlamProblem {
-    /// The displacements north and east at the measurements, in m.
+    /// Displacements north and east at the measurements, in m.
     pub fn displacements_m(&self, weights: &[f64]) -> Vec<[f64; 2]> {
         let u = MatRef::from_column_major_slice(weights, weights.len(), 1);
         let moved = &self.functions * u;
         (0..self.measured.len()).map(|i| [moved[(2 * i, 0)], moved[(2 * i + 1, 0)]]).collect()
     }
 
-    /// The covariance along the path; `None` where it is not positive.
+    /// Factor of the covariance along the path; `None` if it is not positive.
     pub fn factored(&self, kernel: &AnomalyKernel, weights: &[f64]) -> Option<PathCovarianceFactor> {
         let n = self.measured.len();
         let moved = self.displacements_m(weights);
@@ -123,20 +123,20 @@ impl PathCovarianceFactor {
         self.cost - 0.5 * self.square
     }
 
-    /// Each measurement less what all others let expect, squared over its variance.
+    /// Squared leave-one-out residual of each measurement over its variance.
     pub fn left_out(&self) -> Vec<f64> {
         let (inverse, alpha) = self.inverse();
         alpha.iter().enumerate().map(|(i, a)| a * a / inverse[(i, i)]).collect()
     }
 
-    /// By the weights of the functions.
+    /// Derivatives by the weights of the functions.
     pub fn derivatives(&self, problem: &SlamProblem, kernel: &AnomalyKernel) -> CostDerivatives {
         let n = self.positions_m.len();
         let (inverse, alpha) = self.inverse();
         let apart = |i: usize, j: usize| -> [f64; 2] {
             [0, 1].map(|axis: usize| self.positions_m[i][axis] - self.positions_m[j][axis])
         };
-        // The derivative of the covariance of i and j by the position of i.
+        // Derivative of the covariance of i and j by the position of i.
         let slopes = [0, 1].map(|axis: usize| {
             by_columns(n, |j, column| {
                 for (i, to) in column.iter_mut().enumerate() {
@@ -147,7 +147,7 @@ impl PathCovarianceFactor {
         });
         let moved = slopes.each_ref().map(|slopes| product(slopes, &inverse));
         let a = MatRef::from_column_major_slice(&alpha, n, 1);
-        // The slope of the expected field at each position, core field included.
+        // Slope of the expected field at each position, including the core field.
         let field: [Vec<f64>; 2] = [0, 1].map(|axis: usize| {
             let of = &slopes[axis] * a;
             (0..n).map(|i| of[(i, 0)] + problem.measured[i].core_nt_per_m[axis]).collect()
@@ -165,7 +165,7 @@ impl PathCovarianceFactor {
         }
         let part = |axis: usize| Mat::from_fn(n, count, |i, k| problem.functions[(2 * i + axis, k)]);
         let parts = [part(0), part(1)];
-        // The part that the second derivative by one position is of all covariances with it.
+        // Part of the second derivative by one position, from all covariances with it.
         let own: Vec<[f64; 3]> = (0..n)
             .into_par_iter()
             .map(|i| {
@@ -219,7 +219,7 @@ impl PathCovarianceFactor {
         CostDerivatives { gradient, hessian }
     }
 
-    /// By the kernel.
+    /// Derivatives by the parameters of the kernel.
     pub fn by_kernel(&self, kernel: &AnomalyKernel) -> KernelDerivatives {
         let n = self.positions_m.len();
         let (inverse, alpha) = self.inverse();
@@ -269,7 +269,7 @@ impl PathCovarianceFactor {
 /// North and north, north and east, east and east.
 const PAIRS: [(usize, usize); 3] = [(0, 0), (0, 1), (1, 1)];
 
-/// The second derivative of the covariance by the axes a and b of one of two positions so far apart.
+/// Second derivative of the covariance by the axes a and b of one of two positions with this separation.
 fn bend(kernel: &AnomalyKernel, apart: [f64; 2], a: usize, b: usize) -> f64 {
     let bends = kernel.bends(apart[0].powi(2) + apart[1].powi(2));
     bends.second * apart[a] * apart[b] - if a == b { bends.first } else { 0.0 }
@@ -279,14 +279,14 @@ fn distance2(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
-/// A square matrix by its columns, which are filled on all threads.
+/// Square matrix by its columns, which are filled on all threads.
 fn by_columns(n: usize, fill: impl Fn(usize, &mut [f64]) + Sync) -> Mat<f64> {
     let mut all = vec![0.0; n * n];
     all.par_chunks_mut(n.max(1)).enumerate().for_each(|(j, column)| fill(j, column));
     MatRef::from_column_major_slice(&all, n, n).to_owned()
 }
 
-/// A product on all threads, with the same bits on any number of them.
+/// Product on all threads, bit-identical for any number of threads.
 fn product(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     let (rows, n) = (a.nrows(), b.ncols());
     let firsts: Vec<usize> = (0..n).step_by(BLOCK).collect();

@@ -1,4 +1,4 @@
-//! The error of the INS over a whole line as a sum of few functions of time with independent unit weights.
+//! Error of the INS over a whole line in a basis of few functions of time, with independent unit weights.
 
 use crate::navigation::NavigationError;
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pinson_matrix};
@@ -7,28 +7,28 @@ use crate::navigation::slam::resolution::product;
 use crate::navigation::slam::samples::{LocalFrame, SlamLine};
 use crate::navigation::transition::{identity, propagate_state, step_covariance, transition_matrix};
 
-/// The most functions.
+/// Maximum number of functions.
 const MOST_FUNCTIONS: usize = 500;
 
-/// The error states from step to step: x ← Φ x + w, with the covariance P of x. Axis 0 is north, 1 is east.
+/// Error states from step to step: x ← Φ x + w, with the covariance P of x. Axis 0 is north, 1 is east.
 pub struct InsErrorTransitions {
     phi: Vec<StateMatrix>,
     p: Vec<StateMatrix>,
     m_per_rad: [f64; 2],
-    /// The times of the steps, in s.
+    /// Times of the steps, in s.
     tt_s: Vec<f64>,
 }
 
 /// Position error at the steps of a line, δ = B u with u ~ N(0, I), and its remaining variance.
 ///
 /// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ: a weight is the part of one
-/// pivot's error that the pivots before it do not determine. [Harbrecht, Peters & Schneider 2012]
+/// pivot's error that the previous pivots do not determine. [Harbrecht, Peters & Schneider 2012]
 pub struct PositionErrorBasis {
-    /// The number of functions.
+    /// Number of functions.
     pub count: usize,
     /// B, by steps, each north and then east.
     rows: Vec<f64>,
-    /// The variance north and east that the functions lack, in m².
+    /// Omitted variance north and east, in m².
     pub lacking_m2: Vec<[f64; 2]>,
     /// Step and axis of each pivot.
     pivots: Vec<(usize, usize)>,
@@ -37,9 +37,9 @@ pub struct PositionErrorBasis {
 /// Time between two steps: the first step, and the fraction of the way to the second.
 #[derive(Clone, Copy, Debug)]
 pub struct StepInterpolation {
-    /// The first step.
+    /// First step.
     pub step: usize,
-    /// The part, from 0 to 1.
+    /// Fraction, from 0 to 1.
     pub part: f64,
 }
 
@@ -54,10 +54,10 @@ fn transposed(phi: &StateMatrix, x: &StateVector) -> StateVector {
 }
 
 impl InsErrorTransitions {
-    /// Along a line that passed [`SlamLine::check`], whose steps end with these rows.
+    /// Computes the transitions along a line that passed [`SlamLine::check`], whose steps end with these rows.
     ///
     /// # Errors
-    /// [`NavigationError::Diverged`] where a variance is negative or not finite.
+    /// [`NavigationError::Diverged`] if a variance is negative or not finite.
     pub fn along(line: &SlamLine<'_>, ends: &[usize], frame: &LocalFrame) -> Result<Self, NavigationError> {
         let (ins, errors) = (line.ins, &line.errors);
         let (times, density) = (errors.time_constants(), errors.noise_density());
@@ -74,7 +74,7 @@ impl InsErrorTransitions {
                 all = product(&one, &all);
                 row += 1;
             }
-            // Also of a NaN.
+            // Also false for a NaN.
             let sound = (0..STATES).all(|state| at[state][state] >= 0.0 && at[state][state].is_finite());
             if !sound {
                 return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
@@ -86,7 +86,7 @@ impl InsErrorTransitions {
         Ok(Self { phi, p, m_per_rad: frame.m_per_rad, tt_s })
     }
 
-    /// The covariance of the position at each step with one coordinate of one of them, in m².
+    /// Covariance of the position at each step with one coordinate at one step, in m².
     fn column(&self, (pivot, axis): (usize, usize)) -> Vec<[f64; 2]> {
         let [north, east] = self.m_per_rad;
         let in_m = |x: &StateVector| [x[LAT] * north, x[LON] * east];
@@ -110,7 +110,7 @@ impl InsErrorTransitions {
         out
     }
 
-    /// Functions until what they lack of any position is below a standard deviation in m.
+    /// Functions that omit less than a standard deviation in m of any position.
     pub fn functions(&self, tolerance_m: f64) -> PositionErrorBasis {
         let steps = self.p.len();
         let [north, east] = self.m_per_rad;
@@ -153,7 +153,7 @@ impl InsErrorTransitions {
         PositionErrorBasis { count: columns.len(), rows, lacking_m2: lacking, pivots }
     }
 
-    /// The expected error states at the steps given the weights of the functions.
+    /// Expected error states at the steps given the weights of the functions.
     pub fn states(&self, functions: &PositionErrorBasis, weights: &[f64]) -> Vec<StateVector> {
         let steps = self.p.len();
         // K_JJ = L Lᵀ with the pivots' own rows L, so that E x = K_xJ L⁻ᵀ u.
@@ -205,13 +205,13 @@ impl InsErrorTransitions {
         }
     }
 
-    /// The variance of a position by the INS alone, in m²: north, east, and their covariance.
+    /// Variance of a position by the INS alone, in m²: north, east, and their covariance.
     pub fn alone_m2(&self, step: usize) -> [f64; 3] {
         let ([north, east], p) = (self.m_per_rad, &self.p[step]);
         [north * north * p[LAT][LAT], east * east * p[LON][LON], north * east * p[LAT][LON]]
     }
 
-    /// The number of steps.
+    /// Number of steps.
     pub fn steps(&self) -> usize {
         self.p.len()
     }
@@ -232,7 +232,7 @@ impl InsErrorTransitions {
                 let axis = match state {
                     LAT => 0,
                     LON => 1,
-                    // The height says nothing of the horizontal position.
+                    // The height carries no information about the horizontal position.
                     _ => continue,
                 };
                 let m_per_rad = self.m_per_rad[axis];
@@ -252,13 +252,13 @@ impl InsErrorTransitions {
 }
 
 impl PositionErrorBasis {
-    /// The functions at a step, of an axis, in m.
+    /// Functions at a step, for one axis, in m.
     pub fn at(&self, step: usize, axis: usize) -> &[f64] {
         let first = (2 * step + axis) * self.count;
         &self.rows[first..first + self.count]
     }
 
-    /// Those between two steps, north and east, in m.
+    /// Functions between two steps, north and east, in m.
     pub fn between(&self, StepInterpolation { step, part }: StepInterpolation) -> [Vec<f64>; 2] {
         [0, 1].map(|axis| {
             let here = self.at(step, axis);

@@ -1,4 +1,4 @@
-//! The most probable weights of the motion, and hyper-parameters of the largest likelihood.
+//! Most probable weights of the motion, and maximum-likelihood hyper-parameters.
 
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
@@ -6,15 +6,15 @@ use faer::{Mat, MatRef, Side};
 use super::likelihood::{PathCovarianceFactor, SlamProblem};
 use crate::navigation::slam::kernel::AnomalyKernel;
 
-/// The most halvings of a step.
+/// Maximum number of halvings of a step.
 const MOST_HALVINGS: usize = 10;
-/// The largest step of the logarithm of a hyper-parameter.
+/// Largest step of the logarithm of a hyper-parameter.
 const LARGEST_LOG: f64 = 1.0;
 /// Damping added to the information of the logarithms. A logarithm without influence stays constant.
 const DAMPING: f64 = 0.1;
-/// The hyper-parameters stand still when no logarithm moves by more.
+/// Largest change of the logarithms at which the hyper-parameters have converged.
 const STILL_LOG: f64 = 0.02;
-/// A white part of the kernel below this part of the measurement's noise makes no difference.
+/// Fraction of the measurement noise below which the white part of the kernel is negligible.
 const LEAST_NOISE: f64 = 0.1;
 
 /// Prior of the weights without the field: minus the logarithm of the density is uᵀ M u/2 − fᵀ u.
@@ -40,13 +40,13 @@ impl SlamWeightPrior {
 /// Parameters of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct SlamSearchParameters {
-    /// The most linearisations.
+    /// Maximum number of linearisations.
     pub passes: usize,
-    /// The search ends where a step moves no measurement by as much, in m.
+    /// Position change of a measurement, in m, below which the search ends.
     pub tolerance_m: f64,
     /// Whether the kernel is fitted too.
     pub fits: bool,
-    /// The shortest and longest length of a kernel that is fitted, in m.
+    /// Smallest and largest length of a fitted kernel, in m.
     pub lengths_m: (f64, f64),
 }
 
@@ -55,21 +55,21 @@ pub struct SlamSearch<'a> {
     problem: &'a SlamProblem,
     prior: &'a SlamWeightPrior,
     rules: SlamSearchParameters,
-    /// The weights.
+    /// Weights.
     pub weights: Vec<f64>,
-    /// The kernel.
+    /// Kernel.
     pub kernel: AnomalyKernel,
     factored: PathCovarianceFactor,
-    /// Passes made.
+    /// Number of passes.
     pub passes: usize,
     /// Largest change of the position of a measurement in the last full step, in m.
     pub last_step_m: f64,
-    /// Whether path and kernel stand still.
+    /// Whether path and kernel have converged.
     pub converged: bool,
 }
 
 impl<'a> SlamSearch<'a> {
-    /// From these weights and kernel on; `None` where the covariance of the measurements is not positive there.
+    /// Search with initial weights and kernel; `None` if the covariance of the measurements is not positive there.
     pub fn from(
         problem: &'a SlamProblem,
         prior: &'a SlamWeightPrior,
@@ -82,12 +82,12 @@ impl<'a> SlamSearch<'a> {
         Some(Self { problem, prior, rules, weights, kernel, factored, passes: 0, last_step_m, converged: false })
     }
 
-    /// Minus the logarithm of the density of path and measurements but for a constant.
+    /// Minus the logarithm of the density of path and measurements, up to a constant.
     pub fn cost(&self) -> f64 {
         self.factored.cost + self.prior.cost(&self.weights)
     }
 
-    /// Minus the logarithm of the likelihood of the measurements but for a constant.
+    /// Minus the logarithm of the likelihood of the measurements, up to a constant.
     pub fn likelihood_cost(&self) -> f64 {
         self.factored.cost
     }
@@ -102,7 +102,7 @@ impl<'a> SlamSearch<'a> {
         self.factored.left_out()
     }
 
-    /// The most probable kernel for the path as it is, where it is fitted.
+    /// Fits the most probable kernel for the present path, if it is fitted.
     pub fn settle_kernel(&mut self) {
         let mut passes = if self.rules.fits { self.rules.passes } else { 0 };
         while passes > 0 && !self.fit() {
@@ -110,7 +110,7 @@ impl<'a> SlamSearch<'a> {
         }
     }
 
-    /// Passes until path and kernel stand still.
+    /// Iterates until path and kernel have converged.
     pub fn run(&mut self) -> Option<()> {
         while self.passes < self.rules.passes && !self.converged {
             let kernel_is_still = !self.rules.fits || self.fit();
@@ -127,14 +127,14 @@ impl<'a> SlamSearch<'a> {
         Some(())
     }
 
-    /// The covariance of the weights, Laplace's.
+    /// Laplace approximation of the covariance of the weights.
     pub fn covariance(&self) -> Option<Mat<f64>> {
         Some(self.curvature().0?.inverse())
     }
 
-    /// The factor of the information of the weights, and the gradient of the cost.
+    /// Factor of the information of the weights, and the gradient of the cost.
     ///
-    /// Far from the optimum the likelihood may be curved the other way along some weights, which then have the
+    /// Far from the optimum the likelihood may have negative curvature along some weights, which then have the
     /// information of the prior.
     fn curvature(&self) -> (Option<Llt<f64>>, Vec<f64>) {
         let found = self.factored.derivatives(self.problem, &self.kernel);
@@ -153,7 +153,7 @@ impl<'a> SlamSearch<'a> {
         (information.llt(Side::Lower).ok(), gradient)
     }
 
-    /// The step to the optimum of the quadratic.
+    /// Step to the optimum of the quadratic.
     fn step(&self) -> Option<Vec<f64>> {
         let (factor, gradient) = self.curvature();
         let solved = factor?.solve(&MatRef::from_column_major_slice(&gradient, gradient.len(), 1));
@@ -165,7 +165,7 @@ impl<'a> SlamSearch<'a> {
         self.problem.displacements_m(step).iter().map(|[n, e]| n.hypot(*e)).fold(0.0, f64::max)
     }
 
-    /// Takes a step, halved until the cost does not rise; false where none will do.
+    /// Takes a step, halved until the cost does not rise; false if no step is accepted.
     fn descend(&mut self, whole: &[f64]) -> bool {
         let before = self.cost();
         let mut part = 1.0;
@@ -182,7 +182,7 @@ impl<'a> SlamSearch<'a> {
         false
     }
 
-    /// One step of Fisher's scoring of the kernel; whether it stands still.
+    /// Takes one step of Fisher scoring of the kernel. Returns whether it has converged.
     fn fit(&mut self) -> bool {
         let by = self.factored.by_kernel(&self.kernel);
         let information = Mat::from_fn(3, 3, |i, j| by.information[i][j] + if i == j { DAMPING } else { 0.0 });
@@ -211,7 +211,7 @@ impl<'a> SlamSearch<'a> {
         true
     }
 
-    /// The kernel with steps of the logarithms of its standard deviation, length and noise, within its bounds.
+    /// Kernel after steps of the logarithms of its standard deviation, length and noise, within its bounds.
     fn moved_kernel(&self, [sigma, length, noise]: [f64; 3]) -> AnomalyKernel {
         let measured = &self.problem.measured;
         let mean_nt2 = measured.iter().map(|of| of.variance_nt2).sum::<f64>() / measured.len() as f64;

@@ -9,7 +9,7 @@ use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loit
 use crate::navigation::slam::{CovarianceFunction, HyperparameterSource, SlamParameters, run};
 use crate::random::NormalGenerator;
 
-/// A random path of `n` measurements, and random functions of it.
+/// Random path of `n` measurements, and random functions of it.
 fn problem(n: usize, count: usize, seed: u64) -> (SlamProblem, Vec<f64>) {
     let mut normals = NormalGenerator::new(seed);
     let mut at_m = [0.0; 2];
@@ -38,7 +38,7 @@ fn with(weights: &[f64], place: usize, more: f64) -> Vec<f64> {
 const STEP: f64 = 1e-5;
 
 #[test]
-fn law_derivatives_are_those_of_finite_differences() {
+fn law_derivatives_equal_finite_differences() {
     let (problem, weights) = problem(90, 5, 4);
     for covariance in
         [CovarianceFunction::SquaredExponential, CovarianceFunction::Matern52, CovarianceFunction::Matern32]
@@ -75,7 +75,7 @@ fn law_derivatives_are_those_of_finite_differences() {
     }
 }
 
-/// The mean of (∂J/∂θᵢ)(∂J/∂θⱼ) over measurements that the model draws is the Fisher information.
+/// The mean of (∂J/∂θᵢ)(∂J/∂θⱼ) over measurements drawn from the model is the Fisher information.
 #[test]
 fn law_the_information_of_the_kernel_is_the_covariance_of_its_gradient() {
     let (mut problem, weights) = problem(40, 3, 8);
@@ -122,7 +122,7 @@ fn law_the_information_of_the_kernel_is_the_covariance_of_its_gradient() {
     }
 }
 
-/// A flight as the filter takes it.
+/// Flight as input of the filter.
 fn line_of<'a>(ins: &'a crate::navigation::InsSeries<'a>, flight: &'a Flight) -> SlamLine<'a> {
     let (measurement_nt, sigma_nt) = (flight.measured_nt.as_slice(), flight.sigma_nt.as_slice());
     SlamLine { ins, measurement_nt, sigma_nt, core: None, fixes: None, errors: flight.model }
@@ -157,7 +157,8 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
     for (i, a) in places.iter().enumerate() {
         for (j, b) in places.iter().enumerate() {
             let (found, scale) = (covariance(*a, *b), (covariance(*a, *a) * covariance(*b, *b)).sqrt());
-            // A mean of 600 products has a standard deviation of at most √(2/600) of the scale; four of it.
+            // A mean of 600 products has a standard deviation of at most √(2/600) of the scale; the limit is four of
+            // it.
             assert!((found - sums[i][j]).abs() < 0.23 * scale, "{i} {j} {found} {}", sums[i][j]);
         }
         let whole = motion.alone_m2(a.0)[a.1];
@@ -175,7 +176,7 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
             assert!((found - expected).abs() < 1e-6 * expected.abs().max(1.0), "{step} {axis} {found} {expected}");
         }
     }
-    // Velocity is the derivative of the position, within what an acceleration of some 0.1 m/s² changes in 2 s.
+    // Velocity is the derivative of the position, within the change by an acceleration of about 0.1 m/s² in 2 s.
     for step in 20..last - 1 {
         for (axis, state) in [(0, VN), (1, VE)] {
             let at = |step: usize| states[step][[LAT, LON][axis]] * frame.m_per_rad[axis];
@@ -197,7 +198,7 @@ fn smoothed(flight: &Flight, parameters: &SlamParameters) -> SlamOutput {
 
 /// Fixed positions along the path determine the field as a plane; the remaining problem is a linear regression.
 #[test]
-fn law_over_a_known_plane_it_is_least_squares() {
+fn law_over_a_known_plane_it_equals_least_squares() {
     let mut normals = NormalGenerator::new(3);
     let (slope, sigma) = ([0.05, -0.03], 0.5);
     let plane = |[north, east]: [f64; 2]| slope[0] * north + slope[1] * east;
@@ -254,14 +255,14 @@ fn law_over_a_known_plane_it_is_least_squares() {
     for i in 0..count {
         let sd = inverse[(i, i)].sqrt();
         println!("{i}: {} {} sd {sd} {}", search.weights[i], expected[i], covariance[(i, i)].sqrt());
-        // The regression of the plane has the field to a part in 1e5 of the noise.
+        // The regression of the plane gives the field to 1e-5 of the noise.
         assert!((search.weights[i] - expected[i]).abs() < 1e-4 * sd);
         assert!((covariance[(i, i)].sqrt() / sd - 1.0).abs() < 1e-4);
     }
 }
 
 #[test]
-fn law_the_end_of_the_track_is_the_kalman_filter_where_the_field_tells_nothing() {
+fn law_without_information_from_the_field_the_end_of_the_track_equals_the_kalman_filter() {
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 400, 0.5), 3);
     flight.sigma_nt.fill(1e7);
     let (ins, truth) = (flight.ins.series(), &flight.truth.columns);
@@ -295,12 +296,12 @@ fn law_the_end_of_the_track_is_the_kalman_filter_where_the_field_tells_nothing()
     assert!((out.sd_n_m[row] / exact.sd_n_m[row] - 1.0).abs() < 0.01);
     assert!((out.sd_e_m[row] / exact.sd_e_m[row] - 1.0).abs() < 0.01);
     assert!((out.vn_mps[row] - exact.vn_mps[row]).abs() < 0.05 && (out.alt_m[row] - exact.alt_m[row]).abs() < 0.5);
-    // A smoother knows more than the filter where GNSS was away.
+    // The smoother has more information than the filter during the GNSS gap.
     assert!(out.sd_n_m[200] < 0.7 * exact.sd_n_m[200], "{} {}", out.sd_n_m[200], exact.sd_n_m[200]);
 }
 
 #[test]
-fn law_loiters_are_held_to_metres_and_it_is_as_sure_as_it_may_be() {
+fn law_loiters_are_accurate_to_metres_and_consistent() {
     let (mut filter, mut smoother, mut nees) = (0.0, 0.0, 0.0);
     const FLIGHTS: u64 = 4;
     for seed in 0..FLIGHTS {
@@ -316,13 +317,13 @@ fn law_loiters_are_held_to_metres_and_it_is_as_sure_as_it_may_be() {
         nees += of / FLIGHTS as f64;
     }
     assert!(smoother < 0.1 * filter, "{filter} {smoother}");
-    // 1 is consistent; errors last, so that a flight is worth a few independent ones.
+    // 1 is consistent. Errors are correlated, so a flight has only a few independent ones.
     assert!((0.2..3.0).contains(&nees), "{nees}");
 }
 
-/// A field that is another one after half of the flight: no path has the visits agree.
+/// Field that changes after half of the flight: on no path do the visits agree.
 #[test]
-fn law_visits_that_contradict_each_other_are_evidence_against_the_track() {
+fn law_contradicting_visits_are_evidence_against_the_track() {
     let flight = |field: u64| {
         Flight::over(loiter(ROUGH_DEG, 600, 1.0), InsGrade::Tactical.model(), 5, &waves(60.0, 400.0, field))
     };
@@ -343,8 +344,8 @@ fn law_a_track_without_a_revisit_keeps_the_covariance_of_the_ins() {
     let ins = flight.ins.series();
     let alone = ins_only::run(&ins, &flight.model, None).unwrap();
     for row in [100, 200, 299] {
-        // Across the line the data give no information. Along it they show that the field is as rough in the end as in
-        // the beginning.
+        // Across the line the data give no information. Along it they show that the roughness of the field does not
+        // change.
         let ratio = both.navigation.sd_e_m[row] / alone.sd_e_m[row];
         println!("{row}: {ratio} across, {} along", both.navigation.sd_n_m[row] / alone.sd_n_m[row]);
         assert!((0.9..1.02).contains(&ratio), "{row} {ratio}");
@@ -352,7 +353,7 @@ fn law_a_track_without_a_revisit_keeps_the_covariance_of_the_ins() {
 }
 
 #[test]
-fn law_an_outlier_draws_nothing_with_a_gate() {
+fn law_a_gated_outlier_has_no_effect() {
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 400, 1.0), 2);
     let gated = SlamParameters { gate_nis: Some(100.0), ..parameters(100, 400) };
     let clean = smoothed(&flight, &gated);
@@ -367,7 +368,7 @@ fn law_an_outlier_draws_nothing_with_a_gate() {
 }
 
 #[test]
-fn law_threads_give_the_same_bits() {
+fn unit_results_are_bit_identical_for_any_number_of_threads() {
     let flight = Flight::tactical(loiter(ROUGH_DEG, 300, 1.0), 1);
     let of = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -381,7 +382,7 @@ fn law_threads_give_the_same_bits() {
 }
 
 #[test]
-fn unit_what_cannot_be_smoothed_is_left_as_it_is() {
+fn unit_tracks_that_cannot_be_smoothed_do_not_change() {
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 60, 1.0), 1);
     flight.measured_nt.fill(f64::NAN);
     let both = smoothed(&flight, &parameters(20, 100));

@@ -4,12 +4,12 @@ use super::likelihood::SlamMeasurement;
 use crate::navigation::slam::kernel::AnomalyKernel;
 use crate::navigation::slam::samples::SlamSample;
 
-/// Samples within this part of a length of the kernel from the middle of their group are averaged: within it the field
-/// is straight to about a thousandth of its standard deviation.
+/// Fraction of the kernel length within which samples about the middle of their group are averaged. Within it the field
+/// is linear to about a thousandth of its standard deviation.
 const AVERAGED: f64 = 0.05;
 
-/// At most `most` measurements of samples in time order, each the mean of neighbouring ones, with the mean of what the
-/// filter has the displacement of each sample at, in m.
+/// Averages neighbouring samples, in time order, to at most `most` measurements, with their mean displacement by the
+/// filter, in m.
 ///
 /// Divides a longer flight into groups whose sizes differ by at most one. In each group the samples near the middle are
 /// averaged and the others are skipped, because a mean over a longer stretch would smooth the field.
@@ -24,7 +24,7 @@ pub fn thinned(
     (0..groups).filter_map(|k| mean(near_middle(group(k), AVERAGED * kernel.length_m), kernel, alt_m)).collect()
 }
 
-/// The samples of a group that are near the one in its middle.
+/// Samples of a group near its middle one.
 fn near_middle(group: &[(SlamSample, [f64; 2])], within_m: f64) -> &[(SlamSample, [f64; 2])] {
     let middle = group.len() / 2;
     let Some((at, _)) = group.get(middle) else { return group };
@@ -36,7 +36,7 @@ fn near_middle(group: &[(SlamSample, [f64; 2])], within_m: f64) -> &[(SlamSample
     &group[middle - before..=middle + after]
 }
 
-/// The mean of some samples with the inverse of their variances.
+/// Mean of samples weighted by their inverse variances.
 fn mean(samples: &[(SlamSample, [f64; 2])], kernel: &AnomalyKernel, alt_m: f64) -> Option<(SlamMeasurement, [f64; 2])> {
     let mut weights = 0.0;
     let mut sums = [0.0; 9];
@@ -44,7 +44,7 @@ fn mean(samples: &[(SlamSample, [f64; 2])], kernel: &AnomalyKernel, alt_m: f64) 
         let weight = 1.0 / sample.variance_nt2;
         let [north, east] = sample.at_m;
         let [slope_n, slope_e] = sample.core_nt_per_m;
-        // Relative to the first one's time, whose digits would else be lost.
+        // Relative to the first time, to keep its digits.
         let of = [sample.tt_s - samples[0].0.tt_s, north, east, sample.alt_m, sample.value_nt, slope_n, slope_e];
         for (sum, value) in sums.iter_mut().zip(of.into_iter().chain(*moved)) {
             *sum += weight * value;

@@ -1,11 +1,11 @@
-//! With aiding positions.
+//! Tests with aiding positions.
 
 use crate::navigation::ins_only;
 use crate::navigation::position_fixes::PositionFixes;
 
 use super::*;
 
-/// Positions of a flight by GNSS of a noise of `sigma_m`, one every `every` rows, where `there` says so.
+/// GNSS positions of a flight with noise of `sigma_m`, at every `every`-th row where `there` is true.
 fn gnss(flight: &Flight, sigma_m: f64, every: usize, there: impl Fn(usize) -> bool) -> PositionFixes {
     let (mut normals, truth) = (crate::random::NormalGenerator::new(77), &flight.truth.columns);
     let mut of = |column: usize, m_per_unit: f64| -> Vec<f64> {
@@ -32,9 +32,9 @@ fn aided(flight: &Flight, parameters: &SlamParameters, fixes: Option<&PositionFi
 }
 
 #[test]
-fn law_positions_alone_make_it_the_kalman_filter() {
-    // Rows of 0.5 s in steps of 1 s, so that fixes lie on and between the draws; GNSS is away from 100 to 200 s, and
-    // comes back where the INS alone knows its position to tens of metres.
+fn law_positions_without_the_field_give_the_kalman_filter() {
+    // Rows of 0.5 s in steps of 1 s, so that fixes lie on and between the draws. GNSS is lost from 100 to 200 s, and
+    // returns when the position error of the INS alone is tens of metres.
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 600, 0.5), 3);
     flight.measured_nt.fill(f64::NAN);
     let fixes = gnss(&flight, 5.0, 3, |row| !(200..400).contains(&row));
@@ -56,14 +56,14 @@ fn law_positions_alone_make_it_the_kalman_filter() {
 
 #[test]
 fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
-    // The field is there, and steep, but no place is revisited, so that every position of the map is a draw.
+    // The field exists and is steep, but no position is revisited, so that every position of the map is a draw.
     let flight = Flight::tactical(loiter(ROUGH_DEG, 50, 1.0), 3);
     let fixes = gnss(&flight, 5.0, 1, |_| true);
     let particles = 2000;
     let output = aided(&flight, &SlamParameters { particles, resample_below: 0.0, ..quick() }, Some(&fixes));
     let exact = ins_only::run(&flight.ins.series(), &flight.model, Some(&fixes)).unwrap();
     assert_eq!((output.report.revisits, output.path.len()), (0, 50));
-    // The last ones, on which no later fix has a say.
+    // Last positions, which no later fix affects.
     let last = &output.path[49];
     let sd_m = exact.sd_n_m[49].hypot(exact.sd_e_m[49]);
     let apart_m = ((last.lat_deg - exact.lat_deg[49]) * flights::M_PER_DEG.0)
@@ -75,7 +75,7 @@ fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
 }
 
 #[test]
-fn law_a_lap_under_gnss_is_an_anchor() {
+fn law_a_lap_with_gnss_anchors_the_track() {
     let mut squares = [0.0; 2];
     for seed in 0..3 {
         let flight = Flight::tactical(loiter(ROUGH_DEG, 700, 1.0), seed);
@@ -101,7 +101,7 @@ fn law_a_lap_under_gnss_is_an_anchor() {
 }
 
 #[test]
-fn law_gnss_that_comes_back_brings_lost_particles_back() {
+fn law_returning_gnss_recovers_lost_particles() {
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 700, 1.0), 5);
     flight.measured_nt.fill(f64::NAN);
     let fixes = gnss(&flight, 2.0, 1, |row| row > 650);

@@ -1,4 +1,4 @@
-//! Flights over the Osborne map with what their INS and magnetometer say.
+//! Flights over the Osborne map with their INS and magnetometer output.
 
 use std::sync::OnceLock;
 
@@ -11,10 +11,10 @@ use crate::random::NormalGenerator;
 
 use super::super::SlamOutput;
 
-/// The middle of a part of the map, 9 km by 8 km, whose gradient is 0.25 nT/m everywhere, as that of the thesis'
-/// flights.
+/// Middle of a part of the map, 9 km by 8 km, with a gradient of 0.25 nT/m everywhere, as for the flights of the
+/// thesis.
 pub const ROUGH_DEG: (f64, f64) = (-21.846, 140.581);
-/// The middle of the map, where the gradient is 0.03 nT/m.
+/// Middle of the map, where the gradient is 0.03 nT/m.
 pub const SMOOTH_DEG: (f64, f64) = (-21.958, 140.6675);
 pub const M_PER_DEG: (f64, f64) = (110_720.0, 103_300.0);
 
@@ -23,14 +23,14 @@ pub fn map() -> &'static MapSurface {
     MAP.get_or_init(|| MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic))
 }
 
-/// Straight for a distance in m, then a turn to the right in degrees.
+/// Straight distance in m, then a turn to the right in degrees.
 pub type Leg = (f64, f64);
 
 const SPEED_MPS: f64 = 65.0;
-/// Positions a second of the paths before they are sampled.
+/// Positions per second of the paths before sampling.
 const FINE: f64 = 20.0;
 
-/// A path of straight legs and turns of 700 m radius, 20 positions a second, north and east in m.
+/// Path of straight legs and turns of 700 m radius, 20 positions per second, north and east in m.
 fn flown(legs: impl Iterator<Item = Leg>, from_m: [f64; 2], count: usize) -> Vec<[f64; 2]> {
     const RADIUS: f64 = 700.0;
     let (mut at, mut heading, ds) = (from_m, 0.0_f64, SPEED_MPS / FINE);
@@ -51,7 +51,7 @@ fn flown(legs: impl Iterator<Item = Leg>, from_m: [f64; 2], count: usize) -> Vec
     out
 }
 
-/// A curve at constant speed, 20 positions a second.
+/// Curve at constant speed, 20 positions per second.
 fn along(curve: impl Fn(f64) -> [f64; 2], count: usize) -> Vec<[f64; 2]> {
     let mut u = 0.0;
     let mut out = vec![];
@@ -65,7 +65,7 @@ fn along(curve: impl Fn(f64) -> [f64; 2], count: usize) -> Vec<[f64; 2]> {
     out
 }
 
-/// The columns of a path, smoothed over 2 s to take off the corners of its curvature.
+/// Columns of a path, smoothed over 2 s to remove the corners of its curvature.
 fn line(fine: &[[f64; 2]], middle_deg: (f64, f64), dt_s: f64, samples: usize) -> Line {
     let (half, stride) = (FINE as usize, (FINE * dt_s).round() as usize);
     let smooth = |k: usize, axis: usize| {
@@ -88,7 +88,7 @@ fn fine_count(samples: usize, dt_s: f64) -> usize {
     ((samples as f64 * dt_s + 4.0) * FINE) as usize
 }
 
-/// Figures of eight of 3.6 km by 2.2 km, a lap of about 130 s, which turn by 25 degrees from lap to lap.
+/// Figures of eight of 3.6 km by 2.2 km, with about 130 s per lap, rotated by 25 degrees from lap to lap.
 pub fn loiter(middle_deg: (f64, f64), samples: usize, dt_s: f64) -> Line {
     let curve = |u: f64| {
         let (a, b) = (1800.0 * u.sin(), 1100.0 * (2.0 * u).sin());
@@ -98,7 +98,7 @@ pub fn loiter(middle_deg: (f64, f64), samples: usize, dt_s: f64) -> Line {
     line(&along(curve, fine_count(samples, dt_s)), middle_deg, dt_s, samples)
 }
 
-/// A survey of 6 km by 6 km: five lines, five tie lines across them, and again 400 m to the west, 20 minutes each time.
+/// Survey of 6 km by 6 km: five lines, five tie lines, and again 400 m to the west, 20 minutes each time.
 pub fn survey(samples: usize, dt_s: f64) -> Line {
     const LEGS: [Leg; 11] = [
         (6000.0, 180.0),
@@ -117,8 +117,8 @@ pub fn survey(samples: usize, dt_s: f64) -> Line {
     line(&fine, ROUGH_DEG, dt_s, samples)
 }
 
-/// Chords of a star of eleven points, 9 km across, a round of some 25 minutes, which turns by 7 degrees from round to
-/// round.
+/// Chords of a star with eleven points, 9 km across, with about 25 minutes per round, rotated by 7 degrees from round
+/// to round.
 pub fn star(samples: usize, dt_s: f64) -> Line {
     let curve = |u: f64| {
         let turn = u / std::f64::consts::TAU * 7_f64.to_radians();
@@ -129,7 +129,7 @@ pub fn star(samples: usize, dt_s: f64) -> Line {
     line(&along(curve, fine_count(samples, dt_s)), (-21.899, 140.63), dt_s, samples)
 }
 
-/// Northward, 20 km to the south of the middle to 20 km to the north of it.
+/// Northward flight from 20 km south of the middle to 20 km north of it.
 pub fn straight(samples: usize, dt_s: f64) -> Line {
     line(&flown(std::iter::once((1e6, 0.0)), [-20000.0, 0.0], fine_count(samples, dt_s)), SMOOTH_DEG, dt_s, samples)
 }
@@ -177,8 +177,7 @@ impl Flight {
         [(lat - truth[1][row]) * M_PER_DEG.0, (lon - truth[2][row]) * M_PER_DEG.1]
     }
 
-    /// Mean squared error of the position over its covariance, per degree of freedom, and the largest one, over the
-    /// rows after the first 100.
+    /// NEES of the position per degree of freedom: mean and maximum over the rows after the first 100.
     pub fn nees(&self, output: &SlamOutput) -> (f64, f64) {
         let out = &output.navigation;
         let of = |row: usize| {
@@ -197,7 +196,7 @@ impl Flight {
     }
 }
 
-/// A realisation of a Gaussian process with squared-exponential covariance (nT, m), as a sum of 2000 waves.
+/// Realisation of a Gaussian process with squared-exponential covariance (nT, m), as a sum of 2000 waves.
 pub fn waves(sigma_nt: f64, length_m: f64, seed: u64) -> impl Fn(f64, f64) -> f64 {
     let mut normals = NormalGenerator::new(seed);
     let waves: Vec<[f64; 4]> = (0..2000).map(|_| [0; 4].map(|_| normals.draw())).collect();

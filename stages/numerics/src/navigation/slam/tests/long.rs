@@ -1,4 +1,4 @@
-//! Long flights, whose figures are reported.
+//! Long flights with printed results.
 
 use std::time::Instant;
 
@@ -19,7 +19,7 @@ fn held(output: &SlamOutput, flight: &Flight) -> bool {
 
 #[test]
 #[ignore = "ten loiters: two minutes"]
-fn law_nine_loiters_of_ten_are_held() {
+fn law_nine_of_ten_loiters_have_a_limited_error() {
     let fly = |seed: u64| Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), seed);
     let count = (0..10).filter(|seed| {
         let flight = fly(*seed);
@@ -30,9 +30,9 @@ fn law_nine_loiters_of_ten_are_held() {
 
 #[test]
 #[ignore = "three flights of 100 minutes: some minutes"]
-fn law_a_survey_of_a_hundred_minutes_is_held() {
+fn law_a_survey_of_a_hundred_minutes_has_a_limited_error() {
     for seed in 0..3 {
-        // The grade of the thesis' flight over Louisa.
+        // INS grade of the thesis' flight over Louisa.
         let flight = Flight::new(survey(6000, 1.0), InsGrade::Navigation.model(), seed);
         let start = Instant::now();
         let output = filtered(&flight, &SlamParameters::default());
@@ -55,7 +55,7 @@ fn step_s(hours: usize) -> f64 {
         fixes: None,
         errors: flight.model,
     };
-    // A tenth of the particles: it is the growth that counts, and it is the same for each.
+    // A tenth of the particles: only the growth matters, which is the same for each.
     let parameters = SlamParameters { particles: 100, ..SlamParameters::default() };
     let mut filter = SlamFilter::new(&parameters, &line);
     let mut start = Instant::now();
@@ -78,15 +78,15 @@ fn step_s(hours: usize) -> f64 {
 
 #[test]
 #[ignore = "ten hours of flight: a minute"]
-fn law_a_step_costs_the_same_after_ten_hours() {
+fn unit_a_step_costs_the_same_after_ten_hours() {
     let (short, long) = (step_s(1), step_s(10));
-    // Half as much again is for a machine that does other things.
+    // The factor 1.5 allows for other load on the machine.
     assert!(long < 1.5 * short, "{short} {long}");
 }
 
 #[test]
 #[ignore = "twenty flights with 4000 particles: some minutes"]
-fn law_the_filter_is_as_good_as_it_says_where_its_model_is_true() {
+fn law_the_filter_is_consistent_if_its_model_is_correct() {
     let kernel = AnomalyKernel {
         covariance: CovarianceFunction::SquaredExponential,
         sigma_se_nt: 50.0,
@@ -117,7 +117,7 @@ fn law_the_filter_is_as_good_as_it_says_where_its_model_is_true() {
     }
     println!("NEES per degree of freedom {nees:.2?}, NIS {:.3}", nis / count);
     assert!((nis / count - 1.0).abs() < 0.15);
-    // A mean of chi-square of 40 degrees is within 0.56 and 1.58 at 95 %. Particles run out in addition.
+    // A mean of chi-square of 40 degrees is within 0.56 and 1.58 at 95 %. Particle depletion adds to it.
     assert!(nees.iter().all(|nees| (0.3..3.0).contains(nees)));
 }
 
@@ -161,7 +161,7 @@ fn law_a_second_aircraft_navigates_on_the_map_of_the_first() {
         second.drms_m(None),
         drms(&truth, 6.0)
     );
-    // The map has the position error of the first aircraft, which nobody that flies by it can see.
+    // The map has the position error of the first aircraft, which the second cannot observe.
     assert!(on_drawn < first.drms_m(Some(&slam)) + 2.0 * drms(&truth, 6.0));
 }
 
@@ -188,7 +188,7 @@ fn law_crossings_close_better_on_the_corrected_track() {
 
 #[test]
 #[ignore = "ten flights of 100 minutes with 300 particles: two minutes"]
-fn law_few_particles_hold_a_hundred_minutes_and_do_not_claim_more() {
+fn law_few_particles_are_not_overconfident_over_a_hundred_minutes() {
     let (mut held, mut honest) = (0, 0);
     for seed in 0..10 {
         let path = if seed % 2 == 0 { survey(6000, 1.0) } else { star(6000, 1.0) };
@@ -205,7 +205,7 @@ fn law_few_particles_hold_a_hundred_minutes_and_do_not_claim_more() {
     assert!(held >= 9 && honest >= 9, "{held} {honest}");
 }
 
-/// DRMS (m) of the filter and of the smoother, and the NEES of the smoother by degree of freedom.
+/// DRMS (m) of the filter and of the smoother, and the NEES of the smoother per degree of freedom.
 fn smoothed(flight: &Flight, particles: usize, measurements: usize) -> [f64; 3] {
     let smoother = Some(SlamSmootherParameters { measurements, ..SlamSmootherParameters::default() });
     let alone = filtered(flight, &SlamParameters { particles, ..SlamParameters::default() });
@@ -224,7 +224,7 @@ fn law_ten_loiters_are_smoothed_to_their_noise() {
     let (before, after) = (mean(|x| x[0] * x[0]).sqrt(), mean(|x| x[1] * x[1]).sqrt());
     let nees = mean(|x| x[2]);
     println!("{before:.1} m, smoothed {after:.1} m, NEES per degree of freedom {nees:.2}");
-    // The temporal variation of 3 nT alone is 12 m at 0.25 nT/m.
+    // The temporal variation of 3 nT alone corresponds to 12 m at 0.25 nT/m.
     assert!(after < 15.0 && after < 0.4 * before && (0.3..2.0).contains(&nees));
     assert!(all.iter().all(|x| x[1] < x[0]));
 }

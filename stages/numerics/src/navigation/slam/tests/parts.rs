@@ -1,4 +1,4 @@
-//! The parts by themselves: kriging, likelihood, history, time update, resampling.
+//! Separate tests of kriging, likelihood, history, time update and resampling.
 
 use crate::navigation::ins_error::InsGrade;
 use crate::random::{NormalGenerator, SplitMix64};
@@ -43,7 +43,7 @@ fn law_kriging_is_the_conditional_mean_and_variance() {
         let (k, cross) = (DMatrix::from_fn(n, n, of), DVector::from_fn(n, |row, _| of(row, n)));
         let weights = k.lu().solve(&cross).unwrap();
         let (mean, variance) = (weights.dot(&DVector::from_vec(values)), of(n, n) - weights.dot(&cross));
-        // Two eliminations of a system with condition 24·2500/4: eleven digits are left.
+        // Two eliminations of a system with condition number 24·2500/4 keep eleven digits.
         assert!((found.value_nt - mean).abs() < 1e-8 && (found.variance_nt2 - variance).abs() < 1e-8);
     }
 }
@@ -72,11 +72,11 @@ fn unit_a_covariance_that_is_not_positive_has_no_prediction() {
 }
 
 #[test]
-fn jac_the_height_variance_is_the_laplacian_of_the_covariance() {
+fn law_the_height_variance_is_the_laplacian_of_the_covariance() {
     for covariance in COVARIANCES {
         let kernel = kernel(covariance);
-        // The covariance of the vertical derivative of a potential field: minus the Laplacian in the plane, which is
-        // twice the second derivative along one axis. A step of l/1500: the third power, which the roughest has, is
+        // Covariance of the vertical derivative of a potential field: minus the Laplacian in the plane, which is twice
+        // the second derivative along one axis. For a step of l/1500, the third-order term of the roughest kernel is
         // 1e-3 of it.
         let h = 0.1;
         let second = 2.0 * (kernel.anomaly_nt2(h * h) - kernel.anomaly_nt2(0.0)) / (h * h);
@@ -102,10 +102,10 @@ fn track(kernel: &AnomalyKernel, temporal: (f64, f64), n: usize, seed: u64) -> T
 }
 
 #[test]
-fn law_the_likelihood_is_that_of_the_normal_distribution() {
+fn law_the_likelihood_equals_that_of_the_normal_distribution() {
     let (kernel, temporal, n) = (kernel(CovarianceFunction::Matern52), (3.0, 600.0), 30);
     let track = track(&kernel, temporal, n, 3);
-    // The density as the product of the conditional ones, each by its own system, at the most likely mean.
+    // Density as the product of the conditional ones, each by its own system, at the most likely mean.
     let of = |row: usize, column: usize| {
         let apart = track.distance_m[row] - track.distance_m[column];
         let white = if row == column { 1.0 + kernel.sigma_n_nt.powi(2) } else { 0.0 };
@@ -151,13 +151,13 @@ fn law_the_fit_is_the_maximum_and_near_the_truth() {
             }
         }
     }
-    // The likelihood of the truth is below the largest by half a chi-square of three degrees: 99.9 % are below 16.3/2.
+    // The likelihood of the truth is below the maximum by half a chi-square of three degrees: 99.9 % are below 16.3/2.
     let below = best - track.log_likelihood(&truth, temporal);
     assert!((0.0..8.2).contains(&below), "{below}");
 }
 
 #[test]
-fn unit_too_little_is_not_fitted() {
+fn unit_too_few_measurements_are_not_fitted() {
     let (kernel, temporal) = (AnomalyKernel::default(), (3.0, 600.0));
     assert_eq!(track(&kernel, temporal, 19, 1).fitted(&kernel, temporal), None);
     let mut flat = track(&kernel, temporal, 40, 1);
@@ -169,7 +169,7 @@ fn unit_too_little_is_not_fitted() {
 }
 
 #[test]
-fn law_the_tree_has_the_paths_that_copying_gives() {
+fn unit_the_tree_has_the_same_paths_as_copying() {
     const N: usize = 60;
     let (mut history, mut copies, mut bits) = (ParticleHistory::new(N), vec![vec![]; N], SplitMix64::new(5));
     let mut now: Vec<[f32; 2]> = vec![[0.0; 2]; N];
@@ -181,7 +181,7 @@ fn law_the_tree_has_the_paths_that_copying_gives() {
         for (copy, now) in copies.iter_mut().zip(&now) {
             copy.push(*now);
         }
-        // Twice in a row at times, and of all or of some of the particles.
+        // Sometimes twice in a row, and of all or some of the particles.
         for again in 0..2 {
             if bits.draw() % 5 == 0 {
                 let parent = |p: usize, draw: u64| {
@@ -211,7 +211,7 @@ fn law_the_tree_has_the_paths_that_copying_gives() {
 }
 
 #[test]
-fn law_the_index_finds_what_a_search_of_all_finds() {
+fn unit_the_index_finds_the_same_samples_as_an_exhaustive_search() {
     let mut normals = NormalGenerator::new(4);
     let mut index = SlamSampleIndex::new(100.0, usize::MAX);
     let places: Vec<[f64; 2]> = (0..2000).map(|_| [800.0 * normals.draw(), 800.0 * normals.draw()]).collect();
@@ -231,7 +231,7 @@ fn law_the_index_finds_what_a_search_of_all_finds() {
 }
 
 #[test]
-fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
+fn law_without_measurements_the_particles_have_the_covariance_of_the_ins() {
     const N: usize = 20_000;
     let flight = loiter(ROUGH_DEG, 200, 1.0);
     let (ins, mut model) = (flight.series(), InsGrade::Tactical.model());
@@ -250,7 +250,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
     let moments = particles.moments();
     for a in [LAT, LON, VN, VN + 1, TILT_N, TILT_N + 1, ACC, ACC + 1, GYRO, GYRO + 1, S] {
         for b in [LAT, LON, VN, VN + 1, TILT_N, ACC] {
-            // The mean of N products of normals: 4.5 standard deviations, as 66 entries are looked at.
+            // Mean of N products of normals: 4.5 standard deviations, because 66 entries are compared.
             let scale = (p[a][a] * p[b][b]).sqrt();
             let off = (moments.p[a][b] - p[a][b]).abs() / scale;
             assert!(off < 4.5 * (2.0 / N as f64).sqrt(), "{a} {b} {off}");
@@ -263,7 +263,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
 }
 
 #[test]
-fn law_resampling_copies_by_weight_among_the_members() {
+fn law_resampling_copies_members_by_weight() {
     let initial = InsGrade::Magnav.model().initial_covariance(0.7, 300.0);
     let mut particles = SlamParticles::new(100, 1, &initial);
     particles.draw(0);
