@@ -40,7 +40,7 @@ impl DecodeLimit {
         usize::try_from(self.most()).unwrap_or(usize::MAX)
     }
 
-    /// Checks the decoded bytes of a file; `None` stands for 2^64 or more.
+    /// Checks the decoded bytes of a file; `None` means 2^64 or more.
     ///
     /// # Errors
     /// Fails for more bytes than the file may declare.
