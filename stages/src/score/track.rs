@@ -409,18 +409,20 @@ mod tests {
             (white - 0.95).abs() < 0.05 && (within - 0.989).abs() < 0.004 && lost < 1e-3,
             "{white} {within} {lost}"
         );
-        assert!((of_averages - 1.0).abs() < 0.1, "{of_averages}");
+        // The estimated inefficiency of white noise is 1.02 to 1.07 on average.
+        assert!((of_averages - 1.0).abs() < 0.15, "{of_averages}");
         let [nees, nis, white, within, lost, of_averages] = of_tracks(3.0, false);
         assert_eq!([nees, nis], [0.0, 0.0]);
-        assert!((of_averages - 9.0).abs() < 0.9, "{of_averages}");
+        assert!((of_averages / 9.0 - 1.0).abs() < 0.15, "{of_averages}");
         assert!((white - 0.95).abs() < 0.05, "whiteness is of the order, not of the size: {white}");
         // exp(-9/18) are outside three standard deviations of a third, exp(-25/18) outside five.
         assert!((1.0 - within - (-0.5f64).exp()).abs() < 0.02 && (lost - (-25.0f64 / 18.0).exp()).abs() < 0.02);
-        // A decay of 0.9 per sample: (1 + 0.9)/(1 - 0.9) = 19. The same innovations are consistent if small enough.
+        // A decay of 0.9 per sample: (1 + 0.9)/(1 - 0.9) = 19, with a standard error of 10 %. The same innovations are
+        // consistent if small enough.
         let [.., white, _, _, of_averages] = of_tracks(1.0, true);
-        assert!(white < 0.5 && (of_averages / 19.0 - 1.0).abs() < 0.2, "{white} {of_averages}");
+        assert!(white < 0.5 && (of_averages / 19.0 - 1.0).abs() < 0.35, "{white} {of_averages}");
         let [.., white, _, _, of_averages] = of_tracks(19f64.sqrt().recip(), true);
-        assert!(white < 0.5 && (of_averages - 1.0).abs() < 0.2, "{white} {of_averages}");
+        assert!(white < 0.5 && (of_averages - 1.0).abs() < 0.35, "{white} {of_averages}");
     }
 
     #[test]
