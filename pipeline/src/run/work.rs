@@ -204,7 +204,7 @@ impl<'a> UnitWorker<'a> {
         Ok(LineUnitInput { line: self.line_in(unit, line, held)?, stage, prepared })
     }
 
-    /// Computes one point of a stage that works on maps.
+    /// Computes one point of a map stage.
     fn map(&self, unit: PlanUnit) -> UnitResult {
         let made = || {
             let it = self.instance(unit);

@@ -108,7 +108,7 @@ impl BoundScheduler {
         self.address
     }
 
-    /// Name that workers report to, with the port.
+    /// Host name and port at which workers reach the scheduler.
     pub fn advertised(&self) -> String {
         self.config.scheduler_endpoint()
     }
