@@ -247,9 +247,7 @@ fn velocity_error(line: &ScoreLine, component: usize) -> Result<SampleStatistic,
 /// Innovations divided by their predicted standard deviations, without rejected measurements.
 fn normalised_innovations(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
     let of = |name| line.named(ScoreSource::Innovations, name);
-    let normalised = |(residual, nis): (&f64, &f64)| nis.sqrt().copysign(*residual);
-    let normalised: Vec<f64> = of("residual")?.iter().zip(of("nis")?).map(normalised).collect();
-    ungated(line, &normalised)
+    ungated(line, &consistency::normalised_innovations(of("residual")?, of("nis")?))
 }
 
 /// Values, with NaN where the gate rejected the measurement.

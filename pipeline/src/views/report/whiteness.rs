@@ -3,7 +3,7 @@
 use figures::chart::{ChartAxis, ChartBand, ChartLine, LineChart};
 use maud::{Markup, html};
 use numerics::regression::{
-    consistency::{autocorrelation, whiteness},
+    consistency::{autocorrelation, normalised_innovations, whiteness},
     statistics::{self, SampleStatistic},
 };
 
@@ -44,7 +44,7 @@ struct NormalisedInnovations {
 
 fn normalised(flown: &LineTracks) -> Option<NormalisedInnovations> {
     let (residual, nis) = (flown.residual.as_ref()?, flown.nis.as_ref()?);
-    let all: Vec<f64> = residual.iter().zip(nis).map(|(r, n)| n.sqrt().copysign(*r)).collect();
+    let all = normalised_innovations(residual, nis);
     let there: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
     // A filter with an update every n samples has no innovations in between: its lags are counted in updates.
     let mut gaps: Vec<usize> = there.windows(2).map(|w| w[1] - w[0]).collect();

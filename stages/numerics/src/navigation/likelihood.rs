@@ -20,7 +20,7 @@ use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
-use crate::regression::consistency::effective_samples;
+use crate::regression::consistency::{normalised_innovations, statistical_inefficiency};
 
 pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;
@@ -318,10 +318,9 @@ pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
 /// insignificant correlation.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
-    let innovations =
-        output.residual_nt.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
-    let normalised: Vec<f64> = innovations.map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect();
-    let factor = normalised.len() as f64 / effective_samples(&normalised);
+    let all = normalised_innovations(&output.residual_nt, &output.nis);
+    let accepted = all.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
+    let factor = statistical_inefficiency(&accepted.map(|(innovation, _)| *innovation).collect::<Vec<_>>());
     if factor >= SMALLEST { factor } else { 1.0 }
 }
 

@@ -167,14 +167,25 @@ fn ln_gamma(a: f64) -> f64 {
     (a - 0.5) * a.ln() - a + 0.5 * std::f64::consts::TAU.ln() + series - shift
 }
 
-/// Mean of the normalised innovations squared times their statistical inefficiency, 1 plus twice the sum of their
+/// Innovations divided by their predicted standard deviations, from the innovations and their normalised squares.
+pub fn normalised_innovations(residual: &[f64], nis: &[f64]) -> Vec<f64> {
+    residual.iter().zip(nis).map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect()
+}
+
+/// Statistical inefficiency of `x`: its finite values over [`effective_samples`], at least 1. NaN for a constant or
+/// fewer than ten samples.
+pub fn statistical_inefficiency(x: &[f64]) -> f64 {
+    x.iter().filter(|x| x.is_finite()).count() as f64 / effective_samples(x)
+}
+
+/// Mean of the normalised innovations squared times their [`statistical_inefficiency`], 1 plus twice the sum of their
 /// autocorrelations. It is the variance of averages of `x` over that of averages of independent values of variance 1;
 /// its expected value is 1 for a consistent filter. Averages of innovations correct the position, so values above 1
 /// mean that the covariance is too small, whether the innovations are too large or too correlated. NaN for a constant
 /// or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
-    SampleStatistic { value: mean_square(x) * n as f64 / effective_samples(x), n }
+    SampleStatistic { value: mean_square(x) * statistical_inefficiency(x), n }
 }
 
 #[cfg(test)]
