@@ -4,8 +4,10 @@
 //! numerics.
 
 pub mod canonical;
+pub mod casting;
 mod column;
 pub mod flight;
+pub mod keys;
 pub mod map;
 pub mod metric;
 pub mod plausible;

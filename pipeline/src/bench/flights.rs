@@ -5,6 +5,7 @@ use std::{fs, path::Path};
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_select::concat::concat_batches;
 use datasets::{FlightOptions, ReadHints};
+use intake::open_flight;
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -13,7 +14,6 @@ use parquet::{
 use schemas::{Fault, Role, describe_field};
 
 use super::{TEST_FLIGHT, shown};
-use crate::sources::open_flight;
 
 /// One line of a flight, with all its columns.
 pub struct BenchLine {

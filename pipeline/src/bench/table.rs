@@ -5,11 +5,12 @@ use std::{fs, path::Path, sync::Arc};
 use arrow_array::{Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
+use report::html;
+use results::text::columns;
 use schemas::Fault;
 use serde_json::json;
 
 use super::BenchScore;
-use crate::views::{report, text::columns};
 
 /// Number with its significant digits.
 fn figure(x: Option<f64>) -> String {
@@ -62,13 +63,13 @@ fn as_markdown(scores: &[BenchScore]) -> String {
 /// Fails when the file cannot be written.
 pub fn write(path: &Path, scores: &[BenchScore]) -> Result<(), Fault> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
-        return report::write(path, &parquet(scores)?);
+        return html::write(path, &parquet(scores)?);
     }
     if fs::metadata(path).is_ok_and(|about| about.is_dir()) {
         return Err(Fault::new(format!("{} is a folder", path.display()))
             .help("give a file with the extension .md or .parquet"));
     }
-    report::write(path, as_markdown(scores).as_bytes())
+    html::write(path, as_markdown(scores).as_bytes())
 }
 
 fn parquet(scores: &[BenchScore]) -> Result<Vec<u8>, Fault> {

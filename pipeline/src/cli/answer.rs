@@ -15,10 +15,10 @@ use parquet::{
     basic::Compression,
     file::properties::{WriterProperties, WriterVersion},
 };
+use report::sql::BatchSink;
 use schemas::{Fault, visible};
 
 use super::{say, temporary::TemporaryFile};
-use crate::views::sql::BatchSink;
 
 /// Output format of a query result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]

@@ -12,12 +12,10 @@ use std::{
 
 use clap::Args;
 use log::LevelFilter;
+use run::ballista::{self, ClusterTrust, WorkerConfig, WorkerExit};
+use store::shown;
 
 use super::{ExitReason, engine, note, task, tend::age, threads};
-use crate::{
-    run::ballista::{self, ClusterTrust, WorkerConfig, WorkerExit},
-    store::shown,
-};
 
 /// Delay before a worker that has lost its scheduler restarts.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);

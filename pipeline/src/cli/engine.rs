@@ -6,7 +6,6 @@ use clap::Args;
 use url::Url;
 
 use super::{ExitReason, tend, threads};
-use crate::run;
 
 /// Default port of a scheduler.
 const PORT: u16 = 50050;

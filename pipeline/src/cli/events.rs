@@ -2,19 +2,19 @@
 
 use std::time::Instant;
 
+use plan::{
+    SweepPoint,
+    spec::{SearchSpec, SearchTrialScore},
+};
+use results::{
+    scores::{InSampleScores, Scores},
+    warnings::Warning,
+};
+use run::{Event, Failure, Listener, OutcomeCounts, RunSummary};
 use serde_json::{Map, Value, json};
+use store::clock;
 
 use super::{say::out, schedule::compared};
-use crate::{
-    clock,
-    plan::SweepPoint,
-    run::{Event, Failure, Listener, OutcomeCounts, RunSummary},
-    spec::{SearchSpec, SearchTrialScore},
-    views::{
-        scores::{InSampleScores, Scores},
-        warnings::Warning,
-    },
-};
 
 /// JSON events on standard output.
 pub struct JsonEvents {

@@ -17,10 +17,11 @@ use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
+use report::sql::memory;
 use schemas::Fault;
 
 use super::ExitReason;
-use crate::{confine, views::sql::memory};
+use crate::confine;
 
 /// Environment variable with the folder for temporary files. It is set only in the child.
 const CHILD: &str = "MAGLINE_QUERY_FOLDER";

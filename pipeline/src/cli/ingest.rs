@@ -12,22 +12,23 @@ use std::{
 
 use clap::Args;
 use datasets::FlightOptions;
+use intake::{
+    checks::{QualityFigure, QualityMeasure},
+    flight_formats,
+    mapping::{Mapping, MappingTable, suggest},
+};
+use plan::sources::{
+    export::{ExportLine, ExportOutcome, LogExport},
+    file, find, hive,
+};
 use rayon::prelude::*;
+use results::text::{columns, number};
 use schemas::{Fault, FaultOwner, Role, flight, plausible::PlausibilityCheck, render};
 use serde_json::json;
+use store::{make_folder, own_folder, sweep};
 
 use super::{
     ExitReason, counted, is_quiet, lines, note, progress::ProgressDisplay, say, temporary::TemporaryFile, threads,
-};
-use crate::{
-    sources::{
-        checks::{QualityFigure, QualityMeasure},
-        export::{ExportLine, ExportOutcome, LogExport},
-        find, flight_formats, hive,
-        mapping::{Mapping, MappingTable, suggest},
-    },
-    store::{make_folder, own_folder, sweep},
-    views::text::{columns, number},
 };
 
 /// Arguments of `magline ingest`.
@@ -173,7 +174,11 @@ fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
 
 /// Files and tables in the order of the inputs. Duplicate output names are rejected before any file is read.
 fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
-    let mapping = args.mapping.as_ref().map(|name| Mapping::load(name, Path::new(".")).map(Arc::new)).transpose()?;
+    let mapping = args
+        .mapping
+        .as_ref()
+        .map(|name| Mapping::load(name, |name| file(name, Path::new("."))).map(Arc::new))
+        .transpose()?;
     let mut works: Vec<IngestItem> = vec![];
     for input in &args.inputs {
         let found = find(input, Path::new(""), args.format.is_some())?;

@@ -9,12 +9,10 @@ use std::{
 };
 
 use nix::unistd::getppid;
+use run::{INTERRUPTED, STARTED};
+use store::attempts;
 
 use super::temporary;
-use crate::{
-    run::{INTERRUPTED, STARTED},
-    store::attempts,
-};
 
 /// The message on an interrupted run.
 pub const SAID: &str = "interrupted; finished results are stored, run the same command again to resume";

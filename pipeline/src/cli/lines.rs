@@ -8,21 +8,20 @@ use std::{
 
 use clap::Args;
 use datasets::{FlightOptions, ReadHints};
+use intake::{
+    FlightDivision, LineTable,
+    find_lines::{self, ChannelCollector, LineDetection},
+    mapping::MappingTable,
+    open_log,
+};
+use plan::sources::{AUTO, WHOLE, division, hive};
+use report::html::write;
+use results::text::columns;
 use schemas::Fault;
 use serde_json::json;
+use store::make_folder;
 
 use super::{ExitReason, note, say};
-use crate::{
-    sources::{
-        AUTO, FlightDivision, LineTable, WHOLE, division,
-        find_lines::{self, ChannelCollector, LineDetection},
-        hive,
-        mapping::MappingTable,
-        open_log,
-    },
-    store::make_folder,
-    views::{report::write, text::columns},
-};
 
 /// Options for the division of logs into lines.
 #[derive(Args)]

@@ -34,20 +34,17 @@ use std::{
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use nix::sys::signal::{SigSet, Signal};
+use plan::{
+    Plan, PlanGraph, read_spec,
+    sources::{Flights, ReadProgress},
+    spec::{Spec, SpecFaults, search_reference},
+};
 use progress::ProgressDisplay;
 use say::err;
 use schemas::{Fault, StageEntry, render};
+use store::{Store, pulled};
 
-use crate::{
-    cost,
-    plan::{Plan, PlanGraph},
-    read_spec,
-    run::{Event, Listener, SourceReadCallback, foreseen, settled},
-    sources::{self, Flights, ReadProgress},
-    spec::{Spec, SpecFaults, search_reference},
-    store::{self, Store, pulled},
-    views,
-};
+use ::run::{Event, Listener, SourceReadCallback, cost, foreseen, settled};
 
 /// Batch pipeline for aeromagnetic compensation and magnetic navigation. A TOML spec declares tables and stages. A run
 /// computes the results that are missing from the store. Each result is a Parquet data set.
@@ -149,7 +146,7 @@ enum Command {
         store: PathBuf,
         /// The output format.
         #[arg(long, value_enum, default_value_t)]
-        format: views::LineageFormat,
+        format: ::report::LineageFormat,
     },
     /// List the stages, or describe one.
     Stages {
@@ -300,7 +297,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
         Command::Check(args) => check(catalogue, &args),
         Command::Explain(args) => explain(catalogue, &args),
         Command::Why { spec, table } => {
-            with_graph(catalogue, &spec, |graph, store| Ok(views::why(graph, store, &table)?))
+            with_graph(catalogue, &spec, |graph, store| Ok(::report::why(graph, store, &table)?))
         }
         Command::Sql(args) => sql::run(&args),
         Command::Serve(args) => serve::run(&args),
@@ -312,7 +309,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
         Command::Gc(args) => tend::gc(&args),
         Command::Verify { folder, store } => verify(folder, &store),
         Command::Lineage { table, store, format } => {
-            let found = pulled(&store).and_then(|()| views::lineage(&store, &table, format));
+            let found = pulled(&store).and_then(|()| ::report::lineage(&store, &table, format));
             found.map_err(ExitReason::from).and_then(say)
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
@@ -424,14 +421,14 @@ fn check(catalogue: &[StageEntry], args: &SpecArgs) -> Result<(), ExitReason> {
 
 fn explain(catalogue: &[StageEntry], args: &ExplainArgs) -> Result<(), ExitReason> {
     if !args.cost {
-        return with_graph(catalogue, &args.spec, |graph, store| Ok(views::explain(graph, store)));
+        return with_graph(catalogue, &args.spec, |graph, store| Ok(::report::explain(graph, store)));
     }
     with_plan(catalogue, &args.spec, foreseen, |graph, store, assumed| {
         let mut cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
         cost.assumed = assumed;
         Ok(match args.format {
-            CostFormat::Table => views::cost::table(&cost),
-            CostFormat::Json => format!("{}\n", views::cost::json(&cost)),
+            CostFormat::Table => cost::view::table(&cost),
+            CostFormat::Json => format!("{}\n", cost::view::json(&cost)),
         })
     })
 }
@@ -468,11 +465,11 @@ fn stages(all: &[StageEntry], name: Option<&str>, markdown: bool) -> Result<(), 
     match name {
         // The simulator, mappings and searches are not stages, but have the same kind of reference page.
         Some("synth") => say(simulate::reference()),
-        Some("mapping") => say(sources::mapping::reference()),
+        Some("mapping") => say(intake::mapping::reference()),
         Some("search") => say(search_reference()),
-        Some(name) => say(views::stage_page(all, name)?),
-        None if markdown => say(views::reference_page(all)),
-        None => say(views::stages_overview(all)),
+        Some(name) => say(::report::stage_page(all, name)?),
+        None if markdown => say(::report::reference_page(all)),
+        None => say(::report::stages_overview(all)),
     }
 }
 

@@ -5,14 +5,12 @@ use std::path::PathBuf;
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::SchemaRef;
 use clap::Args;
+use report::sql::{BatchSink, StoreQuery, memory, sql};
 use schemas::Fault;
 use stages::trained::LearnedModel;
+use store::pulled;
 
 use super::{ExitReason, located, say::err, temporary::TemporaryFolder};
-use crate::{
-    store::pulled,
-    views::sql::{BatchSink, StoreQuery, memory, sql},
-};
 
 #[derive(Args)]
 pub struct OnnxArgs {

@@ -8,15 +8,12 @@ use std::{
 };
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-
+use plan::spec::{SearchTrial, SearchTrialScore};
+use results::text::number;
+use run::{Event, Listener};
 use schemas::one_line;
 
 use super::counted;
-use crate::{
-    run::{Event, Listener},
-    spec::{SearchTrial, SearchTrialScore},
-    views::text::number,
-};
 
 /// Interval of lines when output is not a terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
@@ -256,7 +253,7 @@ impl Listener for ProgressDisplay {
                 self.stage(&format!("computing {table}"));
                 self.set(0, *units);
             }
-            Event::Unit { outcome: crate::run::UnitOutcome::Computed | crate::run::UnitOutcome::Failed, .. } => {
+            Event::Unit { outcome: run::UnitOutcome::Computed | run::UnitOutcome::Failed, .. } => {
                 self.change(|state, _| state.done = (state.done + 1).min(state.all));
             }
             Event::Unit { .. } => {}
@@ -349,7 +346,7 @@ mod tests {
 
     #[test]
     fn user_progress_names_the_file_that_is_read_or_simulated() {
-        use crate::sources::ReadProgress;
+        use plan::sources::ReadProgress;
         let progress = ProgressDisplay::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
         let file = std::path::Path::new("flights/osborne.synth.toml");

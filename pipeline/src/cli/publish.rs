@@ -2,17 +2,15 @@
 
 use std::path::Path;
 
+use buckets::{StorageLocation, place, supported};
 use clap::Args;
+use plan::read_spec;
+use report::html;
 use schemas::{StageEntry, one_line};
 use serde_json::json;
 
 use super::{ExitReason, SpecArgs, counted, note, say, temporary::TemporaryFolder, with_graph};
-use crate::{
-    read_spec,
-    release::{self, ReleaseRequest, ReleaseSummary},
-    remote::{StorageLocation, place, supported},
-    views::report,
-};
+use crate::release::{self, ReleaseRequest, ReleaseSummary};
 
 #[derive(Args)]
 pub struct PublishArgs {
@@ -42,7 +40,7 @@ pub fn run(catalogue: &[StageEntry], args: &PublishArgs) -> Result<(), ExitReaso
     // Checked before anything is opened: publishing does not create a store.
     let spec = read_spec(&args.spec.spec, &args.spec.sets)?;
     release::facts(&spec)?;
-    report::was_run(&spec)?;
+    html::was_run(&spec)?;
     let mut folder = None;
     let (to, address) = match place(&args.to)? {
         StorageLocation::Path(path) => (path, None),

@@ -3,13 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use plan::read_spec;
+use report::html::{self, TrackSelection};
 use schemas::{Fault, StageEntry};
 
 use super::{ExitReason, SpecArgs, with_graph};
-use crate::{
-    read_spec,
-    views::report::{self, TrackSelection},
-};
 
 #[derive(Args)]
 pub struct ReportArgs {
@@ -35,7 +33,7 @@ enum ReportFormat {
 
 pub fn run(catalogue: &[StageEntry], args: &ReportArgs) -> Result<(), ExitReason> {
     // Checked before anything is opened: a report does not create a store.
-    report::was_run(&read_spec(&args.spec.spec, &args.spec.sets)?)?;
+    html::was_run(&read_spec(&args.spec.spec, &args.spec.sets)?)?;
     let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase());
     let form = match ending.as_deref() {
         Some("kml") => ReportFormat::Kml,
@@ -56,13 +54,13 @@ pub fn run(catalogue: &[StageEntry], args: &ReportArgs) -> Result<(), ExitReason
         let mut written = vec![];
         let mut write = |path: &Path, bytes: &[u8]| {
             written.push(format!("{}\n", path.display()));
-            report::write(path, bytes)
+            html::write(path, bytes)
         };
         match form {
-            ReportFormat::Page => write(&args.output, report::report(graph, store)?.as_bytes())?,
-            ReportFormat::Kmz => write(&args.output, &report::kml(graph, store, &choice, &stem)?.kmz()?)?,
+            ReportFormat::Page => write(&args.output, html::report(graph, store)?.as_bytes())?,
+            ReportFormat::Kmz => write(&args.output, &html::kml(graph, store, &choice, &stem)?.kmz()?)?,
             ReportFormat::Kml => {
-                let made = report::kml(graph, store, &choice, &stem)?;
+                let made = html::kml(graph, store, &choice, &stem)?;
                 for (name, bytes) in &made.files {
                     write(&args.output.with_file_name(name), bytes)?;
                 }

@@ -3,20 +3,15 @@
 use std::sync::atomic::Ordering;
 
 use clap::Args;
+use plan::{Plan, read_spec, spec::SpecFaults};
+use results::{score_table, scores, warnings};
 use schemas::{Fault, StageEntry};
 
 use super::{
     ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, progress::ProgressDisplay, say, schedule,
     tell, tend, threads,
 };
-use crate::{
-    plan::Plan,
-    read_spec,
-    run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, said_once, search},
-    spec::SpecFaults,
-    store,
-    views::{self, score_table, scores, warnings},
-};
+pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, said_once, search};
 
 /// Subject and options of a run.
 #[derive(Args)]
@@ -114,7 +109,7 @@ fn ran(
 ) -> Result<(Result<(), ExitReason>, RunSummary), ExitReason> {
     let read = || {
         let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
-        if let Some(other) = views::made_by_another(&spec).filter(|_| !args.take_over) {
+        if let Some(other) = results::made_by_another(&spec).filter(|_| !args.take_over) {
             let store = spec.store.display();
             let what = format!("the pipeline `{}` in the store {store} belongs to another spec, {other}", spec.name);
             let help = "change `store` or `name` in the spec, or replace the tables with `--take-over`";
@@ -177,7 +172,7 @@ fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitRe
         tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
     }
     say(scores_of(summary))?;
-    say(views::trials(plan, &summary.trials))?;
+    say(results::trials(plan, &summary.trials))?;
     warned.iter().for_each(|line| tell(&format!("warning: {line}")));
     Ok(())
 }
@@ -195,7 +190,7 @@ fn table_of(summary: &RunSummary) -> String {
             c.skipped.to_string(),
         ]);
     }
-    crate::views::text::columns(&rows, 1) + &format!("\ntables are in {}\n", store::shown_below(&summary.folder))
+    results::text::columns(&rows, 1) + &format!("\ntables are in {}\n", store::shown_below(&summary.folder))
 }
 
 /// The pooled scores of each table of scores, as wide as the terminal.

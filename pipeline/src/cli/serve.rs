@@ -3,9 +3,9 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::Args;
+use report::sql::memory;
 
 use super::ExitReason;
-use crate::views::sql::memory;
 
 /// The arguments of a server.
 #[derive(Args)]

@@ -10,16 +10,14 @@ use std::{
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use clap::Args;
+use report::sql::{BatchSink, StoreQuery, memory, sql};
 use schemas::Fault;
+use store::pulled;
 
 use super::{
     ExitReason, answer, guard, located,
     say::err,
     temporary::{self, TemporaryFolder},
-};
-use crate::{
-    store::pulled,
-    views::sql::{BatchSink, StoreQuery, memory, sql},
 };
 
 /// The arguments of a query.

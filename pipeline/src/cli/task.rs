@@ -9,7 +9,10 @@ use std::{
 };
 
 use clap::Args;
+use plan::sources::ReadProgress;
+use run::{Event, INTERRUPTED, Listener, Receipt, Task, WorkerLimits};
 use schemas::{Fault, StageEntry, render};
+use store::Store;
 
 use super::{
     ExitReason, SpecArgs, counted, interrupt, is_quiet, located, note, open, plan,
@@ -17,11 +20,6 @@ use super::{
     say::{err, out},
     tend::age,
     threads,
-};
-use crate::{
-    run::{self, Event, INTERRUPTED, Listener, Receipt, Task, WorkerLimits},
-    sources::ReadProgress,
-    store::Store,
 };
 
 /// Maximum length of a task on standard input, bytes.

@@ -11,9 +11,8 @@ use std::{
 
 use nix::unistd::getuid;
 use schemas::Fault;
+use store::{own_folder, sweep};
 use uuid::Uuid;
-
-use crate::store::{own_folder, sweep};
 
 /// The files that are removed when the command ends early.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);

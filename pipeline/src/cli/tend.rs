@@ -6,13 +6,12 @@ use std::{
 };
 
 use clap::Args;
+use results::{history, text};
 use schemas::{Fault, one_line};
+use store::{Store, is_copy, pulled, scrub, shown, tend};
 
 use super::{ExitReason, counted, located, progress::ProgressDisplay, say};
-use crate::{
-    store::{Store, is_copy, pulled, scrub, shown, tend},
-    views::{history, text},
-};
+use ::run::RECORD_CHECKS;
 
 /// A store.
 #[derive(Args)]
@@ -170,9 +169,9 @@ pub fn verify(args: &StoreArgs) -> Result<(), ExitReason> {
     progress.detail("files", "");
     let tick = |i, all| progress.set(i, all);
     let mut found = match store {
-        Ok(store) => scrub::scrub(&store, &tick)?,
+        Ok(store) => scrub::scrub(&store, RECORD_CHECKS, &tick)?,
         // A store on a read-only disk, or of another user.
-        Err(fault) if !fault.owner.is_lasting() => scrub::scrub_read_only(root, &tick)?,
+        Err(fault) if !fault.owner.is_lasting() => scrub::scrub_read_only(root, RECORD_CHECKS, &tick)?,
         Err(fault) => return Err(fault.into()),
     };
     if damaged_mark {

@@ -9,14 +9,11 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use arrow_array::{Array, cast::AsArray, types::Int64Type};
 use expressions::is_linear;
+use plan::{PlanGraph, PlanUnit, spec::publish::ProtectionKeys};
 use schemas::{Fault, TableKind};
+use store::Store;
 
 use super::protect::LineageColumn;
-use crate::{
-    plan::{PlanGraph, PlanUnit},
-    spec::publish::ProtectionKeys,
-    store::Store,
-};
 
 /// Maximum number of points whose parameters are checked; with more, each value of an axis is checked.
 const POINTS: usize = 1000;

@@ -5,15 +5,14 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use schemas::Fault;
-
-use super::{checksums, set::ReleaseInput};
-use crate::{
-    keys::HashKey,
-    plan::PlanGraph,
+use plan::{
+    PlanGraph,
     sources::walk,
     spec::{Spec, publish::ColumnRestriction},
 };
+use schemas::{Fault, keys::HashKey};
+
+use super::{checksums, set::ReleaseInput};
 
 /// Folder of the spec in a set.
 pub const FOLDER: &str = "pipeline";

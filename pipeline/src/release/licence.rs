@@ -2,10 +2,10 @@
 
 use std::{io::Read, path::Path};
 
+use plan::{sources, spec::publish::PublishFacts};
 use schemas::{Fault, paths};
 
 use super::set::{Licence, ReleaseMetadata};
-use crate::{sources, spec::publish::PublishFacts};
 
 /// Identifier, full name, and address of the text, of licences in use for data and code. [SPDX License List 3.27]
 const KNOWN: [(&str, &str, &str); 24] = [

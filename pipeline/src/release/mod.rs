@@ -38,19 +38,19 @@ use std::{
 };
 
 use arrow_array::{Array, RecordBatch, cast::AsArray};
-use schemas::{Fault, TableKind};
-
-use crate::{
-    keys::{HashKey, arithmetic_in_words},
-    plan::{Plan, PlanGraph},
-    run::run_id,
+use plan::{
+    Plan, PlanGraph,
     spec::{
         Spec, SpecFaults,
         publish::{EXAMPLE, PublishFacts},
     },
-    store::{Store, Version, current, published},
-    views::{described, lifted, pooled, report},
 };
+use report::html;
+use results::{described, lifted, pooled};
+use run::run_id;
+use schemas::{Fault, TableKind, keys::HashKey};
+use store::{Store, Version, arithmetic::arithmetic_in_words, current, published};
+
 use folder::FolderDraft;
 use set::{
     DataDictionary, FORMAT, Person, ReleaseFailure, ReleaseLockfile, ReleaseMetadata, ReleaseSet, ReleaseStage,
@@ -207,7 +207,7 @@ fn first(doc: &str) -> String {
 
 fn about(facts: &PublishFacts) -> Result<ReleaseMetadata, Fault> {
     const ORCID: &str = "https://orcid.org/";
-    let person = |a: &crate::spec::publish::Author| Person {
+    let person = |a: &plan::spec::publish::Author| Person {
         name: a.full_name(),
         given: a.given.clone(),
         family: a.family.clone(),
@@ -294,7 +294,7 @@ fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     let spec = &graph.plan.spec;
     let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
     let run = || format!("run it first: `magline run {}{sets}`", spec.file);
-    let version = current(store.root(), &spec.name).filter(|_| report::is_current(graph, store));
+    let version = current(store.root(), &spec.name).filter(|_| html::is_current(graph, store));
     version.ok_or_else(|| {
         Fault::new(format!("the store has no results of {}, or they are outdated", spec.file)).help(run())
     })

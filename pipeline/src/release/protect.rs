@@ -7,17 +7,17 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
+use plan::{
+    PlanGraph,
+    spec::publish::{ColumnRestriction, ProtectionKeys},
+};
+use results::{SnapshotTable, described};
 use schemas::Fault;
+use store::Store;
 
 use super::{
     aggregate::{self, Aggregate},
     set::{ReleaseTable, RestrictedReleaseColumn},
-};
-use crate::{
-    plan::PlanGraph,
-    spec::publish::{ColumnRestriction, ProtectionKeys},
-    store::Store,
-    views::{SnapshotTable, described},
 };
 
 /// Identifiers of a line, columns of every table and score.

@@ -13,18 +13,14 @@ use arrow_array::{
     types::{Float64Type, Int64Type},
 };
 use arrow_schema::{DataType, SchemaRef};
-use schemas::{Fault, Role, TableKind, field};
+use plan::{PlanGraph, sources::map_batch};
+use results::pooled;
+use schemas::{Fault, Role, TableKind, casting::cast, field};
+use store::{SealedFile, Store, Version};
 
 use super::{
     checksums, parquet,
     set::{ColumnValueStatistics, DataFile, ReleaseTable},
-};
-use crate::{
-    casting::cast,
-    plan::PlanGraph,
-    sources::map_batch,
-    store::{SealedFile, Store, Version},
-    views::pooled,
 };
 
 /// Keys of the folders of a table of flight lines.

@@ -5,10 +5,10 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use buckets::{Bucket, ObjectAddress, connect, each};
 use schemas::Fault;
 
 use super::{checksums, folder::files, set::FORMAT, words::DICTIONARY};
-use crate::remote::{Bucket, ObjectAddress, connect, each};
 
 /// Copies the set in `folder` to `address`. Returns `false` if the same set already exists, which then stays unchanged.
 ///
@@ -77,7 +77,7 @@ mod tests {
     use object_store::memory::InMemory;
 
     use super::*;
-    use crate::remote::{StorageLocation, place};
+    use buckets::{StorageLocation, place};
 
     #[test]
     fn unit_set_is_copied_once_and_replaces_only_another_set() {

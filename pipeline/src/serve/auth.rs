@@ -1,10 +1,9 @@
 //! Authentication of clients by the token, as `Bearer TOKEN`, or as the password of any user.
 
 use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
+use ports::PortClient;
 use schemas::Fault;
 use tonic::{Request, Status, metadata::MetadataMap, service::Interceptor};
-
-use crate::ports::PortClient;
 
 /// Minimum number of characters of a token.
 const SHORTEST: usize = 16;

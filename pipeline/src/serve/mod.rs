@@ -15,6 +15,7 @@ mod spool;
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
 use arrow_flight::flight_service_server::FlightServiceServer;
+use ports::{PortListener, encryption};
 use schemas::Fault;
 use tokio::{
     net::TcpListener,
@@ -24,7 +25,6 @@ use tokio::{
 };
 use tonic::{service::interceptor::InterceptedService, transport::Server};
 
-use crate::ports::{PortListener, encryption};
 pub use auth::Token;
 pub use child::answer;
 pub use process::COMMAND;

@@ -16,6 +16,7 @@ use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
+use report::sql::{VersionPins, memory};
 use tokio::{
     runtime::Handle,
     sync::{OwnedSemaphorePermit, Semaphore, oneshot},
@@ -28,10 +29,7 @@ use super::{
     child::{BESIDE, QueryChunk, QueryFailure, QueryHeader, QueryRequest},
     spool::{SpoolReader, SpoolWriter},
 };
-use crate::{
-    confine,
-    views::sql::{VersionPins, memory},
-};
+use crate::confine;
 
 /// Interval of checks of the memory of a query.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);

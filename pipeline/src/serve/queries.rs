@@ -16,7 +16,9 @@ use arrow_array::RecordBatch;
 use arrow_flight::error::FlightError;
 use arrow_schema::SchemaRef;
 use futures::{Stream, StreamExt, stream};
+use report::sql::SqlSession;
 use schemas::Fault;
+use store::pulled;
 use tokio::{runtime::Handle, time::Instant};
 use tonic::Status;
 use uuid::Uuid;
@@ -25,7 +27,6 @@ use super::{
     ServerSettings, child, parameters,
     process::{QueryInput, QueryProcessPool},
 };
-use crate::{store::pulled, views::sql::SqlSession};
 
 /// Maximum number of unused plans, and of prepared statements; beyond it, the oldest are dropped.
 const WAITING: u64 = 1024;

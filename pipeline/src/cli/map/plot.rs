@@ -6,10 +6,10 @@ use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
 use datasets::{AnomalyGrid, FlightOptions, ReadHints};
 use figures::{AxisQuantity, ColourMapping, EarthTrack, HillShading, MapPicture, MapStyle, Palette, TrackLine};
+use intake::open_flight;
 use schemas::{Fault, canonical::FlightConversion};
 
 use super::{ExitReason, InputArgs, ThreadArgs, say, wrong};
-use crate::sources::open_flight;
 
 #[derive(Args)]
 pub struct PlotArgs {

@@ -9,15 +9,13 @@ use std::{
     time::{Duration, Instant},
 };
 
+use buckets::{redacted, without_password};
 use schemas::Fault;
 use serde_json::Value;
 use url::Url;
 
 use super::file;
-use crate::{
-    cli::say::err,
-    remote::{redacted, without_password},
-};
+use crate::cli::say::err;
 
 /// Time limit of a request.
 const REQUEST: Duration = Duration::from_secs(5);

@@ -2,8 +2,9 @@
 
 use std::{fmt::Write, fs, path::Path};
 
+use store::clock;
+
 use super::watch::{RunEnd, RunStatus, RunWatchState};
-use crate::clock;
 
 /// Metric with the time of the last successful run.
 const SUCCESS: &str = "magline_last_success_timestamp_seconds";

@@ -18,15 +18,12 @@ use std::{
 };
 
 use clap::Args;
+use plan::{Plan, spec::SpecFaults};
+use run::{Event, Listener, RunSummary};
 use schemas::Fault;
+use store::{ForeignLock, LockOutcome, PipelineLock, Store, generation};
 
 use super::{ExitReason, interrupt, note, open, tend};
-use crate::{
-    plan::Plan,
-    run::{Event, Listener, RunSummary},
-    spec::SpecFaults,
-    store::{ForeignLock, LockOutcome, PipelineLock, Store, generation},
-};
 pub use summary::compared;
 pub use watch::RunWatch;
 
@@ -245,7 +242,7 @@ impl Listener for ProgressFilter<'_> {
 }
 
 /// Adds the results of a recomputation to the summary of a run.
-pub fn told_again(summary: &mut RunSummary, compared: Vec<crate::run::TableComparison>) {
+pub fn told_again(summary: &mut RunSummary, compared: Vec<run::TableComparison>) {
     for one in &compared {
         let units = super::counted(one.units, "unit");
         let what = match one.differ.len() {

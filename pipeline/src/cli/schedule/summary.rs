@@ -1,13 +1,11 @@
 //! `--summary`: outcome of a run as JSON. `datasets/examples/schedule/run_summary.schema.json` describes it.
 
+use run::{OutcomeCounts, TableComparison};
 use serde_json::{Value, json};
+use store::{ForeignLock, current};
 
 use super::watch::{RunEnd, RunWatchState};
-use crate::{
-    cli::events::{counts, failure, merged, warning},
-    run::{OutcomeCounts, TableComparison},
-    store::{ForeignLock, current},
-};
+use crate::cli::events::{counts, failure, merged, warning};
 
 /// The summary of a run.
 pub fn json(state: &RunWatchState, end: &RunEnd) -> Value {
@@ -36,10 +34,10 @@ pub fn json(state: &RunWatchState, end: &RunEnd) -> Value {
         "store": state.store,
         "run": state.run,
         "version": published.as_ref().map(|v| v.number),
-        "host": crate::store::host(),
+        "host": store::host(),
         "pid": std::process::id(),
         "started": state.started,
-        "ended": crate::clock::now_ms(),
+        "ended": store::clock::now_ms(),
         "seconds": state.begun.elapsed().as_secs_f64(),
         "units": counts(&total),
         "tables": tables,
@@ -65,7 +63,7 @@ fn holder(held: &ForeignLock) -> Option<Value> {
 
 impl RunWatchState {
     /// Version of the tables that the run published, if any.
-    pub fn published(&self, end: &RunEnd) -> Option<crate::store::Version> {
+    pub fn published(&self, end: &RunEnd) -> Option<store::Version> {
         end.summary.filter(|s| !s.interrupted)?;
         current(self.root.as_ref()?, self.pipeline.as_ref()?)
     }

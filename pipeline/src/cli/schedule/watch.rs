@@ -8,17 +8,17 @@ use std::{
     time::Instant,
 };
 
+use plan::Plan;
+use report::openlineage::{self, LineageRun, ParentRun, TableLineage};
+use run::{Event, Listener, OutcomeCounts, RunSummary};
 use serde_json::Value;
+use store::{ForeignLock, clock};
 use uuid::Uuid;
 
 use super::{LOCKED, OUT_OF_TIME, ScheduleArgs, file, lineage::LineageSink, metrics, summary};
-use crate::{
-    cli::{ExitReason, SpecArgs, interrupt, say, say::err},
-    clock,
-    plan::Plan,
-    run::{Event, Listener, OutcomeCounts, RunSummary},
-    store::ForeignLock,
-    views::openlineage::{self, LineageRun, ParentRun, TableLineage},
+use crate::cli::{
+    ExitReason, SpecArgs, interrupt,
+    say::{self, err},
 };
 
 /// Final status of a run.
@@ -275,7 +275,7 @@ impl RunWatch {
             return;
         }
         // An interrupt skips units without counting them.
-        let aborted = crate::run::INTERRUPTED.load(std::sync::atomic::Ordering::Relaxed);
+        let aborted = run::INTERRUPTED.load(std::sync::atomic::Ordering::Relaxed);
         let bad = count.failed + count.skipped;
         let all = bad + count.computed + count.reused;
         let why = state.first_error.as_ref().map(|e| format!(": {e}")).unwrap_or_default();
@@ -301,7 +301,7 @@ impl Listener for RunWatch {
                 }
             }
             Event::Computing { table, .. } => self.begun_table(&mut self.state(), table),
-            Event::Unit { fault: Some(fault), outcome: crate::run::UnitOutcome::Failed, .. } => {
+            Event::Unit { fault: Some(fault), outcome: run::UnitOutcome::Failed, .. } => {
                 let mut state = self.state();
                 if state.first_error.is_none() {
                     state.first_error = Some(fault.to_string());

@@ -1,0 +1,220 @@
+//! Recognition of the time column, its zero, and the epoch of a log.
+
+use schemas::convert;
+
+use super::{TopicSample, quoted, sample::ColumnSample};
+use crate::{clock_digits, mapping::clock::TimeTextFormat};
+
+/// Suggested clock of a table.
+pub struct ClockGuess {
+    /// Text of the clock in the mapping.
+    pub said: String,
+    /// Reason for the guess.
+    pub why: String,
+    /// The column.
+    pub column: String,
+    /// Its unit.
+    unit: &'static str,
+    /// Whether it counts from the start of the log.
+    boot: bool,
+    /// Whether some rows repeat the time of the row before.
+    pub repeats: bool,
+}
+
+impl ClockGuess {
+    /// Whether it counts from the start of the log.
+    pub fn is_boot(&self) -> bool {
+        self.boot
+    }
+}
+
+/// Names of time columns, the most likely first.
+const NAMES: [&[&str]; 5] = [
+    &["timeus", "timestamp", "timems", "tt"],
+    &["time"],
+    &["t"],
+    &["utc", "datetime", "date"],
+    &["gps", "tow", "elapsed", "clock"],
+];
+
+/// The clock of a table: the first column of a usual name whose values rise.
+pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
+    let joined = |c: &ColumnSample| c.words().concat();
+    for names in NAMES {
+        for column in columns {
+            let words = column.words();
+            let is_named = names.iter().any(|n| joined(column) == *n || words.iter().any(|w| w == n));
+            if let Some(clock) = is_named.then(|| one(column)).flatten() {
+                return Some(clock);
+            }
+        }
+    }
+    None
+}
+
+fn one(column: &ColumnSample) -> Option<ClockGuess> {
+    if let Some(text) = &column.text {
+        // Other text formats are not guessed, because day and month cannot be distinguished.
+        TimeTextFormat::Iso.read(text)?;
+        return Some(ClockGuess {
+            said: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
+            why: format!("ISO 8601 text, such as {}; UTC unless the text has an offset", quoted(text)),
+            column: column.name.clone(),
+            unit: "s",
+            boot: false,
+            repeats: false,
+        });
+    }
+    let known: Vec<f64> = column.known().collect();
+    let (first, last) = (known.first().copied()?, known.last().copied()?);
+    let repeats = known.windows(2).any(|w| w[1] == w[0]);
+    if clock_digits::minute_after(&known).is_some() {
+        return Some(ClockGuess {
+            said: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
+            why: "guess: clock times in digits, hhmmss; the date is not known".to_owned(),
+            column: column.name.clone(),
+            unit: "s",
+            boot: false,
+            repeats,
+        });
+    }
+    let falls = known.windows(2).any(|w| w[1] < w[0]);
+    let missing = known.len() < column.values.len();
+    if known.len() < 2 || falls || missing || last <= first {
+        return None;
+    }
+    let step = (last - first) / (known.len() - 1) as f64;
+    let (unit, why_unit) = unit_of(column, first, step)?;
+    let seconds = convert(unit, "s").unwrap_or(1.0);
+    // From 2001 to 2096.
+    let unix = (1e9..4e9).contains(&(first * seconds));
+    let of_day =
+        column.name == "tt" || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
+    let (clock, why) = match (unix, of_day) {
+        (true, _) => ("unix", "as seconds after 1970 the date is in this century"),
+        (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
+        (false, false) => ("boot", "it starts with the log"),
+    };
+    let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
+    Some(ClockGuess {
+        said: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
+        why: format!("guess: {why}; {unit}: {why_unit}; about {hz:.3} Hz"),
+        column: column.name.clone(),
+        unit,
+        boot: clock == "boot",
+        repeats,
+    })
+}
+
+/// Unit of a time, from the file, its name, its size, or a plausible rate.
+fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str, &'static str)> {
+    let units = ["s", "ms", "us", "ns"];
+    if let Some(unit) = units.iter().find(|u| convert(&column.unit, "s") == convert(u, "s") && !column.unit.is_empty())
+    {
+        return Some((unit, "unit in the file"));
+    }
+    let words = column.words();
+    let joined = words.concat();
+    let ends = |u: &str| words.len() > 1 && (words.last().is_some_and(|w| w == u) || joined == format!("time{u}"));
+    if let Some(unit) =
+        ["us", "ms", "ns", "s"].iter().find(|u| ends(u) || (words.last().is_some_and(|w| w == *u) && words.len() > 1))
+    {
+        return Some((unit, "suffix of the name"));
+    }
+    for (unit, factor) in [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)] {
+        if (1e9 * factor..4e9 * factor).contains(&first) {
+            return Some((unit, "only this unit gives a date in this century"));
+        }
+    }
+    // Rates of logs are from 0.05 to 2000 Hz.
+    let whole = column.whole && step >= 1.5;
+    match (whole, step) {
+        (false, 0.0005..20.0) => Some(("s", "the time step then gives a common rate")),
+        (true, 1.5..5_000.0) => Some(("ms", "whole numbers; the time step then gives a common rate")),
+        (true, 5_000.0..5e6) => Some(("us", "whole numbers; the time step then gives a common rate")),
+        _ => None,
+    }
+}
+
+/// Epoch of a log: a topic that holds both a GPS week, or Unix time, and the log's own clock.
+pub fn epoch_of(topics: &[TopicSample]) -> String {
+    for topic in topics {
+        if let Some(text) = of_topic(topic) {
+            return text;
+        }
+    }
+    "\n# The log does not contain its start time. If you know it, set `epoch = { utc = \"2012-10-10T18:20:00Z\" }`.\n\
+     epoch = { unknown = true }\n"
+        .to_owned()
+}
+
+fn of_topic(topic: &TopicSample) -> Option<String> {
+    let clock = topic.clock.as_ref();
+    let week = topic.columns.iter().find(|c| {
+        let plain = c.words().concat();
+        let named = c.words().iter().any(|w| w == "week") || ["gwk", "gpsweek"].contains(&plain.as_str());
+        // From 1999 to 2037.
+        named && c.known().any(|x| (1024.0..3000.0).contains(&x))
+    });
+    let rises =
+        |c: &&ColumnSample| c.known().fold((f64::MIN, true), |(last, fine), x| (x.max(last), fine && x >= last)).1;
+    let millis = |c: &&ColumnSample| {
+        c.range().is_some_and(|(_, high)| (1_000_000.0..604_800_000.0).contains(&high)) && c.whole && rises(c)
+    };
+    let mut lines =
+        vec!["\n[epoch]   # guess: start time of the log, from the UTC time logged with the log's clock".to_owned()];
+    if !topic.name.is_empty() {
+        lines.push(format!("topic     = {}", quoted(&topic.name)));
+    }
+    let mut rows = vec![];
+    if let Some(fix) = topic
+        .columns
+        .iter()
+        .find(|c| ["status", "fix_type", "fix", "fixtype"].contains(&c.name.to_lowercase().as_str()))
+        && fix.known().any(|x| x >= 3.0)
+    {
+        rows.push(format!("\"{}\" >= 3", fix.name));
+    }
+    let boot = if let Some(week) = week {
+        let names = ["gms", "timems", "tow", "gpstimeofweekms", "itow"];
+        let of_week = topic
+            .columns
+            .iter()
+            .filter(|c| c.name != week.name)
+            .find(|c| names.contains(&c.words().concat().as_str()) && millis(c))?;
+        let boot = boot_beside(topic, &of_week.name)?;
+        rows.push(format!("\"{}\" > 0", week.name));
+        lines.push(format!("from      = {}", quoted(&of_week.name)));
+        lines.push("unit      = \"ms\"   # of the week: up to 604,800,000".to_owned());
+        lines.push(format!("clock     = \"gps\"\nweek      = {}", quoted(&week.name)));
+        boot
+    } else {
+        let unix = topic.columns.iter().find(|c| {
+            let named = c.words().iter().any(|w| ["utc", "unix", "epoch"].contains(&w.as_str()));
+            named && c.known().any(|x| (1e15..4e15).contains(&x))
+        })?;
+        rows.push(format!("\"{}\" > 0", unix.name));
+        lines.push(format!(
+            "from      = {}\nunit      = \"us\"   # this unit gives a date in this century",
+            quoted(&unix.name)
+        ));
+        lines.push("clock     = \"unix\"".to_owned());
+        let clock = clock.filter(|c| c.boot)?;
+        (clock.column.clone(), clock.unit)
+    };
+    lines.push(format!("boot      = {}\nboot_unit = \"{}\"", quoted(&boot.0), boot.1));
+    lines.push(format!("rows      = {}", quoted(&rows.join(" and "))));
+    Some(lines.join("\n") + "\n")
+}
+
+/// Log's own clock in a topic that also has the time of the week.
+fn boot_beside(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
+    if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
+        return Some((clock.column.clone(), clock.unit));
+    }
+    let own = topic
+        .columns
+        .iter()
+        .filter(|c| c.name != of_week && ["t", "timeus", "time", "timestamp"].contains(&c.words().concat().as_str()));
+    own.filter_map(one).find(|c| c.boot).map(|c| (c.column.clone(), c.unit))
+}

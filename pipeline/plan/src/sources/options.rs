@@ -1,0 +1,147 @@
+//! The options of a `[tables.NAME]` of the spec in addition to its path.
+
+use std::{path::Path, sync::Arc};
+
+use datasets::{FlightOptions, MapOptions};
+use intake::{
+    line_table::{FlightDivision, LineTable},
+    mapping::{Mapping, MappingTable, is_shown},
+};
+use schemas::{ChoiceRegistry, Fault, ParamReader, Params, params};
+
+use super::files::file;
+use crate::spec::SourceDecl;
+
+params! {
+    /// The mapping and the lines of a log.
+    pub struct MappingOptions, all default;
+    /// The mapping of the columns: a TOML file, or the name of a built-in mapping such as `px4_ulog`. It replaces
+    /// `rename`, `units` and `topic`.
+    mapping: Option<String>, unit "", default None, absent "columns are identified by their names";
+    /// The table of the mapping.
+    table: Option<String>, unit "", default None, absent "the only table";
+    /// A table of `flight`, `line`, `t_start` and `t_end` (s past midnight UTC) that replaces the lines in the files. A
+    /// sample belongs to the line that contains its time; samples outside all lines are dropped. `auto` finds the lines
+    /// of each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
+    /// `magline ingest --lines auto --picture lines.svg` draws them and writes the table.
+    lines: Option<String>, unit "", default None, absent "the lines of the files";
+}
+
+params! {
+    /// The table of a model. The separate key `where` is an SQL condition on its columns that selects one model of
+    /// several.
+    pub struct ModelOptions, all default;
+    /// The columns that the model requires in a line, as the `features` of its fit.
+    features: Vec<String>, unit "", default ["tl"].map(String::from);
+}
+
+/// Options for reading the files of a table.
+pub struct FileOptions {
+    /// Names, units, keys.
+    pub options: FlightOptions,
+    /// Mapping of the columns.
+    pub mapped: Option<MappingTable>,
+    /// Division of the flights, if not by their own lines.
+    pub lines: Option<FlightDivision>,
+}
+
+/// Value of `lines` that selects detection.
+pub const AUTO: &str = "auto";
+
+/// Division by the table of lines `name`, or by detection.
+///
+/// # Errors
+/// Fails as [`LineTable::read`].
+pub fn division(name: &str, folder: &Path) -> Result<FlightDivision, Fault> {
+    if name == AUTO {
+        Ok(FlightDivision::Found)
+    } else {
+        file(name, folder).and_then(|path| LineTable::read(&path)).map(FlightDivision::Table)
+    }
+}
+
+/// Line identifier of a file that will be divided.
+pub const WHOLE: &str = "0";
+
+/// The options of a table of flights, with its mapping table and its table of lines. Paths start from `folder`.
+///
+/// # Errors
+/// Fails for unknown options, wrong types, and all faults of the mapping.
+pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, Vec<Fault>> {
+    let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
+    let said = |key: &str| decl.options.get(key);
+    let at = |fault: Fault, key: &str| said(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
+    if options.epsg.is_some() && options.format.as_deref() != Some("points") {
+        let fault = Fault::new("`epsg` applies only to survey points; set `format = \"points\"`");
+        return Err(vec![at(fault, "epsg")]);
+    }
+    let lines = lines.map(|name| division(&name, folder)).transpose();
+    let lines = lines.map_err(|fault| vec![at(fault, "lines")])?;
+    if lines.is_some() {
+        // Files that will be divided need no line identifier.
+        options.line.get_or_insert_with(|| WHOLE.to_owned());
+    }
+    let Some(name) = mapping else {
+        let fault = || Fault::new("`table` requires `mapping`").help("set `mapping`, or remove `table`");
+        return if table.is_some() {
+            Err(vec![at(fault(), "table")])
+        } else {
+            Ok(FileOptions { options, mapped: None, lines })
+        };
+    };
+    let taken: Vec<Fault> = ["rename", "units", "topic", "epsg"]
+        .into_iter()
+        .filter_map(|key| said(key).map(|given| (key, given)))
+        .map(|(key, given)| {
+            let fault = Fault::new(format!("`{key}` cannot be combined with `mapping`; set it in the mapping"));
+            fault.at(given.key_at.clone())
+        })
+        .collect();
+    if !taken.is_empty() {
+        return Err(taken);
+    }
+    // A fault in the text of a mapping is shown at its own place.
+    let mapping = Mapping::load(&name, |name| file(name, folder))
+        .map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
+    let key = if table.is_some() { "table" } else { "mapping" };
+    let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;
+    Ok(FileOptions { options, mapped: Some(mapped), lines })
+}
+
+/// The options of a map.
+///
+/// # Errors
+/// Fails for unknown options and wrong types.
+pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
+    options::<MapOptions, NoKeys>(decl).map(|(options, _)| options)
+}
+
+/// The options of a model.
+///
+/// # Errors
+/// Fails for unknown options and wrong types.
+pub fn model_options(decl: &SourceDecl) -> Result<ModelOptions, Vec<Fault>> {
+    options::<ModelOptions, NoKeys>(decl).map(|(options, _)| options)
+}
+
+params! {
+    /// No keys.
+    struct NoKeys, all default;
+}
+
+/// All options in canonical spelling, for keys.
+pub fn spelt<T: Params>(options: &T) -> String {
+    let mut pairs = vec![];
+    options.spell(&mut pairs);
+    pairs.iter().map(|(key, value)| format!("{key}={value};")).collect()
+}
+
+fn options<T: Params, U: Params>(decl: &SourceDecl) -> Result<(T, U), Vec<Fault>> {
+    let lists = ChoiceRegistry::default();
+    let mut reader = ParamReader::new(&decl.name, &decl.options, Some(decl.at.clone()), &lists);
+    let options = T::read(&mut reader, None).zip(U::read(&mut reader, None));
+    let known: Vec<&str> = T::docs(&lists).iter().chain(&U::docs(&lists)).map(|doc| doc.name).collect();
+    reader.unknown_keys(&known, &["path"]);
+    let faults = reader.into_faults();
+    options.filter(|_| faults.is_empty()).ok_or(faults)
+}

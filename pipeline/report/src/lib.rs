@@ -1,0 +1,15 @@
+//! Views of a plan and of the results of its runs: the HTML report, SQL, explain, why, lineage, and the reference of the
+//! stages. They read the store and change nothing.
+
+mod explain;
+pub mod html;
+mod lineage;
+pub mod openlineage;
+mod reference;
+pub mod sql;
+mod why;
+
+pub use explain::explain;
+pub use lineage::{LineageFormat, lineage};
+pub use reference::{one as stage_page, overview as stages_overview, page as reference_page};
+pub use why::why;

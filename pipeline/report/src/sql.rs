@@ -1,0 +1,93 @@
+//! `magline sql`: DataFusion over every table of a store, as `<pipeline>.<table>`.
+//!
+//! A query reads only the published tables of one store, and writes nothing. Statements that change anything are
+//! rejected by their kind, by their plan, and by read-only tables. The memory of a query is limited, and it spills to a
+//! temporary folder.
+
+mod explain;
+mod functions;
+pub mod memory;
+mod refuse;
+mod scan;
+mod session;
+mod tables;
+
+use std::{
+    future::poll_fn,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
+use datafusion::error::DataFusionError;
+use expressions::deep;
+use schemas::Fault;
+
+pub use session::SqlSession;
+pub use tables::VersionPins;
+
+/// Stack size of the worker threads, bytes. They evaluate operators by recursion over deeply nested expressions.
+pub const WORKER_STACK: usize = 64 << 20;
+
+/// Query of a store, with its memory limit.
+pub struct StoreQuery<'a> {
+    /// The store's folder.
+    pub store: &'a Path,
+    /// The query.
+    pub query: &'a str,
+    /// Memory limit, bytes.
+    pub memory: usize,
+    /// Private folder for spilled data.
+    pub spill: PathBuf,
+}
+
+/// Receiver of a query result, batch by batch.
+pub trait BatchSink: Send {
+    /// Receives the next batch; all batches have the same schema. Returns whether more are wanted.
+    ///
+    /// # Errors
+    /// Fails when it cannot be written.
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
+
+    /// Number of bytes of this batch that it will keep.
+    fn keeps(&self, batch: &RecordBatch) -> usize;
+
+    /// Ends the result, which may have no batches.
+    ///
+    /// # Errors
+    /// Fails when it cannot be written.
+    fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault>;
+}
+
+/// Runs a query.
+///
+/// # Errors
+/// Fails when the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
+pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+    deep::over(question.query, || ())?;
+    deep::deep(|| {
+        let runtime = tokio::runtime::Builder::new_multi_thread().thread_stack_size(WORKER_STACK).enable_all().build();
+        let runtime = runtime.map_err(|e| Fault::machine(e.to_string()))?;
+        runtime.block_on(ask(question, sink))
+    })?
+}
+
+async fn ask(question: &StoreQuery<'_>, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+    let session = SqlSession::new(question.store, question.memory, &question.spill)?;
+    let plan = session.plan(question.query).await?;
+    let wrong = |e: DataFusionError| session.fault(&e, question.query);
+    let schema: SchemaRef = Arc::new(plan.schema().as_arrow().clone());
+    let mut stream = session.run(plan).await.map_err(wrong)?;
+    let kept = session.reserve("answer");
+    let mut last = None;
+    while let Some(batch) = poll_fn(|cx| stream.as_mut().poll_next(cx)).await {
+        let batch = batch.map_err(wrong)?;
+        kept.try_grow(sink.keeps(&batch)).map_err(wrong)?;
+        last = Some(batch.schema());
+        if !sink.take(batch)? {
+            return Ok(());
+        }
+    }
+    sink.finish(&last.unwrap_or(schema))
+}

@@ -1,0 +1,234 @@
+//! The history of runs: time and result of each, and the changes between two.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use schemas::{Fault, keys::HashKey, paths};
+use serde::{Deserialize, Serialize};
+use store::{Store, own_file, pipeline_name};
+
+use super::{record::Snapshot, text};
+
+/// One run of a pipeline.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// Its number, from 1.
+    pub number: u64,
+    /// End time, UTC.
+    pub time: String,
+    /// The hash of the computation and its data.
+    pub run: String,
+    /// The program's version.
+    pub version: String,
+    /// Version of the tables that it published.
+    pub tables: u64,
+    /// Units computed, reused, failed, skipped.
+    pub units: [usize; 4],
+    /// Its duration, s.
+    pub seconds: f64,
+    /// The file in `runs/` with the inputs of the tables.
+    pub snapshot: String,
+    /// Checksum of the other fields.
+    #[serde(default)]
+    pub sum: String,
+}
+
+fn sum_of(past: &RunRecord) -> String {
+    let plain = RunRecord { sum: String::new(), ..past.clone() };
+    HashKey::from_parts([serde_json::to_vec(&plain).unwrap_or_default()]).to_string()
+}
+
+fn file(root: &Path, pipeline: &str) -> PathBuf {
+    root.join("runs").join(format!("{pipeline}.jsonl"))
+}
+
+/// The runs of a pipeline, oldest first. Damaged lines are skipped.
+pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
+    if pipeline_name(pipeline).is_err() {
+        return vec![];
+    }
+    let text = paths::read_regular(&file(root, pipeline)).unwrap_or_default();
+    let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<RunRecord>(line).ok());
+    lines.filter(|p| p.sum == sum_of(p)).collect()
+}
+
+/// Whether each line of a history verifies, except a line that a power loss truncated.
+pub fn is_whole(bytes: &[u8]) -> bool {
+    /// The last key of a line, and the length of its value with the rest of the line.
+    const LAST: &str = "\"sum\":\"";
+    const ENDS: usize = 34;
+    let fine = |line: &[u8]| {
+        let whole = serde_json::from_slice::<RunRecord>(line).is_ok_and(|p| p.sum == sum_of(&p));
+        let text = String::from_utf8_lossy(line);
+        let cut = text.rfind(LAST).is_none_or(|at| text.len() < at + LAST.len() + ENDS);
+        whole || cut && text.starts_with('{') && !text.ends_with("\"}")
+    };
+    bytes.split(|b| *b == b'\n').all(|line| line.is_empty() || fine(line))
+}
+
+/// Adds a run; its number is the next.
+///
+/// # Errors
+/// Fails when the store cannot be written.
+pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Snapshot) -> Result<(), Fault> {
+    let root = store.root();
+    // Costs change from run to run; the inputs of the tables do not.
+    let mut plain = snapshot.clone();
+    plain.tables.iter_mut().for_each(|t| t.cost = None);
+    let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
+    let name = format!("{}.json", HashKey::from_parts([&text]));
+    let kept = root.join("runs").join(&name);
+    if paths::read_regular(&kept).ok().as_ref() != Some(&text) {
+        store.write(&kept, &text)?;
+    }
+    past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
+    past_run.snapshot = name;
+    past_run.sum = sum_of(&past_run);
+    let mut line = serde_json::to_vec(&past_run).map_err(|e| Fault::machine(e.to_string()))?;
+    // A line that a power loss truncated ends here.
+    line.insert(0, b'\n');
+    let path = file(root, pipeline);
+    let refused = |e: io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
+    let options = fs::File::options().create(true).append(true).clone();
+    if fs::symlink_metadata(&path).is_ok() {
+        // The target of a link is neither written nor copied.
+        own_file(root, &path, &options).map_err(refused)?;
+    } else {
+        // The name must be synced to the disk as well as the lines.
+        store.write(&path, &[])?;
+    }
+    heal(store, pipeline, &path)?;
+    if store.is_copy() {
+        // An object is written as a whole.
+        let before =
+            paths::read_regular(&path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))?;
+        return store.write(&path, &[before, line].concat());
+    }
+    let written = own_file(root, &path, &options).and_then(|mut f| {
+        f.write_all(&line)?;
+        f.sync_all()
+    });
+    written.map_err(refused)
+}
+
+/// Rewrites a history without its damaged lines, which are never read. The damaged file is set aside.
+fn heal(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
+    let before = paths::read_regular(path).unwrap_or_default();
+    if is_whole(&before) {
+        return Ok(());
+    }
+    store.write(&store.root().join("damaged").join(format!("{pipeline}.jsonl")), &before)?;
+    let mut whole = vec![];
+    for past in past(store.root(), pipeline) {
+        whole.push(b'\n');
+        whole.extend(serde_json::to_vec(&past).map_err(|e| Fault::machine(e.to_string()))?);
+    }
+    store.write(path, &whole)
+}
+
+fn names(root: &Path) -> Vec<String> {
+    let entries = fs::read_dir(root.join("runs")).into_iter().flatten().flatten();
+    let named = entries.filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(".jsonl")?.to_owned()));
+    let mut found: Vec<String> = named.filter(|name| pipeline_name(name).is_ok()).collect();
+    found.sort();
+    found
+}
+
+/// The runs of one pipeline, or of all.
+///
+/// # Errors
+/// Fails when there is no such pipeline.
+pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
+    let all = names(root);
+    if let Some(name) = pipeline.filter(|p| !all.iter().any(|n| n == p)) {
+        return Err(Fault::new(format!("the store has no run of `{name}`")).nearest(name, &all));
+    }
+    let head = ["run", "time", "id", "tables", "computed", "reused", "failed", "skipped", "seconds", "magline"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for name in all.iter().filter(|n| pipeline.is_none_or(|p| p == *n)) {
+        for p in past(root, name) {
+            let mut row = vec![format!("{name} {}", p.number), p.time, p.run, p.tables.to_string()];
+            row.extend(p.units.iter().map(usize::to_string));
+            row.extend([format!("{:.1}", p.seconds), p.version]);
+            rows.push(row);
+        }
+    }
+    Ok(text::columns(&rows, 3))
+}
+
+/// Differences between two runs of a pipeline.
+///
+/// # Errors
+/// Fails when a run does not exist, or its inputs are no longer stored.
+pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fault> {
+    let all = past(root, pipeline);
+    let open = |number: u64| -> Result<Snapshot, Fault> {
+        let known = || all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
+        let no = || {
+            Fault::new(format!("the store has no run {number} of `{pipeline}`")).nearest(&number.to_string(), &known())
+        };
+        let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
+        let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
+        let snapshot = bytes.ok().filter(|b| format!("{}.json", HashKey::from_parts([b])) == past.snapshot);
+        let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
+        snapshot.ok_or_else(|| {
+            Fault::machine(format!("the record of the inputs of run {number} of `{pipeline}` is missing"))
+        })
+    };
+    let (one, other) = (open(a)?, open(b)?);
+    let mut text = String::new();
+    if one.seed != other.seed {
+        text += &format!("seed: {} -> {}\n", one.seed, other.seed);
+    }
+    let sources = |s: &Snapshot| -> BTreeMap<String, BTreeMap<String, String>> {
+        s.sources.iter().map(|x| (x.name.clone(), x.lines.clone())).collect()
+    };
+    differences(&mut text, "table of files", &sources(&one), &sources(&other), |text, name, x, y| {
+        differences(text, &format!("{name}: line"), x, y, |text, line, _, _| {
+            *text += &format!("{name}: line `{line}` has different data\n");
+        });
+    });
+    let tables = |s: &Snapshot| -> BTreeMap<String, serde_json::Value> {
+        s.tables.iter().filter_map(|t| Some((t.name.clone(), serde_json::to_value(t).ok()?))).collect()
+    };
+    differences(&mut text, "table", &tables(&one), &tables(&other), |text, name, x, y| {
+        let keys = x.as_object().into_iter().flat_map(|o| o.keys());
+        for key in keys.filter(|k| x.get(k.as_str()) != y.get(k.as_str())) {
+            let (x, y) =
+                (x.get(key).unwrap_or(&serde_json::Value::Null), y.get(key).unwrap_or(&serde_json::Value::Null));
+            let short = |v: &serde_json::Value| {
+                let text = v.to_string();
+                if text.chars().count() <= 100 { text } else { text.chars().take(97).collect::<String>() + "..." }
+            };
+            *text += &format!("{name}: {key}: {} -> {}\n", short(x), short(y));
+        }
+    });
+    if text.is_empty() {
+        text = format!("runs {a} and {b} of `{pipeline}` have the same spec and the same inputs\n");
+    }
+    Ok(text)
+}
+
+/// The added, the removed and the modified entries.
+fn differences<T: PartialEq>(
+    text: &mut String,
+    what: &str,
+    one: &BTreeMap<String, T>,
+    other: &BTreeMap<String, T>,
+    mut changed: impl FnMut(&mut String, &str, &T, &T),
+) {
+    for (name, x) in one {
+        match other.get(name) {
+            None => *text += &format!("{what} `{name}` was removed\n"),
+            Some(y) if x != y => changed(text, name, x, y),
+            Some(_) => {}
+        }
+    }
+    for name in other.keys().filter(|n| !one.contains_key(*n)) {
+        *text += &format!("{what} `{name}` was added\n");
+    }
+}

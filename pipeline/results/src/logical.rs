@@ -1,0 +1,6 @@
+//! Metadata of the file that describes the logical table of a published table.
+
+/// Metadata key of the schema of the logical table, an Arrow message in hexadecimal digits.
+pub const SCHEMA: &str = "magline.logical_schema";
+/// Metadata key of the steps up to each column, per pattern, JSON.
+pub const PATTERNS: &str = "magline.patterns";

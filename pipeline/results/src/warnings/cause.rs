@@ -1,0 +1,309 @@
+//! Likely cause of a warning, from the scores of the same line and the parameters of its navigation.
+
+use arrow_array::{
+    Array,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use numerics::earth::dates::decimal_year;
+use plan::{LineId, PlanGraph, StageInstance, TableRef};
+use schemas::Fault;
+use store::Store;
+
+use super::{WarningKind, limits, navigation, row::LineMetrics};
+use crate::text::number;
+
+/// Parameters of a navigation that explain its errors.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NavigationSettings {
+    /// The measurement sigma, nT; `None` if it is taken from the data.
+    pub sigma_nt: Option<f64>,
+    /// The standard deviation of the correlated error of the measurement, nT.
+    pub fogm_sigma_nt: Option<f64>,
+    /// Whether the noise was estimated by the likelihood of the innovations.
+    pub found: bool,
+    /// Time over which a constant is estimated, s.
+    pub offset_window_s: f64,
+    /// Whether the map is continued to the flight heights.
+    pub levels: bool,
+    /// Whether the measurement was compensated, so that its constant is unknown.
+    pub compensated: bool,
+    /// The date of the core field in the spec, and the date of the flight.
+    pub dates: Option<(f64, f64)>,
+    /// Time of the first rejected GNSS position, in seconds from the start of the line.
+    pub gnss_rejected_s: Option<f64>,
+}
+
+/// Scores and navigation settings of one line.
+pub struct LineFacts<'a> {
+    /// Its scores.
+    pub row: &'a LineMetrics,
+    /// Settings of its navigation; `None` without a track.
+    pub settings: Option<NavigationSettings>,
+}
+
+impl<'a> LineFacts<'a> {
+    /// Collects the known facts of `line` upstream of the tables `inputs` of a score.
+    ///
+    /// # Errors
+    /// Fails when the store cannot be read.
+    pub fn gather(
+        graph: &PlanGraph,
+        store: &Store,
+        inputs: &[TableRef],
+        line: LineId,
+        row: &'a LineMetrics,
+    ) -> Result<LineFacts<'a>, Fault> {
+        let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(LineFacts { row, settings: None }) };
+        let it = graph.plan.instance(t, i);
+        let params = it.params();
+        let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
+        let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
+        // `auto` is not a number. It uses the residual of the calibration, which is a column of the input.
+        let found = |param: &str, column: &str| match (number(param), it.first_input()) {
+            (None, Some(input)) => first(graph, store, input, line, column),
+            (given, _) => Ok(given),
+        };
+        let tuned = |column: &str| first(graph, store, TableRef::Stage(t, i), line, column);
+        let likely_nt = tuned("noise_sigma")?;
+        let sigma_nt = match likely_nt {
+            Some(sigma_nt) => Some(sigma_nt),
+            None => found("measurement_sigma_nt", "mag_sigma")?,
+        };
+        let fogm_sigma_nt = match tuned("noise_fogm_sigma")? {
+            Some(fogm_nt) => Some(fogm_nt),
+            None => found("fogm_sigma_nt", "mag_fogm_sigma")?,
+        };
+        let said = number("decimal_year").filter(|_| param("core_field") == Some("true"));
+        let flown = match said {
+            Some(_) => flight_date(graph, store, &it, line)?,
+            None => None,
+        };
+        let settings = NavigationSettings {
+            sigma_nt,
+            fogm_sigma_nt,
+            found: likely_nt.is_some(),
+            offset_window_s: number("offset_window_s").unwrap_or(0.0),
+            levels: param("map_levels_m").is_some_and(|v| v != "none"),
+            compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
+            dates: said.zip(flown),
+            gnss_rejected_s: match row.counted("gnss_rejected") {
+                Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, TableRef::Stage(t, i), line)?,
+                Some(_) | None => None,
+            },
+        };
+        Ok(LineFacts { row, settings: Some(settings) })
+    }
+
+    /// The measurement sigma, nT.
+    pub fn sigma_nt(&self) -> Option<f64> {
+        self.settings.as_ref().and_then(|s| s.sigma_nt)
+    }
+
+    /// Time of the first rejected GNSS position, in seconds from the start of the line.
+    pub fn gnss_rejected_s(&self) -> Option<f64> {
+        self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
+    }
+
+    fn diverged(&self) -> bool {
+        self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
+    }
+
+    /// Likely cause of a warning; `None` if no known fact explains it.
+    pub fn cause(&self, kind: WarningKind) -> Option<String> {
+        if kind == WarningKind::Retention {
+            let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \
+                         line the residual may also correlate with the anomaly by chance";
+            return Some(cause.to_owned());
+        }
+        let settings = self.settings.as_ref()?;
+        let found = match kind {
+            WarningKind::WorseThanIns | WarningKind::NeesHigh | WarningKind::NisHigh => self.too_sure(settings, kind),
+            WarningKind::NeesLow | WarningKind::NisLow if settings.found => vec![],
+            WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
+            WarningKind::NotWhite => vec![
+                "the filter treats a correlated error as independent noise: a map error between sparse lines \
+                 (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or the residual \
+                 of compensation"
+                    .to_owned(),
+            ],
+            WarningKind::Gnss => vec![
+                "the receiver is jammed, spoofed or faulty, or the errors of the INS exceed its grade; \
+                `gnss_test = false` uses all positions"
+                    .to_owned(),
+            ],
+            WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
+            WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
+            WarningKind::Flat => vec![
+                "the noise exceeds `flat_over_m` times the slope of the map, so the position is mainly the INS's"
+                    .to_owned(),
+            ],
+            WarningKind::MapHeight if settings.levels => {
+                vec!["the flight leaves the heights of `map_levels_m`".to_owned()]
+            }
+            WarningKind::MapHeight => {
+                vec!["`map_levels_m` of `navigate` is unset; list heights below and above the heights flown".to_owned()]
+            }
+            WarningKind::Retention | WarningKind::Fit | WarningKind::Map | WarningKind::Metric => vec![],
+        };
+        (!found.is_empty()).then(|| found.join("; "))
+    }
+
+    fn too_sure(&self, settings: &NavigationSettings, kind: WarningKind) -> Vec<String> {
+        let row = self.row;
+        let shown = |x: f64| number(Some(x));
+        let sigma = settings.sigma_nt;
+        let mut found = vec![];
+        // An estimated noise includes an offset.
+        if settings.offset_window_s == 0.0 && !settings.found {
+            let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
+            match row.get("bias_error") {
+                Some(bias) if large(&bias) => found.push(format!(
+                    "the measurement has a bias (bias_error {} nT) and `offset_window_s` is 0",
+                    shown(bias)
+                )),
+                Some(_) => {}
+                None if settings.compensated => {
+                    found.push("compensation leaves a constant undetermined and `offset_window_s` is 0".to_owned());
+                }
+                None => {}
+            }
+        }
+        if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
+            found.push(format!("the map is at another height than the flight ({} nT rms)", shown(error)));
+        }
+        if let Some((said, flown)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
+            found.push(format!("`decimal_year` is {said:.2}, but the date in the flight is {flown:.2}"));
+        }
+        found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
+        if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
+            // A filter that diverged has left the map for that reason; the order of the two is unknown.
+            found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
+        }
+        if found.is_empty() && !settings.found {
+            found.extend(self.otherwise(kind));
+        }
+        found
+    }
+
+    fn sigma_too_small(&self, sigma: Option<f64>) -> Option<String> {
+        let sigma = sigma?;
+        let shown = |x: f64| number(Some(x));
+        let left = self.row.get("std_error").filter(|left| *left > limits::LEFT_OVER_SIGMA * sigma);
+        let nis = self.row.get("nis").filter(|nis| *nis > limits::NIS.high());
+        match (left, nis) {
+            (Some(left), _) => Some(format!(
+                "the residual of compensation is {} nT (std_error), but `measurement_sigma_nt` is {}",
+                shown(left),
+                shown(sigma)
+            )),
+            (None, Some(nis)) => Some(format!(
+                "the innovations are {} times as large as predicted: `measurement_sigma_nt` of {} is too small for the \
+                 errors of map, temporal variation and compensation",
+                shown(nis.sqrt()),
+                shown(sigma)
+            )),
+            (None, None) => None,
+        }
+    }
+
+    /// Cause if no specific fault is known.
+    fn otherwise(&self, kind: WarningKind) -> Option<String> {
+        let within = |metric: &str, law: &limits::ConsistencyLimit| {
+            self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high())
+        };
+        if kind == WarningKind::WorseThanIns && within("nees", &limits::NEES) {
+            return Some("the filter is consistent, but the map has too little information along this line".to_owned());
+        }
+        within("nis", &limits::NIS).then(|| {
+            "the innovations have the predicted size, so the filter treats correlated errors (of the map or of \
+             compensation) as independent noise; increase `measurement_sigma_nt` or `fogm_sigma_nt`"
+                .to_owned()
+        })
+    }
+
+    fn too_cautious(&self, settings: &NavigationSettings) -> Vec<String> {
+        let shown = |x: f64| number(Some(x));
+        let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
+        let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
+        match (low, settings.sigma_nt, lasting) {
+            (Some(_), Some(sigma), Some(lasting)) => vec![format!(
+                "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` is too short: the innovations are smaller than \
+                 the predicted change of the correlated error from sample to sample; the white noise of {} nT does \
+                 not cause it",
+                shown(lasting),
+                shown(sigma)
+            )],
+            (Some(nis), Some(sigma), None) => {
+                let left = self.row.get("std_error");
+                let left = left.map_or(String::new(), |left| {
+                    let lasts = "std_error; its correlated part belongs in `fogm_sigma_nt`";
+                    format!(", and the residual of compensation is {} nT ({lasts})", shown(left))
+                });
+                let what = "is too large: the innovations indicate about";
+                vec![format!(
+                    "`measurement_sigma_nt` of {} {what} {} nT{left}",
+                    shown(sigma),
+                    shown(sigma * nis.sqrt())
+                )]
+            }
+            (Some(_), None, _) => {
+                vec!["the estimated standard deviation is larger than the innovations of the line indicate".to_owned()]
+            }
+            (None, _, _) => {
+                vec!["the initial standard deviations or the process noise exceed the errors of this INS".to_owned()]
+            }
+        }
+    }
+}
+
+/// The date at the first sample of the line, if the flight has columns for it.
+fn flight_date(graph: &PlanGraph, store: &Store, it: &StageInstance, line: LineId) -> Result<Option<f64>, Fault> {
+    let Some(flights) = it.first_input() else { return Ok(None) };
+    let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
+    Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
+}
+
+/// Time of a track's first rejected GNSS position, in seconds from the start of its line.
+fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: LineId) -> Result<Option<f64>, Fault> {
+    let Ok(key) = graph.object(track, line) else { return Ok(None) };
+    if !store.has(key) {
+        return Ok(None);
+    }
+    let batch = store.get(key, &["gnss_update"])?;
+    let Some(updates) = batch.column_by_name("gnss_update").and_then(|a| a.as_string_opt::<i32>()) else {
+        return Ok(None);
+    };
+    let Some(row) = updates.iter().position(|update| update == Some("rejected")) else { return Ok(None) };
+    let origin = graph.origin(track, "tt");
+    let Ok(key) = graph.object(origin.made_by, line) else { return Ok(None) };
+    if !store.has(key) {
+        return Ok(None);
+    }
+    let batch = store.get(key, &["tt"])?;
+    let tt = batch.column_by_name("tt").and_then(|a| a.as_primitive_opt::<Float64Type>());
+    Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
+}
+
+/// The first value of a column of a line; `None` without one.
+fn first(graph: &PlanGraph, store: &Store, r: TableRef, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
+    let has = |r: TableRef| match r {
+        TableRef::Flights(i) => {
+            graph.records.get(i).and_then(|r| r.get(&line)).is_some_and(|l| l.columns.contains_key(name))
+        }
+        TableRef::Stage(t, i) => graph.plan.instance(t, i).makes(name).is_some(),
+        TableRef::Map(_) => false,
+    };
+    let origin = graph.origin(r, name);
+    if !has(origin.made_by) {
+        return Ok(None);
+    }
+    let Ok(key) = graph.object(origin.made_by, line) else { return Ok(None) };
+    if !store.has(key) {
+        return Ok(None);
+    }
+    let batch = store.get(key, &[name])?;
+    let Some(array) = batch.columns().first().filter(|a| !a.is_empty() && a.is_valid(0)) else { return Ok(None) };
+    let float = array.as_primitive_opt::<Float64Type>().map(|a| a.value(0));
+    Ok(float.or_else(|| array.as_primitive_opt::<Int64Type>().map(|a| a.value(0) as f64)).filter(|v| v.is_finite()))
+}

@@ -1,0 +1,413 @@
+//! Warnings of a run about its own results: filters that are worse than their INS, covariances that are far from the
+//! errors, maps at the wrong height, weak fits. One warning is one row of the table `warnings`.
+
+mod cause;
+pub mod limits;
+mod row;
+mod written;
+
+use std::collections::BTreeMap;
+
+use arrow_array::{Array, cast::AsArray};
+use plan::{LineId, Plan, PlanGraph, PlanUnit, SweepPoint, TableRef};
+use rayon::prelude::*;
+use schemas::{Fault, TableKind};
+use store::Store;
+
+use crate::text::number;
+use cause::LineFacts;
+pub use row::LineMetrics;
+pub use written::written;
+
+/// Subject of a warning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum WarningKind {
+    /// The track's horizontal error is larger than that of the INS alone.
+    WorseThanIns,
+    /// The position errors are far larger than the filter's covariance.
+    NeesHigh,
+    /// The position errors are far smaller than the filter's covariance.
+    NeesLow,
+    /// The innovations are far larger than the filter predicts.
+    NisHigh,
+    /// The innovations are far smaller than the filter predicts.
+    NisLow,
+    /// The innovations are correlated.
+    NotWhite,
+    /// The test of GNSS positions rejected some.
+    Gnss,
+    /// Most of the line is off the map, where the filter only predicts.
+    OffMap,
+    /// Most of the line is over ground where the map is too flat for a position.
+    Flat,
+    /// The map is at another height than the flight and is not continued to it.
+    MapHeight,
+    /// Compensation removed part of the anomaly.
+    Retention,
+    /// Warning of a fit.
+    Fit,
+    /// Warning of a stage that makes a map.
+    Map,
+    /// A metric that cannot be computed for a line.
+    Metric,
+}
+
+impl WarningKind {
+    /// All kinds.
+    pub const ALL: [WarningKind; 14] = [
+        WarningKind::WorseThanIns,
+        WarningKind::NeesHigh,
+        WarningKind::NeesLow,
+        WarningKind::NisHigh,
+        WarningKind::NisLow,
+        WarningKind::NotWhite,
+        WarningKind::Gnss,
+        WarningKind::OffMap,
+        WarningKind::Flat,
+        WarningKind::MapHeight,
+        WarningKind::Retention,
+        WarningKind::Fit,
+        WarningKind::Map,
+        WarningKind::Metric,
+    ];
+
+    /// The kind as text.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            WarningKind::WorseThanIns => "worse_than_ins",
+            WarningKind::NeesHigh => "nees_high",
+            WarningKind::NeesLow => "nees_low",
+            WarningKind::NisHigh => "nis_high",
+            WarningKind::NisLow => "nis_low",
+            WarningKind::NotWhite => "not_white",
+            WarningKind::Gnss => "gnss",
+            WarningKind::OffMap => "off_map",
+            WarningKind::Flat => "flat",
+            WarningKind::MapHeight => "map_height",
+            WarningKind::Retention => "retention",
+            WarningKind::Fit => "fit",
+            WarningKind::Map => "map",
+            WarningKind::Metric => "metric",
+        }
+    }
+
+    /// Whether this warning excludes a score from being the best of a sweep. A filter that diverged or is not
+    /// consistent is excluded for any values of its other metrics.
+    pub fn spoils(self) -> bool {
+        match self {
+            WarningKind::WorseThanIns
+            | WarningKind::NeesHigh
+            | WarningKind::NeesLow
+            | WarningKind::NisHigh
+            | WarningKind::NisLow
+            | WarningKind::NotWhite => true,
+            WarningKind::Gnss | WarningKind::OffMap | WarningKind::Flat => false,
+            WarningKind::MapHeight
+            | WarningKind::Retention
+            | WarningKind::Fit
+            | WarningKind::Map
+            | WarningKind::Metric => false,
+        }
+    }
+
+    /// Whether the filter is cautious: its estimate is sound, its covariance too large.
+    pub fn is_cautious(self) -> bool {
+        matches!(self, WarningKind::NeesLow | WarningKind::NisLow)
+    }
+
+    /// Text for all rows with this warning together.
+    pub fn of_many(self) -> &'static str {
+        match self {
+            WarningKind::WorseThanIns => "the filter is worse than the INS alone",
+            WarningKind::NeesHigh => {
+                "the filter is overconfident: its position errors are far larger than its covariance"
+            }
+            WarningKind::NeesLow => "the filter is cautious: its position errors are far smaller than its covariance",
+            WarningKind::NisHigh => "the innovations are far larger than the filter predicts",
+            WarningKind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
+            WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
+            WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
+            WarningKind::OffMap => "most samples are off the map",
+            WarningKind::Flat => "the map is too flat to correct the position at most samples",
+            WarningKind::MapHeight => "the map is at another height than the flight",
+            WarningKind::Retention => "compensation removed part of the anomaly",
+            WarningKind::Fit => "the fit has a warning",
+            WarningKind::Map => "the map has a warning",
+            WarningKind::Metric => "metrics cannot be computed",
+        }
+    }
+}
+
+/// Warning about an unreliable result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Warning {
+    /// The table of scores or models.
+    pub stage: String,
+    /// The sweep point.
+    pub point: SweepPoint,
+    /// Flight and line; none for a fit.
+    pub line: Option<(String, String)>,
+    /// Subject of the warning.
+    pub kind: WarningKind,
+    /// The flagged figure.
+    pub value: Option<f64>,
+    /// Limit of the figure.
+    pub limit: Option<f64>,
+    /// The unit of both.
+    pub unit: &'static str,
+    /// Description of the fault, in one sentence.
+    pub text: String,
+    /// Likely cause, from known facts.
+    pub cause: Option<String>,
+}
+
+impl Warning {
+    /// Ratio of the figure to its limit, at least 1; 1 without a figure.
+    pub fn excess(&self) -> f64 {
+        match (self.value, self.limit) {
+            (Some(value), Some(limit)) if value / limit > 0.0 => (value / limit).ln().abs().exp(),
+            (Some(_), Some(_)) => f64::INFINITY,
+            _ => 1.0,
+        }
+    }
+
+    /// Place of the warning: axis values, flight and line; empty for the fit of a pipeline without axes.
+    pub fn place(&self) -> String {
+        let point = self.point.iter().map(|(name, value)| format!("{name} = {value}"));
+        let line = self.line.iter().map(|(flight, line)| format!("flight {flight}, line {line}"));
+        point.chain(line).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The warnings of all scores, fits and maps that `done` accepts: score tables in the plan's order, then fits, then
+/// maps, each in the order of the sweep and of the lines.
+///
+/// # Errors
+/// Fails when the store cannot be read.
+pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
+    let plan = graph.plan;
+    let tables = |stage: &'static str| (0..plan.tables.len()).filter(move |t| plan.tables[*t].entry.name == stage);
+    let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
+    let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
+    let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
+    let maps = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.yields == TableKind::Map);
+    let maps: Vec<PlanUnit> = maps.flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
+    let maps = maps.into_par_iter().map(|unit| of_map(graph, store, unit));
+    let found: Vec<Vec<Warning>> = scores.chain(fits).chain(maps).collect::<Result<_, Fault>>()?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Warnings of the results that are in the store now, for any outcome of the last run.
+///
+/// # Errors
+/// Fails when the store cannot be read.
+pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<Warning>, Fault> {
+    find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
+}
+
+/// The warnings of one line's scores.
+fn of_score(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
+    let batch = store.get(graph.key(unit)?, &LineMetrics::COLUMNS)?;
+    let row = LineMetrics::read(&batch);
+    let Some(line) = unit.line else { return Ok(vec![]) };
+    let inputs = graph.plan.instance(unit.table, unit.instance).inputs();
+    let facts = LineFacts::gather(graph, store, &inputs, line, &row)?;
+    let judged = judge(&facts).into_iter().map(|found| found.at(graph, unit));
+    Ok(judged.chain(of_whole(graph, unit, WarningKind::Metric, row::left_out(&batch))).collect())
+}
+
+/// Warning without stage, point and line.
+struct WarningDraft {
+    kind: WarningKind,
+    value: f64,
+    limit: f64,
+    unit: &'static str,
+    text: String,
+    cause: Option<String>,
+}
+
+impl WarningDraft {
+    fn at(self, graph: &PlanGraph, unit: PlanUnit) -> Warning {
+        let (stage, point, line) = place(graph, unit);
+        let WarningDraft { kind, value, limit, unit, text, cause } = self;
+        Warning { stage, point, line, kind, value: Some(value), limit: Some(limit), unit, text, cause }
+    }
+}
+
+fn place(graph: &PlanGraph, unit: PlanUnit) -> (String, SweepPoint, Option<(String, String)>) {
+    let node = &graph.plan.tables[unit.table];
+    let line = unit.line.and_then(|l: LineId| graph.lines.get(l).cloned());
+    (node.name.clone(), graph.plan.instance(unit.table, unit.instance).point(), line)
+}
+
+/// Compares the scores of one line with their limits.
+fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
+    let (row, shown) = (facts.row, |x: f64| number(Some(x)));
+    let mut found = vec![];
+    let mut add = |kind: WarningKind, (value, limit, unit): (f64, f64, &'static str), text: String| {
+        found.push(WarningDraft { kind, value, limit, unit, text, cause: facts.cause(kind) });
+    };
+    if let (Some(drms), Some(ins)) = (row.get("drms"), row.get("ins_drms"))
+        && drms > ins
+    {
+        let text = format!("the filter is worse than the INS alone: drms {} m against {} m", shown(drms), shown(ins));
+        add(WarningKind::WorseThanIns, (drms, ins, "m"), text);
+    }
+    let laws = [
+        ("nees", &limits::NEES, WarningKind::NeesLow, WarningKind::NeesHigh),
+        ("nis", &limits::NIS, WarningKind::NisLow, WarningKind::NisHigh),
+    ];
+    for (metric, law, low, high) in laws {
+        // A track that equals the truth, such as a bound, has no error to compare.
+        let Some(value) = row.get(metric).filter(|_| row.get("drms") != Some(0.0)) else { continue };
+        let (kind, limit) = if value > law.high() {
+            (high, law.high())
+        } else if value < law.low() {
+            (low, law.low())
+        } else {
+            continue;
+        };
+        let text = format!("{}: {metric} {}, expected value {}", kind.of_many(), shown(value), law.mean);
+        add(kind, (value, limit, "1"), text);
+    }
+    let correlated = row.get("correlated_nis");
+    if let Some(white) = row.get("whiteness").filter(|white| *white < limits::WHITENESS && row.get("drms") != Some(0.0))
+        && correlated.is_none_or(|nis| nis > limits::CORRELATED_NIS)
+    {
+        let more = correlated.map_or(String::new(), |nis| format!("; correlated_nis {}, expected value 1", shown(nis)));
+        let text =
+            format!("{}: whiteness {}, expected value 0.95{more}", WarningKind::NotWhite.of_many(), shown(white));
+        add(WarningKind::NotWhite, (white, limits::WHITENESS, "1"), text);
+    }
+    if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
+        let first = facts
+            .gnss_rejected_s()
+            .map_or(String::new(), |at| format!(", the first {at:.0} s after the start of the line"));
+        let text = format!("{count:.0} of {fixes} GNSS positions contradict the INS and are rejected{first}");
+        add(WarningKind::Gnss, (count, 0.0, "1"), text);
+    }
+    if let Some(share) = row.off_map()
+        && share > limits::OFF_MAP
+    {
+        let text = format!("{:.0} % of the samples are off the map, without measurement updates", 100.0 * share);
+        add(WarningKind::OffMap, (share, limits::OFF_MAP, "1"), text);
+    }
+    if let Some(share) = row.flat()
+        && share > limits::FLAT
+    {
+        let text = format!("the map is too flat to correct the position at {:.0} % of the samples", 100.0 * share);
+        add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
+    }
+    if let Some(error_nt) = row.get("map_height_error")
+        && error_nt > limits::map_height_nt(facts.sigma_nt())
+    {
+        let limit = limits::map_height_nt(facts.sigma_nt());
+        let what = "the map is at another height than the flight and is not continued to it; the expected error is";
+        add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
+    }
+    if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))
+        && kept + limits::RETENTION_ERRORS * error < limits::RETENTION
+    {
+        let text = format!(
+            "compensation removed part of the anomaly: anomaly retention {}, standard error {}",
+            shown(kept),
+            shown(error)
+        );
+        add(WarningKind::Retention, (kept, limits::RETENTION, "1"), text);
+    }
+    found
+}
+
+/// The warning of one fit: each row of a model has it, and it is reported once.
+fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
+    if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
+        return Ok(vec![]);
+    }
+    let batch = store.get(graph.key(unit)?, &["warning"])?;
+    let texts = batch.column_by_name("warning").and_then(|a| a.as_string_opt::<i32>());
+    let mut told: Vec<String> = vec![];
+    for text in texts.iter().flat_map(|a| (0..a.len()).filter(|i| a.is_valid(*i)).map(|i| a.value(i))) {
+        if !text.is_empty() && !told.iter().any(|t| t == text) {
+            told.push(text.to_owned());
+        }
+    }
+    Ok(of_whole(graph, unit, WarningKind::Fit, told))
+}
+
+/// The warnings of one map that a stage made.
+fn of_map(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
+    let key = graph.key(unit)?;
+    // A map that is not kept is not in the store.
+    let told = if store.has(key) { store.remarks(key)?.warnings } else { vec![] };
+    Ok(of_whole(graph, unit, WarningKind::Map, told))
+}
+
+/// Warnings without a figure.
+fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, told: Vec<String>) -> Vec<Warning> {
+    let (stage, point, line) = place(graph, unit);
+    let one = |text| Warning {
+        stage: stage.clone(),
+        point: point.clone(),
+        line: line.clone(),
+        kind,
+        value: None,
+        limit: None,
+        unit: "",
+        text,
+        cause: None,
+    };
+    told.into_iter().map(one).collect()
+}
+
+/// Maximum number of kinds listed one by one.
+const TOLD: usize = 10;
+
+/// All warnings for the end of a run, grouped by kind and table, with the place and cause of the worst. `table` is the
+/// table of all warnings.
+pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
+    let mut groups: BTreeMap<(&str, WarningKind), Vec<&Warning>> = BTreeMap::new();
+    for warning in warnings {
+        groups.entry((&warning.stage, warning.kind)).or_default().push(warning);
+    }
+    let mut out: Vec<String> = groups.values().take(TOLD).map(|group| group_told(group)).collect();
+    if groups.len() > TOLD {
+        out.push(format!("and {} more kinds of warnings", groups.len() - TOLD));
+    }
+    if !out.is_empty() {
+        let n = warnings.len();
+        out.push(format!("{n} {}; the table `{table}` lists all", if n == 1 { "warning" } else { "warnings" }));
+    }
+    out
+}
+
+/// The first of the worst represents its group.
+fn group_told(group: &[&Warning]) -> String {
+    let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
+    let Some(worst) = worst else { return String::new() };
+    let place = if worst.place().is_empty() { String::new() } else { format!(" ({})", worst.place()) };
+    let mut text = match group.len() {
+        1 => format!("{}{place}: {}", worst.stage, worst.text),
+        n => {
+            let which = if worst.value.is_some() { "worst" } else { "first" };
+            let what = worst.kind.of_many();
+            // The common text is not repeated for the worst.
+            let figures = worst.text.strip_prefix(what).and_then(|t| t.strip_prefix(": ")).unwrap_or(&worst.text);
+            format!("{}: {what} at {n} places, {which}{place}: {figures}", worst.stage)
+        }
+    };
+    if let Some(cause) = &worst.cause {
+        text.push_str(&format!("\n  likely cause: {cause}"));
+    }
+    text
+}
+
+/// The navigation behind some tables, if any.
+fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
+    match plan.upstream(inputs, "navigate") {
+        Some(TableRef::Stage(t, i)) => Some((t, i)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

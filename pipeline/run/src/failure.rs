@@ -1,0 +1,58 @@
+//! Units and tables that could not be computed.
+
+use std::collections::HashMap;
+
+use plan::Plan;
+use results::warnings::{Warning, WarningKind};
+use schemas::Fault;
+
+/// Unit that could not be computed.
+#[derive(Clone, Debug)]
+pub struct Failure {
+    /// Table, or source.
+    pub table: String,
+    /// Sweep point.
+    pub point: plan::SweepPoint,
+    /// Line; `None` for a survey stage.
+    pub line: Option<(String, String)>,
+    /// Reason.
+    pub fault: Fault,
+}
+
+/// Metrics that could not be computed, as failures if the `metrics` of their tables list them; and all other warnings.
+/// A default metric is skipped with a warning.
+pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<Warning>) {
+    let named = |w: &Warning| {
+        let table = plan.table(&w.stage).ok().and_then(|t| plan.decl(t));
+        w.kind == WarningKind::Metric && table.is_some_and(|decl| decl.args.contains_key("metrics"))
+    };
+    let (failed, others): (Vec<Warning>, Vec<Warning>) = warnings.into_iter().partition(named);
+    let failure = |w: Warning| Failure { table: w.stage, point: w.point, line: w.line, fault: Fault::data(w.text) };
+    (failed.into_iter().map(failure).collect(), others)
+}
+
+/// Failures as reported: one message for a mistake in several lines of a file, with the number of lines.
+pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
+    let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
+    let mistake = |f: &Failure| -> Option<(String, String, String)> {
+        // Only faults of a source are merged; stages fail separately.
+        let file = f.fault.place.file.clone()?;
+        Some((file, f.fault.place.column.clone()?, shape(f)))
+    };
+    let mut said: Vec<(&Failure, usize)> = vec![];
+    let mut at: HashMap<(String, String, String), usize> = HashMap::new();
+    for failure in failures {
+        let Some(mistake) = mistake(failure) else {
+            said.push((failure, 1));
+            continue;
+        };
+        match at.get(&mistake).and_then(|i| said.get_mut(*i)) {
+            Some((_, lines)) => *lines += 1,
+            None => {
+                at.insert(mistake, said.len());
+                said.push((failure, 1));
+            }
+        }
+    }
+    said
+}

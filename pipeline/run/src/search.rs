@@ -1,0 +1,185 @@
+//! Search by generations: each is planned from the scores of the previous ones, and run.
+//!
+//! The store holds only the results of a search, which are addressed by their inputs. A killed search plans its
+//! generations again and finds the finished results in the store. After the last generation all trials are published
+//! together, as in a sweep.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use plan::{
+    Plan,
+    spec::{SearchState, SpecFaults},
+};
+use schemas::{Fault, FaultOwner, StageEntry, keys::HashKey};
+use store::{PipelineLock, Store};
+
+use super::{
+    Event, Failure, Listener, OutcomeCounts, PlanPass, RunOptions, RunSummary, UnitOutcome, healed, run_locked,
+    trials::in_order,
+};
+
+/// Runs `plan` in a process that has the lock of its pipeline; a search is run with all trials that follow from the
+/// scores. Returns the plan of all computed trials.
+///
+/// # Errors
+/// Same as [`super::run`].
+pub fn search(
+    plan: Plan,
+    catalogue: &[StageEntry],
+    store: &Store,
+    publisher: &PipelineLock,
+    options: RunOptions<'_>,
+    listener: &dyn Listener,
+) -> Result<(Plan, RunSummary), SpecFaults> {
+    let found = plan.spec.search.clone();
+    let Some((search, mut course)) = found.as_ref().map(|s| (s, SearchState::new(s))).filter(|(_, c)| !c.is_known())
+    else {
+        let summary = run_locked(&plan, store, publisher, options, listener)?;
+        return Ok((plan, summary));
+    };
+    let relay = EventRelay::new(listener);
+    let mut spec = plan.spec;
+    while !course.next().is_empty() {
+        let rows = course.next().to_vec();
+        let plan = Plan::new(spec.with_trials(&rows), catalogue)?;
+        // The bytes of the inputs are read only once per search.
+        spec.verify_inputs = false;
+        listener.hear(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
+        let pass = PlanPass { last: false, rows: &rows, known: None, relay: Some(&relay) };
+        let one = RunOptions { compact: false, ..options };
+        let mut summary = healed(&plan, store, one, publisher, &relay, &pass)?;
+        let refused = summary.failures.iter().any(|f| f.fault.owner == FaultOwner::Machine);
+        if summary.interrupted || refused {
+            if !summary.interrupted {
+                summary.failures.push(stopped(course.done().len()));
+            }
+            summary.trials.clear();
+            listener.hear(&Event::Finished { summary: &summary });
+            return Ok((plan, summary));
+        }
+        course.tell(std::mem::take(&mut summary.trials));
+        let scored = course.done().get(course.done().len().saturating_sub(rows.len())..).unwrap_or_default();
+        listener.hear(&Event::Trials { search, scored, best: course.best() });
+    }
+    let plan = Plan::new(spec.with_trials(&course.rows()), catalogue)?;
+    let known = in_order(course.done().to_vec());
+    relay.last();
+    let pass = PlanPass { last: true, rows: &[], known: Some(&known), relay: Some(&relay) };
+    let summary = healed(&plan, store, RunOptions { compact: true, ..options }, publisher, &relay, &pass)?;
+    listener.hear(&Event::Finished { summary: &summary });
+    Ok((plan, summary))
+}
+
+/// Faults of the machine may not recur in a later run, and the next trials would then differ.
+fn stopped(done: usize) -> Failure {
+    let what = format!("the search stopped after {done} trials, because the machine failed during the next trials");
+    let fault = Fault::machine(what).help("run the spec again to resume; finished results are stored");
+    Failure { table: "search".into(), point: Default::default(), line: None, fault }
+}
+
+/// Listener that merges the events of several passes into those of one run.
+pub struct EventRelay<'a> {
+    listener: &'a dyn Listener,
+    told: Mutex<EventRelayState>,
+}
+
+#[derive(Default)]
+struct EventRelayState {
+    started: bool,
+    last: bool,
+    units: HashSet<HashKey>,
+    tables: BTreeMap<String, TableTotals>,
+}
+
+/// Total counts and time of a table over all passes.
+#[derive(Clone, Copy, Default)]
+struct TableTotals {
+    count: OutcomeCounts,
+    seconds: f64,
+}
+
+impl<'a> EventRelay<'a> {
+    fn new(listener: &'a dyn Listener) -> EventRelay<'a> {
+        EventRelay { listener, told: Mutex::default() }
+    }
+
+    fn told(&self) -> MutexGuard<'_, EventRelayState> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Marks the next pass as the last one.
+    fn last(&self) {
+        self.told().last = true;
+    }
+
+    /// Outcomes of each of these tables over all passes, and their time, s.
+    pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
+        let told = self.told();
+        let spent = |name: &str| told.tables.get(name).copied().unwrap_or_default();
+        tables.map(spent).map(|s| (s.count, s.seconds)).collect()
+    }
+}
+
+impl Listener for EventRelay<'_> {
+    fn hear(&self, event: &Event) {
+        match event {
+            Event::Reading { .. } => {
+                let started = self.told().started;
+                if !started {
+                    self.listener.hear(event);
+                }
+            }
+            Event::Started { .. } => {
+                let started = std::mem::replace(&mut self.told().started, true);
+                if !started {
+                    self.listener.hear(event);
+                }
+            }
+            Event::Unit { table, point, line, outcome, .. } => {
+                let place = line.iter().flat_map(|(flight, line)| [flight.clone(), line.clone()]);
+                let point = point.iter().flat_map(|(name, value)| [name.clone(), value.to_string()]);
+                let new = {
+                    let mut told = self.told();
+                    let new = told
+                        .units
+                        .insert(HashKey::from_parts([(*table).to_owned()].into_iter().chain(point).chain(place)));
+                    if new {
+                        let count = &mut told.tables.entry((*table).to_owned()).or_default().count;
+                        match outcome {
+                            UnitOutcome::Computed => count.computed += 1,
+                            UnitOutcome::Reused => count.reused += 1,
+                            UnitOutcome::Failed => count.failed += 1,
+                            UnitOutcome::Skipped => count.skipped += 1,
+                        }
+                    }
+                    new
+                };
+                if new {
+                    self.listener.hear(event);
+                }
+            }
+            Event::Table { table, seconds, .. } => {
+                let (last, spent) = {
+                    let mut told = self.told();
+                    let last = told.last;
+                    let spent = told.tables.entry((*table).to_owned()).or_default();
+                    spent.seconds += seconds;
+                    (last, *spent)
+                };
+                if last {
+                    self.listener.hear(&Event::Table { table, count: spent.count, seconds: spent.seconds });
+                }
+            }
+            Event::Computing { .. }
+            | Event::Working { .. }
+            | Event::Waiting { .. }
+            | Event::Searching { .. }
+            | Event::Trials { .. }
+            | Event::Publishing { .. }
+            | Event::Finished { .. } => self.listener.hear(event),
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! Tasks and receipts: requests to and answers from a worker, as plain data. `pipeline/TASKS.md` describes their form.
+
+use std::collections::BTreeMap;
+
+use plan::{LineId, PlanGraph, PlanUnit};
+use schemas::{DataLocation, Fault, FaultOwner, Literal, keys::HashKey};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::events::UnitOutcome;
+
+/// Format number of tasks and receipts.
+const FORM: u64 = 1;
+
+/// Version of this program.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Units of one table that are computed together and written into one file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Task {
+    /// Format number of this object.
+    task: u64,
+    /// Version of the program that made it.
+    pub magline: String,
+    /// Plan, a file of the store; `None` for a task within this process.
+    pub plan: Option<HashKey>,
+    /// Name of the table.
+    pub table: String,
+    /// Whether the result is a part of a file of the table, and not a whole one.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub part: bool,
+    /// Units, in the order of the table's rows.
+    pub units: Vec<TaskUnit>,
+}
+
+/// Unit of a task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskUnit {
+    /// Position of the sweep point.
+    pub point: usize,
+    /// Position of the line among those of the plan; `None` for a survey stage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<LineId>,
+    /// Key of the result.
+    pub key: HashKey,
+    /// Whether the result is in the store, and is only written into the same file.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub have: bool,
+    /// Unusable lines of a survey stage, sorted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<LineId>,
+}
+
+impl TaskUnit {
+    /// Unit of the plan, in the table `table`.
+    pub fn unit(&self, table: usize) -> PlanUnit {
+        PlanUnit { table, instance: self.point, line: self.line }
+    }
+}
+
+/// Outcome of a task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Receipt {
+    /// Format number of this object.
+    receipt: u64,
+    /// Version of the program that made it.
+    pub magline: String,
+    /// Plan, as in the task.
+    pub plan: Option<HashKey>,
+    /// Name of the table.
+    pub table: String,
+    /// Hash of plan, table and keys.
+    pub task: HashKey,
+    /// Units with an answer, in the order of the task.
+    pub units: Vec<UnitAnswer>,
+    /// Reason why the task was rejected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+    /// Whether the worker ended after it, because a unit exceeded its time limit.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub ended: bool,
+    /// Wall time, s.
+    pub seconds: f64,
+    /// Host and process of the worker.
+    pub worker: String,
+}
+
+/// Outcome of a unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UnitAnswer {
+    /// Position of the sweep point.
+    pub point: usize,
+    /// Position of the line among those of the plan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<LineId>,
+    /// Key of the result.
+    pub key: HashKey,
+    /// Values of the sweep point, for display.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub axes: BTreeMap<String, String>,
+    /// Flight and line, for display.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<(String, String)>,
+    /// Outcome of the unit.
+    pub outcome: UnitOutcome,
+    /// Fault of a failed unit.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "told")]
+    pub fault: Option<Fault>,
+}
+
+// The signature is required by serde.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_false(it: &bool) -> bool {
+    !it
+}
+
+impl Task {
+    /// Task of this version.
+    pub fn new(plan: Option<HashKey>, table: &str, part: bool, units: Vec<TaskUnit>) -> Task {
+        Task { task: FORM, magline: VERSION.to_owned(), plan, table: table.to_owned(), part, units }
+    }
+
+    /// Task with other units, as a part of a file.
+    pub fn part_of(&self, units: Vec<TaskUnit>) -> Task {
+        Task { part: true, units, ..Task::new(self.plan, &self.table, true, vec![]) }
+    }
+
+    /// Parses a task from one line of text.
+    ///
+    /// # Errors
+    /// Fails for a text that is not JSON, not a task, or of another form.
+    pub fn parse(text: &str) -> Result<Task, Fault> {
+        parsed(text, "task")
+    }
+
+    /// Hash of plan, table and keys.
+    pub fn id(&self) -> HashKey {
+        let plan = self.plan.map(|key| key.to_string()).unwrap_or_default();
+        let keys = self.units.iter().map(|u| u.key.to_string());
+        HashKey::from_parts(["task".to_owned(), plan, self.table.clone()].into_iter().chain(keys))
+    }
+
+    /// Receipt of the task.
+    pub fn receipt(&self, units: Vec<UnitAnswer>) -> Receipt {
+        Receipt {
+            receipt: FORM,
+            magline: VERSION.to_owned(),
+            plan: self.plan,
+            table: self.table.clone(),
+            task: self.id(),
+            units,
+            refused: None,
+            ended: false,
+            seconds: 0.0,
+            worker: String::new(),
+        }
+    }
+
+    /// Receipt of a rejected task, with the reason.
+    pub fn refusal(&self, why: &Fault) -> Receipt {
+        let help = why.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
+        Receipt { refused: Some(format!("{why}{help}")), ..self.receipt(vec![]) }
+    }
+}
+
+impl Receipt {
+    /// Parses a receipt from one line of text.
+    ///
+    /// # Errors
+    /// Same as [`Task::parse`].
+    pub fn parse(text: &str) -> Result<Receipt, Fault> {
+        parsed(text, "receipt")
+    }
+
+    /// Adds data for display: the values of the sweep points, flights and lines.
+    pub fn name(&mut self, graph: &PlanGraph, table: usize) {
+        for answer in &mut self.units {
+            let point = graph.plan.instance(table, answer.point).point();
+            answer.axes = point.into_iter().map(|(name, value): (String, Literal)| (name, value.to_string())).collect();
+            answer.place = answer.line.and_then(|line| graph.lines.get(line).cloned());
+        }
+    }
+}
+
+impl UnitAnswer {
+    /// Answer for a unit of a task.
+    pub fn new(unit: &TaskUnit, outcome: UnitOutcome, fault: Option<Fault>) -> UnitAnswer {
+        let TaskUnit { point, line, key, .. } = *unit;
+        UnitAnswer { point, line, key, axes: BTreeMap::new(), place: None, outcome, fault }
+    }
+}
+
+/// Parses an object of one line whose entry `word` is its format number.
+fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
+    let help = "`magline tasks` writes one task per line";
+    let cut = |e: serde_json::Error| {
+        let why = if e.is_eof() { "the line is truncated".to_owned() } else { format!("not JSON: {e}") };
+        Fault::new(format!("the line is not a {word}: {why}")).help(help)
+    };
+    let value: serde_json::Value = serde_json::from_str(text).map_err(cut)?;
+    let form = value.get(word).and_then(serde_json::Value::as_u64);
+    match form {
+        Some(FORM) => {
+            serde_json::from_value(value).map_err(|e| Fault::new(format!("the {word} is incomplete: {e}")).help(help))
+        }
+        Some(other) => {
+            let what = format!("the {word} has form {other}; magline {VERSION} supports form {FORM}");
+            Err(Fault::new(what).help("use the same version for tasks and workers"))
+        }
+        None => Err(Fault::new(format!("the line is not a {word}, but other JSON")).help(help)),
+    }
+}
+
+/// Serialisation of a fault as an object.
+mod told {
+    use serde::{Deserializer, Serializer};
+
+    use super::{DataLocation, Deserialize, Fault, FaultOwner, Serialize};
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct FaultRecord {
+        what: String,
+        owner: FaultOwnerName,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        help: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        file: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        flight: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        line: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        column: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        row: Option<u64>,
+    }
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum FaultOwnerName {
+        Spec,
+        Data,
+        Machine,
+        Bug,
+    }
+
+    pub fn serialize<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
+        let told = fault.clone().map(|fault| {
+            let DataLocation { file, flight, line, column, row } = fault.place;
+            let owner = match fault.owner {
+                FaultOwner::Spec => FaultOwnerName::Spec,
+                FaultOwner::Data => FaultOwnerName::Data,
+                FaultOwner::Machine => FaultOwnerName::Machine,
+                FaultOwner::Bug => FaultOwnerName::Bug,
+            };
+            FaultRecord { what: fault.what, owner, help: fault.help, file, flight, line, column, row }
+        });
+        told.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Fault>, D::Error> {
+        let told: Option<FaultRecord> = Option::deserialize(deserializer)?;
+        Ok(told.map(|FaultRecord { what, owner, help, file, flight, line, column, row }| {
+            let owner = match owner {
+                FaultOwnerName::Spec => FaultOwner::Spec,
+                FaultOwnerName::Data => FaultOwner::Data,
+                FaultOwnerName::Machine => FaultOwner::Machine,
+                FaultOwnerName::Bug => FaultOwner::Bug,
+            };
+            Fault { what, help, owner, place: DataLocation { file, flight, line, column, row }, ..Fault::default() }
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn task() -> Task {
+        let unit = |line, without| TaskUnit { point: 3, line, key: HashKey::from_parts(["a"]), have: false, without };
+        Task::new(Some(HashKey::from_parts(["plan"])), "fit", true, vec![unit(None, vec![2, 5]), unit(Some(7), vec![])])
+    }
+
+    #[test]
+    fn unit_tasks_and_receipts_round_trip() {
+        let task = task();
+        let text = serde_json::to_string(&task).unwrap();
+        assert_eq!(Task::parse(&text).unwrap(), task);
+        let fault = Fault::machine("no room").help("make some").in_line("1", "1.02").in_row(5);
+        let mut receipt = task.receipt(vec![
+            UnitAnswer::new(&task.units[0], UnitOutcome::Failed, Some(fault)),
+            UnitAnswer::new(&task.units[1], UnitOutcome::Computed, None),
+        ]);
+        receipt.units[1].place = Some(("1".to_owned(), "1.02".to_owned()));
+        receipt.seconds = 0.1 + 0.2;
+        let text = serde_json::to_string(&receipt).unwrap();
+        let read = Receipt::parse(&text).unwrap();
+        assert_eq!((&read.units, read.task), (&receipt.units, task.id()));
+        assert!(Task::parse(&text).is_err() && !text.contains('\n'));
+    }
+
+    #[test]
+    fn unit_truncated_foreign_or_unknown_lines_are_rejected_with_the_reason() {
+        let text = serde_json::to_string(&task()).unwrap();
+        for at in 1..text.len() {
+            let fault = Task::parse(&text[..at]).unwrap_err();
+            assert!(fault.what.contains("the line is truncated"), "{at}: {fault}");
+        }
+        let said = |text: &str| Task::parse(text).unwrap_err().what;
+        assert!(said(r#"{"event":"started"}"#).contains("other JSON"));
+        assert!(said("[1, 2]").contains("other JSON") && said("17").contains("other JSON"));
+        assert!(said("fit 7").contains("not JSON"));
+        assert!(said(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
+        assert!(said(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));
+        assert!(said(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
+        assert!(said(&text.replace(&HashKey::from_parts(["a"]).to_string(), "xyz")).contains("not a key"));
+    }
+}
