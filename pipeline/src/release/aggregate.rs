@@ -187,13 +187,16 @@ pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     for found in counts.values() {
         let sorted: Vec<i64> = found.iter().copied().collect();
         if let Some([a, b]) = sorted.array_windows::<2>().find(|[a, b]| b - a < least) {
-            let what = format!("{}: values of {a} and of {b} samples differ by fewer than {least} samples", names());
+            let what = format!(
+                "{}: the sets of {a} and of {b} samples behind two values differ by fewer than {least} samples",
+                names()
+            );
             return Err(format!("{what} (`least_samples`), so single samples can be derived from them"));
         }
     }
     let more = |(_, (sum, most)): &(_, &(usize, i64))| i64::try_from(*sum).is_ok_and(|sum| sum > *most);
     if let Some((place, (sum, most))) = numbers.iter().find(more) {
-        return Err(format!("{}: {sum} numbers from {most} samples of {place} are more numbers than samples", names()));
+        return Err(format!("{}: {sum} numbers are computed from only {most} samples of {place}", names()));
     }
     Ok(())
 }

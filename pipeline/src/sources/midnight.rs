@@ -104,7 +104,8 @@ fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>
         let due = after(start, steps);
         let near = [-1, 0, 1].iter().any(|late| after(start, steps + late) == own);
         if known(i) && !near {
-            let what = format!("the date is day {}, but day {} follows from the start of the line", own.1, due.1);
+            let what =
+                format!("the date is day {}, but counting from the start of the line gives day {}", own.1, due.1);
             return Err(Fault::data(what).in_column("doy").in_row(i as u64));
         }
         let (year, doy) = if known(i) { due } else { own };
@@ -209,7 +210,7 @@ mod tests {
         let odd = unwrapped(&line(&OVER, &[2023; 4], &[100, 100, 150, 150])).unwrap_err();
         assert_eq!(
             odd.to_string(),
-            "column `doy`, row 2: the date is day 150, but day 101 follows from the start of the line"
+            "column `doy`, row 2: the date is day 150, but counting from the start of the line gives day 101"
         );
     }
 }

@@ -137,9 +137,8 @@ impl Flights {
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
         let young = trust.settle.and_then(|settle| files::settled(&mut found, settle));
         if let Some(what) = young.as_ref().filter(|_| found.is_empty()) {
-            let fault =
-                Fault::new(format!("`{}` has no file that was unmodified for the time of `--settle`", decl.name))
-                    .help(what.clone());
+            let fault = Fault::new(format!("every file of `{}` was modified within the time of `--settle`", decl.name))
+                .help(what.clone());
             return Err(vec![placed(fault)]);
         }
         if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {

@@ -291,14 +291,14 @@ fn described(name: &str, likely: &ProbableCause, origins: &FileColumns) -> Strin
             format!("if the value is in {unit}, it is {} {ours}: {units}", shown(*value))
         }
         ProbableCause::DegreesMinutes(value) => {
-            format!("as degrees and minutes (NMEA ddmm.mm) it is {} deg; convert the column", shown(*value))
+            format!("read as degrees and minutes (NMEA ddmm.mm), it is {} deg; convert the column", shown(*value))
         }
         ProbableCause::GpsWeek(day, second) => format!(
-            "as seconds of a GPS week it is {} s of day {day}; `tt` must be in s past midnight UTC",
+            "read as seconds of a GPS week, it is {} s of day {day}; `tt` must be in s past midnight UTC",
             shown(*second)
         ),
         ProbableCause::Unix(second) => {
-            format!("as Unix time it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
+            format!("read as Unix time, it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
         }
     }
 }

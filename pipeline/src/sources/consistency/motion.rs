@@ -156,7 +156,8 @@ fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord
         let (north, east) = (columns.contains(&set.vn), columns.contains(&set.ve));
         for (unit, by) in columns.first().map(|c| other_units(line, c, &SPEEDS)).unwrap_or_default() {
             let scaled = |f: [f64; 2]| [if north { by * f[0] } else { f[0] }, if east { by * f[1] } else { f[1] }];
-            let fit = if north && east { "the velocities fit".to_owned() } else { format!("`{}` fits", columns[0]) };
+            let fit =
+                if north && east { "the velocities agree".to_owned() } else { format!("`{}` agrees", columns[0]) };
             causes
                 .push((disagreement(all, scaled), format!("in {unit} {fit}: {}", line.origins.units(&columns, unit))));
         }
@@ -192,7 +193,8 @@ pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
         }
         let causes = SPEEDS.into_iter().filter_map(|unit| Some((fit(convert(unit, "m/s")?), unit)));
         let (_, unit) = causes.filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let what = format!("the positions move at {} m/s, and `{name}` fits in {unit} only", shown(round(moved)));
+        let what =
+            format!("the positions move at {} m/s, and `{name}` agrees only if it is in {unit}", shown(round(moved)));
         let row = all.first().map_or(0, |c| c.row);
         let at = (name, row, speed.get(row).copied().unwrap_or(f64::NAN), declared);
         Some(line.contradiction(at, all.len(), what, &line.origins.units(&[name], unit)))
@@ -216,7 +218,7 @@ pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Fi
         set.vd,
         shown(round(mean_speed(&climbs, |c| c.flown)))
     );
-    let help = format!("in {unit} `{}` fits: {}", set.vd, line.origins.units(&[set.vd], unit));
+    let help = format!("in {unit} `{}` agrees with the heights: {}", set.vd, line.origins.units(&[set.vd], unit));
     let row = climbs.first().map_or(0, |c| c.row);
     Some(line.contradiction((set.vd, row, vd[row], "m/s"), climbs.len(), what, &help))
 }

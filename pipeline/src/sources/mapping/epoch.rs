@@ -57,7 +57,10 @@ pub fn find(
         return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
     }
     if said.unknown {
-        let note = format!("{name}: `tt` counts from the start of the log; its time of day and date are unknown");
+        let note = format!(
+            "{name}: `tt` is the time since the start of the log; the time of day and the date of the start are \
+             unknown"
+        );
         return Ok(LogEpoch { instant: None, note });
     }
     if let Some(utc) = &said.utc {
@@ -119,7 +122,8 @@ pub fn find(
     let instant = UtcInstant::new(day, median(&mut seconds));
     let set = if high - low > SET_S { "; one of the clocks was set during the log" } else { "" };
     let note = format!(
-        "{name}: its clock was 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} s{set}",
+        "{name}: its clock read 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} \
+         s{set}",
         date_text(instant.day),
         time_text(instant.s),
         starts.len(),

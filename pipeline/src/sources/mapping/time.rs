@@ -95,7 +95,7 @@ impl TableClock {
     ) -> Option<TableClock> {
         let said = &stamp.value;
         let Some(clock) = said.clock else {
-            let fault = Fault::new("`clock`, the zero of the time, is required");
+            let fault = Fault::new("`clock`, the origin of the time, is required");
             columns.push(fault.help("use `boot`, `day`, `unix`, `gps` or `text`").at(stamp.at.clone()));
             return None;
         };
@@ -292,9 +292,8 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
     for name in &stamp.value.from {
         let Ok(field) = columns.source.field_with_name(name) else { continue };
         if let DataType::Timestamp(_, Some(zone)) = field.data_type() {
-            let fault = second_zone(&format!(
-                "the times of `{name}` have their own zone, {zone}: they are in UTC by their type"
-            ));
+            let fault =
+                second_zone(&format!("the type of `{name}` already has the zone {zone}, so its times are read as UTC"));
             columns.push(fault.at(stamp.at("zone")));
         }
     }
@@ -304,7 +303,7 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
 }
 
 fn second_zone(what: &str) -> Fault {
-    Fault::data(format!("{what}, so that `zone` has no meaning")).help("remove `zone`")
+    Fault::data(format!("{what}; `zone` has no effect")).help("remove `zone`")
 }
 
 /// The fault of a clock of the day whose numbers are digits.
@@ -450,8 +449,8 @@ fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
         let digits = part.and_then(|part| digits_of(part)).filter(|digits| *digits > 0 && kind.is_numeric());
         if digits.is_none() {
             let what = format!("`{name}` contains {kind}, but `clock = \"text\"` requires text or numbers in digits");
-            let help = "numbers need a `format` of digits alone, with a blank between columns: `%H%M%S%.f` for hhmmss.s, \
-                        `%Y%m%d %H%M` for a date and hhmm";
+            let help = "numbers require a `format` that consists of digits only, with a blank between columns: \
+                        `%H%M%S%.f` for hhmmss.s, `%Y%m%d %H%M` for a date and hhmm";
             columns.push(Fault::new(what).help(help).at(stamp.at("from")));
             return None;
         }

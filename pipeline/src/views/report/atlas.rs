@@ -132,7 +132,8 @@ impl Atlas {
         let over = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
         let what = match &self.picture {
             Some(_) => {
-                "Tracks on the anomaly map, with hill shading from the north-west. Each colour covers the same area."
+                "Tracks on the anomaly map, with hill shading from the north-west. Each colour covers an equal share \
+                 of the area."
             }
             None => "Tracks without a map.",
         };
@@ -141,7 +142,8 @@ impl Atlas {
         let about = match rings.len() {
             0 => String::new(),
             _ => format!(
-                " The ellipses are the 3σ region of the estimate every {} min{}. Their longer semi-axis is {} to {} m.",
+                " The ellipses show the 3σ region of the estimate at intervals of {} min{}. Their semi-major axes are \
+                 {} to {} m.",
                 number(every),
                 if times > 1.0 { format!(", enlarged {times} times") } else { String::new() },
                 number(sizes().reduce(f64::min)),
@@ -154,8 +156,8 @@ impl Atlas {
                 (legend(flown, (!rings.is_empty()).then_some(times)))
                 (self.drawn(&canvas, flown, "Tracks on the map", under, over))
                 @if let Some(picture) = &self.picture { (colour_bar(&picture.raster)) }
-                figcaption { (what) (about) " The dot is the start, the square is the end, and the frame is the \
-                                             enlarged part." }
+                figcaption { (what) (about) " The dot marks the start, the square marks the end, and the frame marks \
+                    the enlarged part." }
             }
         }
     }
@@ -204,8 +206,8 @@ impl Atlas {
                                              ellipse", html! {}, outlines(&canvas, flown, &rings, 1.0)))
                 figcaption {
                     "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by " (number(Some(widest.minor_m)))
-                    " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses, not \
-                                                        enlarged." (error.unwrap_or_default())
+                    " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses. The ellipses are drawn \
+                        to scale." (error.unwrap_or_default())
                 }
             }
         }

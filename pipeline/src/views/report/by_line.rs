@@ -240,7 +240,7 @@ impl LineScoreTable {
             words.push(format!("The other axes are at the best point, {}.", self.others));
         }
         if self.columns.len() > 1 {
-            words.push("The best of each row is coloured.".to_owned());
+            words.push("The best value of each row is coloured.".to_owned());
         }
         if self.columns.iter().any(|c| c.marks > 0) {
             words.push(
@@ -252,8 +252,8 @@ impl LineScoreTable {
         }
         let seen = |column: &LineScoreColumn| column.cells.iter().any(|c| c.in_sample);
         if self.columns.iter().any(seen) {
-            let what = "Values with a ~ are in sample: a model, noise or map was made from the line, or it was used to \
-                        choose a parameter.";
+            let what = "Values with a ~ are in sample: a model, noise estimate or map was made from the line, or it \
+                        was used to choose a parameter.";
             words.push(what.to_owned());
         }
         if self.columns.iter().any(|c| seen(c) && !c.in_sample) {

@@ -114,7 +114,7 @@ fn innovations(flown: &LineTracks, outcomes: &BTreeMap<String, usize>) -> Option
         outcomes.iter().map(|(outcome, n)| format!("{n} {}", outcome.replace('_', " "))).collect();
     let caption = format!(
         "Measurement minus prediction. The innovations of a consistent filter have zero mean and no trend, and are \
-         within the band for 95 % of the time. Samples: {}.",
+         within the band 95 % of the time. Samples: {}.",
         if counted.is_empty() { "not counted".to_owned() } else { counted.join(", ") }
     );
     Some(LineChart {

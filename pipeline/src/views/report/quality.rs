@@ -333,20 +333,20 @@ fn glossary() -> Markup {
                                         samples" }
                 dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of its \
                                       neighbourhood; always flagged for sensors" }
-                dt { "stuck" } dd { "samples of the longest time with a constant value, if it is far longer than \
-                                     usual for the column" }
-                dt { "saturated" } dd { "samples at the minimum or maximum value, if it is far more frequent than the \
-                                         neighbouring values" }
-                dt { "step" } dd { "resolution: differences are whole multiples of it. For magnetometers, flagged \
-                                    above two standard deviations of the noise, or if it hides the noise" }
-                dt { "preferred values" } dd { "samples of a scalar magnetometer near over-represented, evenly spaced \
-                                                values, and their spacing; flagged above a tenth of the samples" }
-                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or a belt of field \
-                                         directions in the body frame, by the first vector magnetometer, and its half \
-                                         width. Or the samples that the sensor reports as in its dead zone, and the \
-                                         longest such time. Always flagged" }
-                dt { "lag" } dd { "delay of the column against the first magnetometer of its kind, by \
-                                   cross-correlation, if their correlation suffices; flagged above half a sample" }
+                dt { "stuck" } dd { "number of samples of the longest stretch with a constant value, if the stretch is \
+                    far longer than usual for the column" }
+                dt { "saturated" } dd { "number of samples at the minimum or maximum value, if that value is far more \
+                    frequent than the neighbouring values" }
+                dt { "step" } dd { "resolution: every difference between samples is a whole multiple of it. For \
+                    magnetometers, flagged above two standard deviations of the noise, or if it masks the noise" }
+                dt { "preferred values" } dd { "number of samples of a scalar magnetometer near values that are \
+                    over-represented and evenly spaced, and the spacing; flagged above a tenth of the samples" }
+                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or belt of field \
+                    directions, and its half width. The first vector magnetometer gives the directions in the body \
+                    frame. Or: samples that the sensor reports as in its dead zone, and their longest stretch. Always \
+                    flagged" }
+                dt { "lag" } dd { "delay relative to the first magnetometer of the same kind, from cross-correlation, \
+                    if the correlation is high enough; flagged above half a sample" }
                 dt { "noise" } dd { "standard deviation of white noise, from fourth differences; for scalar \
                                      magnetometers, flagged above ten times the lowest noise of the flight" }
             }

@@ -168,9 +168,8 @@ fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     let (before, after) = (passed(&signal.before)?, passed(&signal.after)?);
     let std = |x: &[f64]| number(Some(summary(x).std));
     let caption = format!(
-        "The same signals between {} and {} Hz, the pass band of the fit. Without a truth, this band separates the \
-         manoeuvres of the aircraft from the anomaly best. Compensation changes the standard deviation from {} to {} \
-         nT.",
+        "The same signals between {} and {} Hz, the pass band of the fit. Without a truth, manoeuvres and anomaly are \
+         separated best in this band. Compensation changes the standard deviation from {} to {} nT.",
         band.low_hz,
         band.high_hz,
         std(&before),

@@ -42,7 +42,7 @@ pub enum WarningKind {
     OffMap,
     /// Most of the line is over ground where the map is too flat for a position.
     Flat,
-    /// The map is at another height than the flight and is not continued to it.
+    /// The map is at a different height from the flight and is not continued to it.
     MapHeight,
     /// Compensation removed part of the anomaly.
     Retention,
@@ -131,7 +131,7 @@ impl WarningKind {
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
-            WarningKind::MapHeight => "the map is at another height than the flight",
+            WarningKind::MapHeight => "the map is at a different height from the flight",
             WarningKind::Retention => "compensation removed part of the anomaly",
             WarningKind::Fit => "the fit has a warning",
             WarningKind::Map => "the map has a warning",
@@ -304,7 +304,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         && error_nt > limits::map_height_nt(facts.sigma_nt())
     {
         let limit = limits::map_height_nt(facts.sigma_nt());
-        let what = "the map is at another height than the flight and is not continued to it; the expected error is";
+        let what = "the map is at a different height from the flight and is not continued to it; the expected error \
+            is";
         add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
     if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))

@@ -194,9 +194,10 @@ fn vector(
         let (unit, why) = match said_unit(first, "nT") {
             Some(unit) => (unit, "its unit is in the file".to_owned()),
             None => match FIELD.iter().find(fits) {
-                Some((unit, factor)) => {
-                    ((*unit).to_owned(), format!("the median magnitude of {size:.4} is then {:.0} nT", size * factor))
-                }
+                Some((unit, factor)) => (
+                    (*unit).to_owned(),
+                    format!("in this unit, the median magnitude of {size:.4} is {:.0} nT", size * factor),
+                ),
                 None => {
                     return left(format!(
                         "a median magnitude of {size:.4} is not the earth's field in any unit; set its `unit`"
@@ -367,7 +368,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         }
     }
     if listed && !known.unit.is_empty() {
-        return left(&format!("a column name of the flight table, which has it in {}; set its `unit`", known.unit));
+        return left(&format!("a column name of the flight table, where its unit is {}; set its `unit`", known.unit));
     }
     None
 }
