@@ -1,9 +1,9 @@
 //! Rules by which scores and models of restricted columns are aggregates, which may be published.
 //!
-//! A table is an aggregate if four conditions hold. It is no learned model that can hold single samples. No expression
-//! of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples. There are
-//! at least `least_ratio` samples per number of a model or of a line's scores. Aggregates that are published together
-//! must not differ by a few samples.
+//! A table is an aggregate if four conditions hold. It is not a learned model that can contain single samples. No
+//! expression of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples.
+//! There are at least `least_ratio` samples per number of a model or of a line's scores. Aggregates that are published
+//! together must not differ by a few samples.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -45,7 +45,7 @@ impl Aggregate {
     }
 }
 
-/// Figures of the small table `t`, which is made from `reached`; or the reason why it is no aggregate.
+/// Figures of the small table `t`, which is made from `reached`; or the reason why it is not an aggregate.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -122,7 +122,8 @@ pub fn judge(
     Ok(own.map(|()| found))
 }
 
-/// Reason why the author may have chosen the samples behind the values of the table `t`; `None` if not possible.
+/// Reason why the author could have selected the samples behind the values of the table `t`; `None` if that is
+/// impossible.
 fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Option<String> {
     let plan = graph.plan;
     let tables: HashSet<&str> = reached.iter().map(|(table, _)| table.as_str()).collect();

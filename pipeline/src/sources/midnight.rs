@@ -12,13 +12,12 @@ use schemas::Fault;
 
 const DAY_S: f64 = 86_400.0;
 
-/// Maximum distance from midnight at which a fall of the time may begin and end, s. Any other backward step of a time
-/// stamp is an error of the log.
+/// Maximum distance from midnight at which a backward step to the next day may begin and end, s. Any other backward
+/// step of a time stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
-/// A line of the flight table whose time falls from the end of the day to its start: `tt` keeps rising, and the columns
-/// `year` and `doy` hold the day of each sample, even if the log did not advance them. `None` if the line needs no
-/// change.
+/// Line of the flight table across midnight, with `tt` increasing past 86,400 s. The columns `year` and `doy` hold the
+/// day of each sample, even if the log did not advance them. `None` if the line needs no change.
 ///
 /// # Errors
 /// Fails for a date that differs from the date of the first sample plus the midnights since.
@@ -82,7 +81,7 @@ impl MidnightUnwrapper {
     }
 }
 
-/// Midnights since the first sample.
+/// Number of midnights since the first sample.
 fn days(tt: &[f64]) -> Vec<i64> {
     let day = |t: f64| (t / DAY_S).floor();
     let first = tt.iter().find(|t| t.is_finite()).map_or(0.0, |t| day(*t));

@@ -212,7 +212,7 @@ impl Flights {
 /// The number of threads for each of a number of files that are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
-    // With a file for each thread, a thread that waits for others at its file would begin another.
+    // With one file per thread, a thread that waits for others at its file would begin another file.
     if files >= threads { 1 } else { threads.div_ceil(files.max(1)) }
 }
 
@@ -280,7 +280,7 @@ impl MapSource {
     /// # Errors
     /// Fails for unknown options.
     pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
-        // The plan was made with the file, so a stage that needs the error has it.
+        // The file was read when the plan was made, so a stage that requires the error has it.
         Ok(MapSource::of_map(decl, PathBuf::new(), map_options(decl)?, true))
     }
 

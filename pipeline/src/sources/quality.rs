@@ -23,10 +23,10 @@ use schemas::{
     },
 };
 
-/// The largest share of impossible samples of a sensor that still count as spikes.
+/// Maximum share of impossible samples of a sensor that count as spikes.
 const SPIKES: f64 = 0.1;
 
-/// A line shorter than this is not reported as constant.
+/// Minimum length of a line for a report of a constant column.
 const CONSTANT_ROWS: usize = 10;
 
 /// Result of the examination of a line.
@@ -107,7 +107,7 @@ struct SampleCounts {
 }
 
 impl SampleCounts {
-    /// Counts the samples. `zeros`: whether a 0 is a dropout.
+    /// Counts the samples. With `zeros`, a 0 is a dropout.
     fn from_values(values: &[f64], limits: Option<&PlausibleRange>, zeros: bool) -> SampleCounts {
         let [mut missing, mut infinite, mut zero, mut outside] = [RowTally::default(); 4];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);

@@ -216,7 +216,7 @@ pub enum ColumnRestriction {
     None,
     /// All.
     All,
-    /// These.
+    /// These columns.
     Columns(Vec<String>),
 }
 

@@ -313,7 +313,7 @@ pub fn lineage(graph: &PlanGraph) -> Vec<TableLineage> {
         let named = |name: &str| sources.iter().find(|r| plan.name_of(**r) == name).and_then(|r| of(*r));
         let mut fields = Map::new();
         for c in columns.get(t)? {
-            // A stage may recompute a column from the column of the same name.
+            // A stage may recompute a column from its input column of the same name.
             let made = node.variants.iter().any(|v| v.makes(&c.name).is_some());
             let subtype = if made { "TRANSFORMATION" } else { "IDENTITY" };
             let from = c.from.iter().filter_map(|(table, column)| Some(named(table)?.field(column, "DIRECT", subtype)));

@@ -31,7 +31,7 @@ use crate::{
     store::shown,
 };
 
-/// Maximum number of tasks of a job before the first answer, and maximum size of the text of a job's tasks.
+/// Maximum number of tasks of a job before the first answer, and maximum size of the text of its tasks, bytes.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// Maximum number of failed attempts per task.

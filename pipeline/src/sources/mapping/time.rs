@@ -217,7 +217,7 @@ impl TableClock {
 
     /// Times of a day; the date advances at midnight.
     fn of_day(&mut self, seconds: &[f64]) -> RowTimes {
-        /// Maximum distance from midnight at which a fall of the time may begin and end, s.
+        /// Maximum distance from midnight at which a backward step to the next day may begin and end, s.
         const NEAR_S: f64 = 3_600.0;
         let zone_s = self.zone_s;
         let Some(mut day) = self.day else {
@@ -284,7 +284,7 @@ fn zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
     zone
 }
 
-/// Rejects a zone for time stamps that are in UTC by their type, or in the zone of their text.
+/// Rejects a zone for time stamps whose type or text already has one.
 fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) {
     if stamp.value.zone.is_none() {
         return;
@@ -405,7 +405,7 @@ impl CounterColumn {
             let whole = whole.as_primitive::<Int64Type>();
             return Ok(whole.iter().map(|x| Some(UtcInstant::of_unix_ns(i128::from(x?) * ns))).collect());
         }
-        // Beyond 10^12 s a count of seconds is something else, such as milliseconds.
+        // A count above 10^12 s is not in seconds, but for example in milliseconds.
         let instant = |s: f64| (s.abs() < 1e12).then(|| UtcInstant::new(0, s));
         Ok(self.seconds(batch)?.into_iter().map(instant).collect())
     }

@@ -85,7 +85,7 @@ fn raster_of(source: &ReportSource, map: TableRef, around: &Bounds) -> Result<Op
     Ok(raster(&grid, &turned)?.map(back))
 }
 
-/// The rectangle around two, the shorter way round the earth.
+/// Rectangle around two rectangles, the shorter way around the earth.
 fn together(a: Bounds, b: Bounds) -> Bounds {
     let middle = |b: &Bounds| 0.5 * (b.lon.0 + b.lon.1);
     let turns = 360.0 * ((middle(&a) - middle(&b)) / 360.0).round();
@@ -273,7 +273,7 @@ fn worst_place(flown: &LineTracks) -> Option<usize> {
     all.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(k, _)| k)
 }
 
-/// A square around the tracks at row `k`, a few times as wide as they are apart.
+/// Square around the tracks at row `k`, a few times as wide as the distance between the tracks.
 fn zoom_bounds(flown: &LineTracks, k: usize) -> Bounds {
     let centre = flown.truth.as_ref().unwrap_or(&flown.estimate);
     let (lat, lon) = (centre.lat.get(k).copied().unwrap_or(0.0), centre.lon.get(k).copied().unwrap_or(0.0));
@@ -456,7 +456,7 @@ mod tests {
     #[test]
     fn unit_ellipses_are_three_sigma_and_turned_clockwise() {
         let mut flown = flown();
-        // To the north-east: 30 m each way, correlated by a half.
+        // Towards the north-east: 30 m in each direction, with a correlation of 0.5.
         flown.sigma = Some([vec![30.0; 100], vec![30.0; 100], vec![450.0; 100]]);
         let canvas = Canvas::new(zoom_bounds(&flown, 99));
         let drawn = outlines(&canvas, &flown, &ellipses(&flown, &[99]), 1.0).into_string();
@@ -476,7 +476,7 @@ mod tests {
     #[test]
     fn unit_small_ellipses_are_enlarged_with_a_note() {
         let mut flown = flown();
-        // The largest is at row 40, of 30 m: on 12 km of track less than a pixel.
+        // The largest ellipse is at row 40 and measures 30 m, less than a pixel on 12 km of track.
         flown.sigma.as_mut().unwrap()[0][40] = 10.5;
         assert_eq!(widest(&flown).map(|(k, e)| (k, e.major_m)), Some((40, 31.5)));
         let atlas = Atlas { bounds: around(std::slice::from_ref(&flown.estimate)).unwrap(), picture: None };

@@ -102,7 +102,7 @@ pub mod tests {
         assert_eq!(board.headline(), Some(1));
         assert_eq!(board.ranked(1), [1, 3, 0]);
         assert_eq!(board.ranked(0), [2, 1, 0, 3]);
-        // 2.5 is nearer to 2 than 9 and 0.2 are.
+        // The expected value is 2: 2.5 is nearer to it than 9 and 0.2.
         assert_eq!(board.ranked(2), [1, 0, 3]);
         assert_eq!(board.point(1), "mag = mag_2_uc, lambda = 0.025");
     }

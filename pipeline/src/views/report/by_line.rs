@@ -59,7 +59,7 @@ struct LineScoreCell {
     in_sample: bool,
 }
 
-/// A table for each axis of several values, the other axes at the best point; none for a single line.
+/// One table for each axis with several values, at the best point of the other axes; none for a single line.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn unit_a_flagged_line_is_shown_and_never_the_best() {
         let text = example().drawn().into_string();
-        // 12 m is the least of its row. The pooled 29.5 m includes a flagged line, and is not trusted either.
+        // 12 m is the smallest value of its row. The pooled 29.5 m includes a flagged line and is also flagged.
         assert!(text.contains("<td class=\"n bad\" data-v=\"12\" title=\"flagged\">! 12.00</td>"), "{text}");
         assert!(text.contains("data-v=\"29.5\" title=\"flagged\">! 29.50</td>"), "{text}");
         assert!(text.contains("<td class=\"n best\" data-v=\"30\">30.00</td>"), "{text}");

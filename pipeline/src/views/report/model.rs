@@ -14,7 +14,7 @@ use crate::{
     views::text::number,
 };
 
-/// Condition number above which single coefficients lose three digits of the data.
+/// Condition number above which individual coefficients lose three of the significant digits of the data.
 const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.

@@ -31,9 +31,9 @@ struct QualityColumn {
     source: usize,
     flight: String,
     column: String,
-    /// The worst figure of its lines, with the samples of all.
+    /// The worst value of its lines, with the affected samples of all lines.
     figures: BTreeMap<QualityFigure, QualityMeasure>,
-    /// The flagged figures.
+    /// The flagged values.
     marks: BTreeSet<QualityFigure>,
 }
 
@@ -68,7 +68,7 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
                 @else { (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with a " strong { "!" } ". The worst columns are first." }
             }
             @if unreadable > 0 {
-                p.warning { "The figures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \
+                p.warning { "The quality measures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \
                     the store are damaged and are not shown. The next run recomputes them." }
             }
             @for picture in pictures { (picture) }
@@ -94,7 +94,7 @@ impl QualityKeyColumns {
     }
 }
 
-/// All columns with a figure, the worst first; and the number of files whose figures cannot be read.
+/// All columns with a quality measure, the worst first, and the number of files with unreadable quality measures.
 fn columns(source: &ReportSource) -> (Vec<QualityColumn>, usize) {
     let mut unreadable = 0;
     let mut found: BTreeMap<(usize, String, String), BTreeMap<QualityFigure, QualityMeasure>> = BTreeMap::new();
@@ -186,7 +186,7 @@ fn pool(known: &mut QualityMeasure, other: &QualityMeasure) {
     }
 }
 
-/// A figure in a table, flagged if it needs attention.
+/// A value in a table, flagged if it exceeds a limit.
 fn cell(
     column: &QualityColumn,
     figure: QualityFigure,
@@ -379,7 +379,7 @@ fn pictures(
         clocks.iter().chain(columns).map(|c| c.marks.len()).sum::<usize>()
     };
     let mut flights: Vec<_> = by_flight.into_iter().collect();
-    // Stable: of equal ones the first in the order of names.
+    // The sort is stable, so equal values stay in the order of names.
     flights.sort_by_key(|(_, all)| std::cmp::Reverse(marks(all)));
     let more = flights.len().saturating_sub(PICTURES);
     let mut drawn = vec![];

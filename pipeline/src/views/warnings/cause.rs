@@ -24,11 +24,11 @@ pub struct NavigationSettings {
     pub fogm_sigma_nt: Option<f64>,
     /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
-    /// Time over which a constant is estimated, s.
+    /// Time over which a bias is estimated, s.
     pub offset_window_s: f64,
     /// Whether the map is continued to the flight heights.
     pub levels: bool,
-    /// Whether the measurement was compensated, so that its constant is unknown.
+    /// Whether the measurement was compensated, so that its bias is unknown.
     pub compensated: bool,
     /// The date of the core field in the spec, and the date of the flight.
     pub dates: Option<(f64, f64)>,
@@ -183,7 +183,7 @@ impl<'a> LineFacts<'a> {
         }
         found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
-            // A filter that diverged has left the map for that reason; the order of the two is unknown.
+            // A filter that diverges also leaves the map, so samples off the map need not be the cause.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
         if found.is_empty() && !settings.found {

@@ -1,4 +1,4 @@
-//! Recognition of the time column, its zero, and the epoch of a log.
+//! Recognition of the time column, its origin, and the epoch of a log.
 
 use schemas::convert;
 
@@ -17,7 +17,7 @@ pub struct ClockGuess {
     unit: &'static str,
     /// Whether it counts from the start of the log.
     boot: bool,
-    /// Whether some rows repeat the time of the row before.
+    /// Whether some rows repeat the time of the previous row.
     pub repeats: bool,
 }
 
@@ -37,7 +37,7 @@ const NAMES: [&[&str]; 5] = [
     &["gps", "tow", "elapsed", "clock"],
 ];
 
-/// The clock of a table: the first column of a usual name whose values rise.
+/// The clock of a table: the first column with a common name and increasing values.
 pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
     let joined = |c: &ColumnSample| c.words().concat();
     for names in NAMES {
@@ -126,7 +126,7 @@ fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str
             return Some((unit, "only this unit gives a date in this century"));
         }
     }
-    // Rates of logs are from 0.05 to 2000 Hz.
+    // The sampling rates of logs are from 0.05 to 2000 Hz.
     let whole = column.whole && step >= 1.5;
     match (whole, step) {
         (false, 0.0005..20.0) => Some(("s", "in this unit, the sampling rate is a common one")),

@@ -69,7 +69,7 @@ pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) ->
     out
 }
 
-/// Three columns whose names differ in x, y, z or 0, 1, 2 alone, with the words that they share.
+/// Three columns whose names differ only in x, y, z or 0, 1, 2, with their common words.
 fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
     let mut out = vec![];
     for x in &topic.columns {
@@ -110,7 +110,7 @@ fn has(words: &[String], any: &[&str]) -> bool {
     words.iter().any(|w| any.contains(&w.as_str()))
 }
 
-/// Units of the earth's field, with their size in nT.
+/// Units of the earth's field, with their values in nT.
 const FIELD: [(&str, f64); 5] = [("nT", 1.0), ("mgauss", 1e2), ("uT", 1e3), ("gauss", 1e5), ("T", 1e9)];
 
 fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
@@ -144,7 +144,7 @@ fn said_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     {
         return Some((*unit).to_owned());
     }
-    // m/s2 splits at its digit.
+    // The name of the unit m/s2 is split at its digit.
     if column.name.contains("m_s2") && convert("m/s2", wanted).is_some() {
         return Some("m/s2".to_owned());
     }
