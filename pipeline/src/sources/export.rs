@@ -46,7 +46,7 @@ use crate::{
     store::{make_folder, sync_folder},
 };
 
-/// Raised when the files that are written change.
+/// Version of the export, increased when the written files change.
 const VERSION: &str = "export 2";
 /// Metadata key for the key of a file's inputs.
 const FROM: &str = "magline.from";

@@ -1,4 +1,4 @@
-//! Tables read from files: found, fingerprinted, and brought into the store line by line.
+//! Tables read from files: found, hashed, and stored line by line.
 
 mod assemble;
 mod bytes;
@@ -51,13 +51,13 @@ use crate::{
     store::Store,
 };
 
-/// Raised when the output of ingest changes.
+/// Version of ingest, increased when its output changes.
 const VERSION: &str = "ingest 3";
 
-/// Raised when the stored form of a map changes.
+/// Version of the stored form of a map, increased when it changes.
 const MAP_VERSION: &str = "map 3";
 
-/// Raised when the stored form of a model that is read changes.
+/// Version of the stored form of a model from files, increased when it changes.
 const MODEL_VERSION: &str = "model 1";
 
 /// Table of flights whose columns are known and whose lines are not read yet.

@@ -25,7 +25,7 @@ use schemas::{Role, describe_field, flight};
 
 use super::quality::{Finding, FindingKind};
 
-/// Raised when figures change.
+/// Version of the checks, increased when their figures change.
 pub const VERSION: &str = "checks 2";
 
 /// Kind of a check.

@@ -23,7 +23,7 @@ pub use motion::{AttitudeChannel, FlightChannels, FlightMotion, PositionChannel}
 pub use patterns::{DetectedLine, LinePattern};
 pub use picture::{png, svg};
 
-/// Raised when other lines are detected.
+/// Version of the detection, increased when it finds other lines.
 pub const VERSION: &str = "found lines 2";
 
 /// Lines detected in a flight, with its motion and segments.

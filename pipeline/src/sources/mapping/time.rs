@@ -310,7 +310,7 @@ fn second_zone(what: &str) -> Fault {
 fn in_digits(numbers: &[f64], row: usize) -> Fault {
     let at = numbers.get(row).copied().unwrap_or(f64::NAN);
     let help = format!("use `clock = \"text\"` with `format` = {}, and remove `unit`", clock_digits::formats(numbers));
-    Fault::data(format!("{}, such as to {at}", clock_digits::WHAT)).help(help)
+    Fault::data(format!("{}, for example to {at}", clock_digits::WHAT)).help(help)
 }
 
 /// The column of a counting clock.

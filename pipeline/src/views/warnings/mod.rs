@@ -321,7 +321,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     found
 }
 
-/// The warning of one fit: each row of a model has it, and it is reported once.
+/// The warning of one fit. All rows of its model contain it, and it is reported once.
 fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);

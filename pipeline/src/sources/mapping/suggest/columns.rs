@@ -237,7 +237,9 @@ fn vector(
     if has(words, &["gyr", "gyro", "gyroscope"]) {
         return match said_unit(first, "deg/s") {
             Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is in the file".to_owned()),
-            None => left("an angular rate in rad/s or deg/s; the values do not show which; set its `unit`".to_owned()),
+            None => left(
+                "an angular rate in rad/s or deg/s; the values do not determine the unit; set its `unit`".to_owned(),
+            ),
         };
     }
     None
@@ -348,14 +350,18 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         let ours = format!("cur_{}", own_word(&words));
         return match said_unit(column, "A") {
             Some(unit) => made(&ours, &unit, "its unit is in the file"),
-            None => left("a current in A, mA or 0.01 A; the values do not show which; set its `unit` (and `scale`)"),
+            None => {
+                left("a current in A, mA or 0.01 A; the values do not determine the unit; set its `unit` (and `scale`)")
+            }
         };
     }
     if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
         let ours = format!("vol_{}", own_word(&words));
         return match said_unit(column, "V") {
             Some(unit) => made(&ours, &unit, "its unit is in the file"),
-            None => left("a voltage in V, mV or 0.01 V; the values do not show which; set its `unit` (and `scale`)"),
+            None => {
+                left("a voltage in V, mV or 0.01 V; the values do not determine the unit; set its `unit` (and `scale`)")
+            }
         };
     }
     let wind = has(&words, &["wind", "sp", "des", "var", "innov"]);
