@@ -1,4 +1,4 @@
-//! A run on a cluster: the same bytes and each unit once, for any failure of its processes.
+//! A run on a cluster gives the same bytes and computes each unit once, for any failure of its processes.
 
 use std::{
     collections::BTreeMap,
@@ -101,7 +101,7 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     for worker in &cluster.workers {
         assert!(std::fs::metadata(&worker.1).unwrap().len() > 0, "each worker had its part");
     }
-    // Each unit is reported once, for any worker.
+    // Each unit is reported once, independent of the worker that computed it.
     let text = stdout(&output);
     let told = text.lines().filter(|l| l.starts_with(r#"{"event":"unit""#) && l.contains(r#""status":"computed""#));
     assert_eq!(told.count() as u64, units);

@@ -100,7 +100,7 @@ fn law_map_value_interpolates_the_map() {
     let (lat, lon) = (numbers(&map, "lat"), numbers(&map, "lon"));
     let (value, north) = (numbers(&map, "map_anomaly"), numbers(&map, "map_grad_n"));
     for i in 0..lat.len() {
-        // A spline through nodes 0.55 rad of the wave apart has an error of a few 1e-4 of its 210 nT.
+        // With nodes every 0.55 rad of the wave, a spline has an error of a few 1e-4 of the amplitude of 210 nT.
         assert!((value[i] - anomaly(lat[i], lon[i])).abs() < 0.6, "{i}: {}", value[i] - anomaly(lat[i], lon[i]));
         let step = 1e-6;
         let slope = (anomaly(lat[i] + step, lon[i]) - anomaly(lat[i] - step, lon[i])) / (2.0 * step) / 111_130.0;

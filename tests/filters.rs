@@ -204,7 +204,7 @@ fn law_varying_noise_from_a_column_gives_a_consistent_filter() {
     assert!(of("learnt", "nees").0 < 3.0 && of("learnt", "drms").0 < 1.25 * best);
     assert!(of("blind", "nees").0 > of("learnt", "nees").0 && of("blind", "drms").0 > of("learnt", "drms").0);
     // One constant noise fails in both cases. With the noise of the quiet times the filter diverges. With the mean
-    // noise the NIS is right on average, but the quiet times are wasted.
+    // noise the NIS is right on average, but the information of the quiet times is lost.
     assert!(of("fixed", "nees").0 > 100.0 && of("fixed", "nis").0 > 100.0);
     assert!(of("mean", "drms").0 > 1.5 * best, "{} {best}", of("mean", "drms").0);
 }

@@ -72,7 +72,7 @@ fn ref_real_logs_are_read_through_their_mappings() {
     for words in ["control", "attitude", "2013, day 333", "quantisation", "gaps"] {
         assert!(said.contains(words), "no {words} in {said}");
     }
-    assert!(noted.contains("its clock was 0 on 2013-11-29 at 21:59:47.520 UTC"), "{noted}");
+    assert!(noted.contains("its clock read 0 on 2013-11-29 at 21:59:47.520 UTC"), "{noted}");
     let mag = file(&folder.path().join("sky/mag/mag.parquet"));
     // Values of the file by pyarrow: time_s 13.244, mag (-195, 28, -618), offset (172, -19, -153) mgauss. GPS time of
     // week is 511203.52 s ahead (median). UTC is 16 s behind GPS, on the fifth day of the week.
@@ -122,7 +122,7 @@ fn ref_binary_logs_are_read_through_their_mappings() {
     // PX4 by pyulog: magnetometer_ga (0.42917827, -0.11418437, -0.05181336) at 20.310847 s after the start, and UTC
     // 1618986658.600345 at 20.471648 s.
     let (_, noted) = run("logs/sample_log_small.ulg", "px4_ulog", "px4");
-    assert!(noted.contains("its clock was 0 on 2021-04-21 at 06:30:38.1"), "{noted}");
+    assert!(noted.contains("its clock read 0 on 2021-04-21 at 06:30:38.1"), "{noted}");
     let mag = file(&folder.path().join("px4/mag/sample_log_small.parquet"));
     let first = ["flux_a_x", "flux_a_y", "flux_a_z"].map(|axis| numbers(&mag, axis)[0]);
     let expected = [42_917.827, -11_418.437, -5_181.336];

@@ -313,7 +313,10 @@ fn user_levelling_shifts_ties_and_keeps_level_lines() {
     });
     let output = grid(&bench, &["-o", "levelled.parquet", "--level", "140", "--level-lines"]);
     let report = fine(&output);
-    assert!(report.contains("lines: level within the accuracy of their crossings, not corrected"), "{report}");
+    assert!(
+        report.contains("lines: not corrected, because they are level within the accuracy of their crossings"),
+        "{report}"
+    );
     assert!(report.contains("ties: all shifted by -2"), "{report}");
     points_of(&bench, |_, _| ());
     fine(&grid(&bench, &["-o", "level.parquet", "--level", "140"]));

@@ -154,14 +154,14 @@ fn user_impossible_positions_are_rejected() {
         contains(&said, &["flights/1.parquet, flight 1, line 1.01", &format!("column `{column}`, row 123: {says}")]);
     }
     let nmea = changed(&flight, "lat", |i, _| 2603.0 + 0.001 * i as f64);
-    contains(&refused(&[nmea], ""), &["2603 deg is not a latitude", "(NMEA ddmm.mm) it is 26.05 deg"]);
+    contains(&refused(&[nmea], ""), &["2603 deg is not a latitude", "(NMEA ddmm.mm), it is 26.05 deg"]);
     let two_digits = with_keys("1", "1.01", &batch(&[("tt", vec![1.0, 2.0]), ("year", vec![20.0, 20.0])]));
     contains(
         &refused(&[two_digits], ""),
         &["20 is not a year of a flight (1900 to 2100)", "write the year with four digits, 2020"],
     );
     let unix = changed(&flight, "tt", |_, t| t + 1.7e9);
-    contains(&refused(&[unix], ""), &["column `tt`", "as Unix time it is", "s past midnight"]);
+    contains(&refused(&[unix], ""), &["column `tt`", "as Unix time, it is", "s past midnight"]);
 }
 
 #[test]

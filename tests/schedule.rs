@@ -386,5 +386,5 @@ fn user_a_watched_folder_uses_complete_files_and_reports_incomplete_ones() {
     let lines = texts(&read(&bench.path("store/tables/small/even")), "line");
     assert!(lines.contains(&"3.02".to_owned()));
     let none = bench.run(&["--settle", "1d"]);
-    assert!(none.code == 2 && none.stderr.contains("has no file that was unmodified"), "{}", none.stderr);
+    assert!(none.code == 2 && none.stderr.contains("was modified within the time of `--settle`"), "{}", none.stderr);
 }

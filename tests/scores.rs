@@ -86,7 +86,7 @@ const WHERE: &str = "where  = \"line like '%.01'\"\n";
 fn user_scores_of_fitted_lines_are_in_sample_and_pooled_apart() {
     let (bench, out, _) = ran(&spec(&[]));
     assert_eq!(in_sample(&bench, "scores"), lines([true, false, true, false]));
-    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in sample are separate"), "{out}");
+    assert!(out.contains("scores, pooled over 2 held-out lines; 2 in sample are pooled separately"), "{out}");
     assert!(out.lines().filter(|l| l.starts_with('*')).count() == 2, "a star and its legend: {out}");
 
     // The pooled table: root mean squares of the held-out lines, and separately of the in-sample lines.
@@ -352,12 +352,12 @@ fn user_axes_without_effect_ordinary_least_squares_and_edges_are_noted() {
     assert!(err.contains("`scores`: `lambda` has no effect"), "{err}");
     assert!(err.contains("the 3 points that differ only in `lambda` are computed once"), "{err}");
     assert!(err.contains("18 components for as many terms are ordinary least squares"), "{err}");
-    assert!(!err.contains("edge of `lambda`"), "equal values have no best: {err}");
+    assert!(!err.contains("end of the axis `lambda`"), "equal values have no best: {err}");
     let (bench, _, err) = ran(&spec(&[("[0.025, 0.25, 25.0]", "[0.025, 25.0, 250.0]")]));
-    assert!(err.contains("is at the edge of `lambda`: 0.025 of 0.025 to 250"), "{err}");
+    assert!(err.contains("is at an end of the axis `lambda`: 0.025 in the range 0.025 to 250"), "{err}");
     assert!(!err.contains("has no effect"), "{err}");
     let notes = bench.run(&[]).last["notes"].clone();
-    assert!(notes.to_string().contains("is at the edge of `lambda`"), "{notes}");
+    assert!(notes.to_string().contains("is at an end of the axis `lambda`"), "{notes}");
 }
 
 #[test]

@@ -310,7 +310,7 @@ fn user_a_search_finds_the_best_of_a_fine_sweep() {
     // The optimum is inside the range and not on a plateau.
     assert!(best.0 > 1e-5 && best.0 < 10.0 && worst > 1.5 * best.1, "{best:?} {worst}");
     let found = (0..goal.len()).min_by(|a, b| goal[*a].total_cmp(&goal[*b])).unwrap();
-    // Within 1/100 of the range of the sweep. Random values, 1/32 as many, would have a larger error.
+    // The goal is within 1/100 of the range of the sweep. 1/32 as many random values would have a larger error.
     assert!(goal[found] - best.1 < 0.01 * (worst - best.1), "{} at {}, swept {best:?}", goal[found], lambda[found]);
 }
 
@@ -353,7 +353,7 @@ fn user_a_search_with_predetermined_points_is_one_run() {
         assert_eq!((of("started"), of("searching"), of("trial"), of("finished")), (1, 0, 8, 1), "{method}");
         let trials = read(&bench.path("store/tables/small/trials"));
         if method.contains("sobol") {
-            // 0, 1/2, 3/4, 1/4 of eight decades; of 61 whole numbers.
+            // The Sobol points 0, 1/2, 3/4 and 1/4, of eight decades and of 61 whole numbers.
             let lambda: Vec<f64> = numbers(&trials, "lambda").iter().map(|l| l.log10()).collect();
             for (ours, wanted) in lambda.iter().zip([-6.0, -2.0, 0.0, -4.0]) {
                 assert!((ours - wanted).abs() < 1e-9, "{lambda:?}");

@@ -198,7 +198,7 @@ fn user_prepared_statements_take_parameters() {
     statement.set_parameters(values(vec!["' OR '1' = '1"], -1.0)).unwrap();
     let info = served.runtime.block_on(statement.execute()).unwrap();
     assert_eq!(served.rows(client, info).unwrap()[0].column(0).as_primitive::<Int64Type>().value(0), 0);
-    // Too few values, a query without any, and whole numbers for others.
+    // Too few values, no values, and whole numbers for other types.
     let one = |name: &str, column: Arc<dyn Array>| RecordBatch::try_from_iter([(name, column)]).unwrap();
     statement.set_parameters(one("$1", Arc::new(StringArray::from(vec!["1.01"])))).unwrap();
     let wrong = served.runtime.block_on(statement.execute()).unwrap_err().to_string();

@@ -373,7 +373,7 @@ fn user_an_added_line_costs_only_its_own_bytes() {
     let (old, new) = (packs(&before), packs(&stamps(&bench.path("store"))));
     let added: u64 = new.iter().filter(|(inode, _)| !old.contains_key(inode)).map(|(_, size)| size).sum();
     let all: u64 = old.values().sum();
-    // The added line is one sixtieth; small tables are rewritten completely.
+    // The added line is one sixtieth of the rows; small tables are rewritten completely.
     assert!(added < all / 15, "{added} of {all} bytes");
     // After compaction the files equal those of a single run.
     let compact = bench.magline(&["compact", "spec.toml", "--set", "axes.lambda=[0.1]", "-q"]);

@@ -1,4 +1,4 @@
-//! Runs computed by other processes: the same bytes and each unit once, for any failure of a worker.
+//! Runs computed by other processes give the same bytes and compute each unit once, for any failure of a worker.
 
 use std::{
     collections::BTreeMap,

@@ -221,7 +221,7 @@ fn user_velocities_in_another_unit_than_the_positions_are_rejected() {
     let output = magline(folder.path(), &["ingest", "a.csv", "--to", "out"]);
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("in ft/s the velocities fit") && said.contains("\"ve\" = \"ft/s\""), "{said}");
+    assert!(said.contains("in ft/s the velocities agree") && said.contains("\"ve\" = \"ft/s\""), "{said}");
 }
 
 #[test]

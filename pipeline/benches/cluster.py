@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""What a cluster costs beside the work, and how much faster two workers of one core are than one.
+"""Overhead of a cluster, and speed of two workers of one core relative to one.
 
     python pipeline/benches/cluster.py --magline target/debug/magline
 
-The binary is one with the feature `cluster`. Processor seconds are those of scheduler, workers, their processes and the run, by
-`rusage`; what an idle cluster takes is taken off. All but the cluster of two workers is on one processor: two threads of one core take
-more processor seconds for the same work. Ways take turns, and the least of each counts, as another program on the machine only adds.
-Every way must end with the same published bytes, which is checked.
+The binary must have the feature `cluster`. Processor time is that of scheduler, workers, their processes and the run, by
+`rusage`, minus that of an idle cluster. Everything except the cluster of two workers runs on one processor, because two
+threads of one core use more processor time for the same work. The methods alternate, and the minimum of each counts, because
+other programs on the machine can only increase the time. The published bytes of all methods are compared.
 """
 
 import argparse
@@ -40,7 +40,7 @@ class Cluster:
         ]
 
     def end(self):
-        """Ends all, and returns the number of receipts."""
+        """Ends all processes, and returns the number of receipts."""
         count = 0
         for child, out in zip(self.workers, self.receipts):
             child.send_signal(signal.SIGTERM)
@@ -76,7 +76,7 @@ def on_cluster(binary, folder, workers):
 
 
 def idle(binary, folder, workers, seconds):
-    """Processor seconds of a cluster that has nothing to do."""
+    """Processor time of an idle cluster, s."""
     before = spent()
     cluster = Cluster(binary, folder, workers)
     time.sleep(seconds)
@@ -85,7 +85,7 @@ def idle(binary, folder, workers, seconds):
 
 
 def once(binary, folder, workers):
-    """Each way with its processor seconds, clock seconds and number of tasks, and the units of the work."""
+    """Each method with its processor time, elapsed time and number of tasks, and the number of units."""
     run = [binary, "run", "growth.toml", "--json", "--threads", "1", "--set"]
     found = {}
     units = 0
@@ -128,7 +128,7 @@ def main():
     parser.add_argument("--samples", type=int, default=600)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--folder", help="where stores are made")
+    parser.add_argument("--folder", help="the folder for stores")
     args = parser.parse_args()
     binary = str(Path(args.magline).resolve())
     print("| units | way | CPU s, of each | clock s | tasks | CPU s beside the work | ms a task | beside, % of the work |")

@@ -1,5 +1,5 @@
-"""What `magline explain --cost` predicts beside what a run then takes, for the examples in empty stores and for a thousand
-simulated lines; and the built-in figures, measured anew. See README.md beside this file."""
+"""Predictions of `magline explain --cost` compared with runs of the examples in empty stores and of a thousand simulated
+lines. Also measures the built-in records again. See README.md in this folder."""
 
 import argparse
 import json
@@ -37,7 +37,7 @@ def children():
 
 
 def run(magline, spec, store, sets, threads):
-    """Processor seconds, seconds on the clock, bytes added and peak memory of a run, after the estimate."""
+    """Processor time, elapsed time, bytes added and peak memory of a run, after the estimate."""
     more = [x for s in [f"store={store}", *sets] for x in ("--set", s)]
     asked = [magline, "explain", str(spec), "--cost", "--format", "json", "--threads", str(threads), *more]
     told = json.loads(subprocess.run(asked, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout)
@@ -61,7 +61,7 @@ def records(store):
 
 
 def digits(x):
-    """Four digits are more than a measurement has."""
+    """Rounds to four digits, more than a measurement has."""
     if isinstance(x, dict):
         return {k: digits(v) for k, v in x.items()}
     if isinstance(x, list):
@@ -74,9 +74,9 @@ def main():
     parser.add_argument("names", nargs="*", default=EXAMPLES)
     parser.add_argument("--magline", default=str(ROOT / "target/debug/magline"))
     parser.add_argument("--threads", type=int, default=os.cpu_count())
-    parser.add_argument("--set", action="append", default=[], help="as of `magline run`, for all specs")
-    parser.add_argument("--measure", metavar="FILE", help="write what was measured in place of, or with --add to, FILE")
-    parser.add_argument("--add", action="store_true", help="keep what FILE has")
+    parser.add_argument("--set", action="append", default=[], help="as for `magline run`, for all specs")
+    parser.add_argument("--measure", metavar="FILE", help="write the measurements to FILE; with --add, append them")
+    parser.add_argument("--add", action="store_true", help="keep the existing content of FILE")
     options = parser.parse_args()
     print("| spec | units | MB predicted | written | ratio | processor s predicted | used | ratio | clock s predicted | taken "
           "| ratio | memory MB predicted | used |")

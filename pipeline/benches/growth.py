@@ -1,4 +1,4 @@
-"""How the cost of a run grows with the number of lines and of sweep points. See README.md beside this file."""
+"""Cost of a run as a function of the numbers of lines and sweep points. See README.md in this folder."""
 
 import argparse
 import json
@@ -43,7 +43,7 @@ def line(flight, name, rows, number):
 
 
 def write(folder, first, last, a_file, rows, form):
-    """The lines `first` to `last`, some to a file."""
+    """The lines `first` to `last`, several per file."""
     for start in range(first, last, a_file):
         lines = [line(f"{start:05}", f"{n:05}", rows, n) for n in range(start, min(start + a_file, last))]
         table, path = pa.concat_tables(lines), folder / f"{start:05}.{form}"
@@ -109,7 +109,7 @@ def command(binary, folder, *args):
         if os.waitstatus_to_exitcode(status) != 0:
             err.seek(0)
             sys.exit(f"magline {' '.join(args)} fails:\n{err.read().decode()}")
-        # The last event is found from the end: a run of a million units writes a line for each.
+        # Only the end is read, because a run of a million units writes a line for each.
         size = out.seek(0, os.SEEK_END)
         out.seek(max(0, size - (1 << 20)))
         lines = out.read().splitlines()
@@ -118,7 +118,7 @@ def command(binary, folder, *args):
 
 
 def size(store):
-    """Files and bytes of a store by folder; what has several names is counted under the first of them."""
+    """Files and bytes of a store by folder; a file with several names is counted under the first one."""
     seen, files, sizes = set(), {}, {}
     for part in ["objects", "versions", "sources", None]:
         for folder, _, names in os.walk(store / part if part else store):
@@ -192,14 +192,14 @@ def row(found):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--magline", default="target/debug/magline", help="the binary")
-    parser.add_argument("--most", type=int, default=10**6, help="lines times points at most")
-    parser.add_argument("--least", type=int, default=0, help="lines times points at least")
+    parser.add_argument("--most", type=int, default=10**6, help="maximum of lines times points")
+    parser.add_argument("--least", type=int, default=0, help="minimum of lines times points")
     parser.add_argument("--samples", type=int, default=600, help="samples of a line")
     parser.add_argument("--lines-a-file", type=int, default=20)
     parser.add_argument("--format", choices=["parquet", "csv"], default="parquet")
-    parser.add_argument("--folder", help="where flights and stores are made and removed again; the temporary folder if left out")
-    parser.add_argument("--only", action="append", metavar="LINES,POINTS", help="this case; may be repeated")
-    parser.add_argument("--raw", type=Path, help="append what is measured to this file, one JSON object a case")
+    parser.add_argument("--folder", help="the folder for temporary flights and stores; by default the temporary folder")
+    parser.add_argument("--only", action="append", metavar="LINES,POINTS", help="run only this case; may be repeated")
+    parser.add_argument("--raw", type=Path, help="append the measurements to this file, one JSON object per case")
     args = parser.parse_args()
     args.magline = str(Path(args.magline).resolve())
     cases = [(n, p) for n in LINES for p in POINTS if args.least <= n * p <= args.most]

@@ -1,5 +1,5 @@
-"""What a store costs when flights come by the thousand, each in a file of its own: time and memory of every command, and the
-files that the store has. See SCALE.md in the folder above."""
+"""Cost of a store with thousands of flights, one per file: time and memory of every command, and the files of the store.
+See SCALE.md in the parent folder."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ def flights(args, folder, first, last):
 
 
 def command(args, *what):
-    """Seconds, processor seconds and peak memory in MB of the best of some runs of a command."""
+    """Elapsed time, processor time (s) and peak memory (MB) of the best of several runs of a command."""
     best = None
     for _ in range(args.repeat):
         with tempfile.TemporaryFile() as err, open(os.devnull, "wb") as out:
@@ -111,9 +111,9 @@ def main():
     parser.add_argument("--lines", type=int, nargs="+", default=[10, 100, 1000, 10000])
     parser.add_argument("--samples", type=int, default=60, help="samples of a line")
     parser.add_argument("--lines-a-file", type=int, default=1)
-    parser.add_argument("--repeat", type=int, default=3, help="the best of so many, of what does not change the store")
-    parser.add_argument("--folder", default=tempfile.gettempdir(), help="where flights and stores are made and removed again")
-    parser.add_argument("--raw", type=Path, help="append what is measured to this file, one JSON object a case")
+    parser.add_argument("--repeat", type=int, default=3, help="number of runs of read-only commands; the best counts")
+    parser.add_argument("--folder", default=tempfile.gettempdir(), help="the folder for temporary flights and stores")
+    parser.add_argument("--raw", type=Path, help="append the measurements to this file, one JSON object per case")
     args = parser.parse_args()
     args.folder = str(Path(args.folder).resolve())
     args.magline = str(Path(args.magline).resolve())

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""What a task costs beside its work: `magline task` a process at a time, many tasks in one process, and the engine of processes.
+"""Overhead of a task: `magline task` with one process per task, with many tasks in one process, and the engine `processes`.
 
     python pipeline/benches/tasks.py --magline target/debug/magline
 
-Processor seconds of children, by their `rusage`, all on one processor: two threads of one core take more of them for the same work.
-Every way must end with the same published bytes, which is checked.
+Processor time is that of the children by `rusage`, on one processor, because two threads of one core use more processor time
+for the same work. The published bytes of all methods are compared.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from pathlib import Path
 from growth import spec, write
 
 
-# What runs a command on one processor.
+# Command prefix that limits a command to one processor.
 PINNED = ["taskset", "--cpu-list", "0"]
 
 
@@ -41,7 +41,7 @@ def published(folder, store):
 
 
 def by_tasks(binary, folder, store, units, one_by_one):
-    """Processor seconds of planning, computing and publishing, and the number of tasks; of so many units, or as many as they choose."""
+    """Processor time of planning, computing and publishing, s, and the number of tasks of `units` units (or the default)."""
     plan, work, tasks = 0.0, 0.0, 0
     while True:
         most = [] if units is None else ["--units", str(units)]
@@ -64,8 +64,8 @@ def main():
     parser.add_argument("--magline", required=True)
     parser.add_argument("--lines", type=int, nargs="+", default=[10, 100, 1000])
     parser.add_argument("--points", type=int, default=10)
-    parser.add_argument("--units", type=int, help="of a task; by default as many as `magline tasks` chooses")
-    parser.add_argument("--folder", help="where stores are made")
+    parser.add_argument("--units", type=int, help="number of units of a task; by default chosen by `magline tasks`")
+    parser.add_argument("--folder", help="the folder for stores")
     args = parser.parse_args()
     binary = str(Path(args.magline).resolve())
     print("| lines | units | tasks | local run, CPU s | engine processes | one process: plan, work, publish | a process a task: work | ms a task, one process | ms a task, own process |")

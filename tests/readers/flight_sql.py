@@ -1,5 +1,5 @@
-"""Asks a served store with the ADBC client of Flight SQL, and holds rows and sums of every numeric column against what
-pyarrow reads of the published files. See README.md beside this file."""
+"""Queries a served store with the ADBC client of Flight SQL, and compares rows and sums of every numeric column with
+those that pyarrow reads from the published files. See README.md beside this file."""
 
 import argparse
 import re
@@ -47,14 +47,14 @@ def quoted(name):
 
 
 def with_adbc(connection, name, columns):
-    """Rows, and for each column how many numbers there are, their sum, and that of their absolute values."""
+    """Rows, and for each column the number of values, their sum, and the sum of their absolute values."""
     import pyarrow.compute as pc
 
     found = {}
     with connection.cursor() as cursor:
         for column, kind in columns.items():
             cursor.execute(f'SELECT "{column}" FROM {quoted(name)}')
-            # Piece by piece, as it comes.
+            # Batches are processed as they arrive.
             n, total, size = 0, 0.0, 0.0
             for batch in cursor.fetch_record_batch():
                 values = batch.column(0)
@@ -69,7 +69,7 @@ def with_adbc(connection, name, columns):
 
 
 def fails(what, words, work):
-    """Whether `work` is refused in these words."""
+    """Whether `work` fails with a message that contains these words."""
     try:
         work()
     except adbc_driver_manager.Error as e:
@@ -137,7 +137,7 @@ def main():
             [t.start() for t in threads], [t.join() for t in threads]
             assert len(answers) == 50 and len(set(answers)) == 1, answers
 
-            # A client that goes away in the middle of an answer of many rows holds up nobody.
+            # A client that disconnects during a long answer does not block others.
             with flight_sql.connect(server.uri, db_kwargs=bearer, autocommit=True) as one, one.cursor() as cursor:
                 cursor.execute(f"SELECT a.tt, b.tt AS u FROM {quoted(some)} a, {quoted(some)} b")
                 assert cursor.fetch_record_batch().read_next_batch().num_rows > 0

@@ -1,7 +1,7 @@
-"""Holds stores, inputs and published sets in an object store against those in folders, byte by byte.
+"""Compares stores, inputs and published sets in an object store with those in folders, byte by byte.
 
 python3 tests/readers/objects.py --magline target/debug/magline [--only NAME]... A magline with the feature `object-stores`.
-Needs moto[server], an S3 server that is not magline's. A proxy before it refuses, cuts and delays answers. It ends with 1 where anything differs.
+Needs moto[server], an independent S3 server. A proxy before it rejects, truncates and delays answers. Exit status 1 if anything differs.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from moto.server import ThreadedMotoServer
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "datasets/examples"
 BUCKET = "lab"
-# What has times, or belongs to one machine.
+# Objects with times, or of one machine.
 TIMED = ("locks/", "tmp/", "costs/", "plans/", "runs/", "index", "STORE", "REMOTE", "attempts/", "checkpoints/")
 
 
@@ -70,7 +70,7 @@ class Proxy(BaseHTTPRequestHandler):
         cut = None
         if fault == "cut" and answer.status in (200, 206) and len(data) > 1:
             cut = len(data) // 2
-        # Cut, and yet with a length that agrees.
+        # Truncated, with a matching length.
         if fault == "lie" and answer.status == 200 and len(data) > 1:
             data = data[: len(data) // 2]
         return self.answer(answer.status, headers, data, cut)
@@ -79,7 +79,7 @@ class Proxy(BaseHTTPRequestHandler):
         try:
             self.answered(*args)
         except (BrokenPipeError, ConnectionResetError):
-            # Whoever asked did not wait.
+            # The client has disconnected.
             self.close_connection = True
 
     def answered(self, status, headers, data, cut=None):
@@ -162,12 +162,12 @@ class Lab:
 
 
 def rows(text):
-    """The rows of an answer; without ORDER BY they come in any order."""
+    """The rows of an answer, sorted, because without ORDER BY their order is undefined."""
     return sorted(text.splitlines())
 
 
 def computed(out):
-    """The units by what became of them, and those that were computed more than once."""
+    """Numbers of units by outcome, and the units that were computed more than once."""
     events = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
     units = [e for e in events if e["event"] == "unit"]
     return Counter(e["status"] for e in units)
@@ -362,16 +362,16 @@ class Checks:
         out, _ = self.lab.run(["run", spec, "--json"], cache)
         assert computed(out)["computed"] == 1, out
         assert computed(self.lab.run(["run", spec, "--json"], cache)[0])["reused"] == 1
-        # The same bytes, written again: nothing to do.
+        # The same bytes, written again: nothing is computed.
         self.lab.put("in/a.csv", flights.read_bytes())
         assert computed(self.lab.run(["run", spec, "--json"], cache)[0])["computed"] == 0
-        # One flight more, and one that changed.
+        # One added flight, then one changed flight.
         self.lab.put("in/b.csv", flights.read_text().replace(",1,1.01,", ",2,2.01,").encode())
         assert computed(self.lab.run(["run", spec, "--json"], cache)[0])["computed"] == 1
         self.lab.put("in/a.csv", flights.read_text().replace("50000", "50001").encode())
         out, _ = self.lab.run(["run", spec, "--json"], cache)
         assert (computed(out)["computed"], computed(out)["reused"]) == (1, 1), out
-        # The same from files.
+        # The same run on files.
         local = self.lab.folder / "in"
         local.mkdir()
         for name, data in self.lab.objects("in").items():

@@ -1,5 +1,5 @@
-"""Reads a published data set with pyarrow, pandas, Polars, DuckDB and, where there is Java, Spark: rows, types, and the
-missing values, minimum and maximum of every column are those of its `dictionary.json`. Then validates its documents with
+"""Reads a published data set with pyarrow, pandas, Polars, DuckDB and, where there is Java, Spark: rows, types,
+missing values, minimum and maximum of every column must agree with its `dictionary.json`. Then validates its documents with
 mlcroissant, frictionless, cffconvert and a RO-Crate validator. See README.md beside this file."""
 
 import argparse
@@ -25,7 +25,7 @@ def of_arrow(kind):
     return TEXT if pa.types.is_string(kind) or pa.types.is_large_string(kind) else str(kind)
 
 
-# Every reader gives the rows, and for each column its type, missing values, minimum and maximum (None where it has none).
+# Each reader returns the rows and, for each column, its type, missing values, minimum and maximum (None without values).
 
 def with_pyarrow(folder):
     import pyarrow.parquet
@@ -144,13 +144,13 @@ def read_all(folder, readers):
     return wrong
 
 
-# Every validator gives what it finds wrong.
+# Each validator returns the faults that it finds.
 
 CONTEXT = "https://w3id.org/ro/crate/1.1/context"
 
 
 def croissant(folder):
-    """Validates it, and reads a record of every table by it."""
+    """Validates the description, and reads a record of every table through it."""
     import mlcroissant
     data = mlcroissant.Dataset(jsonld=folder / "croissant.json")
     found = list(data.metadata.issues.errors) + list(data.metadata.issues.warnings)
@@ -168,11 +168,11 @@ def data_package(folder):
 
 
 class NotChecked(Exception):
-    """What a validator needs is not there: neither valid nor not valid."""
+    """A requirement of a validator is missing, so the result is unknown."""
 
 
 def citation(folder, program):
-    """`program` is cffconvert's, which shares no environment with frictionless: they need different jsonschema."""
+    """`program` is cffconvert's, which cannot share an environment with frictionless: they require different versions of jsonschema."""
     found = program or shutil.which("cffconvert", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
     if not found:
         raise NotChecked("there is no program cffconvert; --cffconvert names it")

@@ -30,8 +30,8 @@ def kinds(folder):
     return found | {f.name: "list" for f in schema if is_list(f.type) and number(f.type.value_type)}
 
 
-# Every reader gives the rows, and for each column how many numbers there are, their sum, and the sum of their absolute
-# values. Neither null nor NaN is a number.
+# Each reader returns the number of rows and, for each column, the number of values, their sum, and the sum of their
+# absolute values. Null and NaN are not values.
 
 def with_pyarrow(folder, columns):
     import pyarrow as pa
@@ -51,7 +51,7 @@ def with_pyarrow(folder, columns):
 def with_polars(folder, columns):
     import polars as pl
 
-    # `*.parquet` as in the other readers; the folder alone does the same.
+    # `*.parquet` as in the other readers; the folder alone gives the same result.
     data = pl.scan_parquet(folder / "*.parquet")
     found = {}
     for name, kind in columns.items():
@@ -117,7 +117,7 @@ def with_magline(binary, store, table, columns):
 
 
 def differences(one, other):
-    """What two readers say differently. Sums may differ by the order of adding: 1e-9 of the sum of absolute values."""
+    """Differences between two readers. Sums may differ by rounding: 1e-9 of the sum of absolute values."""
     (rows, columns), (other_rows, other_columns) = one, other
     if rows != other_rows:
         yield f"{rows} rows, not {other_rows}"
@@ -131,7 +131,7 @@ def differences(one, other):
 
 
 def compare(store, binary, readers):
-    """Compares the readers with `magline sql`; says how many tables differ."""
+    """Compares the readers with `magline sql`; returns the number of tables that differ."""
     wrong, total_rows, total_columns = 0, 0, 0
     found = tables(store)
     if not found:

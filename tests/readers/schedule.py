@@ -1,4 +1,4 @@
-"""Holds what a run says of itself against the schemas and parsers of others.
+"""Validates summary, metrics and events of a run with independent schemas and parsers.
 
 python3 tests/readers/schedule.py SUMMARY METRICS EVENTS, the files of `magline run --summary --metrics --openlineage`.
 Needs jsonschema, referencing, prometheus_client and openlineage-python.
@@ -36,7 +36,7 @@ def facets(value):
 
 
 def the_client_takes(event):
-    """The classes of the client refuse what is no UUID, no time and no address."""
+    """The classes of the client reject invalid UUIDs, times and addresses."""
     run = event["run"]["facets"]
     if "parent" in run:
         parent_run.ParentRunFacet(

@@ -2,7 +2,7 @@
 
     python tests/reference/make_tolles_lawson.py
 
-writes tolles_lawson.csv and tolles_lawson_ratio.csv beside itself.
+writes tolles_lawson.csv and tolles_lawson_ratio.csv into its folder.
 
 Builds the 18 Tolles-Lawson terms of the 1000 real samples, band-passes terms and target by sosfiltfilt (odd padding
 of 24, as MagNav.jl), drops 20 samples at each end, and fits by Ridge without intercept."""

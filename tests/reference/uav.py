@@ -1,7 +1,7 @@
 """The figures of datasets/examples/uav.toml by numpy: the core-field model on the magnitude of Thor's magnetometer.
 
-Run beside the repository: python tests/reference/uav.py > tests/reference/uav.csv (numpy 2, pyarrow). The field is the constant
-one of the place (IGRF: north 172, east 2, down 532 mgauss), linear interpolation to 10 Hz.
+Run in the repository: python tests/reference/uav.py > tests/reference/uav.csv (numpy 2, pyarrow). The field is
+constant (IGRF at the site: north 172, east 2, down 532 mgauss). Interpolation to 10 Hz is linear.
 """
 
 import numpy as np

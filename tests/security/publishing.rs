@@ -46,7 +46,7 @@ fn user_a_score_of_few_samples_is_no_aggregate() {
     refused(&restricted("", "", &resampled(0.1)), &["sc"], "`least_samples` is 100");
     refused(&restricted("least_samples = 1000", "", &resampled(10.0)), &["sc"], "`least_samples` is 1000");
     refused(&restricted("least_ratio = 1000", "", &resampled(10.0)), &["sc"], "`least_ratio` is 1000");
-    // 60 coefficients of 600 samples, and of 60.
+    // 60 coefficients from 600 samples, and from 60 samples.
     let fit = |rate: f64| {
         let pick = format!("[[stages]]\nname=\"pick\"\nstage=\"resample\"\ninput=\"flights\"\nrate_hz={rate}\n");
         pick + "[[stages]]\nname=\"tl\"\nstage=\"a_matrix\"\ninput=\"pick\"\nvector=\"flux_d\"\n\

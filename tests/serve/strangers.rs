@@ -1,4 +1,4 @@
-//! Tokens, encryption, time and memory: protection of clients from each other.
+//! Protection of clients from each other: tokens, encryption, limits of time and memory.
 
 use super::*;
 

@@ -1,15 +1,15 @@
-/* A disk that forgets: preloaded into a run, it ends it at a chosen moment as a kill or a loss of power would.
+/* Simulation of a power loss: preloaded into a run, it ends the run at a chosen point like a kill or a power loss.
  *
  *   MAGLINE_SHIM_ROOT   the folder that is watched
- *   MAGLINE_SHIM_COUNT  a file that is told the number of points when the process ends by itself
+ *   MAGLINE_SHIM_COUNT  a file that receives the number of points when the process ends normally
  *   MAGLINE_SHIM_AT     the point, from 1, before which the process ends
- *   MAGLINE_SHIM_MODE   `kill`: only that; `power`: what was not synced is lost first
- *   MAGLINE_SHIM_SEED   what of it is lost: 0 all, otherwise each with probability 1/2
+ *   MAGLINE_SHIM_MODE   `kill`: ends the process; `power`: drops unsynced data first
+ *   MAGLINE_SHIM_SEED   selection of the dropped data: 0 all, otherwise each with probability 1/2
  *
- * A point is a rename, link, symlink or fsync below the root. A file loses what was written since its last fsync: all of
- * it, half of it, or its bytes become zeros. A change of a folder (a name that came, went or was replaced) is undone
- * unless the folder was synced since. A rename is one change, of the folder that it leads to. All calls are made one at a
- * time, and straight to the kernel, so that the shim never meets itself. */
+ * A point is a rename, link, symlink or fsync below the root. A file loses the bytes written since its last fsync:
+ * all or half of them are cut off, or they become zeros. A change of a folder (a name that was added, removed or replaced)
+ * is undone unless the folder was synced afterwards. A rename is one change, of the target folder. Calls are serialised
+ * and go directly to the kernel, so that the shim does not intercept its own calls. */
 #define _GNU_SOURCE
 #include <dirent.h>
 #include <errno.h>
@@ -33,11 +33,11 @@
 struct dirty {
     dev_t dev;
     ino_t ino;
-    int fd;         /* the shim's own, so that the file is found under whatever name it has */
-    off_t synced;   /* what of it is on the disk */
+    int fd;         /* descriptor of the shim, so that the file is found under any name */
+    off_t synced;   /* number of bytes on the disk */
 };
 
-/* A name in a folder, by the folder itself, which may be renamed. */
+/* A name in a folder, with a descriptor of the folder, because the folder may be renamed. */
 struct place {
     int folder;
     dev_t dev;
@@ -51,10 +51,10 @@ enum kind { MADE, GONE, MOVED };
 struct change {
     enum kind kind;
     struct place at;     /* the folder that has to be synced, and the name */
-    struct place from;   /* of what moved */
-    dev_t dev;           /* what came or went */
+    struct place from;   /* the former place, of a moved name */
+    dev_t dev;           /* the added or removed file */
     ino_t ino;
-    char kept[32];       /* what went, or was replaced, in the folder of what is kept; a name or nothing */
+    char kept[32];       /* name of the removed or replaced file in the folder of kept files; may be empty */
 };
 
 struct folder {
@@ -129,7 +129,7 @@ static int below(const char *path) {
     return !strncmp(path, root, root_length) && (path[root_length] == '/' || !path[root_length]);
 }
 
-/* Whether an open file lies below the root, and what it is. */
+/* Whether an open file is below the root; fills in its status. */
 static int watched(int fd, struct stat *about) {
     if (!root_length || fd < 0) return 0;
     char link[64], path[PATH_MAX];
@@ -140,7 +140,7 @@ static int watched(int fd, struct stat *about) {
     return below(path) && !fstat(fd, about);
 }
 
-/* The shim's own descriptor of a folder; one for each, kept to the end. */
+/* Descriptor of a folder for the shim; one per folder, open to the end. */
 static int folder_fd(const struct stat *about, const char *path) {
     for (size_t i = 0; i < folder_count; i++)
         if (folders[i].dev == about->st_dev && folders[i].ino == about->st_ino) return folders[i].fd;
@@ -151,7 +151,7 @@ static int folder_fd(const struct stat *about, const char *path) {
     return fd;
 }
 
-/* Where a path leads, as a folder and a name in it; whether that is below the root. */
+/* Resolves a path to a folder and a name in it. Returns whether it is below the root. */
 static int placed(int dirfd, const char *path, struct place *place) {
     if (!root_length || !path) return 0;
     char whole[PATH_MAX], real[PATH_MAX];
@@ -185,7 +185,7 @@ static int is(const struct place *place, dev_t dev, ino_t ino) {
     return is_there(place, &about) && about.st_dev == dev && about.st_ino == ino;
 }
 
-/* One more name for what is about to go. */
+/* Adds another name to a file that will be removed. */
 static void keep_one(const struct place *place, char *name) {
     snprintf(name, 32, "%d", kept++);
     if (syscall(SYS_linkat, place->folder, place->name, keep, name, 0)) *name = 0;
@@ -201,7 +201,7 @@ static void undo(const struct change *change) {
     char name[32];
     switch (change->kind) {
     case MADE:
-        /* What has another name by now, or is gone, stays so. With a folder goes all that is in it. */
+        /* A file that was renamed or removed since stays so. A folder is removed with its contents. */
         snprintf(name, sizeof name, "%d", kept++);
         if (is(to, change->dev, change->ino)) syscall(SYS_renameat2, to->folder, to->name, keep, name, 0);
         break;
@@ -237,7 +237,7 @@ static void lose(const struct dirty *file) {
         cut(file->fd, file->synced + (about.st_size - file->synced) / 2);
         break;
     case 2:
-        /* The size is on the disk, and the bytes are not. */
+        /* The size is on the disk, but not the bytes. */
         cut(file->fd, file->synced);
         cut(file->fd, about.st_size);
         break;
@@ -257,7 +257,7 @@ static void point(void) {
     for (;;) pause();
 }
 
-/* A file is about to be written to, or cut to `length`. */
+/* Records that a file will be written to, or truncated to `length`. */
 static void touched(int fd, off_t length) {
     struct stat about;
     if (!watched(fd, &about) || !S_ISREG(about.st_mode)) return;
@@ -376,7 +376,7 @@ ssize_t writev(int fd, const struct iovec *parts, int count) {
     LEAVE(syscall(SYS_writev, fd, parts, count));
 }
 
-/* What is written over bytes that are on the disk is not followed; nothing in the store is. */
+/* Writes over bytes that are on the disk are not recorded; the store has no such writes. */
 ssize_t pwrite(int fd, const void *bytes, size_t count, off_t offset) {
     ENTER;
     touched(fd, -1);

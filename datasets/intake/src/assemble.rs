@@ -1,4 +1,4 @@
-//! The assembly of the rows of a file into lines: a fault of a row is a fault of its line alone.
+//! Assembly of the rows of a file into lines. A faulty row affects only its line.
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray};
 use datasets::{FlightOptions, RowFault};
@@ -30,7 +30,7 @@ struct IdentifierGap {
     row: u64,
 }
 
-/// The lines of one file being put together.
+/// Lines of one file during assembly.
 pub struct LineAssembly<'a> {
     options: &'a FlightOptions,
     open: Option<LineBatches>,
@@ -92,7 +92,7 @@ impl<'a> LineAssembly<'a> {
             let (flight, line) = (flight.to_owned(), line.to_owned());
             done = self.open.replace(LineBatches { flight, line, parts: vec![], rows: 0, fault: None });
         } else if let (Some(open), Some(gap)) = (&mut self.open, gap) {
-            // Rows of the same line on both sides: the line is incomplete without the rows between.
+            // The same line has rows on both sides, so it is incomplete without the rows between.
             let row = open.rows as u64;
             let fault = gap_fault(self.options, &gap).in_row(row);
             open.fault.get_or_insert(fault);

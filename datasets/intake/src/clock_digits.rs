@@ -3,9 +3,9 @@
 use numerics::regression::statistics;
 
 const DAY_S: f64 = 86_400.0;
-/// Maximum deviation of a usual clock step, relative to the usual step.
+/// Maximum deviation of a regular clock step, relative to the median step.
 const USUAL: f64 = 0.25;
-/// Minimum number that digits skip at the end of a minute, minus the step.
+/// Minimum jump of the digits at the end of a minute, minus the step.
 const SKIPPED: f64 = 30.0;
 
 /// The first row after a minute or an hour, if the numbers are times of a day in digits; `None` for seconds.
@@ -100,7 +100,7 @@ mod tests {
             let numbers: Vec<f64> = (0..n).map(|i| from + step * f64::from(i)).collect();
             assert_eq!(minute_after(&numbers), None, "{from} {step}");
         }
-        // A gap of a line of less than a minute.
+        // A gap in a line shorter than a minute.
         let gap: Vec<f64> = (0..40).map(|i| 36_000.0 + f64::from(i) + if i > 20 { 100.0 } else { 0.0 }).collect();
         assert_eq!(minute_after(&gap), None);
         assert_eq!(minute_after(&[]), None);

@@ -101,7 +101,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     statistics::median(&mut values)
 }
 
-/// Whether all values could be angles in radians, the largest of which is `most`.
+/// Whether all values could be angles in radians, of magnitudes up to `most`.
 fn could_be_radians(x: &[f64], most: f64) -> bool {
     x.iter().all(|x| x.is_nan() || x.abs() <= most)
 }
@@ -137,7 +137,8 @@ fn ins_distance(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (ins_lat, ins_lon) = (line.get("ins_lat")?, line.get("ins_lon")?);
     let far = |i: &usize| {
         let (a, b) = ((lat[*i], lon[*i]), (ins_lat[*i], ins_lon[*i]));
-        // Within 3 degrees in each it is below the limit, which spares the sines.
+        // Differences within 3 degrees in each coordinate are below the limit, so no trigonometric functions are
+        // evaluated.
         let (north, east) = ((a.0 - b.0).abs(), (a.1 - b.1).abs());
         north + east >= 3.0 && distance_km(a, b) > INS_KM
     };
@@ -176,7 +177,8 @@ fn round(x: f64) -> f64 {
     (x * 100.0).round() / 100.0
 }
 
-/// Slow positions within a few degrees of 0, 0: they are in radians. That is open ocean, where nothing flies so slowly.
+/// Fault of slow positions within a few degrees of 0, 0, which are in radians. That area is open ocean, where no
+/// aircraft flies so slowly.
 fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     if !both_could_be_radians(lat, lon) {
@@ -211,7 +213,7 @@ fn jump(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
             continue;
         }
         let Some(last) = before.replace(i) else { continue };
-        // Half a degree is below the limit, which spares the sines.
+        // Half a degree is below the limit, so no trigonometric functions are evaluated.
         if (lat[i] - lat[last]).abs() < 0.5 && (lon[i] - lon[last]).abs() < 0.5 {
             continue;
         }
@@ -243,7 +245,7 @@ fn heights(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
         let Some(&row) = rows.first() else { continue };
         let apart = |p: f64, q: f64| median(rows.iter().map(|i| (p * a[*i] - q * b[*i]).abs()).collect());
         let (same, first, second) = (apart(1.0, 1.0), apart(FOOT, 1.0), apart(1.0, FOOT));
-        // Ellipsoid, sea level and pressure differ by less.
+        // Heights above the ellipsoid, above sea level and by pressure differ by less.
         if same < 200.0 || first.min(second) > 0.2 * same || rise_together(a, b, &rows) {
             continue;
         }
@@ -262,11 +264,12 @@ fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
     let (a, b) = (column(a), column(b));
     let apart: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
     let [a, b, apart] = [a, b, apart].map(|x| statistics::std(&x).value);
-    // A height in the other unit would rise by three times as much, and be apart by two thirds of it.
+    // A height in the other unit would change by three times as much, so the difference would be two thirds of the
+    // larger change.
     apart < 0.4 * a.min(b)
 }
 
-/// A heading that follows the course only in radians.
+/// Fault of a heading that agrees with the course only if it is in radians.
 fn attitude(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)> {
     let (tt, lat, lon, yaw) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?, line.get(set.yaw)?);
     if !could_be_radians(yaw, std::f64::consts::TAU + 1e-6) {
@@ -290,7 +293,7 @@ fn attitude(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Findin
     Some(line.contradiction((set.yaw, row, yaw[row], "deg"), yaw.len(), what, &help))
 }
 
-/// Fault of a specific force that differs far from gravity.
+/// Fault of a specific force that differs greatly from gravity.
 fn specific_force(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (n, e, d) = (line.get("ins_fn")?, line.get("ins_fe")?, line.get("ins_fd")?);
     let step = n.len() / SOME_ROWS + 1;

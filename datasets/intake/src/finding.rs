@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 pub enum FindingKind {
     /// No value.
     Missing,
-    /// An infinity; taken as missing.
+    /// An infinity; treated as missing.
     Infinite,
-    /// A scalar magnetometer's reading of exactly 0 nT: a dropout; taken as missing.
+    /// A scalar magnetometer's reading of exactly 0 nT: a dropout; treated as missing.
     ZeroReading,
-    /// Outside the limits of the column's role; taken as missing unless the table accepts it.
+    /// Outside the limits of the column's role; treated as missing unless the table accepts it.
     Impossible,
-    /// A scalar magnetometer whose readings are not a total field but vary as only a residual does: the core field was
-    /// already removed.
+    /// A scalar magnetometer whose readings are not a total field but vary like a residual: the core field was already
+    /// removed.
     NotTotalField,
     /// Contradicts another column.
     Inconsistent,

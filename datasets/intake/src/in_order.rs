@@ -53,11 +53,11 @@ pub fn in_order<I: Send, O: Send, E: Send>(
                 if i - results < most {
                     break;
                 }
-                // With a single thread, this thread has to do the work.
+                // With a single thread, this thread does the work.
                 if rayon::yield_now() != Some(rayon::Yield::Executed) {
                     let now = locked(&state);
                     if now.results.len() == results {
-                        // Work may also come from elsewhere, so it does not sleep for long.
+                        // Other code may also add work to the pool, so this thread does not sleep for long.
                         drop(one_more.wait_timeout(now, Duration::from_millis(5)));
                     }
                 }
@@ -129,7 +129,7 @@ mod tests {
                 let squares: Vec<usize> = (0..40).map(|i| i * i).collect();
                 let (all, told) = run(vec![], None);
                 assert_eq!((all, told), (Ok(squares), (1..=40).collect()), "outside of a pool");
-                // Errors in the pool, with this thread as one of its workers.
+                // Errors in the pool when this thread is one of its workers.
                 let told = pool.install(|| [run(vec![], None).1.len(), run(vec![7, 8], None).0.unwrap_err()]);
                 assert_eq!(told, [40, 7]);
                 assert_eq!(run(vec![9], Some(12)).0, Err(9));

@@ -12,13 +12,12 @@ use schemas::Fault;
 
 const DAY_S: f64 = 86_400.0;
 
-/// Maximum distance from midnight at which a fall of the time may begin and end, s. Any other backward step of a time
-/// stamp is an error of the log.
+/// Maximum distance from midnight at which a backward step to the next day may begin and end, s. Any other backward
+/// step of a time stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
-/// A line of the flight table whose time falls from the end of the day to its start: `tt` keeps rising, and the columns
-/// `year` and `doy` hold the day of each sample, even if the log did not advance them. `None` if the line needs no
-/// change.
+/// Line of the flight table across midnight, with `tt` increasing past 86,400 s. The columns `year` and `doy` hold the
+/// day of each sample, even if the log did not advance them. `None` if the line needs no change.
 ///
 /// # Errors
 /// Fails for a date that differs from the date of the first sample plus the midnights since.
@@ -82,7 +81,7 @@ impl MidnightUnwrapper {
     }
 }
 
-/// Midnights since the first sample.
+/// Number of midnights since the first sample.
 fn days(tt: &[f64]) -> Vec<i64> {
     let day = |t: f64| (t / DAY_S).floor();
     let first = tt.iter().find(|t| t.is_finite()).map_or(0.0, |t| day(*t));
@@ -104,7 +103,8 @@ fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>
         let due = after(start, steps);
         let near = [-1, 0, 1].iter().any(|late| after(start, steps + late) == own);
         if known(i) && !near {
-            let what = format!("the date is day {}, but day {} follows from the start of the line", own.1, due.1);
+            let what =
+                format!("the date is day {}, but counting from the start of the line gives day {}", own.1, due.1);
             return Err(Fault::data(what).in_column("doy").in_row(i as u64));
         }
         let (year, doy) = if known(i) { due } else { own };
@@ -209,7 +209,7 @@ mod tests {
         let odd = unwrapped(&line(&OVER, &[2023; 4], &[100, 100, 150, 150])).unwrap_err();
         assert_eq!(
             odd.to_string(),
-            "column `doy`, row 2: the date is day 150, but day 101 follows from the start of the line"
+            "column `doy`, row 2: the date is day 150, but counting from the start of the line gives day 101"
         );
     }
 }

@@ -24,10 +24,10 @@ use schemas::{
 use super::consistency;
 pub use super::finding::{FileColumns, Finding, FindingKind};
 
-/// The largest share of impossible samples of a sensor that still count as spikes.
+/// Maximum share of impossible samples of a sensor that count as spikes.
 const SPIKES: f64 = 0.1;
 
-/// A line shorter than this is not reported as constant.
+/// Minimum length of a line for a report of a constant column.
 const CONSTANT_ROWS: usize = 10;
 
 /// Result of the examination of a line.
@@ -108,7 +108,7 @@ struct SampleCounts {
 }
 
 impl SampleCounts {
-    /// Counts the samples. `zeros`: whether a 0 is a dropout.
+    /// Counts the samples. With `zeros`, a 0 is a dropout.
     fn from_values(values: &[f64], limits: Option<&PlausibleRange>, zeros: bool) -> SampleCounts {
         let [mut missing, mut infinite, mut zero, mut outside] = [RowTally::default(); 4];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -292,14 +292,14 @@ fn described(name: &str, likely: &ProbableCause, origins: &FileColumns) -> Strin
             format!("if the value is in {unit}, it is {} {ours}: {units}", shown(*value))
         }
         ProbableCause::DegreesMinutes(value) => {
-            format!("as degrees and minutes (NMEA ddmm.mm) it is {} deg; convert the column", shown(*value))
+            format!("read as degrees and minutes (NMEA ddmm.mm), it is {} deg; convert the column", shown(*value))
         }
         ProbableCause::GpsWeek(day, second) => format!(
-            "as seconds of a GPS week it is {} s of day {day}; `tt` must be in s past midnight UTC",
+            "read as seconds of a GPS week, it is {} s of day {day}; `tt` must be in s past midnight UTC",
             shown(*second)
         ),
         ProbableCause::Unix(second) => {
-            format!("as Unix time it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
+            format!("read as Unix time, it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Cache: the folder of this machine with copies of objects.
 //!
 //! ```text
-//! stores/<name>-<hash>/   a store, laid out as one in a folder is; the file REMOTE in it says of which address
+//! stores/<name>-<hash>/   a store with the layout of a store in a folder; its file REMOTE contains the address
 //! files/<place>/<bucket>/ inputs, under their own names, each with its version in the file `.<name>.etag`
 //! ```
-//! Its path is `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home. All of it can be
-//! removed while no program uses it.
+//! Its path is `MAGLINE_CACHE`, or else `magline` in `XDG_CACHE_HOME` or in `.cache` of the home folder. The
+//! cache can be removed while no program uses it.
 
 use std::{
     env,

@@ -117,8 +117,8 @@ impl BucketCache {
         each(wanted, |about| self.bring(about))
     }
 
-    /// Removes the copies below `folder` that `are_of` an input and are not among the `known` ones, because their
-    /// objects have been removed.
+    /// Removes copies below `folder` whose objects no longer exist: copies that belong to an input (`are_of`) but are
+    /// not `known`.
     fn forget(&self, folder: &Path, known: &BTreeSet<PathBuf>, are_of: &dyn Fn(&Path) -> bool) {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();

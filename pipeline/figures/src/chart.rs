@@ -19,7 +19,7 @@ pub struct ChartAxis {
     pub label: String,
     /// Whether the axis is logarithmic.
     pub log: bool,
-    /// Ends of the axis; `None` for those of the data.
+    /// Ends of the axis; `None` for the range of the data.
     pub range: Option<(f64, f64)>,
 }
 

@@ -146,7 +146,7 @@ mod tests {
         let circle = drawn(41, &cone, 12.5);
         assert_eq!(circle.len(), 1);
         assert_eq!(circle[0].first(), circle[0].last());
-        // The cone is curved between nodes, with an error of 1/8 of its curvature 1/12.
+        // Between nodes, linear interpolation of the cone errs by 1/8 of its curvature of 1/12.
         assert!(circle[0].iter().all(|(x, y)| ((x - 20.0).hypot(y - 20.0) - 12.5).abs() < 0.02));
         let plane: Vec<f64> = (0..30).map(|k| f64::from(k % 6) + 0.25).collect();
         let line = drawn(6, &plane, 2.0);

@@ -90,7 +90,7 @@ fn crossing(a: &TrackFix, b: &TrackFix) -> (TrackFix, TrackFix) {
 }
 
 /// Thins an unbroken track: dropped samples are within `tolerance_m` of the straight line between their kept
-/// neighbours. With known times, they are within it of the position on the line at that time.
+/// neighbours. With known times, the tolerance applies to the position on the line at the time of the sample.
 pub fn thinned(run: &[TrackFix], tolerance_m: f64) -> Vec<TrackFix> {
     let Some(first) = run.first() else { return vec![] };
     let earth = EarthModel::default();

@@ -26,7 +26,7 @@ const TITLE: (f64, f64) = (16.0, 21.0);
 const TITLE_LINES: usize = 4;
 /// Gap between the frame and the colour bar.
 const TO_BAR: f64 = 18.0;
-/// Height of a map below which its colour bar is below it.
+/// Map height below which the colour bar is placed under the map.
 const LOW: f64 = 150.0;
 /// Minimum width of the frame; longer maps are drawn out of proportion.
 const NARROWEST: f64 = 30.0;
@@ -119,7 +119,7 @@ fn layout<'a>(
     (FigureLayout { width, frame, bar: place, title, footer: under + 0.4 * ROW }, bar)
 }
 
-/// Left margin, and width and height of the frame of a map of that shape.
+/// Left margin, frame width and frame height for a map of that shape.
 fn fit(picture: &MapPicture, shape: f64, width: f64, right: f64) -> (f64, (f64, f64)) {
     let window = MapWindow::from_picture(picture);
     let size = |left: f64| {
@@ -127,7 +127,7 @@ fn fit(picture: &MapPicture, shape: f64, width: f64, right: f64) -> (f64, (f64, 
         let h = (w / shape).min(HIGHEST * width);
         ((h * shape).clamp(NARROWEST, w), h.max(NARROWEST))
     };
-    // The width of the coordinates and the height depend on each other: the space for the highest frame is enough.
+    // Label width and frame height depend on each other, so the labels of the highest frame determine the margin.
     let left = (0..2).fold(0.0f64, |left, _| left.max(left_margin(picture, &window, size(left).1)));
     (PAD + left, size(left))
 }

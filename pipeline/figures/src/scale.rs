@@ -13,7 +13,7 @@ use crate::{
 pub enum ColourMapping {
     /// Linear from the smallest to the largest value.
     Linear,
-    /// By rank: each colour covers the same area, so that long tails do not dominate.
+    /// By rank: each colour covers an equal share of the area, so that long tails do not dominate.
     #[default]
     Equalised,
     /// Linear between two percentiles, 0 to 100; values beyond have the colours of the ends.
@@ -158,7 +158,7 @@ fn fixed(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     [low, high].map(|v| (v, 0.5 + 0.5 * v / largest)).to_vec()
 }
 
-/// Equal areas for equal parts of the palette; for a palette about zero, each half by magnitude.
+/// Equal areas for equal parts of the palette. In a palette centred on zero, each half is ranked by magnitude.
 fn equal_areas(mut sorted: Vec<f64>, palette: Palette) -> Vec<(f64, f64)> {
     if palette != Palette::Diverging {
         return ranks(&sorted);
@@ -216,7 +216,7 @@ mod tests {
         let scale = ColourScale::new(&values, ColourMapping::Equalised, Palette::Turbo).unwrap();
         let mut counts = [0; 10];
         values.iter().filter(|v| v.is_finite()).for_each(|v| counts[((scale.part(*v) * 10.0) as usize).min(9)] += 1);
-        // 2000 values, ten parts: knots between values may move one or two across an edge.
+        // 2000 values in ten parts: the knots may move one or two values across an edge.
         assert!(counts.iter().all(|n| (197..=203).contains(n)), "{counts:?}");
     }
 

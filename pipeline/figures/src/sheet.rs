@@ -65,7 +65,7 @@ fn add(row: &[f64], across: &[NodeWeights], weight: f64, sums: &mut [(f64, f64)]
     }
 }
 
-/// Axis of a sheet, and the nodes that each of its nodes averages.
+/// Axis of a sheet, and the map nodes averaged at each of its nodes.
 fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<NodeWeights>) {
     let place = |x: f64| (axis.node(x) + 0.5).clamp(0.0, axis.len as f64);
     let (from, to) = (place(range.0), place(range.1));

@@ -1,7 +1,8 @@
 //! Reduction of the points of a line within a tolerance.
 
-/// Indices of the points to keep of `count`, ascending, with the first and the last. `distance(from, to, point)`, of a
-/// dropped point to the segment between its kept neighbours, is at most `tolerance`. [Douglas and Peucker 1973]
+/// Indices of the points to keep of `count`, ascending, with the first and the last. For a dropped point,
+/// `distance(from, to, point)` to the segment between its kept neighbours is at most `tolerance`. [Douglas and Peucker
+/// 1973]
 pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize) -> f64) -> Vec<usize> {
     let Some(last) = count.checked_sub(1) else { return vec![] };
     let mut keep = vec![false; count];

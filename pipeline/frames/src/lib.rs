@@ -1,8 +1,8 @@
 //! Result tables of magline as Polars [`LazyFrame`]s.
 //!
-//! A published table is a folder of plain Parquet files, `<store>/tables/<pipeline>/<table>/`, with the axes of the
-//! sweep, flight, line and time as columns before those that the stage made. [`scan`] opens one by the name that
-//! `magline sql` gives it; filters and projections are pushed down into the files.
+//! A published table is a folder of plain Parquet files, `<store>/tables/<pipeline>/<table>/`. Its first columns are
+//! the axes of the sweep, flight, line and time; the columns that the stage made follow. [`scan`] opens one by the name
+//! that `magline sql` gives it; filters and projections are pushed down into the files.
 //!
 //! ```no_run
 //! use polars::prelude::*;
@@ -18,7 +18,7 @@ use polars::prelude::{LazyFrame, PlRefPath, PolarsError, PolarsResult, ScanArgsP
 /// The tables that are published in `store`, each as `<pipeline>.<table>`, sorted.
 ///
 /// # Errors
-/// When the folder of tables cannot be read.
+/// Fails when the folder of tables cannot be read.
 pub fn tables(store: &Path) -> PolarsResult<Vec<String>> {
     let mut found = vec![];
     for pipeline in names(&store.join("tables"))? {
@@ -41,7 +41,7 @@ fn names(folder: &Path) -> PolarsResult<Vec<String>> {
 /// The published table `name`, as `<pipeline>.<table>`, of the store in the folder `store`.
 ///
 /// # Errors
-/// A table that is not published; the message lists those that are.
+/// Fails for a table that is not published; the message lists the published tables.
 pub fn scan(store: &Path, name: &str) -> PolarsResult<LazyFrame> {
     let folder = name.split_once('.').map(|(pipeline, table)| store.join("tables").join(pipeline).join(table));
     let Some(folder) = folder.filter(|folder| folder.is_dir()) else {

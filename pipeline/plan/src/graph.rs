@@ -214,7 +214,7 @@ impl<'a> PlanGraph<'a> {
         }
     }
 
-    /// The location of the column `column` of `r`: the stage that made it, at the end of the chain.
+    /// Location of the column `column` of `r`: the stage that made it, found upstream of all stages that pass it on.
     pub fn origin(&self, r: TableRef, column: &str) -> ColumnLocation {
         let made_by = match self.names.known.get(column) {
             Some(name) => self.made_by(r, *name).0,

@@ -99,13 +99,13 @@ impl SweepGrid {
         (0..length).map(move |k| first + k * stride)
     }
 
-    /// The positions of the points of this grid in `other`; an axis that only `other` has is at its first value.
+    /// Positions in `other` of the points of this grid; axes that only `other` has are at their first value.
     pub fn onto(&self, other: &SweepGrid) -> SweepPointMap {
         let mut steps: Vec<SweepStride> = vec![];
         for own in &self.sides {
             let Some(there) = other.sides.iter().find(|s| s.axis == own.axis) else { continue };
             let step = SweepStride { own: own.stride, length: own.length, there: there.stride };
-            // Axes that follow each other in both are merged.
+            // Axes that are adjacent in both grids are merged.
             match steps.last_mut() {
                 Some(l) if l.own == step.own * step.length && l.there == step.there * step.length => {
                     *l = SweepStride { length: l.length * step.length, ..step };
@@ -210,7 +210,7 @@ mod tests {
                 let digits: Vec<(usize, usize)> = all.place(i).filter(|(a, _)| some.contains(a)).collect();
                 assert_eq!(part.place(there.at(i)).collect::<Vec<_>>(), digits);
             }
-            // The missing axes are added: every point is a point of the one plus a point of the other.
+            // Every point of the whole grid is a point of the part plus a point of the remaining axes.
             let rest = all.without(&part);
             let rest_back = rest.onto(&all);
             let mut seen: Vec<usize> = (0..part.len())

@@ -28,7 +28,7 @@ impl PlanBuilder<'_> {
         let mut names = BTreeSet::new();
         for item in entry.inputs.iter().filter_map(|i| decl.args.get(i.name)).flat_map(|g| items(&g.value)) {
             let grid = SweepGrid::new(&axes_of(item, self.spec), self.spec);
-            // A stage with more of them is rejected later.
+            // A stage with more names is rejected later.
             for i in 0..grid.len().min(MOST_NAMES) {
                 names.extend(texts(&put_in(item, &grid.point(i, self.spec))));
             }
@@ -245,7 +245,7 @@ impl PlanBuilder<'_> {
     }
 }
 
-/// Fault of a map of another quantity than the anomaly.
+/// Fault of a map whose quantity is not the anomaly.
 fn derivative(name: &str, table: &Table) -> Option<Fault> {
     let Table::Map(shape) = table else { return None };
     let unit = &shape.get("anomaly")?.unit;
@@ -282,7 +282,7 @@ fn kind_words(kind: InputKind) -> &'static str {
         InputKind::ManyModels => "one or several model tables",
         InputKind::ManyMaps => "one or several maps",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a table of a record",
-        InputKind::ManyRecords => "one or several tables of records",
+        InputKind::Record => "a record, a table of flight lines",
+        InputKind::ManyRecords => "one or several records, tables of flight lines",
     }
 }

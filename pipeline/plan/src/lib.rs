@@ -76,7 +76,7 @@ pub struct Plan {
     pub maps: Vec<MapSource>,
     /// The tables of its stages, each after its inputs.
     pub tables: Vec<TableNode>,
-    /// Choices made automatically that the user should know.
+    /// Automatic choices that are reported to the user.
     pub notes: Vec<String>,
 }
 

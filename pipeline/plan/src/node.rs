@@ -28,7 +28,7 @@ pub struct TableNode {
     pub entry: StageEntry,
     /// The axes it depends on, as positions in the spec.
     pub axes: Vec<usize>,
-    /// Its inputs and outputs: one for all points at which they are equal, in order of first appearance.
+    /// Its distinct inputs and outputs, in order of first appearance; points share an entry where they are equal.
     pub variants: Vec<StageVariant>,
     /// Columns that pass through the stage and are also written to its published table.
     pub carry: Vec<String>,

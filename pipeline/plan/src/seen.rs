@@ -12,8 +12,8 @@ use stages::score::POOLED_IN_SAMPLE;
 use super::{LineId, PlanGraph, PlanUnit, TableNode, TableRef};
 
 impl TableNode {
-    /// The meaning of the column [`IN_SAMPLE`] of its published table, which tables of scores of lines and those that
-    /// pool them have; `None` for others.
+    /// Meaning of the column [`IN_SAMPLE`] of a published table; `None` for a table without it. Tables of line scores
+    /// and tables that pool them have this column.
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
@@ -37,7 +37,7 @@ impl PlanGraph<'_> {
     }
 
     /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a
-    /// table without that column, or with its own.
+    /// table that lacks this column or makes it itself.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.

@@ -102,7 +102,7 @@ impl ConnectionRegistry {
             }
             () => None,
         };
-        // Numbers grow with time.
+        // Later clients have larger numbers.
         let oldest = crowd.and_then(|c| entries.strangers.iter().find(|(_, s)| s.address == c).map(|(n, _)| *n));
         if let Some(stranger) = oldest.and_then(|n| entries.strangers.remove(&n)) {
             let _ = stranger.out.send(());

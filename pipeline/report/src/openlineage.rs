@@ -1,5 +1,5 @@
-//! Events of the OpenLineage specification 2-0-2 for a run: one run of the pipeline, and below it one of a job for each
-//! table of a stage. Datasets are files: `file://<host>` and the path, in the store for tables.
+//! Events of the OpenLineage specification 2-0-2 for a run: one run for the pipeline, and one child run for each table
+//! of a stage. Datasets are files: `file://<host>` and the path, in the store for tables.
 //!
 //! The spec and its inputs determine everything except the identifiers of runs and the times of events.
 
@@ -308,7 +308,7 @@ pub fn lineage(graph: &PlanGraph) -> Vec<TableLineage> {
         let named = |name: &str| sources.iter().find(|r| plan.name_of(**r) == name).and_then(|r| of(*r));
         let mut fields = Map::new();
         for c in columns.get(t)? {
-            // A stage may recompute a column from the column of the same name.
+            // A stage may recompute a column from its input column of the same name.
             let made = node.variants.iter().any(|v| v.makes(&c.name).is_some());
             let subtype = if made { "TRANSFORMATION" } else { "IDENTITY" };
             let from = c.from.iter().filter_map(|(table, column)| Some(named(table)?.field(column, "DIRECT", subtype)));

@@ -122,8 +122,8 @@ fn kind(kind: InputKind) -> &'static str {
     match kind {
         InputKind::Lines => "flight lines",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a record: flight lines; each line reads all of them",
-        InputKind::ManyRecords => "one or several records: flight lines; each line reads all of them",
+        InputKind::Record => "a record, a table of flight lines; each line reads the whole table",
+        InputKind::ManyRecords => "one or several records, tables of flight lines; each line reads the whole tables",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

@@ -58,7 +58,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
 
 /// Whether each line of a history verifies, except a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
-    /// The last key of a line, and the length of its value with the rest of the line.
+    /// The last key of a line, and the length from its value to the end of the line.
     const LAST: &str = "\"sum\":\"";
     const ENDS: usize = 34;
     let fine = |line: &[u8]| {

@@ -150,7 +150,7 @@ fn in_sample_legend(scores: &Scores) -> String {
     let in_sample = |r: usize, m: usize| scores.value(r, m).is_none() || scores.is_in_sample(r, m);
     let all = scores.headline().is_some_and(|m| (0..scores.rows.len()).all(|r| in_sample(r, m)));
     if all && scores.rows.len() > 1 {
-        out.push_str("no best point: every line is in sample; score lines that no fit selects with `where`\n");
+        out.push_str("no best point: every line is in sample; use `where` to score lines that no fit uses\n");
     }
     out
 }

@@ -205,7 +205,7 @@ impl Scores {
             (least, most) if least == most => most.to_string(),
             (least, most) => format!("{least} to {most}"),
         };
-        format!("{held_out}; {in_sample} in sample are separate")
+        format!("{held_out}; {in_sample} in sample are pooled separately")
     }
 
     /// A remark for each numeric axis whose first or last value is the best for the leading metric.
@@ -229,7 +229,8 @@ impl Scores {
         let axis = self.axes.get(axis)?;
         is_edge.then(|| {
             format!(
-                "the best {name} is at the edge of `{axis}`: {own} of {low} to {high}; a better value may lie beyond"
+                "the best {name} is at an end of the axis `{axis}`: {own} in the range {low} to {high}; a better value \
+                 may lie outside"
             )
         })
     }

@@ -125,7 +125,7 @@ impl WorkerCommand {
             Err(e) => return Some(failed(task, &Fault::machine(e.to_string()))),
         };
         let wanted = task.units.iter().filter(|u| !u.have).count();
-        // After the first losses, each loss is an attempt at one unit at least.
+        // After the first losses, each loss counts as an attempt at one or more units.
         let most = task.units.len().saturating_mul(self.retries + 1) + self.retries + 2;
         for loss in 0..most {
             if leash.is_stopped() {

@@ -32,7 +32,7 @@ impl<'a> TableAssembler<'a> {
     /// Schema of the table `table`.
     ///
     /// # Errors
-    /// Fails when a column has types at different points of the sweep that do not fit one file.
+    /// Fails when the types of a column at different sweep points do not fit one file.
     pub fn new(graph: &'a PlanGraph<'a>, table: usize) -> Result<TableAssembler<'a>, Fault> {
         let plan = graph.plan;
         let node = &plan.tables[table];
@@ -82,9 +82,9 @@ impl<'a> TableAssembler<'a> {
 
     /// Estimated memory of a unit before its computation, bytes.
     pub fn bytes(&self, unit: PlanUnit) -> usize {
-        /// Assumed rows of a model or of the scores of a line.
+        /// Assumed number of rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
-        /// Assumed rows of a map, whose size depends on its data: large enough for a separate chunk.
+        /// Assumed number of rows of a map, large enough for a separate chunk. The true size depends on the data.
         const MAP_ROWS: usize = 1 << 20;
         let node = &self.graph.plan.tables[self.table];
         let rows = match unit.line.filter(|_| !node.is_small()) {

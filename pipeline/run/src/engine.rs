@@ -68,8 +68,8 @@ impl EngineCapacity {
     }
 }
 
-/// Component that computes tasks. For every engine, the driver plans, searches the store, lays out and publishes in the
-/// same way.
+/// Component that computes tasks. The driver plans, searches the store, lays out and publishes in the same way for
+/// every engine.
 pub trait TaskEngine: Sync {
     /// Whether tasks are computed in this process. They then need no plan in the store, and their results are in the
     /// catalogue.

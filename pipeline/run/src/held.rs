@@ -55,7 +55,7 @@ impl<'a> LineColumnCache<'a> {
             let Some(array) = self.columns.get(&(object, name.clone())) else { continue };
             let field = described(&name).map(schemas::Column::field);
             let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
-            // A file contains lists of several lengths if the points of a sweep have them.
+            // A file contains lists of different lengths if they differ between the points of a sweep.
             arrays.push(match (array.data_type(), field.data_type()) {
                 (DataType::List(_), fixed @ DataType::FixedSizeList(..)) => {
                     cast(array, fixed).map_err(|f| f.in_column(&name))?

@@ -72,7 +72,7 @@ pub fn cover(
 ) -> PackCover {
     let at: HashMap<(HashKey, u64), usize> =
         wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
-    // A single chunk is always one pack, so that small tables have the same bytes for any history.
+    // A single chunk is always one pack, so that the bytes of small tables do not depend on earlier runs.
     let strict = strict || layout.chunks.len() <= 1;
     let mut found: Vec<(bool, usize, usize, HashKey, Vec<usize>)> = vec![];
     for pack in catalogue.packs().filter(|p| p.kind == kind) {

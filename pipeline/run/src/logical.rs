@@ -1,9 +1,9 @@
 //! Origin of each row of a table's full, logical form: the units that contain its columns.
 //!
-//! A published table holds the keys and the columns that its stage made. A column that passes through is in the unit of
-//! an ancestor table, with the same rows. The ancestor is some steps up the chain of first inputs. This file has a row
-//! per unit, with the keys of the units on its chain. Its metadata hold the steps up to each column, once for each
-//! pattern that occurs.
+//! A published table holds the keys and the columns that its stage made. A column that passes through is in the unit
+//! of an ancestor table, with the same rows. The ancestor is reached through a number of steps along the chain of first
+//! inputs. This file has one row per unit, with the keys of the units on its chain. Its metadata give the number of
+//! steps to each column, once per occurring pattern.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -27,7 +27,7 @@ use super::{
 /// Columns of a logical table: axes, then all columns that the ancestor stages pass through.
 ///
 /// # Errors
-/// Fails when a column has types at different points of the sweep that do not fit one table.
+/// Fails when the types of a column at different sweep points do not fit one table.
 pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     let spec = &graph.plan.spec;
     let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
@@ -43,7 +43,7 @@ pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     Ok(Arc::new(Schema::new(fields)))
 }
 
-/// Point of a table and its ancestors through first inputs, itself first.
+/// Point of a table, followed by its ancestors through first inputs.
 fn chain(graph: &PlanGraph, t: usize, instance: usize) -> Vec<TableRef> {
     let mut chain = vec![TableRef::Stage(t, instance)];
     while let Some(TableRef::Stage(t, i)) = chain.last().copied() {
@@ -55,7 +55,7 @@ fn chain(graph: &PlanGraph, t: usize, instance: usize) -> Vec<TableRef> {
     chain
 }
 
-/// Steps up to each column of a point.
+/// Number of steps to each column of a point.
 fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<String, usize> {
     let Some(TableRef::Stage(t, i)) = chain.first().copied() else { return BTreeMap::new() };
     let own = graph.plan.instance(t, i);

@@ -89,7 +89,7 @@ fn unit_run_writes_identical_bytes_to_an_object_store() {
         files
     };
     assert_eq!(of(there.path()), of(folder.path()));
-    // Like a run that was killed after these packs: the next run computes the others.
+    // This is the state after a run was killed; the next run computes the other packs.
     let packs = lab.bucket.list("objects").unwrap();
     for gone in packs.iter().step_by(2) {
         lab.bucket.remove(&gone.key).unwrap();

@@ -225,8 +225,8 @@ fn one_array(cells: &[ArrayRef], kind: &DataType) -> Result<ArrayRef, Fault> {
     arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))
 }
 
-/// Writes a reserved table: the axes of the whole sweep (null where a row has no value of one), then `columns` of name,
-/// values and meaning. An axis takes precedence over a column of the same name.
+/// Writes a reserved table: the axes of the whole sweep (null where a row has no value), then `columns`, each with
+/// name, values and meaning. An axis takes precedence over a column of the same name.
 fn beside(
     plan: &Plan,
     store: &Store,

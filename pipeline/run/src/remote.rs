@@ -1,5 +1,6 @@
 //! Worker process: plans from the store, rejects tasks that do not match the plan, finds finished units, and counts
-//! attempts. A unit that kills its workers is thus given up, and its neighbours are computed.
+//! attempts. A unit that kills its workers thus fails after several attempts, and the other units of its task are
+//! computed.
 
 use std::{
     collections::HashMap,
@@ -209,7 +210,7 @@ impl PlanSession<'_> {
             let together = if whole { task.clone() } else { task.part_of(fresh) };
             answers.extend(self.attempt(table, task, &together, &answers, begun));
         }
-        // Units with the fewest losses come first, so that a unit that kills its workers does not affect the others.
+        // Units with the fewest losses come first, so that a unit that kills its workers delays no other unit.
         tried.sort_by_key(|(tries, _)| tries.all());
         for (tries, unit) in tried {
             if INTERRUPTED.load(Ordering::Relaxed) {

@@ -198,7 +198,7 @@ impl<'a> PlanRunner<'a> {
         *states.iter().find(|s| **s != UnitState::Done).unwrap_or(&UnitState::Done)
     }
 
-    /// State of a line; a failure in an ancestor counts as a failure, not as a gap.
+    /// State of a line; a failure in an ancestor counts as a failure, not as a missing line.
     fn root_state(&self, r: TableRef, line: LineId) -> UnitState {
         let own = self.state(r, Some(line));
         if own != UnitState::Missing {

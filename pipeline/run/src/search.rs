@@ -73,7 +73,8 @@ pub fn search(
     Ok((plan, summary))
 }
 
-/// Faults of the machine may not recur in a later run, and the next trials would then differ.
+/// Failure that stops a search after a fault of the machine. The fault may not recur in a later run, and the next
+/// trials would then differ.
 fn stopped(done: usize) -> Failure {
     let what = format!("the search stopped after {done} trials, because the machine failed during the next trials");
     let fault = Fault::machine(what).help("run the spec again to resume; finished results are stored");

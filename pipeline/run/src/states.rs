@@ -17,7 +17,7 @@ pub enum UnitState {
 /// States of all units.
 pub struct UnitStates<'a> {
     graph: &'a PlanGraph<'a>,
-    /// States by table; the lines of a point one after another, then those of the next.
+    /// States by table, in the order of points, then lines.
     of: Vec<Vec<UnitState>>,
     /// Number of entries per point, by table.
     width: Vec<usize>,

@@ -70,8 +70,8 @@ impl TableProgress<'_> {
         self.layout.chunks.len() <= 1 || compact
     }
 
-    /// Whether a result must be written again. With `whole`, it is rewritten with the others of its chunk; otherwise
-    /// only if no pack has it in the needed form.
+    /// Whether a result must be written again. With `whole`, it is rewritten together with the other results of its
+    /// chunk; otherwise only if no pack has it in the required form.
     fn is_stale(&self, i: usize, cover: &PackCover, whole: bool) -> bool {
         matches!(self.known[i], LayoutUnit::There(_)) && (whole || !cover.covered[i])
     }

@@ -37,7 +37,8 @@ impl UnitResult {
     }
 }
 
-/// Number of points of a sweep that are computed together on one line; equals the widest SIMD vectors.
+/// Number of points of a sweep that are computed together on one line; equal to the number of values in the widest SIMD
+/// vectors.
 const POINTS_A_GROUP: usize = 8;
 
 /// Dependencies of a stage's preparation: its table, and the parameters, models and maps that it uses.

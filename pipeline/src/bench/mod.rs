@@ -2,7 +2,7 @@
 //! truth.
 //!
 //! The tasks are fixed: [`TASKS`] lists their columns, lines and metrics. A line has a score if all its samples are
-//! predicted. A line that lacks samples has failed, and so has its task.
+//! predicted. A line without predictions for all samples fails, and its task fails with it.
 
 mod flights;
 mod predictions;
@@ -30,7 +30,7 @@ pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
 /// Error measure of a column of predictions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BenchMetric {
-    /// Standard deviation of prediction minus truth, nT: compensation does not determine a constant.
+    /// Standard deviation of prediction minus truth, nT, because compensation does not determine the bias.
     StdError,
     /// Distance root mean square of two columns, latitude and longitude, m.
     Drms,
@@ -244,8 +244,8 @@ fn measured(measure: BenchMetric, truth: &[&[f64]], predicted: &[&[f64]], pairs:
     }
 }
 
-/// Rejects a column with one value on the whole line. Its standard error is the standard deviation of the truth, which
-/// may be less than that of a real prediction.
+/// Rejects a column that is constant on a line. Its standard error would equal the standard deviation of the truth,
+/// which may be below the standard error of a real prediction.
 fn constant(
     task: &BenchTask,
     line: &BenchLine,

@@ -162,7 +162,7 @@ fn whole(path: &Path) -> Result<RecordBatch, Fault> {
 fn identifiers(array: &ArrayRef, name: &str) -> Result<Vec<String>, Fault> {
     if array.data_type().is_floating() {
         let what = format!("`{name}` contains decimal numbers, which do not distinguish 3.1 from 3.10");
-        return Err(Fault::data(what).help(format!("write `{name}` as text, as in the flights")));
+        return Err(Fault::data(what).help(format!("write `{name}` as text, as it is in the flight data")));
     }
     let texts = arrow_cast::cast(array, &DataType::Utf8).map_err(|e| unreadable(&e))?;
     let texts: &StringArray = texts.as_string_opt::<i32>().ok_or_else(|| Fault::bug("a cast to another type"))?;

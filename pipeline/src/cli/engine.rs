@@ -24,7 +24,7 @@ pub struct EngineArgs {
     /// Maximum number of retries of a unit whose worker was lost; `--retries 2` permits three attempts.
     #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
     pub retries: usize,
-    /// With a cluster: the time to wait for a worker or a lost scheduler. After it, the run fails the remaining units.
+    /// With a cluster: the time to wait for a worker or a lost scheduler. After this time, the remaining units fail.
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = tend::age)]
     patience: Duration,

@@ -363,7 +363,7 @@ fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
 fn is_told(measure: &QualityMeasure) -> bool {
     match measure.check {
         QualityFigure::Rate | QualityFigure::Jitter | QualityFigure::Midnight => false,
-        // Estimates step at each fix.
+        // Estimates of position have a step at each fix.
         QualityFigure::Spikes => {
             !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth
         }

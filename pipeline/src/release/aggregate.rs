@@ -1,9 +1,9 @@
 //! Rules by which scores and models of restricted columns are aggregates, which may be published.
 //!
-//! A table is an aggregate if four conditions hold. It is no learned model that can hold single samples. No expression
-//! of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples. There are
-//! at least `least_ratio` samples per number of a model or of a line's scores. Aggregates that are published together
-//! must not differ by a few samples.
+//! A table is an aggregate if four conditions hold. It is not a learned model that can contain single samples. No
+//! expression of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples.
+//! There are at least `least_ratio` samples per number of a model or of a line's scores. Aggregates that are published
+//! together must not differ by a few samples.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -42,7 +42,7 @@ impl Aggregate {
     }
 }
 
-/// Figures of the small table `t`, which is made from `reached`; or the reason why it is no aggregate.
+/// Figures of the small table `t`, which is made from `reached`; or the reason why it is not an aggregate.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -119,7 +119,8 @@ pub fn judge(
     Ok(own.map(|()| found))
 }
 
-/// Reason why the author may have chosen the samples behind the values of the table `t`; `None` if not possible.
+/// Reason why the author could have selected the samples behind the values of the table `t`; `None` if that is
+/// impossible.
 fn chosen(graph: &PlanGraph, t: usize, reached: &HashSet<LineageColumn>) -> Option<String> {
     let plan = graph.plan;
     let tables: HashSet<&str> = reached.iter().map(|(table, _)| table.as_str()).collect();
@@ -184,13 +185,16 @@ pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     for found in counts.values() {
         let sorted: Vec<i64> = found.iter().copied().collect();
         if let Some([a, b]) = sorted.array_windows::<2>().find(|[a, b]| b - a < least) {
-            let what = format!("{}: values of {a} and of {b} samples differ by fewer than {least} samples", names());
+            let what = format!(
+                "{}: the sets of {a} and of {b} samples behind two values differ by fewer than {least} samples",
+                names()
+            );
             return Err(format!("{what} (`least_samples`), so single samples can be derived from them"));
         }
     }
     let more = |(_, (sum, most)): &(_, &(usize, i64))| i64::try_from(*sum).is_ok_and(|sum| sum > *most);
     if let Some((place, (sum, most))) = numbers.iter().find(more) {
-        return Err(format!("{}: {sum} numbers from {most} samples of {place} are more numbers than samples", names()));
+        return Err(format!("{}: {sum} numbers are computed from only {most} samples of {place}", names()));
     }
     Ok(())
 }

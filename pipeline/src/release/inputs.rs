@@ -151,7 +151,7 @@ fn write(to: &Path, bytes: &[u8]) -> Result<(), Fault> {
 /// Position of the spec's folder in a set, such that the relative paths in the spec are valid.
 #[derive(Default)]
 struct SpecFolder {
-    /// Folders from the outermost one with an input to that of the spec.
+    /// Folders from the outermost one with an input to the folder of the spec.
     folders: Vec<String>,
 }
 

@@ -1,12 +1,12 @@
 //! `magline publish` and `magline verify DIR`: results as a data set for citation, verification and recomputation.
 //!
 //! ```text
-//! README.md  LICENSE  CITATION.cff                what it is, for people
+//! README.md  LICENSE  CITATION.cff                description for readers
 //! DICTIONARY.md  dictionary.json  schemas/        columns with units, roles and values
 //! croissant.json  datapackage.json  ro-crate-metadata.json
 //! data/<table>/flight_id=flight-<flight>/line_id=line-<line>/part-0.parquet, or data/<table>/part-0.parquet
-//! pipeline/<spec>  pipeline/lock.json             what made it: spec, versions, keys, hashes of the inputs
-//! SHA256SUMS                                      of every other file
+//! pipeline/<spec>  pipeline/lock.json             provenance: spec, versions, keys, hashes of the inputs
+//! SHA256SUMS                                      checksums of all other files
 //! ```
 //!
 //! The same run gives the same bytes: the set does not depend on clock, host or paths of the machine.

@@ -177,7 +177,8 @@ pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<Restrict
     found
 }
 
-/// Checks the published aggregates of restricted columns together: differences between them must not be single samples.
+/// Checks the published aggregates of restricted columns together: differences between them must not reveal single
+/// samples.
 ///
 /// # Errors
 /// Fails with the tables, and the rule that they break.

@@ -236,7 +236,7 @@ pub struct RestrictedReleaseColumn {
     pub column: String,
     /// Columns from this one to the restricted one, as `table.column`.
     pub through: Vec<String>,
-    /// Rule by which a table among them is no aggregate.
+    /// Rule by which a table among them is not an aggregate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule: Option<String>,
     /// Reason of the restriction.

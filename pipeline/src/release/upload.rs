@@ -44,7 +44,7 @@ fn copied(folder: &Path, bucket: &Bucket, replace: bool) -> Result<bool, Fault> 
     Ok(true)
 }
 
-/// Files of the existing set, by its own list.
+/// Files of the existing set, from its list of checksums.
 fn set_at(bucket: &Bucket, there: &[String]) -> Result<BTreeMap<String, String>, Fault> {
     let text = |name: &str| -> Result<String, Fault> {
         Ok(bucket.get(name)?.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default())
@@ -59,7 +59,7 @@ fn set_at(bucket: &Bucket, there: &[String]) -> Result<BTreeMap<String, String>,
     if !is_set {
         return Err(other("contains objects that are not a published set".to_owned()));
     }
-    // A set that was being replaced has none; its files are written again.
+    // An interrupted replacement leaves no list; all files are then written again.
     let sums = checksums::read(&sums).unwrap_or_default();
     let foreign = there.iter().find(|name| *name != checksums::NAME && !sums.is_empty() && !sums.contains_key(*name));
     match foreign {

@@ -29,7 +29,7 @@ use crate::{confine, deep};
 /// Maximum number of threads that compute a query, and of threads that wait for its files.
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
-/// Memory of a query that its operators do not count, such as batches in transit.
+/// Memory of a query that its operators do not count, such as batches in transit, bytes.
 pub const BESIDE: usize = 96 << 20;
 
 /// Request to a process.

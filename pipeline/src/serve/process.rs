@@ -123,7 +123,7 @@ impl QueryProcessPool {
     /// Fails when the query is invalid, is not read-only, or exceeds its time or memory.
     pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
-        // Its place and its share of the memory are free when it has ended.
+        // The slot and the memory of the process are free once it has ended.
         while let Some(piece) = reader.next().await {
             piece?;
         }
@@ -155,7 +155,7 @@ impl QueryProcessPool {
         self.0.runtime.spawn(self.clone().watch(number, spool, deadline));
         match head.await {
             Ok(head) => Ok((head, reader)),
-            // The process ended earlier: its end holds the reason.
+            // The process ended early; its exit state gives the reason.
             Err(_) => match reader.next().await {
                 Some(Err(why)) => Err(why),
                 Some(Ok(_)) | None => Err(Status::internal("the query ended without a result")),

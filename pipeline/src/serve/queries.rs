@@ -68,8 +68,8 @@ struct ServedTables {
 }
 
 impl ServedTables {
-    /// Versions that the pipelines' links point at. A pipeline that was removed and run again starts with the same
-    /// number.
+    /// Versions to which the links of the pipelines point. After a removal, a pipeline starts with the same number
+    /// again, so a number alone does not identify a version.
     fn links(&self) -> Vec<PipelineLink> {
         let tables = self.store.join("tables");
         let entries = std::fs::read_dir(&tables).into_iter().flatten().flatten();

@@ -1,5 +1,5 @@
 //! Queue of chunks of an answer from the process to the client: a few in memory, more in an unnamed file. A slow client
-//! thus does not block the place of its query.
+//! thus does not block the slot of its query.
 
 use std::{
     collections::VecDeque,
@@ -104,7 +104,7 @@ impl SpoolWriter {
     /// Ends the answer at once, without the waiting chunks.
     pub fn cut(&self, why: Status) {
         let mut state = self.0.state();
-        // A client that has received all chunks gets the original end.
+        // A client that has received all chunks also receives the original end.
         if !state.pieces.is_empty() || state.end.is_none() {
             *state = SpoolState { end: Some(Err(why)), gone: state.gone, ..SpoolState::default() };
         }

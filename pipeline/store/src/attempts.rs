@@ -56,7 +56,7 @@ impl AttemptMarker {
     }
 
     fn remove(&self) {
-        // An attempt that cannot be removed counts as lost, which uses up one attempt of the unit.
+        // An attempt that cannot be removed counts as a lost attempt of the unit.
         match self {
             AttemptMarker::File(file) => drop(fs::remove_file(file)),
             AttemptMarker::Object(remote, key) => drop(remote.bucket().remove(key)),
@@ -180,7 +180,7 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
 
 /// Texts of the attempts in an object store whose names are `wanted`.
 fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String> {
-    // Unreadable attempts are read when the next units begin; the others are counted.
+    // Readable attempts are counted; unreadable ones are read again when the next units begin.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
     let names: Vec<String> = all.into_iter().map(|object| object.key).filter(|name| wanted(name)).collect();
     let found = each(&names, |name| Ok(remote.bucket().get(name).ok().flatten())).unwrap_or_default();

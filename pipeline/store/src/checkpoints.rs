@@ -1,7 +1,7 @@
 //! State of units that take minutes. A killed run resumes from it.
 //!
 //! Each state is a file named by the key of its unit. It holds the hash of the state, then the state. A file that does
-//! not verify is ignored, since it only saves time.
+//! not verify is ignored, because the unit can be recomputed.
 
 use std::{
     fs,

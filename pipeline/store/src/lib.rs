@@ -4,17 +4,17 @@
 //! objects/ab/<id>.parquet     packs: the rows of several units of one table, ordinary Parquet with checksums
 //! index                       the pack of each unit; only saves reading the packs' footers
 //! sources/<key>.json          the contents of a file: lines, columns, hashes, faults
-//! quality/<key>/              the figures of its quality
+//! quality/<key>/              quality measures of the file
 //! versions/<pipeline>/<n>/    one published state: a folder per table, its files linked from the packs
 //! tables/<pipeline>           a link to the newest version, replaced in one step
 //! plans/<pipeline>.json       the inputs of the last computation of the tables
 //! plans/<hash>                a plan with its lines and keys, for workers of other processes
 //! runs/<pipeline>.jsonl       the history of its runs
-//! costs/<pipeline>.json        what its tables took: for `explain --cost`, and part of no key
+//! costs/<pipeline>.json        measured costs of its tables, for `explain --cost`; keys do not depend on them
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
-//! attempts/<name>             units that a worker of another process computes, or was lost while it did
-//! damaged/                    packs that did not verify
-//! locks/                      per pipeline a file, locked by its run, and the lease that says whose it is
+//! attempts/<name>             units that another process computes, or during which its worker was lost
+//! damaged/                    packs whose verification failed
+//! locks/                      per pipeline a file that its run locks, and the lease that names the holder
 //! tmp/                        files being written; renamed when complete
 //! ```
 //!

@@ -225,7 +225,7 @@ impl LeaseFile {
     fn is_over(&self, boot: &str, now: SystemTime) -> bool {
         match &self.holder {
             Some(holder) if holder.free => true,
-            // A live process would hold the lock.
+            // A running holder would hold the lock of the operating system.
             Some(holder) if !boot.is_empty() && holder.boot == boot => true,
             // Renewals carry the time of the file system, so a time in the future is not a renewal.
             Some(_) | None => match now.duration_since(self.written) {
@@ -363,7 +363,7 @@ impl Store {
             Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
         }
         let newest = match LeaseFile::newest(&folder, pipeline) {
-            // The holder has just moved to another number.
+            // The holder has just taken another number.
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(LockOutcome::Held(ForeignLock::default())),
             newest => newest.map_err(|e| fail(&e))?,
         };
@@ -492,7 +492,7 @@ mod tests {
         assert!(first.follows(before) && first.check().is_ok());
         let seen = held(two.lock("p").unwrap()).holder.unwrap();
         assert_eq!((seen.pid, seen.host), (std::process::id(), host()));
-        // A reading that was made under the lock can be outdated when the lock is free.
+        // The state read while the lock was held can be outdated when the lock is free.
         assert_eq!(generation(folder.path(), "p"), None);
         // Locks of different pipelines are independent.
         mine(two.lock("q").unwrap());

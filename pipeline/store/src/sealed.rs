@@ -115,7 +115,7 @@ fn properties(schema: &Schema) -> WriterProperties {
     properties.build()
 }
 
-/// Whether the values of a numeric column recur, as in axes and times.
+/// Whether the values of a numeric column are often repeated, as in axes and times.
 fn repeats(field: &arrow_schema::Field) -> bool {
     let role = field.metadata().get("role").map(String::as_str);
     matches!(role, Some("key" | "time"))

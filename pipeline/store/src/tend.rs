@@ -103,7 +103,7 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
 
 /// Error of `gc` when the manifest of a newest version is damaged: any pack may belong to that version.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
-    let help = format!("{remedy}: its tables are published again, then run `magline gc`");
+    let help = format!("{remedy} to publish its tables again; then run `magline gc`");
     Fault::machine(format!("{list} is damaged, so its packs are unknown")).help(help)
 }
 

@@ -94,8 +94,8 @@ pub fn sweep(tmp: &Path) {
         if ended || is_old(&path, ABANDONED) {
             remove(&path);
         }
-        // Held until here: a process that has just created this folder and waits for its lock must not find it before
-        // its removal.
+        // The lock is held until here: a process that has just created this folder must not obtain the lock before the
+        // folder is removed.
         drop(lock);
     }
 }

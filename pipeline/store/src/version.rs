@@ -2,8 +2,8 @@
 //!
 //! A version is written under another name, and appears atomically when its folder is renamed. It is the newest when
 //! the link `tables/<pipeline>` points at it. Unchanged files are linked from the packs and use no space. A reader that
-//! has resolved the link keeps its version until `gc` drops it. Without links, as in an object store, a version has a
-//! prefix, and a pointer is written conditionally.
+//! has resolved the link keeps its version until `gc` drops it. In an object store, which has no links, a version has a
+//! prefix, and a pointer object is written conditionally.
 
 use std::{
     collections::HashSet,

@@ -51,7 +51,7 @@ fn numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
     column.map(|c| c.values().to_vec()).ok_or_else(|| Fault::data("not a column of numbers").in_column(name))
 }
 
-/// Residual of `values` after the least-squares straight line over `time` of its finite samples.
+/// `values` minus the least-squares straight line in `time` through the finite values.
 fn detrended(time: &[f64], values: &[f64]) -> Vec<f64> {
     let finite = || time.iter().zip(values).filter(|(_, y)| y.is_finite());
     let n = finite().count() as f64;

@@ -27,7 +27,7 @@ pub struct DeadZone {
     pub first: usize,
 }
 
-/// Minimum numbers of lost samples and of separate losses. A single loss at a heading can have any cause.
+/// Minimum numbers of lost samples and of separate losses. A single loss at one heading can have any cause.
 const LEAST: usize = 20;
 const OCCASIONS: usize = 3;
 /// Minimum share of lost samples inside the zone, and maximum share outside relative to it.
@@ -172,7 +172,7 @@ mod tests {
         let mut normals = NormalGenerator::new(7);
         let random: Vec<bool> = (0..30_000).map(|_| normals.draw() > 1.6).collect();
         assert_eq!(detect(&random, &field), None);
-        // A plug that is loose for a while.
+        // Losses from a connector that is loose for a while.
         let once: Vec<bool> = (0..30_000).map(|k| (9_000..9_120).contains(&k)).collect();
         assert_eq!(detect(&once, &field), None);
         assert_eq!(detect(&[true; 30_000], &field), None);

@@ -4,10 +4,10 @@ use numerics::signal::lag::{SignalLag, lag_of};
 
 use super::sampling;
 
-/// Maximum lag that is searched, s and samples.
+/// Maximum lag of the search, in s and in samples.
 const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
-/// Maximum number of samples, from the longest stretch without a gap.
+/// Maximum number of samples used from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
 /// Minimum correlation. Magnetometers at different places share only part of the aircraft field, and the rest shifts
 /// the peak.
@@ -18,8 +18,8 @@ const NEXT_PEAK: f64 = 0.8;
 const KNOWN: f64 = 0.1;
 
 /// The lag of `signal` against `reference`, both at the times `tt`, from the cross-correlation of their differences
-/// from sample to sample. The differences remove slow changes, which have a flat peak. `turned` permits an opposite
-/// sign. `None` if the signals share too little, or the lag is ambiguous.
+/// from sample to sample. The differences remove slow changes, whose correlation has a flat peak. `turned` permits an
+/// opposite sign. `None` if the correlation is too low or the lag is ambiguous.
 pub fn lag(reference: &[f64], signal: &[f64], tt: &[f64], turned: bool) -> Option<SignalLag> {
     let rate_hz = sampling::sampling(tt)?.rate_hz;
     let breaks = sampling::breaks(tt);
@@ -74,7 +74,7 @@ mod tests {
         let noise: Vec<f64> = tt.iter().map(|_| normals.draw()).collect();
         let signal: Vec<f64> = tt.iter().map(|t| manoeuvres(*t)).collect();
         assert!(lag(&signal, &noise, &tt, false).is_none());
-        // Hum has a peak at every period.
+        // The cross-correlation of hum has a peak at every period.
         let hum: Vec<f64> = tt.iter().map(|t| (std::f64::consts::TAU * 1.3 * t).sin()).collect();
         let later: Vec<f64> = tt.iter().map(|t| (std::f64::consts::TAU * 1.3 * (t - 0.1)).sin()).collect();
         assert!(lag(&hum, &later, &tt, false).is_none());

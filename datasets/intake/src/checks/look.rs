@@ -11,7 +11,7 @@ pub struct FigureContext {
     pub samples: u64,
     /// The rate of the samples, Hz.
     pub rate_hz: f64,
-    /// The least noise of a scalar magnetometer of the flight, nT; NaN without one.
+    /// Lowest noise of the scalar magnetometers of the flight, nT; NaN without one.
     pub quietest_nt: f64,
     /// The noise of the column; NaN if unknown.
     pub noise: f64,
@@ -21,7 +21,7 @@ pub struct FigureContext {
 const GAP_S: f64 = 1.0;
 /// Maximum share of all samples.
 const MISSING: f64 = 0.01;
-/// Maximum jitter relative to the step; beyond it, interpolation is no longer exact to the noise.
+/// Maximum jitter relative to the step; above it, the interpolation error exceeds the noise.
 const JITTER: f64 = 0.1;
 /// Maximum quantisation step in standard deviations of the noise; a larger step dominates the noise.
 const COARSE: f64 = 2.0;
@@ -51,7 +51,7 @@ pub fn needs_a_look(measure: &QualityMeasure, around: &FigureContext) -> bool {
         QualityFigure::Noise => {
             flight::is_scalar_reading(&measure.column) && measure.value > NOISY * around.quietest_nt
         }
-        // Estimates step at each fix.
+        // Estimates of position have a step at each fix.
         QualityFigure::Spikes => {
             !measure.column.starts_with("ins_") && flight::describe(&measure.column).role == Role::Sensor
         }

@@ -25,7 +25,7 @@ use schemas::{Role, describe_field, flight};
 
 use super::quality::{Finding, FindingKind};
 
-/// Raised when figures change.
+/// Version of the checks, increased when their figures change.
 pub const VERSION: &str = "checks 2";
 
 /// Kind of a check.
@@ -45,11 +45,11 @@ pub enum QualityFigure {
     BackwardTime,
     /// Midnights within the line.
     Midnight,
-    /// Missing values: the longest time without one.
+    /// Missing values: the longest time without a value.
     Dropouts,
-    /// The longest time with one value.
+    /// The longest time with a constant value.
     Stuck,
-    /// The value at the end of a range.
+    /// The saturated value, at an end of the range.
     Saturation,
     /// Quantisation step of the values.
     Quantisation,
@@ -324,7 +324,7 @@ mod tests {
         assert_eq!(of("mag_1_uc", "quantisation").unwrap().value, 1.0);
         let spikes = of("mag_1_uc", "spikes").unwrap();
         assert_eq!((spikes.count, spikes.first_tt), (1, 20.0), "{spikes:?}");
-        // The wrap of the yaw from 360 to 0 is not a spike.
+        // The wrap of yaw from 360 to 0 degrees is not a spike.
         assert_eq!(of("yaw", "spikes"), None);
         assert_eq!(of("yaw", "noise"), None, "there is nothing but rounding");
     }
@@ -334,8 +334,8 @@ mod tests {
         let rows = 3000;
         let at = |t: f64| 50_000.0 + 40.0 * (0.9 * t).sin() + 30.0 * (2.3 * t + 1.0).sin() + 25.0 * (4.1 * t).cos();
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..rows).map(|k| f(f64::from(k) * 0.1)).collect() };
-        // Reading 2 is late, and missing where the field is along the body's x axis. The logger reports part of these
-        // losses.
+        // Magnetometer 2 lags, and has no readings where the field is along the body's x axis. The logger reports part
+        // of these losses.
         let x = of(&|t| 50_000.0 * (0.4 * t).cos());
         let y = of(&|t| 50_000.0 * (0.4 * t).sin());
         let lost = |k: usize| x[k].abs() > 45_000.0;

@@ -46,7 +46,7 @@ mod tests {
 
     use super::*;
 
-    /// A normal deviate: the sum of twelve uniform ones.
+    /// An approximately normal deviate: the sum of twelve uniform deviates.
     fn normal(state: &mut u64) -> f64 {
         let mut even = || {
             *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -67,7 +67,7 @@ mod tests {
         let no_gaps = vec![false; x.len()];
         let resolution = ValueResolution::new(&x, None);
         let found = noise(&fourth_differences(&x, &no_gaps), &resolution).unwrap();
-        // The median of 20,000 correlated values: 2 per cent.
+        // The tolerance for a median of 20,000 correlated values is 2 %.
         assert!((found / 0.2 - 1.0).abs() < 0.03, "{found}");
         (0..x.len()).step_by(100).for_each(|i| x[i] += 500.0);
         let spiky = noise(&fourth_differences(&x, &no_gaps), &resolution).unwrap();

@@ -1,9 +1,9 @@
 //! Evenly spaced over-represented values of a sensor.
 //!
 //! The scalar magnetometers of a real drone give a third of their samples near evenly spaced values, on all flights,
-//! with a narrow distribution about each: a histogram with sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7
-//! to 3.9]. This is not quantisation, because the other samples lie between these values. The check looks for evenly
-//! spaced peaks of the histogram.
+//! so that the histogram has sharp peaks [van der Meer 2025, section 3.2.4, figures 3.7 to 3.9]. This is not
+//! quantisation, because the other samples lie between these values. The check looks for evenly spaced peaks of the
+//! histogram.
 
 use std::ops::Range;
 
@@ -97,7 +97,7 @@ fn spacing(centres: &[f64]) -> Option<f64> {
     candidates.into_iter().flatten().find_map(|guess| {
         let mut step = guess;
         for _ in 0..3 {
-            // The number of each centre, counted from its neighbour's, so that errors do not accumulate.
+            // The multiple of each centre is counted from its neighbour's, so that errors do not accumulate.
             let mut number = 0.0;
             let numbers: Vec<f64> = std::iter::once(0.0)
                 .chain(centres.windows(2).map(|w| {
@@ -115,7 +115,7 @@ fn spacing(centres: &[f64]) -> Option<f64> {
     })
 }
 
-/// The slope of the line through points, and the root mean square of the residual.
+/// Slope of the best-fitting line through points, and the root mean square of the residual.
 fn line_through(x: &[f64], y: &[f64]) -> (f64, f64) {
     let n = x.len() as f64;
     let (mx, my) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
@@ -144,7 +144,7 @@ mod tests {
     fn unit_evenly_spaced_values_of_a_third_of_the_samples_are_found() {
         let mut normals = NormalGenerator::new(11);
         for step in [2.0, 3.7] {
-            // Near a preferred value the sensor stays at it: a third of all samples, and some noise after.
+            // Near a preferred value, the sensor gives that value plus some noise: a third of all samples.
             let stuck = |x: f64, noise: f64| {
                 let near = (x / step).round() * step;
                 if (x - near).abs() < step / 6.0 { near + 0.01 * noise } else { x }
@@ -167,7 +167,7 @@ mod tests {
         let mut normals = NormalGenerator::new(13);
         let values: Vec<f64> = (0..60_000).map(|k| field(&mut normals, k)).collect();
         assert_eq!(preferred(&values), None);
-        // Lines flown at one level each: the values are near a few, at no even spacing.
+        // Lines at one level each: the values cluster at a few levels without even spacing.
         let levels = [0.0, 11.0, 27.0, 31.0, 52.0, 58.0, 83.0, 90.0, 104.0, 131.0, 139.0, 160.0, 171.0, 199.0];
         let still: Vec<f64> = (0..56_000).map(|k| levels[k / 4000] + 0.2 * normals.draw()).collect();
         assert_eq!(preferred(&still), None);

@@ -52,7 +52,7 @@ impl ValueResolution {
         Self { step: step.unwrap_or(0.0), rounding: 16.0 * f64::EPSILON * size }
     }
 
-    /// Fourth difference below which there is only rounding.
+    /// Fourth difference below which all variation is rounding.
     pub fn rounding(&self) -> f64 {
         self.rounding
     }
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn unit_single_precision_and_unit_conversions_keep_the_step() {
-        // Whole milligauss as gauss in single precision, converted to nT: a step of 100 nT.
+        // Values in whole milligauss, stored as single-precision gauss and converted to nT, have a step of 100 nT.
         let x: Vec<f64> = (0..3000).map(|i| f64::from((signal(i) / 100.0).round() as f32 / 1000.0) * 1e5).collect();
         let found = super::step(&x).unwrap();
         assert!((found - 100.0).abs() < 0.5, "{found}");

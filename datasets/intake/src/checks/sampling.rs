@@ -17,9 +17,9 @@ pub struct TimeStampFigures {
     pub missing_s: f64,
     /// Time missing in the longest gap.
     pub longest_gap_s: f64,
-    /// Rows with the time of the row before.
+    /// Rows with the time of the previous row.
     pub repeated: SampleTally,
-    /// Rows with an earlier time than the row before.
+    /// Rows with an earlier time than the previous row.
     pub backward: SampleTally,
     /// The largest step back.
     pub worst_step_back_s: f64,

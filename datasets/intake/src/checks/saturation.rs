@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-/// Samples at the largest or the least value of a column.
+/// Samples at the largest or smallest value of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Saturation {
     /// Number of samples.
@@ -15,9 +15,9 @@ pub struct Saturation {
 
 /// Minimum length of a run of equal samples at an end of the range.
 const RUN: usize = 4;
-/// Minimum ratio of the samples at the end to those at the values next to it.
+/// Minimum ratio of the number of samples at the end to the numbers at the neighbouring values.
 const EXCESS: usize = 5;
-/// Number of values next to the end.
+/// Number of neighbouring values that are compared with the end.
 const NEXT: usize = 3;
 
 /// The samples at the end of the range, if they are far more frequent than the values next to it and form runs. `None`
@@ -32,7 +32,7 @@ pub fn saturation(values: &[f64]) -> Option<Saturation> {
             _ => counts.push((x, 1)),
         }
     }
-    // With few distinct values, such as those of a switch, an end is no sign of saturation.
+    // With few distinct values, as of a switch, frequent end values do not indicate saturation.
     if counts.len() < 2 * NEXT + 2 {
         return None;
     }

@@ -50,7 +50,7 @@ pub fn peaks(fourth: &[f64], resolution: &ValueResolution) -> Vec<(usize, f64)> 
         if size.is_nan() || size <= SIGMAS * around(i / BLOCK) {
             continue;
         }
-        // The neighbours of a spike have four sixths of its difference.
+        // At the neighbours of a spike, the fourth difference is four sixths of the difference at the spike.
         let near = fourth.iter().skip(i.saturating_sub(2)).take(5.min(i + 3));
         let is_peak = near.filter(|n| n.is_finite()).all(|n| n.abs() <= size);
         if is_peak {
@@ -89,8 +89,8 @@ mod tests {
 
     #[test]
     fn unit_the_steps_of_a_smooth_column_are_no_spikes() {
-        // The variation of the earth's field at 10 Hz in hundredths of a nanotesla, slow, and fast enough that most
-        // samples differ.
+        // Variation of the earth's field at 10 Hz with a step of 0.01 nT: slow, and then fast enough that most samples
+        // differ.
         for period_s in [43_200.0, 7200.0, 600.0, 60.0] {
             let variation = |i: usize| 20.0 * (std::f64::consts::TAU * i as f64 / (10.0 * period_s)).sin();
             let mut x: Vec<f64> = (0..36_000).map(|i| (variation(i) * 100.0).round() / 100.0).collect();

@@ -1,4 +1,4 @@
-//! A sensor that stops for a while.
+//! Stuck sensors: values that stay constant for a while.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ pub struct ConstantRun {
 const LEAST: usize = 20;
 const LONGER: usize = 10;
 
-/// The longest run of equal values, if it is far longer than the others. Values that are always held, or coarse, are
-/// not stuck. `None` without such a run.
+/// The longest run of equal values, if it is far longer than the others. A column whose values are always held or
+/// coarse is not stuck. `None` without such a run.
 pub fn stuck(values: &[f64], tt: &[f64]) -> Option<ConstantRun> {
     let longest = stretches(values).into_iter().max_by_key(|run| (run.len(), std::cmp::Reverse(run.start)))?;
     let longest_s = tt.get(longest.end.checked_sub(1)?)? - tt.get(longest.start)?;

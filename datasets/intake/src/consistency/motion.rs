@@ -7,15 +7,16 @@ use super::{ConsistencyLine, Finding, INS, MOVING_MPS, MotionColumns, TRUTH, bot
 
 /// The duration of the chords over which positions and velocities are compared.
 pub const CHORD_S: f64 = 10.0;
-/// The least number of chords; a line with fewer of [`CHORD_S`] has shorter ones, of at least this duration.
+/// Minimum number of chords. A line with fewer chords of [`CHORD_S`] is divided into shorter chords, of at least this
+/// duration.
 const CHORDS: usize = 3;
 const SHORT_CHORD_S: f64 = 1.0;
 /// Below this mean speed the noise of positions hides the velocity over short chords.
 const SHORT_MOVING_MPS: f64 = 15.0;
 /// A pause between samples that ends a chord.
 const PAUSE_S: f64 = 5.0;
-/// Positions and velocities that disagree by this fraction of the distance flown, and agree to the other with another
-/// unit.
+/// Fraction of the distance flown by which positions and velocities must disagree, and fraction to which they must
+/// agree in another unit.
 const DISAGREE: f64 = 0.4;
 const AGREE: f64 = 0.15;
 /// Ratio of the distances that is impossible even without an explanation.
@@ -66,13 +67,13 @@ pub fn length(v: [f64; 2]) -> f64 {
     v[0].hypot(v[1])
 }
 
-/// The mean speed over chords, in m/s, by one of their displacements.
+/// The mean speed over chords, in m/s, from one of the two displacements.
 pub fn mean_speed(chords: &[MotionChord], displacement: fn(&MotionChord) -> [f64; 2]) -> f64 {
     let seconds: f64 = chords.iter().map(|c| c.seconds).sum();
     chords.iter().map(|c| length(displacement(c))).sum::<f64>() / seconds
 }
 
-/// Disagreement of positions and velocities as a share of the distance; `turn` changes the velocities.
+/// Disagreement of positions and velocities as a share of the distance; `turn` converts the velocities first.
 fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
     for chord in chords {
@@ -84,8 +85,8 @@ fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> 
     apart / f64::max(moved, flown)
 }
 
-/// Fault of positions that do not move with the velocities: of the truth, of the INS, or of both where each lacks one
-/// of them.
+/// Fault of positions that do not move with the velocities. Compares the truth, then the INS. If only one of them has
+/// positions, compares these with the velocities of the other.
 pub fn horizontal(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let own = [TRUTH, INS].into_iter().find_map(|set| motion(line, set));
     let mixed = || match (line.get(TRUTH.lat), line.get(INS.lat)) {
@@ -156,7 +157,8 @@ fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord
         let (north, east) = (columns.contains(&set.vn), columns.contains(&set.ve));
         for (unit, by) in columns.first().map(|c| other_units(line, c, &SPEEDS)).unwrap_or_default() {
             let scaled = |f: [f64; 2]| [if north { by * f[0] } else { f[0] }, if east { by * f[1] } else { f[1] }];
-            let fit = if north && east { "the velocities fit".to_owned() } else { format!("`{}` fits", columns[0]) };
+            let fit =
+                if north && east { "the velocities agree".to_owned() } else { format!("`{}` agrees", columns[0]) };
             causes
                 .push((disagreement(all, scaled), format!("in {unit} {fit}: {}", line.origins.units(&columns, unit))));
         }
@@ -174,7 +176,7 @@ fn otherwise(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) ->
     ]
 }
 
-/// Fault of a speed over ground that fits the positions only in another unit than the file or the spec gives.
+/// Fault of a speed over ground that agrees with the positions only in a unit that differs from the given one.
 pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(TRUTH.lat)?, line.get(TRUTH.lon)?);
     GROUND_SPEEDS.into_iter().find_map(|name| {
@@ -192,7 +194,8 @@ pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
         }
         let causes = SPEEDS.into_iter().filter_map(|unit| Some((fit(convert(unit, "m/s")?), unit)));
         let (_, unit) = causes.filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let what = format!("the positions move at {} m/s, and `{name}` fits in {unit} only", shown(round(moved)));
+        let what =
+            format!("the positions move at {} m/s, and `{name}` agrees only if it is in {unit}", shown(round(moved)));
         let row = all.first().map_or(0, |c| c.row);
         let at = (name, row, speed.get(row).copied().unwrap_or(f64::NAN), declared);
         Some(line.contradiction(at, all.len(), what, &line.origins.units(&[name], unit)))
@@ -216,13 +219,13 @@ pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Fi
         set.vd,
         shown(round(mean_speed(&climbs, |c| c.flown)))
     );
-    let help = format!("in {unit} `{}` fits: {}", set.vd, line.origins.units(&[set.vd], unit));
+    let help = format!("in {unit} `{}` agrees with the heights: {}", set.vd, line.origins.units(&[set.vd], unit));
     let row = climbs.first().map_or(0, |c| c.row);
     Some(line.contradiction((set.vd, row, vd[row], "m/s"), climbs.len(), what, &help))
 }
 
-/// Chords that climb or sink by [`CLIMB_M`] or more, by the heights and by the vertical velocity, in their first
-/// component.
+/// Chords that climb or sink by [`CLIMB_M`] or more; their first components hold the change by the heights and by the
+/// vertical velocity.
 fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut flown) = (0, 0.0);

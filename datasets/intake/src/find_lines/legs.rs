@@ -6,15 +6,15 @@ use numerics::regression::statistics::{mean, quantile};
 
 use super::motion::{FlightMotion, RATE_HZ, runs};
 
-/// Minimum rate of a turn: a share of the flight's usual turn rate, within limits in degrees per second.
+/// Minimum rate of a turn: a share of the flight's typical turn rate, within limits in degrees per second.
 const PART: f64 = 0.25;
 const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
 /// Minimum change of the course by a turn, degrees; the yaw manoeuvres of a calibration stay below it.
 const LEAST_DEG: f64 = 20.0;
-/// Maximum duration of a slower moment within a turn, s.
+/// Maximum duration of an interruption of a turn by a lower turn rate, s.
 const LULL_S: f64 = 3.0;
-/// Minimum length of a leg, s; shorter ones belong to the adjacent turns. It is the second value or, where no leg is
-/// long, a share `LEG_OF_SHORT` of the longest. The sides of a small square are thus legs in every lap or in none. The
+/// Minimum length of a leg, s; shorter ones belong to the adjacent turns. It is the second value or, if no leg is long,
+/// the share `LEG_OF_SHORT` of the longest leg. The sides of a small square are thus either all legs or all not. The
 /// first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
@@ -25,7 +25,7 @@ const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
 /// Time in which the aircraft levels out at the ends of a leg, s.
 const SETTLE_S: f64 = 3.0;
-/// Minimum root mean square of a manoeuvre, degrees, and minimum ratio to that of the quiet moments.
+/// Minimum root mean square of a manoeuvre, degrees, and minimum ratio to the root mean square of quiet flight.
 const LEAST_RMS_DEG: f64 = 0.8;
 const CONTRAST: f64 = 3.0;
 
@@ -34,11 +34,11 @@ const CONTRAST: f64 = 3.0;
 pub enum MotionClass {
     /// On the ground, hovering, or not known.
     Slow,
-    /// Straight on.
+    /// Straight flight.
     Straight,
-    /// In a turn, or on a curve.
+    /// Turn or curve.
     Turn,
-    /// Straight on, with a pitch, roll or yaw manoeuvre.
+    /// Straight flight with a pitch, roll or yaw manoeuvre.
     Manoeuvre,
 }
 
@@ -157,7 +157,7 @@ impl FlightSegments {
                 continue;
             }
             *flown = true;
-            // Halfway between both, in decibels.
+            // The threshold is halfway between both levels, in decibels.
             let limit = (quiet.max(0.01 * loud) * loud).sqrt();
             let at = inner.clone().zip(&rms).filter(|(_, rms)| **rms > limit);
             at.for_each(|(row, _)| self.parts[row] = MotionClass::Manoeuvre);
@@ -172,8 +172,8 @@ impl FlightSegments {
     }
 }
 
-/// Rate above which the flight turns: a share of the rate at which half of the total turning is accumulated. Long
-/// straight flight and sharp corners have little effect on it.
+/// Turn rate above which the flight turns. It is a share of the rate below which half of the total change of course
+/// occurs, so long straight flight and sharp corners have little effect.
 fn threshold_dps(motion: &FlightMotion) -> f64 {
     let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();
     rates.sort_by(f64::total_cmp);
@@ -218,7 +218,7 @@ fn less_slow(x: &[f64]) -> Vec<f64> {
     x.iter().zip(slow).map(|(x, slow)| x - slow).collect()
 }
 
-/// The mean of the finite samples of a window about each, clipped at the ends.
+/// Mean of the finite samples of a window about each sample, clipped at the ends.
 fn moving_mean(x: &[f64], window: usize) -> Vec<f64> {
     let (mut sums, mut counts) = (vec![0.0], vec![0_usize]);
     for value in x {

@@ -1,9 +1,9 @@
 //! Detection of lines from the motion of a flight: survey lines and tie lines, calibration boxes, cloverleafs, figures
 //! of eight, and circles.
 //!
-//! A turn is a change of the course to one side by more than a calibration's yaw manoeuvres; the legs between turns are
-//! straight. A manoeuvre is a part of a leg where the power of roll, pitch or yaw is far above that of its quiet
-//! moments. All limits are relative to usual values of the flight, not tuned to an aircraft.
+//! A turn is a change of the course to one side by more than a calibration's yaw manoeuvres; the legs between turns
+//! are straight. A manoeuvre is a part of a leg where the power of roll, pitch or yaw is far above that of its quiet
+//! moments. All limits are relative to typical values of the flight and are not tuned to an aircraft.
 
 mod collect;
 mod legs;
@@ -23,7 +23,7 @@ pub use motion::{AttitudeChannel, FlightChannels, FlightMotion, PositionChannel}
 pub use patterns::{DetectedLine, LinePattern};
 pub use picture::{png, svg};
 
-/// Raised when other lines are detected.
+/// Version of the detection, increased when it finds other lines.
 pub const VERSION: &str = "found lines 2";
 
 /// Lines detected in a flight, with its motion and segments.

@@ -13,10 +13,10 @@ pub const RATE_HZ: f64 = 5.0;
 /// Number of samples of the polynomials whose slopes are the velocity and the turn rate.
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
-/// Limits of the speed on the ground or in hover: a share of the flight's usual speed, and a minimum speed.
+/// Limits of the speed on the ground or in hover: a share of the flight's typical speed, and a minimum speed.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
-/// Quantile that gives the usual speed; most of a log may be on the ground.
+/// Quantile of the speed that counts as typical. It is high, because most of a log may be on the ground.
 const USUAL: f64 = 0.95;
 
 /// Positions of a flight, in the order of their times.
@@ -163,8 +163,8 @@ fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
     Some((0..=(to - from) as usize).map(|k| (from + k as f64) / RATE_HZ).collect())
 }
 
-/// Times, north and east of the first position and height, m, without positions that a receiver repeats until its next
-/// fix.
+/// Times, coordinates north and east of the first position, m, and heights, m. Positions that a receiver repeats until
+/// its next fix are omitted.
 fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut tt, mut north, mut east, mut alt) = (vec![], vec![], vec![], vec![]);
     let mut last: Option<(f64, f64)> = None;
@@ -175,7 +175,7 @@ fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Ve
             continue;
         }
         if let Some(before) = last {
-            // Step by step, which is valid anywhere, including across the date line.
+            // The sum of steps is valid anywhere, including across the date line.
             let to = (*lat, before.1 + wrap_deg(lon - before.1));
             let (dn, de) = EarthModel::default().offset_ne_m(before, to, 0.0);
             (n, e) = (n + dn, e + de);
@@ -191,7 +191,7 @@ fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Ve
 
 /// Linear interpolation onto even times; NaN in gaps.
 fn onto(tt: &[f64], x: &[f64], grid: &[f64]) -> Vec<f64> {
-    /// Minimum length of an open gap, in usual steps, with lower and upper bounds in s.
+    /// Minimum length of a gap that is not interpolated, in median steps, with lower and upper bounds in s.
     const STEPS: f64 = 2.5;
     const GAP_S: (f64, f64) = (1.0, 5.0);
     let known: Vec<(f64, f64)> = tt.iter().copied().zip(x.iter().copied()).filter(|(_, x)| x.is_finite()).collect();

@@ -18,9 +18,9 @@ pub enum LinePattern {
     Tie,
     /// Legs a right angle apart, with manoeuvres.
     Box,
-    /// Over one place on several courses, by loops to one side.
+    /// Crossings of one place on several courses, by loops to one side.
     Cloverleaf,
-    /// The same by loops to alternate sides.
+    /// Crossings of one place on several courses, by loops to alternate sides.
     FigureEight,
     /// A full turn or more.
     Circle,
@@ -53,7 +53,7 @@ impl LinePattern {
 /// A detected line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DetectedLine {
-    /// Its kind and number, such as `box1`. The numbers of one kind have equally many digits.
+    /// Its kind and number, such as `box1`. All numbers of a kind have the same number of digits.
     pub name: String,
     /// Kind of the line.
     pub kind: LinePattern,
@@ -65,7 +65,7 @@ pub struct DetectedLine {
     pub manoeuvres: [bool; 3],
 }
 
-/// Angle between legs at a right angle, degrees.
+/// Range of angles between legs that count as a right angle, degrees.
 const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
 /// Minimum number of legs of a box, and minimum share of them with manoeuvres of the same angle.
 const BOX_LEGS: usize = 4;
@@ -74,10 +74,10 @@ const BOX_PART: f64 = 0.75;
 const LOOP_DEG: (f64, f64) = (180.0, 340.0);
 /// Maximum distance of a crossing beyond the end of a leg, in legs.
 const BEYOND: f64 = 0.1;
-/// Maximum distance between crossings at one place: share of the way from the place to the loop, and m.
+/// Maximum distance between crossings at one place: share of the distance from the place to the loop, and m.
 const SAME_PART: f64 = 0.35;
 const SAME_M: f64 = 10.0;
-/// Assumed length of the way to the first loop and from the last, relative to the way from the place to the loop.
+/// Assumed distance flown to the first loop and from the last, relative to the distance from the place to the loop.
 const LEAD: f64 = 1.5;
 /// Minimum number of loops of a figure of eight, and of a cloverleaf. Two loops to one side may also lead from a survey
 /// line to the next one, if that is near.
@@ -130,7 +130,7 @@ pub fn lines(motion: &FlightMotion, parts: &FlightSegments) -> Vec<DetectedLine>
     for group in flown.crossings() {
         let (line, legs) = flown.over_one_place(&group);
         taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
-        // The remainder of a long way there and back is a separate line.
+        // Long remainders of the first and the last leg are separate lines.
         let ends = legs.clone().next().into_iter().chain(legs.last());
         for leg in ends.filter_map(|i| parts.legs.get(i)) {
             rest.push(leg.rows.start..leg.rows.end.min(line.rows.start));
@@ -238,7 +238,7 @@ impl SegmentedFlight<'_> {
         groups
     }
 
-    /// The loop at the end of a leg that leads back over it.
+    /// Loop at the end of a leg that leads back across the leg.
     fn loop_after(&self, number: usize) -> Option<TurnLoop> {
         let legs = &self.parts.legs;
         let leg = legs.get(number)?;

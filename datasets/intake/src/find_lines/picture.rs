@@ -65,7 +65,7 @@ fn drawn<T>(title: &str, found: &LineDetection, draw: &dyn Fn(&FlightPicture) ->
         TimePanel { label: "course (deg)", turn: Some(360.0), lines: vec![("", black, &course)] },
         TimePanel { label: "height (m)", turn: None, lines: vec![("", black, &motion.alt_m)] },
         TimePanel { label: "speed (m/s)", turn: None, lines: vec![("", black, &motion.speed_mps)] },
-        TimePanel { label: "swing (deg rms)", turn: None, lines: power },
+        TimePanel { label: "attitude (deg rms)", turn: None, lines: power },
     ];
     draw(&FlightPicture {
         title,

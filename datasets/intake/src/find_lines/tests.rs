@@ -102,7 +102,7 @@ fn unit_a_grid_has_the_same_lines_whole_and_split() {
         );
         flown(&line("G", &keys))
     };
-    // The simulator's lines of the split grid are at the times of the whole grid, without the turns.
+    // The simulator's lines of the split grid have the times of the whole grid without the turns.
     let ((found, whole), (_, known)) = (grid(false), grid(true));
     assert_eq!((whole.len(), known.len()), (1, 8));
     for (name, times) in &known {
@@ -110,7 +110,7 @@ fn unit_a_grid_has_the_same_lines_whole_and_split() {
         let line = found.lines.iter().find(near).unwrap_or_else(|| panic!("{name} {times:?} in {:?}", found.spans()));
         assert_eq!(line.kind, if name.contains('T') { LinePattern::Tie } else { LinePattern::Line }, "{name}");
     }
-    // Another straight stretch leads from the last line to the first tie line.
+    // A further straight stretch leads from the last line to the first tie line.
     let overlaps = |a: (f64, f64), b: (f64, f64)| a.0 < b.1 - SHARP_S && b.0 < a.1 - SHARP_S;
     for line in &found.lines {
         let times = found.times_s(line);
@@ -132,7 +132,7 @@ fn unit_survey_legs_are_lines_and_plain_squares_are_no_boxes() {
     }
     let (first, last) = (found.times_s(&found.lines[0]).0, found.times_s(&found.lines[3]).1);
     assert!(close((first, last), known["1"]));
-    // Loops of 270 degrees that lead from one line to the next, near one, are no cloverleafs.
+    // Loops of 270 degrees from one line to a nearby next line are not cloverleafs.
     let (found, _) = flown(&line("1", narrow));
     assert!(kinds(&found).iter().all(|k| *k == LinePattern::Line) && found.lines.len() >= 6, "{:?}", found.spans());
 }
@@ -161,7 +161,7 @@ fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
         from > start_s + 235.0 && to < start_s + 533.0
     };
     let sides: Vec<&DetectedLine> = found.lines.iter().filter(on_squares).collect();
-    // Seven laps; the leg downwind is one turn, in which the roll is never level for two seconds.
+    // Seven laps; the downwind leg counts as part of one turn, in which the roll is never level for two seconds.
     let headings: Vec<f64> = sides.iter().map(|side| (side.heading_deg.unwrap() + 5.0).rem_euclid(360.0)).collect();
     for course in [0.0, 180.0, 270.0] {
         let of = headings.iter().filter(|h| ((**h - course + 180.0).rem_euclid(360.0) - 180.0).abs() < 30.0).count();

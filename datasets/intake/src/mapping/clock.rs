@@ -128,7 +128,7 @@ pub fn read_zone(text: &str) -> Option<f64> {
     };
     let plain = |word: &str| (!word.is_empty() && word.len() <= 2).then(|| word.parse::<u8>().ok()).flatten();
     let (hours, minutes) = (plain(hours)?, plain(minutes)?);
-    // From Baker Island to the Line Islands.
+    // The range of offsets is from Baker Island to the Line Islands.
     (hours <= 14 && minutes < 60).then(|| sign * (f64::from(hours) * 3600.0 + f64::from(minutes) * 60.0))
 }
 
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn ref_gps_weeks_have_the_dates_of_receivers() {
-        // The logs of this project: log171.bin of ArduPilot (21 Nov 2015, 23:44 UTC), the Skywalker (29 Nov 2013).
+        // Logs in this repository: log171.bin of ArduPilot (21 Nov 2015, 23:44 UTC) and the Skywalker (29 Nov 2013).
         let at = UtcInstant::of_gps(1871, 603_882.4, None).unwrap();
         assert_eq!(date_text(at.day), "2015-11-21");
         assert!((at.s - (23.0 * 3600.0 + 44.0 * 60.0 + 25.4)).abs() < 1e-6, "{at:?}");

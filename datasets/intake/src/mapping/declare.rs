@@ -6,7 +6,7 @@ use schemas::{
 };
 
 choice! {
-    /// The zero of a time.
+    /// The origin of a time.
     pub enum ClockZero {
         /// The start of the log, given by `epoch`.
         Boot = "boot",
@@ -96,11 +96,11 @@ impl ParamValue for ConstantValue {
 }
 
 params! {
-    /// A time as a file has it.
+    /// The time in a file.
     pub struct TimeStampKeys, all default;
     /// The column of the time. Several text columns, such as date and time, are joined by a space.
     from: Vec<String>, unit "", default Vec::<String>::new();
-    /// The clock: the zero of the time.
+    /// The clock: the origin of the time.
     clock: Option<ClockZero>, unit "", default None, absent "required";
     /// The unit of the time.
     unit: Option<String>, unit "", default None, absent "from the file";
@@ -112,16 +112,17 @@ params! {
     leap_s: Option<f64>, unit "s", default None, absent "from the date", rule Rule::Between(0.0, 100.0);
     /// The form of the text, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`.
     format: Option<String>, unit "", default None, absent "ISO 8601";
-    /// The offset of local time from UTC: `+10:00` east of Greenwich. Times that have their own zone need none.
+    /// The offset of local time from UTC: `+10:00` east of Greenwich. Times with a zone in their type or text require
+    /// no offset.
     zone: Option<String>, unit "", default None, absent "UTC";
-    /// The date of the first row, for a time of the day: `2012-10-10`, in `zone` where that is given.
+    /// The date of the first row, for a time of the day: `2012-10-10`, in `zone` if it is set.
     date: Option<String>, unit "", default None, absent "unknown";
 }
 
 params! {
-    /// When a log's own clock was 0.
+    /// The time at which a log's own clock was 0.
     pub struct LogEpochKeys, groups [
-        /// The UTC time that is logged with the log's own clock.
+        /// The UTC time that is recorded together with the log's own clock.
         stamp: TimeStampKeys,
     ];
     /// The UTC time at which the log's clock was 0: `2012-10-10`, or `2012-10-10T18:20:00Z`.
@@ -134,7 +135,7 @@ params! {
     boot: Option<String>, unit "", default None, absent "required with `from`";
     /// The unit of `boot`.
     boot_unit: Option<String>, unit "", default None, absent "from the file";
-    /// The offset added to `boot`: -7.75 for a clock that is 7.75 s behind the clock of `boot`.
+    /// The offset added to `boot`: -7.75 if the log's clock is 7.75 s behind the clock of `boot`.
     boot_offset_s: f64, unit "s", default 0.0, rule Rule::Finite;
     /// An SQL condition that selects the rows with a valid time.
     rows: Option<String>, unit "", default None, absent "all";

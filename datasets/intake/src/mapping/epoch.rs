@@ -26,7 +26,7 @@ pub struct LogEpoch {
 }
 
 /// Maximum change of the difference of two clocks from one row to another, s. A larger change means that a clock was
-/// set.
+/// adjusted.
 const SET_S: f64 = 5.0;
 
 /// Path of the file next to `log` that holds both clocks, if the epoch names one.
@@ -57,7 +57,10 @@ pub fn find(
         return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
     }
     if said.unknown {
-        let note = format!("{name}: `tt` counts from the start of the log; its time of day and date are unknown");
+        let note = format!(
+            "{name}: `tt` is the time since the start of the log; the time of day and the date of the start are \
+             unknown"
+        );
         return Ok(LogEpoch { instant: None, note });
     }
     if let Some(utc) = &said.utc {
@@ -117,9 +120,10 @@ pub fn find(
     let mut seconds: Vec<f64> = starts.iter().map(|s| s.seconds_since(day)).collect();
     let (low, high) = seconds.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(*s), h.max(*s)));
     let instant = UtcInstant::new(day, median(&mut seconds));
-    let set = if high - low > SET_S { "; one of the clocks was set during the log" } else { "" };
+    let set = if high - low > SET_S { "; one of the clocks was adjusted during the recording" } else { "" };
     let note = format!(
-        "{name}: its clock was 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} s{set}",
+        "{name}: its clock read 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} \
+         s{set}",
         date_text(instant.day),
         time_text(instant.s),
         starts.len(),

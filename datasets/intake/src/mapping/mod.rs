@@ -37,7 +37,7 @@ use document::{MappingDocument, TableDecl};
 
 use super::log_reader::LogReader;
 
-/// Raised when the same mapping makes other values from the same file.
+/// Version of the conversion, increased when the same mapping gives other values for the same file.
 const VERSION: &str = "mapping 2";
 
 /// A mapping.

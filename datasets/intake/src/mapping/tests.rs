@@ -213,7 +213,7 @@ fn gold_mismatches_are_reported_with_their_position_in_the_mapping() {
         ("{ from = 'MS', unit = 'ms', clock = 'boot' }", "there is no column `MS`"),
         ("{ from = 'ms', clock = 'boot' }", "the unit of the time `ms`"),
         ("{ from = 'ms', unit = 'nT', clock = 'boot' }", "cannot be in `nT`"),
-        ("{ from = 'ms', unit = 'ms' }", "`clock`, the zero of the time, is required"),
+        ("{ from = 'ms', unit = 'ms' }", "`clock`, the origin of the time, is required"),
         ("{ from = 'ms', unit = 'ms', clock = 'gps' }", "requires `week`"),
         ("{ from = 'mode', clock = 'text' }", "`a` is not a time in the format of the mapping"),
         ("{ from = 'ms', clock = 'text' }", "`clock = \"text\"` requires text"),

@@ -95,7 +95,7 @@ impl TableClock {
     ) -> Option<TableClock> {
         let said = &stamp.value;
         let Some(clock) = said.clock else {
-            let fault = Fault::new("`clock`, the zero of the time, is required");
+            let fault = Fault::new("`clock`, the origin of the time, is required");
             columns.push(fault.help("use `boot`, `day`, `unix`, `gps` or `text`").at(stamp.at.clone()));
             return None;
         };
@@ -217,7 +217,7 @@ impl TableClock {
 
     /// Times of a day; the date advances at midnight.
     fn of_day(&mut self, seconds: &[f64]) -> RowTimes {
-        /// Maximum distance from midnight at which a fall of the time may begin and end, s.
+        /// Maximum distance from midnight at which a backward step to the next day may begin and end, s.
         const NEAR_S: f64 = 3_600.0;
         let zone_s = self.zone_s;
         let Some(mut day) = self.day else {
@@ -284,7 +284,7 @@ fn zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
     zone
 }
 
-/// Rejects a zone for time stamps that are in UTC by their type, or in the zone of their text.
+/// Rejects a zone for time stamps whose type or text already has one.
 fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) {
     if stamp.value.zone.is_none() {
         return;
@@ -292,9 +292,8 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
     for name in &stamp.value.from {
         let Ok(field) = columns.source.field_with_name(name) else { continue };
         if let DataType::Timestamp(_, Some(zone)) = field.data_type() {
-            let fault = second_zone(&format!(
-                "the times of `{name}` have their own zone, {zone}: they are in UTC by their type"
-            ));
+            let fault =
+                second_zone(&format!("the type of `{name}` already has the zone {zone}, so its times are read as UTC"));
             columns.push(fault.at(stamp.at("zone")));
         }
     }
@@ -304,14 +303,14 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
 }
 
 fn second_zone(what: &str) -> Fault {
-    Fault::data(format!("{what}, so that `zone` has no meaning")).help("remove `zone`")
+    Fault::data(format!("{what}; `zone` has no effect")).help("remove `zone`")
 }
 
 /// The fault of a clock of the day whose numbers are digits.
 fn in_digits(numbers: &[f64], row: usize) -> Fault {
     let at = numbers.get(row).copied().unwrap_or(f64::NAN);
     let help = format!("use `clock = \"text\"` with `format` = {}, and remove `unit`", clock_digits::formats(numbers));
-    Fault::data(format!("{}, such as to {at}", clock_digits::WHAT)).help(help)
+    Fault::data(format!("{}, for example to {at}", clock_digits::WHAT)).help(help)
 }
 
 /// The column of a counting clock.
@@ -406,7 +405,7 @@ impl CounterColumn {
             let whole = whole.as_primitive::<Int64Type>();
             return Ok(whole.iter().map(|x| Some(UtcInstant::of_unix_ns(i128::from(x?) * ns))).collect());
         }
-        // Beyond 10^12 s a count of seconds is something else, such as milliseconds.
+        // A count above 10^12 s is not in seconds, but for example in milliseconds.
         let instant = |s: f64| (s.abs() < 1e12).then(|| UtcInstant::new(0, s));
         Ok(self.seconds(batch)?.into_iter().map(instant).collect())
     }
@@ -450,8 +449,8 @@ fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
         let digits = part.and_then(|part| digits_of(part)).filter(|digits| *digits > 0 && kind.is_numeric());
         if digits.is_none() {
             let what = format!("`{name}` contains {kind}, but `clock = \"text\"` requires text or numbers in digits");
-            let help = "numbers need a `format` of digits alone, with a blank between columns: `%H%M%S%.f` for hhmmss.s, \
-                        `%Y%m%d %H%M` for a date and hhmm";
+            let help = "numbers require a `format` that consists of digits only, with a blank between columns: \
+                        `%H%M%S%.f` for hhmmss.s, `%Y%m%d %H%M` for a date and hhmm";
             columns.push(Fault::new(what).help(help).at(stamp.at("from")));
             return None;
         }

@@ -85,8 +85,8 @@ pub fn roll_pitch_yaw_deg(q: [f64; 4], order: QuaternionOrder, frames: Quaternio
     ];
     let m = match frames {
         QuaternionFrames::FrdToNed => m,
-        // North is the second axis of east-north-up and down the negative third; right and down are the negative second
-        // and third of nose-left-up.
+        // In east-north-up, north is the second axis and down the negative third. In nose-left-up, right and down are
+        // the negative second and third axes.
         QuaternionFrames::FluToEnu => {
             [[m[1][0], -m[1][1], -m[1][2]], [m[0][0], -m[0][1], -m[0][2]], [-m[2][0], m[2][1], m[2][2]]]
         }
@@ -132,7 +132,7 @@ mod tests {
         let identity = read_axes("+x +y +z").unwrap();
         // A sensor turned by 90 degrees of yaw has its x axis along the right wing.
         assert!(close(SensorMounting::new(identity, [0.0, 0.0, 90.0]).apply([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
-        // By 90 degrees of roll its y axis points down, of pitch its x axis up.
+        // With 90 degrees of roll its y axis points down; with 90 degrees of pitch its x axis points up.
         assert!(close(SensorMounting::new(identity, [90.0, 0.0, 0.0]).apply([0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]));
         assert!(close(SensorMounting::new(identity, [0.0, 90.0, 0.0]).apply([1.0, 0.0, 0.0]), [0.0, 0.0, -1.0]));
         // 180 degrees of roll is `+x -y -z`.
@@ -168,7 +168,8 @@ mod tests {
                 expected
             ));
         }
-        // East-north-up: no rotation has the nose (x) to the east; a turn by +90 degrees about up has it to the north.
+        // East-north-up: without rotation the nose (x) points east; after a turn by +90 degrees about up, it points
+        // north.
         let half = std::f64::consts::FRAC_1_SQRT_2;
         assert!(close(
             roll_pitch_yaw_deg([1.0, 0.0, 0.0, 0.0], QuaternionOrder::Wxyz, QuaternionFrames::FluToEnu),

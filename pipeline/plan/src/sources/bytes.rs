@@ -22,7 +22,7 @@ pub struct FileDigest {
     pub hash: HashKey,
 }
 
-/// Policy for reusing recorded facts of unchanged files.
+/// Policy for reusing recorded data of unchanged files.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ReusePolicy<'a> {
     /// Store with cached facts of the files.
@@ -103,7 +103,7 @@ impl FileFact {
         FileStamp::from_path(path).is_ok_and(|now| now == self.stamp)
     }
 
-    /// The same for a note of an earlier process, which must also exceed `RACY_NS`.
+    /// The same for a note of an earlier process, whose age must also exceed `RACY_NS`.
     fn still_is_of(&self, path: &Path) -> bool {
         self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
     }
@@ -114,14 +114,14 @@ impl FileFact {
         seen.still_is_of(path).then_some(seen)
     }
 
-    /// Simulates a much later time of reading.
+    /// Simulates a much later reading.
     #[cfg(test)]
     pub(super) fn older(mut self) -> FileFact {
         self.at_ns += 10 * RACY_NS;
         self
     }
 
-    /// Caches it under `key`. A failed write only costs time, because the file is then read again.
+    /// Caches it under `key`. After a failed write, the file is only read again.
     pub(super) fn keep(&self, store: &Store, key: HashKey) {
         if let Ok(text) = note::sealed(self) {
             let _ = store.write(&note(store.root(), key), &text);

@@ -43,7 +43,7 @@ use store::{make_folder, sync_folder};
 
 use super::{bytes::hash_file, ingest::divided};
 
-/// Raised when the files that are written change.
+/// Version of the export, increased when the written files change.
 const VERSION: &str = "export 2";
 /// Metadata key for the key of a file's inputs.
 const FROM: &str = "magline.from";

@@ -89,7 +89,7 @@ struct IndexFault {
 }
 
 impl IndexLine {
-    /// The fault of a clock in digits, for all lines of the file: a line of less than a minute does not show it.
+    /// The fault of a clock in digits, for all lines of the file: a line shorter than a minute does not reveal it.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
         let IndexFault { what, help, column, row } = faults.find(|f| f.what == clock_digits::WHAT)?;

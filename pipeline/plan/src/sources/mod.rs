@@ -1,4 +1,4 @@
-//! Tables read from files: found, fingerprinted, and brought into the store line by line.
+//! Tables read from files: found, hashed, and stored line by line.
 
 mod bytes;
 pub mod export;
@@ -30,13 +30,13 @@ use options::{FileOptions, flight_options, map_options, spelt};
 
 use crate::spec::SourceDecl;
 
-/// Raised when the output of ingest changes.
+/// Version of ingest, increased when its output changes.
 const VERSION: &str = "ingest 3";
 
-/// Raised when the stored form of a map changes.
+/// Version of the stored form of a map, increased when it changes.
 const MAP_VERSION: &str = "map 3";
 
-/// Raised when the stored form of a model that is read changes.
+/// Version of the stored form of a model from files, increased when it changes.
 const MODEL_VERSION: &str = "model 1";
 
 /// Table of flights whose columns are known and whose lines are not read yet.
@@ -116,9 +116,8 @@ impl Flights {
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
         let young = trust.settle.and_then(|settle| files::settled(&mut found, settle));
         if let Some(what) = young.as_ref().filter(|_| found.is_empty()) {
-            let fault =
-                Fault::new(format!("`{}` has no file that was unmodified for the time of `--settle`", decl.name))
-                    .help(what.clone());
+            let fault = Fault::new(format!("every file of `{}` was modified within the time of `--settle`", decl.name))
+                .help(what.clone());
             return Err(vec![placed(fault)]);
         }
         if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {
@@ -192,7 +191,7 @@ impl Flights {
 /// The number of threads for each of a number of files that are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
-    // With a file for each thread, a thread that waits for others at its file would begin another.
+    // With one file per thread, a thread that waits for others at its file would begin another file.
     if files >= threads { 1 } else { threads.div_ceil(files.max(1)) }
 }
 
@@ -260,7 +259,7 @@ impl MapSource {
     /// # Errors
     /// Fails for unknown options.
     pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
-        // The plan was made with the file, so a stage that needs the error has it.
+        // The file was read when the plan was made, so a stage that requires the error has it.
         Ok(MapSource::of_map(decl, PathBuf::new(), map_options(decl)?, true))
     }
 

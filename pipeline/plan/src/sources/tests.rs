@@ -67,7 +67,7 @@ fn unit_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
     let one = of(1);
     assert_eq!(one.matches("`oops` is not a number").count(), 1);
     assert!(one == of(2) && one == of(7));
-    // With several files too.
+    // The same holds for several files.
     written(folder.path(), "2", 5);
     written(folder.path(), "3", 9);
     let of = |threads: usize| {

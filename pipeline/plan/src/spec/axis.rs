@@ -68,7 +68,7 @@ fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     }
 }
 
-/// The first value of another type than the first one's, and the message.
+/// First value whose type differs from the type of the first value, and the message.
 fn mixed(values: &[Literal]) -> Option<(usize, String)> {
     let number = |v: &Literal| matches!(v, Literal::Int(_) | Literal::Float(_));
     let same = |v: &Literal| v.type_name() == values[0].type_name() || number(v) && number(&values[0]);

@@ -215,7 +215,7 @@ pub enum ColumnRestriction {
     None,
     /// All.
     All,
-    /// These.
+    /// These columns.
     Columns(Vec<String>),
 }
 

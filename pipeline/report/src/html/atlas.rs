@@ -85,7 +85,7 @@ fn raster_of(source: &ReportSource, map: TableRef, around: &Bounds) -> Result<Op
     Ok(raster(&grid, &turned)?.map(back))
 }
 
-/// The rectangle around two, the shorter way round the earth.
+/// Rectangle around two rectangles, the shorter way around the earth.
 fn together(a: Bounds, b: Bounds) -> Bounds {
     let middle = |b: &Bounds| 0.5 * (b.lon.0 + b.lon.1);
     let turns = 360.0 * ((middle(&a) - middle(&b)) / 360.0).round();
@@ -132,7 +132,8 @@ impl Atlas {
         let over = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
         let what = match &self.picture {
             Some(_) => {
-                "Tracks on the anomaly map, with hill shading from the north-west. Each colour covers the same area."
+                "Tracks on the anomaly map, with hill shading from the north-west. Each colour covers an equal share \
+                 of the area."
             }
             None => "Tracks without a map.",
         };
@@ -141,7 +142,8 @@ impl Atlas {
         let about = match rings.len() {
             0 => String::new(),
             _ => format!(
-                " The ellipses are the 3σ region of the estimate every {} min{}. Their longer semi-axis is {} to {} m.",
+                " The ellipses show the 3σ region of the estimate at intervals of {} min{}. Their semi-major axes are \
+                 {} to {} m.",
                 number(every),
                 if times > 1.0 { format!(", enlarged {times} times") } else { String::new() },
                 number(sizes().reduce(f64::min)),
@@ -154,8 +156,8 @@ impl Atlas {
                 (legend(flown, (!rings.is_empty()).then_some(times)))
                 (self.drawn(&canvas, flown, "Tracks on the map", under, over))
                 @if let Some(picture) = &self.picture { (colour_bar(&picture.raster)) }
-                figcaption { (what) (about) " The dot is the start, the square is the end, and the frame is the \
-                                             enlarged part." }
+                figcaption { (what) (about) " The dot marks the start, the square marks the end, and the frame marks \
+                    the enlarged part." }
             }
         }
     }
@@ -204,8 +206,8 @@ impl Atlas {
                                              ellipse", html! {}, outlines(&canvas, flown, &rings, 1.0)))
                 figcaption {
                     "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by " (number(Some(widest.minor_m)))
-                    " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses, not \
-                                                        enlarged." (error.unwrap_or_default())
+                    " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses. The ellipses are drawn \
+                        to scale." (error.unwrap_or_default())
                 }
             }
         }
@@ -271,7 +273,7 @@ fn worst_place(flown: &LineTracks) -> Option<usize> {
     all.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(k, _)| k)
 }
 
-/// A square around the tracks at row `k`, a few times as wide as they are apart.
+/// Square around the tracks at row `k`, a few times as wide as the distance between the tracks.
 fn zoom_bounds(flown: &LineTracks, k: usize) -> Bounds {
     let centre = flown.truth.as_ref().unwrap_or(&flown.estimate);
     let (lat, lon) = (centre.lat.get(k).copied().unwrap_or(0.0), centre.lon.get(k).copied().unwrap_or(0.0));
@@ -454,7 +456,7 @@ mod tests {
     #[test]
     fn unit_ellipses_are_three_sigma_and_turned_clockwise() {
         let mut flown = flown();
-        // To the north-east: 30 m each way, correlated by a half.
+        // Towards the north-east: 30 m in each direction, with a correlation of 0.5.
         flown.sigma = Some([vec![30.0; 100], vec![30.0; 100], vec![450.0; 100]]);
         let canvas = Canvas::new(zoom_bounds(&flown, 99));
         let drawn = outlines(&canvas, &flown, &ellipses(&flown, &[99]), 1.0).into_string();
@@ -474,7 +476,7 @@ mod tests {
     #[test]
     fn unit_small_ellipses_are_enlarged_with_a_note() {
         let mut flown = flown();
-        // The largest is at row 40, of 30 m: on 12 km of track less than a pixel.
+        // The largest ellipse is at row 40 and measures 30 m, less than a pixel on 12 km of track.
         flown.sigma.as_mut().unwrap()[0][40] = 10.5;
         assert_eq!(widest(&flown).map(|(k, e)| (k, e.major_m)), Some((40, 31.5)));
         let atlas = Atlas { bounds: around(std::slice::from_ref(&flown.estimate)).unwrap(), picture: None };

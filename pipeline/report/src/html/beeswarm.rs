@@ -176,14 +176,14 @@ mod tests {
     fn unit_dots_show_their_contribution_and_input() {
         let samples: Vec<(f64, f64)> = (0..101).map(|k| (f64::from(k) / 50.0 - 1.0, f64::from(k))).collect();
         let made = dots(&samples);
-        assert!(made.iter().all(|dot| dot.up == 0.0), "parts that differ need no room");
+        assert!(made.iter().all(|dot| dot.up == 0.0), "parts that differ require no offset");
         assert_eq!((made[0].colour.as_str(), made[100].colour.as_str()), ("#008bfb", "#ff0051"));
-        assert_eq!(made[2].colour, made[0].colour, "beyond the 5th part of a hundred colours end");
+        assert_eq!(made[2].colour, made[0].colour, "the colour scale ends at the outer 5 of 100 values");
         let same = dots(&[(1.0, 0.0), (1.0, 1.0), (1.0, 2.0), (2.0, f64::NAN)]);
         let up: Vec<f64> = same.iter().map(|dot| dot.up).collect();
         assert_eq!(up, [0.0, 0.5, -0.5, 0.0]);
         assert_eq!(same[3].colour, GREY);
-        // A switch that is on in one sample of a hundred.
+        // A switch that is on in one of a hundred samples.
         let switch: Vec<(f64, f64)> = (0..100).map(|k| (f64::from(k), f64::from(u8::from(k == 7)))).collect();
         let made = dots(&switch);
         assert_eq!((made[7].colour.as_str(), made[8].colour.as_str()), ("#ff0051", "#008bfb"));

@@ -100,7 +100,7 @@ pub mod tests {
         assert_eq!(board.headline(), Some(1));
         assert_eq!(board.ranked(1), [1, 3, 0]);
         assert_eq!(board.ranked(0), [2, 1, 0, 3]);
-        // 2.5 is nearer to 2 than 9 and 0.2 are.
+        // The expected value is 2: 2.5 is nearer to it than 9 and 0.2.
         assert_eq!(board.ranked(2), [1, 0, 3]);
         assert_eq!(board.point(1), "mag = mag_2_uc, lambda = 0.025");
     }
@@ -147,7 +147,7 @@ pub mod tests {
         // The same row is out of sample for another metric.
         assert_eq!(board.scores.best(2), Some(1));
         assert!(board.scores.is_all_in_sample(0) && !board.scores.is_all_in_sample(1));
-        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines; 1 in sample are separate");
+        assert_eq!(board.scores.over(), "pooled over 0 to 1 held-out lines; 1 in sample are pooled separately");
         board.scores.in_sample = vec![of([true; 3]); 4];
         assert_eq!((board.scores.best(0), board.headline()), (None, Some(1)));
         assert_eq!(board.scores.over(), "pooled over 6 lines");
@@ -165,7 +165,10 @@ pub mod tests {
         };
         let told = with([9.0, 8.0, 7.0, 6.0]);
         assert_eq!(told.len(), 1, "{told:?}");
-        assert!(told[0].starts_with("the best drms is at the edge of `lambda`: 2.5 of 0 to 2.5"), "{told:?}");
+        assert!(
+            told[0].starts_with("the best drms is at an end of the axis `lambda`: 2.5 in the range 0 to 2.5"),
+            "{told:?}"
+        );
         assert_eq!(with([1.0, 8.0, 7.0, 6.0]).len(), 1);
         assert!(with([9.0, 3.0, 7.0, 6.0]).is_empty() && with([5.0; 4]).is_empty());
     }

@@ -57,7 +57,7 @@ struct LineScoreCell {
     in_sample: bool,
 }
 
-/// A table for each axis of several values, the other axes at the best point; none for a single line.
+/// One table for each axis with several values, at the best point of the other axes; none for a single line.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -238,7 +238,7 @@ impl LineScoreTable {
             words.push(format!("The other axes are at the best point, {}.", self.others));
         }
         if self.columns.len() > 1 {
-            words.push("The best of each row is coloured.".to_owned());
+            words.push("The best value of each row is coloured.".to_owned());
         }
         if self.columns.iter().any(|c| c.marks > 0) {
             words.push(
@@ -250,8 +250,8 @@ impl LineScoreTable {
         }
         let seen = |column: &LineScoreColumn| column.cells.iter().any(|c| c.in_sample);
         if self.columns.iter().any(seen) {
-            let what = "Values with a ~ are in sample: a model, noise or map was made from the line, or it was used to \
-                        choose a parameter.";
+            let what = "Values with a ~ are in sample: a model, noise estimate or map was made from the line, or it \
+                        was used to choose a parameter.";
             words.push(what.to_owned());
         }
         if self.columns.iter().any(|c| seen(c) && !c.in_sample) {
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn unit_a_flagged_line_is_shown_and_never_the_best() {
         let text = example().drawn().into_string();
-        // 12 m is the least of its row. The pooled 29.5 m includes a flagged line, and is not trusted either.
+        // 12 m is the smallest value of its row. The pooled 29.5 m includes a flagged line and is also flagged.
         assert!(text.contains("<td class=\"n bad\" data-v=\"12\" title=\"flagged\">! 12.00</td>"), "{text}");
         assert!(text.contains("data-v=\"29.5\" title=\"flagged\">! 29.50</td>"), "{text}");
         assert!(text.contains("<td class=\"n best\" data-v=\"30\">30.00</td>"), "{text}");

@@ -20,7 +20,7 @@ use super::{
     track::{DegreeTrack, LineTracks},
 };
 
-/// Maximum number of ellipses of a line, and number of corners of each.
+/// Maximum number of ellipses of a line, and number of corners of an ellipse.
 const ELLIPSES: usize = 60;
 const CORNERS: usize = 36;
 /// Size of the ellipses in standard deviations.

@@ -114,7 +114,7 @@ fn innovations(flown: &LineTracks, outcomes: &BTreeMap<String, usize>) -> Option
         outcomes.iter().map(|(outcome, n)| format!("{n} {}", outcome.replace('_', " "))).collect();
     let caption = format!(
         "Measurement minus prediction. The innovations of a consistent filter have zero mean and no trend, and are \
-         within the band for 95 % of the time. Samples: {}.",
+         within the band 95 % of the time. Samples: {}.",
         if counted.is_empty() { "not counted".to_owned() } else { counted.join(", ") }
     );
     Some(LineChart {
@@ -173,11 +173,11 @@ mod tests {
         let (mut error, sigma) = (vec![0.0; 10_000], vec![1.0; 10_000]);
         assert_eq!(share_inside(&error, &sigma), "100 %");
         error[7] = 3.1;
-        assert_eq!(share_inside(&error, &sigma), "99.9 %", "one outside is not none");
+        assert_eq!(share_inside(&error, &sigma), "99.9 %", "one sample outside is not rounded to none");
         assert_eq!(share_inside(&[f64::NAN], &[1.0]), "none");
     }
 
-    /// North off by 0 to 59 m at a sigma of 10 to 15.9 m, east exact.
+    /// North errors of 0 to 59 m with standard deviations of 10 to 15.9 m; no east errors.
     fn flown() -> LineTracks {
         use crate::html::track::DegreeTrack;
         let metres = |north: f64| numerics::earth::geodesy::EarthModel::default().north_m_to_lat_rad(north, 0.0, 0.0);
@@ -206,7 +206,7 @@ mod tests {
             let sigma = 10.0 + 0.1 * k as f64;
             assert!((*minute - k as f64).abs() < 1e-12 && (high - 3.0 * sigma).abs() < 1e-12 && *low == -high);
         }
-        // The truth is north of the estimate, and the INS three times as far south of it as the estimate.
+        // The truth is north of the estimate. The INS is three times as far south of the truth as the estimate.
         let last = |name: &str| north.lines.iter().find(|l| l.name == name).unwrap().points[59].1;
         assert!((last("estimate") - 59.0).abs() < 0.01 && (last("INS alone") - 177.0).abs() < 0.03);
         assert!(east.lines[1].points.iter().all(|p| p.1.abs() < 1e-9));

@@ -13,7 +13,7 @@ const GAP_Y: f64 = 18.0;
 /// Height of the lane of an arrow past other boxes.
 const LANE_H: f64 = 12.0;
 
-/// Box of the flow chart: its text, and the sources of its arrows.
+/// Box of the flow chart: its text, and the boxes from which its arrows come.
 struct FlowNode {
     name: String,
     lines: Vec<String>,

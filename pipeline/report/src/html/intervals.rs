@@ -93,7 +93,8 @@ fn section(name: &str, axes: &[&str], metrics: &[IntervalRow]) -> Markup {
         section id=(format!("summary-{name}")) {
             h2 { "Summary" @if name != "summary" { ": " (name) } }
             p.lead { "Each dot is a score pooled over the held-out lines, or over the in-sample lines if there are no \
-                      others. The bar is its bootstrap interval over whole lines; a single line has no interval."
+                      others. The bar is the bootstrap confidence interval from resampling whole lines. A single line \
+                      has no interval."
                 @if !axes.is_empty() { " Rows are the points of " (axes.join(", ")) "." }
                 @if longest > MOST { " The first " (MOST) " of " (longest) " points are drawn; "
                     code { "magline sql" } " shows all." } }

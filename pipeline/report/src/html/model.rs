@@ -12,7 +12,7 @@ use schemas::Fault;
 
 use super::{source::ReportSource, subject::ReportSubject};
 
-/// Condition number above which single coefficients lose three digits of the data.
+/// Condition number above which individual coefficients lose three of the significant digits of the data.
 const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.
@@ -124,24 +124,24 @@ impl ReportModel {
         }
         if self.approximation_nt.is_finite() {
             let bound = number(Some(self.approximation_nt));
-            out.push_str(&format!(" The error of its linear form is at most {bound} nT."));
+            out.push_str(&format!(" The linearisation error is at most {bound} nT."));
         }
         out
     }
 
     fn verdict(&self) -> String {
         if !self.condition.is_finite() {
-            return "It is not finite: some terms are exact combinations of others, and their coefficients are \
+            return "It is not finite: some terms are exact linear combinations of others, and their coefficients are \
                     meaningless."
                 .to_owned();
         }
         if self.condition < LARGE_CONDITION {
-            return "This value is moderate: the flight separates the terms.".to_owned();
+            return "This value is moderate: the data of the flight distinguish the terms.".to_owned();
         }
         format!(
-            "This value is large: the terms are nearly collinear. An error in the data may appear in a single \
-             coefficient up to {} times as large. The sum of the terms may still be accurate. To reduce the \
-             condition number, fly more varied manoeuvres, use fewer terms or increase lambda.",
+            "This value is large: the terms are nearly collinear. An error in the data may be amplified up to {} times \
+             in a single coefficient. The sum of the terms may still be accurate. To reduce the condition number, fly \
+             more varied manoeuvres, use fewer terms or increase lambda.",
             number(Some(self.condition))
         )
     }

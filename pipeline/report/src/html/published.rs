@@ -6,8 +6,8 @@ use results::{Snapshot, SnapshotTable, snapshots};
 
 use super::source::ReportSource;
 
-/// Whether the last run was of exactly this plan and data: otherwise the published tables may hold other scores under
-/// the same axis values.
+/// Whether the last run was of exactly this plan and data: otherwise the published tables may contain different scores
+/// for the same axis values.
 pub fn is_current(source: &ReportSource) -> bool {
     let plan = source.graph.plan;
     let recorded = snapshots(source.store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);

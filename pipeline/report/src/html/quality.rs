@@ -29,9 +29,9 @@ struct QualityColumn {
     source: usize,
     flight: String,
     column: String,
-    /// The worst figure of its lines, with the samples of all.
+    /// The worst value of its lines, with the affected samples of all lines.
     figures: BTreeMap<QualityFigure, QualityMeasure>,
-    /// The flagged figures.
+    /// The flagged values.
     marks: BTreeSet<QualityFigure>,
 }
 
@@ -66,7 +66,7 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
                 @else { (marked) " of " (clocks.len() + columns.len()) " columns have a flagged figure, shown with a " strong { "!" } ". The worst columns are first." }
             }
             @if unreadable > 0 {
-                p.warning { "The figures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \
+                p.warning { "The quality measures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in \
                     the store are damaged and are not shown. The next run recomputes them." }
             }
             @for picture in pictures { (picture) }
@@ -92,7 +92,7 @@ impl QualityKeyColumns {
     }
 }
 
-/// All columns with a figure, the worst first; and the number of files whose figures cannot be read.
+/// All columns with a quality measure, the worst first, and the number of files with unreadable quality measures.
 fn columns(source: &ReportSource) -> (Vec<QualityColumn>, usize) {
     let mut unreadable = 0;
     let mut found: BTreeMap<(usize, String, String), BTreeMap<QualityFigure, QualityMeasure>> = BTreeMap::new();
@@ -184,7 +184,7 @@ fn pool(known: &mut QualityMeasure, other: &QualityMeasure) {
     }
 }
 
-/// A figure in a table, flagged if it needs attention.
+/// A value in a table, flagged if it exceeds a limit.
 fn cell(
     column: &QualityColumn,
     figure: QualityFigure,
@@ -331,20 +331,20 @@ fn glossary() -> Markup {
                                         samples" }
                 dt { "spikes" } dd { "samples whose fourth difference exceeds 8 robust standard deviations of its \
                                       neighbourhood; always flagged for sensors" }
-                dt { "stuck" } dd { "samples of the longest time with a constant value, if it is far longer than \
-                                     usual for the column" }
-                dt { "saturated" } dd { "samples at the minimum or maximum value, if it is far more frequent than the \
-                                         neighbouring values" }
-                dt { "step" } dd { "resolution: differences are whole multiples of it. For magnetometers, flagged \
-                                    above two standard deviations of the noise, or if it hides the noise" }
-                dt { "preferred values" } dd { "samples of a scalar magnetometer near over-represented, evenly spaced \
-                                                values, and their spacing; flagged above a tenth of the samples" }
-                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or a belt of field \
-                                         directions in the body frame, by the first vector magnetometer, and its half \
-                                         width. Or the samples that the sensor reports as in its dead zone, and the \
-                                         longest such time. Always flagged" }
-                dt { "lag" } dd { "delay of the column against the first magnetometer of its kind, by \
-                                   cross-correlation, if their correlation suffices; flagged above half a sample" }
+                dt { "stuck" } dd { "number of samples of the longest stretch with a constant value, if the stretch is \
+                    far longer than usual for the column" }
+                dt { "saturated" } dd { "number of samples at the minimum or maximum value, if that value is far more \
+                    frequent than the neighbouring values" }
+                dt { "step" } dd { "resolution: every difference between samples is a whole multiple of it. For \
+                    magnetometers, flagged above two standard deviations of the noise, or if it masks the noise" }
+                dt { "preferred values" } dd { "number of samples of a scalar magnetometer near values that are \
+                    over-represented and evenly spaced, and the spacing; flagged above a tenth of the samples" }
+                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or belt of field \
+                    directions, and its half width. The first vector magnetometer gives the directions in the body \
+                    frame. Or: samples that the sensor reports as in its dead zone, and their longest stretch. Always \
+                    flagged" }
+                dt { "lag" } dd { "delay relative to the first magnetometer of the same kind, from cross-correlation, \
+                    if the correlation is high enough; flagged above half a sample" }
                 dt { "noise" } dd { "standard deviation of white noise, from fourth differences; for scalar \
                                      magnetometers, flagged above ten times the lowest noise of the flight" }
             }
@@ -377,7 +377,7 @@ fn pictures(
         clocks.iter().chain(columns).map(|c| c.marks.len()).sum::<usize>()
     };
     let mut flights: Vec<_> = by_flight.into_iter().collect();
-    // Stable: of equal ones the first in the order of names.
+    // The sort is stable, so equal values stay in the order of names.
     flights.sort_by_key(|(_, all)| std::cmp::Reverse(marks(all)));
     let more = flights.len().saturating_sub(PICTURES);
     let mut drawn = vec![];

@@ -179,7 +179,7 @@ fn over_trials(trials: &[TrialTableRow], scale: &GoalScale) -> Option<Markup> {
     scale.dim.range.and_then(|_| chart.draw())
 }
 
-/// The goal against one axis; for a choice among words, the best and the mean of each.
+/// The goal against one axis; for a choice among words, the best and the mean for each word.
 fn over_axis(
     search: &SearchSpec,
     axis: &SearchAxis,

@@ -66,13 +66,13 @@ fn centre(x: &mut [f64]) -> f64 {
     mean
 }
 
-/// Minutes since the first sample.
+/// Time since the first sample, min.
 pub fn minutes(tt: &[f64]) -> Vec<f64> {
     let start = tt.first().copied().unwrap_or(0.0);
     tt.iter().map(|t| (t - start) / 60.0).collect()
 }
 
-/// The horizontal axis of everything over time.
+/// Horizontal axis of all plots over time.
 pub fn time_axis() -> ChartAxis {
     ChartAxis::new("time since the start of the line, min")
 }
@@ -153,7 +153,7 @@ fn pass_band(source: &ReportSource, subject: &ReportSubject) -> Option<PassBand>
 }
 
 /// The signal before and after compensation within the pass band. Without a truth, only this band separates the
-/// aircraft from the anomaly.
+/// aircraft field from the anomaly.
 fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
     let filter =
@@ -166,9 +166,8 @@ fn within(signal: &CompensationSignal, band: PassBand) -> Option<LineChart> {
     let (before, after) = (passed(&signal.before)?, passed(&signal.after)?);
     let std = |x: &[f64]| number(Some(summary(x).std));
     let caption = format!(
-        "The same signals between {} and {} Hz, the pass band of the fit. Without a truth, this band separates the \
-         manoeuvres of the aircraft from the anomaly best. Compensation changes the standard deviation from {} to {} \
-         nT.",
+        "The same signals between {} and {} Hz, the pass band of the fit. Without a truth, manoeuvres and anomaly are \
+         separated best in this band. Compensation changes the standard deviation from {} to {} nT.",
         band.low_hz,
         band.high_hz,
         std(&before),

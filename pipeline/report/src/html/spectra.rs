@@ -57,7 +57,7 @@ fn flights(source: &ReportSource, r: TableRef) -> Option<TableRef> {
     matches!(at, TableRef::Flights(_)).then_some(at)
 }
 
-/// The drawn signals: the temporal variation, the geology if known, and the scalar magnetometers.
+/// The drawn signals: the temporal variation, the crustal anomaly if known, and the scalar magnetometers.
 fn recorded(columns: &[Column]) -> Vec<String> {
     let scalar = |c: &&Column| c.unit == "nT" && c.name.starts_with("mag_");
     let named = |name: &str| columns.iter().find(|c| c.name == name).map(|c| c.name.clone());
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn unit_white_noise_has_the_floor_of_its_sigma() {
-        // A signal of +-s in a pseudo-random order is white: density s² / (rate / 2).
+        // A pseudo-random sequence of +s and -s is white, with the density s² / (rate / 2).
         let mut state = 1u64;
         let x: Vec<f64> = (0..40_000)
             .map(|_| {

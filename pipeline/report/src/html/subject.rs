@@ -180,7 +180,7 @@ fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) ->
     let plan = source.graph.plan;
     let find = |stage: &str| plan.upstream(from, stage);
     let compensate = find("compensate");
-    // The model of this compensation, not of another branch.
+    // Only the model behind this compensation is shown, not a model of another branch.
     let model = compensate.and_then(|r| plan.upstream(&[r], "fit"));
     let fit = model.or_else(|| find("fit"));
     let navigate = find("navigate");

@@ -120,7 +120,7 @@ mod tests {
         let errors = TrackOffsets { north: vec![3.0, 3.0], east: vec![-4.0, -4.0] };
         let values = nees(&errors, &[vec![3.0; 2], vec![4.0; 2], vec![0.0, -6.0]]);
         assert!((values[0] - 2.0).abs() < 1e-12);
-        // Correlation of -0.5 makes the same error less surprising: 2 (1 - 0.5) / (1 - 0.25).
+        // A correlation of -0.5 reduces the NEES of the same error to 2 (1 - 0.5) / (1 - 0.25).
         assert!((values[1] - 4.0 / 3.0).abs() < 1e-12);
     }
 

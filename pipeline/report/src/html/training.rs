@@ -66,7 +66,7 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
 }
 
 impl LossCurve {
-    /// Learning curve from the terms of a model; with several networks, that of the first.
+    /// Learning curve from the terms of a model; for several networks, the curve of the first.
     fn from_terms<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> LossCurve {
         let mut curve = LossCurve::default();
         let epoch = |term: &str, key: &str| -> Option<f64> {

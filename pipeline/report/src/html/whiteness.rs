@@ -63,7 +63,7 @@ fn normalised(flown: &LineTracks) -> Option<NormalisedInnovations> {
     })
 }
 
-/// Lags from one update to `last`: all of the first ones, then ever wider apart.
+/// Lags from one update to `last`: first consecutive, then increasingly far apart.
 fn lags(last: usize) -> Vec<usize> {
     let spread = |k: usize| (last as f64).powf(k as f64 / LAGS as f64).round() as usize;
     let mut lags: Vec<usize> = (0..=LAGS).map(spread).chain(1..=COUNTED.min(last)).collect();
@@ -88,10 +88,10 @@ impl NormalisedInnovations {
         let white = known().filter(|(_, r)| r.value.abs() <= half(*r)).count();
         let counted = whiteness(x, COUNTED).value;
         let caption = format!(
-            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting \
-             the mean; {} s between samples. For white innovations 95 % of the lags are within ±1.96/√n. Here {:.0} \
-             % of the lags in the plot and {} of the first {COUNTED} are. A positive autocorrelation indicates \
-             correlated noise, or an error of the map or compensation, that the filter treats as white.",
+            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting the \
+             mean; {} s between samples. For white innovations 95 % of the lags are within ±1.96/√n. Here {:.0} % of \
+             the plotted lags and {} of the first {COUNTED} lags are within this band. A positive autocorrelation \
+             indicates correlated noise, or an error of the map or compensation, that the filter treats as white.",
             number(Some(step_s)),
             100.0 * white as f64 / points.len() as f64,
             if counted.is_nan() { "too few".to_owned() } else { format!("{:.0} %", 100.0 * counted) },
@@ -116,9 +116,9 @@ impl NormalisedInnovations {
         let (low, high) = mean_square_band(window as f64);
         let largest = points.iter().map(|p| p.1).fold(0.0, f64::max);
         let caption = format!(
-            "Normalised innovation squared, means over {window} updates. For independent innovations of the \
-             predicted size 95 % are between {} and {}. Above this band the assumed noise is too small, below it is \
-             too large. The mean of the line is {}.",
+            "Normalised innovation squared, means over {window} updates. For independent innovations of the predicted \
+             variance, 95 % of the means are between {} and {}. Means above this band indicate that the assumed noise \
+             is too small. Means below it indicate that it is too large. The mean of the line is {}.",
             number(Some(low)),
             number(Some(high)),
             number(Some(self.nis)),
@@ -138,7 +138,7 @@ impl NormalisedInnovations {
     }
 }
 
-/// The 95 % band of the mean of `n` squared standard normals (Wilson and Hilferty 1931).
+/// The 95 % band of the mean of `n` squared standard normal variables (Wilson and Hilferty 1931).
 fn mean_square_band(n: f64) -> (f64, f64) {
     let spread = 2.0 / (9.0 * n);
     let at = |z: f64| (1.0 - spread + z * spread.sqrt()).max(0.0).powi(3);
@@ -164,7 +164,8 @@ mod tests {
     use super::*;
     use crate::html::track::DegreeTrack;
 
-    /// Innovations of a sigma of 5 nT, `decay` from one to the next, one every `every` samples of 0.1 s.
+    /// Innovations with a standard deviation of 5 nT and a correlation of `decay` from one to the next, one every
+    /// `every` samples of 0.1 s.
     fn flown(updates: usize, decay: f64, every: usize) -> LineTracks {
         let mut normals = NormalGenerator::new(3);
         let (mut x, step) = (normals.draw(), (1.0 - decay * decay).sqrt());
@@ -193,8 +194,8 @@ mod tests {
             let (points, band) = (&chart.lines[0].points, &chart.bands[0].points);
             points.iter().zip(band).filter(within).count() as f64 / points.len() as f64
         };
-        // For some 90 lags: expected value 95 %, standard deviation 2 %. A decay of 0.9 lasts for 40 samples, half of
-        // the lags of a logarithmic axis.
+        // For about 90 lags the expected share is 95 % with a standard deviation of 2 %. A decay of 0.9 is visible for
+        // 40 samples, half of the lags of a logarithmic axis.
         assert!(share(0.0) > 0.88, "{}", share(0.0));
         assert!(share(0.9) < 0.6, "{}", share(0.9));
     }
@@ -238,7 +239,7 @@ mod tests {
     fn ref_band_of_a_mean_square() {
         // Chi-square quantiles of 100 degrees of freedom: 74.222 and 129.561 (Abramowitz and Stegun, table 26.8).
         let (low, high) = mean_square_band(100.0);
-        // Wilson and Hilferty are good to 3e-4 of the quantile there.
+        // There, the approximation of Wilson and Hilferty is accurate to 3e-4 of the quantile.
         assert!((low - 0.742_22).abs() < 5e-4 && (high - 1.295_61).abs() < 5e-4, "{low} {high}");
     }
 

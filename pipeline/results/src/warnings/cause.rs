@@ -22,11 +22,11 @@ pub struct NavigationSettings {
     pub fogm_sigma_nt: Option<f64>,
     /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
-    /// Time over which a constant is estimated, s.
+    /// Time over which a bias is estimated, s.
     pub offset_window_s: f64,
     /// Whether the map is continued to the flight heights.
     pub levels: bool,
-    /// Whether the measurement was compensated, so that its constant is unknown.
+    /// Whether the measurement was compensated, so that its bias is unknown.
     pub compensated: bool,
     /// The date of the core field in the spec, and the date of the flight.
     pub dates: Option<(f64, f64)>,
@@ -135,14 +135,18 @@ impl<'a> LineFacts<'a> {
             WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
             WarningKind::Flat => vec![
-                "the noise exceeds `flat_over_m` times the slope of the map, so the position is mainly the INS's"
+                "the noise exceeds `flat_over_m` times the slope of the map, so the position comes mainly from the INS"
                     .to_owned(),
             ],
             WarningKind::MapHeight if settings.levels => {
-                vec!["the flight leaves the heights of `map_levels_m`".to_owned()]
+                vec!["the flight leaves the range of heights in `map_levels_m`".to_owned()]
             }
             WarningKind::MapHeight => {
-                vec!["`map_levels_m` of `navigate` is unset; list heights below and above the heights flown".to_owned()]
+                vec![
+                    "`map_levels_m` of `navigate` is unset; list heights below and above the flight \
+                    heights"
+                        .to_owned(),
+                ]
             }
             WarningKind::Retention | WarningKind::Fit | WarningKind::Map | WarningKind::Metric => vec![],
         };
@@ -164,20 +168,20 @@ impl<'a> LineFacts<'a> {
                 )),
                 Some(_) => {}
                 None if settings.compensated => {
-                    found.push("compensation leaves a constant undetermined and `offset_window_s` is 0".to_owned());
+                    found.push("compensation does not determine the bias, and `offset_window_s` is 0".to_owned());
                 }
                 None => {}
             }
         }
         if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
-            found.push(format!("the map is at another height than the flight ({} nT rms)", shown(error)));
+            found.push(format!("the map is at a different height from the flight ({} nT rms)", shown(error)));
         }
         if let Some((said, flown)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
             found.push(format!("`decimal_year` is {said:.2}, but the date in the flight is {flown:.2}"));
         }
         found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
-            // A filter that diverged has left the map for that reason; the order of the two is unknown.
+            // A filter that diverges also leaves the map, so samples off the map need not be the cause.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
         if found.is_empty() && !settings.found {
@@ -229,8 +233,8 @@ impl<'a> LineFacts<'a> {
         match (low, settings.sigma_nt, lasting) {
             (Some(_), Some(sigma), Some(lasting)) => vec![format!(
                 "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` is too short: the innovations are smaller than \
-                 the predicted change of the correlated error from sample to sample; the white noise of {} nT does \
-                 not cause it",
+                 the predicted change of the correlated error from sample to sample; the white noise of {} nT is not \
+                 the cause",
                 shown(lasting),
                 shown(sigma)
             )],

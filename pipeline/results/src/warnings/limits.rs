@@ -2,7 +2,7 @@
 //!
 //! The mean over a line of the normalised estimation error squared (NEES, of the horizontal position, two degrees of
 //! freedom) is 2 for a consistent filter. The mean of the normalised innovation squared (NIS, one degree of freedom) is
-//! 1 [Bar-Shalom, Li & Kirubarajan 2001, section 5.4]. The textbook's interval for such a mean assumes independent
+//! 1 [Bar-Shalom, Li & Kirubarajan 2001, section 5.4]. The textbook interval for such a mean assumes independent
 //! samples, but the samples of a line are correlated:
 //!
 //! - Position errors are correlated over minutes, so a line holds few independent samples, at worst a single one.
@@ -50,10 +50,10 @@ pub const NIS: ConsistencyLimit = ConsistencyLimit { mean: 1.0, factor: 4.0 };
 /// outside their band with probability 0.997.
 pub const WHITENESS: f64 = 0.8;
 
-/// Largest `correlated_nis` of innovations that are not white; the expected value is 1. Increasing the noise for the
-/// correlation of the innovations makes it 1, although the correlation remains. On 45 lines of nine simulated flights
-/// with estimated noise, correlated innovations and a median NEES of 1.9, it is 0.76 to 1.40; with a magnetometer 0.6 s
-/// late 2.2 to 2.9, and on a map of sparse lines without its error above 200.
+/// Largest `correlated_nis` of innovations that are not white; the expected value is 1. If the assumed noise is
+/// increased to account for the correlation, the value is 1, although the correlation remains. On 45 lines of nine
+/// simulated flights with estimated noise, correlated innovations and a median NEES of 1.9, it is 0.76 to 1.40; with a
+/// magnetometer 0.6 s late 2.2 to 2.9, and on a map of sparse lines without its error above 200.
 pub const CORRELATED_NIS: f64 = 1.5;
 
 /// Minimum anomaly retention of a compensation.
@@ -67,20 +67,21 @@ pub const OFF_MAP: f64 = 0.5;
 /// Maximum share of a line's samples over which the map is too flat for a position.
 pub const FLAT: f64 = 0.5;
 
-/// Minimum share of samples off the map that is reported as a cause of an error.
+/// Minimum share of samples off the map that counts as the cause of an error.
 pub const OFF_MAP_CAUSE: f64 = 0.1;
 
-/// Minimum constant of the measurement, in its sigmas, that is reported as a cause: it biases the position.
+/// Minimum bias of the measurement, in its assumed standard deviations, that counts as a cause. A bias of the
+/// measurement biases the position.
 pub const BIAS_SIGMAS: f64 = 2.0;
 
-/// Minimum ratio of the compensation error to the measurement sigma at which it is named as a cause.
+/// Minimum ratio of the compensation error to the assumed measurement noise at which it counts as a cause.
 pub const LEFT_OVER_SIGMA: f64 = 1.5;
 
 /// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.
 pub const DATE_A: f64 = 0.25;
 
-/// The error of a map at the wrong height that is flagged, in nT: half the measurement sigma, which makes the total
-/// error a tenth larger than the filter assumes, and at most 5 nT, the error of a good map.
+/// Error of a map at the wrong height above which it is flagged, nT. It is half the assumed measurement noise, which
+/// makes the total error a tenth larger than the filter assumes. It is at most 5 nT, the error of a good map.
 pub fn map_height_nt(sigma_nt: Option<f64>) -> f64 {
     sigma_nt.map_or(5.0, |sigma| (0.5 * sigma).min(5.0))
 }

@@ -40,7 +40,7 @@ pub enum WarningKind {
     OffMap,
     /// Most of the line is over ground where the map is too flat for a position.
     Flat,
-    /// The map is at another height than the flight and is not continued to it.
+    /// The map is at a different height from the flight and is not continued to it.
     MapHeight,
     /// Compensation removed part of the anomaly.
     Retention,
@@ -129,7 +129,7 @@ impl WarningKind {
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
-            WarningKind::MapHeight => "the map is at another height than the flight",
+            WarningKind::MapHeight => "the map is at a different height from the flight",
             WarningKind::Retention => "compensation removed part of the anomaly",
             WarningKind::Fit => "the fit has a warning",
             WarningKind::Map => "the map has a warning",
@@ -302,7 +302,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         && error_nt > limits::map_height_nt(facts.sigma_nt())
     {
         let limit = limits::map_height_nt(facts.sigma_nt());
-        let what = "the map is at another height than the flight and is not continued to it; the expected error is";
+        let what = "the map is at a different height from the flight and is not continued to it; the expected error \
+            is";
         add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
     if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))
@@ -318,7 +319,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     found
 }
 
-/// The warning of one fit: each row of a model has it, and it is reported once.
+/// The warning of one fit. All rows of its model contain it, and it is reported once.
 fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);

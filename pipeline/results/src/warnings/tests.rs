@@ -126,7 +126,7 @@ fn unit_causes_follow_from_known_facts() {
         "{left}"
     );
     let height = cause(&[("map_height_error", 12.0)], given(5.0));
-    assert!(height.contains("at another height than the flight (12.00 nT rms)"), "{height}");
+    assert!(height.contains("at a different height from the flight (12.00 nT rms)"), "{height}");
     let map = cause(&[("samples_off_map", 40.0)], given(5.0));
     assert!(map.contains("40 % of the samples are off the map"), "{map}");
     let date = cause(&[], NavigationSettings { dates: Some((2015.5, 2020.4)), ..given(5.0) });

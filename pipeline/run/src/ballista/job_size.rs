@@ -2,8 +2,8 @@
 
 /// Overhead of a job at its worker and the scheduler, s. Source: `pipeline/CLUSTER.md`.
 const JOB_S: f64 = 0.06;
-/// Maximum overhead as a fraction of the work, and the same at the end of a wave. Jobs are smaller there, so that all
-/// cores end together.
+/// Maximum overhead as a fraction of the work: during a wave, and at its end. Jobs are smaller there, so that all cores
+/// end together.
 const MOST_BESIDE: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
 /// Time of the scheduler for a job, s; it handles jobs one after another.

@@ -29,7 +29,7 @@ use crate::{
     task::{Receipt, Task, TaskUnit, UnitAnswer},
 };
 
-/// Maximum number of tasks of a job before the first answer, and maximum size of the text of a job's tasks.
+/// Maximum number of tasks of a job before the first answer, and maximum size of the text of its tasks, bytes.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// Maximum number of failed attempts per task.

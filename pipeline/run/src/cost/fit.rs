@@ -26,7 +26,7 @@ const PASSES: usize = 3000;
 /// Weighted amounts of one kind of work in all samples, and its price.
 struct PriceColumn<'a> {
     name: &'a str,
-    /// Weighted amount in each sample that has some of it.
+    /// Weighted amount in each sample where it is not zero.
     rows: Vec<(usize, f64)>,
     /// Price relative to the usual price.
     price: f64,
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn law_prices_are_recovered_from_exact_samples() {
-        // 3 per unit, 0.002 per row, and 5 for the work mixed with them.
+        // 3 per unit, 0.002 per row, and 5 per amount of a third kind of work.
         let total = |u: f64, r: f64, m: f64| 3.0 * u + 0.002 * r + 5.0 * m;
         let shapes = [(1.0, 10.0, 0.0), (2.0, 9000.0, 0.0), (50.0, 100.0, 1.0), (7.0, 70_000.0, 20.0), (4.0, 1.0, 3.0)];
         let samples: Vec<CostSample> = shapes

@@ -112,8 +112,8 @@ pub struct WorkEstimator<'a> {
 }
 
 impl<'a> WorkEstimator<'a> {
-    /// Creates an estimator for the tables of `graph` on `threads` threads. The prices `rows` predict numbers of rows
-    /// that the plan does not determine.
+    /// Creates an estimator for the tables of `graph` on `threads` threads. `rows` holds the prices that predict row
+    /// counts where the plan does not determine them.
     pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store, rows: &'a UnitPrices, threads: usize) -> WorkEstimator<'a> {
         WorkEstimator { graph, store, rows, threads, rates: RefCell::default() }
     }
@@ -451,7 +451,7 @@ mod tests {
     fn unit_shared_columns_and_products_are_counted_once() {
         let mut read = ColumnLists::default();
         let column = |table: usize, name: &str, width: f64| (TableRef::Stage(table, 0), name.to_owned(), width);
-        // Eighteen terms for two magnetometers, one of them by two points; then the terms of another vector
+        // Eighteen terms for two magnetometers, one of which two points use; then the terms of another vector
         // magnetometer.
         let lists: Vec<usize> = [(0, "mag_4"), (0, "mag_5"), (0, "mag_4"), (1, "mag_4")]
             .into_iter()

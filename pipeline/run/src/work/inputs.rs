@@ -36,7 +36,7 @@ impl UnitWorker<'_> {
         let keep = match (&it.predicate, it.first_input()) {
             (Some(p), Some(r)) if !p.is_of_lines() => {
                 let batch = held.batch(r, line, &p.columns)?;
-                // SQL: a condition on a missing column is unknown, so no row is selected.
+                // In SQL, a condition on a missing column is unknown, so no row is selected.
                 let whole = batch.num_columns() == p.columns.len();
                 if whole { p.rows(&batch)? } else { Some(vec![false; inputs[0].num_rows()]) }
             }

@@ -55,7 +55,7 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
     }
 
     fn keep(&self, point: usize, state: &[u8]) {
-        // A lost checkpoint only costs its recomputation, and a disk fault is reported when results are written.
+        // A lost checkpoint only means recomputation. A disk fault is reported when results are written.
         let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
     }
 

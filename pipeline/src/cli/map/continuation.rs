@@ -32,7 +32,8 @@ pub struct ContinueArgs {
     /// Write a plot of the L-curve of a downward continuation to this SVG file.
     #[arg(long)]
     l_curve: Option<PathBuf>,
-    /// Write the edge error to this file: the error at each node from the unknown field past the map's edges.
+    /// Write the edge error to this file: the error at each node that is caused by the unknown field beyond the map's
+    /// edges.
     #[arg(long)]
     error: Option<PathBuf>,
     /// The output file. With several heights, its name must contain `{alt}`, which is replaced by the height.

@@ -23,7 +23,7 @@ pub struct FillArgs {
     #[command(flatten)]
     stage: StageFlags<MapFill>,
     /// Other maps that fill the gaps, in order of preference. They are transformed to the coordinate system of the map.
-    /// A lower map is continued upward to its height.
+    /// A lower map is continued upward to the height of the map.
     #[arg(long, num_args = 1.., value_name = "MAP")]
     with: Vec<PathBuf>,
     #[command(flatten)]

@@ -176,7 +176,7 @@ fn place(all: &mut SurveyPointSet, mut name: String, kind: Option<LineType>) -> 
                 let known = all.lines.contains(&name);
                 if !known {
                     note(&format!(
-                        "line {other} is of another type in another file, and is named {name} as a {}",
+                        "line {other} has a different type in another file, so it is named {name} as a {}",
                         own.word()
                     ));
                 }
@@ -224,7 +224,8 @@ fn told(levelled: &LevellingResult, names: &[String]) -> String {
     let ties = levelled.lines.iter().filter(|l| l.tie).count();
     let noise = &levelled.noise;
     text += &format!(
-        "{} lines, {ties} of them ties; level lines differ by {:.2} nT and {:.0} m of the gradient\n",
+        "{} lines, {ties} of them ties; standard deviation of level lines at crossings: {:.2} nT, plus {:.0} m times \
+         the gradient\n",
         levelled.lines.len(),
         noise.sigma_nt,
         noise.position_m
@@ -235,7 +236,9 @@ fn told(levelled: &LevellingResult, names: &[String]) -> String {
         let Some(largest) = of.iter().max_by(|a, b| size(a).total_cmp(&size(b))) else { continue };
         let name = names.get(largest.line).map_or("", String::as_str);
         text += &match (size(largest) > 0.0, spread_nt > 0.0 || alone > 0) {
-            (false, _) => format!("{group}: level within the accuracy of their crossings, not corrected\n"),
+            (false, _) => {
+                format!("{group}: not corrected, because they are level within the accuracy of their crossings\n")
+            }
             (true, false) => format!("{group}: all shifted by {:.2} nT\n", -largest.coefficients_nt[0]),
             (true, true) => {
                 let most = -largest.coefficients_nt[0];

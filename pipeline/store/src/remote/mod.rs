@@ -7,8 +7,7 @@
 //! object names the newest version and is replaced on the condition that it is unchanged since it was read. Packs of a
 //! version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
 //!
-//! Locks are leases, as between hosts that share a folder: objects that only one process can create, and that it
-//! renews.
+//! Locks are leases, as between hosts that share a folder: objects that only one process can create and renew.
 
 mod lease;
 mod pull;

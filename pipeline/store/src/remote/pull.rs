@@ -98,7 +98,7 @@ impl RemoteStore {
         Ok(())
     }
 
-    /// Updates the versions that the cache names to those of the store.
+    /// Updates the versions in the cache to the newest ones of the store.
     fn pull_tables(&self) -> Result<(), Fault> {
         let listed = self.bucket.list_flat("tables")?;
         let names: Vec<String> = listed

@@ -1,5 +1,5 @@
-//! Stores, inputs and published sets in buckets of a server that rejects, truncates and delays. The bytes equal those
-//! in folders.
+//! Stores, inputs and published sets in buckets of a server that rejects, truncates and delays. The stored bytes are
+//! the same as in folders.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 #[cfg(feature = "cluster")]

@@ -1,4 +1,4 @@
-//! Recognition of the time column, its zero, and the epoch of a log.
+//! Recognition of the time column, its origin, and the epoch of a log.
 
 use schemas::convert;
 
@@ -17,7 +17,7 @@ pub struct ClockGuess {
     unit: &'static str,
     /// Whether it counts from the start of the log.
     boot: bool,
-    /// Whether some rows repeat the time of the row before.
+    /// Whether some rows repeat the time of the previous row.
     pub repeats: bool,
 }
 
@@ -37,7 +37,7 @@ const NAMES: [&[&str]; 5] = [
     &["gps", "tow", "elapsed", "clock"],
 ];
 
-/// The clock of a table: the first column of a usual name whose values rise.
+/// The clock of a table: the first column with a common name and increasing values.
 pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
     let joined = |c: &ColumnSample| c.words().concat();
     for names in NAMES {
@@ -91,9 +91,9 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let of_day =
         column.name == "tt" || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
     let (clock, why) = match (unix, of_day) {
-        (true, _) => ("unix", "as seconds after 1970 the date is in this century"),
+        (true, _) => ("unix", "as seconds since 1970, the values give a date in this century"),
         (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
-        (false, false) => ("boot", "it starts with the log"),
+        (false, false) => ("boot", "it probably counts from the start of the log"),
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
     Some(ClockGuess {
@@ -126,12 +126,12 @@ fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str
             return Some((unit, "only this unit gives a date in this century"));
         }
     }
-    // Rates of logs are from 0.05 to 2000 Hz.
+    // The sampling rates of logs are from 0.05 to 2000 Hz.
     let whole = column.whole && step >= 1.5;
     match (whole, step) {
-        (false, 0.0005..20.0) => Some(("s", "the time step then gives a common rate")),
-        (true, 1.5..5_000.0) => Some(("ms", "whole numbers; the time step then gives a common rate")),
-        (true, 5_000.0..5e6) => Some(("us", "whole numbers; the time step then gives a common rate")),
+        (false, 0.0005..20.0) => Some(("s", "in this unit, the sampling rate is a common one")),
+        (true, 1.5..5_000.0) => Some(("ms", "whole numbers; in this unit, the sampling rate is a common one")),
+        (true, 5_000.0..5e6) => Some(("us", "whole numbers; in this unit, the sampling rate is a common one")),
         _ => None,
     }
 }
@@ -161,8 +161,11 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
     let millis = |c: &&ColumnSample| {
         c.range().is_some_and(|(_, high)| (1_000_000.0..604_800_000.0).contains(&high)) && c.whole && rises(c)
     };
-    let mut lines =
-        vec!["\n[epoch]   # guess: start time of the log, from the UTC time logged with the log's clock".to_owned()];
+    let mut lines = vec![
+        "\n[epoch]   # guess: start time of the log, derived from the UTC time recorded together with the log's \
+         clock"
+            .to_owned(),
+    ];
     if !topic.name.is_empty() {
         lines.push(format!("topic     = {}", quoted(&topic.name)));
     }

@@ -69,7 +69,7 @@ pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) ->
     out
 }
 
-/// Three columns whose names differ in x, y, z or 0, 1, 2 alone, with the words that they share.
+/// Three columns whose names differ only in x, y, z or 0, 1, 2, with their common words.
 fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
     let mut out = vec![];
     for x in &topic.columns {
@@ -110,7 +110,7 @@ fn has(words: &[String], any: &[&str]) -> bool {
     words.iter().any(|w| any.contains(&w.as_str()))
 }
 
-/// Units of the earth's field, with their size in nT.
+/// Units of the earth's field, with their values in nT.
 const FIELD: [(&str, f64); 5] = [("nT", 1.0), ("mgauss", 1e2), ("uT", 1e3), ("gauss", 1e5), ("T", 1e9)];
 
 fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
@@ -144,7 +144,7 @@ fn said_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     {
         return Some((*unit).to_owned());
     }
-    // m/s2 splits at its digit.
+    // The name of the unit m/s2 is split at its digit.
     if column.name.contains("m_s2") && convert("m/s2", wanted).is_some() {
         return Some("m/s2".to_owned());
     }
@@ -194,9 +194,10 @@ fn vector(
         let (unit, why) = match said_unit(first, "nT") {
             Some(unit) => (unit, "its unit is in the file".to_owned()),
             None => match FIELD.iter().find(fits) {
-                Some((unit, factor)) => {
-                    ((*unit).to_owned(), format!("the median magnitude of {size:.4} is then {:.0} nT", size * factor))
-                }
+                Some((unit, factor)) => (
+                    (*unit).to_owned(),
+                    format!("in this unit, the median magnitude of {size:.4} is {:.0} nT", size * factor),
+                ),
                 None => {
                     return left(format!(
                         "a median magnitude of {size:.4} is not the earth's field in any unit; set its `unit`"
@@ -236,7 +237,9 @@ fn vector(
     if has(words, &["gyr", "gyro", "gyroscope"]) {
         return match said_unit(first, "deg/s") {
             Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is in the file".to_owned()),
-            None => left("an angular rate in rad/s or deg/s; the values do not show which; set its `unit`".to_owned()),
+            None => left(
+                "an angular rate in rad/s or deg/s; the values do not determine the unit; set its `unit`".to_owned(),
+            ),
         };
     }
     None
@@ -347,14 +350,18 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         let ours = format!("cur_{}", own_word(&words));
         return match said_unit(column, "A") {
             Some(unit) => made(&ours, &unit, "its unit is in the file"),
-            None => left("a current in A, mA or 0.01 A; the values do not show which; set its `unit` (and `scale`)"),
+            None => {
+                left("a current in A, mA or 0.01 A; the values do not determine the unit; set its `unit` (and `scale`)")
+            }
         };
     }
     if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
         let ours = format!("vol_{}", own_word(&words));
         return match said_unit(column, "V") {
             Some(unit) => made(&ours, &unit, "its unit is in the file"),
-            None => left("a voltage in V, mV or 0.01 V; the values do not show which; set its `unit` (and `scale`)"),
+            None => {
+                left("a voltage in V, mV or 0.01 V; the values do not determine the unit; set its `unit` (and `scale`)")
+            }
         };
     }
     let wind = has(&words, &["wind", "sp", "des", "var", "innov"]);
@@ -367,7 +374,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         }
     }
     if listed && !known.unit.is_empty() {
-        return left(&format!("a column name of the flight table, which has it in {}; set its `unit`", known.unit));
+        return left(&format!("a column name of the flight table, where its unit is {}; set its `unit`", known.unit));
     }
     None
 }

@@ -56,7 +56,7 @@ fn unit_conditional_create_and_replace_have_one_winner() {
     let won = each(&texts, |text| lab.bucket.replace("x", text.as_bytes(), Some(tag.clone()))).unwrap();
     assert_eq!(won.iter().filter(|w| **w).count(), 1);
     let there = lab.bucket.get("x").unwrap().unwrap();
-    // A repeated write of the same content succeeds again: the first response may have been lost.
+    // A repeated write of the same content succeeds, because the first response may have been lost.
     assert!(lab.bucket.create("x", &there).unwrap());
 }
 
