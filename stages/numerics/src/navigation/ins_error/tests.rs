@@ -5,7 +5,7 @@ use crate::navigation::pinson::tests::golden;
 use crate::navigation::transition::step_covariance;
 use crate::random::NormalGenerator;
 
-/// MagNav.jl's values for parameters whose defaults in magline are rounded.
+/// MagNav.jl's values of the parameters whose defaults are rounded in magline.
 fn magnav() -> InsErrorModel {
     InsErrorModel {
         sources: InsErrors { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..InsErrors::default() },
@@ -154,8 +154,8 @@ fn law_the_heading_has_its_own_initial_uncertainty() {
     }
     .check();
     assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` must be 0 or above"));
-    // Half a minute north at 60 m/s, then a turn to the east: a heading error rotates the change of velocity by the
-    // same angle.
+    // Half a minute north at 60 m/s, then a turn to the east: a yaw error rotates the change of velocity by the same
+    // angle.
     let flight = Flight::new();
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -177,7 +177,7 @@ fn law_the_heading_has_its_own_initial_uncertainty() {
         ..InsErrorModel::default()
     };
     let mut draws = 0;
-    // One standard deviation of heading, zero for all other states.
+    // One standard deviation of yaw error, zero for all other states.
     let one = |state: usize| if state == TILT_D { 1.0 } else { 0.0 };
     let errors = simulate_ins_error(&flight.series(), &quiet, || {
         draws += 1;
