@@ -13,7 +13,7 @@ const NAMED_FROM: f64 = 0.1;
 pub struct WeakDirection {
     /// Ratio of its singular value to the largest, with all columns scaled to the same length.
     pub strength: f64,
-    /// Terms of the combination, each with its component (of a unit vector), largest first.
+    /// Terms of the combination with their components (of a unit vector), largest first.
     pub terms: Vec<(String, f64)>,
 }
 
@@ -355,7 +355,7 @@ mod tests {
             trivial_solution(&unfiltered, &fitted, 0, &names, &fit, lambda, DEFAULT_SCALE_NT).unwrap().unwrap()
         };
         // With a negligible ridge the fit is the trivial solution, which explains the scalar exactly. The true solution
-        // errs by some 1e-5 nT.
+        // has an error of some 1e-5 nT.
         let weak = judged(1e-22);
         assert!(weak.is_trivial() && weak.distance < 0.1, "{weak:?}");
         let strong = judged(0.025);

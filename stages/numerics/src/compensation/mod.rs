@@ -37,8 +37,8 @@
 //! rate is that of the vector, not |B| times that of the unit vector.
 //!
 //! The band-passed equations also have the trivial solution a = 0, b = 1, c = 0, which attributes the whole field to
-//! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The linear
-//! form itself errs by at most [van der Meer 2025, Figure 4.2]
+//! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The error of
+//! the linear form itself is at most [van der Meer 2025, Figure 4.2]
 //!
 //! ```text
 //! (|a| + ‖b‖ B)²/(2 B)

@@ -1,7 +1,7 @@
 //! Attitude: Euler angles, direction cosine matrices and the tilt error between two of them.
 //!
-//! Navigation frame north-east-down, body frame nose-right-down. A matrix named `body_to_ned`
-//! turns a vector's body components into its north, east and down components.
+//! Navigation frame north-east-down, body frame nose-right-down. A matrix named `body_to_ned` transforms the body
+//! components of a vector to north, east and down components.
 
 use nalgebra::{Matrix3, Vector3};
 

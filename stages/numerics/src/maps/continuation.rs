@@ -110,7 +110,7 @@ pub enum ContinuationError {
         /// The limit.
         most: usize,
     },
-    /// The main field has no direction.
+    /// The core field has no direction.
     #[error("the core field [{east}, {north}, {up}] has no direction; give a finite vector other than zero")]
     Direction {
         /// Its eastern component.

@@ -153,7 +153,7 @@ pub struct GriddingOptions {
     /// Cleaning criteria.
     pub clean: CleaningOptions,
     /// Limit of the residual of a block, in robust standard deviations of the blocks around it. Blocks beyond it are
-    /// excluded and the surface is fitted anew; zero keeps all.
+    /// excluded and the surface is fitted again; zero keeps all.
     pub misfit_sigmas: f64,
     /// Folds of lines for the map of the expected error; `None` computes no such map.
     pub folds: Option<LineFolds>,

@@ -25,7 +25,7 @@
 //! The first windows begin at the line's start. The prior of a later window is the marginal at its first node given
 //! only the dropped measurements, linearised about the last solution. It contains the whole covariance of INS states
 //! and coefficients, and no measurement is used twice. Between the ends of windows a filter continues from the end of
-//! the last window, linearised at its own predictions. The innovations come from this filter, so they are real-time
+//! the last window, linearised at its predictions. The innovations are those of this filter, so they are real-time
 //! innovations at any lag.
 //!
 //! Aiding positions ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight of

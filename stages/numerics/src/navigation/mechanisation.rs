@@ -224,7 +224,7 @@ impl Mechanisation {
 }
 
 impl NavigationState {
-    /// Maps a latitude beyond a pole to this side of it, half a turn of longitude further.
+    /// Converts a latitude beyond a pole to one on this side, with the longitude changed by half a turn.
     fn come_down_from_the_pole(&mut self) {
         use std::f64::consts::{FRAC_PI_2, PI};
         if self.lat_rad.abs() <= FRAC_PI_2 {

@@ -34,7 +34,7 @@
 //! - a measurement or a term that is NaN or infinite, or a sigma that is not above 0: that magnetometer is skipped at
 //!   the sample; the others are used;
 //! - a predicted position off the map or in an unknown cell: no magnetometer is used;
-//! - a vector of size zero: its terms are NaN;
+//! - a zero vector: its terms are NaN;
 //! - a prior whose field is 3e6 times the noise or more: rejected, because the update would have no significant digits;
 //! - an INS value that is not finite, time that does not ascend, a variance that is negative or not finite: an error
 //!   with the row.

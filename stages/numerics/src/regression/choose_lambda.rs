@@ -44,7 +44,7 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
     Ok((0..count).map(|k| first * (last / first).powf(k as f64 / steps)).collect())
 }
 
-/// Fit, size and scores of one target for each of `lambdas`, which ascend evenly in their logarithm
+/// Misfit, solution norm and scores of one target for each of `lambdas`, which ascend evenly in their logarithm
 /// ([`grid`]).
 ///
 /// # Errors

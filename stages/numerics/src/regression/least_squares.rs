@@ -80,7 +80,7 @@ pub enum LeastSquaresError {
         rows: usize,
         /// Terms that are zero in every row (or constant, if the fit subtracts means).
         unexcited: Vec<String>,
-        /// Terms that take part in a linear dependence.
+        /// Terms with a linear dependence on other terms.
         dependent: Vec<String>,
     },
     /// A requested term or target does not exist.

@@ -244,8 +244,7 @@ fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
     Some((2 * index(n, m) + usize::from(signed_order < 0.0), schmidt_factor(n, m)))
 }
 
-/// The factor that turns a Legendre function into a Schmidt semi-normalised one:
-/// sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
+/// Factor from a Legendre function to a Schmidt semi-normalised one: sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
 fn schmidt_factor(n: usize, m: usize) -> f64 {
     if m == 0 {
         return 1.0;

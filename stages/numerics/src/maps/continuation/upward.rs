@@ -51,7 +51,7 @@ pub struct DownwardContinuation {
     pub alpha_m2: f64,
     /// L-curve, also if α is given.
     pub curve: LCurve,
-    /// The regularisation error in nT: the rms of the map below continued upward again, less the map.
+    /// Regularisation error in nT: the rms of the lower map, continued upward again, minus the map.
     pub regularisation_error_nt: f64,
 }
 

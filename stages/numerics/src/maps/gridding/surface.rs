@@ -117,7 +117,7 @@ impl FittedSurface {
                 progress("placing equivalent sources", 0, 1);
                 let mut sources = EquivalentSources::place(at, &b.value_nt, &options.layers)?;
                 if let Some(level_m) = level_m {
-                    // The level is checked before the fit, which takes long.
+                    // The level is checked before the fit, because the fit is slow.
                     let [east, north] = nodes(self.axes);
                     sources.check_above([&east, &north, &vec![*level_m; east.len()]])?;
                 }

@@ -178,8 +178,8 @@ impl FieldLookup for HeightLookup<'_> {
 
 impl MapSurface {
     /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
-    /// grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the cache, most of
-    /// all for scattered positions.
+    /// grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the cache, especially
+    /// for scattered positions.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

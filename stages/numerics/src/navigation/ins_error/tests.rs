@@ -97,7 +97,7 @@ fn law_simulated_errors_have_the_predicted_covariance() {
         for column in 0..STATES {
             let size = (p[row][row] * p[column][column]).sqrt();
             // The mean of 2000 products has a standard deviation of at most sqrt(2/2000) = 3.2 % of `size`; for 324
-            // products, 4.5 sigma.
+            // products the limit is 4.5 standard deviations.
             let difference = (sums[row][column] - p[row][column]) / size;
             assert!(difference.abs() < 4.5 * 0.032, "{row} {column} {difference}");
         }

@@ -180,7 +180,7 @@ pub(super) fn accumulate(sums: &mut [f64; SUMS], of: impl Fn(usize) -> f64) {
     }
 }
 
-/// Sum of the separate sums.
+/// Total of the separate sums.
 pub(super) fn total(sums: &[f64; SUMS]) -> f64 {
     let [a, b, c, d, e, f, g, h] = *sums;
     ((a + e) + (b + f)) + ((c + g) + (d + h))

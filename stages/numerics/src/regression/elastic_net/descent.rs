@@ -149,7 +149,7 @@ impl<'a> CoordinateDescent<'a> {
         let steepest = slope.fold(0.0, f64::max);
         if l1 == 0.0 {
             // Without a first-order penalty the dual is unbounded. Then ‖slope‖²/(2 l2) bounds the distance; for plain
-            // least squares, the decrement does.
+            // least squares, the decrement bounds it.
             return self.smooth_gap(l2) / self.squares;
         }
         let shrink = if steepest > l1 { l1 / steepest } else { 1.0 };

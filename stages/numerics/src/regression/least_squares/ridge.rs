@@ -67,7 +67,7 @@ pub struct RidgePath {
     pub rank: usize,
     /// Terms that are zero in every row (or constant, if the fit subtracts means).
     pub unexcited: Vec<String>,
-    /// Terms that take part in a linear dependence.
+    /// Terms with a linear dependence on other terms.
     pub dependent: Vec<String>,
     /// One solution for each lambda, in the requested order.
     pub solutions: Vec<RidgeSolution>,

@@ -25,8 +25,8 @@ fn smoothed(flight: &Flight) -> FixedLagOutput {
     flight.smoothed(&fewer(), flight.left)
 }
 
-/// Mean over flights and epochs of the position's NEES per degree of freedom, that of the coefficients at the end, and
-/// the NIS.
+/// Means over flights: the position's NEES per degree of freedom over all epochs, the coefficients' NEES per degree of
+/// freedom at the end, and the NIS.
 fn consistency(left: Left, flights: u64) -> (f64, f64, f64) {
     let of = |seed: u64| {
         let flight = fly(seed, 1800, 1.0, 1, left);
