@@ -114,7 +114,7 @@ fn law_the_field_is_undefined_on_an_edge_and_finite_near_it() {
     assert!(PRISM.field_nt([150.0, 260.0, -300.0]).iter().all(|v| v.is_nan()));
     for near in [1e-3, 1e-6, 1e-9] {
         let field = PRISM.field_nt([150.0 + near, 260.0, -300.0]);
-        // A logarithm of the distance: some hundred nT for each power of ten.
+        // The field is a logarithm of the distance: some hundred nT per power of ten.
         assert!(norm(field) < 1e4, "{near}: {field:?}");
     }
     assert!(DIPOLE.field_nt(DIPOLE.at_m).iter().all(|v| v.is_nan()));
